@@ -78,6 +78,7 @@
 //! | `raster` | readers and writers of picture files, volumes and lists of cells; styles, tiles, cloud-optimized GeoTIFF |
 //! | `brep` | exact models, bintrees and BSP trees |
 //! | `mesh` | readers and writers of meshes, solids made of them, glTF and 3D Tiles (with `brep`) |
+//! | `shards` | trees of pictures that are built by many processes (with `raster`) |
 //! | `reconstruction` | solids of pictures and of outlines (with `mesh`, `raster` and `vector`) |
 //! | `render` | pictures of solids (with `mesh` and `raster`) |
 //! | `lines` | trees of lines |
@@ -97,7 +98,9 @@ pub use spinney_base::{Error, Progress, Result};
 
 /// Codes and boxes of nodes, and where the cells lie in the world.
 pub mod space {
-    pub use spinney_base::space::{Bounds, Cell, Code, Cover, Dimension, EdgeRule, Polygon, Region, Up};
+    pub use spinney_base::space::{
+        Bounds, Cell, Code, CodeRun, Cover, Dimension, EdgeRule, Polygon, Region, Up,
+    };
     pub use spinney_crs::{
         ControlPoint, ControlPoints, Coordinates, Crs, Epsg, Frame, GeoKeys, PROJECTION_METHODS, Places,
         PolygonParts, Projection, WEB_MERCATOR, WEB_MERCATOR_HALF, WEB_MERCATOR_LATITUDE, web_mercator,
@@ -158,7 +161,9 @@ pub mod store {
 
     /// The compact, read-only format.
     pub mod goblin {
-        pub use spinney_engine::store::goblin::{Entry, Goblin, GoblinNode, LevelBytes, Segment};
+        pub use spinney_engine::store::goblin::{
+            Entry, Goblin, GoblinNode, LevelBytes, LightFile, Piece, Segment, Shard, merge_shards,
+        };
     }
 
     /// The pointered format, which is edited and has a history.
@@ -182,6 +187,12 @@ pub mod store {
         pub use spinney_container::{CUT, INNER, LEAF, VOID};
         pub use spinney_engine::store::records::{RecordHead, RecordLayout};
     }
+}
+
+/// Trees of pictures that are built in shards, by many processes.
+#[cfg(feature = "shards")]
+pub mod shards {
+    pub use spinney_shards::{Built, Job, Planned, ShardedImport, plan};
 }
 
 /// Questions to trees: what is asked, and what is answered.

@@ -83,7 +83,7 @@ impl From<Error> for Failure {
             }
             Error::Corrupt { .. } | Error::NoTree { .. } => SPINNEY_CORRUPT,
             Error::Unsupported { .. } => SPINNEY_UNSUPPORTED,
-            Error::Changed { .. } | Error::Moved { .. } => SPINNEY_CHANGED,
+            Error::Changed { .. } | Error::Moved { .. } | Error::NotPlanned { .. } => SPINNEY_CHANGED,
             Error::TooLarge { .. } => SPINNEY_MEMORY,
             Error::Interrupted => SPINNEY_STOPPED,
             _ => SPINNEY_INVALID,

@@ -28,6 +28,7 @@ pub(crate) fn raised(error: Error) -> PyErr {
         | Error::Locked { .. }
         | Error::Changed { .. }
         | Error::Moved { .. }
+        | Error::NotPlanned { .. }
         | Error::Poisoned { .. } => PyOSError::new_err(text),
         Error::Unsupported { .. } | Error::TooLarge { .. } | Error::NoBody { .. } | Error::Invalid { .. } => {
             PyValueError::new_err(text)

@@ -29,6 +29,7 @@ mod report;
 mod revert;
 mod section;
 mod serve;
+mod shard;
 mod show;
 mod signals;
 mod stats;
@@ -78,6 +79,7 @@ Exit codes: 0 fine, 1 failure, 2 wrong usage, 130 interrupted.";
 #[derive(Subcommand)]
 enum Command {
     Build(Box<build::Args>),
+    Shard(shard::Args),
     Show(show::Args),
     Info(info::Args),
     Get(get::Args),
@@ -109,6 +111,7 @@ impl Command {
     fn run(self, global: &Global) -> Result<ExitCode> {
         match self {
             Command::Build(args) => build::run(*args, global),
+            Command::Shard(args) => shard::run(args, global),
             Command::Show(args) => show::run(&args, global),
             Command::Blame(args) => blame::run(&args, global),
             Command::Info(args) => info::run(&args),

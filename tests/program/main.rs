@@ -44,6 +44,7 @@ mod cli_reconstruction;
 #[cfg(unix)]
 mod cli_safety;
 mod cli_section;
+mod cli_shards;
 mod cli_solids;
 #[cfg(feature = "cli")]
 mod cli_sources;

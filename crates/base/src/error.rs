@@ -113,6 +113,18 @@ pub enum Error {
         /// The change: "was overwritten", "was cut short".
         what: &'static str,
     },
+    /// A file, or what would be made of it, is not what a plan says.
+    #[error("{}: {found}, but {expected} was planned; {advice}", path.display())]
+    NotPlanned {
+        /// The file.
+        path: PathBuf,
+        /// Description of what is there.
+        found: String,
+        /// Description of what was planned.
+        expected: String,
+        /// Advice to the user.
+        advice: &'static str,
+    },
     /// The file that is being edited is no longer at its path: it was moved, removed or replaced.
     #[error("{}: {what} while it was edited; the edits are not in the file of that name{}", path.display(), now_at(file))]
     Moved {

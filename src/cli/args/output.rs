@@ -39,6 +39,11 @@ pub(crate) struct OutputLimit {
 }
 
 impl OutputLimit {
+    /// Whether there is one.
+    pub(crate) fn is_given(&self) -> bool {
+        self.max_bytes.is_some()
+    }
+
     /// Starts a file.
     pub(crate) fn create(&self, path: &Path) -> spinney::Result<Output> {
         Output::create(path).map(|output| output.with_limit(self.max_bytes))

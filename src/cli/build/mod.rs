@@ -35,7 +35,7 @@ use self::bintree::BintreeImport;
 use self::csg::PrimitivesImport;
 use self::exact::ExactImport;
 use self::features::{FeatureArgs, Index};
-use self::pictures::PictureArgs;
+pub(super) use self::pictures::PictureArgs;
 use self::solids::SolidArgs;
 use self::surfaces::{SurfaceArgs, SurfaceImport};
 use self::tree::TreeImport;
@@ -112,7 +112,7 @@ pub(crate) struct Args {
 
 /// Options for pictures, volumes and solids.
 #[derive(clap::Args)]
-struct Common {
+pub(super) struct Common {
     /// Levels of the tree; its space has 2^N cells along a side [default: as few as hold the input]
     #[arg(long, value_name = "N")]
     depth: Option<u8>,
@@ -137,6 +137,18 @@ struct Common {
     /// stands for its own cells, so that both can be combined. Pictures are warped, by way of a temporary file beside the output
     #[arg(long, value_name = "xyz|TREE")]
     grid: Option<Grid>,
+}
+
+impl Common {
+    /// An option that was given and is not for trees that are built in shards.
+    pub(super) fn not_of_shards(&self) -> Option<&'static str> {
+        let given = [
+            ("--share", self.share),
+            ("--grid", self.grid.is_some()),
+            ("--max-bytes", self.limit.is_given()),
+        ];
+        given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
+    }
 }
 
 /// A grid that is not the input's own.

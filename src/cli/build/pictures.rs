@@ -16,7 +16,7 @@ use super::Common;
 #[command(
     next_help_heading = "Pictures (TIFF, PNG, JPEG, WebP, OpenEXR, HGT, chain codes) and volumes (NPY)"
 )]
-pub(super) struct PictureArgs {
+pub(in crate::cli) struct PictureArgs {
     /// Meaning of the values: categorical (classes, counted) or continuous (amounts, averaged) [default: from
     /// the file]
     #[arg(long)]
@@ -201,13 +201,19 @@ impl PictureArgs {
         given.or(self.of_stacks())
     }
 
+    /// An option that was given and is not for trees that are built in shards.
+    pub(in crate::cli) fn not_of_shards(&self) -> Option<&'static str> {
+        let given = [("--pages z", self.pages_are_planes()), ("--raw-size", self.raw_size.is_some())];
+        given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
+    }
+
     /// Kind of the values and rule for coarser cells, where they are said.
     pub(super) fn kind_and_rule(&self) -> (Option<Kind>, Option<Rule>) {
         (self.kind, self.rule)
     }
 
     /// An option that was given and is for another grid than the picture's own.
-    pub(super) fn of_warping(&self) -> Option<&'static str> {
+    pub(in crate::cli) fn of_warping(&self) -> Option<&'static str> {
         let given = [
             ("--max-zoom", self.max_zoom.is_some()),
             ("--resampling", self.resampling.is_some()),
@@ -224,7 +230,7 @@ impl PictureArgs {
     }
 
     /// All that is asked of an import.
-    pub(super) fn import_options(&self, common: &Common) -> Result<ImportOptions> {
+    pub(in crate::cli) fn import_options(&self, common: &Common) -> Result<ImportOptions> {
         let PictureArgs { kind, rule, band, nodata, transform, layer, pages, keep_transparent, .. } =
             self.clone();
         let Common { depth, crs, memory, share, time, .. } = common;
@@ -248,7 +254,7 @@ impl PictureArgs {
     }
 
     /// All that is asked of a stack; nothing if none is.
-    pub(super) fn stack_options(&self, common: &Common) -> Result<Option<StackOptions>> {
+    pub(in crate::cli) fn stack_options(&self, common: &Common) -> Result<Option<StackOptions>> {
         let every_page = self.pages == Some(Pages::Layers);
         if !self.stack && !every_page {
             if self.names.is_some() || self.times.is_some() {

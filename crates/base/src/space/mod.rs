@@ -2,6 +2,7 @@
 
 mod bounds;
 mod code;
+mod code_run;
 mod dimension;
 mod edge;
 mod polygon;
@@ -10,6 +11,7 @@ mod up;
 
 pub use bounds::Bounds;
 pub use code::{Cell, Code, morton_encode};
+pub use code_run::CodeRun;
 pub use dimension::Dimension;
 pub use edge::EdgeRule;
 pub use polygon::{Cover, Crossings, Polygon};

@@ -4,6 +4,8 @@ pub mod autumnal;
 pub mod builder;
 pub mod goblin;
 pub mod records;
+#[cfg(test)]
+mod shard_tests;
 mod tree_writer;
 mod write;
 

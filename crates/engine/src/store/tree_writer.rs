@@ -1,18 +1,23 @@
 //! Writes a tree file of either format, layer after layer.
 
 use std::mem;
+use std::path::Path;
 
 use super::autumnal::NewFile;
-use super::builder::{BuildOptions, Builder, Fill, ReusableSource, Slab, Slabs, TreeSink, walk};
-use super::goblin::{FileWriter, Goblin};
+use super::builder::{
+    BuildOptions, Builder, Fill, Part, ReusableSource, Slab, Slabs, TreeSink, cells_in_run, walk,
+};
+use super::goblin::{FileWriter, Goblin, Shard, ShardWriter};
 use crate::tree::MemTree;
 use spinney_base::Form;
 use spinney_base::io::Output;
 use spinney_base::parallel;
-use spinney_base::space::Dimension;
+use spinney_base::space::{Bounds, Code, CodeRun, Dimension};
 use spinney_base::value::{Tally, Value};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{Content, FileHeader, Metadata, TreeFormat, check_tree_name};
+use spinney_container::{
+    Content, FileHeader, LevelCounts, Metadata, OpenOptions, Shape, TreeFormat, check_tree_name,
+};
 
 /// A tree file that is being written: one or more layers, one after the other, in the format that its name asks for.
 ///
@@ -68,6 +73,10 @@ pub struct TreeWriter {
 enum File {
     Goblin(Box<FileWriter>),
     Autumnal(Box<NewFile>),
+    /// A Goblin file that tells of layers, without their cells.
+    Head(Box<FileWriter>),
+    /// A part of a Goblin file.
+    Shard(Box<ShardWriter>),
 }
 
 impl TreeWriter {
@@ -88,6 +97,95 @@ impl TreeWriter {
             TreeFormat::Autumnal => File::Autumnal(Box::new(NewFile::new(output, depth))),
         };
         Ok(TreeWriter { file, dimension, depth, layers, names: Vec::new() })
+    }
+
+    /// Starts a file that tells of so many layers, and has none of their cells: whoever makes them is not asked for any. It is what shards of
+    /// these layers are made by: see [`TreeWriter::shard`].
+    ///
+    /// # Errors
+    /// As [`TreeWriter::create`]; also if the name is that of an Autumnal file.
+    pub fn head(output: Output, (dimension, depth): (Dimension, u8), layers: u32) -> Result<TreeWriter> {
+        if TreeFormat::of(output.path()) == TreeFormat::Autumnal {
+            let advice = "give it a name that ends with .goblin";
+            return Err(Error::unsupported(output.path(), "an Autumnal file in parts", advice));
+        }
+        let mut head = TreeWriter::create(output, (dimension, depth), layers)?;
+        head.file = match head.file {
+            File::Goblin(file) => File::Head(file),
+            other => other,
+        };
+        Ok(head)
+    }
+
+    /// Starts a shard of the file whose layers a [head](TreeWriter::head) tells of. The same layers are made as for the head, of which only the
+    /// cells in the shard's runs are asked for; [`merge_shards`](super::goblin::merge_shards) puts shards together.
+    ///
+    /// ```
+    /// use spinney::io::Output;
+    /// use spinney::space::{Code, CodeRun, Dimension};
+    /// use spinney::store::goblin::{Piece, Shard, merge_shards};
+    /// use spinney::store::{BuildOptions, Effort, TreeWriter};
+    /// use spinney::tree::{Form, MemTree};
+    /// use spinney::value::{Kind, Rule, SampleType, ValueType};
+    ///
+    /// # fn main() -> spinney::Result<()> {
+    /// # let folder = tempfile::tempdir().unwrap();
+    /// # let folder = folder.path();
+    /// let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+    /// let tree = MemTree::from_cells(form, 1, Rule::Mean, |cell| Some([cell[0] as u8].into()));
+    /// let write = |mut file: TreeWriter| {
+    ///     file.tree(&tree, [2, 2, 1], &BuildOptions::new(Kind::Continuous, 1), &())?;
+    ///     file.finish()
+    /// };
+    /// write(TreeWriter::create(Output::create(&folder.join("whole.goblin"))?, (Dimension::Quad, 1), 1)?)?;
+    ///
+    /// let head = folder.join("head.goblin");
+    /// write(TreeWriter::head(Output::create(&head)?, (Dimension::Quad, 1), 1)?)?;
+    /// // A tree as small as this has one node at its crown's level, the root.
+    /// let pieces = vec![Piece { layer: 0, run: CodeRun::ALL }];
+    /// let shard = Shard { folder: folder.into(), job: 1, number: 0, pieces };
+    /// write(TreeWriter::shard(&head, shard.clone())?)?;
+    /// let merged = folder.join("merged.goblin");
+    /// merge_shards(&head, &[shard], Output::create(&merged)?, (1 << 20, Effort::Fast), &())?;
+    /// assert_eq!(std::fs::read(merged).unwrap(), std::fs::read(folder.join("whole.goblin")).unwrap());
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// If the head cannot be read, or the shard's files not be written.
+    pub fn shard(head: &Path, shard: Shard) -> Result<TreeWriter> {
+        let planned = Goblin::open(head, &OpenOptions::default())?;
+        let (dimension, layers) = (planned.header().form.dimension, planned.layers().len() as u32);
+        let depth = planned.layers().iter().map(|layer| layer.header.depth()).max().unwrap_or(0);
+        let file = File::Shard(Box::new(ShardWriter::new(&planned, shard)?));
+        Ok(TreeWriter { file, dimension, depth, layers, names: Vec::new() })
+    }
+
+    /// The part of the space of the next layer whose cells are asked for: all of it, unless this is a shard; none where the layer is only told
+    /// of. A slab may have others, too, which are not looked at.
+    pub fn run(&self) -> Option<CodeRun> {
+        match &self.file {
+            File::Goblin(_) | File::Autumnal(_) => Some(CodeRun::ALL),
+            File::Head(_) => None,
+            File::Shard(shard) => shard.run(),
+        }
+    }
+
+    /// Whether cells have to come in the order of FD codes: see [`Slabs::are_in_order`].
+    pub fn needs_order(&self) -> bool {
+        matches!(self.file, File::Shard(_))
+    }
+
+    /// Tells of the next layer, of whose cells none is asked for: see [`TreeWriter::run`].
+    ///
+    /// # Errors
+    /// Those of [`TreeWriter::slabs`]; also if there are cells that are asked for.
+    pub fn tell(&mut self, form: Form, extent: [u64; 3], options: &BuildOptions) -> Result<()> {
+        if self.run().is_some() {
+            return Err(Error::invalid("layer", "no cells", "all that are asked for"));
+        }
+        self.layer(form, options, (&extent, extent, true), &mut |_, _| Ok(()), &mut |_| {}).map(|_| ())
     }
 
     /// Makes sure that a layer may come next.
@@ -124,13 +222,26 @@ impl TreeWriter {
             options.packing.tell(metadata);
         };
         match &mut self.file {
-            File::Goblin(file) if options.share => Err(Error::unsupported(
+            File::Goblin(file) | File::Head(file) if options.share => Err(Error::unsupported(
                 file.path(),
                 "storing equal subtrees once in a Goblin file",
                 "give the output a name that ends with .autumn",
             )),
             File::Goblin(file) => file.layer(options, &header, (covered, in_order), fill, &mut complete),
             File::Autumnal(file) => file.layer(options, &header, covered, fill, &mut complete),
+            File::Head(file) => {
+                let mut nothing = |sink: &mut dyn TreeSink, shape: Shape| {
+                    let root =
+                        Part::uniform(Code::root(form.dimension), shape.depth, form.value, None, false);
+                    sink.push((root, None, LevelCounts::default()))
+                };
+                file.layer(options, &header, ([u64::MAX; 3], true), &mut nothing, &mut complete)
+            }
+            File::Shard(shard) => {
+                shard.layer(options, &header, (covered, in_order), fill, &mut complete)?;
+                // (Nobody knows it before all shards are there.)
+                Ok(Tally::void(form.value))
+            }
         }
     }
 
@@ -147,9 +258,12 @@ impl TreeWriter {
         progress: &dyn Progress,
     ) -> Result<()> {
         let extent = slabs.extent();
-        let (total, in_order) = (extent.iter().product(), slabs.are_in_order());
+        let (run, in_order) = (self.run(), slabs.are_in_order());
+        let (root, all) = (Code::root(form.dimension), Bounds::picture(extent));
+        let total = run.map_or(0, |run| cells_in_run(run, root, options.depth, &all));
         let mut fill = |sink: &mut dyn TreeSink, shape| {
-            let mut builder = Builder::new(form, options, shape, sink)?;
+            let Some(run) = run else { return Ok(()) };
+            let mut builder = Builder::new(form, options, (shape, run), sink)?;
             let (mut current, mut next) = (Slab::default(), Slab::default());
             let mut more = slabs.next(&mut current)?;
             while more {
@@ -189,7 +303,11 @@ impl TreeWriter {
         options: &BuildOptions,
         progress: &dyn Progress,
     ) -> Result<Tally> {
-        let mut fill = |sink: &mut dyn TreeSink, shape| walk(source, options, shape, true, sink, progress);
+        let run = self.run();
+        let mut fill = |sink: &mut dyn TreeSink, shape| match run {
+            Some(run) => walk(source, options, (shape, run), true, sink, progress),
+            None => Ok(()),
+        };
         let parts = (&extent, [u64::MAX; 3], true);
         self.layer(source.form(), options, parts, &mut fill, &mut |_| {})
     }
@@ -210,7 +328,7 @@ impl TreeWriter {
         self.check(from.header().form, from.header().depth(), &metadata.name)?;
         match &mut self.file {
             File::Goblin(file) => file.copy(from, metadata, progress).map(|()| true),
-            File::Autumnal(_) => Ok(false),
+            _ => Ok(false),
         }
     }
 
@@ -224,8 +342,9 @@ impl TreeWriter {
             return Err(Error::invalid("file", found, format!("{}, as was said", self.layers)));
         }
         match self.file {
-            File::Goblin(file) => file.finish(),
+            File::Goblin(file) | File::Head(file) => file.finish(),
             File::Autumnal(file) => file.finish(),
+            File::Shard(shard) => shard.finish(),
         }
     }
 }

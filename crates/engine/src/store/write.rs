@@ -6,7 +6,7 @@ use crate::store::records::RecordLayout;
 use crate::tree::{CellBlock, Child, Children, MemTree, Source};
 use spinney_base::Form;
 use spinney_base::io::Output;
-use spinney_base::space::Code;
+use spinney_base::space::{Code, CodeRun};
 use spinney_base::value::{Tally, Value};
 use spinney_base::{Progress, Result};
 use spinney_container::Metadata;
@@ -182,7 +182,8 @@ pub fn build_with<S: ReusableSource>(
     progress: &dyn Progress,
     complete: &mut dyn FnMut(&mut Metadata),
 ) -> Result<Tally> {
-    let mut fill = |sink: &mut dyn TreeSink, shape| walk(source, options, shape, true, sink, progress);
+    let mut fill =
+        |sink: &mut dyn TreeSink, shape| walk(source, options, (shape, CodeRun::ALL), true, sink, progress);
     write_file(source.form(), options, (&extent, [u64::MAX; 3], true), output, &mut fill, complete)
 }
 

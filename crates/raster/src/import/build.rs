@@ -1,9 +1,12 @@
 //! Building of the tree of an import.
 
-use super::plan::RasterImport;
-use super::slabs::BLOCK;
-use super::{Order, RasterInfo, RasterSlabs, spill};
+use std::path::Path;
 use std::sync::Arc;
+
+use super::plan::RasterImport;
+use super::slabs::{BLOCK, Wanted};
+use super::spill::spill_wanted;
+use super::{Order, Raster, RasterInfo, RasterSlabs};
 
 use spinney_base::Form;
 use spinney_base::io::{Output, folder};
@@ -11,7 +14,7 @@ use spinney_base::space::Dimension;
 use spinney_base::{Error, PartOfWork, Progress, Result};
 use spinney_container::{OpenOptions, check_tree_name};
 use spinney_engine::ops::{Resampling, TreeFile, WarpGrid, WarpOptions, Warped, warp};
-use spinney_engine::store::{Packing, build_slabs, depth_for};
+use spinney_engine::store::{Packing, TreeWriter, depth_for};
 
 impl RasterImport {
     /// Builds the tree, on the threads of the current rayon pool; progress counts pixels.
@@ -25,18 +28,29 @@ impl RasterImport {
     pub fn build(self, output: Output, progress: &dyn Progress) -> Result<()> {
         check_tree_name(output.path())?;
         self.options.packing.check_output(output.path())?;
+        let beside = folder(output.path()).to_path_buf();
+        let mut file = TreeWriter::create(output, (Dimension::Quad, self.options.depth), 1)?;
+        self.write(&mut file, &beside, progress)?;
+        file.finish()
+    }
+
+    /// Writes the tree as the next layer of a file, or what is asked for of it; temporary files are made in a folder.
+    ///
+    /// # Errors
+    /// Those of [`RasterImport::build`].
+    pub fn write(self, file: &mut TreeWriter, beside: &Path, progress: &dyn Progress) -> Result<()> {
         self.remarks.iter().for_each(|(path, remark)| progress.warn(path, remark));
-        let half = self.memory / 2;
-        let in_bands = self.info().order == Order::Bands;
-        let raster = if in_bands && bands_memory(self.raster.info(), self.value.size()) > half {
-            spill(self.raster, folder(output.path()), half / 2, progress)?
-        } else {
-            self.raster
-        };
-        let mut slabs = RasterSlabs::new(raster, half / 2);
-        let nodata = self.nodata.and_then(|number| self.value.splat(number));
         let form = Form::new(Dimension::Quad, self.value);
-        build_slabs(form, &mut slabs, nodata, &self.options, output, progress)
+        if file.run().is_none() {
+            let RasterInfo { width, height, .. } = self.raster.info();
+            return file.tell(form, [*width, *height, 1], &self.options);
+        }
+        let half = self.memory / 2;
+        let (size, room, depth) =
+            (self.value.size(), Room { bands: half, slabs: half / 2 }, self.options.depth);
+        let mut slabs = slabs_for(file, self.raster, (size, depth), (beside, room), progress)?;
+        let nodata = self.nodata.and_then(|number| self.value.splat(number));
+        file.slabs(form, &mut slabs, nodata, &self.options, progress)
     }
 
     /// Builds the tree on another grid than the picture's own. The tree of the picture itself goes to a temporary file in the
@@ -78,6 +92,37 @@ impl RasterImport {
     }
 }
 
+/// Bytes of memory for reading a raster: for bands of rows, if it comes in these, and for slabs.
+#[derive(Clone, Copy)]
+pub(super) struct Room {
+    pub(super) bands: u64,
+    pub(super) slabs: u64,
+}
+
+/// What a file asks for of a raster as its next layer, of so many levels and with values of so many bytes. One that comes from the top down
+/// goes to a temporary file in a folder first if that takes too much memory, or if the file needs another order.
+pub(super) fn slabs_for(
+    file: &TreeWriter,
+    raster: Box<dyn Raster>,
+    (value_size, depth): (usize, u8),
+    (folder, room): (&Path, Room),
+    progress: &dyn Progress,
+) -> Result<RasterSlabs> {
+    let Some(run) = file.run() else { return Ok(RasterSlabs::new(raster, room.slabs)) };
+    let wanted = file.needs_order().then_some(Wanted { run, depth });
+    let in_bands = raster.info().order == Order::Bands;
+    let is_spilled = in_bands && (wanted.is_some() || bands_memory(raster.info(), value_size) > room.bands);
+    let raster = match is_spilled {
+        true => spill_wanted(raster, wanted, folder, room.slabs, progress)?,
+        false => raster,
+    };
+    let slabs = RasterSlabs::new(raster, room.slabs);
+    Ok(match wanted {
+        Some(wanted) => slabs.within(wanted),
+        None => slabs,
+    })
+}
+
 /// A grid that pictures are warped to.
 #[derive(Clone, Debug)]
 pub enum TargetGrid {
@@ -115,10 +160,10 @@ mod tests {
     use std::path::Path;
 
     use super::super::fake::Fake;
-    use super::super::{DEFAULT_MEMORY, Raster};
+    use super::super::{DEFAULT_MEMORY, spill};
     use super::*;
     use spinney_base::value::{Kind, SampleType, ValueType};
-    use spinney_engine::store::BuildOptions;
+    use spinney_engine::store::{BuildOptions, build_slabs};
 
     fn bytes_of(raster: Box<dyn Raster>, memory: u64, path: &Path) -> Vec<u8> {
         let options = BuildOptions::new(Kind::Continuous, 11).memory(memory);

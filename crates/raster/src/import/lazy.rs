@@ -88,6 +88,11 @@ impl Lazy {
         })
     }
 
+    /// The file, and how it is opened.
+    pub(super) fn opened_as(&self) -> (&Path, RasterOptions) {
+        (&self.path, RasterOptions { nesting: self.options.nesting.anew(), ..self.options.clone() })
+    }
+
     /// The same file, to be read beside this one.
     pub(super) fn another(&self) -> Lazy {
         Lazy {

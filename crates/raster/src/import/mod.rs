@@ -5,6 +5,7 @@ mod build;
 mod exr;
 #[cfg(test)]
 mod fake;
+mod files;
 mod gdal;
 mod hgt;
 mod info;
@@ -25,16 +26,17 @@ mod xml;
 
 use std::collections::BTreeMap;
 use std::io::{self, Read};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 pub use self::bands::{Band, BandInfo, select, value_type};
 pub use self::build::{TargetGrid, WarpedBuilt};
+pub use self::files::files_of;
 pub use self::mosaic::mosaic;
 pub use self::plan::{DEFAULT_MEMORY, ImportOptions, RasterImport, plan};
 pub(super) use self::plan::{depth_of, listed, nodata_text};
 pub use self::slabs::RasterSlabs;
 pub use self::spill::spill;
-pub use self::stack::{Stack, StackLayer, StackOptions, plan_stack, write_stack};
+pub use self::stack::{Stack, StackLayer, StackOptions, plan_stack, write_layers, write_stack};
 pub(super) use self::tiff::{SampleFormat, page_directories};
 pub(super) use self::validity::as_stored;
 use crate::chain_code;
@@ -153,6 +155,11 @@ pub trait Raster: Send {
     fn choose(&mut self, channels: &[usize]) -> bool {
         let _ = channels;
         false
+    }
+
+    /// The files that it is made of, each with its pixels in the raster.
+    fn parts(&self) -> Vec<(PathBuf, Region)> {
+        vec![(self.path().to_path_buf(), Region::new(0, 0, self.info().width, self.info().height))]
     }
 
     /// Whether any region can be read at any time, though another order may be cheaper.

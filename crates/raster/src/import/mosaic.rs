@@ -1,6 +1,6 @@
 //! Several rasters on one grid as one.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::validity::Validity;
 use super::{Order, Pixels, Raster, RasterInfo};
@@ -126,6 +126,10 @@ impl Raster for Mosaic {
 
     fn path(&self) -> &Path {
         self.inputs[0].raster.path()
+    }
+
+    fn parts(&self) -> Vec<(PathBuf, Region)> {
+        self.inputs.iter().map(|input| (input.raster.path().to_path_buf(), input.region)).collect()
     }
 
     fn reads_anywhere(&self) -> bool {

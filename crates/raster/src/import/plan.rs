@@ -7,7 +7,7 @@ use super::lazy::{Lazy, Pool};
 use super::sidecar::Described;
 use super::validity::as_stored;
 use super::{Band, Raster, RasterInfo, RasterOptions, Transparent, bands, mosaic, open};
-use spinney_base::space::Dimension;
+use spinney_base::space::{Dimension, Region};
 use spinney_base::value::{Kind, Number, Rule, SampleType, ValueType};
 use spinney_base::{Error, Result};
 use spinney_container::Metadata;
@@ -94,6 +94,11 @@ impl RasterImport {
     /// The picture as it will be read.
     pub fn info(&self) -> &RasterInfo {
         self.raster.info()
+    }
+
+    /// The files of the picture, each with its pixels in it.
+    pub fn parts(&self) -> Vec<(PathBuf, Region)> {
+        self.raster.parts()
     }
 
     /// Options for building the tree.

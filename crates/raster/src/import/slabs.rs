@@ -5,13 +5,40 @@ use std::mem;
 use super::validity::Validity;
 use super::{Order, Pixels, Raster};
 use spinney_base::Result;
-use spinney_base::space::Region;
+use spinney_base::space::{Code, CodeRun, Dimension, Region};
 use spinney_engine::store::{Slab, Slabs};
 
 /// Cells along a side of the builder's blocks.
 pub(super) const BLOCK: u64 = 256;
 /// Cells along a side of a square, if memory allows: room for several tiles, and for all threads.
 const SIDE: u64 = 1024;
+
+/// The part of a raster that is wanted: nodes of a run, in a tree of so many levels.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Wanted {
+    pub(super) run: CodeRun,
+    pub(super) depth: u8,
+}
+
+impl Wanted {
+    /// The node that has a square, whose side is a power of two, and which lies at a multiple of that; nothing where the tree has none.
+    fn node(self, square: &Region) -> Option<Code> {
+        let height = self.depth.min(square.width.trailing_zeros() as u8);
+        let cell = [square.x >> height, square.y >> height, 0].map(|place| u32::try_from(place).ok());
+        let [Some(x), Some(y), Some(z)] = cell else { return None };
+        Code::from_cell(Dimension::Quad, self.depth - height, [x, y, z])
+    }
+
+    /// Whether something of a square is wanted.
+    pub(super) fn touches(self, square: &Region) -> bool {
+        self.node(square).is_some_and(|node| self.run.touches(node))
+    }
+
+    /// Whether all of it is.
+    fn contains(self, square: &Region) -> bool {
+        self.node(square).is_some_and(|node| self.run.contains(node))
+    }
+}
 
 /// A raster slab by slab: bands of 256 rows, or squares in FD order for rasters that can be read anywhere, so
 /// that parts of the tree are finished early and tiles are decoded once.
@@ -23,6 +50,8 @@ pub struct RasterSlabs {
     squares: Vec<Region>,
     side: u64,
     next_row: u64,
+    /// The part of the raster that squares are of.
+    wanted: Option<Wanted>,
 }
 
 impl RasterSlabs {
@@ -38,7 +67,13 @@ impl RasterSlabs {
         }
         let whole = info.width.max(info.height).next_power_of_two().max(side);
         let opacity = Validity::by_opacity(info);
-        RasterSlabs { raster, opacity, squares: vec![Region::new(0, 0, whole, whole)], side, next_row: 0 }
+        let squares = vec![Region::new(0, 0, whole, whole)];
+        RasterSlabs { raster, opacity, squares, side, next_row: 0, wanted: None }
+    }
+
+    /// Leaves only squares that have something wanted, of a raster that can be read anywhere.
+    pub(super) fn within(self, wanted: Wanted) -> RasterSlabs {
+        RasterSlabs { wanted: Some(wanted), ..self }
     }
 
     fn next_band(&mut self) -> Option<Region> {
@@ -55,10 +90,11 @@ impl RasterSlabs {
         loop {
             let square = self.squares.pop()?;
             let inside = square.intersect(&extent);
-            if inside.is_empty() {
+            if inside.is_empty() || self.wanted.is_some_and(|wanted| !wanted.touches(&square)) {
                 continue;
             }
-            if square.width <= self.side {
+            let is_whole = self.wanted.is_none_or(|wanted| wanted.contains(&square));
+            if square.width <= self.side && (is_whole || square.width <= BLOCK) {
                 return Some(inside);
             }
             let half = square.width / 2;
@@ -142,6 +178,22 @@ mod tests {
         let origins: Vec<_> = slabs([1000, 600], Order::Anywhere, 0).iter().map(|slab| slab.origin).collect();
         let first = [[0, 0], [256, 0], [0, 256], [256, 256], [512, 0], [768, 0]].map(|[x, y]| [x, y, 0]);
         assert_eq!(origins[..6], first);
+    }
+
+    #[test]
+    fn squares_of_a_run_are_those_that_it_touches() {
+        let info = RasterInfo { order: Order::Anywhere, ..RasterInfo::plain([1000, 900], SampleType::U8, 1) };
+        let fake = || Box::new(Fake::new(info.clone(), vec![1; 900_000]));
+        let node = |digits: &[usize]| Code::from_digits(Dimension::Quad, digits.iter().copied()).unwrap();
+        let origins = |run| {
+            let mut slabs = RasterSlabs::new(fake(), 1 << 30).within(Wanted { run, depth: 10 });
+            let mut slab = Slab::default();
+            std::iter::from_fn(|| slabs.next(&mut slab).unwrap().then_some((slab.origin, slab.size[0])))
+                .collect::<Vec<_>>()
+        };
+        let run = CodeRun::of(node(&[0, 3]), node(&[1])).unwrap();
+        assert_eq!(origins(run), [([256, 256, 0], 256), ([512, 0, 0], 488)]);
+        assert_eq!(origins(CodeRun::ALL), [([0, 0, 0], 1000)]);
     }
 
     #[test]

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use super::slabs::BLOCK;
+use super::slabs::{BLOCK, Wanted};
 use super::{Order, Pixels, Raster, RasterInfo};
 use spinney_base::space::Region;
 use spinney_base::{Error, Progress, Result};
@@ -38,6 +38,18 @@ pub fn spill(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<Box<dyn Raster>> {
+    spill_wanted(raster, None, folder, memory, progress)
+}
+
+/// [`spill`] of what is wanted of a raster: of blocks of which nothing is, the file has nothing, and where any region can be read they
+/// are not read.
+pub(super) fn spill_wanted(
+    raster: Box<dyn Raster>,
+    wanted: Option<Wanted>,
+    folder: &Path,
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<Box<dyn Raster>> {
     let info = RasterInfo { order: Order::Anywhere, ..raster.info().clone() };
     let file = tempfile::tempfile_in(folder).map_err(failed(folder))?;
     let folder = folder.to_path_buf();
@@ -50,12 +62,28 @@ pub fn spill(
     // What is never written, such as a mask's part without VOID, reads as zeros.
     let all_pixels = spilled.mask() / spilled.info.pixel_bytes() as u64;
     spilled.file.set_len(spilled.mask() + all_pixels).map_err(failed(&spilled.folder))?;
-    let mut pixels = Pixels::default();
-    for y in (0..spilled.info.height).step_by(rows as usize) {
+    let (mut pixels, anywhere) = (Pixels::default(), spilled.raster.reads_anywhere());
+    let [width, height] = [spilled.info.width, spilled.info.height];
+    // Columns of which something is wanted in a row of blocks.
+    let columns = |row: u64| {
+        let Some(wanted) = wanted else { return Some((0, width)) };
+        let mut blocks = (0..width.div_ceil(BLOCK))
+            .filter(|column| wanted.touches(&Region::new(column * BLOCK, row * BLOCK, BLOCK, BLOCK)));
+        let first = blocks.next()?;
+        Some((first * BLOCK, ((blocks.next_back().unwrap_or(first) + 1) * BLOCK).min(width)))
+    };
+    let end = (0..height.div_ceil(BLOCK)).rev().find(|row| columns(*row).is_some());
+    let end = end.map_or(0, |row| ((row + 1) * BLOCK).min(height));
+    for y in (0..end).step_by(rows as usize) {
         progress.check()?;
-        let band = Region::new(0, y, spilled.info.width, rows.min(spilled.info.height - y));
+        let mut band = Region::new(0, y, width, rows.min(height - y));
+        match columns(y / BLOCK) {
+            Some((left, right)) if anywhere => (band.x, band.width) = (left, right - left),
+            None if anywhere => continue,
+            _ => {}
+        }
         spilled.raster.read(band, &mut pixels)?;
-        spilled.write(band, &pixels).map_err(failed(&spilled.folder))?;
+        spilled.write(band, wanted, &pixels).map_err(failed(&spilled.folder))?;
     }
     Ok(Box::new(spilled))
 }
@@ -91,16 +119,20 @@ impl Spilled {
         })
     }
 
-    /// Writes a full-width band, which must not reach over blocks' edges.
-    fn write(&mut self, band: Region, pixels: &Pixels) -> io::Result<()> {
+    /// Writes what is wanted of a band, which must not reach over edges of rows of blocks, and begins at one of a column.
+    fn write(&mut self, band: Region, wanted: Option<Wanted>, pixels: &Pixels) -> io::Result<()> {
         let size = self.info.pixel_bytes();
         let void: Option<Vec<u8>> =
             pixels.valid.as_ref().map(|valid| valid.iter().map(|valid| u8::from(!valid)).collect());
         self.has_mask |= void.is_some();
         for (part, first) in self.parts(band) {
-            self.write_part(0, first, part, &pixels.bytes, size)?;
+            let block = Region::new(part.x, part.y / BLOCK * BLOCK, BLOCK, BLOCK);
+            if wanted.is_some_and(|wanted| !wanted.touches(&block)) {
+                continue;
+            }
+            self.write_part((0, first), (band, part), &pixels.bytes, size)?;
             if let Some(void) = &void {
-                self.write_part(self.mask(), first, part, void, 1)?;
+                self.write_part((self.mask(), first), (band, part), void, 1)?;
             }
         }
         Ok(())
@@ -108,15 +140,14 @@ impl Spilled {
 
     fn write_part(
         &mut self,
-        start: u64,
-        first: u64,
-        part: Region,
+        (start, first): (u64, u64),
+        (band, part): (Region, Region),
         bytes: &[u8],
         size: usize,
     ) -> io::Result<()> {
         self.buffer.clear();
-        let from = part.x as usize * size..part.right() as usize * size;
-        for row in columns(bytes, self.info.width as usize * size, from) {
+        let from = (part.x - band.x) as usize * size..(part.right() - band.x) as usize * size;
+        for row in columns(bytes, band.width as usize * size, from) {
             self.buffer.extend_from_slice(row);
             self.buffer.resize(self.buffer.len().next_multiple_of(BLOCK as usize * size), 0);
         }
@@ -172,6 +203,7 @@ impl Raster for Spilled {
 mod tests {
     use super::super::fake::Fake;
     use super::*;
+    use spinney_base::space::{Code, CodeRun, Dimension};
     use spinney_base::value::SampleType;
 
     #[test]
@@ -205,5 +237,30 @@ mod tests {
             }
         }
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn what_is_wanted_comes_back() {
+        let info = RasterInfo::plain([1000, 700], SampleType::U8, 1);
+        let bytes: Vec<u8> = (0..700_000u64).map(|i| (i * i / 7) as u8).collect();
+        let folder = tempfile::tempdir().unwrap();
+        let root = Code::root(Dimension::Quad);
+        // The blocks at 256, 256 and from 512, 0 to 767, 511.
+        let run = CodeRun::of(root.child(0).child(3), root.child(1).child(2)).unwrap();
+        for order in [Order::Bands, Order::Anywhere] {
+            let fake = Fake::new(RasterInfo { order, ..info.clone() }, bytes.clone());
+            let wanted = Some(Wanted { run, depth: 10 });
+            let mut spilled = spill_wanted(Box::new(fake), wanted, folder.path(), 100_000, &()).unwrap();
+            let mut direct = Fake::new(RasterInfo { order: Order::Anywhere, ..info.clone() }, bytes.clone());
+            let (mut found, mut expected) = (Pixels::default(), Pixels::default());
+            for (x, y) in [(256, 256), (512, 0), (512, 256), (768, 0)] {
+                let region = Region::new(x, y, BLOCK.min(1000 - x), BLOCK);
+                spilled.read(region, &mut found).unwrap();
+                direct.read(region, &mut expected).unwrap();
+                assert!(found == expected, "{region:?}");
+            }
+            spilled.read(Region::new(0, 512, 256, 100), &mut found).unwrap();
+            assert!(found.bytes.iter().all(|byte| *byte == 0), "nobody has asked for it");
+        }
     }
 }

@@ -65,7 +65,7 @@ fn frame_beside(picture: &Path) -> Result<Option<Frame>> {
 }
 
 /// `a.jpgw`, `a.jgw`, `a.wld` and `a.wf` for `a.jpg`.
-fn candidates(picture: &Path) -> Vec<PathBuf> {
+pub(super) fn candidates(picture: &Path) -> Vec<PathBuf> {
     let extension = picture.extension().unwrap_or_default().to_string_lossy();
     let mut endings = vec![format!("{extension}w"), "wld".into(), "wf".into()];
     if let (Some(first), Some(last)) = (extension.chars().next(), extension.chars().last()) {

@@ -10,6 +10,7 @@ use super::write::backend;
 use crate::store::builder::{BuildOptions, TreeSink, walk};
 use crate::store::records::RecordLayout;
 use spinney_base::io::Output;
+use spinney_base::space::CodeRun;
 use spinney_base::{Error, Progress, Result, sort};
 use spinney_container::OpenOptions;
 use spinney_packing::Effort;
@@ -199,7 +200,9 @@ impl Copy<'_> {
                 is_alike.then(|| Autumnal::new(history.archive.clone(), before.clone(), there))
             });
             let twin = twin.transpose()?;
-            let mut fill = |sink: &mut dyn TreeSink, shape| walk(&tree, &build, shape, true, sink, *progress);
+            let mut fill = |sink: &mut dyn TreeSink, shape| {
+                walk(&tree, &build, (shape, CodeRun::ALL), true, sink, *progress)
+            };
             editor.fill([u64::MAX; 3], &build, twin.as_ref(), &mut fill)?;
             editor.set_metadata(build.metadata)?;
         }

@@ -19,6 +19,7 @@ use super::write::check_plain;
 use crate::store::builder::{BuildOptions, Fill, Packing, ReusableSource, TreeSink, walk};
 use crate::tree::Source;
 use spinney_base::io::{FileBackend, LockedFile, WriteBackend};
+use spinney_base::space::CodeRun;
 use spinney_base::value::Tally;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Content, FileHeader, FilePlace, Header, Metadata, TreeFormat, VOID};
@@ -319,7 +320,9 @@ impl Editor {
             return Err(Error::invalid("source", form.to_string(), format!("{expected}, as the file")));
         }
         let options = self.options().packing(packing);
-        let mut fill = |sink: &mut dyn TreeSink, shape| walk(source, &options, shape, true, sink, progress);
+        let mut fill = |sink: &mut dyn TreeSink, shape| {
+            walk(source, &options, (shape, CodeRun::ALL), true, sink, progress)
+        };
         self.fill([u64::MAX; 3], &options, None, &mut fill).map(|_| ())
     }
 

@@ -12,6 +12,7 @@ use super::pages::{FIRST_EXTENT, PAGE};
 use super::reader::Autumnal;
 use super::verified::{Unverified, Verified};
 use crate::store::builder::{BuildOptions, walk};
+use spinney_base::space::CodeRun;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Finding, MAX_FINDINGS};
 
@@ -184,7 +185,7 @@ impl Autumnal {
         let mut builder = RecordBuilder::new(self, &options, [u64::MAX; 3], mode, None);
         let source = Unverified { tree: self };
         let shape = self.heights().shape();
-        let walked = walk(&source, &options, shape, true, &mut builder, progress);
+        let walked = walk(&source, &options, (shape, CodeRun::ALL), true, &mut builder, progress);
         let layer = self.layer();
         let place = match &*layer.name {
             "" => format!("commit {}", self.commit.number),

@@ -1,7 +1,7 @@
 //! Parts of a tree on their way up: merged four (or eight) by four, sealed into segments.
 
 use super::upper::upper_levels;
-use crate::store::records::subtree::RECORDS_ARE_CHECKED;
+use crate::store::records::subtree::BadSkip;
 use crate::store::records::{RecordHead, RecordLayout};
 use crate::tree::Child;
 use spinney_base::Form;
@@ -134,10 +134,17 @@ impl Part {
     }
 
     /// Takes the node's own segment off, if it owns one; what is left is what the next coarser segments need.
-    pub(in crate::store) fn seal(&mut self, shape: &Shape) -> Option<SealedSegment> {
-        self.seal_with(shape, |part, levels| {
-            upper_levels(part.form(), &part.records, levels).expect(RECORDS_ARE_CHECKED)
-        })
+    ///
+    /// # Errors
+    /// If the records contradict each other, as those of parts from a file may.
+    pub(in crate::store) fn seal(&mut self, shape: &Shape) -> Result<Option<SealedSegment>, BadSkip> {
+        let mut is_bad = false;
+        let sealed = self.seal_with(shape, |part, levels| {
+            let upper = upper_levels(part.form(), &part.records, levels);
+            is_bad = upper.is_err();
+            upper.unwrap_or_default()
+        });
+        if is_bad { Err(BadSkip) } else { Ok(sealed) }
     }
 
     /// [`Part::seal`], given what makes records of the first levels of the node.

@@ -12,23 +12,24 @@ use super::sink::{BuiltBlock, TreeSink};
 use super::slab::{BlockContent, Slab};
 use super::stored_node::StoredNode;
 use crate::store::records::RecordLayout;
+use crate::store::records::subtree::RECORDS_ARE_CHECKED;
 use crate::tree::{Child, no_children};
 use spinney_base::Form;
 use spinney_base::io::rounds;
 use spinney_base::parallel;
 use spinney_base::sort;
-use spinney_base::space::Code;
+use spinney_base::space::{Bounds, Code, CodeRun};
 use spinney_base::value::{Rule, Value};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::MAX_DENSE_LEVELS;
 use spinney_container::{LevelCounts, Shape};
 
-/// Walks a whole source and hands the parts of its tree over. With `reuse`, what the source has stored is
-/// taken as it is.
+/// Walks what a source has in a run, which may be all of it, and hands the parts of its tree over. With `reuse`, what the source has
+/// stored is taken as it is.
 pub(in crate::store) fn walk<S: ReusableSource>(
     source: &S,
     options: &BuildOptions,
-    shape: Shape,
+    (shape, run): (Shape, CodeRun),
     reuse: bool,
     sink: &mut dyn TreeSink,
     progress: &dyn Progress,
@@ -38,16 +39,21 @@ pub(in crate::store) fn walk<S: ReusableSource>(
         return Err(Error::invalid("depth", shape.depth.to_string(), expected));
     }
     let form = source.form();
-    let mut builder = Builder::new(form, options, shape, sink)?;
+    let mut builder = Builder::new(form, options, (shape, run), sink)?;
     // (What is stored is not rounded.)
     let reuse = reuse && builder.plan.rounding.is_none();
     builder.plan.reuse = reuse;
     let mut pending = vec![(Code::root(form.dimension), source.root()?)];
     let mut children = no_children();
     let mut batch = Vec::new();
-    let total = builder.cells(Code::root(form.dimension));
+    let root = Code::root(form.dimension);
+    let total = cells_in_run(run, root, shape.depth, &Bounds::space(form.dimension, shape.depth));
     while let Some((code, node)) = pending.pop() {
-        match if reuse { builder.reuse(source, code, &node)? } else { Reuse::Nothing } {
+        if !run.touches(code) {
+            continue;
+        }
+        let is_whole = run.contains(code);
+        match if reuse && is_whole { builder.reuse(source, code, &node)? } else { Reuse::Nothing } {
             Reuse::Nothing => {}
             Reuse::Kept => {
                 progress.advance(builder.cells(code), total);
@@ -70,6 +76,11 @@ pub(in crate::store) fn walk<S: ReusableSource>(
                 let below = children[..form.children()].iter_mut().enumerate().rev();
                 pending.extend(below.map(|(i, child)| (code.child(i), mem::take(child))));
             }
+            // (Of a uniform node that reaches out of the run, whoever has the rest of it hands that over.)
+            _ if !is_whole => {
+                let children = (0..form.children()).rev();
+                pending.extend(children.map(|child| (code.child(child), Child::uniform(node.value()))));
+            }
             _ => batch.push((code, node)),
         }
         if batch.len() >= builder.batch {
@@ -79,6 +90,19 @@ pub(in crate::store) fn walk<S: ReusableSource>(
     builder.nodes(source, batch, total, progress)?;
     // What is made of two states of a file must not be kept.
     source.check_unchanged()
+}
+
+/// Cells of a box that a run has below a node, in a tree of so many levels: for the progress.
+pub(in crate::store) fn cells_in_run(run: CodeRun, node: Code, depth: u8, cells: &Bounds) -> u64 {
+    let inside = node.bounds(depth).intersect(cells);
+    if inside.is_empty() || !run.touches(node) {
+        return 0;
+    }
+    if run.contains(node) || node.level() == depth {
+        return inside.volume();
+    }
+    let children = (0..node.dimension().children()).map(|child| node.child(child));
+    children.fold(0, |sum: u64, child| sum.saturating_add(cells_in_run(run, child, depth, cells)))
 }
 
 /// Blocks that are built at a time, whatever the memory: at least and at most.
@@ -154,7 +178,7 @@ impl Plan {
     fn mixed(&self, block: Block) -> BuiltBlock {
         let mut counts = LevelCounts::default();
         let mut part = block.build(self.rule, self.count_classes, self.most_dense, &mut counts);
-        let sealed = part.seal(&self.shape);
+        let sealed = part.seal(&self.shape).expect(RECORDS_ARE_CHECKED);
         (part, sealed, counts)
     }
 
@@ -192,6 +216,8 @@ enum Reuse<'s> {
 /// Blocks in, parts out.
 pub(in crate::store) struct Builder<'a> {
     plan: Plan,
+    /// The part of the space that is built.
+    run: CodeRun,
     sink: &'a mut dyn TreeSink,
     /// Blocks built at a time.
     batch: usize,
@@ -201,7 +227,7 @@ impl<'a> Builder<'a> {
     pub(in crate::store) fn new(
         form: Form,
         options: &BuildOptions,
-        shape: Shape,
+        (shape, run): (Shape, CodeRun),
         sink: &'a mut dyn TreeSink,
     ) -> Result<Self> {
         // A block without a uniform node has (cells - 1) / (children - 1) INNER ones, each with a record.
@@ -216,12 +242,13 @@ impl<'a> Builder<'a> {
         let rounding = options.packing.rounding(form.value, options.kind)?;
         Ok(Builder {
             plan: Plan { form, shape, rule, count_classes, reuse: false, most_dense, rounding },
+            run,
             sink,
             batch: batch as usize,
         })
     }
 
-    /// All blocks of a slab.
+    /// All blocks of a slab that are in the run.
     pub(in crate::store) fn slab(
         &mut self,
         slab: &Slab,
@@ -243,8 +270,11 @@ impl<'a> Builder<'a> {
                 codes.extend(blocks(0).filter_map(|x| Code::from_cell(dimension, level, [x, y, z])));
             }
         }
+        let all = codes.len().max(1) as u128;
+        codes.retain(|code| self.run.contains(*code));
         sort::by_key(&mut codes, |code| code.bits());
         let cells = slab.size.iter().product::<u64>();
+        let cells = (u128::from(cells) * codes.len() as u128 / all) as u64;
         let mut reported = 0;
         let count = codes.len() as u64;
         for (i, batch) in codes.chunks(self.batch).enumerate() {

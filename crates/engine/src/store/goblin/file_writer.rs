@@ -5,15 +5,16 @@ use std::path::{Path, PathBuf};
 
 use super::layer_writer::LayerWriter;
 use super::reader::Goblin;
-use super::segment_builder::SegmentBuilder;
+use super::segment_builder::{ALL_HAS_COME, SegmentBuilder};
 use crate::store::builder::{BuildOptions, Fill};
 use spinney_base::io::Output;
 use spinney_base::parallel;
 use spinney_base::value::Tally;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{
-    Codec, FileHeader, HEADER_SIZE, Header, Layer, LayerTable, Metadata, Section, Trailer,
+    Codec, FileHeader, HEADER_SIZE, Header, Layer, LayerTable, LevelCounts, Metadata, Section, Trailer,
 };
+use spinney_packing::Effort;
 
 /// Metadata of more bytes stand apart, before those of the other layers, so that the end of a file tells much in few bytes.
 const LARGE_METADATA: usize = 4096;
@@ -73,10 +74,32 @@ impl FileWriter {
         let mut builder = SegmentBuilder::new(header, covered, &mut writer);
         fill(&mut builder, header.shape)?;
         let (root, counts) = builder.finish();
+        let root = root.expect(ALL_HAS_COME);
         let mut metadata = Metadata { counts, ..options.metadata.clone() };
         complete(&mut metadata);
         writer.finish(root.child, &metadata)?;
         Ok(root.tally)
+    }
+
+    /// Makes a layer of segments that are made already, and of parts of nodes, which `fill` hands over in the order of the file; it tells
+    /// the nodes per level that others have counted.
+    pub(super) fn merged_layer(
+        &mut self,
+        header: &Header,
+        metadata: &Metadata,
+        (memory, effort): (u64, Effort),
+        fill: &mut dyn FnMut(&mut SegmentBuilder<'_>) -> Result<LevelCounts>,
+    ) -> Result<()> {
+        let mut writer = LayerWriter::new(self, header, true, (memory, effort));
+        let mut builder = SegmentBuilder::new(header, header.extent, &mut writer);
+        let below = fill(&mut builder)?;
+        let (root, mut counts) = builder.finish();
+        counts.merge(&below);
+        let Some(root) = root else {
+            let (found, expected) = ("parts with gaps between them", "all nodes of the crown's level");
+            return Err(Error::corrupt(&self.path, "shards", found, expected));
+        };
+        writer.finish(root.child, &Metadata { counts, ..metadata.clone() })
     }
 
     /// Takes over a layer of another file as it is, with its metadata, which may be changed.

@@ -1,5 +1,7 @@
 //! Writes one layer: its segments as they come, then its crown, then its directory.
 
+use std::path::Path;
+
 use super::directory::{Entry, SegmentLocation, entry_size, set_offset};
 use super::directory_writer::DirectoryWriter;
 use super::file_writer::FileWriter;
@@ -18,7 +20,6 @@ use spinney_packing::Effort;
 pub(super) struct LayerWriter<'f> {
     file: &'f mut FileWriter,
     header: Header,
-    layout: RecordLayout,
     /// Where the layer's run starts in the file.
     start: u64,
     /// Whether segments come in the order of the file, but for those of the crown.
@@ -50,7 +51,6 @@ impl<'f> LayerWriter<'f> {
         LayerWriter {
             file,
             header: header.clone(),
-            layout: RecordLayout::new(header.form),
             start,
             in_order,
             crown_level,
@@ -124,29 +124,43 @@ impl<'f> LayerWriter<'f> {
     }
 }
 
+/// Hands on the bytes of a segment, in two parts, and its entry, which has no place yet.
+pub(super) fn with_entry(
+    header: &Header,
+    segment: SealedSegment,
+    put: &mut dyn FnMut([&[u8]; 2], Entry) -> Result<()>,
+) -> Result<()> {
+    let (classes, counts) = class_counts(header, &segment.tally);
+    let SealedSegment { code, records, tally, packed } = segment;
+    let (codec, parts) = match &packed {
+        Some(packed) => (Codec::Packed, [&packed[..], &[]]),
+        None => (Codec::Plain, [&records[..], &counts]),
+    };
+    let entry = Entry {
+        code,
+        offset: 0,
+        length: (parts[0].len() + parts[1].len()) as u64,
+        records: RecordLayout::new(header.form).count(&records) as u32,
+        classes,
+        codec,
+        checksum: crc32c::crc32c_append(crc32c::crc32c(parts[0]), parts[1]),
+        zone: tally,
+    };
+    put(parts, entry)
+}
+
 impl SegmentSink for LayerWriter<'_> {
+    fn path(&self) -> &Path {
+        self.file.path()
+    }
+
     fn effort(&self) -> Option<Effort> {
         self.effort
     }
 
     fn segment(&mut self, segment: SealedSegment) -> Result<()> {
-        let (classes, counts) = class_counts(&self.header, &segment.tally);
-        let SealedSegment { code, records, tally, packed } = segment;
-        let (codec, parts) = match &packed {
-            Some(packed) => (Codec::Packed, [&packed[..], &[]]),
-            None => (Codec::Plain, [&records[..], &counts]),
-        };
-        let entry = Entry {
-            code,
-            offset: 0,
-            length: (parts[0].len() + parts[1].len()) as u64,
-            records: self.layout.count(&records) as u32,
-            classes,
-            codec,
-            checksum: crc32c::crc32c_append(crc32c::crc32c(parts[0]), parts[1]),
-            zone: tally,
-        };
-        self.put(parts, entry)
+        let header = self.header.clone();
+        with_entry(&header, segment, &mut |parts, entry| self.put(parts, entry))
     }
 
     fn copy(&mut self, bytes: &[u8], entry: Entry) -> Result<()> {

@@ -1,13 +1,15 @@
 //! Puts blocks together to the segments of a Goblin file, in whatever order they come.
 
+use super::directory::Entry;
 use super::packed::pack_sealed;
 use super::segment_copy::SegmentCopy;
 use super::segment_sink::SegmentSink;
 use crate::store::builder::{BuiltBlock, Part, SealedSegment, Siblings, StoredNode, TreeSink};
-use spinney_base::Result;
+use crate::store::records::subtree::BadSkip;
 use spinney_base::parallel;
 use spinney_base::space::Code;
 use spinney_base::value::{Rule, Value};
+use spinney_base::{Error, Result};
 use spinney_container::{Header, LevelCounts};
 
 /// Merges parts whose siblings are complete, seals segments, and hands them to a sink.
@@ -15,11 +17,16 @@ pub(super) struct SegmentBuilder<'k> {
     header: Header,
     siblings: Siblings<Part>,
     root: Option<Part>,
+    /// The level above which nothing is merged, where only a piece of a tree is made.
+    stop: Option<u8>,
     counts: LevelCounts,
     /// Segments that are to be packed, in their order: those of a batch are packed by all threads.
     unpacked: Vec<SealedSegment>,
     sink: &'k mut dyn SegmentSink,
 }
+
+/// Message of an error that cannot be, since whoever fills a tree hands over all of its cells.
+pub(super) const ALL_HAS_COME: &str = "all blocks were pushed";
 
 /// Message of an error that [`TreeSink::can_copy`] excludes.
 const CAN_BE_COPIED: &str = "only what can be copied is";
@@ -29,8 +36,13 @@ impl<'k> SegmentBuilder<'k> {
     /// VOID.
     pub(super) fn new(header: &Header, covered: [u64; 3], sink: &'k mut dyn SegmentSink) -> Self {
         let siblings = Siblings::new(header.form.dimension, header.depth(), covered);
-        let (header, counts) = (header.clone(), LevelCounts::default());
-        SegmentBuilder { header, siblings, root: None, counts, unpacked: Vec::new(), sink }
+        let (header, counts, stop) = (header.clone(), LevelCounts::default(), sink.stop());
+        SegmentBuilder { header, siblings, root: None, stop, counts, unpacked: Vec::new(), sink }
+    }
+
+    /// Takes a segment as it is to be written, whose node's part will come.
+    pub(super) fn pass(&mut self, bytes: &[u8], entry: Entry) -> Result<()> {
+        self.sink.copy(bytes, entry)
     }
 
     /// Takes a segment that is the next one: to be packed with others, or at once.
@@ -64,6 +76,9 @@ impl<'k> SegmentBuilder<'k> {
     fn join(&mut self, mut part: Part) -> Result<()> {
         // A part that is the last of its siblings makes their parent, which may again be the last.
         loop {
+            if self.stop.is_some_and(|stop| part.code.level() <= stop) {
+                return self.sink.top(part);
+            }
             let Some(parent) = part.code.parent() else {
                 let mut root = [0; 3];
                 root[part.child.state() as usize] = 1;
@@ -79,15 +94,19 @@ impl<'k> SegmentBuilder<'k> {
             // Invariant: segments are sealed in postorder, each node's before its ancestors', since a part
             // waits for its siblings, and a parent is made of complete ones. So one pass over the cells is
             // one pass over the file, and what is kept of a subtree is what those above still need.
-            if let Some(sealed) = part.seal(&self.header.shape) {
+            let sealed = part.seal(&self.header.shape).map_err(|BadSkip| {
+                let place = format!("records below node {parent}");
+                Error::corrupt(self.sink.path(), place, "numbers that contradict each other", "a tree's")
+            })?;
+            if let Some(sealed) = sealed {
                 self.segment(sealed)?;
             }
         }
     }
 
-    /// The root and the nodes per level, once all parts have come.
-    pub(super) fn finish(self) -> (Part, LevelCounts) {
-        (self.root.expect("all blocks were pushed"), self.counts)
+    /// The nodes per level, and the root, if all parts of a whole tree have come.
+    pub(super) fn finish(self) -> (Option<Part>, LevelCounts) {
+        (self.root, self.counts)
     }
 }
 
@@ -102,6 +121,10 @@ impl TreeSink for SegmentBuilder<'_> {
     }
 
     fn can_copy(&self, code: Code, node: &StoredNode<'_>) -> Result<bool> {
+        // What stands above a piece of a tree is not the piece's.
+        if self.stop.is_some_and(|stop| code.level() < stop) {
+            return Ok(false);
+        }
         // (Majorities above it are made of the counts of all classes.)
         let needs_classes = self.header.rule == Rule::Majority;
         SegmentCopy::is_possible(node, code, (self.header.form, &self.header.shape), needs_classes)

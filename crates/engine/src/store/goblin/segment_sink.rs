@@ -1,12 +1,28 @@
 //! Where finished segments go.
 
+use std::path::Path;
+
 use super::directory::Entry;
-use crate::store::builder::SealedSegment;
+use crate::store::builder::{Part, SealedSegment};
 use spinney_base::Result;
 use spinney_packing::Effort;
 
 /// Receives the segments of a tree as they are finished, a node's before its ancestors'.
 pub(super) trait SegmentSink: Send {
+    /// The file, for messages.
+    fn path(&self) -> &Path;
+
+    /// The level down to which others merge what comes: parts of nodes there, or above, go to [`SegmentSink::top`]. None where a whole
+    /// tree is made.
+    fn stop(&self) -> Option<u8> {
+        None
+    }
+
+    /// Takes the part of a node that somebody else merges with its siblings.
+    fn top(&mut self, _: Part) -> Result<()> {
+        unreachable!("a whole tree has its root on top")
+    }
+
     /// The effort of packing the segments that come; none where they are to stay plain.
     fn effort(&self) -> Option<Effort>;
 

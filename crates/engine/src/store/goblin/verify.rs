@@ -3,12 +3,15 @@
 //! Building is deterministic, so the rules need no second statement: the tree is walked, built anew, and
 //! every segment compared with the one in the file. What differs is told.
 
+use std::path::Path;
+
 use super::directory::{Entry, show_sums};
 use super::reader::Goblin;
-use super::segment_builder::SegmentBuilder;
+use super::segment_builder::{ALL_HAS_COME, SegmentBuilder};
 use super::segment_sink::SegmentSink;
 use crate::store::builder::{BuildOptions, SealedSegment, walk};
 use crate::tree::Child;
+use spinney_base::space::CodeRun;
 use spinney_base::value::{Sums, Tally, ValueType};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Finding, MAX_FINDINGS};
@@ -59,13 +62,14 @@ impl Goblin {
         let options = BuildOptions::like(self.header(), memory);
         let shape = self.header().shape;
         let mut builder = SegmentBuilder::new(self.header(), [u64::MAX; 3], &mut checker);
-        match walk(self, &options, shape, false, &mut builder, progress) {
+        match walk(self, &options, (shape, CodeRun::ALL), false, &mut builder, progress) {
             Err(error @ (Error::Corrupt { .. } | Error::Invalid { .. })) => {
                 return Ok(vec![Finding { place: "tree".into(), problem: error.to_string() }]);
             }
             walked => walked?,
         }
         let (root, counts) = builder.finish();
+        let root = root.expect(ALL_HAS_COME);
         if checker.seen != self.segments() {
             let found = format!("{} segments, {} of them are needed", self.segments(), checker.seen);
             checker.add("directory".into(), found);
@@ -178,6 +182,10 @@ impl Checker<'_> {
 
 /// Takes the segments as they should be.
 impl SegmentSink for Checker<'_> {
+    fn path(&self) -> &Path {
+        self.file.path()
+    }
+
     // (What is compared is what segments become when they are unpacked.)
     fn effort(&self) -> Option<Effort> {
         None

@@ -4,12 +4,10 @@ use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
 
 use super::super::bands::select_channels;
-use super::super::build::{TargetGrid, bands_memory};
+use super::super::build::{Room, TargetGrid, slabs_for};
 use super::super::plan::{ImportOptions, RasterImport, kind, metadata, tell};
 use super::super::sidecar::Described;
-use super::super::{
-    Band, Order, Raster, RasterInfo, RasterOptions, RasterSlabs, Transparent, bands, open, spill,
-};
+use super::super::{Band, Raster, RasterInfo, RasterOptions, RasterSlabs, Transparent, bands, open, spill};
 use super::grid::Place;
 use super::raster::{Masked, OfTree, Repeated};
 use super::{Picture, StackOptions};
@@ -20,7 +18,7 @@ use spinney_container::{Metadata, OpenOptions};
 use spinney_crs::Frame;
 use spinney_engine::dataset;
 use spinney_engine::ops::{WarpGrid, WarpOptions};
-use spinney_engine::store::{BuildOptions, depth_for};
+use spinney_engine::store::{BuildOptions, TreeWriter, depth_for};
 
 /// A layer of a stack, whose file is opened when its turn comes: see [`StackLayer::slabs`].
 #[derive(Clone, Debug)]
@@ -168,6 +166,16 @@ impl StackLayer {
         })
     }
 
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Whether the file lies on another grid, to which it is warped whole.
+    pub fn is_warped(&self) -> bool {
+        self.warping.is_some()
+    }
+
     /// Plans to warp the layer to the grid of a stack.
     ///
     /// # Errors
@@ -186,12 +194,18 @@ impl StackLayer {
         self.parts.channels[0]
     }
 
-    /// Opens the file, and gives the cells with `memory` bytes for reading. One that comes from the top down, and is too wide for
-    /// that or is repeated, goes to a temporary file in the folder first.
+    /// Opens the file, and gives the cells that another file asks for as its next layer, of so many levels, with `memory` bytes for reading. One that comes
+    /// from the top down, and is too wide for that or is repeated, goes to a temporary file in the folder first.
     ///
     /// # Errors
     /// If the file cannot be read or has changed, or the temporary file not be written; on interruption.
-    pub fn slabs(&self, folder: &Path, memory: u64, progress: &dyn Progress) -> Result<RasterSlabs> {
+    pub(super) fn slabs(
+        &self,
+        file: &TreeWriter,
+        depth: u8,
+        (folder, memory): (&Path, u64),
+        progress: &dyn Progress,
+    ) -> Result<RasterSlabs> {
         let options = RasterOptions { memory: memory / 2, ..self.options.clone() };
         let raster = open(&self.path, &options)?;
         let found = raster.info();
@@ -222,10 +236,8 @@ impl StackLayer {
             }
             raster = Box::new(Repeated::new(raster, self.repeat));
         }
-        if raster.info().order == Order::Bands && bands_memory(raster.info(), self.value.size()) > memory {
-            raster = spill(raster, folder, room / 2, progress)?;
-        }
-        Ok(RasterSlabs::new(raster, room))
+        let room = Room { bands: memory, slabs: room };
+        slabs_for(file, raster, (self.value.size(), depth), (folder, room), progress)
     }
 
     /// The raster on the stack's grid, by way of trees in a temporary folder.

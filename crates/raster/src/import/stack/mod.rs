@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use self::grid::Grid;
 pub use self::layer::StackLayer;
 use self::layer::divide;
-pub use self::write::write_stack;
+pub use self::write::{write_layers, write_stack};
 use super::plan::{DEFAULT_MEMORY, ImportOptions, depth_of, listed, tell};
 use super::{RasterInfo, RasterOptions, open, tiff};
 use spinney_base::space::Dimension;

@@ -1,5 +1,7 @@
 //! Writing of stacks.
 
+use std::path::Path;
+
 use super::{Stack, StackLayer};
 use spinney_base::io::{Output, folder};
 use spinney_base::space::Dimension;
@@ -13,9 +15,23 @@ use spinney_engine::store::{BuildOptions, TreeWriter};
 /// # Errors
 /// If a file cannot be read or has changed, or the output not be written, or on interruption; nothing is left behind then.
 pub fn write_stack(stack: &Stack, output: Output, progress: &dyn Progress) -> Result<()> {
-    stack.remarks.iter().for_each(|(path, remark)| progress.warn(path, remark));
     let beside = folder(output.path()).to_path_buf();
     let mut file = TreeWriter::create(output, (Dimension::Quad, stack.depth), stack.layers.len() as u32)?;
+    write_layers(stack, &mut file, &beside, progress)?;
+    file.finish()
+}
+
+/// Writes the layers of a stack to a file that has none yet, or what is asked for of them; temporary files are made in a folder.
+///
+/// # Errors
+/// Those of [`write_stack`].
+pub fn write_layers(
+    stack: &Stack,
+    file: &mut TreeWriter,
+    beside: &Path,
+    progress: &dyn Progress,
+) -> Result<()> {
+    stack.remarks.iter().for_each(|(path, remark)| progress.warn(path, remark));
     let cells =
         |layer: &StackLayer| layer.extent.iter().fold(1u64, |cells, side| cells.saturating_mul(*side));
     let total = stack.layers.iter().fold(0, |total: u64, layer| total.saturating_add(cells(layer)));
@@ -35,10 +51,14 @@ pub fn write_stack(stack: &Stack, output: Output, progress: &dyn Progress) -> Re
             .share(stack.share)
             .time(stack.time)
             .packing(stack.packing);
-        let mut slabs = layer.slabs(&beside, stack.memory / 2, progress)?;
-        let nodata = layer.nodata.and_then(|number| layer.value.splat(number));
         let form = Form::new(Dimension::Quad, layer.value);
+        if file.run().is_none() {
+            file.tell(form, layer.extent, &options)?;
+            continue;
+        }
+        let mut slabs = layer.slabs(file, options.depth, (beside, stack.memory / 2), progress)?;
+        let nodata = layer.nodata.and_then(|number| layer.value.splat(number));
         file.slabs(form, &mut slabs, nodata, &options, progress)?;
     }
-    file.finish()
+    Ok(())
 }

@@ -2,6 +2,7 @@
 
 mod parse;
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -79,6 +80,15 @@ pub(super) fn is_vrt(start: &[u8]) -> bool {
 /// Opens a virtual raster, and looks at its sources.
 pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     parse::read(path, options).map(|vrt| Box::new(vrt) as _)
+}
+
+/// The files of a virtual raster's sources, each once, and how they are opened.
+pub(super) fn sources(path: &Path, options: &RasterOptions) -> Result<Vec<(PathBuf, RasterOptions)>> {
+    let vrt = parse::read(path, options)?;
+    let mut known = HashSet::new();
+    let all = vrt.bands.iter().flat_map(|band| &band.sources).map(|source| source.raster.opened_as());
+    let once = all.filter(|(path, _)| known.insert(path.to_path_buf()));
+    Ok(once.map(|(path, options)| (path.to_path_buf(), options)).collect())
 }
 
 /// A virtual raster.

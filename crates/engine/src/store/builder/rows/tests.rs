@@ -61,7 +61,7 @@ fn slab(form: Form, first: [u64; 3], side: u64, spread: u64) -> Slab {
 fn in_z_order(block: Block, rule: Rule, count_classes: bool, shape: &Shape) -> BuiltBlock {
     let mut counts = LevelCounts::default();
     let mut part = block.build(rule, count_classes, MAX_DENSE_LEVELS, &mut counts);
-    let sealed = part.seal(shape);
+    let sealed = part.seal(shape).unwrap();
     (part, sealed, counts)
 }
 

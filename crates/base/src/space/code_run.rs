@@ -1,0 +1,101 @@
+//! Runs of FD codes: parts of a space that a file has one behind the other.
+
+use super::code::Code;
+use super::dimension::Dimension;
+
+/// The bits of a code that tell the level.
+const LEVEL: u64 = 31;
+
+/// All nodes whose subtrees' codes lie from one number to another: a part of the space that is cut along the order of files.
+///
+/// ```
+/// use spinney::space::{Code, CodeRun, Dimension};
+/// let root = Code::root(Dimension::Quad);
+/// let run = CodeRun::of(root.child(1), root.child(2).child(0)).unwrap();
+/// assert!(run.contains(root.child(1).child(3)) && !run.contains(root.child(2)));
+/// assert!(run.touches(root.child(2)) && !run.touches(root.child(3)));
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CodeRun {
+    /// The least number of a code in it, without a level.
+    first: u64,
+    /// The greatest number of a code in it, with all bits of the level.
+    last: u64,
+}
+
+impl CodeRun {
+    /// The whole space.
+    pub const ALL: CodeRun = CodeRun { first: 0, last: u64::MAX >> 1 };
+
+    /// From the first code below one node to the last below another; `None` if these are the other way round.
+    pub fn of(first: Code, last: Code) -> Option<CodeRun> {
+        CodeRun::new(first.bits() & !LEVEL, last.last_bits())
+    }
+
+    /// The run from a number to another, as [`CodeRun::ends`] tells them; `None` if they are those of none.
+    pub fn new(first: u64, last: u64) -> Option<CodeRun> {
+        let is_one =
+            first & LEVEL == 0 && last & LEVEL == LEVEL && first <= last && last <= CodeRun::ALL.last;
+        is_one.then_some(CodeRun { first, last })
+    }
+
+    /// The least and the greatest number of a code in it. One is behind another if it begins with the number after that one's last.
+    pub fn ends(self) -> [u64; 2] {
+        [self.first, self.last]
+    }
+
+    /// Whether a node and all that is below it are in the run.
+    #[inline]
+    pub fn contains(self, node: Code) -> bool {
+        self.first <= node.bits() && node.last_bits() <= self.last
+    }
+
+    /// Whether something of a node is in the run.
+    #[inline]
+    pub fn touches(self, node: Code) -> bool {
+        self.first <= node.last_bits() && node.bits() & !LEVEL <= self.last
+    }
+
+    /// Number of the nodes at a level of which something is in the run.
+    pub fn nodes(self, dimension: Dimension, level: u8) -> u64 {
+        let shift = 63 - dimension.axes() as u32 * u32::from(level);
+        (self.last >> shift) - (self.first >> shift) + 1
+    }
+
+    /// Whether it has all or nothing of each node at a level.
+    pub fn is_cut_at(self, dimension: Dimension, level: u8) -> bool {
+        let below = (1u64 << (63 - dimension.axes() as u32 * u32::from(level))) - 1;
+        self.first & below == 0 && self.last & below == below
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_have_nodes_with_all_that_is_below() {
+        for dimension in [Dimension::Quad, Dimension::Oct] {
+            let root = Code::root(dimension);
+            assert!(CodeRun::ALL.contains(root) && CodeRun::ALL.touches(root));
+            assert!(CodeRun::ALL.is_cut_at(dimension, 0) && CodeRun::ALL.nodes(dimension, 0) == 1);
+            let deepest =
+                (0..dimension.max_depth()).fold(root, |node, _| node.child(dimension.children() - 1));
+            assert!(CodeRun::ALL.contains(deepest));
+            // From the second child's first child to the third child's second.
+            let (first, last) = (root.child(1).child(0), root.child(2).child(1));
+            let run = CodeRun::of(first, last).unwrap();
+            assert!(run.contains(root.child(1)) && run.contains(last.child(3)) && run.contains(first));
+            assert!(!run.contains(root.child(2)) && run.touches(root.child(2)) && run.touches(root));
+            assert!(!run.touches(root.child(0)) && !run.touches(root.child(2).child(2)));
+            assert_eq!(run.nodes(dimension, 2), dimension.children() as u64 + 2);
+            assert!(run.is_cut_at(dimension, 2) && !run.is_cut_at(dimension, 1));
+            let [first, last] = run.ends();
+            assert_eq!(CodeRun::new(first, last), Some(run));
+            assert_eq!(CodeRun::of(root.child(2), root.child(1)), None);
+        }
+        assert_eq!(CodeRun::new(1, 31), None);
+        assert_eq!(CodeRun::new(0, 32), None);
+        assert_eq!(CodeRun::new(0, u64::MAX), None);
+    }
+}

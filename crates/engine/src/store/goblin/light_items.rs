@@ -1,0 +1,269 @@
+//! Entries of segments and parts of nodes, as they stand in light files.
+
+use zerocopy::little_endian::{U32, U64};
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
+
+use super::directory::{Entry, entry_size};
+use super::held::file_order;
+use super::light_file::{ItemBytes, LightFile, LightPiece, LightWriter};
+use crate::store::builder::{Part, upper_levels};
+use crate::store::records::{RecordLayout, RunChildren, RunNode, Runs};
+use crate::tree::{Child, NodeState};
+use spinney_base::Result;
+use spinney_base::space::{Bounds, Code, CodeRun};
+use spinney_base::value::{Tally, Value, ValueType};
+use spinney_container::{Codec, Header, INNER, LEAF, VOID};
+
+/// The first byte of an entry, and of a part.
+const SEGMENT: u8 = 1;
+const TOP: u8 = 2;
+/// Bytes of the number of cells of a class.
+const CELLS: usize = 8;
+
+/// The start of a part. An entry follows that has its code and the tally, then class counts, then records.
+#[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
+#[repr(C)]
+struct RawPart {
+    total: U64,
+    value: [u8; 16],
+    state: u8,
+    zero: [u8; 3],
+    classes: U32,
+    records: U64,
+}
+
+/// What whoever puts a file together is told of a piece, in the order of the file.
+pub(super) enum Item {
+    /// The next segment of the run file.
+    Segment(Entry),
+    /// The part of a node that is merged with its siblings, whose segments have come.
+    Top(Part),
+}
+
+/// Writes the entry of a segment of a run file.
+pub(super) fn write_segment(light: &mut LightWriter, entry: &Entry) -> Result<()> {
+    light.write(&[&[SEGMENT], &entry.to_bytes()[..]].concat())
+}
+
+/// Writes the part of a node.
+pub(super) fn write_top(light: &mut LightWriter, part: &Part) -> Result<()> {
+    let Part { code, child, total, records, tally } = part;
+    let raw = RawPart {
+        total: (*total).into(),
+        value: child.value().unwrap_or_default().to_bytes(),
+        state: child.state() as u8,
+        zero: [0; 3],
+        classes: (tally.classes.len() as u32).into(),
+        records: (records.len() as u64).into(),
+    };
+    let (code, zone) = (*code, Tally { classes: Vec::new(), ..tally.clone() });
+    let entry =
+        Entry { code, offset: 0, length: 0, records: 0, classes: 0, codec: Codec::Plain, checksum: 0, zone };
+    let mut bytes = [&[TOP], raw.as_bytes(), &entry.to_bytes()].concat();
+    for (value, cells) in &tally.classes {
+        bytes.extend_from_slice(&value.to_bytes()[..tally.value_type.size()]);
+        bytes.extend_from_slice(&cells.to_le_bytes());
+    }
+    light.write(&bytes)?;
+    light.write(records)
+}
+
+/// Reads the entries and parts of a piece, and checks each.
+pub(super) struct Items<'h> {
+    header: &'h Header,
+    bytes: ItemBytes,
+    run: CodeRun,
+    run_bytes: u64,
+    /// Bytes of the segments so far.
+    position: u64,
+    /// The last segment, by the order of the file.
+    last_segment: Option<u64>,
+    /// The last number of a code below the last part.
+    last_top: Option<u64>,
+    /// Entries so far, for messages.
+    count: usize,
+}
+
+impl<'h> Items<'h> {
+    /// Those of a piece of a layer with a header.
+    pub(super) fn of(light: &LightFile, piece: &LightPiece, header: &'h Header) -> Result<Items<'h>> {
+        let (bytes, run, run_bytes) = (ItemBytes::of(light, piece)?, piece.piece.run, piece.run_bytes);
+        let (last_segment, last_top) = (None, None);
+        Ok(Items { header, bytes, run, run_bytes, position: 0, last_segment, last_top, count: 0 })
+    }
+
+    /// The next one; nothing behind the last.
+    ///
+    /// # Errors
+    /// If there is something else, or it cannot be that of this piece.
+    pub(super) fn next(&mut self) -> Result<Option<Item>> {
+        if self.bytes.is_over()? {
+            return match self.position == self.run_bytes {
+                true => Ok(None),
+                false => {
+                    let found = format!("segments of {} bytes", self.position);
+                    Err(self.bytes.corrupt(found, format!("{}", self.run_bytes)))
+                }
+            };
+        }
+        match self.bytes.take(1)?[0] {
+            SEGMENT => self.segment().map(|entry| Some(Item::Segment(entry))),
+            TOP => self.top().map(|part| Some(Item::Top(part))),
+            other => Err(self.bytes.corrupt(format!("{other}"), "an entry or a part")),
+        }
+    }
+
+    fn entry(&mut self) -> Result<Entry> {
+        let form = self.header.form;
+        let bytes = self.bytes.take(entry_size(form.value) as u64)?;
+        self.count += 1;
+        Entry::from_bytes(self.bytes.path(), self.count - 1, &bytes, form)
+    }
+
+    fn segment(&mut self) -> Result<Entry> {
+        let shape = &self.header.shape;
+        let entry = self.entry()?;
+        let order = file_order(entry.code, shape.crown_level());
+        let level = entry.code.level();
+        let owns = level == 0 || shape.is_candidate(level);
+        let follows = self.last_segment.is_none_or(|last| last < order);
+        let end = self.position.checked_add(entry.length).filter(|end| *end <= self.run_bytes);
+        let is_alike = entry.codec == Codec::Plain || self.header.codec == Codec::Packed;
+        let (Some(end), true) = (
+            end,
+            owns && follows
+                && is_alike
+                && level >= shape.crown_level()
+                && entry.offset == self.position
+                && self.run.contains(entry.code),
+        ) else {
+            let found = format!("a segment of node {} with {} bytes", entry.code, entry.length);
+            return Err(self.bytes.corrupt(found, "the next one of this piece"));
+        };
+        (self.position, self.last_segment) = (end, Some(order));
+        Ok(entry)
+    }
+
+    fn top(&mut self) -> Result<Part> {
+        let raw = self.bytes.take(size_of::<RawPart>() as u64)?;
+        let raw = RawPart::read_from_bytes(&raw).expect("as many bytes");
+        let Entry { code, mut zone, .. } = self.entry()?;
+        let width = zone.value_type.size();
+        let classes = self.bytes.take(u64::from(raw.classes.get()) * (width + CELLS) as u64)?;
+        zone.classes = classes.chunks_exact(width + CELLS).map(|class| class_of(class, width)).collect();
+        let value = Value::from_bytes(&raw.value[..width]);
+        let child = match raw.state {
+            VOID => Some(Child::Void),
+            LEAF => Some(Child::Leaf(value)),
+            INNER => Some(Child::Inner { representative: value, node: () }),
+            _ => None,
+        };
+        let records = self.bytes.take(raw.records.get())?;
+        let wrong = |what: &str| {
+            let found = format!("a part of node {code} with {what}");
+            self.bytes.corrupt(found, "what such a node can have")
+        };
+        let Some(child) = child else { return Err(wrong("another state")) };
+        self.check_place(code, child.state()).map_err(|what| wrong(what))?;
+        let part = Part { code, child, total: raw.total.get(), records, tally: zone };
+        self.check_part(&part).map_err(|what| wrong(what))?;
+        self.last_top = Some(code.last_bits());
+        Ok(part)
+    }
+
+    /// Whether the next part may be that of a node.
+    fn check_place(&self, code: Code, state: NodeState) -> Result<(), &'static str> {
+        let shape = &self.header.shape;
+        let crown = shape.crown_level();
+        if !self.run.contains(code) {
+            return Err("a place outside of the piece");
+        }
+        if self.last_top.is_some_and(|last| code.bits() <= last) {
+            return Err("a place before the last one's end");
+        }
+        // Invariant: parts above the crown's level are those of uniform nodes, since a shard merges none above it.
+        if code.level() > crown || code.level() < crown && state == NodeState::Inner {
+            return Err("another level than that of the crown");
+        }
+        if !has_cells(code, self.header) {
+            return Err("no cell within the extent");
+        }
+        Ok(())
+    }
+
+    fn check_part(&self, part: &Part) -> Result<(), &'static str> {
+        let Header { form, shape, .. } = self.header;
+        let tally = &part.tally;
+        let cells = form.dimension.cells(shape.depth - part.code.level());
+        let is_possible = match part.child.state() {
+            NodeState::Void => tally.cells == 0,
+            NodeState::Leaf => tally.cells == cells,
+            NodeState::Inner => tally.cells <= cells && part.code.level() < shape.depth,
+        };
+        let has_all = tally.present.iter().all(|present| *present <= tally.cells);
+        if !is_possible || !has_all || !tally.sum.are_possible(cells) {
+            return Err("other cells than it has");
+        }
+        if !are_classes(&tally.classes, tally, self.header.counts_classes()) {
+            return Err("classes that are none of its cells");
+        }
+        let has_records =
+            if part.child.is_inner() { are_records(part, self.header) } else { part.records.is_empty() };
+        if has_records { Ok(()) } else { Err("records that contradict each other") }
+    }
+}
+
+/// Whether a node has cells within the extent.
+pub(super) fn has_cells(code: Code, header: &Header) -> bool {
+    let (cells, extent) = (code.bounds(header.depth()), Bounds::picture(header.extent));
+    (0..3).all(|axis| cells.min[axis] < extent.max[axis])
+}
+
+fn class_of(class: &[u8], width: usize) -> (Value, u64) {
+    let (value, cells) = class.split_at(width);
+    (Value::from_bytes(value), u64::from_le_bytes(cells.try_into().expect("8 bytes")))
+}
+
+/// Whether these can be the classes of a zone.
+fn are_classes(classes: &[(Value, u64)], zone: &Tally, are_counted: bool) -> bool {
+    let order = |value_type: ValueType, pair: &[(Value, u64)]| value_type.order(pair[0].0, pair[1].0).is_lt();
+    let ascend = classes.windows(2).all(|pair| order(zone.value_type, pair));
+    let sum = classes.iter().try_fold(0u64, |sum, (_, cells)| sum.checked_add(*cells));
+    classes.is_empty() || are_counted && ascend && sum == Some(zone.cells)
+}
+
+/// Whether the records of a part are those of the upper levels of an INNER node, as its ancestors' segments need them.
+fn are_records(part: &Part, header: &Header) -> bool {
+    let (level, shape) = (part.code.level(), &header.shape);
+    if level == 0 {
+        // All of them are in the root's segment.
+        return part.records.is_empty();
+    }
+    let layout = RecordLayout::new(header.form);
+    let wanted = shape.cut_level(shape.parent_segment_level(level)).saturating_sub(level);
+    let places = layout.count(&part.records);
+    let is_whole = places * layout.size == part.records.len()
+        && layout.head(&part.records, 0).is_some_and(|head| head.skip as usize == places);
+    is_whole
+        && upper_levels(header.form, &part.records, wanted).is_ok()
+        && can_be_walked(&layout, &part.records, shape.depth - level)
+}
+
+/// Whether records lead from one to the other down to so many levels at most, and there are no others.
+fn can_be_walked(layout: &RecordLayout, records: &[u8], levels: u8) -> bool {
+    let mut pending = vec![(RunNode::default(), levels)];
+    let mut children = RunChildren::default();
+    let mut places = 0;
+    while let Some((node, levels)) = pending.pop() {
+        if levels == 0 || layout.run_children(records, node, &mut children).is_none() {
+            return false;
+        }
+        if node.below == 0 {
+            let head = layout.head(records, node.record as usize).expect("its children were read");
+            places += if head.dense == 0 { 1 } else { head.skip as usize };
+        }
+        let inner = children[..layout.children()].iter().filter(|child| child.state == INNER);
+        pending.extend(inner.map(|child| (child.node, levels - 1)));
+    }
+    places == layout.count(records)
+}

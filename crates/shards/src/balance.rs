@@ -1,0 +1,148 @@
+//! Cuts the space of a file's layers into shards with about as much to do.
+
+use std::collections::BTreeMap;
+
+use spinney_base::space::{Bounds, Code, CodeRun};
+use spinney_container::Header;
+use spinney_engine::store::goblin::Piece;
+
+/// Nodes that are weighed, at most, of all layers, unless each layer is one.
+const MOST_NODES: u64 = 1 << 16;
+
+/// Bytes of input that make the cells in a box of a layer.
+pub(crate) struct Load {
+    pub(crate) layer: usize,
+    pub(crate) cells: Bounds,
+    pub(crate) bytes: u64,
+}
+
+/// Cuts layers into so many shards: each has pieces that are one behind the other in the file, and all together have all of every layer. Shards
+/// for which nothing is left have none.
+pub(crate) fn cut(layers: &[Header], loads: &[Load], shards: u32) -> Vec<Vec<Piece>> {
+    let most = (MOST_NODES / layers.len().max(1) as u64).max(1);
+    let levels: Vec<u8> = layers.iter().map(|header| weighed_level(header, most)).collect();
+    let mut weights: BTreeMap<(usize, u64), u64> = BTreeMap::new();
+    for (layer, header) in layers.iter().enumerate() {
+        // (Where there is no input there is something to do, too.)
+        let all = Bounds::picture(header.extent);
+        each_node(header, levels[layer], &all, &mut |node, _| {
+            weights.insert((layer, node.bits()), 1);
+        });
+    }
+    for Load { layer, cells, bytes } in loads {
+        let volume = u128::from(cells.volume().max(1));
+        each_node(&layers[*layer], levels[*layer], cells, &mut |node, part| {
+            let share = (u128::from(*bytes) * u128::from(part.volume()) / volume) as u64;
+            let weight = weights.entry((*layer, node.bits())).or_default();
+            *weight = weight.saturating_add(share);
+        });
+    }
+    let total: u128 = weights.values().map(|weight| u128::from(*weight)).sum();
+    let mut pieces = vec![Vec::new(); shards as usize];
+    // A node belongs to the shard in whose part of the whole its middle is. Of each layer and shard the last node is known then, and
+    // runs go from one to the next.
+    let mut ends: Vec<(usize, u32, u64)> = Vec::new();
+    let mut before = 0u128;
+    for ((layer, node), weight) in &weights {
+        let middle = 2 * before + u128::from(*weight);
+        let shard = (middle * u128::from(shards) / (2 * total.max(1))).min(u128::from(shards) - 1) as u32;
+        before += u128::from(*weight);
+        match ends.last_mut() {
+            Some(end) if (end.0, end.1) == (*layer, shard) => end.2 = *node,
+            _ => ends.push((*layer, shard, *node)),
+        }
+    }
+    let mut first = 0;
+    for (number, (layer, shard, node)) in ends.iter().enumerate() {
+        let is_last = ends.get(number + 1).is_none_or(|next| next.0 != *layer);
+        let node = Code::from_bits(layers[*layer].form.dimension, *node).expect("codes of nodes");
+        let last = if is_last { CodeRun::ALL.ends()[1] } else { node.last_bits() };
+        let run = CodeRun::new(first, last).expect("nodes ascend");
+        pieces[*shard as usize].push(Piece { layer: *layer as u32, run });
+        first = if is_last { 0 } else { last + 1 };
+    }
+    pieces
+}
+
+/// The deepest level, not below the crown's, at which at most so many nodes have cells.
+fn weighed_level(header: &Header, most: u64) -> u8 {
+    let nodes = |level: u8| {
+        let side = |axis: usize| header.extent[axis].div_ceil(1 << (header.depth() - level));
+        (0..header.form.axes()).fold(1u64, |nodes, axis| nodes.saturating_mul(side(axis)))
+    };
+    (0..=header.shape.crown_level()).rev().find(|level| nodes(*level) <= most).unwrap_or(0)
+}
+
+/// Shows the nodes at a level that have cells of a box, with those cells.
+fn each_node(header: &Header, level: u8, cells: &Bounds, show: &mut dyn FnMut(Code, Bounds)) {
+    let (dimension, height) = (header.form.dimension, header.depth() - level);
+    let range = |axis: usize| match axis < dimension.axes() {
+        true => cells.min[axis] >> height..(cells.max[axis].max(1) - 1 >> height) + 1,
+        false => 0..1,
+    };
+    for z in range(2) {
+        for y in range(1) {
+            for x in range(0) {
+                let node = Code::from_cell(dimension, level, [x as u32, y as u32, z as u32]);
+                if let Some(node) = node {
+                    show(node, node.bounds(header.depth()).intersect(cells));
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spinney_base::Form;
+    use spinney_base::space::Dimension;
+    use spinney_base::value::{Kind, SampleType, ValueType};
+    use spinney_engine::store::BuildOptions;
+
+    fn header(depth: u8, extent: [u64; 3]) -> Header {
+        let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+        BuildOptions::new(Kind::Continuous, depth).header(form, extent).unwrap()
+    }
+
+    fn box_of(min: [u64; 2], max: [u64; 2]) -> Bounds {
+        Bounds { min: [min[0], min[1], 0], max: [max[0], max[1], 1] }
+    }
+
+    #[test]
+    fn shards_have_all_of_every_layer_and_about_as_much() {
+        let layers = [header(14, [10_000, 16_000, 1]), header(3, [5, 8, 1]), header(12, [4096, 1, 1])];
+        let loads = [
+            Load { layer: 0, cells: box_of([0, 0], [10_000, 16_000]), bytes: 1 << 30 },
+            Load { layer: 0, cells: box_of([0, 0], [2000, 2000]), bytes: 1 << 30 },
+            Load { layer: 2, cells: box_of([0, 0], [4096, 1]), bytes: 1 << 28 },
+        ];
+        for shards in [1, 2, 7, 64, 1000] {
+            let pieces = cut(&layers, &loads, shards);
+            assert_eq!(pieces.len(), shards as usize);
+            let all: Vec<&Piece> = pieces.iter().flatten().collect();
+            assert!(all.is_sorted_by_key(|piece| (piece.layer, piece.run.ends())));
+            for (number, header) in (0..).zip(&layers) {
+                let mut next = 0;
+                for piece in all.iter().filter(|piece| piece.layer == number) {
+                    assert_eq!(piece.run.ends()[0], next);
+                    assert!(piece.run.is_cut_at(Dimension::Quad, header.shape.crown_level()));
+                    next = piece.run.ends()[1] + 1;
+                }
+                assert_eq!(next, CodeRun::ALL.ends()[1] + 1);
+            }
+        }
+        // The first half of the input is in the first sixteenth of the space.
+        let halves = cut(&layers[..1], &loads[..2], 2);
+        let [_, last] = halves[0][0].run.ends();
+        let root = Code::root(Dimension::Quad);
+        assert!(last < root.child(0).last_bits() && last > root.child(0).child(0).bits(), "{last:x}");
+    }
+
+    #[test]
+    fn a_space_of_very_many_nodes_is_cut_as_well() {
+        let layers = [header(29, [1 << 29, 1 << 29, 1])];
+        let pieces = cut(&layers, &[], 5);
+        assert!(pieces.iter().all(|pieces| pieces.len() == 1));
+    }
+}

@@ -1,0 +1,335 @@
+//! A job in its folder: the plan, what is told of the layers, and the shards.
+
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use spinney_base::io::Output;
+use spinney_base::space::CodeRun;
+use spinney_base::{Error, Progress, Result};
+use spinney_container::{Header, OpenOptions};
+use spinney_engine::store::goblin::{Goblin, LightFile, Piece, Shard, merge_shards};
+use spinney_raster::import::RasterOptions;
+
+use crate::options::{PlannedOptions, ShardedImport};
+use crate::stamp::PlannedFile;
+
+/// The file of a job that says what is made of what.
+const PLAN: &str = "plan.json";
+/// The file that tells of the layers.
+const HEAD: &str = "head.goblin";
+/// The folder of shards.
+const SHARDS: &str = "shards";
+/// Bytes of a plan, at most.
+const MOST: u64 = 64 << 20;
+/// Version of the form of plans.
+const VERSION: u32 = 1;
+
+/// What `plan.json` says.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Plan {
+    /// The version of this form.
+    spinney_job: u32,
+    /// The version of the program: another one might make other bytes of the same input.
+    program: String,
+    head: PlannedHead,
+    pub(crate) options: PlannedOptions,
+    pub(crate) inputs: Vec<PathBuf>,
+    /// All files that are read.
+    pub(crate) files: Vec<PlannedFile>,
+    shards: Vec<Vec<PlannedPiece>>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PlannedHead {
+    bytes: u64,
+    xxh3: String,
+}
+
+/// A piece of a layer: the run of codes, in hexadecimal digits.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PlannedPiece {
+    layer: u32,
+    first: String,
+    last: String,
+}
+
+fn head_of(bytes: &[u8]) -> PlannedHead {
+    PlannedHead { bytes: bytes.len() as u64, xxh3: format!("{:032x}", xxhash_rust::xxh3::xxh3_128(bytes)) }
+}
+
+impl Plan {
+    /// A plan of all that it says, with the head's bytes.
+    pub(crate) fn new(
+        head: &[u8],
+        options: PlannedOptions,
+        (inputs, files): (Vec<PathBuf>, Vec<PlannedFile>),
+        shards: &[Vec<Piece>],
+    ) -> Plan {
+        let piece = |piece: &Piece| {
+            let [first, last] = piece.run.ends().map(|end| format!("{end:016x}"));
+            PlannedPiece { layer: piece.layer, first, last }
+        };
+        Plan {
+            spinney_job: VERSION,
+            program: env!("CARGO_PKG_VERSION").into(),
+            head: head_of(head),
+            options,
+            inputs,
+            files,
+            shards: shards.iter().map(|pieces| pieces.iter().map(piece).collect()).collect(),
+        }
+    }
+
+    /// The text of the file.
+    pub(crate) fn to_text(&self, folder: &Path) -> Result<String> {
+        let path = folder.join(PLAN);
+        let text = serde_json::to_string_pretty(self).map_err(|error| {
+            Error::unsupported(&path, error.to_string(), "give the inputs names that are text")
+        })?;
+        if text.len() as u64 >= MOST {
+            let advice = "make virtual rasters (gdalbuildvrt) of parts of them, and plan a job of these";
+            return Err(Error::unsupported(
+                path,
+                format!("a plan of {} bytes, for so many inputs,", text.len()),
+                advice,
+            ));
+        }
+        Ok(text + "\n")
+    }
+}
+
+/// A job that is planned.
+#[derive(Debug)]
+pub struct Job {
+    folder: PathBuf,
+    pub(crate) plan: Plan,
+    /// What all of its shards are marked by: a hash of the plan, which has one of the head.
+    id: u128,
+    pub(crate) import: ShardedImport,
+    pieces: Vec<Vec<Piece>>,
+}
+
+impl Job {
+    /// Opens the job in a folder.
+    ///
+    /// # Errors
+    /// If there is none, if it is damaged, or if another version of the program has planned it.
+    pub fn open(folder: &Path) -> Result<Job> {
+        let path = folder.join(PLAN);
+        let mut text = Vec::new();
+        let file = match File::open(&path) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                let advice = "`spinney shard plan` makes one, and says so when it is whole";
+                return Err(Error::unsupported(folder, "a folder without a job", advice));
+            }
+            file => file.map_err(Error::io(&path, "open"))?,
+        };
+        file.take(MOST + 1).read_to_end(&mut text).map_err(Error::io(&path, "read"))?;
+        let corrupt = |found: String, expected: &str| Error::corrupt(&path, "plan", found, expected);
+        if text.len() as u64 > MOST {
+            return Err(corrupt(format!("more than {MOST} bytes"), "a plan"));
+        }
+        let plan: Plan =
+            serde_json::from_slice(&text).map_err(|error| corrupt(error.to_string(), "a plan"))?;
+        let own = (VERSION, env!("CARGO_PKG_VERSION"));
+        if (plan.spinney_job, &*plan.program) != own {
+            return Err(Error::NotPlanned {
+                path,
+                found: format!("this is version {} of the program", own.1),
+                expected: format!("version {}", plan.program),
+                advice: "build all shards with one version, or plan another job",
+            });
+        }
+        let import = plan.options.import()?;
+        let (mut pieces, mut known) = (Vec::with_capacity(plan.shards.len()), Vec::new());
+        for shard in &plan.shards {
+            let shard: Option<Vec<Piece>> = shard.iter().map(PlannedPiece::piece).collect();
+            let shard = shard.ok_or_else(|| corrupt("ends of runs that are none".into(), "runs of codes"))?;
+            known.extend_from_slice(&shard);
+            pieces.push(shard);
+        }
+        let id = xxhash_rust::xxh3::xxh3_128(&text);
+        let job = Job { folder: folder.to_path_buf(), plan, id, import, pieces };
+        let layers = job.layers()?;
+        if !are_all(&known, &layers) || job.pieces.is_empty() {
+            return Err(corrupt("runs with gaps, or that overlap".into(), "all of each layer, once"));
+        }
+        Ok(job)
+    }
+
+    /// Headers of the layers.
+    fn layers(&self) -> Result<Vec<Header>> {
+        let path = self.head_path();
+        let length = std::fs::metadata(&path).map_err(Error::io(&path, "look at"))?.len();
+        let is_planned = length == self.plan.head.bytes && length <= MOST && {
+            let bytes = std::fs::read(&path).map_err(Error::io(&path, "read"))?;
+            head_of(&bytes) == self.plan.head
+        };
+        if !is_planned {
+            let expected = format!("{} bytes with hash {}", self.plan.head.bytes, self.plan.head.xxh3);
+            return Err(Error::corrupt(path, "the whole file", "other bytes", expected));
+        }
+        let head = Goblin::open(&path, &OpenOptions::default())?;
+        Ok(head.layers().iter().map(|layer| layer.header.clone()).collect())
+    }
+
+    /// The folder.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// The file that tells of the layers, and has no cells.
+    pub(crate) fn head_path(&self) -> PathBuf {
+        head_path(&self.folder)
+    }
+
+    /// Number of shards.
+    pub fn shards(&self) -> u32 {
+        self.pieces.len() as u32
+    }
+
+    /// Shards of which something is to be built: all others have no piece of any layer, and are made at once.
+    pub fn busy_shards(&self) -> u32 {
+        self.pieces.iter().filter(|pieces| !pieces.is_empty()).count() as u32
+    }
+
+    /// Bytes of all files that are read.
+    pub fn input_bytes(&self) -> u64 {
+        self.plan.files.iter().fold(0, |sum: u64, file| sum.saturating_add(file.bytes))
+    }
+
+    /// A shard by its number, from 0.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub(crate) fn shard(&self, number: u32) -> Result<Shard> {
+        let Some(pieces) = self.pieces.get(number as usize) else {
+            let expected = format!("0 to {}", self.shards() - 1);
+            return Err(Error::invalid("shard", number.to_string(), expected));
+        };
+        Ok(Shard { folder: self.folder.join(SHARDS), job: self.id, number, pieces: pieces.clone() })
+    }
+
+    /// Numbers of the shards that are not made, or of which something is not there any more.
+    ///
+    /// # Errors
+    /// If one is damaged, or of another job.
+    pub fn missing(&self) -> Result<Vec<u32>> {
+        let mut missing = Vec::new();
+        for number in 0..self.shards() {
+            if LightFile::find(&self.shard(number)?)?.is_none() {
+                missing.push(number);
+            }
+        }
+        Ok(missing)
+    }
+
+    /// Puts the file together; `memory` is what the directory may take before it goes to temporary files. Progress counts bytes.
+    ///
+    /// # Errors
+    /// If a shard is missing or damaged, or if the output cannot be written; on interruption. There is no output then, and the job
+    /// stays as it is.
+    pub fn merge(&self, output: Output, memory: u64, progress: &dyn Progress) -> Result<()> {
+        let missing = self.missing()?;
+        if !missing.is_empty() {
+            let what = format!("shards of {}", self.folder.display());
+            let found = format!(
+                "{} of {}: {} are missing",
+                self.shards() - missing.len() as u32,
+                self.shards(),
+                ranges(&missing)
+            );
+            let expected =
+                format!("all of them; `spinney shard build {} K` makes the shard K", self.folder.display());
+            return Err(Error::invalid(what, found, expected));
+        }
+        let shards = (0..self.shards()).map(|number| self.shard(number)).collect::<Result<Vec<_>>>()?;
+        let effort = self.import.packing().effort;
+        merge_shards(&self.head_path(), &shards, output, (memory / 8, effort), progress)
+    }
+
+    /// Options for reading the headers of inputs.
+    pub(crate) fn raster_options(&self) -> RasterOptions {
+        raster_options(&self.import)
+    }
+}
+
+/// Options by which files are opened to know what belongs to them.
+pub(crate) fn raster_options(import: &ShardedImport) -> RasterOptions {
+    let mut options = RasterOptions::new();
+    options.layer.clone_from(&import.import().layer);
+    options.page = import.import().page;
+    options
+}
+
+pub(crate) fn head_path(folder: &Path) -> PathBuf {
+    folder.join(HEAD)
+}
+
+pub(crate) fn plan_path(folder: &Path) -> PathBuf {
+    folder.join(PLAN)
+}
+
+pub(crate) fn shards_path(folder: &Path) -> PathBuf {
+    folder.join(SHARDS)
+}
+
+impl PlannedPiece {
+    /// The piece; `None` if the digits are not those of a run.
+    fn piece(&self) -> Option<Piece> {
+        let end = |digits: &str| u64::from_str_radix(digits, 16).ok();
+        Some(Piece { layer: self.layer, run: CodeRun::new(end(&self.first)?, end(&self.last)?)? })
+    }
+}
+
+/// Whether pieces have all of each layer, one behind the other, and are cut where they may be.
+fn are_all(pieces: &[Piece], layers: &[Header]) -> bool {
+    let mut pieces = pieces.iter();
+    let mut next_layer = 0;
+    for header in layers {
+        let mut next = 0;
+        while next <= CodeRun::ALL.ends()[1] {
+            let Some(piece) = pieces.next() else { return false };
+            let [first, last] = piece.run.ends();
+            let is_cut = piece.run.is_cut_at(header.form.dimension, header.shape.crown_level());
+            if piece.layer != next_layer || first != next || !is_cut {
+                return false;
+            }
+            next = last + 1;
+        }
+        next_layer += 1;
+    }
+    pieces.next().is_none()
+}
+
+/// Numbers that ascend, in words: "3, 7 to 9".
+fn ranges(numbers: &[u32]) -> String {
+    let mut text = String::new();
+    for run in numbers.chunk_by(|a, b| a + 1 == *b) {
+        let comma = if text.is_empty() { "" } else { ", " };
+        match run {
+            [only] => write!(text, "{comma}{only}"),
+            [first, .., last] => write!(text, "{comma}{first} to {last}"),
+            [] => Ok(()),
+        }
+        .expect("strings take all");
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_are_short() {
+        assert_eq!(ranges(&[3]), "3");
+        assert_eq!(ranges(&[0, 1, 2, 5, 7, 8]), "0 to 2, 5, 7 to 8");
+    }
+}

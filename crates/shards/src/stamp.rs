@@ -1,0 +1,118 @@
+//! Whether files are those that were there when a job was planned.
+
+use std::collections::{BTreeMap, HashSet};
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::time::UNIX_EPOCH;
+
+use serde::{Deserialize, Serialize};
+use spinney_base::io::{local_path, url_of};
+use spinney_base::{Error, Result};
+use spinney_raster::import::{RasterOptions, files_of};
+
+/// A file that a plan knows.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct PlannedFile {
+    /// The file's name, from the root of the file system on.
+    pub(crate) path: PathBuf,
+    /// Its bytes.
+    pub(crate) bytes: u64,
+    /// The time of its last change, in nanoseconds since the beginning of 1970.
+    modified: i64,
+}
+
+impl PlannedFile {
+    /// The file as it is; nothing if there is none.
+    fn look(path: &Path) -> Result<Option<PlannedFile>> {
+        let about = || Error::io(path, "look at");
+        let found = match fs::metadata(path) {
+            Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
+                return Ok(None);
+            }
+            found => found.map_err(about())?,
+        };
+        let modified = found.modified().map_err(about())?;
+        let modified = match modified.duration_since(UNIX_EPOCH) {
+            Ok(since) => i64::try_from(since.as_nanos()).unwrap_or(i64::MAX),
+            Err(before) => i64::try_from(before.duration().as_nanos()).map_or(i64::MIN, |nanos| -nanos),
+        };
+        Ok(Some(PlannedFile { path: path.to_path_buf(), bytes: found.len(), modified }))
+    }
+
+    fn described(&self) -> String {
+        format!("{} bytes, changed {} ns after 1970", self.bytes, self.modified)
+    }
+}
+
+/// A path from the root of the file system on, so that it means the same to whoever works in another folder.
+///
+/// # Errors
+/// If it is one of a file elsewhere, or standard input.
+pub(crate) fn absolute(path: &Path) -> Result<PathBuf> {
+    let path = &*local_path(path);
+    if url_of(path).is_some() {
+        return Err(Error::unsupported(path, "a file elsewhere", "copy it to this machine first"));
+    }
+    if path == Path::new("-") {
+        return Err(Error::unsupported(
+            path,
+            "standard input",
+            "write it to a file that all shards can read",
+        ));
+    }
+    std::path::absolute(path).map_err(Error::io(path, "look at"))
+}
+
+/// All files that reading some inputs looks at and that are there, each once, in their order; and the bytes of each input with what
+/// belongs to it.
+///
+/// # Errors
+/// If one cannot be looked at.
+pub(crate) fn look(inputs: &[PathBuf], options: &RasterOptions) -> Result<(Vec<PlannedFile>, Vec<u64>)> {
+    let (mut known, mut files, mut sizes) = (HashSet::new(), Vec::new(), Vec::new());
+    for input in inputs {
+        let mut size = 0u64;
+        for path in files_of(input, options)? {
+            // (A source's path is relative to the file that names it, which is absolute.)
+            let Some(file) = PlannedFile::look(&path)? else { continue };
+            size = size.saturating_add(file.bytes);
+            if known.insert(path) {
+                files.push(file);
+            }
+        }
+        sizes.push(size);
+    }
+    Ok((files, sizes))
+}
+
+/// Makes sure that files are those of a plan, and no others.
+///
+/// # Errors
+/// If a file has changed, has gone or has come.
+pub(crate) fn check(inputs: &[PathBuf], options: &RasterOptions, planned: &[PlannedFile]) -> Result<()> {
+    let differs = |path: &Path, found: String, expected: String| Error::NotPlanned {
+        path: path.to_path_buf(),
+        found,
+        expected,
+        advice: "a shard is made of the planned files alone: put this one back as it was, with its time, or plan another job",
+    };
+    // (Before the files are read to know what else belongs to them.)
+    for file in planned {
+        match PlannedFile::look(&file.path)? {
+            Some(found) if found == *file => {}
+            found => {
+                let found = found
+                    .map_or("there is no such file".into(), |found| format!("has {}", found.described()));
+                return Err(differs(&file.path, found, file.described()));
+            }
+        }
+    }
+    let known: BTreeMap<&Path, &PlannedFile> = planned.iter().map(|file| (&*file.path, file)).collect();
+    let (files, _) = look(inputs, options)?;
+    match files.iter().find(|file| known.get(&*file.path) != Some(file)) {
+        None => Ok(()),
+        Some(file) => Err(differs(&file.path, format!("has {}", file.described()), "no such file".into())),
+    }
+}

@@ -1,0 +1,41 @@
+//! `spinney shard build`: one shard of a job.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::Result;
+use spinney::shards::Job;
+
+use super::super::Global;
+use super::super::args::Memory;
+use super::super::report::{Work, quantity};
+
+/// Build a shard of a job, unless it is made already
+///
+/// Shards are built in any order, several at a time, and again where a process was cut off: what it has left does not count. Fails if an
+/// input, or a file beside it, is not the one that was planned.
+#[derive(clap::Args)]
+pub(super) struct Args {
+    /// Folder of the job
+    job: PathBuf,
+    /// Number of the shard, from 0
+    #[arg(value_name = "K")]
+    number: u32,
+    #[command(flatten)]
+    memory: Memory,
+}
+
+pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
+    let start = Instant::now();
+    let job = Job::open(&args.job)?;
+    let work = Work::start(global, "cells")?;
+    let built = job.build(args.number, args.memory.bytes, &work)?;
+    work.finish();
+    let (number, bytes) = (args.number, quantity::bytes(built.bytes));
+    let text = match built.was_there {
+        true => format!("{number} of {}: {bytes}, is made already", job.shards()),
+        false => format!("{number} of {}: {bytes}, in {:.1} s", job.shards(), start.elapsed().as_secs_f64()),
+    };
+    global.report("shard", text);
+    Ok(())
+}

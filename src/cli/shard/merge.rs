@@ -1,0 +1,46 @@
+//! `spinney shard merge`: the file that shards make together.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Result, bail};
+use spinney::shards::Job;
+use spinney::store::TreeFormat;
+
+use super::super::Global;
+use super::super::args::{Memory, OutputLimit};
+use super::super::report::{Work, report_built};
+
+/// Put the shards of a job together
+///
+/// Shards are checked and copied one behind the other; what stands above them all is made. The job stays as it is: remove its folder when the file is
+/// there.
+#[derive(clap::Args)]
+pub(super) struct Args {
+    /// Folder of the job
+    job: PathBuf,
+    /// File to write; - is standard output
+    #[arg(short, long, value_name = "OUT.goblin")]
+    output: PathBuf,
+    #[command(flatten)]
+    memory: Memory,
+    #[command(flatten)]
+    limit: OutputLimit,
+}
+
+pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
+    let start = Instant::now();
+    if TreeFormat::of(&args.output) == TreeFormat::Autumnal {
+        bail!(
+            "{}: shards make a .goblin file; `spinney build` of that makes an .autumn file, which can be edited",
+            args.output.display()
+        )
+    }
+    let job = Job::open(&args.job)?;
+    let work = Work::start(global, "bytes")?;
+    let output = args.limit.create_tree(&args.output)?;
+    job.merge(output, args.memory.bytes, &work)?;
+    work.finish();
+    report_built(global, &args.output, start, Some(job.input_bytes()));
+    Ok(())
+}

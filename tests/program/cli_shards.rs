@@ -1,0 +1,394 @@
+//! Trees that are built in shards: the bytes of one build, whatever happens on the way.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::thread::sleep;
+use std::time::Duration;
+
+use spinney::export::image::{Format, ImageSpec, create};
+use spinney::io::Output;
+use spinney::space::{Crs, Frame};
+use spinney::store::Metadata;
+use spinney::value::{SampleType, ValueType};
+
+use crate::common::Random;
+use crate::common::command::{complaint, spinney, stderr};
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_spinney");
+
+/// A folder for one test.
+struct Place(tempfile::TempDir);
+
+impl Place {
+    fn new() -> Place {
+        Place(tempfile::tempdir().unwrap())
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn name(&self, name: &str) -> String {
+        self.path(name).to_str().unwrap().into()
+    }
+
+    /// A grey picture at a place of a grid, of squares of one value and of noise.
+    fn picture(&self, name: &str, at: [u64; 2], size: [u64; 2]) -> String {
+        let path = self.path(name);
+        let frame = Frame {
+            crs: Some(Crs::epsg(32632)),
+            ..Frame::planar([
+                10.0,
+                0.0,
+                1000.0 + 10.0 * at[0] as f64,
+                0.0,
+                -10.0,
+                5000.0 - 10.0 * at[1] as f64,
+            ])
+        };
+        let [width, height] = size;
+        let value = ValueType::new(SampleType::U8, 1);
+        let metadata = Metadata { frame, ..Metadata::default() };
+        let spec = ImageSpec { width, height, value, alpha: false, void: false, metadata };
+        let format = spinney::export::image::format_of(&path).unwrap_or(Format::Tiff);
+        let mut writer = create(Output::create(&path).unwrap(), format, &spec).unwrap();
+        let mut random = Random(width + 7 * at[0]);
+        for y in 0..height {
+            let pixel = |x| match (x / 150 + y / 150 * 3) % 4 {
+                0 => (x / 50 % 3) as u8,
+                _ => random.below(5) as u8 + (x / 300) as u8,
+            };
+            let row: Vec<u8> = (0..width).map(pixel).collect();
+            writer.write_rows(&row, None).unwrap();
+        }
+        writer.finish().unwrap();
+        self.name(name)
+    }
+
+    /// Plans, builds all shards, and merges them; the bytes are those of a build of the same inputs.
+    fn compare(&self, inputs: &[&str], options: &[&str], shards: &[u32]) {
+        let (whole, merged) = (self.name("whole.goblin"), self.name("merged.goblin"));
+        spinney(&[&["-q", "build", "-o", &whole], inputs, options].concat()).success();
+        for count in shards {
+            let (job, count) = (self.name("job"), *count);
+            let words = count.to_string();
+            let plan = ["-q", "shard", "plan", "-o", &job, "--shards", &words];
+            spinney(&[&plan, inputs, options].concat()).success();
+            // The last ones first.
+            for number in (0..count).rev() {
+                spinney(&["-q", "shard", "build", &job, &number.to_string(), "--memory", "32M"]).success();
+            }
+            spinney(&["-q", "shard", "merge", &job, "-o", &merged]).success();
+            let same = fs::read(&merged).unwrap() == fs::read(&whole).unwrap();
+            assert!(same, "{count} shards of {inputs:?} with {options:?}");
+            assert_eq!(self.leftovers("job/shards"), Vec::<String>::new());
+            fs::remove_dir_all(&job).unwrap();
+        }
+    }
+
+    /// Files in a folder that are no part of a job.
+    fn leftovers(&self, folder: &str) -> Vec<String> {
+        let entries = fs::read_dir(self.path(folder)).unwrap();
+        let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        let mut rest: Vec<String> =
+            names.filter(|name| !name.ends_with(".run") && !name.ends_with(".light")).collect();
+        rest.sort();
+        rest
+    }
+}
+
+#[test]
+fn shards_of_pictures_make_the_bytes_of_a_build() {
+    let place = Place::new();
+    let tiff = place.picture("a.tif", [0, 0], [1400, 1100]);
+    place.compare(&[&tiff], &[], &[1, 2, 7, 64]);
+    place.compare(&[&tiff], &["--codec", "packed", "--kind", "categorical"], &[1, 7]);
+    place.compare(&[&tiff], &["--depth", "12", "--rule", "max", "--nodata", "2"], &[3]);
+    // From the top down alone, whole, and with opacity.
+    let png = place.picture("b.png", [0, 0], [1300, 900]);
+    place.compare(&[&png], &["--transform", "1,0,0.1,0,-1,1e7"], &[1, 2, 7]);
+    let webp = place.picture("c.webp", [0, 0], [1000, 600]);
+    place.compare(&[&webp], &[], &[5]);
+    place.compare(&["tests/import/pictures/rgb.jpg"], &[], &[2]);
+    place.compare(&["fixtures/island_rgb.png"], &["--band", "2"], &[2]);
+    place.compare(&["fixtures/island_classes.tif"], &[], &[64]);
+}
+
+#[test]
+fn shards_of_several_pictures_make_the_bytes_of_a_build() {
+    let place = Place::new();
+    let mut tiles = Vec::new();
+    // More than are open at a time; some overlap, some are apart, one is from the top down.
+    for number in 0..20 {
+        let ending = if number == 7 { "png" } else { "tif" };
+        let at = [number % 5 * 230 + number, number / 5 * 260 + 5 * (number % 3)];
+        tiles.push(place.picture(&format!("{number}.{ending}"), at, [200 + 5 * number, 256]));
+        if number == 7 {
+            let world = format!("10\n0\n0\n-10\n{}\n{}\n", 1005 + 10 * at[0], 4995 - 10 * at[1]);
+            fs::write(place.path("7.pgw"), world).unwrap();
+            fs::copy(place.path("7.pgw"), place.path("7.wld")).unwrap();
+        }
+    }
+    let tiles: Vec<&str> = tiles.iter().map(String::as_str).collect();
+    place.compare(&tiles, &["--crs", "EPSG:32632"], &[1, 2, 7, 64]);
+    let sources: String = [0, 1, 5]
+        .iter()
+        .map(|number: &u64| {
+            let (x, y, width) = (number % 5 * 230, number / 5 * 260, 200 + 5 * number);
+            format!(
+                "<SimpleSource><SourceFilename relativeToVRT=\"1\">{number}.tif</SourceFilename><SourceBand>1</SourceBand>\
+                 <SrcRect xOff=\"0\" yOff=\"0\" xSize=\"{width}\" ySize=\"256\"/>\
+                 <DstRect xOff=\"{x}\" yOff=\"{y}\" xSize=\"{width}\" ySize=\"256\"/></SimpleSource>"
+            )
+        })
+        .collect();
+    let vrt = format!(
+        "<VRTDataset rasterXSize=\"700\" rasterYSize=\"600\"><VRTRasterBand dataType=\"Byte\" band=\"1\">\
+         <NoDataValue>0</NoDataValue>{sources}</VRTRasterBand></VRTDataset>"
+    );
+    fs::write(place.path("all.vrt"), vrt).unwrap();
+    place.compare(&[&place.name("all.vrt")], &["--codec", "packed"], &[4]);
+}
+
+#[test]
+fn shards_of_stacks_make_the_bytes_of_a_build() {
+    let place = Place::new();
+    let fine = place.picture("B02.tif", [0, 0], [1200, 1000]);
+    let other = place.picture("B03.png", [0, 0], [1200, 1000]);
+    fs::write(place.path("B03.pgw"), "10\n0\n0\n-10\n1005\n4995\n").unwrap();
+    place.compare(&[&fine, &other], &["--stack", "--crs", "EPSG:32632"], &[1, 2, 7, 64]);
+    let times = ["--stack", "--crs", "EPSG:32632", "--names", "a,b", "--times", "2024-05-31,2024-06-01"];
+    place.compare(&[&fine, &other], &[&times[..], &["--codec", "packed"]].concat(), &[3]);
+}
+
+/// A job of a picture, and what a build makes of it.
+fn job(place: &Place, shards: &str) -> (String, Vec<u8>) {
+    let picture = place.picture("p.tif", [0, 0], [1500, 1200]);
+    let (job, whole) = (place.name("job"), place.name("whole.goblin"));
+    spinney(&["-q", "build", &picture, "-o", &whole]).success();
+    spinney(&["-q", "shard", "plan", &picture, "-o", &job, "--shards", shards]).success();
+    (job, fs::read(whole).unwrap())
+}
+
+fn build(job: &str, number: u32) -> std::process::Child {
+    let mut command = Command::new(PROGRAM);
+    command.args(["-q", "shard", "build", job, &number.to_string()]).stderr(Stdio::null());
+    command.spawn().unwrap()
+}
+
+#[test]
+fn shards_that_are_killed_are_built_again() {
+    let place = Place::new();
+    let (job, whole) = job(&place, "4");
+    let merged = place.name("merged.goblin");
+    let missing = complaint(&["shard", "merge", &job, "-o", &merged], 1);
+    assert!(missing.contains("0 to 3 are missing") && missing.contains("shard build"), "{missing}");
+    let mut delay = 1;
+    for number in 0..4 {
+        // Later and later, until one comes to its end before.
+        loop {
+            let mut child = build(&job, number);
+            sleep(Duration::from_millis(delay));
+            delay += 3;
+            child.kill().unwrap();
+            child.wait().unwrap();
+            if place.path(&format!("job/shards/000{number}.light")).exists() || delay > 60 {
+                break;
+            }
+        }
+        if number == 1 {
+            let missing = complaint(&["shard", "merge", &job, "-o", &merged], 1);
+            assert!(missing.contains("2 to 3 are missing") || missing.contains("0 to 3"), "{missing}");
+            assert!(!Path::new(&merged).exists());
+        }
+        // Two at a time, and then once more.
+        let both = [build(&job, number), build(&job, number)];
+        both.into_iter().for_each(|mut child| assert!(child.wait().unwrap().success()));
+        let again = stderr(spinney(&["shard", "build", &job, &number.to_string()]).success());
+        assert!(again.contains("is made already"), "{again}");
+    }
+    assert_eq!(place.leftovers("job/shards"), Vec::<String>::new());
+    // Two merges at once, after one that was killed.
+    let merge = |name: &str| {
+        let mut command = Command::new(PROGRAM);
+        command.args(["-q", "shard", "merge", &job, "-o", &place.name(name)]).spawn().unwrap()
+    };
+    let mut killed = merge("merged.goblin");
+    killed.kill().unwrap();
+    killed.wait().unwrap();
+    let both = [merge("merged.goblin"), merge("merged.goblin")];
+    both.into_iter().for_each(|mut child| assert!(child.wait().unwrap().success()));
+    assert!(fs::read(&merged).unwrap() == whole);
+    assert_eq!(place.leftovers("."), ["job", "merged.goblin", "p.tif", "whole.goblin"]);
+    // A run file that is gone is built again, one that is damaged is found.
+    let run = place.path("job/shards/0002-0.run");
+    fs::remove_file(&run).unwrap();
+    assert!(complaint(&["shard", "merge", &job, "-o", &merged], 1).contains("2 are missing"));
+    spinney(&["-q", "shard", "build", &job, "2"]).success();
+    let mut bytes = fs::read(&run).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(&run, bytes).unwrap();
+    assert!(complaint(&["shard", "merge", &job, "-o", &merged], 1).contains("0002-0.run"));
+    assert!(fs::read(&merged).unwrap() == whole, "the older file stays");
+}
+
+#[test]
+fn shards_of_other_inputs_than_planned_are_refused() {
+    let place = Place::new();
+    let (job, _) = job(&place, "3");
+    spinney(&["-q", "shard", "build", &job, "0"]).success();
+    let path = place.path("p.tif");
+    let before = fs::metadata(&path).unwrap().modified().unwrap();
+    let touch = |time| fs::File::options().append(true).open(&path).unwrap().set_modified(time).unwrap();
+    touch(before + Duration::from_secs(5));
+    let text = complaint(&["shard", "build", &job, "1"], 1);
+    assert!(text.contains("p.tif") && text.contains("was planned"), "{text}");
+    // What was made before is made.
+    spinney(&["-q", "shard", "build", &job, "0"]).success();
+    touch(before);
+    spinney(&["-q", "shard", "build", &job, "1"]).success();
+    // A file beside it that was not there.
+    let beside = place.path("p.tif.aux.xml");
+    fs::write(&beside, "<PAMDataset></PAMDataset>").unwrap();
+    let text = complaint(&["shard", "build", &job, "2"], 1);
+    assert!(text.contains("p.tif.aux.xml"), "{text}");
+    fs::remove_file(&beside).unwrap();
+    let away = place.path("q.tif");
+    fs::rename(&path, &away).unwrap();
+    assert!(complaint(&["shard", "build", &job, "2"], 1).contains("there is no such file"));
+    fs::rename(&away, &path).unwrap();
+    spinney(&["-q", "shard", "build", &job, "2"]).success();
+}
+
+#[test]
+fn plans_are_made_again_and_not_mixed() {
+    let place = Place::new();
+    let (job, _) = job(&place, "3");
+    let (picture, plan) = (place.name("p.tif"), place.path("job/plan.json"));
+    let text = fs::read_to_string(&plan).unwrap();
+    let again = ["shard", "plan", &picture, "-o", &job, "--shards", "3"];
+    assert!(stderr(spinney(&again).success()).contains("as it was planned before"));
+    assert_eq!(fs::read_to_string(&plan).unwrap(), text);
+    let other = complaint(&["shard", "plan", &picture, "-o", &job, "--shards", "4"], 1);
+    assert!(other.contains("another job"), "{other}");
+    // A plan that was cut off before its last step is made anew.
+    fs::remove_file(&plan).unwrap();
+    let none = complaint(&["shard", "build", &job, "0"], 1);
+    assert!(none.contains("without a job") && none.contains("shard plan"), "{none}");
+    spinney(&["-q", "shard", "plan", &picture, "-o", &job, "--shards", "3"]).success();
+    assert_eq!(fs::read_to_string(&plan).unwrap(), text);
+    spinney(&["-q", "shard", "build", &job, "0"]).success();
+    fs::remove_file(&plan).unwrap();
+    assert!(complaint(&again, 1).contains("without a plan"));
+    fs::write(&plan, &text).unwrap();
+    let full = complaint(&["shard", "plan", &picture, "-o", &place.name("")], 1);
+    assert!(full.contains("has something else"), "{full}");
+    // Shards of one job are none of another.
+    let second = place.name("second");
+    spinney(&["-q", "shard", "plan", &picture, "-o", &second, "--shards", "2"]).success();
+    for name in ["0000.light", "0000-0.run"] {
+        fs::copy(place.path("job/shards").join(name), place.path("second/shards").join(name)).unwrap();
+    }
+    assert!(complaint(&["shard", "build", &second, "0"], 1).contains("another job"));
+    assert!(complaint(&["shard", "build", &job, "3"], 1).contains("0 to 2"));
+}
+
+#[test]
+fn plans_that_are_damaged_are_refused() {
+    let place = Place::new();
+    let (job, _) = job(&place, "2");
+    let plan = place.path("job/plan.json");
+    let text = fs::read_to_string(&plan).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let refused = |bad: &str, word: &str| {
+        fs::write(&plan, bad).unwrap();
+        let said = complaint(&["shard", "build", &job, "0"], 1);
+        assert!(said.contains(word), "{bad}\n{said}");
+        complaint(&["shard", "merge", &job, "-o", &place.name("merged.goblin")], 1);
+    };
+    refused("", "plan");
+    refused("[]", "plan");
+    refused(&"[".repeat(100_000), "plan");
+    for length in (1..text.len() - 2).step_by(1 + text.len() / 40) {
+        refused(&text[..length], "plan");
+    }
+    let changed = |change: &dyn Fn(&mut serde_json::Value)| {
+        let mut json = json.clone();
+        change(&mut json);
+        serde_json::to_string(&json).unwrap()
+    };
+    for (pointer, value, word) in [
+        ("/spinney_job", "2", "version"),
+        ("/program", "\"0.0.0\"", "version 0.0.0"),
+        ("/shards/0/0/first", "\"0000000000000001\"", "runs"),
+        ("/shards/0/0/last", "\"ffffffffffffffff\"", "runs"),
+        ("/shards/0/0/last", "\"x\"", "runs"),
+        ("/shards/0/0/layer", "1", "once"),
+        ("/shards/1", "[]", "once"),
+        ("/shards", "[]", "once"),
+        ("/head/bytes", "1", "head.goblin"),
+        ("/head/xxh3", "\"\"", "head.goblin"),
+        ("/options/kind", "\"odd\"", "kind"),
+        ("/options/depth", "200", "depth"),
+        ("/options/transform", "[\"nan\",\"0\",\"0\",\"0\",\"0\",\"0\"]", "transform"),
+        ("/inputs", "[]", "at least one"),
+        ("/files/0/path", "\"/gone\"", "/gone"),
+        ("/options/rule", "\"max\"", "was planned"),
+    ] {
+        let bad = changed(&|json| *json.pointer_mut(pointer).unwrap() = serde_json::from_str(value).unwrap());
+        refused(&bad, word);
+    }
+    fs::write(&plan, &text).unwrap();
+    let head = place.path("job/head.goblin");
+    let bytes = fs::read(&head).unwrap();
+    for at in (0..bytes.len()).step_by(1 + bytes.len() / 20) {
+        let mut bad = bytes.clone();
+        bad[at] ^= 0x10;
+        fs::write(&head, bad).unwrap();
+        assert!(complaint(&["shard", "build", &job, "0"], 1).contains("head.goblin"));
+    }
+    fs::write(&head, bytes).unwrap();
+    spinney(&["-q", "shard", "build", &job, "0"]).success();
+}
+
+#[test]
+fn what_shards_do_not_have_is_said() {
+    let place = Place::new();
+    let picture = place.picture("p.tif", [0, 0], [300, 200]);
+    let (job, tree) = (place.name("job"), place.name("t.goblin"));
+    spinney(&["-q", "build", &picture, "-o", &tree]).success();
+    let refused = |arguments: &[&str], word: &str| {
+        let said = complaint(&[&["shard", "plan"], arguments].concat(), 1);
+        assert!(said.contains(word), "{arguments:?}: {said}");
+        assert!(!Path::new(&job).exists());
+    };
+    refused(&[&picture, "-o", &job, "--share"], "--share is not for shards");
+    refused(&[&picture, "-o", &job, "--grid", "xyz"], "--grid is not for shards");
+    refused(&[&picture, "-o", &job, "--max-bytes", "1G"], "--max-bytes is not for shards");
+    refused(&[&picture, "-o", &job, "--resampling", "nearest"], "--resampling is for other grids");
+    refused(&[&picture, "-o", &job, "--pages", "z"], "--pages z is not for shards");
+    refused(&[&tree, "-o", &job], "is a tree");
+    refused(&[&picture, "-o", &place.name("job.autumn")], "folder of a job");
+    refused(&[&picture, "-o", &place.name("job.goblin")], "folder of a job");
+    refused(&[&picture, "-o", "-"], "standard output");
+    refused(&["-", "-o", &job], "standard input");
+    refused(&["https://example.org/p.tif", "-o", &job], "elsewhere");
+    refused(&[&place.name("gone.tif"), "-o", &job], "gone.tif");
+    let coarse = place.picture("coarse.tif", [0, 0], [30, 20]);
+    let world = [&picture, &coarse, "-o", &job, "--stack", "--resampling", "nearest"];
+    spinney(&[&["-q", "shard", "plan"], &world[..]].concat()).success();
+    fs::remove_dir_all(&job).unwrap();
+    spinney(&["shard", "plan", &picture, "-o", &job, "--shards", "0"]).code(2);
+    spinney(&["-q", "shard", "plan", &picture, "-o", &job]).success();
+    spinney(&["-q", "shard", "build", &job, "0"]).success();
+    let said = complaint(&["shard", "merge", &job, "-o", &place.name("t.autumn")], 1);
+    assert!(said.contains("shards make a .goblin file"), "{said}");
+    let said = complaint(&["shard", "merge", &job, "-o", &place.name("u.goblin"), "--max-bytes", "100"], 1);
+    assert!(said.contains("100"), "{said}");
+    assert!(!place.path("u.goblin").exists());
+    // To standard output, too.
+    let written = spinney(&["-q", "shard", "merge", &job, "-o", "-"]).success().get_output().stdout.clone();
+    assert!(written == fs::read(&tree).unwrap());
+}
