@@ -354,7 +354,7 @@ pub(crate) struct FileOptions {
 }
 
 impl FileOptions {
-    fn pictures(&self) -> PyResult<ImportOptions> {
+    pub(crate) fn pictures(&self) -> PyResult<ImportOptions> {
         let mut options = ImportOptions::new();
         options.kind = self.kind.as_ref().map(|name| name.parse()).transpose().or_raise()?;
         options.rule = self.rule.as_ref().map(|name| name.parse()).transpose().or_raise()?;
@@ -382,7 +382,7 @@ impl FileOptions {
     }
 
     /// All that is asked of a stack; nothing if none is.
-    fn stack(&self) -> PyResult<Option<StackOptions>> {
+    pub(crate) fn stack(&self) -> PyResult<Option<StackOptions>> {
         let every_page = self.has_pages("layers");
         if !self.stack && !every_page {
             return match self.names.is_some() || self.times.is_some() {

@@ -35,6 +35,7 @@ mod rebuild;
 mod samples;
 mod save;
 mod sections;
+mod shards;
 mod solids;
 mod stack;
 mod stored;
@@ -72,6 +73,8 @@ mod _native {
     use super::points::{Points, build_point_array, build_point_files, is_points};
     #[pymodule_export]
     use super::rebuild::is_tree;
+    #[pymodule_export]
+    use super::shards::{build_shard, look_at_job, merge_shards, missing_shards, plan_shards};
     #[pymodule_export]
     use super::stack::build_layers;
     #[pymodule_export]

@@ -1,0 +1,130 @@
+"""Trees of pictures that many processes build, on one machine or on many.
+
+A job is planned, each of its shards is built by itself, and shards are put together. The bytes are those of `spinney.build`::
+
+    from spinney import shards
+
+    job = shards.plan("tiles/*.tif", "job", shards=64, codec="packed")
+    for number in range(job.shards):        # each may be another process, in any order, and may be run again
+        job.build(number)
+    job.merge("country.goblin")
+
+The program's `spinney shard` does the same with the same folders; `spinney.dask.build` lets a cluster of Dask do it.
+"""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Sequence
+from typing import Any, Literal
+
+from . import _native
+from ._files import MEMORY
+from ._options import packing_of
+from ._progress import memory_of, working
+from ._told import crs_text, numbers_of
+from ._times import text_of_time
+from ._types import Codec, Effort, Path, Progress
+
+__all__ = ["Job", "plan"]
+
+#: Options of features and models, which shards are not made of.
+_OTHERS = ("cells", "cell", "grid", "max_zoom", "resampling", "edge", "attribute", "up", "unit", "value", "overlaps", "width", "where")
+
+
+def plan(
+    sources: Path | Sequence[Path],
+    job: Path,
+    *,
+    shards: int | None = None,
+    kind: Literal["categorical", "continuous"] | None = None,
+    rule: str | None = None,
+    bands: Sequence[int | str] | None = None,
+    nodata: float | None = None,
+    transform: Any = None,
+    crs: Any = None,
+    depth: int | None = None,
+    layer: str | None = None,
+    pages: int | Literal["layers"] | None = None,
+    stack: bool = False,
+    names: Sequence[str] | None = None,
+    times: Sequence[Any] | None = None,
+    keep_transparent: bool = False,
+    codec: Codec = "plain",
+    effort: Effort | None = None,
+    max_error: float | None = None,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> Job:
+    """Plans what is built of pictures, and by which shards, in a folder, which is made if there is none; no pixel is read.
+
+    Sources are paths, or a pattern such as "tiles/*.tif", whose files are taken by their names; the options are those of `spinney.build`
+    for pictures. Without a number of `shards` there is one for each GiB of input. The same plan may be made again; a folder that has
+    another one is left as it is, which is an error.
+    """
+    given: dict[str, Any] = {
+        "kind": kind,
+        "rule": rule,
+        "bands": None if bands is None else list(bands),
+        "nodata": nodata,
+        "transform": None if transform is None else numbers_of(transform),
+        "crs": crs_text(crs),
+        "depth": depth,
+        "layer": layer,
+        "pages": pages,
+        "stack": stack,
+        "names": None if names is None else [str(name) for name in names],
+        "times": None if times is None else [time if isinstance(time, str) else text_of_time(time) for time in times],
+        "keep_transparent": keep_transparent,
+        "packing": packing_of(codec, effort, max_error),
+    }
+    of_others = dict.fromkeys(_OTHERS) | {"shell": False, "fractions": False, "allow_ballpark": False}
+    options = given | of_others | {"memory": memory_of(MEMORY), "share": False, "time": None}
+    with working(progress, threads) as terms:
+        _native.plan_shards(_files_of(sources), os.fspath(job), options, shards, terms)
+    return Job(job)
+
+
+def _files_of(sources: Path | Sequence[Path]) -> list[str]:
+    """The paths that are meant."""
+    if not isinstance(sources, str | os.PathLike):
+        return [os.fspath(source) for source in sources]
+    path = os.fspath(sources)
+    if os.path.exists(path) or not glob.has_magic(path):
+        return [path]
+    found = sorted(glob.glob(path))
+    if not found:
+        raise FileNotFoundError(f"{path}: there are no such files")
+    return found
+
+
+class Job:
+    """A job that is planned: a folder, which any process that sees it and the inputs by the same paths can work on."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = os.fspath(path)
+        self.shards, self.busy_shards, self.input_bytes = _native.look_at_job(self.path)
+
+    def __fspath__(self) -> str:
+        return self.path
+
+    def __repr__(self) -> str:
+        return f"<Job {self.path}: {self.shards} shards>"
+
+    def build(self, number: int, *, memory: int | str = MEMORY, threads: int | None = None, progress: Progress = None) -> bool:
+        """Builds a shard, from 0, unless it is made already, which is told. An error if an input is not the one that was planned."""
+        with working(progress, threads) as terms:
+            was_there, _ = _native.build_shard(self.path, number, memory_of(memory), terms)
+        return was_there
+
+    def missing(self) -> list[int]:
+        """Numbers of the shards that are not made."""
+        return _native.missing_shards(self.path)
+
+    def merge(
+        self, out: Path, *, memory: int | str = MEMORY, max_bytes: int | str | None = None, threads: int | None = None, progress: Progress = None
+    ) -> None:
+        """Puts the shards together, all of which must be made. The job stays."""
+        with working(progress, threads, max_bytes) as terms:
+            _native.merge_shards(self.path, os.fspath(out), memory_of(memory), terms)

@@ -1,0 +1,72 @@
+//! Trees of pictures that many processes build.
+
+use std::path::PathBuf;
+
+use pyo3::prelude::*;
+use spinney::shards::{Job, ShardedImport, plan};
+
+use crate::build::FileOptions;
+use crate::error::{OrRaise, invalid};
+use crate::files::check_output;
+use crate::jobs::{self, Terms};
+
+/// Plans a job in a folder; returns whether the same one was there already.
+#[pyfunction]
+pub(crate) fn plan_shards(
+    py: Python<'_>,
+    paths: Vec<PathBuf>,
+    job: PathBuf,
+    options: FileOptions,
+    shards: Option<u32>,
+    terms: Terms,
+) -> PyResult<bool> {
+    let import = match options.stack()? {
+        Some(stack) => ShardedImport::Stack(stack),
+        None => ShardedImport::Pictures(options.pictures()?),
+    };
+    jobs::run(py, terms, |work| Ok(plan(&paths, &import, &job, shards, work)?.was_there))
+}
+
+/// A job: shards, those of them of which something is to be built, and bytes of input.
+#[pyfunction]
+pub(crate) fn look_at_job(job: PathBuf) -> PyResult<(u32, u32, u64)> {
+    let job = Job::open(&job).or_raise()?;
+    Ok((job.shards(), job.busy_shards(), job.input_bytes()))
+}
+
+/// Builds a shard, unless it is made already; returns whether it was, and the bytes of its segments.
+#[pyfunction]
+pub(crate) fn build_shard(
+    py: Python<'_>,
+    job: PathBuf,
+    number: u32,
+    memory: u64,
+    terms: Terms,
+) -> PyResult<(bool, u64)> {
+    jobs::run(py, terms, |work| {
+        let built = Job::open(&job)?.build(number, memory, work)?;
+        Ok((built.was_there, built.bytes))
+    })
+}
+
+/// Numbers of the shards that are not made.
+#[pyfunction]
+pub(crate) fn missing_shards(py: Python<'_>, job: PathBuf) -> PyResult<Vec<u32>> {
+    py.detach(|| Job::open(&job)?.missing()).or_raise()
+}
+
+/// Puts the shards of a job together.
+#[pyfunction]
+pub(crate) fn merge_shards(
+    py: Python<'_>,
+    job: PathBuf,
+    out: PathBuf,
+    memory: u64,
+    terms: Terms,
+) -> PyResult<()> {
+    if out.extension().is_some_and(|ending| ending == "autumn") {
+        return Err(invalid("out: shards make a .goblin file; build() of that makes an .autumn file"));
+    }
+    check_output(std::slice::from_ref(&job), &out)?;
+    jobs::run(py, terms, |work| Job::open(&job)?.merge(work.create_tree(&out)?, memory, work))
+}
