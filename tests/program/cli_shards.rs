@@ -263,6 +263,49 @@ fn shards_of_other_inputs_than_planned_are_refused() {
 }
 
 #[test]
+fn shards_open_the_inputs_that_they_are_made_of() {
+    let place = Place::new();
+    // Four pictures at the corners of a square, and a strip that only the first two shards have to do with.
+    let places = [[0, 0], [1300, 0], [0, 1300], [1300, 1300], [0, 0]];
+    let sizes = [[700, 700], [700, 700], [700, 700], [700, 700], [2000, 100]];
+    let inputs: Vec<String> =
+        (0..5).map(|number| place.picture(&format!("{number}.tif"), places[number], sizes[number])).collect();
+    let (job, whole, merged) = (place.name("job"), place.name("whole.goblin"), place.name("merged.goblin"));
+    let inputs: Vec<&str> = inputs.iter().map(String::as_str).collect();
+    spinney(&[&["-q", "build", "-o", &whole, "--nodata", "1"], &inputs[..]].concat()).success();
+    spinney(&[&["-q", "shard", "plan", "-o", &job, "--shards", "4", "--nodata", "1"], &inputs[..]].concat())
+        .success();
+    let (last, away) = (place.path("3.tif"), place.path("away.tif"));
+    fs::rename(&last, &away).unwrap();
+    spinney(&["-q", "shard", "build", &job, "0"]).success();
+    assert!(complaint(&["shard", "build", &job, "3"], 1).contains("3.tif"));
+    fs::rename(&away, &last).unwrap();
+    for number in 0..4 {
+        spinney(&["-q", "shard", "build", &job, &number.to_string()]).success();
+    }
+    spinney(&["-q", "shard", "merge", &job, "-o", &merged]).success();
+    assert!(fs::read(&merged).unwrap() == fs::read(&whole).unwrap());
+    // Places that cannot be.
+    let plan = place.path("job/plan.json");
+    let json: serde_json::Value = serde_json::from_slice(&fs::read(&plan).unwrap()).unwrap();
+    for (pointer, value, word) in [
+        ("/inputs/1/region", "[18446744073709551615, 0, 700, 700]", "in the mosaic"),
+        ("/inputs/1/region", "[1301, 0, 700, 700]", "in the mosaic"),
+        ("/inputs/1/region", "null", "in the mosaic"),
+        ("/inputs/4/region", "[0, 0, 1999, 100]", "4.tif"),
+        ("/mosaic/size", "[2001, 2000]", "in the mosaic"),
+        ("/mosaic/nodata", "\"x\"", "number"),
+    ] {
+        let mut bad = json.clone();
+        *bad.pointer_mut(pointer).unwrap() = serde_json::from_str(value).unwrap();
+        fs::write(&plan, bad.to_string()).unwrap();
+        fs::remove_file(place.path("job/shards/0000.light")).unwrap_or_default();
+        let said = complaint(&["shard", "build", &job, "0"], 1);
+        assert!(said.contains(word), "{pointer}: {said}");
+    }
+}
+
+#[test]
 fn plans_are_made_again_and_not_mixed() {
     let place = Place::new();
     let (job, _) = job(&place, "3");
@@ -334,7 +377,9 @@ fn plans_that_are_damaged_are_refused() {
         ("/options/depth", "200", "depth"),
         ("/options/transform", "[\"nan\",\"0\",\"0\",\"0\",\"0\",\"0\"]", "transform"),
         ("/inputs", "[]", "at least one"),
-        ("/files/0/path", "\"/gone\"", "/gone"),
+        ("/inputs/0/files/0/path", "\"/gone\"", "/gone"),
+        ("/inputs/0/path", "\"/gone\"", "/gone"),
+        ("/mosaic", "{\"size\": [9, 9], \"nodata\": null, \"flag_all\": false}", "in the mosaic"),
         ("/options/rule", "\"max\"", "was planned"),
     ] {
         let bad = changed(&|json| *json.pointer_mut(pointer).unwrap() = serde_json::from_str(value).unwrap());

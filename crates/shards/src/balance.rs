@@ -77,7 +77,7 @@ fn weighed_level(header: &Header, most: u64) -> u8 {
 fn each_node(header: &Header, level: u8, cells: &Bounds, show: &mut dyn FnMut(Code, Bounds)) {
     let (dimension, height) = (header.form.dimension, header.depth() - level);
     let range = |axis: usize| match axis < dimension.axes() {
-        true => cells.min[axis] >> height..(cells.max[axis].max(1) - 1 >> height) + 1,
+        true => cells.min[axis] >> height..((cells.max[axis].max(1) - 1) >> height) + 1,
         false => 0..1,
     };
     for z in range(2) {

@@ -1,11 +1,15 @@
 //! Building of one shard of a job.
 
-use spinney_base::{Progress, Result};
-use spinney_engine::store::TreeWriter;
-use spinney_engine::store::goblin::LightFile;
-use spinney_raster::import::{plan as plan_pictures, plan_stack, write_layers};
+use std::path::PathBuf;
 
-use crate::job::Job;
+use spinney_base::space::{Bounds, Dimension, Region};
+use spinney_base::{Progress, Result};
+use spinney_container::OpenOptions;
+use spinney_engine::store::TreeWriter;
+use spinney_engine::store::goblin::{Goblin, LightFile, Shard};
+use spinney_raster::import::{MosaicPlan, plan as plan_pictures, plan_part, plan_stack, write_layers};
+
+use crate::job::{Job, PlannedInput};
 use crate::options::ShardedImport;
 use crate::stamp::check;
 
@@ -30,21 +34,56 @@ impl Job {
         if let Some(light) = LightFile::find(&shard)? {
             return Ok(Built { was_there: true, bytes: light.run_bytes() });
         }
-        let check = || check(&self.plan.inputs, &self.raster_options(), &self.plan.files);
+        let inputs = self.inputs_of(&shard);
+        let check = || {
+            let options = self.raster_options();
+            inputs.iter().try_for_each(|input| {
+                progress.check()?;
+                check(&input.path, &options, &input.files)
+            })
+        };
         check()?;
-        let (folder, inputs) = (shard.folder.clone(), &self.plan.inputs);
+        let paths: Vec<PathBuf> = inputs.iter().map(|input| input.path.clone()).collect();
+        let folder = shard.folder.clone();
         let mut file = TreeWriter::shard(&self.head_path(), shard.clone())?;
-        match self.import.clone().with_memory(memory) {
-            ShardedImport::Pictures(options) => {
-                plan_pictures(inputs, &options)?.write(&mut file, &folder, progress)?;
+        match (self.import.clone().with_memory(memory), self.mosaic_of(&shard)) {
+            (ShardedImport::Pictures(options), Some(mosaic)) => {
+                let head = Goblin::open(&self.head_path(), &OpenOptions::default())?;
+                let planned = (head.header(), head.metadata());
+                plan_part(&paths, &mosaic, planned, &options)?.write(&mut file, &folder, progress)?;
             }
-            ShardedImport::Stack(options) => {
-                write_layers(&plan_stack(inputs, &options)?, &mut file, &folder, progress)?;
+            (ShardedImport::Pictures(options), None) => {
+                plan_pictures(&paths, &options)?.write(&mut file, &folder, progress)?;
+            }
+            (ShardedImport::Stack(options), _) => {
+                write_layers(&plan_stack(&paths, &options)?, &mut file, &folder, progress)?;
             }
         }
         // Once more, since the shard has to be of one state of them.
         check()?;
         file.finish()?;
         Ok(Built { was_there: false, bytes: LightFile::find(&shard)?.map_or(0, |light| light.run_bytes()) })
+    }
+
+    /// Numbers of the inputs that a shard is made of: of a mosaic those alone that have pixels in it.
+    fn touched(&self, shard: &Shard) -> Vec<usize> {
+        let Some(mosaic) = &self.mosaic else { return (0..self.plan.inputs.len()).collect() };
+        let depth = self.depth;
+        let touches = |region: &Region| {
+            let cells = Bounds { min: [region.x, region.y, 0], max: [region.right(), region.bottom(), 1] };
+            shard.pieces.iter().any(|piece| piece.run.cells(Dimension::Quad, depth, &cells) > 0)
+        };
+        (0..mosaic.regions.len()).filter(|input| touches(&mosaic.regions[*input])).collect()
+    }
+
+    fn inputs_of(&self, shard: &Shard) -> Vec<&PlannedInput> {
+        self.touched(shard).into_iter().map(|input| &self.plan.inputs[input]).collect()
+    }
+
+    /// The mosaic of these inputs.
+    fn mosaic_of(&self, shard: &Shard) -> Option<MosaicPlan> {
+        let mut mosaic = self.mosaic.clone()?;
+        mosaic.regions = self.touched(shard).into_iter().map(|input| mosaic.regions[input]).collect();
+        Some(mosaic)
     }
 }

@@ -7,13 +7,13 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use spinney_base::io::Output;
-use spinney_base::space::CodeRun;
+use spinney_base::space::{CodeRun, Region};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Header, OpenOptions};
 use spinney_engine::store::goblin::{Goblin, LightFile, Piece, Shard, merge_shards};
-use spinney_raster::import::RasterOptions;
+use spinney_raster::import::{MosaicPlan, RasterOptions};
 
-use crate::options::{PlannedOptions, ShardedImport};
+use crate::options::{PlannedOptions, ShardedImport, number};
 use crate::stamp::PlannedFile;
 
 /// The file of a job that says what is made of what.
@@ -37,10 +37,41 @@ pub(crate) struct Plan {
     program: String,
     head: PlannedHead,
     pub(crate) options: PlannedOptions,
-    pub(crate) inputs: Vec<PathBuf>,
-    /// All files that are read.
-    pub(crate) files: Vec<PlannedFile>,
+    /// What several pictures on one grid are together.
+    mosaic: Option<PlannedMosaic>,
+    pub(crate) inputs: Vec<PlannedInput>,
     shards: Vec<Vec<PlannedPiece>>,
+}
+
+/// What several pictures are together, but for each one's place.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PlannedMosaic {
+    size: [u64; 2],
+    nodata: Option<String>,
+    flag_all: bool,
+}
+
+/// An input, and the files that reading it looks at.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct PlannedInput {
+    pub(crate) path: PathBuf,
+    /// In a mosaic, its first column and row, and how many it has.
+    region: Option<[u64; 4]>,
+    pub(crate) files: Vec<PlannedFile>,
+}
+
+impl PlannedInput {
+    /// An input with its files.
+    pub(crate) fn new(path: PathBuf, files: Vec<PlannedFile>) -> PlannedInput {
+        PlannedInput { path, region: None, files }
+    }
+
+    /// Bytes of its files.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.files.iter().fold(0, |sum: u64, file| sum.saturating_add(file.bytes))
+    }
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -68,9 +99,13 @@ impl Plan {
     pub(crate) fn new(
         head: &[u8],
         options: PlannedOptions,
-        (inputs, files): (Vec<PathBuf>, Vec<PlannedFile>),
+        (mut inputs, mosaic): (Vec<PlannedInput>, Option<&MosaicPlan>),
         shards: &[Vec<Piece>],
     ) -> Plan {
+        let regions = mosaic.map_or(&[][..], |mosaic| &mosaic.regions);
+        for (input, Region { x, y, width, height }) in inputs.iter_mut().zip(regions.iter().copied()) {
+            input.region = Some([x, y, width, height]);
+        }
         let piece = |piece: &Piece| {
             let [first, last] = piece.run.ends().map(|end| format!("{end:016x}"));
             PlannedPiece { layer: piece.layer, first, last }
@@ -80,10 +115,24 @@ impl Plan {
             program: env!("CARGO_PKG_VERSION").into(),
             head: head_of(head),
             options,
+            mosaic: mosaic.map(|MosaicPlan { size, nodata, flag_all, .. }| PlannedMosaic {
+                size: *size,
+                nodata: nodata.map(|nodata| nodata.to_string()),
+                flag_all: *flag_all,
+            }),
             inputs,
-            files,
             shards: shards.iter().map(|pieces| pieces.iter().map(piece).collect()).collect(),
         }
+    }
+
+    /// What the inputs are together, if they are a mosaic.
+    fn mosaic(&self) -> Result<Option<MosaicPlan>> {
+        let Some(PlannedMosaic { size, nodata, flag_all }) = &self.mosaic else { return Ok(None) };
+        let nodata = nodata.as_deref().map(number).transpose()?;
+        let mut mosaic = MosaicPlan::new(*size, nodata, *flag_all);
+        let regions = self.inputs.iter().filter_map(|input| input.region);
+        mosaic.regions = regions.map(|[x, y, width, height]| Region::new(x, y, width, height)).collect();
+        Ok(Some(mosaic))
     }
 
     /// The text of the file.
@@ -112,6 +161,10 @@ pub struct Job {
     /// What all of its shards are marked by: a hash of the plan, which has one of the head.
     id: u128,
     pub(crate) import: ShardedImport,
+    /// What several pictures on one grid are together; regions are those of all inputs.
+    pub(crate) mosaic: Option<MosaicPlan>,
+    /// Levels of the first layer.
+    pub(crate) depth: u8,
     pieces: Vec<Vec<Piece>>,
 }
 
@@ -147,6 +200,7 @@ impl Job {
             });
         }
         let import = plan.options.import()?;
+        let mosaic = plan.mosaic()?;
         let (mut pieces, mut known) = (Vec::with_capacity(plan.shards.len()), Vec::new());
         for shard in &plan.shards {
             let shard: Option<Vec<Piece>> = shard.iter().map(PlannedPiece::piece).collect();
@@ -155,28 +209,16 @@ impl Job {
             pieces.push(shard);
         }
         let id = xxhash_rust::xxh3::xxh3_128(&text);
-        let job = Job { folder: folder.to_path_buf(), plan, id, import, pieces };
-        let layers = job.layers()?;
+        let layers = planned_layers(folder, &plan.head)?;
+        let depth = layers.first().map_or(0, Header::depth);
+        let job = Job { folder: folder.to_path_buf(), plan, id, import, mosaic, depth, pieces };
         if !are_all(&known, &layers) || job.pieces.is_empty() {
             return Err(corrupt("runs with gaps, or that overlap".into(), "all of each layer, once"));
         }
-        Ok(job)
-    }
-
-    /// Headers of the layers.
-    fn layers(&self) -> Result<Vec<Header>> {
-        let path = self.head_path();
-        let length = std::fs::metadata(&path).map_err(Error::io(&path, "look at"))?.len();
-        let is_planned = length == self.plan.head.bytes && length <= MOST && {
-            let bytes = std::fs::read(&path).map_err(Error::io(&path, "read"))?;
-            head_of(&bytes) == self.plan.head
-        };
-        if !is_planned {
-            let expected = format!("{} bytes with hash {}", self.plan.head.bytes, self.plan.head.xxh3);
-            return Err(Error::corrupt(path, "the whole file", "other bytes", expected));
+        if !job.mosaic.as_ref().is_none_or(|mosaic| is_placed(mosaic, &job.plan.inputs, &layers)) {
+            return Err(corrupt("inputs that are not in the mosaic".into(), "places of all inputs in it"));
         }
-        let head = Goblin::open(&path, &OpenOptions::default())?;
-        Ok(head.layers().iter().map(|layer| layer.header.clone()).collect())
+        Ok(job)
     }
 
     /// The folder.
@@ -201,7 +243,7 @@ impl Job {
 
     /// Bytes of all files that are read.
     pub fn input_bytes(&self) -> u64 {
-        self.plan.files.iter().fold(0, |sum: u64, file| sum.saturating_add(file.bytes))
+        self.plan.inputs.iter().fold(0, |sum: u64, input| sum.saturating_add(input.bytes()))
     }
 
     /// A shard by its number, from 0.
@@ -260,6 +302,22 @@ impl Job {
     }
 }
 
+/// Headers of the layers that a job's head tells of, if it is the planned one.
+fn planned_layers(folder: &Path, planned: &PlannedHead) -> Result<Vec<Header>> {
+    let path = head_path(folder);
+    let length = std::fs::metadata(&path).map_err(Error::io(&path, "look at"))?.len();
+    let is_planned = length == planned.bytes && length <= MOST && {
+        let bytes = std::fs::read(&path).map_err(Error::io(&path, "read"))?;
+        head_of(&bytes) == *planned
+    };
+    if !is_planned {
+        let expected = format!("{} bytes with hash {}", planned.bytes, planned.xxh3);
+        return Err(Error::corrupt(path, "the whole file", "other bytes", expected));
+    }
+    let head = Goblin::open(&path, &OpenOptions::default())?;
+    Ok(head.layers().iter().map(|layer| layer.header.clone()).collect())
+}
+
 /// Options by which files are opened to know what belongs to them.
 pub(crate) fn raster_options(import: &ShardedImport) -> RasterOptions {
     let mut options = RasterOptions::new();
@@ -291,21 +349,29 @@ impl PlannedPiece {
 /// Whether pieces have all of each layer, one behind the other, and are cut where they may be.
 fn are_all(pieces: &[Piece], layers: &[Header]) -> bool {
     let mut pieces = pieces.iter();
-    let mut next_layer = 0;
-    for header in layers {
+    for (number, header) in (0..).zip(layers) {
         let mut next = 0;
         while next <= CodeRun::ALL.ends()[1] {
             let Some(piece) = pieces.next() else { return false };
             let [first, last] = piece.run.ends();
             let is_cut = piece.run.is_cut_at(header.form.dimension, header.shape.crown_level());
-            if piece.layer != next_layer || first != next || !is_cut {
+            if piece.layer != number || first != next || !is_cut {
                 return false;
             }
             next = last + 1;
         }
-        next_layer += 1;
     }
     pieces.next().is_none()
+}
+
+/// Whether a mosaic is the only layer, and has all inputs.
+fn is_placed(mosaic: &MosaicPlan, inputs: &[PlannedInput], layers: &[Header]) -> bool {
+    let is_inside = |region: &Region| {
+        region.x.checked_add(region.width).is_some_and(|right| right <= mosaic.size[0])
+            && region.y.checked_add(region.height).is_some_and(|bottom| bottom <= mosaic.size[1])
+    };
+    let is_layer = matches!(layers, [header] if header.extent[..2] == mosaic.size && header.form.axes() == 2);
+    is_layer && mosaic.regions.len() == inputs.len() && mosaic.regions.iter().all(is_inside)
 }
 
 /// Numbers that ascend, in words: "3, 7 to 9".

@@ -142,7 +142,7 @@ impl PlannedOptions {
     }
 }
 
-fn number<T: std::str::FromStr>(text: &str) -> Result<T> {
+pub(crate) fn number<T: std::str::FromStr>(text: &str) -> Result<T> {
     text.parse().map_err(|_| Error::invalid("number", format!("`{text}`"), "a number"))
 }
 

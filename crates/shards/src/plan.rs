@@ -6,14 +6,14 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use spinney_base::io::Output;
-use spinney_base::space::{Bounds, Dimension};
+use spinney_base::space::{Bounds, Dimension, Region};
 use spinney_base::{Error, Progress, Result};
 use spinney_engine::store::TreeWriter;
 use spinney_engine::store::goblin::Goblin;
-use spinney_raster::import::{Stack, plan as plan_pictures, plan_stack, write_layers};
+use spinney_raster::import::{MosaicPlan, Stack, plan as plan_pictures, plan_stack, write_layers};
 
 use crate::balance::{Load, cut};
-use crate::job::{Job, Plan, head_path, plan_path, raster_options, shards_path};
+use crate::job::{Job, Plan, PlannedInput, head_path, plan_path, raster_options, shards_path};
 use crate::options::{PlannedOptions, ShardedImport};
 use crate::stamp::{absolute, look};
 
@@ -51,20 +51,24 @@ pub fn plan(
         let found = shards.unwrap_or_default().to_string();
         return Err(Error::invalid("shards", found, format!("1 to {MOST_SHARDS}")));
     }
-    let places = inputs.iter().map(|input| absolute(input)).collect::<Result<Vec<_>>>()?;
     // (What was looked at before the headers are read cannot be of a later state than these.)
-    let (files, sizes) = look(&places, &raster_options(import))?;
+    let look = |input: &PathBuf| {
+        let place = absolute(input)?;
+        let files = look(&place, &raster_options(import))?;
+        Ok(PlannedInput::new(place, files))
+    };
+    let planned = inputs.iter().map(look).collect::<Result<Vec<_>>>()?;
     check_folder(folder)?;
     let kept = Kept::default();
     let head = Output::to_writer(&head_path(folder), Box::new(kept.clone()));
-    let (loads, description) = write_head(inputs, &sizes, import, head, progress)?;
+    let Told { loads, mosaic, description } = write_head((inputs, &planned), import, head, progress)?;
     let head = kept.0.lock().unwrap_or_else(PoisonError::into_inner).clone();
     let layers = Goblin::from_bytes(head.clone())?;
     let layers: Vec<_> = layers.layers().iter().map(|layer| layer.header.clone()).collect();
-    let bytes = files.iter().fold(0, |sum: u64, file| sum.saturating_add(file.bytes));
+    let bytes = planned.iter().fold(0, |sum: u64, input| sum.saturating_add(input.bytes()));
     let shards = shards.unwrap_or(bytes.div_ceil(BYTES_OF_SHARD).clamp(1, MOST_UNASKED) as u32);
     let pieces = cut(&layers, &loads, shards);
-    let plan = Plan::new(&head, PlannedOptions::of(import), (places, files), &pieces);
+    let plan = Plan::new(&head, PlannedOptions::of(import), (planned, mosaic.as_ref()), &pieces);
     let text = plan.to_text(folder)?;
     let path = plan_path(folder);
     let was_there = path.exists();
@@ -87,33 +91,37 @@ pub fn plan(
     Ok(Planned { job: Job::open(folder)?, was_there, description })
 }
 
-/// Writes what is told of the layers, and tells which input makes which cells.
+/// What is known of a job when what is told of its layers is written.
+struct Told {
+    /// Which input makes which cells.
+    loads: Vec<Load>,
+    /// What several pictures are together.
+    mosaic: Option<MosaicPlan>,
+    description: Vec<(&'static str, String)>,
+}
+
+/// Writes what is told of the layers.
 fn write_head(
-    inputs: &[PathBuf],
-    sizes: &[u64],
+    (inputs, planned): (&[PathBuf], &[PlannedInput]),
     import: &ShardedImport,
     head: Output,
     progress: &dyn Progress,
-) -> Result<(Vec<Load>, Vec<(&'static str, String)>)> {
-    let size_of = |path: &Path| inputs.iter().position(|input| input == path).map_or(0, |input| sizes[input]);
+) -> Result<Told> {
     match import {
         ShardedImport::Pictures(options) => {
             let picture = plan_pictures(inputs, options)?;
-            let description = picture.description().to_vec();
-            // (Nobody looks a path up that is in its place: there may be very many.)
-            let parts = picture.parts().into_iter().enumerate().map(|(number, (path, region))| {
-                let bytes = match inputs.get(number) {
-                    Some(input) if *input == path => sizes[number],
-                    _ => size_of(&path),
-                };
+            let (description, mosaic) = (picture.description().to_vec(), picture.mosaic().cloned());
+            let whole = [Region::new(0, 0, picture.info().width, picture.info().height)];
+            let regions = mosaic.as_ref().map_or(&whole[..], |mosaic| &mosaic.regions);
+            let loads = regions.iter().zip(planned).map(|(region, input)| {
                 let (min, max) = ([region.x, region.y, 0], [region.right(), region.bottom(), 1]);
-                Load { layer: 0, cells: Bounds { min, max }, bytes }
+                Load { layer: 0, cells: Bounds { min, max }, bytes: input.bytes() }
             });
-            let loads = parts.collect();
+            let loads = loads.collect();
             let mut file = TreeWriter::head(head, (Dimension::Quad, picture.options().depth), 1)?;
             picture.write(&mut file, Path::new(""), progress)?;
             file.finish()?;
-            Ok((loads, description))
+            Ok(Told { loads, mosaic, description })
         }
         ShardedImport::Stack(options) => {
             let stack = plan_stack(inputs, options)?;
@@ -126,8 +134,12 @@ fn write_head(
             let mut file = TreeWriter::head(head, (Dimension::Quad, stack.depth), layers)?;
             write_layers(&stack, &mut file, Path::new(""), progress)?;
             file.finish()?;
-            let loads = stack_loads(&stack, size_of);
-            Ok((loads, stack.description().to_vec()))
+            let size_of = |path: &Path| {
+                let input = inputs.iter().position(|input| input == path);
+                input.map_or(0, |input| planned[input].bytes())
+            };
+            let (loads, description) = (stack_loads(&stack, size_of), stack.description().to_vec());
+            Ok(Told { loads, mosaic: None, description })
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Whether files are those that were there when a job was planned.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::HashSet;
 use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -65,54 +65,41 @@ pub(crate) fn absolute(path: &Path) -> Result<PathBuf> {
     std::path::absolute(path).map_err(Error::io(path, "look at"))
 }
 
-/// All files that reading some inputs looks at and that are there, each once, in their order; and the bytes of each input with what
-/// belongs to it.
+/// The files that reading an input looks at and that are there, each once.
 ///
 /// # Errors
 /// If one cannot be looked at.
-pub(crate) fn look(inputs: &[PathBuf], options: &RasterOptions) -> Result<(Vec<PlannedFile>, Vec<u64>)> {
-    let (mut known, mut files, mut sizes) = (HashSet::new(), Vec::new(), Vec::new());
-    for input in inputs {
-        let mut size = 0u64;
-        for path in files_of(input, options)? {
-            // (A source's path is relative to the file that names it, which is absolute.)
-            let Some(file) = PlannedFile::look(&path)? else { continue };
-            size = size.saturating_add(file.bytes);
-            if known.insert(path) {
-                files.push(file);
-            }
-        }
-        sizes.push(size);
-    }
-    Ok((files, sizes))
+pub(crate) fn look(input: &Path, options: &RasterOptions) -> Result<Vec<PlannedFile>> {
+    let mut known = HashSet::new();
+    // (A source's path is relative to the file that names it, which is absolute.)
+    let once = files_of(input, options)?.into_iter().filter(|path| known.insert(path.clone()));
+    let found: Result<Vec<_>> = once.map(|path| PlannedFile::look(&path)).collect();
+    Ok(found?.into_iter().flatten().collect())
 }
 
-/// Makes sure that files are those of a plan, and no others.
+/// Makes sure that the files that reading an input looks at are those of a plan, and no others.
 ///
 /// # Errors
 /// If a file has changed, has gone or has come.
-pub(crate) fn check(inputs: &[PathBuf], options: &RasterOptions, planned: &[PlannedFile]) -> Result<()> {
-    let differs = |path: &Path, found: String, expected: String| Error::NotPlanned {
+pub(crate) fn check(input: &Path, options: &RasterOptions, planned: &[PlannedFile]) -> Result<()> {
+    let differs = |path: &Path, found: Option<PlannedFile>, expected: String| Error::NotPlanned {
         path: path.to_path_buf(),
-        found,
+        found: found.map_or("there is no such file".into(), |found| format!("has {}", found.described())),
         expected,
         advice: "a shard is made of the planned files alone: put this one back as it was, with its time, or plan another job",
     };
     // (Before the files are read to know what else belongs to them.)
     for file in planned {
-        match PlannedFile::look(&file.path)? {
-            Some(found) if found == *file => {}
-            found => {
-                let found = found
-                    .map_or("there is no such file".into(), |found| format!("has {}", found.described()));
-                return Err(differs(&file.path, found, file.described()));
-            }
+        let found = PlannedFile::look(&file.path)?;
+        if found.as_ref() != Some(file) {
+            return Err(differs(&file.path, found, file.described()));
         }
     }
-    let known: BTreeMap<&Path, &PlannedFile> = planned.iter().map(|file| (&*file.path, file)).collect();
-    let (files, _) = look(inputs, options)?;
-    match files.iter().find(|file| known.get(&*file.path) != Some(file)) {
-        None => Ok(()),
-        Some(file) => Err(differs(&file.path, format!("has {}", file.described()), "no such file".into())),
+    let known: HashSet<&Path> = planned.iter().map(|file| &*file.path).collect();
+    for path in files_of(input, options)?.into_iter().filter(|path| !known.contains(&**path)) {
+        if let found @ Some(_) = PlannedFile::look(&path)? {
+            return Err(differs(&path, found, "no such file".into()));
+        }
     }
+    Ok(())
 }

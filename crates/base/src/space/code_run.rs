@@ -1,5 +1,6 @@
 //! Runs of FD codes: parts of a space that a file has one behind the other.
 
+use super::bounds::Bounds;
 use super::code::Code;
 use super::dimension::Dimension;
 
@@ -62,6 +63,27 @@ impl CodeRun {
         (self.last >> shift) - (self.first >> shift) + 1
     }
 
+    /// Number of the cells of a box that are in the run, in a tree of so many levels. The run must be cut at nodes of that.
+    ///
+    /// # Panics
+    /// If trees cannot be so deep.
+    pub fn cells(self, dimension: Dimension, depth: u8, cells: &Bounds) -> u64 {
+        self.cells_below(Code::root(dimension), depth, cells)
+    }
+
+    fn cells_below(self, node: Code, depth: u8, cells: &Bounds) -> u64 {
+        // (At each level two nodes at most are neither in the run nor outside.)
+        let inside = node.bounds(depth).intersect(cells);
+        if inside.is_empty() || !self.touches(node) {
+            return 0;
+        }
+        if self.contains(node) || node.level() == depth {
+            return inside.volume();
+        }
+        let children = (0..node.dimension().children()).map(|child| node.child(child));
+        children.fold(0, |sum: u64, child| sum.saturating_add(self.cells_below(child, depth, cells)))
+    }
+
     /// Whether it has all or nothing of each node at a level.
     pub fn is_cut_at(self, dimension: Dimension, level: u8) -> bool {
         let below = (1u64 << (63 - dimension.axes() as u32 * u32::from(level))) - 1;
@@ -90,6 +112,14 @@ mod tests {
             assert!(!run.touches(root.child(0)) && !run.touches(root.child(2).child(2)));
             assert_eq!(run.nodes(dimension, 2), dimension.children() as u64 + 2);
             assert!(run.is_cut_at(dimension, 2) && !run.is_cut_at(dimension, 1));
+            let all = Bounds::space(dimension, 4);
+            let cells = (dimension.children() as u64 + 2) * dimension.cells(2);
+            assert_eq!(
+                (run.cells(dimension, 4, &all), CodeRun::ALL.cells(dimension, 4, &all)),
+                (cells, all.volume())
+            );
+            let corner = Bounds { min: [0; 3], max: [9, 4, 1] };
+            assert_eq!(run.cells(dimension, 4, &corner), 4);
             let [first, last] = run.ends();
             assert_eq!(CodeRun::new(first, last), Some(run));
             assert_eq!(CodeRun::of(root.child(2), root.child(1)), None);

@@ -4,9 +4,7 @@ use std::mem;
 use std::path::Path;
 
 use super::autumnal::NewFile;
-use super::builder::{
-    BuildOptions, Builder, Fill, Part, ReusableSource, Slab, Slabs, TreeSink, cells_in_run, walk,
-};
+use super::builder::{BuildOptions, Builder, Fill, Part, ReusableSource, Slab, Slabs, TreeSink, walk};
 use super::goblin::{FileWriter, Goblin, Shard, ShardWriter};
 use crate::tree::MemTree;
 use spinney_base::Form;
@@ -259,8 +257,8 @@ impl TreeWriter {
     ) -> Result<()> {
         let extent = slabs.extent();
         let (run, in_order) = (self.run(), slabs.are_in_order());
-        let (root, all) = (Code::root(form.dimension), Bounds::picture(extent));
-        let total = run.map_or(0, |run| cells_in_run(run, root, options.depth, &all));
+        let all = Bounds::picture(extent);
+        let total = run.map_or(0, |run| run.cells(form.dimension, options.depth, &all));
         let mut fill = |sink: &mut dyn TreeSink, shape| {
             let Some(run) = run else { return Ok(()) };
             let mut builder = Builder::new(form, options, (shape, run), sink)?;

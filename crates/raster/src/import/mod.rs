@@ -26,13 +26,13 @@ mod xml;
 
 use std::collections::BTreeMap;
 use std::io::{self, Read};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 pub use self::bands::{Band, BandInfo, select, value_type};
 pub use self::build::{TargetGrid, WarpedBuilt};
 pub use self::files::files_of;
-pub use self::mosaic::mosaic;
-pub use self::plan::{DEFAULT_MEMORY, ImportOptions, RasterImport, plan};
+pub use self::mosaic::{MosaicPlan, mosaic};
+pub use self::plan::{DEFAULT_MEMORY, ImportOptions, RasterImport, plan, plan_part};
 pub(super) use self::plan::{depth_of, listed, nodata_text};
 pub use self::slabs::RasterSlabs;
 pub use self::spill::spill;
@@ -155,11 +155,6 @@ pub trait Raster: Send {
     fn choose(&mut self, channels: &[usize]) -> bool {
         let _ = channels;
         false
-    }
-
-    /// The files that it is made of, each with its pixels in the raster.
-    fn parts(&self) -> Vec<(PathBuf, Region)> {
-        vec![(self.path().to_path_buf(), Region::new(0, 0, self.info().width, self.info().height))]
     }
 
     /// Whether any region can be read at any time, though another order may be cheaper.

@@ -13,7 +13,9 @@ use spinney_crs::{Crs, Frame};
 const TOLERANCE: f64 = 1e-3;
 
 /// Several rasters on one grid.
-struct Mosaic {
+pub(super) struct Mosaic {
+    /// The first file, for messages.
+    path: PathBuf,
     inputs: Vec<Input>,
     info: RasterInfo,
     /// Whether inputs mark VOID with different numbers, so that flags must tell.
@@ -39,39 +41,112 @@ struct Input {
 /// If they do not fit together, or there are none.
 pub fn mosaic(mut rasters: Vec<Box<dyn Raster>>) -> Result<Box<dyn Raster>> {
     match rasters.len() {
-        0 => return Err(Error::invalid("inputs", "none", "at least one raster")),
-        1 => return Ok(rasters.remove(0)),
-        _ => {}
+        0 => Err(Error::invalid("inputs", "none", "at least one raster")),
+        1 => Ok(rasters.remove(0)),
+        _ => Ok(Box::new(Mosaic::of(rasters)?)),
     }
-    let first = &*rasters[0];
-    let offsets = rasters.iter().map(|raster| offset(first, &**raster)).collect::<Result<Vec<_>>>()?;
-    let corner: [i64; 2] =
-        std::array::from_fn(|axis| offsets.iter().map(|offset| offset[axis]).min().unwrap_or(0));
-    let mut info = first.info().clone();
-    let first_cell = Frame::identity().shifted([corner[0] as f64, corner[1] as f64, 0.0]);
-    info.frame = info.frame.shifted([corner[0] as f64, corner[1] as f64, 0.0]);
-    info.control_points = info.control_points.and_then(|points| points.seen_through(&first_cell));
-    let flag_all = rasters.iter().any(|raster| !same_number(raster.info().nodata, info.nodata));
-    if flag_all {
-        info.nodata = None;
+}
+
+/// What a mosaic is whose inputs are known, so that it can be made of those alone that have to do with a part of it.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct MosaicPlan {
+    /// Columns and rows.
+    pub size: [u64; 2],
+    /// The number that marks missing samples, unless inputs have different ones.
+    pub nodata: Option<Number>,
+    /// Whether they have.
+    pub flag_all: bool,
+    /// The pixels of each input.
+    pub regions: Vec<Region>,
+}
+
+impl MosaicPlan {
+    /// A mosaic of columns and rows, whose inputs are none yet.
+    pub fn new(size: [u64; 2], nodata: Option<Number>, flag_all: bool) -> MosaicPlan {
+        MosaicPlan { size, nodata, flag_all, regions: Vec::new() }
     }
-    if rasters.iter().any(|raster| raster.info().order == Order::Bands) {
-        info.order = Order::Bands;
-    }
-    info.layout = format!("mosaic of {}, the first: {}", rasters.len(), info.layout);
-    let input = |(raster, offset): (Box<dyn Raster>, [i64; 2])| {
-        let found = raster.info();
-        let (x, y) = ((offset[0] - corner[0]) as u64, (offset[1] - corner[1]) as u64);
-        Input {
-            region: Region::new(x, y, found.width, found.height),
-            validity: Validity::by_all(found),
-            raster,
+}
+
+impl Mosaic {
+    /// The mosaic of several rasters.
+    pub(super) fn of(rasters: Vec<Box<dyn Raster>>) -> Result<Mosaic> {
+        let first = &*rasters[0];
+        let offsets = rasters.iter().map(|raster| offset(first, &**raster)).collect::<Result<Vec<_>>>()?;
+        let corner: [i64; 2] =
+            std::array::from_fn(|axis| offsets.iter().map(|offset| offset[axis]).min().unwrap_or(0));
+        let mut info = first.info().clone();
+        let first_cell = Frame::identity().shifted([corner[0] as f64, corner[1] as f64, 0.0]);
+        info.frame = info.frame.shifted([corner[0] as f64, corner[1] as f64, 0.0]);
+        info.control_points = info.control_points.and_then(|points| points.seen_through(&first_cell));
+        let flag_all = rasters.iter().any(|raster| !same_number(raster.info().nodata, info.nodata));
+        if flag_all {
+            info.nodata = None;
         }
-    };
-    let inputs: Vec<Input> = rasters.into_iter().zip(offsets).map(input).collect();
-    info.width = inputs.iter().map(|input| input.region.right()).max().unwrap_or(0);
-    info.height = inputs.iter().map(|input| input.region.bottom()).max().unwrap_or(0);
-    Ok(Box::new(Mosaic { inputs, info, flag_all, part: Pixels::default() }))
+        if rasters.iter().any(|raster| raster.info().order == Order::Bands) {
+            info.order = Order::Bands;
+        }
+        info.layout = format!("mosaic of {}, the first: {}", rasters.len(), info.layout);
+        let input = |(raster, offset): (Box<dyn Raster>, [i64; 2])| {
+            let found = raster.info();
+            let (x, y) = ((offset[0] - corner[0]) as u64, (offset[1] - corner[1]) as u64);
+            Input {
+                region: Region::new(x, y, found.width, found.height),
+                validity: Validity::by_all(found),
+                raster,
+            }
+        };
+        let inputs: Vec<Input> = rasters.into_iter().zip(offsets).map(input).collect();
+        info.width = inputs.iter().map(|input| input.region.right()).max().unwrap_or(0);
+        info.height = inputs.iter().map(|input| input.region.bottom()).max().unwrap_or(0);
+        let path = inputs[0].raster.path().to_path_buf();
+        Ok(Mosaic { path, inputs, info, flag_all, part: Pixels::default() })
+    }
+
+    /// The mosaic of a plan with these inputs, of which there may be none, and no others; `empty` is what is known of its pixels if there
+    /// are none.
+    ///
+    /// # Errors
+    /// If an input does not have as many pixels as the plan says, or other ones.
+    pub(super) fn placed(
+        plan: &MosaicPlan,
+        rasters: Vec<Box<dyn Raster>>,
+        (path, empty): (&Path, RasterInfo),
+    ) -> Result<Mosaic> {
+        let mut info = rasters.first().map_or(empty, |first| first.info().clone());
+        let pixels = |info: &RasterInfo| (info.sample, info.channels, info.alpha);
+        let mut inputs = Vec::with_capacity(rasters.len());
+        for (raster, region) in rasters.into_iter().zip(&plan.regions) {
+            let found = raster.info();
+            if [found.width, found.height] != [region.width, region.height] || pixels(found) != pixels(&info)
+            {
+                return Err(Error::Changed { path: raster.path().to_path_buf(), what: "was overwritten" });
+            }
+            inputs.push(Input { region: *region, validity: Validity::by_all(found), raster });
+        }
+        [info.width, info.height] = plan.size;
+        (info.nodata, info.order) = (plan.nodata, Order::Anywhere);
+        if inputs.iter().any(|input| input.raster.info().order == Order::Bands) {
+            info.order = Order::Bands;
+        }
+        Ok(Mosaic {
+            path: path.to_path_buf(),
+            inputs,
+            info,
+            flag_all: plan.flag_all,
+            part: Pixels::default(),
+        })
+    }
+
+    /// What it is.
+    pub(super) fn plan(&self) -> MosaicPlan {
+        MosaicPlan {
+            size: [self.info.width, self.info.height],
+            nodata: self.info.nodata,
+            flag_all: self.flag_all,
+            regions: self.inputs.iter().map(|input| input.region).collect(),
+        }
+    }
 }
 
 fn same_number(a: Option<Number>, b: Option<Number>) -> bool {
@@ -125,11 +200,7 @@ impl Raster for Mosaic {
     }
 
     fn path(&self) -> &Path {
-        self.inputs[0].raster.path()
-    }
-
-    fn parts(&self) -> Vec<(PathBuf, Region)> {
-        self.inputs.iter().map(|input| (input.raster.path().to_path_buf(), input.region)).collect()
+        &self.path
     }
 
     fn reads_anywhere(&self) -> bool {

@@ -1,16 +1,17 @@
 //! Plans of imports: from raster files and options to the tree that will be built.
 
 use std::fmt::Display;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::lazy::{Lazy, Pool};
+use super::mosaic::{Mosaic, MosaicPlan};
 use super::sidecar::Described;
 use super::validity::as_stored;
 use super::{Band, Raster, RasterInfo, RasterOptions, Transparent, bands, mosaic, open};
-use spinney_base::space::{Dimension, Region};
+use spinney_base::space::Dimension;
 use spinney_base::value::{Kind, Number, Rule, SampleType, ValueType};
 use spinney_base::{Error, Result};
-use spinney_container::Metadata;
+use spinney_container::{Header, Metadata};
 use spinney_crs::{Crs, Frame};
 use spinney_engine::store::{BuildOptions, Packing, depth_for};
 
@@ -71,6 +72,8 @@ pub struct RasterImport {
     pub(super) memory: u64,
     /// Files of which something is not read, and what that is.
     pub(super) remarks: Vec<(PathBuf, String)>,
+    /// What the mosaic is, if there are several files.
+    mosaic: Option<MosaicPlan>,
     description: Vec<(&'static str, String)>,
 }
 
@@ -83,7 +86,8 @@ impl RasterImport {
         options: BuildOptions,
         memory: u64,
     ) -> RasterImport {
-        RasterImport { raster, value, nodata, options, memory, remarks: Vec::new(), description: Vec::new() }
+        let (remarks, mosaic, description) = (Vec::new(), None, Vec::new());
+        RasterImport { raster, value, nodata, options, memory, remarks, mosaic, description }
     }
 
     /// Description of the plan: pairs of a heading and its text.
@@ -96,9 +100,9 @@ impl RasterImport {
         self.raster.info()
     }
 
-    /// The files of the picture, each with its pixels in it.
-    pub fn parts(&self) -> Vec<(PathBuf, Region)> {
-        self.raster.parts()
+    /// What the mosaic is, if there are several files.
+    pub fn mosaic(&self) -> Option<&MosaicPlan> {
+        self.mosaic.as_ref()
     }
 
     /// Options for building the tree.
@@ -133,12 +137,16 @@ impl RasterImport {
 pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<RasterImport> {
     let memory = options.memory.unwrap_or(DEFAULT_MEMORY);
     let mut overruled = None;
-    let rasters = open_inputs(inputs, options, memory, &mut overruled)?;
-    let remarks = rasters
-        .iter()
-        .filter_map(|raster| Some((raster.path().to_path_buf(), raster.info().remark.clone()?)))
-        .collect();
-    let raster = mosaic(rasters)?;
+    let rasters = open_inputs(inputs, inputs.len() > 1, (options, memory), &mut overruled)?;
+    let remarks = remarks(&rasters);
+    let (raster, mosaic) = match rasters.len() {
+        0 | 1 => (mosaic(rasters)?, None),
+        _ => {
+            let mosaic = Mosaic::of(rasters)?;
+            let plan = mosaic.plan();
+            (Box::new(mosaic) as Box<dyn Raster>, Some(plan))
+        }
+    };
     let info = raster.info();
     // Beside opacity nothing is missing: what has no value is transparent there.
     let missing = info.nodata.filter(|_| info.alpha.is_none());
@@ -163,16 +171,53 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<RasterImport>
         .share(options.share)
         .time(options.time)
         .packing(options.packing);
-    Ok(RasterImport { raster, value, nodata, options, memory, remarks, description })
+    Ok(RasterImport { raster, value, nodata, options, memory, remarks, mosaic, description })
 }
 
-/// Opens all inputs, with the channels, nodata number and coordinate system that the user chose.
+/// Opens some inputs of a mosaic that was planned before, with its regions of these inputs alone: the tree is that of a header and of metadata, and where none of
+/// them is, nothing is to be built.
+///
+/// # Errors
+/// If a file cannot be read, or has other pixels than it had.
+pub fn plan_part(
+    inputs: &[PathBuf],
+    mosaic: &MosaicPlan,
+    (header, metadata): (&Header, &Metadata),
+    options: &ImportOptions,
+) -> Result<RasterImport> {
+    let memory = options.memory.unwrap_or(DEFAULT_MEMORY);
+    let rasters = open_inputs(inputs, true, (options, memory), &mut None)?;
+    let (remarks, value) = (remarks(&rasters), header.form.value);
+    let empty = RasterInfo::plain(mosaic.size, value.sample, usize::from(value.channels));
+    let path = inputs.first().map_or(Path::new(""), |first| first);
+    let placed = Mosaic::placed(mosaic, rasters, (path, empty))?;
+    let info = placed.info();
+    if (info.sample, info.channels) != (value.sample, usize::from(value.channels)) {
+        return Err(Error::Changed { path: path.to_path_buf(), what: "was overwritten" });
+    }
+    let build = BuildOptions::new(header.kind, header.depth())
+        .rule(header.rule)
+        .memory(memory / 4)
+        .metadata(metadata.clone())
+        .packing(options.packing);
+    let part = RasterImport::of(Box::new(placed), value, mosaic.nodata, build, memory);
+    Ok(RasterImport { remarks, ..part })
+}
+
+/// Files of which something is not read, and what that is.
+fn remarks(rasters: &[Box<dyn Raster>]) -> Vec<(PathBuf, String)> {
+    let remark =
+        |raster: &Box<dyn Raster>| Some((raster.path().to_path_buf(), raster.info().remark.clone()?));
+    rasters.iter().filter_map(remark).collect()
+}
+
+/// Opens inputs, with the channels, nodata number and coordinate system that the user chose; they may be several pictures one upon the other.
 ///
 /// `overruled` becomes the first coordinate system that a file tells and that is not the one that the user chose.
 fn open_inputs(
     inputs: &[PathBuf],
-    options: &ImportOptions,
-    memory: u64,
+    are_several: bool,
+    (options, memory): (&ImportOptions, u64),
     overruled: &mut Option<Crs>,
 ) -> Result<Vec<Box<dyn Raster>>> {
     // Readers rarely need their share, but all that are open together must not need more than half of the memory.
@@ -198,7 +243,7 @@ fn open_inputs(
         };
         let mut info = raster.info().clone();
         tell(&mut info, options, overruled);
-        if inputs.len() > 1 && info.transparent == Transparent::Masked {
+        if are_several && info.transparent == Transparent::Masked {
             // Through what is transparent the pictures below are seen.
             info.transparent = Transparent::Void;
         }

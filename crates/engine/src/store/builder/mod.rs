@@ -42,7 +42,7 @@ pub(in crate::store) use sink::{BuiltBlock, Siblings, TreeSink};
 pub use slab::{Slab, Slabs};
 pub use stored_node::{RecordRef, RunFile, StoredNode, Subtree};
 pub(in crate::store) use upper::upper_levels;
-pub(in crate::store) use walk::{Builder, cells_in_run, walk};
+pub(in crate::store) use walk::{Builder, walk};
 
 use spinney_base::Result;
 use spinney_container::Shape;

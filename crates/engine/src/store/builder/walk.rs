@@ -46,8 +46,7 @@ pub(in crate::store) fn walk<S: ReusableSource>(
     let mut pending = vec![(Code::root(form.dimension), source.root()?)];
     let mut children = no_children();
     let mut batch = Vec::new();
-    let root = Code::root(form.dimension);
-    let total = cells_in_run(run, root, shape.depth, &Bounds::space(form.dimension, shape.depth));
+    let total = run.cells(form.dimension, shape.depth, &Bounds::space(form.dimension, shape.depth));
     while let Some((code, node)) = pending.pop() {
         if !run.touches(code) {
             continue;
@@ -90,19 +89,6 @@ pub(in crate::store) fn walk<S: ReusableSource>(
     builder.nodes(source, batch, total, progress)?;
     // What is made of two states of a file must not be kept.
     source.check_unchanged()
-}
-
-/// Cells of a box that a run has below a node, in a tree of so many levels: for the progress.
-pub(in crate::store) fn cells_in_run(run: CodeRun, node: Code, depth: u8, cells: &Bounds) -> u64 {
-    let inside = node.bounds(depth).intersect(cells);
-    if inside.is_empty() || !run.touches(node) {
-        return 0;
-    }
-    if run.contains(node) || node.level() == depth {
-        return inside.volume();
-    }
-    let children = (0..node.dimension().children()).map(|child| node.child(child));
-    children.fold(0, |sum: u64, child| sum.saturating_add(cells_in_run(run, child, depth, cells)))
 }
 
 /// Blocks that are built at a time, whatever the memory: at least and at most.

@@ -124,12 +124,11 @@ impl<'f> LayerWriter<'f> {
     }
 }
 
+/// What takes the bytes of a segment, in two parts, and its entry.
+pub(super) type Put<'p> = dyn FnMut([&[u8]; 2], Entry) -> Result<()> + 'p;
+
 /// Hands on the bytes of a segment, in two parts, and its entry, which has no place yet.
-pub(super) fn with_entry(
-    header: &Header,
-    segment: SealedSegment,
-    put: &mut dyn FnMut([&[u8]; 2], Entry) -> Result<()>,
-) -> Result<()> {
+pub(super) fn with_entry(header: &Header, segment: SealedSegment, put: &mut Put<'_>) -> Result<()> {
     let (classes, counts) = class_counts(header, &segment.tally);
     let SealedSegment { code, records, tally, packed } = segment;
     let (codec, parts) = match &packed {

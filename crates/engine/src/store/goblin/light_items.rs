@@ -12,7 +12,8 @@ use crate::tree::{Child, NodeState};
 use spinney_base::Result;
 use spinney_base::space::{Bounds, Code, CodeRun};
 use spinney_base::value::{Tally, Value, ValueType};
-use spinney_container::{Codec, Header, INNER, LEAF, VOID};
+use spinney_container::{Codec, Header, INNER, LEAF, Shape, VOID};
+use spinney_packing::{Damage, Effort, SegmentForm, may_unpack, pack, unpack};
 
 /// The first byte of an entry, and of a part.
 const SEGMENT: u8 = 1;
@@ -29,7 +30,10 @@ struct RawPart {
     state: u8,
     zero: [u8; 3],
     classes: U32,
+    /// Bytes of the records.
     records: U64,
+    /// Bytes that stand here for them: fewer if they are packed.
+    stored: U64,
 }
 
 /// What whoever puts a file together is told of a piece, in the order of the file.
@@ -45,9 +49,30 @@ pub(super) fn write_segment(light: &mut LightWriter, entry: &Entry) -> Result<()
     light.write(&[&[SEGMENT], &entry.to_bytes()[..]].concat())
 }
 
-/// Writes the part of a node.
-pub(super) fn write_top(light: &mut LightWriter, part: &Part) -> Result<()> {
+/// The meaning of a part's records: those of a segment that reaches as far down as the next coarser segments do.
+fn form_of(header: &Header, node: Code) -> SegmentForm {
+    let Header { form, rule, kind, shape, .. } = *header;
+    SegmentForm {
+        form,
+        rule,
+        kind,
+        height: shape.depth - node.level(),
+        reach: wanted_levels(&shape, node.level()),
+    }
+}
+
+/// Levels that the segments above a node at a level have of it at most, unless they have all.
+fn wanted_levels(shape: &Shape, level: u8) -> u8 {
+    shape.cut_level(shape.parent_segment_level(level)).saturating_sub(level)
+}
+
+/// Writes the part of a node. Its records are packed, whatever becomes of those of the file: parts are a large share of what light files have.
+pub(super) fn write_top(light: &mut LightWriter, part: &Part, header: &Header) -> Result<()> {
     let Part { code, child, total, records, tally } = part;
+    let places = RecordLayout::new(header.form).count(records) as u32;
+    let packed = pack(&form_of(header, *code), places, records, Effort::Fast)
+        .filter(|packed| may_unpack(packed.len() as u64, records.len() as u64));
+    let stored = packed.as_deref().unwrap_or(records);
     let raw = RawPart {
         total: (*total).into(),
         value: child.value().unwrap_or_default().to_bytes(),
@@ -55,6 +80,7 @@ pub(super) fn write_top(light: &mut LightWriter, part: &Part) -> Result<()> {
         zero: [0; 3],
         classes: (tally.classes.len() as u32).into(),
         records: (records.len() as u64).into(),
+        stored: (stored.len() as u64).into(),
     };
     let (code, zone) = (*code, Tally { classes: Vec::new(), ..tally.clone() });
     let entry =
@@ -65,7 +91,7 @@ pub(super) fn write_top(light: &mut LightWriter, part: &Part) -> Result<()> {
         bytes.extend_from_slice(&cells.to_le_bytes());
     }
     light.write(&bytes)?;
-    light.write(records)
+    light.write(stored)
 }
 
 /// Reads the entries and parts of a piece, and checks each.
@@ -158,17 +184,35 @@ impl<'h> Items<'h> {
             INNER => Some(Child::Inner { representative: value, node: () }),
             _ => None,
         };
-        let records = self.bytes.take(raw.records.get())?;
+        let stored = self.bytes.take(raw.stored.get())?;
+        let records = self.records_of(code, raw.records.get(), stored)?;
         let wrong = |what: &str| {
             let found = format!("a part of node {code} with {what}");
             self.bytes.corrupt(found, "what such a node can have")
         };
         let Some(child) = child else { return Err(wrong("another state")) };
-        self.check_place(code, child.state()).map_err(|what| wrong(what))?;
+        self.check_place(code, child.state()).map_err(&wrong)?;
         let part = Part { code, child, total: raw.total.get(), records, tally: zone };
-        self.check_part(&part).map_err(|what| wrong(what))?;
+        self.check_part(&part).map_err(wrong)?;
         self.last_top = Some(code.last_bits());
         Ok(part)
+    }
+
+    /// So many bytes of a part's records, from what stands for them.
+    fn records_of(&self, code: Code, length: u64, stored: Vec<u8>) -> Result<Vec<u8>> {
+        if length == stored.len() as u64 {
+            return Ok(stored);
+        }
+        let size = RecordLayout::new(self.header.form).size as u64;
+        let places = u32::try_from(length / size).ok().filter(|_| length.is_multiple_of(size));
+        let may = code.level() <= self.header.depth() && may_unpack(stored.len() as u64, length);
+        let unpacked = places.filter(|_| may).map(|places| {
+            unpack(&form_of(self.header, code), places, 0, &stored).map_err(|Damage(what)| what)
+        });
+        unpacked.unwrap_or(Err("more bytes than they may become")).map_err(|what| {
+            let found = format!("records of node {code} in {} bytes: {what}", stored.len());
+            self.bytes.corrupt(found, format!("{length} bytes that were packed"))
+        })
     }
 
     /// Whether the next part may be that of a node.
@@ -240,7 +284,7 @@ fn are_records(part: &Part, header: &Header) -> bool {
         return part.records.is_empty();
     }
     let layout = RecordLayout::new(header.form);
-    let wanted = shape.cut_level(shape.parent_segment_level(level)).saturating_sub(level);
+    let wanted = wanted_levels(shape, level);
     let places = layout.count(&part.records);
     let is_whole = places * layout.size == part.records.len()
         && layout.head(&part.records, 0).is_some_and(|head| head.skip as usize == places);

@@ -56,7 +56,8 @@ impl ShardWriter {
         self.next += 1;
         let mut metadata = options.metadata.clone();
         complete(&mut metadata);
-        self.check_planned(layer, header, &metadata)?;
+        // (Who has the planned metadata in his hands has them complete.)
+        self.check_planned(layer, header, &[&metadata, &options.metadata])?;
         let Some(piece) = self.shard.piece(layer).copied() else { return Ok(()) };
         let run = self.shard.run_path(layer);
         if !in_order {
@@ -75,15 +76,17 @@ impl ShardWriter {
     }
 
     /// Makes sure that a layer is what was planned, but for where its inputs are.
-    fn check_planned(&self, layer: u32, header: &Header, metadata: &Metadata) -> Result<()> {
-        let told = |metadata: &Metadata| Metadata {
-            counts: Default::default(),
-            provenance: Vec::new(),
-            ..metadata.clone()
+    fn check_planned(&self, layer: u32, header: &Header, metadata: &[&Metadata]) -> Result<()> {
+        // (As bytes, in which numbers that are none are like themselves.)
+        let told = |metadata: &Metadata| -> Result<(String, Vec<u8>)> {
+            let counts = Default::default();
+            let alike = Metadata { counts, provenance: Vec::new(), ..metadata.clone() };
+            Ok((metadata.name.clone(), alike.to_bytes(&self.head)?))
         };
         let planned = self.planned.get(layer as usize);
+        let metadata = metadata.iter().map(|metadata| told(metadata)).collect::<Result<Vec<_>>>()?;
         let (found, expected) = match planned {
-            Some((planned, said)) if planned == header && told(said) == told(metadata) => return Ok(()),
+            Some((planned, said)) if planned == header && metadata.contains(&told(said)?) => return Ok(()),
             Some((planned, _)) if planned == header => {
                 (format!("other things would be told of layer {layer}"), "what its head tells".into())
             }
@@ -186,7 +189,7 @@ impl SegmentSink for PieceWriter<'_> {
         if !has_cells(part.code, &self.header) && !part.child.is_inner() && part.tally.cells == 0 {
             return Ok(());
         }
-        write_top(self.light, &part)
+        write_top(self.light, &part, &self.header)
     }
 
     fn effort(&self) -> Option<Effort> {
