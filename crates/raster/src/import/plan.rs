@@ -206,9 +206,8 @@ pub fn plan_part(
 
 /// Files of which something is not read, and what that is.
 fn remarks(rasters: &[Box<dyn Raster>]) -> Vec<(PathBuf, String)> {
-    let remark =
-        |raster: &Box<dyn Raster>| Some((raster.path().to_path_buf(), raster.info().remark.clone()?));
-    rasters.iter().filter_map(remark).collect()
+    let remark = |raster: &dyn Raster| Some((raster.path().to_path_buf(), raster.info().remark.clone()?));
+    rasters.iter().filter_map(|raster| remark(&**raster)).collect()
 }
 
 /// Opens inputs, with the channels, nodata number and coordinate system that the user chose; they may be several pictures one upon the other.
