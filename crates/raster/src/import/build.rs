@@ -48,7 +48,7 @@ impl RasterImport {
         let half = self.memory / 2;
         let (size, room, depth) =
             (self.value.size(), Room { bands: half, slabs: half / 2 }, self.options.depth);
-        let mut slabs = slabs_for(file, self.raster, (size, depth), (beside, room), progress)?;
+        let mut slabs = slabs_for(Asked::by(file, depth), self.raster, size, (beside, room), progress)?;
         let nodata = self.nodata.and_then(|number| self.value.splat(number));
         file.slabs(form, &mut slabs, nodata, &self.options, progress)
     }
@@ -99,17 +99,42 @@ pub(super) struct Room {
     pub(super) slabs: u64,
 }
 
-/// What a file asks for of a raster as its next layer, of so many levels and with values of so many bytes. One that comes from the top down
-/// goes to a temporary file in a folder first if that takes too much memory, or if the file needs another order.
+/// Cells that a file asks for of a raster.
+#[derive(Clone, Copy)]
+pub(super) enum Asked {
+    /// None: the raster is only told of.
+    Nothing,
+    /// All, in any order.
+    All,
+    /// Those of a run, in the order of FD codes.
+    Run(Wanted),
+}
+
+impl Asked {
+    /// Cells that a file asks for as its next layer, of so many levels.
+    pub(super) fn by(file: &TreeWriter, depth: u8) -> Asked {
+        match file.run() {
+            None => Asked::Nothing,
+            Some(run) if file.needs_order() => Asked::Run(Wanted { run, depth }),
+            Some(_) => Asked::All,
+        }
+    }
+}
+
+/// The cells that are asked for of a raster with values of so many bytes. One that comes from the top down goes to a temporary file in a folder first if
+/// that takes too much memory, or if another order is asked for.
 pub(super) fn slabs_for(
-    file: &TreeWriter,
+    asked: Asked,
     raster: Box<dyn Raster>,
-    (value_size, depth): (usize, u8),
+    value_size: usize,
     (folder, room): (&Path, Room),
     progress: &dyn Progress,
 ) -> Result<RasterSlabs> {
-    let Some(run) = file.run() else { return Ok(RasterSlabs::new(raster, room.slabs)) };
-    let wanted = file.needs_order().then_some(Wanted { run, depth });
+    let wanted = match asked {
+        Asked::Nothing => return Ok(RasterSlabs::new(raster, room.slabs)),
+        Asked::All => None,
+        Asked::Run(wanted) => Some(wanted),
+    };
     let in_bands = raster.info().order == Order::Bands;
     let is_spilled = in_bands && (wanted.is_some() || bands_memory(raster.info(), value_size) > room.bands);
     let raster = match is_spilled {

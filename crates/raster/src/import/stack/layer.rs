@@ -4,7 +4,7 @@ use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
 
 use super::super::bands::select_channels;
-use super::super::build::{Room, TargetGrid, slabs_for};
+use super::super::build::{Asked, Room, TargetGrid, slabs_for};
 use super::super::plan::{ImportOptions, RasterImport, kind, metadata, tell};
 use super::super::sidecar::Described;
 use super::super::{Band, Raster, RasterInfo, RasterOptions, RasterSlabs, Transparent, bands, open, spill};
@@ -18,7 +18,7 @@ use spinney_container::{Metadata, OpenOptions};
 use spinney_crs::Frame;
 use spinney_engine::dataset;
 use spinney_engine::ops::{WarpGrid, WarpOptions};
-use spinney_engine::store::{BuildOptions, TreeWriter, depth_for};
+use spinney_engine::store::{BuildOptions, depth_for};
 
 /// A layer of a stack, whose file is opened when its turn comes: see [`StackLayer::slabs`].
 #[derive(Clone, Debug)]
@@ -194,15 +194,19 @@ impl StackLayer {
         self.parts.channels[0]
     }
 
-    /// Opens the file, and gives the cells that another file asks for as its next layer, of so many levels, with `memory` bytes for reading. One that comes
-    /// from the top down, and is too wide for that or is repeated, goes to a temporary file in the folder first.
+    /// Opens the file, and gives all cells with `memory` bytes for reading. One that comes from the top down, and is too wide for that or is repeated, goes
+    /// to a temporary file in the folder first.
     ///
     /// # Errors
     /// If the file cannot be read or has changed, or the temporary file not be written; on interruption.
-    pub(super) fn slabs(
+    pub fn slabs(&self, folder: &Path, memory: u64, progress: &dyn Progress) -> Result<RasterSlabs> {
+        self.slabs_for(Asked::All, (folder, memory), progress)
+    }
+
+    /// Gives the cells that are asked for: see [`StackLayer::slabs`].
+    pub(super) fn slabs_for(
         &self,
-        file: &TreeWriter,
-        depth: u8,
+        asked: Asked,
         (folder, memory): (&Path, u64),
         progress: &dyn Progress,
     ) -> Result<RasterSlabs> {
@@ -237,7 +241,7 @@ impl StackLayer {
             raster = Box::new(Repeated::new(raster, self.repeat));
         }
         let room = Room { bands: memory, slabs: room };
-        slabs_for(file, raster, (self.value.size(), depth), (folder, room), progress)
+        slabs_for(asked, raster, self.value.size(), (folder, room), progress)
     }
 
     /// The raster on the stack's grid, by way of trees in a temporary folder.

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::super::build::Asked;
 use super::{Stack, StackLayer};
 use spinney_base::io::{Output, folder};
 use spinney_base::space::Dimension;
@@ -56,7 +57,8 @@ pub fn write_layers(
             file.tell(form, layer.extent, &options)?;
             continue;
         }
-        let mut slabs = layer.slabs(file, options.depth, (beside, stack.memory / 2), progress)?;
+        let mut slabs =
+            layer.slabs_for(Asked::by(file, options.depth), (beside, stack.memory / 2), progress)?;
         let nodata = layer.nodata.and_then(|number| layer.value.splat(number));
         file.slabs(form, &mut slabs, nodata, &options, progress)?;
     }
