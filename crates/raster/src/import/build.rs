@@ -99,7 +99,7 @@ pub(super) struct Room {
     pub(super) slabs: u64,
 }
 
-/// What a file asks for of a raster as its next layer, of so many levels and with values of so many bytes. One that comes from the top down
+/// Slabs of a raster that a file asks for as its next layer, of so many levels and with values of so many bytes. One that comes from the top down
 /// goes to a temporary file in a folder first if that takes too much memory, or if the file needs another order.
 pub(super) fn slabs_for(
     file: &TreeWriter,
