@@ -13,7 +13,7 @@ use crate::job::{Job, PlannedInput};
 use crate::options::ShardedImport;
 use crate::stamp::check;
 
-/// What has become of a shard.
+/// Outcome of building a shard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Built {
     /// Whether it was made already, and nothing was done.

@@ -27,7 +27,7 @@ const MOST: u64 = 64 << 20;
 /// Version of the form of plans.
 const VERSION: u32 = 1;
 
-/// What `plan.json` says.
+/// Content of `plan.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Plan {
@@ -37,13 +37,13 @@ pub(crate) struct Plan {
     program: String,
     head: PlannedHead,
     pub(crate) options: PlannedOptions,
-    /// What several pictures on one grid are together.
+    /// Mosaic of several pictures on one grid.
     mosaic: Option<PlannedMosaic>,
     pub(crate) inputs: Vec<PlannedInput>,
     shards: Vec<Vec<PlannedPiece>>,
 }
 
-/// What several pictures are together, but for each one's place.
+/// Mosaic of several pictures, but for the place of each.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct PlannedMosaic {
@@ -125,7 +125,7 @@ impl Plan {
         }
     }
 
-    /// What the inputs are together, if they are a mosaic.
+    /// Description of the mosaic, if the inputs are one.
     fn mosaic(&self) -> Result<Option<MosaicPlan>> {
         let Some(PlannedMosaic { size, nodata, flag_all }) = &self.mosaic else { return Ok(None) };
         let nodata = nodata.as_deref().map(number).transpose()?;
@@ -158,10 +158,10 @@ impl Plan {
 pub struct Job {
     folder: PathBuf,
     pub(crate) plan: Plan,
-    /// What all of its shards are marked by: a hash of the plan, which has one of the head.
+    /// Mark of all of its shards: a hash of the plan, which has one of the head.
     id: u128,
     pub(crate) import: ShardedImport,
-    /// What several pictures on one grid are together; regions are those of all inputs.
+    /// Mosaic of several pictures on one grid; regions are those of all inputs.
     pub(crate) mosaic: Option<MosaicPlan>,
     /// Levels of the first layer.
     pub(crate) depth: u8,
@@ -281,12 +281,9 @@ impl Job {
         let missing = self.missing()?;
         if !missing.is_empty() {
             let what = format!("shards of {}", self.folder.display());
-            let found = format!(
-                "{} of {}: {} are missing",
-                self.shards() - missing.len() as u32,
-                self.shards(),
-                ranges(&missing)
-            );
+            let are = if missing.len() == 1 { "is" } else { "are" };
+            let (made, list) = (self.shards() - missing.len() as u32, ranges(&missing));
+            let found = format!("{made} of {}, {list} {are} missing", self.shards());
             let expected =
                 format!("all of them; `spinney shard build {} K` makes the shard K", self.folder.display());
             return Err(Error::invalid(what, found, expected));

@@ -1,4 +1,4 @@
-//! What is built in shards, and its options as plans tell them.
+//! Imports that are built in shards, and their options as plans tell them.
 
 use serde::{Deserialize, Serialize};
 use spinney_base::value::Number;
@@ -8,7 +8,7 @@ use spinney_crs::Crs;
 use spinney_engine::store::{Effort, Packing};
 use spinney_raster::import::{Band, ImportOptions, StackOptions};
 
-/// What is built in shards, and how. Memory, sharing of equal subtrees and times of commits are no part of a plan.
+/// Import that is built in shards. Memory, sharing of equal subtrees and times of commits are no part of a plan.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ShardedImport {
     /// A picture, or several on one grid, as one layer.

@@ -91,11 +91,11 @@ pub fn plan(
     Ok(Planned { job: Job::open(folder)?, was_there, description })
 }
 
-/// What is known of a job when what is told of its layers is written.
+/// Knowledge of a job when what is told of its layers is written.
 struct Told {
     /// Which input makes which cells.
     loads: Vec<Load>,
-    /// What several pictures are together.
+    /// Mosaic of several pictures.
     mosaic: Option<MosaicPlan>,
     description: Vec<(&'static str, String)>,
 }

@@ -101,7 +101,7 @@ impl TreeWriter {
     /// these layers are made by: see [`TreeWriter::shard`].
     ///
     /// # Errors
-    /// As [`TreeWriter::create`]; also if the name is that of an Autumnal file.
+    /// Those of [`TreeWriter::create`]; also if the name is that of an Autumnal file.
     pub fn head(output: Output, (dimension, depth): (Dimension, u8), layers: u32) -> Result<TreeWriter> {
         if TreeFormat::of(output.path()) == TreeFormat::Autumnal {
             let advice = "give it a name that ends with .goblin";

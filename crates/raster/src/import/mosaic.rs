@@ -47,7 +47,7 @@ pub fn mosaic(mut rasters: Vec<Box<dyn Raster>>) -> Result<Box<dyn Raster>> {
     }
 }
 
-/// What a mosaic is whose inputs are known, so that it can be made of those alone that have to do with a part of it.
+/// Description of a mosaic whose inputs are known, so that it can be made of those alone that have to do with a part of it.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct MosaicPlan {
@@ -138,7 +138,7 @@ impl Mosaic {
         })
     }
 
-    /// What it is.
+    /// Its description.
     pub(super) fn plan(&self) -> MosaicPlan {
         MosaicPlan {
             size: [self.info.width, self.info.height],

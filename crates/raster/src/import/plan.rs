@@ -72,7 +72,7 @@ pub struct RasterImport {
     pub(super) memory: u64,
     /// Files of which something is not read, and what that is.
     pub(super) remarks: Vec<(PathBuf, String)>,
-    /// What the mosaic is, if there are several files.
+    /// Description of the mosaic, if there are several files.
     mosaic: Option<MosaicPlan>,
     description: Vec<(&'static str, String)>,
 }
@@ -100,7 +100,7 @@ impl RasterImport {
         self.raster.info()
     }
 
-    /// What the mosaic is, if there are several files.
+    /// Description of the mosaic, if there are several files.
     pub fn mosaic(&self) -> Option<&MosaicPlan> {
         self.mosaic.as_ref()
     }
@@ -206,8 +206,10 @@ pub fn plan_part(
 
 /// Files of which something is not read, and what that is.
 fn remarks(rasters: &[Box<dyn Raster>]) -> Vec<(PathBuf, String)> {
-    let remark = |raster: &dyn Raster| Some((raster.path().to_path_buf(), raster.info().remark.clone()?));
-    rasters.iter().filter_map(|raster| remark(&**raster)).collect()
+    let told = rasters
+        .iter()
+        .filter_map(|raster| Some((raster.path().to_path_buf(), raster.info().remark.clone()?)));
+    told.collect()
 }
 
 /// Opens inputs, with the channels, nodata number and coordinate system that the user chose; they may be several pictures one upon the other.

@@ -124,7 +124,7 @@ impl<'f> LayerWriter<'f> {
     }
 }
 
-/// What takes the bytes of a segment, in two parts, and its entry.
+/// Receiver of a segment: its bytes, in two parts, and its entry.
 pub(super) type Put<'p> = dyn FnMut([&[u8]; 2], Entry) -> Result<()> + 'p;
 
 /// Hands on the bytes of a segment, in two parts, and its entry, which has no place yet.

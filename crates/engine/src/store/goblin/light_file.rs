@@ -35,7 +35,7 @@ struct Head {
     job: U128,
 }
 
-/// What the table says of a piece; nodes per level follow.
+/// Row of the table, for a piece; nodes per level follow.
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
 #[repr(C)]
 struct RawPiece {
@@ -62,7 +62,7 @@ struct End {
 const HEAD: u64 = size_of::<Head>() as u64;
 const END: u64 = size_of::<End>() as u64;
 
-/// What a light file's table says of a piece.
+/// Piece of a light file, as the table tells of it.
 #[derive(Clone, Debug)]
 pub(super) struct LightPiece {
     pub(super) piece: Piece,

@@ -1,9 +1,12 @@
 //! Entries of segments and parts of nodes, as they stand in light files.
 
+use std::collections::VecDeque;
+
 use zerocopy::little_endian::{U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use super::directory::{Entry, entry_size};
+use super::entry_columns::{TOGETHER, pack_entries, unpack_entries};
 use super::held::file_order;
 use super::light_file::{ItemBytes, LightFile, LightPiece, LightWriter};
 use crate::store::builder::{Part, upper_levels};
@@ -15,8 +18,8 @@ use spinney_base::value::{Tally, Value, ValueType};
 use spinney_container::{Codec, Header, INNER, LEAF, Shape, VOID};
 use spinney_packing::{Damage, Effort, SegmentForm, may_unpack, pack, unpack};
 
-/// The first byte of an entry, and of a part.
-const SEGMENT: u8 = 1;
+/// The first byte of entries, and of a part.
+const SEGMENTS: u8 = 1;
 const TOP: u8 = 2;
 /// Bytes of the number of cells of a class.
 const CELLS: usize = 8;
@@ -36,7 +39,7 @@ struct RawPart {
     stored: U64,
 }
 
-/// What whoever puts a file together is told of a piece, in the order of the file.
+/// News of a piece for whoever puts a file together, in the order of the file.
 pub(super) enum Item {
     /// The next segment of the run file.
     Segment(Entry),
@@ -44,9 +47,38 @@ pub(super) enum Item {
     Top(Part),
 }
 
-/// Writes the entry of a segment of a run file.
-pub(super) fn write_segment(light: &mut LightWriter, entry: &Entry) -> Result<()> {
-    light.write(&[&[SEGMENT], &entry.to_bytes()[..]].concat())
+/// Start of some entries of segments, which are packed unless that takes more bytes.
+#[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
+#[repr(C)]
+struct RawEntries {
+    count: U32,
+    stored: U32,
+}
+
+/// Entries of segments of a run file on their way to a light file, many at a time.
+#[derive(Default)]
+pub(super) struct PendingEntries(Vec<u8>);
+
+impl PendingEntries {
+    /// Takes the next one. Its offset is where the one before ends, and is not written.
+    pub(super) fn push(&mut self, light: &mut LightWriter, entry: Entry) -> Result<()> {
+        let value_type = entry.zone.value_type;
+        self.0.extend_from_slice(&Entry { offset: 0, ..entry }.to_bytes());
+        if self.0.len() < TOGETHER * entry_size(value_type) { Ok(()) } else { self.write(light, value_type) }
+    }
+
+    /// Writes those that came.
+    pub(super) fn write(&mut self, light: &mut LightWriter, value_type: ValueType) -> Result<()> {
+        let entries = std::mem::take(&mut self.0);
+        if entries.is_empty() {
+            return Ok(());
+        }
+        let packed = pack_entries(value_type, &entries);
+        let stored = if packed.len() < entries.len() { &packed } else { &entries };
+        let count = ((entries.len() / entry_size(value_type)) as u32).into();
+        let raw = RawEntries { count, stored: (stored.len() as u32).into() };
+        light.write(&[&[SEGMENTS], raw.as_bytes(), stored].concat())
+    }
 }
 
 /// The meaning of a part's records: those of a segment that reaches as far down as the next coarser segments do.
@@ -108,6 +140,8 @@ pub(super) struct Items<'h> {
     last_top: Option<u64>,
     /// Entries so far, for messages.
     count: usize,
+    /// Entries that were unpacked and have not been handed out.
+    unpacked: VecDeque<Entry>,
 }
 
 impl<'h> Items<'h> {
@@ -115,7 +149,8 @@ impl<'h> Items<'h> {
     pub(super) fn of(light: &LightFile, piece: &LightPiece, header: &'h Header) -> Result<Items<'h>> {
         let (bytes, run, run_bytes) = (ItemBytes::of(light, piece)?, piece.piece.run, piece.run_bytes);
         let (last_segment, last_top) = (None, None);
-        Ok(Items { header, bytes, run, run_bytes, position: 0, last_segment, last_top, count: 0 })
+        let unpacked = VecDeque::new();
+        Ok(Items { header, bytes, run, run_bytes, position: 0, last_segment, last_top, count: 0, unpacked })
     }
 
     /// The next one; nothing behind the last.
@@ -123,57 +158,80 @@ impl<'h> Items<'h> {
     /// # Errors
     /// If there is something else, or it cannot be that of this piece.
     pub(super) fn next(&mut self) -> Result<Option<Item>> {
-        if self.bytes.is_over()? {
-            return match self.position == self.run_bytes {
-                true => Ok(None),
-                false => {
-                    let found = format!("segments of {} bytes", self.position);
-                    Err(self.bytes.corrupt(found, format!("{}", self.run_bytes)))
-                }
-            };
-        }
-        match self.bytes.take(1)?[0] {
-            SEGMENT => self.segment().map(|entry| Some(Item::Segment(entry))),
-            TOP => self.top().map(|part| Some(Item::Top(part))),
-            other => Err(self.bytes.corrupt(format!("{other}"), "an entry or a part")),
+        loop {
+            if let Some(entry) = self.unpacked.pop_front() {
+                return self.segment(entry).map(|entry| Some(Item::Segment(entry)));
+            }
+            if self.bytes.is_over()? {
+                return match self.position == self.run_bytes {
+                    true => Ok(None),
+                    false => {
+                        let found = format!("segments of {} bytes", self.position);
+                        Err(self.bytes.corrupt(found, format!("{}", self.run_bytes)))
+                    }
+                };
+            }
+            match self.bytes.take(1)?[0] {
+                SEGMENTS => self.unpack_entries()?,
+                TOP => return self.top().map(|part| Some(Item::Top(part))),
+                other => return Err(self.bytes.corrupt(format!("{other}"), "entries or a part")),
+            }
         }
     }
 
-    fn entry(&mut self) -> Result<Entry> {
-        let form = self.header.form;
-        let bytes = self.bytes.take(entry_size(form.value) as u64)?;
+    fn entry(&mut self, bytes: &[u8]) -> Result<Entry> {
         self.count += 1;
-        Entry::from_bytes(self.bytes.path(), self.count - 1, &bytes, form)
+        Entry::from_bytes(self.bytes.path(), self.count - 1, bytes, self.header.form)
     }
 
-    fn segment(&mut self) -> Result<Entry> {
+    /// Takes some entries, to be handed out one by one.
+    fn unpack_entries(&mut self) -> Result<()> {
+        let raw = self.bytes.take(size_of::<RawEntries>() as u64)?;
+        let raw = RawEntries::read_from_bytes(&raw).expect("as many bytes");
+        let (count, value_type) = (raw.count.get() as usize, self.header.form.value);
+        let stored = self.bytes.take(u64::from(raw.stored.get()))?;
+        let size = entry_size(value_type);
+        let entries = match count {
+            1..=TOGETHER if stored.len() == count * size => Some(stored),
+            1..=TOGETHER => unpack_entries(value_type, count, &stored),
+            _ => None,
+        };
+        let Some(entries) = entries else {
+            return Err(self
+                .bytes
+                .corrupt(format!("{count} entries that cannot be unpacked"), "entries of segments"));
+        };
+        for entry in entries.chunks_exact(size) {
+            let entry = self.entry(entry)?;
+            self.unpacked.push_back(entry);
+        }
+        Ok(())
+    }
+
+    /// Checks the next entry, and tells where its segment is.
+    fn segment(&mut self, entry: Entry) -> Result<Entry> {
         let shape = &self.header.shape;
-        let entry = self.entry()?;
         let order = file_order(entry.code, shape.crown_level());
         let level = entry.code.level();
         let owns = level == 0 || shape.is_candidate(level);
         let follows = self.last_segment.is_none_or(|last| last < order);
         let end = self.position.checked_add(entry.length).filter(|end| *end <= self.run_bytes);
         let is_alike = entry.codec == Codec::Plain || self.header.codec == Codec::Packed;
-        let (Some(end), true) = (
-            end,
-            owns && follows
-                && is_alike
-                && level >= shape.crown_level()
-                && entry.offset == self.position
-                && self.run.contains(entry.code),
-        ) else {
+        let is_here = level >= shape.crown_level() && self.run.contains(entry.code);
+        let Some(end) = end.filter(|_| owns && follows && is_alike && is_here) else {
             let found = format!("a segment of node {} with {} bytes", entry.code, entry.length);
             return Err(self.bytes.corrupt(found, "the next one of this piece"));
         };
-        (self.position, self.last_segment) = (end, Some(order));
-        Ok(entry)
+        let offset = std::mem::replace(&mut self.position, end);
+        self.last_segment = Some(order);
+        Ok(Entry { offset, ..entry })
     }
 
     fn top(&mut self) -> Result<Part> {
         let raw = self.bytes.take(size_of::<RawPart>() as u64)?;
         let raw = RawPart::read_from_bytes(&raw).expect("as many bytes");
-        let Entry { code, mut zone, .. } = self.entry()?;
+        let entry = self.bytes.take(entry_size(self.header.form.value) as u64)?;
+        let Entry { code, mut zone, .. } = self.entry(&entry)?;
         let width = zone.value_type.size();
         let classes = self.bytes.take(u64::from(raw.classes.get()) * (width + CELLS) as u64)?;
         zone.classes = classes.chunks_exact(width + CELLS).map(|class| class_of(class, width)).collect();

@@ -6,6 +6,7 @@
 
 mod directory;
 mod directory_writer;
+mod entry_columns;
 mod file_writer;
 mod held;
 mod index;

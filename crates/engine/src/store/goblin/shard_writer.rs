@@ -7,7 +7,7 @@ use super::directory::Entry;
 use super::held::file_order;
 use super::layer_writer::with_entry;
 use super::light_file::LightWriter;
-use super::light_items::{has_cells, write_segment, write_top};
+use super::light_items::{PendingEntries, has_cells, write_top};
 use super::reader::Goblin;
 use super::segment_builder::SegmentBuilder;
 use super::segment_sink::SegmentSink;
@@ -133,6 +133,7 @@ struct PieceWriter<'l> {
     position: u64,
     /// The last segment, by the order of the file.
     last: u64,
+    entries: PendingEntries,
     light: &'l mut LightWriter,
 }
 
@@ -145,7 +146,17 @@ impl<'l> PieceWriter<'l> {
         light: &'l mut LightWriter,
     ) -> PieceWriter<'l> {
         let header = header.clone();
-        PieceWriter { path, out: None, piece, header, effort, position: 0, last: 0, light }
+        PieceWriter {
+            path,
+            out: None,
+            piece,
+            header,
+            effort,
+            position: 0,
+            last: 0,
+            entries: PendingEntries::default(),
+            light,
+        }
     }
 
     fn put(&mut self, parts: [&[u8]; 2], entry: Entry) -> Result<()> {
@@ -163,13 +174,14 @@ impl<'l> PieceWriter<'l> {
         for part in parts {
             out.write_all(part).map_err(Error::io(&self.path, "write a segment"))?;
         }
-        write_segment(self.light, &Entry { offset: self.position, ..entry.clone() })?;
         self.position += entry.length;
+        self.entries.push(self.light, entry)?;
         Ok(())
     }
 
     /// Puts the file in its place, and tells how many bytes it has.
-    fn finish(self) -> Result<u64> {
+    fn finish(mut self) -> Result<u64> {
+        self.entries.write(self.light, self.header.form.value)?;
         self.out.map_or(Ok(()), Output::commit)?;
         Ok(self.position)
     }

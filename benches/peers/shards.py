@@ -1,0 +1,154 @@
+#!/usr/bin/env python3
+"""Building in shards: what it costs beside one process, two workers of Dask beside one, and beside rioxarray with Dask; plans of many files.
+
+    benches/peers/shards.py [costs] [dask] [plan]
+
+- `costs`: processor seconds of one process, and of plan, shards and merge; bytes of light files; whether the bytes are the same.
+- `dask`: a mosaic of SIDE x SIDE (4 x 4) pictures of 33.6 million cells of 12 classes on a local cluster of one worker and of two, and the same job by rioxarray and Dask, which
+  write a COG. Needs spinney, distributed, rioxarray and rasterio in the Python that PYTHON names.
+- `plan`: a plan of 10,000 files (FILES) beside gdalbuildvrt.
+"""
+
+import os
+import subprocess
+import sys
+import time
+
+from common import CLASSES, RELIEF, SHORELINE, SPINNEY, WORK, once, start, table, verdict
+
+PYTHON = os.environ.get("PYTHON", sys.executable)
+FILES = int(os.environ.get("FILES", 10_000))
+SIDE = int(os.environ.get("SIDE", 4))
+PARTS = sys.argv[1:] or ["costs", "dask", "plan"]
+
+
+def said(command):
+    return subprocess.run([str(word) for word in command], check=True, capture_output=True, text=True).stdout
+
+
+def emptied(path):
+    subprocess.run(["rm", "-rf", path], check=True)
+    return path
+
+
+def costs():
+    rows = []
+    for picture in (SHORELINE, CLASSES, RELIEF):
+        for codec in ("plain", "packed"):
+            whole, merged, job = WORK / "whole.goblin", WORK / "merged.goblin", emptied(WORK / "job")
+            one, _, one_peak = once([SPINNEY, "-q", "--threads", "1", "build", picture, "-o", whole, "--codec", codec])
+            plan, _, _ = once([SPINNEY, "-q", "shard", "plan", picture, "-o", job, "--codec", codec, "--shards", "16"])
+            shards = [once([SPINNEY, "-q", "--threads", "1", "shard", "build", job, number]) for number in range(16)]
+            merge, _, merge_peak = once([SPINNEY, "-q", "--threads", "1", "shard", "merge", job, "-o", merged])
+            assert merged.read_bytes() == whole.read_bytes()
+            light = sum(path.stat().st_size for path in (job / "shards").glob("*.light"))
+            built = sum(cpu for cpu, _, _ in shards)
+            rows.append([
+                picture.name.split("_")[0], codec, f"{one:.2f}", f"{plan:.2f}", f"{built:.2f}", f"{merge:.2f}",
+                verdict((plan + merge) / (plan + built + merge), 0.05, least=False), f"{(plan + built + merge) / one:.2f}",
+                f"{max(peak for _, _, peak in shards):.0f} of {one_peak:.0f}", f"{merge_peak:.0f}",
+                f"{light:,}", verdict(light / whole.stat().st_size, 0.01, least=False),
+            ])
+    table(["picture", "codec", "one process, CPU s", "plan", "16 shards", "merge", "plan and merge of all (0.05)", "all / one", "MiB of a shard, of one process", "of merge", "light bytes", "of the file (0.01)"], rows)
+
+
+MOSAIC = """
+import sys, rasterio
+from rasterio.transform import from_origin
+with rasterio.open(sys.argv[1]) as source:
+    data, profile = source.read(1), source.profile
+profile.update(driver='GTiff', tiled=True, blockxsize=256, blockysize=256, compress='deflate', crs='EPSG:32633')
+side = int(sys.argv[3])
+for number in range(side * side):
+    x, y = number % side, number // side
+    profile['transform'] = from_origin(500000 + 10 * source.width * x, 9000000 - 10 * source.height * y, 10, 10)
+    with rasterio.open(f'{sys.argv[2]}/tile_{number:02}.tif', 'w', **profile) as out:
+        out.write(data, 1)
+"""
+
+CLUSTER = """
+import sys, time
+from distributed import Client, LocalCluster
+if __name__ == '__main__':
+    workers, how, folder, out = int(sys.argv[1]), *sys.argv[2:5]
+    with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
+        began = time.perf_counter()
+        if how == 'spinney':
+            import spinney.dask
+            spinney.dask.build(folder + '/tile_*.tif', out, client=client, codec='packed', kind='categorical')
+        else:
+            import glob, rioxarray, xarray
+            from distributed import Lock
+            tiles = [rioxarray.open_rasterio(path, chunks=(1, 2048, 2048), lock=False) for path in sorted(glob.glob(folder + '/tile_*.tif'))]
+            side = round(len(tiles) ** 0.5)
+            rows = [xarray.concat(tiles[side * row:side * row + side], 'x') for row in range(side)]
+            whole = xarray.concat(rows, 'y')
+            whole.rio.to_raster(out, tiled=True, lock=Lock('write'), compress='zstd', driver='GTiff', BIGTIFF='YES')
+            import subprocess
+            subprocess.run(['gdal_translate', '-q', '-of', 'COG', '-co', 'COMPRESS=ZSTD', '-co', 'OVERVIEW_RESAMPLING=MODE', '-co', 'BIGTIFF=YES', out, out + '.cog.tif'], check=True)
+        print(time.perf_counter() - began)
+"""
+
+
+def dask():
+    folder, script = WORK / f"mosaic_{SIDE}", WORK / "cluster.py"
+    script.write_text(CLUSTER)
+    if not folder.exists():
+        folder.mkdir()
+        subprocess.run([PYTHON, "-c", MOSAIC, CLASSES, folder, str(SIDE)], check=True)
+    whole = WORK / "whole.goblin"
+    one, wall, _ = once([SPINNEY, "-q", "--threads", "1", "build", *sorted(folder.glob("tile_*.tif")), "-o", whole, "--codec", "packed", "--kind", "categorical"])
+    rows, found = [["spinney build --threads 1", f"{one:.1f}", f"{wall:.1f}", ""]], {}
+    for name, workers, how in (("one worker", 1, "spinney"), ("two workers", 2, "spinney"), ("rioxarray and GDAL's COG, two workers", 2, "rioxarray")):
+        out = WORK / ("merged.goblin" if how == "spinney" else "mosaic.tif")
+        emptied(out)
+        seconds = WORK / "seconds"
+        with seconds.open("w") as file:
+            cpu, _, _ = once([PYTHON, script, workers, how, folder, out], stdout=file)
+        found[name] = cpu, float(seconds.read_text().split()[-1])
+        if how == "spinney":
+            assert out.read_bytes() == whole.read_bytes()
+    for name, (cpu, wall) in found.items():
+        of = ""
+        if name == "two workers":
+            of = f"one worker / two: {verdict(found['one worker'][1] / wall, 1.6)}"
+        elif name.startswith("rio"):
+            of = f"two workers' CPU of it: {verdict(found['two workers'][0] / cpu, 0.2, least=False)}"
+        rows.append([name, f"{cpu:.1f}", f"{wall:.1f}", of])
+    table([f"mosaic of {SIDE * SIDE} x 33.6 million cells, packed", "CPU s, with the cluster", "s, without its start", ""], rows)
+
+
+MANY = """
+import sys, numpy, rasterio
+from rasterio.transform import from_origin
+data = numpy.arange(64 * 64, dtype='uint8').reshape(64, 64)
+for number in range(int(sys.argv[2])):
+    x, y = number % 100, number // 100
+    with rasterio.open(f'{sys.argv[1]}/{number:05}.tif', 'w', driver='GTiff', width=64, height=64, count=1, dtype='uint8', crs='EPSG:32633', transform=from_origin(640 * x, 9000000 - 640 * y, 10, 10)) as out:
+        out.write(data, 1)
+"""
+
+
+def plan():
+    folder, names = WORK / f"many_{FILES}", WORK / "many.txt"
+    if not folder.exists():
+        folder.mkdir()
+        subprocess.run([PYTHON, "-c", MANY, folder, str(FILES)], check=True)
+    names.write_text("".join(f"{path}\n" for path in sorted(folder.glob("*.tif"))))
+    job = emptied(WORK / "job")
+    cpu, wall, peak = once([SPINNEY, "-q", "shard", "plan", f"@{names}", "-o", job, "--shards", "64"])
+    peer, peer_wall, peer_peak = once(["gdalbuildvrt", "-q", "-overwrite", "-input_file_list", names, WORK / "many.vrt"])
+    began = time.perf_counter()
+    said([SPINNEY, "-q", "shard", "build", job, "0"])
+    shard = time.perf_counter() - began
+    table([f"plan of {FILES:,} files", "CPU s", "s", "MiB"], [
+        ["spinney shard plan", f"{cpu:.2f}", f"{wall:.2f}", f"{peak:.0f}"],
+        ["gdalbuildvrt", f"{peer:.2f}", f"{peer_wall:.2f}", f"{peer_peak:.0f}"],
+        ["ours / theirs (1)", verdict(cpu / peer, 1, least=False), verdict(wall / peer_wall, 1, least=False), ""],
+        ["a shard of 64 of it", "", f"{shard:.2f}", ""],
+    ])
+
+
+start(peer="gdalbuildvrt")
+for part in PARTS:
+    {"costs": costs, "dask": dask, "plan": plan}[part]()

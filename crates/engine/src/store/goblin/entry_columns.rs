@@ -1,0 +1,83 @@
+//! Entries of the directory in few bytes: what stands in one place of each, one behind the other, as numbers.
+
+use super::directory::entry_size;
+use spinney_base::value::ValueType;
+use spinney_packing::{pack_numbers, unpack_numbers};
+
+/// Entries that are packed together, at most.
+pub(super) const TOGETHER: usize = 1024;
+
+/// Bytes of the numbers of an entry, in their order: none has more than eight.
+fn widths(value_type: ValueType) -> Vec<usize> {
+    // Code, offset, length, records, classes, codec and table, checksum, cells.
+    let mut widths = vec![8, 8, 8, 4, 2, 2, 4, 8];
+    let sample = value_type.sample.size();
+    for _ in 0..value_type.channels {
+        // Extremes, then the halves of the two sums.
+        widths.extend([sample, sample, 8, 8, 8, 8]);
+    }
+    if value_type.is_masked() {
+        widths.extend(vec![8; usize::from(value_type.channels)]);
+    }
+    debug_assert_eq!(widths.iter().sum::<usize>(), entry_size(value_type));
+    widths
+}
+
+/// Packs the bytes of entries, which stand one behind the other. Codes are told by how far they are from the one before.
+pub(super) fn pack_entries(value_type: ValueType, entries: &[u8]) -> Vec<u8> {
+    let (mut packed, mut at) = (Vec::new(), 0);
+    for width in widths(value_type) {
+        let mut before = 0;
+        let number = |entry: &[u8]| {
+            let mut bytes = [0; 8];
+            bytes[..width].copy_from_slice(&entry[at..at + width]);
+            let number = i64::from_le_bytes(bytes);
+            number.wrapping_sub(if at == 0 { std::mem::replace(&mut before, number) } else { 0 })
+        };
+        let numbers: Vec<i64> = entries.chunks_exact(entry_size(value_type)).map(number).collect();
+        pack_numbers(&numbers, &[], &mut packed);
+        at += width;
+    }
+    packed
+}
+
+/// Unpacks so many entries; `None` if the bytes are not those of as many.
+pub(super) fn unpack_entries(value_type: ValueType, count: usize, mut packed: &[u8]) -> Option<Vec<u8>> {
+    let size = entry_size(value_type);
+    let (mut entries, mut numbers, mut at) = (vec![0; count * size], vec![0; count], 0);
+    for width in widths(value_type) {
+        packed = unpack_numbers(packed, &[], &mut numbers)?;
+        let mut before = 0i64;
+        for (entry, number) in entries.chunks_exact_mut(size).zip(&numbers) {
+            let number = number.wrapping_add(before);
+            before = if at == 0 { number } else { 0 };
+            entry[at..at + width].copy_from_slice(&number.to_le_bytes()[..width]);
+        }
+        at += width;
+    }
+    packed.is_empty().then_some(entries)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spinney_base::value::SampleType;
+
+    #[test]
+    fn entries_come_back() {
+        for value_type in [
+            ValueType::new(SampleType::U8, 1),
+            ValueType::new(SampleType::F64, 2),
+            ValueType::new(SampleType::U16, 3).with_missing(7u64),
+        ] {
+            for count in [1, 5, TOGETHER] {
+                let byte = |i: usize| if i % 3 == 0 { (i * i % 251) as u8 } else { 0 };
+                let entries: Vec<u8> = (0..count * entry_size(value_type)).map(byte).collect();
+                let packed = pack_entries(value_type, &entries);
+                assert_eq!(unpack_entries(value_type, count, &packed), Some(entries));
+                assert_eq!(unpack_entries(value_type, count, &[&packed[..], &[0]].concat()), None);
+                assert_eq!(unpack_entries(value_type, count, &packed[..packed.len() - 1]), None);
+            }
+        }
+    }
+}
