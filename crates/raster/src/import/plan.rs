@@ -174,8 +174,8 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<RasterImport>
     Ok(RasterImport { raster, value, nodata, options, memory, remarks, mosaic, description })
 }
 
-/// Opens some inputs of a mosaic that was planned before, with its regions of these inputs alone: the tree is that of a header and of metadata, and where none of
-/// them is, nothing is to be built.
+/// Opens some inputs of a mosaic that was planned before, whose regions are those of these inputs; there may be none. The tree is that of a
+/// header and of metadata.
 ///
 /// # Errors
 /// If a file cannot be read, or has other pixels than it had.
