@@ -64,6 +64,7 @@
 //! | `partitions` | trees that divide in two: bintrees, and BSP trees of the plane and of space |
 //! | `reconstruction` | solids of pictures from known directions, and of outlines at heights |
 //! | `report`, `serve` | answers as JSON; a server of files and answers |
+//! | [`manifest`] | many files as one |
 //! | [`store`] | the formats, and building |
 //! | [`tree`] | sources: everything that can be walked from the root down |
 //! | [`space`], [`value`] | codes and boxes of nodes, coordinate systems; types of values and how they are averaged |
@@ -225,6 +226,12 @@ pub mod ops {
         combine_with, convert, crosstab, crosstab_files, data_box, diff, diff_files, differences, drop_layer,
         edit, layer_paths, only_layer, transform, warp,
     };
+}
+
+/// Manifests: many files as one.
+pub mod manifest {
+    pub use spinney_engine::ops::{Mosaic, MosaicNode, list_files};
+    pub use spinney_manifest::{Entry, FileTag, Manifest, is_manifest};
 }
 
 /// A file, or a view of one, with every question.

@@ -8,7 +8,8 @@ use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::io::rounds::traffic;
 use spinney::io::url_of;
-use spinney::ops::LayerInfo;
+use spinney::manifest::Entry;
+use spinney::ops::{LayerInfo, TreeFile};
 use spinney::query::ChannelStatistics;
 use spinney::report::{JsonNumbers, channels_as_json, class_as_json, commit_as_json};
 use spinney::space::{Crs, Frame};
@@ -185,7 +186,7 @@ fn as_json(tree: &Dataset, (levels, segments): (Levels<'_>, Segments<'_>)) -> Re
             json!({ "value": class_as_json(*value), "cells": cells, "name": name, "colour": colour })
         })
         .collect();
-    Ok(json!({
+    let mut json = json!({
         "file": tree.name().display().to_string(),
         "format": tree.format().name(),
         "commit": tree.commit().map(|commit| commit_as_json(commit, JsonNumbers::Plain)),
@@ -227,7 +228,18 @@ fn as_json(tree: &Dataset, (levels, segments): (Levels<'_>, Segments<'_>)) -> Re
         "tags": metadata.tags,
         "scoped_tags": scoped_tags_as_json(metadata),
         "control_points": control_points_as_json(metadata),
-    }))
+    });
+    if let Some(files) = listed_as_json(tree) {
+        json["files"] = files.into();
+    }
+    Ok(json)
+}
+
+/// The files that a manifest lists.
+fn listed_as_json(tree: &Dataset) -> Option<Vec<serde_json::Value>> {
+    let Some(TreeFile::Mosaic(tree)) = tree.as_file() else { return None };
+    let json = |entry: &Entry| json!({ "path": entry.path, "layer": entry.layer, "from": entry.bounds.min, "size": entry.bounds.size(), "bytes": entry.tag.length });
+    Some(tree.entries().iter().map(json).collect())
 }
 
 fn crs_as_json(crs: &Crs) -> serde_json::Value {
@@ -284,6 +296,9 @@ fn write_picture(text: &mut String, tree: &Dataset) -> Result<()> {
     writeln!(text, "{}: {} {}", tree.name().display(), tree.format().name(), tree_name(tree))?;
     if let Some(commit) = tree.commit() {
         writeln!(text, "commit      {}{}", commit.number, commit::about(commit))?;
+    }
+    if let Some(TreeFile::Mosaic(tree)) = tree.as_file() {
+        writeln!(text, "files       {}", tree.entries().len())?;
     }
     if !metadata.name.is_empty() {
         writeln!(text, "layer       {}", metadata.name)?;

@@ -20,6 +20,7 @@ mod info;
 mod legend;
 mod lines;
 mod log;
+mod manifest;
 mod overlay;
 mod point;
 mod points;
@@ -94,6 +95,7 @@ enum Command {
     Export(export::Args),
     Transform(transform::Args),
     Combine(combine::Args),
+    Manifest(manifest::Args),
     Edit(edit::Args),
     Log(log::Args),
     Blame(blame::Args),
@@ -127,6 +129,7 @@ impl Command {
             Command::Export(args) => export::run(&args, global),
             Command::Transform(args) => transform::run(args, global),
             Command::Combine(args) => combine::run(args, global),
+            Command::Manifest(args) => manifest::run(&args, global),
             Command::Edit(args) => edit::run(args, global),
             Command::Log(args) => log::run(&args),
             Command::Diff(args) => diff::run(&args, global),

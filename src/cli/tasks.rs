@@ -7,7 +7,10 @@ use super::Cli;
 /// Tasks and their subcommands: each stands once.
 const TASKS: [(&str, &[&str]); 6] = [
     ("Look at a file", &["show", "info", "get", "render", "legend", "dump"]),
-    ("Make a file", &["build", "shard", "transform", "combine", "convert", "contours", "section", "export"]),
+    (
+        "Make a file",
+        &["build", "shard", "transform", "combine", "manifest", "convert", "contours", "section", "export"],
+    ),
     ("Ask", &["point", "stats", "find"]),
     ("Change, and look back", &["edit", "log", "diff", "blame", "revert", "compact"]),
     ("Check", &["verify", "recover"]),

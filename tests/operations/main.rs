@@ -25,6 +25,7 @@ mod exact_triangles;
 mod exact_views;
 #[cfg(feature = "mesh")]
 mod isosurfaces;
+mod manifests;
 mod operations;
 mod overlay;
 mod pixels;

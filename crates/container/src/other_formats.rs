@@ -97,6 +97,12 @@ static FORMATS: &[OtherFormat] = &[
         &[Within("\"FeatureCollection\""), Within("\"Feature\"")],
         Read("its polygons are zones for `spinney stats TREE --zones FILE`"),
     ),
+    format(
+        "a manifest of files",
+        &[],
+        &[Within("\"spinney_manifest\"")],
+        Read("make one tree of its files first (`spinney transform FILE -o OUT.goblin`)"),
+    ),
     format("a CityJSON model", &["json", "jsonl", "cityjson"], &[], Source),
     format("a point cloud (LAS or LAZ)", &["las", "laz"], &[At(0, b"LASF")], Read(CLOUD)),
     format("a point cloud (E57)", &["e57"], &[At(0, b"ASTM-E57")], Refused(POINTS)),

@@ -83,6 +83,12 @@ impl Dataset {
         let tree = match source {
             ViewSource::File(TreeFile::Goblin(file)) => Tree::Goblin(file),
             ViewSource::File(TreeFile::Autumnal(file)) => Tree::Autumnal(file),
+            source @ ViewSource::File(TreeFile::Mosaic(_)) => {
+                // (Its levels are those of its files, which are made by the rule.)
+                let rule = source.header().rule;
+                let view = View::whole(source)?.sampled(Sampling::Area(rule))?;
+                return Ok(Dataset::of_view(Viewed::new(view, false)));
+            }
             source => return Ok(Dataset::of_view(Viewed::new(View::whole(source)?, false))),
         };
         Ok(Dataset { tree })
@@ -140,7 +146,10 @@ impl Dataset {
         match &self.tree {
             Tree::Goblin(file) => Some(TreeFile::Goblin(file.clone())),
             Tree::Autumnal(file) => Some(TreeFile::Autumnal(file.clone())),
-            Tree::View(_) => None,
+            Tree::View(viewed) => match &**viewed.source_of_all()? {
+                ViewSource::File(file @ TreeFile::Mosaic(_)) => Some(file.clone()),
+                _ => None,
+            },
         }
     }
 
@@ -150,8 +159,7 @@ impl Dataset {
         match &self.tree {
             Tree::View(viewed) => {
                 let source = viewed.view().source();
-                let is_calculated = matches!(**source, ViewSource::Calculated(_));
-                (is_calculated && viewed.view().is_whole()).then(|| source.clone())
+                (source.draws_levels() && viewed.view().is_whole()).then(|| source.clone())
             }
             _ => self.as_file().map(|file| Arc::new(file.into())),
         }

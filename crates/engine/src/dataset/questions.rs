@@ -199,7 +199,7 @@ impl Dataset {
         match self.file() {
             Some(TreeFile::Autumnal(file)) => file.level_counts(most, progress),
             Some(TreeFile::Goblin(file)) => Ok(Some(file.metadata().counts.clone())),
-            None => Ok(None),
+            Some(TreeFile::Mosaic(_)) | None => Ok(None),
         }
     }
 

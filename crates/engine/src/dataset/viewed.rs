@@ -1,5 +1,7 @@
 //! Views of files: questions are answered through the view, nothing is computed beforehand.
 
+use std::sync::Arc;
+
 use crate::ops::{Step, View, ViewSource, WarpGrid};
 use crate::query::{Canvas, check_level};
 use crate::tree::{Child, Source, no_children};
@@ -45,6 +47,11 @@ impl Viewed {
         self.view.source()
     }
 
+    /// The source, if all of it is seen as it is.
+    pub(super) fn source_of_all(&self) -> Option<&Arc<ViewSource>> {
+        self.view.is_whole().then(|| self.view.source())
+    }
+
     pub(super) fn header(&self) -> &Header {
         &self.header
     }
@@ -68,7 +75,7 @@ impl Viewed {
         bytes: &mut [u8],
         valid: Option<&mut [bool]>,
     ) -> Result<()> {
-        if !matches!(**self.view.source(), ViewSource::Calculated(_)) {
+        if !self.view.source().draws_levels() {
             let view = self.at(level)?;
             let mut canvas = Canvas::new(view.form(), bounds, fill, bytes, valid)?;
             return canvas.draw(&view, view.root()?, view.depth());
@@ -126,7 +133,7 @@ impl Viewed {
         cells: &[[u64; 3]],
         values: &mut [Option<Value>],
     ) -> Result<()> {
-        let is_calculated = matches!(**self.view.source(), ViewSource::Calculated(_));
+        let is_calculated = self.view.source().draws_levels();
         let (view, form) = (self.at(level)?, self.view.form());
         let space = Bounds::space(form.dimension, level);
         for (cell, value) in cells.iter().zip(values) {

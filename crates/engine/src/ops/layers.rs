@@ -114,6 +114,7 @@ pub fn add_layer(
             writer.finish()?;
             Ok(None)
         }
+        TreeFile::Mosaic(_) => Err(only_listed(path)),
     }
 }
 
@@ -150,7 +151,15 @@ pub fn drop_layer(
             writer.finish()?;
             Ok(None)
         }
+        TreeFile::Mosaic(_) => Err(only_listed(path)),
     }
+}
+
+/// The error of changing what a manifest lists.
+#[cold]
+fn only_listed(path: &Path) -> Error {
+    let advice = "change its files, or make one of them (`spinney convert`)";
+    Error::unsupported(path, "changing the layers of a manifest", advice)
 }
 
 /// Opens a file whose layers are to change. A Goblin file, which is written anew, has a lock that is given back when what stands beside it is
@@ -162,6 +171,7 @@ fn open_to_change(path: &Path) -> Result<(TreeFile, Option<ReplaceLock>)> {
             Ok((TreeFile::open(path, &OpenOptions::default())?, Some(lock)))
         }
         file @ TreeFile::Autumnal(_) => Ok((file, None)),
+        TreeFile::Mosaic(_) => Err(only_listed(path)),
     }
 }
 

@@ -19,6 +19,7 @@ mod diff;
 mod edit;
 mod files;
 mod layers;
+mod mosaic;
 mod opaque;
 mod operation;
 mod patch;
@@ -46,6 +47,7 @@ pub use files::{
     Chain, MadeOperand, Outcome, PairOfSamples, combine, combine_with, crosstab_files, transform,
 };
 pub use layers::{add_layer, drop_layer, layer_paths, only_layer};
+pub use mosaic::{Mosaic, MosaicNode, list_files};
 pub use opaque::Opaque;
 pub use operation::{Operation, Prefer};
 pub use patch::{CellPatch, Change, FillPatch, FillRegion, Patch};

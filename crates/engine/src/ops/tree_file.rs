@@ -1,10 +1,11 @@
-//! Tree files of either format.
+//! Tree files of either format, and many of them as one.
 
 use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::query::{Statistics, autumnal_statistics, tally_of};
+use super::mosaic::{Mosaic, MosaicNode};
+use crate::query::{Statistics, autumnal_statistics, source_statistics, tally_of};
 use crate::store::autumnal::{Autumnal, AutumnalNode, Commit};
 use crate::store::builder::{RecordRef, ReusableSource, StoredNode};
 use crate::store::goblin::{Goblin, GoblinNode};
@@ -13,16 +14,20 @@ use spinney_base::space::Bounds;
 use spinney_base::value::{Tally, Value};
 use spinney_base::{Error, Form, Progress, Result};
 use spinney_container::{
-    FileHeader, FilePlace, Finding, Header, Layer, MAX_FINDINGS, Metadata, OpenOptions, TreeFormat,
+    FIRST_BYTES, FileHeader, FilePlace, Finding, Header, Layer, MAX_FINDINGS, Metadata, OpenOptions,
+    TreeFormat,
 };
+use spinney_manifest::{Manifest, is_manifest};
 
-/// A tree file of either format, open for reading. A clone is the same open file.
+/// A tree file of either format, or a manifest of some, open for reading. A clone is the same open file.
 #[derive(Clone)]
 pub enum TreeFile {
     /// Published.
     Goblin(Arc<Goblin>),
     /// Edited: one of its commits.
     Autumnal(Arc<Autumnal>),
+    /// Many files, as a manifest tells them.
+    Mosaic(Arc<Mosaic>),
 }
 
 /// A layer of a file: one of its trees.
@@ -43,6 +48,8 @@ pub enum TreeFileNode {
     Goblin(GoblinNode),
     /// Of an Autumnal file.
     Autumnal(AutumnalNode),
+    /// Of many files as one.
+    Mosaic(MosaicNode),
 }
 
 impl TreeFile {
@@ -70,6 +77,15 @@ impl TreeFile {
     /// Those of [`TreeFile::open`].
     pub fn at(place: &FilePlace<'_>, options: &OpenOptions) -> Result<TreeFile> {
         let opened = options.open_with_id(&place.file)?;
+        let first = opened.0.read(0, opened.0.len().min(FIRST_BYTES as u64) as usize)?;
+        if is_manifest(&first) {
+            drop(first);
+            Manifest::check_length(&place.file, opened.0.len())?;
+            let bytes = opened.0.read(0, opened.0.len() as usize)?;
+            place.layer_number([""].into_iter())?;
+            return Ok(TreeFile::Mosaic(Arc::new(Mosaic::from_bytes(&place.file, &bytes, options)?)));
+        }
+        drop(first);
         match FileHeader::read_cells(&place.file, &*opened.0)?.format {
             TreeFormat::Autumnal => Ok(Autumnal::of_opened(place, opened, options)?.into()),
             TreeFormat::Goblin => {
@@ -120,6 +136,9 @@ impl TreeFile {
                 let layer = |(name, header)| LayerInfo { name, header, bytes: None };
                 Ok(names.zip(file.layer_headers()?).map(layer).collect())
             }
+            TreeFile::Mosaic(tree) => {
+                Ok(vec![LayerInfo { name: String::new(), header: tree.header().clone(), bytes: None }])
+            }
         }
     }
 
@@ -128,6 +147,7 @@ impl TreeFile {
         match self {
             TreeFile::Goblin(file) => file.layer_number(),
             TreeFile::Autumnal(file) => file.layer_number(),
+            TreeFile::Mosaic(_) => 0,
         }
     }
 
@@ -142,6 +162,7 @@ impl TreeFile {
         match self {
             TreeFile::Goblin(file) => Ok(file.open_layer(number)?.into()),
             TreeFile::Autumnal(file) => Ok(file.open_layer(number)?.into()),
+            TreeFile::Mosaic(_) => Ok(self.clone()),
         }
     }
 
@@ -150,6 +171,7 @@ impl TreeFile {
         match self {
             TreeFile::Goblin(file) => file.path(),
             TreeFile::Autumnal(file) => file.path(),
+            TreeFile::Mosaic(tree) => tree.path(),
         }
     }
 
@@ -163,6 +185,7 @@ impl TreeFile {
         match self {
             TreeFile::Goblin(file) => file.header(),
             TreeFile::Autumnal(file) => file.header(),
+            TreeFile::Mosaic(tree) => tree.header(),
         }
     }
 
@@ -171,20 +194,21 @@ impl TreeFile {
         match self {
             TreeFile::Goblin(file) => file.metadata(),
             TreeFile::Autumnal(file) => file.metadata(),
+            TreeFile::Mosaic(tree) => tree.metadata(),
         }
     }
 
-    /// The file's format.
+    /// The file's format; that of the files of a manifest.
     pub fn format(&self) -> TreeFormat {
         match self {
-            TreeFile::Goblin(_) => TreeFormat::Goblin,
+            TreeFile::Goblin(_) | TreeFile::Mosaic(_) => TreeFormat::Goblin,
             TreeFile::Autumnal(_) => TreeFormat::Autumnal,
         }
     }
 
     fn autumnal(&self) -> Option<&Autumnal> {
         match self {
-            TreeFile::Goblin(_) => None,
+            TreeFile::Goblin(_) | TreeFile::Mosaic(_) => None,
             TreeFile::Autumnal(file) => Some(file),
         }
     }
@@ -194,11 +218,12 @@ impl TreeFile {
         self.autumnal().map(Autumnal::commit)
     }
 
-    /// Bytes of the whole file.
+    /// Bytes of the whole file; of a manifest those of its files, too.
     pub fn file_size(&self) -> u64 {
         match self {
             TreeFile::Goblin(file) => file.file_size(),
             TreeFile::Autumnal(file) => file.file_size(),
+            TreeFile::Mosaic(tree) => tree.bytes(),
         }
     }
 
@@ -206,7 +231,7 @@ impl TreeFile {
     pub fn segments(&self) -> usize {
         match self {
             TreeFile::Goblin(file) => file.segments(),
-            TreeFile::Autumnal(_) => 0,
+            TreeFile::Autumnal(_) | TreeFile::Mosaic(_) => 0,
         }
     }
 
@@ -216,6 +241,7 @@ impl TreeFile {
         match self {
             TreeFile::Goblin(file) => file.stored_records(),
             TreeFile::Autumnal(file) => file.stored_records(),
+            TreeFile::Mosaic(_) => 0,
         }
     }
 
@@ -229,13 +255,14 @@ impl TreeFile {
         match self {
             TreeFile::Goblin(file) => file.sections(),
             TreeFile::Autumnal(file) => file.sections(),
+            TreeFile::Mosaic(_) => Vec::new(),
         }
     }
 
     /// The root, however many nodes there are below it: for those who look at each record once.
     pub(super) fn any_root(&self) -> Result<Child<TreeFileNode>> {
         match self {
-            TreeFile::Goblin(_) => self.root(),
+            TreeFile::Goblin(_) | TreeFile::Mosaic(_) => self.root(),
             TreeFile::Autumnal(file) => Ok(file.root_child().map_node(TreeFileNode::Autumnal)),
         }
     }
@@ -248,6 +275,7 @@ impl TreeFile {
         let findings = match self {
             TreeFile::Goblin(file) => file.verify(memory, progress),
             TreeFile::Autumnal(file) => file.verify(memory, progress),
+            TreeFile::Mosaic(tree) => return tree.verify(memory, progress),
         };
         self.verify_pictures(findings?, progress)
     }
@@ -260,6 +288,7 @@ impl TreeFile {
         let findings = match self {
             TreeFile::Goblin(file) => file.verify(memory, progress),
             TreeFile::Autumnal(file) => file.verify_quickly(memory, progress),
+            TreeFile::Mosaic(tree) => return tree.verify(memory, progress),
         };
         self.verify_pictures(findings?, progress)
     }
@@ -293,8 +322,10 @@ impl TreeFile {
             (outside.min[axis], rest.max[axis]) = (header.extent[axis], header.extent[axis]);
             if !outside.is_empty() {
                 cells += match self {
-                    TreeFile::Goblin(file) => tally_of(file, &outside)?.cells,
+                    TreeFile::Goblin(file) => tally_of(file, &outside, false)?.cells,
                     TreeFile::Autumnal(file) => autumnal_statistics(file, &outside, false, progress)?.cells,
+                    // (Files are checked to lie in their boxes, and these to lie in the picture.)
+                    TreeFile::Mosaic(_) => 0,
                 };
             }
         }
@@ -311,6 +342,7 @@ impl TreeFile {
         match self {
             TreeFile::Goblin(file) => file.statistics_with(Some(*bounds), count_classes, progress),
             TreeFile::Autumnal(file) => autumnal_statistics(file, bounds, count_classes, progress),
+            TreeFile::Mosaic(tree) => source_statistics(&**tree, bounds, count_classes, progress),
         }
     }
 
@@ -330,7 +362,18 @@ impl TreeFile {
             (TreeFile::Autumnal(file), TreeFileNode::Autumnal(node)) => {
                 file.children_with(node, children, |node| node_of(TreeFileNode::Autumnal(node)))
             }
+            (TreeFile::Mosaic(tree), TreeFileNode::Mosaic(node)) => {
+                tree.children_as(node, children, |node| node_of(TreeFileNode::Mosaic(node)))
+            }
             _ => Err(other_node(self.path())),
+        }
+    }
+
+    /// What stands for an INNER node, where that was left out: in those that are of several files of a manifest.
+    pub(super) fn representative(&self, node: &TreeFileNode, given: Value) -> Result<Value> {
+        match (self, node) {
+            (TreeFile::Mosaic(tree), TreeFileNode::Mosaic(node)) => tree.representative(node, given),
+            _ => Ok(given),
         }
     }
 
@@ -350,6 +393,7 @@ impl TreeFile {
                 file.window(level, bounds, Value::ZERO, values, Some(valid)).map(|_| ())
             }
             TreeFile::Autumnal(file) => file.window(level, bounds, Value::ZERO, values, Some(valid)),
+            TreeFile::Mosaic(tree) => tree.draw_at(level, bounds, values, valid),
         }
     }
 }
@@ -399,6 +443,7 @@ impl Source for TreeFile {
         Ok(match self {
             TreeFile::Goblin(file) => file.root()?.map_node(TreeFileNode::Goblin),
             TreeFile::Autumnal(file) => file.root()?.map_node(TreeFileNode::Autumnal),
+            TreeFile::Mosaic(tree) => tree.root()?.map_node(TreeFileNode::Mosaic),
         })
     }
 
@@ -414,6 +459,7 @@ impl Source for TreeFile {
         match (self, node) {
             (TreeFile::Goblin(file), TreeFileNode::Goblin(node)) => file.cells(node, levels),
             (TreeFile::Autumnal(file), TreeFileNode::Autumnal(node)) => file.cells(node, levels),
+            (TreeFile::Mosaic(tree), TreeFileNode::Mosaic(node)) => tree.cells(node, levels),
             _ => Ok(None),
         }
     }
@@ -422,12 +468,14 @@ impl Source for TreeFile {
         match self {
             TreeFile::Goblin(file) => file.check_unchanged(),
             TreeFile::Autumnal(file) => file.check_unchanged(),
+            TreeFile::Mosaic(tree) => tree.check_unchanged(),
         }
     }
 
     fn tally(&self, node: &TreeFileNode) -> Result<Option<Tally>> {
         match (self, node) {
             (TreeFile::Autumnal(file), TreeFileNode::Autumnal(node)) => file.tally(node),
+            (TreeFile::Mosaic(tree), TreeFileNode::Mosaic(node)) => tree.tally(node),
             _ => Ok(None),
         }
     }

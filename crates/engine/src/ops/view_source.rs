@@ -151,7 +151,22 @@ impl ViewSource {
             ViewSource::Opaque(tree) => tree.source().is_approximate(),
             // (Levels are made by whoever builds them.)
             ViewSource::Regions(_) | ViewSource::Blockwise(_) => true,
+            ViewSource::File(TreeFile::Mosaic(tree)) => tree.is_approximate(),
             ViewSource::File(_) | ViewSource::Patched(_) | ViewSource::Memory(_) => false,
+        }
+    }
+
+    /// Whether levels are drawn as a whole, not node by node: representatives may be left out.
+    pub(crate) fn draws_levels(&self) -> bool {
+        matches!(self, ViewSource::Calculated(_) | ViewSource::File(TreeFile::Mosaic(_)))
+    }
+
+    /// What stands for an INNER node, where that was left out.
+    pub(super) fn representative(&self, node: &ViewSourceNode, given: Value) -> Result<Value> {
+        match (self, node) {
+            (ViewSource::File(file), ViewSourceNode::File(node)) => file.representative(node, given),
+            (ViewSource::Opaque(tree), node) => tree.source().representative(node, given),
+            _ => Ok(given),
         }
     }
 

@@ -160,12 +160,13 @@ pub(crate) fn autumnal_statistics(
     Ok(gather.finish(volume))
 }
 
-/// Extremes, sums and number of all cells of a box, which may stick out of the picture: nodes of the tree are taken whole.
+/// Extremes, sums and number of all cells of a box, which may stick out of the picture: nodes of the tree are taken whole. Also classes, if they are to
+/// be counted.
 ///
 /// # Errors
 /// If the file is damaged there.
-pub(crate) fn tally_of(file: &Goblin, bounds: &Bounds) -> Result<Tally> {
-    let mut gather = Gather::new(file.header().form, false, &());
+pub(crate) fn tally_of(file: &Goblin, bounds: &Bounds, count_classes: bool) -> Result<Tally> {
+    let mut gather = Gather::new(file.header().form, count_classes, &());
     ended(walk(file, bounds, &mut gather))?;
     Ok(gather.count.finish())
 }

@@ -84,8 +84,8 @@ impl<'a> Area<'a> {
             Child::Void => {}
             Child::Leaf(value) => self.count(*value, share),
             // What the source has for the whole node was made by the same rule.
-            Child::Inner { representative, .. } if inside && all && !self.goes_to_cells => {
-                self.exact = Some(*representative);
+            Child::Inner { representative, node } if inside && all && !self.goes_to_cells => {
+                self.exact = Some(self.source.representative(node, *representative)?);
             }
             Child::Inner { node, .. } => {
                 let mut children = no_children();

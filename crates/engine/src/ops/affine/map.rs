@@ -148,7 +148,7 @@ impl AffineMap {
     }
 
     /// Whether it only moves.
-    pub(super) fn is_translation(&self) -> bool {
+    pub(in crate::ops) fn is_translation(&self) -> bool {
         self.0.matrix3 == DMat3::IDENTITY
     }
 

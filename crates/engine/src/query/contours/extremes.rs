@@ -83,7 +83,7 @@ pub(crate) fn file_extremes(file: &Goblin, code: Code) -> Result<Extremes> {
             return Ok(Extremes::of(&entry.zone, cells));
         }
     }
-    Ok(Extremes::of(&tally_of(file, &bounds)?, cells))
+    Ok(Extremes::of(&tally_of(file, &bounds, false)?, cells))
 }
 
 /// Extremes of a node of any source, of which `picture` are the cells that can be other than VOID. Nothing is known of nodes that the source has no tally of.

@@ -1,0 +1,92 @@
+//! The files of a mosaic that are open.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crate::store::goblin::Goblin;
+use spinney_base::{Error, Result};
+use spinney_container::{FileHeader, FilePlace, Header, OpenOptions, TreeFormat};
+use spinney_manifest::{Entry, FileTag};
+
+/// Files that are kept open at most.
+pub(super) const MOST_OPEN: usize = 64;
+
+/// Files that were used last.
+#[derive(Default)]
+pub(super) struct OpenFiles(Mutex<Vec<(u32, Arc<Goblin>)>>);
+
+impl OpenFiles {
+    /// A file, which becomes the last that was used; opened if it is not open.
+    pub(super) fn get(&self, number: u32, open: &dyn Fn() -> Result<Goblin>) -> Result<Arc<Goblin>> {
+        if let Some(file) = self.kept(number) {
+            return Ok(file);
+        }
+        // (Without the lock: others may go on, and at worst two open the same.)
+        let file = Arc::new(open()?);
+        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if kept.len() >= MOST_OPEN {
+            kept.remove(0);
+        }
+        kept.push((number, file.clone()));
+        Ok(file)
+    }
+
+    fn kept(&self, number: u32) -> Option<Arc<Goblin>> {
+        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let index = kept.iter().rposition(|(other, _)| *other == number)?;
+        let found = kept.remove(index);
+        kept.push(found);
+        kept.last().map(|(_, file)| file.clone())
+    }
+
+    /// All that are open.
+    pub(super) fn all(&self) -> Vec<Arc<Goblin>> {
+        let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.iter().map(|(_, file)| file.clone()).collect()
+    }
+}
+
+/// Opens a file of one tree or one of its layers, with its state.
+pub(super) fn open_goblin(
+    file: &Path,
+    layer: Option<&str>,
+    options: &OpenOptions,
+) -> Result<(Goblin, FileTag)> {
+    let backend = options.open(file)?;
+    if FileHeader::read_cells(file, &*backend)?.format == TreeFormat::Autumnal {
+        let advice = "publish it first (`spinney convert MAP.autumn -o MAP.goblin`): an edited file changes under those who look at it";
+        return Err(Error::unsupported(file, "an Autumnal file in a manifest", advice));
+    }
+    let tag = FileTag::of(&*backend)?;
+    let first = Goblin::from_backend(file, backend, options)?;
+    let place = FilePlace { file: file.into(), commit: None, layer: layer.map(Into::into) };
+    let number = place.layer_number(first.layers().iter().map(|layer| &*layer.name))?;
+    Ok((if number == 0 { first } else { first.open_layer(number)? }, tag))
+}
+
+/// Opens a file of a manifest, which must be what the manifest tells of it.
+pub(super) fn open_listed(
+    entry: &Entry,
+    (manifest, common): (&Path, &Header),
+    options: &OpenOptions,
+) -> Result<Goblin> {
+    let path: PathBuf = entry.file(manifest)?;
+    let (file, tag) = open_goblin(&path, entry.layer.as_deref(), options)?;
+    let header = file.header();
+    let is_same = tag == entry.tag
+        && header.depth() == entry.depth
+        && header.extent == entry.bounds.size()
+        && (header.form, header.rule, header.kind) == (common.form, common.rule, common.kind);
+    if is_same {
+        return Ok(file);
+    }
+    let show = |tag: FileTag| format!("{} bytes with tag {:08x}", tag.length, tag.checksum);
+    let found = format!("a file that is not what {} tells ({})", manifest.display(), show(tag));
+    let expected = format!(
+        "{}; if it is to be taken as it is now: `spinney manifest --add {} -o {}`",
+        show(entry.tag),
+        path.display(),
+        manifest.display()
+    );
+    Err(Error::invalid(path.display().to_string(), found, expected))
+}

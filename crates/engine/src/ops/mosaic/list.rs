@@ -1,0 +1,248 @@
+//! Making and changing manifests.
+
+use std::collections::HashMap;
+use std::path::{Component, Path, PathBuf};
+
+use super::files::open_goblin;
+use crate::ops::affine::{AffineMap, align};
+use crate::ops::view_source::check_form;
+use spinney_base::io::{local_path, url_of};
+use spinney_base::space::Bounds;
+use spinney_base::value::Kind;
+use spinney_base::{Error, Progress, Result};
+use spinney_container::{FilePlace, HEAVY_THRESHOLD, Header, Metadata, OpenOptions, STRIDE, Shape, reach};
+use spinney_crs::Frame;
+use spinney_manifest::{Entry, Manifest};
+
+/// A file that is to be listed.
+struct Listed {
+    entry: Entry,
+    name: String,
+    header: Header,
+    metadata: Metadata,
+}
+
+/// Makes a manifest of files at a path, or changes the one that is there if `is_update` asks for it: files that are named in `removed` go, and
+/// `added` ones come on top of the others; one that is listed already stays where it is among them, in the state that it has now. It is replaced as a whole
+/// in the end, and nobody else changes it meanwhile.
+///
+/// # Errors
+/// [`Error::Locked`] if somebody else is changing it; if a file cannot be read, is of another form or on another grid than the others, or a name to remove is
+/// not listed; or on interruption.
+pub fn list_files(
+    path: &Path,
+    is_update: bool,
+    added: &[PathBuf],
+    removed: &[String],
+    progress: &dyn Progress,
+) -> Result<Manifest> {
+    Manifest::update(path, is_update, &mut |before| {
+        let mut manifest = before;
+        if let Some(manifest) = &mut manifest {
+            remove(path, manifest, removed)?;
+        }
+        let mut files = Vec::with_capacity(added.len());
+        for file in added {
+            progress.check()?;
+            files.push(look_at(path, file)?);
+        }
+        let Some(first) = files.first() else {
+            return manifest.ok_or_else(|| Error::invalid("files of a manifest", "none", "at least one"));
+        };
+        let manifest = match manifest {
+            Some(manifest) => manifest,
+            None => Manifest {
+                header: Header {
+                    codec: Default::default(),
+                    shape: Shape {
+                        reach: reach(first.header.form.dimension),
+                        stride: STRIDE,
+                        heavy_threshold: HEAVY_THRESHOLD,
+                        ..first.header.shape
+                    },
+                    ..first.header.clone()
+                },
+                metadata: common_part(&first.metadata),
+                entries: Vec::new(),
+            },
+        };
+        add(path, manifest, files)
+    })
+}
+
+/// Takes files off a manifest.
+fn remove(path: &Path, manifest: &mut Manifest, removed: &[String]) -> Result<()> {
+    for name in removed {
+        let named = stored_name(path, Path::new(name)).unwrap_or_default();
+        let before = manifest.entries.len();
+        manifest.entries.retain(|entry| entry.path != *name && entry.path != named);
+        if manifest.entries.len() == before {
+            let expected = format!("a file that {} lists", path.display());
+            return Err(Error::invalid("file to remove", name.as_str(), expected));
+        }
+    }
+    Ok(())
+}
+
+/// Opens a file and tells what is to be listed of it; where it lies is found later.
+fn look_at(manifest: &Path, path: &Path) -> Result<Listed> {
+    let place = FilePlace::of(path);
+    let (file, tag) = open_goblin(&place.file, place.layer.as_deref(), &OpenOptions::default())?;
+    if place.layer.is_none() && file.layers().len() > 1 {
+        let example = place.of_layer(&file.layers()[0].name);
+        let advice = format!("name one, as in {}", example.display());
+        let found = format!("a file of {} layers, where one is needed,", file.layers().len());
+        return Err(Error::unsupported(path, found, advice));
+    }
+    let header = file.header().clone();
+    Ok(Listed {
+        entry: Entry {
+            path: stored_name(manifest, &place.file)?,
+            layer: place.layer.clone(),
+            bounds: header.picture(),
+            depth: header.depth(),
+            tag,
+        },
+        name: path.display().to_string(),
+        metadata: file.metadata().clone(),
+        header,
+    })
+}
+
+/// A file's name in a manifest: relative to the manifest's folder if it was given relatively.
+fn stored_name(manifest: &Path, file: &Path) -> Result<String> {
+    let text = |path: &Path| {
+        path.to_str()
+            .map(Into::into)
+            .ok_or_else(|| Error::unsupported(path, "a name that is no text", "give the file another name"))
+    };
+    if url_of(file).is_some() {
+        return text(file);
+    }
+    let file = &*local_path(file);
+    if file.is_absolute() {
+        return text(file);
+    }
+    let folder = |path: &Path| {
+        let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        parent.canonicalize().map_err(Error::io(parent, "look at"))
+    };
+    let (from, to) = (folder(manifest)?, folder(file)?);
+    let common = from.components().zip(to.components()).take_while(|(a, b)| a == b).count();
+    let up = from.components().skip(common).map(|_| Component::ParentDir);
+    let relative: PathBuf = up.chain(to.components().skip(common)).collect();
+    text(&relative.join(file.file_name().unwrap_or_default()))
+}
+
+/// What a manifest says of a file's metadata: what is of its cells, and not of how it was made.
+fn common_part(metadata: &Metadata) -> Metadata {
+    Metadata {
+        name: String::new(),
+        counts: Default::default(),
+        provenance: Vec::new(),
+        scoped_tags: Default::default(),
+        control_points: None,
+        repeated: 1,
+        ..metadata.clone()
+    }
+}
+
+/// Adds files to a manifest.
+fn add(path: &Path, mut manifest: Manifest, files: Vec<Listed>) -> Result<Manifest> {
+    for file in &files {
+        let common = &manifest.header;
+        check_form((Path::new(&file.name), file.header.form), (path, common.form))?;
+        let same_meaning = (file.header.form, file.header.rule, file.header.kind)
+            == (common.form, common.rule, common.kind)
+            && file.metadata.scale_offset == manifest.metadata.scale_offset
+            && file.metadata.alpha == manifest.metadata.alpha;
+        if !same_meaning {
+            let tell = |header: &Header| format!("{} {} values by {}", header.kind, header.form, header.rule);
+            let expected = format!(
+                "{}, with the same scale, offset and opacity, as {} has",
+                tell(common),
+                path.display()
+            );
+            return Err(Error::invalid(file.name.clone(), tell(&file.header), expected));
+        }
+        share(path, &mut manifest.metadata, file)?;
+    }
+    // All in one grid: that of the manifest, moved to where no cell is negative.
+    let own = path.display().to_string();
+    let listed = (own.as_str(), &manifest.metadata.frame, manifest.header.extent);
+    let trees: Vec<(&str, &Frame, [u64; 3])> = std::iter::once(listed)
+        .chain(files.iter().map(|file| (file.name.as_str(), &file.metadata.frame, file.header.extent)))
+        .collect();
+    let places = align(&trees)?;
+    let first = |map: &AffineMap| map.to_rows().map(|row| row[3] as u64);
+    for ((name, ..), place) in trees.iter().zip(&places) {
+        if !place.map.is_translation() {
+            let found = "cells of another size or direction";
+            let expected =
+                format!("those of {own}; `spinney transform {name} like=...` makes a tree that matches");
+            return Err(Error::invalid(format!("grid of {name}"), found, expected));
+        }
+    }
+    let moved = first(&places[0].map);
+    let mut frame = manifest.metadata.frame.clone();
+    let origin = frame.to_world(moved.map(|cells| -(cells as f64)));
+    frame.matrix.iter_mut().zip(origin).for_each(|(row, origin)| row[3] = origin);
+    manifest.metadata.frame = frame;
+    for Entry { bounds, .. } in &mut manifest.entries {
+        *bounds = shifted(bounds, moved);
+    }
+    let known = manifest.entries.iter().enumerate();
+    let mut known: HashMap<(String, Option<String>), usize> =
+        known.map(|(at, entry)| ((entry.path.clone(), entry.layer.clone()), at)).collect();
+    for (file, place) in files.into_iter().zip(&places[1..]) {
+        let entry = Entry { bounds: shifted(&file.entry.bounds, first(&place.map)), ..file.entry };
+        match known.get(&(entry.path.clone(), entry.layer.clone())) {
+            Some(at) => manifest.entries[*at] = entry,
+            None => {
+                known.insert((entry.path.clone(), entry.layer.clone()), manifest.entries.len());
+                manifest.entries.push(entry);
+            }
+        }
+    }
+    Ok(manifest)
+}
+
+fn shifted(bounds: &Bounds, by: [u64; 3]) -> Bounds {
+    let moved = |at: [u64; 3]| std::array::from_fn(|axis| at[axis] + by[axis]);
+    Bounds { min: moved(bounds.min), max: moved(bounds.max) }
+}
+
+/// Leaves in the metadata of all what a file has, too. Classes of files are put together.
+fn share(path: &Path, common: &mut Metadata, file: &Listed) -> Result<()> {
+    let own = &file.metadata;
+    for (class, name) in &own.class_names {
+        let known = common.class_names.entry(*class).or_insert_with(|| name.clone());
+        if known != name && file.header.kind == Kind::Categorical {
+            let expected = format!("`{known}`, as in {}", path.display());
+            return Err(Error::invalid(
+                format!("{}: class {class}", file.name),
+                format!("`{name}`"),
+                expected,
+            ));
+        }
+    }
+    if common.palette != own.palette {
+        common.palette = None;
+    }
+    if common.nodata != own.nodata {
+        common.nodata = None;
+    }
+    if common.time != own.time {
+        common.time = None;
+    }
+    if common.band_names != own.band_names {
+        common.band_names.clear();
+    }
+    if common.units != own.units {
+        let found = own.units.join(", ");
+        let expected = format!("{}, as in {}", common.units.join(", "), path.display());
+        return Err(Error::invalid(format!("{}: units", file.name), found, expected));
+    }
+    common.tags.retain(|name, value| own.tags.get(name) == Some(value));
+    Ok(())
+}

@@ -1,0 +1,148 @@
+//! Counts and sums of nodes that several files have a part of.
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::Mosaic;
+use super::level::places;
+use crate::query::tally_of;
+use spinney_base::Result;
+use spinney_base::space::{Bounds, Code};
+use spinney_base::value::Tally;
+
+/// Cells of a node that are counted one by one where files overlap.
+const COUNTED: u64 = 1 << 12;
+/// Cells of a node up to which it is exact where files overlap.
+const EXACT: u64 = 1 << 16;
+/// Files whose boxes are compared with each other.
+const COMPARED: usize = 64;
+/// Boxes that the part of a node that nothing has hidden so far is kept as.
+const MOST_BOXES: usize = 32;
+/// Tallies that are kept.
+const KEPT: usize = 1 << 10;
+
+/// Tallies that were made last.
+#[derive(Default)]
+pub(super) struct Tallies(Mutex<HashMap<Code, Arc<Tally>>>);
+
+impl Mosaic {
+    /// The tally of a node; where files overlap in a large one, hidden cells may count.
+    ///
+    /// # Errors
+    /// If a file is damaged there.
+    pub(super) fn tally_of(&self, code: Code) -> Result<Arc<Tally>> {
+        let kept = self.tallies.0.lock().unwrap_or_else(PoisonError::into_inner).get(&code).cloned();
+        if let Some(tally) = kept {
+            return Ok(tally);
+        }
+        let tally = match self.exact_tally(code)? {
+            Some(tally) => tally,
+            None => self.stacked_tally(code)?,
+        };
+        let tally = Arc::new(tally);
+        let mut kept = self.tallies.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if kept.len() >= KEPT {
+            kept.clear();
+        }
+        kept.insert(code, tally.clone());
+        Ok(tally)
+    }
+
+    /// The tally of a node, if it can be told from those of files, or from a few cells.
+    ///
+    /// # Errors
+    /// If a file is damaged there.
+    pub(super) fn exact_tally(&self, code: Code) -> Result<Option<Tally>> {
+        let cells = code.bounds(self.header.depth());
+        let numbers = self.meeting(&cells);
+        let is_stack = numbers.len() > COMPARED || self.overlap(&numbers, &cells);
+        if !is_stack {
+            let tallies = numbers.iter().map(|number| self.part_tally(*number, &cells));
+            let tallies = tallies.collect::<Result<Vec<Tally>>>()?;
+            return Ok(Some(self.sum(&tallies)));
+        }
+        if cells.volume() <= COUNTED {
+            let (drawn, width) = (self.draw_cells(cells)?, self.header.form.width());
+            let values: Vec<_> = places(cells).filter_map(|at| drawn.value(at, width)).collect();
+            return Ok(Some(self.count(&values)));
+        }
+        if cells.volume() > EXACT {
+            return Ok(None);
+        }
+        let mut parts = Vec::new();
+        for step in 0..self.header.form.children() {
+            match self.exact_tally(code.child(step))? {
+                Some(tally) => parts.push(tally),
+                None => return Ok(None),
+            }
+        }
+        Ok(Some(self.sum(&parts)))
+    }
+
+    /// The tally of a large node in which files overlap. What a file has all cells of hides what is below; elsewhere both count.
+    fn stacked_tally(&self, code: Code) -> Result<Tally> {
+        let cells = code.bounds(self.header.depth());
+        let numbers = self.meeting(&cells);
+        let largest = numbers.iter().map(|number| self.entry(*number).depth).max().unwrap_or(0);
+        if code.level() < self.header.depth().saturating_sub(largest) && cells.volume() > EXACT {
+            let parts = (0..self.header.form.children()).map(|step| self.tally_of(code.child(step)));
+            let parts = parts.collect::<Result<Vec<_>>>()?;
+            return Ok(self.sum(&parts.iter().map(|tally| (**tally).clone()).collect::<Vec<_>>()));
+        }
+        let (mut rest, mut tallies) = (vec![cells], Vec::new());
+        for number in numbers.into_iter().rev() {
+            let mut open = Vec::with_capacity(rest.len());
+            for part in rest {
+                let own = part.intersect(&self.entry(number).bounds);
+                if own.is_empty() {
+                    open.push(part);
+                    continue;
+                }
+                let tally = self.part_tally(number, &own)?;
+                match tally.cells == own.volume() && open.len() < MOST_BOXES {
+                    true => open.extend(without(part, &own)),
+                    false => open.push(part),
+                }
+                tallies.push(tally);
+            }
+            rest = open;
+        }
+        Ok(self.sum(&tallies))
+    }
+
+    /// The tally of a file's cells in a box.
+    fn part_tally(&self, number: u32, cells: &Bounds) -> Result<Tally> {
+        let bounds = self.entry(number).bounds;
+        let own = cells.intersect(&bounds).within(&bounds);
+        tally_of(&*self.file(number)?, &own, self.header.counts_classes())
+    }
+
+    fn sum(&self, tallies: &[Tally]) -> Tally {
+        if tallies.is_empty() {
+            return Tally::void(self.header.form.value);
+        }
+        Tally::merge(&tallies.iter().collect::<Vec<_>>())
+    }
+
+    /// Whether boxes of some files have cells of a box in common.
+    fn overlap(&self, numbers: &[u32], cells: &Bounds) -> bool {
+        let part = |number: &u32| self.entry(*number).bounds.intersect(cells);
+        numbers.iter().enumerate().any(|(at, number)| {
+            let own = part(number);
+            numbers[at + 1..].iter().any(|other| !part(other).intersect(&own).is_empty())
+        })
+    }
+}
+
+/// A box without another one inside of it: up to six boxes.
+fn without(mut rest: Bounds, hole: &Bounds) -> Vec<Bounds> {
+    let mut parts = Vec::new();
+    for axis in 0..3 {
+        let (mut before, mut behind) = (rest, rest);
+        before.max[axis] = hole.min[axis];
+        behind.min[axis] = hole.max[axis];
+        parts.extend([before, behind].into_iter().filter(|part| !part.is_empty()));
+        (rest.min[axis], rest.max[axis]) = (hole.min[axis], hole.max[axis]);
+    }
+    parts
+}

@@ -1,0 +1,52 @@
+//! `spinney manifest`: many files as one.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, ensure};
+use spinney::manifest::list_files;
+
+use super::Global;
+use super::report::Work;
+
+/// Make a manifest of tree files, or change one: a text (JSON) that tells many files as one, wherever a tree file is expected.
+///
+/// The files lie on one grid of cells and have values of one kind; where they have nothing there is VOID, and where two overlap the later one lies on top.
+/// Files are named relative to the manifest if they are given so. A manifest is replaced as a whole: whoever reads it sees the old one or the new
+/// one, and of two who change it at the same time one is told to try again.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    /// Goblin files to list, or layers of some, as in FILE:LAYER
+    files: Vec<PathBuf>,
+    /// File to write: the manifest, or the one to change
+    #[arg(short, long, value_name = "OUT.manifest.json")]
+    output: PathBuf,
+    /// Files to add to the manifest that is there; one that it lists already is listed in the state that it has now
+    #[arg(long, value_name = "FILE", num_args = 1.., conflicts_with = "files")]
+    add: Vec<PathBuf>,
+    /// Files to take off the manifest that is there, by the names that it has for them
+    #[arg(long, value_name = "NAME", num_args = 1.., conflicts_with = "files")]
+    remove: Vec<String>,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  spinney manifest tiles/*.goblin -o world.manifest.json
+  spinney manifest -o world.manifest.json --add tiles/new.goblin --remove tiles/old.goblin
+  spinney info world.manifest.json
+  spinney get world.manifest.json -o overview.png --size 1024
+  spinney transform world.manifest.json -o world.goblin";
+
+pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
+    let is_update = !args.add.is_empty() || !args.remove.is_empty();
+    ensure!(
+        is_update || !args.files.is_empty(),
+        "name files to list, or files to --add to the manifest or to --remove from it"
+    );
+    let work = Work::start(global, "files")?;
+    let files = if is_update { &args.add } else { &args.files };
+    let manifest = list_files(&args.output, is_update, files, &args.remove, &work)?;
+    work.finish();
+    global.report("files", manifest.entries.len());
+    Ok(())
+}

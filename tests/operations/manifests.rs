@@ -1,0 +1,312 @@
+//! Many files as one against one file of the same cells: windows at all levels, cells, statistics, zones, trees made of them; damage and change.
+
+use std::path::{Path, PathBuf};
+
+use spinney::Error;
+use spinney::dataset::{self, Dataset};
+use spinney::io::Output;
+use spinney::manifest::{Entry, Manifest, list_files};
+use spinney::ops::{self, Chain};
+use spinney::query::PointSamples;
+use spinney::space::{Bounds, Frame};
+use spinney::store::{OpenOptions, WriteOptions};
+use spinney::tree::Form;
+use spinney::value::{Kind, Rule, SampleType};
+
+use crate::common::{Cells, OCT, Random, made, oct, quad, write_goblin};
+
+/// Files of parts of a space of cells, and what all of them together are.
+struct Mosaic {
+    folder: tempfile::TempDir,
+    whole: Cells,
+    manifest: PathBuf,
+}
+
+const CELL: f64 = 10.0;
+
+/// The frame of a part that begins at a cell.
+fn frame([x, y, z]: [u64; 3]) -> Frame {
+    let mut frame =
+        Frame::planar([CELL, 0.0, 5000.0 + CELL * x as f64, 0.0, -CELL, 9000.0 - CELL * y as f64]);
+    frame.matrix[2][3] = z as f64;
+    frame
+}
+
+fn open(path: &Path) -> Dataset {
+    dataset::open(path, &OpenOptions::default()).unwrap()
+}
+
+impl Mosaic {
+    /// Files of the boxes, the later ones on top. Cells are those of one file if boxes do not overlap, else each has its own.
+    fn new(form: Form, (rule, kind): (Rule, Kind), boxes: &[Bounds], seed: u64) -> Mosaic {
+        let folder = tempfile::tempdir().unwrap();
+        let size = boxes.iter().fold([1; 3], |size: [u64; 3], bounds| {
+            std::array::from_fn(|axis| size[axis].max(bounds.max[axis]))
+        });
+        let mut parts = Vec::new();
+        let mut names = Vec::new();
+        for (number, bounds) in boxes.iter().enumerate() {
+            let part = Cells::random(form, seed + number as u64, bounds.size(), 9, true);
+            let path = folder.path().join(format!("part{number}.goblin"));
+            write_goblin(&path, &part, (rule, kind), frame(bounds.min));
+            names.push(path);
+            parts.push((*bounds, part));
+        }
+        let whole = made(form, size, |cell| {
+            let inside = |bounds: &Bounds| {
+                (0..3).all(|axis| (bounds.min[axis]..bounds.max[axis]).contains(&cell[axis]))
+            };
+            let mut above = parts.iter().rev().filter(|(bounds, _)| inside(bounds));
+            above.find_map(|(bounds, part)| {
+                part.get(std::array::from_fn(|axis| cell[axis] - bounds.min[axis]))
+            })
+        });
+        write_goblin(&folder.path().join("whole.goblin"), &whole, (rule, kind), frame([0; 3]));
+        let manifest = folder.path().join("all.manifest.json");
+        list_files(&manifest, false, &names, &[], &()).unwrap();
+        Mosaic { folder, whole, manifest }
+    }
+
+    fn datasets(&self) -> (Dataset, Dataset) {
+        (open(&self.manifest), open(&self.folder.path().join("whole.goblin")))
+    }
+
+    fn window(tree: &Dataset, level: u8, bounds: &Bounds) -> (Vec<u8>, Vec<bool>) {
+        let cells = bounds.volume() as usize;
+        let (mut bytes, mut valid) = (vec![0; cells * tree.header().form.width()], vec![false; cells]);
+        tree.window(level, bounds, 0.0, &mut bytes, Some(&mut valid)).unwrap();
+        (bytes, valid)
+    }
+
+    /// Compares all that is exact, and levels where `levels` says that these are.
+    fn check(&self, levels: bool) {
+        let (found, expected) = self.datasets();
+        assert_eq!(found.header().extent, expected.header().extent);
+        assert_eq!(found.depth(), expected.depth());
+        assert_eq!(found.metadata().frame, expected.metadata().frame);
+        assert_eq!(found.is_approximate(0), !levels);
+        for level in 0..=found.depth() {
+            let all = found.extent_at(level);
+            let (values, valid) = Mosaic::window(&found, level, &all);
+            let (right, right_valid) = Mosaic::window(&expected, level, &all);
+            if level == found.depth() || levels {
+                assert_eq!(valid, right_valid, "level {level}");
+                assert!(values == right, "level {level}");
+            } else {
+                // What has cells has a value, what has none has none, but for what sticks out by parts of a node.
+                let differ = valid.iter().zip(&right_valid).filter(|(a, b)| a != b).count();
+                assert!(differ * 4 <= valid.len(), "level {level}: {differ} of {}", valid.len());
+            }
+        }
+        let mut random = Random(5);
+        let size = self.whole.size;
+        for _ in 0..20 {
+            let min: [u64; 3] = size.map(|size| random.below(size));
+            let max = std::array::from_fn(|axis| min[axis] + 1 + random.below(size[axis] - min[axis]));
+            let part = Bounds { min, max };
+            let depth = found.depth();
+            assert_eq!(Mosaic::window(&found, depth, &part), Mosaic::window(&expected, depth, &part));
+            let statistics = |tree: &Dataset| {
+                let statistics = tree.statistics(Some(part), &()).unwrap();
+                let channels: Vec<_> =
+                    statistics.channels.iter().map(|of| (of.cells, of.min, of.max)).collect();
+                (statistics.cells, statistics.void_cells, channels, statistics.classes)
+            };
+            assert_eq!(statistics(&found), statistics(&expected), "{part:?}");
+        }
+        let cells: Vec<[u64; 3]> = (0..200).map(|_| size.map(|size| random.below(size + 1))).collect();
+        let (mut some, mut others) = (PointSamples::default(), PointSamples::default());
+        found.points(&cells, found.depth(), &mut some).unwrap();
+        expected.points(&cells, found.depth(), &mut others).unwrap();
+        for at in 0..cells.len() {
+            assert_eq!(some.get(at), others.get(at));
+        }
+        // One file of it is the file of the whole.
+        let one = self.folder.path().join("one.goblin");
+        let output = Output::create(&one).unwrap();
+        ops::transform(&Chain::of(&self.manifest), output, WriteOptions::new(64 << 20), &()).unwrap();
+        let (one, depth) = (open(&one), expected.depth());
+        for level in 0..=depth {
+            let all = one.extent_at(level);
+            assert_eq!(Mosaic::window(&one, level, &all), Mosaic::window(&expected, level, &all), "{level}");
+        }
+        assert!(found.verify(64 << 20, &()).unwrap().is_empty());
+        found.check_unchanged().unwrap();
+    }
+}
+
+fn part(min: [u64; 2], size: [u64; 2]) -> Bounds {
+    Bounds { min: [min[0], min[1], 0], max: [min[0] + size[0], min[1] + size[1], 1] }
+}
+
+const CLASSES: (Rule, Kind) = (Rule::Majority, Kind::Categorical);
+const MEANS: (Rule, Kind) = (Rule::Mean, Kind::Continuous);
+
+#[test]
+fn one_file_is_what_it_is() {
+    Mosaic::new(quad(SampleType::U8), CLASSES, &[part([0, 0], [300, 200])], 1).check(true);
+}
+
+#[test]
+fn files_side_by_side_are_one() {
+    let parts: Vec<Bounds> = [[0, 0], [128, 0], [0, 128], [128, 128]].map(|min| part(min, [128, 128])).into();
+    Mosaic::new(quad(SampleType::U8), CLASSES, &parts, 2).check(true);
+    Mosaic::new(quad(SampleType::I16), MEANS, &parts, 3).check(true);
+    Mosaic::new(quad(SampleType::U8), (Rule::Max, Kind::Continuous), &parts, 4).check(true);
+}
+
+#[test]
+fn thirty_files_with_gaps_are_one() {
+    let mut parts = Vec::new();
+    for number in (0..42).filter(|number| number % 7 != 3 && number % 11 != 5) {
+        parts.push(part([number % 7 * 64, number / 7 * 64], [64 - number % 3, 64 - number % 5]));
+    }
+    assert!(parts.len() >= 30);
+    Mosaic::new(quad(SampleType::U8), CLASSES, &parts, 5).check(true);
+    Mosaic::new(quad(SampleType::U16), MEANS, &parts, 6).check(true);
+}
+
+#[test]
+fn files_that_begin_anywhere_and_overlap_have_exact_cells() {
+    let mut random = Random(9);
+    let mut parts = vec![part([0, 0], [40, 40])];
+    for _ in 0..12 {
+        parts.push(part(
+            [random.below(300), random.below(200)],
+            [1 + random.below(150), 1 + random.below(120)],
+        ));
+    }
+    Mosaic::new(quad(SampleType::U8), CLASSES, &parts, 7).check(false);
+    Mosaic::new(quad(SampleType::F32), MEANS, &parts, 8).check(false);
+}
+
+#[test]
+fn octrees_are_one() {
+    let cube = |min: [u64; 3]| Bounds { min, max: min.map(|cell| cell + 16) };
+    let cubes = [cube([0; 3]), cube([16, 0, 0]), cube([0, 16, 16])];
+    assert_eq!(oct(SampleType::U8), OCT);
+    Mosaic::new(OCT, CLASSES, &cubes, 10).check(true);
+}
+
+#[test]
+fn ten_thousand_files_are_listed_without_being_opened() {
+    let folder = tempfile::tempdir().unwrap();
+    let first = folder.path().join("0.goblin");
+    let cells = Cells::random(quad(SampleType::U8), 1, [64, 64, 1], 9, false);
+    write_goblin(&first, &cells, CLASSES, frame([0; 3]));
+    let path = folder.path().join("all.manifest.json");
+    let mut manifest = list_files(&path, false, &[first], &[], &()).unwrap();
+    let entry = manifest.entries[0].clone();
+    manifest.entries = (0..10_000)
+        .map(|number| Entry {
+            path: format!("{number}.goblin"),
+            bounds: part([number % 100 * 64, number / 100 * 64], [64, 64]),
+            ..entry.clone()
+        })
+        .collect();
+    (manifest.header.extent, manifest.header.shape.depth) = ([6400, 6400, 1], 13);
+    std::fs::write(&path, manifest.to_text()).unwrap();
+    assert_eq!(Manifest::open(&path).unwrap(), manifest);
+    // Only the first is there: a question that touches it alone is answered, another one names the file that is missing.
+    let tree = open(&path);
+    let (bytes, _) = Mosaic::window(&tree, 13, &part([3, 5], [20, 30]));
+    assert_eq!(bytes[0], u8::try_from(cells.get([3, 5, 0]).unwrap().to_bytes()[0]).unwrap());
+    let error = tree.statistics(Some(part([60, 0], [10, 10])), &()).unwrap_err();
+    assert!(matches!(&error, Error::Io { path, .. } if path.ends_with("1.goblin")), "{error}");
+}
+
+#[test]
+fn files_that_changed_or_are_others_are_named() {
+    let mosaic =
+        Mosaic::new(quad(SampleType::U8), CLASSES, &[part([0, 0], [64, 64]), part([64, 0], [64, 64])], 11);
+    let other = mosaic.folder.path().join("part1.goblin");
+    let cells = Cells::random(quad(SampleType::U8), 99, [64, 64, 1], 5, true);
+    write_goblin(&other, &cells, CLASSES, frame([64, 0, 0]));
+    let tree = open(&mosaic.manifest);
+    Mosaic::window(&tree, 7, &part([0, 0], [64, 64]));
+    let error = tree.statistics(None, &()).unwrap_err().to_string();
+    assert!(error.contains("part1.goblin") && error.contains("--add"), "{error}");
+    // Listed anew it is part of it, in its place.
+    list_files(&mosaic.manifest, true, std::slice::from_ref(&other), &[], &()).unwrap();
+    assert_eq!(open(&mosaic.manifest).statistics(None, &()).unwrap().cells > 0, true);
+    assert_eq!(Manifest::open(&mosaic.manifest).unwrap().entries.len(), 2);
+    // Files of another form, or on another grid, or that are no trees.
+    let wide = mosaic.folder.path().join("wide.goblin");
+    write_goblin(&wide, &Cells::random(quad(SampleType::U16), 1, [9, 9, 1], 5, true), CLASSES, frame([0; 3]));
+    let askew = mosaic.folder.path().join("askew.goblin");
+    let mut half = frame([0; 3]);
+    half.matrix[0][3] += CELL / 2.0;
+    write_goblin(&askew, &cells, CLASSES, half);
+    let coarse = mosaic.folder.path().join("coarse.goblin");
+    write_goblin(&coarse, &cells, CLASSES, frame([0; 3]).coarser(1));
+    let before = std::fs::read(&mosaic.manifest).unwrap();
+    for bad in [wide, askew, coarse, mosaic.manifest.clone()] {
+        let error = list_files(&mosaic.manifest, true, std::slice::from_ref(&bad), &[], &()).unwrap_err();
+        let name = bad.file_name().unwrap().to_str().unwrap();
+        assert!(error.to_string().contains(name), "{error}");
+        assert_eq!(std::fs::read(&mosaic.manifest).unwrap(), before);
+    }
+}
+
+#[test]
+fn files_come_and_go() {
+    let mosaic = Mosaic::new(
+        quad(SampleType::U8),
+        CLASSES,
+        &[part([64, 64], [64, 64]), part([128, 64], [64, 64])],
+        12,
+    );
+    assert_eq!(open(&mosaic.manifest).header().extent, [128, 64, 1]);
+    let west = mosaic.folder.path().join("west.goblin");
+    let cells = Cells::random(quad(SampleType::U8), 1, [64, 64, 1], 9, false);
+    write_goblin(&west, &cells, CLASSES, frame([0; 3]));
+    list_files(&mosaic.manifest, true, &[west], &[], &()).unwrap();
+    let tree = open(&mosaic.manifest);
+    assert_eq!((tree.header().extent, &tree.metadata().frame), ([192, 128, 1], &frame([0; 3])));
+    let gone = mosaic.folder.path().join("part1.goblin").to_str().unwrap().to_string();
+    list_files(&mosaic.manifest, true, &[], std::slice::from_ref(&gone), &()).unwrap();
+    assert_eq!(open(&mosaic.manifest).header().extent, [128, 128, 1]);
+    assert!(list_files(&mosaic.manifest, true, &[], &[gone], &()).is_err());
+    // Nobody changes it while somebody else does.
+    let inner = Manifest::update(&mosaic.manifest, true, &mut |manifest| {
+        let other = list_files(&mosaic.manifest, true, &[], &[], &());
+        assert!(matches!(other, Err(Error::Locked { .. })));
+        Ok(manifest.unwrap())
+    });
+    inner.unwrap();
+}
+
+#[test]
+fn damaged_manifests_are_refused() {
+    let mosaic = Mosaic::new(quad(SampleType::U8), CLASSES, &[part([0, 0], [64, 64])], 13);
+    let text = std::fs::read_to_string(&mosaic.manifest).unwrap();
+    let path = mosaic.folder.path().join("bad.manifest.json");
+    let attempt = |text: &str| {
+        std::fs::write(&path, text).unwrap();
+        dataset::open(&path, &OpenOptions::default()).map(|_| ())
+    };
+    attempt(&text).unwrap();
+    let changes = [
+        ("\"spinney_manifest\":1", "\"spinney_manifest\":2"),
+        ("\"spinney_manifest\": 1", "\"spinney_manifest\": 2"),
+        ("\"size\":[64,64,1]", "\"size\":[64,18446744073709551615,1]"),
+        ("\"size\":[64,64,1]", "\"size\":[0,64,1]"),
+        ("\"at\":[0,0,0]", "\"at\":[1,0,0]"),
+        ("\"depth\":6,\"bytes\"", "\"depth\":255,\"bytes\""),
+        ("\"depth\": 6", "\"depth\": 200"),
+        ("\"extent\": [64,64,1]", "\"extent\": [0,64,1]"),
+        ("\"axes\": 2", "\"axes\": 9"),
+        ("majority", "most"),
+        ("\"tag\":\"", "\"tag\":\"x"),
+        ("\"path\":\"", "\"paths\":\""),
+        ("\"files\": [", "\"files\": [], \"more\": ["),
+    ];
+    for (from, to) in changes.iter().skip(1) {
+        assert!(text.contains(from), "{from} in {text}");
+        let error = attempt(&text.replacen(from, to, 1)).unwrap_err();
+        assert!(error.to_string().contains("bad.manifest.json"), "{error}");
+    }
+    for end in (1..text.len()).step_by(7) {
+        assert!(attempt(&text[..end - 1]).is_err() || text[end - 1..].trim().is_empty(), "{end}");
+    }
+}
