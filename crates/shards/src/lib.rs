@@ -7,7 +7,6 @@
 //! use spinney::io::Output;
 //! use spinney::shards::{Job, ShardedImport, plan};
 //!
-//! # fn main() -> spinney::Result<()> {
 //! # let folder = tempfile::tempdir().unwrap();
 //! # let (job, merged) = (folder.path().join("job"), folder.path().join("island.goblin"));
 //! let import = ShardedImport::Pictures(ImportOptions::new());
@@ -18,8 +17,7 @@
 //! }
 //! Job::open(&job)?.merge(Output::create(&merged)?, 256 << 20, &())?;
 //! assert_eq!(spinney::open(&merged)?.depth(), 8);
-//! # Ok(())
-//! # }
+//! # Ok::<(), spinney::Error>(())
 //! ```
 //!
 //! A job is a folder. `plan.json` says what is made of what, and by which shards; it appears last, so that without it there is no job.
