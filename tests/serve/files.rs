@@ -2,6 +2,7 @@
 
 use std::os::unix::fs::symlink;
 
+use super::common::command::stdout;
 use super::{Server, fixture, island};
 
 #[test]
@@ -218,4 +219,21 @@ fn one_file_is_all_that_is_served() {
     server.get("/heights.goblin").complaint(404);
     server.get("/point/heights?x=1&y=1").complaint(404);
     assert_eq!(server.get("/files.json").json()["files"].as_array().unwrap().len(), 1);
+}
+
+#[test]
+fn manifests_lead_out_of_no_folder() {
+    let folder = island();
+    let outer = tempfile::tempdir().unwrap();
+    std::fs::rename(folder.path().join("heights.goblin"), outer.path().join("heights.goblin")).unwrap();
+    let heights = outer.path().join("heights.goblin");
+    let manifest = folder.path().join("all.goblin");
+    stdout(&["manifest", "-q", heights.to_str().unwrap(), "-o", manifest.to_str().unwrap()]);
+    let served = Server::start(folder.path(), &[]);
+    let told = served.get("/point/all?x=100&y=90&crs=cells").complaint(422);
+    assert!(told.contains("a manifest") && told.contains("serve it alone"), "{told}");
+    assert!(!told.contains(outer.path().to_str().unwrap()), "{told}");
+    // Whoever serves it alone means its files.
+    let alone = Server::start(&manifest, &[]);
+    alone.get("/point/all?x=100&y=90&crs=cells").good();
 }

@@ -178,9 +178,9 @@ fn entry(path: &Path, header: &Header, file: FileDocument) -> Result<Entry> {
         Error::corrupt(path, format!("file {}", file.path), found, expected)
     };
     let mut max = [1; 3];
-    for axis in 0..3 {
+    for (axis, last) in max.iter_mut().enumerate() {
         let (at, size, extent) = (file.at[axis], file.size[axis], header.extent[axis]);
-        max[axis] = at.checked_add(size).filter(|end| size > 0 && *end <= extent).ok_or_else(|| {
+        *last = at.checked_add(size).filter(|end| size > 0 && *end <= extent).ok_or_else(|| {
             corrupt(format!("{size} cells from {at}"), format!("cells of the {extent} along axis {axis}"))
         })?;
         let fits = axis >= header.form.axes() || file.depth < 32 && size <= 1 << file.depth;

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use spinney_base::{Error, Result};
 use spinney_container::{FilePlace, OpenOptions};
 use spinney_engine::dataset::{self, Dataset};
-use spinney_engine::ops::{Calculation, Step};
+use spinney_engine::ops::{Calculation, Step, TreeFile};
 
 use crate::drawn::Drawn;
 use crate::version::FileVersion;
@@ -119,8 +119,9 @@ impl OpenTree {
 type Key = (PathBuf, Option<u64>);
 
 /// Files that are open, each in the state in which it was found last.
-#[derive(Default)]
 pub(crate) struct OpenTrees {
+    /// Whether a manifest may be opened, whose files may lie anywhere: the one file that is served may be one, and none of a folder.
+    allows_manifests: bool,
     trees: Mutex<HashMap<Key, Arc<OpenTree>>>,
     /// One file is opened at a time: all who ask for the same one then have the same.
     opening: Mutex<()>,
@@ -136,6 +137,10 @@ const CACHE: u64 = 1 << 20;
 const TIMES: usize = 20;
 
 impl OpenTrees {
+    pub(crate) fn new(allows_manifests: bool) -> OpenTrees {
+        OpenTrees { allows_manifests, trees: Mutex::default(), opening: Mutex::default() }
+    }
+
     /// A file, or a commit of it, in its present state.
     ///
     /// # Errors
@@ -165,6 +170,14 @@ impl OpenTrees {
                 continue;
             }
             let tree = Arc::new(opened?);
+            if !self.allows_manifests && matches!(tree.first.as_file(), Some(TreeFile::Mosaic(_))) {
+                let advice = "serve it alone, or a file that `spinney transform` makes of it";
+                return Err(Error::unsupported(
+                    path,
+                    "a manifest, whose files may lie outside of the folder,",
+                    advice,
+                ));
+            }
             if !is_settled {
                 return Ok(tree);
             }

@@ -46,15 +46,8 @@ impl App {
         [work, reading]: [usize; 2],
     ) -> Arc<App> {
         let [work, reading] = [work, reading].map(|places| Work::new(places, options.timeout));
-        Arc::new(App {
-            catalog,
-            work,
-            reading,
-            options,
-            address,
-            trees: OpenTrees::default(),
-            answers: AnswerCache::default(),
-        })
+        let trees = OpenTrees::new(matches!(catalog, Catalog::File(_)));
+        Arc::new(App { catalog, work, reading, options, address, trees, answers: AnswerCache::default() })
     }
 
     /// Answers a question about a tree; whoever has the answer already is told so.
