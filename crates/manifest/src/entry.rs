@@ -45,22 +45,10 @@ impl FileTag {
 }
 
 impl Entry {
-    /// The place of the file, layer included, for a manifest at a path.
+    /// The place of the file, for a manifest at a path.
     ///
     /// # Errors
     /// If a manifest that came from elsewhere names a file of this machine.
-    pub fn place(&self, manifest: &Path) -> Result<PathBuf> {
-        let file = self.file(manifest)?;
-        Ok(match &self.layer {
-            Some(layer) => format!("{}:{layer}", file.display()).into(),
-            None => file,
-        })
-    }
-
-    /// The place of the file alone.
-    ///
-    /// # Errors
-    /// Those of [`Entry::place`].
     pub fn file(&self, manifest: &Path) -> Result<PathBuf> {
         let own = Path::new(&self.path);
         if url_of(own).is_some() {

@@ -5,4 +5,4 @@ mod entry;
 mod manifest;
 
 pub use entry::{Entry, FileTag};
-pub use manifest::{Manifest, is_manifest};
+pub use manifest::{Manifest, is_manifest, is_manifest_file};

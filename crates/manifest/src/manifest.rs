@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::document;
 use super::entry::Entry;
-use spinney_base::io::{LockFile, Output, open_file, url_of};
+use spinney_base::io::{LockFile, Output, ReadBackend, open_file, url_of};
 use spinney_base::space::Bounds;
 use spinney_base::{Error, Result};
 use spinney_container::{FIRST_BYTES, Header, Metadata};
@@ -36,6 +36,16 @@ pub fn is_manifest(first: &[u8]) -> bool {
     let start = first.iter().position(|byte| !byte.is_ascii_whitespace()).unwrap_or(first.len());
     let rest = first[start..].strip_prefix(b"{").unwrap_or_default().trim_ascii_start();
     rest.strip_prefix(b"\"").is_some_and(|rest| rest.starts_with(MARK.as_bytes()))
+}
+
+/// Whether a file of this machine is a manifest, by its name and its first bytes.
+pub fn is_manifest_file(path: &Path) -> bool {
+    let is_text = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
+    let first = |file: &dyn ReadBackend| {
+        let length = file.len().min(FIRST_BYTES as u64) as usize;
+        Ok::<_, Error>(is_manifest(&file.read(0, length)?))
+    };
+    is_text && open_file(path, true, &[]).and_then(|(file, _)| first(&*file)).unwrap_or(false)
 }
 
 impl Manifest {

@@ -107,6 +107,12 @@ pub(crate) fn with<R>(round: Option<Round>, work: impl FnOnce() -> R) -> R {
     work()
 }
 
+/// Does some work outside of the round that this thread is at work in: what it reads is waited for. For what a question opens on its way, which would
+/// be opened anew in each round.
+pub fn apart<R>(work: impl FnOnce() -> R) -> R {
+    with(None, work)
+}
+
 /// Notes a range that is not here, if this thread is in a round.
 pub(super) fn note(file: &RangeFile, range: &Range<u64>) -> bool {
     CURRENT.with_borrow(|round| match round {

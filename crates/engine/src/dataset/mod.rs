@@ -173,6 +173,14 @@ impl Dataset {
         }
     }
 
+    /// A number that tells the state of all files that a manifest lists: another state has another one. `None` if this is no manifest.
+    pub fn listed_state(&self) -> Option<u128> {
+        match self.file()? {
+            TreeFile::Mosaic(tree) => Some(tree.state()),
+            TreeFile::Goblin(_) | TreeFile::Autumnal(_) => None,
+        }
+    }
+
     /// The file's format; what comes from no file counts as published.
     pub fn format(&self) -> TreeFormat {
         self.file().map_or(TreeFormat::Goblin, |file| file.format())

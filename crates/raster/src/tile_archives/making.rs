@@ -36,6 +36,9 @@ impl SourceState {
             let state = format!("{} cells, {} records, {:?}", commit.cells, commit.records, commit.note);
             return Ok(SourceState { file, commit: Some(commit.number), state: hashed(state.as_bytes()) });
         }
+        if let Some(state) = tree.listed_state() {
+            return Ok(SourceState { file, commit: None, state: format!("a manifest, {state:032x}") });
+        }
         let (input, length) = (OpenOptions::new().open(path)?, tree.file_size());
         if input.len() < length {
             return Err(Error::Changed { path: path.to_path_buf(), what: "was cut short" });

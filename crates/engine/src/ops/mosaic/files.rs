@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::store::goblin::Goblin;
+use spinney_base::io::rounds::apart;
 use spinney_base::{Error, Result};
 use spinney_container::{FileHeader, FilePlace, Header, OpenOptions, TreeFormat};
 use spinney_manifest::{Entry, FileTag};
@@ -22,7 +23,8 @@ impl OpenFiles {
             return Ok(file);
         }
         // (Without the lock: others may go on, and at worst two open the same.)
-        let file = Arc::new(open()?);
+        // (And apart from the round of the question, which would open it anew each time.)
+        let file = Arc::new(apart(open)?);
         let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if kept.len() >= MOST_OPEN {
             kept.remove(0);

@@ -21,6 +21,7 @@ use spinney_base::value::Rule;
 use spinney_base::{Progress, Result};
 use spinney_container::{Finding, Header, MAX_FINDINGS, Metadata, OpenOptions};
 use spinney_manifest::{Entry, Manifest};
+use xxhash_rust::xxh3::xxh3_128;
 
 pub use self::list::list_files;
 
@@ -32,6 +33,7 @@ pub use self::list::list_files;
 pub struct Mosaic {
     path: PathBuf,
     bytes: u64,
+    state: u128,
     header: Header,
     metadata: Metadata,
     entries: Vec<Entry>,
@@ -67,6 +69,7 @@ impl Mosaic {
         let mut mosaic = Mosaic {
             path: path.into(),
             bytes: bytes.len() as u64,
+            state: xxh3_128(bytes),
             options: each,
             header,
             metadata,
@@ -94,13 +97,21 @@ impl Mosaic {
             let levels = entry.depth.min(self.header.depth());
             entry.bounds.min[..axes].iter().any(|cell| cell & ((1 << levels) - 1) != 0)
         };
-        let overlaps = |(number, entry): (usize, &Entry)| {
-            let near = self.meeting(&entry.bounds);
-            near.iter().any(|other| *other as usize != number)
-        };
         matches!(self.header.rule, Rule::Dominant | Rule::Nearest)
             || self.entries.iter().any(begins_within)
-            || self.entries.iter().enumerate().any(overlaps)
+            || self.has_overlaps()
+    }
+
+    /// Whether files overlap; of very many that are near each other it is taken for granted.
+    fn has_overlaps(&self) -> bool {
+        const MOST_LOOKED_AT: usize = 1 << 22;
+        let mut looked_at = 0;
+        self.entries.iter().enumerate().any(|(number, entry)| {
+            let near = self.index.near(&entry.bounds);
+            looked_at += near.len();
+            let meets = |other: &u32| !self.entry(*other).bounds.intersect(&entry.bounds).is_empty();
+            looked_at > MOST_LOOKED_AT || near.iter().any(|other| *other as usize != number && meets(other))
+        })
     }
 
     /// The manifest's path.
@@ -111,6 +122,11 @@ impl Mosaic {
     /// Bytes of the manifest and of its files, as it tells them.
     pub(super) fn bytes(&self) -> u64 {
         self.entries.iter().map(|entry| entry.tag.length).fold(self.bytes, u64::saturating_add)
+    }
+
+    /// A number that another text of the manifest does not have: it tells the state of every file that is listed.
+    pub fn state(&self) -> u128 {
+        self.state
     }
 
     /// Form, rule and extent of all together.

@@ -21,6 +21,7 @@ use self::model_file::ModelFile;
 use super::{MeshFace, Model, ModelInfo};
 use spinney_base::Result;
 use spinney_container::OtherFormat;
+use spinney_manifest::is_manifest_file;
 
 pub use self::arrays::{MeshArrays, MeshColours};
 
@@ -99,5 +100,7 @@ pub fn open_all(paths: &[PathBuf], memory: u64) -> Result<Vec<Box<dyn Model>>> {
 pub fn is_model(path: &Path) -> bool {
     let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or("");
     let names = ["ply", "obj", "stl", "off", "json", "jsonl", "cityjson"];
-    names.iter().any(|name| extension.eq_ignore_ascii_case(name)) || spinney_brep::is_model_file(path)
+    // (A manifest of trees is JSON, too.)
+    let is_named = names.iter().any(|name| extension.eq_ignore_ascii_case(name)) && !is_manifest_file(path);
+    is_named || spinney_brep::is_model_file(path)
 }
