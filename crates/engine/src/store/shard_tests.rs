@@ -45,7 +45,7 @@ fn mixed(seed: u64) -> u64 {
 impl Layer {
     /// The number in a cell; `None` is VOID. Some squares are of one value, some VOID, some noise.
     fn number(&self, cell: [u64; 3]) -> Option<u64> {
-        let square = mixed(cell[0] / 96 + (cell[1] / 96 << 16) + (cell[2] / 96 << 32));
+        let square = mixed(cell[0] / 96 + ((cell[1] / 96) << 16) + ((cell[2] / 96) << 32));
         match square % 5 {
             0 => None,
             1 => Some(square / 5 % self.values),

@@ -71,7 +71,7 @@ mod tests {
             ValueType::new(SampleType::U16, 3).with_missing(7u64),
         ] {
             for count in [1, 5, TOGETHER] {
-                let byte = |i: usize| if i % 3 == 0 { (i * i % 251) as u8 } else { 0 };
+                let byte = |i: usize| if i.is_multiple_of(3) { (i * i % 251) as u8 } else { 0 };
                 let entries: Vec<u8> = (0..count * entry_size(value_type)).map(byte).collect();
                 let packed = pack_entries(value_type, &entries);
                 assert_eq!(unpack_entries(value_type, count, &packed), Some(entries));
