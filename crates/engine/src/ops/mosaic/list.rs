@@ -1,6 +1,6 @@
 //! Making and changing manifests.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::path::{Component, Path, PathBuf};
 
 use super::files::open_goblin;
@@ -66,7 +66,16 @@ pub fn list_files(
                 entries: Vec::new(),
             },
         };
-        add(path, manifest, files)
+        let mut left = BTreeSet::new();
+        let manifest = add(path, manifest, files, &mut left)?;
+        if !left.is_empty() {
+            let left = left.into_iter().collect::<Vec<_>>().join(", ");
+            progress.warn(
+                path,
+                &format!("not all files have the same {left}: the manifest keeps what they share"),
+            );
+        }
+        Ok(manifest)
     })
 }
 
@@ -147,8 +156,13 @@ fn common_part(metadata: &Metadata) -> Metadata {
     }
 }
 
-/// Adds files to a manifest.
-fn add(path: &Path, mut manifest: Manifest, files: Vec<Listed>) -> Result<Manifest> {
+/// Adds files to a manifest; `left` gets what their metadata do not have in common.
+fn add(
+    path: &Path,
+    mut manifest: Manifest,
+    files: Vec<Listed>,
+    left: &mut BTreeSet<&'static str>,
+) -> Result<Manifest> {
     for file in &files {
         let common = &manifest.header;
         check_form((Path::new(&file.name), file.header.form), (path, common.form))?;
@@ -165,7 +179,7 @@ fn add(path: &Path, mut manifest: Manifest, files: Vec<Listed>) -> Result<Manife
             );
             return Err(Error::invalid(file.name.clone(), tell(&file.header), expected));
         }
-        share(path, &mut manifest.metadata, file)?;
+        share(path, &mut manifest.metadata, file, left)?;
     }
     // All in one grid: that of the manifest, moved to where no cell is negative.
     let own = path.display().to_string();
@@ -212,8 +226,8 @@ fn shifted(bounds: &Bounds, by: [u64; 3]) -> Bounds {
     Bounds { min: moved(bounds.min), max: moved(bounds.max) }
 }
 
-/// Leaves in the metadata of all what a file has, too. Classes of files are put together.
-fn share(path: &Path, common: &mut Metadata, file: &Listed) -> Result<()> {
+/// Leaves in the metadata of all what a file has, too, and adds to `left` what that is not. Classes of files are put together.
+fn share(path: &Path, common: &mut Metadata, file: &Listed, left: &mut BTreeSet<&'static str>) -> Result<()> {
     let own = &file.metadata;
     for (class, name) in &own.class_names {
         let known = common.class_names.entry(*class).or_insert_with(|| name.clone());
@@ -228,21 +242,28 @@ fn share(path: &Path, common: &mut Metadata, file: &Listed) -> Result<()> {
     }
     if common.palette != own.palette {
         common.palette = None;
+        left.insert("colours");
     }
     if common.nodata != own.nodata {
         common.nodata = None;
+        left.insert("nodata number");
     }
     if common.time != own.time {
         common.time = None;
+        left.insert("time");
     }
     if common.band_names != own.band_names {
         common.band_names.clear();
+        left.insert("names of channels");
     }
     if common.units != own.units {
         let found = own.units.join(", ");
         let expected = format!("{}, as in {}", common.units.join(", "), path.display());
         return Err(Error::invalid(format!("{}: units", file.name), found, expected));
     }
-    common.tags.retain(|name, value| own.tags.get(name) == Some(value));
+    if common.tags != own.tags {
+        common.tags.retain(|name, value| own.tags.get(name) == Some(value));
+        left.insert("tags");
+    }
     Ok(())
 }
