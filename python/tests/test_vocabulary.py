@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import spinney
+import spinney.shards
 
 PAGE = Path(__file__).parents[2] / "docs" / "options.md"
 
@@ -27,8 +28,10 @@ def commands(program: str) -> list[str]:
     """Names of all subcommands, from the program's own list."""
     listed = help_of(program).split("\nOptions:")[0]
     names = [name for name in re.findall(r"^  ([a-z-]+) {2,}\S", listed, re.MULTILINE) if name != "help"]
-    changes = re.findall(r"^  ([a-z-]+) {2,}\S", help_of(program, "edit").split("Commands:")[1].split("\n\n")[0], re.MULTILINE)
-    return sorted([*names, *(f"edit {name}" for name in changes if name != "help")])
+    for task in ("edit", "shard"):
+        own = re.findall(r"^  ([a-z-]+) {2,}\S", help_of(program, task).split("Commands:")[1].split("\n\n")[0], re.MULTILINE)
+        names += [f"{task} {name}" for name in own if name != "help"]
+    return sorted(names)
 
 
 def named(text: str) -> list[str]:
