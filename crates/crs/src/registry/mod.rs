@@ -3,6 +3,7 @@
 mod definitions;
 mod geodetic;
 mod geographic;
+mod geographic_table;
 mod projected;
 mod vertical;
 
