@@ -8,7 +8,7 @@ use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::io::rounds::traffic;
 use spinney::io::url_of;
-use spinney::manifest::Entry;
+use spinney::manifest::ListedFile;
 use spinney::ops::{LayerInfo, TreeFile};
 use spinney::query::ChannelStatistics;
 use spinney::report::{JsonNumbers, channels_as_json, class_as_json, commit_as_json};
@@ -235,10 +235,15 @@ fn as_json(tree: &Dataset, (levels, segments): (Levels<'_>, Segments<'_>)) -> Re
     Ok(json)
 }
 
+/// Whether a tree is a manifest's.
+fn is_listed(tree: &Dataset) -> bool {
+    matches!(tree.as_file(), Some(TreeFile::Mosaic(_)))
+}
+
 /// The files that a manifest lists.
 fn listed_as_json(tree: &Dataset) -> Option<Vec<serde_json::Value>> {
     let Some(TreeFile::Mosaic(tree)) = tree.as_file() else { return None };
-    let json = |entry: &Entry| json!({ "path": entry.path, "layer": entry.layer, "from": entry.bounds.min, "size": entry.bounds.size(), "bytes": entry.tag.length });
+    let json = |entry: &ListedFile| json!({ "path": entry.path, "layer": entry.layer, "from": entry.bounds.min, "size": entry.bounds.size(), "bytes": entry.tag.length });
     Some(tree.entries().iter().map(json).collect())
 }
 
@@ -260,7 +265,9 @@ fn as_text(tree: &Dataset, (levels, segments): (Levels<'_>, Segments<'_>)) -> Re
     write_storage(&mut text, tree)?;
     write_segments(&mut text, tree, segments)?;
     write_values(&mut text, tree)?;
-    write_levels(&mut text, levels)?;
+    if !is_listed(tree) {
+        write_levels(&mut text, levels)?;
+    }
     for line in &tree.metadata().provenance {
         writeln!(text, "from        {line}")?;
     }
@@ -356,6 +363,10 @@ fn write_storage(text: &mut String, tree: &Dataset) -> Result<()> {
     let (bytes, raw) = (tree.file_size(), raw_bytes(tree));
     let ratio = raw as f64 / bytes.max(1) as f64;
     writeln!(text, "bytes       {bytes}; plain samples would be {raw}, {ratio:.1} times as many")?;
+    if is_listed(tree) {
+        // (Records are those of its files.)
+        return Ok(());
+    }
     let sections: Vec<String> =
         tree.sections().iter().map(|(name, bytes)| format!("{name} {bytes}")).collect();
     writeln!(text, "            {}", sections.join(", "))?;

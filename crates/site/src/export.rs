@@ -66,6 +66,8 @@ pub fn export_page(request: &PageRequest, path: &Path, progress: &dyn Progress) 
     let mut local: Vec<(&Path, &PageSource, u64)> =
         local.map(|(file, source)| (file.path.as_path(), source, 0)).collect();
     for (file, _, size) in &mut local {
+        // (What is no tree file, such as a manifest, whose files would stay behind, is told of here and not by the page.)
+        header_of(file)?;
         *size = fs::metadata(*file).map_err(Error::io(*file, "look at"))?.len();
     }
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -184,8 +186,12 @@ fn sources(files: &[PageFile]) -> Result<Vec<PageSource>> {
 
 /// Whether a file has a raster, so that a page shows it as a map.
 pub fn is_map(path: &Path) -> bool {
-    let header = open_file(path, true, &[]).and_then(|(file, _)| FileHeader::read(path, &*file));
-    header.is_ok_and(|header| header.content == Content::Cells && header.dimension == Dimension::Quad)
+    header_of(path)
+        .is_ok_and(|header| header.content == Content::Cells && header.dimension == Dimension::Quad)
+}
+
+fn header_of(path: &Path) -> Result<FileHeader> {
+    FileHeader::read(path, &*open_file(path, true, &[])?.0)
 }
 
 /// A name as addresses have it (RFC 3986).

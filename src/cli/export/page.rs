@@ -35,7 +35,7 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     }
     let (file, path) = (&args.tree.file, args.output.path());
     check_output([file.as_path()], path)?;
-    // (So that what is no tree is told of here, and not by the page.)
+    // (So that what is damaged is told of here, and not by the page.)
     if args.tree.open_model(global)?.is_none() {
         args.tree.open_any_layer()?;
     }

@@ -8,7 +8,7 @@ mod source;
 mod tallies;
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use self::files::{OpenFiles, open_listed};
 use self::index::Index;
@@ -20,7 +20,7 @@ use spinney_base::space::{Bounds, Code};
 use spinney_base::value::Rule;
 use spinney_base::{Progress, Result};
 use spinney_container::{Finding, Header, MAX_FINDINGS, Metadata, OpenOptions};
-use spinney_manifest::{Entry, Manifest};
+use spinney_manifest::{ListedFile, Manifest};
 use xxhash_rust::xxh3::xxh3_128;
 
 pub use self::list::list_files;
@@ -36,13 +36,14 @@ pub struct Mosaic {
     state: u128,
     header: Header,
     metadata: Metadata,
-    entries: Vec<Entry>,
+    entries: Vec<ListedFile>,
     index: Index,
     options: OpenOptions,
     files: OpenFiles,
     tallies: Tallies,
     blocks: Blocks,
-    is_approximate: bool,
+    /// See [`Mosaic::is_approximate`]; found when somebody asks, since it looks at all files.
+    approximate: OnceLock<bool>,
 }
 
 /// An INNER node of a mosaic.
@@ -66,7 +67,12 @@ impl Mosaic {
         // (What stays in memory of files that are read at positions is what would stay of one.)
         let mut each = options.clone();
         each.cache /= files::MOST_OPEN as u64;
-        let mut mosaic = Mosaic {
+        // (What they were made of stands in each of them.)
+        let count = entries.len();
+        let files = if count == 1 { "file" } else { "files" };
+        let listed = format!("{count} {files} that {} lists", path.display());
+        let metadata = Metadata { provenance: vec![listed], ..metadata };
+        Ok(Mosaic {
             path: path.into(),
             bytes: bytes.len() as u64,
             state: xxh3_128(bytes),
@@ -78,22 +84,20 @@ impl Mosaic {
             files: OpenFiles::default(),
             tallies: Tallies::default(),
             blocks: Blocks::default(),
-            is_approximate: false,
-        };
-        mosaic.is_approximate = mosaic.has_approximate_levels();
-        Ok(mosaic)
+            approximate: OnceLock::new(),
+        })
     }
 
     /// Whether numbers of some levels above the cells are approximate: where a file begins within a node of that level, they are made of nodes
     /// two levels finer; where files overlap in large nodes, cells that are hidden may count. By the rules that go by nodes instead of cells
     /// (dominant, nearest) a node of several files has what the topmost has there. All else is exact: means from sums, majorities from counts.
     pub(super) fn is_approximate(&self) -> bool {
-        self.is_approximate
+        *self.approximate.get_or_init(|| self.has_approximate_levels())
     }
 
     fn has_approximate_levels(&self) -> bool {
         let axes = self.header.form.axes();
-        let begins_within = |entry: &Entry| {
+        let begins_within = |entry: &ListedFile| {
             let levels = entry.depth.min(self.header.depth());
             entry.bounds.min[..axes].iter().any(|cell| cell & ((1 << levels) - 1) != 0)
         };
@@ -140,7 +144,7 @@ impl Mosaic {
     }
 
     /// The files, in the order in which they lie on each other.
-    pub fn entries(&self) -> &[Entry] {
+    pub fn entries(&self) -> &[ListedFile] {
         &self.entries
     }
 
@@ -151,7 +155,7 @@ impl Mosaic {
         near
     }
 
-    fn entry(&self, number: u32) -> &Entry {
+    fn entry(&self, number: u32) -> &ListedFile {
         &self.entries[number as usize]
     }
 
