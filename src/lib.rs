@@ -163,7 +163,7 @@ pub mod store {
     /// The compact, read-only format.
     pub mod goblin {
         pub use spinney_engine::store::goblin::{
-            Entry, Goblin, GoblinNode, LevelBytes, LightFile, Piece, Segment, Shard, merge_shards,
+            Entry, Goblin, GoblinNode, LevelBytes, LightFile, Segment, Shard, ShardPiece, merge_shards,
         };
     }
 
@@ -231,7 +231,7 @@ pub mod ops {
 /// Manifests: many files as one.
 pub mod manifest {
     pub use spinney_engine::ops::{Mosaic, MosaicNode, list_files};
-    pub use spinney_manifest::{Entry, FileTag, Manifest, is_manifest};
+    pub use spinney_manifest::{FileTag, ListedFile, Manifest, is_manifest};
 }
 
 /// A file, or a view of one, with every question.

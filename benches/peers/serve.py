@@ -108,7 +108,7 @@ def work(port, requests, connections, seconds, answers):
 
 
 def rate_by_oha(port, targets):
-    """The same, by oha."""
+    """Tiles in a second, as oha counts them."""
     file = WORK / "addresses.txt"
     file.write_text("".join(f"http://127.0.0.1:{port}{target}\n" for target in targets))
     words = [OHA, "--urls-from-file", file, "-c", str(CONNECTIONS), "-z", f"{SECONDS}s", "--no-tui", "--output-format", "json"]

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use spinney::Error;
 use spinney::dataset::{self, Dataset};
 use spinney::io::Output;
-use spinney::manifest::{Entry, Manifest, list_files};
+use spinney::manifest::{ListedFile, Manifest, list_files};
 use spinney::ops::{self, Chain};
 use spinney::query::PointSamples;
 use spinney::space::{Bounds, Frame};
@@ -197,7 +197,7 @@ fn ten_thousand_files_are_listed_without_being_opened() {
     let mut manifest = list_files(&path, false, &[first], &[], &()).unwrap();
     let entry = manifest.entries[0].clone();
     manifest.entries = (0..10_000)
-        .map(|number| Entry {
+        .map(|number| ListedFile {
             path: format!("{number}.goblin"),
             bounds: part([number % 100 * 64, number / 100 * 64], [64, 64]),
             ..entry.clone()

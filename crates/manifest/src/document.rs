@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::entry::{Entry, FileTag};
+use super::listed_file::{FileTag, ListedFile};
 use super::manifest::{MARK, MOST_FILES, Manifest, VERSION};
 use spinney_base::space::{Bounds, Dimension};
 use spinney_base::value::{Number, Palette, ValueType};
@@ -88,7 +88,7 @@ pub(super) fn write(manifest: &Manifest) -> String {
     for (name, value) in head.as_object().into_iter().flatten().filter(|(name, _)| *name != "files") {
         lines.push(format!("  \"{name}\": {value}"));
     }
-    let file = |entry: &Entry| FileDocument {
+    let file = |entry: &ListedFile| FileDocument {
         path: entry.path.clone(),
         layer: entry.layer.clone(),
         at: entry.bounds.min,
@@ -164,7 +164,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Manifest> {
         return Err(corrupt(format!("{} files", document.files.len()), &expected));
     }
     let entries = document.files.into_iter().map(|file| entry(path, &header, file));
-    let entries = entries.collect::<Result<Vec<Entry>>>()?;
+    let entries = entries.collect::<Result<Vec<ListedFile>>>()?;
     let mut names = HashSet::with_capacity(entries.len());
     if let Some(twice) = entries.iter().find(|entry| !names.insert((&entry.path, &entry.layer))) {
         return Err(corrupt(format!("{} twice", twice.path), "each file once"));
@@ -173,7 +173,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Manifest> {
 }
 
 /// Checks a file's numbers against the space.
-fn entry(path: &Path, header: &Header, file: FileDocument) -> Result<Entry> {
+fn entry(path: &Path, header: &Header, file: FileDocument) -> Result<ListedFile> {
     let corrupt = |found: String, expected: String| {
         Error::corrupt(path, format!("file {}", file.path), found, expected)
     };
@@ -194,7 +194,7 @@ fn entry(path: &Path, header: &Header, file: FileDocument) -> Result<Entry> {
     if file.path.is_empty() || file.path.contains('\0') {
         return Err(corrupt(format!("path `{}`", file.path.escape_debug()), "a path or a URL".into()));
     }
-    Ok(Entry {
+    Ok(ListedFile {
         bounds: Bounds { min: file.at, max },
         depth: file.depth,
         tag: FileTag { length: file.bytes, checksum },

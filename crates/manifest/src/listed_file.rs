@@ -9,7 +9,7 @@ use spinney_container::TAIL;
 
 /// A file of a manifest.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Entry {
+pub struct ListedFile {
     /// The file: a path, relative to the manifest's folder unless it is absolute, or a URL.
     pub path: String,
     /// The layer; the first if none is named.
@@ -44,7 +44,7 @@ impl FileTag {
     }
 }
 
-impl Entry {
+impl ListedFile {
     /// The place of the file, for a manifest at a path.
     ///
     /// # Errors

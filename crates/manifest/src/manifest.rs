@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::document;
-use super::entry::Entry;
+use super::listed_file::ListedFile;
 use spinney_base::io::{LockFile, Output, ReadBackend, open_file, url_of};
 use spinney_base::space::Bounds;
 use spinney_base::{Error, Result};
@@ -27,7 +27,7 @@ pub struct Manifest {
     /// Frame, names, colours and tags that they share.
     pub metadata: Metadata,
     /// The files; where two overlap the later lies on top.
-    pub entries: Vec<Entry>,
+    pub entries: Vec<ListedFile>,
 }
 
 /// Whether the first bytes of a file are those of a manifest.
@@ -124,7 +124,7 @@ impl Manifest {
             return Err(Error::unsupported(path, "a manifest without files", advice));
         };
         let moved = |at: [u64; 3]| std::array::from_fn(|axis| at[axis] - hull.min[axis]);
-        for Entry { bounds, .. } in &mut self.entries {
+        for ListedFile { bounds, .. } in &mut self.entries {
             *bounds = Bounds { min: moved(bounds.min), max: moved(bounds.max) };
         }
         self.metadata.frame = moved_frame(&self.metadata.frame, hull.min.map(|cell| cell as f64));

@@ -6,7 +6,8 @@ use axum::response::{IntoResponse, Response};
 use quick_cache::Weighter;
 use quick_cache::sync::Cache;
 
-/// Answers that were given, by their tags and by what was asked. (Whoever looks for it can find two addresses of one tag.)
+/// Answers that were given, by their tags and by what was asked. Invariant: a tag tells the state of the file, and an answer is a function of that and
+/// of the address; so what is kept is never of an older state. (Whoever looks for it can find two addresses of one tag.)
 pub(crate) struct AnswerCache(Cache<(String, String), Answer, AnswerWeight>);
 
 /// Bytes of answers that are kept.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use spinney_base::space::{Bounds, Code, CodeRun};
 use spinney_container::Header;
-use spinney_engine::store::goblin::Piece;
+use spinney_engine::store::goblin::ShardPiece;
 
 /// Nodes that are weighed, at most, of all layers, unless each layer is one.
 const MOST_NODES: u64 = 1 << 16;
@@ -18,7 +18,7 @@ pub(crate) struct Load {
 
 /// Cuts layers into so many shards: each has pieces that are one behind the other in the file, and all together have all of every layer. Shards
 /// for which nothing is left have none.
-pub(crate) fn cut(layers: &[Header], loads: &[Load], shards: u32) -> Vec<Vec<Piece>> {
+pub(crate) fn cut(layers: &[Header], loads: &[Load], shards: u32) -> Vec<Vec<ShardPiece>> {
     let most = (MOST_NODES / layers.len().max(1) as u64).max(1);
     let levels: Vec<u8> = layers.iter().map(|header| weighed_level(header, most)).collect();
     let mut weights: BTreeMap<(usize, u64), u64> = BTreeMap::new();
@@ -58,7 +58,7 @@ pub(crate) fn cut(layers: &[Header], loads: &[Load], shards: u32) -> Vec<Vec<Pie
         let node = Code::from_bits(layers[*layer].form.dimension, *node).expect("codes of nodes");
         let last = if is_last { CodeRun::ALL.ends()[1] } else { node.last_bits() };
         let run = CodeRun::new(first, last).expect("nodes ascend");
-        pieces[*shard as usize].push(Piece { layer: *layer as u32, run });
+        pieces[*shard as usize].push(ShardPiece { layer: *layer as u32, run });
         first = if is_last { 0 } else { last + 1 };
     }
     pieces
@@ -120,7 +120,7 @@ mod tests {
         for shards in [1, 2, 7, 64, 1000] {
             let pieces = cut(&layers, &loads, shards);
             assert_eq!(pieces.len(), shards as usize);
-            let all: Vec<&Piece> = pieces.iter().flatten().collect();
+            let all: Vec<&ShardPiece> = pieces.iter().flatten().collect();
             assert!(all.is_sorted_by_key(|piece| (piece.layer, piece.run.ends())));
             for (number, header) in (0..).zip(&layers) {
                 let mut next = 0;

@@ -10,7 +10,7 @@ use spinney_base::io::Output;
 use spinney_base::space::{CodeRun, Region};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Header, OpenOptions};
-use spinney_engine::store::goblin::{Goblin, LightFile, Piece, Shard, merge_shards};
+use spinney_engine::store::goblin::{Goblin, LightFile, Shard, ShardPiece, merge_shards};
 use spinney_raster::import::{MosaicPlan, RasterOptions};
 
 use crate::options::{PlannedOptions, ShardedImport, number};
@@ -100,13 +100,13 @@ impl Plan {
         head: &[u8],
         options: PlannedOptions,
         (mut inputs, mosaic): (Vec<PlannedInput>, Option<&MosaicPlan>),
-        shards: &[Vec<Piece>],
+        shards: &[Vec<ShardPiece>],
     ) -> Plan {
         let regions = mosaic.map_or(&[][..], |mosaic| &mosaic.regions);
         for (input, Region { x, y, width, height }) in inputs.iter_mut().zip(regions.iter().copied()) {
             input.region = Some([x, y, width, height]);
         }
-        let piece = |piece: &Piece| {
+        let piece = |piece: &ShardPiece| {
             let [first, last] = piece.run.ends().map(|end| format!("{end:016x}"));
             PlannedPiece { layer: piece.layer, first, last }
         };
@@ -165,7 +165,7 @@ pub struct Job {
     pub(crate) mosaic: Option<MosaicPlan>,
     /// Levels of the first layer.
     pub(crate) depth: u8,
-    pieces: Vec<Vec<Piece>>,
+    pieces: Vec<Vec<ShardPiece>>,
 }
 
 impl Job {
@@ -203,7 +203,7 @@ impl Job {
         let mosaic = plan.mosaic()?;
         let (mut pieces, mut known) = (Vec::with_capacity(plan.shards.len()), Vec::new());
         for shard in &plan.shards {
-            let shard: Option<Vec<Piece>> = shard.iter().map(PlannedPiece::piece).collect();
+            let shard: Option<Vec<ShardPiece>> = shard.iter().map(PlannedPiece::piece).collect();
             let shard = shard.ok_or_else(|| corrupt("ends of runs that are none".into(), "runs of codes"))?;
             known.extend_from_slice(&shard);
             pieces.push(shard);
@@ -337,14 +337,14 @@ pub(crate) fn shards_path(folder: &Path) -> PathBuf {
 
 impl PlannedPiece {
     /// The piece; `None` if the digits are not those of a run.
-    fn piece(&self) -> Option<Piece> {
+    fn piece(&self) -> Option<ShardPiece> {
         let end = |digits: &str| u64::from_str_radix(digits, 16).ok();
-        Some(Piece { layer: self.layer, run: CodeRun::new(end(&self.first)?, end(&self.last)?)? })
+        Some(ShardPiece { layer: self.layer, run: CodeRun::new(end(&self.first)?, end(&self.last)?)? })
     }
 }
 
 /// Whether pieces have all of each layer, one behind the other, and are cut where they may be.
-fn are_all(pieces: &[Piece], layers: &[Header]) -> bool {
+fn are_all(pieces: &[ShardPiece], layers: &[Header]) -> bool {
     let mut pieces = pieces.iter();
     for (number, header) in (0..).zip(layers) {
         let mut next = 0;

@@ -18,6 +18,8 @@ const LEVEL: u64 = 31;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CodeRun {
+    // Invariant: codes of a subtree are the numbers from its root's on, the level in the lowest bits; so nodes whose ends lie between these two have all
+    // of their subtrees there, and two runs of which one begins behind the other's end have no node in common.
     /// The least number of a code in it, without a level.
     first: u64,
     /// The greatest number of a code in it, with all bits of the level.

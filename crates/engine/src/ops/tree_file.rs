@@ -369,7 +369,7 @@ impl TreeFile {
         }
     }
 
-    /// What stands for an INNER node, where that was left out: in those that are of several files of a manifest.
+    /// Representative of an INNER node, where that was left out: in those that are of several files of a manifest.
     pub(super) fn representative(&self, node: &TreeFileNode, given: Value) -> Result<Value> {
         match (self, node) {
             (TreeFile::Mosaic(tree), TreeFileNode::Mosaic(node)) => tree.representative(node, given),

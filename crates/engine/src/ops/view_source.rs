@@ -161,7 +161,7 @@ impl ViewSource {
         matches!(self, ViewSource::Calculated(_) | ViewSource::File(TreeFile::Mosaic(_)))
     }
 
-    /// What stands for an INNER node, where that was left out.
+    /// Representative of an INNER node, where that was left out.
     pub(super) fn representative(&self, node: &ViewSourceNode, given: Value) -> Result<Value> {
         match (self, node) {
             (ViewSource::File(file), ViewSourceNode::File(node)) => file.representative(node, given),

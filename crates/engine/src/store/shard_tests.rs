@@ -5,7 +5,7 @@ use std::io;
 use std::path::Path;
 
 use super::builder::Packing;
-use super::goblin::{LightFile, Piece, Shard, merge_shards};
+use super::goblin::{LightFile, Shard, ShardPiece, merge_shards};
 use super::{BuildOptions, Effort, Slab, Slabs, TreeWriter};
 use crate::tree::{Child, Children, Source};
 use spinney_base::io::Output;
@@ -204,7 +204,10 @@ fn cut(folder: &Path, layers: &[Layer], count: u64, seed: u64) -> Vec<Shard> {
                 let header = layer.options("").header(layer.form, layer.extent).unwrap();
                 let node =
                     |path| Code::from_path(layer.form.dimension, header.shape.crown_level(), path).unwrap();
-                pieces.push(Piece { layer: number, run: CodeRun::of(node(first), node(end - 1)).unwrap() });
+                pieces.push(ShardPiece {
+                    layer: number,
+                    run: CodeRun::of(node(first), node(end - 1)).unwrap(),
+                });
             }
             before += count;
         }
@@ -346,7 +349,7 @@ fn small_job(folder: &Path) -> (std::path::PathBuf, Vec<Shard>) {
     let node = |path| Code::from_path(Dimension::Quad, 2, path).unwrap();
     let shard = |(number, first, last)| {
         let run = CodeRun::of(node(first), node(last)).unwrap();
-        Shard { folder: folder.into(), job: 77, number, pieces: vec![Piece { layer: 0, run }] }
+        Shard { folder: folder.into(), job: 77, number, pieces: vec![ShardPiece { layer: 0, run }] }
     };
     let shards: Vec<Shard> = [(0, 0, 5), (1, 6, 15)].map(shard).into();
     for shard in &shards {

@@ -121,7 +121,7 @@ impl TreeWriter {
     /// ```
     /// use spinney::io::Output;
     /// use spinney::space::{Code, CodeRun, Dimension};
-    /// use spinney::store::goblin::{Piece, Shard, merge_shards};
+    /// use spinney::store::goblin::{Shard, ShardPiece, merge_shards};
     /// use spinney::store::{BuildOptions, Effort, TreeWriter};
     /// use spinney::tree::{Form, MemTree};
     /// use spinney::value::{Kind, Rule, SampleType, ValueType};
@@ -140,7 +140,7 @@ impl TreeWriter {
     /// let head = folder.join("head.goblin");
     /// write(TreeWriter::head(Output::create(&head)?, (Dimension::Quad, 1), 1)?)?;
     /// // A tree as small as this has one node at its crown's level, the root.
-    /// let pieces = vec![Piece { layer: 0, run: CodeRun::ALL }];
+    /// let pieces = vec![ShardPiece { layer: 0, run: CodeRun::ALL }];
     /// let shard = Shard { folder: folder.into(), job: 1, number: 0, pieces };
     /// write(TreeWriter::shard(&head, shard.clone())?)?;
     /// let merged = folder.join("merged.goblin");

@@ -7,7 +7,7 @@ use crate::store::goblin::Goblin;
 use spinney_base::io::rounds::apart;
 use spinney_base::{Error, Result};
 use spinney_container::{FileHeader, FilePlace, Header, OpenOptions, TreeFormat};
-use spinney_manifest::{Entry, FileTag};
+use spinney_manifest::{FileTag, ListedFile};
 
 /// Files that are kept open at most.
 pub(super) const MOST_OPEN: usize = 64;
@@ -68,7 +68,7 @@ pub(super) fn open_goblin(
 
 /// Opens a file of a manifest, which must be what the manifest tells of it.
 pub(super) fn open_listed(
-    entry: &Entry,
+    entry: &ListedFile,
     (manifest, common): (&Path, &Header),
     options: &OpenOptions,
 ) -> Result<Goblin> {

@@ -7,6 +7,7 @@ pub(super) struct Index {
     dimension: Dimension,
     depth: u8,
     /// Nodes that have a part of a box, no smaller than it, with its number; sorted.
+    /// Invariant: two boxes that meet have a cell in common, which is in a node of each; of these two nodes one contains the other.
     nodes: Vec<(u64, u32)>,
 }
 

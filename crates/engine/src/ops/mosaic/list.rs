@@ -12,11 +12,11 @@ use spinney_base::value::Kind;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{FilePlace, HEAVY_THRESHOLD, Header, Metadata, OpenOptions, STRIDE, Shape, reach};
 use spinney_crs::Frame;
-use spinney_manifest::{Entry, Manifest};
+use spinney_manifest::{ListedFile, Manifest};
 
 /// A file that is to be listed.
 struct Listed {
-    entry: Entry,
+    entry: ListedFile,
     name: String,
     header: Header,
     metadata: Metadata,
@@ -105,7 +105,7 @@ fn look_at(manifest: &Path, path: &Path) -> Result<Listed> {
     }
     let header = file.header().clone();
     Ok(Listed {
-        entry: Entry {
+        entry: ListedFile {
             path: stored_name(manifest, &place.file)?,
             layer: place.layer.clone(),
             bounds: header.picture(),
@@ -143,7 +143,7 @@ fn stored_name(manifest: &Path, file: &Path) -> Result<String> {
     text(&relative.join(file.file_name().unwrap_or_default()))
 }
 
-/// What a manifest says of a file's metadata: what is of its cells, and not of how it was made.
+/// Metadata that a manifest takes over from a file: those of its cells, and not of how it was made.
 fn common_part(metadata: &Metadata) -> Metadata {
     Metadata {
         name: String::new(),
@@ -202,14 +202,14 @@ fn add(
     let origin = frame.to_world(moved.map(|cells| -(cells as f64)));
     frame.matrix.iter_mut().zip(origin).for_each(|(row, origin)| row[3] = origin);
     manifest.metadata.frame = frame;
-    for Entry { bounds, .. } in &mut manifest.entries {
+    for ListedFile { bounds, .. } in &mut manifest.entries {
         *bounds = shifted(bounds, moved);
     }
     let known = manifest.entries.iter().enumerate();
     let mut known: HashMap<(String, Option<String>), usize> =
         known.map(|(at, entry)| ((entry.path.clone(), entry.layer.clone()), at)).collect();
     for (file, place) in files.into_iter().zip(&places[1..]) {
-        let entry = Entry { bounds: shifted(&file.entry.bounds, first(&place.map)), ..file.entry };
+        let entry = ListedFile { bounds: shifted(&file.entry.bounds, first(&place.map)), ..file.entry };
         match known.get(&(entry.path.clone(), entry.layer.clone())) {
             Some(at) => manifest.entries[*at] = entry,
             None => {
@@ -260,6 +260,12 @@ fn share(path: &Path, common: &mut Metadata, file: &Listed, left: &mut BTreeSet<
         let found = own.units.join(", ");
         let expected = format!("{}, as in {}", common.units.join(", "), path.display());
         return Err(Error::invalid(format!("{}: units", file.name), found, expected));
+    }
+    if !own.scoped_tags.is_empty() {
+        left.insert("tags of channels and domains");
+    }
+    if own.control_points.is_some() {
+        left.insert("control points");
     }
     if common.tags != own.tags {
         common.tags.retain(|name, value| own.tags.get(name) == Some(value));

@@ -20,6 +20,8 @@ impl Mosaic {
         let above = self.header.depth() - code.level();
         match self.meeting(&code.bounds(self.header.depth()))[..] {
             [] => Ok(Child::Void),
+            // Invariant: where only one file has cells of a node, and begins with a node of that size, that node is one of its own, with all that is below
+            // it: its values, averages and counts are those of the mosaic.
             [number] if self.lies_on_nodes(number, above) => self.node_of_file(number, code),
             _ => Ok(Child::Inner { representative: Value::ZERO, node: MosaicNode::Several(code) }),
         }
@@ -44,7 +46,7 @@ impl Mosaic {
         Ok(child.map_node(|node| MosaicNode::File(number, node)))
     }
 
-    /// What stands for an INNER node, where that was left out.
+    /// Representative of an INNER node, where that was left out.
     pub(in crate::ops) fn representative(&self, node: &MosaicNode, given: Value) -> Result<Value> {
         let MosaicNode::Several(code) = node else { return Ok(given) };
         let min = code.cell().map(u64::from);

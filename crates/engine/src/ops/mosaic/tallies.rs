@@ -89,6 +89,8 @@ impl Mosaic {
             let parts = parts.collect::<Result<Vec<_>>>()?;
             return Ok(self.sum(&parts.iter().map(|tally| (**tally).clone()).collect::<Vec<_>>()));
         }
+        // Invariant: boxes of `rest` do not overlap, and have all cells that no file above has hidden for certain: none is lost, though some that are hidden
+        // count where a box is kept whole.
         let (mut rest, mut tallies) = (vec![cells], Vec::new());
         for number in numbers.into_iter().rev() {
             let mut open = Vec::with_capacity(rest.len());

@@ -75,7 +75,8 @@ pub(in crate::store) fn walk<S: ReusableSource>(
                 let below = children[..form.children()].iter_mut().enumerate().rev();
                 pending.extend(below.map(|(i, child)| (code.child(i), mem::take(child))));
             }
-            // (Of a uniform node that reaches out of the run, whoever has the rest of it hands that over.)
+            // Invariant: of several runs that have the whole space each node is handed over by one: a uniform node that reaches out of the run is divided
+            // until its parts are in it, or outside.
             _ if !is_whole => {
                 let children = (0..form.children()).rev();
                 pending.extend(children.map(|child| (code.child(child), Child::uniform(node.value()))));

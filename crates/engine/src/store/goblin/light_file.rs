@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use zerocopy::little_endian::{U32, U64, U128};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
-use super::shard::{Piece, Shard, length_of};
+use super::shard::{Shard, ShardPiece, length_of};
 use spinney_base::io::{Output, open_input};
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Result};
@@ -65,7 +65,7 @@ const END: u64 = size_of::<End>() as u64;
 /// Piece of a light file, as the table tells of it.
 #[derive(Clone, Debug)]
 pub(super) struct LightPiece {
-    pub(super) piece: Piece,
+    pub(super) piece: ShardPiece,
     /// Bytes of its run file.
     pub(super) run_bytes: u64,
     /// Nodes per level, but for those that only the whole tree has.
@@ -102,7 +102,7 @@ impl LightWriter {
     }
 
     /// Starts a piece.
-    pub(super) fn begin(&mut self, piece: Piece) {
+    pub(super) fn begin(&mut self, piece: ShardPiece) {
         let items = self.position..self.position;
         let counts = LevelCounts::default();
         self.pieces.push(LightPiece { piece, run_bytes: 0, counts, items, checksum: 0 });
@@ -274,7 +274,7 @@ fn read_table(mut table: &[u8], table_at: u64, count: u32) -> Option<Vec<LightPi
             }
             counts.add(level, nodes);
         }
-        let piece = Piece { layer, run };
+        let piece = ShardPiece { layer, run };
         let checksum = raw.checksum.get();
         pieces.push(LightPiece {
             piece,

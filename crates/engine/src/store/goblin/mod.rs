@@ -36,7 +36,7 @@ pub use light_file::LightFile;
 pub(crate) use locate::Located;
 pub use reader::Goblin;
 pub use segment::Segment;
-pub use shard::{Piece, Shard};
+pub use shard::{Shard, ShardPiece};
 pub use shard_merge::merge_shards;
 pub(in crate::store) use shard_writer::ShardWriter;
 pub use sizes::LevelBytes;

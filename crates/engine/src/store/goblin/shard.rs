@@ -6,7 +6,7 @@ use spinney_base::space::CodeRun;
 
 /// A part of one layer of a file: nodes at the layer's crown level, one behind the other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Piece {
+pub struct ShardPiece {
     /// Number of the layer.
     pub layer: u32,
     /// The nodes.
@@ -24,7 +24,7 @@ pub struct Shard {
     /// Its own number, in the order of the file.
     pub number: u32,
     /// The parts of layers that it has, in the order of the file.
-    pub pieces: Vec<Piece>,
+    pub pieces: Vec<ShardPiece>,
 }
 
 impl Shard {
@@ -39,7 +39,7 @@ impl Shard {
     }
 
     /// The piece of a layer, if the shard has one.
-    pub(super) fn piece(&self, layer: u32) -> Option<&Piece> {
+    pub(super) fn piece(&self, layer: u32) -> Option<&ShardPiece> {
         self.pieces.iter().find(|piece| piece.layer == layer)
     }
 }

@@ -40,6 +40,8 @@ pub fn merge_shards(
     let mut out = FileWriter::new(output, file)?;
     for (number, (header, metadata)) in (0..).zip(&layers) {
         let pieces: Vec<_> = shards.iter().zip(&lights).filter_map(|both| find_piece(both, number)).collect();
+        // Invariant: runs cut the space at the crown's level, and a layer's segments below it stand in the order of codes. So the runs of all shards, one
+        // behind the other, are those of a file that was built in one go, and all that is left to make is what stands above.
         check_cover(head, number, pieces.iter().map(|(_, _, piece)| piece.piece.run))?;
         out.merged_layer(header, metadata, (memory, effort), &mut |builder| {
             let mut counts = LevelCounts::default();

@@ -11,7 +11,7 @@ use super::light_items::{PendingEntries, has_cells, write_top};
 use super::reader::Goblin;
 use super::segment_builder::SegmentBuilder;
 use super::segment_sink::SegmentSink;
-use super::shard::{Piece, Shard};
+use super::shard::{Shard, ShardPiece};
 use crate::store::builder::{BuildOptions, Fill, Part, SealedSegment};
 use spinney_base::io::Output;
 use spinney_base::space::CodeRun;
@@ -126,7 +126,7 @@ pub(super) fn planned_layers(head: &Goblin) -> Result<Vec<(Header, Metadata)>> {
 struct PieceWriter<'l> {
     path: PathBuf,
     out: Option<Output>,
-    piece: Piece,
+    piece: ShardPiece,
     header: Header,
     effort: Option<Effort>,
     /// Bytes so far.
@@ -140,7 +140,7 @@ struct PieceWriter<'l> {
 impl<'l> PieceWriter<'l> {
     fn new(
         path: PathBuf,
-        piece: Piece,
+        piece: ShardPiece,
         header: &Header,
         effort: Option<Effort>,
         light: &'l mut LightWriter,
