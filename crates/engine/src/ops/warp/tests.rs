@@ -190,7 +190,8 @@ fn compare(name: &str, raster: &Raster, grid: &WarpGrid, resampling: Resampling,
         }
     }
     assert!(cells < 20 || present > cells / 20, "{name}: {present} of {cells} cells have a value");
-    assert!(close * 500 <= cells, "{name} {resampling}: {close} of {cells} differ");
+    // (Where a number lies between two, one of few cells may be rounded the other way.)
+    assert!(close <= 1 + cells / 500, "{name} {resampling}: {close} of {cells} differ");
 }
 
 fn xyz(depth: u8) -> WarpGrid {
