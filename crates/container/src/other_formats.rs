@@ -382,7 +382,7 @@ mod tests {
             assert!(check_tree_name(Path::new(&path)).is_err(), "{path}");
         }
         for format in FORMATS {
-            assert!(!format.endings.is_empty());
+            assert!(!(format.endings.is_empty() && format.marks.is_empty()), "{}", format.name);
             let fits = |mark: &Mark| match mark {
                 At(place, bytes) => place + bytes.len() <= FIRST_BYTES && bytes.len() >= 3,
                 Within(text) => text.len() >= 4,

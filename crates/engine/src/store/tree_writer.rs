@@ -120,7 +120,7 @@ impl TreeWriter {
     ///
     /// ```
     /// use spinney::io::Output;
-    /// use spinney::space::{Code, CodeRun, Dimension};
+    /// use spinney::space::{CodeRun, Dimension};
     /// use spinney::store::goblin::{Shard, ShardPiece, merge_shards};
     /// use spinney::store::{BuildOptions, Effort, TreeWriter};
     /// use spinney::tree::{Form, MemTree};
@@ -130,7 +130,7 @@ impl TreeWriter {
     /// # let folder = tempfile::tempdir().unwrap();
     /// # let folder = folder.path();
     /// let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
-    /// let tree = MemTree::from_cells(form, 1, Rule::Mean, |cell| Some([cell[0] as u8].into()));
+    /// let tree = MemTree::from_cells(form, 1, Rule::Mean, &|cell| Some([cell[0] as u8].into()));
     /// let write = |mut file: TreeWriter| {
     ///     file.tree(&tree, [2, 2, 1], &BuildOptions::new(Kind::Continuous, 1), &())?;
     ///     file.finish()
