@@ -56,9 +56,11 @@ def build(
     `retries` times more, one whose worker has died always. `progress` counts shards.
     """
     cluster = _client(client)
-    count = shards or max(1, _PIECES_A_THREAD * sum(cluster.nthreads().values()))
     folder = os.path.abspath(os.fspath(job) if job is not None else f"{os.fspath(out)}.job")
-    planned = _shards.plan(sources, folder, shards=count, **options)
+    # (A job that goes on has its shards, however large the cluster was that began it.)
+    is_begun = os.path.exists(os.path.join(folder, "plan.json"))
+    usual = _shards.Job(folder).shards if is_begun else max(1, _PIECES_A_THREAD * sum(cluster.nthreads().values()))
+    planned = _shards.plan(sources, folder, shards=shards or usual, **options)
     missing = planned.missing()
     # (Names of tasks are for the dashboard; another job of the same folder has other ones.)
     run = os.urandom(8).hex()

@@ -50,7 +50,7 @@ def test_an_earlier_run_goes_on(tmp_path: Path, client: Any) -> None:
         job.build(number)
     left = len(job.missing())
     done: list[tuple[int, int]] = []
-    spinney.dask.build(paths, tmp_path / "merged.goblin", client=client, job=tmp_path / "job", shards=6, progress=lambda now, all: done.append((now, all)))
+    spinney.dask.build(paths, tmp_path / "merged.goblin", client=client, job=tmp_path / "job", progress=lambda now, all: done.append((now, all)))
     assert done[-1] == (left, left)
     assert (tmp_path / "merged.goblin").read_bytes() == (tmp_path / "whole.goblin").read_bytes()
 
