@@ -1,6 +1,7 @@
 //! Kinds of work that shards do: for each there is a file that plans it and builds a shard of it.
 
 mod combining;
+mod given;
 mod import_options;
 mod packing;
 mod pictures;
@@ -22,6 +23,7 @@ use spinney_engine::store::{Packing, ShardCheck, TreeTarget};
 use spinney_raster::import::{ImportOptions, StackOptions};
 
 use self::combining::Combining;
+pub(crate) use self::given::Given;
 use self::pictures::Pictures;
 use self::stacks::Stack;
 use self::transforming::Transforming;
@@ -127,6 +129,7 @@ pub(crate) enum PlannedWork {
     Stack(Box<Stack>),
     Transform(Transforming),
     Combine(Combining),
+    Given(Given),
 }
 
 impl PlannedWork {
@@ -150,6 +153,7 @@ impl PlannedWork {
             PlannedWork::Stack(work) => &**work,
             PlannedWork::Transform(work) => work,
             PlannedWork::Combine(work) => work,
+            PlannedWork::Given(work) => work,
         }
     }
 }
