@@ -40,9 +40,6 @@ def given_layers(source: Any, memory: int | str = MEMORY, **options: Any) -> Giv
         given = one_layer(source, common, about)
     else:
         given = stack_layers(layers, common, about)
-    for layer in given.layers:
-        if layer["options"]["in_order"]:
-            raise TypeError("an iterator of arrays comes once, from the top down; shards are read from anywhere")
     _keep_chunks(given, memory_of(memory) // 4)
     return given
 
