@@ -304,8 +304,11 @@ impl TreeWriter {
         self.source_with(source, extent, options, progress, &mut |_| {})
     }
 
-    /// Makes the next layer of any source, whose metadata can be completed when it has been walked.
-    pub(crate) fn source_with<S: ReusableSource>(
+    /// Makes the next layer of any source, whose metadata can be completed when it has been walked; of a shard they must be complete before.
+    ///
+    /// # Errors
+    /// Those of [`TreeWriter::slabs`]; also if the source fails.
+    pub fn source_with<S: ReusableSource>(
         &mut self,
         source: &S,
         extent: [u64; 3],

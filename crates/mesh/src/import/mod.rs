@@ -11,5 +11,5 @@ pub(crate) use read::city_semantics;
 pub use read::{MeshArrays, MeshColours, is_model, open, open_all};
 pub use solid::{
     Attribute, DEFAULT_MEMORY, FittedCells, InsideTest, Resolution, SolidImport, SolidOptions, SolidReport,
-    fit_cells, plan_models,
+    SolidSurvey, SurfaceAtPoint, SurveyedNode, fit_cells, plan_models, plan_part,
 };

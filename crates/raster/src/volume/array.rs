@@ -164,6 +164,10 @@ impl Slabs for ArraySlabs {
         self.array.layout.size
     }
 
+    fn are_in_order(&self) -> bool {
+        true
+    }
+
     fn next(&mut self, slab: &mut Slab) -> Result<bool> {
         let Some((origin, size)) = self.next_cube() else { return Ok(false) };
         (slab.origin, slab.size) = (origin, size);

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 
 use flate2::read::MultiGzDecoder;
 
-use self::header::{DataPlace, Encoding, Header};
+use self::header::{Encoding, Header};
 pub(crate) use self::write::nrrd_head;
 use super::array::{Array, ArrayLayout};
 use super::spill::BoxSpill;
