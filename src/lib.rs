@@ -383,7 +383,8 @@ pub mod import {
         pub use spinney_mesh::import::{
             Attribute, DEFAULT_MEMORY, ExactOptions, ExactReport, InsideTest, MeshArrays, MeshColours,
             MeshFace, Model, ModelContact, ModelInfo, Resolution, SkippedObject, SolidImport, SolidOptions,
-            SolidReport, import_exact, is_model, model_contacts, open, open_all, parts_of, plan_models,
+            SolidReport, SolidSurvey, SurfaceAtPoint, SurveyedNode, import_exact, is_model, model_contacts,
+            open, open_all, parts_of, plan_models, plan_part,
         };
     }
 
@@ -410,7 +411,7 @@ pub mod import {
     #[cfg(feature = "raster")]
     pub mod volume {
         pub use spinney_raster::volume::{
-            RawLayout, VolumeImport, VolumeOptions, is_volume, plan, plan_raw, plan_sections,
+            RawLayout, VolumeImport, VolumeInput, VolumeOptions, is_volume, plan, plan_raw, plan_sections,
         };
     }
 }

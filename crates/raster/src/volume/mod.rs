@@ -1,7 +1,7 @@
 //! Volumes: arrays of three dimensions, which become octrees.
 
 mod array;
-mod files;
+mod input;
 mod npy;
 mod nrrd;
 mod raw;
@@ -15,7 +15,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use self::array::{Array, ArrayLayout};
-pub use self::files::files_of;
+pub use self::input::VolumeInput;
 pub(crate) use self::nrrd::nrrd_head;
 pub use self::raw::RawLayout;
 use self::sections::Sections;

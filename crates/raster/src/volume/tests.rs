@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use super::{RawLayout, VolumeImport, VolumeOptions, files_of, plan, plan_raw, plan_sections};
+use super::{RawLayout, VolumeImport, VolumeInput, VolumeOptions, plan_raw};
 use spinney_base::Result;
 use spinney_base::io::Output;
 use spinney_base::space::{Code, CodeRun, Dimension};
@@ -128,8 +128,9 @@ fn shards_of_what_comes_from_the_front_make_the_bytes_of_a_build() {
         "NRRD0004\ntype: uint16\ndimension: 3\nsizes: {x} {y} {z}\nendian: little\nencoding: gzip\nbyte skip: 5\ndata file: a.raw.gz\n"
     );
     std::fs::write(&head, text).unwrap();
-    compare(folder, Effort::Fast, &|| plan(&head, &options));
-    assert_eq!(files_of(&head, false).unwrap(), [head, data]);
+    let input = VolumeInput::File(head.clone());
+    compare(folder, Effort::Fast, &|| input.plan(&options));
+    assert_eq!(input.files().unwrap(), [data, head]);
 }
 
 #[test]
@@ -151,7 +152,8 @@ fn shards_of_sections_make_the_bytes_of_a_build() {
         paths.push(path);
     }
     let options = VolumeOptions::new();
-    compare(folder, Effort::Fast, &|| plan_sections(std::slice::from_ref(&sections), &options));
-    let files = files_of(&sections, true).unwrap();
+    let input = VolumeInput::Sections(vec![sections]);
+    compare(folder, Effort::Fast, &|| input.plan(&options));
+    let files = input.files().unwrap();
     assert!(paths.iter().all(|path| files.contains(path)) && files.len() > 2 * paths.len());
 }

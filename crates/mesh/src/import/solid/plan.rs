@@ -115,6 +115,11 @@ impl SolidImport {
         &self.description
     }
 
+    /// Levels of the tree.
+    pub fn depth(&self) -> u8 {
+        self.grid.depth
+    }
+
     /// A point of a model, as it lies in the world.
     pub(super) fn turn(&self, point: [f64; 3]) -> [f64; 3] {
         self.options.up.to_z_up(point)

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::build::SolidReport;
 use super::inside::State;
 use super::plan::{SolidImport, SolidOptions, plan_in};
 use crate::import::Model;
@@ -60,7 +61,7 @@ pub fn plan_part(
 
 impl SolidImport {
     /// Tells a file that has no cells, but for those of its layers, of the tree, and finds out what parts of it have to know of the whole surface, in nodes of a level that is chosen by the
-    /// tree's header. Faces are read once, as for building.
+    /// tree's header. Faces are read once, as for building; of the report that comes, too, cells are not known.
     ///
     /// # Errors
     /// Those of [`SolidImport::build`]; also if the surface is open: then all of it decides what is inside everywhere.
@@ -70,14 +71,16 @@ impl SolidImport {
         level: &dyn Fn(&Header) -> u8,
         beside: &Path,
         progress: &dyn Progress,
-    ) -> Result<SolidSurvey> {
+    ) -> Result<(SolidSurvey, SolidReport)> {
         let mut read = self.read(&|_| true, beside, progress)?;
         let decided = self.inside(&mut read, true, progress)?;
-        let (form, options) = self.tree(&self.report(&read, &decided));
+        let report = self.report(&read, &decided);
+        let (form, options) = self.tree(&report);
         file.tell(form, self.extent, &options)?;
         let level = level(&options.header(form, self.extent)?);
         let solid = self.solid(form, decided.surfaces, None, progress)?;
-        Ok(SolidSurvey { bounds: self.bounds, is_divided: decided.is_divided, nodes: solid.nodes(level)? })
+        let (bounds, is_divided) = (self.bounds, decided.is_divided);
+        Ok((SolidSurvey { bounds, is_divided, nodes: solid.nodes(level)? }, report))
     }
 }
 

@@ -125,7 +125,8 @@ impl Place {
         let mut file = TreeWriter::head(Output::create(&head).unwrap(), (Dimension::Oct, depth), 1).unwrap();
         let level = depth.saturating_sub(6).min(3);
         let import = plan_models(open(), options).unwrap();
-        let survey = import.survey(&mut file, &|header| header.shape.crown_level(), folder, &()).unwrap();
+        let (survey, _) =
+            import.survey(&mut file, &|header| header.shape.crown_level(), folder, &()).unwrap();
         file.finish().unwrap();
         assert_eq!(survey.is_divided, is_divided);
         assert!(survey.nodes.is_sorted_by_key(|node| node.code.bits()));
