@@ -79,7 +79,7 @@
 //! | `raster` | readers and writers of picture files, volumes and lists of cells; styles, tiles, cloud-optimized GeoTIFF |
 //! | `brep` | exact models, bintrees and BSP trees |
 //! | `mesh` | readers and writers of meshes, solids made of them, glTF and 3D Tiles (with `brep`) |
-//! | `shards` | trees of pictures that are built by many processes (with `raster`) |
+//! | `shards` | trees that are built by many processes (with `mesh` and `raster`) |
 //! | `reconstruction` | solids of pictures and of outlines (with `mesh`, `raster` and `vector`) |
 //! | `render` | pictures of solids (with `mesh` and `raster`) |
 //! | `lines` | trees of lines |
@@ -190,7 +190,7 @@ pub mod store {
     }
 }
 
-/// Trees of pictures that are built in shards, by many processes.
+/// Trees that are built in shards, by many processes.
 #[cfg(feature = "shards")]
 pub mod shards {
     pub use spinney_shards::{Built, Job, JobSpec, Planned, plan};

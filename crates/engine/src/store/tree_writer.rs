@@ -353,12 +353,14 @@ impl TreeWriter {
         }
     }
 
-    /// Writes what stands behind the layers, and puts the file in its place.
+    /// Writes what stands behind the layers, and puts the file in its place. Of a shard that has no part of any layer none need be made.
     ///
     /// # Errors
     /// If the file cannot be written, or layers are missing.
     pub fn finish(self) -> Result<()> {
-        if self.names.len() != self.layers as usize {
+        let is_nothing =
+            self.names.is_empty() && matches!(&self.file, File::Shard(shard) if shard.is_empty());
+        if self.names.len() != self.layers as usize && !is_nothing {
             let found = format!("{} layers", self.names.len());
             return Err(Error::invalid("file", found, format!("{}, as was said", self.layers)));
         }

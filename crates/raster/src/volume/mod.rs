@@ -267,11 +267,6 @@ impl VolumeImport {
         self.value
     }
 
-    /// Cells along x, y and z.
-    pub fn size(&self) -> [u64; 3] {
-        self.size
-    }
-
     /// Builds the octree, on the threads of the current rayon pool; progress counts cells. Samples of pictures, and those that are
     /// compressed, go to a temporary file in the output's folder first.
     ///

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use spinney_base::io::Output;
-use spinney_base::space::{Bounds, Code, CodeRun, Dimension};
+use spinney_base::space::{Code, CodeRun, Dimension};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
 use spinney_crs::Crs;

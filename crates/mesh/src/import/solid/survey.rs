@@ -55,8 +55,9 @@ pub fn plan_part(
     options: &SolidOptions,
     survey: SolidSurvey,
 ) -> Result<SolidImport> {
-    let import = plan_in(models, options, survey.bounds)?;
-    Ok(SolidImport { survey: Some(survey), ..import })
+    let mut import = plan_in(models, options, survey.bounds)?;
+    import.survey = Some(survey);
+    Ok(import)
 }
 
 impl SolidImport {
