@@ -79,7 +79,7 @@
 //! | `raster` | readers and writers of picture files, volumes and lists of cells; styles, tiles, cloud-optimized GeoTIFF |
 //! | `brep` | exact models, bintrees and BSP trees |
 //! | `mesh` | readers and writers of meshes, solids made of them, glTF and 3D Tiles (with `brep`) |
-//! | `shards` | trees of pictures that are built by many processes (with `raster`) |
+//! | `shards` | trees that are built by many processes (with `mesh` and `raster`) |
 //! | `reconstruction` | solids of pictures and of outlines (with `mesh`, `raster` and `vector`) |
 //! | `render` | pictures of solids (with `mesh` and `raster`) |
 //! | `lines` | trees of lines |
@@ -190,7 +190,7 @@ pub mod store {
     }
 }
 
-/// Trees of pictures that are built in shards, by many processes.
+/// Trees that are built in shards, by many processes.
 #[cfg(feature = "shards")]
 pub mod shards {
     pub use spinney_shards::{Built, GivenLayers, Job, JobSpec, Planned, plan, plan_given};
@@ -383,7 +383,8 @@ pub mod import {
         pub use spinney_mesh::import::{
             Attribute, DEFAULT_MEMORY, ExactOptions, ExactReport, InsideTest, MeshArrays, MeshColours,
             MeshFace, Model, ModelContact, ModelInfo, Resolution, SkippedObject, SolidImport, SolidOptions,
-            SolidReport, import_exact, is_model, model_contacts, open, open_all, parts_of, plan_models,
+            SolidReport, SolidSurvey, SurfaceAtPoint, SurveyedNode, import_exact, is_model, model_contacts,
+            open, open_all, parts_of, plan_models, plan_part,
         };
     }
 
@@ -410,7 +411,7 @@ pub mod import {
     #[cfg(feature = "raster")]
     pub mod volume {
         pub use spinney_raster::volume::{
-            RawLayout, VolumeImport, VolumeOptions, is_volume, plan, plan_raw, plan_sections,
+            RawLayout, VolumeImport, VolumeInput, VolumeOptions, is_volume, plan, plan_raw, plan_sections,
         };
     }
 }

@@ -1,8 +1,8 @@
 //! Building of one shard of a job.
 
 use spinney_base::{Error, Progress, Result};
-use spinney_engine::store::TreeTarget;
 use spinney_engine::store::goblin::{LightFile, Shard};
+use spinney_engine::store::{TreeTarget, TreeWriter};
 
 use crate::job::Job;
 use crate::stamp::check;
@@ -28,6 +28,10 @@ impl Job {
         let shard = self.shard(number)?;
         if let Some(light) = LightFile::find(&shard)? {
             return Ok(Built { was_there: true, bytes: light.run_bytes() });
+        }
+        if shard.pieces.is_empty() {
+            TreeWriter::shard(&self.head_path(), shard)?.finish()?;
+            return Ok(Built { was_there: false, bytes: 0 });
         }
         let (work, planned) = (self.plan.work.clone(), &self.plan.inputs);
         let touched = work.work().touched(planned.len(), &shard, &self.layers);
