@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use super::file_id::FileId;
+use super::look::FileState;
 use super::read::{Mapped, Positioned, ReadBackend, open_input};
 use crate::{Error, Result};
 
@@ -16,11 +17,23 @@ pub trait RemoteFiles: Send + Sync {
     /// If it cannot be reached, or not in ranges.
     fn open(&self, url: &str, options: &[(String, String)]) -> Result<Box<dyn ReadBackend>>;
 
-    /// Puts a copy of a file of this machine in a place elsewhere, whole or not at all.
+    /// States of files, in their order, all of which are asked for at the same time; nothing of those that are not there.
+    ///
+    /// # Errors
+    /// On interruption. Of each file, if its host does not tell.
+    fn look(&self, urls: &[&str]) -> Result<Vec<Result<Option<FileState>>>>;
+
+    /// Puts a copy of a file of this machine in a place elsewhere, whole or not at all; also in place of another one, unless it must be new.
     ///
     /// # Errors
     /// If that fails; nothing is left there then.
-    fn upload(&self, file: &Path, url: &str) -> Result<()>;
+    fn upload(&self, file: &Path, url: &str, must_be_new: bool) -> Result<()>;
+
+    /// Removes files, those that are there.
+    ///
+    /// # Errors
+    /// If that fails for one of them.
+    fn remove(&self, urls: &[&str]) -> Result<()>;
 }
 
 static REMOTE_FILES: OnceLock<Box<dyn RemoteFiles>> = OnceLock::new();
