@@ -5,7 +5,7 @@ use std::io::{self, Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use super::open::{local_path, remote_files, url_of};
+use super::open::{local_path, remote_files, split_query, url_of, without_query};
 use super::platform::read_exact_at;
 use super::read::{ReadBackend, open_input};
 use crate::{Error, Result};
@@ -165,10 +165,8 @@ impl Seek for InputFile {
 
 /// The path of a file beside another one, which `name` makes of that one's; a query of a URL stays behind it.
 pub fn beside(path: &Path, name: impl FnOnce(&Path) -> PathBuf) -> PathBuf {
-    let Some(url) = url_of(path) else { return name(path) };
-    let (plain, query) = super::open::split_query(url);
-    let mut named = name(Path::new(plain)).into_os_string();
-    named.push(query);
+    let mut named = name(without_query(path)).into_os_string();
+    named.push(url_of(path).map_or("", |url| split_query(url).1));
     named.into()
 }
 

@@ -72,6 +72,11 @@ pub fn split_query(url: &str) -> (&str, &str) {
     url.split_at(url.find(['?', '#']).unwrap_or(url.len()))
 }
 
+/// A path without the query that a URL may have.
+pub fn without_query(path: &Path) -> &Path {
+    url_of(path).map_or(path, |url| Path::new(split_query(url).0))
+}
+
 /// The path of a file of this machine, which may be given as `file://` URL.
 pub fn local_path(path: &Path) -> Cow<'_, Path> {
     let url = path.to_str().and_then(|text| text.strip_prefix("file://"));
