@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
-use spinney::shards::{Job, ShardedImport, plan};
+use spinney::shards::{Job, JobSpec, plan};
 
 use crate::build::FileOptions;
 use crate::error::{OrRaise, invalid};
@@ -14,17 +14,17 @@ use crate::jobs::{self, Terms};
 #[pyfunction]
 pub(crate) fn plan_shards(
     py: Python<'_>,
-    paths: Vec<PathBuf>,
+    inputs: Vec<PathBuf>,
     job: PathBuf,
     options: FileOptions,
     shards: Option<u32>,
     terms: Terms,
 ) -> PyResult<bool> {
-    let import = match options.stack()? {
-        Some(stack) => ShardedImport::Stack(stack),
-        None => ShardedImport::Pictures(options.pictures()?),
+    let spec = match options.stack()? {
+        Some(options) => JobSpec::Stack { inputs, options },
+        None => JobSpec::Pictures { inputs, options: options.pictures()? },
     };
-    jobs::run(py, terms, |work| Ok(plan(&paths, &import, &job, shards, work)?.was_there))
+    jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, work)?.was_there))
 }
 
 /// A job: shards, those of them of which something is to be built, and bytes of input.

@@ -9,7 +9,8 @@ use std::time::UNIX_EPOCH;
 use serde::{Deserialize, Serialize};
 use spinney_base::io::{local_path, url_of};
 use spinney_base::{Error, Result};
-use spinney_raster::import::{RasterOptions, files_of};
+
+use crate::work::Work;
 
 /// A file that a plan knows.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -65,14 +66,14 @@ pub(crate) fn absolute(path: &Path) -> Result<PathBuf> {
     std::path::absolute(path).map_err(Error::io(path, "look at"))
 }
 
-/// The files that reading an input looks at and that are there, each once.
+/// Those of some files that are there, each once.
 ///
 /// # Errors
 /// If one cannot be looked at.
-pub(crate) fn look(input: &Path, options: &RasterOptions) -> Result<Vec<PlannedFile>> {
+pub(crate) fn look(files: Vec<PathBuf>) -> Result<Vec<PlannedFile>> {
     let mut known = HashSet::new();
     // (A source's path is relative to the file that names it, which is absolute.)
-    let once = files_of(input, options)?.into_iter().filter(|path| known.insert(path.clone()));
+    let once = files.into_iter().filter(|path| known.insert(path.clone()));
     let found: Result<Vec<_>> = once.map(|path| PlannedFile::look(&path)).collect();
     Ok(found?.into_iter().flatten().collect())
 }
@@ -81,7 +82,7 @@ pub(crate) fn look(input: &Path, options: &RasterOptions) -> Result<Vec<PlannedF
 ///
 /// # Errors
 /// If a file has changed, has gone or has come.
-pub(crate) fn check(input: &Path, options: &RasterOptions, planned: &[PlannedFile]) -> Result<()> {
+pub(crate) fn check(input: &Path, work: &dyn Work, planned: &[PlannedFile]) -> Result<()> {
     let differs = |path: &Path, found: Option<PlannedFile>, expected: String| Error::NotPlanned {
         path: path.to_path_buf(),
         found: found.map_or("there is no such file".into(), |found| format!("has {}", found.described())),
@@ -96,7 +97,7 @@ pub(crate) fn check(input: &Path, options: &RasterOptions, planned: &[PlannedFil
         }
     }
     let known: HashSet<&Path> = planned.iter().map(|file| &*file.path).collect();
-    for path in files_of(input, options)?.into_iter().filter(|path| !known.contains(&**path)) {
+    for path in work.files_of(input)?.into_iter().filter(|path| !known.contains(&**path)) {
         if let found @ Some(_) = PlannedFile::look(&path)? {
             return Err(differs(&path, found, "no such file".into()));
         }

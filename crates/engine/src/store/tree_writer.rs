@@ -6,6 +6,7 @@ use std::path::Path;
 use super::autumnal::NewFile;
 use super::builder::{BuildOptions, Builder, Fill, Part, ReusableSource, Slab, Slabs, TreeSink, walk};
 use super::goblin::{FileWriter, Goblin, Shard, ShardWriter};
+use super::tree_target::ShardCheck;
 use crate::tree::MemTree;
 use spinney_base::Form;
 use spinney_base::io::Output;
@@ -66,6 +67,8 @@ pub struct TreeWriter {
     layers: u32,
     /// Names of the layers so far.
     names: Vec<String>,
+    /// A check that comes before the end.
+    check: Option<ShardCheck>,
 }
 
 enum File {
@@ -94,7 +97,7 @@ impl TreeWriter {
             }
             TreeFormat::Autumnal => File::Autumnal(Box::new(NewFile::new(output, depth))),
         };
-        Ok(TreeWriter { file, dimension, depth, layers, names: Vec::new() })
+        Ok(TreeWriter { file, dimension, depth, layers, names: Vec::new(), check: None })
     }
 
     /// Starts a file that tells of so many layers, and has none of their cells: whoever makes them is not asked for any. It is what shards of
@@ -157,7 +160,12 @@ impl TreeWriter {
         let (dimension, layers) = (planned.header().form.dimension, planned.layers().len() as u32);
         let depth = planned.layers().iter().map(|layer| layer.header.depth()).max().unwrap_or(0);
         let file = File::Shard(Box::new(ShardWriter::new(&planned, shard)?));
-        Ok(TreeWriter { file, dimension, depth, layers, names: Vec::new() })
+        Ok(TreeWriter { file, dimension, depth, layers, names: Vec::new(), check: None })
+    }
+
+    /// Has [`TreeWriter::finish`] fail, and leave nothing that counts, unless a check passes.
+    pub(super) fn checked(self, check: ShardCheck) -> TreeWriter {
+        TreeWriter { check: Some(check), ..self }
     }
 
     /// The part of the space of the next layer whose cells are asked for: all of it, unless this is a shard; none where the layer is only told
@@ -301,13 +309,25 @@ impl TreeWriter {
         options: &BuildOptions,
         progress: &dyn Progress,
     ) -> Result<Tally> {
+        self.source_with(source, extent, options, progress, &mut |_| {})
+    }
+
+    /// Makes the next layer of any source, whose metadata can be completed when it has been walked.
+    pub(crate) fn source_with<S: ReusableSource>(
+        &mut self,
+        source: &S,
+        extent: [u64; 3],
+        options: &BuildOptions,
+        progress: &dyn Progress,
+        complete: &mut dyn FnMut(&mut Metadata),
+    ) -> Result<Tally> {
         let run = self.run();
         let mut fill = |sink: &mut dyn TreeSink, shape| match run {
             Some(run) => walk(source, options, (shape, run), true, sink, progress),
             None => Ok(()),
         };
         let parts = (&extent, [u64::MAX; 3], true);
-        self.layer(source.form(), options, parts, &mut fill, &mut |_| {})
+        self.layer(source.form(), options, parts, &mut fill, complete)
     }
 
     /// Takes over a layer of a Goblin file as it is, with metadata that may be others; `false` if this is no Goblin file, and nothing was done.
@@ -339,6 +359,7 @@ impl TreeWriter {
             let found = format!("{} layers", self.names.len());
             return Err(Error::invalid("file", found, format!("{}, as was said", self.layers)));
         }
+        self.check.map_or(Ok(()), |check| check())?;
         match self.file {
             File::Goblin(file) | File::Head(file) => file.finish(),
             File::Autumnal(file) => file.finish(),
