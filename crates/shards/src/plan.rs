@@ -5,14 +5,14 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use spinney_base::io::Output;
+use spinney_base::io::{InputFile, Output, url_of};
 use spinney_base::space::Bounds;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
 use spinney_engine::store::goblin::Goblin;
 
 use crate::balance::cut;
-use crate::job::{Job, Plan, PlannedInput, head_path, plan_path, shards_path};
+use crate::job::{Job, MOST, Plan, PlannedInput, head_path, plan_path, shards_path};
 use crate::stamp::{absolute, look};
 use crate::work::{JobSpec, Load, PlannedWork, Told};
 
@@ -46,12 +46,17 @@ pub fn plan(spec: &JobSpec, folder: &Path, shards: Option<u32>, progress: &dyn P
     }
     // (What was looked at before the headers are read cannot be of a later state than these.)
     let work = PlannedWork::of(spec)?;
-    let look = |input: &PathBuf| {
+    let name = |input: &PathBuf| {
         let path = absolute(input)?;
-        let files = look(work.work().files_of(&path)?)?;
-        Ok(PlannedInput { path, files })
+        let files = work.work().files_of(&path)?;
+        progress.check()?;
+        Ok((path, files))
     };
-    let planned = spec.inputs().iter().map(look).collect::<Result<Vec<_>>>()?;
+    let (paths, files): (Vec<_>, Vec<_>) =
+        spec.inputs().iter().map(name).collect::<Result<Vec<_>>>()?.into_iter().unzip();
+    let files = look(files)?;
+    let planned = paths.into_iter().zip(files).map(|(path, files)| PlannedInput { path, files });
+    let planned: Vec<_> = planned.collect();
     check_folder(folder)?;
     let kept = Kept::default();
     let head = Output::to_writer(&head_path(folder), Box::new(kept.clone()));
@@ -67,25 +72,36 @@ pub fn plan(spec: &JobSpec, folder: &Path, shards: Option<u32>, progress: &dyn P
     let pieces = cut(&layers, &loads, shards);
     let plan = Plan::new(&head, work, planned, &pieces);
     let text = plan.to_text(folder)?;
-    let path = plan_path(folder);
-    let was_there = path.exists();
-    if was_there {
-        if fs::read(&path).map_err(Error::io(&path, "read"))? != text.as_bytes() {
-            return Err(Error::NotPlanned {
-                path: folder.to_path_buf(),
-                found: "this is another job".into(),
-                expected: "something else".into(),
-                advice: "choose another folder, or remove this one",
-            });
-        }
-    } else {
-        let shards = shards_path(folder);
-        fs::create_dir_all(&shards).map_err(Error::io(&shards, "make a folder"))?;
-        write_file(&head_path(folder), &head)?;
-        // Last, since a job is what has a plan.
-        write_file(&path, text.as_bytes())?;
-    }
+    let was_there = is_planned(folder, &text)? || !write_job(folder, &head, &text)?;
     Ok(Planned { job: Job::open(folder)?, was_there, description })
+}
+
+/// Whether a folder has this plan, and no other one.
+fn is_planned(folder: &Path, text: &str) -> Result<bool> {
+    match InputFile::read_whole(&plan_path(folder), MOST)? {
+        None => Ok(false),
+        Some(there) if there == text.as_bytes() => Ok(true),
+        Some(_) => Err(Error::NotPlanned {
+            path: folder.to_path_buf(),
+            found: "this is another job".into(),
+            expected: "something else".into(),
+            advice: "choose another folder, or remove this one",
+        }),
+    }
+}
+
+/// Writes a job. Returns `false` if somebody else has planned the same meanwhile.
+fn write_job(folder: &Path, head: &[u8], text: &str) -> Result<bool> {
+    let shards = shards_path(folder);
+    if url_of(folder).is_none() {
+        fs::create_dir_all(&shards).map_err(Error::io(&shards, "make a folder"))?;
+    }
+    write_file(&head_path(folder), head, false)?;
+    // Last, since a job is what has a plan; and only if there is none, since somebody else may plan another one at the same time.
+    match write_file(&plan_path(folder), text.as_bytes(), true) {
+        Err(error) if !is_planned(folder, text)? => Err(error),
+        done => Ok(done.is_ok()),
+    }
 }
 
 /// Bytes of input spread over all cells of some layers.
@@ -105,6 +121,10 @@ fn spread(bytes: u64, layers: &[Header]) -> Vec<Load> {
 fn check_folder(folder: &Path) -> Result<()> {
     if folder == Path::new("-") {
         return Err(Error::unsupported(folder, "a job on standard output", "a job is a folder: name one"));
+    }
+    if url_of(folder).is_some() {
+        // (In a bucket names do not come in each other's way; shards of another job are known by what is in them, and refused.)
+        return Ok(());
     }
     let entries = match fs::read_dir(folder) {
         Ok(entries) => entries,
@@ -128,8 +148,11 @@ fn check_folder(folder: &Path) -> Result<()> {
     Ok(())
 }
 
-fn write_file(path: &Path, bytes: &[u8]) -> Result<()> {
+fn write_file(path: &Path, bytes: &[u8], must_be_new: bool) -> Result<()> {
     let mut output = Output::create(path)?;
+    if must_be_new {
+        output.keep_existing();
+    }
     output.write_all(bytes).map_err(Error::io(path, "write"))?;
     output.commit()
 }
