@@ -9,7 +9,7 @@
     spinney.dask.build("tiles/*.tif", "country.goblin", codec="packed")
     spinney.dask.zonal("country.goblin", "districts.gpkg", ["sum", "classes"])
 
-Workers see inputs and outputs by the same paths. The results are those of one machine, bytes and all. Each piece of work is a task of its own in the
+Workers see inputs and outputs by the same paths, or URLs. The results are those of one machine, bytes and all. Each piece of work is a task of its own in the
 dashboard; those whose worker dies or fails are done again, and nothing else.
 """
 
@@ -18,13 +18,14 @@ from __future__ import annotations
 import builtins
 import json
 import os
-import shutil
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
+from . import _native
 from . import shards as _shards
 from ._dataset import open
+from ._elsewhere import kept_name
 from ._files import MEMORY
 from ._progress import telling
 from ._types import Path, Progress
@@ -50,16 +51,15 @@ def build(
 ) -> None:
     """Makes a tree of pictures, as `spinney.build` makes it, by shards on a cluster.
 
-    The cluster is that of `client`, or of the current client. `options` are those of `spinney.shards.plan`. The job is a folder that all workers see, if none
+    The cluster is that of `client`, or of the current client. `options` are those of `spinney.shards.plan`. The job is a folder that all workers see, or a place in a bucket, if none
     is given one beside the output; it is planned here, and removed when the output is there. If it is there already, because an
     earlier run was cut off, only what is missing is built. A shard is built by one thread, with `memory`; one that fails is tried
     `retries` times more, one whose worker has died always. `progress` counts shards.
     """
     cluster = _client(client)
-    folder = os.path.abspath(os.fspath(job) if job is not None else f"{os.fspath(out)}.job")
+    folder = kept_name(job if job is not None else f"{os.fspath(out)}.job", None)
     # (A job that goes on has its shards, however large the cluster was that began it.)
-    is_begun = os.path.exists(os.path.join(folder, "plan.json"))
-    usual = _shards.Job(folder).shards if is_begun else max(1, _PIECES_A_THREAD * sum(cluster.nthreads().values()))
+    usual = _shards.Job(folder).shards if _native.is_job(folder) else max(1, _PIECES_A_THREAD * sum(cluster.nthreads().values()))
     planned = _shards.plan(sources, folder, shards=shards or usual, **options)
     missing = planned.missing()
     # (Names of tasks are for the dashboard; another job of the same folder has other ones.)
@@ -67,9 +67,9 @@ def build(
     names = [f"spinney-shard-{run}-{number}" for number in missing]
     tasks = cluster.map(_build, missing, folder=folder, memory=memory, key=names, pure=False, retries=retries)
     _wait(cluster, tasks, progress)
-    merge = cluster.submit(_merge, folder, os.path.abspath(out), memory, max_bytes, key=f"spinney-merge-{run}", pure=False, retries=retries)
+    merge = cluster.submit(_merge, folder, kept_name(out, None), memory, max_bytes, key=f"spinney-merge-{run}", pure=False, retries=retries)
     _wait(cluster, [merge], None)
-    shutil.rmtree(folder)
+    planned.remove()
 
 
 def _build(number: int, folder: str, memory: int | str) -> int:
@@ -107,7 +107,7 @@ def zonal(
     pieces: list[Any] = [list(all_of_them[start:end]) for start, end in pairwise(ends)]
     if whole is not None:
         pieces = [{**whole, "features": piece} for piece in pieces]
-    asked = (os.path.abspath(path), None if measures is None else list(measures), options)
+    asked = (kept_name(path, None), None if measures is None else list(measures), options)
     name = f"spinney-zonal-{os.urandom(8).hex()}"
     tasks = cluster.map(_zonal, pieces, [asked] * len(pieces), key=[f"{name}-{part}" for part in range(count)], pure=False, retries=retries)
     _wait(cluster, tasks, progress)

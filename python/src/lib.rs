@@ -74,7 +74,9 @@ mod _native {
     #[pymodule_export]
     use super::rebuild::is_tree;
     #[pymodule_export]
-    use super::shards::{build_shard, look_at_job, merge_shards, missing_shards, plan_shards};
+    use super::shards::{
+        build_shard, is_job, look_at_job, merge_shards, missing_shards, plan_shards, remove_job,
+    };
     #[pymodule_export]
     use super::stack::build_layers;
     #[pymodule_export]

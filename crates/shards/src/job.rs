@@ -131,11 +131,19 @@ impl Job {
     /// # Errors
     /// If there is none, if it is damaged, or if another version of the program has planned it.
     pub fn open(folder: &Path) -> Result<Job> {
-        let path = folder.join(PLAN);
-        let Some(text) = InputFile::read_whole(&path, MOST)? else {
+        Job::find(folder)?.ok_or_else(|| {
             let advice = "`spinney shard plan` makes one, and says so when it is whole";
-            return Err(Error::unsupported(folder, "a folder without a job", advice));
-        };
+            Error::unsupported(folder, "a folder without a job", advice)
+        })
+    }
+
+    /// Opens the job in a folder, if there is one.
+    ///
+    /// # Errors
+    /// If it is damaged, or if another version of the program has planned it.
+    pub fn find(folder: &Path) -> Result<Option<Job>> {
+        let path = folder.join(PLAN);
+        let Some(text) = InputFile::read_whole(&path, MOST)? else { return Ok(None) };
         let corrupt = |found: String, expected: &str| Error::corrupt(&path, "plan", found, expected);
         let plan: Plan =
             serde_json::from_slice(&text).map_err(|error| corrupt(error.to_string(), "a plan"))?;
@@ -161,7 +169,7 @@ impl Job {
             return Err(corrupt("runs with gaps, or that overlap".into(), "all of each layer, once"));
         }
         plan.work.work().check(plan.inputs.len(), &layers)?;
-        Ok(Job { folder: folder.to_path_buf(), plan, id, layers, pieces })
+        Ok(Some(Job { folder: folder.to_path_buf(), plan, id, layers, pieces }))
     }
 
     /// What shards do.

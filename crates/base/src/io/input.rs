@@ -124,7 +124,8 @@ impl InputFile {
 
 /// Whether an error says of a file elsewhere that nobody may look at it.
 pub(super) fn is_hidden(path: &Path, error: &Error) -> bool {
-    let is_denied = matches!(error, Error::Io { cause, .. } if cause.kind() == io::ErrorKind::PermissionDenied);
+    let is_denied =
+        matches!(error, Error::Io { cause, .. } if cause.kind() == io::ErrorKind::PermissionDenied);
     is_denied && url_of(path).is_some()
 }
 

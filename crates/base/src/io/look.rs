@@ -69,7 +69,9 @@ impl FileState {
 fn here(path: &Path) -> Result<Option<FileState>> {
     let about = || Error::io(path, "look at");
     let found = match std::fs::metadata(path) {
-        Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => return Ok(None),
+        Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
+            return Ok(None);
+        }
         found => found.map_err(about())?,
     };
     let modified = found.modified().map_err(about())?;
@@ -120,6 +122,8 @@ mod tests {
 
     #[test]
     fn who_knows_no_hosts_says_so() {
-        assert!(FileState::of(Path::new("s3://b/x")).is_err() && remove_files(&[Path::new("s3://b/x")]).is_err());
+        assert!(
+            FileState::of(Path::new("s3://b/x")).is_err() && remove_files(&[Path::new("s3://b/x")]).is_err()
+        );
     }
 }

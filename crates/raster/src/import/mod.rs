@@ -213,7 +213,9 @@ pub fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
         [0x76, 0x2f, 0x31, 0x01, ..] => exr::open(path, options),
         start if start.starts_with(chain_code::MAGIC.as_bytes()) => chain_code::open(path, options),
         start if vrt::is_vrt(start) => vrt::open(path, options),
-        _ if without_query(path).extension().is_some_and(|e| e.eq_ignore_ascii_case("hgt")) => hgt::open(path),
+        _ if without_query(path).extension().is_some_and(|e| e.eq_ignore_ascii_case("hgt")) => {
+            hgt::open(path)
+        }
         _ => Err(OtherFormat::refuse_source(path, &magic)),
     };
     sidecar::describe(raster?)
