@@ -120,8 +120,9 @@ pub mod value {
 /// Files: read where they are mapped, at positions, or in ranges from elsewhere, written whole or not at all.
 pub mod io {
     pub use spinney_base::io::{
-        DEFAULT_GAP, Faults, Fetch, FileBytes, FileId, HeldBytes, Mapped, Output, OutputFolder, Positioned,
-        RangeCache, RangeFile, ReadBackend, Stamp, WriteBackend, prefer_positioned_reads, url_of,
+        DEFAULT_GAP, Faults, Fetch, FileBytes, FileId, FileState, FileVersion, HeldBytes, Mapped, Output,
+        OutputFolder, Positioned, RangeCache, RangeFile, ReadBackend, Stamp, WriteBackend,
+        prefer_positioned_reads, url_of,
     };
 
     /// Questions about files that come in ranges, answered in rounds.

@@ -12,7 +12,7 @@
     spinney.dask.combine("changed", ["2020.goblin", "2025.goblin"], "changes.goblin")
     spinney.dask.zonal("country.goblin", "districts.gpkg", ["sum", "classes"])
 
-Workers see inputs and outputs by the same paths. The results are those of one machine, bytes and all. Each piece of work is a task of its own in the
+Workers see inputs and outputs by the same paths, or URLs. The results are those of one machine, bytes and all. Each piece of work is a task of its own in the
 dashboard; those whose worker dies or fails are done again, and nothing else.
 """
 
@@ -21,7 +21,6 @@ from __future__ import annotations
 import builtins
 import json
 import os
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from itertools import islice, pairwise
 from typing import Any
@@ -29,6 +28,7 @@ from typing import Any
 from . import _native
 from . import shards as _shards
 from ._dataset import open
+from ._elsewhere import kept_name
 from ._files import MEMORY
 from ._given import GivenLayers, chunks_of, given_layers
 from ._options import packing_of
@@ -61,7 +61,7 @@ def build(
     zarr and others, with those of `spinney.build` for arrays. Chunks of Dask are computed by the worker whose shard they are of, or, of what is
     persisted on the cluster, fetched from where they are; one that several shards have to do with is computed by each of them.
 
-    The cluster is that of `client`, or of the current client. The job is a folder that all workers see, if none
+    The cluster is that of `client`, or of the current client. The job is a folder that all workers see, or a place in a bucket, if none
     is given one beside the output; it is planned here, and removed when the output is there. If it is there already, because an
     earlier run was cut off, only what is missing is built. A shard is built by one thread, with `memory`; one that fails is tried
     `retries` times more, one whose worker has died always. `progress` counts shards.
@@ -139,8 +139,8 @@ class _Run:
         progress: Progress,
     ) -> None:
         self.cluster = _client(client)
-        self.out = os.path.abspath(out)
-        self.folder = os.path.abspath(os.fspath(job) if job is not None else f"{os.fspath(out)}.job")
+        self.out = kept_name(out, None)
+        self.folder = kept_name(job if job is not None else f"{os.fspath(out)}.job", None)
         self.shards, self.retries, self.memory, self.max_bytes, self.progress = shards, retries, memory, max_bytes, progress
         #: Names of tasks are for the dashboard; another job of the same folder has other ones.
         self.name = os.urandom(8).hex()
@@ -149,8 +149,7 @@ class _Run:
         """Plans the job, of so many shards, builds what is missing of it, and puts it together."""
         threads = max(1, sum(self.cluster.nthreads().values()))
         # (A job that goes on has its shards, however large the cluster was that began it.)
-        is_begun = os.path.exists(os.path.join(self.folder, "plan.json"))
-        planned = plan(self.shards or (_shards.Job(self.folder).shards if is_begun else _PIECES_A_THREAD * threads))
+        planned = plan(self.shards or (_shards.Job(self.folder).shards if _native.is_job(self.folder) else _PIECES_A_THREAD * threads))
         of_files = submit or (lambda number, **terms: self.cluster.submit(_build, number, self.folder, self.memory, **terms))
 
         def start(number: int) -> Any:
@@ -161,7 +160,7 @@ class _Run:
         merge = (self.folder, self.out, self.memory, self.max_bytes)
         terms = {"key": f"spinney-merge-{self.name}", "pure": False, "retries": self.retries}
         _wait(self.cluster, lambda _: self.cluster.submit(_merge, *merge, **terms), [0], None)
-        shutil.rmtree(self.folder)
+        planned.remove()
 
 
 def _build(number: int, folder: str, memory: int | str) -> int:
@@ -219,7 +218,7 @@ def zonal(
     pieces: list[Any] = [list(all_of_them[start:end]) for start, end in pairwise(ends)]
     if whole is not None:
         pieces = [{**whole, "features": piece} for piece in pieces]
-    asked = (os.path.abspath(path), None if measures is None else list(measures), options)
+    asked = (kept_name(path, None), None if measures is None else list(measures), options)
     name = f"spinney-zonal-{os.urandom(8).hex()}"
     tasks = cluster.map(_zonal, pieces, [asked] * len(pieces), key=[f"{name}-{part}" for part in range(count)], pure=False, retries=retries)
     _wait(cluster, tasks.__getitem__, range(count), progress)

@@ -59,7 +59,8 @@ def plan(
 ) -> Job:
     """Plans what is built of pictures, and by which shards, in a folder, which is made if there is none; no pixel is read.
 
-    Sources are paths, or a pattern such as "tiles/*.tif", whose files are taken by their names; the options are those of `spinney.build`
+    Sources are paths or URLs, or a pattern such as "tiles/*.tif", whose files are taken by their names; the folder may be a URL, too, such as
+    s3://bucket/job. The options are those of `spinney.build`
     for pictures. Without a number of `shards` there is one for each GiB of input. The same plan may be made again; a folder that has
     another one is left as it is, which is an error.
     """
@@ -143,7 +144,7 @@ def _files_of(sources: Path | Sequence[Path]) -> list[str]:
     if not isinstance(sources, str | os.PathLike):
         return [os.fspath(source) for source in sources]
     path = os.fspath(sources)
-    if os.path.exists(path) or not glob.has_magic(path):
+    if "://" in path or os.path.exists(path) or not glob.has_magic(path):
         return [path]
     found = sorted(glob.glob(path))
     if not found:
@@ -152,7 +153,7 @@ def _files_of(sources: Path | Sequence[Path]) -> list[str]:
 
 
 class Job:
-    """A job that is planned: a folder, which any process that sees it and the inputs by the same paths can work on."""
+    """A job that is planned: a folder, or a place in a bucket, which any process that sees it and the inputs by the same paths can work on."""
 
     def __init__(self, path: Path) -> None:
         self.path = os.fspath(path)
@@ -180,3 +181,7 @@ class Job:
         """Puts the shards together, all of which must be made. The job stays."""
         with working(progress, threads, max_bytes) as terms:
             _native.merge_shards(self.path, os.fspath(out), memory_of(memory), terms)
+
+    def remove(self) -> None:
+        """Removes the job, here or in its bucket: all files of it, and the folder unless there is something else in it."""
+        _native.remove_job(self.path)

@@ -75,7 +75,8 @@ mod _native {
     use super::rebuild::is_tree;
     #[pymodule_export]
     use super::shards::{
-        build_shard, look_at_job, merge_shards, missing_shards, plan_combine, plan_shards, plan_transform,
+        build_shard, is_job, look_at_job, merge_shards, missing_shards, plan_combine, plan_shards,
+        plan_transform, remove_job,
     };
     #[pymodule_export]
     use super::stack::{build_layers, build_layers_shard, plan_layers};

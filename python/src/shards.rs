@@ -76,9 +76,21 @@ pub(crate) fn plan_combine(
 
 /// A job: shards, those of them of which something is to be built, and bytes of input.
 #[pyfunction]
-pub(crate) fn look_at_job(job: PathBuf) -> PyResult<(u32, u32, u64)> {
-    let job = Job::open(&job).or_raise()?;
+pub(crate) fn look_at_job(py: Python<'_>, job: PathBuf) -> PyResult<(u32, u32, u64)> {
+    let job = py.detach(|| Job::open(&job)).or_raise()?;
     Ok((job.shards(), job.busy_shards(), job.input_bytes()))
+}
+
+/// Whether there is a job in a folder.
+#[pyfunction]
+pub(crate) fn is_job(py: Python<'_>, job: PathBuf) -> PyResult<bool> {
+    Ok(py.detach(|| Job::find(&job)).or_raise()?.is_some())
+}
+
+/// Removes a job.
+#[pyfunction]
+pub(crate) fn remove_job(py: Python<'_>, job: PathBuf) -> PyResult<()> {
+    py.detach(|| Job::open(&job)?.remove()).or_raise()
 }
 
 /// Builds a shard, unless it is made already; returns whether it was, and the bytes of its segments.

@@ -37,8 +37,10 @@ impl Job {
         let touched = work.work().touched(planned.len(), &shard, &self.layers);
         let touched: Vec<_> = touched.iter().map(|input| (*input, planned[*input].clone())).collect();
         let inputs = touched.iter().map(|(number, input)| (*number, input.path.clone())).collect();
-        let check =
-            move || touched.iter().try_for_each(|(_, input)| check(&input.path, work.work(), &input.files));
+        let check = move || {
+            let touched: Vec<_> = touched.iter().map(|(_, input)| input).collect();
+            check(&touched, work.work())
+        };
         // Once more before it counts as made, since it has to be of one state of them.
         check()?;
         let part = PartOfJob { inputs, head: self.head_path(), shard: shard.clone(), check: Box::new(check) };

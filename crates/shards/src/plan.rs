@@ -6,7 +6,7 @@ use std::mem;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use spinney_base::io::Output;
+use spinney_base::io::{InputFile, Output, url_of};
 use spinney_base::space::Bounds;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
@@ -14,7 +14,7 @@ use spinney_engine::store::goblin::Goblin;
 use spinney_engine::store::{Packing, TreeTarget};
 
 use crate::balance::cut;
-use crate::job::{Job, Plan, PlannedInput, head_path, plan_path, shards_path};
+use crate::job::{Job, MOST, Plan, PlannedInput, head_path, plan_path, shards_path};
 use crate::stamp::{absolute, look};
 use crate::work::{Given, JobSpec, Load, PlannedWork, Told};
 
@@ -45,12 +45,17 @@ pub fn plan(spec: &JobSpec, folder: &Path, shards: Option<u32>, progress: &dyn P
     check_folder(folder, shards)?;
     // (What was looked at before the headers are read cannot be of a later state than these.)
     let work = PlannedWork::of(spec)?;
-    let look = |input: &PathBuf| {
+    let name = |input: &PathBuf| {
         let path = absolute(input)?;
-        let files = look(work.work().files_of(&path)?)?;
-        Ok(PlannedInput { path, files })
+        let files = work.work().files_of(&path)?;
+        progress.check()?;
+        Ok((path, files))
     };
-    let inputs = spec.inputs().iter().map(look).collect::<Result<Vec<_>>>()?;
+    let (paths, files): (Vec<_>, Vec<_>) =
+        spec.inputs().iter().map(name).collect::<Result<Vec<_>>>()?.into_iter().unzip();
+    let files = look(files)?;
+    let inputs = paths.into_iter().zip(files).map(|(path, files)| PlannedInput { path, files });
+    let inputs: Vec<_> = inputs.collect();
     let bytes = inputs.iter().fold(0, |sum: u64, input| sum.saturating_add(input.bytes()));
     let (head, told) = head_of(folder, |head| spec.write_head(&inputs, head, progress))?;
     write_plan(folder, (shards, bytes), &head, (inputs, told))
@@ -109,25 +114,36 @@ fn write_plan(
     let shards = shards.unwrap_or(bytes.div_ceil(BYTES_OF_SHARD).clamp(1, MOST_UNASKED) as u32);
     let plan = Plan::new(head, work, inputs, &cut(&layers, &loads, shards));
     let text = plan.to_text(folder)?;
-    let path = plan_path(folder);
-    let was_there = path.exists();
-    if was_there {
-        if fs::read(&path).map_err(Error::io(&path, "read"))? != text.as_bytes() {
-            return Err(Error::NotPlanned {
-                path: folder.to_path_buf(),
-                found: "this is another job".into(),
-                expected: "something else".into(),
-                advice: "choose another folder, or remove this one",
-            });
-        }
-    } else {
-        let shards = shards_path(folder);
-        fs::create_dir_all(&shards).map_err(Error::io(&shards, "make a folder"))?;
-        write_file(&head_path(folder), head)?;
-        // Last, since a job is what has a plan.
-        write_file(&path, text.as_bytes())?;
-    }
+    let was_there = is_planned(folder, &text)? || !write_job(folder, head, &text)?;
     Ok(Planned { job: Job::open(folder)?, was_there, description })
+}
+
+/// Whether a folder has this plan, and no other one.
+fn is_planned(folder: &Path, text: &str) -> Result<bool> {
+    match InputFile::read_whole(&plan_path(folder), MOST)? {
+        None => Ok(false),
+        Some(there) if there == text.as_bytes() => Ok(true),
+        Some(_) => Err(Error::NotPlanned {
+            path: folder.to_path_buf(),
+            found: "this is another job".into(),
+            expected: "something else".into(),
+            advice: "choose another folder, or remove this one",
+        }),
+    }
+}
+
+/// Writes a job. Returns `false` if somebody else has planned the same meanwhile.
+fn write_job(folder: &Path, head: &[u8], text: &str) -> Result<bool> {
+    let shards = shards_path(folder);
+    if url_of(folder).is_none() {
+        fs::create_dir_all(&shards).map_err(Error::io(&shards, "make a folder"))?;
+    }
+    write_file(&head_path(folder), head, false)?;
+    // Last, since a job is what has a plan; and only if there is none, since somebody else may plan another one at the same time.
+    match write_file(&plan_path(folder), text.as_bytes(), true) {
+        Err(error) if !is_planned(folder, text)? => Err(error),
+        done => Ok(done.is_ok()),
+    }
 }
 
 /// Bytes of input spread over all cells of some layers.
@@ -151,6 +167,10 @@ fn check_folder(folder: &Path, shards: Option<u32>) -> Result<()> {
     if folder == Path::new("-") {
         return Err(Error::unsupported(folder, "a job on standard output", "a job is a folder: name one"));
     }
+    if url_of(folder).is_some() {
+        // (In a bucket names do not come in each other's way; shards of another job are known by what is in them, and refused.)
+        return Ok(());
+    }
     let entries = match fs::read_dir(folder) {
         Ok(entries) => entries,
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
@@ -173,8 +193,11 @@ fn check_folder(folder: &Path, shards: Option<u32>) -> Result<()> {
     Ok(())
 }
 
-fn write_file(path: &Path, bytes: &[u8]) -> Result<()> {
+fn write_file(path: &Path, bytes: &[u8], must_be_new: bool) -> Result<()> {
     let mut output = Output::create(path)?;
+    if must_be_new {
+        output.keep_existing();
+    }
     output.write_all(bytes).map_err(Error::io(path, "write"))?;
     output.commit()
 }
