@@ -167,7 +167,7 @@ fn shards_of_stacks_make_the_bytes_of_a_build() {
 }
 
 /// A job of a picture, and what a build makes of it.
-fn job(place: &Place, shards: &str) -> (String, Vec<u8>) {
+pub(crate) fn job(place: &Place, shards: &str) -> (String, Vec<u8>) {
     let picture = place.picture("p.tif", [0, 0], [1500, 1200]);
     let (job, whole) = (place.name("job"), place.name("whole.goblin"));
     spinney(&["-q", "build", &picture, "-o", &whole]).success();
