@@ -120,8 +120,9 @@ pub mod value {
 /// Files: read where they are mapped, at positions, or in ranges from elsewhere, written whole or not at all.
 pub mod io {
     pub use spinney_base::io::{
-        DEFAULT_GAP, Faults, Fetch, FileBytes, FileId, HeldBytes, Mapped, Output, OutputFolder, Positioned,
-        RangeCache, RangeFile, ReadBackend, Stamp, WriteBackend, prefer_positioned_reads, url_of,
+        DEFAULT_GAP, Faults, Fetch, FileBytes, FileId, FileState, FileVersion, HeldBytes, Mapped, Output,
+        OutputFolder, Positioned, RangeCache, RangeFile, ReadBackend, Stamp, WriteBackend,
+        prefer_positioned_reads, url_of,
     };
 
     /// Questions about files that come in ranges, answered in rounds.
@@ -156,8 +157,8 @@ pub mod store {
         Tag, TagScope, TreeFormat, check_tree_name, create_tree_file, file_is_tree, file_of,
     };
     pub use spinney_engine::store::{
-        BuildOptions, Effort, Packing, ShardCheck, Slab, Slabs, TreeTarget, TreeWriter, WriteOptions,
-        build_slabs, build_source, build_tree, depth_for,
+        BuildOptions, Effort, Packing, ShardCheck, Slab, SlabBoxes, Slabs, TreeTarget, TreeWriter,
+        WriteOptions, build_slabs, build_source, build_tree, depth_for,
     };
 
     /// The compact, read-only format.
@@ -193,7 +194,7 @@ pub mod store {
 /// Trees that are built in shards, by many processes.
 #[cfg(feature = "shards")]
 pub mod shards {
-    pub use spinney_shards::{Built, Job, JobSpec, Planned, plan};
+    pub use spinney_shards::{Built, GivenLayers, Job, JobSpec, Planned, plan, plan_given};
 }
 
 /// Questions to trees: what is asked, and what is answered.

@@ -177,10 +177,15 @@ fn listed(places: &[String], count: u64) -> String {
 }
 
 impl Error {
-    /// An operating-system error while `doing` something to `path`; use with `map_err`.
+    /// An operating-system error while `doing` something to `path`; use with `map_err`. One that has an error of this library inside, as of
+    /// an [`io::InputFile`](crate::io::InputFile), becomes that.
     pub fn io(path: impl Into<PathBuf>, doing: &'static str) -> impl FnOnce(io::Error) -> Error {
         let path = path.into();
         move |cause| {
+            let cause = match cause.downcast::<Error>() {
+                Ok(inside) => return inside,
+                Err(cause) => cause,
+            };
             // (The system knows no URLs: that there is no file of that name would say the wrong thing.)
             if cause.raw_os_error().is_some() && url_of(&path).is_some() {
                 let advice = "copy it to this machine first (trees and exact models are read where they are)";

@@ -5,9 +5,11 @@ use std::io::Read;
 use std::path::Path;
 
 use futures_util::stream::{FuturesUnordered, StreamExt};
-use object_store::{ObjectStoreExt, PutPayload};
+use object_store::{ObjectStore, ObjectStoreExt, PutMode, PutPayload};
+use spinney_base::io::must_be_new_error;
 use spinney_base::{Error, Result};
 
+use super::look::look;
 use super::store::Place;
 use super::{RemoteOptions, error, runtime};
 
@@ -18,11 +20,11 @@ const MOST_PARTS: u64 = 9_000;
 /// Parts that are on their way at the same time.
 const AT_ONCE: usize = 4;
 
-/// Puts a file in a place elsewhere.
+/// Puts a file in a place elsewhere, also in place of another one, unless it must be new.
 ///
 /// # Errors
 /// If that fails, or on interruption: nothing is there then that was not before.
-pub(super) fn upload(file: &Path, url: &str, options: &RemoteOptions) -> Result<()> {
+pub(super) fn upload(file: &Path, url: &str, must_be_new: bool, options: &RemoteOptions) -> Result<()> {
     let path = Path::new(url);
     let place = Place::of(url, &[], options)?;
     let source = File::open(file).map_err(Error::io(file, "open"))?;
@@ -30,8 +32,16 @@ pub(super) fn upload(file: &Path, url: &str, options: &RemoteOptions) -> Result<
     let failed = |cause| error::of_store(path, "upload", cause);
     if length <= PART {
         let bytes = read(source, length, file)?;
-        let put = place.store.put(&place.name, PutPayload::from(bytes));
-        return runtime::wait(path, options.is_stopped, put)?.map(drop).map_err(failed);
+        let mode = if must_be_new { PutMode::Create } else { PutMode::Overwrite };
+        let put = place.store.put_opts(&place.name, PutPayload::from(bytes), mode.into());
+        return match runtime::wait(path, options.is_stopped, put)? {
+            Err(object_store::Error::AlreadyExists { .. }) if must_be_new => Err(must_be_new_error(path)),
+            done => done.map(drop).map_err(failed),
+        };
+    }
+    // (Between this look and the end of the upload another one may appear.)
+    if must_be_new && look(&[url], options)?.iter().any(|found| matches!(found, Ok(Some(_)))) {
+        return Err(must_be_new_error(path));
     }
     let begin = place.store.put_multipart(&place.name);
     let mut parts = runtime::wait(path, options.is_stopped, begin)?.map_err(failed)?;

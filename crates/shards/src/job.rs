@@ -1,12 +1,10 @@
-//! A job in its folder: the plan, what is told of the layers, and the shards.
+//! A job in its folder, on this machine or in a bucket: the plan, what is told of the layers, and the shards.
 
 use std::fmt::Write as _;
-use std::fs::File;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use spinney_base::io::Output;
+use spinney_base::io::{InputFile, Output, remove_files, url_of};
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Header, OpenOptions};
@@ -22,7 +20,7 @@ const HEAD: &str = "head.goblin";
 /// The folder of shards.
 const SHARDS: &str = "shards";
 /// Bytes of a plan, at most.
-const MOST: u64 = 64 << 20;
+pub(crate) const MOST: u64 = 64 << 20;
 /// Version of the form of plans.
 const VERSION: u32 = 1;
 
@@ -133,20 +131,20 @@ impl Job {
     /// # Errors
     /// If there is none, if it is damaged, or if another version of the program has planned it.
     pub fn open(folder: &Path) -> Result<Job> {
+        Job::find(folder)?.ok_or_else(|| {
+            let advice = "`spinney shard plan` makes one, and says so when it is whole";
+            Error::unsupported(folder, "a folder without a job", advice)
+        })
+    }
+
+    /// Opens the job in a folder, if there is one.
+    ///
+    /// # Errors
+    /// If it is damaged, or if another version of the program has planned it.
+    pub fn find(folder: &Path) -> Result<Option<Job>> {
         let path = folder.join(PLAN);
-        let mut text = Vec::new();
-        let file = match File::open(&path) {
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-                let advice = "`spinney shard plan` makes one, and says so when it is whole";
-                return Err(Error::unsupported(folder, "a folder without a job", advice));
-            }
-            file => file.map_err(Error::io(&path, "open"))?,
-        };
-        file.take(MOST + 1).read_to_end(&mut text).map_err(Error::io(&path, "read"))?;
+        let Some(text) = InputFile::read_whole(&path, MOST)? else { return Ok(None) };
         let corrupt = |found: String, expected: &str| Error::corrupt(&path, "plan", found, expected);
-        if text.len() as u64 > MOST {
-            return Err(corrupt(format!("more than {MOST} bytes"), "a plan"));
-        }
         let plan: Plan =
             serde_json::from_slice(&text).map_err(|error| corrupt(error.to_string(), "a plan"))?;
         let own = (VERSION, env!("CARGO_PKG_VERSION"));
@@ -171,7 +169,7 @@ impl Job {
             return Err(corrupt("runs with gaps, or that overlap".into(), "all of each layer, once"));
         }
         plan.work.work().check(plan.inputs.len(), &layers)?;
-        Ok(Job { folder: folder.to_path_buf(), plan, id, layers, pieces })
+        Ok(Some(Job { folder: folder.to_path_buf(), plan, id, layers, pieces }))
     }
 
     /// What shards do.
@@ -222,12 +220,39 @@ impl Job {
     /// If one is damaged, or of another job.
     pub fn missing(&self) -> Result<Vec<u32>> {
         let mut missing = Vec::new();
-        for number in 0..self.shards() {
-            if LightFile::find(&self.shard(number)?)?.is_none() {
+        for (number, found) in (0..).zip(LightFile::find_all(&self.all_shards()?)?) {
+            if found?.is_none() {
                 missing.push(number);
             }
         }
         Ok(missing)
+    }
+
+    fn all_shards(&self) -> Result<Vec<Shard>> {
+        (0..self.shards()).map(|number| self.shard(number)).collect()
+    }
+
+    /// Removes the job: all files that it may have, the plan last, so that what is cut off can be done again. A folder of this machine goes, too,
+    /// unless there is something else in it.
+    ///
+    /// # Errors
+    /// If something cannot be removed, or on interruption.
+    pub fn remove(self) -> Result<()> {
+        let files: Vec<PathBuf> = self.all_shards()?.iter().flat_map(Shard::files).collect();
+        let files: Vec<&Path> = files.iter().map(|file| &**file).collect();
+        remove_files(&files)?;
+        let shards = shards_path(&self.folder);
+        if url_of(&shards).is_none() {
+            // (With what shards have left that were cut off.)
+            std::fs::remove_dir_all(&shards).map_err(Error::io(shards, "remove"))?;
+        }
+        remove_files(&[&head_path(&self.folder)])?;
+        remove_files(&[&plan_path(&self.folder)])?;
+        match url_of(&self.folder) {
+            Some(_) => {}
+            None => std::fs::remove_dir(&self.folder).unwrap_or_default(),
+        }
+        Ok(())
     }
 
     /// Puts the file together; `memory` is what the directory may take before it goes to temporary files. Progress counts bytes.
@@ -246,7 +271,7 @@ impl Job {
                 format!("all of them; `spinney shard build {} K` makes the shard K", self.folder.display());
             return Err(Error::invalid(what, found, expected));
         }
-        let shards = (0..self.shards()).map(|number| self.shard(number)).collect::<Result<Vec<_>>>()?;
+        let shards = self.all_shards()?;
         let effort = self.work().packing()?.effort;
         merge_shards(&self.head_path(), &shards, output, (memory / 8, effort), progress)
     }
@@ -255,12 +280,8 @@ impl Job {
 /// Headers of the layers that a job's head tells of, if it is the planned one.
 fn planned_layers(folder: &Path, planned: &PlannedHead) -> Result<Vec<Header>> {
     let path = head_path(folder);
-    let length = std::fs::metadata(&path).map_err(Error::io(&path, "look at"))?.len();
-    let is_planned = length == planned.bytes && length <= MOST && {
-        let bytes = std::fs::read(&path).map_err(Error::io(&path, "read"))?;
-        head_of(&bytes) == *planned
-    };
-    if !is_planned {
+    let found = InputFile::read_whole(&path, MOST)?;
+    if found.is_none_or(|bytes| head_of(&bytes) != *planned) {
         let expected = format!("{} bytes with hash {}", planned.bytes, planned.xxh3);
         return Err(Error::corrupt(path, "the whole file", "other bytes", expected));
     }

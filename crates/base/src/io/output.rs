@@ -3,7 +3,7 @@
 use std::fs::{File, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use super::faults::{Faults, MayFail};
 use super::file_id::FileId;
@@ -83,7 +83,7 @@ impl Output {
             let target = if is_remote {
                 // (Known to be reached before anything is made.)
                 remote_files(path)?;
-                std::env::temp_dir().join("spinney-upload")
+                folder(path).join("spinney-upload")
             } else {
                 follow_links(path).map_err(Error::io(path, "follow the symbolic link"))?
             };
@@ -267,7 +267,8 @@ impl Output {
                 let file = file.into_inner().map_err(|e| Error::io(&path, "write")(e.into_error()))?;
                 let TemporaryFile { file, faults } = file;
                 if is_remote {
-                    return upload(file.path(), &path, must_be_new);
+                    let url = url_of(&path).unwrap_or_default();
+                    return remote_files(&path)?.upload(file.path(), url, must_be_new);
                 }
                 set_output_permissions(file.as_file(), &path)
                     .map_err(Error::io(&path, "set the permissions"))?;
@@ -279,8 +280,7 @@ impl Output {
                     if must_be_new { file.persist_noclobber(&target) } else { file.persist(&target) };
                 let file = persisted.map_err(|failed| match failed.error {
                     cause if must_be_new && cause.kind() == io::ErrorKind::AlreadyExists => {
-                        let advice = "nothing was written; choose another name, or remove that file first";
-                        Error::unsupported(&path, "replacing a file that has appeared meanwhile", advice)
+                        must_be_new_error(&path)
                     }
                     cause => Error::io(&path, "put in place")(cause),
                 })?;
@@ -293,15 +293,10 @@ impl Output {
     }
 }
 
-/// Copies a finished file to its place elsewhere.
-fn upload(file: &Path, path: &Path, must_be_new: bool) -> Result<()> {
-    let (files, url) = (remote_files(path)?, url_of(path).unwrap_or_default());
-    // (Between this look and the copy another one may appear.)
-    if must_be_new && files.open(url, &[]).is_ok() {
-        let advice = "nothing was written; choose another name, or remove that file first";
-        return Err(Error::unsupported(path, "replacing a file elsewhere", advice));
-    }
-    files.upload(file, url)
+/// The error for a file that must be new, and is there.
+pub fn must_be_new_error(path: &Path) -> Error {
+    let advice = "nothing was written; choose another name, or remove that file first";
+    Error::unsupported(path, "replacing a file that has appeared meanwhile", advice)
 }
 
 /// Temporary files of this process.
@@ -427,8 +422,12 @@ pub fn partial_of(path: &Path) -> PathBuf {
     name.into()
 }
 
-/// The folder a path lies in.
+/// The folder a path lies in, where temporary files of its file go; of a path elsewhere, the system's folder for these.
 pub fn folder(path: &Path) -> &Path {
+    static TEMPORARY: LazyLock<PathBuf> = LazyLock::new(std::env::temp_dir);
+    if url_of(path).is_some() {
+        return &TEMPORARY;
+    }
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 

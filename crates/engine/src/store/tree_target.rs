@@ -85,7 +85,7 @@ impl TreeTarget {
                 folder(output.path()).to_path_buf()
             }
             TreeTarget::File(_) | TreeTarget::Head(_) => std::env::temp_dir(),
-            TreeTarget::Shard { shard, .. } => shard.folder.clone(),
+            TreeTarget::Shard { shard, .. } => shard.temporary().to_path_buf(),
         }
     }
 }

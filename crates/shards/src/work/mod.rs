@@ -1,6 +1,7 @@
 //! Kinds of work that shards do: for each there is a file that plans it and builds a shard of it.
 
 mod combining;
+mod given;
 mod import_options;
 mod packing;
 mod pictures;
@@ -26,6 +27,7 @@ use spinney_raster::import::{ImportOptions, StackOptions};
 use spinney_raster::volume::{VolumeInput, VolumeOptions};
 
 use self::combining::Combining;
+pub(crate) use self::given::Given;
 use self::pictures::Pictures;
 use self::solids::Solid;
 use self::stacks::Stack;
@@ -155,6 +157,7 @@ pub(crate) enum PlannedWork {
     Solid(Box<Solid>),
     Transform(Transforming),
     Combine(Combining),
+    Given(Given),
 }
 
 impl PlannedWork {
@@ -182,6 +185,7 @@ impl PlannedWork {
             PlannedWork::Solid(work) => &**work,
             PlannedWork::Transform(work) => work,
             PlannedWork::Combine(work) => work,
+            PlannedWork::Given(work) => work,
         }
     }
 }

@@ -140,7 +140,7 @@ impl Work for Pictures {
                 plan_part(&paths, &mosaic, (head.header(), head.metadata()), &options)?
             }
         };
-        let folder = part.shard.folder.clone();
+        let folder = part.shard.temporary().to_path_buf();
         let mut file = part.target().start((Dimension::Quad, picture.options().depth), 1)?;
         picture.write(&mut file, &folder, progress)?;
         file.finish()

@@ -88,7 +88,7 @@ impl Work for Stack {
 
     fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
         let stack = plan_stack(&part.paths(), &self.options(Some(memory))?)?;
-        let folder = part.shard.folder.clone();
+        let folder = part.shard.temporary().to_path_buf();
         let mut file = part.target().start((Dimension::Quad, stack.depth), stack.layers.len() as u32)?;
         write_layers(&stack, &mut file, &folder, progress)?;
         file.finish()

@@ -1,6 +1,5 @@
 //! Puts the shards of a file together: their segments one behind the other, then the crown and the directory.
 
-use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
@@ -12,7 +11,7 @@ use super::segment_builder::SegmentBuilder;
 use super::shard::Shard;
 use super::shard_writer::planned_layers;
 use crate::store::builder::TreeSink;
-use spinney_base::io::{Output, open_input};
+use spinney_base::io::{InputFile, Output};
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{FileHeader, Header, LevelCounts, OpenOptions};
@@ -65,8 +64,8 @@ fn find_piece<'a>((shard, light): (&'a Shard, &'a LightFile), layer: u32) -> Opt
 }
 
 fn find_lights(shards: &[Shard]) -> Result<Vec<LightFile>> {
-    let found = shards.iter().map(|shard| {
-        LightFile::find(shard)?.ok_or_else(|| {
+    let found = shards.iter().zip(LightFile::find_all(shards)?).map(|(shard, found)| {
+        found?.ok_or_else(|| {
             let path = shard.light_path();
             Error::unsupported(path, "a file of which a shard is not made", "build this shard first")
         })
@@ -146,13 +145,13 @@ fn copy_piece(
 /// The segments of a piece, one behind the other.
 struct RunFile {
     path: PathBuf,
-    file: BufReader<File>,
+    file: BufReader<InputFile>,
 }
 
 impl RunFile {
     fn open(path: &Path, length: u64) -> Result<RunFile> {
-        let file = open_input(path)?;
-        let found = file.metadata().map_err(Error::io(path, "look at"))?.len();
+        let file = InputFile::open(path)?;
+        let found = file.len();
         if found != length {
             return Err(Error::corrupt(path, "length", format!("{found} bytes"), format!("{length}")));
         }
