@@ -27,7 +27,7 @@ use spinney_packing::Effort;
 pub fn merge_shards(
     head: &Path,
     shards: &[Shard],
-    output: Output,
+    mut output: Output,
     (memory, effort): (u64, Effort),
     progress: &dyn Progress,
 ) -> Result<()> {
@@ -36,6 +36,7 @@ pub fn merge_shards(
     let lights = find_lights(shards)?;
     let total = lights.iter().fold(0, |sum: u64, light| sum.saturating_add(light.run_bytes()));
     let file = FileHeader::read_cells(head, &*planned.file.backend)?;
+    output.expect(total);
     let mut out = FileWriter::new(output, file)?;
     for (number, (header, metadata)) in (0..).zip(&layers) {
         let pieces: Vec<_> = shards.iter().zip(&lights).filter_map(|both| find_piece(both, number)).collect();
