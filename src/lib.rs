@@ -79,7 +79,7 @@
 //! | `raster` | readers and writers of picture files, volumes and lists of cells; styles, tiles, cloud-optimized GeoTIFF |
 //! | `brep` | exact models, bintrees and BSP trees |
 //! | `mesh` | readers and writers of meshes, solids made of them, glTF and 3D Tiles (with `brep`) |
-//! | `shards` | trees of pictures that are built by many processes (with `raster`) |
+//! | `shards` | trees that are built by many processes (with `mesh` and `raster`) |
 //! | `reconstruction` | solids of pictures and of outlines (with `mesh`, `raster` and `vector`) |
 //! | `render` | pictures of solids (with `mesh` and `raster`) |
 //! | `lines` | trees of lines |
@@ -157,8 +157,8 @@ pub mod store {
         Tag, TagScope, TreeFormat, check_tree_name, create_tree_file, file_is_tree, file_of,
     };
     pub use spinney_engine::store::{
-        BuildOptions, Effort, Packing, ShardCheck, Slab, Slabs, TreeTarget, TreeWriter, WriteOptions,
-        build_slabs, build_source, build_tree, depth_for,
+        BuildOptions, Effort, Packing, ShardCheck, Slab, SlabBoxes, Slabs, TreeTarget, TreeWriter,
+        WriteOptions, build_slabs, build_source, build_tree, depth_for,
     };
 
     /// The compact, read-only format.
@@ -191,10 +191,10 @@ pub mod store {
     }
 }
 
-/// Trees of pictures that are built in shards, by many processes.
+/// Trees that are built in shards, by many processes.
 #[cfg(feature = "shards")]
 pub mod shards {
-    pub use spinney_shards::{Built, Job, JobSpec, Planned, plan};
+    pub use spinney_shards::{Built, GivenLayers, Job, JobSpec, Planned, plan, plan_given};
 }
 
 /// Questions to trees: what is asked, and what is answered.
@@ -384,7 +384,8 @@ pub mod import {
         pub use spinney_mesh::import::{
             Attribute, DEFAULT_MEMORY, ExactOptions, ExactReport, InsideTest, MeshArrays, MeshColours,
             MeshFace, Model, ModelContact, ModelInfo, Resolution, SkippedObject, SolidImport, SolidOptions,
-            SolidReport, import_exact, is_model, model_contacts, open, open_all, parts_of, plan_models,
+            SolidReport, SolidSurvey, SurfaceAtPoint, SurveyedNode, import_exact, is_model, model_contacts,
+            open, open_all, parts_of, plan_models, plan_part,
         };
     }
 
@@ -411,7 +412,7 @@ pub mod import {
     #[cfg(feature = "raster")]
     pub mod volume {
         pub use spinney_raster::volume::{
-            RawLayout, VolumeImport, VolumeOptions, is_volume, plan, plan_raw, plan_sections,
+            RawLayout, VolumeImport, VolumeInput, VolumeOptions, is_volume, plan, plan_raw, plan_sections,
         };
     }
 }

@@ -337,13 +337,19 @@ class Editor:
     def commit(self, message: str, author: str, time: int | None) -> dict[str, Any] | None: ...
     def close(self) -> None: ...
 
-def build_array(
-    read: Callable[[list[int], list[int]], tuple[Array, npt.NDArray[np.bool_] | None]],
-    out: Any,
-    options: dict[str, Any],
-    terms: _Terms,
-) -> None: ...
 def build_layers(layers: list[dict[str, Any]], out: Any, depth: int | None, terms: _Terms) -> None: ...
+def plan_layers(
+    layers: list[dict[str, Any]],
+    job: Any,
+    depth: int | None,
+    token: str,
+    packing: tuple[str, str | None, float | None],
+    shards: int | None,
+    terms: _Terms,
+) -> bool: ...
+def build_layers_shard(
+    layers: list[dict[str, Any]], job: Any, depth: int | None, token: str, number: int, terms: _Terms
+) -> tuple[bool, int]: ...
 _LineTerms = tuple[int | None, str | None, list[str] | None, int, str | None, str]
 
 @disjoint_base
@@ -410,6 +416,29 @@ def build_files(
     paths: list[Any], meshes: list[dict[str, Any]], out: Any, options: dict[str, Any], terms: _Terms
 ) -> None: ...
 def plan_shards(paths: list[Any], job: Any, options: dict[str, Any], shards: int | None, terms: _Terms) -> bool: ...
+def plan_transform(
+    path: Any,
+    steps: list[str],
+    job: Any,
+    resampling: str | None,
+    allow_ballpark: bool,
+    moves: bool,
+    packing: tuple[str, str | None, float | None],
+    shards: int | None,
+    terms: _Terms,
+) -> bool: ...
+def plan_combine(
+    operation: str,
+    inputs: list[Any],
+    job: Any,
+    prefer_second: bool,
+    fill: float | None,
+    within: list[float] | None,
+    margin: int | None,
+    packing: tuple[str, str | None, float | None],
+    shards: int | None,
+    terms: _Terms,
+) -> bool: ...
 def is_job(job: Any) -> bool: ...
 def look_at_job(job: Any) -> tuple[int, int, int]: ...
 def build_shard(job: Any, number: int, memory: int, terms: _Terms) -> tuple[bool, int]: ...

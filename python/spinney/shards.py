@@ -1,6 +1,6 @@
-"""Trees of pictures that many processes build, on one machine or on many.
+"""Trees that many processes build, on one machine or on many.
 
-A job is planned, each of its shards is built by itself, and shards are put together. The bytes are those of `spinney.build`::
+A job is planned, each of its shards is built by itself, and shards are put together. The bytes are those of `spinney.build`, `spinney.transform` or `spinney.combine`::
 
     from spinney import shards
 
@@ -25,9 +25,9 @@ from ._options import packing_of
 from ._progress import memory_of, working
 from ._told import crs_text, numbers_of
 from ._times import text_of_time
-from ._types import Codec, Effort, Path, Progress
+from ._types import Codec, Effort, Path, Progress, Resampling
 
-__all__ = ["Job", "plan"]
+__all__ = ["Job", "plan", "plan_combine", "plan_transform"]
 
 #: Options of features and models, which shards are not made of.
 _OTHERS = ("cells", "cell", "grid", "max_zoom", "resampling", "edge", "attribute", "up", "unit", "value", "overlaps", "width", "where")
@@ -84,6 +84,58 @@ def plan(
     options = given | of_others | {"memory": memory_of(MEMORY), "share": False, "time": None}
     with working(progress, threads) as terms:
         _native.plan_shards(_files_of(sources), os.fspath(job), options, shards, terms)
+    return Job(job)
+
+
+def plan_transform(
+    path: Path,
+    steps: str | Sequence[str],
+    job: Path,
+    *,
+    shards: int | None = None,
+    resampling: Resampling | None = None,
+    allow_ballpark: bool = False,
+    move: bool = False,
+    codec: Codec = "plain",
+    effort: Effort | None = None,
+    max_error: float | None = None,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> Job:
+    """Plans what is made of a tree, as `spinney.transform` makes it, but for steps that go through all cells first (`components=`, `sieve=`). See `plan`."""
+    chain = [steps] if isinstance(steps, str) else list(steps)
+    with working(progress, threads) as terms:
+        _native.plan_transform(
+            os.fspath(path), chain, os.fspath(job), resampling, allow_ballpark, move, packing_of(codec, effort, max_error), shards, terms
+        )
+    return Job(job)
+
+
+def plan_combine(
+    operation: str | int,
+    paths: Sequence[Path],
+    job: Path,
+    *,
+    shards: int | None = None,
+    values: Literal["first", "second"] = "first",
+    fill: float | None = None,
+    within: Sequence[float] | None = None,
+    margin: int | None = None,
+    codec: Codec = "plain",
+    effort: Effort | None = None,
+    max_error: float | None = None,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> Job:
+    """Plans what is made of several trees, as `spinney.combine` makes it. See `plan`."""
+    if values not in ("first", "second"):
+        raise ValueError(f"values: {values!r}, expected 'first' or 'second'")
+    box = None if within is None else list(within)
+    names = [os.fspath(path) for path in paths]
+    with working(progress, threads) as terms:
+        _native.plan_combine(
+            str(operation), names, os.fspath(job), values == "second", fill, box, margin, packing_of(codec, effort, max_error), shards, terms
+        )
     return Job(job)
 
 

@@ -1,14 +1,17 @@
-//! Trees of pictures that many processes build.
+//! Trees that many processes build.
 
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
+use spinney::ops::Prefer;
 use spinney::shards::{Job, JobSpec, plan};
 
 use crate::build::FileOptions;
 use crate::error::{OrRaise, invalid};
-use crate::files::check_output;
+use crate::files::{chain_of, check_output, named, steps_of, universe_of};
 use crate::jobs::{self, Terms};
+use crate::numbers::PyNumber;
+use crate::packing::Packing;
 
 /// Plans a job in a folder; returns whether the same one was there already.
 #[pyfunction]
@@ -24,6 +27,50 @@ pub(crate) fn plan_shards(
         Some(options) => JobSpec::Stack { inputs, options },
         None => JobSpec::Pictures { inputs, options: options.pictures()? },
     };
+    jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, work)?.was_there))
+}
+
+/// Plans a job of a file and the steps done to it; returns whether the same one was there already.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)] // those of the Python function
+pub(crate) fn plan_transform(
+    py: Python<'_>,
+    path: PathBuf,
+    steps: Vec<String>,
+    job: PathBuf,
+    resampling: Option<String>,
+    allow_ballpark: bool,
+    moves: bool,
+    packing: Packing,
+    shards: Option<u32>,
+    terms: Terms,
+) -> PyResult<bool> {
+    let chain = chain_of(&path, steps_of(&steps)?, (resampling.as_deref(), allow_ballpark), moves)?;
+    let spec = JobSpec::Transform { chain, packing: packing.0 };
+    jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, work)?.was_there))
+}
+
+/// Plans a job of one tree of several; returns whether the same one was there already.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)] // those of the Python function
+pub(crate) fn plan_combine(
+    py: Python<'_>,
+    operation: &str,
+    inputs: Vec<PathBuf>,
+    job: PathBuf,
+    prefer_second: bool,
+    fill: Option<PyNumber>,
+    within: Option<Vec<f64>>,
+    margin: Option<u32>,
+    packing: Packing,
+    shards: Option<u32>,
+    terms: Terms,
+) -> PyResult<bool> {
+    let prefer = if prefer_second { Prefer::Second } else { Prefer::First };
+    let operation = named(operation, prefer)?;
+    let universe = universe_of(operation, within.as_deref(), margin)?.unwrap_or_default();
+    let fill = fill.map(|number| number.0);
+    let spec = JobSpec::Combine { inputs, operation, fill, universe, packing: packing.0 };
     jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, work)?.was_there))
 }
 

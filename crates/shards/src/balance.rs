@@ -59,6 +59,11 @@ pub(crate) fn cut(layers: &[Header], loads: &[Load], shards: u32) -> Vec<Vec<Sha
     pieces
 }
 
+/// The level below which the only layer of a file is not cut.
+pub(crate) fn level_of_cuts(header: &Header) -> u8 {
+    weighed_level(header, MOST_NODES)
+}
+
 /// The deepest level, not below the crown's, at which at most so many nodes have cells.
 fn weighed_level(header: &Header, most: u64) -> u8 {
     let nodes = |level: u8| {

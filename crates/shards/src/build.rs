@@ -1,11 +1,12 @@
 //! Building of one shard of a job.
 
-use spinney_base::{Progress, Result};
-use spinney_engine::store::goblin::LightFile;
+use spinney_base::{Error, Progress, Result};
+use spinney_engine::store::goblin::{LightFile, Shard};
+use spinney_engine::store::{TreeTarget, TreeWriter};
 
 use crate::job::Job;
 use crate::stamp::check;
-use crate::work::PartOfJob;
+use crate::work::{PartOfJob, PlannedWork};
 
 /// Outcome of building a shard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,6 +29,10 @@ impl Job {
         if let Some(light) = LightFile::find(&shard)? {
             return Ok(Built { was_there: true, bytes: light.run_bytes() });
         }
+        if shard.pieces.is_empty() {
+            TreeWriter::shard(&self.head_path(), shard)?.finish()?;
+            return Ok(Built { was_there: false, bytes: 0 });
+        }
         let (work, planned) = (self.plan.work.clone(), &self.plan.inputs);
         let touched = work.work().touched(planned.len(), &shard, &self.layers);
         let touched: Vec<_> = touched.iter().map(|input| (*input, planned[*input].clone())).collect();
@@ -40,6 +45,43 @@ impl Job {
         check()?;
         let part = PartOfJob { inputs, head: self.head_path(), shard: shard.clone(), check: Box::new(check) };
         self.work().build(part, memory, progress)?;
-        Ok(Built { was_there: false, bytes: LightFile::find(&shard)?.map_or(0, |light| light.run_bytes()) })
+        built(&shard)
     }
+
+    /// Builds a shard of layers that `write` makes, as they were [planned](crate::plan_given), unless it is made already. Of the place that it is given it
+    /// is to ask which cells are wanted.
+    ///
+    /// # Errors
+    /// Those of [`Job::build`], and of `write`; also if the job is one of other layers.
+    pub fn build_given(
+        &self,
+        number: u32,
+        token: &str,
+        write: &mut dyn FnMut(TreeTarget) -> Result<()>,
+    ) -> Result<Built> {
+        let planned = match &self.plan.work {
+            PlannedWork::Given(given) => &*given.token,
+            _ => "files",
+        };
+        if planned != token {
+            return Err(Error::NotPlanned {
+                path: self.folder().to_path_buf(),
+                found: format!("these are the arrays {token}"),
+                expected: planned.into(),
+                advice: "plan another job in another folder",
+            });
+        }
+        let shard = self.shard(number)?;
+        if let Some(light) = LightFile::find(&shard)? {
+            return Ok(Built { was_there: true, bytes: light.run_bytes() });
+        }
+        let check = Box::new(|| Ok(()));
+        write(TreeTarget::Shard { head: self.head_path(), shard: shard.clone(), check })?;
+        built(&shard)
+    }
+}
+
+/// Outcome of a shard that was just built.
+fn built(shard: &Shard) -> Result<Built> {
+    Ok(Built { was_there: false, bytes: LightFile::find(shard)?.map_or(0, |light| light.run_bytes()) })
 }

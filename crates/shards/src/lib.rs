@@ -33,5 +33,5 @@ mod work;
 
 pub use build::Built;
 pub use job::Job;
-pub use plan::{Planned, plan};
+pub use plan::{GivenLayers, Planned, plan, plan_given};
 pub use work::JobSpec;

@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::io::{self, Write};
+use std::mem;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -10,11 +11,12 @@ use spinney_base::space::Bounds;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
 use spinney_engine::store::goblin::Goblin;
+use spinney_engine::store::{Packing, TreeTarget};
 
 use crate::balance::cut;
 use crate::job::{Job, MOST, Plan, PlannedInput, head_path, plan_path, shards_path};
 use crate::stamp::{absolute, look};
-use crate::work::{JobSpec, Load, PlannedWork, Told};
+use crate::work::{Given, JobSpec, Load, PlannedWork, Told};
 
 /// Bytes of input for which there is a shard, where nobody says how many there are to be.
 const BYTES_OF_SHARD: u64 = 1 << 30;
@@ -40,10 +42,7 @@ pub struct Planned {
 /// If the inputs cannot be read or do not fit together, if they are to be built in a way that shards do not have, if the folder has
 /// another plan or something else, or if it cannot be written.
 pub fn plan(spec: &JobSpec, folder: &Path, shards: Option<u32>, progress: &dyn Progress) -> Result<Planned> {
-    if shards.is_some_and(|shards| shards == 0 || shards > MOST_SHARDS) {
-        let found = shards.unwrap_or_default().to_string();
-        return Err(Error::invalid("shards", found, format!("1 to {MOST_SHARDS}")));
-    }
+    check_folder(folder, shards)?;
     // (What was looked at before the headers are read cannot be of a later state than these.)
     let work = PlannedWork::of(spec)?;
     let name = |input: &PathBuf| {
@@ -55,24 +54,67 @@ pub fn plan(spec: &JobSpec, folder: &Path, shards: Option<u32>, progress: &dyn P
     let (paths, files): (Vec<_>, Vec<_>) =
         spec.inputs().iter().map(name).collect::<Result<Vec<_>>>()?.into_iter().unzip();
     let files = look(files)?;
-    let planned = paths.into_iter().zip(files).map(|(path, files)| PlannedInput { path, files });
-    let planned: Vec<_> = planned.collect();
-    check_folder(folder)?;
+    let inputs = paths.into_iter().zip(files).map(|(path, files)| PlannedInput { path, files });
+    let inputs: Vec<_> = inputs.collect();
+    let bytes = inputs.iter().fold(0, |sum: u64, input| sum.saturating_add(input.bytes()));
+    let (head, told) = head_of(folder, |head| spec.write_head(&inputs, head, progress))?;
+    write_plan(folder, (shards, bytes), &head, (inputs, told))
+}
+
+/// Layers whose cells only the caller has.
+#[derive(Clone, Copy, Debug)]
+pub struct GivenLayers<'a> {
+    /// A text that differs where cells do, or what is told of them: shards are of one job only if it is the same for all.
+    pub token: &'a str,
+    /// The way in which segments are packed.
+    pub packing: Packing,
+    /// Bytes of all cells.
+    pub bytes: u64,
+}
+
+/// Plans a job, as [`plan`] does, of layers that `write` makes; no cell is asked for. Shards are built by [`Job::build_given`].
+///
+/// # Errors
+/// Those of `write`, and of [`plan`].
+pub fn plan_given(
+    layers: GivenLayers<'_>,
+    folder: &Path,
+    shards: Option<u32>,
+    write: &mut dyn FnMut(TreeTarget) -> Result<()>,
+) -> Result<Planned> {
+    let GivenLayers { token, packing, bytes } = layers;
+    check_folder(folder, shards)?;
+    let (head, ()) = head_of(folder, |head| write(TreeTarget::Head(head)))?;
+    let work = PlannedWork::Given(Given::of(token, packing));
+    let told = Told { work, loads: Vec::new(), description: Vec::new() };
+    write_plan(folder, (shards, bytes), &head, (Vec::new(), told))
+}
+
+/// Bytes of the file that tells of the layers, and what is known when it is written.
+fn head_of<T>(folder: &Path, write: impl FnOnce(Output) -> Result<T>) -> Result<(Vec<u8>, T)> {
     let kept = Kept::default();
-    let head = Output::to_writer(&head_path(folder), Box::new(kept.clone()));
-    let Told { work, mut loads, description } = spec.write_head(&planned, head, progress)?;
-    let head = kept.0.lock().unwrap_or_else(PoisonError::into_inner).clone();
-    let layers = Goblin::from_bytes(head.clone())?;
+    let told = write(Output::to_writer(&head_path(folder), Box::new(kept.clone())))?;
+    let bytes = mem::take(&mut *kept.0.lock().unwrap_or_else(PoisonError::into_inner));
+    Ok((bytes, told))
+}
+
+/// Cuts layers into shards, and puts the job into its folder.
+fn write_plan(
+    folder: &Path,
+    (shards, bytes): (Option<u32>, u64),
+    head: &[u8],
+    (inputs, told): (Vec<PlannedInput>, Told),
+) -> Result<Planned> {
+    let Told { work, mut loads, description } = told;
+    let layers = Goblin::from_bytes(head.to_vec())?;
     let layers: Vec<_> = layers.layers().iter().map(|layer| layer.header.clone()).collect();
-    let bytes = planned.iter().fold(0, |sum: u64, input| sum.saturating_add(input.bytes()));
-    let shards = shards.unwrap_or(bytes.div_ceil(BYTES_OF_SHARD).clamp(1, MOST_UNASKED) as u32);
     if loads.is_empty() {
         loads = spread(bytes, &layers);
     }
-    let pieces = cut(&layers, &loads, shards);
-    let plan = Plan::new(&head, work, planned, &pieces);
+    let shards = shards.unwrap_or(bytes.div_ceil(BYTES_OF_SHARD).clamp(1, MOST_UNASKED) as u32);
+    let plan = Plan::new(head, work, inputs, &cut(&layers, &loads, shards));
     let text = plan.to_text(folder)?;
-    let was_there = is_planned(folder, &text)? || !write_job(folder, &head, &text)?;
+    let was_there = is_planned(folder, &text)? || !write_job(folder, head, &text)?;
     Ok(Planned { job: Job::open(folder)?, was_there, description })
 }
 
@@ -117,8 +159,11 @@ fn spread(bytes: u64, layers: &[Header]) -> Vec<Load> {
     layers.iter().enumerate().map(load).collect()
 }
 
-/// Makes sure that a folder has nothing but a job, whole or not, if there is one.
-fn check_folder(folder: &Path) -> Result<()> {
+/// Makes sure that a folder has nothing but a job, whole or not, if there is one, and that there may be so many shards.
+fn check_folder(folder: &Path, shards: Option<u32>) -> Result<()> {
+    if let Some(shards) = shards.filter(|shards| *shards == 0 || *shards > MOST_SHARDS) {
+        return Err(Error::invalid("shards", shards.to_string(), format!("1 to {MOST_SHARDS}")));
+    }
     if folder == Path::new("-") {
         return Err(Error::unsupported(folder, "a job on standard output", "a job is a folder: name one"));
     }

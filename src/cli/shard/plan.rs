@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use spinney::csg::Csg;
-use spinney::import::{mesh, volume};
+use spinney::import::mesh;
 use spinney::reconstruction::is_views_name;
 use spinney::shards::{JobSpec, plan};
 use spinney::store::{TreeFormat, file_is_tree};
 
 use super::super::args::{Packing, check_output, expand_lists};
-use super::super::build::{Common, PictureArgs};
+use super::super::build::{Common, PictureArgs, SolidArgs};
 use super::super::combine::MergingArgs;
 use super::super::report::{Work, quantity};
 use super::super::transform::ChainArgs;
@@ -27,12 +27,13 @@ struct JobArgs {
     shards: Option<u32>,
 }
 
-/// Plan a job: look at pictures, and write down what each shard is made of
+/// Plan a job: look at pictures, a volume or models, and write down what each shard is made of
 ///
-/// The options are those of `spinney build` for pictures. The same plan can be made again; a folder that has another one is left as it is.
+/// The options are those of `spinney build` for these. The surface of models has to be closed, and is read as a whole. The same plan can be made again; a folder that has
+/// another one is left as it is.
 #[derive(clap::Args)]
 pub(super) struct Args {
-    /// Raster files (of several, the last lies on top, or with --stack all are layers); @FILE stands for the paths in a file, one a line
+    /// Raster files (of several, the last lies on top, or with --stack all are layers), a volume, or models; @FILE stands for the paths in a file, one a line
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<PathBuf>,
     #[command(flatten)]
@@ -41,6 +42,8 @@ pub(super) struct Args {
     common: Common,
     #[command(flatten)]
     pictures: PictureArgs,
+    #[command(flatten)]
+    solids: SolidArgs,
 }
 
 /// Plan a job of transforming a tree
@@ -69,37 +72,47 @@ pub(super) struct CombineArgs {
     packing: Packing,
 }
 
-/// The name of what is no picture, if an input is something that `build` takes and shards do not.
+/// The name of what an input is, if it is something that `build` takes and shards do not.
 fn other_kind(input: &Path) -> Option<&'static str> {
     let kinds = [
         ("a tree", file_is_tree(input)),
         ("a solid of primitives", Csg::is_name(input)),
         ("views of a solid", is_views_name(input)),
-        ("a model of a solid", mesh::is_model(input)),
-        ("a volume", volume::is_volume(input)),
     ];
     kinds.into_iter().find(|(_, is_one)| *is_one).map(|(kind, _)| kind)
 }
 
 pub(super) fn run(args: Args, global: &Global) -> Result<()> {
-    let Args { inputs, job, common, pictures } = args;
-    let inputs = expand_lists(inputs)?;
-    if let Some(option) = common.not_of_shards().or(pictures.not_of_shards()) {
+    let inputs = expand_lists(args.inputs)?;
+    let (job, common, pictures, solids) = (&args.job, &args.common, &args.pictures, &args.solids);
+    if let Some(option) = common.not_of_shards() {
         bail!("{option} is not for shards: `spinney build` has it")
     }
     if let Some((input, kind)) = inputs.iter().find_map(|input| Some((input, other_kind(input)?))) {
         bail!(
-            "{}: is {kind}; shards are of pictures (and of trees: plan-transform, plan-combine), `spinney build` makes the tree in one go",
+            "{}: is {kind}; shards are of pictures, volumes and models (and of trees: plan-transform, plan-combine), `spinney build` makes the tree in one go",
             input.display()
         )
     }
-    let spec = match pictures.stack_options(&common)? {
+    if inputs.iter().any(|input| mesh::is_model(input)) {
+        return job.plan(&solids.job(inputs, &job.output, pictures, common)?, global);
+    }
+    if solids.are_given() {
+        bail!(
+            "{}: is no model; the options for solids are for PLY, OBJ, STL, OFF and CityJSON files",
+            inputs[0].display()
+        )
+    }
+    if let Some(input) = pictures.volume_input(&inputs)? {
+        return job.plan(&JobSpec::Volume { input, options: pictures.volume_options(common)? }, global);
+    }
+    let spec = match pictures.stack_options(common)? {
         Some(options) => JobSpec::Stack { inputs, options },
         None => match pictures.of_warping() {
             Some(option) => {
                 bail!("{option} is for other grids, which shards do not have: `spinney build` has it")
             }
-            None => JobSpec::Pictures { inputs, options: pictures.import_options(&common)? },
+            None => JobSpec::Pictures { inputs, options: pictures.import_options(common)? },
         },
     };
     job.plan(&spec, global)

@@ -312,8 +312,11 @@ impl TreeWriter {
         self.source_with(source, extent, options, progress, &mut |_| {})
     }
 
-    /// Makes the next layer of any source, whose metadata can be completed when it has been walked.
-    pub(crate) fn source_with<S: ReusableSource>(
+    /// Makes the next layer of any source, whose metadata can be completed when it has been walked; of a shard they must be complete before.
+    ///
+    /// # Errors
+    /// Those of [`TreeWriter::slabs`]; also if the source fails.
+    pub fn source_with<S: ReusableSource>(
         &mut self,
         source: &S,
         extent: [u64; 3],
@@ -350,12 +353,14 @@ impl TreeWriter {
         }
     }
 
-    /// Writes what stands behind the layers, and puts the file in its place.
+    /// Writes what stands behind the layers, and puts the file in its place. Of a shard that has no part of any layer none need be made.
     ///
     /// # Errors
     /// If the file cannot be written, or layers are missing.
     pub fn finish(self) -> Result<()> {
-        if self.names.len() != self.layers as usize {
+        let is_nothing =
+            self.names.is_empty() && matches!(&self.file, File::Shard(shard) if shard.is_empty());
+        if self.names.len() != self.layers as usize && !is_nothing {
             let found = format!("{} layers", self.names.len());
             return Err(Error::invalid("file", found, format!("{}, as was said", self.layers)));
         }

@@ -1,12 +1,15 @@
 //! Kinds of work that shards do: for each there is a file that plans it and builds a shard of it.
 
 mod combining;
+mod given;
 mod import_options;
 mod packing;
 mod pictures;
+mod solids;
 mod stacks;
 mod transforming;
 mod trees;
+mod volumes;
 
 use std::path::{Path, PathBuf};
 
@@ -19,12 +22,17 @@ use spinney_container::Header;
 use spinney_engine::ops::{Chain, Operation, Universe};
 use spinney_engine::store::goblin::Shard;
 use spinney_engine::store::{Packing, ShardCheck, TreeTarget};
+use spinney_mesh::import::SolidOptions;
 use spinney_raster::import::{ImportOptions, StackOptions};
+use spinney_raster::volume::{VolumeInput, VolumeOptions};
 
 use self::combining::Combining;
+pub(crate) use self::given::Given;
 use self::pictures::Pictures;
+use self::solids::Solid;
 use self::stacks::Stack;
 use self::transforming::Transforming;
+use self::volumes::Volume;
 use crate::job::PlannedInput;
 
 /// Specification of a job: what is made, and of what. Memory and sharing of equal subtrees that options tell are no part of a plan.
@@ -43,6 +51,20 @@ pub enum JobSpec {
         inputs: Vec<PathBuf>,
         /// Options of their import.
         options: StackOptions,
+    },
+    /// An octree of a volume.
+    Volume {
+        /// Its files, and the way in which they are read.
+        input: VolumeInput,
+        /// Options of its import.
+        options: VolumeOptions,
+    },
+    /// An octree of what models enclose, whose surface is closed.
+    Solid {
+        /// Files of the models, which become one solid.
+        inputs: Vec<PathBuf>,
+        /// Options of their import.
+        options: SolidOptions,
     },
     /// A tree with steps done to it: see [`transform`](spinney_engine::ops::transform).
     Transform {
@@ -72,7 +94,9 @@ impl JobSpec {
         match self {
             JobSpec::Pictures { inputs, .. }
             | JobSpec::Stack { inputs, .. }
+            | JobSpec::Solid { inputs, .. }
             | JobSpec::Combine { inputs, .. } => inputs.clone(),
+            JobSpec::Volume { input, .. } => input.paths().to_vec(),
             JobSpec::Transform { chain, .. } => transforming::files(chain),
         }
     }
@@ -90,6 +114,10 @@ impl JobSpec {
             }
             JobSpec::Stack { inputs: paths, options } => {
                 stacks::write_head((paths, inputs), options, head, progress)
+            }
+            JobSpec::Volume { input, options } => volumes::write_head(input, options, head, progress),
+            JobSpec::Solid { inputs: paths, options } => {
+                solids::write_head((paths, inputs), options, head, progress)
             }
             JobSpec::Transform { chain, packing } => {
                 transforming::write_head(chain, *packing, head, progress)
@@ -125,8 +153,11 @@ pub(crate) struct Told {
 pub(crate) enum PlannedWork {
     Pictures(Box<Pictures>),
     Stack(Box<Stack>),
+    Volume(Box<Volume>),
+    Solid(Box<Solid>),
     Transform(Transforming),
     Combine(Combining),
+    Given(Given),
 }
 
 impl PlannedWork {
@@ -135,6 +166,8 @@ impl PlannedWork {
         Ok(match spec {
             JobSpec::Pictures { options, .. } => PlannedWork::Pictures(Box::new(Pictures::of(options))),
             JobSpec::Stack { options, .. } => PlannedWork::Stack(Box::new(Stack::of(options))),
+            JobSpec::Volume { input, options } => PlannedWork::Volume(Box::new(Volume::of(input, options))),
+            JobSpec::Solid { inputs, options } => PlannedWork::Solid(Box::new(Solid::of(inputs, options)?)),
             JobSpec::Transform { chain, packing } => {
                 PlannedWork::Transform(Transforming::of(chain, *packing)?)
             }
@@ -148,8 +181,11 @@ impl PlannedWork {
         match self {
             PlannedWork::Pictures(work) => &**work,
             PlannedWork::Stack(work) => &**work,
+            PlannedWork::Volume(work) => &**work,
+            PlannedWork::Solid(work) => &**work,
             PlannedWork::Transform(work) => work,
             PlannedWork::Combine(work) => work,
+            PlannedWork::Given(work) => work,
         }
     }
 }
