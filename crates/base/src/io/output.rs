@@ -290,9 +290,10 @@ impl Output {
                 let TemporaryFile { file, faults } = file;
                 if is_remote {
                     let mut far = remote_files(&path)?.write(url_of(&path).unwrap_or_default())?;
-                    let mut file = File::open(file.path()).map_err(Error::io(&path, "upload"))?;
-                    far.expect(file.metadata().map_err(Error::io(&path, "upload"))?.len());
-                    io::copy(&mut file, &mut far).map_err(Error::io(&path, "upload"))?;
+                    let failed = || Error::io(file.path(), "upload");
+                    let mut whole = File::open(file.path()).map_err(failed())?;
+                    far.expect(whole.metadata().map_err(failed())?.len());
+                    io::copy(&mut whole, &mut far).map_err(failed())?;
                     return far.commit(must_be_new);
                 }
                 set_output_permissions(file.as_file(), &path)
