@@ -184,7 +184,7 @@ impl Work for Solid {
     fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
         let models = open_all(&part.paths(), memory)?;
         let import = plan_part(models, &self.options(memory)?, self.survey.survey()?)?;
-        let folder = part.shard.folder.clone();
+        let folder = part.shard.temporary().to_path_buf();
         let mut file = part.target().start((Dimension::Oct, import.depth()), 1)?;
         import.write(&mut file, &folder, progress)?;
         file.finish()

@@ -160,7 +160,7 @@ impl Work for Volume {
 
     fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
         let volume = self.input(&part.paths())?.plan(&self.options(Some(memory))?)?;
-        let folder = part.shard.folder.clone();
+        let folder = part.shard.temporary().to_path_buf();
         let mut file = part.target().start((Dimension::Oct, volume.options().depth), 1)?;
         volume.write(&mut file, &folder, progress)?;
         file.finish()

@@ -89,7 +89,7 @@ impl LightWriter {
     pub(super) fn new(shard: &Shard) -> Result<LightWriter> {
         let (number, job) = (shard.number.into(), shard.job.into());
         let head = Head { magic: MAGIC, version: VERSION.into(), number, job };
-        let out = Output::create(&shard.light_path())?;
+        let out = Output::append_only(&shard.light_path())?;
         let mut writer = LightWriter { out, head, position: HEAD, pieces: Vec::new() };
         let head = writer.head.as_bytes().to_vec();
         writer.put(&head)?;

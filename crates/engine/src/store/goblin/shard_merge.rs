@@ -96,13 +96,14 @@ pub fn merge_shards(
     let lights = find_lights(shards, &output)?;
     let total = lights.iter().fold(0, |sum: u64, light| sum.saturating_add(light.run_bytes()));
     let file = FileHeader::read_cells(head, &*planned.file.backend)?;
-    let (output, there) = match output {
+    let (mut output, there) = match output {
         MergeOutput::Keep(output) => (output, None),
         MergeOutput::Remove(output, there) => {
             let partial = output.unfinished_path().map(Path::to_path_buf);
             (output, partial.map(|path| Partial { path, bytes: there }))
         }
     };
+    output.expect(total);
     let mut out = FileWriter::over(output, there.as_ref().map_or(0, |there| there.bytes), file)?;
     for (number, (header, metadata)) in (0..).zip(&layers) {
         let pieces: Vec<_> = shards.iter().zip(&lights).filter_map(|both| find_piece(both, number)).collect();
