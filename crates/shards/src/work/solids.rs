@@ -15,7 +15,7 @@ use spinney_mesh::import::{
 };
 
 use super::packing::PlannedPacking;
-use super::{Load, PartOfJob, PlannedWork, Told, Work, number};
+use super::{Load, PartOfJob, PlannedWork, Told, Work, check_is_here, number};
 use crate::balance::level_of_cuts;
 use crate::job::PlannedInput;
 
@@ -169,6 +169,7 @@ pub(super) fn write_head(
 
 impl Work for Solid {
     fn files_of(&self, input: &Path) -> Result<Vec<PathBuf>> {
+        check_is_here(input)?;
         files_of(input)
     }
 
@@ -184,7 +185,7 @@ impl Work for Solid {
     fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
         let models = open_all(&part.paths(), memory)?;
         let import = plan_part(models, &self.options(memory)?, self.survey.survey()?)?;
-        let folder = part.shard.folder.clone();
+        let folder = part.shard.temporary().to_path_buf();
         let mut file = part.target().start((Dimension::Oct, import.depth()), 1)?;
         import.write(&mut file, &folder, progress)?;
         file.finish()
