@@ -16,6 +16,10 @@ import numpy as np
 import pytest
 import rasterio
 
+import spinney
+import spinney.dask
+from spinney import shards
+
 from conftest import ROOT
 from test_shards import ELEVATION, tiles
 
@@ -305,3 +309,38 @@ def test_a_worker_that_is_killed_costs_its_shard_alone(tmp_path: Path, maps: Buc
         run("shard", "build", "s3://maps/job", number)
     run("shard", "merge", "s3://maps/job", "-o", "s3://maps/out.goblin")
     assert maps.get("out.goblin") == (tmp_path / "whole.goblin").read_bytes()
+
+
+def test_the_package_and_a_cluster_of_dask(tmp_path: Path, maps: Bucket, run: Runner, monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip("distributed")
+    for name, value in maps.environment.items():
+        monkeypatch.setenv(name, value)
+    urls = put_tiles(maps, tmp_path / "tiles")
+    spinney.build(urls, tmp_path / "whole.goblin")
+    expected = (tmp_path / "whole.goblin").read_bytes()
+    job = shards.plan(urls, "s3://maps/job", shards=2)
+    assert job.missing()
+    for number in job.missing():
+        job.build(number)
+    job.merge("s3://maps/by_hand.goblin")
+    assert maps.get("by_hand.goblin") == expected
+    job.remove()
+    assert not maps.names("job/")
+    with pytest.raises(ValueError, match="without a job"):
+        shards.Job("s3://maps/job")
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        # A run that was cut off goes on with its shards.
+        begun = shards.plan(urls, "s3://maps/out.goblin.job", shards=3)
+        begun.build(begun.missing()[0])
+        left = len(begun.missing())
+        done: list[tuple[int, int]] = []
+        spinney.dask.build(urls, "s3://maps/out.goblin", client=client, progress=lambda now, all: done.append((now, all)))
+        assert done[-1] == (left, left)
+        assert maps.get("out.goblin") == expected
+        assert not maps.names("out.goblin.job") and not maps.uploads()
+        square = {"type": "Polygon", "coordinates": [[[5100, 8000], [7000, 8000], [7000, 8900], [5100, 8900], [5100, 8000]]]}
+        with spinney.open(tmp_path / "whole.goblin") as tree:
+            assert spinney.dask.zonal("s3://maps/out.goblin", [square], ["count"], client=client) == tree.zonal([square], ["count"])

@@ -199,6 +199,16 @@ impl Error {
         }
     }
 
+    /// The error inside of one of the system, of the same kind, for readers and writers that others use: [`Error::io`] finds it there.
+    pub fn into_io(self) -> io::Error {
+        let kind = match &self {
+            // (What is interrupted here is not to be tried again.)
+            Error::Io { cause, .. } if cause.kind() != io::ErrorKind::Interrupted => cause.kind(),
+            _ => io::ErrorKind::Other,
+        };
+        io::Error::new(kind, self)
+    }
+
     /// Bytes of `path` that break the format's rules.
     pub fn corrupt(
         path: impl AsRef<Path>,

@@ -13,15 +13,16 @@ mod store;
 mod upload;
 
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use disk_cache::DiskCache;
 use spinney_base::Result;
 use spinney_base::io::{
-    DEFAULT_GAP, FileState, RangeCache, RangeFile, ReadBackend, RemoteFiles, set_remote_files,
+    DEFAULT_GAP, FileState, RangeCache, RangeFile, ReadBackend, RemoteFiles, RemoteWriter, set_remote_files,
 };
+use upload::Upload;
 
 /// Options of files elsewhere, for all of a process. How much of them is held in memory is said to
 /// [`RangeCache::shared`].
@@ -109,9 +110,9 @@ impl RemoteFiles for Stores {
         look::look(urls, &self.options)
     }
 
-    fn upload(&self, file: &Path, url: &str, must_be_new: bool) -> Result<()> {
+    fn write(&self, url: &str) -> Result<Box<dyn RemoteWriter>> {
         self.forget(&[url]);
-        upload::upload(file, url, must_be_new, &self.options)
+        Ok(Box::new(Upload::new(url, &self.options)?))
     }
 
     fn remove(&self, urls: &[&str]) -> Result<()> {

@@ -97,7 +97,7 @@ impl InputFile {
             Bytes::Elsewhere(file) => {
                 let end = offset.checked_add(buffer.len() as u64).filter(|end| *end <= self.length);
                 end.ok_or(io::ErrorKind::UnexpectedEof)?;
-                let bytes = file.share(offset, buffer.len()).map_err(wrapped)?;
+                let bytes = file.share(offset, buffer.len()).map_err(Error::into_io)?;
                 buffer.copy_from_slice(&bytes);
                 Ok(())
             }
@@ -127,16 +127,6 @@ pub(super) fn is_hidden(path: &Path, error: &Error) -> bool {
     let is_denied =
         matches!(error, Error::Io { cause, .. } if cause.kind() == io::ErrorKind::PermissionDenied);
     is_denied && url_of(path).is_some()
-}
-
-/// An error in the clothes of one of the system, of the same kind.
-fn wrapped(error: Error) -> io::Error {
-    let kind = match &error {
-        // (What is interrupted here is not to be tried again.)
-        Error::Io { cause, .. } if cause.kind() != io::ErrorKind::Interrupted => cause.kind(),
-        _ => io::ErrorKind::Other,
-    };
-    io::Error::new(kind, error)
 }
 
 impl Read for InputFile {
@@ -213,7 +203,7 @@ mod tests {
 
     #[test]
     fn errors_stay_what_they_are() {
-        let back = |error| Error::io("x", "read")(wrapped(error));
+        let back = |error| Error::io("x", "read")(Error::into_io(error));
         assert!(matches!(back(Error::Interrupted), Error::Interrupted));
         let changed = Error::Changed { path: "s3://b/x".into(), what: "was overwritten" };
         assert!(matches!(back(changed), Error::Changed { .. }));

@@ -29,7 +29,9 @@ pub use input::{InputFile, beside};
 pub use lock::{LockedFile, ReplaceLock};
 pub use lock_file::LockFile;
 pub use look::{FileState, FileVersion, remove_files};
-pub use open::{RemoteFiles, local_path, open_file, set_remote_files, split_query, url_of, without_query};
+pub use open::{
+    RemoteFiles, RemoteWriter, local_path, open_file, set_remote_files, split_query, url_of, without_query,
+};
 pub use output::Output;
 pub use output::folder;
 pub use output::{Unfinished, must_be_new_error, partial_of, sidecar_of, sync_folder};

@@ -1,6 +1,7 @@
 //! Opening files wherever they are: on this machine, or elsewhere by a URL.
 
 use std::borrow::Cow;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
@@ -23,17 +24,29 @@ pub trait RemoteFiles: Send + Sync {
     /// On interruption. Of each file, if its host does not tell.
     fn look(&self, urls: &[&str]) -> Result<Vec<Result<Option<FileState>>>>;
 
-    /// Puts a copy of a file of this machine in a place elsewhere, whole or not at all; also in place of another one, unless it must be new.
+    /// Starts a file, which appears whole or not at all.
     ///
     /// # Errors
-    /// If that fails; nothing is left there then.
-    fn upload(&self, file: &Path, url: &str, must_be_new: bool) -> Result<()>;
+    /// If the URL leads nowhere.
+    fn write(&self, url: &str) -> Result<Box<dyn RemoteWriter>>;
 
     /// Removes files, those that are there.
     ///
     /// # Errors
     /// If that fails for one of them.
     fn remove(&self, urls: &[&str]) -> Result<()>;
+}
+
+/// A file elsewhere being written, from its beginning on. Dropping it leaves nothing. Errors are of this library, inside of those of the system.
+pub trait RemoteWriter: Write + Send {
+    /// Says how many bytes there will be, about, where that is known before the first one.
+    fn expect(&mut self, bytes: u64);
+
+    /// Puts the file in its place; also where there is another one, unless it must be new.
+    ///
+    /// # Errors
+    /// If that fails; nothing is left there then.
+    fn commit(self: Box<Self>, must_be_new: bool) -> Result<()>;
 }
 
 static REMOTE_FILES: OnceLock<Box<dyn RemoteFiles>> = OnceLock::new();

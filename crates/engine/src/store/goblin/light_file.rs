@@ -89,7 +89,7 @@ impl LightWriter {
     pub(super) fn new(shard: &Shard) -> Result<LightWriter> {
         let (number, job) = (shard.number.into(), shard.job.into());
         let head = Head { magic: MAGIC, version: VERSION.into(), number, job };
-        let out = Output::create(&shard.light_path())?;
+        let out = Output::append_only(&shard.light_path())?;
         let mut writer = LightWriter { out, head, position: HEAD, pieces: Vec::new() };
         let head = writer.head.as_bytes().to_vec();
         writer.put(&head)?;
@@ -203,8 +203,8 @@ impl LightFile {
         Ok(all)
     }
 
-    /// The light file of a shard, without a look at its run files.
-    fn find_light(shard: &Shard) -> Result<Option<LightFile>> {
+    /// The light file of a shard, without a look at its run files: see [`LightFile::find`].
+    pub(super) fn find_light(shard: &Shard) -> Result<Option<LightFile>> {
         let path = shard.light_path();
         let Some(file) = InputFile::find(&path)? else { return Ok(None) };
         let light = LightFile::read(file, &path, shard.number)?;
