@@ -158,13 +158,14 @@ pub mod store {
     };
     pub use spinney_engine::store::{
         BuildOptions, Effort, Packing, ShardCheck, Slab, SlabBoxes, Slabs, TreeTarget, TreeWriter,
-        WriteOptions, build_slabs, build_source, build_tree, depth_for,
+        WantedCells, WriteOptions, build_slabs, build_source, build_tree, depth_for,
     };
 
     /// The compact, read-only format.
     pub mod goblin {
         pub use spinney_engine::store::goblin::{
-            Entry, Goblin, GoblinNode, LevelBytes, LightFile, Segment, Shard, ShardPiece, merge_shards,
+            Entry, Goblin, GoblinNode, LevelBytes, LightFile, MergeOutput, Segment, Shard, ShardPiece,
+            merge_shards,
         };
     }
 
@@ -460,9 +461,9 @@ pub mod export {
     #[cfg(feature = "raster")]
     pub mod tiles {
         pub use spinney_raster::tile_archives::{
-            Making, Pmtiles, SourceState, Stored, TileEncoding, TileFolder, TileFormat, TileRequest,
-            TileTarget, TileUpdate, UpdateOptions, draw_tiles, encode_tile, export_pmtiles, export_tiles,
-            is_tile_archive, is_tile_folder, verify_tiles,
+            Making, Pmtiles, SourceState, Stored, TileEncoding, TileFolder, TileFormat, TilePart,
+            TileRequest, TileTarget, TileUpdate, UpdateOptions, draw_tiles, encode_tile, export_pmtiles,
+            export_tiles, is_tile_archive, is_tile_folder, verify_tiles,
         };
         pub use spinney_tiles::{
             DataPlace, MAX_ZOOM, TileContent, TileId, TilePainter, TileRange, TileSamples, TileSource,

@@ -10,7 +10,8 @@
     spinney.dask.build(xarray.open_zarr("s3://bucket/cube.zarr", chunks={}), "cube.goblin")
     spinney.dask.transform("country.goblin", "warp=EPSG:3035,cell=30", "europe.goblin")
     spinney.dask.combine("changed", ["2020.goblin", "2025.goblin"], "changes.goblin")
-    spinney.dask.zonal("country.goblin", "districts.gpkg", ["sum", "classes"])
+    spinney.dask.export_tiles("country.goblin", "country.pmtiles", zoom=(0, 14))
+    spinney.dask.zonal("country.goblin", "districts.geojson", ["sum", "classes"])
 
 Workers see inputs and outputs by the same paths, or URLs. The results are those of one machine, bytes and all. Each piece of work is a task of its own in the
 dashboard; those whose worker dies or fails are done again, and nothing else.
@@ -21,6 +22,7 @@ from __future__ import annotations
 import builtins
 import json
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from itertools import islice, pairwise
 from typing import Any
@@ -36,7 +38,7 @@ from ._progress import ALONE, telling
 from ._sources import paths_of
 from ._types import Path, Progress
 
-__all__ = ["build", "combine", "transform", "zonal"]
+__all__ = ["build", "combine", "export_tiles", "transform", "zonal"]
 
 #: Pieces of work for each thread of the cluster, if nothing is said: so many that none has much more to do than others.
 _PIECES_A_THREAD = 4
@@ -160,7 +162,8 @@ class _Run:
         merge = (self.folder, self.out, self.memory, self.max_bytes)
         terms = {"key": f"spinney-merge-{self.name}", "pure": False, "retries": self.retries}
         _wait(self.cluster, lambda _: self.cluster.submit(_merge, *merge, **terms), [0], None)
-        planned.remove()
+        if _native.is_job(self.folder):
+            planned.remove()
 
 
 def _build(number: int, folder: str, memory: int | str) -> int:
@@ -189,7 +192,64 @@ def _build_given(number: int, held: bytes, folder: str, token: str, is_persisted
 
 
 def _merge(folder: str, out: str, memory: int | str, max_bytes: int | str | None) -> None:
-    _shards.Job(folder).merge(out, memory=memory, max_bytes=max_bytes, threads=1)
+    # (A bucket takes a file as a whole.)
+    _shards.Job(folder).merge(out, remove="://" not in out, memory=memory, max_bytes=max_bytes, threads=1)
+
+
+def export_tiles(
+    path: Path,
+    out: Path,
+    *,
+    client: Any = None,
+    job: Path | None = None,
+    parts: int | None = None,
+    retries: int = 2,
+    progress: Progress = None,
+    **options: Any,
+) -> int:
+    """Writes tiles of web maps, as `Dataset.export` writes them, some of them on each thread of a cluster; returns their number.
+
+    `out` is an archive (.pmtiles, .mbtiles) or a pattern of names ("map/{z}/{x}/{y}.png"), `options` are those of `Dataset.export` for tiles. There are `parts`,
+    four for each thread if nothing is said, each of which is an archive in the folder of the job, which all workers see, beside the output if none is given. Parts that are there,
+    because an earlier run was cut off, stay as they are; the folder is removed when the output is there.
+    """
+    cluster = _client(client)
+    if refused := sorted(options.keys() & {"part", "parts", "update", "since", "restyle", "resume", "threads"}):
+        raise TypeError(f"{', '.join(refused)}: not for tiles that a cluster draws")
+    target = kept_name(out, None)
+    folder = kept_name(job if job is not None else f"{target.split('/{', 1)[0]}.job", None)
+    if "://" in folder:
+        raise ValueError(f"job: {folder}: is elsewhere; name a folder of this machine that all workers see")
+    os.makedirs(folder, exist_ok=True)
+    # (A job that goes on has its parts.)
+    count = _parts_there(folder) or parts or _PIECES_A_THREAD * max(1, sum(cluster.nthreads().values()))
+    names = [os.path.join(folder, f"{number:04}-{count:04}.pmtiles") for number in range(count)]
+    missing = [number for number, name in enumerate(names) if not os.path.exists(name)]
+    run = os.urandom(8).hex()
+    source = kept_name(path, None)
+
+    def start(number: int) -> Any:
+        part = (source, names[number], {**options, "part": (number, count)})
+        return cluster.submit(_export, *part, key=f"spinney-tiles-{run}-{number}", pure=False, retries=retries)
+
+    _wait(cluster, start, missing, progress)
+    whole = cluster.submit(_export, source, target, {**options, "parts": names}, key=f"spinney-tiles-{run}", pure=False, retries=retries)
+    _wait(cluster, lambda _: whole, [0], None)
+    for name in names:
+        os.remove(name)
+    os.rmdir(folder)
+    return int(whole.result())
+
+
+def _export(source: str, target: str, options: dict[str, Any]) -> int:
+    with open(source) as tree:
+        return int(tree.export(target, threads=1, **options) or 0)
+
+
+def _parts_there(folder: str) -> int:
+    """How many parts an earlier run has had."""
+    found = {int(name[5:9]) for name in os.listdir(folder) if re.fullmatch(r"[0-9]{4}-[0-9]{4}\.pmtiles", name)}
+    return found.pop() if len(found) == 1 else 0
 
 
 def zonal(

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use pyo3::prelude::*;
 use spinney::ops::Prefer;
 use spinney::shards::{Job, JobSpec, plan};
+use spinney::store::goblin::MergeOutput;
 
 use crate::build::FileOptions;
 use crate::error::{OrRaise, invalid};
@@ -114,12 +115,13 @@ pub(crate) fn missing_shards(py: Python<'_>, job: PathBuf) -> PyResult<Vec<u32>>
     py.detach(|| Job::open(&job)?.missing()).or_raise()
 }
 
-/// Puts the shards of a job together.
+/// Puts the shards of a job together, and removes it if that is asked for.
 #[pyfunction]
 pub(crate) fn merge_shards(
     py: Python<'_>,
     job: PathBuf,
     out: PathBuf,
+    removes: bool,
     memory: u64,
     terms: Terms,
 ) -> PyResult<()> {
@@ -127,5 +129,9 @@ pub(crate) fn merge_shards(
         return Err(invalid("out: shards make a .goblin file; build() of that makes an .autumn file"));
     }
     check_output(std::slice::from_ref(&job), &out)?;
-    jobs::run(py, terms, |work| Job::open(&job)?.merge(work.create_tree(&out)?, memory, work))
+    jobs::run(py, terms, |work| {
+        let job = Job::open(&job)?;
+        job.merge(MergeOutput::create(&out, work.max_bytes(), removes)?, memory, work)?;
+        if removes { job.remove() } else { Ok(()) }
+    })
 }

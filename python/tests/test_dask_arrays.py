@@ -170,6 +170,35 @@ def test_trees_are_transformed_and_combined(tmp_path: Path, client: Any) -> None
         shards.plan_transform(tmp_path / "island.goblin", "components=4", tmp_path / "other")
 
 
+def test_tiles_are_those_of_one_machine(tmp_path: Path, client: Any) -> None:  # noqa: F811
+    spinney.build(CLASSES, tmp_path / "island.goblin")
+    with spinney.open(tmp_path / "island.goblin") as tree:
+        count = tree.export(tmp_path / "whole.pmtiles", zoom=(0, 11), style="viridis")
+        # By hand, and the other way round.
+        for number in (2, 0, 1):
+            tree.export(tmp_path / f"{number}.pmtiles", zoom=(0, 11), style="viridis", part=(number, 3))
+        parts = [tmp_path / f"{number}.pmtiles" for number in range(3)]
+        assert tree.export(tmp_path / "merged.pmtiles", zoom=(0, 11), style="viridis", parts=parts) == count
+        with pytest.raises(ValueError, match="all of them"):
+            tree.export(tmp_path / "other.pmtiles", zoom=(0, 11), style="viridis", parts=parts[:2])
+        with pytest.raises((OSError, ValueError), match="another export"):
+            tree.export(tmp_path / "other.pmtiles", zoom=(0, 10), style="viridis", parts=parts)
+    whole = (tmp_path / "whole.pmtiles").read_bytes()
+    assert (tmp_path / "merged.pmtiles").read_bytes() == whole
+    done: list[tuple[int, int]] = []
+    asked: dict[str, Any] = {"client": client, "parts": 7, "zoom": (0, 11), "style": "viridis", "progress": lambda now, all: done.append((now, all))}
+    assert spinney.dask.export_tiles(tmp_path / "island.goblin", tmp_path / "merged.pmtiles", **asked) == count
+    assert done[-1] == (7, 7)
+    assert (tmp_path / "merged.pmtiles").read_bytes() == whole
+    assert spinney.dask.export_tiles(tmp_path / "island.goblin", tmp_path / "map/{z}/{x}/{y}.png", client=client, parts=3, zoom=(0, 9)) > 9
+    with spinney.open(tmp_path / "island.goblin") as tree:
+        tree.export(tmp_path / "one/{z}/{x}/{y}.png", zoom=(0, 9))
+    files = sorted(path.relative_to(tmp_path / "one") for path in (tmp_path / "one").rglob("*") if path.is_file())
+    assert files == sorted(path.relative_to(tmp_path / "map") for path in (tmp_path / "map").rglob("*") if path.is_file())
+    assert all((tmp_path / "one" / file).read_bytes() == (tmp_path / "map" / file).read_bytes() for file in files)
+    assert not list(tmp_path.glob("*.job"))
+
+
 def test_chunks_are_computed_once_while_there_is_memory() -> None:
     counted: list[tuple[int, ...]] = []
 

@@ -4,11 +4,11 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use spinney_base::io::{InputFile, Output, remove_files, url_of};
+use spinney_base::io::{InputFile, remove_files, url_of};
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Header, OpenOptions};
-use spinney_engine::store::goblin::{Goblin, LightFile, Shard, ShardPiece, merge_shards};
+use spinney_engine::store::goblin::{Goblin, LightFile, MergeOutput, Shard, ShardPiece, merge_shards};
 
 use crate::stamp::PlannedFile;
 use crate::work::{PlannedWork, Work};
@@ -259,9 +259,9 @@ impl Job {
     ///
     /// # Errors
     /// If a shard is missing or damaged, or if the output cannot be written; on interruption. There is no output then, and the job
-    /// stays as it is.
-    pub fn merge(&self, output: Output, memory: u64, progress: &dyn Progress) -> Result<()> {
-        let missing = self.missing()?;
+    /// stays as it is, or as much of it as is not in the output yet.
+    pub fn merge(&self, output: MergeOutput, memory: u64, progress: &dyn Progress) -> Result<()> {
+        let missing = output.missing(&self.all_shards()?)?;
         if !missing.is_empty() {
             let what = format!("shards of {}", self.folder.display());
             let are = if missing.len() == 1 { "is" } else { "are" };

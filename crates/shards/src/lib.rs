@@ -15,7 +15,7 @@
 //! for number in 0..2 {
 //!     Job::open(&job)?.build(number, 256 << 20, &())?;
 //! }
-//! Job::open(&job)?.merge(Output::create(&merged)?, 256 << 20, &())?;
+//! Job::open(&job)?.merge(Output::create(&merged)?.into(), 256 << 20, &())?;
 //! assert_eq!(spinney::open(&merged)?.depth(), 8);
 //! # Ok::<(), spinney::Error>(())
 //! ```

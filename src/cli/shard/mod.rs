@@ -9,9 +9,9 @@ use clap::Subcommand;
 
 use super::Global;
 
-/// Build a tree of pictures, or of other trees, in shards, by many processes, on one machine or on many.
+/// Build a tree of pictures, of a volume, of models, or of other trees, in shards, by many processes, on one machine or on many.
 ///
-/// `plan` looks at the inputs and makes a folder, the job, which says what each shard is made of; no pixel is read. `build` makes one shard, in any
+/// `plan` looks at the inputs and makes a folder, the job, which says what each shard is made of; no cell is read. `build` makes one shard, in any
 /// order, anywhere where the same paths lead to job and inputs; it can be run again, and stops where inputs have changed since.
 /// `merge` puts the shards together. The file has the bytes that `spinney build`, `transform` or `combine` would have written.
 #[derive(clap::Args)]
@@ -24,6 +24,8 @@ pub(crate) struct Args {
 const EXAMPLES: &str = "\
 Examples:
   spinney shard plan @tiles.txt -o job/ --shards 64
+  spinney shard plan scan.nrrd -o job/ --codec packed
+  spinney shard plan bridge.ply -o job/ --cell 0.01 --edge area
   spinney shard plan-transform country.goblin warp=EPSG:3035,cell=30 -o job/
   spinney shard plan-combine changed 2020.goblin 2025.goblin -o job/
   spinney shard build job/ 0

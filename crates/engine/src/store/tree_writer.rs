@@ -147,7 +147,7 @@ impl TreeWriter {
     /// let shard = Shard { folder: folder.into(), job: 1, number: 0, pieces };
     /// write(TreeWriter::shard(&head, shard.clone())?)?;
     /// let merged = folder.join("merged.goblin");
-    /// merge_shards(&head, &[shard], Output::create(&merged)?, (1 << 20, Effort::Fast), &())?;
+    /// merge_shards(&head, &[shard], Output::create(&merged)?.into(), (1 << 20, Effort::Fast), &())?;
     /// assert_eq!(std::fs::read(merged).unwrap(), std::fs::read(folder.join("whole.goblin")).unwrap());
     /// # Ok(())
     /// # }

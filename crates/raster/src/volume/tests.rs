@@ -61,7 +61,7 @@ fn in_shards(
         write(TreeWriter::shard(&head, shard.clone()).unwrap());
         shards.push(shard);
     }
-    merge_shards(&head, &shards, Output::create(&merged).unwrap(), (1 << 20, effort), &()).unwrap();
+    merge_shards(&head, &shards, Output::create(&merged).unwrap().into(), (1 << 20, effort), &()).unwrap();
     std::fs::read(merged).unwrap()
 }
 

@@ -203,8 +203,8 @@ impl LightFile {
         Ok(all)
     }
 
-    /// The light file of a shard, without a look at its run files.
-    fn find_light(shard: &Shard) -> Result<Option<LightFile>> {
+    /// The light file of a shard, without a look at its run files: see [`LightFile::find`].
+    pub(super) fn find_light(shard: &Shard) -> Result<Option<LightFile>> {
         let path = shard.light_path();
         let Some(file) = InputFile::find(&path)? else { return Ok(None) };
         let light = LightFile::read(file, &path, shard.number)?;

@@ -158,7 +158,7 @@ impl Place {
                 shards.push(shard);
             }
             let output = Output::create(&merged).unwrap();
-            merge_shards(&head, &shards, output, (1 << 20, Effort::Fast), &()).unwrap();
+            merge_shards(&head, &shards, output.into(), (1 << 20, Effort::Fast), &()).unwrap();
             assert!(std::fs::read(&merged).unwrap() == whole, "{cuts:?} {options:?}");
         }
     }
