@@ -5,6 +5,7 @@ mod given;
 mod import_options;
 mod packing;
 mod pictures;
+mod rebuilding;
 mod solids;
 mod stacks;
 mod transforming;
@@ -14,11 +15,12 @@ mod volumes;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use spinney_base::io::Output;
+use spinney_base::io::{Output, url_of};
 use spinney_base::space::Bounds;
 use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
+use spinney_engine::dataset::Rebuild;
 use spinney_engine::ops::{Chain, Operation, Universe};
 use spinney_engine::store::goblin::Shard;
 use spinney_engine::store::{Packing, ShardCheck, TreeTarget};
@@ -29,6 +31,7 @@ use spinney_raster::volume::{VolumeInput, VolumeOptions};
 use self::combining::Combining;
 pub(crate) use self::given::Given;
 use self::pictures::Pictures;
+use self::rebuilding::Rebuilding;
 use self::solids::Solid;
 use self::stacks::Stack;
 use self::transforming::Transforming;
@@ -66,6 +69,15 @@ pub enum JobSpec {
         /// Options of their import.
         options: SolidOptions,
     },
+    /// A tree of the same cells as another, of which something else is said: see [`Dataset::build`](spinney_engine::dataset::Dataset::build).
+    Rebuild {
+        /// The tree.
+        input: PathBuf,
+        /// What is to be other.
+        other: Rebuild,
+        /// The way in which segments are packed.
+        packing: Packing,
+    },
     /// A tree with steps done to it: see [`transform`](spinney_engine::ops::transform).
     Transform {
         /// The tree, and the steps.
@@ -97,6 +109,7 @@ impl JobSpec {
             | JobSpec::Solid { inputs, .. }
             | JobSpec::Combine { inputs, .. } => inputs.clone(),
             JobSpec::Volume { input, .. } => input.paths().to_vec(),
+            JobSpec::Rebuild { input, .. } => vec![input.clone()],
             JobSpec::Transform { chain, .. } => transforming::files(chain),
         }
     }
@@ -118,6 +131,9 @@ impl JobSpec {
             JobSpec::Volume { input, options } => volumes::write_head(input, options, head, progress),
             JobSpec::Solid { inputs: paths, options } => {
                 solids::write_head((paths, inputs), options, head, progress)
+            }
+            JobSpec::Rebuild { input, other, packing } => {
+                rebuilding::write_head(input, (other, *packing), head, progress)
             }
             JobSpec::Transform { chain, packing } => {
                 transforming::write_head(chain, *packing, head, progress)
@@ -155,6 +171,7 @@ pub(crate) enum PlannedWork {
     Stack(Box<Stack>),
     Volume(Box<Volume>),
     Solid(Box<Solid>),
+    Rebuild(Box<Rebuilding>),
     Transform(Transforming),
     Combine(Combining),
     Given(Given),
@@ -168,6 +185,9 @@ impl PlannedWork {
             JobSpec::Stack { options, .. } => PlannedWork::Stack(Box::new(Stack::of(options))),
             JobSpec::Volume { input, options } => PlannedWork::Volume(Box::new(Volume::of(input, options))),
             JobSpec::Solid { inputs, options } => PlannedWork::Solid(Box::new(Solid::of(inputs, options)?)),
+            JobSpec::Rebuild { other, packing, .. } => {
+                PlannedWork::Rebuild(Box::new(Rebuilding::of(other, *packing)))
+            }
             JobSpec::Transform { chain, packing } => {
                 PlannedWork::Transform(Transforming::of(chain, *packing)?)
             }
@@ -183,6 +203,7 @@ impl PlannedWork {
             PlannedWork::Stack(work) => &**work,
             PlannedWork::Volume(work) => &**work,
             PlannedWork::Solid(work) => &**work,
+            PlannedWork::Rebuild(work) => &**work,
             PlannedWork::Transform(work) => work,
             PlannedWork::Combine(work) => work,
             PlannedWork::Given(work) => work,
@@ -233,6 +254,14 @@ impl PartOfJob {
     fn target(self) -> TreeTarget {
         let PartOfJob { head, shard, check, .. } = self;
         TreeTarget::Shard { head, shard, check }
+    }
+}
+
+/// Makes sure that an input of a kind that is read where it is mapped is not elsewhere.
+fn check_is_here(input: &Path) -> Result<()> {
+    match url_of(input) {
+        None => Ok(()),
+        Some(_) => Err(Error::unsupported(input, "a file elsewhere", "copy it to this machine first")),
     }
 }
 
