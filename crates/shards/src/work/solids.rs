@@ -46,6 +46,9 @@ enum Cells {
     Depth(u8),
 }
 
+/// Surface around a point: its number, the winding number and the attribute.
+type PlannedSurface = (u32, i32, u32);
+
 /// Knowledge of the whole surface.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -53,9 +56,8 @@ struct Survey {
     /// Least and greatest coordinates.
     bounds: Vec<String>,
     is_divided: bool,
-    /// Nodes whose first point is inside of surfaces: their codes in hexadecimal digits, and of each surface its number, the winding number and the
-    /// attribute.
-    inside: Vec<(String, Vec<(u32, i32, u32)>)>,
+    /// Nodes whose first point is inside of surfaces: their codes in hexadecimal digits, and these surfaces.
+    inside: Vec<(String, Vec<PlannedSurface>)>,
 }
 
 impl Survey {
@@ -83,12 +85,12 @@ impl Survey {
             }
             _ => return Err(Error::invalid("bounds", format!("{:?}", self.bounds), "a box")),
         };
-        let surface = |(surface, winding, attribute): &(u32, i32, u32)| SurfaceAtPoint {
+        let surface = |(surface, winding, attribute): &PlannedSurface| SurfaceAtPoint {
             surface: *surface,
             winding: *winding,
             attribute: *attribute,
         };
-        let node = |(code, surfaces): &(String, Vec<(u32, i32, u32)>)| {
+        let node = |(code, surfaces): &(String, Vec<PlannedSurface>)| {
             let bits = u64::from_str_radix(code, 16).ok();
             let code = bits.and_then(|bits| Code::from_bits(Dimension::Oct, bits))?;
             let is_sound = surfaces.iter().all(|(_, winding, _)| winding.unsigned_abs() <= MOST_AROUND);
