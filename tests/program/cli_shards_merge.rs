@@ -101,6 +101,12 @@ fn a_file_that_is_there_in_part_is_checked() {
 fn streams_and_two_at_once_are_refused() {
     let place = Place::new();
     let (job, _) = job(&place, "2");
+    let missing =
+        complaint(&["shard", "merge", &job, "-o", &place.name("merged.goblin"), "--remove-shards"], 1);
+    assert!(
+        missing.contains("0 to 1 are missing") && !place.path("merged.goblin.partial").exists(),
+        "{missing}"
+    );
     build_all(&job, 2);
     let stream = complaint(&["shard", "merge", &job, "-o", "-", "--remove-shards"], 1);
     assert!(stream.contains("stream"), "{stream}");

@@ -263,6 +263,7 @@ impl Job {
     pub fn merge(&self, output: MergeOutput, memory: u64, progress: &dyn Progress) -> Result<()> {
         let missing = output.missing(&self.all_shards()?)?;
         if !missing.is_empty() {
+            output.abandon();
             let what = format!("shards of {}", self.folder.display());
             let are = if missing.len() == 1 { "is" } else { "are" };
             let (made, list) = (self.shards() - missing.len() as u32, ranges(&missing));

@@ -62,6 +62,15 @@ impl MergeOutput {
         }
     }
 
+    /// Leaves nothing behind where nothing was written.
+    pub fn abandon(self) {
+        if let MergeOutput::Remove(output, 0) = &self
+            && let Some(path) = output.unfinished_path()
+        {
+            let _ = std::fs::remove_file(path);
+        }
+    }
+
     /// Numbers of the shards that are not made, or of which something is not there any more that is needed.
     ///
     /// # Errors
