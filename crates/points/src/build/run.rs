@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::MOST_NUMBERS;
-use super::assembler::{Assembler, BuiltPiece, Closed, leaf, node_level};
+use super::assembler::{Assembled, Assembler, BuiltPiece, Closed, leaf, node_level};
 use super::buckets::{Bucket, BucketedRows, Buckets};
 use super::encoder::Encoder;
 use super::order::order_of;
@@ -81,10 +81,10 @@ pub fn build(
     let mut assembler = Assembler::new(&encoder, options.leaf_size, top);
     let mut last = None;
     work.assemble(&rows, &mut assembler, &mut last)?;
-    let (closed, pieces) = assembler.finish();
+    let (assembled, pieces) = assembler.finish();
     work.write(pieces)?;
     let mut pieces = Vec::new();
-    if let Closed::Few(pending) = closed
+    if let Closed::Few(pending) = assembled.closed
         && !pending.rows.is_empty()
     {
         leaf(&encoder, pending, &mut pieces);
@@ -172,15 +172,8 @@ struct Work<'a> {
     duplicates: u64,
 }
 
-/// The outcome of the rows of a node.
-struct Assembled {
-    closed: Closed,
-    pieces: Vec<BuiltPiece>,
-    /// Rows of nodes above: their levels, and the rows.
-    levels: Vec<u8>,
-    above: Vec<u8>,
-    duplicates: u64,
-}
+/// The outcome of the rows of a node: what became of it, what came out, and its duplicates.
+type Outcome = (Assembled, Vec<BuiltPiece>, u64);
 
 impl Plan<'_> {
     /// Rows that may be sorted by a thread at a time.
@@ -191,7 +184,7 @@ impl Plan<'_> {
     }
 
     /// Assembles the nodes of a node's rows in memory.
-    fn assemble_one(&self, rows: &BucketedRows, bucket: &Bucket, before: Option<Code>) -> Result<Assembled> {
+    fn assemble_one(&self, rows: &BucketedRows, bucket: &Bucket, before: Option<Code>) -> Result<Outcome> {
         self.progress.check()?;
         let stride = self.encoder.stride();
         let mut bytes = Vec::with_capacity(bucket.rows as usize * stride);
@@ -202,7 +195,6 @@ impl Plan<'_> {
         let grid = &self.encoder.grid;
         let code = |row| grid.code(place_of(row)).expect("it was in the root when it was read");
         let codes: Vec<u64> = bytes.chunks_exact(stride).map(|row| code(row).bits()).collect();
-        let (mut levels, mut above) = (Vec::new(), Vec::new());
         let mut duplicates = 0;
         let mut assembler = Assembler::new(self.encoder, self.options.leaf_size, bucket.code);
         let mut same = before.map(|before| before.common_ancestor(bucket.code).level());
@@ -219,19 +211,13 @@ impl Plan<'_> {
                 }
             }
             places.push(place_key(place_of(row)));
-            let level = node_level(self.encoder, same);
-            if level < bucket.code.level() {
-                levels.push(level);
-                above.extend_from_slice(row);
-            } else {
-                assembler.advance(code);
-                assembler.add(code, level, row);
-            }
+            assembler.advance(code);
+            assembler.add(code, node_level(self.encoder, same), row);
             last = Some(code);
         }
         duplicates += duplicates_of(&mut places);
-        let (closed, pieces) = assembler.finish();
-        Ok(Assembled { closed, pieces, levels, above, duplicates })
+        let (assembled, pieces) = assembler.finish();
+        Ok((assembled, pieces, duplicates))
     }
 }
 
@@ -249,7 +235,8 @@ impl Work<'_> {
         let mut rest = &buckets[..];
         while let Some(first) = rest.first() {
             self.plan.progress.check()?;
-            if first.rows > share {
+            // (One of the top node itself has all points in one place.)
+            if first.rows > share || first.code == assembler.top() {
                 self.divide(rows, first, assembler, last)?;
                 *last = Some(first.code);
                 rest = &rest[1..];
@@ -269,14 +256,12 @@ impl Work<'_> {
             let jobs: Vec<(Bucket, Option<Code>)> = batch.iter().copied().zip(befores).collect();
             let made = parallel::map(&jobs, |(bucket, before)| plan.assemble_one(rows, bucket, *before));
             for ((bucket, _), made) in jobs.iter().zip(made) {
-                let Assembled { closed, pieces, levels, above, duplicates } = made?;
+                let (assembled, pieces, duplicates) = made?;
                 self.duplicates += duplicates;
+                assembler.reach(bucket.code, &assembled.closed);
+                self.write(std::mem::take(&mut assembler.pieces))?;
                 self.write(pieces)?;
-                assembler.advance(bucket.code);
-                for (level, row) in levels.iter().zip(above.chunks_exact(self.plan.encoder.stride())) {
-                    assembler.add(bucket.code, *level, row);
-                }
-                assembler.add_node(bucket.code, closed);
+                assembler.join(bucket.code, assembled);
                 self.write(std::mem::take(&mut assembler.pieces))?;
                 self.plan.progress.advance(bucket.rows, self.total);
             }
