@@ -156,8 +156,8 @@ pub mod store {
         Tag, TagScope, TreeFormat, check_tree_name, create_tree_file, file_is_tree, file_of,
     };
     pub use spinney_engine::store::{
-        BuildOptions, Effort, Packing, Slab, Slabs, TreeWriter, WriteOptions, build_slabs, build_source,
-        build_tree, depth_for,
+        BuildOptions, Effort, Packing, Slab, Slabs, TreeTarget, TreeWriter, WriteOptions, build_slabs,
+        build_source, build_tree, depth_for,
     };
 
     /// The compact, read-only format.
@@ -224,7 +224,7 @@ pub mod ops {
         Sieve, Step, TreeFile, TreeFileNode, Turn, Universe, View, ViewNode, ViewSource, ViewSourceNode,
         WarpGrid, WarpOptions, WarpTarget, Warped, add_layer, align, apply_edits, blame, build, combine,
         combine_with, convert, crosstab, crosstab_files, data_box, diff, diff_files, differences, drop_layer,
-        edit, layer_paths, only_layer, transform, warp,
+        edit, layer_paths, only_layer, transform, transform_to, warp,
     };
 }
 

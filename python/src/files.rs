@@ -205,7 +205,7 @@ pub(crate) fn combine<'py>(
             how,
             &paths,
             &operands,
-            work.create_tree(&out)?,
+            work.create_tree(&out)?.into(),
             packing.with(memory),
             work,
         )

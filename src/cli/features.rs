@@ -172,7 +172,7 @@ impl FeatureOperands {
             })
             .collect();
         let trees: Vec<PathBuf> = files.iter().filter(|file| !is_feature_file(file)).cloned().collect();
-        let outcome = combine_with(operation, (fill, universe), &trees, &made, output, how, work)?;
+        let outcome = combine_with(operation, (fill, universe), &trees, &made, output.into(), how, work)?;
         let counts = counts.iter().zip(is_feature).map(|(count, is)| is.then(|| count.get())).collect();
         Ok((outcome, counts))
     }

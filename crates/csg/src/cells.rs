@@ -90,7 +90,7 @@ impl CsgImport {
         let provenance = format!("primitives {}", csg.path.display());
         let build = cells.build_options(options, provenance, &[(Tag::Csg, csg.text())]);
         let tree = self.tree(progress);
-        Ok(build_with(&tree, cells.extent, &build, output, progress, &mut |_| {})?.cells)
+        Ok(build_with(&tree, cells.extent, &build, output.into(), progress, &mut |_| {})?.cells)
     }
 }
 

@@ -64,6 +64,6 @@ impl ReconstructionImport {
         let ReconstructionImport { solid, cells, options, provenance, .. } = self;
         let build = cells.build_options(&options, provenance, &[]);
         let tree = SolidTree { solid: &*solid, depth: cells.depth, progress };
-        Ok(build_with(&tree, cells.extent, &build, output, progress, &mut |_| {})?.cells)
+        Ok(build_with(&tree, cells.extent, &build, output.into(), progress, &mut |_| {})?.cells)
     }
 }

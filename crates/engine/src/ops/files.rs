@@ -13,9 +13,9 @@ use super::tree_file::TreeFile;
 use super::universe::Universe;
 use super::view_source::{ViewSource, check_form};
 use super::warp::{Resampling, WarpOptions};
-use crate::store::{BuildOptions, TreeWriter, WriteOptions, check_room};
+use crate::store::{BuildOptions, TreeTarget, TreeWriter, WriteOptions, check_room};
 use crate::tree::Source;
-use spinney_base::io::{Output, folder};
+use spinney_base::io::Output;
 use spinney_base::space::Bounds;
 use spinney_base::value::{Number, Value};
 use spinney_base::{Error, Form, PartOfWork, Progress, Result};
@@ -121,6 +121,29 @@ pub fn transform(
     how: WriteOptions,
     progress: &dyn Progress,
 ) -> Result<Outcome> {
+    transform_to(chain, output.into(), how, progress)
+}
+
+/// Makes of a file what [`transform`] makes of it, or a part of that.
+///
+/// # Errors
+/// Those of [`transform`]; also if a part of what takes going through all cells first is asked for, such as components.
+pub fn transform_to(
+    chain: &Chain,
+    target: TreeTarget,
+    how: WriteOptions,
+    progress: &dyn Progress,
+) -> Result<Outcome> {
+    if target.whole().is_none()
+        && let Some(step) = chain.steps.iter().find(|step| step.passes() > 0)
+    {
+        let advice = "make a file of it in one go, and do what follows in parts";
+        return Err(Error::unsupported(
+            &chain.path,
+            format!("a part of {step}, which goes through all cells first,"),
+            advice,
+        ));
+    }
     let mut derivations = Vec::new();
     let mut expected = Some(0.0);
     // (What is calculated with the layers of a file is one tree.)
@@ -129,10 +152,7 @@ pub fn transform(
     let passes = 1 + chain.steps.iter().map(Step::passes).sum::<u64>();
     let total = WHOLE * passes * paths.len() as u64;
     let layers = paths.len() as u64;
-    let temporary = match output.is_file() {
-        true => folder(output.path()).to_path_buf(),
-        false => std::env::temp_dir(),
-    };
+    let temporary = target.temporary();
     for path in paths {
         let chain = Chain { path, ..chain.clone() };
         let view = chain.open_with(&mut |view, step| {
@@ -140,8 +160,8 @@ pub fn transform(
             // (What it finds out stays in memory until all is written.)
             let memory = how.memory / layers;
             // (Labels differ wherever values do, so that there are no fewer nodes of them.)
-            if matches!(step, Step::Components(_)) && !view.has_windows() {
-                check_room(&output, view.form(), false, expected_records(&view)?)?;
+            if let (Step::Components(_), Some(output), false) = (step, target.whole(), view.has_windows()) {
+                check_room(output, view.form(), false, expected_records(&view)?)?;
             }
             step.apply_whole(view, &Passes { memory, folder: &temporary, progress: &part })
         })?;
@@ -165,7 +185,7 @@ pub fn transform(
     }
     let part = PartOfWork::new(progress, WHOLE * layers, total);
     let progress = if passes > 1 { &part as &dyn Progress } else { progress };
-    Ok(Outcome { expected, ..store_all(derivations, output, how, progress)? })
+    Ok(Outcome { expected, ..store_all(derivations, target, how, progress)? })
 }
 
 /// Merges files into one; those over other areas or with coarser cells are aligned with the finest. `fill` is
@@ -198,7 +218,7 @@ pub fn combine(
     how: WriteOptions,
     progress: &dyn Progress,
 ) -> Result<Outcome> {
-    combine_with(operation, (fill, universe), paths, &[], output, how, progress)
+    combine_with(operation, (fill, universe), paths, &[], output.into(), how, progress)
 }
 
 /// A tree that is made on the cells of others: its place among those that are combined, its name, and what makes it of the header and
@@ -212,7 +232,7 @@ pub struct MadeOperand<'a> {
     pub make: &'a dyn Fn(&Header, &Metadata) -> Result<ViewSource>,
 }
 
-/// [`combine`] with trees that are made on the cells of the files' trees, of which there must be one at least: on the finest of them, in all of
+/// [`combine`], also to a part of a file, and with trees that are made on the cells of the files' trees, of which there must be one at least: on the finest of them, in all of
 /// their pictures. They come in the order of their places.
 ///
 /// # Errors
@@ -222,7 +242,7 @@ pub fn combine_with(
     (fill, universe): (Option<Number>, Universe),
     paths: &[PathBuf],
     made: &[MadeOperand<'_>],
-    output: Output,
+    target: TreeTarget,
     how: WriteOptions,
     progress: &dyn Progress,
 ) -> Result<Outcome> {
@@ -253,7 +273,7 @@ pub fn combine_with(
             provenance: format!("{operation} of {}", names.join(" ")),
         });
     }
-    store_all(derivations, output, how, progress)
+    store_all(derivations, target, how, progress)
 }
 
 /// The layers of some files that belong together: of files of several layers those of the same names. One that is named, or the only one of its
@@ -279,18 +299,20 @@ fn layers_in_pairs(paths: &[PathBuf]) -> Result<Vec<Vec<PathBuf>>> {
 /// Makes a file of trees, each of which becomes a layer.
 fn store_all(
     derivations: Vec<Derivation>,
-    output: Output,
+    target: TreeTarget,
     how: WriteOptions,
     progress: &dyn Progress,
 ) -> Result<Outcome> {
-    let least = derivations.iter().map(|derivation| (derivation.form(), derivation.least));
-    least.into_iter().try_for_each(|(form, least)| check_room(&output, form, false, least))?;
+    if let Some(output) = target.whole() {
+        let least = derivations.iter().map(|derivation| (derivation.form(), derivation.least));
+        least.into_iter().try_for_each(|(form, least)| check_room(output, form, false, least))?;
+    }
     let depth = derivations.iter().map(Derivation::depth).max().unwrap_or(0);
     let dimension = derivations[0].form().dimension;
     let prepared = derivations.into_iter().map(|derivation| derivation.prepare(progress));
     let prepared = prepared.collect::<Result<Vec<_>>>()?;
     let depth = prepared.iter().map(|prepared| prepared.depth).max().unwrap_or(depth);
-    let mut writer = TreeWriter::create(output, (dimension, depth), prepared.len() as u32)?;
+    let mut writer = target.start((dimension, depth), prepared.len() as u32)?;
     let mut outcomes = Vec::with_capacity(prepared.len());
     for prepared in prepared {
         outcomes.push(prepared.store(&mut writer, how, progress)?);

@@ -45,6 +45,7 @@ pub use diff::{Difference, Differences, FdRange, diff, diff_files, diff_nodes, d
 pub use edit::{CellValue, Edit, apply_edits, edit};
 pub use files::{
     Chain, MadeOperand, Outcome, PairOfSamples, combine, combine_with, crosstab_files, transform,
+    transform_to,
 };
 pub use layers::{add_layer, drop_layer, layer_paths, only_layer};
 pub use mosaic::{Mosaic, MosaicNode, list_files};

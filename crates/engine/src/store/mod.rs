@@ -6,10 +6,12 @@ pub mod goblin;
 pub mod records;
 #[cfg(test)]
 mod shard_tests;
+mod tree_target;
 mod tree_writer;
 mod write;
 
 pub use builder::{BuildOptions, Packing, Slab, Slabs, WriteOptions, depth_for};
 pub use spinney_packing::Effort;
+pub use tree_target::TreeTarget;
 pub use tree_writer::TreeWriter;
 pub use write::{build, build_slabs, build_source, build_tree, build_with, check_room};

@@ -301,13 +301,25 @@ impl TreeWriter {
         options: &BuildOptions,
         progress: &dyn Progress,
     ) -> Result<Tally> {
+        self.source_with(source, extent, options, progress, &mut |_| {})
+    }
+
+    /// Makes the next layer of any source, whose metadata can be completed when it has been walked.
+    pub(crate) fn source_with<S: ReusableSource>(
+        &mut self,
+        source: &S,
+        extent: [u64; 3],
+        options: &BuildOptions,
+        progress: &dyn Progress,
+        complete: &mut dyn FnMut(&mut Metadata),
+    ) -> Result<Tally> {
         let run = self.run();
         let mut fill = |sink: &mut dyn TreeSink, shape| match run {
             Some(run) => walk(source, options, (shape, run), true, sink, progress),
             None => Ok(()),
         };
         let parts = (&extent, [u64::MAX; 3], true);
-        self.layer(source.form(), options, parts, &mut fill, &mut |_| {})
+        self.layer(source.form(), options, parts, &mut fill, complete)
     }
 
     /// Takes over a layer of a Goblin file as it is, with metadata that may be others; `false` if this is no Goblin file, and nothing was done.

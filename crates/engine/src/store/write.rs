@@ -1,12 +1,13 @@
 //! From slabs of samples, or from any source, to a tree file of either format.
 
-use super::builder::{BuildOptions, Fill, ReusableSource, Slabs, TreeSink, walk};
+use super::builder::{BuildOptions, ReusableSource, Slabs};
+use super::tree_target::TreeTarget;
 use super::tree_writer::TreeWriter;
 use crate::store::records::RecordLayout;
 use crate::tree::{CellBlock, Child, Children, MemTree, Source};
 use spinney_base::Form;
 use spinney_base::io::Output;
-use spinney_base::space::{Code, CodeRun};
+use spinney_base::space::Code;
 use spinney_base::value::{Tally, Value};
 use spinney_base::{Progress, Result};
 use spinney_container::Metadata;
@@ -46,7 +47,7 @@ pub fn build<S: ReusableSource>(
     output: Output,
     progress: &dyn Progress,
 ) -> Result<Tally> {
-    build_with(source, extent, options, output, progress, &mut |_| {})
+    build_with(source, extent, options, output.into(), progress, &mut |_| {})
 }
 
 /// Builds a file from any source whose nodes are known by their codes: procedural solids, indexes of other
@@ -170,7 +171,7 @@ pub fn build_tree(
     build(tree, extent, options, output, progress)
 }
 
-/// Builds a file as [`build`] does; the metadata can be completed when the source has been walked.
+/// Builds a file, or a part of one, as [`build`] does; the metadata can be completed when the source has been walked.
 ///
 /// # Errors
 /// As [`build_slabs`].
@@ -178,26 +179,12 @@ pub fn build_with<S: ReusableSource>(
     source: &S,
     extent: [u64; 3],
     options: &BuildOptions,
-    output: Output,
+    target: TreeTarget,
     progress: &dyn Progress,
     complete: &mut dyn FnMut(&mut Metadata),
 ) -> Result<Tally> {
-    let mut fill =
-        |sink: &mut dyn TreeSink, shape| walk(source, options, (shape, CodeRun::ALL), true, sink, progress);
-    write_file(source.form(), options, (&extent, [u64::MAX; 3], true), output, &mut fill, complete)
-}
-
-/// Makes a file of one layer.
-fn write_file(
-    form: Form,
-    options: &BuildOptions,
-    parts: (&[u64; 3], [u64; 3], bool),
-    output: Output,
-    fill: &mut Fill<'_>,
-    complete: &mut dyn FnMut(&mut Metadata),
-) -> Result<Tally> {
-    let mut file = TreeWriter::create(output, (form.dimension, options.depth), 1)?;
-    let tally = file.layer(form, options, parts, fill, complete)?;
+    let mut file = target.start((source.form().dimension, options.depth), 1)?;
+    let tally = file.source_with(source, extent, options, progress, complete)?;
     file.finish()?;
     Ok(tally)
 }

@@ -161,7 +161,7 @@ impl SolidImport {
             .share(self.options.share)
             .time(self.options.time)
             .packing(self.options.packing);
-        let tally = build_with(solid, self.extent, &options, output, progress, &mut |metadata| {
+        let tally = build_with(solid, self.extent, &options, output.into(), progress, &mut |metadata| {
             report.undecided = solid.counters.undecided.load(Ordering::Relaxed);
             report.stages = *solid.counters.stages.lock().expect("nobody panics with this lock");
             set_tags(metadata, self, &report);

@@ -1,0 +1,86 @@
+//! Where trees are written: to a file of their own, or to a part of one.
+
+use std::path::PathBuf;
+
+use super::goblin::Shard;
+use super::tree_writer::TreeWriter;
+use spinney_base::Result;
+use spinney_base::io::{Output, folder};
+use spinney_base::space::Dimension;
+
+/// The file that trees are written to, or the part of one.
+///
+/// ```
+/// use spinney::io::Output;
+/// use spinney::ops::{Chain, transform_to};
+/// use spinney::store::goblin::{Shard, ShardPiece};
+/// use spinney::store::{TreeTarget, WriteOptions};
+/// use spinney::space::CodeRun;
+///
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
+/// # let folder = tempfile::tempdir().unwrap();
+/// let (map, how) = (Chain::of("fixtures/v1/classes.goblin".as_ref()), WriteOptions::new(64 << 20));
+/// let head = folder.path().join("head.goblin");
+/// transform_to(&map, TreeTarget::Head(Output::create(&head)?), how, &())?;
+/// let shard = Shard {
+///     folder: folder.path().into(),
+///     job: 1,
+///     number: 0,
+///     pieces: vec![ShardPiece { layer: 0, run: CodeRun::ALL }],
+/// };
+/// transform_to(&map, TreeTarget::Shard { head, shard }, how, &())?;
+/// assert!(folder.path().join("0000.light").exists());
+/// # Ok::<(), spinney::Error>(())
+/// ```
+pub enum TreeTarget {
+    /// A whole file.
+    File(Output),
+    /// A file that tells of layers, and has none of their cells: see [`TreeWriter::head`].
+    Head(Output),
+    /// A shard of a file: see [`TreeWriter::shard`].
+    Shard {
+        /// The file that tells of the layers.
+        head: PathBuf,
+        /// The part of them that is made.
+        shard: Shard,
+    },
+}
+
+impl From<Output> for TreeTarget {
+    fn from(output: Output) -> TreeTarget {
+        TreeTarget::File(output)
+    }
+}
+
+impl TreeTarget {
+    /// Starts writing so many layers, whose space has so many levels.
+    ///
+    /// # Errors
+    /// Those of [`TreeWriter::create`], [`TreeWriter::head`] and [`TreeWriter::shard`].
+    pub fn start(self, space: (Dimension, u8), layers: u32) -> Result<TreeWriter> {
+        match self {
+            TreeTarget::File(output) => TreeWriter::create(output, space, layers),
+            TreeTarget::Head(output) => TreeWriter::head(output, space, layers),
+            TreeTarget::Shard { head, shard } => TreeWriter::shard(&head, shard),
+        }
+    }
+
+    /// The file that appears, if it is a whole one.
+    pub fn whole(&self) -> Option<&Output> {
+        match self {
+            TreeTarget::File(output) => Some(output),
+            TreeTarget::Head(_) | TreeTarget::Shard { .. } => None,
+        }
+    }
+
+    /// The folder for temporary files, beside what is written.
+    pub fn temporary(&self) -> PathBuf {
+        match self {
+            TreeTarget::File(output) | TreeTarget::Head(output) if output.is_file() => {
+                folder(output.path()).to_path_buf()
+            }
+            TreeTarget::File(_) | TreeTarget::Head(_) => std::env::temp_dir(),
+            TreeTarget::Shard { shard, .. } => shard.folder.clone(),
+        }
+    }
+}
