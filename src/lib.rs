@@ -79,7 +79,7 @@
 //! | `raster` | readers and writers of picture files, volumes and lists of cells; styles, tiles, cloud-optimized GeoTIFF |
 //! | `brep` | exact models, bintrees and BSP trees |
 //! | `mesh` | readers and writers of meshes, solids made of them, glTF and 3D Tiles (with `brep`) |
-//! | `shards` | trees of pictures that are built by many processes (with `raster`) |
+//! | `shards` | trees that are built by many processes (with `mesh` and `raster`) |
 //! | `reconstruction` | solids of pictures and of outlines (with `mesh`, `raster` and `vector`) |
 //! | `render` | pictures of solids (with `mesh` and `raster`) |
 //! | `lines` | trees of lines |
@@ -120,8 +120,9 @@ pub mod value {
 /// Files: read where they are mapped, at positions, or in ranges from elsewhere, written whole or not at all.
 pub mod io {
     pub use spinney_base::io::{
-        DEFAULT_GAP, Faults, Fetch, FileBytes, FileId, HeldBytes, Mapped, Output, OutputFolder, Positioned,
-        RangeCache, RangeFile, ReadBackend, Stamp, WriteBackend, prefer_positioned_reads, url_of,
+        DEFAULT_GAP, Faults, Fetch, FileBytes, FileId, FileState, FileVersion, HeldBytes, Mapped, Output,
+        OutputFolder, Positioned, RangeCache, RangeFile, ReadBackend, Stamp, WriteBackend,
+        prefer_positioned_reads, url_of,
     };
 
     /// Questions about files that come in ranges, answered in rounds.
@@ -156,14 +157,15 @@ pub mod store {
         Tag, TagScope, TreeFormat, check_tree_name, create_tree_file, file_is_tree, file_of,
     };
     pub use spinney_engine::store::{
-        BuildOptions, Effort, Packing, Slab, Slabs, TreeTarget, TreeWriter, WriteOptions, build_slabs,
-        build_source, build_tree, depth_for,
+        BuildOptions, Effort, Packing, ShardCheck, Slab, SlabBoxes, Slabs, TreeTarget, TreeWriter,
+        WriteOptions, build_slabs, build_source, build_tree, depth_for,
     };
 
     /// The compact, read-only format.
     pub mod goblin {
         pub use spinney_engine::store::goblin::{
-            Entry, Goblin, GoblinNode, LevelBytes, LightFile, Segment, Shard, ShardPiece, merge_shards,
+            Entry, Goblin, GoblinNode, LevelBytes, LightFile, MergeOutput, Segment, Shard, ShardPiece,
+            merge_shards,
         };
     }
 
@@ -190,10 +192,10 @@ pub mod store {
     }
 }
 
-/// Trees of pictures that are built in shards, by many processes.
+/// Trees that are built in shards, by many processes.
 #[cfg(feature = "shards")]
 pub mod shards {
-    pub use spinney_shards::{Built, Job, Planned, ShardedImport, plan};
+    pub use spinney_shards::{Built, GivenLayers, Job, JobSpec, Planned, plan, plan_given};
 }
 
 /// Questions to trees: what is asked, and what is answered.
@@ -383,7 +385,8 @@ pub mod import {
         pub use spinney_mesh::import::{
             Attribute, DEFAULT_MEMORY, ExactOptions, ExactReport, InsideTest, MeshArrays, MeshColours,
             MeshFace, Model, ModelContact, ModelInfo, Resolution, SkippedObject, SolidImport, SolidOptions,
-            SolidReport, import_exact, is_model, model_contacts, open, open_all, parts_of, plan_models,
+            SolidReport, SolidSurvey, SurfaceAtPoint, SurveyedNode, import_exact, is_model, model_contacts,
+            open, open_all, parts_of, plan_models, plan_part,
         };
     }
 
@@ -410,7 +413,7 @@ pub mod import {
     #[cfg(feature = "raster")]
     pub mod volume {
         pub use spinney_raster::volume::{
-            RawLayout, VolumeImport, VolumeOptions, is_volume, plan, plan_raw, plan_sections,
+            RawLayout, VolumeImport, VolumeInput, VolumeOptions, is_volume, plan, plan_raw, plan_sections,
         };
     }
 }
@@ -458,9 +461,9 @@ pub mod export {
     #[cfg(feature = "raster")]
     pub mod tiles {
         pub use spinney_raster::tile_archives::{
-            Making, Pmtiles, SourceState, Stored, TileEncoding, TileFolder, TileFormat, TileRequest,
-            TileTarget, TileUpdate, UpdateOptions, draw_tiles, encode_tile, export_pmtiles, export_tiles,
-            is_tile_archive, is_tile_folder, verify_tiles,
+            Making, Pmtiles, SourceState, Stored, TileEncoding, TileFolder, TileFormat, TilePart,
+            TileRequest, TileTarget, TileUpdate, UpdateOptions, draw_tiles, encode_tile, export_pmtiles,
+            export_tiles, is_tile_archive, is_tile_folder, verify_tiles,
         };
         pub use spinney_tiles::{
             DataPlace, MAX_ZOOM, TileContent, TileId, TilePainter, TileRange, TileSamples, TileSource,

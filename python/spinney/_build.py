@@ -15,9 +15,9 @@ from ._meshes import is_mesh, mesh_columns, unit_of
 from ._options import packing_of, refuse, time_of
 from ._progress import memory_of, working
 from ._sources import feature_file, paths_of
-from ._stack import build_stack, layers_of
+from ._stack import layers_of, one_layer, stack_layers
 from ._times import text_of_time
-from ._told import array_options, check_bands, colours_of, crs_text, numbers_of, pairs_of, texts_of
+from ._told import check_bands, colours_of, crs_text, numbers_of, pairs_of, texts_of
 from ._types import Codec, Effort, Path, Progress, Resampling
 from ._zonal import values_of
 
@@ -166,7 +166,7 @@ def build(
     if layers is not None:
         refuse("files", for_files)
         about = for_arrays | {"transform": transform}
-        return build_stack(layers, os.fspath(out), common, about, (progress, threads, max_bytes))
+        return stack_layers(layers, common, about).write(os.fspath(out), (progress, threads, max_bytes))
     by_layer = {"nodata": nodata, "kind": kind, "rule": rule, "descriptions": descriptions, "scales": scales, "offsets": offsets, "units": units}
     refuse("the layers of a stack, if it is said by their names", {name: value for name, value in by_layer.items() if isinstance(value, Mapping)})
     if isinstance(source, Mapping) and not hasattr(source, "data_vars"):
@@ -217,6 +217,4 @@ def build(
         raise TypeError("a tree as a source is the only one; spinney.combine lays trees over each other")
     refuse("files", for_files)
     refuse("stacks", {"names": names, "times": times})
-    array, options = array_options(source, common, for_arrays | {"transform": transform})
-    with working(progress, threads, max_bytes) as terms:
-        _native.build_array(array.read, os.fspath(out), options, terms)
+    one_layer(source, common, for_arrays | {"transform": transform}).write(os.fspath(out), (progress, threads, max_bytes))

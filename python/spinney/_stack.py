@@ -173,14 +173,27 @@ def _bands_of(array: Any, dims: str | None, descriptions: Any) -> list[ArrayLaye
     return [ArrayLayer(text or f"band_{band + 1}", "", _OneBand(array, axis, band), None, band) for band, text in enumerate(texts)]
 
 
-def build_stack(
-    layers: Sequence[ArrayLayer],
-    out: str,
-    common: Mapping[str, Any],
-    about: Mapping[str, Any],
-    terms: tuple[Progress, int | None, int | str | None],
-) -> None:
-    """Makes a file of layers; `common` and `about` are arguments of `spinney.build`, for all of them or by their names."""
+class GivenLayers(NamedTuple):
+    """Layers of arrays, with all that is told of them: what the native part makes a file of."""
+
+    layers: list[dict[str, Any]]
+    depth: int | None
+
+    def write(self, out: str, terms: tuple[Progress, int | None, int | str | None]) -> None:
+        """Makes the file."""
+        progress, threads, max_bytes = terms
+        with working(progress, threads, max_bytes) as work:
+            _native.build_layers(self.layers, out, self.depth, work)
+
+
+def one_layer(source: Any, common: Mapping[str, Any], about: Mapping[str, Any]) -> GivenLayers:
+    """The only layer of a file; `common` and `about` are arguments of `spinney.build`."""
+    array, options = array_options(source, common, about)
+    return GivenLayers([{"name": "", "read": array.read, "coarser": 0, "options": options}], common["depth"])
+
+
+def stack_layers(layers: Sequence[ArrayLayer], common: Mapping[str, Any], about: Mapping[str, Any]) -> GivenLayers:
+    """The layers of a file; `common` and `about` are arguments of `spinney.build`, for all of them or by their names."""
     refuse("an iterator of arrays", {"shape": about["shape"], "dtype": about["dtype"]})
     known = {name for layer in layers for name in (layer.name, layer.group) if name}
     planned = [_planned(layer, common, about, known) for layer in layers]
@@ -189,9 +202,7 @@ def build_stack(
         {"name": layer.name, "read": blocks.read, "coarser": options.pop("coarser"), "options": options}
         for layer, (blocks, options) in zip(layers, planned)
     ]
-    progress, threads, max_bytes = terms
-    with working(progress, threads, max_bytes) as work:
-        _native.build_layers(made, out, common["depth"], work)
+    return GivenLayers(made, common["depth"])
 
 
 def _planned(layer: ArrayLayer, common: Mapping[str, Any], about: Mapping[str, Any], known: set[str]) -> tuple[Blocks, dict[str, Any]]:

@@ -81,6 +81,8 @@ class Writers(Properties):
         update: Path | bool = False,
         since: Path | None = None,
         restyle: bool = False,
+        part: tuple[int, int] | None = None,
+        parts: Sequence[Path] | None = None,
         self_contained: bool = False,
         threads: int | None = None,
         progress: Progress = None,
@@ -103,7 +105,9 @@ class Writers(Properties):
           `resume`, what the next one goes on with. With `update` tiles that were exported from an older commit of the file are brought up
           to date, `ds.export("map.pmtiles", update=True)`: only what edits have touched is drawn. `update="old.pmtiles"` copies the rest
           from another archive; `since` is the file that the tiles were made of, if it is no commit of the same file. Colours keep the
-          numbers that percentiles were then, unless `restyle` draws all tiles anew.
+          numbers that percentiles were then, unless `restyle` draws all tiles anew. Several processes draw the tiles of one export where each writes
+          a `part` to an archive, `(3, 64)` being the one with number 3 of 64, from 0; of the archives of all `parts` the tiles are put together, to the
+          bytes of an export in one go (`spinney.dask.export_tiles` does both).
 
         What the format has no room for, such as colours, values, the coordinate system or the unit of length, is told in a warning.
         Options of other formats than that of the name are a TypeError.
@@ -121,6 +125,8 @@ class Writers(Properties):
             "update": update or None,
             "since": None if since is None else os.fspath(since),
             "restyle": restyle or None,
+            "part": part,
+            "parts": parts,
         }
         of_surfaces = {"level": level, "smooth": smooth or None, "triangles": triangles or None}
         of_cog = {"compression": compression, "nodata": nodata}
@@ -151,7 +157,10 @@ class Writers(Properties):
                     raise ValueError("update and resume: give one of them")
                 old = None if isinstance(update, bool) else os.fspath(update)
                 options = of_tiles | {"tile_size": tile_size, "allow_ballpark": allow_ballpark, "resume": resume}
-                options |= {"update": bool(update), "old": old, "restyle": restyle}
+                if update and (part is not None or parts is not None):
+                    raise ValueError("update and parts: an update is of all tiles")
+                names = [os.fspath(archive) for archive in parts or []]
+                options |= {"update": bool(update), "old": old, "restyle": restyle, "parts": names}
                 return self._write_tiles(to, window, coordinates, options, terms)
             refuse("tiles", only_tiles)
             if to.lower().endswith((".tif", ".tiff")):

@@ -7,9 +7,13 @@
 
     client = Client("tcp://scheduler:8786")
     spinney.dask.build("tiles/*.tif", "country.goblin", codec="packed")
-    spinney.dask.zonal("country.goblin", "districts.gpkg", ["sum", "classes"])
+    spinney.dask.build(xarray.open_zarr("s3://bucket/cube.zarr", chunks={}), "cube.goblin")
+    spinney.dask.transform("country.goblin", "warp=EPSG:3035,cell=30", "europe.goblin")
+    spinney.dask.combine("changed", ["2020.goblin", "2025.goblin"], "changes.goblin")
+    spinney.dask.export_tiles("country.goblin", "country.pmtiles", zoom=(0, 14))
+    spinney.dask.zonal("country.goblin", "districts.geojson", ["sum", "classes"])
 
-Workers see inputs and outputs by the same paths. The results are those of one machine, bytes and all. Each piece of work is a task of its own in the
+Workers see inputs and outputs by the same paths, or URLs. The results are those of one machine, bytes and all. Each piece of work is a task of its own in the
 dashboard; those whose worker dies or fails are done again, and nothing else.
 """
 
@@ -18,25 +22,30 @@ from __future__ import annotations
 import builtins
 import json
 import os
-import shutil
-from collections.abc import Mapping, Sequence
-from itertools import pairwise
+import re
+from collections.abc import Callable, Mapping, Sequence
+from itertools import islice, pairwise
 from typing import Any
 
+from . import _native
 from . import shards as _shards
 from ._dataset import open
+from ._elsewhere import kept_name
 from ._files import MEMORY
-from ._progress import telling
+from ._given import GivenLayers, chunks_of, given_layers
+from ._options import packing_of
+from ._progress import ALONE, telling
+from ._sources import paths_of
 from ._types import Path, Progress
 
-__all__ = ["build", "zonal"]
+__all__ = ["build", "combine", "export_tiles", "transform", "zonal"]
 
 #: Pieces of work for each thread of the cluster, if nothing is said: so many that none has much more to do than others.
 _PIECES_A_THREAD = 4
 
 
 def build(
-    sources: Path | Sequence[Path],
+    sources: Any,
     out: Path,
     *,
     client: Any = None,
@@ -48,28 +57,113 @@ def build(
     progress: Progress = None,
     **options: Any,
 ) -> None:
-    """Makes a tree of pictures, as `spinney.build` makes it, by shards on a cluster.
+    """Makes a tree of pictures or of arrays, as `spinney.build` makes it, by shards on a cluster.
 
-    The cluster is that of `client`, or of the current client. `options` are those of `spinney.shards.plan`. The job is a folder that all workers see, if none
+    Sources are paths, or a pattern such as "tiles/*.tif", with the options of `spinney.shards.plan`; or arrays of Dask, DataArrays and Datasets of xarray,
+    zarr and others, with those of `spinney.build` for arrays. Chunks of Dask are computed by the worker whose shard they are of, or, of what is
+    persisted on the cluster, fetched from where they are; one that several shards have to do with is computed by each of them.
+
+    The cluster is that of `client`, or of the current client. The job is a folder that all workers see, or a place in a bucket, if none
     is given one beside the output; it is planned here, and removed when the output is there. If it is there already, because an
     earlier run was cut off, only what is missing is built. A shard is built by one thread, with `memory`; one that fails is tried
     `retries` times more, one whose worker has died always. `progress` counts shards.
     """
-    cluster = _client(client)
-    folder = os.path.abspath(os.fspath(job) if job is not None else f"{os.fspath(out)}.job")
-    # (A job that goes on has its shards, however large the cluster was that began it.)
-    is_begun = os.path.exists(os.path.join(folder, "plan.json"))
-    usual = _shards.Job(folder).shards if is_begun else max(1, _PIECES_A_THREAD * sum(cluster.nthreads().values()))
-    planned = _shards.plan(sources, folder, shards=shards or usual, **options)
-    missing = planned.missing()
-    # (Names of tasks are for the dashboard; another job of the same folder has other ones.)
-    run = os.urandom(8).hex()
-    names = [f"spinney-shard-{run}-{number}" for number in missing]
-    tasks = cluster.map(_build, missing, folder=folder, memory=memory, key=names, pure=False, retries=retries)
-    _wait(cluster, tasks, progress)
-    merge = cluster.submit(_merge, folder, os.path.abspath(out), memory, max_bytes, key=f"spinney-merge-{run}", pure=False, retries=retries)
-    _wait(cluster, [merge], None)
-    shutil.rmtree(folder)
+    run = _Run(client, out, job, shards, retries, memory, max_bytes, progress)
+    if isinstance(sources, str | os.PathLike) or paths_of(sources) is not None:
+        return run.build(lambda count: _shards.plan(sources, run.folder, shards=count, **options))
+    import dask
+    import dask.base
+
+    given = given_layers(sources, memory, **options)
+    token = str(dask.base.tokenize(sources, sorted(options.items(), key=lambda option: option[0])))
+    packing = packing_of(options.get("codec", "plain"), options.get("effort"), options.get("max_error"))
+
+    def plan(count: int) -> _shards.Job:
+        _native.plan_layers(given.layers, run.folder, given.depth, token, packing, count, ALONE)
+        return _shards.Job(run.folder)
+
+    is_persisted = bool(_distributed().client.futures_of([chunks.array for chunks in chunks_of(given)]))
+    # (A result of a task, and not data of the client, so that it comes again where a worker is lost.)
+    held = run.cluster.submit(_held, _distributed().protocol.pickle.dumps(given), key=f"spinney-arrays-{run.name}", pure=False)
+    run.build(plan, lambda number, **terms: run.cluster.submit(_build_given, number, held, run.folder, token, is_persisted, **terms))
+
+
+def transform(
+    path: Path,
+    steps: str | Sequence[str],
+    out: Path,
+    *,
+    client: Any = None,
+    job: Path | None = None,
+    shards: int | None = None,
+    retries: int = 2,
+    memory: int | str = MEMORY,
+    max_bytes: int | str | None = None,
+    progress: Progress = None,
+    **options: Any,
+) -> None:
+    """Makes a tree of another, as `spinney.transform` makes it, by shards on a cluster: see `build`. `options` are those of `spinney.shards.plan_transform`."""
+    run = _Run(client, out, job, shards, retries, memory, max_bytes, progress)
+    run.build(lambda count: _shards.plan_transform(path, steps, run.folder, shards=count, **options))
+
+
+def combine(
+    operation: str | int,
+    paths: Sequence[Path],
+    out: Path,
+    *,
+    client: Any = None,
+    job: Path | None = None,
+    shards: int | None = None,
+    retries: int = 2,
+    memory: int | str = MEMORY,
+    max_bytes: int | str | None = None,
+    progress: Progress = None,
+    **options: Any,
+) -> None:
+    """Makes one tree of several, as `spinney.combine` makes it, by shards on a cluster: see `build`. `options` are those of `spinney.shards.plan_combine`."""
+    run = _Run(client, out, job, shards, retries, memory, max_bytes, progress)
+    run.build(lambda count: _shards.plan_combine(operation, paths, run.folder, shards=count, **options))
+
+
+class _Run:
+    """A job that a cluster does, with the arguments that all kinds of jobs have."""
+
+    def __init__(
+        self,
+        client: Any,
+        out: Path,
+        job: Path | None,
+        shards: int | None,
+        retries: int,
+        memory: int | str,
+        max_bytes: int | str | None,
+        progress: Progress,
+    ) -> None:
+        self.cluster = _client(client)
+        self.out = kept_name(out, None)
+        self.folder = kept_name(job if job is not None else f"{os.fspath(out)}.job", None)
+        self.shards, self.retries, self.memory, self.max_bytes, self.progress = shards, retries, memory, max_bytes, progress
+        #: Names of tasks are for the dashboard; another job of the same folder has other ones.
+        self.name = os.urandom(8).hex()
+
+    def build(self, plan: Callable[[int], _shards.Job], submit: Callable[..., Any] | None = None) -> None:
+        """Plans the job, of so many shards, builds what is missing of it, and puts it together."""
+        threads = max(1, sum(self.cluster.nthreads().values()))
+        # (A job that goes on has its shards, however large the cluster was that began it.)
+        planned = plan(self.shards or (_shards.Job(self.folder).shards if _native.is_job(self.folder) else _PIECES_A_THREAD * threads))
+        of_files = submit or (lambda number, **terms: self.cluster.submit(_build, number, self.folder, self.memory, **terms))
+
+        def start(number: int) -> Any:
+            return of_files(number, key=f"spinney-shard-{self.name}-{number}", pure=False, retries=self.retries)
+
+        # Whoever waits for chunks of the cluster leaves his thread to others: without an end all shards would be begun.
+        _wait(self.cluster, start, planned.missing(), self.progress, None if submit is None else threads)
+        merge = (self.folder, self.out, self.memory, self.max_bytes)
+        terms = {"key": f"spinney-merge-{self.name}", "pure": False, "retries": self.retries}
+        _wait(self.cluster, lambda _: self.cluster.submit(_merge, *merge, **terms), [0], None)
+        if _native.is_job(self.folder):
+            planned.remove()
 
 
 def _build(number: int, folder: str, memory: int | str) -> int:
@@ -77,8 +171,85 @@ def _build(number: int, folder: str, memory: int | str) -> int:
     return number
 
 
+def _held(given: bytes) -> bytes:
+    return given
+
+
+def _build_given(number: int, held: bytes, folder: str, token: str, is_persisted: bool) -> int:
+    """Builds a shard of arrays."""
+    given: GivenLayers = _distributed().protocol.pickle.loads(held)
+    terms = (None, 1, None)
+    if not is_persisted:
+        for chunks in chunks_of(given):
+            chunks.scheduler = "single-threaded"
+        _native.build_layers_shard(given.layers, folder, given.depth, token, number, terms)
+        return number
+    with _distributed().worker_client() as client:
+        for chunks in chunks_of(given):
+            chunks.scheduler = client.get
+        _native.build_layers_shard(given.layers, folder, given.depth, token, number, terms)
+    return number
+
+
 def _merge(folder: str, out: str, memory: int | str, max_bytes: int | str | None) -> None:
-    _shards.Job(folder).merge(out, memory=memory, max_bytes=max_bytes, threads=1)
+    # (A bucket takes a file as a whole.)
+    _shards.Job(folder).merge(out, remove="://" not in out, memory=memory, max_bytes=max_bytes, threads=1)
+
+
+def export_tiles(
+    path: Path,
+    out: Path,
+    *,
+    client: Any = None,
+    job: Path | None = None,
+    parts: int | None = None,
+    retries: int = 2,
+    progress: Progress = None,
+    **options: Any,
+) -> int:
+    """Writes tiles of web maps, as `Dataset.export` writes them, some of them on each thread of a cluster; returns their number.
+
+    `out` is an archive (.pmtiles, .mbtiles) or a pattern of names ("map/{z}/{x}/{y}.png"), `options` are those of `Dataset.export` for tiles. There are `parts`,
+    four for each thread if nothing is said, each of which is an archive in the folder of the job, which all workers see, beside the output if none is given. Parts that are there,
+    because an earlier run was cut off, stay as they are; the folder is removed when the output is there.
+    """
+    cluster = _client(client)
+    if refused := sorted(options.keys() & {"part", "parts", "update", "since", "restyle", "resume", "threads"}):
+        raise TypeError(f"{', '.join(refused)}: not for tiles that a cluster draws")
+    target = kept_name(out, None)
+    folder = kept_name(job if job is not None else f"{target.split('/{', 1)[0]}.job", None)
+    if "://" in folder:
+        raise ValueError(f"job: {folder}: is elsewhere; name a folder of this machine that all workers see")
+    os.makedirs(folder, exist_ok=True)
+    # (A job that goes on has its parts.)
+    count = _parts_there(folder) or parts or _PIECES_A_THREAD * max(1, sum(cluster.nthreads().values()))
+    names = [os.path.join(folder, f"{number:04}-{count:04}.pmtiles") for number in range(count)]
+    missing = [number for number, name in enumerate(names) if not os.path.exists(name)]
+    run = os.urandom(8).hex()
+    source = kept_name(path, None)
+
+    def start(number: int) -> Any:
+        part = (source, names[number], {**options, "part": (number, count)})
+        return cluster.submit(_export, *part, key=f"spinney-tiles-{run}-{number}", pure=False, retries=retries)
+
+    _wait(cluster, start, missing, progress)
+    whole = cluster.submit(_export, source, target, {**options, "parts": names}, key=f"spinney-tiles-{run}", pure=False, retries=retries)
+    _wait(cluster, lambda _: whole, [0], None)
+    for name in names:
+        os.remove(name)
+    os.rmdir(folder)
+    return int(whole.result())
+
+
+def _export(source: str, target: str, options: dict[str, Any]) -> int:
+    with open(source) as tree:
+        return int(tree.export(target, threads=1, **options) or 0)
+
+
+def _parts_there(folder: str) -> int:
+    """How many parts an earlier run has had."""
+    found = {int(name[5:9]) for name in os.listdir(folder) if re.fullmatch(r"[0-9]{4}-[0-9]{4}\.pmtiles", name)}
+    return found.pop() if len(found) == 1 else 0
 
 
 def zonal(
@@ -107,10 +278,10 @@ def zonal(
     pieces: list[Any] = [list(all_of_them[start:end]) for start, end in pairwise(ends)]
     if whole is not None:
         pieces = [{**whole, "features": piece} for piece in pieces]
-    asked = (os.path.abspath(path), None if measures is None else list(measures), options)
+    asked = (kept_name(path, None), None if measures is None else list(measures), options)
     name = f"spinney-zonal-{os.urandom(8).hex()}"
     tasks = cluster.map(_zonal, pieces, [asked] * len(pieces), key=[f"{name}-{part}" for part in range(count)], pure=False, retries=retries)
-    _wait(cluster, tasks, progress)
+    _wait(cluster, tasks.__getitem__, range(count), progress)
     return [row for rows in cluster.gather(tasks) for row in rows]
 
 
@@ -155,14 +326,20 @@ def _client(client: Any) -> Any:
     return cluster
 
 
-def _wait(cluster: Any, tasks: list[Any], progress: Progress) -> None:
-    """Waits for tasks; the first that fails, or Ctrl-C, ends all others."""
+def _wait(cluster: Any, start: Callable[[int], Any], numbers: Sequence[int], progress: Progress, most: int | None = None) -> None:
+    """Starts tasks by their numbers, `most` of them at a time if that is said, and waits for all; the first that fails, or Ctrl-C, ends all others."""
+    rest = iter(numbers)
+    tasks = [start(number) for number in islice(rest, most)]
     with telling(progress) as tell:
         try:
-            for done, task in enumerate(_distributed().as_completed(tasks), 1):
+            running = _distributed().as_completed(tasks)
+            for done, task in enumerate(running, 1):
                 task.result()
+                for number in islice(rest, 1):
+                    tasks.append(start(number))
+                    running.add(tasks[-1])
                 if tell is not None:
-                    tell(done, len(tasks))
+                    tell(done, len(numbers))
         except BaseException:
             cluster.cancel(tasks)
             raise

@@ -1,6 +1,6 @@
-"""Trees of pictures that many processes build, on one machine or on many.
+"""Trees that many processes build, on one machine or on many.
 
-A job is planned, each of its shards is built by itself, and shards are put together. The bytes are those of `spinney.build`::
+A job is planned, each of its shards is built by itself, and shards are put together. The bytes are those of `spinney.build`, `spinney.transform` or `spinney.combine`::
 
     from spinney import shards
 
@@ -25,9 +25,9 @@ from ._options import packing_of
 from ._progress import memory_of, working
 from ._told import crs_text, numbers_of
 from ._times import text_of_time
-from ._types import Codec, Effort, Path, Progress
+from ._types import Codec, Effort, Path, Progress, Resampling
 
-__all__ = ["Job", "plan"]
+__all__ = ["Job", "plan", "plan_combine", "plan_transform"]
 
 #: Options of features and models, which shards are not made of.
 _OTHERS = ("cells", "cell", "grid", "max_zoom", "resampling", "edge", "attribute", "up", "unit", "value", "overlaps", "width", "where")
@@ -59,7 +59,8 @@ def plan(
 ) -> Job:
     """Plans what is built of pictures, and by which shards, in a folder, which is made if there is none; no pixel is read.
 
-    Sources are paths, or a pattern such as "tiles/*.tif", whose files are taken by their names; the options are those of `spinney.build`
+    Sources are paths or URLs, or a pattern such as "tiles/*.tif", whose files are taken by their names; the folder may be a URL, too, such as
+    s3://bucket/job. The options are those of `spinney.build`
     for pictures. Without a number of `shards` there is one for each GiB of input. The same plan may be made again; a folder that has
     another one is left as it is, which is an error.
     """
@@ -86,12 +87,64 @@ def plan(
     return Job(job)
 
 
+def plan_transform(
+    path: Path,
+    steps: str | Sequence[str],
+    job: Path,
+    *,
+    shards: int | None = None,
+    resampling: Resampling | None = None,
+    allow_ballpark: bool = False,
+    move: bool = False,
+    codec: Codec = "plain",
+    effort: Effort | None = None,
+    max_error: float | None = None,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> Job:
+    """Plans what is made of a tree, as `spinney.transform` makes it, but for steps that go through all cells first (`components=`, `sieve=`). See `plan`."""
+    chain = [steps] if isinstance(steps, str) else list(steps)
+    with working(progress, threads) as terms:
+        _native.plan_transform(
+            os.fspath(path), chain, os.fspath(job), resampling, allow_ballpark, move, packing_of(codec, effort, max_error), shards, terms
+        )
+    return Job(job)
+
+
+def plan_combine(
+    operation: str | int,
+    paths: Sequence[Path],
+    job: Path,
+    *,
+    shards: int | None = None,
+    values: Literal["first", "second"] = "first",
+    fill: float | None = None,
+    within: Sequence[float] | None = None,
+    margin: int | None = None,
+    codec: Codec = "plain",
+    effort: Effort | None = None,
+    max_error: float | None = None,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> Job:
+    """Plans what is made of several trees, as `spinney.combine` makes it. See `plan`."""
+    if values not in ("first", "second"):
+        raise ValueError(f"values: {values!r}, expected 'first' or 'second'")
+    box = None if within is None else list(within)
+    names = [os.fspath(path) for path in paths]
+    with working(progress, threads) as terms:
+        _native.plan_combine(
+            str(operation), names, os.fspath(job), values == "second", fill, box, margin, packing_of(codec, effort, max_error), shards, terms
+        )
+    return Job(job)
+
+
 def _files_of(sources: Path | Sequence[Path]) -> list[str]:
     """The paths that are meant."""
     if not isinstance(sources, str | os.PathLike):
         return [os.fspath(source) for source in sources]
     path = os.fspath(sources)
-    if os.path.exists(path) or not glob.has_magic(path):
+    if "://" in path or os.path.exists(path) or not glob.has_magic(path):
         return [path]
     found = sorted(glob.glob(path))
     if not found:
@@ -100,7 +153,7 @@ def _files_of(sources: Path | Sequence[Path]) -> list[str]:
 
 
 class Job:
-    """A job that is planned: a folder, which any process that sees it and the inputs by the same paths can work on."""
+    """A job that is planned: a folder, or a place in a bucket, which any process that sees it and the inputs by the same paths can work on."""
 
     def __init__(self, path: Path) -> None:
         self.path = os.fspath(path)
@@ -123,8 +176,20 @@ class Job:
         return _native.missing_shards(self.path)
 
     def merge(
-        self, out: Path, *, memory: int | str = MEMORY, max_bytes: int | str | None = None, threads: int | None = None, progress: Progress = None
+        self,
+        out: Path,
+        *,
+        remove: bool = False,
+        memory: int | str = MEMORY,
+        max_bytes: int | str | None = None,
+        threads: int | None = None,
+        progress: Progress = None,
     ) -> None:
-        """Puts the shards together, all of which must be made. The job stays."""
+        """Puts the shards together, all of which must be made. The job stays, or with `remove` goes, shard by shard, as its bytes come to be in the output,
+        so that there is room for one of both; what is cut off then goes on when it is done again, with a file whose name ends with .partial."""
         with working(progress, threads, max_bytes) as terms:
-            _native.merge_shards(self.path, os.fspath(out), memory_of(memory), terms)
+            _native.merge_shards(self.path, os.fspath(out), remove, memory_of(memory), terms)
+
+    def remove(self) -> None:
+        """Removes the job, here or in its bucket: all files of it, and the folder unless there is something else in it."""
+        _native.remove_job(self.path)

@@ -13,8 +13,8 @@ use spinney::import::raster::{self, Band, ImportOptions, StackOptions, TargetGri
 use spinney::import::rasterize;
 use spinney::import::volume::{self, VolumeOptions};
 use spinney::ops::{WarpGrid, WarpOptions};
-use spinney::space::{Crs, Dimension, Frame};
-use spinney::store::{BuildOptions, Metadata, Slab, Slabs, build_slabs, depth_for};
+use spinney::space::{CodeRun, Crs, Dimension, Frame};
+use spinney::store::{BuildOptions, Metadata, Slab, SlabBoxes, Slabs, depth_for};
 use spinney::tree::Form;
 use spinney::value::{Kind, Palette, Rule, SampleType, Value, ValueType};
 use spinney::{Result, dataset};
@@ -47,7 +47,6 @@ pub(crate) struct ArrayOptions {
     alpha: Option<u8>,
     transform: Option<Vec<f64>>,
     crs: Option<String>,
-    depth: Option<u8>,
     memory: u64,
     share: bool,
     packing: Packing,
@@ -88,9 +87,14 @@ impl ArrayOptions {
         Ok(ArrayTree { form: Form::new(dimension, value), nodata, build: self.options(value.sample)? })
     }
 
-    /// The array's cells, which `read` hands out.
-    pub(crate) fn slabs<'w>(&self, read: Py<PyAny>, form: Form, work: &'w Work) -> ArraySlabs<'w> {
-        ArraySlabs::new(read, self, form.value, self.memory / 8, work)
+    /// The array's cells in a run, which `read` hands out.
+    pub(crate) fn slabs<'w>(
+        &self,
+        read: &'w Py<PyAny>,
+        (form, depth, run): (Form, u8, CodeRun),
+        work: &'w Work,
+    ) -> ArraySlabs<'w> {
+        ArraySlabs::new(read, self, (form, depth, run), self.memory / 8, work)
     }
 
     /// Columns, rows and planes.
@@ -145,8 +149,7 @@ impl ArrayOptions {
             provenance: vec![format!("array of {} in Python", self.dtype)],
             ..Metadata::default()
         };
-        let depth = self.depth.unwrap_or(depth_for(self.extent));
-        let options = BuildOptions::new(kind, depth).rule(rule).metadata(metadata);
+        let options = BuildOptions::new(kind, depth_for(self.extent)).rule(rule).metadata(metadata);
         let options = options.written(self.packing.with(self.memory / 2));
         Ok(options.share(self.share).time(self.time))
     }
@@ -171,75 +174,58 @@ pub(crate) fn matrix_of(numbers: &[f64]) -> PyResult<[[f64; 4]; 3]> {
 /// Cells of an array, block by block as Python has them.
 pub(crate) struct ArraySlabs<'w> {
     /// A function of a block's first cell and size, that gives the samples and perhaps flags.
-    read: Py<PyAny>,
+    read: &'w Py<PyAny>,
     extent: [u64; 3],
     sample: SampleType,
-    /// Blocks of cells that are still to be read, the next one last: each a first cell, and the length of a side.
-    blocks: Vec<([u64; 3], u64)>,
-    /// Rows of bands that are still to be read: the first, if it is read so.
-    next_row: Option<u64>,
-    side: u64,
-    axes: usize,
+    boxes: Boxes,
     work: &'w Work,
 }
 
-/// Sides of the blocks that trees are built of.
-const BLOCKS: [u64; 2] = [256, 64];
+/// Boxes of an array, in the order in which they are read.
+enum Boxes {
+    /// In FD order.
+    Anywhere(SlabBoxes),
+    /// Bands of so many rows, or planes, along an axis; the first row of the next.
+    FromTheTop { axis: usize, rows: u64, next: u64 },
+}
 
 impl<'w> ArraySlabs<'w> {
-    /// `memory` is for a block.
+    /// The cells of a run, in a tree of so many levels; `memory` is for a block.
     fn new(
-        read: Py<PyAny>,
+        read: &'w Py<PyAny>,
         options: &ArrayOptions,
-        value: ValueType,
+        (form, depth, run): (Form, u8, CodeRun),
         memory: u64,
         work: &'w Work,
     ) -> ArraySlabs<'w> {
         let extent = options.extent;
-        let axes = if options.octree { 3 } else { 2 };
-        let least = BLOCKS[axes - 2];
-        let whole = least.max(1 << depth_for(extent).min(62));
+        let least = SlabBoxes::least_side(form.dimension);
+        let mut side = least.max(1 << depth_for(extent).min(62));
         let bytes = |side: u64| {
             let cells = extent.iter().fold(1u64, |cells, length| cells.saturating_mul(side.min(*length)));
-            cells.saturating_mul(value.size() as u64 + 1)
+            cells.saturating_mul(form.value.size() as u64 + 1)
         };
-        let mut side = whole;
         while side > least && bytes(side) > memory {
             side /= 2;
         }
-        let next_row = options.in_order.then_some(0);
-        let blocks = vec![([0; 3], whole)];
-        ArraySlabs { read, extent, sample: value.sample, blocks, next_row, side, axes, work }
+        let boxes = match options.in_order {
+            true => Boxes::FromTheTop { axis: form.axes() - 1, rows: least, next: 0 },
+            false => Boxes::Anywhere(SlabBoxes::new(form.dimension, extent, (depth, run), side)),
+        };
+        ArraySlabs { read, extent, sample: form.value.sample, boxes, work }
     }
 
-    /// First cell and size of the next block, in FD order or by rows.
+    /// First cell and size of the next block.
     fn next_block(&mut self) -> Option<([u64; 3], [u64; 3])> {
-        if let Some(row) = &mut self.next_row {
-            let along = self.axes - 1;
-            let (mut first, mut size) = ([0; 3], self.extent);
-            first[along] = *row;
-            size[along] = BLOCKS[self.axes - 2].min(self.extent[along] - *row);
-            *row += size[along];
-            return (size[along] > 0).then_some((first, size));
-        }
-        loop {
-            let (first, side) = self.blocks.pop()?;
-            if (0..3).any(|axis| first[axis] >= self.extent[axis]) {
-                continue;
+        match &mut self.boxes {
+            Boxes::Anywhere(boxes) => boxes.next(),
+            Boxes::FromTheTop { axis, rows, next } => {
+                let (mut first, mut size) = ([0; 3], self.extent);
+                first[*axis] = *next;
+                size[*axis] = (*rows).min(self.extent[*axis] - *next);
+                *next += size[*axis];
+                (size[*axis] > 0).then_some((first, size))
             }
-            if side <= self.side {
-                let size = std::array::from_fn(|axis| side.min(self.extent[axis] - first[axis]));
-                return Some((first, size));
-            }
-            let half = side / 2;
-            let axes = self.axes;
-            let child = |step: u64| -> [u64; 3] {
-                std::array::from_fn(|axis| {
-                    first[axis] + if axis < axes { half * (step >> axis & 1) } else { 0 }
-                })
-            };
-            // In reverse, since the last one is taken first.
-            self.blocks.extend((0..1 << self.axes).rev().map(|step| (child(step), half)));
         }
     }
 }
@@ -247,6 +233,10 @@ impl<'w> ArraySlabs<'w> {
 impl Slabs for ArraySlabs<'_> {
     fn extent(&self) -> [u64; 3] {
         self.extent
+    }
+
+    fn are_in_order(&self) -> bool {
+        matches!(self.boxes, Boxes::Anywhere(_))
     }
 
     fn next(&mut self, slab: &mut Slab) -> Result<bool> {
@@ -267,23 +257,6 @@ impl Slabs for ArraySlabs<'_> {
         });
         read.map(|()| true).map_err(|exception| self.work.fail(exception))
     }
-}
-
-/// Builds a tree of an array, which `read` hands out block by block.
-#[pyfunction]
-#[pyo3(signature = (read, out, options, terms))]
-pub(crate) fn build_array(
-    py: Python<'_>,
-    read: Py<PyAny>,
-    out: PathBuf,
-    options: ArrayOptions,
-    terms: Terms,
-) -> PyResult<()> {
-    let ArrayTree { form, nodata, build } = options.plan()?;
-    jobs::run(py, terms, |work| {
-        let mut slabs = options.slabs(read, form, work);
-        build_slabs(form, &mut slabs, nodata, &build, work.create_tree(&out)?, work)
-    })
 }
 
 /// A channel by its number or its name.

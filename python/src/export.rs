@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use pyo3::prelude::*;
 use spinney::export::mesh::{GltfOptions, MeshRequest, export_glb, export_tileset};
 use spinney::export::tiles::{
-    TileEncoding, TileRequest, TileTarget, UpdateOptions, degrees_of, draw_tiles, tile_source,
+    TileEncoding, TilePart, TileRequest, TileTarget, UpdateOptions, degrees_of, draw_tiles, tile_source,
 };
 use spinney::export::{CogCompression, CogRequest, export_cog};
 use spinney::io::OutputFolder;
@@ -35,6 +35,10 @@ pub(crate) struct TileOptions {
     name: Option<String>,
     attribution: Option<String>,
     resume: bool,
+    /// One part of so many, by its number from 0.
+    part: Option<(u32, u32)>,
+    /// Archives of all parts.
+    parts: Vec<PathBuf>,
     /// Whether tiles that are there are brought up to date.
     update: bool,
     /// The archive that a new one starts from, if not the output itself.
@@ -155,6 +159,8 @@ impl Tree {
         request.zooms = options.zoom.map(|(first, last)| first..=last);
         request.side = options.tile_size.unwrap_or(256);
         request.resume = options.resume;
+        let part = options.part.map(|(number, of)| TilePart::new(number, of));
+        (request.part, request.parts) = (part.transpose().or_raise()?, options.parts.clone());
         request.options = self.steps_text().unwrap_or_default();
         request.name = options.name.clone().unwrap_or(request.name);
         request.attribution = options.attribution.clone().unwrap_or_default();

@@ -62,6 +62,44 @@ pub(crate) fn commit_facts<'py>(py: Python<'py>, commit: &Commit) -> PyResult<Bo
     Ok(facts)
 }
 
+/// Steps as the command line has them.
+pub(crate) fn steps_of(texts: &[String]) -> PyResult<Vec<Step>> {
+    texts.iter().map(|step| step.parse().or_raise()).collect()
+}
+
+/// A file and steps, with the name of a way of resampling, and whether datums may be taken for others.
+pub(crate) fn chain_of(
+    path: &Path,
+    steps: Vec<Step>,
+    (resampling, allow_ballpark): (Option<&str>, bool),
+    moves: bool,
+) -> PyResult<Chain> {
+    let mut warp = WarpOptions::default();
+    warp.resampling = resampling.map(str::parse).transpose().or_raise()?;
+    warp.allow_ballpark = allow_ballpark;
+    Ok(Chain { steps, moves, warp, ..Chain::of(path) })
+}
+
+/// The place that an operation fills, by a box of the world, or cells around the pictures.
+pub(crate) fn universe_of(
+    operation: Operation,
+    within: Option<&[f64]>,
+    margin: Option<u32>,
+) -> PyResult<Option<Universe>> {
+    let universe = match (within, margin) {
+        (None, None) => None,
+        (None, Some(cells)) => Some(Universe::Margin(cells)),
+        (Some(&[a, b, c, d]), None) => Some(Universe::Within([a, b, 0.0], [c, d, 0.0])),
+        (Some(&[a, b, c, d, e, f]), None) => Some(Universe::Within([a, b, c], [d, e, f])),
+        (Some(_), Some(_)) => return Err(invalid("within and margin: give one of them")),
+        (Some(_), None) => return Err(invalid("within: expected 4 numbers, or 6 for octrees")),
+    };
+    if universe.is_some() && !operation.needs_universe() {
+        return Err(invalid("within and margin are for operations that fill what neither file has"));
+    }
+    Ok(universe)
+}
+
 /// Makes a tree of a file and the steps done to it.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)] // those of the Python function
@@ -78,7 +116,7 @@ pub(crate) fn transform<'py>(
     packing: Packing,
     terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let steps = steps.iter().map(|step| step.parse().or_raise()).collect::<PyResult<Vec<Step>>>()?;
+    let steps = steps_of(&steps)?;
     let others = steps.iter().flat_map(Step::files).map(Path::to_path_buf);
     let inputs: Vec<PathBuf> = others.chain([path.clone()]).collect();
     check_output(&inputs, &out)?;
@@ -93,10 +131,7 @@ pub(crate) fn transform<'py>(
     if of_model != (None, None) {
         return Err(invalid("snap and unit are for exact models"));
     }
-    let mut warp = WarpOptions::default();
-    warp.resampling = resampling.as_ref().map(|way| way.parse()).transpose().or_raise()?;
-    warp.allow_ballpark = allow_ballpark;
-    let chain = Chain { steps, moves, warp, ..Chain::of(&path) };
+    let chain = chain_of(&path, steps, (resampling.as_deref(), allow_ballpark), moves)?;
     let how = packing.with(memory);
     let made = jobs::run(py, terms, |work| ops::transform(&chain, work.create_tree(&out)?, how, work))?;
     outcome(py, &made)
@@ -156,17 +191,7 @@ pub(crate) fn combine<'py>(
     let fill = fill.map(|number| number.0);
     let prefer = if prefer_second { Prefer::Second } else { Prefer::First };
     let operation = named(operation, prefer)?;
-    let universe = match (within.as_deref(), margin) {
-        (None, None) => None,
-        (None, Some(cells)) => Some(Universe::Margin(cells)),
-        (Some(&[a, b, c, d]), None) => Some(Universe::Within([a, b, 0.0], [c, d, 0.0])),
-        (Some(&[a, b, c, d, e, f]), None) => Some(Universe::Within([a, b, c], [d, e, f])),
-        (Some(_), Some(_)) => return Err(invalid("within and margin: give one of them")),
-        (Some(_), None) => return Err(invalid("within: expected 4 numbers, or 6 for octrees")),
-    };
-    if universe.is_some() && !operation.needs_universe() {
-        return Err(invalid("within and margin are for operations that fill what neither file has"));
-    }
+    let universe = universe_of(operation, within.as_deref(), margin)?;
     check_output(&paths, &out)?;
     if paths.iter().any(|path| is_model_file(path)) {
         if !features.is_empty() {

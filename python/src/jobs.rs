@@ -91,6 +91,11 @@ impl Work {
         Output::create(path).map(|output| output.with_limit(self.max_bytes))
     }
 
+    /// Bytes that the output may have.
+    pub(crate) fn max_bytes(&self) -> Option<u64> {
+        self.max_bytes
+    }
+
     /// Starts a tree's file.
     pub(crate) fn create_tree(&self, path: &Path) -> spinney::Result<Output> {
         create_tree_file(path).map(|output| output.with_limit(self.max_bytes))

@@ -48,7 +48,7 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _native {
     #[pymodule_export]
-    use super::build::{build_array, build_files};
+    use super::build::build_files;
     #[pymodule_export]
     use super::edit::Editor;
     #[pymodule_export]
@@ -74,9 +74,12 @@ mod _native {
     #[pymodule_export]
     use super::rebuild::is_tree;
     #[pymodule_export]
-    use super::shards::{build_shard, look_at_job, merge_shards, missing_shards, plan_shards};
+    use super::shards::{
+        build_shard, is_job, look_at_job, merge_shards, missing_shards, plan_combine, plan_shards,
+        plan_transform, remove_job,
+    };
     #[pymodule_export]
-    use super::stack::build_layers;
+    use super::stack::{build_layers, build_layers_shard, plan_layers};
     #[pymodule_export]
     use super::tree::Tree;
     use pyo3::prelude::*;

@@ -1,37 +1,97 @@
-//! Trees of pictures that many processes build.
+//! Trees that many processes build.
 
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
-use spinney::shards::{Job, ShardedImport, plan};
+use spinney::ops::Prefer;
+use spinney::shards::{Job, JobSpec, plan};
+use spinney::store::goblin::MergeOutput;
 
 use crate::build::FileOptions;
 use crate::error::{OrRaise, invalid};
-use crate::files::check_output;
+use crate::files::{chain_of, check_output, named, steps_of, universe_of};
 use crate::jobs::{self, Terms};
+use crate::numbers::PyNumber;
+use crate::packing::Packing;
 
 /// Plans a job in a folder; returns whether the same one was there already.
 #[pyfunction]
 pub(crate) fn plan_shards(
     py: Python<'_>,
-    paths: Vec<PathBuf>,
+    inputs: Vec<PathBuf>,
     job: PathBuf,
     options: FileOptions,
     shards: Option<u32>,
     terms: Terms,
 ) -> PyResult<bool> {
-    let import = match options.stack()? {
-        Some(stack) => ShardedImport::Stack(stack),
-        None => ShardedImport::Pictures(options.pictures()?),
+    let spec = match options.stack()? {
+        Some(options) => JobSpec::Stack { inputs, options },
+        None => JobSpec::Pictures { inputs, options: options.pictures()? },
     };
-    jobs::run(py, terms, |work| Ok(plan(&paths, &import, &job, shards, work)?.was_there))
+    jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, work)?.was_there))
+}
+
+/// Plans a job of a file and the steps done to it; returns whether the same one was there already.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)] // those of the Python function
+pub(crate) fn plan_transform(
+    py: Python<'_>,
+    path: PathBuf,
+    steps: Vec<String>,
+    job: PathBuf,
+    resampling: Option<String>,
+    allow_ballpark: bool,
+    moves: bool,
+    packing: Packing,
+    shards: Option<u32>,
+    terms: Terms,
+) -> PyResult<bool> {
+    let chain = chain_of(&path, steps_of(&steps)?, (resampling.as_deref(), allow_ballpark), moves)?;
+    let spec = JobSpec::Transform { chain, packing: packing.0 };
+    jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, work)?.was_there))
+}
+
+/// Plans a job of one tree of several; returns whether the same one was there already.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)] // those of the Python function
+pub(crate) fn plan_combine(
+    py: Python<'_>,
+    operation: &str,
+    inputs: Vec<PathBuf>,
+    job: PathBuf,
+    prefer_second: bool,
+    fill: Option<PyNumber>,
+    within: Option<Vec<f64>>,
+    margin: Option<u32>,
+    packing: Packing,
+    shards: Option<u32>,
+    terms: Terms,
+) -> PyResult<bool> {
+    let prefer = if prefer_second { Prefer::Second } else { Prefer::First };
+    let operation = named(operation, prefer)?;
+    let universe = universe_of(operation, within.as_deref(), margin)?.unwrap_or_default();
+    let fill = fill.map(|number| number.0);
+    let spec = JobSpec::Combine { inputs, operation, fill, universe, packing: packing.0 };
+    jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, work)?.was_there))
 }
 
 /// A job: shards, those of them of which something is to be built, and bytes of input.
 #[pyfunction]
-pub(crate) fn look_at_job(job: PathBuf) -> PyResult<(u32, u32, u64)> {
-    let job = Job::open(&job).or_raise()?;
+pub(crate) fn look_at_job(py: Python<'_>, job: PathBuf) -> PyResult<(u32, u32, u64)> {
+    let job = py.detach(|| Job::open(&job)).or_raise()?;
     Ok((job.shards(), job.busy_shards(), job.input_bytes()))
+}
+
+/// Whether there is a job in a folder.
+#[pyfunction]
+pub(crate) fn is_job(py: Python<'_>, job: PathBuf) -> PyResult<bool> {
+    Ok(py.detach(|| Job::find(&job)).or_raise()?.is_some())
+}
+
+/// Removes a job.
+#[pyfunction]
+pub(crate) fn remove_job(py: Python<'_>, job: PathBuf) -> PyResult<()> {
+    py.detach(|| Job::open(&job)?.remove()).or_raise()
 }
 
 /// Builds a shard, unless it is made already; returns whether it was, and the bytes of its segments.
@@ -55,12 +115,13 @@ pub(crate) fn missing_shards(py: Python<'_>, job: PathBuf) -> PyResult<Vec<u32>>
     py.detach(|| Job::open(&job)?.missing()).or_raise()
 }
 
-/// Puts the shards of a job together.
+/// Puts the shards of a job together, and removes it if that is asked for.
 #[pyfunction]
 pub(crate) fn merge_shards(
     py: Python<'_>,
     job: PathBuf,
     out: PathBuf,
+    removes: bool,
     memory: u64,
     terms: Terms,
 ) -> PyResult<()> {
@@ -68,5 +129,9 @@ pub(crate) fn merge_shards(
         return Err(invalid("out: shards make a .goblin file; build() of that makes an .autumn file"));
     }
     check_output(std::slice::from_ref(&job), &out)?;
-    jobs::run(py, terms, |work| Job::open(&job)?.merge(work.create_tree(&out)?, memory, work))
+    jobs::run(py, terms, |work| {
+        let job = Job::open(&job)?;
+        job.merge(MergeOutput::create(&out, work.max_bytes(), removes)?, memory, work)?;
+        if removes { job.remove() } else { Ok(()) }
+    })
 }

@@ -1,19 +1,23 @@
-//! Stacks of arrays: each is a layer of one file.
+//! Layers of arrays: one tree, or several beside each other in one file, whole or in shards.
 
 use std::path::{Path, PathBuf};
 
 use pyo3::prelude::*;
 use spinney::Progress;
-use spinney::store::{TreeWriter, depth_for};
+use spinney::shards::{GivenLayers, Job, plan_given};
+use spinney::space::Dimension;
+use spinney::store::{TreeTarget, depth_for};
 
 use crate::build::{ArrayOptions, ArrayTree};
 use crate::error::invalid;
 use crate::jobs::{self, Terms, Work};
+use crate::packing::Packing;
 
 /// An array that becomes a layer.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct ArrayLayer {
+    /// The layer's name; may be empty if it is the only one.
     name: String,
     /// A function that hands out its blocks: see [`crate::build::ArraySlabs`].
     read: Py<PyAny>,
@@ -22,7 +26,7 @@ pub(crate) struct ArrayLayer {
     options: ArrayOptions,
 }
 
-/// A layer of a stack: what its progress adds to that of all.
+/// A layer of a file: what its progress adds to that of all.
 struct LayerWork<'w> {
     work: &'w Work,
     /// Cells of all layers.
@@ -30,8 +34,8 @@ struct LayerWork<'w> {
 }
 
 impl Progress for LayerWork<'_> {
-    fn advance(&self, done: u64, _: u64) {
-        self.work.advance(done, self.total);
+    fn advance(&self, done: u64, total: u64) {
+        self.work.advance(done, self.total.max(total));
     }
 
     fn warn(&self, file: &Path, text: &str) {
@@ -40,6 +44,64 @@ impl Progress for LayerWork<'_> {
 
     fn interrupted(&self) -> bool {
         self.work.interrupted()
+    }
+}
+
+/// Layers of one space, that are understood.
+struct PlannedLayers {
+    dimension: Dimension,
+    /// Levels of the finest.
+    depth: u8,
+    layers: Vec<(ArrayLayer, ArrayTree)>,
+}
+
+impl PlannedLayers {
+    /// Layers whose finest have `depth` levels, if that is said.
+    fn new(layers: Vec<ArrayLayer>, depth: Option<u8>) -> PyResult<PlannedLayers> {
+        let most = layers.iter().map(|layer| depth_for(layer.options.extent()) + layer.coarser).max();
+        let depth = depth.or(most).unwrap_or(0);
+        let mut plans = Vec::new();
+        for layer in layers {
+            let mut tree = layer.options.plan()?;
+            tree.build.depth = depth.checked_sub(layer.coarser).ok_or_else(|| {
+                invalid(format!(
+                    "depth: {depth}, the cells of `{}` are 2^{} times as large",
+                    layer.name, layer.coarser
+                ))
+            })?;
+            tree.build.metadata.name.clone_from(&layer.name);
+            plans.push((layer, tree));
+        }
+        let Some((_, first)) = plans.first() else { return Err(invalid("a stack without layers")) };
+        Ok(PlannedLayers { dimension: first.form.dimension, depth, layers: plans })
+    }
+
+    /// Bytes of all cells.
+    fn bytes(&self) -> u64 {
+        let bytes = |(layer, tree): &(ArrayLayer, ArrayTree)| {
+            let cells = layer.options.extent().iter().fold(1u64, |cells, along| cells.saturating_mul(*along));
+            cells.saturating_mul(tree.form.value.size() as u64)
+        };
+        self.layers.iter().map(bytes).fold(0, u64::saturating_add)
+    }
+
+    /// Writes them, or what is asked for of them.
+    fn write(&self, target: TreeTarget, work: &Work) -> spinney::Result<()> {
+        let is_whole = target.whole().is_some();
+        let cells = |(layer, _): &(ArrayLayer, ArrayTree)| layer.options.extent().iter().product::<u64>();
+        let total = if is_whole { self.layers.iter().map(cells).fold(0, u64::saturating_add) } else { 0 };
+        let mut file = target.start((self.dimension, self.depth), self.layers.len() as u32)?;
+        let progress = LayerWork { work, total };
+        for (layer, ArrayTree { form, nodata, build }) in &self.layers {
+            match file.run() {
+                None => file.tell(*form, layer.options.extent(), build)?,
+                Some(run) => {
+                    let mut slabs = layer.options.slabs(&layer.read, (*form, build.depth, run), work);
+                    file.slabs(*form, &mut slabs, *nodata, build, &progress)?;
+                }
+            }
+        }
+        file.finish()
     }
 }
 
@@ -53,32 +115,45 @@ pub(crate) fn build_layers(
     depth: Option<u8>,
     terms: Terms,
 ) -> PyResult<()> {
-    let most = layers.iter().map(|layer| depth_for(layer.options.extent()) + layer.coarser).max();
-    let depth = depth.or(most).unwrap_or(0);
-    let cells = |layer: &ArrayLayer| layer.options.extent().iter().product::<u64>();
-    let total = layers.iter().map(cells).fold(0, u64::saturating_add);
-    let mut plans = Vec::new();
-    for layer in layers {
-        let ArrayTree { form, nodata, mut build } = layer.options.plan()?;
-        build.depth = depth.checked_sub(layer.coarser).ok_or_else(|| {
-            invalid(format!(
-                "depth: {depth}, the cells of `{}` are 2^{} times as large",
-                layer.name, layer.coarser
-            ))
-        })?;
-        build.metadata.name.clone_from(&layer.name);
-        plans.push((layer, ArrayTree { form, nodata, build }));
-    }
-    let Some(dimension) = plans.first().map(|(_, plan)| plan.form.dimension) else {
-        return Err(invalid("a stack without layers"));
-    };
-    jobs::run(py, terms, move |work| {
-        let mut file = TreeWriter::create(work.create_tree(&out)?, (dimension, depth), plans.len() as u32)?;
-        let progress = LayerWork { work, total };
-        for (layer, ArrayTree { form, nodata, build }) in plans {
-            let mut slabs = layer.options.slabs(layer.read, form, work);
-            file.slabs(form, &mut slabs, nodata, &build, &progress)?;
-        }
-        file.finish()
+    let layers = PlannedLayers::new(layers, depth)?;
+    jobs::run(py, terms, |work| layers.write(work.create_tree(&out)?.into(), work))
+}
+
+/// Plans a job of such a file; returns whether the same one was there already.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)] // those of the Python function
+pub(crate) fn plan_layers(
+    py: Python<'_>,
+    layers: Vec<ArrayLayer>,
+    job: PathBuf,
+    depth: Option<u8>,
+    token: String,
+    packing: Packing,
+    shards: Option<u32>,
+    terms: Terms,
+) -> PyResult<bool> {
+    let layers = PlannedLayers::new(layers, depth)?;
+    jobs::run(py, terms, |work| {
+        let given = GivenLayers { token: &token, packing: packing.0, bytes: layers.bytes() };
+        Ok(plan_given(given, &job, shards, &mut |target| layers.write(target, work))?.was_there)
+    })
+}
+
+/// Builds a shard of such a job, unless it is made already; returns whether it was, and the bytes of its segments.
+#[pyfunction]
+pub(crate) fn build_layers_shard(
+    py: Python<'_>,
+    layers: Vec<ArrayLayer>,
+    job: PathBuf,
+    depth: Option<u8>,
+    token: String,
+    number: u32,
+    terms: Terms,
+) -> PyResult<(bool, u64)> {
+    let layers = PlannedLayers::new(layers, depth)?;
+    jobs::run(py, terms, |work| {
+        let mut write = |target| layers.write(target, work);
+        let built = Job::open(&job)?.build_given(number, &token, &mut write)?;
+        Ok((built.was_there, built.bytes))
     })
 }

@@ -6,8 +6,9 @@ use std::time::Instant;
 use anyhow::{Context as _, Result, bail, ensure};
 use serde_json::json;
 use spinney::import::feature::is_feature_file;
-use spinney::ops::{self, Prefer, Universe};
+use spinney::ops::{self, Operation, Prefer, Universe};
 use spinney::report::class_as_json;
+use spinney::shards::JobSpec;
 use spinney::value::Number;
 
 use super::args::{Memory, OperationName, OutputLimit, Packing, check_output, numbers, parse_operation};
@@ -25,28 +26,11 @@ use super::{Global, exact};
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Operation: see below
-    #[arg(value_parser = parse_operation)]
-    operation: OperationName,
-    /// Tree files of one kind, and files of features to be laid over their cells; exact models; or files of polygons alone
-    #[arg(required = true)]
-    files: Vec<PathBuf>,
+    #[command(flatten)]
+    merging: MergingArgs,
     /// File to write; - is standard output
     #[arg(short, long, value_name = "OUT.goblin")]
     output: Option<PathBuf>,
-    /// Whose value stands where a set operation finds both: a or b
-    #[arg(long, value_name = "WHOSE", default_value = "a", value_parser = ["a", "b", "first", "second"])]
-    values: String,
-    /// Value of cells that a set operation makes of nothing [default: 255 for bytes, else 1]
-    #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
-    fill: Option<Number>,
-    /// Place in which an operation fills what neither file has, a box of the world: west, south, east, north; of octrees
-    /// all least and then all largest coordinates; of polygons also a file of such, and for all operations [default: a raster's picture, an octree's root]
-    #[arg(long, value_name = "BOX", value_parser = parse_within, conflicts_with = "margin")]
-    within: Option<Within>,
-    /// Fill what neither file has in the files' pictures and so many cells around them
-    #[arg(long, value_name = "CELLS")]
-    margin: Option<u32>,
     /// Width of the steps of the grid on which corners of polygons come to lie, in units of the coordinates, or the next smaller power of two
     /// [default: 2^-42 of the greatest coordinate]
     #[arg(long, value_name = "WIDTH")]
@@ -65,6 +49,70 @@ pub(crate) struct Args {
     limit: OutputLimit,
     #[command(flatten)]
     features: FeatureOperands,
+}
+
+/// Files, and the way in which they are merged.
+#[derive(clap::Args)]
+pub(crate) struct MergingArgs {
+    /// Operation, as `spinney combine --help` tells them
+    #[arg(value_parser = parse_operation)]
+    operation: OperationName,
+    /// Tree files of one kind, and files of features to be laid over their cells; exact models; or files of polygons alone
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// Whose value stands where a set operation finds both: a or b
+    #[arg(long, value_name = "WHOSE", default_value = "a", value_parser = ["a", "b", "first", "second"])]
+    values: String,
+    /// Value of cells that a set operation makes of nothing [default: 255 for bytes, else 1]
+    #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
+    fill: Option<Number>,
+    /// Place in which an operation fills what neither file has, a box of the world: west, south, east, north; of octrees
+    /// all least and then all largest coordinates; of polygons also a file of such, and for all operations [default: a raster's picture, an octree's root]
+    #[arg(long, value_name = "BOX", value_parser = parse_within, conflicts_with = "margin")]
+    within: Option<Within>,
+    /// Fill what neither file has in the files' pictures and so many cells around them
+    #[arg(long, value_name = "CELLS")]
+    margin: Option<u32>,
+}
+
+impl MergingArgs {
+    /// The operation on trees, and the place in which it fills what none of them has.
+    fn on_trees(&self) -> Result<(Operation, Universe)> {
+        let within = match &self.within {
+            Some(Within::Box(low, high)) => Some(Universe::Within(*low, *high)),
+            Some(Within::Polygons(path)) => {
+                bail!("{}: a file of polygons limits what is made of polygons; give a box", path.display())
+            }
+            None => None,
+        };
+        let name = &self.operation;
+        let prefer =
+            if self.values == "a" || self.values == "first" { Prefer::First } else { Prefer::Second };
+        ensure!(!name.is_partition(), "partition is for files of polygons");
+        let operation = name.operation(prefer).with_context(|| format!("{}: no such operation", name.0))?;
+        let universe = within.or(self.margin.map(Universe::Margin));
+        ensure!(
+            universe.is_none() || operation.needs_universe(),
+            "--within and --margin are for operations that fill what neither file has (those from 8 on)"
+        );
+        Ok((operation, universe.unwrap_or_default()))
+    }
+
+    /// What is made of trees of cells alone in shards.
+    pub(crate) fn spec(&self, packing: spinney::store::Packing) -> Result<JobSpec> {
+        let name = &self.operation.0;
+        ensure!(!self.operation.is_table(), "{name} prints a table: `spinney combine {name}`");
+        if let Some(file) = self.files.iter().find(|file| is_feature_file(file)) {
+            bail!("{}: features are not combined in shards: `spinney combine {name}`", file.display())
+        }
+        ensure!(
+            !exact::any_model(&self.files),
+            "exact models are not combined in shards: `spinney combine {name}`"
+        );
+        let (operation, universe) = self.on_trees()?;
+        let (inputs, fill) = (self.files.clone(), self.fill);
+        Ok(JobSpec::Combine { inputs, operation, fill, universe, packing })
+    }
 }
 
 const EXAMPLES: &str = "\
@@ -130,83 +178,52 @@ fn parse_box(text: &str) -> Result<([f64; 3], [f64; 3]), String> {
 
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
-    let Args {
-        operation: name,
-        files,
-        output,
-        values,
-        fill,
-        within,
-        margin,
-        snap,
-        explain,
-        json,
-        memory,
-        packing,
-        limit,
-        features,
-    } = args;
-    ensure!(!explain || exact::any_model(&files), "--explain is for exact models (`build --brep`)");
+    let Args { merging, output, snap, explain, json, memory, packing, limit, features } = args;
+    let MergingArgs { operation: name, files, values, fill, within, margin } = &merging;
+    let fill = *fill;
+    ensure!(!explain || exact::any_model(files), "--explain is for exact models (`build --brep`)");
     if name.is_table() {
         ensure!(output.is_none(), "cross prints a table: leave out --output");
-        return table(&files, json);
+        return table(files, json);
     }
     ensure!(!json, "--json is for the table of cross");
     if files.iter().all(|file| is_feature_file(file)) {
-        let given = [("--values", values != "a"), ("--fill", fill.is_some()), ("--margin", margin.is_some())];
+        let given =
+            [("--values", *values != "a"), ("--fill", fill.is_some()), ("--margin", margin.is_some())];
         let given = given.into_iter().chain(packing.given()).find(|(_, is_given)| *is_given);
         ensure!(given.is_none(), "{} is not for polygons", given.map_or("", |(name, _)| name));
         let path = output.context("--output is missing: where should the result go?")?;
-        let is_solid = matches!(&within, Some(Within::Box(low, high)) if low[2] != high[2]);
+        let is_solid = matches!(within, Some(Within::Box(low, high)) if low[2] != high[2]);
         ensure!(!is_solid, "--within: polygons are within a box of four numbers, or a file of polygons");
-        let within = within.map(|within| match within {
+        let within = within.as_ref().map(|within| match within {
             Within::Box(low, high) => Region::Box([low[0], low[1]], [high[0], high[1]]),
-            Within::Polygons(path) => Region::Polygons(path),
+            Within::Polygons(path) => Region::Polygons(path.clone()),
         });
         let filter = features.filter_alone()?;
-        return overlay::run(
-            &Question { name: &name.0, files: &files, filter, within, snap, memory },
-            &path,
-            global,
-        );
+        return overlay::run(&Question { name: &name.0, files, filter, within, snap, memory }, &path, global);
     }
     ensure!(snap.is_none(), "--snap is for polygons (exact models have the grid that they were built on)");
-    let within = match within {
-        Some(Within::Box(low, high)) => Some(Universe::Within(low, high)),
-        Some(Within::Polygons(path)) => {
-            bail!("{}: a file of polygons limits what is made of polygons; give a box", path.display())
-        }
-        None => None,
-    };
-    let prefer = if values == "a" || values == "first" { Prefer::First } else { Prefer::Second };
-    ensure!(!name.is_partition(), "partition is for files of polygons");
-    let operation = name.operation(prefer).with_context(|| format!("{}: no such operation", name.0))?;
-    let universe = within.or(margin.map(Universe::Margin));
-    ensure!(
-        universe.is_none() || operation.needs_universe(),
-        "--within and --margin are for operations that fill what neither file has (those from 8 on)"
-    );
+    let (operation, universe) = merging.on_trees()?;
     let path = output.context("--output is missing: where should the result go?")?;
     check_output(files.iter().map(PathBuf::as_path), &path)?;
-    if exact::any_model(&files) {
+    if exact::any_model(files) {
         let given = [
-            ("--values", values != "a"),
+            ("--values", *values != "a"),
             ("--fill", fill.is_some()),
-            ("--within or --margin", universe.is_some()),
+            ("--within or --margin", within.is_some() || margin.is_some()),
         ];
         exact::refuse(&files[0], &given)?;
         let codec = packing.of_model(&files[0])?;
-        return exact::combine(operation, &files, (&path, &limit), codec, (memory.bytes, explain), global);
+        return exact::combine(operation, files, (&path, &limit), codec, (memory.bytes, explain), global);
     }
     let how = packing.with(memory)?;
     let work = Work::start(global, "cells")?;
-    let universe = universe.unwrap_or_default();
     let output = limit.create_tree(&path)?;
-    let (outcome, counts) = if are_mixed(&files) {
-        features.combine(operation, (fill, universe), &files, output, how, &work)?
+    let (outcome, counts) = if are_mixed(files) {
+        features.combine(operation, (fill, universe), files, output, how, &work)?
     } else {
         features.refuse()?;
-        (ops::combine(operation, fill, universe, &files, output, how, &work)?, vec![None; files.len()])
+        (ops::combine(operation, fill, universe, files, output, how, &work)?, vec![None; files.len()])
     };
     work.finish();
     for ((file, cells), features) in files.iter().zip(&outcome.before).zip(counts) {

@@ -29,25 +29,11 @@ use super::{Global, exact, points};
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Tree file, or exact model
-    file: PathBuf,
-    /// Steps, in order: see below
-    #[arg(value_name = "STEP", value_parser = parse_any_step, allow_hyphen_values = false)]
-    steps: Vec<AnyStep>,
+    #[command(flatten)]
+    chain: ChainArgs,
     /// File to write; - is standard output
     #[arg(short, long, value_name = "OUT.goblin")]
     output: PathBuf,
-    /// Resampling of cells that are no old ones: nearest, or for like=, warp= and grid= bilinear, cubic, area or majority, too
-    /// [default: the file's rule; with like=, warp= and grid= nearest class or bilinear amounts, and majority or area where new
-    /// cells are more than 1.5 times as large]
-    #[arg(long, value_name = "WAY")]
-    resampling: Option<Resampling>,
-    /// Take datums for WGS 84 whose shift to it is unknown or needs a grid
-    #[arg(long)]
-    allow_ballpark: bool,
-    /// Move the picture in the world as its cells are moved
-    #[arg(long = "move")]
-    moves: bool,
     /// Width of the steps of a new grid for exact models, to which all corners are moved
     /// [default: the model's grid, on which nothing is rounded that need not be]
     #[arg(long, value_name = "WIDTH")]
@@ -61,6 +47,52 @@ pub(crate) struct Args {
     packing: Packing,
     #[command(flatten)]
     limit: OutputLimit,
+}
+
+/// A file, and what is done to it.
+#[derive(clap::Args)]
+pub(crate) struct ChainArgs {
+    /// Tree file, or exact model
+    file: PathBuf,
+    /// Steps, in order, as `spinney transform --help` tells them
+    #[arg(value_name = "STEP", value_parser = parse_any_step, allow_hyphen_values = false)]
+    steps: Vec<AnyStep>,
+    /// Resampling of cells that are no old ones: nearest, or for like=, warp= and grid= bilinear, cubic, area or majority, too
+    /// [default: the file's rule; with like=, warp= and grid= nearest class or bilinear amounts, and majority or area where new
+    /// cells are more than 1.5 times as large]
+    #[arg(long, value_name = "WAY")]
+    resampling: Option<Resampling>,
+    /// Take datums for WGS 84 whose shift to it is unknown or needs a grid
+    #[arg(long)]
+    allow_ballpark: bool,
+    /// Move the picture in the world as its cells are moved
+    #[arg(long = "move")]
+    moves: bool,
+}
+
+impl ChainArgs {
+    /// The steps of trees of cells, and what becomes of trees of points.
+    fn steps(&self) -> (Vec<Step>, Vec<&PointRaster>) {
+        let (mut cells, mut rasters) = (Vec::new(), Vec::new());
+        for step in &self.steps {
+            match step {
+                AnyStep::Cells(step) => cells.push(step.clone()),
+                AnyStep::Points(raster) => rasters.push(raster),
+            }
+        }
+        (cells, rasters)
+    }
+
+    /// The chain of steps on a tree of cells.
+    pub(crate) fn chain(&self) -> Result<Chain> {
+        let (steps, rasters) = self.steps();
+        if !rasters.is_empty() {
+            bail!("{}: is no tree of points, which raster= is for", self.file.display());
+        }
+        let mut warp = WarpOptions::default();
+        (warp.resampling, warp.allow_ballpark) = (self.resampling, self.allow_ballpark);
+        Ok(Chain { path: self.file.clone(), steps, moves: self.moves, warp })
+    }
 }
 
 /// A step of trees of cells and exact models, or what becomes of trees of points.
@@ -144,29 +176,12 @@ Examples:
 
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
-    let Args {
-        file,
-        steps,
-        output: path,
-        resampling,
-        allow_ballpark,
-        moves,
-        snap,
-        unit,
-        memory,
-        packing,
-        limit,
-    } = args;
-    let (mut cells, mut rasters) = (Vec::new(), Vec::new());
-    for step in steps {
-        match step {
-            AnyStep::Cells(step) => cells.push(step),
-            AnyStep::Points(raster) => rasters.push(raster),
-        }
-    }
-    let steps = cells;
-    check_output([file.as_path()].into_iter().chain(steps.iter().flat_map(Step::files)), &path)?;
-    if let Some(tree) = points::open(&file)? {
+    let Args { chain, output: path, snap, unit, memory, packing, limit } = args;
+    let ChainArgs { file, resampling, allow_ballpark, moves, .. } = &chain;
+    let (resampling, allow_ballpark, moves) = (*resampling, *allow_ballpark, *moves);
+    let (steps, rasters) = chain.steps();
+    check_output([&**file].into_iter().chain(steps.iter().flat_map(Step::files)), &path)?;
+    if let Some(tree) = points::open(file)? {
         let [raster] = &rasters[..] else {
             bail!(
                 "{}: is a tree of points, of which one step makes cells: raster=mean,cell=1",
@@ -178,7 +193,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
             ("--move", moves),
             ("a step of cells", !steps.is_empty()),
         ];
-        points::refuse(&file, &given)?;
+        points::refuse(file, &given)?;
         let work = Work::start(global, "cells")?;
         let memory = (memory.bytes, packing.choice()?);
         let [columns, rows] = rasterize_points(&tree, raster, memory, limit.create_tree(&path)?, &work)?;
@@ -187,15 +202,13 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         report_output(global, &path, start);
         return Ok(());
     }
-    if !rasters.is_empty() {
-        bail!("{}: is no tree of points, which raster= is for", file.display());
-    }
-    if let Some(model) = exact::open(&file)? {
+    let cells = chain.chain()?;
+    if let Some(model) = exact::open(file)? {
         let given =
             [("--resampling", resampling.is_some()), ("--allow-ballpark", allow_ballpark), ("--move", moves)];
-        exact::refuse(&file, &given)?;
+        exact::refuse(file, &given)?;
         let mut options = TransformOptions::new(memory.bytes);
-        (options.snap, options.unit, options.codec) = (snap, unit, packing.of_model(&file)?);
+        (options.snap, options.unit, options.codec) = (snap, unit, packing.of_model(file)?);
         let moving = exact::Moving { model: &model, steps: &steps, options };
         return exact::transform(moving, &path, &limit, global);
     }
@@ -203,12 +216,9 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     if let Some((name, _)) = given.iter().find(|(_, is_given)| *is_given) {
         bail!("{}: is no exact model, which {name} is for", file.display());
     }
-    let mut warp = WarpOptions::default();
-    (warp.resampling, warp.allow_ballpark) = (resampling, allow_ballpark);
-    let chain = Chain { path: file, steps, moves, warp };
     let how = packing.with(memory)?;
     let work = Work::start(global, "cells")?;
-    let outcome = ops::transform(&chain, limit.create_tree(&path)?, how, &work)?;
+    let outcome = ops::transform(&cells, limit.create_tree(&path)?, how, &work)?;
     work.finish();
     let [width, height, depth] = outcome.extent;
     let size =

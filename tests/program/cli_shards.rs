@@ -18,23 +18,23 @@ use crate::common::command::{complaint, spinney, stderr};
 const PROGRAM: &str = env!("CARGO_BIN_EXE_spinney");
 
 /// A folder for one test.
-struct Place(tempfile::TempDir);
+pub(crate) struct Place(tempfile::TempDir);
 
 impl Place {
-    fn new() -> Place {
+    pub(crate) fn new() -> Place {
         Place(tempfile::tempdir().unwrap())
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.0.path().join(name)
     }
 
-    fn name(&self, name: &str) -> String {
+    pub(crate) fn name(&self, name: &str) -> String {
         self.path(name).to_str().unwrap().into()
     }
 
     /// A grey picture at a place of a grid, of squares of one value and of noise.
-    fn picture(&self, name: &str, at: [u64; 2], size: [u64; 2]) -> String {
+    pub(crate) fn picture(&self, name: &str, at: [u64; 2], size: [u64; 2]) -> String {
         let path = self.path(name);
         let frame = Frame {
             crs: Some(Crs::epsg(32632)),
@@ -68,27 +68,31 @@ impl Place {
 
     /// Plans, builds all shards, and merges them; the bytes are those of a build of the same inputs.
     fn compare(&self, inputs: &[&str], options: &[&str], shards: &[u32]) {
+        self.compare_with(["build", "plan"], &[inputs, options].concat(), shards);
+    }
+
+    /// Does so for a command and the one that plans the same.
+    pub(crate) fn compare_with(&self, [command, plan]: [&str; 2], words: &[&str], shards: &[u32]) {
         let (whole, merged) = (self.name("whole.goblin"), self.name("merged.goblin"));
-        spinney(&[&["-q", "build", "-o", &whole], inputs, options].concat()).success();
+        spinney(&[&["-q", command, "-o", &whole], words].concat()).success();
         for count in shards {
             let (job, count) = (self.name("job"), *count);
-            let words = count.to_string();
-            let plan = ["-q", "shard", "plan", "-o", &job, "--shards", &words];
-            spinney(&[&plan, inputs, options].concat()).success();
+            let number = count.to_string();
+            spinney(&[&["-q", "shard", plan, "-o", &job, "--shards", &number], words].concat()).success();
             // The last ones first.
             for number in (0..count).rev() {
                 spinney(&["-q", "shard", "build", &job, &number.to_string(), "--memory", "32M"]).success();
             }
             spinney(&["-q", "shard", "merge", &job, "-o", &merged]).success();
             let same = fs::read(&merged).unwrap() == fs::read(&whole).unwrap();
-            assert!(same, "{count} shards of {inputs:?} with {options:?}");
+            assert!(same, "{count} shards of {command} {words:?}");
             assert_eq!(self.leftovers("job/shards"), Vec::<String>::new());
             fs::remove_dir_all(&job).unwrap();
         }
     }
 
     /// Files in a folder that are no part of a job.
-    fn leftovers(&self, folder: &str) -> Vec<String> {
+    pub(crate) fn leftovers(&self, folder: &str) -> Vec<String> {
         let entries = fs::read_dir(self.path(folder)).unwrap();
         let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
         let mut rest: Vec<String> =
@@ -163,7 +167,7 @@ fn shards_of_stacks_make_the_bytes_of_a_build() {
 }
 
 /// A job of a picture, and what a build makes of it.
-fn job(place: &Place, shards: &str) -> (String, Vec<u8>) {
+pub(crate) fn job(place: &Place, shards: &str) -> (String, Vec<u8>) {
     let picture = place.picture("p.tif", [0, 0], [1500, 1200]);
     let (job, whole) = (place.name("job"), place.name("whole.goblin"));
     spinney(&["-q", "build", &picture, "-o", &whole]).success();
@@ -303,12 +307,12 @@ fn shards_open_the_inputs_that_they_are_made_of() {
     let plan = place.path("job/plan.json");
     let json: serde_json::Value = serde_json::from_slice(&fs::read(&plan).unwrap()).unwrap();
     for (pointer, value, word) in [
-        ("/inputs/1/region", "[18446744073709551615, 0, 700, 700]", "in the mosaic"),
-        ("/inputs/1/region", "[1301, 0, 700, 700]", "in the mosaic"),
-        ("/inputs/1/region", "null", "in the mosaic"),
-        ("/inputs/4/region", "[0, 0, 1999, 100]", "4.tif"),
-        ("/mosaic/size", "[2001, 2000]", "in the mosaic"),
-        ("/mosaic/nodata", "\"x\"", "number"),
+        ("/work/pictures/mosaic/regions/1", "[18446744073709551615, 0, 700, 700]", "in it"),
+        ("/work/pictures/mosaic/regions/1", "[1301, 0, 700, 700]", "in it"),
+        ("/work/pictures/mosaic/regions", "[]", "in it"),
+        ("/work/pictures/mosaic/regions/4", "[0, 0, 1999, 100]", "4.tif"),
+        ("/work/pictures/mosaic/size", "[2001, 2000]", "in it"),
+        ("/work/pictures/mosaic/nodata", "\"x\"", "number"),
     ] {
         let mut bad = json.clone();
         *bad.pointer_mut(pointer).unwrap() = serde_json::from_str(value).unwrap();
@@ -387,14 +391,18 @@ fn plans_that_are_damaged_are_refused() {
         ("/shards", "[]", "once"),
         ("/head/bytes", "1", "head.goblin"),
         ("/head/xxh3", "\"\"", "head.goblin"),
-        ("/options/kind", "\"odd\"", "kind"),
-        ("/options/depth", "200", "depth"),
-        ("/options/transform", "[\"nan\",\"0\",\"0\",\"0\",\"0\",\"0\"]", "transform"),
+        ("/work/pictures/options/kind", "\"odd\"", "kind"),
+        ("/work/pictures/options/depth", "200", "depth"),
+        ("/work/pictures/options/transform", "[\"nan\",\"0\",\"0\",\"0\",\"0\",\"0\"]", "transform"),
         ("/inputs", "[]", "at least one"),
         ("/inputs/0/files/0/path", "\"/gone\"", "/gone"),
         ("/inputs/0/path", "\"/gone\"", "/gone"),
-        ("/mosaic", "{\"size\": [9, 9], \"nodata\": null, \"flag_all\": false}", "in the mosaic"),
-        ("/options/rule", "\"max\"", "was planned"),
+        (
+            "/work/pictures/mosaic",
+            "{\"size\": [9, 9], \"nodata\": null, \"flag_all\": false, \"regions\": [[0, 0, 9, 9]]}",
+            "in it",
+        ),
+        ("/work/pictures/options/rule", "\"max\"", "was planned"),
     ] {
         let bad = changed(&|json| *json.pointer_mut(pointer).unwrap() = serde_json::from_str(value).unwrap());
         refused(&bad, word);
@@ -427,7 +435,6 @@ fn what_shards_do_not_have_is_said() {
     refused(&[&picture, "-o", &job, "--grid", "xyz"], "--grid is not for shards");
     refused(&[&picture, "-o", &job, "--max-bytes", "1G"], "--max-bytes is not for shards");
     refused(&[&picture, "-o", &job, "--resampling", "nearest"], "--resampling is for other grids");
-    refused(&[&picture, "-o", &job, "--pages", "z"], "--pages z is not for shards");
     refused(&[&tree, "-o", &job], "is a tree");
     refused(&[&picture, "-o", &place.name("job.autumn")], "folder of a job");
     refused(&[&picture, "-o", &place.name("job.goblin")], "folder of a job");

@@ -45,6 +45,9 @@ mod cli_reconstruction;
 mod cli_safety;
 mod cli_section;
 mod cli_shards;
+mod cli_shards_merge;
+mod cli_shards_octrees;
+mod cli_shards_trees;
 mod cli_solids;
 #[cfg(feature = "cli")]
 mod cli_sources;

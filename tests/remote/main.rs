@@ -1,5 +1,6 @@
 //! Files on web servers and in buckets: what servers do wrong, and what comes of it.
 
+mod jobs;
 mod server;
 
 use std::path::Path;

@@ -87,15 +87,20 @@ impl State {
         let _ = stream.set_nodelay(true);
         let mut reader = BufReader::new(stream.try_clone().unwrap());
         let mut writer = stream;
-        while let Some((path, range)) = request(&mut reader) {
-            if self.answer(&mut writer, &path, range).is_none() {
+        while let Some((has_body, path, range)) = request(&mut reader) {
+            if self.answer(&mut writer, (&path, has_body), range).is_none() {
                 return;
             }
         }
     }
 
     /// Answers a request; nothing if the connection is to be closed.
-    fn answer(&self, out: &mut TcpStream, path: &str, range: Option<String>) -> Option<()> {
+    fn answer(
+        &self,
+        out: &mut TcpStream,
+        (path, has_body): (&str, bool),
+        range: Option<String>,
+    ) -> Option<()> {
         let number = self.requests.fetch_add(1, Ordering::SeqCst);
         let fault = *self.fault.lock().unwrap();
         let path = path.split('?').next().unwrap();
@@ -122,7 +127,7 @@ impl State {
             None => {
                 let head = format!("HTTP/1.1 200 OK\r\nContent-Length: {all}\r\nETag: {tag}\r\n\r\n");
                 out.write_all(head.as_bytes()).ok()?;
-                return out.write_all(&file).ok();
+                return if has_body { out.write_all(&file).ok() } else { Some(()) };
             }
             Some(range) => match range.split_once('-').unwrap() {
                 ("", suffix) => (all.saturating_sub(suffix.parse().unwrap()), all),
@@ -154,11 +159,11 @@ impl State {
     }
 }
 
-/// The path of the next request, and the range that it asks for.
-fn request(reader: &mut BufReader<TcpStream>) -> Option<(String, Option<String>)> {
+/// The path of the next request, whether its answer has a body, and the range that it asks for.
+fn request(reader: &mut BufReader<TcpStream>) -> Option<(bool, String, Option<String>)> {
     let mut line = String::new();
     reader.read_line(&mut line).ok().filter(|read| *read > 0)?;
-    let path = line.split(' ').nth(1)?.to_string();
+    let (has_body, path) = (!line.starts_with("HEAD "), line.split(' ').nth(1)?.to_string());
     let mut range = None;
     let mut length = 0;
     loop {
@@ -173,5 +178,5 @@ fn request(reader: &mut BufReader<TcpStream>) -> Option<(String, Option<String>)
     }
     let mut body = vec![0; length];
     reader.read_exact(&mut body).ok()?;
-    Some((path, range))
+    Some((has_body, path, range))
 }

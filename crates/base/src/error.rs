@@ -177,10 +177,15 @@ fn listed(places: &[String], count: u64) -> String {
 }
 
 impl Error {
-    /// An operating-system error while `doing` something to `path`; use with `map_err`.
+    /// An operating-system error while `doing` something to `path`; use with `map_err`. One that has an error of this library inside, as of
+    /// an [`io::InputFile`](crate::io::InputFile), becomes that.
     pub fn io(path: impl Into<PathBuf>, doing: &'static str) -> impl FnOnce(io::Error) -> Error {
         let path = path.into();
         move |cause| {
+            let cause = match cause.downcast::<Error>() {
+                Ok(inside) => return inside,
+                Err(cause) => cause,
+            };
             // (The system knows no URLs: that there is no file of that name would say the wrong thing.)
             if cause.raw_os_error().is_some() && url_of(&path).is_some() {
                 let advice = "copy it to this machine first (trees and exact models are read where they are)";
@@ -192,6 +197,16 @@ impl Error {
             }
             Error::Io { path, doing, cause }
         }
+    }
+
+    /// The error inside of one of the system, of the same kind, for readers and writers that others use: [`Error::io`] finds it there.
+    pub fn into_io(self) -> io::Error {
+        let kind = match &self {
+            // (What is interrupted here is not to be tried again.)
+            Error::Io { cause, .. } if cause.kind() != io::ErrorKind::Interrupted => cause.kind(),
+            _ => io::ErrorKind::Other,
+        };
+        io::Error::new(kind, self)
     }
 
     /// Bytes of `path` that break the format's rules.

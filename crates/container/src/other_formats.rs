@@ -5,6 +5,8 @@ use std::path::Path;
 use spinney_base::io::Output;
 use spinney_base::{Error, Result};
 
+use crate::format::TreeFormat;
+
 /// A format of other programs.
 #[derive(Debug)]
 pub struct OtherFormat {
@@ -325,7 +327,11 @@ pub fn check_tree_name(path: &Path) -> Result<()> {
 /// If the name is one of files of another format; else those of [`Output::create`].
 pub fn create_tree_file(path: &Path) -> Result<Output> {
     check_tree_name(path)?;
-    Output::create(path)
+    match TreeFormat::of(path) {
+        // (Those of this format alone are written from the beginning to the end.)
+        TreeFormat::Goblin => Output::append_only(path),
+        TreeFormat::Autumnal => Output::create(path),
+    }
 }
 
 /// The ending of a name, in lower case, without its dot.

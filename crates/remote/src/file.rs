@@ -7,12 +7,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 use futures_util::StreamExt;
 use futures_util::stream;
 use object_store::{Attribute, GetOptions, GetRange, GetResult, ObjectMeta};
-use spinney_base::io::{Fetch, RangeCache, RangeFile, rounds};
+use spinney_base::io::{Fetch, FileState, RangeCache, RangeFile, rounds};
 use spinney_base::{Error, Result};
 
 use super::disk_cache::{DiskCache, KeptFile};
 use super::store::Place;
-use super::{RemoteOptions, Stores, error, runtime};
+use super::{RemoteOptions, Stores, error, look, runtime};
 
 /// Bytes at a file's beginning and at its end that are fetched to open it: header and meta pages, trailer, metadata and the top of the index.
 /// Of small files these would otherwise be most of what a question takes.
@@ -22,26 +22,9 @@ const TAIL: u64 = 24 << 10;
 /// Requests of a file at the same time.
 const AT_ONCE: usize = 32;
 
-/// State of a file elsewhere: where it is the same, all bytes are.
-#[derive(Clone, PartialEq, Eq)]
-struct FileState {
-    tag: Option<String>,
-    modified: i64,
-    length: u64,
-}
-
-impl FileState {
-    fn of(meta: &ObjectMeta) -> FileState {
-        // (Hosts without tags tell the time of the last change.)
-        let modified = if meta.e_tag.is_some() { 0 } else { meta.last_modified.timestamp_millis() };
-        FileState { tag: meta.e_tag.clone(), modified, length: meta.size }
-    }
-
-    /// The state as text, of a file with a URL.
-    fn key(&self, url: &str) -> String {
-        let FileState { tag, modified, length } = self;
-        format!("{url}\n{}\n{modified}\n{length}", tag.as_deref().unwrap_or_default())
-    }
+/// A state of a file as text.
+fn key(url: &str, state: &FileState) -> String {
+    format!("{url}\n{:?}\n{}", state.version, state.length)
 }
 
 /// The way to one file.
@@ -70,7 +53,7 @@ pub(super) fn open(url: &str, storage: &[(String, String)], stores: &Stores) -> 
     };
     let (head, tail) = runtime::wait(path, is_stopped, both)?;
     let head = head.map_err(|cause| cause.of_file(path, "open"))?;
-    let state = FileState::of(&head.meta);
+    let state = look::state(&head.meta);
     let mut came = vec![head];
     let mut requests = 2;
     match tail {
@@ -86,7 +69,7 @@ pub(super) fn open(url: &str, storage: &[(String, String)], stores: &Stores) -> 
         Err(failed) => return Err(failed.of_file(path, "open")),
     }
     rounds::count_traffic(requests, came.iter().map(|part| part.bytes.len() as u64).sum());
-    let key = state.key(url);
+    let key = key(url, &state);
     let kept = stores.folder.as_ref().map(|folder: &Arc<DiskCache>| folder.file(&key));
     let number = stores.number(&key);
     let length = state.length;
@@ -165,7 +148,7 @@ impl RemoteFile {
 
     /// Makes sure that a part is of the state in which the file was opened.
     fn check(&self, part: &Part) -> Result<()> {
-        if FileState::of(&part.meta) != self.state {
+        if look::state(&part.meta) != self.state {
             return Err(Error::Changed { path: self.path.clone(), what: "was overwritten" });
         }
         let length = part.range.end.saturating_sub(part.range.start);

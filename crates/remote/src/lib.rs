@@ -6,19 +6,23 @@
 mod disk_cache;
 mod error;
 mod file;
+mod look;
 mod profile;
 mod runtime;
 mod store;
 mod upload;
 
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use disk_cache::DiskCache;
 use spinney_base::Result;
-use spinney_base::io::{DEFAULT_GAP, RangeCache, RangeFile, ReadBackend, RemoteFiles, set_remote_files};
+use spinney_base::io::{
+    DEFAULT_GAP, FileState, RangeCache, RangeFile, ReadBackend, RemoteFiles, RemoteWriter, set_remote_files,
+};
+use upload::Upload;
 
 /// Options of files elsewhere, for all of a process. How much of them is held in memory is said to
 /// [`RangeCache::shared`].
@@ -102,12 +106,28 @@ impl RemoteFiles for Stores {
         Ok(Box::new(opened))
     }
 
-    fn upload(&self, file: &Path, url: &str) -> Result<()> {
-        upload::upload(file, url, &self.options)
+    fn look(&self, urls: &[&str]) -> Result<Vec<Result<Option<FileState>>>> {
+        look::look(urls, &self.options)
+    }
+
+    fn write(&self, url: &str) -> Result<Box<dyn RemoteWriter>> {
+        self.forget(&[url]);
+        Ok(Box::new(Upload::new(url, &self.options)?))
+    }
+
+    fn remove(&self, urls: &[&str]) -> Result<()> {
+        self.forget(urls);
+        look::remove(urls, &self.options)
     }
 }
 
 impl Stores {
+    /// Forgets that files were opened lately, which become others.
+    fn forget(&self, urls: &[&str]) {
+        let mut opened = self.opened.lock().unwrap_or_else(PoisonError::into_inner);
+        opened.retain(|(url, _), _| !urls.contains(&url.as_str()));
+    }
+
     /// The number in the cache of a state of a file.
     fn number(&self, state: &str) -> u64 {
         let mut numbers = self.numbers.lock().unwrap_or_else(PoisonError::into_inner);

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use spinney_base::{Error, Result};
 use tokio::runtime::{Builder, Runtime};
+use tokio::task::JoinHandle;
 
 /// Time between two questions whether to give up.
 const PATIENCE: Duration = Duration::from_millis(100);
@@ -32,6 +33,17 @@ fn runtime(path: &Path) -> Result<&'static Runtime> {
     let runtime: &'static Runtime = Box::leak(Box::new(made));
     *known = Some((process, runtime));
     Ok(runtime)
+}
+
+/// Starts some work, which goes on while nobody waits for it; the path is for messages.
+///
+/// # Errors
+/// If the system gives no threads.
+pub(super) fn spawn<T: Send + 'static>(
+    path: &Path,
+    work: impl Future<Output = T> + Send + 'static,
+) -> Result<JoinHandle<T>> {
+    Ok(runtime(path)?.spawn(work))
 }
 
 /// Waits for some work, which is dropped if somebody wants to stop; the path is for messages.

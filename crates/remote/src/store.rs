@@ -1,7 +1,8 @@
 //! The store that a URL leads to, as users and their environment have set it up.
 
+use std::collections::HashMap;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use object_store::aws::{AmazonS3Builder, AmazonS3ConfigKey};
@@ -22,6 +23,9 @@ pub(super) struct Place {
     pub(super) store: Arc<dyn ObjectStore>,
     pub(super) name: StorePath,
 }
+
+/// Buckets whose connections are kept.
+const MOST_BUCKETS: usize = 64;
 
 /// Time for which a request is repeated at most.
 const RETRY_FOR: Duration = Duration::from_secs(120);
@@ -48,15 +52,34 @@ impl Place {
             .with_allow_http(true);
         let bad = |cause| error::of_store(path, "set up access", cause);
         let name = StorePath::from_url_path(parsed.path()).map_err(|cause| bad(cause.into()))?;
-        let store: Arc<dyn ObjectStore> = match parsed.scheme() {
-            "s3" | "s3a" => {
-                let mut builder = AmazonS3Builder::new()
-                    .with_url(bucket(&parsed))
-                    .with_retry(retry)
-                    .with_client_options(client);
-                for (key, value) in
-                    profile::settings().into_iter().chain(environment("AWS_")).chain(storage.iter().cloned())
-                {
+        let (prefix, own) = match parsed.scheme() {
+            "s3" | "s3a" => ("AWS_", profile::settings()),
+            "gs" | "gcs" => ("GOOGLE_", Vec::new()),
+            "az" | "adl" | "azure" | "abfs" | "abfss" => ("AZURE_", Vec::new()),
+            "memory" => return Ok(Place { store: memory(), name }),
+            _ => {
+                // The URL as it is, with a query that may have a signature: the name below it is empty.
+                let mut client = client;
+                for (key, value) in storage {
+                    client = client.with_config(known::<ClientConfigKey>(key)?, value);
+                }
+                let builder = HttpBuilder::new().with_url(url).with_retry(retry).with_client_options(client);
+                let store = builder.build().map_err(bad)?;
+                return Ok(Place { store: Arc::new(store), name: StorePath::default() });
+            }
+        };
+        let settings: Vec<_> =
+            own.into_iter().chain(environment(prefix)).chain(storage.iter().cloned()).collect();
+        let bucket = bucket(&parsed);
+        let key = (std::process::id(), bucket.clone(), settings.clone(), profile::is_unsigned());
+        if let Some(store) = buckets().get(&key) {
+            return Ok(Place { store: store.clone(), name });
+        }
+        let store: Arc<dyn ObjectStore> = match prefix {
+            "AWS_" => {
+                let mut builder =
+                    AmazonS3Builder::new().with_url(bucket).with_retry(retry).with_client_options(client);
+                for (key, value) in settings {
                     builder = builder.with_config(known::<AmazonS3ConfigKey>(&key)?, value);
                 }
                 // (Nobody is asked for credentials that an anonymous reader does not need.)
@@ -74,41 +97,43 @@ impl Place {
                 }
                 Arc::new(builder.build().map_err(bad)?)
             }
-            "gs" | "gcs" => {
-                let url = bucket(&parsed).replacen("gcs://", "gs://", 1);
+            "GOOGLE_" => {
                 let mut builder = GoogleCloudStorageBuilder::new()
-                    .with_url(url)
+                    .with_url(bucket.replacen("gcs://", "gs://", 1))
                     .with_retry(retry)
                     .with_client_options(client);
-                for (key, value) in environment("GOOGLE_").into_iter().chain(storage.iter().cloned()) {
+                for (key, value) in settings {
                     builder = builder.with_config(known::<GoogleConfigKey>(&key)?, value);
                 }
                 Arc::new(builder.build().map_err(bad)?)
             }
-            "az" | "adl" | "azure" | "abfs" | "abfss" => {
+            _ => {
                 let mut builder = MicrosoftAzureBuilder::new()
-                    .with_url(bucket(&parsed))
+                    .with_url(bucket)
                     .with_retry(retry)
                     .with_client_options(client);
-                for (key, value) in environment("AZURE_").into_iter().chain(storage.iter().cloned()) {
+                for (key, value) in settings {
                     builder = builder.with_config(known::<AzureConfigKey>(&key)?, value);
                 }
                 Arc::new(builder.build().map_err(bad)?)
             }
-            "memory" => memory(),
-            _ => {
-                // The URL as it is, with a query that may have a signature: the name below it is empty.
-                let mut client = client;
-                for (key, value) in storage {
-                    client = client.with_config(known::<ClientConfigKey>(key)?, value);
-                }
-                let builder = HttpBuilder::new().with_url(url).with_retry(retry).with_client_options(client);
-                let store = builder.build().map_err(bad)?;
-                return Ok(Place { store: Arc::new(store), name: StorePath::default() });
-            }
         };
+        let mut known = buckets();
+        if known.len() >= MOST_BUCKETS {
+            known.clear();
+        }
+        known.insert(key, store.clone());
         Ok(Place { store, name })
     }
+}
+
+/// The way to a bucket: the process, the bucket, its settings, and whether the environment says that requests are not signed.
+type BucketKey = (u32, String, Vec<(String, String)>, bool);
+
+/// Buckets that this process has talked to: the next request uses their connections. (A forked process has connections of its own.)
+fn buckets() -> MutexGuard<'static, HashMap<BucketKey, Arc<dyn ObjectStore>>> {
+    static BUCKETS: LazyLock<Mutex<HashMap<BucketKey, Arc<dyn ObjectStore>>>> = LazyLock::new(Mutex::default);
+    BUCKETS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The bucket's part of a URL, with what stands before it.
@@ -141,6 +166,6 @@ fn environment(prefix: &str) -> Vec<(String, String)> {
 
 /// The store in memory that all of this process share, for tests.
 fn memory() -> Arc<dyn ObjectStore> {
-    static STORE: std::sync::LazyLock<Arc<InMemory>> = std::sync::LazyLock::new(Default::default);
+    static STORE: LazyLock<Arc<InMemory>> = LazyLock::new(Default::default);
     STORE.clone()
 }

@@ -1,75 +1,185 @@
-//! Outputs elsewhere: files of this machine, put there in parts, whole or not at all.
+//! Outputs elsewhere: put there in parts while they are written, whole or not at all.
 
-use std::fs::File;
-use std::io::Read;
-use std::path::Path;
+use std::collections::VecDeque;
+use std::io::{self, Write};
+use std::path::PathBuf;
 
-use futures_util::stream::{FuturesUnordered, StreamExt};
-use object_store::{ObjectStoreExt, PutPayload};
+use object_store::{MultipartUpload, ObjectStore, ObjectStoreExt, PutMode, PutPayload};
+use spinney_base::io::{RemoteWriter, must_be_new_error, rounds};
 use spinney_base::{Error, Result};
+use tokio::task::JoinHandle;
 
+use super::look::look;
 use super::store::Place;
 use super::{RemoteOptions, error, runtime};
 
-/// Bytes of a part; those of large files have more, since there may be 10,000.
-const PART: u64 = 8 << 20;
-const MOST_PARTS: u64 = 9_000;
+/// Bytes of a part, at least; stores want 5 MiB.
+const PART: usize = 8 << 20;
+/// Parts that a file may have but for a few: stores allow 10,000.
+const MOST_PARTS: usize = 9_500;
+/// Parts after which they get twice as large, where nobody knows how many bytes there will be.
+const DOUBLED: usize = 1_000;
+/// Times that they do.
+const MOST_DOUBLED: usize = 10;
 
-/// Parts that are on their way at the same time.
+/// Parts that are on their way at the same time, and bytes of them, unless one has more.
 const AT_ONCE: usize = 4;
+const MOST_UNDER_WAY: usize = 64 << 20;
 
-/// Puts a file in a place elsewhere.
-///
-/// # Errors
-/// If that fails, or on interruption: nothing is there then that was not before.
-pub(super) fn upload(file: &Path, url: &str, options: &RemoteOptions) -> Result<()> {
-    let path = Path::new(url);
-    let place = Place::of(url, &[], options)?;
-    let source = File::open(file).map_err(Error::io(file, "open"))?;
-    let length = source.metadata().map_err(Error::io(file, "look at"))?.len();
-    let failed = |cause| error::of_store(path, "upload", cause);
-    if length <= PART {
-        let bytes = read(source, length, file)?;
-        let put = place.store.put(&place.name, PutPayload::from(bytes));
-        return runtime::wait(path, options.is_stopped, put)?.map(drop).map_err(failed);
-    }
-    let begin = place.store.put_multipart(&place.name);
-    let mut parts = runtime::wait(path, options.is_stopped, begin)?.map_err(failed)?;
-    let size = PART.max(length.div_ceil(MOST_PARTS));
-    let mut source = source;
-    let all = async {
-        let mut under_way = FuturesUnordered::new();
-        let mut left = length;
-        while left > 0 {
-            let next = left.min(size);
-            under_way.push(parts.put_part(PutPayload::from(read(&mut source, next, file)?)));
-            left -= next;
-            while under_way.len() >= AT_ONCE
-                && let Some(done) = under_way.next().await
-            {
-                done.map_err(failed)?;
-            }
-        }
-        while let Some(done) = under_way.next().await {
-            done.map_err(failed)?;
-        }
-        Ok(())
-    };
-    let done = runtime::wait(path, options.is_stopped, all).and_then(|done| done);
-    let done = done.and_then(|()| {
-        // (Once the store was told that it has everything, it is asked no more to forget it.)
-        runtime::wait(path, || false, parts.complete())?.map(drop).map_err(failed)
-    });
-    if done.is_err() {
-        // What has arrived would cost its room for good. (If the host cannot be told, there is nobody else to tell.)
-        let _ = runtime::wait(path, || false, parts.abort());
-    }
-    done
+/// A file being uploaded: of no more than a part with one request in the end, of more part by part.
+pub(super) struct Upload {
+    path: PathBuf,
+    place: Place,
+    options: RemoteOptions,
+    /// Bytes of a part at first, and the number of parts after which they are twice as many.
+    part: usize,
+    doubled: usize,
+    /// The part that is not full yet.
+    bytes: Vec<u8>,
+    sent: usize,
+    /// The parts that the store knows of, until it has put them in their place or given them up.
+    parts: Option<Box<dyn MultipartUpload>>,
+    /// Parts that are on their way, the oldest first.
+    under_way: VecDeque<JoinHandle<object_store::Result<()>>>,
 }
 
-/// The next bytes of a file.
-fn read(mut source: impl Read, length: u64, file: &Path) -> Result<Vec<u8>> {
-    let mut bytes = vec![0; length as usize];
-    source.read_exact(&mut bytes).map_err(Error::io(file, "read"))?;
-    Ok(bytes)
+impl Upload {
+    /// Starts a file. Nothing is asked for yet.
+    ///
+    /// # Errors
+    /// If the URL leads nowhere.
+    pub(super) fn new(url: &str, options: &RemoteOptions) -> Result<Upload> {
+        Ok(Upload {
+            path: url.into(),
+            place: Place::of(url, &[], options)?,
+            options: options.clone(),
+            part: PART,
+            doubled: DOUBLED,
+            bytes: Vec::new(),
+            sent: 0,
+            parts: None,
+            under_way: VecDeque::new(),
+        })
+    }
+
+    /// Bytes of the next part.
+    fn size(&self) -> usize {
+        self.part << (self.sent / self.doubled).min(MOST_DOUBLED)
+    }
+
+    fn failed(&self, cause: object_store::Error) -> Error {
+        error::of_store(&self.path, "upload", cause)
+    }
+
+    /// Sends what there is as the next part, when there is room on the way.
+    fn send(&mut self) -> Result<()> {
+        let mut parts = match self.parts.take() {
+            Some(parts) => parts,
+            None => {
+                let begin = self.place.store.put_multipart(&self.place.name);
+                let begun = runtime::wait(&self.path, self.options.is_stopped, begin)?;
+                begun.map_err(|cause| self.failed(cause))?
+            }
+        };
+        let size = self.bytes.len();
+        let part = parts.put_part(PutPayload::from(std::mem::take(&mut self.bytes)));
+        self.parts = Some(parts);
+        self.under_way.push_back(runtime::spawn(&self.path, part)?);
+        self.sent += 1;
+        rounds::count_traffic(1, 0);
+        let most = (MOST_UNDER_WAY / size.max(1)).clamp(1, AT_ONCE);
+        while self.under_way.len() >= most {
+            self.wait_for_one()?;
+        }
+        Ok(())
+    }
+
+    /// Waits for the oldest part on its way, if there is one.
+    fn wait_for_one(&mut self) -> Result<()> {
+        let Some(mut part) = self.under_way.pop_front() else { return Ok(()) };
+        match runtime::wait(&self.path, self.options.is_stopped, &mut part) {
+            Ok(Ok(done)) => done.map_err(|cause| self.failed(cause)),
+            Ok(Err(cause)) => Err(Error::io(&self.path, "upload")(io::Error::other(cause))),
+            Err(stopped) => {
+                // (It is given up with the others.)
+                self.under_way.push_front(part);
+                Err(stopped)
+            }
+        }
+    }
+
+    /// Puts a file that is no more than a part.
+    fn put(&mut self, must_be_new: bool) -> Result<()> {
+        let mode = if must_be_new { PutMode::Create } else { PutMode::Overwrite };
+        let bytes = PutPayload::from(std::mem::take(&mut self.bytes));
+        let put = self.place.store.put_opts(&self.place.name, bytes, mode.into());
+        rounds::count_traffic(1, 0);
+        match runtime::wait(&self.path, self.options.is_stopped, put)? {
+            Err(object_store::Error::AlreadyExists { .. }) if must_be_new => {
+                Err(must_be_new_error(&self.path))
+            }
+            done => done.map(drop).map_err(|cause| self.failed(cause)),
+        }
+    }
+}
+
+impl Write for Upload {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        // (A full part waits for the next byte: the last one is sent in the end, and is the only one of a small file.)
+        if self.bytes.len() == self.size() && !bytes.is_empty() {
+            self.send().map_err(Error::into_io)?;
+        }
+        let count = bytes.len().min(self.size() - self.bytes.len());
+        self.bytes.extend_from_slice(&bytes[..count]);
+        Ok(count)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl RemoteWriter for Upload {
+    fn expect(&mut self, bytes: u64) {
+        // (What is only about right has some parts to spare.)
+        let size = usize::try_from(bytes / (MOST_PARTS as u64 - 500)).unwrap_or(usize::MAX >> MOST_DOUBLED);
+        (self.part, self.doubled) = (size.clamp(PART, usize::MAX >> MOST_DOUBLED), MOST_PARTS);
+    }
+
+    fn commit(mut self: Box<Self>, must_be_new: bool) -> Result<()> {
+        if self.parts.is_none() {
+            return self.put(must_be_new);
+        }
+        if !self.bytes.is_empty() {
+            self.send()?;
+        }
+        while !self.under_way.is_empty() {
+            self.wait_for_one()?;
+        }
+        // (Between this look and the end of the upload another one may appear.)
+        let url = self.path.to_str().unwrap_or_default();
+        if must_be_new && look(&[url], &self.options)?.iter().any(|found| matches!(found, Ok(Some(_)))) {
+            return Err(must_be_new_error(&self.path));
+        }
+        let Some(mut parts) = self.parts.take() else { return Ok(()) };
+        // (While the store puts them together nobody can tell whether it has.)
+        let done = runtime::wait(&self.path, || false, parts.complete())?;
+        done.map(drop).map_err(|cause| {
+            self.parts = Some(parts);
+            self.failed(cause)
+        })
+    }
+}
+
+impl Drop for Upload {
+    fn drop(&mut self) {
+        let Some(mut parts) = self.parts.take() else { return };
+        for part in std::mem::take(&mut self.under_way) {
+            part.abort();
+            // (What arrives after all others were given up might stay.)
+            let _ = runtime::wait(&self.path, || false, part);
+        }
+        // What has arrived would cost its room for good. (If the host cannot be told, there is nobody else to tell.)
+        let _ = runtime::wait(&self.path, || false, parts.abort());
+    }
 }

@@ -6,15 +6,10 @@ use spinney_base::space::{Bounds, Code, CodeRun};
 use spinney_container::Header;
 use spinney_engine::store::goblin::ShardPiece;
 
+use crate::work::Load;
+
 /// Nodes that are weighed, at most, of all layers, unless each layer is one.
 const MOST_NODES: u64 = 1 << 16;
-
-/// Bytes of input that make the cells in a box of a layer.
-pub(crate) struct Load {
-    pub(crate) layer: usize,
-    pub(crate) cells: Bounds,
-    pub(crate) bytes: u64,
-}
 
 /// Cuts layers into so many shards: each has pieces that are one behind the other in the file, and all together have all of every layer. Shards
 /// for which nothing is left have none.
@@ -62,6 +57,11 @@ pub(crate) fn cut(layers: &[Header], loads: &[Load], shards: u32) -> Vec<Vec<Sha
         first = if is_last { 0 } else { last + 1 };
     }
     pieces
+}
+
+/// The level below which the only layer of a file is not cut.
+pub(crate) fn level_of_cuts(header: &Header) -> u8 {
+    weighed_level(header, MOST_NODES)
 }
 
 /// The deepest level, not below the crown's, at which at most so many nodes have cells.

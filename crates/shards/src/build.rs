@@ -1,17 +1,12 @@
 //! Building of one shard of a job.
 
-use std::path::PathBuf;
+use spinney_base::{Error, Progress, Result};
+use spinney_engine::store::goblin::{LightFile, Shard};
+use spinney_engine::store::{TreeTarget, TreeWriter};
 
-use spinney_base::space::{Bounds, Dimension, Region};
-use spinney_base::{Progress, Result};
-use spinney_container::OpenOptions;
-use spinney_engine::store::TreeWriter;
-use spinney_engine::store::goblin::{Goblin, LightFile, Shard};
-use spinney_raster::import::{MosaicPlan, plan as plan_pictures, plan_part, plan_stack, write_layers};
-
-use crate::job::{Job, PlannedInput};
-use crate::options::ShardedImport;
+use crate::job::Job;
 use crate::stamp::check;
+use crate::work::{PartOfJob, PlannedWork};
 
 /// Outcome of building a shard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,56 +29,59 @@ impl Job {
         if let Some(light) = LightFile::find(&shard)? {
             return Ok(Built { was_there: true, bytes: light.run_bytes() });
         }
-        let inputs = self.inputs_of(&shard);
-        let check = || {
-            let options = self.raster_options();
-            inputs.iter().try_for_each(|input| {
-                progress.check()?;
-                check(&input.path, &options, &input.files)
-            })
-        };
-        check()?;
-        let paths: Vec<PathBuf> = inputs.iter().map(|input| input.path.clone()).collect();
-        let folder = shard.folder.clone();
-        let mut file = TreeWriter::shard(&self.head_path(), shard.clone())?;
-        match (self.import.clone().with_memory(memory), self.mosaic_of(&shard)) {
-            (ShardedImport::Pictures(options), Some(mosaic)) => {
-                let head = Goblin::open(&self.head_path(), &OpenOptions::default())?;
-                let planned = (head.header(), head.metadata());
-                plan_part(&paths, &mosaic, planned, &options)?.write(&mut file, &folder, progress)?;
-            }
-            (ShardedImport::Pictures(options), None) => {
-                plan_pictures(&paths, &options)?.write(&mut file, &folder, progress)?;
-            }
-            (ShardedImport::Stack(options), _) => {
-                write_layers(&plan_stack(&paths, &options)?, &mut file, &folder, progress)?;
-            }
+        if shard.pieces.is_empty() {
+            TreeWriter::shard(&self.head_path(), shard)?.finish()?;
+            return Ok(Built { was_there: false, bytes: 0 });
         }
-        // Once more, since the shard has to be of one state of them.
-        check()?;
-        file.finish()?;
-        Ok(Built { was_there: false, bytes: LightFile::find(&shard)?.map_or(0, |light| light.run_bytes()) })
-    }
-
-    /// Numbers of the inputs that a shard is made of: of a mosaic those alone that have pixels in it.
-    fn touched(&self, shard: &Shard) -> Vec<usize> {
-        let Some(mosaic) = &self.mosaic else { return (0..self.plan.inputs.len()).collect() };
-        let depth = self.depth;
-        let touches = |region: &Region| {
-            let cells = Bounds { min: [region.x, region.y, 0], max: [region.right(), region.bottom(), 1] };
-            shard.pieces.iter().any(|piece| piece.run.cells(Dimension::Quad, depth, &cells) > 0)
+        let (work, planned) = (self.plan.work.clone(), &self.plan.inputs);
+        let touched = work.work().touched(planned.len(), &shard, &self.layers);
+        let touched: Vec<_> = touched.iter().map(|input| (*input, planned[*input].clone())).collect();
+        let inputs = touched.iter().map(|(number, input)| (*number, input.path.clone())).collect();
+        let check = move || {
+            let touched: Vec<_> = touched.iter().map(|(_, input)| input).collect();
+            check(&touched, work.work())
         };
-        (0..mosaic.regions.len()).filter(|input| touches(&mosaic.regions[*input])).collect()
+        // Once more before it counts as made, since it has to be of one state of them.
+        check()?;
+        let part = PartOfJob { inputs, head: self.head_path(), shard: shard.clone(), check: Box::new(check) };
+        self.work().build(part, memory, progress)?;
+        built(&shard)
     }
 
-    fn inputs_of(&self, shard: &Shard) -> Vec<&PlannedInput> {
-        self.touched(shard).into_iter().map(|input| &self.plan.inputs[input]).collect()
+    /// Builds a shard of layers that `write` makes, as they were [planned](crate::plan_given), unless it is made already. Of the place that it is given it
+    /// is to ask which cells are wanted.
+    ///
+    /// # Errors
+    /// Those of [`Job::build`], and of `write`; also if the job is one of other layers.
+    pub fn build_given(
+        &self,
+        number: u32,
+        token: &str,
+        write: &mut dyn FnMut(TreeTarget) -> Result<()>,
+    ) -> Result<Built> {
+        let planned = match &self.plan.work {
+            PlannedWork::Given(given) => &*given.token,
+            _ => "files",
+        };
+        if planned != token {
+            return Err(Error::NotPlanned {
+                path: self.folder().to_path_buf(),
+                found: format!("these are the arrays {token}"),
+                expected: planned.into(),
+                advice: "plan another job in another folder",
+            });
+        }
+        let shard = self.shard(number)?;
+        if let Some(light) = LightFile::find(&shard)? {
+            return Ok(Built { was_there: true, bytes: light.run_bytes() });
+        }
+        let check = Box::new(|| Ok(()));
+        write(TreeTarget::Shard { head: self.head_path(), shard: shard.clone(), check })?;
+        built(&shard)
     }
+}
 
-    /// The mosaic of these inputs.
-    fn mosaic_of(&self, shard: &Shard) -> Option<MosaicPlan> {
-        let mut mosaic = self.mosaic.clone()?;
-        mosaic.regions = self.touched(shard).into_iter().map(|input| mosaic.regions[input]).collect();
-        Some(mosaic)
-    }
+/// Outcome of a shard that was just built.
+fn built(shard: &Shard) -> Result<Built> {
+    Ok(Built { was_there: false, bytes: LightFile::find(shard)?.map_or(0, |light| light.run_bytes()) })
 }

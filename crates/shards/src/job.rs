@@ -1,20 +1,17 @@
-//! A job in its folder: the plan, what is told of the layers, and the shards.
+//! A job in its folder, on this machine or in a bucket: the plan, what is told of the layers, and the shards.
 
 use std::fmt::Write as _;
-use std::fs::File;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use spinney_base::io::Output;
-use spinney_base::space::{CodeRun, Region};
+use spinney_base::io::{InputFile, remove_files, url_of};
+use spinney_base::space::CodeRun;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Header, OpenOptions};
-use spinney_engine::store::goblin::{Goblin, LightFile, Shard, ShardPiece, merge_shards};
-use spinney_raster::import::{MosaicPlan, RasterOptions};
+use spinney_engine::store::goblin::{Goblin, LightFile, MergeOutput, Shard, ShardPiece, merge_shards};
 
-use crate::options::{PlannedOptions, ShardedImport, number};
 use crate::stamp::PlannedFile;
+use crate::work::{PlannedWork, Work};
 
 /// The file of a job that says what is made of what.
 const PLAN: &str = "plan.json";
@@ -23,7 +20,7 @@ const HEAD: &str = "head.goblin";
 /// The folder of shards.
 const SHARDS: &str = "shards";
 /// Bytes of a plan, at most.
-const MOST: u64 = 64 << 20;
+pub(crate) const MOST: u64 = 64 << 20;
 /// Version of the form of plans.
 const VERSION: u32 = 1;
 
@@ -36,20 +33,9 @@ pub(crate) struct Plan {
     /// The version of the program: another one might make other bytes of the same input.
     program: String,
     head: PlannedHead,
-    pub(crate) options: PlannedOptions,
-    /// Mosaic of several pictures on one grid.
-    mosaic: Option<PlannedMosaic>,
+    pub(crate) work: PlannedWork,
     pub(crate) inputs: Vec<PlannedInput>,
     shards: Vec<Vec<PlannedPiece>>,
-}
-
-/// Mosaic of several pictures, but for the place of each.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct PlannedMosaic {
-    size: [u64; 2],
-    nodata: Option<String>,
-    flag_all: bool,
 }
 
 /// An input, and the files that reading it looks at.
@@ -57,17 +43,10 @@ struct PlannedMosaic {
 #[serde(deny_unknown_fields)]
 pub(crate) struct PlannedInput {
     pub(crate) path: PathBuf,
-    /// In a mosaic, its first column and row, and how many it has.
-    region: Option<[u64; 4]>,
     pub(crate) files: Vec<PlannedFile>,
 }
 
 impl PlannedInput {
-    /// An input with its files.
-    pub(crate) fn new(path: PathBuf, files: Vec<PlannedFile>) -> PlannedInput {
-        PlannedInput { path, region: None, files }
-    }
-
     /// Bytes of its files.
     pub(crate) fn bytes(&self) -> u64 {
         self.files.iter().fold(0, |sum: u64, file| sum.saturating_add(file.bytes))
@@ -98,14 +77,10 @@ impl Plan {
     /// A plan of all that it says, with the head's bytes.
     pub(crate) fn new(
         head: &[u8],
-        options: PlannedOptions,
-        (mut inputs, mosaic): (Vec<PlannedInput>, Option<&MosaicPlan>),
+        work: PlannedWork,
+        inputs: Vec<PlannedInput>,
         shards: &[Vec<ShardPiece>],
     ) -> Plan {
-        let regions = mosaic.map_or(&[][..], |mosaic| &mosaic.regions);
-        for (input, Region { x, y, width, height }) in inputs.iter_mut().zip(regions.iter().copied()) {
-            input.region = Some([x, y, width, height]);
-        }
         let piece = |piece: &ShardPiece| {
             let [first, last] = piece.run.ends().map(|end| format!("{end:016x}"));
             PlannedPiece { layer: piece.layer, first, last }
@@ -114,25 +89,10 @@ impl Plan {
             spinney_job: VERSION,
             program: env!("CARGO_PKG_VERSION").into(),
             head: head_of(head),
-            options,
-            mosaic: mosaic.map(|MosaicPlan { size, nodata, flag_all, .. }| PlannedMosaic {
-                size: *size,
-                nodata: nodata.map(|nodata| nodata.to_string()),
-                flag_all: *flag_all,
-            }),
+            work,
             inputs,
             shards: shards.iter().map(|pieces| pieces.iter().map(piece).collect()).collect(),
         }
-    }
-
-    /// Description of the mosaic, if the inputs are one.
-    fn mosaic(&self) -> Result<Option<MosaicPlan>> {
-        let Some(PlannedMosaic { size, nodata, flag_all }) = &self.mosaic else { return Ok(None) };
-        let nodata = nodata.as_deref().map(number).transpose()?;
-        let mut mosaic = MosaicPlan::new(*size, nodata, *flag_all);
-        let regions = self.inputs.iter().filter_map(|input| input.region);
-        mosaic.regions = regions.map(|[x, y, width, height]| Region::new(x, y, width, height)).collect();
-        Ok(Some(mosaic))
     }
 
     /// The text of the file.
@@ -160,11 +120,8 @@ pub struct Job {
     pub(crate) plan: Plan,
     /// Mark of all of its shards: a hash of the plan, which has one of the head.
     id: u128,
-    pub(crate) import: ShardedImport,
-    /// Mosaic of several pictures on one grid; regions are those of all inputs.
-    pub(crate) mosaic: Option<MosaicPlan>,
-    /// Levels of the first layer.
-    pub(crate) depth: u8,
+    /// Headers of the layers.
+    pub(crate) layers: Vec<Header>,
     pieces: Vec<Vec<ShardPiece>>,
 }
 
@@ -174,20 +131,20 @@ impl Job {
     /// # Errors
     /// If there is none, if it is damaged, or if another version of the program has planned it.
     pub fn open(folder: &Path) -> Result<Job> {
+        Job::find(folder)?.ok_or_else(|| {
+            let advice = "`spinney shard plan` makes one, and says so when it is whole";
+            Error::unsupported(folder, "a folder without a job", advice)
+        })
+    }
+
+    /// Opens the job in a folder, if there is one.
+    ///
+    /// # Errors
+    /// If it is damaged, or if another version of the program has planned it.
+    pub fn find(folder: &Path) -> Result<Option<Job>> {
         let path = folder.join(PLAN);
-        let mut text = Vec::new();
-        let file = match File::open(&path) {
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-                let advice = "`spinney shard plan` makes one, and says so when it is whole";
-                return Err(Error::unsupported(folder, "a folder without a job", advice));
-            }
-            file => file.map_err(Error::io(&path, "open"))?,
-        };
-        file.take(MOST + 1).read_to_end(&mut text).map_err(Error::io(&path, "read"))?;
+        let Some(text) = InputFile::read_whole(&path, MOST)? else { return Ok(None) };
         let corrupt = |found: String, expected: &str| Error::corrupt(&path, "plan", found, expected);
-        if text.len() as u64 > MOST {
-            return Err(corrupt(format!("more than {MOST} bytes"), "a plan"));
-        }
         let plan: Plan =
             serde_json::from_slice(&text).map_err(|error| corrupt(error.to_string(), "a plan"))?;
         let own = (VERSION, env!("CARGO_PKG_VERSION"));
@@ -199,8 +156,6 @@ impl Job {
                 advice: "build all shards with one version, or plan another job",
             });
         }
-        let import = plan.options.import()?;
-        let mosaic = plan.mosaic()?;
         let (mut pieces, mut known) = (Vec::with_capacity(plan.shards.len()), Vec::new());
         for shard in &plan.shards {
             let shard: Option<Vec<ShardPiece>> = shard.iter().map(PlannedPiece::piece).collect();
@@ -210,15 +165,16 @@ impl Job {
         }
         let id = xxhash_rust::xxh3::xxh3_128(&text);
         let layers = planned_layers(folder, &plan.head)?;
-        let depth = layers.first().map_or(0, Header::depth);
-        let job = Job { folder: folder.to_path_buf(), plan, id, import, mosaic, depth, pieces };
-        if !are_all(&known, &layers) || job.pieces.is_empty() {
+        if !are_all(&known, &layers) || pieces.is_empty() {
             return Err(corrupt("runs with gaps, or that overlap".into(), "all of each layer, once"));
         }
-        if !job.mosaic.as_ref().is_none_or(|mosaic| is_placed(mosaic, &job.plan.inputs, &layers)) {
-            return Err(corrupt("inputs that are not in the mosaic".into(), "places of all inputs in it"));
-        }
-        Ok(job)
+        plan.work.work().check(plan.inputs.len(), &layers)?;
+        Ok(Some(Job { folder: folder.to_path_buf(), plan, id, layers, pieces }))
+    }
+
+    /// What shards do.
+    pub(crate) fn work(&self) -> &dyn Work {
+        self.plan.work.work()
     }
 
     /// The folder.
@@ -264,21 +220,48 @@ impl Job {
     /// If one is damaged, or of another job.
     pub fn missing(&self) -> Result<Vec<u32>> {
         let mut missing = Vec::new();
-        for number in 0..self.shards() {
-            if LightFile::find(&self.shard(number)?)?.is_none() {
+        for (number, found) in (0..).zip(LightFile::find_all(&self.all_shards()?)?) {
+            if found?.is_none() {
                 missing.push(number);
             }
         }
         Ok(missing)
     }
 
+    fn all_shards(&self) -> Result<Vec<Shard>> {
+        (0..self.shards()).map(|number| self.shard(number)).collect()
+    }
+
+    /// Removes the job: all files that it may have, the plan last, so that what is cut off can be done again. A folder of this machine goes, too,
+    /// unless there is something else in it.
+    ///
+    /// # Errors
+    /// If something cannot be removed, or on interruption.
+    pub fn remove(self) -> Result<()> {
+        let files: Vec<PathBuf> = self.all_shards()?.iter().flat_map(Shard::files).collect();
+        let files: Vec<&Path> = files.iter().map(|file| &**file).collect();
+        remove_files(&files)?;
+        let shards = shards_path(&self.folder);
+        if url_of(&shards).is_none() {
+            // (With what shards have left that were cut off.)
+            std::fs::remove_dir_all(&shards).map_err(Error::io(shards, "remove"))?;
+        }
+        remove_files(&[&head_path(&self.folder)])?;
+        remove_files(&[&plan_path(&self.folder)])?;
+        match url_of(&self.folder) {
+            Some(_) => {}
+            None => std::fs::remove_dir(&self.folder).unwrap_or_default(),
+        }
+        Ok(())
+    }
+
     /// Puts the file together; `memory` is what the directory may take before it goes to temporary files. Progress counts bytes.
     ///
     /// # Errors
     /// If a shard is missing or damaged, or if the output cannot be written; on interruption. There is no output then, and the job
-    /// stays as it is.
-    pub fn merge(&self, output: Output, memory: u64, progress: &dyn Progress) -> Result<()> {
-        let missing = self.missing()?;
+    /// stays as it is, or as much of it as is not in the output yet.
+    pub fn merge(&self, output: MergeOutput, memory: u64, progress: &dyn Progress) -> Result<()> {
+        let missing = output.missing(&self.all_shards()?)?;
         if !missing.is_empty() {
             let what = format!("shards of {}", self.folder.display());
             let are = if missing.len() == 1 { "is" } else { "are" };
@@ -288,39 +271,22 @@ impl Job {
                 format!("all of them; `spinney shard build {} K` makes the shard K", self.folder.display());
             return Err(Error::invalid(what, found, expected));
         }
-        let shards = (0..self.shards()).map(|number| self.shard(number)).collect::<Result<Vec<_>>>()?;
-        let effort = self.import.packing().effort;
+        let shards = self.all_shards()?;
+        let effort = self.work().packing()?.effort;
         merge_shards(&self.head_path(), &shards, output, (memory / 8, effort), progress)
-    }
-
-    /// Options for reading the headers of inputs.
-    pub(crate) fn raster_options(&self) -> RasterOptions {
-        raster_options(&self.import)
     }
 }
 
 /// Headers of the layers that a job's head tells of, if it is the planned one.
 fn planned_layers(folder: &Path, planned: &PlannedHead) -> Result<Vec<Header>> {
     let path = head_path(folder);
-    let length = std::fs::metadata(&path).map_err(Error::io(&path, "look at"))?.len();
-    let is_planned = length == planned.bytes && length <= MOST && {
-        let bytes = std::fs::read(&path).map_err(Error::io(&path, "read"))?;
-        head_of(&bytes) == *planned
-    };
-    if !is_planned {
+    let found = InputFile::read_whole(&path, MOST)?;
+    if found.is_none_or(|bytes| head_of(&bytes) != *planned) {
         let expected = format!("{} bytes with hash {}", planned.bytes, planned.xxh3);
         return Err(Error::corrupt(path, "the whole file", "other bytes", expected));
     }
     let head = Goblin::open(&path, &OpenOptions::default())?;
     Ok(head.layers().iter().map(|layer| layer.header.clone()).collect())
-}
-
-/// Options by which files are opened to know what belongs to them.
-pub(crate) fn raster_options(import: &ShardedImport) -> RasterOptions {
-    let mut options = RasterOptions::new();
-    options.layer.clone_from(&import.import().layer);
-    options.page = import.import().page;
-    options
 }
 
 pub(crate) fn head_path(folder: &Path) -> PathBuf {
@@ -359,16 +325,6 @@ fn are_all(pieces: &[ShardPiece], layers: &[Header]) -> bool {
         }
     }
     pieces.next().is_none()
-}
-
-/// Whether a mosaic is the only layer, and has all inputs.
-fn is_placed(mosaic: &MosaicPlan, inputs: &[PlannedInput], layers: &[Header]) -> bool {
-    let is_inside = |region: &Region| {
-        region.x.checked_add(region.width).is_some_and(|right| right <= mosaic.size[0])
-            && region.y.checked_add(region.height).is_some_and(|bottom| bottom <= mosaic.size[1])
-    };
-    let is_layer = matches!(layers, [header] if header.extent[..2] == mosaic.size && header.form.axes() == 2);
-    is_layer && mosaic.regions.len() == inputs.len() && mosaic.regions.iter().all(is_inside)
 }
 
 /// Numbers that ascend, in words: "3, 7 to 9".

@@ -5,17 +5,17 @@
 //! # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 //! use spinney::import::raster::ImportOptions;
 //! use spinney::io::Output;
-//! use spinney::shards::{Job, ShardedImport, plan};
+//! use spinney::shards::{Job, JobSpec, plan};
 //!
 //! # let folder = tempfile::tempdir().unwrap();
 //! # let (job, merged) = (folder.path().join("job"), folder.path().join("island.goblin"));
-//! let import = ShardedImport::Pictures(ImportOptions::new());
-//! plan(&["fixtures/island_elevation.tif".into()], &import, &job, Some(2), &())?;
+//! let inputs = vec!["fixtures/island_elevation.tif".into()];
+//! plan(&JobSpec::Pictures { inputs, options: ImportOptions::new() }, &job, Some(2), &())?;
 //! // Each of these may be another process, and may be run again.
 //! for number in 0..2 {
 //!     Job::open(&job)?.build(number, 256 << 20, &())?;
 //! }
-//! Job::open(&job)?.merge(Output::create(&merged)?, 256 << 20, &())?;
+//! Job::open(&job)?.merge(Output::create(&merged)?.into(), 256 << 20, &())?;
 //! assert_eq!(spinney::open(&merged)?.depth(), 8);
 //! # Ok::<(), spinney::Error>(())
 //! ```
@@ -27,11 +27,11 @@
 mod balance;
 mod build;
 mod job;
-mod options;
 mod plan;
 mod stamp;
+mod work;
 
 pub use build::Built;
 pub use job::Job;
-pub use options::ShardedImport;
-pub use plan::{Planned, plan};
+pub use plan::{GivenLayers, Planned, plan, plan_given};
+pub use work::JobSpec;

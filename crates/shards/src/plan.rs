@@ -2,20 +2,21 @@
 
 use std::fs;
 use std::io::{self, Write};
+use std::mem;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use spinney_base::io::Output;
-use spinney_base::space::{Bounds, Dimension, Region};
+use spinney_base::io::{InputFile, Output, url_of};
+use spinney_base::space::Bounds;
 use spinney_base::{Error, Progress, Result};
-use spinney_engine::store::TreeWriter;
+use spinney_container::Header;
 use spinney_engine::store::goblin::Goblin;
-use spinney_raster::import::{MosaicPlan, Stack, plan as plan_pictures, plan_stack, write_layers};
+use spinney_engine::store::{Packing, TreeTarget};
 
-use crate::balance::{Load, cut};
-use crate::job::{Job, Plan, PlannedInput, head_path, plan_path, raster_options, shards_path};
-use crate::options::{PlannedOptions, ShardedImport};
+use crate::balance::cut;
+use crate::job::{Job, MOST, Plan, PlannedInput, head_path, plan_path, shards_path};
 use crate::stamp::{absolute, look};
+use crate::work::{Given, JobSpec, Load, PlannedWork, Told};
 
 /// Bytes of input for which there is a shard, where nobody says how many there are to be.
 const BYTES_OF_SHARD: u64 = 1 << 30;
@@ -40,123 +41,135 @@ pub struct Planned {
 /// # Errors
 /// If the inputs cannot be read or do not fit together, if they are to be built in a way that shards do not have, if the folder has
 /// another plan or something else, or if it cannot be written.
-pub fn plan(
-    inputs: &[PathBuf],
-    import: &ShardedImport,
+pub fn plan(spec: &JobSpec, folder: &Path, shards: Option<u32>, progress: &dyn Progress) -> Result<Planned> {
+    check_folder(folder, shards)?;
+    // (What was looked at before the headers are read cannot be of a later state than these.)
+    let work = PlannedWork::of(spec)?;
+    let name = |input: &PathBuf| {
+        let path = absolute(input)?;
+        let files = work.work().files_of(&path)?;
+        progress.check()?;
+        Ok((path, files))
+    };
+    let (paths, files): (Vec<_>, Vec<_>) =
+        spec.inputs().iter().map(name).collect::<Result<Vec<_>>>()?.into_iter().unzip();
+    let files = look(files)?;
+    let inputs = paths.into_iter().zip(files).map(|(path, files)| PlannedInput { path, files });
+    let inputs: Vec<_> = inputs.collect();
+    let bytes = inputs.iter().fold(0, |sum: u64, input| sum.saturating_add(input.bytes()));
+    let (head, told) = head_of(folder, |head| spec.write_head(&inputs, head, progress))?;
+    write_plan(folder, (shards, bytes), &head, (inputs, told))
+}
+
+/// Layers whose cells only the caller has.
+#[derive(Clone, Copy, Debug)]
+pub struct GivenLayers<'a> {
+    /// A text that differs where cells do, or what is told of them: shards are of one job only if it is the same for all.
+    pub token: &'a str,
+    /// The way in which segments are packed.
+    pub packing: Packing,
+    /// Bytes of all cells.
+    pub bytes: u64,
+}
+
+/// Plans a job, as [`plan`] does, of layers that `write` makes; no cell is asked for. Shards are built by [`Job::build_given`].
+///
+/// # Errors
+/// Those of `write`, and of [`plan`].
+pub fn plan_given(
+    layers: GivenLayers<'_>,
     folder: &Path,
     shards: Option<u32>,
-    progress: &dyn Progress,
+    write: &mut dyn FnMut(TreeTarget) -> Result<()>,
 ) -> Result<Planned> {
-    if shards.is_some_and(|shards| shards == 0 || shards > MOST_SHARDS) {
-        let found = shards.unwrap_or_default().to_string();
-        return Err(Error::invalid("shards", found, format!("1 to {MOST_SHARDS}")));
-    }
-    // (What was looked at before the headers are read cannot be of a later state than these.)
-    let look = |input: &PathBuf| {
-        let place = absolute(input)?;
-        let files = look(&place, &raster_options(import))?;
-        Ok(PlannedInput::new(place, files))
-    };
-    let planned = inputs.iter().map(look).collect::<Result<Vec<_>>>()?;
-    check_folder(folder)?;
+    let GivenLayers { token, packing, bytes } = layers;
+    check_folder(folder, shards)?;
+    let (head, ()) = head_of(folder, |head| write(TreeTarget::Head(head)))?;
+    let work = PlannedWork::Given(Given::of(token, packing));
+    let told = Told { work, loads: Vec::new(), description: Vec::new() };
+    write_plan(folder, (shards, bytes), &head, (Vec::new(), told))
+}
+
+/// Bytes of the file that tells of the layers, and what is known when it is written.
+fn head_of<T>(folder: &Path, write: impl FnOnce(Output) -> Result<T>) -> Result<(Vec<u8>, T)> {
     let kept = Kept::default();
-    let head = Output::to_writer(&head_path(folder), Box::new(kept.clone()));
-    let Told { loads, mosaic, description } = write_head((inputs, &planned), import, head, progress)?;
-    let head = kept.0.lock().unwrap_or_else(PoisonError::into_inner).clone();
-    let layers = Goblin::from_bytes(head.clone())?;
+    let told = write(Output::to_writer(&head_path(folder), Box::new(kept.clone())))?;
+    let bytes = mem::take(&mut *kept.0.lock().unwrap_or_else(PoisonError::into_inner));
+    Ok((bytes, told))
+}
+
+/// Cuts layers into shards, and puts the job into its folder.
+fn write_plan(
+    folder: &Path,
+    (shards, bytes): (Option<u32>, u64),
+    head: &[u8],
+    (inputs, told): (Vec<PlannedInput>, Told),
+) -> Result<Planned> {
+    let Told { work, mut loads, description } = told;
+    let layers = Goblin::from_bytes(head.to_vec())?;
     let layers: Vec<_> = layers.layers().iter().map(|layer| layer.header.clone()).collect();
-    let bytes = planned.iter().fold(0, |sum: u64, input| sum.saturating_add(input.bytes()));
-    let shards = shards.unwrap_or(bytes.div_ceil(BYTES_OF_SHARD).clamp(1, MOST_UNASKED) as u32);
-    let pieces = cut(&layers, &loads, shards);
-    let plan = Plan::new(&head, PlannedOptions::of(import), (planned, mosaic.as_ref()), &pieces);
-    let text = plan.to_text(folder)?;
-    let path = plan_path(folder);
-    let was_there = path.exists();
-    if was_there {
-        if fs::read(&path).map_err(Error::io(&path, "read"))? != text.as_bytes() {
-            return Err(Error::NotPlanned {
-                path: folder.to_path_buf(),
-                found: "this is another job".into(),
-                expected: "something else".into(),
-                advice: "choose another folder, or remove this one",
-            });
-        }
-    } else {
-        let shards = shards_path(folder);
-        fs::create_dir_all(&shards).map_err(Error::io(&shards, "make a folder"))?;
-        write_file(&head_path(folder), &head)?;
-        // Last, since a job is what has a plan.
-        write_file(&path, text.as_bytes())?;
+    if loads.is_empty() {
+        loads = spread(bytes, &layers);
     }
+    let shards = shards.unwrap_or(bytes.div_ceil(BYTES_OF_SHARD).clamp(1, MOST_UNASKED) as u32);
+    let plan = Plan::new(head, work, inputs, &cut(&layers, &loads, shards));
+    let text = plan.to_text(folder)?;
+    let was_there = is_planned(folder, &text)? || !write_job(folder, head, &text)?;
     Ok(Planned { job: Job::open(folder)?, was_there, description })
 }
 
-/// Knowledge of a job when what is told of its layers is written.
-struct Told {
-    /// Which input makes which cells.
-    loads: Vec<Load>,
-    /// Mosaic of several pictures.
-    mosaic: Option<MosaicPlan>,
-    description: Vec<(&'static str, String)>,
-}
-
-/// Writes what is told of the layers.
-fn write_head(
-    (inputs, planned): (&[PathBuf], &[PlannedInput]),
-    import: &ShardedImport,
-    head: Output,
-    progress: &dyn Progress,
-) -> Result<Told> {
-    match import {
-        ShardedImport::Pictures(options) => {
-            let picture = plan_pictures(inputs, options)?;
-            let (description, mosaic) = (picture.description().to_vec(), picture.mosaic().cloned());
-            let whole = [Region::new(0, 0, picture.info().width, picture.info().height)];
-            let regions = mosaic.as_ref().map_or(&whole[..], |mosaic| &mosaic.regions);
-            let loads = regions.iter().zip(planned).map(|(region, input)| {
-                let (min, max) = ([region.x, region.y, 0], [region.right(), region.bottom(), 1]);
-                Load { layer: 0, cells: Bounds { min, max }, bytes: input.bytes() }
-            });
-            let loads = loads.collect();
-            let mut file = TreeWriter::head(head, (Dimension::Quad, picture.options().depth), 1)?;
-            picture.write(&mut file, Path::new(""), progress)?;
-            file.finish()?;
-            Ok(Told { loads, mosaic, description })
-        }
-        ShardedImport::Stack(options) => {
-            let stack = plan_stack(inputs, options)?;
-            if let Some(layer) = stack.layers.iter().find(|layer| layer.is_warped()) {
-                let found = "a layer on another grid than the finest, in shards,";
-                let advice = "build its file by itself with --grid first, and stack the others";
-                return Err(Error::unsupported(layer.path(), found, advice));
-            }
-            let layers = stack.layers.len() as u32;
-            let mut file = TreeWriter::head(head, (Dimension::Quad, stack.depth), layers)?;
-            write_layers(&stack, &mut file, Path::new(""), progress)?;
-            file.finish()?;
-            let size_of = |path: &Path| {
-                let input = inputs.iter().position(|input| input == path);
-                input.map_or(0, |input| planned[input].bytes())
-            };
-            let (loads, description) = (stack_loads(&stack, size_of), stack.description().to_vec());
-            Ok(Told { loads, mosaic: None, description })
-        }
+/// Whether a folder has this plan, and no other one.
+fn is_planned(folder: &Path, text: &str) -> Result<bool> {
+    match InputFile::read_whole(&plan_path(folder), MOST)? {
+        None => Ok(false),
+        Some(there) if there == text.as_bytes() => Ok(true),
+        Some(_) => Err(Error::NotPlanned {
+            path: folder.to_path_buf(),
+            found: "this is another job".into(),
+            expected: "something else".into(),
+            advice: "choose another folder, or remove this one",
+        }),
     }
 }
 
-/// The layers of a stack, each with its share of its file's bytes.
-fn stack_loads(stack: &Stack, size_of: impl Fn(&Path) -> u64) -> Vec<Load> {
-    let load = |(layer, found): (usize, &spinney_raster::import::StackLayer)| {
-        let of_file = stack.layers.iter().filter(|other| other.path() == found.path()).count() as u64;
-        Load { layer, cells: Bounds::picture(found.extent), bytes: size_of(found.path()) / of_file.max(1) }
-    };
-    stack.layers.iter().enumerate().map(load).collect()
+/// Writes a job. Returns `false` if somebody else has planned the same meanwhile.
+fn write_job(folder: &Path, head: &[u8], text: &str) -> Result<bool> {
+    let shards = shards_path(folder);
+    if url_of(folder).is_none() {
+        fs::create_dir_all(&shards).map_err(Error::io(&shards, "make a folder"))?;
+    }
+    write_file(&head_path(folder), head, false)?;
+    // Last, since a job is what has a plan; and only if there is none, since somebody else may plan another one at the same time.
+    match write_file(&plan_path(folder), text.as_bytes(), true) {
+        Err(error) if !is_planned(folder, text)? => Err(error),
+        done => Ok(done.is_ok()),
+    }
 }
 
-/// Makes sure that a folder has nothing but a job, whole or not, if there is one.
-fn check_folder(folder: &Path) -> Result<()> {
+/// Bytes of input spread over all cells of some layers.
+fn spread(bytes: u64, layers: &[Header]) -> Vec<Load> {
+    let cells = |header: &Header| Bounds::picture(header.extent).volume();
+    let all = layers.iter().fold(0u64, |sum, header| sum.saturating_add(cells(header))).max(1);
+    let share = |header: &Header| (u128::from(bytes) * u128::from(cells(header)) / u128::from(all)) as u64;
+    let load = |(layer, header): (usize, &Header)| Load {
+        layer,
+        cells: Bounds::picture(header.extent),
+        bytes: share(header),
+    };
+    layers.iter().enumerate().map(load).collect()
+}
+
+/// Makes sure that a folder has nothing but a job, whole or not, if there is one, and that there may be so many shards.
+fn check_folder(folder: &Path, shards: Option<u32>) -> Result<()> {
+    if let Some(shards) = shards.filter(|shards| *shards == 0 || *shards > MOST_SHARDS) {
+        return Err(Error::invalid("shards", shards.to_string(), format!("1 to {MOST_SHARDS}")));
+    }
     if folder == Path::new("-") {
         return Err(Error::unsupported(folder, "a job on standard output", "a job is a folder: name one"));
+    }
+    if url_of(folder).is_some() {
+        // (In a bucket names do not come in each other's way; shards of another job are known by what is in them, and refused.)
+        return Ok(());
     }
     let entries = match fs::read_dir(folder) {
         Ok(entries) => entries,
@@ -180,8 +193,11 @@ fn check_folder(folder: &Path) -> Result<()> {
     Ok(())
 }
 
-fn write_file(path: &Path, bytes: &[u8]) -> Result<()> {
+fn write_file(path: &Path, bytes: &[u8], must_be_new: bool) -> Result<()> {
     let mut output = Output::create(path)?;
+    if must_be_new {
+        output.keep_existing();
+    }
     output.write_all(bytes).map_err(Error::io(path, "write"))?;
     output.commit()
 }

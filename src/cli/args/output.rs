@@ -44,6 +44,11 @@ impl OutputLimit {
         self.max_bytes.is_some()
     }
 
+    /// The number of them.
+    pub(crate) fn bytes(&self) -> Option<u64> {
+        self.max_bytes
+    }
+
     /// Starts a file.
     pub(crate) fn create(&self, path: &Path) -> spinney::Result<Output> {
         Output::create(path).map(|output| output.with_limit(self.max_bytes))

@@ -23,7 +23,8 @@ use spinney::dataset::Dataset;
 use spinney::import::mesh::{self, SolidImport};
 use spinney::import::raster::{self, TargetGrid};
 use spinney::import::rasterize::FeatureImport;
-use spinney::import::volume;
+use spinney::import::volume::VolumeImport;
+
 use spinney::io::Output;
 use spinney::ops::{WarpGrid, WarpOptions};
 use spinney::points::PointImport;
@@ -36,7 +37,7 @@ use self::csg::PrimitivesImport;
 use self::exact::ExactImport;
 use self::features::{FeatureArgs, Index};
 pub(super) use self::pictures::PictureArgs;
-use self::solids::SolidArgs;
+pub(super) use self::solids::SolidArgs;
 use self::surfaces::{SurfaceArgs, SurfaceImport};
 use self::tree::TreeImport;
 use super::args::{Memory, OutputLimit, Packing, check_output, expand_lists, parse_crs};
@@ -201,6 +202,9 @@ Examples:
 The output appears under its name only when it is complete; until then, an older file of that name
 stays.";
 
+/// What is said where an option is given that models do not have.
+const NOT_OF_MODELS: &str = "--kind, --rule, --band, --nodata, --transform, --layer, --pages, --raw-size, --stack and --keep-transparent are for pictures and volumes, not for models";
+
 /// Inputs that are open and understood, ready to be built.
 enum Import {
     Pictures(Box<raster::RasterImport>),
@@ -208,7 +212,7 @@ enum Import {
     Warped(Box<raster::RasterImport>, TargetGrid, WarpOptions),
     /// Pictures beside each other.
     Stack(Box<raster::Stack>),
-    Volume(Box<volume::VolumeImport>),
+    Volume(Box<VolumeImport>),
     Solid(Box<SolidImport>),
     Exact(Box<ExactImport>),
     /// A solid of primitives.
@@ -385,9 +389,7 @@ impl Args {
         }
         if inputs.iter().any(|input| mesh::is_model(input)) {
             if pictures.are_given() {
-                bail!(
-                    "--kind, --rule, --band, --nodata, --transform, --layer, --pages, --raw-size, --stack and --keep-transparent are for pictures and volumes, not for models"
-                );
+                bail!("{NOT_OF_MODELS}");
             }
             if common.grid == Some(Grid::Xyz) {
                 bail!("--grid xyz is for pictures, not for models");
@@ -412,25 +414,8 @@ impl Args {
                 "{input}: is no model; the options for solids are for PLY, OBJ, STL, OFF, CityJSON and CSG files"
             );
         }
-        if pictures.pages_are_planes() {
-            if pictures.raw_layout().is_some() {
-                bail!("--pages is for pictures, --raw-size for a file of samples alone: give one of them");
-            }
-            let import = volume::plan_sections(inputs, &pictures.volume_options(common)?)?;
-            return Ok(Import::Volume(Box::new(import)));
-        }
-        let raw = pictures.raw_layout();
-        if raw.is_some() || inputs.iter().any(|input| volume::is_volume(input)) {
-            let [input] = &inputs[..] else {
-                bail!(
-                    "a volume (NPY, NRRD, or --raw-size) makes a tree of its own: build one at a time; `spinney combine` lays trees over each other"
-                )
-            };
-            let options = pictures.volume_options(common)?;
-            let import = match raw {
-                Some(layout) => volume::plan_raw(input, &layout, &options)?,
-                None => volume::plan(input, &options)?,
-            };
+        if let Some(input) = pictures.volume_input(inputs)? {
+            let import = input.plan(&pictures.volume_options(common)?)?;
             return Ok(Import::Volume(Box::new(import)));
         }
         if let Some(options) = pictures.stack_options(common)? {

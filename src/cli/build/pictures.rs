@@ -1,10 +1,11 @@
 //! Options of `spinney build` for pictures and volumes.
 
+use std::path::PathBuf;
 use std::str::FromStr;
 
 use anyhow::{Result, bail};
 use spinney::import::raster::{Band, ImportOptions, StackOptions};
-use spinney::import::volume::{RawLayout, VolumeOptions};
+use spinney::import::volume::{RawLayout, VolumeInput, VolumeOptions, is_volume};
 use spinney::ops::{Resampling, WarpOptions};
 use spinney::value::{Kind, Number, Rule, SampleType};
 
@@ -147,13 +148,32 @@ impl PictureArgs {
             || self.of_stacks().is_some()
     }
 
-    /// Whether the pages of a file are planes of a volume.
-    pub(super) fn pages_are_planes(&self) -> bool {
-        self.pages == Some(Pages::Volume)
+    /// The inputs as a volume, if they are one.
+    pub(in crate::cli) fn volume_input(&self, inputs: &[PathBuf]) -> Result<Option<VolumeInput>> {
+        let raw = self.raw_layout();
+        if self.pages == Some(Pages::Volume) {
+            if raw.is_some() {
+                bail!("--pages is for pictures, --raw-size for a file of samples alone: give one of them");
+            }
+            return Ok(Some(VolumeInput::Sections(inputs.to_vec())));
+        }
+        if raw.is_none() && !inputs.iter().any(|input| is_volume(input)) {
+            return Ok(None);
+        }
+        let [input] = inputs else {
+            bail!(
+                "a volume (NPY, NRRD, or --raw-size) makes a tree of its own: build one at a time; `spinney combine` lays trees over each other"
+            )
+        };
+        let input = input.clone();
+        Ok(Some(match raw {
+            Some(layout) => VolumeInput::Raw(input, layout),
+            None => VolumeInput::File(input),
+        }))
     }
 
     /// What is said of a file of samples alone.
-    pub(super) fn raw_layout(&self) -> Option<RawLayout> {
+    fn raw_layout(&self) -> Option<RawLayout> {
         let ((size, channels), sample) = self.raw_size.zip(self.raw_type)?;
         let mut layout = RawLayout::new(size, sample);
         (layout.channels, layout.is_big_endian) = (channels, self.big_endian);
@@ -199,12 +219,6 @@ impl PictureArgs {
         ];
         let given = given.into_iter().find(|(_, given)| *given).map(|(name, _)| name);
         given.or(self.of_stacks())
-    }
-
-    /// An option that was given and is not for trees that are built in shards.
-    pub(in crate::cli) fn not_of_shards(&self) -> Option<&'static str> {
-        let given = [("--pages z", self.pages_are_planes()), ("--raw-size", self.raw_size.is_some())];
-        given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
 
     /// Kind of the values and rule for coarser cells, where they are said.
@@ -276,7 +290,7 @@ impl PictureArgs {
     }
 
     /// All that is asked of an import of a volume.
-    pub(super) fn volume_options(&self, common: &Common) -> Result<VolumeOptions> {
+    pub(in crate::cli) fn volume_options(&self, common: &Common) -> Result<VolumeOptions> {
         let PictureArgs { kind, rule, band, nodata, transform, layer, pages, keep_transparent, .. } = self;
         let Common { depth, crs, memory, share, time, grid, .. } = common;
         if band.is_some()

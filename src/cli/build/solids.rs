@@ -6,18 +6,19 @@ use anyhow::{Context as _, Result, bail};
 use spinney::brep::InsideRule;
 use spinney::geometry::Stages;
 use spinney::import::mesh::{self, InsideTest, Resolution, SolidImport, SolidOptions, SolidReport};
+use spinney::shards::JobSpec;
 use spinney::space::{EdgeRule, Up};
 
 use super::super::args::{UNITS, check_output};
 use super::super::open;
-use super::{Common, Grid, Lines, grid_of};
+use super::{Common, Grid, Lines, NOT_OF_MODELS, PictureArgs, grid_of};
 
 /// Options for models only.
 #[derive(clap::Args, Debug)]
 #[command(
     next_help_heading = "Solids (PLY, OBJ, STL, OFF, CityJSON, CSG); --cells, --cell and --edge are for features, too"
 )]
-pub(super) struct SolidArgs {
+pub(in crate::cli) struct SolidArgs {
     /// Cells along the longest side of the model, or of the box around features [default: 256 of models]
     #[arg(long, value_name = "N", conflicts_with_all = ["depth", "grid"])]
     cells: Option<u64>,
@@ -100,7 +101,7 @@ fn metres(unit: &str) -> Option<f64> {
 
 impl SolidArgs {
     /// Whether any of them was given, which makes no sense for pictures.
-    pub(super) fn are_given(&self) -> bool {
+    pub(in crate::cli) fn are_given(&self) -> bool {
         let SolidArgs {
             cells,
             cell,
@@ -203,6 +204,28 @@ impl SolidArgs {
         let models = mesh::open_all(inputs, common.memory.bytes)?;
         let unit = models.iter().find_map(|model| model.info().unit.clone());
         Ok(mesh::plan_models(models, &self.options(unit.as_deref(), output, common)?)?)
+    }
+
+    /// The job of a solid of models.
+    pub(in crate::cli) fn job(
+        &self,
+        inputs: Vec<PathBuf>,
+        job: &Path,
+        pictures: &PictureArgs,
+        common: &Common,
+    ) -> Result<JobSpec> {
+        if pictures.are_given() {
+            bail!("{NOT_OF_MODELS}");
+        }
+        let given = [("--brep", self.brep), ("--stats", self.stats)];
+        let given = given.into_iter().find(|(_, is_given)| *is_given).map(|(name, _)| name);
+        if let Some(option) = given.or(self.of_exact_models()) {
+            bail!("{option} is not for shards, which make cells of closed models: `spinney build` has it");
+        }
+        let models = mesh::open_all(&inputs, common.memory.bytes)?;
+        let unit = models.iter().find_map(|model| model.info().unit.clone());
+        let options = self.options(unit.as_deref(), job, common)?;
+        Ok(JobSpec::Solid { inputs, options })
     }
 
     /// The options for a solid with a unit of its own.

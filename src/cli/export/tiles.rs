@@ -7,13 +7,14 @@ use std::time::Instant;
 use anyhow::{Context as _, Result, bail};
 use spinney::dataset::Dataset;
 use spinney::export::tiles::{
-    TileEncoding, TileFormat, TileRequest, TileTarget, UpdateOptions, degrees_of, draw_tiles, tile_source,
+    TileEncoding, TileFormat, TilePart, TileRequest, TileTarget, UpdateOptions, degrees_of, draw_tiles,
+    tile_source,
 };
 use spinney::ops::{Resampling, WarpOptions};
 use spinney::style::Style;
 
 use super::super::Global;
-use super::super::args::{check_output, parse_style};
+use super::super::args::{check_output, expand_lists, parse_style};
 use super::super::report::{Work, report_output};
 use super::Args;
 
@@ -64,6 +65,12 @@ pub(super) struct ArchiveOptions {
     /// percentiles were when the archive was made
     #[arg(long, requires = "update")]
     restyle: bool,
+    /// Write one of N parts of the tiles alone, the one with the number K, from 0, to an archive (.pmtiles), so that other processes write the others
+    #[arg(long, value_name = "K/N", conflicts_with_all = ["update", "parts"])]
+    part: Option<TilePart>,
+    /// Archives of all parts, in any order: tiles are put together of these, and none is drawn
+    #[arg(long, value_name = "FILE", num_args = 1.., conflicts_with_all = ["update"])]
+    parts: Vec<PathBuf>,
 }
 
 fn parse_zooms(text: &str) -> Result<RangeInclusive<u8>, String> {
@@ -102,6 +109,8 @@ impl ArchiveOptions {
             ("--update", self.update.is_some()),
             ("--since", self.since.is_some()),
             ("--restyle", self.restyle),
+            ("--part", self.part.is_some()),
+            ("--parts", !self.parts.is_empty()),
         ];
         all.into_iter().find(|(_, is_given)| *is_given).map(|(option, _)| option)
     }
@@ -135,6 +144,7 @@ pub(super) fn run(args: &Args, target: &TileTarget, global: &Global) -> Result<(
     request.degrees = degrees(args, &tree)?;
     request.side = args.tiles.tile_size.unwrap_or(256) as usize;
     request.resume = options.resume;
+    (request.part, request.parts) = (options.part, expand_lists(options.parts.clone())?);
     request.options = args.tree.steps_text();
     request.name = options.name.clone().unwrap_or(request.name);
     request.attribution = options.attribution.clone().unwrap_or_default();

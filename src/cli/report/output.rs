@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::time::Instant;
 
+use spinney::io::FileState;
+
 use super::super::Global;
 use super::quantity;
 
@@ -14,12 +16,13 @@ pub(crate) fn report_output(global: &Global, path: &Path, start: Instant) {
 /// Does the same, and compares the file's size with that of the input's files.
 pub(crate) fn report_built(global: &Global, path: &Path, start: Instant, input: Option<u64>) {
     let time = format!("{:.1} s", start.elapsed().as_secs_f64());
-    let Some(file) = std::fs::metadata(path).ok().filter(|_| path != Path::new("-")) else {
+    let there = if path == Path::new("-") { None } else { FileState::of(path).ok().flatten() };
+    let Some(file) = there else {
         return global.report("output", format_args!("standard output, in {time}"));
     };
-    let (name, size) = (path.display(), quantity::bytes(file.len()));
+    let (name, size) = (path.display(), quantity::bytes(file.length));
     let share = input.filter(|input| *input > 0).map_or(String::new(), |input| {
-        let percent = 100.0 * file.len() as f64 / input as f64;
+        let percent = 100.0 * file.length as f64 / input as f64;
         format!(", {percent:.1} % of the input's {}", quantity::bytes(input))
     });
     global.report("output", format_args!("{name}: {size}{share}, in {time}"));

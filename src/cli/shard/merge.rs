@@ -6,6 +6,7 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use spinney::shards::Job;
 use spinney::store::TreeFormat;
+use spinney::store::goblin::MergeOutput;
 
 use super::super::Global;
 use super::super::args::{Memory, OutputLimit};
@@ -13,8 +14,8 @@ use super::super::report::{Work, report_built};
 
 /// Put the shards of a job together
 ///
-/// Shards are checked and copied one behind the other; what stands above them all is made. The job stays as it is: remove its folder when the file is
-/// there.
+/// Shards are checked and copied one behind the other; what stands above them all is made. The job stays as it is, unless --remove is given: remove its folder
+/// when the file is there.
 #[derive(clap::Args)]
 pub(super) struct Args {
     /// Folder of the job
@@ -22,6 +23,10 @@ pub(super) struct Args {
     /// File to write; - is standard output
     #[arg(short, long, value_name = "OUT.goblin")]
     output: PathBuf,
+    /// Remove what shards have left as soon as it is in the file, and the job when the file is there, so that there is room for one of both; what is
+    /// cut off goes on, with the file OUT.goblin.partial
+    #[arg(long)]
+    remove: bool,
     #[command(flatten)]
     memory: Memory,
     #[command(flatten)]
@@ -38,9 +43,13 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     }
     let job = Job::open(&args.job)?;
     let work = Work::start(global, "bytes")?;
-    let output = args.limit.create_tree(&args.output)?;
+    let output = MergeOutput::create(&args.output, args.limit.bytes(), args.remove)?;
     job.merge(output, args.memory.bytes, &work)?;
     work.finish();
-    report_built(global, &args.output, start, Some(job.input_bytes()));
+    let bytes = job.input_bytes();
+    if args.remove {
+        job.remove()?;
+    }
+    report_built(global, &args.output, start, Some(bytes));
     Ok(())
 }

@@ -4,102 +4,170 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use spinney::csg::Csg;
-use spinney::import::{mesh, volume};
+use spinney::import::mesh;
 use spinney::reconstruction::is_views_name;
-use spinney::shards::{ShardedImport, plan};
+use spinney::shards::{JobSpec, plan};
 use spinney::store::{TreeFormat, file_is_tree};
 
-use super::super::Global;
-use super::super::args::expand_lists;
-use super::super::build::{Common, PictureArgs};
+use super::super::args::{Packing, check_output, expand_lists};
+use super::super::build::{Common, PictureArgs, SolidArgs};
+use super::super::combine::MergingArgs;
 use super::super::report::{Work, quantity};
+use super::super::transform::ChainArgs;
+use super::super::{Global, exact, points};
 
-/// Plan a job: look at pictures, and write down what each shard is made of
-///
-/// The options are those of `spinney build` for pictures. The same plan can be made again; a folder that has another one is left as it is.
+/// Folder of a job, and its shards.
 #[derive(clap::Args)]
-pub(super) struct Args {
-    /// Raster files (of several, the last lies on top, or with --stack all are layers); @FILE stands for the paths in a file, one a line
-    #[arg(required = true, value_name = "INPUT")]
-    inputs: Vec<PathBuf>,
+struct JobArgs {
     /// File to write: a folder, which has the job, and is made if there is none
     #[arg(short, long, value_name = "JOB")]
     output: PathBuf,
     /// Shards to make; each is a part of the space with about as many bytes of input [default: one for each GiB of input]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     shards: Option<u32>,
+}
+
+/// Plan a job: look at pictures, a volume or models, and write down what each shard is made of
+///
+/// The options are those of `spinney build` for these. The surface of models has to be closed, and is read as a whole. The same plan can be made again; a folder that has
+/// another one is left as it is.
+#[derive(clap::Args)]
+pub(super) struct Args {
+    /// Raster files (of several, the last lies on top, or with --stack all are layers), a volume, or models; @FILE stands for the paths in a file, one a line
+    #[arg(required = true, value_name = "INPUT")]
+    inputs: Vec<PathBuf>,
+    #[command(flatten)]
+    job: JobArgs,
     #[command(flatten)]
     common: Common,
     #[command(flatten)]
     pictures: PictureArgs,
+    #[command(flatten)]
+    solids: SolidArgs,
 }
 
-/// The name of what is no picture, if an input is something that `build` takes and shards do not.
+/// Plan a job of transforming a tree
+///
+/// Files and steps are those of `spinney transform`; steps that go through all cells first (components=, sieve=) are for that alone.
+#[derive(clap::Args)]
+pub(super) struct TransformArgs {
+    #[command(flatten)]
+    chain: ChainArgs,
+    #[command(flatten)]
+    job: JobArgs,
+    #[command(flatten)]
+    packing: Packing,
+}
+
+/// Plan a job of combining trees
+///
+/// Operations, files and options are those of `spinney combine` for trees of cells.
+#[derive(clap::Args)]
+pub(super) struct CombineArgs {
+    #[command(flatten)]
+    merging: MergingArgs,
+    #[command(flatten)]
+    job: JobArgs,
+    #[command(flatten)]
+    packing: Packing,
+}
+
+/// The name of what an input is, if it is something that `build` takes and shards do not.
 fn other_kind(input: &Path) -> Option<&'static str> {
     let kinds = [
         ("a tree", file_is_tree(input)),
         ("a solid of primitives", Csg::is_name(input)),
         ("views of a solid", is_views_name(input)),
-        ("a model of a solid", mesh::is_model(input)),
-        ("a volume", volume::is_volume(input)),
     ];
     kinds.into_iter().find(|(_, is_one)| *is_one).map(|(kind, _)| kind)
 }
 
-impl Args {
-    fn import(&self) -> Result<ShardedImport> {
-        let Args { common, pictures, .. } = self;
-        if let Some(option) = common.not_of_shards().or(pictures.not_of_shards()) {
-            bail!("{option} is not for shards: `spinney build` has it")
-        }
-        Ok(match pictures.stack_options(common)? {
-            Some(stack) => ShardedImport::Stack(stack),
-            None => match pictures.of_warping() {
-                Some(option) => {
-                    bail!("{option} is for other grids, which shards do not have: `spinney build` has it")
-                }
-                None => ShardedImport::Pictures(pictures.import_options(common)?),
-            },
-        })
+pub(super) fn run(args: Args, global: &Global) -> Result<()> {
+    let inputs = expand_lists(args.inputs)?;
+    let (job, common, pictures, solids) = (&args.job, &args.common, &args.pictures, &args.solids);
+    if let Some(option) = common.not_of_shards() {
+        bail!("{option} is not for shards: `spinney build` has it")
     }
-}
-
-pub(super) fn run(mut args: Args, global: &Global) -> Result<()> {
-    args.inputs = expand_lists(args.inputs)?;
-    let job = &args.output;
-    if TreeFormat::of(job) == TreeFormat::Autumnal || job.extension().is_some_and(|ending| ending == "goblin")
-    {
+    if let Some((input, kind)) = inputs.iter().find_map(|input| Some((input, other_kind(input)?))) {
         bail!(
-            "{}: is the name of a tree; -o is the folder of a job, and `spinney shard merge` writes the tree, a .goblin file",
-            job.display()
-        )
-    }
-    if let Some((input, kind)) = args.inputs.iter().find_map(|input| Some((input, other_kind(input)?))) {
-        bail!(
-            "{}: is {kind}; shards are of pictures, `spinney build` makes the tree in one go",
+            "{}: is {kind}; shards are of pictures, volumes and models (and of trees: plan-transform, plan-combine), `spinney build` makes the tree in one go",
             input.display()
         )
     }
-    let work = Work::start(global, "files")?;
-    let planned = plan(&args.inputs, &args.import()?, job, args.shards, &work)?;
-    work.finish();
-    for (heading, text) in &planned.description {
-        global.report(heading, text);
+    if inputs.iter().any(|input| mesh::is_model(input)) {
+        return job.plan(&solids.job(inputs, &job.output, pictures, common)?, global);
     }
-    let (busy, all) = (planned.job.busy_shards(), planned.job.shards());
-    let bytes = quantity::bytes(planned.job.input_bytes());
-    let empty =
-        if busy < all { format!(", {} of which have nothing to do", all - busy) } else { String::new() };
-    let was_there = if planned.was_there { ", as it was planned before" } else { "" };
-    global
-        .report("job", format_args!("{}: {all} shards of {bytes} of input{empty}{was_there}", job.display()));
-    let name = job.display();
-    global.report(
-        "next",
-        format_args!(
-            "spinney shard build {name} 0 and so on to {}; spinney shard merge {name} -o OUT.goblin",
-            all - 1
-        ),
-    );
-    Ok(())
+    if solids.are_given() {
+        bail!(
+            "{}: is no model; the options for solids are for PLY, OBJ, STL, OFF and CityJSON files",
+            inputs[0].display()
+        )
+    }
+    if let Some(input) = pictures.volume_input(&inputs)? {
+        return job.plan(&JobSpec::Volume { input, options: pictures.volume_options(common)? }, global);
+    }
+    let spec = match pictures.stack_options(common)? {
+        Some(options) => JobSpec::Stack { inputs, options },
+        None => match pictures.of_warping() {
+            Some(option) => {
+                bail!("{option} is for other grids, which shards do not have: `spinney build` has it")
+            }
+            None => JobSpec::Pictures { inputs, options: pictures.import_options(common)? },
+        },
+    };
+    job.plan(&spec, global)
+}
+
+pub(super) fn transform(args: &TransformArgs, global: &Global) -> Result<()> {
+    let TransformArgs { chain, job, packing } = args;
+    let (chain, packing) = (chain.chain()?, packing.choice()?);
+    let name = chain.path.display();
+    if points::open(&chain.path)?.is_some() {
+        bail!("{name}: is a tree of points, which is not transformed in shards")
+    }
+    if exact::open(&chain.path)?.is_some() {
+        bail!("{name}: is an exact model, which is not transformed in shards")
+    }
+    job.plan(&JobSpec::Transform { chain, packing }, global)
+}
+
+pub(super) fn combine(args: &CombineArgs, global: &Global) -> Result<()> {
+    let CombineArgs { merging, job, packing } = args;
+    job.plan(&merging.spec(packing.choice()?)?, global)
+}
+
+impl JobArgs {
+    fn plan(&self, spec: &JobSpec, global: &Global) -> Result<()> {
+        let folder = &self.output;
+        let is_tree_name = TreeFormat::of(folder) == TreeFormat::Autumnal
+            || folder.extension().is_some_and(|ending| ending == "goblin");
+        if is_tree_name {
+            bail!(
+                "{}: is the name of a tree; -o is the folder of a job, and `spinney shard merge` writes the tree, a .goblin file",
+                folder.display()
+            )
+        }
+        check_output(spec.inputs().iter().map(PathBuf::as_path), folder)?;
+        let work = Work::start(global, "files")?;
+        let planned = plan(spec, folder, self.shards, &work)?;
+        work.finish();
+        for (heading, text) in &planned.description {
+            global.report(heading, text);
+        }
+        let (busy, all) = (planned.job.busy_shards(), planned.job.shards());
+        let bytes = quantity::bytes(planned.job.input_bytes());
+        let empty =
+            if busy < all { format!(", {} of which have nothing to do", all - busy) } else { String::new() };
+        let was_there = if planned.was_there { ", as it was planned before" } else { "" };
+        let name = folder.display();
+        global.report("job", format_args!("{name}: {all} shards of {bytes} of input{empty}{was_there}"));
+        global.report(
+            "next",
+            format_args!(
+                "spinney shard build {name} 0 and so on to {}; spinney shard merge {name} -o OUT.goblin",
+                all - 1
+            ),
+        );
+        Ok(())
+    }
 }

@@ -4,8 +4,10 @@
 mod cache;
 mod faults;
 mod file_id;
+mod input;
 mod lock;
 mod lock_file;
+mod look;
 mod open;
 mod output;
 mod output_folder;
@@ -23,12 +25,16 @@ mod write;
 pub use cache::{HeldBytes, RangeCache, with_cache};
 pub use faults::Faults;
 pub use file_id::FileId;
+pub use input::{InputFile, beside};
 pub use lock::{LockedFile, ReplaceLock};
 pub use lock_file::LockFile;
-pub use open::{RemoteFiles, local_path, open_file, set_remote_files, split_query, url_of};
+pub use look::{FileState, FileVersion, remove_files};
+pub use open::{
+    RemoteFiles, RemoteWriter, local_path, open_file, set_remote_files, split_query, url_of, without_query,
+};
 pub use output::Output;
 pub use output::folder;
-pub use output::{Unfinished, partial_of, sidecar_of, sync_folder};
+pub use output::{Unfinished, must_be_new_error, partial_of, sidecar_of, sync_folder};
 pub use output_folder::OutputFolder;
 pub use ranges::{DEFAULT_GAP, Fetch, RangeFile};
 pub use read::FileBytes;

@@ -1,10 +1,12 @@
 //! Opening files wherever they are: on this machine, or elsewhere by a URL.
 
 use std::borrow::Cow;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use super::file_id::FileId;
+use super::look::FileState;
 use super::read::{Mapped, Positioned, ReadBackend, open_input};
 use crate::{Error, Result};
 
@@ -16,11 +18,35 @@ pub trait RemoteFiles: Send + Sync {
     /// If it cannot be reached, or not in ranges.
     fn open(&self, url: &str, options: &[(String, String)]) -> Result<Box<dyn ReadBackend>>;
 
-    /// Puts a copy of a file of this machine in a place elsewhere, whole or not at all.
+    /// States of files, in their order, all of which are asked for at the same time; nothing of those that are not there.
+    ///
+    /// # Errors
+    /// On interruption. Of each file, if its host does not tell.
+    fn look(&self, urls: &[&str]) -> Result<Vec<Result<Option<FileState>>>>;
+
+    /// Starts a file, which appears whole or not at all.
+    ///
+    /// # Errors
+    /// If the URL leads nowhere.
+    fn write(&self, url: &str) -> Result<Box<dyn RemoteWriter>>;
+
+    /// Removes files, those that are there.
+    ///
+    /// # Errors
+    /// If that fails for one of them.
+    fn remove(&self, urls: &[&str]) -> Result<()>;
+}
+
+/// A file elsewhere being written, from its beginning on. Dropping it leaves nothing. Errors are of this library, inside of those of the system.
+pub trait RemoteWriter: Write + Send {
+    /// Says how many bytes there will be, about, where that is known before the first one.
+    fn expect(&mut self, bytes: u64);
+
+    /// Puts the file in its place; also where there is another one, unless it must be new.
     ///
     /// # Errors
     /// If that fails; nothing is left there then.
-    fn upload(&self, file: &Path, url: &str) -> Result<()>;
+    fn commit(self: Box<Self>, must_be_new: bool) -> Result<()>;
 }
 
 static REMOTE_FILES: OnceLock<Box<dyn RemoteFiles>> = OnceLock::new();
@@ -57,6 +83,11 @@ pub fn url_of(path: &Path) -> Option<&str> {
 /// A URL up to its query, and the query, which may have a signature.
 pub fn split_query(url: &str) -> (&str, &str) {
     url.split_at(url.find(['?', '#']).unwrap_or(url.len()))
+}
+
+/// A path without the query that a URL may have.
+pub fn without_query(path: &Path) -> &Path {
+    url_of(path).map_or(path, |url| Path::new(split_query(url).0))
 }
 
 /// The path of a file of this machine, which may be given as `file://` URL.

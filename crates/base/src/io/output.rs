@@ -3,11 +3,11 @@
 use std::fs::{File, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use super::faults::{Faults, MayFail};
 use super::file_id::FileId;
-use super::open::{local_path, remote_files, url_of};
+use super::open::{RemoteWriter, local_path, remote_files, url_of};
 use super::platform::{free_space, set_output_permissions};
 use super::regular::open_regular;
 use super::write::{FileBackend, check_limit};
@@ -39,6 +39,8 @@ enum Sink {
         /// Whether a file that is there by the end is an error.
         must_be_new: bool,
     },
+    /// A file elsewhere, which goes there while it is written.
+    Elsewhere { file: Box<dyn RemoteWriter>, must_be_new: bool },
     /// Standard output, a device or a pipe: there is nothing to take the place of.
     Stream(BufWriter<Box<dyn Write + Send>>),
 }
@@ -83,7 +85,7 @@ impl Output {
             let target = if is_remote {
                 // (Known to be reached before anything is made.)
                 remote_files(path)?;
-                std::env::temp_dir().join("spinney-upload")
+                folder(path).join("spinney-upload")
             } else {
                 follow_links(path).map_err(Error::io(path, "follow the symbolic link"))?
             };
@@ -98,6 +100,25 @@ impl Output {
             }
         };
         Ok(Output { path: path.to_path_buf(), sink, written: 0, most: u64::MAX })
+    }
+
+    /// Does the same for one who goes from the beginning to the end, and never back: a file elsewhere goes there while it is written, in parts,
+    /// and takes no room on this machine.
+    ///
+    /// # Errors
+    /// Those of [`Output::create`].
+    pub fn append_only(path: &Path) -> Result<Output> {
+        let Some(url) = url_of(path) else { return Output::create(path) };
+        let sink = Sink::Elsewhere { file: remote_files(path)?.write(url)?, must_be_new: false };
+        Ok(Output { path: path.to_path_buf(), sink, written: 0, most: u64::MAX })
+    }
+
+    /// Says how many bytes there will be, about, where that is known before the first one: parts of a file elsewhere are as large as they have to
+    /// be for it.
+    pub fn expect(&mut self, bytes: u64) {
+        if let Sink::Elsewhere { file, .. } = &mut self.sink {
+            file.expect(bytes);
+        }
     }
 
     /// Output to whatever takes bytes, such as memory; the name is for messages, and for formats that are told by it.
@@ -238,7 +259,7 @@ impl Output {
 
     /// Makes [`Output::commit`] fail if by then there is a file of that name, instead of replacing it.
     pub fn keep_existing(&mut self) {
-        if let Sink::File { must_be_new, .. } = &mut self.sink {
+        if let Sink::File { must_be_new, .. } | Sink::Elsewhere { must_be_new, .. } = &mut self.sink {
             *must_be_new = true;
         }
     }
@@ -263,11 +284,17 @@ impl Output {
         let path = self.path;
         match self.sink {
             Sink::Stream(mut out) => out.flush().map_err(Error::io(path, "write")),
+            Sink::Elsewhere { file, must_be_new } => file.commit(must_be_new),
             Sink::File { file, target, is_remote, must_be_new, _unfinished } => {
                 let file = file.into_inner().map_err(|e| Error::io(&path, "write")(e.into_error()))?;
                 let TemporaryFile { file, faults } = file;
                 if is_remote {
-                    return upload(file.path(), &path, must_be_new);
+                    let mut far = remote_files(&path)?.write(url_of(&path).unwrap_or_default())?;
+                    let failed = || Error::io(file.path(), "upload");
+                    let mut whole = File::open(file.path()).map_err(failed())?;
+                    far.expect(whole.metadata().map_err(failed())?.len());
+                    io::copy(&mut whole, &mut far).map_err(failed())?;
+                    return far.commit(must_be_new);
                 }
                 set_output_permissions(file.as_file(), &path)
                     .map_err(Error::io(&path, "set the permissions"))?;
@@ -279,8 +306,7 @@ impl Output {
                     if must_be_new { file.persist_noclobber(&target) } else { file.persist(&target) };
                 let file = persisted.map_err(|failed| match failed.error {
                     cause if must_be_new && cause.kind() == io::ErrorKind::AlreadyExists => {
-                        let advice = "nothing was written; choose another name, or remove that file first";
-                        Error::unsupported(&path, "replacing a file that has appeared meanwhile", advice)
+                        must_be_new_error(&path)
                     }
                     cause => Error::io(&path, "put in place")(cause),
                 })?;
@@ -293,15 +319,10 @@ impl Output {
     }
 }
 
-/// Copies a finished file to its place elsewhere.
-fn upload(file: &Path, path: &Path, must_be_new: bool) -> Result<()> {
-    let (files, url) = (remote_files(path)?, url_of(path).unwrap_or_default());
-    // (Between this look and the copy another one may appear.)
-    if must_be_new && files.open(url, &[]).is_ok() {
-        let advice = "nothing was written; choose another name, or remove that file first";
-        return Err(Error::unsupported(path, "replacing a file elsewhere", advice));
-    }
-    files.upload(file, url)
+/// The error for a file that must be new, and is there.
+pub fn must_be_new_error(path: &Path) -> Error {
+    let advice = "nothing was written; choose another name, or remove that file first";
+    Error::unsupported(path, "replacing a file that has appeared meanwhile", advice)
 }
 
 /// Temporary files of this process.
@@ -329,6 +350,7 @@ impl Write for Output {
         check_limit(self.written, bytes.len(), self.most)?;
         let count = match &mut self.sink {
             Sink::File { file, .. } => file.write(bytes),
+            Sink::Elsewhere { file, .. } => file.write(bytes),
             Sink::Stream(out) => out.write(bytes),
         }?;
         self.written += count as u64;
@@ -338,6 +360,7 @@ impl Write for Output {
     fn flush(&mut self) -> io::Result<()> {
         match &mut self.sink {
             Sink::File { file, .. } => file.flush(),
+            Sink::Elsewhere { file, .. } => file.flush(),
             Sink::Stream(out) => out.flush(),
         }
     }
@@ -427,8 +450,12 @@ pub fn partial_of(path: &Path) -> PathBuf {
     name.into()
 }
 
-/// The folder a path lies in.
+/// The folder a path lies in, where temporary files of its file go; of a path elsewhere, the system's folder for these.
 pub fn folder(path: &Path) -> &Path {
+    static TEMPORARY: LazyLock<PathBuf> = LazyLock::new(std::env::temp_dir);
+    if url_of(path).is_some() {
+        return &TEMPORARY;
+    }
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 

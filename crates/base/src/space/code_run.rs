@@ -86,6 +86,28 @@ impl CodeRun {
         children.fold(0, |sum: u64, child| sum.saturating_add(self.cells_below(child, depth, cells)))
     }
 
+    /// The smallest box around the cells of another box that are in the run, in a tree of so many levels; an empty one if none is. The run must be
+    /// cut at nodes of that.
+    ///
+    /// # Panics
+    /// If trees cannot be so deep.
+    pub fn bounds(self, dimension: Dimension, depth: u8, cells: &Bounds) -> Bounds {
+        self.bounds_below(Code::root(dimension), depth, cells).unwrap_or(Bounds { max: cells.min, ..*cells })
+    }
+
+    fn bounds_below(self, node: Code, depth: u8, cells: &Bounds) -> Option<Bounds> {
+        let inside = node.bounds(depth).intersect(cells);
+        if inside.is_empty() || !self.touches(node) {
+            return None;
+        }
+        if self.contains(node) || node.level() == depth {
+            return Some(inside);
+        }
+        let children = (0..node.dimension().children()).map(|child| node.child(child));
+        let boxes = children.filter_map(|child| self.bounds_below(child, depth, cells));
+        boxes.reduce(|all, next| all.hull(&next))
+    }
+
     /// Whether it has all or nothing of each node at a level.
     pub fn is_cut_at(self, dimension: Dimension, level: u8) -> bool {
         let below = (1u64 << (63 - dimension.axes() as u32 * u32::from(level))) - 1;
@@ -122,6 +144,9 @@ mod tests {
             );
             let corner = Bounds { min: [0; 3], max: [9, 4, 1] };
             assert_eq!(run.cells(dimension, 4, &corner), 4);
+            assert_eq!(run.bounds(dimension, 4, &corner), Bounds { min: [8, 0, 0], max: [9, 4, 1] });
+            assert_eq!(CodeRun::ALL.bounds(dimension, 4, &corner), corner);
+            assert!(run.bounds(dimension, 4, &Bounds { min: [0; 3], max: [8, 4, 1] }).is_empty());
             let [first, last] = run.ends();
             assert_eq!(CodeRun::new(first, last), Some(run));
             assert_eq!(CodeRun::of(root.child(2), root.child(1)), None);

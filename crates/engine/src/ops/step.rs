@@ -180,6 +180,20 @@ impl Step {
     }
 }
 
+impl Step {
+    /// The step with other names of its [files](Step::files).
+    ///
+    /// # Errors
+    /// Those of finding names.
+    pub fn with_files(&self, name: &dyn Fn(&Path) -> Result<PathBuf>) -> Result<Step> {
+        Ok(match self {
+            Step::Like(path) => Step::Like(name(path)?),
+            Step::Calculation(calculation) => Step::Calculation(Box::new(calculation.with_files(name)?)),
+            step => step.clone(),
+        })
+    }
+}
+
 fn window(view: View, min: [i64; 3], mut size: [u64; 3]) -> Result<View> {
     if view.form().axes() > 2 && min[2] == 0 && size[2] == 1 && view.extent()[2] > 1 {
         // Four numbers mean columns of any height.

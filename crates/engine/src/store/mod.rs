@@ -10,8 +10,8 @@ mod tree_target;
 mod tree_writer;
 mod write;
 
-pub use builder::{BuildOptions, Packing, Slab, Slabs, WriteOptions, depth_for};
+pub use builder::{BuildOptions, Packing, Slab, SlabBoxes, Slabs, WriteOptions, depth_for};
 pub use spinney_packing::Effort;
-pub use tree_target::TreeTarget;
+pub use tree_target::{ShardCheck, TreeTarget};
 pub use tree_writer::TreeWriter;
 pub use write::{build, build_slabs, build_source, build_tree, build_with, check_room};

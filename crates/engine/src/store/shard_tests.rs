@@ -244,7 +244,7 @@ fn compare(layers: &[Layer], counts: &[u64]) {
             write(TreeWriter::shard(&head, shard.clone()).unwrap(), layers).unwrap();
         }
         let effort = layers[0].packing.effort;
-        merge_shards(&head, &shards, output("merged.goblin"), (1 << 20, effort), &()).unwrap();
+        merge_shards(&head, &shards, output("merged.goblin").into(), (1 << 20, effort), &()).unwrap();
         assert!(fs::read(folder.join("merged.goblin")).unwrap() == whole, "{count} shards");
     }
 }
@@ -360,7 +360,7 @@ fn small_job(folder: &Path) -> (std::path::PathBuf, Vec<Shard>) {
 
 fn merge(head: &Path, shards: &[Shard]) -> Result<()> {
     let output = Output::to_writer(Path::new("merged.goblin"), Box::new(io::sink()));
-    merge_shards(head, shards, output, (1 << 20, Effort::Fast), &())
+    merge_shards(head, shards, output.into(), (1 << 20, Effort::Fast), &())
 }
 
 #[test]

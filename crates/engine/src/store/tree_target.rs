@@ -28,7 +28,7 @@ use spinney_base::space::Dimension;
 ///     number: 0,
 ///     pieces: vec![ShardPiece { layer: 0, run: CodeRun::ALL }],
 /// };
-/// transform_to(&map, TreeTarget::Shard { head, shard }, how, &())?;
+/// transform_to(&map, TreeTarget::Shard { head, shard, check: Box::new(|| Ok(())) }, how, &())?;
 /// assert!(folder.path().join("0000.light").exists());
 /// # Ok::<(), spinney::Error>(())
 /// ```
@@ -43,8 +43,13 @@ pub enum TreeTarget {
         head: PathBuf,
         /// The part of them that is made.
         shard: Shard,
+        /// A check, such as that inputs have not changed, without which the shard does not count as made when all of its cells are there.
+        check: ShardCheck,
     },
 }
+
+/// Check that is done before a shard counts as made.
+pub type ShardCheck = Box<dyn Fn() -> Result<()> + Send>;
 
 impl From<Output> for TreeTarget {
     fn from(output: Output) -> TreeTarget {
@@ -61,7 +66,7 @@ impl TreeTarget {
         match self {
             TreeTarget::File(output) => TreeWriter::create(output, space, layers),
             TreeTarget::Head(output) => TreeWriter::head(output, space, layers),
-            TreeTarget::Shard { head, shard } => TreeWriter::shard(&head, shard),
+            TreeTarget::Shard { head, shard, check } => Ok(TreeWriter::shard(&head, shard)?.checked(check)),
         }
     }
 
@@ -80,7 +85,7 @@ impl TreeTarget {
                 folder(output.path()).to_path_buf()
             }
             TreeTarget::File(_) | TreeTarget::Head(_) => std::env::temp_dir(),
-            TreeTarget::Shard { shard, .. } => shard.folder.clone(),
+            TreeTarget::Shard { shard, .. } => shard.temporary().to_path_buf(),
         }
     }
 }

@@ -6,6 +6,7 @@ use std::path::Path;
 use super::autumnal::NewFile;
 use super::builder::{BuildOptions, Builder, Fill, Part, ReusableSource, Slab, Slabs, TreeSink, walk};
 use super::goblin::{FileWriter, Goblin, Shard, ShardWriter};
+use super::tree_target::ShardCheck;
 use crate::tree::MemTree;
 use spinney_base::Form;
 use spinney_base::io::Output;
@@ -66,6 +67,8 @@ pub struct TreeWriter {
     layers: u32,
     /// Names of the layers so far.
     names: Vec<String>,
+    /// A check that comes before the end.
+    check: Option<ShardCheck>,
 }
 
 enum File {
@@ -94,7 +97,7 @@ impl TreeWriter {
             }
             TreeFormat::Autumnal => File::Autumnal(Box::new(NewFile::new(output, depth))),
         };
-        Ok(TreeWriter { file, dimension, depth, layers, names: Vec::new() })
+        Ok(TreeWriter { file, dimension, depth, layers, names: Vec::new(), check: None })
     }
 
     /// Starts a file that tells of so many layers, and has none of their cells: whoever makes them is not asked for any. It is what shards of
@@ -144,7 +147,7 @@ impl TreeWriter {
     /// let shard = Shard { folder: folder.into(), job: 1, number: 0, pieces };
     /// write(TreeWriter::shard(&head, shard.clone())?)?;
     /// let merged = folder.join("merged.goblin");
-    /// merge_shards(&head, &[shard], Output::create(&merged)?, (1 << 20, Effort::Fast), &())?;
+    /// merge_shards(&head, &[shard], Output::create(&merged)?.into(), (1 << 20, Effort::Fast), &())?;
     /// assert_eq!(std::fs::read(merged).unwrap(), std::fs::read(folder.join("whole.goblin")).unwrap());
     /// # Ok(())
     /// # }
@@ -157,7 +160,12 @@ impl TreeWriter {
         let (dimension, layers) = (planned.header().form.dimension, planned.layers().len() as u32);
         let depth = planned.layers().iter().map(|layer| layer.header.depth()).max().unwrap_or(0);
         let file = File::Shard(Box::new(ShardWriter::new(&planned, shard)?));
-        Ok(TreeWriter { file, dimension, depth, layers, names: Vec::new() })
+        Ok(TreeWriter { file, dimension, depth, layers, names: Vec::new(), check: None })
+    }
+
+    /// Has [`TreeWriter::finish`] fail, and leave nothing that counts, unless a check passes.
+    pub(super) fn checked(self, check: ShardCheck) -> TreeWriter {
+        TreeWriter { check: Some(check), ..self }
     }
 
     /// The part of the space of the next layer whose cells are asked for: all of it, unless this is a shard; none where the layer is only told
@@ -304,8 +312,11 @@ impl TreeWriter {
         self.source_with(source, extent, options, progress, &mut |_| {})
     }
 
-    /// Makes the next layer of any source, whose metadata can be completed when it has been walked.
-    pub(crate) fn source_with<S: ReusableSource>(
+    /// Makes the next layer of any source, whose metadata can be completed when it has been walked; of a shard they must be complete before.
+    ///
+    /// # Errors
+    /// Those of [`TreeWriter::slabs`]; also if the source fails.
+    pub fn source_with<S: ReusableSource>(
         &mut self,
         source: &S,
         extent: [u64; 3],
@@ -342,15 +353,18 @@ impl TreeWriter {
         }
     }
 
-    /// Writes what stands behind the layers, and puts the file in its place.
+    /// Writes what stands behind the layers, and puts the file in its place. Of a shard that has no part of any layer none need be made.
     ///
     /// # Errors
     /// If the file cannot be written, or layers are missing.
     pub fn finish(self) -> Result<()> {
-        if self.names.len() != self.layers as usize {
+        let is_nothing =
+            self.names.is_empty() && matches!(&self.file, File::Shard(shard) if shard.is_empty());
+        if self.names.len() != self.layers as usize && !is_nothing {
             let found = format!("{} layers", self.names.len());
             return Err(Error::invalid("file", found, format!("{}, as was said", self.layers)));
         }
+        self.check.map_or(Ok(()), |check| check())?;
         match self.file {
             File::Goblin(file) | File::Head(file) => file.finish(),
             File::Autumnal(file) => file.finish(),

@@ -1,10 +1,9 @@
 //! Words and lines of a text of any length, and where they stand.
 
-use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use spinney_base::io::open_input;
+use spinney_base::io::InputFile;
 use spinney_base::{Error, Result};
 
 /// Bytes that are read at a time.
@@ -17,7 +16,7 @@ const LONGEST_LINE: usize = 1 << 20;
 /// A text that is read from its beginning.
 pub(super) struct Text {
     path: PathBuf,
-    file: File,
+    file: InputFile,
     part: Vec<u8>,
     at: usize,
     /// Number of the line, from 1.
@@ -30,7 +29,7 @@ impl Text {
     /// # Errors
     /// If it cannot be opened.
     pub(super) fn open(path: &Path) -> Result<Text> {
-        Ok(Text { path: path.into(), file: open_input(path)?, part: Vec::new(), at: 0, line: 1 })
+        Ok(Text { path: path.into(), file: InputFile::open(path)?, part: Vec::new(), at: 0, line: 1 })
     }
 
     /// The next byte, which stays the next.

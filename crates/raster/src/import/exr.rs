@@ -1,7 +1,6 @@
 //! OpenEXR, block by block.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
@@ -14,6 +13,7 @@ use half::f16;
 
 use super::{Order, Pixels, Raster, RasterInfo, RasterOptions};
 use spinney_base::guard::guard;
+use spinney_base::io::InputFile;
 use spinney_base::space::Region;
 use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
@@ -29,7 +29,7 @@ struct Layer {
 struct Exr {
     path: PathBuf,
     info: RasterInfo,
-    file: BufReader<File>,
+    file: BufReader<InputFile>,
     meta: MetaData,
     /// The part of the file that is read.
     header: usize,
@@ -46,7 +46,7 @@ struct Exr {
 }
 
 pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
-    let mut file = BufReader::new(File::open(path).map_err(Error::io(path, "open"))?);
+    let mut file = BufReader::new(InputFile::open(path)?);
     let meta = guard(path, "EXR header", || {
         let fail = |error| exr_error(path, "EXR header", error);
         let meta = MetaData::read_from_buffered(&mut file, false).map_err(fail)?;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::{RasterOptions, first_bytes, vrt, worldfile};
 use spinney_base::Result;
-use spinney_base::io::sidecar_of;
+use spinney_base::io::{beside, sidecar_of};
 
 /// All files that are looked at when a raster is read, whether they are there or not: the file, those that may stand beside it, and, of a
 /// virtual raster, those of its sources.
@@ -12,9 +12,9 @@ use spinney_base::io::sidecar_of;
 /// # Errors
 /// If the file, or a source, cannot be read.
 pub fn files_of(path: &Path, options: &RasterOptions) -> Result<Vec<PathBuf>> {
-    let mut files = vec![path.to_path_buf(), sidecar_of(path)];
+    let mut files = vec![path.to_path_buf(), beside(path, sidecar_of)];
     files.extend(worldfile::candidates(path));
-    files.push(path.with_extension("prj"));
+    files.push(worldfile::prj(path));
     if vrt::is_vrt(&first_bytes(path)?) {
         for (source, options) in vrt::sources(path, options)? {
             files.extend(files_of(&source, &options)?);

@@ -1,10 +1,10 @@
 //! SRTM elevation tiles: bare big-endian i16 samples, placed by the file's name.
 
-use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use super::{Pixels, Raster, RasterInfo};
+use spinney_base::io::{InputFile, without_query};
 use spinney_base::space::Region;
 use spinney_base::value::{Kind, SampleType};
 use spinney_base::{Error, Result};
@@ -12,13 +12,13 @@ use spinney_crs::{Crs, Frame};
 
 struct Hgt {
     path: PathBuf,
-    file: File,
+    file: InputFile,
     info: RasterInfo,
 }
 
 pub(super) fn open(path: &Path) -> Result<Box<dyn Raster>> {
-    let file = File::open(path).map_err(Error::io(path, "open"))?;
-    let bytes = file.metadata().map_err(Error::io(path, "read the size of"))?.len();
+    let file = InputFile::open(path)?;
+    let bytes = file.len();
     let side = match bytes {
         25_934_402 => 3601,
         2_884_802 => 1201,
@@ -27,7 +27,7 @@ pub(super) fn open(path: &Path) -> Result<Box<dyn Raster>> {
             return Err(Error::corrupt(path, "the whole file", format!("{bytes} bytes"), expected));
         }
     };
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let name = without_query(path).file_name().unwrap_or_default().to_string_lossy();
     let [west, south] = corner(&name).ok_or_else(|| {
         let advice = "rename it to its south-west corner, as in N46E008.hgt";
         Error::unsupported(path, "an .hgt file whose name does not say where it lies", advice)

@@ -35,12 +35,13 @@ pub use self::mosaic::{MosaicPlan, mosaic};
 pub use self::plan::{DEFAULT_MEMORY, ImportOptions, RasterImport, plan, plan_part};
 pub(super) use self::plan::{depth_of, listed, nodata_text};
 pub use self::slabs::RasterSlabs;
+pub(super) use self::slabs::Wanted;
 pub use self::spill::spill;
 pub use self::stack::{Stack, StackLayer, StackOptions, plan_stack, write_layers, write_stack};
 pub(super) use self::tiff::{SampleFormat, page_directories};
 pub(super) use self::validity::as_stored;
 use crate::chain_code;
-use spinney_base::io::open_input;
+use spinney_base::io::{InputFile, without_query};
 use spinney_base::space::Region;
 use spinney_base::value::{Kind, Number, Palette, SampleType};
 use spinney_base::{Error, Result};
@@ -213,7 +214,9 @@ pub fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
         [0x76, 0x2f, 0x31, 0x01, ..] => exr::open(path, options),
         start if start.starts_with(chain_code::MAGIC.as_bytes()) => chain_code::open(path, options),
         start if vrt::is_vrt(start) => vrt::open(path, options),
-        _ if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("hgt")) => hgt::open(path),
+        _ if without_query(path).extension().is_some_and(|e| e.eq_ignore_ascii_case("hgt")) => {
+            hgt::open(path)
+        }
         _ => Err(OtherFormat::refuse_source(path, &magic)),
     };
     sidecar::describe(raster?)
@@ -228,7 +231,7 @@ fn first_bytes(path: &Path) -> Result<Vec<u8>> {
         }
         return Err(Error::io(path, "open")(io::Error::from(io::ErrorKind::IsADirectory)));
     }
-    let file = open_input(path)?;
+    let file = InputFile::open(path)?;
     let mut magic = Vec::new();
     file.take(FIRST_BYTES as u64).read_to_end(&mut magic).map_err(Error::io(path, "read"))?;
     if magic.is_empty() {

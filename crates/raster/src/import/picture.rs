@@ -1,6 +1,5 @@
 //! JPEG and WebP: formats that decode only as a whole.
 
-use std::fs::File;
 use std::io::{BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
 
@@ -14,6 +13,7 @@ use zune_jpeg::errors::DecodeErrors;
 
 use super::{Pixels, Raster, RasterInfo, RasterOptions};
 use spinney_base::guard::guard;
+use spinney_base::io::InputFile;
 use spinney_base::space::Region;
 use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
@@ -71,7 +71,7 @@ impl Raster for Picture {
 }
 
 pub(super) fn open_jpeg(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
-    let bytes = std::fs::metadata(path).map_err(Error::io(path, "read the size of"))?.len();
+    let bytes = InputFile::open(path)?.len();
     options.check_memory(path, "the compressed picture", bytes)?;
     let info = with_jpeg(path, |bytes, decoder| {
         let progressive = check_complete(path, bytes)?;
@@ -96,7 +96,8 @@ fn with_jpeg<T>(
     path: &Path,
     then: impl FnOnce(&[u8], &mut JpegDecoder<ZCursor<&[u8]>>) -> Result<T>,
 ) -> Result<T> {
-    let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    let mut bytes = Vec::new();
+    InputFile::open(path)?.read_to_end(&mut bytes).map_err(Error::io(path, "read"))?;
     guard(path, "JPEG data", || {
         // Strict, or damage would become grey pixels without a word.
         let options = DecoderOptions::new_fast()
@@ -190,13 +191,13 @@ pub(super) fn open_webp(path: &Path, options: &RasterOptions) -> Result<Box<dyn 
 }
 
 /// Runs `then` with a WebP decoder that knows the headers.
-fn with_webp<T>(path: &Path, then: impl FnOnce(WebPDecoder<BufReader<File>>) -> Result<T>) -> Result<T> {
-    let mut file = File::open(path).map_err(Error::io(path, "open"))?;
+fn with_webp<T>(path: &Path, then: impl FnOnce(WebPDecoder<BufReader<InputFile>>) -> Result<T>) -> Result<T> {
+    let mut file = InputFile::open(path)?;
     // The decoder is content with less than the file says it has.
     let mut start = [0; 8];
     file.read_exact(&mut start).and_then(|()| file.rewind()).map_err(Error::io(path, "read"))?;
     let promised = 8 + u64::from(u32::from_le_bytes([start[4], start[5], start[6], start[7]]));
-    let bytes = file.metadata().map_err(Error::io(path, "read the size of"))?.len();
+    let bytes = file.len();
     if bytes < promised {
         return Err(webp_damaged(path, format!("the end of the file at byte {bytes} of {promised}")));
     }

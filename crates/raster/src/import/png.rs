@@ -1,7 +1,6 @@
 //! PNG, row by row.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::{BufReader, ErrorKind};
 use std::path::{Path, PathBuf};
 
@@ -9,6 +8,7 @@ use png::{BitDepth, ColorType, Decoder, DecodingError, Info, Limits, Reader};
 
 use super::{Order, Pixels, Raster, RasterInfo, RasterOptions};
 use spinney_base::guard::guard;
+use spinney_base::io::InputFile;
 use spinney_base::space::Region;
 use spinney_base::value::{Kind, Palette, SampleType};
 use spinney_base::{Error, Result};
@@ -16,7 +16,7 @@ use spinney_base::{Error, Result};
 struct Png {
     path: PathBuf,
     info: RasterInfo,
-    reader: Reader<BufReader<File>>,
+    reader: Reader<BufReader<InputFile>>,
     /// Bits of a sample in the file.
     depth: u8,
     /// One row as the file has it, or all of them if they are interlaced: packed and big-endian.
@@ -35,7 +35,7 @@ enum Void {
 }
 
 pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
-    let file = File::open(path).map_err(Error::io(path, "open"))?;
+    let file = InputFile::open(path)?;
     let (reader, row_bytes) = guard(path, "PNG header", || {
         let limits = Limits { bytes: usize::try_from(options.memory).unwrap_or(usize::MAX) };
         let mut decoder = Decoder::new_with_limits(BufReader::with_capacity(1 << 16, file), limits);

@@ -1,12 +1,11 @@
 //! Sidecars: the `.aux.xml` files in which GDAL keeps what is said about a picture and has no room in it.
 
-use std::fs::File;
-use std::io::{ErrorKind, Read};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::xml::XmlElement;
 use super::{Pixels, Raster, RasterInfo, gdal, worldfile};
-use spinney_base::io::sidecar_of;
+use spinney_base::io::{InputFile, beside, sidecar_of};
 use spinney_base::space::Region;
 use spinney_base::value::{Kind, Number, Palette};
 use spinney_base::{Error, Result};
@@ -52,18 +51,14 @@ impl Raster for Described {
 /// world file tells where the file itself does not.
 pub(super) fn describe(raster: Box<dyn Raster>) -> Result<Box<dyn Raster>> {
     let mut info = raster.info().clone();
-    apply_sidecar(sidecar_of(raster.path()), &mut info)?;
+    apply_sidecar(beside(raster.path(), sidecar_of), &mut info)?;
     worldfile::place(raster.path(), &mut info.frame)?;
     Ok(Box::new(Described { raster, info }))
 }
 
 /// Takes over what a sidecar says, if it is there.
 fn apply_sidecar(path: PathBuf, info: &mut RasterInfo) -> Result<()> {
-    let file = match File::open(&path) {
-        Ok(file) => file,
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
-        Err(error) => return Err(Error::io(path, "open")(error)),
-    };
+    let Some(file) = InputFile::find_beside(&path)? else { return Ok(()) };
     let mut bytes = Vec::new();
     file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(Error::io(&path, "read"))?;
     let found = if bytes.len() as u64 > MAX_BYTES { "more than 16 MiB" } else { "something else" };

@@ -13,30 +13,40 @@ pub(super) const BLOCK: u64 = 256;
 /// Cells along a side of a square, if memory allows: room for several tiles, and for all threads.
 const SIDE: u64 = 1024;
 
-/// The part of a raster that is wanted: nodes of a run, in a tree of so many levels.
+/// The part of a raster or volume that is wanted: nodes of a run, in a tree of so many levels.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Wanted {
-    pub(super) run: CodeRun,
-    pub(super) depth: u8,
+pub(crate) struct Wanted {
+    pub(crate) run: CodeRun,
+    pub(crate) depth: u8,
 }
 
 impl Wanted {
-    /// The node that has a square, whose side is a power of two, and which lies at a multiple of that; nothing where the tree has none.
-    fn node(self, square: &Region) -> Option<Code> {
-        let height = self.depth.min(square.width.trailing_zeros() as u8);
-        let cell = [square.x >> height, square.y >> height, 0].map(|place| u32::try_from(place).ok());
+    /// The node that has a square or cube, whose side is a power of two, and which lies at a multiple of that; nothing where the tree has none.
+    fn node(self, dimension: Dimension, first: [u64; 3], side: u64) -> Option<Code> {
+        let height = self.depth.min(side.trailing_zeros() as u8);
+        let cell = first.map(|place| u32::try_from(place >> height).ok());
         let [Some(x), Some(y), Some(z)] = cell else { return None };
-        Code::from_cell(Dimension::Quad, self.depth - height, [x, y, z])
+        Code::from_cell(dimension, self.depth - height, [x, y, z])
+    }
+
+    fn node_of(self, square: &Region) -> Option<Code> {
+        self.node(Dimension::Quad, [square.x, square.y, 0], square.width)
     }
 
     /// Whether something of a square is wanted.
     pub(super) fn touches(self, square: &Region) -> bool {
-        self.node(square).is_some_and(|node| self.run.touches(node))
+        self.node_of(square).is_some_and(|node| self.run.touches(node))
     }
 
     /// Whether all of it is.
     fn contains(self, square: &Region) -> bool {
-        self.node(square).is_some_and(|node| self.run.contains(node))
+        self.node_of(square).is_some_and(|node| self.run.contains(node))
+    }
+
+    /// Whether something of a cube is wanted, and whether all of it is.
+    pub(crate) fn of_cube(self, first: [u64; 3], side: u64) -> (bool, bool) {
+        let node = self.node(Dimension::Oct, first, side);
+        node.map_or((false, false), |node| (self.run.touches(node), self.run.contains(node)))
     }
 }
 

@@ -1,9 +1,9 @@
 //! World files, six numbers in a text file beside a picture that tell where it lies, and the `.prj` files beside them.
 
-use std::fs::File;
-use std::io::{ErrorKind, Read};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
+use spinney_base::io::{InputFile, beside, without_query};
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, Frame};
 
@@ -18,7 +18,7 @@ pub(super) fn place(picture: &Path, frame: &mut Frame) -> Result<()> {
     let Some(world) = frame_beside(picture)? else { return Ok(()) };
     frame.matrix = world.matrix;
     if frame.crs.is_none()
-        && let Some((path, text)) = read(picture.with_extension("prj"))?
+        && let Some((path, text)) = read(prj(picture))?
     {
         frame.crs = crs(&path, &text)?;
     }
@@ -27,11 +27,7 @@ pub(super) fn place(picture: &Path, frame: &mut Frame) -> Result<()> {
 
 /// The text of a file, if there is one, and its path.
 fn read(path: PathBuf) -> Result<Option<(PathBuf, String)>> {
-    let file = match File::open(&path) {
-        Ok(file) => file,
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
-        Err(error) => return Err(Error::io(path, "open")(error)),
-    };
+    let Some(file) = InputFile::find_beside(&path)? else { return Ok(None) };
     let mut text = Vec::new();
     file.take(MOST).read_to_end(&mut text).map_err(Error::io(&path, "read"))?;
     Ok(Some((path, String::from_utf8_lossy(&text).into_owned())))
@@ -51,14 +47,10 @@ pub(super) fn crs(path: &Path, definition: &str) -> Result<Option<Crs>> {
 /// The frame of a picture from the world file beside it, if there is one.
 fn frame_beside(picture: &Path) -> Result<Option<Frame>> {
     for path in candidates(picture) {
-        match File::open(&path) {
-            Ok(file) => {
-                let mut text = Vec::new();
-                file.take(4096).read_to_end(&mut text).map_err(Error::io(&path, "read"))?;
-                return parse(&path, &text).map(Some);
-            }
-            Err(error) if error.kind() == ErrorKind::NotFound => {}
-            Err(error) => return Err(Error::io(path, "open")(error)),
+        if let Some(file) = InputFile::find_beside(&path)? {
+            let mut text = Vec::new();
+            file.take(4096).read_to_end(&mut text).map_err(Error::io(&path, "read"))?;
+            return parse(&path, &text).map(Some);
         }
     }
     Ok(None)
@@ -66,12 +58,17 @@ fn frame_beside(picture: &Path) -> Result<Option<Frame>> {
 
 /// `a.jpgw`, `a.jgw`, `a.wld` and `a.wf` for `a.jpg`.
 pub(super) fn candidates(picture: &Path) -> Vec<PathBuf> {
-    let extension = picture.extension().unwrap_or_default().to_string_lossy();
+    let extension = without_query(picture).extension().unwrap_or_default().to_string_lossy();
     let mut endings = vec![format!("{extension}w"), "wld".into(), "wf".into()];
     if let (Some(first), Some(last)) = (extension.chars().next(), extension.chars().last()) {
         endings.push(format!("{first}{last}w"));
     }
-    endings.iter().map(|ending| picture.with_extension(ending)).collect()
+    endings.iter().map(|ending| beside(picture, |path| path.with_extension(ending))).collect()
+}
+
+/// The file beside a picture that tells its coordinate system.
+pub(super) fn prj(picture: &Path) -> PathBuf {
+    beside(picture, |path| path.with_extension("prj"))
 }
 
 fn parse(path: &Path, text: &[u8]) -> Result<Frame> {

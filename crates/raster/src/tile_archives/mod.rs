@@ -30,6 +30,7 @@ mod journal;
 mod making;
 #[cfg(feature = "mbtiles")]
 mod mbtiles;
+mod parts;
 mod pmtiles;
 mod png;
 mod sink;
@@ -42,13 +43,14 @@ mod walk;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::ops::RangeInclusive;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 pub use encode::{TileEncoding, TileFormat, encode_tile};
 pub use folder::{TileFolder, is_tile_folder};
 pub use making::{Making, SourceState};
+pub use parts::TilePart;
 pub use pmtiles::Pmtiles;
 pub use sink::Stored;
 pub use target::TileTarget;
@@ -56,6 +58,7 @@ pub use update::{TileUpdate, UpdateOptions, draw_tiles};
 
 use self::encode::{Encoded, TileEncoder};
 use self::making::About;
+use self::parts::Parts;
 use self::pmtiles::PmtilesSink;
 use self::sink::TileSink;
 use self::walk::{TileExtent, TileRun, TileWalk};
@@ -94,6 +97,10 @@ pub struct TileRequest {
     pub resume: bool,
     /// The number that VOID cells of arrays have.
     pub void: Number,
+    /// The part of the tiles that is written alone, so that other processes write the others.
+    pub part: Option<TilePart>,
+    /// Archives of all parts of this export, in any order: of these the tiles are put together, to the bytes of an export in one go.
+    pub parts: Vec<PathBuf>,
 }
 
 impl TileRequest {
@@ -116,6 +123,8 @@ impl TileRequest {
             source: SourceState::of(tree)?,
             resume: false,
             void: encode::void_number(value, tree.metadata().nodata),
+            part: None,
+            parts: Vec::new(),
         })
     }
 }
@@ -167,10 +176,19 @@ pub fn export_tiles(
     target: &TileTarget,
     progress: &dyn Progress,
 ) -> Result<Stored> {
-    let (extent, about, encoder) = plan(source, painter, request)?;
-    let total = TileWalk::new(source, &extent).count(progress)?;
+    let (mut extent, mut about, encoder) = plan(source, painter, request)?;
+    let parts = Parts::open(&request.parts, &about)?;
+    if let Some(part) = request.part {
+        if !matches!(target, TileTarget::Pmtiles(_)) || parts.is_some() {
+            let advice = "give it a name that ends with .pmtiles, and put all parts together later";
+            return Err(Error::unsupported(target.path(), "a part of the tiles", advice));
+        }
+        part.take(source, &mut extent, &mut about, progress)?;
+    }
+    let (total, _) = TileWalk::new(source, &extent).count(progress)?;
     let sink = target.sink(&about, request.resume)?;
-    write(source, &extent, &encoder, None, sink, &about, total, progress)
+    let copied = |run: &TileRun| Ok(parts.as_ref().map(|parts| parts.made(run)));
+    write(source, &extent, &encoder, Some(&copied), sink, &about, total, progress)
 }
 
 /// Writes tiles as [`export_tiles`] does, to a `PMTiles` archive at an output.
@@ -184,11 +202,11 @@ pub fn export_pmtiles(
     output: Output,
     progress: &dyn Progress,
 ) -> Result<Stored> {
-    if request.resume {
-        return Err(Error::invalid("resume", "an output", "a target, which has a name"));
+    if request.resume || request.part.is_some() || !request.parts.is_empty() {
+        return Err(Error::invalid("resume, or parts", "an output", "a target, which has a name"));
     }
     let (extent, about, encoder) = plan(source, painter, request)?;
-    let total = TileWalk::new(source, &extent).count(progress)?;
+    let (total, _) = TileWalk::new(source, &extent).count(progress)?;
     let sink = Box::new(PmtilesSink::create(output, None)?);
     write(source, &extent, &encoder, None, sink, &about, total, progress)
 }
@@ -265,7 +283,11 @@ fn plan<'a>(
         making: Making { source: request.source.clone(), options, colours },
     };
     let has_places = format == TileFormat::Tiff;
-    Ok((TileExtent { zooms, degrees, margin: encoder.margin(), has_places }, about, encoder))
+    Ok((
+        TileExtent { zooms, degrees, margin: encoder.margin(), has_places, runs: 0..u64::MAX },
+        about,
+        encoder,
+    ))
 }
 
 /// A tile of a run, or that nothing is in it.

@@ -202,7 +202,7 @@ impl TileUpdate {
         progress.check()?;
         match self.old {
             Old::Pmtiles(archive) => {
-                let total = TileWalk::new(source, &extent).count(progress)?;
+                let (total, _) = TileWalk::new(source, &extent).count(progress)?;
                 let sink = self.target.sink(&about, request.resume)?;
                 let copied = |run: &TileRun| -> Result<Option<Made>> {
                     let tile = TileId::from_number(run.first).expect("a run of tiles");
@@ -335,7 +335,7 @@ impl Drawer<'_> {
 
     /// Replaces all tiles that have something, except those that are touched.
     fn redraw_all(&self, touched: &TouchedTiles, edit: &mut dyn TileEdit) -> Result<()> {
-        let total = TileWalk::new(self.source, self.extent).count(self.progress)?;
+        let (total, _) = TileWalk::new(self.source, self.extent).count(self.progress)?;
         let mut walk = TileWalk::new(self.source, self.extent);
         loop {
             let runs = walk.next_runs(BATCH)?;

@@ -1,7 +1,7 @@
 //! The walk over all tiles of some zooms, in the order of their numbers, down from the root: what is empty or uniform is settled
 //! without going on below it.
 
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
 
 use spinney_base::value::Value;
 use spinney_base::{Progress, Result};
@@ -28,6 +28,8 @@ pub(super) struct TileExtent {
     pub(super) margin: usize,
     /// Whether tiles say where they lie, so that no two are equal: none is settled.
     pub(super) has_places: bool,
+    /// The runs that are wanted, by their numbers from 0.
+    pub(super) runs: Range<u64>,
 }
 
 /// A walk that is under way.
@@ -38,6 +40,8 @@ pub(super) struct TileWalk<'a> {
     range: TileRange,
     /// Nodes that are to be visited, the next one last.
     pending: Vec<TileId>,
+    /// Number of the run that comes next.
+    next: u64,
 }
 
 impl<'a> TileWalk<'a> {
@@ -48,6 +52,7 @@ impl<'a> TileWalk<'a> {
             zoom: *extent.zooms.start(),
             range: TileRange::world(0),
             pending: Vec::new(),
+            next: 0,
         };
         walk.start_zoom();
         walk
@@ -58,8 +63,20 @@ impl<'a> TileWalk<'a> {
         self.pending.push(TileId { zoom: 0, column: 0, row: 0 });
     }
 
-    /// The next tiles that are not empty.
+    /// The next tiles that are not empty, of the runs that are wanted.
     pub(super) fn next_run(&mut self) -> Result<Option<TileRun>> {
+        while self.next < self.extent.runs.end
+            && let Some(run) = self.any_run()?
+        {
+            self.next += 1;
+            if self.next > self.extent.runs.start {
+                return Ok(Some(run));
+            }
+        }
+        Ok(None)
+    }
+
+    fn any_run(&mut self) -> Result<Option<TileRun>> {
         loop {
             while let Some(node) = self.pending.pop() {
                 if let Some(run) = self.visit(node)? {
@@ -113,8 +130,8 @@ impl<'a> TileWalk<'a> {
         Ok(None)
     }
 
-    /// Number of all tiles that are not empty, without drawing any.
-    pub(super) fn count(mut self, progress: &dyn Progress) -> Result<u64> {
+    /// Number of all tiles that are not empty, and of their runs, without drawing any.
+    pub(super) fn count(mut self, progress: &dyn Progress) -> Result<(u64, u64)> {
         let (mut tiles, mut runs) = (0, 0u64);
         while let Some(run) = self.next_run()? {
             tiles += run.count;
@@ -123,7 +140,7 @@ impl<'a> TileWalk<'a> {
                 progress.check()?;
             }
         }
-        Ok(tiles)
+        Ok((tiles, runs))
     }
 }
 

@@ -4,8 +4,9 @@ use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::import::SampleFormat;
+use crate::import::{SampleFormat, Wanted};
 use spinney_base::io::platform::read_exact_at;
+use spinney_base::space::Bounds;
 use spinney_base::value::ValueType;
 use spinney_base::{Error, Result};
 use spinney_engine::store::{Slab, Slabs};
@@ -33,8 +34,15 @@ impl ArrayLayout {
 
     /// Bytes of all samples; `None` if no file has room for them.
     pub(super) fn bytes(&self) -> Option<u64> {
-        let cell = self.format.bits() as u64 / 8 * u64::from(self.channels);
-        self.size.into_iter().try_fold(cell, u64::checked_mul).filter(|bytes| *bytes <= i64::MAX as u64)
+        self.size
+            .into_iter()
+            .try_fold(self.cell() as u64, u64::checked_mul)
+            .filter(|bytes| *bytes <= i64::MAX as u64)
+    }
+
+    /// Bytes of a cell, as they lie in the file.
+    pub(super) fn cell(&self) -> usize {
+        self.format.bits() / 8 * usize::from(self.channels)
     }
 
     /// Fails if trees have no such cells, or the array has none.
@@ -53,37 +61,46 @@ impl ArrayLayout {
     }
 }
 
-/// An array in a file that has all its samples.
+/// An array in a file that has all its samples, or those of a box.
 pub(super) struct Array {
     path: PathBuf,
     file: File,
     layout: ArrayLayout,
     /// Bytes before the samples.
     start: u64,
+    /// The cells that the file has.
+    cells: Bounds,
 }
 
 impl Array {
     /// The samples of a file from a byte on.
     pub(super) fn new(path: &Path, file: File, layout: ArrayLayout, start: u64) -> Array {
-        Array { path: path.to_path_buf(), file, layout, start }
+        let cells = Bounds::picture(layout.size);
+        Array { path: path.to_path_buf(), file, layout, start, cells }
     }
 
-    /// The cells in cubes, so small that two of them fit in `memory` bytes, if possible.
-    pub(super) fn slabs(self, memory: u64) -> ArraySlabs {
+    /// The samples of a box of an array, of which a file has no others.
+    pub(super) fn of_box(path: &Path, file: File, layout: ArrayLayout, cells: Bounds) -> Array {
+        Array { path: path.to_path_buf(), file, layout, start: 0, cells }
+    }
+
+    /// The cells that are wanted, in cubes so small that two of them fit in `memory` bytes, if possible.
+    pub(super) fn slabs(self, wanted: Wanted, memory: u64) -> ArraySlabs {
         let mut side = MOST;
         while side > BLOCK && 2 * side.pow(3) * self.layout.value().size() as u64 > memory {
             side /= 2;
         }
         let whole = self.layout.size.into_iter().max().unwrap_or(1).next_power_of_two().max(side);
-        ArraySlabs { array: self, cubes: vec![([0; 3], whole)], side, stored: Vec::new() }
+        ArraySlabs { array: self, cubes: vec![([0; 3], whole)], side, wanted, stored: Vec::new() }
     }
 
     /// Reads the samples of a box of the array into `bytes`, by way of some as the file has them.
     fn read(&self, first: [u64; 3], size: [u64; 3], stored: &mut Vec<u8>, bytes: &mut Vec<u8>) -> Result<()> {
-        let ArrayLayout { size: [width, height, _], format, channels, is_big_endian } = self.layout;
-        let value = self.layout.value().size();
+        let ArrayLayout { format, is_big_endian, .. } = self.layout;
+        let [width, height, _] = self.cells.size();
+        let first: [u64; 3] = std::array::from_fn(|axis| first[axis] - self.cells.min[axis]);
+        let (value, cell) = (self.layout.value().size(), self.layout.cell());
         let sample = format.bits() / 8;
-        let cell = sample * usize::from(channels);
         // Rows that follow each other in the file are read at once.
         let rows = if size[0] == width { size[1] } else { 1 };
         let run = (rows * size[0]) as usize;
@@ -115,6 +132,8 @@ pub(super) struct ArraySlabs {
     /// Cubes that are still to be read, the next one last; larger ones than `side` are divided when their turn comes.
     cubes: Vec<([u64; 3], u64)>,
     side: u64,
+    /// The part of the array that cubes are of.
+    wanted: Wanted,
     /// Samples as the file has them, of a row or of rows that follow each other.
     stored: Vec<u8>,
 }
@@ -125,10 +144,11 @@ impl ArraySlabs {
         let extent = self.array.layout.size;
         loop {
             let (first, side) = self.cubes.pop()?;
-            if first.iter().zip(extent).any(|(first, end)| *first >= end) {
+            let (is_wanted, is_whole) = self.wanted.of_cube(first, side);
+            if !is_wanted || first.iter().zip(extent).any(|(first, end)| *first >= end) {
                 continue;
             }
-            if side <= self.side {
+            if side <= self.side && (is_whole || side <= BLOCK) {
                 return Some((first, std::array::from_fn(|axis| side.min(extent[axis] - first[axis]))));
             }
             let half = side / 2;
@@ -142,6 +162,10 @@ impl ArraySlabs {
 impl Slabs for ArraySlabs {
     fn extent(&self) -> [u64; 3] {
         self.array.layout.size
+    }
+
+    fn are_in_order(&self) -> bool {
+        true
     }
 
     fn next(&mut self, slab: &mut Slab) -> Result<bool> {

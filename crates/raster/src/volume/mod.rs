@@ -1,28 +1,33 @@
 //! Volumes: arrays of three dimensions, which become octrees.
 
 mod array;
+mod input;
 mod npy;
 mod nrrd;
 mod raw;
 mod sections;
+mod spill;
+#[cfg(test)]
+mod tests;
 
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use self::array::{Array, ArrayLayout};
+pub use self::input::VolumeInput;
 pub(crate) use self::nrrd::nrrd_head;
 pub use self::raw::RawLayout;
 use self::sections::Sections;
-use crate::import::{DEFAULT_MEMORY, as_stored, depth_of, listed, nodata_text};
+use crate::import::{DEFAULT_MEMORY, Wanted, as_stored, depth_of, listed, nodata_text};
 use spinney_base::Form;
 use spinney_base::io::{Output, folder};
-use spinney_base::space::Dimension;
+use spinney_base::space::{Bounds, Dimension};
 use spinney_base::value::{Kind, Number, Rule, ValueType};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Metadata;
 use spinney_crs::{Crs, Frame};
-use spinney_engine::store::{BuildOptions, Packing, build_slabs};
+use spinney_engine::store::{BuildOptions, Packing, TreeWriter};
 use spinney_records::npy::MAGIC;
 
 /// Options for an import of a volume.
@@ -61,6 +66,8 @@ impl VolumeOptions {
 /// A volume that is open and understood, ready to be built: see [`VolumeImport::build`].
 pub struct VolumeImport {
     samples: Samples,
+    /// Cells along x, y and z.
+    size: [u64; 3],
     value: ValueType,
     options: BuildOptions,
     memory: u64,
@@ -124,10 +131,7 @@ pub fn is_volume(path: &Path) -> bool {
 /// # Errors
 /// If the file cannot be read, is no such array or not as long as its header says, or the options do not fit it.
 pub fn plan(path: &Path, options: &VolumeOptions) -> Result<VolumeImport> {
-    let mut start = [0; 8];
-    let is_nrrd = File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok()
-        && start.starts_with(nrrd::MAGIC);
-    let told = if is_nrrd { nrrd::open(path)? } else { npy::open(path)? };
+    let told = if nrrd::is_one(path) { nrrd::open(path)? } else { npy::open(path)? };
     planned(&[path.to_path_buf()], told, options)
 }
 
@@ -231,7 +235,7 @@ fn planned(paths: &[PathBuf], told: Told, options: &VolumeOptions) -> Result<Vol
         .share(options.share)
         .time(options.time)
         .packing(options.packing);
-    Ok(VolumeImport { samples, value, options, memory, description })
+    Ok(VolumeImport { samples, size: layout.size, value, options, memory, description })
 }
 
 /// The place in the world that is asked for, or told.
@@ -270,14 +274,29 @@ impl VolumeImport {
     /// If the file cannot be read or has become shorter, the output cannot be written, or on interruption; nothing is left behind
     /// then.
     pub fn build(self, output: Output, progress: &dyn Progress) -> Result<()> {
-        let VolumeImport { samples, value, options, memory, .. } = self;
+        let beside = folder(output.path()).to_path_buf();
+        let mut file = TreeWriter::create(output, (Dimension::Oct, self.options.depth), 1)?;
+        self.write(&mut file, &beside, progress)?;
+        file.finish()
+    }
+
+    /// Writes the octree as the next layer of a file, or what is asked for of it; temporary files are made in a folder, and have what is asked for
+    /// alone.
+    ///
+    /// # Errors
+    /// Those of [`VolumeImport::build`].
+    pub fn write(self, file: &mut TreeWriter, beside: &Path, progress: &dyn Progress) -> Result<()> {
+        let VolumeImport { samples, size, value, options, memory, .. } = self;
+        let form = Form::new(Dimension::Oct, value);
+        let Some(run) = file.run() else { return file.tell(form, size, &options) };
+        let cells = run.bounds(form.dimension, options.depth, &Bounds::picture(size));
         let array = match samples {
             Samples::Array(array) => array,
-            Samples::Sections(sections) => sections.spill(folder(output.path()), progress)?,
-            Samples::Packed(packed) => packed.unpack(folder(output.path()), progress)?,
+            Samples::Sections(sections) => sections.spill(cells, beside, progress)?,
+            Samples::Packed(packed) => packed.unpack(cells, beside, progress)?,
         };
         let nodata = options.metadata.nodata.and_then(|number| value.splat(number));
-        let form = Form::new(Dimension::Oct, value);
-        build_slabs(form, &mut array.slabs(memory / 2), nodata, &options, output, progress)
+        let wanted = Wanted { run, depth: options.depth };
+        file.slabs(form, &mut array.slabs(wanted, memory / 2), nodata, &options, progress)
     }
 }

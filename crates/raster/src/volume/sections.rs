@@ -1,13 +1,12 @@
 //! Volumes in pictures: each is a plane, a file of its own or a page of a TIFF file.
 
 use std::cmp::Ordering;
-use std::fs::File;
-use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use super::array::{Array, ArrayLayout};
+use super::spill::BoxSpill;
 use crate::import::{Pixels, Raster, RasterInfo, RasterOptions, SampleFormat, open, page_directories};
-use spinney_base::space::Region;
+use spinney_base::space::{Bounds, Region};
 use spinney_base::value::SampleType;
 use spinney_base::{Error, Progress, Result, sort};
 
@@ -38,7 +37,7 @@ pub(super) struct Sections {
 impl Sections {
     /// Reads the headers of all pictures, with as much memory as may be used for one.
     pub(super) fn open(inputs: &[PathBuf], memory: u64) -> Result<Sections> {
-        let (files, others) = files_of(inputs)?;
+        let (files, others) = pictures_of(inputs)?;
         let mut sections: Vec<Section> = Vec::new();
         let mut first: Option<(RasterInfo, String)> = None;
         for (file, path) in files.iter().enumerate() {
@@ -86,31 +85,41 @@ impl Sections {
         Ok(Sections { files, sections, others, info, layout, memory })
     }
 
-    /// The samples in a temporary file in a folder, one plane after the other, where blocks of many are read at once.
-    pub(super) fn spill(self, folder: &Path, progress: &dyn Progress) -> Result<Array> {
-        let failed = |error| Error::io(folder, "use a temporary file for the volume")(error);
-        let mut out = BufWriter::new(tempfile::tempfile_in(folder).map_err(failed)?);
+    /// The samples of a box in a temporary file in a folder, one plane after the other, where blocks of many are read at once. Of planes outside of
+    /// the box nothing is read, and of others only the box, where their format allows it.
+    pub(super) fn spill(self, cells: Bounds, folder: &Path, progress: &dyn Progress) -> Result<Array> {
+        let mut out = BoxSpill::new(self.layout, cells, folder)?;
         let [width, height, _] = self.layout.size;
-        let row = (width * self.layout.value().size() as u64).max(1);
-        let rows = (self.memory / 2 / row).clamp(1, ROWS);
+        let cell = self.layout.cell() as u64;
+        let rows = (self.memory / 2 / (width * cell).max(1)).clamp(1, ROWS);
         let mut pixels = Pixels::default();
-        for Section { file, page } in &self.sections {
+        for (Section { file, page }, z) in self.sections.iter().zip(0..) {
+            if !(cells.min[2]..cells.max[2]).contains(&z) {
+                continue;
+            }
             let path = &self.files[*file];
             let mut raster = section(path, *page, self.memory)?;
             if about(raster.info()) != about(&self.info) {
                 return Err(Error::corrupt(path, "the whole file", about(raster.info()), about(&self.info)));
             }
-            for y in (0..height).step_by(rows as usize) {
+            let ([left, top, _], [right, bottom, _]) = match raster.reads_anywhere() {
+                true => (cells.min, cells.max),
+                false => ([0; 3], [width, cells.max[1], 0]),
+            };
+            for y in (top..bottom).step_by(rows as usize) {
                 progress.check()?;
-                raster.read(Region::new(0, y, width, rows.min(height - y)), &mut pixels)?;
+                let region = Region::new(left, y, right - left, rows.min(bottom - y));
+                raster.read(region, &mut pixels)?;
                 if pixels.valid.as_ref().is_some_and(|valid| valid.contains(&false)) {
                     return Err(with_mask(path, "masks"));
                 }
-                out.write_all(&pixels.bytes).map_err(failed)?;
+                let row = (region.width * cell) as usize;
+                for (y, row) in (y..).zip(pixels.bytes.chunks_exact(row)) {
+                    out.write(((z * height + y) * width + left) * cell, row)?;
+                }
             }
         }
-        let file: File = out.into_inner().map_err(|error| failed(error.into_error()))?;
-        Ok(Array::new(&self.files[0], file, self.layout, 0))
+        out.finish(&self.files[0])
     }
 }
 
@@ -166,7 +175,7 @@ fn stored_format(sample: SampleType) -> SampleFormat {
 
 /// The pictures that are meant, and the number of other files in folders. Those of a folder come in the order of the numbers in their names. So do those that are listed in
 /// the order of their letters, as a shell's pattern lists them, with `z10` before `z2`; any other order is one that somebody chose.
-fn files_of(inputs: &[PathBuf]) -> Result<(Vec<PathBuf>, u64)> {
+pub(super) fn pictures_of(inputs: &[PathBuf]) -> Result<(Vec<PathBuf>, u64)> {
     let (mut files, mut others) = (Vec::new(), 0);
     for input in inputs {
         if !input.is_dir() {
@@ -234,7 +243,7 @@ mod tests {
     #[test]
     fn names_are_in_the_order_of_their_numbers() {
         let files =
-            |names: &[&str]| files_of(&names.iter().map(PathBuf::from).collect::<Vec<_>>()).unwrap().0;
+            |names: &[&str]| pictures_of(&names.iter().map(PathBuf::from).collect::<Vec<_>>()).unwrap().0;
         let paths = |names: &[&str]| names.iter().map(PathBuf::from).collect::<Vec<_>>();
         assert_eq!(files(&["z1.png", "z10.png", "z2.png"]), paths(&["z1.png", "z2.png", "z10.png"]));
         assert_eq!(files(&["a2_b10", "a2_b9", "a10_b1"]), paths(&["a2_b10", "a2_b9", "a10_b1"]));

@@ -1,7 +1,7 @@
 //! Calculations as steps of views: `calc=(b2-b1)/(b2+b1),type=f32`, `reduce=median,a=x.goblin`, `composite=B08,B04,B03`.
 
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::expression::{Expression, Name, Reducer};
 use super::parse::{parse, quoted};
@@ -128,6 +128,12 @@ impl Calculation {
     /// The files that it reads besides the one that it is done to.
     pub fn files(&self) -> impl Iterator<Item = &PathBuf> {
         self.files.iter().map(|(_, path)| path)
+    }
+
+    /// The calculation with other names of its files.
+    pub(in crate::ops) fn with_files(&self, name: &dyn Fn(&Path) -> Result<PathBuf>) -> Result<Calculation> {
+        let file = |(own, path): &(String, PathBuf)| Ok((own.clone(), name(path)?));
+        Ok(Calculation { files: self.files.iter().map(file).collect::<Result<_>>()?, ..self.clone() })
     }
 
     /// A view of the results: of what the names stand for in a view, and in the files.

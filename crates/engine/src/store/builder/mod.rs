@@ -6,6 +6,7 @@
 
 mod averaging;
 mod block;
+mod boxes;
 mod counts;
 mod encode;
 mod fold;
@@ -30,6 +31,7 @@ mod tally;
 mod upper;
 mod walk;
 
+pub use boxes::SlabBoxes;
 pub use merge::{
     FULL_COVERAGE, Join, MergeAction, MergeState, MergeTable, Merging, Overlay, joined_coverage,
 };

@@ -30,6 +30,8 @@ pub(in crate::store) struct FileWriter {
     header: FileHeader,
     /// Bytes written so far.
     position: u64,
+    /// Bytes that the file has already, since an earlier process was cut off: they are written once more.
+    there: u64,
     /// Layers so far, the tops of their indexes, and their metadata.
     layers: Vec<(Layer, Vec<u8>, Vec<u8>)>,
 }
@@ -37,8 +39,13 @@ pub(in crate::store) struct FileWriter {
 impl FileWriter {
     /// Starts a file of as many layers as its header says.
     pub(in crate::store) fn new(out: Output, header: FileHeader) -> Result<FileWriter> {
+        FileWriter::over(out, 0, header)
+    }
+
+    /// Starts a file whose output has so many bytes of it already.
+    pub(super) fn over(out: Output, there: u64, header: FileHeader) -> Result<FileWriter> {
         let path = out.path().to_path_buf();
-        let mut writer = FileWriter { out, path, header, position: 0, layers: Vec::new() };
+        let mut writer = FileWriter { out, path, header, position: 0, there, layers: Vec::new() };
         writer.write(&header.to_bytes(), "write the header")?;
         debug_assert_eq!(writer.position, HEADER_SIZE as u64);
         Ok(writer)
@@ -55,9 +62,20 @@ impl FileWriter {
     }
 
     pub(super) fn write(&mut self, bytes: &[u8], doing: &'static str) -> Result<()> {
-        self.out.write_all(bytes).map_err(Error::io(&self.path, doing))?;
+        let over = self.there.saturating_sub(self.position).min(bytes.len() as u64) as usize;
+        let (over, new) = bytes.split_at(over);
+        let written = match over {
+            [] => self.out.write_all(new),
+            _ => self.out.overwrite(self.position, over).and_then(|()| self.out.write_all(new)),
+        };
+        written.map_err(Error::io(&self.path, doing))?;
         self.position += bytes.len() as u64;
         Ok(())
+    }
+
+    /// Makes what was written so far durable.
+    pub(super) fn sync(&mut self) -> Result<()> {
+        self.out.sync().map_err(Error::io(&self.path, "sync"))
     }
 
     /// Makes a layer of the parts of a tree, which `fill` hands over; `in_order` says that it does so in FD order.
@@ -164,6 +182,9 @@ impl FileWriter {
         let table = self.section(&table, "write the table of layers")?;
         let trailer = Trailer { header: self.header, sections: vec![(LayerTable::TAG, table)] };
         self.write(&trailer.to_bytes(self.position), "write the trailer")?;
+        if self.there > self.position {
+            self.out.truncate(self.position).map_err(Error::io(&self.path, "cut off"))?;
+        }
         self.out.commit()
     }
 }

@@ -162,6 +162,10 @@ impl SegmentSink for LayerWriter<'_> {
         with_entry(&header, segment, &mut |parts, entry| self.put(parts, entry))
     }
 
+    fn sync(&mut self) -> Result<()> {
+        self.file.sync()
+    }
+
     fn copy(&mut self, bytes: &[u8], entry: Entry) -> Result<()> {
         self.put([bytes, &[]], entry)
     }

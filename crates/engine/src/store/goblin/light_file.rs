@@ -4,7 +4,6 @@
 //! table of the pieces, and an end. They are read by other processes than those that have written them, perhaps much later: nothing in
 //! them is believed.
 
-use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom, Write};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -12,8 +11,9 @@ use std::path::{Path, PathBuf};
 use zerocopy::little_endian::{U32, U64, U128};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
-use super::shard::{Shard, ShardPiece, length_of};
-use spinney_base::io::{Output, open_input};
+use super::shard::{Shard, ShardPiece};
+use spinney_base::io::{FileState, InputFile, Output};
+use spinney_base::parallel;
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Result};
 use spinney_container::LevelCounts;
@@ -89,7 +89,7 @@ impl LightWriter {
     pub(super) fn new(shard: &Shard) -> Result<LightWriter> {
         let (number, job) = (shard.number.into(), shard.job.into());
         let head = Head { magic: MAGIC, version: VERSION.into(), number, job };
-        let out = Output::create(&shard.light_path())?;
+        let out = Output::append_only(&shard.light_path())?;
         let mut writer = LightWriter { out, head, position: HEAD, pieces: Vec::new() };
         let head = writer.head.as_bytes().to_vec();
         writer.put(&head)?;
@@ -175,23 +175,44 @@ impl LightFile {
     /// # Errors
     /// If the light file cannot be read or is damaged, or if it is that of another job.
     pub fn find(shard: &Shard) -> Result<Option<LightFile>> {
-        let path = shard.light_path();
-        if matches!(std::fs::metadata(&path), Err(error) if error.kind() == std::io::ErrorKind::NotFound) {
-            return Ok(None);
+        LightFile::find_all(std::slice::from_ref(shard))?.pop().expect("as many as were asked for")
+    }
+
+    /// Does [`LightFile::find`] for several shards, in their order.
+    ///
+    /// # Errors
+    /// On interruption. Of each shard, those of [`LightFile::find`].
+    pub fn find_all(shards: &[Shard]) -> Result<Vec<Result<Option<LightFile>>>> {
+        let mut all = parallel::map(shards, LightFile::find_light);
+        // Run files of all of them are looked at together.
+        let mut runs = Vec::new();
+        for (number, (shard, found)) in shards.iter().zip(&all).enumerate() {
+            let Ok(Some(light)) = found else { continue };
+            let told = light.pieces.iter().filter(|light| light.run_bytes > 0);
+            runs.extend(told.map(|light| (number, shard.run_path(light.piece.layer), light.run_bytes)));
         }
-        let light = LightFile::open(&path, shard.number)?;
+        let paths: Vec<&Path> = runs.iter().map(|(_, path, _)| &**path).collect();
+        for ((number, _, bytes), state) in runs.iter().zip(FileState::of_all(&paths)?) {
+            match state {
+                Ok(Some(state)) if state.length == *bytes => {}
+                Ok(_) if all[*number].is_ok() => all[*number] = Ok(None),
+                Ok(_) => {}
+                Err(error) => all[*number] = Err(error),
+            }
+        }
+        Ok(all)
+    }
+
+    /// The light file of a shard, without a look at its run files: see [`LightFile::find`].
+    pub(super) fn find_light(shard: &Shard) -> Result<Option<LightFile>> {
+        let path = shard.light_path();
+        let Some(file) = InputFile::find(&path)? else { return Ok(None) };
+        let light = LightFile::read(file, &path, shard.number)?;
         if light.job != shard.job
             || light.pieces.iter().map(|light| light.piece).ne(shard.pieces.iter().copied())
         {
             let advice = format!("remove the folder {}, and build its shards again", shard.folder.display());
             return Err(Error::unsupported(&path, "a shard of another job", advice));
-        }
-        for light in &light.pieces {
-            let run = shard.run_path(light.piece.layer);
-            let length = length_of(&run).map_err(Error::io(&run, "look at"))?;
-            if length != light.run_bytes && light.run_bytes > 0 {
-                return Ok(None);
-            }
         }
         Ok(Some(light))
     }
@@ -201,12 +222,11 @@ impl LightFile {
         self.pieces.iter().fold(0, |sum: u64, light| sum.saturating_add(light.run_bytes))
     }
 
-    fn open(path: &Path, number: u32) -> Result<LightFile> {
+    fn read(mut file: InputFile, path: &Path, number: u32) -> Result<LightFile> {
         let corrupt =
             |place: &str, found: String, expected: &str| Error::corrupt(path, place, found, expected);
         let io = || Error::io(path, "read what is known of a shard");
-        let mut file = open_input(path)?;
-        let length = file.metadata().map_err(io())?.len();
+        let length = file.len();
         if length < HEAD + END {
             return Err(corrupt("length", format!("{length} bytes"), "those of a shard's light file"));
         }
@@ -291,7 +311,7 @@ fn read_table(mut table: &[u8], table_at: u64, count: u32) -> Option<Vec<LightPi
 /// The bytes of a piece's entries and parts, from the first to the last.
 pub(super) struct ItemBytes {
     path: PathBuf,
-    file: BufReader<File>,
+    file: BufReader<InputFile>,
     left: u64,
     checksum: u32,
     expected: u32,
@@ -300,7 +320,7 @@ pub(super) struct ItemBytes {
 impl ItemBytes {
     /// Those of a piece of a light file.
     pub(super) fn of(light: &LightFile, piece: &LightPiece) -> Result<ItemBytes> {
-        let mut file = BufReader::with_capacity(1 << 16, open_input(&light.path)?);
+        let mut file = BufReader::with_capacity(1 << 16, InputFile::open(&light.path)?);
         file.seek(SeekFrom::Start(piece.items.start)).map_err(Error::io(&light.path, "read"))?;
         let left = piece.items.end - piece.items.start;
         Ok(ItemBytes { path: light.path.clone(), file, left, checksum: 0, expected: piece.checksum })

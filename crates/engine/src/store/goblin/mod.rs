@@ -37,7 +37,7 @@ pub(crate) use locate::Located;
 pub use reader::Goblin;
 pub use segment::Segment;
 pub use shard::{Shard, ShardPiece};
-pub use shard_merge::merge_shards;
+pub use shard_merge::{MergeOutput, merge_shards};
 pub(in crate::store) use shard_writer::ShardWriter;
 pub use sizes::LevelBytes;
 pub use source::GoblinNode;

@@ -45,6 +45,11 @@ impl<'k> SegmentBuilder<'k> {
         self.sink.copy(bytes, entry)
     }
 
+    /// Makes sure that segments that were passed on are on the disk.
+    pub(super) fn sync(&mut self) -> Result<()> {
+        self.sink.sync()
+    }
+
     /// Takes a segment that is the next one: to be packed with others, or at once.
     fn segment(&mut self, segment: SealedSegment) -> Result<()> {
         match self.sink.effort() {

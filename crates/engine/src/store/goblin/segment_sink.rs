@@ -29,6 +29,11 @@ pub(super) trait SegmentSink: Send {
     /// Takes one segment.
     fn segment(&mut self, segment: SealedSegment) -> Result<()>;
 
+    /// Makes sure that what it was given is on the disk, as far as it keeps it in the order in which it came.
+    fn sync(&mut self) -> Result<()> {
+        Ok(())
+    }
+
     /// Takes the bytes of one segment of another file as they are to be written; the entry has the code it gets.
     fn copy(&mut self, bytes: &[u8], entry: Entry) -> Result<()>;
 }

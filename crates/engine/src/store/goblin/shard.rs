@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use spinney_base::io::{folder, url_of};
 use spinney_base::space::CodeRun;
 
 /// A part of one layer of a file: nodes at the layer's crown level, one behind the other.
@@ -17,7 +18,7 @@ pub struct ShardPiece {
 /// know besides goes to a *light file*, which is written last.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Shard {
-    /// Folder of the shards of a file.
+    /// Folder of the shards of a file, on this machine or elsewhere.
     pub folder: PathBuf,
     /// A number of what is made, and of what; light files have it.
     pub job: u128,
@@ -28,6 +29,20 @@ pub struct Shard {
 }
 
 impl Shard {
+    /// All files that it may have: the light file, and the run file of each of its layers.
+    pub fn files(&self) -> impl Iterator<Item = PathBuf> {
+        let runs = self.pieces.iter().map(|piece| self.run_path(piece.layer));
+        [self.light_path()].into_iter().chain(runs)
+    }
+
+    /// The folder of this machine for temporary files: that of the shards, if it is here.
+    pub fn temporary(&self) -> &Path {
+        match url_of(&self.folder) {
+            Some(_) => folder(&self.folder),
+            None => &self.folder,
+        }
+    }
+
     /// The light file, which is there when the shard is made.
     pub(in crate::store) fn light_path(&self) -> PathBuf {
         self.folder.join(format!("{:04}.light", self.number))
@@ -41,13 +56,5 @@ impl Shard {
     /// The piece of a layer, if the shard has one.
     pub(super) fn piece(&self, layer: u32) -> Option<&ShardPiece> {
         self.pieces.iter().find(|piece| piece.layer == layer)
-    }
-}
-
-/// Bytes of a file; 0 if there is none.
-pub(super) fn length_of(path: &Path) -> std::io::Result<u64> {
-    match std::fs::metadata(path) {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(0),
-        found => found.map(|found| found.len()),
     }
 }

@@ -1,7 +1,6 @@
 //! Puts the shards of a file together: their segments one behind the other, then the crown and the directory.
 
-use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use super::file_writer::FileWriter;
@@ -12,11 +11,71 @@ use super::segment_builder::SegmentBuilder;
 use super::shard::Shard;
 use super::shard_writer::planned_layers;
 use crate::store::builder::TreeSink;
-use spinney_base::io::{Output, open_input};
+use spinney_base::io::{InputFile, Output, remove_files};
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{FileHeader, Header, LevelCounts, OpenOptions};
+use spinney_container::{FileHeader, Header, LevelCounts, OpenOptions, check_tree_name, create_tree_file};
 use spinney_packing::Effort;
+
+/// The file that shards are put together to, and what becomes of their own.
+pub enum MergeOutput {
+    /// A file that appears in the end; shards stay.
+    Keep(Output),
+    /// A file that is [resumable](Output::resumable), and the bytes that are there of it: each run file is removed as soon as all of it is on the disk there,
+    /// so that there is room for one of both. Whoever is cut off goes on with the same output; what was removed is read from there, and checked.
+    Remove(Output, u64),
+}
+
+impl From<Output> for MergeOutput {
+    fn from(output: Output) -> MergeOutput {
+        MergeOutput::Keep(output)
+    }
+}
+
+impl MergeOutput {
+    /// Starts a file at a path, with at most so many bytes if a number is given. Shards stay unless they are to be removed.
+    ///
+    /// # Errors
+    /// Those of [`create_tree_file`] and [`Output::resumable`].
+    pub fn create(path: &Path, limit: Option<u64>, removes: bool) -> Result<MergeOutput> {
+        if !removes {
+            return create_tree_file(path).map(|output| MergeOutput::Keep(output.with_limit(limit)));
+        }
+        check_tree_name(path)?;
+        let is_other = std::fs::metadata(path).is_ok_and(|there| !there.is_file());
+        if path == Path::new("-") || is_other {
+            let advice = "name a file, or let shards stay";
+            return Err(Error::unsupported(path, "removing shards whose bytes go to a stream", advice));
+        }
+        let (output, there) = Output::resumable(path)?;
+        Ok(MergeOutput::Remove(output.with_limit(limit), there))
+    }
+
+    /// Whether a shard is made that a merge to this output may use: some of its run files may be in the output already.
+    ///
+    /// # Errors
+    /// Those of [`LightFile::find`].
+    fn find(&self, shards: &[Shard]) -> Result<Vec<Result<Option<LightFile>>>> {
+        match self {
+            MergeOutput::Keep(_) => LightFile::find_all(shards),
+            MergeOutput::Remove(..) => Ok(shards.iter().map(LightFile::find_light).collect()),
+        }
+    }
+
+    /// Numbers of the shards that are not made, or of which something is not there any more that is needed.
+    ///
+    /// # Errors
+    /// If one is damaged, or of another job.
+    pub fn missing(&self, shards: &[Shard]) -> Result<Vec<u32>> {
+        let mut missing = Vec::new();
+        for (shard, found) in shards.iter().zip(self.find(shards)?) {
+            if found?.is_none() {
+                missing.push(shard.number);
+            }
+        }
+        Ok(missing)
+    }
+}
 
 /// Puts a file together whose shards are all made: the bytes are those of a file that was built in one go. `head` is the file that tells of
 /// its layers. Segments are checked and copied; about `memory` bytes hold the directory before it goes to temporary files, and the crown
@@ -28,27 +87,43 @@ use spinney_packing::Effort;
 pub fn merge_shards(
     head: &Path,
     shards: &[Shard],
-    output: Output,
+    output: MergeOutput,
     (memory, effort): (u64, Effort),
     progress: &dyn Progress,
 ) -> Result<()> {
     let planned = Goblin::open(head, &OpenOptions::default())?;
     let layers = planned_layers(&planned)?;
-    let lights = find_lights(shards)?;
+    let lights = find_lights(shards, &output)?;
     let total = lights.iter().fold(0, |sum: u64, light| sum.saturating_add(light.run_bytes()));
     let file = FileHeader::read_cells(head, &*planned.file.backend)?;
-    let mut out = FileWriter::new(output, file)?;
+    let (mut output, there) = match output {
+        MergeOutput::Keep(output) => (output, None),
+        MergeOutput::Remove(output, there) => {
+            let partial = output.unfinished_path().map(Path::to_path_buf);
+            (output, partial.map(|path| Partial { path, bytes: there }))
+        }
+    };
+    output.expect(total);
+    let mut out = FileWriter::over(output, there.as_ref().map_or(0, |there| there.bytes), file)?;
     for (number, (header, metadata)) in (0..).zip(&layers) {
         let pieces: Vec<_> = shards.iter().zip(&lights).filter_map(|both| find_piece(both, number)).collect();
         // Invariant: runs cut the space at the crown's level, and a layer's segments below it stand in the order of codes. So the runs of all shards, one
         // behind the other, are those of a file that was built in one go, and all that is left to make is what stands above.
         check_cover(head, number, pieces.iter().map(|(_, _, piece)| piece.piece.run))?;
+        let mut position = out.position();
         out.merged_layer(header, metadata, (memory, effort), &mut |builder| {
             let mut counts = LevelCounts::default();
             for (shard, light, piece) in &pieces {
-                let run = shard.run_path(number);
-                copy_piece(&run, (light, piece, header), builder, (total, progress))?;
+                let path = shard.run_path(number);
+                let run = RunPlace { path: &path, position, partial: there.as_ref() };
+                copy_piece(run, (light, piece, header), builder, (total, progress))?;
                 counts.merge(&checked_counts(light, piece, header)?);
+                position += piece.run_bytes;
+                if there.is_some() && piece.run_bytes > 0 {
+                    // (Not before its bytes are on the disk elsewhere.)
+                    builder.sync()?;
+                    remove_files(&[&path])?;
+                }
             }
             Ok(counts)
         })?;
@@ -64,9 +139,9 @@ fn find_piece<'a>((shard, light): (&'a Shard, &'a LightFile), layer: u32) -> Opt
     Some((shard, light, piece))
 }
 
-fn find_lights(shards: &[Shard]) -> Result<Vec<LightFile>> {
-    let found = shards.iter().map(|shard| {
-        LightFile::find(shard)?.ok_or_else(|| {
+fn find_lights(shards: &[Shard], output: &MergeOutput) -> Result<Vec<LightFile>> {
+    let found = shards.iter().zip(output.find(shards)?).map(|(shard, found)| {
+        found?.ok_or_else(|| {
             let path = shard.light_path();
             Error::unsupported(path, "a file of which a shard is not made", "build this shard first")
         })
@@ -117,7 +192,7 @@ fn checked_counts(light: &LightFile, piece: &LightPiece, header: &Header) -> Res
 
 /// Copies the segments of a piece, and hands its parts over.
 fn copy_piece(
-    path: &Path,
+    place: RunPlace<'_>,
     (light, piece, header): (&LightFile, &LightPiece, &Header),
     builder: &mut SegmentBuilder<'_>,
     (total, progress): (u64, &dyn Progress),
@@ -131,7 +206,7 @@ fn copy_piece(
                 progress.check()?;
                 let run = match &mut run {
                     Some(run) => run,
-                    none => none.insert(RunFile::open(path, piece.run_bytes)?),
+                    none => none.insert(RunFile::open(place, piece.run_bytes)?),
                 };
                 run.read(entry.length, entry.checksum, &mut bytes)?;
                 builder.pass(&bytes, entry)?;
@@ -143,16 +218,44 @@ fn copy_piece(
     Ok(())
 }
 
+/// A file that is being put together, and what it has from an earlier try.
+struct Partial {
+    path: PathBuf,
+    bytes: u64,
+}
+
+/// The place of a run of segments: a file of its own, or, where that is removed, the file that is put together, from a byte on.
+#[derive(Clone, Copy)]
+struct RunPlace<'a> {
+    path: &'a Path,
+    position: u64,
+    partial: Option<&'a Partial>,
+}
+
 /// The segments of a piece, one behind the other.
 struct RunFile {
     path: PathBuf,
-    file: BufReader<File>,
+    file: BufReader<InputFile>,
 }
 
 impl RunFile {
-    fn open(path: &Path, length: u64) -> Result<RunFile> {
-        let file = open_input(path)?;
-        let found = file.metadata().map_err(Error::io(path, "look at"))?.len();
+    fn open(RunPlace { path, position, partial }: RunPlace<'_>, length: u64) -> Result<RunFile> {
+        if let Some(partial) = partial
+            && InputFile::find(path)?.is_none()
+        {
+            let end = position.checked_add(length);
+            if end.is_none_or(|end| end > partial.bytes) {
+                let found =
+                    format!("a shard whose segments are neither here nor in {}", partial.path.display());
+                return Err(Error::unsupported(path, found, "build it again"));
+            }
+            let mut file = InputFile::open(&partial.path)?;
+            file.seek(SeekFrom::Start(position)).map_err(Error::io(&partial.path, "read"))?;
+            let file = BufReader::with_capacity(1 << 18, file);
+            return Ok(RunFile { path: partial.path.clone(), file });
+        }
+        let file = InputFile::open(path)?;
+        let found = file.len();
         if found != length {
             return Err(Error::corrupt(path, "length", format!("{found} bytes"), format!("{length}")));
         }

@@ -38,6 +38,11 @@ impl ShardWriter {
         Ok(ShardWriter { shard, head: head.path().to_path_buf(), planned, light, next: 0 })
     }
 
+    /// Whether it has no part of any layer.
+    pub(in crate::store) fn is_empty(&self) -> bool {
+        self.shard.pieces.is_empty()
+    }
+
     /// The run of the next layer that the shard has, if it has something of it.
     pub(in crate::store) fn run(&self) -> Option<CodeRun> {
         self.shard.piece(self.next).map(|piece| piece.run)
@@ -169,7 +174,7 @@ impl<'l> PieceWriter<'l> {
         self.last = order;
         let out = match &mut self.out {
             Some(out) => out,
-            none => none.insert(Output::create(&self.path)?),
+            none => none.insert(Output::append_only(&self.path)?),
         };
         for part in parts {
             out.write_all(part).map_err(Error::io(&self.path, "write a segment"))?;

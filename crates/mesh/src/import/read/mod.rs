@@ -87,6 +87,21 @@ fn format(source: &ModelFile) -> Option<Format> {
     }
 }
 
+/// All files that are looked at when a model is read, whether they are there or not: its own, and those of its materials.
+///
+/// # Errors
+/// If it cannot be read.
+pub fn files_of(path: &Path) -> Result<Vec<PathBuf>> {
+    let mut files = vec![path.to_path_buf()];
+    if !spinney_brep::is_model_file(path) {
+        let source = ModelFile::open(path)?;
+        if format(&source) == Some(Format::Obj) {
+            files.extend(obj::libraries(&source));
+        }
+    }
+    Ok(files)
+}
+
 /// Opens several, with `memory` bytes for all that building a solid of them will take.
 ///
 /// # Errors

@@ -7,8 +7,9 @@ use super::closure::Closure;
 use super::field::WindingField;
 use super::grid::Triangle;
 use super::inside::{Attribute, FillOptions, Inside};
+use super::octants::is_in_run;
 use super::plan::{SolidImport, flat_faces};
-use super::source::{Solid, Surface};
+use super::source::{Part, Solid, Surface};
 use super::triangles::{Collector, Triangles};
 use super::units::Units;
 use crate::import::{MeshFace, ModelInfo};
@@ -19,7 +20,7 @@ use spinney_base::value::{Kind, Rule, SampleType, Value, ValueType};
 use spinney_base::{Error, Progress, Result};
 use spinney_brep::geometry::{Stages, Triangulator};
 use spinney_container::{Metadata, Tag};
-use spinney_engine::store::{BuildOptions, build_with};
+use spinney_engine::store::{BuildOptions, TreeWriter};
 
 /// Counts and measures of a solid that was built.
 #[derive(Clone, Debug, PartialEq)]
@@ -87,6 +88,25 @@ impl InsideTest {
 /// Bytes of a triangle in memory, with what lists it.
 const TRIANGLE: u64 = size_of::<Triangle>() as u64 + 12;
 
+/// The surfaces of a solid, and how it was decided what is inside.
+pub(super) struct Decided {
+    pub(super) surfaces: Vec<Surface>,
+    test: InsideTest,
+    /// Whether one was divided into these, which takes all of it in memory.
+    pub(super) is_divided: bool,
+    /// Triangles of all, and of open ones.
+    triangles: [u64; 2],
+}
+
+impl Decided {
+    fn new(surfaces: Vec<Surface>, test: InsideTest, is_divided: bool) -> Decided {
+        let is_open = |surface: &&Surface| matches!(surface.inside, Inside::Field(_));
+        let count = |surface: &Surface| surface.triangles.len() as u64;
+        let triangles = [surfaces.iter().map(count).sum(), surfaces.iter().filter(is_open).map(count).sum()];
+        Decided { surfaces, test, is_divided, triangles }
+    }
+}
+
 impl SolidImport {
     /// Builds the tree, on the threads of the current rayon pool; progress counts cells.
     ///
@@ -96,10 +116,85 @@ impl SolidImport {
     /// # Errors
     /// If a model cannot be read or the output not be written, or on interruption; nothing is left behind
     /// then.
-    pub fn build(mut self, output: Output, progress: &dyn Progress) -> Result<SolidReport> {
-        let folder = folder(output.path()).to_path_buf();
-        let mut read = self.read(&folder, progress)?;
-        let (surfaces, decided) = self.inside(&mut read, progress)?;
+    pub fn build(self, output: Output, progress: &dyn Progress) -> Result<SolidReport> {
+        let beside = folder(output.path()).to_path_buf();
+        let mut file = TreeWriter::create(output, (Dimension::Oct, self.grid.depth), 1)?;
+        let report = self.write(&mut file, &beside, progress)?;
+        file.finish()?;
+        Ok(report)
+    }
+
+    /// Writes the tree as the next layer of a file; temporary files are made in a folder. Of an import that was [planned as a part](super::plan_part), that
+    /// is what the file asks for, and triangles that do not reach into it are left out as they are read, unless the surface has to be divided.
+    ///
+    /// # Errors
+    /// Those of [`SolidImport::build`].
+    pub fn write(
+        mut self,
+        file: &mut TreeWriter,
+        beside: &Path,
+        progress: &dyn Progress,
+    ) -> Result<SolidReport> {
+        let (run, survey) = (file.run(), self.survey.take());
+        let (is_divided, is_part) =
+            (survey.as_ref().is_some_and(|survey| survey.is_divided), survey.is_some());
+        let part = run.zip(survey).map(|(run, survey)| Part { run, survey });
+        let grid = self.grid.clone();
+        let is_in_part = |triangle: &Triangle| match run {
+            Some(run) => !is_part || is_in_run(run, &grid, triangle),
+            None => false,
+        };
+        let all = |_: &Triangle| true;
+        let mut read = self.read(if is_divided { &all } else { &is_in_part }, beside, progress)?;
+        let mut decided = self.inside(&mut read, is_part, progress)?;
+        if decided.is_divided && is_part {
+            if !is_divided {
+                let found = "a surface that is not closed, where the plan has one that is";
+                return Err(Error::unsupported(&self.models[0].info().path, found, "plan it anew"));
+            }
+            decided.surfaces.iter_mut().try_for_each(|surface| surface.triangles.retain(&is_in_part))?;
+        }
+        let mut report = self.report(&read, &decided);
+        let (form, options) = self.tree(&report);
+        let solid = self.solid(form, decided.surfaces, part, progress)?;
+        let tally = file.source_with(&solid, self.extent, &options, progress, &mut |metadata| {
+            report.undecided = solid.counters.undecided.load(Ordering::Relaxed);
+            report.stages = *solid.counters.stages.lock().expect("nobody panics with this lock");
+            set_tags(metadata, &self, &report);
+        })?;
+        report.cells = tally.cells;
+        Ok(report)
+    }
+
+    /// The report on what is known before cells are made.
+    pub(super) fn report(&self, read: &Read, decided: &Decided) -> SolidReport {
+        let [triangles, open_triangles] = decided.triangles;
+        SolidReport {
+            faces: read.faces,
+            degenerate: self.models.iter().map(|model| model.degenerate()).sum(),
+            collapsed: read.collapsed,
+            repaired: read.repaired,
+            duplicates: read.duplicates,
+            // (Those of one surface are counted before any is left out.)
+            triangles: if decided.is_divided { triangles } else { read.count },
+            open_triangles,
+            displacement: read.displacement,
+            unit: self.options.unit.clone(),
+            inside: decided.test,
+            undecided: 0,
+            cells: 0,
+            stages: Stages::default(),
+        }
+    }
+
+    /// The solid of surfaces, or a part of it.
+    pub(super) fn solid<'a>(
+        &self,
+        form: Form,
+        surfaces: Vec<Surface>,
+        part: Option<Part>,
+        progress: &'a dyn Progress,
+    ) -> Result<Solid<'a>> {
         let options = &self.options;
         let fill = FillOptions {
             grid: self.grid.clone(),
@@ -109,51 +204,27 @@ impl SolidImport {
             shell: options.shell,
             progress,
         };
-        let is_open = |surface: &&Surface| matches!(surface.inside, Inside::Field(_));
-        let count = |surface: &Surface| surface.triangles.len() as u64;
-        let report = SolidReport {
-            faces: read.faces,
-            degenerate: self.models.iter().map(|model| model.degenerate()).sum(),
-            collapsed: read.collapsed,
-            repaired: read.repaired,
-            duplicates: read.duplicates,
-            triangles: surfaces.iter().map(count).sum(),
-            open_triangles: surfaces.iter().filter(is_open).map(count).sum(),
-            displacement: read.displacement,
-            unit: options.unit.clone(),
-            inside: decided,
-            undecided: 0,
-            cells: 0,
-            stages: Stages::default(),
-        };
-        let parts = self.parts();
         let held = (options.memory / 4 / TRIANGLE) as usize;
-        let (value, value_of) = values(options.attribute, parts.len());
-        let form = Form::new(Dimension::Oct, value);
-        let solid = Solid::new(form, fill, surfaces, held, value_of)?;
-        self.store(&solid, report, parts, output, progress)
+        let (_, value_of) = values(options.attribute, self.parts().len());
+        Solid::new(form, fill, (surfaces, part), held, value_of)
     }
 
-    /// Stores a solid, and completes the report on it.
-    fn store(
-        &self,
-        solid: &Solid<'_>,
-        mut report: SolidReport,
-        parts: Vec<String>,
-        output: Output,
-        progress: &dyn Progress,
-    ) -> Result<SolidReport> {
+    /// Form of the tree, and options for building it, with what is known before cells are made.
+    pub(super) fn tree(&self, report: &SolidReport) -> (Form, BuildOptions) {
         let (kind, rule) = match self.options.attribute {
             Attribute::Occupancy => (Kind::Continuous, Rule::Occupancy),
             Attribute::Colour => (Kind::Continuous, Rule::Mean),
             Attribute::Part => (Kind::Categorical, Rule::Majority),
         };
         let mut metadata = Metadata { frame: self.grid.frame.clone(), ..Metadata::default() };
+        let parts = self.parts();
+        let (value, _) = values(self.options.attribute, parts.len());
         if self.options.attribute == Attribute::Part {
             let names = parts.into_iter().enumerate().filter(|(_, name)| !name.is_empty());
             metadata.class_names = names.map(|(i, name)| ((i as u64 + 1).into(), name)).collect();
         }
         metadata.provenance = self.models.iter().map(|model| provenance(model.info())).collect();
+        set_tags(&mut metadata, self, report);
         let options = BuildOptions::new(kind, self.grid.depth)
             .rule(rule)
             .memory(self.options.memory / 4)
@@ -161,13 +232,7 @@ impl SolidImport {
             .share(self.options.share)
             .time(self.options.time)
             .packing(self.options.packing);
-        let tally = build_with(solid, self.extent, &options, output.into(), progress, &mut |metadata| {
-            report.undecided = solid.counters.undecided.load(Ordering::Relaxed);
-            report.stages = *solid.counters.stages.lock().expect("nobody panics with this lock");
-            set_tags(metadata, self, &report);
-        })?;
-        report.cells = tally.cells;
-        Ok(report)
+        (Form::new(Dimension::Oct, value), options)
     }
 
     /// Names of the parts of all models; their numbers begin at 1.
@@ -191,10 +256,15 @@ impl SolidImport {
         (self.options.memory / 2 / TRIANGLE) as usize
     }
 
-    /// Snaps and triangulates all faces.
-    fn read(&mut self, folder: &Path, progress: &dyn Progress) -> Result<Read> {
+    /// Snaps and triangulates all faces, and keeps the triangles that are to be kept.
+    pub(super) fn read(
+        &mut self,
+        is_kept: &dyn Fn(&Triangle) -> bool,
+        folder: &Path,
+        progress: &dyn Progress,
+    ) -> Result<Read> {
         let mut collectors = [Collector::new(self.held(), folder), Collector::new(self.held() / 8, folder)];
-        let mut read = Reading::default();
+        let mut read = Reading::new(is_kept);
         let mut first_part = 1;
         let mut models = std::mem::take(&mut self.models);
         for model in &mut models {
@@ -210,17 +280,34 @@ impl SolidImport {
         self.models = models;
         let [triangles, slivers] = collectors;
         let (triangles, slivers) = (triangles.finish()?, slivers.finish()?);
-        if triangles.is_empty() {
+        if read.count == 0 {
             let step = self.grid.step();
             return Err(flat_faces(&self.models[0].info().path, self.bounds, step));
         }
-        let Reading { faces, collapsed, displacement, closure, repaired, .. } = read;
-        Ok(Read { triangles, slivers, faces, collapsed, repaired, duplicates: 0, displacement, closure })
+        let Reading { faces, count, collapsed, displacement, closure, repaired, .. } = read;
+        Ok(Read {
+            triangles,
+            slivers,
+            faces,
+            count,
+            collapsed,
+            repaired,
+            duplicates: 0,
+            displacement,
+            closure,
+        })
     }
 
-    /// Chooses the test for what lies inside: one for all if it holds for all, or each for some of the surface.
-    fn inside(&self, read: &mut Read, progress: &dyn Progress) -> Result<(Vec<Surface>, InsideTest)> {
-        let whole = |inside, test| Ok((vec![Surface::new(inside, read.triangles.clone())], test));
+    /// Chooses the test for what lies inside: one for all if it holds for all, or each for some of the surface. A surface that is open is refused
+    /// where the solid is built in parts.
+    pub(super) fn inside(
+        &self,
+        read: &mut Read,
+        is_in_parts: bool,
+        progress: &dyn Progress,
+    ) -> Result<Decided> {
+        let whole =
+            |inside, test| Ok(Decided::new(vec![Surface::new(inside, read.triangles.clone())], test, false));
         if self.options.shell {
             return whole(Inside::Winding, InsideTest::Surface);
         }
@@ -249,6 +336,11 @@ impl SolidImport {
         read.triangles = Triangles::of(Vec::new());
         let units = Units::of(all, &object, progress)?;
         read.duplicates = units.duplicates;
+        if is_in_parts && !units.open.is_empty() {
+            let advice = "close the surface, or build the cells that it cuts (--shell), or all in one go";
+            let path = &self.models[0].info().path;
+            return Err(Error::unsupported(path, "a part of the solid of an open surface", advice));
+        }
         let test = match (units.even.is_empty(), units.open.is_empty()) {
             (_, false) => InsideTest::Open,
             (false, true) => InsideTest::Flipped,
@@ -263,16 +355,18 @@ impl SolidImport {
             let field = WindingField::new(&triangles, progress)?;
             surfaces.push(Surface::new(Inside::Field(field.into()), Triangles::of(triangles)));
         }
-        Ok((surfaces, test))
+        Ok(Decided::new(surfaces, test, true))
     }
 }
 
-/// Triangles of all models, and counts of their faces.
-struct Read {
+/// Triangles of all models that were kept, and counts of all faces.
+pub(super) struct Read {
     triangles: Triangles,
     /// Those that have no area on the grid, but edges that others end at.
     slivers: Triangles,
     faces: u64,
+    /// Triangles with an area, whether they were kept or not.
+    count: u64,
     collapsed: u64,
     repaired: u64,
     duplicates: u64,
@@ -281,9 +375,11 @@ struct Read {
 }
 
 /// State of the reading of faces, with buffers that are used again for each face.
-#[derive(Default)]
-struct Reading {
+struct Reading<'k> {
+    /// Whether a triangle is to be kept.
+    is_kept: &'k dyn Fn(&Triangle) -> bool,
     faces: u64,
+    count: u64,
     collapsed: u64,
     displacement: f64,
     closure: Closure,
@@ -292,7 +388,21 @@ struct Reading {
     repaired: u64,
 }
 
-impl Reading {
+impl<'k> Reading<'k> {
+    fn new(is_kept: &'k dyn Fn(&Triangle) -> bool) -> Reading<'k> {
+        Reading {
+            is_kept,
+            faces: 0,
+            count: 0,
+            collapsed: 0,
+            displacement: 0.0,
+            closure: Closure::default(),
+            snapped: Vec::new(),
+            triangulator: Triangulator::default(),
+            repaired: 0,
+        }
+    }
+
     fn face(
         &mut self,
         import: &SolidImport,
@@ -323,7 +433,8 @@ impl Reading {
             let triangle = Triangle { corners, attribute, part };
             if triangle.normal() != [0; 3] {
                 self.collapsed -= u64::from(std::mem::take(&mut is_collapsed));
-                return triangles.push(triangle);
+                self.count += 1;
+                return if (self.is_kept)(&triangle) { triangles.push(triangle) } else { Ok(()) };
             }
             // Two corners at one point leave an edge and its opposite, which is none.
             let [a, b, c] = corners;

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::grid::Grid;
 use super::inside::Attribute;
+use super::survey::SolidSurvey;
 use crate::import::Model;
 use spinney_base::space::EdgeRule;
 use spinney_base::space::{Dimension, Up};
@@ -103,6 +104,8 @@ pub struct SolidImport {
     pub(super) bounds: [[f64; 3]; 2],
     /// Cells along each axis that can be other than VOID.
     pub(super) extent: [u64; 3],
+    /// Knowledge of the whole surface, where a part of the tree is to be made.
+    pub(super) survey: Option<SolidSurvey>,
     description: Vec<(&'static str, String)>,
 }
 
@@ -110,6 +113,11 @@ impl SolidImport {
     /// Description of the plan: pairs of a heading and its text.
     pub fn description(&self) -> &[(&'static str, String)] {
         &self.description
+    }
+
+    /// Levels of the tree.
+    pub fn depth(&self) -> u8 {
+        self.grid.depth
     }
 
     /// A point of a model, as it lies in the world.
@@ -139,16 +147,18 @@ impl SolidImport {
 /// If the options do not fit the models, or these cannot be read or have no faces: all are read, for the box
 /// around them.
 pub fn plan_models(mut models: Vec<Box<dyn Model>>, options: &SolidOptions) -> Result<SolidImport> {
-    let colourless = models.iter().find(|model| !model.info().is_coloured);
-    if let (Attribute::Colour, Some(model)) = (options.attribute, colourless) {
-        let advice = "leave --attribute colour away, or choose --attribute part";
-        return Err(Error::unsupported(&model.info().path, "colour of a model that has none", advice));
-    }
-    if options.attribute != Attribute::Occupancy && options.edge == EdgeRule::Area {
-        let expected = "touch or centre: cells with colours or parts are there or not";
-        return Err(Error::invalid("edge", "area", expected));
-    }
+    check(&models, options)?;
     let bounds = bounds(&mut models, options.up)?;
+    plan_in(models, options, bounds)
+}
+
+/// Plans a tree of models whose faces have this box.
+pub(super) fn plan_in(
+    models: Vec<Box<dyn Model>>,
+    options: &SolidOptions,
+    bounds: [[f64; 3]; 2],
+) -> Result<SolidImport> {
+    check(&models, options)?;
     let FittedCells { frame, depth, extent } = fit_cells(bounds, options)?;
     let crs = match &options.crs {
         Some(crs) => Some(crs.clone()),
@@ -158,7 +168,22 @@ pub fn plan_models(mut models: Vec<Box<dyn Model>>, options: &SolidOptions) -> R
     let grid = Grid::new(depth, frame)?;
     let lattice = Lattice::new([0; 3], grid.fraction);
     let description = describe(&models, options, &grid, extent);
-    Ok(SolidImport { models, options: options.clone(), grid, lattice, bounds, extent, description })
+    let options = options.clone();
+    Ok(SolidImport { models, options, grid, lattice, bounds, extent, survey: None, description })
+}
+
+/// Fails if the options do not fit the models.
+fn check(models: &[Box<dyn Model>], options: &SolidOptions) -> Result<()> {
+    let colourless = models.iter().find(|model| !model.info().is_coloured);
+    if let (Attribute::Colour, Some(model)) = (options.attribute, colourless) {
+        let advice = "leave --attribute colour away, or choose --attribute part";
+        return Err(Error::unsupported(&model.info().path, "colour of a model that has none", advice));
+    }
+    if options.attribute != Attribute::Occupancy && options.edge == EdgeRule::Area {
+        let expected = "touch or centre: cells with colours or parts are there or not";
+        return Err(Error::invalid("edge", "area", expected));
+    }
+    Ok(())
 }
 
 /// The coordinate system of all models, or that of the tree that they are to be like.

@@ -10,17 +10,18 @@ use super::bits::{Bits, Cells, Content, Pyramid};
 use super::fill;
 use super::grid::Triangle;
 use super::inside::{Attribute, FULL, FillOptions, Inside, State};
+use super::octants::Octants;
 use super::open;
+use super::survey::{SolidSurvey, SurfaceAtPoint, SurveyedNode};
 use super::triangles::{OctantSorter, Triangles};
 use super::union::{Overlaps, Piece};
 use spinney_base::Form;
 use spinney_base::Result;
 use spinney_base::sort;
-use spinney_base::space::EdgeRule;
+use spinney_base::space::{Code, CodeRun, Dimension, EdgeRule};
 use spinney_base::value::Value;
 use spinney_brep::exact::lattice::Projected;
-use spinney_brep::geometry::triangle;
-use spinney_brep::geometry::{Intersection, Stage, Stages};
+use spinney_brep::geometry::Stages;
 use spinney_engine::store::builder::ReusableSource;
 use spinney_engine::tree::{Child, Children, Source};
 
@@ -46,12 +47,20 @@ impl Surface {
     }
 }
 
+/// The part of a solid whose triangles are there, and what is known of the whole.
+pub(super) struct Part {
+    pub(super) run: CodeRun,
+    pub(super) survey: SolidSurvey,
+}
+
 /// A solid, or its surface, of values made from attributes.
 pub(super) struct Solid<'a> {
     form: Form,
     pub(super) fill: FillOptions<'a>,
     /// Tests of the surfaces.
     tests: Vec<Inside>,
+    /// The part that is there, if it is not all.
+    part: Option<Part>,
     /// Triangles that are taken to memory at once.
     held: usize,
     root: UpperNode,
@@ -74,6 +83,10 @@ impl UpperNode {
     /// Triangles of all surfaces.
     fn triangles(&self) -> usize {
         self.sheets.iter().map(|sheet| sheet.triangles.len()).sum()
+    }
+
+    fn code(&self) -> Code {
+        Code::from_cell(Dimension::Oct, self.level, self.position).expect("regions are nodes")
     }
 }
 
@@ -116,23 +129,58 @@ impl<'a> Solid<'a> {
     pub(super) fn new(
         form: Form,
         fill: FillOptions<'a>,
-        surfaces: Vec<Surface>,
+        (surfaces, part): (Vec<Surface>, Option<Part>),
         held: usize,
         value: fn(u32) -> Value,
     ) -> Result<Self> {
         let root = UpperNode { level: 0, position: [0; 3], sheets: Vec::new() };
-        let mut solid =
-            Solid { form, fill, tests: Vec::new(), held, root, value, counters: Counters::default() };
+        let (tests, counters) = (Vec::new(), Counters::default());
+        let mut solid = Solid { form, fill, tests, part, held, root, value, counters };
         for (number, Surface { inside, triangles }) in surfaces.into_iter().enumerate() {
             let state = match inside {
                 _ if solid.fill.shell => State::default(),
+                _ if solid.part.is_some() => State::outside(&inside),
                 Inside::Field(_) => State::default(),
                 Inside::Winding | Inside::Parity => solid.outside_in(&triangles, State::outside(&inside))?,
             };
             solid.root.sheets.push(Sheet { surface: number, triangles, state });
             solid.tests.push(inside);
         }
+        let mut root = solid.root.clone();
+        solid.tell(&mut root, false);
+        solid.root = root;
         Ok(solid)
+    }
+
+    /// Tells a region, in whose parent not all triangles are there, how it is with its first point, if all of its own are.
+    fn tell(&self, region: &mut UpperNode, is_parent_whole: bool) {
+        let Some(part) = self.part.as_ref().filter(|_| !is_parent_whole && !self.fill.shell) else { return };
+        let code = region.code();
+        if part.run.contains(code) {
+            for sheet in &mut region.sheets {
+                let outside = State::outside(&self.tests[sheet.surface]);
+                sheet.state = part.survey.state(code, sheet.surface, outside);
+            }
+        }
+    }
+
+    /// Nodes at a level, in the order of their codes, with what parts have to know of them; in their place those above that no triangle reaches into.
+    pub(super) fn nodes(&self, level: u8) -> Result<Vec<SurveyedNode>> {
+        let (mut nodes, mut open) = (Vec::new(), vec![self.root.clone()]);
+        while let Some(region) = open.pop() {
+            let triangles = region.triangles() as u64;
+            if region.level < level && triangles > 0 {
+                open.extend(self.split(&region)?.into_iter().rev());
+                continue;
+            }
+            let at_point = |sheet: &Sheet| {
+                let (surface, State { winding, attribute, .. }) = (sheet.surface as u32, sheet.state);
+                (winding != 0).then_some(SurfaceAtPoint { surface, winding, attribute })
+            };
+            let inside = region.sheets.iter().filter_map(at_point).collect();
+            nodes.push(SurveyedNode { code: region.code(), triangles, inside });
+        }
+        Ok(nodes)
     }
 
     /// The state of the root's first lattice point, coming along x from outside.
@@ -185,6 +233,8 @@ impl<'a> Solid<'a> {
                 region.sheets.push(sheet);
             }
         }
+        let is_whole = self.part.as_ref().is_none_or(|part| part.run.contains(region.code()));
+        regions.iter_mut().for_each(|child| self.tell(child, is_whole));
         Ok(regions)
     }
 
@@ -194,38 +244,18 @@ impl<'a> Solid<'a> {
         let is_crossed = self.is_crossed(sheet);
         let (min, width) = self.bounds(region);
         let half = width / 2;
-        let middle = min.map(|min| min + half);
         let lines = Lines::new(self.fill.lattice.first(min), half);
         let mut events = Events::default();
         let mut sorter = OctantSorter::of(&triangles);
         let mut stages = Stages::default();
-        let wide = |at: [i32; 3]| at.map(i64::from);
         triangles.each(|number, triangle| {
             self.fill.progress.check()?;
             if is_crossed {
                 lines.meet(triangle, &mut events);
             }
-            // Which halves it reaches into: walls belong to neither.
-            let halves: [[bool; 2]; 3] = std::array::from_fn(|axis| {
-                let (low, high) = (triangle.min(axis), triangle.max(axis));
-                let end = min[axis] + width;
-                [low < middle[axis] && high > min[axis], low < end && high > middle[axis]]
-            });
-            let reached = halves.map(|[low, high]| u8::from(low) + u8::from(high));
-            // In one half along each axis, its box is within one child: what cuts the region cuts that child,
-            // untested.
-            let alone = reached.iter().all(|halves| *halves <= 1);
+            let octants = Octants::of(triangle, min, width);
             for child in 0..8 {
-                let found = if (0..3).any(|axis| !halves[axis][child >> axis & 1]) {
-                    Intersection { cuts: false, stage: Stage::Boxes }
-                } else if alone {
-                    Intersection { cuts: true, stage: Stage::Boxes }
-                } else {
-                    let low: [i32; 3] =
-                        std::array::from_fn(|axis| min[axis] + (child >> axis & 1) as i32 * half);
-                    let high = low.map(|low| low + half);
-                    triangle::intersect(&triangle.corners.map(wide), wide(low), wide(high))
-                };
+                let found = octants.test(child);
                 stages.count(found);
                 if found.cuts {
                     sorter.push(child, number, triangle)?;
@@ -242,6 +272,15 @@ impl<'a> Solid<'a> {
 
     /// Node of a region as its parent has it: void, a leaf, or an inner node.
     fn child(&self, mut region: UpperNode) -> Result<Child<Node>> {
+        if let Some(part) = &self.part
+            && !part.run.contains(region.code())
+        {
+            // Where not all triangles are there nobody knows what it is like, and those who walk go on to where they are.
+            return Ok(match part.run.touches(region.code()) {
+                true => self.inner(Node::Region(Arc::new(region))),
+                false => Child::Void,
+            });
+        }
         let mut sheets = Vec::new();
         for sheet in std::mem::take(&mut region.sheets) {
             match self.uniform(&region, &sheet)? {

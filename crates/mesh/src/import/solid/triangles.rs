@@ -54,6 +54,17 @@ impl Triangles {
         }
     }
 
+    /// Leaves those that are to be kept.
+    pub(super) fn retain(&mut self, is_kept: &dyn Fn(&Triangle) -> bool) -> Result<()> {
+        let mut kept = Vec::new();
+        self.each(|_, triangle| {
+            kept.extend(is_kept(triangle).then_some(*triangle));
+            Ok(())
+        })?;
+        *self = Triangles::of(kept);
+        Ok(())
+    }
+
     /// Loads the triangles into memory, in their order.
     pub(super) fn held(self) -> Result<Triangles> {
         let Triangles::Spilled(spilled) = self else { return Ok(self) };

@@ -22,6 +22,11 @@ impl ChunkCache {
         ChunkCache { limit, held: 0, clock: 0, chunks: HashMap::new(), by_age: BTreeMap::new() }
     }
 
+    /// Whether a chunk is there.
+    pub(super) fn has(&self, chunk: ChunkKey) -> bool {
+        self.chunks.contains_key(&chunk)
+    }
+
     pub(super) fn get(&mut self, chunk: ChunkKey) -> Option<Arc<Vec<u8>>> {
         let (used, bytes) = self.chunks.get_mut(&chunk)?;
         self.by_age.remove(used);

@@ -1,11 +1,11 @@
 //! The file's bytes, its directories (IFDs) and the values of their tags.
 
 use std::collections::{BTreeMap, HashSet};
-use std::fs::File;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use super::spec::field_type as field;
-use spinney_base::io::platform::read_exact_at;
+use spinney_base::io::InputFile;
 use spinney_base::{Error, Result};
 
 /// Directories of one file that we look at: pages may be many.
@@ -17,7 +17,7 @@ const MAX_ENTRIES: u64 = u16::MAX as u64;
 
 /// An open file whose parts are read from any thread.
 pub(super) struct Input {
-    file: File,
+    file: InputFile,
     /// Bytes in the file.
     pub(super) len: u64,
     pub(super) path: PathBuf,
@@ -30,8 +30,8 @@ pub(super) struct Input {
 impl Input {
     /// Opens a file and reads its 8 or 16 bytes of header; also returns the offset of the first directory.
     pub(super) fn open(path: &Path, memory: u64) -> Result<(Input, u64)> {
-        let file = File::open(path).map_err(Error::io(path, "open"))?;
-        let len = file.metadata().map_err(Error::io(path, "read the size of"))?.len();
+        let file = InputFile::open(path)?;
+        let len = file.len();
         let mut input = Input { file, len, path: path.to_path_buf(), memory, big_endian: false, big: false };
         let magic: [u8; 4] = input.bytes_at(0, "header")?;
         (input.big_endian, input.big) = match &magic {
@@ -91,7 +91,18 @@ impl Input {
     /// Fills `buffer` from `offset`.
     pub(super) fn read_at(&self, offset: u64, buffer: &mut [u8], place: impl Fn() -> String) -> Result<()> {
         self.check(offset, buffer.len() as u64, place)?;
-        read_exact_at(&self.file, buffer, offset).map_err(Error::io(&self.path, "read"))
+        self.file.read_at(offset, buffer).map_err(Error::io(&self.path, "read"))
+    }
+
+    /// Whether each read of something else takes a request.
+    pub(super) fn is_elsewhere(&self) -> bool {
+        self.file.is_elsewhere()
+    }
+
+    /// Fetches ranges that will be read, those of them that are in the file.
+    pub(super) fn prefetch(&self, ranges: &[Range<u64>]) -> Result<()> {
+        let inside: Vec<_> = ranges.iter().filter(|range| range.end <= self.len).cloned().collect();
+        self.file.prefetch(&inside)
     }
 
     fn bytes_at<const N: usize>(&self, offset: u64, place: &str) -> Result<[u8; N]> {

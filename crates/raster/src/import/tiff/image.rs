@@ -15,6 +15,9 @@ use super::spec::{photometric, tag};
 use spinney_base::space::Region;
 use spinney_base::{Error, Result};
 
+/// Bytes of chunks of a file elsewhere that are fetched together: a part of what the cache of these holds.
+const FETCHED: u64 = 8 << 20;
+
 /// One image of the file.
 pub(super) struct Image {
     pub(super) layout: ChunkLayout,
@@ -151,6 +154,39 @@ impl Image {
     /// Reads some channels of a region within the image into `out`, which has just room for them.
     pub(super) fn read(&self, input: &Input, region: Region, chosen: &[usize], out: &mut [u8]) -> Result<()> {
         let mut jobs = self.jobs(region, chosen, out);
+        while input.is_elsewhere() && !jobs.is_empty() {
+            let fetched = self.fetch(input, &mut jobs)?;
+            self.run_all(input, fetched)?;
+        }
+        self.run_all(input, jobs)
+    }
+
+    /// Takes some of the jobs, at least one, and fetches the chunks that they need.
+    fn fetch<'a>(&self, input: &Input, jobs: &mut Vec<Job<'a>>) -> Result<Vec<Job<'a>>> {
+        let (mut ranges, mut bytes, mut first) = (Vec::new(), 0u64, jobs.len());
+        while first > 0 && (ranges.is_empty() || bytes < FETCHED) {
+            first -= 1;
+            let Job { chosen, across, down, .. } = &jobs[first];
+            let rows = self.layout.region(*across, *down).height;
+            let planes = if self.layout.planes > 1 { chosen } else { &[0][..] };
+            for plane in planes {
+                let found = self.layout.location(*plane as u64, *across, *down);
+                // (One that has all the rest of a file is read as it comes.)
+                if let ChunkLocation::At(offset, Some(count)) = found
+                    && let Some(end) = offset.checked_add(count)
+                    && !self.cache.lock().expect("no panic while held").has((offset, Some(count), rows))
+                {
+                    ranges.push(offset..end);
+                    bytes = bytes.saturating_add(count);
+                }
+            }
+        }
+        input.prefetch(&ranges)?;
+        Ok(jobs.split_off(first))
+    }
+
+    /// Fills the rows of jobs.
+    fn run_all(&self, input: &Input, mut jobs: Vec<Job<'_>>) -> Result<()> {
         if jobs.len() == 1 || self.parallel == 1 {
             return jobs.into_iter().try_for_each(|job| self.run(input, job));
         }

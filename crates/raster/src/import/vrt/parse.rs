@@ -1,7 +1,6 @@
 //! Reading of virtual rasters' XML.
 
 use std::collections::HashMap;
-use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -13,6 +12,7 @@ use super::super::validity::{as_stored, sample_bytes};
 use super::super::xml::XmlElement;
 use super::super::{Raster, RasterInfo, RasterOptions, gdal, sidecar, worldfile};
 use super::{Band, Missing, Nesting, Plane, Source, Vrt, order, unsupported};
+use spinney_base::io::InputFile;
 use spinney_base::space::Region;
 use spinney_base::value::{Kind, SampleType};
 use spinney_base::{Error, Result};
@@ -43,8 +43,8 @@ struct Reader<'a> {
 
 /// Reads a file, and the headers of its sources.
 pub(super) fn read(path: &Path, options: &RasterOptions) -> Result<Vrt> {
-    let file = File::open(path).map_err(Error::io(path, "open"))?;
-    let length = file.metadata().map_err(Error::io(path, "read the size of"))?.len();
+    let file = InputFile::open(path)?;
+    let length = file.len();
     options.check_memory(path, "the text of the virtual raster", length)?;
     let mut bytes = Vec::new();
     file.take(length).read_to_end(&mut bytes).map_err(Error::io(path, "read"))?;

@@ -151,6 +151,11 @@ impl Pmtiles {
         Err(self.bad("directory", "directories below directories without an end", "at most four"))
     }
 
+    /// The number of the first tile, if there is one.
+    pub(in crate::tile_archives) fn first_tile(&self) -> Option<u64> {
+        self.root.first().map(|entry| entry.first)
+    }
+
     /// Description of how the archive was made, if it is one of ours.
     pub(in crate::tile_archives) fn own(&self) -> Option<Own> {
         serde_json::from_value(self.metadata.get("spinney")?.clone()).ok()

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::io::{BufRead, Read};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::super::array::ArrayLayout;
 use super::MAGIC;
@@ -79,6 +79,14 @@ impl Fields<'_> {
 }
 
 impl Header {
+    /// The file of the samples, if these are not behind the head, which is in a file of this name.
+    pub(super) fn data_beside(&self, path: &Path) -> Option<PathBuf> {
+        match &self.data {
+            DataPlace::Here => None,
+            DataPlace::File(name) => Some(path.parent().unwrap_or(Path::new("")).join(name)),
+        }
+    }
+
     /// Reads a head; what follows on it in the file comes next.
     ///
     /// # Errors

@@ -8,16 +8,18 @@ mod tests;
 mod write;
 
 use std::fs::File;
-use std::io::{BufRead, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
+use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use flate2::read::MultiGzDecoder;
 
-use self::header::{DataPlace, Encoding, Header};
+use self::header::{Encoding, Header};
 pub(crate) use self::write::nrrd_head;
 use super::array::{Array, ArrayLayout};
+use super::spill::BoxSpill;
 use super::{Samples, Told};
 use spinney_base::io::open_input;
+use spinney_base::space::Bounds;
 use spinney_base::{Error, Progress, Result};
 
 /// The first bytes of every NRRD file; the version of its grammar follows.
@@ -28,6 +30,12 @@ const MOST_GROWTH: u64 = 1032;
 /// Bytes that are unpacked at a time.
 const PART: usize = 1 << 20;
 
+/// Whether a file is one, by its first bytes.
+pub(super) fn is_one(path: &Path) -> bool {
+    let mut start = [0; MAGIC.len()];
+    File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok() && start == *MAGIC
+}
+
 /// Opens a file, and makes sure that it has all samples that its head tells of, as far as that is seen without unpacking them.
 ///
 /// # Errors
@@ -35,10 +43,9 @@ const PART: usize = 1 << 20;
 pub(super) fn open(path: &Path) -> Result<Told> {
     let mut file = BufReader::new(open_input(path)?);
     let header = Header::read(&mut file, path)?;
-    let (data, mut input) = match &header.data {
-        DataPlace::Here => (path.to_path_buf(), file),
-        DataPlace::File(name) => {
-            let data = path.parent().unwrap_or(Path::new("")).join(name);
+    let (data, mut input) = match header.data_beside(path) {
+        None => (path.to_path_buf(), file),
+        Some(data) => {
             let input = BufReader::new(open_input(&data)?);
             (data, input)
         }
@@ -109,6 +116,15 @@ pub(super) fn open(path: &Path) -> Result<Told> {
     })
 }
 
+/// The file that has the samples, if it is another than the one with the head.
+///
+/// # Errors
+/// If the head cannot be read or breaks the rules.
+pub(super) fn data_file(path: &Path) -> Result<Option<PathBuf>> {
+    let header = Header::read(&mut BufReader::new(open_input(path)?), path)?;
+    Ok(header.data_beside(path))
+}
+
 /// Samples in a compressed stream.
 pub(super) struct Packed {
     path: PathBuf,
@@ -122,12 +138,12 @@ pub(super) struct Packed {
 }
 
 impl Packed {
-    /// The samples in a temporary file in a folder: as many as the head tells of, whatever there are.
+    /// The samples of a box in a temporary file in a folder: as many as the head tells of, whatever there are. What comes behind the box is not
+    /// looked at.
     ///
     /// # Errors
-    /// If the stream is damaged, or has fewer or more.
-    pub(super) fn unpack(mut self, folder: &Path, progress: &dyn Progress) -> Result<Array> {
-        let failed = |error| Error::io(folder, "use a temporary file for the volume")(error);
+    /// If the stream is damaged, or has fewer, or, where the box has the last sample, more.
+    pub(super) fn unpack(mut self, cells: Bounds, folder: &Path, progress: &dyn Progress) -> Result<Array> {
         let damaged = |error: std::io::Error| match error.kind() {
             std::io::ErrorKind::Interrupted | std::io::ErrorKind::PermissionDenied => {
                 Error::io(&self.path, "read")(error)
@@ -136,10 +152,11 @@ impl Packed {
         };
         self.file.seek(SeekFrom::Start(self.start)).map_err(Error::io(&self.path, "read"))?;
         let mut stream = MultiGzDecoder::new(BufReader::with_capacity(1 << 16, &self.file));
-        let mut out = BufWriter::new(tempfile::tempfile_in(folder).map_err(failed)?);
+        let mut out = BoxSpill::new(self.layout, cells, folder)?;
         let mut part = vec![0; PART];
         // One byte more than there should be, which tells whether there are more.
-        let (mut at, end) = (0, self.skip + self.bytes + 1);
+        let is_last = out.end() == self.bytes;
+        let (mut at, end) = (0, self.skip + out.end() + u64::from(is_last));
         while at < end {
             progress.check()?;
             let most = (end - at).min(PART as u64) as usize;
@@ -149,15 +166,15 @@ impl Packed {
             }
             let samples = self.skip.saturating_sub(at).min(count as u64) as usize;
             let inside = (self.skip + self.bytes).saturating_sub(at).min(count as u64) as usize;
-            out.write_all(&part[samples.min(inside)..inside]).map_err(failed)?;
+            let samples = samples.min(inside);
+            out.write((at + samples as u64).saturating_sub(self.skip), &part[samples..inside])?;
             at += count as u64;
         }
-        if at + 1 != end {
+        if at + u64::from(is_last) != end {
             let found = if at == end { "more bytes".into() } else { format!("{at} bytes") };
-            let expected = format!("{} for what the head tells of", end - 1);
+            let expected = format!("{} for what the head tells of", self.skip + self.bytes);
             return Err(Error::corrupt(&self.path, "the samples", found, expected));
         }
-        let file = out.into_inner().map_err(|error| failed(error.into_error()))?;
-        Ok(Array::new(&self.path, file, self.layout, 0))
+        out.finish(&self.path)
     }
 }

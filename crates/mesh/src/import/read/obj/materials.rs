@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
-use std::path::{Component, Path};
+use std::path::{Component, Path, PathBuf};
 
 use super::super::corners::WHITE;
 use super::super::model_file::{BYTE_ORDER_MARK, ModelFile};
@@ -14,6 +14,21 @@ use spinney_base::guard::guard;
 /// Diffuse colours by the materials' names.
 #[derive(Default)]
 pub(super) struct Materials(HashMap<Vec<u8>, [u8; 3]>);
+
+/// The file of a library by its name; `None` if that is not beside the model or below: a model must not make us open files anywhere else.
+fn library_path(source: &ModelFile, name: &[u8]) -> Option<PathBuf> {
+    let name = String::from_utf8_lossy(name);
+    let name = Path::new(&*name);
+    let is_below = name.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+    is_below.then(|| source.path().parent().unwrap_or(Path::new("")).join(name))
+}
+
+/// All libraries that a file names, whether they are there or not.
+pub(in super::super) fn libraries(source: &ModelFile) -> Vec<PathBuf> {
+    let lines = source.bytes().split(|byte| matches!(byte, b'\n' | b'\r')).map(<[u8]>::trim_ascii);
+    let names = lines.filter_map(|line| line.strip_prefix(b"mtllib"));
+    names.filter_map(|name| library_path(source, name.trim_ascii())).collect()
+}
 
 /// Longest file of materials that is read.
 const MOST_BYTES: u64 = 4 << 20;
@@ -27,14 +42,8 @@ impl Materials {
             return materials;
         }
         for library in &scan.libraries {
-            let name = String::from_utf8_lossy(library);
-            let name = Path::new(&*name);
-            // A model must not make us open files anywhere else.
-            if !name.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir)) {
-                continue;
-            }
-            let path = source.path().parent().unwrap_or(Path::new("")).join(name);
-            if path.metadata().is_ok_and(|about| about.is_file()) {
+            let path = library_path(source, library);
+            if let Some(path) = path.filter(|path| path.metadata().is_ok_and(|about| about.is_file())) {
                 materials.add(&path);
             }
         }

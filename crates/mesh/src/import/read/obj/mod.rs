@@ -5,6 +5,7 @@ mod scan;
 mod whole;
 
 use self::materials::Materials;
+pub(super) use self::materials::libraries;
 use self::scan::{Item, Items, Scan};
 use super::corners::{Corners, MOST_CORNERS};
 use super::model_file::ModelFile;

@@ -1,0 +1,129 @@
+//! Whether files are there, in which state, and their removal, wherever they are.
+
+use std::io::ErrorKind;
+use std::path::Path;
+use std::time::UNIX_EPOCH;
+
+use super::input::is_hidden;
+use super::open::{local_path, remote_files, url_of};
+use crate::{Error, Result};
+
+/// State of a file: where it is the same, its bytes are.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FileState {
+    /// Bytes.
+    pub length: u64,
+    /// Mark of this state among all states of the file.
+    pub version: FileVersion,
+}
+
+/// Mark of a state of a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum FileVersion {
+    /// The time of the last change of a file of this machine, in nanoseconds since the beginning of 1970.
+    Modified(i64),
+    /// The tag (ETag) that a host gives the state of a file, or what it says instead.
+    Tag(String),
+}
+
+impl FileState {
+    /// The state of a file; nothing if there is none.
+    ///
+    /// # Errors
+    /// If it cannot be looked at.
+    pub fn of(path: &Path) -> Result<Option<FileState>> {
+        FileState::of_all(&[path])?.pop().expect("as many as were asked for")
+    }
+
+    /// States of files, in their order; nothing of those that are not there. Those elsewhere are asked for all at once.
+    ///
+    /// # Errors
+    /// If nobody can be asked, or on interruption. Of each file, if it cannot be looked at.
+    pub fn of_all(paths: &[&Path]) -> Result<Vec<Result<Option<FileState>>>> {
+        let urls: Vec<&str> = paths.iter().filter_map(|path| url_of(path)).collect();
+        let mut far = match urls.first() {
+            Some(first) => remote_files(Path::new(first))?.look(&urls)?.into_iter(),
+            None => Vec::new().into_iter(),
+        };
+        let state = |path: &&Path| match url_of(path) {
+            Some(_) => far.next().expect("as many as were asked for"),
+            None => here(&local_path(path)),
+        };
+        Ok(paths.iter().map(state).collect())
+    }
+
+    /// The same of files that may stand beside others, which could be read: see [`InputFile::find_beside`](super::InputFile::find_beside).
+    ///
+    /// # Errors
+    /// If one cannot be looked at.
+    pub fn of_all_beside(paths: &[&Path]) -> Result<Vec<Option<FileState>>> {
+        let found = paths.iter().zip(FileState::of_all(paths)?);
+        let found = found.map(|(path, found)| match found {
+            Err(error) if is_hidden(path, &error) => Ok(None),
+            found => found,
+        });
+        found.collect()
+    }
+}
+
+fn here(path: &Path) -> Result<Option<FileState>> {
+    let about = || Error::io(path, "look at");
+    let found = match std::fs::metadata(path) {
+        Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
+            return Ok(None);
+        }
+        found => found.map_err(about())?,
+    };
+    let modified = found.modified().map_err(about())?;
+    let modified = match modified.duration_since(UNIX_EPOCH) {
+        Ok(since) => i64::try_from(since.as_nanos()).unwrap_or(i64::MAX),
+        Err(before) => i64::try_from(before.duration().as_nanos()).map_or(i64::MIN, |nanos| -nanos),
+    };
+    Ok(Some(FileState { length: found.len(), version: FileVersion::Modified(modified) }))
+}
+
+/// Removes files. One that is not there is removed already.
+///
+/// # Errors
+/// If one cannot be removed, or on interruption; others may be removed then.
+pub fn remove_files(paths: &[&Path]) -> Result<()> {
+    let urls: Vec<&str> = paths.iter().filter_map(|path| url_of(path)).collect();
+    if let Some(first) = urls.first() {
+        remote_files(Path::new(first))?.remove(&urls)?;
+    }
+    for path in paths.iter().filter(|path| url_of(path).is_none()) {
+        let path = &*local_path(path);
+        match std::fs::remove_file(path) {
+            Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {}
+            done => done.map_err(Error::io(path, "remove"))?,
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_of_this_machine_have_a_time_until_they_are_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let [one, none] = ["one", "one/none"].map(|name| folder.path().join(name));
+        std::fs::write(&one, "123").unwrap();
+        let found = FileState::of_all(&[&none, &one]).unwrap();
+        assert!(matches!(&found[0], Ok(None)));
+        let state = found[1].as_ref().unwrap().clone().unwrap();
+        assert!(state.length == 3 && matches!(state.version, FileVersion::Modified(time) if time > 0));
+        assert_eq!(FileState::of(&one).unwrap(), Some(state));
+        remove_files(&[&none, &one, &one]).unwrap();
+        assert_eq!(FileState::of(&one).unwrap(), None);
+        assert!(remove_files(&[folder.path()]).is_err());
+    }
+
+    #[test]
+    fn who_knows_no_hosts_says_so() {
+        assert!(
+            FileState::of(Path::new("s3://b/x")).is_err() && remove_files(&[Path::new("s3://b/x")]).is_err()
+        );
+    }
+}

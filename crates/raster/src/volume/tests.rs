@@ -1,0 +1,159 @@
+//! Volumes in shards: the bytes of one build.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use super::{RawLayout, VolumeImport, VolumeInput, VolumeOptions, plan_raw};
+use spinney_base::Result;
+use spinney_base::io::Output;
+use spinney_base::space::{Code, CodeRun, Dimension};
+use spinney_base::value::{Kind, SampleType};
+use spinney_engine::store::goblin::{Shard, ShardPiece, merge_shards};
+use spinney_engine::store::{Effort, Packing, TreeWriter};
+
+/// Cells along x, y and z: more than a unit along two axes.
+const SIZE: [u64; 3] = [150, 70, 131];
+
+/// Samples of two bytes: blobs, noise, and a part that is all alike.
+fn samples() -> Vec<u16> {
+    let mut state = 7u64;
+    let [width, height, planes] = SIZE;
+    let mut samples = Vec::new();
+    for (z, y, x) in
+        (0..planes).flat_map(|z| (0..height).flat_map(move |y| (0..width).map(move |x| (z, y, x))))
+    {
+        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        let noise = if x > 100 { (state >> 60) as u16 } else { 0 };
+        samples.push(if y > 40 { 9 } else { ((x * x + y * z) / 700) as u16 + noise });
+    }
+    samples
+}
+
+/// Builds shards cut at units, which are given by the numbers of those that each begins with, and merges them.
+fn in_shards(
+    folder: &Path,
+    open: &dyn Fn() -> Result<VolumeImport>,
+    cuts: &[u64],
+    effort: Effort,
+) -> Vec<u8> {
+    let (head, merged) = (folder.join("head.goblin"), folder.join("merged.goblin"));
+    let depth = open().unwrap().options().depth;
+    let write = |mut file: TreeWriter| {
+        open().unwrap().write(&mut file, folder, &()).unwrap();
+        file.finish().unwrap();
+    };
+    write(TreeWriter::head(Output::create(&head).unwrap(), (Dimension::Oct, depth), 1).unwrap());
+    let level = depth.saturating_sub(6).min(3);
+    let units = 1u64 << (3 * level);
+    let unit = |number: u64| {
+        let digits = (0..level).rev().map(|digit| (number >> (3 * digit) & 7) as usize);
+        Code::from_digits(Dimension::Oct, digits).unwrap()
+    };
+    let ends: Vec<u64> = cuts.iter().copied().chain([units]).collect();
+    let mut shards = Vec::new();
+    for (number, pair) in (0..).zip(ends.windows(2)) {
+        let mut run = CodeRun::of(unit(pair[0]), unit(pair[1] - 1)).unwrap();
+        if pair[1] == units {
+            run = CodeRun::new(run.ends()[0], CodeRun::ALL.ends()[1]).unwrap();
+        }
+        let pieces = vec![ShardPiece { layer: 0, run }];
+        let shard = Shard { folder: folder.into(), job: 1, number, pieces };
+        write(TreeWriter::shard(&head, shard.clone()).unwrap());
+        shards.push(shard);
+    }
+    merge_shards(&head, &shards, Output::create(&merged).unwrap().into(), (1 << 20, effort), &()).unwrap();
+    std::fs::read(merged).unwrap()
+}
+
+/// Compares the bytes of shards with those of one build.
+fn compare(folder: &Path, effort: Effort, open: &dyn Fn() -> Result<VolumeImport>) {
+    let whole = folder.join("whole.goblin");
+    open().unwrap().build(Output::create(&whole).unwrap(), &()).unwrap();
+    let whole = std::fs::read(whole).unwrap();
+    for cuts in [&[0][..], &[0, 8], &[0, 1, 2, 5, 9, 33, 50]] {
+        assert!(in_shards(folder, open, cuts, effort) == whole, "{cuts:?}");
+    }
+}
+
+#[test]
+fn shards_make_the_bytes_of_a_build() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let samples = samples();
+    let bytes =
+        |order: fn(u16) -> [u8; 2]| samples.iter().flat_map(|sample| order(*sample)).collect::<Vec<u8>>();
+    let mut options = VolumeOptions::new();
+    options.memory = Some(8 << 20);
+
+    // Samples alone, with some that mean VOID, of both orders of bytes, packed and not.
+    let raw = folder.join("a.raw");
+    std::fs::write(&raw, [&[1, 2, 3][..], &bytes(u16::to_be_bytes)].concat()).unwrap();
+    let mut layout = RawLayout::new(SIZE, SampleType::U16);
+    (layout.is_big_endian, layout.skip) = (true, 3);
+    options.nodata = Some(9.into());
+    compare(folder, Effort::Fast, &|| plan_raw(&raw, &layout, &options));
+    options.packing = Packing::packed(Effort::Fast);
+    compare(folder, Effort::Fast, &|| plan_raw(&raw, &layout, &options));
+    (options.nodata, options.packing) = (None, Packing::default());
+    // Floats, and a space of many units of which most are empty.
+    let floats: Vec<u8> =
+        samples.iter().flat_map(|sample| (f32::from(*sample) / 3.0).to_le_bytes()).collect();
+    std::fs::write(&raw, &floats).unwrap();
+    let layout = RawLayout::new(SIZE, SampleType::F32);
+    options.depth = Some(9);
+    compare(folder, Effort::Fast, &|| plan_raw(&raw, &layout, &options));
+    options.depth = None;
+    // A tree of one unit.
+    std::fs::write(&raw, &floats[..4 * 60]).unwrap();
+    let layout = RawLayout::new([5, 4, 3], SampleType::F32);
+    let open = || plan_raw(&raw, &layout, &options);
+    let whole = folder.join("whole.goblin");
+    open().unwrap().build(Output::create(&whole).unwrap(), &()).unwrap();
+    assert!(in_shards(folder, &open, &[0], Effort::Fast) == std::fs::read(whole).unwrap());
+}
+
+#[test]
+fn shards_of_what_comes_from_the_front_make_the_bytes_of_a_build() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let bytes: Vec<u8> = samples().iter().flat_map(|sample| sample.to_le_bytes()).collect();
+    let mut options = VolumeOptions::new();
+    options.kind = Some(Kind::Categorical);
+    let (head, data) = (folder.join("a.nhdr"), folder.join("a.raw.gz"));
+    let mut packed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    packed.write_all(&[&[0; 5][..], &bytes].concat()).unwrap();
+    std::fs::write(&data, packed.finish().unwrap()).unwrap();
+    let [x, y, z] = SIZE;
+    let text = format!(
+        "NRRD0004\ntype: uint16\ndimension: 3\nsizes: {x} {y} {z}\nendian: little\nencoding: gzip\nbyte skip: 5\ndata file: a.raw.gz\n"
+    );
+    std::fs::write(&head, text).unwrap();
+    let input = VolumeInput::File(head.clone());
+    compare(folder, Effort::Fast, &|| input.plan(&options));
+    assert_eq!(input.files().unwrap(), [data, head]);
+}
+
+#[test]
+fn shards_of_sections_make_the_bytes_of_a_build() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let sections = folder.join("sections");
+    std::fs::create_dir(&sections).unwrap();
+    let [width, height, _] = SIZE;
+    let planes = samples();
+    let mut paths: Vec<PathBuf> = Vec::new();
+    for (z, plane) in planes.chunks_exact((width * height) as usize).enumerate() {
+        let path = sections.join(format!("{z}.png"));
+        let file = std::fs::File::create(&path).unwrap();
+        let mut encoder = png::Encoder::new(file, width as u32, height as u32);
+        encoder.set_color(png::ColorType::Grayscale);
+        let grey: Vec<u8> = plane.iter().map(|sample| *sample as u8).collect();
+        encoder.write_header().unwrap().write_image_data(&grey).unwrap();
+        paths.push(path);
+    }
+    let options = VolumeOptions::new();
+    let input = VolumeInput::Sections(vec![sections]);
+    compare(folder, Effort::Fast, &|| input.plan(&options));
+    let files = input.files().unwrap();
+    assert!(paths.iter().all(|path| files.contains(path)) && files.len() > 2 * paths.len());
+}

@@ -1,0 +1,79 @@
+//! States of files elsewhere, without their bytes, and their removal.
+
+use std::path::Path;
+
+use futures_util::StreamExt;
+use futures_util::stream;
+use object_store::{Error as StoreError, GetOptions, GetRange, ObjectMeta, ObjectStore, ObjectStoreExt};
+use spinney_base::Result;
+use spinney_base::io::{FileState, FileVersion, rounds};
+
+use super::store::Place;
+use super::{RemoteOptions, error, runtime};
+
+/// Files that are looked at, or removed, at the same time.
+const AT_ONCE: usize = 32;
+
+/// The state that a host tells of a file. Hosts without tags tell the time of the last change.
+pub(super) fn state(meta: &ObjectMeta) -> FileState {
+    let tag = meta.e_tag.clone().unwrap_or_else(|| format!("{} ms", meta.last_modified.timestamp_millis()));
+    FileState { length: meta.size, version: FileVersion::Tag(tag) }
+}
+
+/// States of files, in their order; nothing of those that are not there.
+///
+/// # Errors
+/// On interruption. Of each file, if its host does not tell.
+pub(super) fn look(urls: &[&str], options: &RemoteOptions) -> Result<Vec<Result<Option<FileState>>>> {
+    let one = |url: &str| {
+        let place = Place::of(url, &[], options);
+        let path = Path::new(url).to_path_buf();
+        async move {
+            match head(&place?).await {
+                Ok(meta) => Ok(Some(state(&meta))),
+                Err(StoreError::NotFound { .. }) => Ok(None),
+                Err(cause) => Err(error::of_store(&path, "look at", cause)),
+            }
+        }
+    };
+    let Some(first) = urls.first() else { return Ok(Vec::new()) };
+    let all = stream::iter(urls.iter().map(|url| one(url))).buffered(AT_ONCE).collect::<Vec<_>>();
+    let found = runtime::wait(Path::new(first), options.is_stopped, all)?;
+    rounds::count_traffic(urls.len() as u64, 0);
+    Ok(found)
+}
+
+/// What a host tells of a file.
+async fn head(place: &Place) -> object_store::Result<ObjectMeta> {
+    match place.store.head(&place.name).await {
+        // (Signatures of URLs are for reading alone, and some servers know nothing else. The name in a server is the URL.)
+        Err(cause) if place.name.is_root() && !matches!(cause, StoreError::NotFound { .. }) => {
+            let options = GetOptions { range: Some(GetRange::Bounded(0..1)), ..GetOptions::default() };
+            place.store.get_opts(&place.name, options).await.map(|found| found.meta)
+        }
+        found => found,
+    }
+}
+
+/// Removes files, those that are there.
+///
+/// # Errors
+/// If one cannot be removed, or on interruption; others may be removed then.
+pub(super) fn remove(urls: &[&str], options: &RemoteOptions) -> Result<()> {
+    let one = |url: &str| {
+        let place = Place::of(url, &[], options);
+        let path = Path::new(url).to_path_buf();
+        async move {
+            let place = place?;
+            match place.store.delete(&place.name).await {
+                Err(StoreError::NotFound { .. }) => Ok(()),
+                done => done.map_err(|cause| error::of_store(&path, "remove", cause)),
+            }
+        }
+    };
+    let Some(first) = urls.first() else { return Ok(()) };
+    let all = stream::iter(urls.iter().map(|url| one(url))).buffered(AT_ONCE).collect::<Vec<_>>();
+    let done = runtime::wait(Path::new(first), options.is_stopped, all)?;
+    rounds::count_traffic(urls.len() as u64, 0);
+    done.into_iter().collect()
+}

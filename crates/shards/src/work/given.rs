@@ -1,0 +1,40 @@
+//! Layers whose cells only the caller has: arrays in memory, or of another package.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use spinney_base::{Error, Progress, Result};
+use spinney_engine::store::Packing;
+
+use super::packing::PlannedPacking;
+use super::{PartOfJob, Work};
+
+/// Layers that are given, as a plan tells them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Given {
+    /// A text that differs where cells do.
+    pub(crate) token: String,
+    packing: PlannedPacking,
+}
+
+impl Given {
+    pub(crate) fn of(token: &str, packing: Packing) -> Given {
+        Given { token: token.into(), packing: PlannedPacking::of(packing) }
+    }
+}
+
+impl Work for Given {
+    fn files_of(&self, _: &Path) -> Result<Vec<PathBuf>> {
+        Ok(Vec::new())
+    }
+
+    fn packing(&self) -> Result<Packing> {
+        self.packing.packing()
+    }
+
+    fn build(&self, part: PartOfJob, _: u64, _: &dyn Progress) -> Result<()> {
+        let advice = "build it with `spinney.dask.build` of the array, which goes on with this job";
+        Err(Error::unsupported(part.head, "a shard of arrays, which are in no file,", advice))
+    }
+}

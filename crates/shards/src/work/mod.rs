@@ -1,0 +1,242 @@
+//! Kinds of work that shards do: for each there is a file that plans it and builds a shard of it.
+
+mod combining;
+mod given;
+mod import_options;
+mod packing;
+mod pictures;
+mod solids;
+mod stacks;
+mod transforming;
+mod trees;
+mod volumes;
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use spinney_base::io::Output;
+use spinney_base::space::Bounds;
+use spinney_base::value::Number;
+use spinney_base::{Error, Progress, Result};
+use spinney_container::Header;
+use spinney_engine::ops::{Chain, Operation, Universe};
+use spinney_engine::store::goblin::Shard;
+use spinney_engine::store::{Packing, ShardCheck, TreeTarget};
+use spinney_mesh::import::SolidOptions;
+use spinney_raster::import::{ImportOptions, StackOptions};
+use spinney_raster::volume::{VolumeInput, VolumeOptions};
+
+use self::combining::Combining;
+pub(crate) use self::given::Given;
+use self::pictures::Pictures;
+use self::solids::Solid;
+use self::stacks::Stack;
+use self::transforming::Transforming;
+use self::volumes::Volume;
+use crate::job::PlannedInput;
+
+/// Specification of a job: what is made, and of what. Memory and sharing of equal subtrees that options tell are no part of a plan.
+#[derive(Clone, Debug)]
+pub enum JobSpec {
+    /// A tree of a picture, or of several on one grid, as one layer.
+    Pictures {
+        /// The pictures; the last lies on top.
+        inputs: Vec<PathBuf>,
+        /// Options of their import.
+        options: ImportOptions,
+    },
+    /// Pictures beside each other, as layers.
+    Stack {
+        /// Files of the layers.
+        inputs: Vec<PathBuf>,
+        /// Options of their import.
+        options: StackOptions,
+    },
+    /// An octree of a volume.
+    Volume {
+        /// Its files, and the way in which they are read.
+        input: VolumeInput,
+        /// Options of its import.
+        options: VolumeOptions,
+    },
+    /// An octree of what models enclose, whose surface is closed.
+    Solid {
+        /// Files of the models, which become one solid.
+        inputs: Vec<PathBuf>,
+        /// Options of their import.
+        options: SolidOptions,
+    },
+    /// A tree with steps done to it: see [`transform`](spinney_engine::ops::transform).
+    Transform {
+        /// The tree, and the steps.
+        chain: Chain,
+        /// The way in which segments are packed.
+        packing: Packing,
+    },
+    /// One tree of several: see [`combine`](spinney_engine::ops::combine).
+    Combine {
+        /// The trees.
+        inputs: Vec<PathBuf>,
+        /// The way in which they are merged.
+        operation: Operation,
+        /// Value of cells that the operation makes of nothing.
+        fill: Option<Number>,
+        /// The place where it does that.
+        universe: Universe,
+        /// The way in which segments are packed.
+        packing: Packing,
+    },
+}
+
+impl JobSpec {
+    /// The files that are read, as they are named: each of a mosaic, of a stack and of trees that are combined; the tree of a chain, and those of its steps.
+    pub fn inputs(&self) -> Vec<PathBuf> {
+        match self {
+            JobSpec::Pictures { inputs, .. }
+            | JobSpec::Stack { inputs, .. }
+            | JobSpec::Solid { inputs, .. }
+            | JobSpec::Combine { inputs, .. } => inputs.clone(),
+            JobSpec::Volume { input, .. } => input.paths().to_vec(),
+            JobSpec::Transform { chain, .. } => transforming::files(chain),
+        }
+    }
+
+    /// Writes a file that tells of the layers. Inputs are the [planned ones](JobSpec::inputs).
+    pub(crate) fn write_head(
+        &self,
+        inputs: &[PlannedInput],
+        head: Output,
+        progress: &dyn Progress,
+    ) -> Result<Told> {
+        match self {
+            JobSpec::Pictures { inputs: paths, options } => {
+                pictures::write_head((paths, inputs), options, head, progress)
+            }
+            JobSpec::Stack { inputs: paths, options } => {
+                stacks::write_head((paths, inputs), options, head, progress)
+            }
+            JobSpec::Volume { input, options } => volumes::write_head(input, options, head, progress),
+            JobSpec::Solid { inputs: paths, options } => {
+                solids::write_head((paths, inputs), options, head, progress)
+            }
+            JobSpec::Transform { chain, packing } => {
+                transforming::write_head(chain, *packing, head, progress)
+            }
+            JobSpec::Combine { inputs: paths, operation, fill, universe, packing } => {
+                let how = (*operation, *fill, *universe);
+                combining::write_head(paths, how, *packing, head, progress)
+            }
+        }
+    }
+}
+
+/// Bytes of input that make the cells in a box of a layer.
+pub(crate) struct Load {
+    pub(crate) layer: usize,
+    pub(crate) cells: Bounds,
+    pub(crate) bytes: u64,
+}
+
+/// Knowledge of a job when what is told of its layers is written.
+pub(crate) struct Told {
+    /// What the plan says of the work.
+    pub(crate) work: PlannedWork,
+    /// Which input makes which cells; where nothing is known of that, all input is taken to be spread over all cells.
+    pub(crate) loads: Vec<Load>,
+    /// Description of the tree: pairs of a heading and its text.
+    pub(crate) description: Vec<(&'static str, String)>,
+}
+
+/// Work as a plan tells it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum PlannedWork {
+    Pictures(Box<Pictures>),
+    Stack(Box<Stack>),
+    Volume(Box<Volume>),
+    Solid(Box<Solid>),
+    Transform(Transforming),
+    Combine(Combining),
+    Given(Given),
+}
+
+impl PlannedWork {
+    /// The work of a specification, as far as it is known before inputs are looked at.
+    pub(crate) fn of(spec: &JobSpec) -> Result<PlannedWork> {
+        Ok(match spec {
+            JobSpec::Pictures { options, .. } => PlannedWork::Pictures(Box::new(Pictures::of(options))),
+            JobSpec::Stack { options, .. } => PlannedWork::Stack(Box::new(Stack::of(options))),
+            JobSpec::Volume { input, options } => PlannedWork::Volume(Box::new(Volume::of(input, options))),
+            JobSpec::Solid { inputs, options } => PlannedWork::Solid(Box::new(Solid::of(inputs, options)?)),
+            JobSpec::Transform { chain, packing } => {
+                PlannedWork::Transform(Transforming::of(chain, *packing)?)
+            }
+            JobSpec::Combine { operation, fill, universe, packing, .. } => {
+                PlannedWork::Combine(Combining::of(*operation, *fill, *universe, *packing))
+            }
+        })
+    }
+
+    pub(crate) fn work(&self) -> &dyn Work {
+        match self {
+            PlannedWork::Pictures(work) => &**work,
+            PlannedWork::Stack(work) => &**work,
+            PlannedWork::Volume(work) => &**work,
+            PlannedWork::Solid(work) => &**work,
+            PlannedWork::Transform(work) => work,
+            PlannedWork::Combine(work) => work,
+            PlannedWork::Given(work) => work,
+        }
+    }
+}
+
+/// Kind of work. All that it is told by a plan may be damaged.
+pub(crate) trait Work {
+    /// The files that reading an input looks at, itself among them.
+    fn files_of(&self, input: &Path) -> Result<Vec<PathBuf>>;
+
+    /// The way in which segments are packed.
+    fn packing(&self) -> Result<Packing>;
+
+    /// Makes sure that all that is told fits so many inputs and these layers.
+    fn check(&self, _inputs: usize, _layers: &[Header]) -> Result<()> {
+        self.packing().map(|_| ())
+    }
+
+    /// Numbers of the inputs that a shard is made of.
+    fn touched(&self, inputs: usize, _shard: &Shard, _layers: &[Header]) -> Vec<usize> {
+        (0..inputs).collect()
+    }
+
+    /// Makes a shard.
+    fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()>;
+}
+
+/// A shard that is to be made.
+pub(crate) struct PartOfJob {
+    /// The inputs that it is made of, each with its number.
+    pub(crate) inputs: Vec<(usize, PathBuf)>,
+    /// The file that tells of the layers.
+    pub(crate) head: PathBuf,
+    pub(crate) shard: Shard,
+    /// Makes sure that the inputs are those that were planned.
+    pub(crate) check: ShardCheck,
+}
+
+impl PartOfJob {
+    /// Paths of the inputs.
+    fn paths(&self) -> Vec<PathBuf> {
+        self.inputs.iter().map(|(_, path)| path.clone()).collect()
+    }
+
+    /// The shard as a place where trees are written to.
+    fn target(self) -> TreeTarget {
+        let PartOfJob { head, shard, check, .. } = self;
+        TreeTarget::Shard { head, shard, check }
+    }
+}
+
+/// A number that a plan has as a text, so that every digit of it stays.
+fn number<T: std::str::FromStr>(text: &str) -> Result<T> {
+    text.parse().map_err(|_| Error::invalid("number", format!("`{text}`"), "a number"))
+}

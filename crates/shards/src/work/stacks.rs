@@ -1,0 +1,111 @@
+//! Stack: pictures beside each other, as layers.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use spinney_base::io::Output;
+use spinney_base::space::{Bounds, Dimension};
+use spinney_base::{Error, Progress, Result};
+use spinney_container::Header;
+use spinney_engine::store::{Packing, TreeWriter};
+use spinney_raster::import::{Stack as RasterStack, StackLayer, StackOptions, plan_stack, write_layers};
+
+use super::import_options::PlannedImport;
+use super::{Load, PartOfJob, PlannedWork, Told, Work};
+use crate::job::PlannedInput;
+
+/// Layers of a file, one or more of each input.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Stack {
+    options: PlannedImport,
+    names: Option<Vec<String>>,
+    times: Option<Vec<String>>,
+    every_page: bool,
+}
+
+impl Stack {
+    pub(super) fn of(options: &StackOptions) -> Stack {
+        let StackOptions { import, names, times, every_page, .. } = options;
+        let (names, times, every_page) = (names.clone(), times.clone(), *every_page);
+        Stack { options: PlannedImport::of(import), names, times, every_page }
+    }
+
+    fn options(&self, memory: Option<u64>) -> Result<StackOptions> {
+        let mut stack = StackOptions::new();
+        stack.import = self.options.import(memory)?;
+        (stack.names, stack.times) = (self.names.clone(), self.times.clone());
+        stack.every_page = self.every_page;
+        Ok(stack)
+    }
+}
+
+/// Writes a file that tells of the layers.
+pub(super) fn write_head(
+    (paths, inputs): (&[PathBuf], &[PlannedInput]),
+    options: &StackOptions,
+    head: Output,
+    progress: &dyn Progress,
+) -> Result<Told> {
+    let stack = plan_stack(paths, options)?;
+    if let Some(layer) = stack.layers.iter().find(|layer| layer.is_warped()) {
+        let found = "a layer on another grid than the finest, in shards,";
+        let advice = "build its file by itself with --grid first, and stack the others";
+        return Err(Error::unsupported(layer.path(), found, advice));
+    }
+    let mut file = TreeWriter::head(head, (Dimension::Quad, stack.depth), stack.layers.len() as u32)?;
+    write_layers(&stack, &mut file, Path::new(""), progress)?;
+    file.finish()?;
+    let size_of = |path: &Path| {
+        let input = paths.iter().position(|input| input == path);
+        input.map_or(0, |input| inputs[input].bytes())
+    };
+    let (loads, description) = (loads(&stack, size_of), stack.description().to_vec());
+    Ok(Told { work: PlannedWork::Stack(Box::new(Stack::of(options))), loads, description })
+}
+
+/// The layers of a stack, each with its share of its file's bytes.
+fn loads(stack: &RasterStack, size_of: impl Fn(&Path) -> u64) -> Vec<Load> {
+    let load = |(layer, found): (usize, &StackLayer)| {
+        let of_file = stack.layers.iter().filter(|other| other.path() == found.path()).count() as u64;
+        Load { layer, cells: Bounds::picture(found.extent), bytes: size_of(found.path()) / of_file.max(1) }
+    };
+    stack.layers.iter().enumerate().map(load).collect()
+}
+
+impl Work for Stack {
+    fn files_of(&self, input: &Path) -> Result<Vec<PathBuf>> {
+        self.options.files_of(input)
+    }
+
+    fn packing(&self) -> Result<Packing> {
+        self.options.packing()
+    }
+
+    fn check(&self, _: usize, _: &[Header]) -> Result<()> {
+        self.options(None).map(|_| ())
+    }
+
+    fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
+        let stack = plan_stack(&part.paths(), &self.options(Some(memory))?)?;
+        let folder = part.shard.temporary().to_path_buf();
+        let mut file = part.target().start((Dimension::Quad, stack.depth), stack.layers.len() as u32)?;
+        write_layers(&stack, &mut file, &folder, progress)?;
+        file.finish()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_come_back() {
+        let mut stack = StackOptions::new();
+        stack.every_page = true;
+        (stack.names, stack.times) = (Some(vec!["a".into()]), Some(vec!["2024-05-31".into()]));
+        let text = serde_json::to_string(&Stack::of(&stack)).unwrap();
+        let again: Stack = serde_json::from_str(&text).unwrap();
+        assert_eq!(again.options(stack.import.memory).unwrap(), stack);
+    }
+}

@@ -1,0 +1,131 @@
+//! Trees of one other, with steps done to it.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use spinney_base::io::Output;
+use spinney_base::{Error, Progress, Result};
+use spinney_container::Header;
+use spinney_engine::ops::{Chain, Step, WarpOptions, transform_to};
+use spinney_engine::store::{Packing, TreeTarget, WriteOptions};
+
+use super::packing::PlannedPacking;
+use super::trees::{LITTLE, description, files_of};
+use super::{PartOfJob, PlannedWork, Told, Work, number};
+use crate::stamp::absolute;
+
+/// A chain but for its tree, which is the first input.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Transforming {
+    /// Steps, with their files from the root of the file system on.
+    steps: Vec<String>,
+    moves: bool,
+    resampling: Option<String>,
+    allow_ballpark: bool,
+    level_cells: Option<String>,
+    packing: PlannedPacking,
+}
+
+/// The files of a chain: its tree, and those of its steps.
+pub(super) fn files(chain: &Chain) -> Vec<PathBuf> {
+    let of_steps = chain.steps.iter().flat_map(Step::files);
+    [&*chain.path].into_iter().chain(of_steps).map(Path::to_path_buf).collect()
+}
+
+impl Transforming {
+    pub(super) fn of(chain: &Chain, packing: Packing) -> Result<Transforming> {
+        let step = |step: &Step| {
+            let step = step.with_files(&absolute)?;
+            let text = step.to_string();
+            if text.parse::<Step>().ok().as_ref() != Some(&step) {
+                let advice = "do this step in one go, and the others in shards";
+                return Err(Error::unsupported(
+                    &chain.path,
+                    format!("the step {text}, which no text tells,"),
+                    advice,
+                ));
+            }
+            Ok(text)
+        };
+        Ok(Transforming {
+            steps: chain.steps.iter().map(step).collect::<Result<_>>()?,
+            moves: chain.moves,
+            resampling: chain.warp.resampling.map(|way| way.to_string()),
+            allow_ballpark: chain.warp.allow_ballpark,
+            level_cells: chain.warp.level_cells.map(|cells| cells.to_string()),
+            packing: PlannedPacking::of(packing),
+        })
+    }
+
+    /// The chain on a tree.
+    fn chain(&self, path: &Path) -> Result<Chain> {
+        let mut warp = WarpOptions::default();
+        warp.resampling = self.resampling.as_deref().map(str::parse).transpose()?;
+        warp.allow_ballpark = self.allow_ballpark;
+        warp.level_cells = self.level_cells.as_deref().map(number).transpose()?;
+        let steps = self.steps.iter().map(|step| step.parse()).collect::<Result<_>>()?;
+        Ok(Chain { path: path.into(), steps, moves: self.moves, warp })
+    }
+}
+
+/// Writes a file that tells of the layers.
+pub(super) fn write_head(
+    chain: &Chain,
+    packing: Packing,
+    head: Output,
+    progress: &dyn Progress,
+) -> Result<Told> {
+    let how = WriteOptions::new(LITTLE).packing(packing);
+    let outcome = transform_to(chain, TreeTarget::Head(head), how, progress)?;
+    let work = PlannedWork::Transform(Transforming::of(chain, packing)?);
+    Ok(Told { work, loads: Vec::new(), description: description(&outcome) })
+}
+
+impl Work for Transforming {
+    fn files_of(&self, input: &Path) -> Result<Vec<PathBuf>> {
+        files_of(input)
+    }
+
+    fn packing(&self) -> Result<Packing> {
+        self.packing.packing()
+    }
+
+    fn check(&self, inputs: usize, _: &[Header]) -> Result<()> {
+        self.packing()?;
+        let found = files(&self.chain(Path::new(""))?).len();
+        if found == inputs {
+            return Ok(());
+        }
+        Err(Error::invalid("inputs", inputs.to_string(), format!("{found}, a tree and the steps' files")))
+    }
+
+    fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
+        let (chain, how) =
+            (self.chain(&part.inputs[0].1)?, WriteOptions::new(memory).packing(self.packing()?));
+        transform_to(&chain, part.target(), how, progress).map(|_| ())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spinney_engine::ops::Resampling;
+
+    #[test]
+    fn chains_come_back() {
+        let mut chain = Chain::of(Path::new("/a/b.goblin"));
+        let steps = ["rotate=0.1@2.5,3e-7", "like=/x, y.goblin", "calc=(a-b1)/3,a=\"/c, d.goblin\",type=f64"];
+        chain.steps = steps.iter().map(|step| step.parse().unwrap()).collect();
+        chain.moves = true;
+        chain.warp.resampling = Some(Resampling::Cubic);
+        chain.warp.level_cells = Some(WarpOptions::LOOK);
+        let planned = Transforming::of(&chain, Packing::default()).unwrap();
+        let text = serde_json::to_string(&planned).unwrap();
+        let again: Transforming = serde_json::from_str(&text).unwrap();
+        assert_eq!(again.chain(&chain.path).unwrap(), chain);
+        assert_eq!(files(&chain), ["/a/b.goblin", "/x, y.goblin", "/c, d.goblin"].map(PathBuf::from));
+        again.check(3, &[]).unwrap();
+        again.check(2, &[]).unwrap_err();
+    }
+}

@@ -1,0 +1,30 @@
+//! Trees as inputs.
+
+use std::path::{Path, PathBuf};
+
+use spinney_base::Result;
+use spinney_container::FilePlace;
+use spinney_engine::ops::Outcome;
+use spinney_manifest::{Manifest, is_manifest_file};
+
+/// Bytes of memory for writing what has no cells.
+pub(super) const LITTLE: u64 = 1 << 20;
+
+/// The files that reading a tree looks at: its own, and those that a manifest lists.
+pub(super) fn files_of(input: &Path) -> Result<Vec<PathBuf>> {
+    let file = FilePlace::of(input).file.into_owned();
+    if !is_manifest_file(&file) {
+        return Ok(vec![file]);
+    }
+    let listed = Manifest::open(&file)?.entries;
+    let listed = listed.iter().map(|listed| listed.file(&file)).collect::<Result<Vec<_>>>()?;
+    Ok([vec![file], listed].concat())
+}
+
+/// The result in a few words.
+pub(super) fn description(outcome: &Outcome) -> Vec<(&'static str, String)> {
+    let [width, height, depth] = outcome.extent;
+    let size =
+        if depth > 1 { format!("{width} x {height} x {depth}") } else { format!("{width} x {height}") };
+    vec![("size", format!("{size} cells, depth {}", outcome.depth))]
+}

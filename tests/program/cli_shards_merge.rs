@@ -1,0 +1,114 @@
+//! Shards that are removed while they are put together: there is room for one of both, and whoever is cut off goes on.
+
+use std::fs;
+use std::io::Write as _;
+use std::process::{Command, Stdio};
+use std::thread::sleep;
+use std::time::Duration;
+
+use crate::cli_shards::{Place, job};
+use crate::common::command::{complaint, spinney};
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_spinney");
+
+fn build_all(job: &str, shards: u32) {
+    for number in 0..shards {
+        spinney(&["-q", "shard", "build", job, &number.to_string()]).success();
+    }
+}
+
+/// Bytes of all run files of a job.
+fn run_bytes(place: &Place) -> u64 {
+    let Ok(files) = fs::read_dir(place.path("job/shards")) else { return 0 };
+    let runs = files
+        .map(|file| file.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|end| end == "run"));
+    runs.map(|path| fs::metadata(path).unwrap().len()).sum()
+}
+
+#[test]
+fn shards_are_removed_as_they_are_merged() {
+    let place = Place::new();
+    let (job, whole) = job(&place, "9");
+    build_all(&job, 9);
+    let (all, merged) = (run_bytes(&place), place.name("merged.goblin"));
+    let merge = ["-q", "shard", "merge", &job, "-o", &merged, "--remove"];
+    // Cut off again and again, later and later; what is done stays done.
+    let mut left = all;
+    for delay in (0..).step_by(2) {
+        let mut child = Command::new(PROGRAM).args(merge).stderr(Stdio::null()).spawn().unwrap();
+        sleep(Duration::from_millis(delay));
+        child.kill().unwrap();
+        child.wait().unwrap();
+        let now = run_bytes(&place);
+        assert!(now <= left);
+        left = now;
+        if left < all || place.path("merged.goblin").exists() {
+            break;
+        }
+    }
+    if !place.path("merged.goblin").exists() {
+        // (Without --remove the shards that are gone are missing.)
+        let plain = complaint(&["shard", "merge", &job, "-o", &place.name("plain.goblin")], 1);
+        assert!(plain.contains("missing"), "{plain}");
+        spinney(&merge).success();
+    }
+    assert!(fs::read(&merged).unwrap() == whole);
+    assert!(!place.path("job").exists() && !place.path("merged.goblin.partial").exists());
+}
+
+#[test]
+fn a_file_that_is_there_in_part_is_checked() {
+    let place = Place::new();
+    let (job, whole) = job(&place, "9");
+    build_all(&job, 9);
+    let merged = place.name("merged.goblin");
+    let merge = ["-q", "shard", "merge", &job, "-o", &merged, "--remove"];
+    let (partial, runs) = (place.path("merged.goblin.partial"), place.path("job/shards"));
+    // As if somebody had been cut off behind the first two runs: what else is there does not matter.
+    let header = &whole[..fs::read(place.path("job/head.goblin"))
+        .unwrap()
+        .iter()
+        .zip(&whole)
+        .take_while(|(a, b)| a == b)
+        .count()];
+    let [first, second] = ["0000-0.run", "0001-0.run"].map(|name| fs::read(runs.join(name)).unwrap());
+    let start = (0..=header.len()).find(|start| whole[*start..].starts_with(&first)).unwrap();
+    let end = start + first.len() + second.len();
+    let mut bytes = whole[..end].to_vec();
+    bytes.extend_from_slice(&[7; 100_000]);
+    fs::remove_file(runs.join("0000-0.run")).unwrap();
+    fs::remove_file(runs.join("0001-0.run")).unwrap();
+    // Damaged, too short, or not there at all.
+    bytes[start + first.len() / 2] ^= 1;
+    fs::write(&partial, &bytes).unwrap();
+    let damaged = complaint(&merge, 1);
+    assert!(damaged.contains("merged.goblin.partial") && damaged.contains("segment"), "{damaged}");
+    fs::write(&partial, &whole[..end - 1]).unwrap();
+    assert!(complaint(&merge, 1).contains("build it again"));
+    fs::remove_file(&partial).unwrap();
+    assert!(complaint(&merge, 1).contains("build it again"));
+    bytes[start + first.len() / 2] ^= 1;
+    fs::write(&partial, &bytes).unwrap();
+    // Whoever builds one of them again loses nothing.
+    spinney(&["-q", "shard", "build", &job, "1"]).success();
+    spinney(&merge).success();
+    assert!(fs::read(&merged).unwrap() == whole);
+    assert!(!place.path("job").exists());
+}
+
+#[test]
+fn streams_and_two_at_once_are_refused() {
+    let place = Place::new();
+    let (job, _) = job(&place, "2");
+    build_all(&job, 2);
+    let stream = complaint(&["shard", "merge", &job, "-o", "-", "--remove"], 1);
+    assert!(stream.contains("stream"), "{stream}");
+    let partial = fs::File::create(place.path("merged.goblin.partial")).unwrap();
+    partial.lock().unwrap();
+    (&partial).write_all(b"x").unwrap();
+    let locked = complaint(&["shard", "merge", &job, "-o", &place.name("merged.goblin"), "--remove"], 1);
+    assert!(locked.contains("another process"), "{locked}");
+    assert_eq!(place.leftovers("job/shards"), Vec::<String>::new());
+    assert!(run_bytes(&place) > 0);
+}

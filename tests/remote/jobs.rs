@@ -1,0 +1,100 @@
+//! Jobs, pictures and outputs elsewhere.
+
+use std::path::{Path, PathBuf};
+
+use spinney::import::raster::{ImportOptions, plan as plan_pictures};
+use spinney::io::{FileState, Output};
+use spinney::shards::{Job, JobSpec, plan};
+use spinney::{Error, Result};
+
+use super::server;
+use super::server::{Fault, Server};
+
+fn picture(name: &str) -> Vec<u8> {
+    std::fs::read(format!("{}/fixtures/{name}", env!("CARGO_MANIFEST_DIR"))).unwrap()
+}
+
+fn is_there(url: &str) -> bool {
+    FileState::of(Path::new(url)).unwrap().is_some()
+}
+
+fn spec(url: &str) -> JobSpec {
+    JobSpec::Pictures { inputs: vec![url.into()], options: ImportOptions::new() }
+}
+
+/// The file that is built of a picture in one go.
+fn whole(url: &str, folder: &Path) -> Vec<u8> {
+    let path = folder.join("whole.goblin");
+    let import = plan_pictures(&[url.into()], &ImportOptions::new()).unwrap();
+    import.build(Output::create(&path).unwrap(), &()).unwrap();
+    std::fs::read(path).unwrap()
+}
+
+/// Builds a job, and puts it together on this machine.
+fn make(job: &Path, folder: &Path) -> Result<Vec<u8>> {
+    let merged = folder.join("merged.goblin");
+    for number in 0..Job::open(job)?.shards() {
+        Job::open(job)?.build(number, 64 << 20, &())?;
+    }
+    Job::open(job)?.merge(Output::create(&merged)?, 64 << 20, &())?;
+    Ok(std::fs::read(merged).unwrap())
+}
+
+#[test]
+fn jobs_elsewhere_make_the_same_bytes_and_are_removed() {
+    let server = server();
+    let folder = tempfile::tempdir().unwrap();
+    let url = server.put("jobs/elevation.tif", picture("island_elevation.tif")) + "?signed=a.b";
+    let expected = whole(&url, folder.path());
+    let places = ["memory:///jobs/a".into(), folder.path().join("job")];
+    for job in places {
+        assert!(!plan(&spec(&url), &job, Some(3), &()).unwrap().was_there);
+        assert!(plan(&spec(&url), &job, Some(3), &()).unwrap().was_there);
+        let other = plan(&spec(&url), &job, Some(4), &()).unwrap_err();
+        assert!(matches!(other, Error::NotPlanned { .. }), "{other}");
+        assert_eq!(Job::open(&job).unwrap().missing().unwrap(), [0, 1, 2]);
+        assert!(make(&job, folder.path()).unwrap() == expected);
+        assert!(Job::open(&job).unwrap().missing().unwrap().is_empty());
+        let plan: PathBuf = job.join("plan.json");
+        assert!(FileState::of(&plan).unwrap().is_some());
+        Job::open(&job).unwrap().remove().unwrap();
+        assert!(Job::find(&job).unwrap().is_none() && FileState::of(&plan).unwrap().is_none());
+    }
+    assert!(!folder.path().join("job").exists());
+    let left = ["head.goblin", "shards/0000.light", "shards/0001.light", "shards/0001-0.run"];
+    assert!(!left.iter().any(|name| is_there(&format!("memory:///jobs/a/{name}"))));
+}
+
+#[test]
+fn pictures_that_hosts_do_not_give_are_told() {
+    let server = server();
+    let folder = tempfile::tempdir().unwrap();
+    let url = server.put("told/classes.tif", picture("island_classes.tif"));
+    // What a host does wrong for a while does no harm. (Nothing is known of a file with another query.)
+    for (number, fault) in [Fault::Busy(2), Fault::CutBodies(2)].into_iter().enumerate() {
+        let (url, job) = (format!("{url}?{number}"), folder.path().join(format!("{number}")));
+        server.set_fault(fault);
+        plan(&spec(&url), &job, Some(2), &()).unwrap();
+        server.set_fault(fault);
+        let made = make(&job, folder.path()).unwrap();
+        server.set_fault(Fault::None);
+        assert!(made == whole(&url, folder.path()));
+    }
+    let fails = |server: &Server, name: &str, fault| {
+        let job = folder.path().join(name);
+        plan(&spec(&url), &job, Some(1), &()).unwrap();
+        server.set_fault(fault);
+        let error = Job::open(&job).unwrap().build(0, 64 << 20, &()).unwrap_err();
+        server.set_fault(Fault::None);
+        assert!(error.to_string().contains("told/classes.tif"), "{error}");
+        assert_eq!(Job::open(&job).unwrap().missing().unwrap(), [0]);
+        error
+    };
+    assert!(matches!(fails(&server, "forbidden", Fault::Forbidden), Error::Io { .. }));
+    assert!(matches!(fails(&server, "changed", Fault::Changes(0)), Error::NotPlanned { .. }));
+    // Files beside a picture that nobody may read are not there.
+    assert!(!is_there(&format!("{}/told/none.prj", server.address)));
+    let gone =
+        plan(&spec(&format!("{}/told/none.tif", server.address)), &folder.path().join("none"), None, &());
+    assert!(gone.unwrap_err().to_string().contains("none.tif"));
+}
