@@ -24,7 +24,7 @@ pub(crate) fn random(seed: u64) -> impl FnMut() -> u64 {
     }
 }
 
-fn layout() -> RowLayout {
+pub(crate) fn layout() -> RowLayout {
     let attribute = |(name, sample): &(&str, SampleType)| PointAttribute::new(*name, *sample);
     RowLayout::packed(
         [("classification", SampleType::U8), ("gps_time", SampleType::F64), ("height", SampleType::F32)]
@@ -35,7 +35,7 @@ fn layout() -> RowLayout {
 }
 
 /// Rows of points at places, with attributes by number.
-fn rows(places: impl IntoIterator<Item = [i32; 3]>, layout: &RowLayout) -> Vec<u8> {
+pub(crate) fn rows(places: impl IntoIterator<Item = [i32; 3]>, layout: &RowLayout) -> Vec<u8> {
     let mut rows = Vec::new();
     for (number, place) in places.into_iter().enumerate() {
         place.iter().for_each(|step| rows.extend_from_slice(&step.to_le_bytes()));
@@ -98,7 +98,7 @@ fn sorted(rows: &[u8], keep: impl Fn(&[u8]) -> bool) -> Vec<Vec<u8>> {
 }
 
 /// Places of all kinds: scattered, on a plane, in clumps, equal ones, on lines that divide.
-fn all_places(count: usize, seed: u64) -> Vec<[i32; 3]> {
+pub(crate) fn all_places(count: usize, seed: u64) -> Vec<[i32; 3]> {
     let mut random = random(seed);
     let mut number = |below: u64| (random() % below) as i32;
     (0..count)
@@ -266,7 +266,7 @@ fn bytes_are_the_same_with_little_memory_and_many_threads() {
 }
 
 /// Clumps of points in one part of the space after the other, on all scales: of most nodes there are more than any memory has room for.
-fn clumped_places(count: usize, seed: u64) -> Vec<[i32; 3]> {
+pub(crate) fn clumped_places(count: usize, seed: u64) -> Vec<[i32; 3]> {
     let mut random = random(seed);
     let clumps = [(16, 700_000), (12, 30_000), (9, 31_500), (20, 0)];
     (0..count)

@@ -7,9 +7,11 @@
 //! Parts come out in one order, however many assemblers share the work: nodes as they end, each behind all nodes below it, and a node's blocks right before
 //! the node. So a node's own blocks wait until it ends, and what was handed up comes out before anything that is behind it.
 
+use super::PieceSink;
 use super::encoder::{EncodedBlock, Encoder};
 use crate::grid::spacing_levels;
 use crate::statistics::Statistics;
+use spinney_base::Result;
 use spinney_base::space::Code;
 
 /// A part of a tree that comes out: a block or a node.
@@ -67,6 +69,8 @@ pub(crate) struct Assembler<'a> {
     /// Points of a block at most, and of a node that has no other below.
     leaf_size: usize,
     open: Vec<Open>,
+    /// What became of the top node, if that was assembled elsewhere.
+    whole: Option<Closed>,
     /// Rows of nodes above the top one, with their levels.
     levels: Vec<u8>,
     above: Vec<u8>,
@@ -88,6 +92,7 @@ impl<'a> Assembler<'a> {
             encoder,
             leaf_size,
             open: Vec::new(),
+            whole: None,
             levels: Vec::new(),
             above: Vec::new(),
             pieces: Vec::new(),
@@ -156,9 +161,12 @@ impl<'a> Assembler<'a> {
         }
     }
 
-    /// Goes on to a node that was assembled elsewhere and lies below the top one. What came out of it comes behind what has come out here when this returns.
+    /// Goes on to a node that was assembled elsewhere. What came out of it comes behind what has come out here when this returns.
     pub(crate) fn reach(&mut self, code: Code, closed: &Closed) {
         self.advance(code);
+        if code == self.top() {
+            return;
+        }
         let parent = self.open_to(code, code.level() - 1);
         if let Closed::Node(_) = closed {
             self.divide(parent);
@@ -171,7 +179,10 @@ impl<'a> Assembler<'a> {
         for (level, row) in levels.iter().zip(above.chunks_exact(self.encoder.stride())) {
             self.add(code, *level, row);
         }
-        self.take(closed);
+        match code == self.top() {
+            true => self.whole = Some(closed),
+            false => self.take(closed),
+        }
     }
 
     /// Makes blocks of the rows of a node beyond those of a leaf: whole ones.
@@ -275,14 +286,34 @@ impl<'a> Assembler<'a> {
             self.take(closed);
         }
         let closed = self.close();
+        let closed = self.whole.unwrap_or(closed);
         (Assembled { closed, levels: self.levels, above: self.above }, self.pieces)
     }
 }
 
 /// Makes a node with one block of a node that was handed up; returns what is known of its points.
-pub(crate) fn leaf(encoder: &Encoder, pending: Pending, pieces: &mut Vec<BuiltPiece>) -> Statistics {
+fn leaf(encoder: &Encoder, pending: Pending, pieces: &mut Vec<BuiltPiece>) -> Statistics {
     let block = encoder.encode(&pending.rows);
     pieces.push(BuiltPiece::Block(pending.code, block.bytes, block.statistics.clone()));
     pieces.push(BuiltPiece::Node(pending.code, block.statistics.clone()));
     block.statistics
+}
+
+/// Writes what came out.
+pub(crate) fn write_pieces(pieces: Vec<BuiltPiece>, sink: &mut dyn PieceSink) -> Result<()> {
+    pieces.into_iter().try_for_each(|piece| match piece {
+        BuiltPiece::Block(code, bytes, statistics) => sink.block(code, &bytes, &statistics),
+        BuiltPiece::Node(code, statistics) => sink.node(code, &statistics),
+    })
+}
+
+/// Writes what became of the root, unless it has come out by itself: a leaf, or nothing if there are no points.
+pub(crate) fn write_root(encoder: &Encoder, closed: Closed, sink: &mut dyn PieceSink) -> Result<()> {
+    let mut pieces = Vec::new();
+    if let Closed::Few(pending) = closed
+        && !pending.rows.is_empty()
+    {
+        leaf(encoder, pending, &mut pieces);
+    }
+    write_pieces(pieces, sink)
 }
