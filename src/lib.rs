@@ -158,7 +158,7 @@ pub mod store {
     };
     pub use spinney_engine::store::{
         BuildOptions, Effort, Packing, ShardCheck, Slab, SlabBoxes, Slabs, TreeTarget, TreeWriter,
-        WriteOptions, build_slabs, build_source, build_tree, depth_for,
+        WantedCells, WriteOptions, build_slabs, build_source, build_tree, depth_for,
     };
 
     /// The compact, read-only format.

@@ -193,7 +193,7 @@ def _build_given(number: int, held: bytes, folder: str, token: str, is_persisted
 
 def _merge(folder: str, out: str, memory: int | str, max_bytes: int | str | None) -> None:
     # (A bucket takes a file as a whole.)
-    _shards.Job(folder).merge(out, remove="://" not in out, memory=memory, max_bytes=max_bytes, threads=1)
+    _shards.Job(folder).merge(out, remove_shards="://" not in out, memory=memory, max_bytes=max_bytes, threads=1)
 
 
 def export_tiles(

@@ -179,16 +179,16 @@ class Job:
         self,
         out: Path,
         *,
-        remove: bool = False,
+        remove_shards: bool = False,
         memory: int | str = MEMORY,
         max_bytes: int | str | None = None,
         threads: int | None = None,
         progress: Progress = None,
     ) -> None:
-        """Puts the shards together, all of which must be made. The job stays, or with `remove` goes, shard by shard, as its bytes come to be in the output,
+        """Puts the shards together, all of which must be made. The job stays, or with `remove_shards` goes, shard by shard, as its bytes come to be in the output,
         so that there is room for one of both; what is cut off then goes on when it is done again, with a file whose name ends with .partial."""
         with working(progress, threads, max_bytes) as terms:
-            _native.merge_shards(self.path, os.fspath(out), remove, memory_of(memory), terms)
+            _native.merge_shards(self.path, os.fspath(out), remove_shards, memory_of(memory), terms)
 
     def remove(self) -> None:
         """Removes the job, here or in its bucket: all files of it, and the folder unless there is something else in it."""

@@ -14,7 +14,7 @@ use spinney::import::rasterize;
 use spinney::import::volume::{self, VolumeOptions};
 use spinney::ops::{WarpGrid, WarpOptions};
 use spinney::space::{CodeRun, Crs, Dimension, Frame};
-use spinney::store::{BuildOptions, Metadata, Slab, SlabBoxes, Slabs, depth_for};
+use spinney::store::{BuildOptions, Metadata, Slab, SlabBoxes, Slabs, WantedCells, depth_for};
 use spinney::tree::Form;
 use spinney::value::{Kind, Palette, Rule, SampleType, Value, ValueType};
 use spinney::{Result, dataset};
@@ -210,7 +210,10 @@ impl<'w> ArraySlabs<'w> {
         }
         let boxes = match options.in_order {
             true => Boxes::FromTheTop { axis: form.axes() - 1, rows: least, next: 0 },
-            false => Boxes::Anywhere(SlabBoxes::new(form.dimension, extent, (depth, run), side)),
+            false => {
+                let wanted = WantedCells { dimension: form.dimension, depth, run };
+                Boxes::Anywhere(SlabBoxes::new(extent, wanted, side))
+            }
         };
         ArraySlabs { read, extent, sample: form.value.sample, boxes, work }
     }

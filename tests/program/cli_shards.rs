@@ -440,7 +440,6 @@ fn what_shards_do_not_have_is_said() {
     refused(&[&picture, "-o", &place.name("job.goblin")], "folder of a job");
     refused(&[&picture, "-o", "-"], "standard output");
     refused(&["-", "-o", &job], "standard input");
-    refused(&["https://example.org/p.tif", "-o", &job], "elsewhere");
     refused(&[&place.name("gone.tif"), "-o", &job], "gone.tif");
     let coarse = place.picture("coarse.tif", [0, 0], [30, 20]);
     let world = [&picture, &coarse, "-o", &job, "--stack", "--resampling", "nearest"];

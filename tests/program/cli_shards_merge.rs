@@ -32,7 +32,7 @@ fn shards_are_removed_as_they_are_merged() {
     let (job, whole) = job(&place, "9");
     build_all(&job, 9);
     let (all, merged) = (run_bytes(&place), place.name("merged.goblin"));
-    let merge = ["-q", "shard", "merge", &job, "-o", &merged, "--remove"];
+    let merge = ["-q", "shard", "merge", &job, "-o", &merged, "--remove-shards"];
     // Cut off again and again, later and later; what is done stays done.
     let mut left = all;
     for delay in (0..).step_by(2) {
@@ -48,7 +48,7 @@ fn shards_are_removed_as_they_are_merged() {
         }
     }
     if !place.path("merged.goblin").exists() {
-        // (Without --remove the shards that are gone are missing.)
+        // (Without --remove-shards the shards that are gone are missing.)
         let plain = complaint(&["shard", "merge", &job, "-o", &place.name("plain.goblin")], 1);
         assert!(plain.contains("missing"), "{plain}");
         spinney(&merge).success();
@@ -63,7 +63,7 @@ fn a_file_that_is_there_in_part_is_checked() {
     let (job, whole) = job(&place, "9");
     build_all(&job, 9);
     let merged = place.name("merged.goblin");
-    let merge = ["-q", "shard", "merge", &job, "-o", &merged, "--remove"];
+    let merge = ["-q", "shard", "merge", &job, "-o", &merged, "--remove-shards"];
     let (partial, runs) = (place.path("merged.goblin.partial"), place.path("job/shards"));
     // As if somebody had been cut off behind the first two runs: what else is there does not matter.
     let header = &whole[..fs::read(place.path("job/head.goblin"))
@@ -102,12 +102,12 @@ fn streams_and_two_at_once_are_refused() {
     let place = Place::new();
     let (job, _) = job(&place, "2");
     build_all(&job, 2);
-    let stream = complaint(&["shard", "merge", &job, "-o", "-", "--remove"], 1);
+    let stream = complaint(&["shard", "merge", &job, "-o", "-", "--remove-shards"], 1);
     assert!(stream.contains("stream"), "{stream}");
     let partial = fs::File::create(place.path("merged.goblin.partial")).unwrap();
     partial.lock().unwrap();
     (&partial).write_all(b"x").unwrap();
-    let locked = complaint(&["shard", "merge", &job, "-o", &place.name("merged.goblin"), "--remove"], 1);
+    let locked = complaint(&["shard", "merge", &job, "-o", &place.name("merged.goblin"), "--remove-shards"], 1);
     assert!(locked.contains("another process"), "{locked}");
     assert_eq!(place.leftovers("job/shards"), Vec::<String>::new());
     assert!(run_bytes(&place) > 0);

@@ -72,6 +72,9 @@ fn shards_of_volumes_make_the_bytes_of_a_build() {
     let void = [&layout[..], &["--nodata", "3", "--kind", "categorical"]].concat();
     place.compare_octrees(&[&raw], &void, &[1, 7]);
     place.compare_octrees(&[&raw], &[&void[..], &["--codec", "packed"]].concat(), &[2]);
+    // So long that nodes are above the least level that crowns have.
+    let long = place.write("long.raw", &samples()[..160_000]);
+    place.compare_octrees(&[&long], &["--raw-size", "40000,2,2", "--raw-type", "u8"], &[5]);
     // From the front alone.
     place.write("b.raw.gz", &gzip(&samples()));
     let head = format!(
@@ -141,6 +144,10 @@ fn shards_of_models_make_the_bytes_of_a_build() {
     place.write("cube.mtl", b"newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n");
     place.compare_octrees(&[&cube], &["--cell", "0.0625", "--attribute", "colour"], &[1, 7]);
     place.compare_octrees(&[&cube, &torus], &["--cells", "150", "--attribute", "part"], &[4]);
+    let corners = (0..8).map(|at| format!("v {} {} {}\n", at % 2 * 16384, at / 2 % 2, at / 4));
+    let bar = corners.collect::<String>() + &CUBE[CUBE.find("usemtl").unwrap()..];
+    let bar = place.write("bar.obj", bar.as_bytes());
+    place.compare_octrees(&[&bar], &["--cells", "65536"], &[7]);
     // One whose faces are not all turned the same way, by itself and among others.
     let odd = place.write("odd.obj", CUBE.replace("f 1 3 4 2", "f 2 4 3 1").as_bytes());
     place.compare_octrees(&[&odd], &["--cells", "100"], &[2]);
@@ -214,6 +221,8 @@ fn octrees_that_shards_do_not_make_are_told() {
         (&[&array, &array], "one at a time"),
         (&[&array, "--band", "1"], "not for volumes"),
         (&[&picture, "--shell"], "is no model"),
+        (&["https://example.org/a.ply"], "elsewhere"),
+        (&["https://example.org/a.raw", "--raw-size", "1,1,1", "--raw-type", "u8"], "elsewhere"),
     ] {
         let said = stderr(spinney(&[&["shard", "plan", "-o", &job], words].concat()).failure());
         assert!(said.contains(expected), "{words:?}: {said}");

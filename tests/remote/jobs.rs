@@ -36,7 +36,7 @@ fn make(job: &Path, folder: &Path) -> Result<Vec<u8>> {
     for number in 0..Job::open(job)?.shards() {
         Job::open(job)?.build(number, 64 << 20, &())?;
     }
-    Job::open(job)?.merge(Output::create(&merged)?, 64 << 20, &())?;
+    Job::open(job)?.merge(Output::create(&merged)?.into(), 64 << 20, &())?;
     Ok(std::fs::read(merged).unwrap())
 }
 

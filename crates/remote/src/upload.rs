@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::io::{self, Write};
 use std::path::PathBuf;
 
-use object_store::{MultipartUpload, ObjectStore, ObjectStoreExt, PutMode, PutPayload};
+use object_store::{Error as StoreError, MultipartUpload, ObjectStore, ObjectStoreExt, PutMode, PutPayload};
 use spinney_base::io::{RemoteWriter, must_be_new_error, rounds};
 use spinney_base::{Error, Result};
 use tokio::task::JoinHandle;
@@ -67,7 +67,7 @@ impl Upload {
         self.part << (self.sent / self.doubled).min(MOST_DOUBLED)
     }
 
-    fn failed(&self, cause: object_store::Error) -> Error {
+    fn failed(&self, cause: StoreError) -> Error {
         error::of_store(&self.path, "upload", cause)
     }
 
@@ -110,15 +110,33 @@ impl Upload {
 
     /// Puts a file that is no more than a part.
     fn put(&mut self, must_be_new: bool) -> Result<()> {
-        let mode = if must_be_new { PutMode::Create } else { PutMode::Overwrite };
         let bytes = PutPayload::from(std::mem::take(&mut self.bytes));
-        let put = self.place.store.put_opts(&self.place.name, bytes, mode.into());
-        rounds::count_traffic(1, 0);
-        match runtime::wait(&self.path, self.options.is_stopped, put)? {
-            Err(object_store::Error::AlreadyExists { .. }) if must_be_new => {
-                Err(must_be_new_error(&self.path))
-            }
-            done => done.map(drop).map_err(|cause| self.failed(cause)),
+        let put = |mode: PutMode| {
+            let put = self.place.store.put_opts(&self.place.name, bytes.clone(), mode.into());
+            rounds::count_traffic(1, 0);
+            runtime::wait(&self.path, self.options.is_stopped, put)
+        };
+        let done = match must_be_new {
+            false => put(PutMode::Overwrite)?,
+            true => match put(PutMode::Create)? {
+                Err(StoreError::AlreadyExists { .. }) => return Err(must_be_new_error(&self.path)),
+                Err(StoreError::NotImplemented { .. }) => {
+                    self.check_new()?;
+                    put(PutMode::Overwrite)?
+                }
+                done => done,
+            },
+        };
+        done.map(drop).map_err(|cause| self.failed(cause))
+    }
+
+    /// Makes sure that there is no file of this name, where the store does not do that by itself: before it is put there, another one may appear.
+    fn check_new(&self) -> Result<()> {
+        let url = self.path.to_str().unwrap_or_default();
+        match look(&[url], &self.options)?.pop() {
+            Some(Ok(None)) | None => Ok(()),
+            Some(Ok(Some(_))) => Err(must_be_new_error(&self.path)),
+            Some(Err(error)) => Err(error),
         }
     }
 }
@@ -156,10 +174,8 @@ impl RemoteWriter for Upload {
         while !self.under_way.is_empty() {
             self.wait_for_one()?;
         }
-        // (Between this look and the end of the upload another one may appear.)
-        let url = self.path.to_str().unwrap_or_default();
-        if must_be_new && look(&[url], &self.options)?.iter().any(|found| matches!(found, Ok(Some(_)))) {
-            return Err(must_be_new_error(&self.path));
+        if must_be_new {
+            self.check_new()?;
         }
         let Some(mut parts) = self.parts.take() else { return Ok(()) };
         // (While the store puts them together nobody can tell whether it has.)

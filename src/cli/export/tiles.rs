@@ -65,7 +65,7 @@ pub(super) struct ArchiveOptions {
     /// percentiles were when the archive was made
     #[arg(long, requires = "update")]
     restyle: bool,
-    /// Write one of N parts of the tiles alone, the one with the number K, from 0, to an archive (.pmtiles), so that other processes write the others
+    /// One of N parts of the tiles is written alone, the one with the number K, from 0, to an archive (.pmtiles), so that other processes write the others
     #[arg(long, value_name = "K/N", conflicts_with_all = ["update", "parts"])]
     part: Option<TilePart>,
     /// Archives of all parts, in any order: tiles are put together of these, and none is drawn

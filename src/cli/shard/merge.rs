@@ -14,7 +14,7 @@ use super::super::report::{Work, report_built};
 
 /// Put the shards of a job together
 ///
-/// Shards are checked and copied one behind the other; what stands above them all is made. The job stays as it is, unless --remove is given: remove its folder
+/// Shards are checked and copied one behind the other; what stands above them all is made. The job stays as it is, unless --remove-shards is given: remove its folder
 /// when the file is there.
 #[derive(clap::Args)]
 pub(super) struct Args {
@@ -26,7 +26,7 @@ pub(super) struct Args {
     /// Remove what shards have left as soon as it is in the file, and the job when the file is there, so that there is room for one of both; what is
     /// cut off goes on, with the file OUT.goblin.partial
     #[arg(long)]
-    remove: bool,
+    remove_shards: bool,
     #[command(flatten)]
     memory: Memory,
     #[command(flatten)]
@@ -43,11 +43,11 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     }
     let job = Job::open(&args.job)?;
     let work = Work::start(global, "bytes")?;
-    let output = MergeOutput::create(&args.output, args.limit.bytes(), args.remove)?;
+    let output = MergeOutput::create(&args.output, args.limit.bytes(), args.remove_shards)?;
     job.merge(output, args.memory.bytes, &work)?;
     work.finish();
     let bytes = job.input_bytes();
-    if args.remove {
+    if args.remove_shards {
         job.remove()?;
     }
     report_built(global, &args.output, start, Some(bytes));

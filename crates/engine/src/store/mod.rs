@@ -10,7 +10,7 @@ mod tree_target;
 mod tree_writer;
 mod write;
 
-pub use builder::{BuildOptions, Packing, Slab, SlabBoxes, Slabs, WriteOptions, depth_for};
+pub use builder::{BuildOptions, Packing, Slab, SlabBoxes, Slabs, WantedCells, WriteOptions, depth_for};
 pub use spinney_packing::Effort;
 pub use tree_target::{ShardCheck, TreeTarget};
 pub use tree_writer::TreeWriter;

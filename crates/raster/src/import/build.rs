@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::plan::RasterImport;
-use super::slabs::{BLOCK, Wanted};
+use super::slabs::BLOCK;
 use super::spill::spill_wanted;
 use super::{Order, Raster, RasterInfo, RasterSlabs};
 
@@ -14,7 +14,7 @@ use spinney_base::space::Dimension;
 use spinney_base::{Error, PartOfWork, Progress, Result};
 use spinney_container::{OpenOptions, check_tree_name};
 use spinney_engine::ops::{Resampling, TreeFile, WarpGrid, WarpOptions, Warped, warp};
-use spinney_engine::store::{Packing, TreeWriter, depth_for};
+use spinney_engine::store::{Packing, TreeWriter, WantedCells, depth_for};
 
 impl RasterImport {
     /// Builds the tree, on the threads of the current rayon pool; progress counts pixels.
@@ -107,7 +107,7 @@ pub(super) enum Asked {
     /// All, in any order.
     All,
     /// Those of a run, in the order of FD codes.
-    Run(Wanted),
+    Run(WantedCells),
 }
 
 impl Asked {
@@ -115,7 +115,9 @@ impl Asked {
     pub(super) fn by(file: &TreeWriter, depth: u8) -> Asked {
         match file.run() {
             None => Asked::Nothing,
-            Some(run) if file.needs_order() => Asked::Run(Wanted { run, depth }),
+            Some(run) if file.needs_order() => {
+                Asked::Run(WantedCells { dimension: Dimension::Quad, depth, run })
+            }
             Some(_) => Asked::All,
         }
     }

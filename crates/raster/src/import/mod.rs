@@ -35,7 +35,6 @@ pub use self::mosaic::{MosaicPlan, mosaic};
 pub use self::plan::{DEFAULT_MEMORY, ImportOptions, RasterImport, plan, plan_part};
 pub(super) use self::plan::{depth_of, listed, nodata_text};
 pub use self::slabs::RasterSlabs;
-pub(super) use self::slabs::Wanted;
 pub use self::spill::spill;
 pub use self::stack::{Stack, StackLayer, StackOptions, plan_stack, write_layers, write_stack};
 pub(super) use self::tiff::{SampleFormat, page_directories};

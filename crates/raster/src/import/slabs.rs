@@ -5,63 +5,23 @@ use std::mem;
 use super::validity::Validity;
 use super::{Order, Pixels, Raster};
 use spinney_base::Result;
-use spinney_base::space::{Code, CodeRun, Dimension, Region};
-use spinney_engine::store::{Slab, Slabs};
+use spinney_base::space::{CodeRun, Dimension, Region};
+use spinney_engine::store::{Slab, SlabBoxes, Slabs, WantedCells, depth_for};
 
 /// Cells along a side of the builder's blocks.
-pub(super) const BLOCK: u64 = 256;
+pub(super) const BLOCK: u64 = SlabBoxes::least_side(Dimension::Quad);
 /// Cells along a side of a square, if memory allows: room for several tiles, and for all threads.
 const SIDE: u64 = 1024;
-
-/// The part of a raster or volume that is wanted: nodes of a run, in a tree of so many levels.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Wanted {
-    pub(crate) run: CodeRun,
-    pub(crate) depth: u8,
-}
-
-impl Wanted {
-    /// The node that has a square or cube, whose side is a power of two, and which lies at a multiple of that; nothing where the tree has none.
-    fn node(self, dimension: Dimension, first: [u64; 3], side: u64) -> Option<Code> {
-        let height = self.depth.min(side.trailing_zeros() as u8);
-        let cell = first.map(|place| u32::try_from(place >> height).ok());
-        let [Some(x), Some(y), Some(z)] = cell else { return None };
-        Code::from_cell(dimension, self.depth - height, [x, y, z])
-    }
-
-    fn node_of(self, square: &Region) -> Option<Code> {
-        self.node(Dimension::Quad, [square.x, square.y, 0], square.width)
-    }
-
-    /// Whether something of a square is wanted.
-    pub(super) fn touches(self, square: &Region) -> bool {
-        self.node_of(square).is_some_and(|node| self.run.touches(node))
-    }
-
-    /// Whether all of it is.
-    fn contains(self, square: &Region) -> bool {
-        self.node_of(square).is_some_and(|node| self.run.contains(node))
-    }
-
-    /// Whether something of a cube is wanted, and whether all of it is.
-    pub(crate) fn of_cube(self, first: [u64; 3], side: u64) -> (bool, bool) {
-        let node = self.node(Dimension::Oct, first, side);
-        node.map_or((false, false), |node| (self.run.touches(node), self.run.contains(node)))
-    }
-}
 
 /// A raster slab by slab: bands of 256 rows, or squares in FD order for rasters that can be read anywhere, so
 /// that parts of the tree are finished early and tiles are decoded once.
 pub struct RasterSlabs {
     raster: Box<dyn Raster>,
     opacity: Validity,
-    /// Squares that are still to be read, the next one last; larger ones than `side` are divided when their
-    /// turn comes.
-    squares: Vec<Region>,
+    squares: SlabBoxes,
+    /// Cells along a side of a square, at most.
     side: u64,
     next_row: u64,
-    /// The part of the raster that squares are of.
-    wanted: Option<Wanted>,
 }
 
 impl RasterSlabs {
@@ -75,15 +35,15 @@ impl RasterSlabs {
         while side > BLOCK && 2 * side * side * cell > memory {
             side /= 2;
         }
-        let whole = info.width.max(info.height).next_power_of_two().max(side);
         let opacity = Validity::by_opacity(info);
-        let squares = vec![Region::new(0, 0, whole, whole)];
-        RasterSlabs { raster, opacity, squares, side, next_row: 0, wanted: None }
+        let extent = [info.width, info.height, 1];
+        let all = WantedCells { dimension: Dimension::Quad, depth: depth_for(extent), run: CodeRun::ALL };
+        RasterSlabs { raster, opacity, squares: SlabBoxes::new(extent, all, side), side, next_row: 0 }
     }
 
     /// Leaves only squares that have something wanted, of a raster that can be read anywhere.
-    pub(super) fn within(self, wanted: Wanted) -> RasterSlabs {
-        RasterSlabs { wanted: Some(wanted), ..self }
+    pub(super) fn within(self, wanted: WantedCells) -> RasterSlabs {
+        RasterSlabs { squares: SlabBoxes::new(self.extent(), wanted, self.side), ..self }
     }
 
     fn next_band(&mut self) -> Option<Region> {
@@ -95,24 +55,8 @@ impl RasterSlabs {
     }
 
     fn next_square(&mut self) -> Option<Region> {
-        let info = self.raster.info();
-        let extent = Region::new(0, 0, info.width, info.height);
-        loop {
-            let square = self.squares.pop()?;
-            let inside = square.intersect(&extent);
-            if inside.is_empty() || self.wanted.is_some_and(|wanted| !wanted.touches(&square)) {
-                continue;
-            }
-            let is_whole = self.wanted.is_none_or(|wanted| wanted.contains(&square));
-            if square.width <= self.side && (is_whole || square.width <= BLOCK) {
-                return Some(inside);
-            }
-            let half = square.width / 2;
-            // In reverse, since the last one is taken first.
-            let quarters = [[half, half], [0, half], [half, 0], [0, 0]];
-            let quarters = quarters.map(|[x, y]| Region::new(square.x + x, square.y + y, half, half));
-            self.squares.extend(quarters);
-        }
+        let ([x, y, _], [width, height, _]) = self.squares.next()?;
+        Some(Region::new(x, y, width, height))
     }
 }
 
@@ -188,22 +132,6 @@ mod tests {
         let origins: Vec<_> = slabs([1000, 600], Order::Anywhere, 0).iter().map(|slab| slab.origin).collect();
         let first = [[0, 0], [256, 0], [0, 256], [256, 256], [512, 0], [768, 0]].map(|[x, y]| [x, y, 0]);
         assert_eq!(origins[..6], first);
-    }
-
-    #[test]
-    fn squares_of_a_run_are_those_that_it_touches() {
-        let info = RasterInfo { order: Order::Anywhere, ..RasterInfo::plain([1000, 900], SampleType::U8, 1) };
-        let fake = || Box::new(Fake::new(info.clone(), vec![1; 900_000]));
-        let node = |digits: &[usize]| Code::from_digits(Dimension::Quad, digits.iter().copied()).unwrap();
-        let origins = |run| {
-            let mut slabs = RasterSlabs::new(fake(), 1 << 30).within(Wanted { run, depth: 10 });
-            let mut slab = Slab::default();
-            std::iter::from_fn(|| slabs.next(&mut slab).unwrap().then_some((slab.origin, slab.size[0])))
-                .collect::<Vec<_>>()
-        };
-        let run = CodeRun::of(node(&[0, 3]), node(&[1])).unwrap();
-        assert_eq!(origins(run), [([256, 256, 0], 256), ([512, 0, 0], 488)]);
-        assert_eq!(origins(CodeRun::ALL), [([0, 0, 0], 1000)]);
     }
 
     #[test]

@@ -4,10 +4,11 @@ use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use super::slabs::{BLOCK, Wanted};
+use super::slabs::BLOCK;
 use super::{Order, Pixels, Raster, RasterInfo};
 use spinney_base::space::Region;
 use spinney_base::{Error, Progress, Result};
+use spinney_engine::store::WantedCells;
 
 /// Pixels of a block.
 const AREA: u64 = BLOCK * BLOCK;
@@ -45,7 +46,7 @@ pub fn spill(
 /// are not read.
 pub(super) fn spill_wanted(
     raster: Box<dyn Raster>,
-    wanted: Option<Wanted>,
+    wanted: Option<WantedCells>,
     folder: &Path,
     memory: u64,
     progress: &dyn Progress,
@@ -68,7 +69,7 @@ pub(super) fn spill_wanted(
     let columns = |row: u64| {
         let Some(wanted) = wanted else { return Some((0, width)) };
         let mut blocks = (0..width.div_ceil(BLOCK))
-            .filter(|column| wanted.touches(&Region::new(column * BLOCK, row * BLOCK, BLOCK, BLOCK)));
+            .filter(|column| wanted.touches([column * BLOCK, row * BLOCK, 0], BLOCK));
         let first = blocks.next()?;
         Some((first * BLOCK, ((blocks.next_back().unwrap_or(first) + 1) * BLOCK).min(width)))
     };
@@ -120,14 +121,14 @@ impl Spilled {
     }
 
     /// Writes what is wanted of a band, which must not reach over edges of rows of blocks, and begins at one of a column.
-    fn write(&mut self, band: Region, wanted: Option<Wanted>, pixels: &Pixels) -> io::Result<()> {
+    fn write(&mut self, band: Region, wanted: Option<WantedCells>, pixels: &Pixels) -> io::Result<()> {
         let size = self.info.pixel_bytes();
         let void: Option<Vec<u8>> =
             pixels.valid.as_ref().map(|valid| valid.iter().map(|valid| u8::from(!valid)).collect());
         self.has_mask |= void.is_some();
         for (part, first) in self.parts(band) {
-            let block = Region::new(part.x, part.y / BLOCK * BLOCK, BLOCK, BLOCK);
-            if wanted.is_some_and(|wanted| !wanted.touches(&block)) {
+            let block = [part.x, part.y / BLOCK * BLOCK, 0];
+            if wanted.is_some_and(|wanted| !wanted.touches(block, BLOCK)) {
                 continue;
             }
             self.write_part((0, first), (band, part), &pixels.bytes, size)?;
@@ -249,7 +250,7 @@ mod tests {
         let run = CodeRun::of(root.child(0).child(3), root.child(1).child(2)).unwrap();
         for order in [Order::Bands, Order::Anywhere] {
             let fake = Fake::new(RasterInfo { order, ..info.clone() }, bytes.clone());
-            let wanted = Some(Wanted { run, depth: 10 });
+            let wanted = Some(WantedCells { dimension: Dimension::Quad, depth: 10, run });
             let mut spilled = spill_wanted(Box::new(fake), wanted, folder.path(), 100_000, &()).unwrap();
             let mut direct = Fake::new(RasterInfo { order: Order::Anywhere, ..info.clone() }, bytes.clone());
             let (mut found, mut expected) = (Pixels::default(), Pixels::default());

@@ -4,15 +4,13 @@ use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::import::{SampleFormat, Wanted};
+use crate::import::SampleFormat;
 use spinney_base::io::platform::read_exact_at;
-use spinney_base::space::Bounds;
+use spinney_base::space::{Bounds, Dimension};
 use spinney_base::value::ValueType;
 use spinney_base::{Error, Result};
-use spinney_engine::store::{Slab, Slabs};
+use spinney_engine::store::{Slab, SlabBoxes, Slabs, WantedCells};
 
-/// Cells along a side of the builder's blocks.
-const BLOCK: u64 = 64;
 /// Cells along a side of the largest cubes that are read at once: room for all threads.
 const MOST: u64 = 256;
 
@@ -85,13 +83,15 @@ impl Array {
     }
 
     /// The cells that are wanted, in cubes so small that two of them fit in `memory` bytes, if possible.
-    pub(super) fn slabs(self, wanted: Wanted, memory: u64) -> ArraySlabs {
+    pub(super) fn slabs(self, wanted: WantedCells, memory: u64) -> ArraySlabs {
         let mut side = MOST;
-        while side > BLOCK && 2 * side.pow(3) * self.layout.value().size() as u64 > memory {
+        while side > SlabBoxes::least_side(Dimension::Oct)
+            && 2 * side.pow(3) * self.layout.value().size() as u64 > memory
+        {
             side /= 2;
         }
-        let whole = self.layout.size.into_iter().max().unwrap_or(1).next_power_of_two().max(side);
-        ArraySlabs { array: self, cubes: vec![([0; 3], whole)], side, wanted, stored: Vec::new() }
+        let cubes = SlabBoxes::new(self.layout.size, wanted, side);
+        ArraySlabs { array: self, cubes, stored: Vec::new() }
     }
 
     /// Reads the samples of a box of the array into `bytes`, by way of some as the file has them.
@@ -129,34 +129,9 @@ impl Array {
 /// An array cube by cube, in FD order, so that parts of the tree are finished early.
 pub(super) struct ArraySlabs {
     array: Array,
-    /// Cubes that are still to be read, the next one last; larger ones than `side` are divided when their turn comes.
-    cubes: Vec<([u64; 3], u64)>,
-    side: u64,
-    /// The part of the array that cubes are of.
-    wanted: Wanted,
+    cubes: SlabBoxes,
     /// Samples as the file has them, of a row or of rows that follow each other.
     stored: Vec<u8>,
-}
-
-impl ArraySlabs {
-    /// First cell and size of the next cube, as far as it is in the array.
-    fn next_cube(&mut self) -> Option<([u64; 3], [u64; 3])> {
-        let extent = self.array.layout.size;
-        loop {
-            let (first, side) = self.cubes.pop()?;
-            let (is_wanted, is_whole) = self.wanted.of_cube(first, side);
-            if !is_wanted || first.iter().zip(extent).any(|(first, end)| *first >= end) {
-                continue;
-            }
-            if side <= self.side && (is_whole || side <= BLOCK) {
-                return Some((first, std::array::from_fn(|axis| side.min(extent[axis] - first[axis]))));
-            }
-            let half = side / 2;
-            let child = |place: u64| std::array::from_fn(|axis| first[axis] + half * (place >> axis & 1));
-            // In reverse, since the last one is taken first.
-            self.cubes.extend((0..8).rev().map(|place| (child(place), half)));
-        }
-    }
 }
 
 impl Slabs for ArraySlabs {
@@ -169,7 +144,7 @@ impl Slabs for ArraySlabs {
     }
 
     fn next(&mut self, slab: &mut Slab) -> Result<bool> {
-        let Some((origin, size)) = self.next_cube() else { return Ok(false) };
+        let Some((origin, size)) = self.cubes.next() else { return Ok(false) };
         (slab.origin, slab.size) = (origin, size);
         self.array.read(origin, size, &mut self.stored, &mut slab.bytes)?;
         Ok(true)

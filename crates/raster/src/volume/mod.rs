@@ -19,7 +19,7 @@ pub use self::input::VolumeInput;
 pub(crate) use self::nrrd::nrrd_head;
 pub use self::raw::RawLayout;
 use self::sections::Sections;
-use crate::import::{DEFAULT_MEMORY, Wanted, as_stored, depth_of, listed, nodata_text};
+use crate::import::{DEFAULT_MEMORY, as_stored, depth_of, listed, nodata_text};
 use spinney_base::Form;
 use spinney_base::io::{Output, folder};
 use spinney_base::space::{Bounds, Dimension};
@@ -27,7 +27,7 @@ use spinney_base::value::{Kind, Number, Rule, ValueType};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Metadata;
 use spinney_crs::{Crs, Frame};
-use spinney_engine::store::{BuildOptions, Packing, TreeWriter};
+use spinney_engine::store::{BuildOptions, Packing, TreeWriter, WantedCells};
 use spinney_records::npy::MAGIC;
 
 /// Options for an import of a volume.
@@ -296,7 +296,7 @@ impl VolumeImport {
             Samples::Packed(packed) => packed.unpack(cells, beside, progress)?,
         };
         let nodata = options.metadata.nodata.and_then(|number| value.splat(number));
-        let wanted = Wanted { run, depth: options.depth };
+        let wanted = WantedCells { dimension: Dimension::Oct, depth: options.depth, run };
         file.slabs(form, &mut array.slabs(wanted, memory / 2), nodata, &options, progress)
     }
 }

@@ -14,7 +14,7 @@ mod volumes;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use spinney_base::io::Output;
+use spinney_base::io::{Output, url_of};
 use spinney_base::space::Bounds;
 use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result};
@@ -233,6 +233,14 @@ impl PartOfJob {
     fn target(self) -> TreeTarget {
         let PartOfJob { head, shard, check, .. } = self;
         TreeTarget::Shard { head, shard, check }
+    }
+}
+
+/// Makes sure that an input of a kind that is read where it is mapped is not elsewhere.
+fn check_is_here(input: &Path) -> Result<()> {
+    match url_of(input) {
+        None => Ok(()),
+        Some(_) => Err(Error::unsupported(input, "a file elsewhere", "copy it to this machine first")),
     }
 }
 

@@ -15,9 +15,12 @@ use spinney_mesh::import::{
 };
 
 use super::packing::PlannedPacking;
-use super::{Load, PartOfJob, PlannedWork, Told, Work, number};
+use super::{Load, PartOfJob, PlannedWork, Told, Work, check_is_here, number};
 use crate::balance::level_of_cuts;
 use crate::job::PlannedInput;
+
+/// Faces that go around a point, at most: far more than there are, and far fewer than are counted.
+const MOST_AROUND: u32 = 1 << 30;
 
 /// The solid of some models. Numbers that are no whole ones are texts, so that every digit of them stays.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -80,15 +83,20 @@ impl Survey {
             }
             _ => return Err(Error::invalid("bounds", format!("{:?}", self.bounds), "a box")),
         };
+        let surface = |(surface, winding, attribute): &(u32, i32, u32)| SurfaceAtPoint {
+            surface: *surface,
+            winding: *winding,
+            attribute: *attribute,
+        };
         let node = |(code, surfaces): &(String, Vec<(u32, i32, u32)>)| {
             let bits = u64::from_str_radix(code, 16).ok();
             let code = bits.and_then(|bits| Code::from_bits(Dimension::Oct, bits))?;
-            let surface = |(surface, winding, attribute): &(u32, i32, u32)| SurfaceAtPoint {
-                surface: *surface,
-                winding: *winding,
-                attribute: *attribute,
-            };
-            Some(SurveyedNode { code, triangles: 0, inside: surfaces.iter().map(surface).collect() })
+            let is_sound = surfaces.iter().all(|(_, winding, _)| winding.unsigned_abs() <= MOST_AROUND);
+            is_sound.then(|| SurveyedNode {
+                code,
+                triangles: 0,
+                inside: surfaces.iter().map(surface).collect(),
+            })
         };
         let nodes: Option<Vec<SurveyedNode>> = self.inside.iter().map(node).collect();
         let ends = |node: &SurveyedNode| CodeRun::of(node.code, node.code).map_or([0; 2], CodeRun::ends);
@@ -169,6 +177,7 @@ pub(super) fn write_head(
 
 impl Work for Solid {
     fn files_of(&self, input: &Path) -> Result<Vec<PathBuf>> {
+        check_is_here(input)?;
         files_of(input)
     }
 
@@ -188,5 +197,63 @@ impl Work for Solid {
         let mut file = part.target().start((Dimension::Oct, import.depth()), 1)?;
         import.write(&mut file, &folder, progress)?;
         file.finish()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spinney_base::space::{EdgeRule, Up};
+    use spinney_crs::Frame;
+    use spinney_engine::store::Effort;
+    use spinney_mesh::import::Attribute;
+
+    #[test]
+    fn solids_come_back() {
+        let mut options = SolidOptions::new();
+        let again = |options: &SolidOptions| {
+            let planned = Solid::of(&[], options).unwrap();
+            let text = serde_json::to_string(&planned).unwrap();
+            let read: Solid = serde_json::from_str(&text).unwrap();
+            let found = read.options(5).unwrap();
+            assert_eq!((Solid::of(&[], &found).unwrap(), found.memory), (planned, 5));
+            found
+        };
+        again(&options);
+        options.resolution = Resolution::Cell(0.1 + 0.2);
+        (options.edge, options.attribute, options.up) = (EdgeRule::Touch, Attribute::Part, Up::Y);
+        (options.shell, options.unit, options.crs) = (true, Some("mm".into()), Some(Crs::epsg(7415)));
+        options.packing = Packing::packed(Effort::Small);
+        let found = again(&options);
+        assert_eq!(
+            (found.resolution, found.up, found.packing),
+            (options.resolution.clone(), Up::Y, options.packing)
+        );
+        options.resolution = Resolution::Depth(9);
+        again(&options);
+        options.resolution = Resolution::Like(Frame::identity(), 9);
+        Solid::of(&[], &options).unwrap_err();
+    }
+
+    #[test]
+    fn surveys_come_back() {
+        let root = Code::root(Dimension::Oct);
+        let at = |surface, winding, attribute| SurfaceAtPoint { surface, winding, attribute };
+        let nodes = vec![
+            SurveyedNode {
+                code: root.child(1),
+                triangles: 0,
+                inside: vec![at(0, -2, u32::MAX), at(7, 1, 3)],
+            },
+            SurveyedNode { code: root.child(2).child(5), triangles: 0, inside: vec![at(0, 1, 0)] },
+        ];
+        let bounds = [[-0.1, 1e-300, 3.0], [1.0 / 3.0, 1.0, 3.0]];
+        let survey = SolidSurvey { bounds, is_divided: true, nodes };
+        let mut planned = Survey::of(&survey);
+        assert_eq!(planned.survey().unwrap(), survey);
+        planned.inside[0].1[0].1 = i32::MIN;
+        planned.survey().unwrap_err();
+        planned.inside.swap(0, 1);
+        planned.survey().unwrap_err();
     }
 }

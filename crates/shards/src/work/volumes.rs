@@ -13,7 +13,7 @@ use spinney_engine::store::{Packing, TreeWriter};
 use spinney_raster::volume::{RawLayout, VolumeInput, VolumeOptions};
 
 use super::packing::PlannedPacking;
-use super::{PartOfJob, PlannedWork, Told, Work, number};
+use super::{PartOfJob, PlannedWork, Told, Work, check_is_here, number};
 use crate::stamp::absolute;
 
 /// A volume. Numbers that are no whole ones are texts, so that every digit of them stays.
@@ -146,6 +146,9 @@ fn check_order(input: &VolumeInput, work: &Volume) -> Result<()> {
 
 impl Work for Volume {
     fn files_of(&self, input: &Path) -> Result<Vec<PathBuf>> {
+        if self.input != Input::Sections {
+            check_is_here(input)?;
+        }
         self.input(&[input.to_path_buf()])?.files()
     }
 

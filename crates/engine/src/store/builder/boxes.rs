@@ -2,25 +2,54 @@
 
 use spinney_base::space::{Code, CodeRun, Dimension};
 
-/// Cells along a side of the blocks that trees are built of, of quadtrees and of octrees.
-const BLOCKS: [u64; 2] = [256, 64];
+/// The cells of a tree that are asked for: those of nodes in a run. See [`TreeWriter::run`](crate::store::TreeWriter::run).
+#[derive(Clone, Copy, Debug)]
+pub struct WantedCells {
+    /// Quadtree or octree.
+    pub dimension: Dimension,
+    /// Levels of the tree.
+    pub depth: u8,
+    /// The nodes.
+    pub run: CodeRun,
+}
+
+impl WantedCells {
+    /// The node that has a square or cube, whose side is a power of two, and which lies at a multiple of that; nothing where the tree has none.
+    fn node(self, first: [u64; 3], side: u64) -> Option<Code> {
+        let height = self.depth.min(side.trailing_zeros() as u8);
+        let mut cell = [0; 3];
+        for (place, first) in cell.iter_mut().zip(first) {
+            *place = u32::try_from(first >> height).ok()?;
+        }
+        Code::from_cell(self.dimension, self.depth - height, cell)
+    }
+
+    /// Whether something of a square or cube is wanted, by its first cell and side: a power of two, and a multiple of it.
+    pub fn touches(self, first: [u64; 3], side: u64) -> bool {
+        self.node(first, side).is_some_and(|node| self.run.touches(node))
+    }
+
+    /// Whether all of it is.
+    fn contains(self, first: [u64; 3], side: u64) -> bool {
+        self.node(first, side).is_some_and(|node| self.run.contains(node))
+    }
+}
 
 /// The boxes that slabs of a picture or of a volume are made of, in FD order: squares or cubes, as large as may be, of which what is beyond the picture is
 /// cut off. Of a run they are those that have something of it.
 ///
 /// ```
 /// use spinney::space::{CodeRun, Dimension};
-/// use spinney::store::SlabBoxes;
+/// use spinney::store::{SlabBoxes, WantedCells};
 ///
-/// let boxes = SlabBoxes::new(Dimension::Quad, [700, 300, 1], (10, CodeRun::ALL), 512);
+/// let all = WantedCells { dimension: Dimension::Quad, depth: 10, run: CodeRun::ALL };
+/// let boxes = SlabBoxes::new([700, 300, 1], all, 512);
 /// assert_eq!(boxes.collect::<Vec<_>>(), [([0, 0, 0], [512, 300, 1]), ([512, 0, 0], [188, 300, 1])]);
 /// ```
 #[derive(Clone, Debug)]
 pub struct SlabBoxes {
-    dimension: Dimension,
     extent: [u64; 3],
-    depth: u8,
-    run: CodeRun,
+    wanted: WantedCells,
     /// Cells along a side of a box, at most.
     side: u64,
     /// Boxes that are still to be handed out, the next one last: each its first cell, and the cells along a side. Larger ones are divided when
@@ -29,28 +58,21 @@ pub struct SlabBoxes {
 }
 
 impl SlabBoxes {
-    /// The boxes of a picture, in a tree of so many levels, that have cells of a run. They have at most `side` cells along a side, a power of two, unless that is less than
-    /// the builder's blocks have.
-    pub fn new(dimension: Dimension, extent: [u64; 3], (depth, run): (u8, CodeRun), side: u64) -> SlabBoxes {
-        let side = side.max(SlabBoxes::least_side(dimension));
+    /// The boxes of a picture of so many cells along each axis that have something that is wanted. They have at most `side` cells along a side, a power of two, unless that is
+    /// less than the builder's blocks have.
+    pub fn new(extent: [u64; 3], wanted: WantedCells, side: u64) -> SlabBoxes {
+        let side = side.max(SlabBoxes::least_side(wanted.dimension));
         let longest = extent.into_iter().max().unwrap_or(1).max(1);
         let whole = longest.checked_next_power_of_two().unwrap_or(1 << 63).max(side);
-        SlabBoxes { dimension, extent, depth, run, side, pending: vec![([0; 3], whole)] }
+        SlabBoxes { extent, wanted, side, pending: vec![([0; 3], whole)] }
     }
 
-    /// Cells along a side of the smallest boxes.
-    pub fn least_side(dimension: Dimension) -> u64 {
-        BLOCKS[dimension.axes() - 2]
-    }
-
-    /// The node that has all of a box; nothing where the tree has none.
-    fn node(&self, first: [u64; 3], side: u64) -> Option<Code> {
-        let height = self.depth.min(side.trailing_zeros() as u8);
-        let mut cell = [0; 3];
-        for (place, first) in cell.iter_mut().zip(first) {
-            *place = u32::try_from(first >> height).ok()?;
+    /// Cells along a side of the smallest boxes: those of the builder's blocks.
+    pub const fn least_side(dimension: Dimension) -> u64 {
+        match dimension {
+            Dimension::Quad => 256,
+            Dimension::Oct => 64,
         }
-        Code::from_cell(self.dimension, self.depth - height, cell)
     }
 }
 
@@ -59,17 +81,15 @@ impl Iterator for SlabBoxes {
 
     /// The next box: its first cell, and the cells along each axis.
     fn next(&mut self) -> Option<Self::Item> {
-        let axes = self.dimension.axes();
+        let dimension = self.wanted.dimension;
+        let axes = dimension.axes();
         loop {
             let (first, side) = self.pending.pop()?;
-            let node = self.node(first, side);
-            let is_wanted = node.is_some_and(|node| self.run.touches(node));
-            if !is_wanted || (0..3).any(|axis| first[axis] >= self.extent[axis]) {
+            if !self.wanted.touches(first, side) || (0..3).any(|axis| first[axis] >= self.extent[axis]) {
                 continue;
             }
-            // (A box has nothing of a run's neighbours, but blocks, which are whole ones of any run.)
-            let is_whole = node.is_some_and(|node| self.run.contains(node));
-            if side <= self.side && (is_whole || side <= SlabBoxes::least_side(self.dimension)) {
+            let is_whole = self.wanted.contains(first, side);
+            if side <= self.side && (is_whole || side <= SlabBoxes::least_side(dimension)) {
                 let size = std::array::from_fn(|axis| side.min(self.extent[axis] - first[axis]));
                 return Some((first, size));
             }
@@ -96,7 +116,8 @@ mod tests {
             (Dimension::Quad, [3000, 1, 1], 12, 1024),
             (Dimension::Oct, [200, 100, 150], 9, 64),
         ] {
-            let boxes: Vec<_> = SlabBoxes::new(dimension, extent, (depth, CodeRun::ALL), side).collect();
+            let boxes: Vec<_> =
+                SlabBoxes::new(extent, WantedCells { dimension, depth, run: CodeRun::ALL }, side).collect();
             let cells: u64 = boxes.iter().map(|(_, size)| size.iter().product::<u64>()).sum();
             assert_eq!(cells, extent.iter().product::<u64>());
             let code = |first: &[u64; 3]| Code::from_cell(dimension, depth, first.map(|cell| cell as u32));
@@ -108,7 +129,8 @@ mod tests {
     fn boxes_of_a_run_are_those_that_it_touches() {
         let node = |digits: &[usize]| Code::from_digits(Dimension::Quad, digits.iter().copied()).unwrap();
         let run = CodeRun::of(node(&[0, 3]), node(&[1])).unwrap();
-        let boxes = SlabBoxes::new(Dimension::Quad, [1000, 900, 1], (10, run), 1 << 20);
+        let wanted = WantedCells { dimension: Dimension::Quad, depth: 10, run };
+        let boxes = SlabBoxes::new([1000, 900, 1], wanted, 1 << 20);
         assert_eq!(boxes.collect::<Vec<_>>(), [([256, 256, 0], [256, 256, 1]), ([512, 0, 0], [488, 512, 1])]);
     }
 }

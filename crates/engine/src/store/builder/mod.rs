@@ -31,7 +31,7 @@ mod tally;
 mod upper;
 mod walk;
 
-pub use boxes::SlabBoxes;
+pub use boxes::{SlabBoxes, WantedCells};
 pub use merge::{
     FULL_COVERAGE, Join, MergeAction, MergeState, MergeTable, Merging, Overlay, joined_coverage,
 };
