@@ -107,7 +107,8 @@ fn streams_and_two_at_once_are_refused() {
     let partial = fs::File::create(place.path("merged.goblin.partial")).unwrap();
     partial.lock().unwrap();
     (&partial).write_all(b"x").unwrap();
-    let locked = complaint(&["shard", "merge", &job, "-o", &place.name("merged.goblin"), "--remove-shards"], 1);
+    let locked =
+        complaint(&["shard", "merge", &job, "-o", &place.name("merged.goblin"), "--remove-shards"], 1);
     assert!(locked.contains("another process"), "{locked}");
     assert_eq!(place.leftovers("job/shards"), Vec::<String>::new());
     assert!(run_bytes(&place) > 0);

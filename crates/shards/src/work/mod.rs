@@ -5,6 +5,7 @@ mod given;
 mod import_options;
 mod packing;
 mod pictures;
+mod points;
 mod solids;
 mod stacks;
 mod transforming;
@@ -15,20 +16,23 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use spinney_base::io::{Output, url_of};
-use spinney_base::space::Bounds;
+use spinney_base::space::{Bounds, CodeRun};
 use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
 use spinney_engine::ops::{Chain, Operation, Universe};
-use spinney_engine::store::goblin::Shard;
-use spinney_engine::store::{Packing, ShardCheck, TreeTarget};
+use spinney_engine::store::goblin::{Goblin, LightFile, MergeOutput, Shard, ShardPiece, merge_shards};
+use spinney_engine::store::{Packing, ShardCheck, TreeTarget, TreeWriter};
 use spinney_mesh::import::SolidOptions;
+use spinney_points::PointImportOptions;
 use spinney_raster::import::{ImportOptions, StackOptions};
 use spinney_raster::volume::{VolumeInput, VolumeOptions};
+use spinney_vector::import::filter::FeatureFilter;
 
 use self::combining::Combining;
 pub(crate) use self::given::Given;
 use self::pictures::Pictures;
+use self::points::Points;
 use self::solids::Solid;
 use self::stacks::Stack;
 use self::transforming::Transforming;
@@ -66,6 +70,15 @@ pub enum JobSpec {
         /// Options of their import.
         options: SolidOptions,
     },
+    /// A tree of the points of LAS and LAZ files.
+    Points {
+        /// The files.
+        inputs: Vec<PathBuf>,
+        /// Options of their import.
+        options: PointImportOptions,
+        /// Conditions that hold for the points that are kept.
+        filter: FeatureFilter,
+    },
     /// A tree with steps done to it: see [`transform`](spinney_engine::ops::transform).
     Transform {
         /// The tree, and the steps.
@@ -95,16 +108,17 @@ impl JobSpec {
             JobSpec::Pictures { inputs, .. }
             | JobSpec::Stack { inputs, .. }
             | JobSpec::Solid { inputs, .. }
+            | JobSpec::Points { inputs, .. }
             | JobSpec::Combine { inputs, .. } => inputs.clone(),
             JobSpec::Volume { input, .. } => input.paths().to_vec(),
             JobSpec::Transform { chain, .. } => transforming::files(chain),
         }
     }
 
-    /// Writes a file that tells of the layers. Inputs are the [planned ones](JobSpec::inputs).
+    /// Writes a file that tells of the layers. Inputs are the [planned ones](JobSpec::inputs), and there are to be so many shards.
     pub(crate) fn write_head(
         &self,
-        inputs: &[PlannedInput],
+        (inputs, shards): (&[PlannedInput], u32),
         head: Output,
         progress: &dyn Progress,
     ) -> Result<Told> {
@@ -118,6 +132,9 @@ impl JobSpec {
             JobSpec::Volume { input, options } => volumes::write_head(input, options, head, progress),
             JobSpec::Solid { inputs: paths, options } => {
                 solids::write_head((paths, inputs), options, head, progress)
+            }
+            JobSpec::Points { inputs: paths, options, filter } => {
+                points::write_head(paths, (options, filter), (head, shards), progress)
             }
             JobSpec::Transform { chain, packing } => {
                 transforming::write_head(chain, *packing, head, progress)
@@ -143,6 +160,8 @@ pub(crate) struct Told {
     pub(crate) work: PlannedWork,
     /// Which input makes which cells; where nothing is known of that, all input is taken to be spread over all cells.
     pub(crate) loads: Vec<Load>,
+    /// The pieces of each shard, where the work has a way of its own to cut; else layers are cut by loads.
+    pub(crate) pieces: Option<Vec<Vec<ShardPiece>>>,
     /// Description of the tree: pairs of a heading and its text.
     pub(crate) description: Vec<(&'static str, String)>,
 }
@@ -155,6 +174,7 @@ pub(crate) enum PlannedWork {
     Stack(Box<Stack>),
     Volume(Box<Volume>),
     Solid(Box<Solid>),
+    Points(Points),
     Transform(Transforming),
     Combine(Combining),
     Given(Given),
@@ -168,6 +188,7 @@ impl PlannedWork {
             JobSpec::Stack { options, .. } => PlannedWork::Stack(Box::new(Stack::of(options))),
             JobSpec::Volume { input, options } => PlannedWork::Volume(Box::new(Volume::of(input, options))),
             JobSpec::Solid { inputs, options } => PlannedWork::Solid(Box::new(Solid::of(inputs, options)?)),
+            JobSpec::Points { options, filter, .. } => PlannedWork::Points(Points::of(options, filter)),
             JobSpec::Transform { chain, packing } => {
                 PlannedWork::Transform(Transforming::of(chain, *packing)?)
             }
@@ -183,6 +204,7 @@ impl PlannedWork {
             PlannedWork::Stack(work) => &**work,
             PlannedWork::Volume(work) => &**work,
             PlannedWork::Solid(work) => &**work,
+            PlannedWork::Points(work) => work,
             PlannedWork::Transform(work) => work,
             PlannedWork::Combine(work) => work,
             PlannedWork::Given(work) => work,
@@ -197,6 +219,52 @@ pub(crate) trait Work {
 
     /// The way in which segments are packed.
     fn packing(&self) -> Result<Packing>;
+
+    /// Headers of the layers that a head tells of.
+    fn layers(&self, head: Vec<u8>) -> Result<Vec<Header>> {
+        let head = Goblin::from_bytes(head)?;
+        Ok(head.layers().iter().map(|layer| layer.header.clone()).collect())
+    }
+
+    /// Whether pieces have all of each layer, one behind the other, and are cut where they may be.
+    fn are_all(&self, pieces: &[ShardPiece], layers: &[Header]) -> bool {
+        are_all(pieces, layers)
+    }
+
+    /// Bytes of a shard, if it is made and all of it is there.
+    fn find(&self, shard: &Shard) -> Result<Option<u64>> {
+        Ok(LightFile::find(shard)?.map(|light| light.run_bytes()))
+    }
+
+    /// Numbers of the shards that are not made, or of which something is not there that is needed, perhaps for an output that may have some of it.
+    fn missing(&self, shards: &[Shard], output: Option<&MergeOutput>) -> Result<Vec<u32>> {
+        if let Some(output) = output {
+            return output.missing(shards);
+        }
+        let mut missing = Vec::new();
+        for (shard, found) in shards.iter().zip(LightFile::find_all(shards)?) {
+            if found?.is_none() {
+                missing.push(shard.number);
+            }
+        }
+        Ok(missing)
+    }
+
+    /// Makes a shard that has no piece of any layer.
+    fn build_empty(&self, head: &Path, shard: Shard) -> Result<()> {
+        TreeWriter::shard(head, shard)?.finish()
+    }
+
+    /// Puts shards together with about so many bytes of memory.
+    fn merge(
+        &self,
+        head: &Path,
+        shards: &[Shard],
+        (output, memory): (MergeOutput, u64),
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        merge_shards(head, shards, output, (memory / 8, self.packing()?.effort), progress)
+    }
 
     /// Makes sure that all that is told fits so many inputs and these layers.
     fn check(&self, _inputs: usize, _layers: &[Header]) -> Result<()> {
@@ -247,4 +315,22 @@ fn check_is_here(input: &Path) -> Result<()> {
 /// A number that a plan has as a text, so that every digit of it stays.
 fn number<T: std::str::FromStr>(text: &str) -> Result<T> {
     text.parse().map_err(|_| Error::invalid("number", format!("`{text}`"), "a number"))
+}
+
+/// Whether pieces have all of each layer, one behind the other, and are cut where they may be.
+fn are_all(pieces: &[ShardPiece], layers: &[Header]) -> bool {
+    let mut pieces = pieces.iter();
+    for (number, header) in (0..).zip(layers) {
+        let mut next = 0;
+        while next <= CodeRun::ALL.ends()[1] {
+            let Some(piece) = pieces.next() else { return false };
+            let [first, last] = piece.run.ends();
+            let is_cut = piece.run.is_cut_at(header.form.dimension, header.shape.crown_level());
+            if piece.layer != number || first != next || !is_cut {
+                return false;
+            }
+            next = last + 1;
+        }
+    }
+    pieces.next().is_none()
 }
