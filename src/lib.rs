@@ -238,7 +238,7 @@ pub mod manifest {
 
 /// A file, or a view of one, with every question.
 pub mod dataset {
-    pub use spinney_engine::dataset::{Dataset, open, open_view};
+    pub use spinney_engine::dataset::{Dataset, Rebuild, open, open_view};
 }
 
 /// Exact models: boundary representations on an integer grid, kept as they are and not as cells.

@@ -1,14 +1,16 @@
 #!/usr/bin/env python3
 """Building in shards: what it costs beside one process, two workers of Dask beside one, and beside rioxarray with Dask; plans of many files.
 
-    benches/peers/shards.py [costs] [dask] [plan]
+    benches/peers/shards.py [costs] [dask] [disk] [plan]
 
 - `costs`: processor seconds of one process, and of plan, shards and merge; bytes of light files; whether the bytes are the same.
 - `dask`: a mosaic of SIDE x SIDE (4 x 4) pictures of 33.6 million cells of 12 classes on a local cluster of one worker and of two, and the same job by rioxarray and Dask, which
   write a COG. Needs spinney, distributed, rioxarray and rasterio in the Python that PYTHON names.
+- `disk`: what a merge takes on the disk that removes shards of that mosaic as they come to be in the file, beside the file alone.
 - `plan`: a plan of 10,000 files (FILES) beside gdalbuildvrt.
 """
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -19,7 +21,7 @@ from common import CLASSES, RELIEF, SHORELINE, SPINNEY, WORK, once, start, table
 PYTHON = os.environ.get("PYTHON", sys.executable)
 FILES = int(os.environ.get("FILES", 10_000))
 SIDE = int(os.environ.get("SIDE", 4))
-PARTS = sys.argv[1:] or ["costs", "dask", "plan"]
+PARTS = sys.argv[1:] or ["costs", "dask", "disk", "plan"]
 
 
 def said(command):
@@ -75,7 +77,7 @@ if __name__ == '__main__':
         began = time.perf_counter()
         if how == 'spinney':
             import spinney.dask
-            spinney.dask.build(folder + '/tile_*.tif', out, client=client, codec='packed', kind='categorical')
+            spinney.dask.build(folder + '/tile_*.tif', out, client=client, codec=sys.argv[5], kind='categorical')
         else:
             import glob, rioxarray, xarray
             from distributed import Lock
@@ -90,32 +92,60 @@ if __name__ == '__main__':
 """
 
 
-def dask():
-    folder, script = WORK / f"mosaic_{SIDE}", WORK / "cluster.py"
-    script.write_text(CLUSTER)
+def mosaic():
+    folder = WORK / f"mosaic_{SIDE}"
     if not folder.exists():
         folder.mkdir()
         subprocess.run([PYTHON, "-c", MOSAIC, CLASSES, folder, str(SIDE)], check=True)
-    whole = WORK / "whole.goblin"
-    one, wall, _ = once([SPINNEY, "-q", "--threads", "1", "build", *sorted(folder.glob("tile_*.tif")), "-o", whole, "--codec", "packed", "--kind", "categorical"])
-    rows, found = [["spinney build --threads 1", f"{one:.1f}", f"{wall:.1f}", ""]], {}
-    for name, workers, how in (("one worker", 1, "spinney"), ("two workers", 2, "spinney"), ("rioxarray and GDAL's COG, two workers", 2, "rioxarray")):
-        out = WORK / ("merged.goblin" if how == "spinney" else "mosaic.tif")
-        emptied(out)
+    return folder
+
+
+def dask():
+    folder, script = mosaic(), WORK / "cluster.py"
+    script.write_text(CLUSTER)
+    tiles, rows, found = sorted(folder.glob("tile_*.tif")), [], {}
+
+    def cluster(name, workers, how, out, codec):
         seconds = WORK / "seconds"
         with seconds.open("w") as file:
-            cpu, _, _ = once([PYTHON, script, workers, how, folder, out], stdout=file)
+            cpu, _, _ = once([PYTHON, script, workers, how, folder, emptied(out), codec], stdout=file)
         found[name] = cpu, float(seconds.read_text().split()[-1])
-        if how == "spinney":
-            assert out.read_bytes() == whole.read_bytes()
-    for name, (cpu, wall) in found.items():
-        of = ""
-        if name == "two workers":
-            of = f"one worker / two: {verdict(found['one worker'][1] / wall, 1.6)}"
-        elif name.startswith("rio"):
-            of = f"two workers' CPU of it: {verdict(found['two workers'][0] / cpu, 0.2, least=False)}"
-        rows.append([name, f"{cpu:.1f}", f"{wall:.1f}", of])
-    table([f"mosaic of {SIDE * SIDE} x 33.6 million cells, packed", "CPU s, with the cluster", "s, without its start", ""], rows)
+        size = out.with_name(out.name + ".cog.tif" if how == "rioxarray" else out.name).stat().st_size
+        rows.append([name, f"{cpu:.1f}", f"{found[name][1]:.1f}", f"{size:,}", ""])
+
+    peer = "rioxarray and GDAL's COG, two workers"
+    cluster(peer, 2, "rioxarray", WORK / "mosaic.tif", "")
+    for codec in ("plain", "packed"):
+        whole, merged = WORK / "whole.goblin", WORK / "merged.goblin"
+        one, wall, _ = once([SPINNEY, "-q", "--threads", "1", "build", *tiles, "-o", whole, "--codec", codec, "--kind", "categorical"])
+        rows.append([f"{codec}: spinney build --threads 1", f"{one:.1f}", f"{wall:.1f}", f"{whole.stat().st_size:,}", ""])
+        for workers in (1, 2):
+            cluster(f"{codec}: {workers} of spinney.dask.build", workers, "spinney", merged, codec)
+            assert merged.read_bytes() == whole.read_bytes()
+        (_, first), (cpu, second) = (found[f"{codec}: {workers} of spinney.dask.build"] for workers in (1, 2))
+        rows[-1][-1] = f"one worker / two: {verdict(first / second, 1.6)}; of the COG's CPU: {verdict(cpu / found[peer][0], 0.2, least=False)}"
+    table([f"mosaic of {SIDE * SIDE} x 33.6 million cells", "CPU s, with the cluster", "s, without its start", "bytes", ""], rows)
+
+
+def disk():
+    """The most that the file and what is left of the job take at a time."""
+    merged, job, tiles = emptied(WORK / "merged.goblin"), emptied(WORK / "job"), sorted(mosaic().glob("tile_*.tif"))
+    said([SPINNEY, "-q", "shard", "plan", *tiles, "-o", job, "--shards", "64"])
+    for number in range(64):
+        said([SPINNEY, "-q", "--threads", "1", "shard", "build", job, number])
+    most = 0
+    with subprocess.Popen([SPINNEY, "-q", "shard", "merge", job, "-o", merged, "--remove-shards"]) as merging:
+        while merging.poll() is None:
+            files = [*job.rglob("*"), merged, merged.with_name(merged.name + ".partial")]
+            sizes = []
+            for path in files:
+                with contextlib.suppress(FileNotFoundError):
+                    sizes.append(path.stat().st_size if path.is_file() else 0)
+            most = max(most, sum(sizes))
+    table(["disk while shards are merged and removed", "bytes", "of the file (1.05)"], [
+        ["the file", f"{merged.stat().st_size:,}", ""],
+        ["file and shards, at most", f"{most:,}", verdict(most / merged.stat().st_size, 1.05, least=False)],
+    ])
 
 
 MANY = """
@@ -151,4 +181,4 @@ def plan():
 
 start(peer="gdalbuildvrt")
 for part in PARTS:
-    {"costs": costs, "dask": dask, "plan": plan}[part]()
+    {"costs": costs, "dask": dask, "disk": disk, "plan": plan}[part]()

@@ -435,7 +435,8 @@ fn what_shards_do_not_have_is_said() {
     refused(&[&picture, "-o", &job, "--grid", "xyz"], "--grid is not for shards");
     refused(&[&picture, "-o", &job, "--max-bytes", "1G"], "--max-bytes is not for shards");
     refused(&[&picture, "-o", &job, "--resampling", "nearest"], "--resampling is for other grids");
-    refused(&[&tree, "-o", &job], "is a tree");
+    refused(&[&tree, &picture, "-o", &job], "a tree as an input is the only one");
+    refused(&[&tree, "-o", &job, "--nodata", "1"], "whose cells are taken as they are");
     refused(&[&picture, "-o", &place.name("job.autumn")], "folder of a job");
     refused(&[&picture, "-o", &place.name("job.goblin")], "folder of a job");
     refused(&[&picture, "-o", "-"], "standard output");

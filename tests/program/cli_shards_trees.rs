@@ -85,6 +85,20 @@ fn shards_of_trees_of_several_layers_and_of_many_files() {
 }
 
 #[test]
+fn shards_of_a_tree_of_which_something_else_is_said() {
+    let place = Place::new();
+    let map = tree(&place, "map", [0, 0], [1400, 1100], &["--nodata", "1"]);
+    let build = ["build", "plan"];
+    place.compare_with(build, &[&map, "--rule", "max"], &[1, 7]);
+    place.compare_with(build, &[&map, "--kind", "categorical", "--codec", "packed"], &[64]);
+    place.compare_with(
+        build,
+        &[&map, "--depth", "13", "--crs", "EPSG:3035", "--transform", "0.1,0,5,0,-0.3,7"],
+        &[3],
+    );
+}
+
+#[test]
 fn shards_of_octrees_and_of_trees_that_are_edited() {
     let place = Place::new();
     let (body, edited, again) = (place.name("body.goblin"), place.name("map.autumn"), place.name("job"));

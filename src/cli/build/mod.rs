@@ -40,6 +40,7 @@ pub(super) use self::pictures::PictureArgs;
 pub(super) use self::solids::SolidArgs;
 use self::surfaces::{SurfaceArgs, SurfaceImport};
 use self::tree::TreeImport;
+pub(super) use self::tree::spec as tree_spec;
 use super::args::{Memory, OutputLimit, Packing, check_output, expand_lists, parse_crs};
 use super::lines::LineImport;
 use super::report::{Work, report_built};

@@ -1,12 +1,13 @@
 //! `spinney build` of a tree: the same cells, with what options say.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use spinney::Progress;
-use spinney::dataset::Dataset;
+use spinney::dataset::{Dataset, Rebuild};
 use spinney::io::Output;
 use spinney::ops::only_layer;
+use spinney::shards::JobSpec;
 use spinney::space::Frame;
 use spinney::store::BuildOptions;
 
@@ -21,49 +22,53 @@ pub(super) struct TreeImport {
     description: Lines,
 }
 
+/// A job of a tree, which has to be the only input.
+pub(in super::super) fn spec(inputs: &[PathBuf], pictures: &PictureArgs, common: &Common) -> Result<JobSpec> {
+    let input = only_tree(inputs, pictures, common)?;
+    let other = rebuild(input, open(input)?.header().form.axes(), pictures, common)?;
+    Ok(JobSpec::Rebuild { input: input.into(), other, packing: common.packing.choice()? })
+}
+
+/// The tree among the inputs, which has to be the only one, and for which all options are.
+fn only_tree<'a>(inputs: &'a [PathBuf], pictures: &PictureArgs, common: &Common) -> Result<&'a Path> {
+    let [input] = inputs else {
+        bail!("a tree as an input is the only one; `spinney combine` lays trees over each other")
+    };
+    let name = input.display();
+    if let Some(option) = pictures.of_cells() {
+        bail!("{option} is for pictures and volumes; {name} is a tree, whose cells are taken as they are")
+    }
+    if common.grid.is_some() || pictures.of_warping().is_some() {
+        bail!("--grid: {name} is a tree; `spinney transform {name} grid=xyz -o OUT` or `like=TREE` warps it")
+    }
+    only_layer(input)?;
+    Ok(input)
+}
+
+/// What is to be other than in a tree of so many axes.
+fn rebuild(input: &Path, axes: usize, pictures: &PictureArgs, common: &Common) -> Result<Rebuild> {
+    let name = input.display();
+    let matrix = match (pictures.transform, axes) {
+        (None, _) => None,
+        (Some(Transform::Picture(numbers)), 2) => Some(Frame::planar(numbers).matrix),
+        (Some(Transform::Volume(matrix)), 3) => Some(matrix),
+        (Some(_), 2) => bail!("--transform: {name} is a quadtree, six numbers are expected"),
+        (Some(_), _) => bail!("--transform: {name} is an octree, three or twelve numbers are expected"),
+    };
+    let (kind, rule, depth) = (pictures.kind, pictures.rule, common.depth);
+    Ok(Rebuild { kind, rule, depth, matrix, crs: common.crs.clone() })
+}
+
 impl TreeImport {
     /// Opens the tree among the inputs, which has to be the only one.
     pub(super) fn plan(inputs: &[PathBuf], pictures: &PictureArgs, common: &Common) -> Result<TreeImport> {
-        let [input] = inputs else {
-            bail!("a tree as an input is the only one; `spinney combine` lays trees over each other")
-        };
+        let input = only_tree(inputs, pictures, common)?;
         let name = input.display();
-        if let Some(option) = pictures.of_cells() {
-            bail!("{option} is for pictures and volumes; {name} is a tree, whose cells are taken as they are")
-        }
-        if common.grid.is_some() || pictures.of_warping().is_some() {
-            bail!(
-                "--grid: {name} is a tree; `spinney transform {name} grid=xyz -o OUT` or `like=TREE` warps it"
-            )
-        }
-        only_layer(input)?;
         let tree = open(input)?;
-        let mut options = tree.build_options(common.memory.bytes);
+        let other = rebuild(input, tree.header().form.axes(), pictures, common)?;
+        let mut options = tree.rebuild_options(&other, common.memory.bytes)?;
         (options.share, options.time) = (common.share, common.time);
         options.packing = common.packing.choice()?;
-        if let Some(kind) = pictures.kind
-            && kind != options.kind
-        {
-            (options.kind, options.rule) = (kind, kind.default_rule());
-        }
-        options.rule = pictures.rule.unwrap_or(options.rule);
-        options.depth = common.depth.unwrap_or(options.depth);
-        let frame = &mut options.metadata.frame;
-        match (pictures.transform, tree.header().form.axes()) {
-            (None, _) => {}
-            (Some(Transform::Picture(numbers)), 2) => frame.matrix = Frame::planar(numbers).matrix,
-            (Some(Transform::Volume(matrix)), 3) => frame.matrix = matrix,
-            (Some(_), 2) => bail!("--transform: {name} is a quadtree, six numbers are expected"),
-            (Some(_), _) => bail!("--transform: {name} is an octree, three or twelve numbers are expected"),
-        }
-        if frame.matrix.iter().flatten().any(|number| !number.is_finite())
-            || frame.to_cells([0.0; 3]).is_none()
-        {
-            bail!("--transform: numbers that have no inverse")
-        }
-        if let Some(crs) = &common.crs {
-            frame.crs = Some(crs.clone());
-        }
         let description = vec![
             ("input", format!("{name}: a {} file, {}", tree.format().name(), tree.header().form)),
             ("kind", options.kind.to_string()),

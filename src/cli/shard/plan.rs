@@ -12,7 +12,7 @@ use spinney::shards::{JobSpec, plan};
 use spinney::store::{TreeFormat, file_is_tree};
 
 use super::super::args::{Packing, check_output, expand_lists};
-use super::super::build::{Common, PictureArgs, SolidArgs, points as scans};
+use super::super::build::{Common, PictureArgs, SolidArgs, points as scans, tree_spec};
 use super::super::combine::MergingArgs;
 use super::super::report::{Work, quantity};
 use super::super::transform::ChainArgs;
@@ -29,13 +29,13 @@ struct JobArgs {
     shards: Option<u32>,
 }
 
-/// Plan a job: look at pictures, a volume, models or scans, and write down what each shard is made of
+/// Plan a job: look at pictures, a volume, models, scans or a tree, and write down what each shard is made of
 ///
 /// The options are those of `spinney build` for these. The surface of models has to be closed, and is read as a whole. The same plan can be made again; a folder that has
 /// another one is left as it is.
 #[derive(clap::Args)]
 pub(super) struct Args {
-    /// Raster files (of several, the last lies on top, or with --stack all are layers), a volume, models, or LAS and LAZ files; @FILE stands for the paths in a file, one a line
+    /// Raster files (of several, the last lies on top, or with --stack all are layers), a volume, models, LAS and LAZ files, or a tree; @FILE stands for the paths in a file, one a line
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<PathBuf>,
     #[command(flatten)]
@@ -79,11 +79,7 @@ pub(super) struct CombineArgs {
 
 /// The name of what an input is, if it is something that `build` takes and shards do not.
 fn other_kind(input: &Path) -> Option<&'static str> {
-    let kinds = [
-        ("a tree", file_is_tree(input)),
-        ("a solid of primitives", Csg::is_name(input)),
-        ("views of a solid", is_views_name(input)),
-    ];
+    let kinds = [("a solid of primitives", Csg::is_name(input)), ("views of a solid", is_views_name(input))];
     kinds.into_iter().find(|(_, is_one)| *is_one).map(|(kind, _)| kind)
 }
 
@@ -95,7 +91,7 @@ pub(super) fn run(args: Args, global: &Global) -> Result<()> {
     }
     if let Some((input, kind)) = inputs.iter().find_map(|input| Some((input, other_kind(input)?))) {
         bail!(
-            "{}: is {kind}; shards are of pictures, volumes, models and LAS and LAZ files (and of trees: plan-transform, plan-combine), `spinney build` makes the tree in one go",
+            "{}: is {kind}; shards are of pictures, volumes, models, LAS and LAZ files and trees, `spinney build` makes the tree in one go",
             input.display()
         )
     }
@@ -113,6 +109,9 @@ pub(super) fn run(args: Args, global: &Global) -> Result<()> {
             "{}: is no model; the options for solids are for PLY, OBJ, STL, OFF and CityJSON files",
             inputs[0].display()
         )
+    }
+    if inputs.iter().any(|input| file_is_tree(input)) {
+        return job.plan(&tree_spec(&inputs, pictures, common)?, global);
     }
     if let Some(input) = pictures.volume_input(&inputs)? {
         return job.plan(&JobSpec::Volume { input, options: pictures.volume_options(common)? }, global);

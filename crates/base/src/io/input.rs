@@ -135,8 +135,10 @@ impl Read for InputFile {
             Bytes::Here(file) => return file.read(buffer),
             Bytes::Elsewhere(_) => self.length.saturating_sub(self.at).min(buffer.len() as u64) as usize,
         };
-        self.read_at(self.at, &mut buffer[..length])?;
-        self.at += length as u64;
+        if length > 0 {
+            self.read_at(self.at, &mut buffer[..length])?;
+            self.at += length as u64;
+        }
         Ok(length)
     }
 }

@@ -15,6 +15,7 @@ use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
 
+pub use self::rebuild::Rebuild;
 use self::viewed::Viewed;
 use crate::ops::{Chain, LayerInfo, Sampling, Step, TreeFile, View, ViewSource, WarpGrid, data_box};
 use crate::store::autumnal::{Autumnal, Commit};

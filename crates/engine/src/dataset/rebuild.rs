@@ -2,11 +2,53 @@
 
 use super::{Dataset, Tree};
 use crate::ops::{TreeFile, View, ViewSource, build_again};
-use crate::store::BuildOptions;
+use crate::store::{BuildOptions, TreeTarget};
 use spinney_base::io::Output;
-use spinney_base::{Progress, Result};
+use spinney_base::value::{Kind, Rule};
+use spinney_base::{Error, Progress, Result};
+use spinney_crs::Crs;
+
+/// Properties that a tree is to have in place of those of the dataset that it is built of.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Rebuild {
+    /// Kind of the values; with another one, the rule is the usual one for it.
+    pub kind: Option<Kind>,
+    /// Rule of coarser levels, which are made anew if it is another.
+    pub rule: Option<Rule>,
+    /// Levels of the tree.
+    pub depth: Option<u8>,
+    /// Map from cells to the world.
+    pub matrix: Option<[[f64; 4]; 3]>,
+    /// Coordinate system.
+    pub crs: Option<Crs>,
+}
 
 impl Dataset {
+    /// Options for a tree of the same properties, but for some.
+    ///
+    /// # Errors
+    /// If the map to the world has no inverse.
+    pub fn rebuild_options(&self, other: &Rebuild, memory: u64) -> Result<BuildOptions> {
+        let mut options = self.build_options(memory);
+        if let Some(kind) = other.kind
+            && kind != options.kind
+        {
+            (options.kind, options.rule) = (kind, kind.default_rule());
+        }
+        options.rule = other.rule.unwrap_or(options.rule);
+        options.depth = other.depth.unwrap_or(options.depth);
+        let frame = &mut options.metadata.frame;
+        frame.matrix = other.matrix.unwrap_or(frame.matrix);
+        let is_finite = frame.matrix.iter().flatten().all(|number| number.is_finite());
+        if !is_finite || frame.to_cells([0.0; 3]).is_none() {
+            return Err(Error::invalid("transform", "numbers that have no inverse", "a map that has one"));
+        }
+        if let Some(crs) = &other.crs {
+            frame.crs = Some(crs.clone());
+        }
+        Ok(options)
+    }
+
     /// Options for a tree of the same properties: kind, rule, depth, and all that is told about the data.
     pub fn build_options(&self, memory: u64) -> BuildOptions {
         BuildOptions::like(self.header(), memory).metadata(self.metadata().clone())
@@ -34,19 +76,32 @@ impl Dataset {
     /// If the file cannot be read, the depth is too small for the cells, the output cannot be written, there is no room for all of
     /// its nodes, or on interruption.
     pub fn build(&self, options: &BuildOptions, output: Output, progress: &dyn Progress) -> Result<()> {
+        self.build_to(options, output.into(), progress)
+    }
+
+    /// Builds a tree, or a part of one: see [`Dataset::build`].
+    ///
+    /// # Errors
+    /// Those of [`Dataset::build`].
+    pub fn build_to(
+        &self,
+        options: &BuildOptions,
+        target: TreeTarget,
+        progress: &dyn Progress,
+    ) -> Result<()> {
         let file = match &self.tree {
             Tree::View(viewed) => {
                 let view = viewed.view().clone().deepened(options.depth)?;
-                return build_again(viewed.source(), &view, view.extent(), options, output, progress);
+                return build_again(viewed.source(), &view, view.extent(), options, target, progress);
             }
             Tree::Goblin(file) => TreeFile::Goblin(file.clone()),
             Tree::Autumnal(file) => TreeFile::Autumnal(file.clone()),
         };
         let (source, extent) = (ViewSource::from(file.clone()), self.header().extent);
         if options.depth == self.depth() {
-            return build_again(&source, &source, extent, options, output, progress);
+            return build_again(&source, &source, extent, options, target, progress);
         }
         let view = View::whole(file.into())?.deepened(options.depth)?;
-        build_again(&source, &view, extent, options, output, progress)
+        build_again(&source, &view, extent, options, target, progress)
     }
 }

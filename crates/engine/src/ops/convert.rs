@@ -6,7 +6,7 @@ use super::layers::{file_depth, layer_paths};
 use super::tree_file::TreeFile;
 use super::view_source::ViewSource;
 use crate::store::builder::ReusableSource;
-use crate::store::{BuildOptions, TreeWriter, WriteOptions, build, check_room};
+use crate::store::{BuildOptions, TreeTarget, TreeWriter, WriteOptions, build_with, check_room};
 use spinney_base::io::Output;
 use spinney_base::{Progress, Result};
 use spinney_container::OpenOptions;
@@ -66,12 +66,14 @@ pub(crate) fn build_again<S: ReusableSource>(
     seen: &S,
     extent: [u64; 3],
     options: &BuildOptions,
-    output: Output,
+    target: TreeTarget,
     progress: &dyn Progress,
 ) -> Result<()> {
     tree.tell_remark(progress);
     // (Of a part, or of larger cells, nobody knows how many nodes it has.)
     let records = if extent == tree.header().extent { tree.shared_records()? } else { 0 };
-    check_room(&output, seen.form(), options.share, records)?;
-    build(seen, extent, options, output, progress).map(drop)
+    if let Some(output) = target.whole() {
+        check_room(output, seen.form(), options.share, records)?;
+    }
+    build_with(seen, extent, options, target, progress, &mut |_| {}).map(drop)
 }

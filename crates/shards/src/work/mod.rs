@@ -6,6 +6,7 @@ mod import_options;
 mod packing;
 mod pictures;
 mod points;
+mod rebuilding;
 mod solids;
 mod stacks;
 mod transforming;
@@ -20,6 +21,7 @@ use spinney_base::space::{Bounds, CodeRun};
 use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
+use spinney_engine::dataset::Rebuild;
 use spinney_engine::ops::{Chain, Operation, Universe};
 use spinney_engine::store::goblin::{Goblin, LightFile, MergeOutput, Shard, ShardPiece, merge_shards};
 use spinney_engine::store::{Packing, ShardCheck, TreeTarget, TreeWriter};
@@ -33,6 +35,7 @@ use self::combining::Combining;
 pub(crate) use self::given::Given;
 use self::pictures::Pictures;
 use self::points::Points;
+use self::rebuilding::Rebuilding;
 use self::solids::Solid;
 use self::stacks::Stack;
 use self::transforming::Transforming;
@@ -79,6 +82,15 @@ pub enum JobSpec {
         /// Conditions that hold for the points that are kept.
         filter: FeatureFilter,
     },
+    /// A tree of the same cells as another, of which something else is said: see [`Dataset::build`](spinney_engine::dataset::Dataset::build).
+    Rebuild {
+        /// The tree.
+        input: PathBuf,
+        /// What is to be other.
+        other: Rebuild,
+        /// The way in which segments are packed.
+        packing: Packing,
+    },
     /// A tree with steps done to it: see [`transform`](spinney_engine::ops::transform).
     Transform {
         /// The tree, and the steps.
@@ -111,6 +123,7 @@ impl JobSpec {
             | JobSpec::Points { inputs, .. }
             | JobSpec::Combine { inputs, .. } => inputs.clone(),
             JobSpec::Volume { input, .. } => input.paths().to_vec(),
+            JobSpec::Rebuild { input, .. } => vec![input.clone()],
             JobSpec::Transform { chain, .. } => transforming::files(chain),
         }
     }
@@ -135,6 +148,9 @@ impl JobSpec {
             }
             JobSpec::Points { inputs: paths, options, filter } => {
                 points::write_head(paths, (options, filter), (head, shards), progress)
+            }
+            JobSpec::Rebuild { input, other, packing } => {
+                rebuilding::write_head(input, (other, *packing), head, progress)
             }
             JobSpec::Transform { chain, packing } => {
                 transforming::write_head(chain, *packing, head, progress)
@@ -175,6 +191,7 @@ pub(crate) enum PlannedWork {
     Volume(Box<Volume>),
     Solid(Box<Solid>),
     Points(Points),
+    Rebuild(Box<Rebuilding>),
     Transform(Transforming),
     Combine(Combining),
     Given(Given),
@@ -189,6 +206,9 @@ impl PlannedWork {
             JobSpec::Volume { input, options } => PlannedWork::Volume(Box::new(Volume::of(input, options))),
             JobSpec::Solid { inputs, options } => PlannedWork::Solid(Box::new(Solid::of(inputs, options)?)),
             JobSpec::Points { options, filter, .. } => PlannedWork::Points(Points::of(options, filter)),
+            JobSpec::Rebuild { other, packing, .. } => {
+                PlannedWork::Rebuild(Box::new(Rebuilding::of(other, *packing)))
+            }
             JobSpec::Transform { chain, packing } => {
                 PlannedWork::Transform(Transforming::of(chain, *packing)?)
             }
@@ -205,6 +225,7 @@ impl PlannedWork {
             PlannedWork::Volume(work) => &**work,
             PlannedWork::Solid(work) => &**work,
             PlannedWork::Points(work) => work,
+            PlannedWork::Rebuild(work) => &**work,
             PlannedWork::Transform(work) => work,
             PlannedWork::Combine(work) => work,
             PlannedWork::Given(work) => work,

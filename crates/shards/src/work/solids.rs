@@ -53,10 +53,13 @@ struct Survey {
     /// Least and greatest coordinates.
     bounds: Vec<String>,
     is_divided: bool,
-    /// Nodes whose first point is inside of surfaces: their codes in hexadecimal digits, and of each surface its number, the winding number and the
-    /// attribute.
-    inside: Vec<(String, Vec<(u32, i32, u32)>)>,
+    /// Nodes whose first point is inside of surfaces.
+    inside: Vec<Node>,
 }
+
+/// A node: its code in hexadecimal digits, and of each surface that its first point is inside of the number, the winding number and the attribute.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct Node(String, Vec<(u32, i32, u32)>);
 
 impl Survey {
     fn of(survey: &SolidSurvey) -> Survey {
@@ -64,8 +67,9 @@ impl Survey {
             (*surface, *winding, *attribute)
         };
         let inside = survey.nodes.iter().filter(|node| !node.inside.is_empty());
-        let inside = inside
-            .map(|node| (format!("{:016x}", node.code.bits()), node.inside.iter().map(surface).collect()));
+        let inside = inside.map(|node| {
+            Node(format!("{:016x}", node.code.bits()), node.inside.iter().map(surface).collect())
+        });
         Survey {
             bounds: survey.bounds.as_flattened().iter().map(f64::to_string).collect(),
             is_divided: survey.is_divided,
@@ -88,7 +92,7 @@ impl Survey {
             winding: *winding,
             attribute: *attribute,
         };
-        let node = |(code, surfaces): &(String, Vec<(u32, i32, u32)>)| {
+        let node = |Node(code, surfaces): &Node| {
             let bits = u64::from_str_radix(code, 16).ok();
             let code = bits.and_then(|bits| Code::from_bits(Dimension::Oct, bits))?;
             let is_sound = surfaces.iter().all(|(_, winding, _)| winding.unsigned_abs() <= MOST_AROUND);
