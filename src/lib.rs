@@ -284,9 +284,9 @@ pub mod points {
     pub use spinney_points::{
         BuildSummary, ChosenPoints, ColumnSummary, GriddedPoints, NearPoint, PLACE_BYTES, PointAttribute,
         PointBuildOptions, PointColumns, PointCondition, PointFormat, PointGrid, PointImport,
-        PointImportOptions, PointRegion, PointRows, PointSchema, PointSource, PointStatistics, PointTree,
-        Relation, RowField, RowLayout, Selection, WorldPoints, build, export_points, has_points, is_las_file,
-        is_point_file, ordered_number, plan_files, plan_points, position,
+        PointImportOptions, PointPart, PointRegion, PointRows, PointSchema, PointSource, PointStatistics,
+        PointTree, Relation, RowField, RowLayout, Selection, WorldPoints, build, export_points, has_points,
+        is_las_file, is_point_file, ordered_number, plan_files, plan_points, position,
     };
     #[cfg(feature = "vector")]
     pub use spinney_vector::{CellRule, PointRaster, rasterize_points};

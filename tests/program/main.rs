@@ -47,6 +47,7 @@ mod cli_section;
 mod cli_shards;
 mod cli_shards_merge;
 mod cli_shards_octrees;
+mod cli_shards_points;
 mod cli_shards_trees;
 mod cli_solids;
 #[cfg(feature = "cli")]

@@ -28,9 +28,9 @@ pub struct PointImportOptions {
 
 /// Files that are open and understood, ready to be built.
 pub struct PointImport {
-    source: Box<dyn PointSource>,
-    metadata: Metadata,
-    options: PointBuildOptions,
+    pub(crate) source: Box<dyn PointSource>,
+    pub(crate) metadata: Metadata,
+    pub(crate) options: PointBuildOptions,
     description: Vec<(&'static str, String)>,
     /// Files, and remarks on what of them is not as it was.
     remarks: Vec<(PathBuf, String)>,
@@ -152,12 +152,17 @@ impl PointImport {
         self.remarks.push((path.into(), text.into()));
     }
 
+    /// Warns of what is not as it was in the files.
+    pub fn tell_remarks(&self, progress: &dyn Progress) {
+        self.remarks.iter().for_each(|(path, text)| progress.warn(path, text));
+    }
+
     /// Builds the tree; warns of what is not as it was in the files.
     ///
     /// # Errors
     /// Those of [`build`].
     pub fn build(mut self, output: Output, progress: &dyn Progress) -> Result<BuildSummary> {
-        self.remarks.iter().for_each(|(path, text)| progress.warn(path, text));
+        self.tell_remarks(progress);
         build(&mut *self.source, &self.options, &self.metadata, output, progress)
     }
 }

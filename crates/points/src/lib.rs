@@ -13,6 +13,7 @@ mod import;
 pub mod las;
 pub mod memory;
 mod query;
+pub mod shard;
 mod source;
 mod statistics;
 mod store;
@@ -30,5 +31,5 @@ pub use import::{
 pub use query::{
     ColumnSummary, NearPoint, PointColumns, PointCondition, PointRegion, PointStatistics, Relation, Selection,
 };
-pub use source::{ChosenPoints, GriddedPoints, PointRows, PointSchema, PointSource, WorldPoints};
+pub use source::{ChosenPoints, GriddedPoints, PointPart, PointRows, PointSchema, PointSource, WorldPoints};
 pub use store::{PointTree, is_point_file};

@@ -10,7 +10,7 @@ use crate::store::PointTree;
 use crate::{BuildSummary, PointBuildOptions, build};
 use spinney_base::Result;
 use spinney_base::io::Output;
-use spinney_base::space::Dimension;
+use spinney_base::space::{Code, Dimension};
 use spinney_base::value::SampleType;
 use spinney_container::Metadata;
 
@@ -24,7 +24,7 @@ pub(crate) fn random(seed: u64) -> impl FnMut() -> u64 {
     }
 }
 
-fn layout() -> RowLayout {
+pub(crate) fn layout() -> RowLayout {
     let attribute = |(name, sample): &(&str, SampleType)| PointAttribute::new(*name, *sample);
     RowLayout::packed(
         [("classification", SampleType::U8), ("gps_time", SampleType::F64), ("height", SampleType::F32)]
@@ -35,7 +35,7 @@ fn layout() -> RowLayout {
 }
 
 /// Rows of points at places, with attributes by number.
-fn rows(places: impl IntoIterator<Item = [i32; 3]>, layout: &RowLayout) -> Vec<u8> {
+pub(crate) fn rows(places: impl IntoIterator<Item = [i32; 3]>, layout: &RowLayout) -> Vec<u8> {
     let mut rows = Vec::new();
     for (number, place) in places.into_iter().enumerate() {
         place.iter().for_each(|step| rows.extend_from_slice(&step.to_le_bytes()));
@@ -98,7 +98,7 @@ fn sorted(rows: &[u8], keep: impl Fn(&[u8]) -> bool) -> Vec<Vec<u8>> {
 }
 
 /// Places of all kinds: scattered, on a plane, in clumps, equal ones, on lines that divide.
-fn all_places(count: usize, seed: u64) -> Vec<[i32; 3]> {
+pub(crate) fn all_places(count: usize, seed: u64) -> Vec<[i32; 3]> {
     let mut random = random(seed);
     let mut number = |below: u64| (random() % below) as i32;
     (0..count)
@@ -265,6 +265,46 @@ fn bytes_are_the_same_with_little_memory_and_many_threads() {
     }
 }
 
+/// Clumps of points in one part of the space after the other, on all scales: of most nodes there are more than any memory has room for.
+pub(crate) fn clumped_places(count: usize, seed: u64) -> Vec<[i32; 3]> {
+    let mut random = random(seed);
+    let clumps = [(16, 700_000), (12, 30_000), (9, 31_500), (20, 0)];
+    (0..count)
+        .map(|_| {
+            let (bits, corner) = clumps[(random() % 7).min(3) as usize];
+            [0; 3].map(|_: i32| corner + (random() % (1 << bits)) as i32)
+        })
+        .collect()
+}
+
+#[test]
+fn bytes_are_the_same_however_nodes_are_divided() {
+    let rows = rows(clumped_places(60_000, 4), &layout());
+    for dimension in [Dimension::Oct, Dimension::Quad] {
+        for leaf_size in [20, 300, 3000] {
+            let options = |memory: u64| PointBuildOptions { leaf_size, memory };
+            let (expected, built) = bytes_of(&rows, dimension, &options(1 << 30)).unwrap();
+            for (memory, threads) in [(1, 1), (1, 3), (2 << 20, 2)] {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                let (found, same) = pool.install(|| bytes_of(&rows, dimension, &options(memory))).unwrap();
+                assert_eq!(same, built);
+                let differs = found.iter().zip(&expected).position(|(found, expected)| found != expected);
+                assert!(found == expected, "{dimension:?} {leaf_size} {memory} {threads}: {differs:?}");
+            }
+            let tree = PointTree::from_bytes(expected).unwrap();
+            assert_eq!(tree.verify(&()).unwrap(), []);
+            // Nodes stand as they end, each with its blocks behind all that is below it.
+            let mut blocks: Vec<_> = (0..tree.counts().1).map(|block| tree.entry(block).block).collect();
+            blocks.sort_by_key(|block| block.offset);
+            let end = |key| {
+                let code = Code::from_bits(dimension, key).unwrap();
+                (code.last_bits(), std::cmp::Reverse(code.level()))
+            };
+            assert!(blocks.is_sorted_by_key(|block| end(block.key)));
+        }
+    }
+}
+
 #[test]
 fn many_points_may_be_equal() {
     let mut places = vec![[7, 8, 9]; 1_000_000];
@@ -284,6 +324,17 @@ fn many_points_may_be_equal() {
             counts
         });
     assert_eq!(counts[&0], 200_001);
+}
+
+#[test]
+fn all_points_may_be_in_one_place() {
+    for count in [1, 10, 11, 35] {
+        let rows = rows(vec![[7, 8, 9]; count], &layout());
+        let tree = tree_of(&rows, Dimension::Oct, 10);
+        assert_eq!((tree.len(), tree.duplicates()), (count as u64, count as u64 - 1));
+        assert_eq!(tree.verify(&()).unwrap(), []);
+        assert_eq!(selected(&tree, &Selection::default()), sorted(&rows, |_| true));
+    }
 }
 
 #[test]

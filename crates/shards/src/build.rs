@@ -1,8 +1,8 @@
 //! Building of one shard of a job.
 
 use spinney_base::{Error, Progress, Result};
-use spinney_engine::store::goblin::{LightFile, Shard};
-use spinney_engine::store::{TreeTarget, TreeWriter};
+use spinney_engine::store::TreeTarget;
+use spinney_engine::store::goblin::Shard;
 
 use crate::job::Job;
 use crate::stamp::check;
@@ -26,11 +26,11 @@ impl Job {
     /// interruption; the shard is not made then.
     pub fn build(&self, number: u32, memory: u64, progress: &dyn Progress) -> Result<Built> {
         let shard = self.shard(number)?;
-        if let Some(light) = LightFile::find(&shard)? {
-            return Ok(Built { was_there: true, bytes: light.run_bytes() });
+        if let Some(bytes) = self.work().find(&shard)? {
+            return Ok(Built { was_there: true, bytes });
         }
         if shard.pieces.is_empty() {
-            TreeWriter::shard(&self.head_path(), shard)?.finish()?;
+            self.work().build_empty(&self.head_path(), shard)?;
             return Ok(Built { was_there: false, bytes: 0 });
         }
         let (work, planned) = (self.plan.work.clone(), &self.plan.inputs);
@@ -45,7 +45,7 @@ impl Job {
         check()?;
         let part = PartOfJob { inputs, head: self.head_path(), shard: shard.clone(), check: Box::new(check) };
         self.work().build(part, memory, progress)?;
-        built(&shard)
+        self.built(&shard)
     }
 
     /// Builds a shard of layers that `write` makes, as they were [planned](crate::plan_given), unless it is made already. Of the place that it is given it
@@ -72,16 +72,16 @@ impl Job {
             });
         }
         let shard = self.shard(number)?;
-        if let Some(light) = LightFile::find(&shard)? {
-            return Ok(Built { was_there: true, bytes: light.run_bytes() });
+        if let Some(bytes) = self.work().find(&shard)? {
+            return Ok(Built { was_there: true, bytes });
         }
         let check = Box::new(|| Ok(()));
         write(TreeTarget::Shard { head: self.head_path(), shard: shard.clone(), check })?;
-        built(&shard)
+        self.built(&shard)
     }
-}
 
-/// Outcome of a shard that was just built.
-fn built(shard: &Shard) -> Result<Built> {
-    Ok(Built { was_there: false, bytes: LightFile::find(shard)?.map_or(0, |light| light.run_bytes()) })
+    /// Outcome of a shard that was just built.
+    fn built(&self, shard: &Shard) -> Result<Built> {
+        Ok(Built { was_there: false, bytes: self.work().find(shard)?.unwrap_or(0) })
+    }
 }

@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 use spinney_base::io::{InputFile, remove_files, url_of};
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{Header, OpenOptions};
-use spinney_engine::store::goblin::{Goblin, LightFile, MergeOutput, Shard, ShardPiece, merge_shards};
+use spinney_container::Header;
+use spinney_engine::store::goblin::{MergeOutput, Shard, ShardPiece};
 
 use crate::stamp::PlannedFile;
 use crate::work::{PlannedWork, Work};
@@ -164,11 +164,12 @@ impl Job {
             pieces.push(shard);
         }
         let id = xxhash_rust::xxh3::xxh3_128(&text);
-        let layers = planned_layers(folder, &plan.head)?;
-        if !are_all(&known, &layers) || pieces.is_empty() {
+        let work = plan.work.work();
+        let layers = work.layers(planned_head(folder, &plan.head)?)?;
+        if !work.are_all(&known, &layers) || pieces.is_empty() {
             return Err(corrupt("runs with gaps, or that overlap".into(), "all of each layer, once"));
         }
-        plan.work.work().check(plan.inputs.len(), &layers)?;
+        work.check(plan.inputs.len(), &layers)?;
         Ok(Some(Job { folder: folder.to_path_buf(), plan, id, layers, pieces }))
     }
 
@@ -219,13 +220,7 @@ impl Job {
     /// # Errors
     /// If one is damaged, or of another job.
     pub fn missing(&self) -> Result<Vec<u32>> {
-        let mut missing = Vec::new();
-        for (number, found) in (0..).zip(LightFile::find_all(&self.all_shards()?)?) {
-            if found?.is_none() {
-                missing.push(number);
-            }
-        }
-        Ok(missing)
+        self.work().missing(&self.all_shards()?, None)
     }
 
     fn all_shards(&self) -> Result<Vec<Shard>> {
@@ -261,7 +256,8 @@ impl Job {
     /// If a shard is missing or damaged, or if the output cannot be written; on interruption. There is no output then, and the job
     /// stays as it is, or as much of it as is not in the output yet.
     pub fn merge(&self, output: MergeOutput, memory: u64, progress: &dyn Progress) -> Result<()> {
-        let missing = output.missing(&self.all_shards()?)?;
+        let shards = self.all_shards()?;
+        let missing = self.work().missing(&shards, Some(&output))?;
         if !missing.is_empty() {
             output.abandon();
             let what = format!("shards of {}", self.folder.display());
@@ -272,22 +268,18 @@ impl Job {
                 format!("all of them; `spinney shard build {} K` makes the shard K", self.folder.display());
             return Err(Error::invalid(what, found, expected));
         }
-        let shards = self.all_shards()?;
-        let effort = self.work().packing()?.effort;
-        merge_shards(&self.head_path(), &shards, output, (memory / 8, effort), progress)
+        self.work().merge(&self.head_path(), &shards, (output, memory), progress)
     }
 }
 
-/// Headers of the layers that a job's head tells of, if it is the planned one.
-fn planned_layers(folder: &Path, planned: &PlannedHead) -> Result<Vec<Header>> {
+/// The bytes of a job's head, if it is the planned one.
+fn planned_head(folder: &Path, planned: &PlannedHead) -> Result<Vec<u8>> {
     let path = head_path(folder);
-    let found = InputFile::read_whole(&path, MOST)?;
-    if found.is_none_or(|bytes| head_of(&bytes) != *planned) {
+    let found = InputFile::read_whole(&path, MOST)?.filter(|bytes| head_of(bytes) == *planned);
+    found.ok_or_else(|| {
         let expected = format!("{} bytes with hash {}", planned.bytes, planned.xxh3);
-        return Err(Error::corrupt(path, "the whole file", "other bytes", expected));
-    }
-    let head = Goblin::open(&path, &OpenOptions::default())?;
-    Ok(head.layers().iter().map(|layer| layer.header.clone()).collect())
+        Error::corrupt(path, "the whole file", "other bytes", expected)
+    })
 }
 
 pub(crate) fn head_path(folder: &Path) -> PathBuf {
@@ -308,24 +300,6 @@ impl PlannedPiece {
         let end = |digits: &str| u64::from_str_radix(digits, 16).ok();
         Some(ShardPiece { layer: self.layer, run: CodeRun::new(end(&self.first)?, end(&self.last)?)? })
     }
-}
-
-/// Whether pieces have all of each layer, one behind the other, and are cut where they may be.
-fn are_all(pieces: &[ShardPiece], layers: &[Header]) -> bool {
-    let mut pieces = pieces.iter();
-    for (number, header) in (0..).zip(layers) {
-        let mut next = 0;
-        while next <= CodeRun::ALL.ends()[1] {
-            let Some(piece) = pieces.next() else { return false };
-            let [first, last] = piece.run.ends();
-            let is_cut = piece.run.is_cut_at(header.form.dimension, header.shape.crown_level());
-            if piece.layer != number || first != next || !is_cut {
-                return false;
-            }
-            next = last + 1;
-        }
-    }
-    pieces.next().is_none()
 }
 
 /// Numbers that ascend, in words: "3, 7 to 9".

@@ -10,7 +10,6 @@ use spinney_base::io::{InputFile, Output, url_of};
 use spinney_base::space::Bounds;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
-use spinney_engine::store::goblin::Goblin;
 use spinney_engine::store::{Packing, TreeTarget};
 
 use crate::balance::cut;
@@ -57,7 +56,8 @@ pub fn plan(spec: &JobSpec, folder: &Path, shards: Option<u32>, progress: &dyn P
     let inputs = paths.into_iter().zip(files).map(|(path, files)| PlannedInput { path, files });
     let inputs: Vec<_> = inputs.collect();
     let bytes = inputs.iter().fold(0, |sum: u64, input| sum.saturating_add(input.bytes()));
-    let (head, told) = head_of(folder, |head| spec.write_head(&inputs, head, progress))?;
+    let shards = number_of(shards, bytes);
+    let (head, told) = head_of(folder, |head| spec.write_head((&inputs, shards), head, progress))?;
     write_plan(folder, (shards, bytes), &head, (inputs, told))
 }
 
@@ -86,8 +86,13 @@ pub fn plan_given(
     check_folder(folder, shards)?;
     let (head, ()) = head_of(folder, |head| write(TreeTarget::Head(head)))?;
     let work = PlannedWork::Given(Given::of(token, packing));
-    let told = Told { work, loads: Vec::new(), description: Vec::new() };
-    write_plan(folder, (shards, bytes), &head, (Vec::new(), told))
+    let told = Told { work, loads: Vec::new(), pieces: None, description: Vec::new() };
+    write_plan(folder, (number_of(shards, bytes), bytes), &head, (Vec::new(), told))
+}
+
+/// Shards of so many bytes of input, if nobody says how many there are to be.
+fn number_of(shards: Option<u32>, bytes: u64) -> u32 {
+    shards.unwrap_or(bytes.div_ceil(BYTES_OF_SHARD).clamp(1, MOST_UNASKED) as u32)
 }
 
 /// Bytes of the file that tells of the layers, and what is known when it is written.
@@ -101,18 +106,17 @@ fn head_of<T>(folder: &Path, write: impl FnOnce(Output) -> Result<T>) -> Result<
 /// Cuts layers into shards, and puts the job into its folder.
 fn write_plan(
     folder: &Path,
-    (shards, bytes): (Option<u32>, u64),
+    (shards, bytes): (u32, u64),
     head: &[u8],
     (inputs, told): (Vec<PlannedInput>, Told),
 ) -> Result<Planned> {
-    let Told { work, mut loads, description } = told;
-    let layers = Goblin::from_bytes(head.to_vec())?;
-    let layers: Vec<_> = layers.layers().iter().map(|layer| layer.header.clone()).collect();
+    let Told { work, mut loads, pieces, description } = told;
+    let layers = work.work().layers(head.to_vec())?;
     if loads.is_empty() {
         loads = spread(bytes, &layers);
     }
-    let shards = shards.unwrap_or(bytes.div_ceil(BYTES_OF_SHARD).clamp(1, MOST_UNASKED) as u32);
-    let plan = Plan::new(head, work, inputs, &cut(&layers, &loads, shards));
+    let pieces = pieces.unwrap_or_else(|| cut(&layers, &loads, shards));
+    let plan = Plan::new(head, work, inputs, &pieces);
     let text = plan.to_text(folder)?;
     let was_there = is_planned(folder, &text)? || !write_job(folder, head, &text)?;
     Ok(Planned { job: Job::open(folder)?, was_there, description })

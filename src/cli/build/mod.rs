@@ -6,7 +6,7 @@ mod exact;
 mod features;
 mod lines;
 mod pictures;
-mod points;
+pub(super) mod points;
 mod reconstruction;
 mod solids;
 mod surfaces;

@@ -3,8 +3,9 @@
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
-use spinney::import::feature::{is_feature_file, plan_point_files};
+use spinney::import::feature::{FeatureFilter, is_feature_file, plan_point_files};
 use spinney::points::{PointBuildOptions, PointImport, PointImportOptions, has_points, is_las_file};
+use spinney::shards::JobSpec;
 
 use super::Common;
 use super::features::{FeatureArgs, Index};
@@ -25,17 +26,42 @@ pub(super) fn plan(
     if let Some(other) = inputs.iter().find(|input| !is_of_features && !has_points(input)) {
         bail!("{}: has no points, as other files have; build a tree of each kind", other.display());
     }
+    if let Some(option) = features.not_of_points() {
+        bail!("{option}: means nothing for points");
+    }
+    if pictures.layer.is_some() && !is_of_features {
+        bail!("--layer: means nothing for points");
+    }
+    let options = import_options(common, pictures, solids)?;
+    let of_features = features.kept(pictures.layer.clone());
+    Ok(plan_point_files(inputs, &of_features, &options)?)
+}
+
+/// The job of building points in shards, those for which conditions hold.
+pub(in crate::cli) fn job(
+    inputs: Vec<PathBuf>,
+    (common, pictures, solids): (&Common, &PictureArgs, &SolidArgs),
+    filter: Option<&FeatureFilter>,
+) -> Result<JobSpec> {
+    if pictures.layer.is_some() {
+        bail!("--layer: means nothing for points");
+    }
+    let options = import_options(common, pictures, solids)?;
+    Ok(JobSpec::Points { inputs, options, filter: filter.cloned().unwrap_or_default() })
+}
+
+/// Options of an import of points; fails if some were given that mean nothing for them.
+fn import_options(common: &Common, pictures: &PictureArgs, solids: &SolidArgs) -> Result<PointImportOptions> {
     let given = [
         ("--depth", common.depth.is_some()),
         ("--grid", common.grid.is_some()),
         ("--share", common.share),
         ("--time", common.time.is_some()),
         ("options for pictures", pictures.not_of_features().is_some()),
-        ("--layer", pictures.layer.is_some() && !is_of_features),
     ];
     let given = given.into_iter().chain(common.packing.given());
     let mut given = given.filter(|(_, is_given)| *is_given).map(|(name, _)| name);
-    if let Some(option) = given.next().or(solids.not_of_points()).or(features.not_of_points()) {
+    if let Some(option) = given.next().or(solids.not_of_points()) {
         bail!("{option}: means nothing for points");
     }
     let mut options = PointImportOptions { crs: common.crs.clone(), ..PointImportOptions::default() };
@@ -43,6 +69,5 @@ pub(super) fn plan(
     options.build.leaf_size = solids.leaf_size.unwrap_or(options.build.leaf_size);
     let names = solids.attribute.as_deref();
     options.attributes = names.map(|names| names.split(',').map(|name| name.trim().to_string()).collect());
-    let of_features = features.kept(pictures.layer.clone());
-    Ok(plan_point_files(inputs, &of_features, &options)?)
+    Ok(options)
 }

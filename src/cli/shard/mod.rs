@@ -9,7 +9,7 @@ use clap::Subcommand;
 
 use super::Global;
 
-/// Build a tree of pictures, of a volume, of models, or of other trees, in shards, by many processes, on one machine or on many.
+/// Build a tree of pictures, of a volume, of models, of points, or of other trees, in shards, by many processes, on one machine or on many.
 ///
 /// `plan` looks at the inputs and makes a folder, the job, which says what each shard is made of; no cell is read. `build` makes one shard, in any
 /// order, anywhere where the same paths lead to job and inputs; it can be run again, and stops where inputs have changed since.
@@ -26,6 +26,7 @@ Examples:
   spinney shard plan @tiles.txt -o job/ --shards 64
   spinney shard plan scan.nrrd -o job/ --codec packed
   spinney shard plan bridge.ply -o job/ --cell 0.01 --edge area
+  spinney shard plan scans/*.laz -o job/ --where classification=2
   spinney shard plan-transform country.goblin warp=EPSG:3035,cell=30 -o job/
   spinney shard plan-combine changed 2020.goblin 2025.goblin -o job/
   spinney shard build job/ 0

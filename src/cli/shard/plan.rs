@@ -4,13 +4,15 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use spinney::csg::Csg;
+use spinney::import::feature::FeatureFilter;
 use spinney::import::mesh;
+use spinney::points::is_las_file;
 use spinney::reconstruction::is_views_name;
 use spinney::shards::{JobSpec, plan};
 use spinney::store::{TreeFormat, file_is_tree};
 
 use super::super::args::{Packing, check_output, expand_lists};
-use super::super::build::{Common, PictureArgs, SolidArgs, tree_spec};
+use super::super::build::{Common, PictureArgs, SolidArgs, points as scans, tree_spec};
 use super::super::combine::MergingArgs;
 use super::super::report::{Work, quantity};
 use super::super::transform::ChainArgs;
@@ -27,13 +29,13 @@ struct JobArgs {
     shards: Option<u32>,
 }
 
-/// Plan a job: look at pictures, a volume, models or a tree, and write down what each shard is made of
+/// Plan a job: look at pictures, a volume, models, scans or a tree, and write down what each shard is made of
 ///
 /// The options are those of `spinney build` for these. The surface of models has to be closed, and is read as a whole. The same plan can be made again; a folder that has
 /// another one is left as it is.
 #[derive(clap::Args)]
 pub(super) struct Args {
-    /// Raster files (of several, the last lies on top, or with --stack all are layers), a volume, models, or a tree; @FILE stands for the paths in a file, one a line
+    /// Raster files (of several, the last lies on top, or with --stack all are layers), a volume, models, LAS and LAZ files, or a tree; @FILE stands for the paths in a file, one a line
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<PathBuf>,
     #[command(flatten)]
@@ -44,6 +46,9 @@ pub(super) struct Args {
     pictures: PictureArgs,
     #[command(flatten)]
     solids: SolidArgs,
+    /// Features alone for which all of this holds; here points of LAS and LAZ files, as in 'classification=2,intensity>100'
+    #[arg(long = "where", value_name = "CONDITION,...", help_heading = "Points")]
+    filter: Option<FeatureFilter>,
 }
 
 /// Plan a job of transforming a tree
@@ -86,9 +91,15 @@ pub(super) fn run(args: Args, global: &Global) -> Result<()> {
     }
     if let Some((input, kind)) = inputs.iter().find_map(|input| Some((input, other_kind(input)?))) {
         bail!(
-            "{}: is {kind}; shards are of pictures, volumes, models and trees, `spinney build` makes the tree in one go",
+            "{}: is {kind}; shards are of pictures, volumes, models, LAS and LAZ files and trees, `spinney build` makes the tree in one go",
             input.display()
         )
+    }
+    if inputs.iter().any(|input| is_las_file(input)) {
+        return job.plan(&scans::job(inputs, (common, pictures, solids), args.filter.as_ref())?, global);
+    }
+    if args.filter.is_some() {
+        bail!("{}: has no points; --where is for LAS and LAZ files", inputs[0].display())
     }
     if inputs.iter().any(|input| mesh::is_model(input)) {
         return job.plan(&solids.job(inputs, &job.output, pictures, common)?, global);

@@ -3,10 +3,15 @@
 //! In that order, all points of a node come one after the other, and so do those of each of the squares or cubes of which a node may have one
 //! point. So a point is the first in its own if the point before is not in it: how deep the two are together tells the coarsest node that
 //! has room for the point.
+//!
+//! Parts come out in one order, however many assemblers share the work: nodes as they end, each behind all nodes below it, and a node's blocks right before
+//! the node. So a node's own blocks wait until it ends, and what was handed up comes out before anything that is behind it.
 
-use super::encoder::Encoder;
+use super::PieceSink;
+use super::encoder::{EncodedBlock, Encoder};
 use crate::grid::spacing_levels;
 use crate::statistics::Statistics;
+use spinney_base::Result;
 use spinney_base::space::Code;
 
 /// A part of a tree that comes out: a block or a node.
@@ -40,11 +45,22 @@ struct Open {
     pending: Vec<Pending>,
     /// Rows of those.
     pending_rows: usize,
+    /// Blocks of its own, which come out behind all that is below.
+    blocks: Vec<EncodedBlock>,
     /// Whether there are too many points for it to be a leaf.
+    // Invariant: where a node is divided, all above it are.
     is_divided: bool,
     /// Statistics of its blocks, and of nodes below: apart, so that they add up in the same order however the points were divided.
     own: Statistics,
     below: Statistics,
+}
+
+/// A node that was assembled elsewhere.
+pub(crate) struct Assembled {
+    pub closed: Closed,
+    /// Rows of nodes above it: the level of each, and the rows, in the order of their codes.
+    pub levels: Vec<u8>,
+    pub above: Vec<u8>,
 }
 
 /// Makes nodes of points in the order of their codes.
@@ -53,6 +69,11 @@ pub(crate) struct Assembler<'a> {
     /// Points of a block at most, and of a node that has no other below.
     leaf_size: usize,
     open: Vec<Open>,
+    /// What became of the top node, if that was assembled elsewhere.
+    whole: Option<Closed>,
+    /// Rows of nodes above the top one, with their levels.
+    levels: Vec<u8>,
+    above: Vec<u8>,
     /// The parts that came out.
     pub(crate) pieces: Vec<BuiltPiece>,
 }
@@ -67,9 +88,22 @@ pub(crate) fn node_level(encoder: &Encoder, same: Option<u8>) -> u8 {
 impl<'a> Assembler<'a> {
     /// An assembler of the subtree of a node.
     pub(crate) fn new(encoder: &'a Encoder, leaf_size: usize, top: Code) -> Assembler<'a> {
-        let mut assembler = Assembler { encoder, leaf_size, open: Vec::new(), pieces: Vec::new() };
+        let mut assembler = Assembler {
+            encoder,
+            leaf_size,
+            open: Vec::new(),
+            whole: None,
+            levels: Vec::new(),
+            above: Vec::new(),
+            pieces: Vec::new(),
+        };
         assembler.push(top);
         assembler
+    }
+
+    /// The top node.
+    pub(crate) fn top(&self) -> Code {
+        self.open[0].code
     }
 
     fn push(&mut self, code: Code) {
@@ -80,10 +114,16 @@ impl<'a> Assembler<'a> {
             rows: Vec::new(),
             pending: Vec::new(),
             pending_rows: 0,
+            blocks: Vec::new(),
             is_divided: false,
             own,
             below,
         });
+    }
+
+    /// Bytes of the rows of a leaf.
+    fn most(&self) -> usize {
+        self.leaf_size * self.encoder.stride()
     }
 
     /// Goes on to a point or node with this code, which must be in the top node: nodes that do not have it are complete.
@@ -95,35 +135,60 @@ impl<'a> Assembler<'a> {
         }
     }
 
-    /// Adds rows of points of a node at a level, on the way to the code that was gone on to.
+    /// Opens the nodes on the way to a code that was gone on to, from the top one down to a level.
     #[inline]
-    pub(crate) fn add(&mut self, code: Code, level: u8, rows: &[u8]) {
-        let top = self.open[0].code.level();
+    fn open_to(&mut self, code: Code, level: u8) -> usize {
+        let top = self.top().level();
         while usize::from(level - top) >= self.open.len() {
             let deeper = code.ancestor(top + self.open.len() as u8);
             self.push(deeper);
         }
-        let index = usize::from(level - top);
-        self.open[index].rows.extend_from_slice(rows);
-        if self.open[index].rows.len() > self.leaf_size * self.encoder.stride() {
+        usize::from(level - top)
+    }
+
+    /// Adds the row of a point of a node at a level, on the way to the code that was gone on to.
+    #[inline]
+    pub(crate) fn add(&mut self, code: Code, level: u8, row: &[u8]) {
+        if level < self.top().level() {
+            self.levels.push(level);
+            self.above.extend_from_slice(row);
+            return;
+        }
+        let index = self.open_to(code, level);
+        self.open[index].rows.extend_from_slice(row);
+        if self.open[index].rows.len() > self.most() {
             self.flush(index);
         }
     }
 
-    /// Takes in a node that was assembled elsewhere, which lies in the one that was gone on to.
-    pub(crate) fn add_node(&mut self, code: Code, closed: Closed) {
-        let top = self.open[0].code.level();
-        while usize::from(code.level() - top) > self.open.len() {
-            let deeper = code.ancestor(top + self.open.len() as u8);
-            self.push(deeper);
+    /// Goes on to a node that was assembled elsewhere. What came out of it comes behind what has come out here when this returns.
+    pub(crate) fn reach(&mut self, code: Code, closed: &Closed) {
+        self.advance(code);
+        if code == self.top() {
+            return;
         }
-        self.take(closed);
+        let parent = self.open_to(code, code.level() - 1);
+        if let Closed::Node(_) = closed {
+            self.divide(parent);
+        }
+    }
+
+    /// Takes in the node that was reached.
+    pub(crate) fn join(&mut self, code: Code, assembled: Assembled) {
+        let Assembled { closed, levels, above } = assembled;
+        for (level, row) in levels.iter().zip(above.chunks_exact(self.encoder.stride())) {
+            self.add(code, *level, row);
+        }
+        match code == self.top() {
+            true => self.whole = Some(closed),
+            false => self.take(closed),
+        }
     }
 
     /// Makes blocks of the rows of a node beyond those of a leaf: whole ones.
     fn flush(&mut self, index: usize) {
         self.divide(index);
-        let most = self.leaf_size * self.encoder.stride();
+        let most = self.most();
         let mut rows = std::mem::take(&mut self.open[index].rows);
         let whole = rows.len() / most * most;
         for block in rows[..whole].chunks(most) {
@@ -135,18 +200,33 @@ impl<'a> Assembler<'a> {
 
     fn block(&mut self, index: usize, rows: &[u8]) {
         let block = self.encoder.encode(rows);
-        self.open[index].own.add(&block.statistics);
-        self.pieces.push(BuiltPiece::Block(self.open[index].code, block.bytes, block.statistics));
+        let open = &mut self.open[index];
+        open.own.add(&block.statistics);
+        open.blocks.push(block);
+        // (Nodes of the deepest level may have any number of points, and none below; others have one for each part of their space at most.)
+        if open.code.level() == self.encoder.grid.deepest() {
+            self.hand_out(index);
+        }
     }
 
-    /// Says that a node has nodes below: those that were handed up to it are among them.
+    /// Lets the blocks of a node come out.
+    fn hand_out(&mut self, index: usize) {
+        let Open { code, blocks, .. } = &mut self.open[index];
+        let blocks = std::mem::take(blocks).into_iter();
+        self.pieces.extend(blocks.map(|block| BuiltPiece::Block(*code, block.bytes, block.statistics)));
+    }
+
+    /// Says that a node has nodes below, or more points than a leaf: nodes below that were handed up to it, or to one above, are among them.
     fn divide(&mut self, index: usize) {
-        let open = &mut self.open[index];
-        open.is_divided = true;
-        open.pending_rows = 0;
-        for pending in std::mem::take(&mut open.pending) {
-            let statistics = leaf(self.encoder, pending, &mut self.pieces);
-            self.open[index].below.add(&statistics);
+        let undivided = self.open[..=index].iter().position(|open| !open.is_divided);
+        for index in undivided.unwrap_or(index + 1)..=index {
+            let open = &mut self.open[index];
+            open.is_divided = true;
+            open.pending_rows = 0;
+            for pending in std::mem::take(&mut open.pending) {
+                let statistics = leaf(self.encoder, pending, &mut self.pieces);
+                self.open[index].below.add(&statistics);
+            }
         }
     }
 
@@ -177,8 +257,7 @@ impl<'a> Assembler<'a> {
     /// Closes the deepest open node.
     fn close(&mut self) -> Closed {
         let index = self.open.len() - 1;
-        let most = self.leaf_size * self.encoder.stride();
-        if self.open[index].rows.len() + self.open[index].pending_rows > most {
+        if self.open[index].rows.len() + self.open[index].pending_rows > self.most() {
             self.divide(index);
         }
         if self.open[index].is_divided {
@@ -186,6 +265,7 @@ impl<'a> Assembler<'a> {
             if !rows.is_empty() {
                 self.block(index, &rows);
             }
+            self.hand_out(index);
         }
         let mut open = self.open.pop().expect("it is there");
         if open.is_divided {
@@ -200,19 +280,40 @@ impl<'a> Assembler<'a> {
     }
 
     /// Closes all nodes; hands out what became of the top one, and what came out.
-    pub(crate) fn finish(mut self) -> (Closed, Vec<BuiltPiece>) {
+    pub(crate) fn finish(mut self) -> (Assembled, Vec<BuiltPiece>) {
         while self.open.len() > 1 {
             let closed = self.close();
             self.take(closed);
         }
-        (self.close(), self.pieces)
+        let closed = self.close();
+        let closed = self.whole.unwrap_or(closed);
+        (Assembled { closed, levels: self.levels, above: self.above }, self.pieces)
     }
 }
 
 /// Makes a node with one block of a node that was handed up; returns what is known of its points.
-pub(crate) fn leaf(encoder: &Encoder, pending: Pending, pieces: &mut Vec<BuiltPiece>) -> Statistics {
+fn leaf(encoder: &Encoder, pending: Pending, pieces: &mut Vec<BuiltPiece>) -> Statistics {
     let block = encoder.encode(&pending.rows);
     pieces.push(BuiltPiece::Block(pending.code, block.bytes, block.statistics.clone()));
     pieces.push(BuiltPiece::Node(pending.code, block.statistics.clone()));
     block.statistics
+}
+
+/// Writes what came out.
+pub(crate) fn write_pieces(pieces: Vec<BuiltPiece>, sink: &mut dyn PieceSink) -> Result<()> {
+    pieces.into_iter().try_for_each(|piece| match piece {
+        BuiltPiece::Block(code, bytes, statistics) => sink.block(code, &bytes, &statistics),
+        BuiltPiece::Node(code, statistics) => sink.node(code, &statistics),
+    })
+}
+
+/// Writes what became of the root, unless it has come out by itself: a leaf, or nothing if there are no points.
+pub(crate) fn write_root(encoder: &Encoder, closed: Closed, sink: &mut dyn PieceSink) -> Result<()> {
+    let mut pieces = Vec::new();
+    if let Closed::Few(pending) = closed
+        && !pending.rows.is_empty()
+    {
+        leaf(encoder, pending, &mut pieces);
+    }
+    write_pieces(pieces, sink)
 }

@@ -37,7 +37,7 @@ pub(crate) struct Buckets {
 }
 
 /// Levels below the top node, of which the nodes are at most 2^15.
-fn levels_below(dimension: Dimension) -> u8 {
+pub(crate) fn levels_below(dimension: Dimension) -> u8 {
     match dimension {
         Dimension::Quad => 7,
         Dimension::Oct => 5,

@@ -6,7 +6,7 @@ mod header;
 mod read;
 mod several;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 mod write;
 
 pub use read::LasReader;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::read::LasReader;
 use crate::attribute::{PLACE_BYTES, PointAttribute, RowLayout, place_of};
-use crate::source::{PointSchema, PointSource, both_bounds};
+use crate::source::{PointPart, PointSchema, PointSource, both_bounds};
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
@@ -12,6 +12,8 @@ use spinney_crs::Crs;
 pub struct LasFiles {
     paths: Vec<PathBuf>,
     schema: PointSchema,
+    /// Each file, as its header tells of it.
+    parts: Vec<PointPart>,
     remarks: Vec<(PathBuf, String)>,
     /// The file that is being read; `None` before the first and behind the last.
     open: Option<LasReader>,
@@ -48,13 +50,14 @@ impl LasFiles {
             }
             schema.layout = RowLayout::packed(attributes);
         }
-        let (mut bounds, mut remarks) = (None, Vec::new());
+        let (mut bounds, mut remarks, mut parts) = (None, Vec::new(), Vec::new());
         for (other, other_path) in schemas.iter().zip(paths) {
             let corners = other.bounds.map(|place| moved(other, &schema, place));
             let [Some(least), Some(most)] = corners else {
                 return Err(one_by_one("points that lie too far apart for one grid".into()));
             };
             bounds = both_bounds(bounds, Some([least, most]));
+            parts.push(PointPart { count: other.count.unwrap_or(0), bounds: [least, most] });
             let mut remark = |text: &str| remarks.push((other_path.clone(), text.to_owned()));
             if !is_on_grid(other, &schema) {
                 remark(
@@ -71,7 +74,8 @@ impl LasFiles {
         }
         schema.bounds = bounds.unwrap_or(schema.bounds);
         schema.count = schemas.iter().map(|other| other.count).sum();
-        Ok(LasFiles { paths: paths.to_vec(), schema, remarks, open: None, next: 0, rows: Vec::new() })
+        let paths = paths.to_vec();
+        Ok(LasFiles { paths, schema, parts, remarks, open: None, next: 0, rows: Vec::new() })
     }
 
     /// Remarks on what is not as it is in the files, each with its file.
@@ -165,6 +169,22 @@ impl PointSource for LasFiles {
             }
             return Ok(count);
         }
+    }
+
+    fn parts(&self) -> &[PointPart] {
+        &self.parts
+    }
+
+    fn part(&self, number: usize) -> Result<Box<dyn PointSource>> {
+        Ok(Box::new(LasFiles {
+            paths: vec![self.paths[number].clone()],
+            schema: PointSchema { count: Some(self.parts[number].count), ..self.schema.clone() },
+            parts: vec![self.parts[number]],
+            remarks: Vec::new(),
+            open: None,
+            next: 0,
+            rows: Vec::new(),
+        }))
     }
 
     fn survey(&mut self) -> Result<bool> {

@@ -18,7 +18,7 @@ use spinney_base::io::Output;
 use spinney_base::value::SampleType;
 
 /// Records of a format with random bytes, at places that are near each other.
-fn records(format: u8, more: usize, count: usize) -> Vec<u8> {
+pub(crate) fn records(format: u8, more: usize, count: usize) -> Vec<u8> {
     let size = record_bytes(format).unwrap() + more;
     let mut random = random(u64::from(format) + 1);
     let mut rows: Vec<u8> = (0..count * size).map(|_| random() as u8).collect();
@@ -32,7 +32,7 @@ fn records(format: u8, more: usize, count: usize) -> Vec<u8> {
 }
 
 /// A LAS file of records, with extra bytes that are described.
-fn las_bytes(format: u8, rows: &[u8], extra: &[PointAttribute], scale: f64) -> Vec<u8> {
+pub(crate) fn las_bytes(format: u8, rows: &[u8], extra: &[PointAttribute], scale: f64) -> Vec<u8> {
     let size =
         record_bytes(format).unwrap() + extra.iter().map(|attribute| attribute.sample.size()).sum::<usize>();
     let version = Version::new(1, if format >= 6 { 4 } else { 3 });

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{PointSchema, PointSource};
+use super::{PointPart, PointSchema, PointSource};
 use crate::attribute::{PLACE_BYTES, RowLayout};
 use crate::query::PointCondition;
 use spinney_base::Result;
@@ -86,6 +86,15 @@ impl PointSource for ChosenPoints {
                 return Ok(count);
             }
         }
+    }
+
+    fn parts(&self) -> &[PointPart] {
+        self.source.parts()
+    }
+
+    fn part(&self, number: usize) -> Result<Box<dyn PointSource>> {
+        let part = self.source.part(number)?;
+        Ok(Box::new(ChosenPoints::new(part, self.conditions.clone(), self.kept.clone())))
     }
 
     fn survey(&mut self) -> Result<bool> {

@@ -55,6 +55,15 @@ impl PointSchema {
     }
 }
 
+/// A part of the points that can be read by itself, such as a file, as far as it is known before that.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PointPart {
+    /// Number of the points that are looked at: conditions may leave some out.
+    pub count: u64,
+    /// Least and greatest place on the grid.
+    pub bounds: [[i32; 3]; 2],
+}
+
 /// Points that come in, in any order.
 pub trait PointSource {
     /// Description of the points.
@@ -70,6 +79,19 @@ pub trait PointSource {
     /// # Errors
     /// If they cannot be read, or break the rules of their format.
     fn read(&mut self, rows: &mut Vec<u8>, most: usize) -> Result<usize>;
+
+    /// The parts that all points are in, which come in one after the other; none where that is not known before points are read.
+    fn parts(&self) -> &[PointPart] {
+        &[]
+    }
+
+    /// The points of one of the parts, as rows like those of all.
+    ///
+    /// # Errors
+    /// If it cannot be read, or there are no parts.
+    fn part(&self, _number: usize) -> Result<Box<dyn PointSource>> {
+        Err(Error::unsupported(self.path(), "points that are not in parts", "read all of them"))
+    }
 
     /// Begins anew, with bounds that were found by looking at all points: those of headers are wrong now and then. `false` if that cannot be done.
     ///

@@ -8,4 +8,4 @@ mod writer;
 pub(crate) use reader::PointNode;
 pub use reader::{PointTree, is_point_file};
 pub(crate) use summary::Summary;
-pub(crate) use writer::PointWriter;
+pub(crate) use writer::{Entry, PointWriter, node_entry};

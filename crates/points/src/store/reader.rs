@@ -96,6 +96,11 @@ impl PointTree {
         &self.layout
     }
 
+    /// The description of the points.
+    pub(crate) fn summary(&self) -> &Summary {
+        &self.summary
+    }
+
     /// The attributes of points.
     pub fn attributes(&self) -> &[PointAttribute] {
         &self.layout.attributes

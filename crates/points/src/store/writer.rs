@@ -1,11 +1,14 @@
 //! Writes a file of a tree of points: header, blocks as they come, lists of blocks and nodes, metadata, trailer.
 
+use std::path::Path;
+
 use super::summary::Summary;
+use crate::build::PieceSink;
 use crate::grid::PointGrid;
 use crate::statistics::{Statistics, statistics_bytes};
-use spinney_base::Result;
 use spinney_base::io::{Output, Sorter, folder};
 use spinney_base::space::Code;
+use spinney_base::{Error, Result};
 use spinney_container::{BlockEntry, BlockWriter, Content, FileHeader, Metadata, TreeFormat};
 
 /// Tag of the list of blocks.
@@ -37,17 +40,23 @@ impl PointWriter {
         Ok(PointWriter { file, blocks, nodes })
     }
 
-    /// Writes a block of a node. Those of one node come in order.
-    pub(crate) fn block(&mut self, code: Code, bytes: &[u8], statistics: &Statistics) -> Result<()> {
-        let block = self.file.block(code.bits(), bytes, statistics.points as u32)?;
-        self.blocks.push(block.key, Entry { block, bounds: statistics.bounds() }.to_bytes())
-    }
-
-    /// Notes a node, with what is known of all points in it and below.
-    pub(crate) fn node(&mut self, code: Code, statistics: &Statistics) -> Result<()> {
-        let mut bytes = code.bits().to_le_bytes().to_vec();
-        statistics.write(&mut bytes);
-        self.nodes.push(code.bits(), bytes)
+    /// Copies a block of another file, whose entry has its place there.
+    ///
+    /// # Errors
+    /// If its bytes do not have the entry's checksum, or cannot be written.
+    pub(crate) fn copy(&mut self, bytes: &[u8], entry: &Entry, from: &Path) -> Result<()> {
+        let block = self.file.block(entry.block.key, bytes, entry.block.count)?;
+        if block.checksum != entry.block.checksum {
+            let (found, expected) = (block.checksum, entry.block.checksum);
+            let place = format!("block at byte {}", entry.block.offset);
+            return Err(Error::corrupt(
+                from,
+                place,
+                format!("checksum {found:08x}"),
+                format!("{expected:08x}"),
+            ));
+        }
+        self.blocks.push(block.key, Entry { block, bounds: entry.bounds }.to_bytes())
     }
 
     /// Writes what stands behind the blocks and puts the file in its place.
@@ -55,4 +64,22 @@ impl PointWriter {
         let summary = summary.to_bytes(self.file.path())?;
         self.file.finish(vec![(BLOCKS, self.blocks), (NODES, self.nodes)], (SUMMARY, summary), metadata)
     }
+}
+
+impl PieceSink for PointWriter {
+    fn block(&mut self, code: Code, bytes: &[u8], statistics: &Statistics) -> Result<()> {
+        let block = self.file.block(code.bits(), bytes, statistics.points as u32)?;
+        self.blocks.push(block.key, Entry { block, bounds: statistics.bounds() }.to_bytes())
+    }
+
+    fn node(&mut self, code: Code, statistics: &Statistics) -> Result<()> {
+        self.nodes.push(code.bits(), node_entry(code, statistics))
+    }
+}
+
+/// The entry of a node.
+pub(crate) fn node_entry(code: Code, statistics: &Statistics) -> Vec<u8> {
+    let mut bytes = code.bits().to_le_bytes().to_vec();
+    statistics.write(&mut bytes);
+    bytes
 }

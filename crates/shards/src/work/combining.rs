@@ -87,7 +87,7 @@ pub(super) fn write_head(
     let (target, how) = (TreeTarget::Head(head), WriteOptions::new(LITTLE).packing(packing));
     let outcome = combine_with(operation, (fill, universe), paths, &[], target, how, progress)?;
     let work = PlannedWork::Combine(Combining::of(operation, fill, universe, packing));
-    Ok(Told { work, loads: Vec::new(), description: description(&outcome) })
+    Ok(Told { work, loads: Vec::new(), pieces: None, description: description(&outcome) })
 }
 
 impl Work for Combining {

@@ -5,6 +5,7 @@ mod given;
 mod import_options;
 mod packing;
 mod pictures;
+mod points;
 mod rebuilding;
 mod solids;
 mod stacks;
@@ -16,21 +17,24 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use spinney_base::io::{Output, url_of};
-use spinney_base::space::Bounds;
+use spinney_base::space::{Bounds, CodeRun};
 use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
 use spinney_engine::dataset::Rebuild;
 use spinney_engine::ops::{Chain, Operation, Universe};
-use spinney_engine::store::goblin::Shard;
-use spinney_engine::store::{Packing, ShardCheck, TreeTarget};
+use spinney_engine::store::goblin::{Goblin, LightFile, MergeOutput, Shard, ShardPiece, merge_shards};
+use spinney_engine::store::{Packing, ShardCheck, TreeTarget, TreeWriter};
 use spinney_mesh::import::SolidOptions;
+use spinney_points::PointImportOptions;
 use spinney_raster::import::{ImportOptions, StackOptions};
 use spinney_raster::volume::{VolumeInput, VolumeOptions};
+use spinney_vector::import::filter::FeatureFilter;
 
 use self::combining::Combining;
 pub(crate) use self::given::Given;
 use self::pictures::Pictures;
+use self::points::Points;
 use self::rebuilding::Rebuilding;
 use self::solids::Solid;
 use self::stacks::Stack;
@@ -68,6 +72,15 @@ pub enum JobSpec {
         inputs: Vec<PathBuf>,
         /// Options of their import.
         options: SolidOptions,
+    },
+    /// A tree of the points of LAS and LAZ files.
+    Points {
+        /// The files.
+        inputs: Vec<PathBuf>,
+        /// Options of their import.
+        options: PointImportOptions,
+        /// Conditions that hold for the points that are kept.
+        filter: FeatureFilter,
     },
     /// A tree of the same cells as another, of which something else is said: see [`Dataset::build`](spinney_engine::dataset::Dataset::build).
     Rebuild {
@@ -107,6 +120,7 @@ impl JobSpec {
             JobSpec::Pictures { inputs, .. }
             | JobSpec::Stack { inputs, .. }
             | JobSpec::Solid { inputs, .. }
+            | JobSpec::Points { inputs, .. }
             | JobSpec::Combine { inputs, .. } => inputs.clone(),
             JobSpec::Volume { input, .. } => input.paths().to_vec(),
             JobSpec::Rebuild { input, .. } => vec![input.clone()],
@@ -114,10 +128,10 @@ impl JobSpec {
         }
     }
 
-    /// Writes a file that tells of the layers. Inputs are the [planned ones](JobSpec::inputs).
+    /// Writes a file that tells of the layers. Inputs are the [planned ones](JobSpec::inputs), and there are to be so many shards.
     pub(crate) fn write_head(
         &self,
-        inputs: &[PlannedInput],
+        (inputs, shards): (&[PlannedInput], u32),
         head: Output,
         progress: &dyn Progress,
     ) -> Result<Told> {
@@ -131,6 +145,9 @@ impl JobSpec {
             JobSpec::Volume { input, options } => volumes::write_head(input, options, head, progress),
             JobSpec::Solid { inputs: paths, options } => {
                 solids::write_head((paths, inputs), options, head, progress)
+            }
+            JobSpec::Points { inputs: paths, options, filter } => {
+                points::write_head(paths, (options, filter), (head, shards), progress)
             }
             JobSpec::Rebuild { input, other, packing } => {
                 rebuilding::write_head(input, (other, *packing), head, progress)
@@ -159,6 +176,8 @@ pub(crate) struct Told {
     pub(crate) work: PlannedWork,
     /// Which input makes which cells; where nothing is known of that, all input is taken to be spread over all cells.
     pub(crate) loads: Vec<Load>,
+    /// The pieces of each shard, where the work has a way of its own to cut; else layers are cut by loads.
+    pub(crate) pieces: Option<Vec<Vec<ShardPiece>>>,
     /// Description of the tree: pairs of a heading and its text.
     pub(crate) description: Vec<(&'static str, String)>,
 }
@@ -171,6 +190,7 @@ pub(crate) enum PlannedWork {
     Stack(Box<Stack>),
     Volume(Box<Volume>),
     Solid(Box<Solid>),
+    Points(Points),
     Rebuild(Box<Rebuilding>),
     Transform(Transforming),
     Combine(Combining),
@@ -185,6 +205,7 @@ impl PlannedWork {
             JobSpec::Stack { options, .. } => PlannedWork::Stack(Box::new(Stack::of(options))),
             JobSpec::Volume { input, options } => PlannedWork::Volume(Box::new(Volume::of(input, options))),
             JobSpec::Solid { inputs, options } => PlannedWork::Solid(Box::new(Solid::of(inputs, options)?)),
+            JobSpec::Points { options, filter, .. } => PlannedWork::Points(Points::of(options, filter)),
             JobSpec::Rebuild { other, packing, .. } => {
                 PlannedWork::Rebuild(Box::new(Rebuilding::of(other, *packing)))
             }
@@ -203,6 +224,7 @@ impl PlannedWork {
             PlannedWork::Stack(work) => &**work,
             PlannedWork::Volume(work) => &**work,
             PlannedWork::Solid(work) => &**work,
+            PlannedWork::Points(work) => work,
             PlannedWork::Rebuild(work) => &**work,
             PlannedWork::Transform(work) => work,
             PlannedWork::Combine(work) => work,
@@ -218,6 +240,52 @@ pub(crate) trait Work {
 
     /// The way in which segments are packed.
     fn packing(&self) -> Result<Packing>;
+
+    /// Headers of the layers that a head tells of.
+    fn layers(&self, head: Vec<u8>) -> Result<Vec<Header>> {
+        let head = Goblin::from_bytes(head)?;
+        Ok(head.layers().iter().map(|layer| layer.header.clone()).collect())
+    }
+
+    /// Whether pieces have all of each layer, one behind the other, and are cut where they may be.
+    fn are_all(&self, pieces: &[ShardPiece], layers: &[Header]) -> bool {
+        are_all(pieces, layers)
+    }
+
+    /// Bytes of a shard, if it is made and all of it is there.
+    fn find(&self, shard: &Shard) -> Result<Option<u64>> {
+        Ok(LightFile::find(shard)?.map(|light| light.run_bytes()))
+    }
+
+    /// Numbers of the shards that are not made, or of which something is not there that is needed, perhaps for an output that may have some of it.
+    fn missing(&self, shards: &[Shard], output: Option<&MergeOutput>) -> Result<Vec<u32>> {
+        if let Some(output) = output {
+            return output.missing(shards);
+        }
+        let mut missing = Vec::new();
+        for (shard, found) in shards.iter().zip(LightFile::find_all(shards)?) {
+            if found?.is_none() {
+                missing.push(shard.number);
+            }
+        }
+        Ok(missing)
+    }
+
+    /// Makes a shard that has no piece of any layer.
+    fn build_empty(&self, head: &Path, shard: Shard) -> Result<()> {
+        TreeWriter::shard(head, shard)?.finish()
+    }
+
+    /// Puts shards together with about so many bytes of memory.
+    fn merge(
+        &self,
+        head: &Path,
+        shards: &[Shard],
+        (output, memory): (MergeOutput, u64),
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        merge_shards(head, shards, output, (memory / 8, self.packing()?.effort), progress)
+    }
 
     /// Makes sure that all that is told fits so many inputs and these layers.
     fn check(&self, _inputs: usize, _layers: &[Header]) -> Result<()> {
@@ -268,4 +336,22 @@ fn check_is_here(input: &Path) -> Result<()> {
 /// A number that a plan has as a text, so that every digit of it stays.
 fn number<T: std::str::FromStr>(text: &str) -> Result<T> {
     text.parse().map_err(|_| Error::invalid("number", format!("`{text}`"), "a number"))
+}
+
+/// Whether pieces have all of each layer, one behind the other, and are cut where they may be.
+fn are_all(pieces: &[ShardPiece], layers: &[Header]) -> bool {
+    let mut pieces = pieces.iter();
+    for (number, header) in (0..).zip(layers) {
+        let mut next = 0;
+        while next <= CodeRun::ALL.ends()[1] {
+            let Some(piece) = pieces.next() else { return false };
+            let [first, last] = piece.run.ends();
+            let is_cut = piece.run.is_cut_at(header.form.dimension, header.shape.crown_level());
+            if piece.layer != number || first != next || !is_cut {
+                return false;
+            }
+            next = last + 1;
+        }
+    }
+    pieces.next().is_none()
 }

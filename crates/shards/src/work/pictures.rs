@@ -96,7 +96,7 @@ pub(super) fn write_head(
     picture.write(&mut file, Path::new(""), progress)?;
     file.finish()?;
     let work = PlannedWork::Pictures(Box::new(Pictures { mosaic, ..Pictures::of(options) }));
-    Ok(Told { work, loads, description })
+    Ok(Told { work, loads, pieces: None, description })
 }
 
 impl Work for Pictures {

@@ -81,7 +81,7 @@ pub(super) fn write_head(
 ) -> Result<Told> {
     let described = build(path, (other, packing), LITTLE, TreeTarget::Head(head), progress)?;
     let work = PlannedWork::Rebuild(Box::new(Rebuilding::of(other, packing)));
-    Ok(Told { work, loads: Vec::new(), description: described.into() })
+    Ok(Told { work, loads: Vec::new(), pieces: None, description: described.into() })
 }
 
 impl Work for Rebuilding {

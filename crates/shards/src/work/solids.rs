@@ -176,7 +176,7 @@ pub(super) fn write_head(
     };
     let loads = survey.nodes.iter().filter(|node| node.triangles > 0).map(load).collect();
     let work = PlannedWork::Solid(Box::new(Solid { survey: Survey::of(&survey), ..work }));
-    Ok(Told { work, loads, description })
+    Ok(Told { work, loads, pieces: None, description })
 }
 
 impl Work for Solid {

@@ -61,7 +61,7 @@ pub(super) fn write_head(
         input.map_or(0, |input| inputs[input].bytes())
     };
     let (loads, description) = (loads(&stack, size_of), stack.description().to_vec());
-    Ok(Told { work: PlannedWork::Stack(Box::new(Stack::of(options))), loads, description })
+    Ok(Told { work: PlannedWork::Stack(Box::new(Stack::of(options))), loads, pieces: None, description })
 }
 
 /// The layers of a stack, each with its share of its file's bytes.

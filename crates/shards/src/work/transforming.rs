@@ -79,7 +79,7 @@ pub(super) fn write_head(
     let how = WriteOptions::new(LITTLE).packing(packing);
     let outcome = transform_to(chain, TreeTarget::Head(head), how, progress)?;
     let work = PlannedWork::Transform(Transforming::of(chain, packing)?);
-    Ok(Told { work, loads: Vec::new(), description: description(&outcome) })
+    Ok(Told { work, loads: Vec::new(), pieces: None, description: description(&outcome) })
 }
 
 impl Work for Transforming {

@@ -129,7 +129,7 @@ pub(super) fn write_head(
     let mut file = TreeWriter::head(head, (Dimension::Oct, volume.options().depth), 1)?;
     volume.write(&mut file, Path::new(""), progress)?;
     file.finish()?;
-    Ok(Told { work: PlannedWork::Volume(Box::new(work)), loads: Vec::new(), description })
+    Ok(Told { work: PlannedWork::Volume(Box::new(work)), loads: Vec::new(), pieces: None, description })
 }
 
 /// Makes sure that planes have the same order by the paths that shards have, which are those from the root of the file system on.

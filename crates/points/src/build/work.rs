@@ -1,0 +1,218 @@
+//! Assembles the rows of many nodes, beyond memory and with all threads.
+
+use std::path::Path;
+
+use super::PieceSink;
+use super::assembler::{Assembled, Assembler, BuiltPiece, node_level, write_pieces};
+use super::buckets::{Bucket, BucketedRows, Buckets};
+use super::encoder::Encoder;
+use super::order::order_of;
+use super::run::{BATCH, PointBuildOptions};
+use crate::attribute::place_of;
+use spinney_base::io::Sorter;
+use spinney_base::space::Code;
+use spinney_base::{Progress, Result, parallel};
+
+/// The encoder and the options, for all threads.
+#[derive(Clone, Copy)]
+pub(crate) struct Plan<'a> {
+    pub encoder: &'a Encoder,
+    pub options: &'a PointBuildOptions,
+    pub progress: &'a dyn Progress,
+}
+
+/// A number that no other place has.
+fn place_key([x, y, z]: [i32; 3]) -> u128 {
+    u128::from(x as u32) << 64 | u128::from(y as u32) << 32 | u128::from(z as u32)
+}
+
+/// Number of places that are there once more; takes all.
+fn duplicates_of(places: &mut Vec<u128>) -> u64 {
+    spinney_base::sort::numbers128(places);
+    let count = places.windows(2).filter(|pair| pair[0] == pair[1]).count();
+    places.clear();
+    count as u64
+}
+
+/// Work on the rows of many nodes, and where goes what comes out of it.
+pub(crate) struct Work<'a> {
+    pub plan: Plan<'a>,
+    /// Folder of temporary files.
+    pub temporary: &'a Path,
+    pub sink: &'a mut dyn PieceSink,
+    /// Points that are read and assembled.
+    pub total: u64,
+    /// Points at the place of another one, of those that were assembled.
+    pub duplicates: u64,
+}
+
+/// The outcome of the rows of a node: what became of it, what came out, and its duplicates.
+type Outcome = (Assembled, Vec<BuiltPiece>, u64);
+
+impl Plan<'_> {
+    /// Rows that may be sorted by a thread at a time.
+    fn share(&self) -> u64 {
+        // (Rows as they are read and as nodes have them; codes with places; columns of a block are few.)
+        let row = 2 * self.encoder.stride() as u64 + 32;
+        (self.options.memory / 3 / parallel::threads() as u64 / row).max(4096)
+    }
+
+    /// Assembles the nodes of a node's rows in memory.
+    fn assemble_one(&self, rows: &BucketedRows, bucket: &Bucket, before: Option<Code>) -> Result<Outcome> {
+        self.progress.check()?;
+        let stride = self.encoder.stride();
+        let mut bytes = Vec::with_capacity(bucket.rows as usize * stride);
+        rows.read(bucket, 1 << 16, &mut |rows| {
+            bytes.extend_from_slice(rows);
+            Ok(())
+        })?;
+        let grid = &self.encoder.grid;
+        let code = |row| grid.code(place_of(row)).expect("it was in the root when it was read");
+        let codes: Vec<u64> = bytes.chunks_exact(stride).map(|row| code(row).bits()).collect();
+        let mut duplicates = 0;
+        let mut assembler = Assembler::new(self.encoder, self.options.leaf_size, bucket.code);
+        let mut same = before.map(|before| before.common_ancestor(bucket.code).level());
+        let mut last: Option<Code> = None;
+        // Places of points with the last code.
+        let mut places = Vec::new();
+        for place in order_of(&codes) {
+            let code = Code::from_bits(grid.dimension, codes[place as usize]).expect("it was one");
+            let row = &bytes[place as usize * stride..][..stride];
+            if let Some(before) = last {
+                same = Some(before.common_ancestor(code).level());
+                if before != code {
+                    duplicates += duplicates_of(&mut places);
+                }
+            }
+            places.push(place_key(place_of(row)));
+            assembler.advance(code);
+            assembler.add(code, node_level(self.encoder, same), row);
+            last = Some(code);
+        }
+        duplicates += duplicates_of(&mut places);
+        let (assembled, pieces) = assembler.finish();
+        Ok((assembled, pieces, duplicates))
+    }
+}
+
+impl Work<'_> {
+    /// Assembles nodes of the rows of some of their nodes, in order. `last` is the node that had points before.
+    pub(crate) fn assemble(
+        &mut self,
+        (rows, buckets): (&BucketedRows, &[Bucket]),
+        assembler: &mut Assembler<'_>,
+        last: &mut Option<Code>,
+    ) -> Result<()> {
+        let plan = self.plan;
+        let share = plan.share();
+        let mut rest = buckets;
+        while let Some(first) = rest.first() {
+            self.plan.progress.check()?;
+            // (One of the top node itself has all points in one place.)
+            if first.rows > share || first.code == assembler.top() {
+                self.divide(rows, first, assembler, last)?;
+                *last = Some(first.code);
+                rest = &rest[1..];
+                continue;
+            }
+            // As many as there is room for, each of them assembled by one thread.
+            let room = share * parallel::threads() as u64;
+            let mut sum = 0;
+            let fits = |bucket: &&Bucket| {
+                sum += bucket.rows;
+                bucket.rows <= share && sum <= room
+            };
+            let count = rest.iter().take_while(fits).count().max(1);
+            let (batch, behind) = rest.split_at(count);
+            rest = behind;
+            let befores = std::iter::once(*last).chain(batch.iter().map(|bucket| Some(bucket.code)));
+            let jobs: Vec<(Bucket, Option<Code>)> = batch.iter().copied().zip(befores).collect();
+            let made = parallel::map(&jobs, |(bucket, before)| plan.assemble_one(rows, bucket, *before));
+            for ((bucket, _), made) in jobs.iter().zip(made) {
+                let (assembled, pieces, duplicates) = made?;
+                self.duplicates += duplicates;
+                assembler.reach(bucket.code, &assembled.closed);
+                self.write(std::mem::take(&mut assembler.pieces))?;
+                self.write(pieces)?;
+                assembler.join(bucket.code, assembled);
+                self.write(std::mem::take(&mut assembler.pieces))?;
+                self.plan.progress.advance(bucket.rows, self.total);
+            }
+            *last = batch.last().map(|bucket| bucket.code);
+        }
+        Ok(())
+    }
+
+    /// Assembles the nodes of more rows than there is room for: by nodes below.
+    fn divide(
+        &mut self,
+        rows: &BucketedRows,
+        bucket: &Bucket,
+        assembler: &mut Assembler<'_>,
+        last: &mut Option<Code>,
+    ) -> Result<()> {
+        let deepest = self.plan.encoder.grid.code_levels();
+        let stride = self.plan.encoder.stride();
+        if bucket.code.level() == deepest {
+            // All have one code: they come as they are.
+            return self.stream(rows, bucket, assembler, *last);
+        }
+        let mut buckets = Buckets::new(
+            self.temporary.to_path_buf(),
+            stride,
+            (bucket.code, deepest),
+            self.plan.options.memory / 3,
+        );
+        rows.read(bucket, BATCH, &mut |rows| {
+            self.plan.progress.check()?;
+            rows.chunks_exact(stride).try_for_each(|row| {
+                let code =
+                    self.plan.encoder.grid.code(place_of(row)).expect("it was in the root when it was read");
+                let (point, number) = row.split_last_chunk().expect("rows have one");
+                buckets.push(code, point, number)
+            })
+        })?;
+        let rows = buckets.finish()?;
+        self.assemble((&rows, &rows.buckets()), assembler, last)
+    }
+
+    /// Adds rows that all have one code to the nodes that they belong to.
+    fn stream(
+        &mut self,
+        rows: &BucketedRows,
+        bucket: &Bucket,
+        assembler: &mut Assembler<'_>,
+        last: Option<Code>,
+    ) -> Result<()> {
+        assembler.advance(bucket.code);
+        let mut same = last.map(|last| last.common_ancestor(bucket.code).level());
+        let stride = self.plan.encoder.stride();
+        // (Where codes do not tell all of a place, what they leave has fewer than 64 bits.)
+        let mut places = Sorter::new(self.temporary, 8, self.plan.options.memory / 16);
+        let corner = self.plan.encoder.grid.node_box(bucket.code)[0];
+        rows.read(bucket, BATCH, &mut |rows| {
+            self.plan.progress.check()?;
+            for row in rows.chunks_exact(stride) {
+                let place = place_of(row);
+                let low = |axis: usize| u64::from(place[axis].wrapping_sub(corner[axis]) as u32);
+                let key = low(0) << 48 | low(1) << 32 | low(2);
+                places.push(key, key.to_le_bytes().to_vec())?;
+                assembler.add(bucket.code, node_level(self.plan.encoder, same), row);
+                same = Some(bucket.code.level());
+            }
+            self.plan.progress.advance((rows.len() / stride) as u64, self.total);
+            self.write(std::mem::take(&mut assembler.pieces))
+        })?;
+        let mut before = None;
+        places.finish(&mut |place| {
+            let place = Some(place.to_vec());
+            self.duplicates += u64::from(before == place);
+            before = place;
+            Ok(())
+        })
+    }
+
+    fn write(&mut self, pieces: Vec<BuiltPiece>) -> Result<()> {
+        write_pieces(pieces, self.sink)
+    }
+}

@@ -1,0 +1,155 @@
+//! Builds a shard of a tree of points.
+
+use std::path::Path;
+
+use super::cut::{may_have, parts_of};
+use super::writer::ShardWriter;
+use super::{PointShard, deepest_units, unit_of};
+use crate::attribute::place_of;
+use crate::build::{
+    Assembler, BATCH, BucketedRows, Buckets, BuildSummary, Encoder, Plan, Work, encoder_of, write_pieces,
+};
+use crate::import::PointImport;
+use crate::source::PointPart;
+use crate::store::{PointTree, PointWriter, Summary};
+use spinney_base::io::Output;
+use spinney_base::space::CodeRun;
+use spinney_base::{Error, Progress, Result};
+use spinney_container::{Metadata, OpenOptions};
+
+/// Writes a tree without points, which tells all else of that which is built of files: shards are held to it, and merging knows no more.
+///
+/// # Errors
+/// If the output cannot be written.
+pub fn write_head(import: &PointImport, output: Output) -> Result<()> {
+    let encoder = encoder_of(import.source.schema());
+    let writer = PointWriter::new(output, &encoder.grid, encoder.block.columns, 0)?;
+    writer.finish(&summary_of(import, &encoder), &import.metadata)
+}
+
+fn summary_of(import: &PointImport, encoder: &Encoder) -> Summary {
+    Summary::new(encoder, import.options.leaf_size, BuildSummary::default())
+}
+
+/// Builds a shard of what is built of files; `head` tells of the tree. Reads all of those files that may have points in the shard, and no others. `check`
+/// makes sure that these are still what they were, before the shard counts as made.
+///
+/// # Errors
+/// If a file cannot be read, or has points beyond the bounds that its header tells; if the files or options are others than those of the head; if
+/// something cannot be written; those of `check`. Nobody takes what is there for the shard then.
+pub fn build_shard(
+    import: &PointImport,
+    (head, shard): (&Path, &PointShard),
+    check: &dyn Fn() -> Result<()>,
+    progress: &dyn Progress,
+) -> Result<()> {
+    import.options.check()?;
+    let encoder = encoder_of(import.source.schema());
+    let memory = import.options.memory;
+    check_planned(import, &encoder, head)?;
+    if shard.level > deepest_units(&encoder.grid) {
+        let expected = format!("at most {}", deepest_units(&encoder.grid));
+        return Err(Error::invalid("level of shards", shard.level.to_string(), expected));
+    }
+    let mut writer = ShardWriter::new(shard, &encoder, memory / 16)?;
+    let Some(run) = shard.run else { return writer.finish(0) };
+    let (rows, read) = read(import, &encoder, (shard, run), progress)?;
+    let buckets = rows.buckets();
+    let total = read + buckets.iter().map(|bucket| bucket.rows).sum::<u64>();
+    let (mut last, mut duplicates) = (None, 0);
+    for buckets in buckets.chunk_by(|a, b| a.code.ancestor(shard.level) == b.code.ancestor(shard.level)) {
+        let unit = buckets[0].code.ancestor(shard.level);
+        let plan = Plan { encoder: &encoder, options: &import.options, progress };
+        let mut work = Work { plan, temporary: &shard.folder, sink: &mut writer, total, duplicates: 0 };
+        let mut assembler = Assembler::new(&encoder, import.options.leaf_size, unit);
+        work.assemble((&rows, buckets), &mut assembler, &mut last)?;
+        duplicates += work.duplicates;
+        let (assembled, pieces) = assembler.finish();
+        write_pieces(pieces, &mut writer)?;
+        writer.end_unit(unit, assembled)?;
+    }
+    check()?;
+    writer.finish(duplicates)
+}
+
+/// Makes a shard for which no part of the space is left; `head` tells of the tree.
+///
+/// # Errors
+/// If the head cannot be read, or the shard not be written.
+pub fn build_empty_shard(head: &Path, shard: &PointShard) -> Result<()> {
+    let planned = PointTree::open(head, &OpenOptions::default())?;
+    let encoder = Encoder::new(planned.layout().clone(), planned.grid().clone());
+    ShardWriter::new(shard, &encoder, 0)?.finish(0)
+}
+
+/// Makes sure that the tree would be what its head tells, but for where its files are.
+fn check_planned(import: &PointImport, encoder: &Encoder, head: &Path) -> Result<()> {
+    let planned = PointTree::open(head, &OpenOptions::default())?;
+    // (As bytes, in which numbers that are none are like themselves.)
+    let told = |metadata: &Metadata| Metadata { provenance: Vec::new(), ..metadata.clone() }.to_bytes(head);
+    let summary = summary_of(import, encoder);
+    let found = match () {
+        () if summary != *planned.summary() => format!("a tree of {summary:?}"),
+        () if *planned.grid() != encoder.grid => format!("a grid in {} axes", encoder.grid.dimension.axes()),
+        () if told(&import.metadata)? != told(planned.metadata())? => "other metadata".into(),
+        () => return Ok(()),
+    };
+    let (path, expected) = (head.to_path_buf(), format!("{:?}", planned.summary()));
+    let advice = "the inputs or the program have changed since: plan another job in another folder";
+    Err(Error::NotPlanned { path, found, expected, advice })
+}
+
+/// Reads the points of a run; tells how many were looked at.
+fn read(
+    import: &PointImport,
+    encoder: &Encoder,
+    (shard, run): (&PointShard, CodeRun),
+    progress: &dyn Progress,
+) -> Result<(BucketedRows, u64)> {
+    let grid = &encoder.grid;
+    let [first, last] = run.ends().map(|end| unit_of(grid.dimension, shard.level, end));
+    let top = (first.common_ancestor(last), grid.code_levels());
+    let folder = shard.folder.clone();
+    let mut buckets = Buckets::new(folder, encoder.stride(), top, import.options.memory / 3);
+    let (parts, wanted) = (import.source.parts(), parts_of(import, shard));
+    let total: u64 = wanted.iter().map(|number| parts[*number].count).sum();
+    let mut read = 0;
+    let mut rows = Vec::new();
+    for number in wanted {
+        let part = &parts[number];
+        let mut points = import.source.part(number)?;
+        // Invariant: in all shards points have numbers in the order in which they come in, since parts have room for the numbers of all their points.
+        let mut next: u64 = parts[..number].iter().map(|part| part.count).sum();
+        let end = next + part.count;
+        loop {
+            progress.check()?;
+            rows.clear();
+            let count = points.read(&mut rows, BATCH)?;
+            if count == 0 {
+                break;
+            }
+            for point in rows.chunks_exact(encoder.layout.size) {
+                let place = place_of(point);
+                let code = grid.code(place).filter(|_| may_have(part, place) && next < end);
+                let code = code.ok_or_else(|| beyond(points.path(), part))?;
+                if run.contains(code) {
+                    buckets.push(code, point, next.to_le_bytes().first_chunk().expect("fewer than eight"))?;
+                }
+                next += 1;
+            }
+            progress.advance(count as u64, 2 * total);
+        }
+        read += part.count;
+    }
+    Ok((buckets.finish()?, read))
+}
+
+/// The error that a file has points where nobody looks for them.
+fn beyond(path: &Path, part: &PointPart) -> Error {
+    let [least, most] = part.bounds;
+    let PointPart { count, .. } = part;
+    let expected = format!(
+        "{count} from {least:?} to {most:?} on the grid, as its header says, by which it belongs to shards (`spinney build` looks at all points)"
+    );
+    Error::corrupt(path, "points", "points beyond these bounds", expected)
+}

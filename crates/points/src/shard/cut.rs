@@ -1,0 +1,166 @@
+//! Cuts the space of points into shards with about as many of them.
+
+use std::collections::BTreeMap;
+
+use super::{PointShard, deepest_units};
+use crate::build::{MOST_NUMBERS, encoder_of};
+use crate::grid::PointGrid;
+use crate::import::PointImport;
+use crate::source::PointPart;
+use spinney_base::space::{Bounds, Code, CodeRun};
+use spinney_base::{Error, Result};
+
+/// Units for each shard, about, so that shards can be alike; more would hand up more points.
+const UNITS: u64 = 8;
+/// Units that have points, at most, unless a shard needs more.
+const MOST_UNITS: u64 = 1 << 16;
+/// Part of a file's side by which its points may lie beyond the bounds that its header tells, as a power of two, and steps.
+const MARGIN: (u32, i64) = (7, 16);
+
+/// Shards of a tree, as they were cut.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PointCut {
+    /// The level of units.
+    pub level: u8,
+    /// The part of the space that each shard has: all together have all of it. Those for which nothing is left have none.
+    pub runs: Vec<Option<CodeRun>>,
+    /// Number of all points, where it is known before they are read.
+    pub points: Option<u64>,
+}
+
+/// Cuts what is built of files into so many shards, by their headers. No point is read.
+///
+/// # Errors
+/// If the points do not come from LAS or LAZ files, or a header makes no sense.
+pub fn cut(import: &PointImport, shards: u32) -> Result<PointCut> {
+    let source = &*import.source;
+    let path = source.path();
+    import.options.check()?;
+    if source.parts().is_empty() {
+        let advice = "shards are of LAS and LAZ files; `spinney build` makes the tree in one go";
+        return Err(Error::unsupported(path, "points whose places are known when all are read", advice));
+    }
+    let points = source.parts().iter().fold(0, |sum: u64, part| sum.saturating_add(part.count));
+    if points >= MOST_NUMBERS {
+        let expected = format!("fewer than {MOST_NUMBERS} in a file");
+        return Err(Error::invalid("points", points.to_string(), expected));
+    }
+    let grid = encoder_of(source.schema()).grid;
+    let lost = source.parts().iter().find(|part| part.count > 0 && cells_of(&grid, part, 0).is_empty());
+    if let Some(PointPart { count, bounds: [least, most] }) = lost {
+        let found = format!("{count} points from {least:?} to {most:?} on the grid");
+        return Err(Error::corrupt(path, "headers of its files", found, "corners in order"));
+    }
+    // As few units as will do: the deeper these are, the more points go up.
+    let wanted = (u64::from(shards) * UNITS).min(MOST_UNITS);
+    let (mut level, mut weights) = (0, weights_of(&grid, source.parts(), 0));
+    while level < deepest_units(&grid) && (weights.len() as u64) < wanted && shards > 1 {
+        level += 1;
+        weights = weights_of(&grid, source.parts(), level);
+    }
+    let points = source.schema().count.map(|_| points);
+    Ok(PointCut { level, runs: runs_of(&grid, &weights, shards), points })
+}
+
+/// Numbers of the files that may have points in a shard, by the bounds that their headers tell, with some room.
+pub(super) fn parts_of(import: &PointImport, shard: &PointShard) -> Vec<usize> {
+    let grid = encoder_of(import.source.schema()).grid;
+    let touches = |part: &PointPart, run: CodeRun| {
+        part.count > 0 && run.cells(grid.dimension, shard.level, &cells_of(&grid, part, shard.level)) > 0
+    };
+    let parts = import.source.parts().iter().enumerate();
+    parts
+        .filter(|(_, part)| shard.run.is_some_and(|run| touches(part, run)))
+        .map(|(number, _)| number)
+        .collect()
+}
+
+/// Least and greatest place that a point of a file may have, along an axis.
+fn reach(part: &PointPart, axis: usize) -> [i64; 2] {
+    let [least, most] = part.bounds.map(|place| i64::from(place[axis]));
+    let margin = MARGIN.1 + ((most - least) >> MARGIN.0);
+    [least - margin, most + margin]
+}
+
+/// Whether a file may have a point at a place.
+pub(super) fn may_have(part: &PointPart, place: [i32; 3]) -> bool {
+    (0..3).all(|axis| {
+        let [least, most] = reach(part, axis);
+        (least..=most).contains(&place[axis].into())
+    })
+}
+
+/// The units at a level that a file may have points in; an empty box if its bounds are the wrong way round.
+fn cells_of(grid: &PointGrid, part: &PointPart, level: u8) -> Bounds {
+    let (mut min, mut max) = ([0; 3], [1; 3]);
+    for axis in 0..grid.dimension.axes() {
+        if part.bounds[0][axis] > part.bounds[1][axis] {
+            return Bounds { min: [0; 3], max: [0; 3] };
+        }
+        let side = 1i64 << grid.bits;
+        let cell =
+            |place: i64| (place - i64::from(grid.corner[axis])).clamp(0, side - 1) >> (grid.bits - level);
+        let [least, most] = reach(part, axis);
+        (min[axis], max[axis]) = (cell(least) as u64, cell(most) as u64 + 1);
+    }
+    Bounds { min, max }
+}
+
+/// Points of each unit at a level that has some, about, by its code.
+fn weights_of(grid: &PointGrid, parts: &[PointPart], level: u8) -> BTreeMap<u64, u64> {
+    let mut weights = BTreeMap::new();
+    let side = (1i64 << (grid.bits - level)) as f64;
+    for part in parts.iter().filter(|part| part.count > 0) {
+        let Bounds { min, max } = cells_of(grid, part, level);
+        for z in min[2]..max[2] {
+            for y in min[1]..max[1] {
+                for x in min[0]..max[0] {
+                    let cell = [x, y, z];
+                    let mut points = part.count as f64;
+                    for (axis, step) in cell.iter().enumerate().take(grid.dimension.axes()) {
+                        let [least, most] =
+                            reach(part, axis).map(|place| (place - i64::from(grid.corner[axis])) as f64);
+                        let first = *step as f64 * side;
+                        let common = (most + 1.0).min(first + side) - least.max(first);
+                        points *= (common / (most + 1.0 - least)).clamp(0.0, 1.0);
+                    }
+                    let unit = Code::from_cell(grid.dimension, level, cell.map(|step| step as u32));
+                    let weight: &mut u64 = weights.entry(unit.expect("in the root").bits()).or_default();
+                    *weight = weight.saturating_add(1 + points as u64);
+                }
+            }
+        }
+    }
+    weights
+}
+
+/// Runs of units, with about as many points each; together they have all of the space.
+fn runs_of(grid: &PointGrid, weights: &BTreeMap<u64, u64>, shards: u32) -> Vec<Option<CodeRun>> {
+    let total: u128 = weights.values().map(|weight| u128::from(*weight)).sum();
+    // A unit belongs to the shard in whose part of the whole its middle is.
+    let mut lasts: Vec<(u32, Code)> = Vec::new();
+    let mut before = 0u128;
+    for (unit, weight) in weights {
+        let middle = 2 * before + u128::from(*weight);
+        let shard = (middle * u128::from(shards) / (2 * total.max(1))).min(u128::from(shards) - 1) as u32;
+        before += u128::from(*weight);
+        let unit = Code::from_bits(grid.dimension, *unit).expect("codes of units");
+        match lasts.last_mut() {
+            Some(last) if last.0 == shard => last.1 = unit,
+            _ => lasts.push((shard, unit)),
+        }
+    }
+    let mut runs = vec![None; shards as usize];
+    let mut first = 0;
+    let all = CodeRun::ALL.ends()[1];
+    for (number, (shard, unit)) in lasts.iter().enumerate() {
+        let last = if number + 1 == lasts.len() { all } else { unit.last_bits() };
+        runs[*shard as usize] = CodeRun::new(first, last);
+        first = last + 1;
+    }
+    // (Without any points the first shard has the space.)
+    if lasts.is_empty() {
+        runs[0] = Some(CodeRun::ALL);
+    }
+    runs
+}

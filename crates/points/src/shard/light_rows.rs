@@ -1,0 +1,76 @@
+//! Rows of points in light files: blocks of columns, as in trees, with two more: which point it was of all, and the level of its node.
+
+use crate::attribute::{PLACE_BYTES, PointAttribute, RowLayout};
+use crate::build::{Encoder, MOST_NUMBERS, NUMBER_BYTES};
+use crate::codec::{BlockLayout, columns_of, decode, encode};
+use spinney_base::value::SampleType;
+
+/// Points of a block at most.
+pub(super) const MOST_ROWS: usize = 1 << 16;
+
+/// The way from rows with their numbers and levels to bytes, and back.
+pub(super) struct LightRows<'a> {
+    encoder: &'a Encoder,
+    block: BlockLayout,
+}
+
+impl<'a> LightRows<'a> {
+    /// Of rows of an encoder.
+    pub(super) fn new(encoder: &'a Encoder) -> LightRows<'a> {
+        let mut attributes = encoder.layout.attributes.clone();
+        // (Names that no attribute has mean nothing to blocks.)
+        attributes.push(PointAttribute::new("", SampleType::I64));
+        attributes.push(PointAttribute::new("", SampleType::U8));
+        LightRows { encoder, block: BlockLayout::of(&RowLayout::packed(attributes)) }
+    }
+
+    /// The bytes of rows, at most [`MOST_ROWS`], and their levels.
+    pub(super) fn encode(&self, rows: &[u8], levels: &[u8]) -> Vec<u8> {
+        let Encoder { layout, .. } = self.encoder;
+        let all = rows.chunks_exact(self.encoder.stride());
+        let mut columns = columns_of(all.clone(), layout);
+        columns.push(all.map(|row| number_of(&row[layout.size..])).collect());
+        columns.push(levels.iter().map(|level| i64::from(*level)).collect());
+        encode(&columns, &self.block)
+    }
+
+    /// Appends the rows of some bytes, and their levels. `None` if they are not what somebody wrote.
+    pub(super) fn decode(
+        &self,
+        bytes: &[u8],
+        count: usize,
+        rows: &mut Vec<u8>,
+        levels: &mut Vec<u8>,
+    ) -> Option<()> {
+        let columns = decode(bytes, count, &self.block, &vec![true; self.block.columns])?;
+        let Encoder { layout, grid, .. } = self.encoder;
+        let (attributes, rest) = columns[3..].split_at(layout.attributes.len());
+        for point in 0..count {
+            let mut place = [0; 3];
+            for axis in 0..3 {
+                place[axis] = i32::try_from(columns[axis][point]).ok()?;
+            }
+            grid.code(place)?;
+            let number = u64::try_from(rest[0][point]).ok().filter(|number| *number < MOST_NUMBERS)?;
+            levels.push(rest[1][point].try_into().ok()?);
+            let first = rows.len();
+            rows.resize(first + self.encoder.stride(), 0);
+            let (row, behind) = rows[first..].split_at_mut(layout.size);
+            for (bytes, step) in row[..PLACE_BYTES].chunks_exact_mut(4).zip(place) {
+                bytes.copy_from_slice(&step.to_le_bytes());
+            }
+            for (attribute, column) in attributes.iter().enumerate() {
+                layout.set_number(attribute, row, column[point]);
+            }
+            behind.copy_from_slice(&number.to_le_bytes()[..NUMBER_BYTES]);
+        }
+        Some(())
+    }
+}
+
+/// The number of the point that stands behind a row.
+fn number_of(bytes: &[u8]) -> i64 {
+    let mut number = [0; 8];
+    number[..NUMBER_BYTES].copy_from_slice(&bytes[..NUMBER_BYTES]);
+    i64::from_le_bytes(number)
+}

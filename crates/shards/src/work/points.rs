@@ -1,0 +1,162 @@
+//! Trees of points.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use spinney_base::io::{Output, url_of};
+use spinney_base::space::CodeRun;
+use spinney_base::{Error, Progress, Result};
+use spinney_container::Header;
+use spinney_crs::Crs;
+use spinney_engine::store::Packing;
+use spinney_engine::store::goblin::{MergeOutput, Shard, ShardPiece};
+use spinney_points::shard::{self, PointCut, PointShard};
+use spinney_points::{PointImport, PointImportOptions, PointTree};
+use spinney_vector::import::feature::FeatureOptions;
+use spinney_vector::import::filter::FeatureFilter;
+use spinney_vector::import::plan_point_files;
+
+use super::{PartOfJob, PlannedWork, Told, Work, check_is_here};
+
+/// LAS and LAZ files, all together.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Points {
+    attributes: Option<Vec<String>>,
+    /// Conditions, as they are given to the program; none if all points are kept.
+    filter: Option<String>,
+    crs: Option<Crs>,
+    leaf_size: usize,
+    /// The level of nodes at which shards are cut.
+    level: u8,
+    /// Number of all points, where headers tell it.
+    points: Option<u64>,
+}
+
+impl Points {
+    pub(super) fn of(options: &PointImportOptions, filter: &FeatureFilter) -> Points {
+        Points {
+            attributes: options.attributes.clone(),
+            filter: (!filter.conditions.is_empty()).then(|| filter.to_string()),
+            crs: options.crs.clone(),
+            leaf_size: options.build.leaf_size,
+            level: 0,
+            points: None,
+        }
+    }
+
+    fn filter(&self) -> Result<FeatureFilter> {
+        self.filter.as_deref().map_or(Ok(FeatureFilter::default()), str::parse)
+    }
+
+    /// The shard as trees of points have it.
+    fn shard(&self, shard: &Shard) -> PointShard {
+        let Shard { folder, job, number, pieces } = shard;
+        let run = pieces.first().map(|piece| piece.run);
+        PointShard { folder: folder.clone(), job: *job, number: *number, level: self.level, run }
+    }
+}
+
+fn import_of(paths: &[PathBuf], options: &PointImportOptions, filter: FeatureFilter) -> Result<PointImport> {
+    plan_point_files(paths, &FeatureOptions { filter, ..FeatureOptions::default() }, options)
+}
+
+/// Writes a file that tells of the tree, and cuts it into so many shards.
+pub(super) fn write_head(
+    paths: &[PathBuf],
+    (options, filter): (&PointImportOptions, &FeatureFilter),
+    (head, shards): (Output, u32),
+    progress: &dyn Progress,
+) -> Result<Told> {
+    if url_of(head.path()).is_some() {
+        let advice = "choose a folder that all machines see";
+        return Err(Error::unsupported(head.path(), "a job of points in a bucket", advice));
+    }
+    let import = import_of(paths, options, filter.clone())?;
+    let PointCut { level, runs, points } = shard::cut(&import, shards)?;
+    import.tell_remarks(progress);
+    shard::write_head(&import, head)?;
+    let piece = |run: &Option<CodeRun>| run.iter().map(|run| ShardPiece { layer: 0, run: *run }).collect();
+    let work = PlannedWork::Points(Points { level, points, ..Points::of(options, filter) });
+    let (pieces, description) = (Some(runs.iter().map(piece).collect()), import.description().to_vec());
+    Ok(Told { work, loads: Vec::new(), pieces, description })
+}
+
+impl Work for Points {
+    fn files_of(&self, input: &Path) -> Result<Vec<PathBuf>> {
+        check_is_here(input)?;
+        Ok(vec![input.to_path_buf()])
+    }
+
+    /// That of blocks is their own.
+    fn packing(&self) -> Result<Packing> {
+        Ok(Packing::default())
+    }
+
+    /// None: points have no layers.
+    fn layers(&self, head: Vec<u8>) -> Result<Vec<Header>> {
+        PointTree::from_bytes(head).map(|_| Vec::new())
+    }
+
+    fn check(&self, _inputs: usize, _layers: &[Header]) -> Result<()> {
+        self.filter().map(|_| ())
+    }
+
+    fn are_all(&self, pieces: &[ShardPiece], _layers: &[Header]) -> bool {
+        let mut next = 0;
+        for ShardPiece { layer, run } in pieces {
+            let [first, last] = run.ends();
+            if *layer != 0 || first != next {
+                return false;
+            }
+            next = last + 1;
+        }
+        next > CodeRun::ALL.ends()[1]
+    }
+
+    fn find(&self, shard: &Shard) -> Result<Option<u64>> {
+        shard::find_shard(&self.shard(shard))
+    }
+
+    fn missing(&self, shards: &[Shard], _output: Option<&MergeOutput>) -> Result<Vec<u32>> {
+        let mut missing = Vec::new();
+        for shard in shards {
+            if self.find(shard)?.is_none() {
+                missing.push(shard.number);
+            }
+        }
+        Ok(missing)
+    }
+
+    fn build_empty(&self, head: &Path, shard: Shard) -> Result<()> {
+        shard::build_empty_shard(head, &self.shard(&shard))
+    }
+
+    fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
+        let mut options = PointImportOptions::default();
+        (options.attributes, options.crs) = (self.attributes.clone(), self.crs.clone());
+        (options.build.leaf_size, options.build.memory) = (self.leaf_size, memory);
+        let import = import_of(&part.paths(), &options, self.filter()?)?;
+        shard::build_shard(&import, (&part.head, &self.shard(&part.shard)), &part.check, progress)
+    }
+
+    fn merge(
+        &self,
+        head: &Path,
+        shards: &[Shard],
+        (output, memory): (MergeOutput, u64),
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        let output = match output {
+            MergeOutput::Keep(output) => output,
+            // (Shards go when the file is there: it is written in one go.)
+            MergeOutput::Remove(mut output, _) => {
+                let path = output.path().to_path_buf();
+                output.truncate(0).map_err(Error::io(path, "begin anew"))?;
+                output
+            }
+        };
+        let shards: Vec<PointShard> = shards.iter().map(|shard| self.shard(shard)).collect();
+        shard::merge_shards(head, &shards, self.points, (output, memory / 16), progress).map(|_| ())
+    }
+}

@@ -1,0 +1,71 @@
+//! Trees of points that are built in shards: the bytes of one build.
+
+use std::fs;
+
+use crate::cli_shards::Place;
+use crate::common::command::{complaint, spinney};
+
+const BUILD: [&str; 2] = ["build", "plan"];
+
+/// Parts of a scan that lie beside and over each other, as tiles in files of several kinds.
+fn tiles(place: &Place) -> Vec<String> {
+    let scan = place.name("scan.goblin");
+    spinney(&["-q", "build", "fixtures/island_points.laz", "-o", &scan]).success();
+    let windows = [
+        ("a.laz", "303000,3194000,305000,3196000"),
+        ("b.las", "304900,3190000,309000,3199000"),
+        ("c.laz", "300000,3195500,304000,3199000"),
+    ];
+    let tile = |(name, window): (&str, &str)| {
+        let tile = place.name(name);
+        spinney(&["-q", "get", &scan, &tile, "--window", window]).success();
+        tile
+    };
+    windows.map(tile).to_vec()
+}
+
+#[test]
+fn shards_of_points_make_the_bytes_of_a_build() {
+    let place = Place::new();
+    place.compare_with(BUILD, &["fixtures/island_points.laz", "--leaf-size", "300"], &[1, 2, 7, 64]);
+    let tiles = tiles(&place);
+    let tiles: Vec<&str> = tiles.iter().map(String::as_str).collect();
+    place.compare_with(BUILD, &tiles, &[3]);
+    let options = ["--leaf-size", "100", "--where", "classification!=5,intensity>3", "--crs", "EPSG:32628"];
+    place.compare_with(BUILD, &[&tiles[..], &options[..]].concat(), &[5]);
+    place.compare_with(
+        BUILD,
+        &[&tiles[..], &["--attribute", "gps_time", "--leaf-size", "50"]].concat(),
+        &[4],
+    );
+}
+
+#[test]
+fn points_that_have_changed_and_what_is_no_scan_are_refused() {
+    let place = Place::new();
+    let tiles = tiles(&place);
+    let (job, merged) = (place.name("job"), place.name("merged.goblin"));
+    let plan = ["shard", "plan", &tiles[0], &tiles[1], "-o", &job, "--shards", "2"];
+    spinney(&[&["-q"], &plan[..]].concat()).success();
+    // The same plan does nothing, another one is refused.
+    spinney(&[&["-q"], &plan[..]].concat()).success();
+    complaint(&[&plan[..], &["--leaf-size", "7"]].concat(), 1);
+    spinney(&["-q", "shard", "build", &job, "1"]).success();
+    spinney(&["-q", "shard", "build", &job, "1"]).success();
+    assert!(complaint(&["shard", "merge", &job, "-o", &merged], 1).contains("0 is missing"));
+    fs::copy(&tiles[2], &tiles[0]).unwrap();
+    let said = complaint(&["shard", "build", &job, "0"], 1);
+    assert!(said.contains("a.laz") && said.contains("was planned"), "{said}");
+    assert!(!place.path("merged.goblin").exists());
+
+    let refused = |words: &[&str], word: &str| {
+        let said = complaint(&[&["shard", "plan", "-o", &place.name("none")], words].concat(), 1);
+        assert!(said.contains(word), "{words:?}: {said}");
+        assert!(!place.path("none").exists());
+    };
+    refused(&[&tiles[0], "--codec", "packed"], "--codec");
+    refused(&[&tiles[0], "--stack"], "options for pictures");
+    refused(&[&tiles[0], "--attribute", "colour"], "colour");
+    refused(&["fixtures/island_elevation.tif", "--where", "a=1"], "--where");
+    refused(&["fixtures/island_elevation.tif", &tiles[0]], "island_elevation");
+}
