@@ -195,7 +195,7 @@ mod tests {
             assert_eq!(file.read(&mut some).unwrap(), 0);
             assert_eq!(file.read_at(198, &mut some).unwrap_err().kind(), io::ErrorKind::UnexpectedEof);
             assert!(file.seek(SeekFrom::Current(-301)).is_err());
-            assert!(file.prefetch(&[0..200]).is_ok());
+            assert!(file.prefetch(&[0..20, 100..200]).is_ok());
         }
         assert_eq!(InputFile::read_whole(&path, 200).unwrap(), Some(bytes));
         assert!(InputFile::read_whole(&path, 199).is_err());
