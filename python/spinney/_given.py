@@ -62,6 +62,13 @@ def chunks_of(given: GivenLayers) -> list[Chunks]:
     return [array for array in arrays if isinstance(array, Chunks)]
 
 
+def _dask() -> Any:
+    """The package dask. (It has few types.)"""
+    import dask
+
+    return dask
+
+
 def _is_dask(array: Any) -> bool:
     return hasattr(array, "chunks") and hasattr(array, "blocks") and hasattr(array, "compute")
 
@@ -105,10 +112,8 @@ class Chunks:
 
     def _computed(self, places: list[tuple[int, ...]]) -> dict[tuple[int, ...], Any]:
         """Some chunks, of which those are computed that are not there."""
-        import dask
-
         missing = [place for place in places if place not in self.kept]
-        found = dict(zip(missing, dask.compute(*(self.array.blocks[place] for place in missing), scheduler=self.scheduler)))
+        found = dict(zip(missing, _dask().compute(*(self.array.blocks[place] for place in missing), scheduler=self.scheduler)))
         for place in places:
             if place in self.kept:
                 self.kept.move_to_end(place)

@@ -32,10 +32,11 @@ from . import shards as _shards
 from ._dataset import open
 from ._elsewhere import kept_name
 from ._files import MEMORY
-from ._given import GivenLayers, chunks_of, given_layers
+from ._given import chunks_of, given_layers
 from ._options import packing_of
 from ._progress import ALONE, telling
 from ._sources import paths_of
+from ._stack import GivenLayers
 from ._types import Path, Progress
 
 __all__ = ["build", "combine", "export_tiles", "transform", "zonal"]
@@ -243,7 +244,8 @@ def export_tiles(
 
 def _export(source: str, target: str, options: dict[str, Any]) -> int:
     with open(source) as tree:
-        return int(tree.export(target, threads=1, **options) or 0)
+        count: Any = tree.export(target, threads=1, **options)
+        return int(count)
 
 
 def _parts_there(folder: str) -> int:
