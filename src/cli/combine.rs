@@ -98,7 +98,7 @@ impl MergingArgs {
         Ok((operation, universe.unwrap_or_default()))
     }
 
-    /// What is made of trees of cells alone in shards.
+    /// The job of combining trees of cells alone.
     pub(crate) fn spec(&self, packing: spinney::store::Packing) -> Result<JobSpec> {
         let name = &self.operation.0;
         ensure!(!self.operation.is_table(), "{name} prints a table: `spinney combine {name}`");

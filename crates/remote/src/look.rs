@@ -43,7 +43,7 @@ pub(super) fn look(urls: &[&str], options: &RemoteOptions) -> Result<Vec<Result<
     Ok(found)
 }
 
-/// What a host tells of a file.
+/// Answer of a host about a file.
 async fn head(place: &Place) -> object_store::Result<ObjectMeta> {
     match place.store.head(&place.name).await {
         // (Signatures of URLs are for reading alone, and some servers know nothing else. The name in a server is the URL.)

@@ -173,7 +173,7 @@ impl Job {
         Ok(Some(Job { folder: folder.to_path_buf(), plan, id, layers, pieces }))
     }
 
-    /// What shards do.
+    /// The work of shards.
     pub(crate) fn work(&self) -> &dyn Work {
         self.plan.work.work()
     }

@@ -203,7 +203,7 @@ Examples:
 The output appears under its name only when it is complete; until then, an older file of that name
 stays.";
 
-/// What is said where an option is given that models do not have.
+/// Error of an option that models do not have.
 const NOT_OF_MODELS: &str = "--kind, --rule, --band, --nodata, --transform, --layer, --pages, --raw-size, --stack and --keep-transparent are for pictures and volumes, not for models";
 
 /// Inputs that are open and understood, ready to be built.

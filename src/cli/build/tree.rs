@@ -45,7 +45,7 @@ fn only_tree<'a>(inputs: &'a [PathBuf], pictures: &PictureArgs, common: &Common)
     Ok(input)
 }
 
-/// What is to be other than in a tree of so many axes.
+/// Properties that are to be other than in a tree of so many axes.
 fn rebuild(input: &Path, axes: usize, pictures: &PictureArgs, common: &Common) -> Result<Rebuild> {
     let name = input.display();
     let matrix = match (pictures.transform, axes) {

@@ -44,7 +44,7 @@ impl InputFile {
     /// Opens a file, if it is there.
     ///
     /// # Errors
-    /// As [`InputFile::open`].
+    /// Those of [`InputFile::open`].
     pub fn find(path: &Path) -> Result<Option<InputFile>> {
         match InputFile::open(path) {
             Err(Error::Io { cause, .. }) if cause.kind() == io::ErrorKind::NotFound => Ok(None),
@@ -56,7 +56,7 @@ impl InputFile {
     /// not there: stores tell that of it to those who may not list what there is.
     ///
     /// # Errors
-    /// As [`InputFile::open`].
+    /// Those of [`InputFile::open`].
     pub fn find_beside(path: &Path) -> Result<Option<InputFile>> {
         match InputFile::find(path) {
             Err(error) if is_hidden(path, &error) => Ok(None),
@@ -67,7 +67,7 @@ impl InputFile {
     /// All bytes of a file of at most so many; `None` if it is not there.
     ///
     /// # Errors
-    /// As [`InputFile::open`]; also if it has more.
+    /// Those of [`InputFile::open`]; also if it has more.
     pub fn read_whole(path: &Path, most: u64) -> Result<Option<Vec<u8>>> {
         let Some(mut file) = InputFile::find(path)? else { return Ok(None) };
         let mut bytes = Vec::new();

@@ -52,7 +52,7 @@ impl FileState {
         Ok(paths.iter().map(state).collect())
     }
 
-    /// The same of files that may stand beside others, which could be read: see [`InputFile::find_beside`](super::InputFile::find_beside).
+    /// States of files that may stand beside others, which could be read: see [`InputFile::find_beside`](super::InputFile::find_beside).
     ///
     /// # Errors
     /// If one cannot be looked at.

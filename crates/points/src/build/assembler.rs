@@ -69,7 +69,7 @@ pub(crate) struct Assembler<'a> {
     /// Points of a block at most, and of a node that has no other below.
     leaf_size: usize,
     open: Vec<Open>,
-    /// What became of the top node, if that was assembled elsewhere.
+    /// Outcome of the top node, if that was assembled elsewhere.
     whole: Option<Closed>,
     /// Rows of nodes above the top one, with their levels.
     levels: Vec<u8>,

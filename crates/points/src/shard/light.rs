@@ -161,10 +161,10 @@ fn length_of(path: &Path) -> Result<Option<u64>> {
     }
 }
 
-/// What a light file says of a unit.
+/// Entry of a light file for a unit.
 pub(super) struct LightUnit {
     pub(super) code: Code,
-    /// What became of it, and rows of nodes above.
+    /// Its outcome, and rows of nodes above.
     pub(super) assembled: Assembled,
     /// Its blocks, whose offsets are those in the run file, and its nodes, both in postorder.
     pub(super) blocks: Vec<Entry>,
@@ -274,7 +274,7 @@ impl<'a> LightUnits<'a> {
         Ok(Some(LightUnit { code, assembled, blocks, nodes, points }))
     }
 
-    /// What became of a unit, and the rows of nodes above.
+    /// Outcome of a unit, and the rows of nodes above.
     fn assembled(
         &self,
         code: Code,

@@ -22,7 +22,7 @@ pub(super) struct ShardWriter<'a> {
     /// The run file, as soon as there is a block.
     run: Option<Output>,
     light: BlockWriter,
-    /// What the light file tells of all.
+    /// Totals that the light file tells.
     summary: LightSummary,
     /// Blocks and nodes of the unit that comes next.
     unit: Unit,

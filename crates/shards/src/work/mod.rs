@@ -86,7 +86,7 @@ pub enum JobSpec {
     Rebuild {
         /// The tree.
         input: PathBuf,
-        /// What is to be other.
+        /// Properties that are to be other.
         other: Rebuild,
         /// The way in which segments are packed.
         packing: Packing,
@@ -172,7 +172,7 @@ pub(crate) struct Load {
 
 /// Knowledge of a job when what is told of its layers is written.
 pub(crate) struct Told {
-    /// What the plan says of the work.
+    /// The work, as the plan says it.
     pub(crate) work: PlannedWork,
     /// Which input makes which cells; where nothing is known of that, all input is taken to be spread over all cells.
     pub(crate) loads: Vec<Load>,

@@ -14,7 +14,7 @@ use super::packing::PlannedPacking;
 use super::trees::{LITTLE, files_of};
 use super::{PartOfJob, PlannedWork, Told, Work, number};
 
-/// What is to be other than in the tree. Numbers that are no whole ones are texts, so that every digit of them stays.
+/// Properties that are to be other than in the tree. Numbers that are no whole ones are texts, so that every digit of them stays.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Rebuilding {
