@@ -268,9 +268,16 @@ fn features_among_operands_are_what_trees_of_them_would_be() {
         };
         let made = [MadeOperand { place, name: "stars".into(), make: &make }];
         let how = (None, Universe::Usual);
-        let outcome =
-            combine_with(operation, how, trees, &made, create(&found).into(), WriteOptions::new(32 << 20), &())
-                .unwrap();
+        let outcome = combine_with(
+            operation,
+            how,
+            trees,
+            &made,
+            create(&found).into(),
+            WriteOptions::new(32 << 20),
+            &(),
+        )
+        .unwrap();
         let (expected, found) = (opened(&expected), opened(&found));
         assert_eq!(outcome.after, expected.statistics(None, &()).unwrap().cells);
         assert_eq!(found.header(), expected.header());
