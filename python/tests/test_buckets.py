@@ -49,14 +49,14 @@ class Runner:
         self.environment = {**own, **maps.environment}
 
     def __call__(self, *words: object, **environment: str) -> str:
-        """What it says, if it does what it should."""
+        """The words of a step that does what it should."""
         done = self.start(*words, **environment)
         said = done.communicate(timeout=120)[1]
         assert done.returncode == 0, (words, said)
         return said
 
     def fails(self, *words: object, **environment: str) -> str:
-        """What it says when it does not."""
+        """The words of a step that fails."""
         done = self.start(*words, **environment)
         said = done.communicate(timeout=120)[1]
         assert done.returncode == 1, (words, done.returncode, said)

@@ -54,7 +54,7 @@ fn shards_are_removed_as_they_are_merged() {
         spinney(&merge).success();
     }
     assert!(fs::read(&merged).unwrap() == whole);
-    assert!(!place.path("job").exists() && !place.path("merged.goblin.partial").exists());
+    assert_eq!(place.leftovers("."), ["merged.goblin", "p.tif", "whole.goblin"]);
 }
 
 #[test]
@@ -79,14 +79,23 @@ fn a_file_that_is_there_in_part_is_checked() {
     bytes.extend_from_slice(&[7; 100_000]);
     fs::remove_file(runs.join("0000-0.run")).unwrap();
     fs::remove_file(runs.join("0001-0.run")).unwrap();
-    // Damaged, too short, or not there at all.
+    // Not there at all: now there is a mark that says whose it is.
+    assert!(complaint(&merge, 1).contains("build it again"));
+    let mark = place.path("merged.goblin.partial.job");
+    let own = fs::read(&mark).unwrap();
+    // Of nobody, and of another job: nothing is written over.
+    fs::remove_file(&mark).unwrap();
+    fs::write(&partial, &bytes).unwrap();
+    assert!(complaint(&merge, 1).contains("something else"));
+    fs::write(&mark, "0".repeat(32)).unwrap();
+    assert!(complaint(&merge, 1).contains("something else") && fs::read(&partial).unwrap() == bytes);
+    fs::write(&mark, own).unwrap();
+    // Damaged, or too short.
     bytes[start + first.len() / 2] ^= 1;
     fs::write(&partial, &bytes).unwrap();
     let damaged = complaint(&merge, 1);
     assert!(damaged.contains("merged.goblin.partial") && damaged.contains("segment"), "{damaged}");
     fs::write(&partial, &whole[..end - 1]).unwrap();
-    assert!(complaint(&merge, 1).contains("build it again"));
-    fs::remove_file(&partial).unwrap();
     assert!(complaint(&merge, 1).contains("build it again"));
     bytes[start + first.len() / 2] ^= 1;
     fs::write(&partial, &bytes).unwrap();

@@ -21,7 +21,7 @@ REGION = "eu-north-1"
 
 @dataclass
 class Fault:
-    """What goes wrong with a request: see `Bucket.fail`."""
+    """A fault of a request: see `Bucket.fail`."""
 
     kind: str
     fits: Callable[[str, str], bool]

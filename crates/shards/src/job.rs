@@ -268,7 +268,9 @@ impl Job {
                 format!("all of them; `spinney shard build {} K` makes the shard K", self.folder.display());
             return Err(Error::invalid(what, found, expected));
         }
-        self.work().merge(&self.head_path(), &shards, (output, memory), progress)
+        let mark = output.claim(self.id)?;
+        self.work().merge(&self.head_path(), &shards, (output, memory), progress)?;
+        mark.map_or(Ok(()), |mark| remove_files(&[&mark]))
     }
 }
 

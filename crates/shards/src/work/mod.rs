@@ -259,16 +259,8 @@ pub(crate) trait Work {
 
     /// Numbers of the shards that are not made, or of which something is not there that is needed, perhaps for an output that may have some of it.
     fn missing(&self, shards: &[Shard], output: Option<&MergeOutput>) -> Result<Vec<u32>> {
-        if let Some(output) = output {
-            return output.missing(shards);
-        }
-        let mut missing = Vec::new();
-        for (shard, found) in shards.iter().zip(LightFile::find_all(shards)?) {
-            if found?.is_none() {
-                missing.push(shard.number);
-            }
-        }
-        Ok(missing)
+        let found = output.map_or_else(|| LightFile::find_all(shards), |output| output.find(shards))?;
+        missing_of(shards, found.into_iter().map(|found| Ok(found?.is_some())))
     }
 
     /// Makes a shard that has no piece of any layer.
@@ -299,6 +291,17 @@ pub(crate) trait Work {
 
     /// Makes a shard.
     fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()>;
+}
+
+/// Numbers of the shards that are not made, of which it is known whether each is.
+fn missing_of(shards: &[Shard], made: impl Iterator<Item = Result<bool>>) -> Result<Vec<u32>> {
+    let mut missing = Vec::new();
+    for (shard, is_made) in shards.iter().zip(made) {
+        if !is_made? {
+            missing.push(shard.number);
+        }
+    }
+    Ok(missing)
 }
 
 /// A shard that is to be made.

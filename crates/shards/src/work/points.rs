@@ -16,7 +16,7 @@ use spinney_vector::import::feature::FeatureOptions;
 use spinney_vector::import::filter::FeatureFilter;
 use spinney_vector::import::plan_point_files;
 
-use super::{PartOfJob, PlannedWork, Told, Work, check_is_here};
+use super::{PartOfJob, PlannedWork, Told, Work, check_is_here, missing_of};
 
 /// LAS and LAZ files, all together.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -119,13 +119,7 @@ impl Work for Points {
     }
 
     fn missing(&self, shards: &[Shard], _output: Option<&MergeOutput>) -> Result<Vec<u32>> {
-        let mut missing = Vec::new();
-        for shard in shards {
-            if self.find(shard)?.is_none() {
-                missing.push(shard.number);
-            }
-        }
-        Ok(missing)
+        missing_of(shards, shards.iter().map(|shard| Ok(self.find(shard)?.is_some())))
     }
 
     fn build_empty(&self, head: &Path, shard: Shard) -> Result<()> {

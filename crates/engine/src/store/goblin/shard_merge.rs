@@ -1,6 +1,6 @@
 //! Puts the shards of a file together: their segments one behind the other, then the crown and the directory.
 
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::{BufReader, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use super::file_writer::FileWriter;
@@ -51,11 +51,11 @@ impl MergeOutput {
         Ok(MergeOutput::Remove(output.with_limit(limit), there))
     }
 
-    /// Whether a shard is made that a merge to this output may use: some of its run files may be in the output already.
+    /// The light files of shards that are made, as far as a merge to this output can use them: some of their run files may be in the output already.
     ///
     /// # Errors
-    /// Those of [`LightFile::find`].
-    fn find(&self, shards: &[Shard]) -> Result<Vec<Result<Option<LightFile>>>> {
+    /// Those of [`LightFile::find_all`].
+    pub fn find(&self, shards: &[Shard]) -> Result<Vec<Result<Option<LightFile>>>> {
         match self {
             MergeOutput::Keep(_) => LightFile::find_all(shards),
             MergeOutput::Remove(..) => Ok(shards.iter().map(LightFile::find_light).collect()),
@@ -71,18 +71,29 @@ impl MergeOutput {
         }
     }
 
-    /// Numbers of the shards that are not made, or of which something is not there any more that is needed.
+    /// Makes sure that what is there of the file was begun by the same job, and marks it as this one's. Returns the mark, a file that is to be removed when the
+    /// output is in its place; nothing if shards stay.
     ///
     /// # Errors
-    /// If one is damaged, or of another job.
-    pub fn missing(&self, shards: &[Shard]) -> Result<Vec<u32>> {
-        let mut missing = Vec::new();
-        for (shard, found) in shards.iter().zip(self.find(shards)?) {
-            if found?.is_none() {
-                missing.push(shard.number);
-            }
+    /// If it is that of another job, or nobody knows whose; if the mark cannot be read or written.
+    pub fn claim(&self, job: u128) -> Result<Option<PathBuf>> {
+        let MergeOutput::Remove(output, there) = self else { return Ok(None) };
+        let Some(partial) = output.unfinished_path() else { return Ok(None) };
+        let mut mark = partial.as_os_str().to_owned();
+        mark.push(".job");
+        let (mark, own) = (PathBuf::from(mark), format!("{job:032x}"));
+        // Invariant: what another job has put into its file may be all that is left of its shards, and is not written over. So the mark is there before the
+        // first byte is.
+        if *there == 0 {
+            let mut file = Output::create(&mark)?;
+            file.write_all(own.as_bytes()).map_err(Error::io(&mark, "write"))?;
+            file.commit()?;
+        } else if InputFile::read_whole(&mark, 64)?.as_deref() != Some(own.as_bytes()) {
+            let advice = "finish the merge that has begun it, remove it, or choose another output";
+            let found = "putting shards together where a file of something else was begun";
+            return Err(Error::unsupported(partial, found, advice));
         }
-        Ok(missing)
+        Ok(Some(mark))
     }
 }
 
@@ -129,7 +140,7 @@ pub fn merge_shards(
                 counts.merge(&checked_counts(light, piece, header)?);
                 position += piece.run_bytes;
                 if there.is_some() && piece.run_bytes > 0 {
-                    // (Not before its bytes are on the disk elsewhere.)
+                    // Invariant: each byte of a shard is on the disk in one of both files at least, whenever the process or the machine ends.
                     builder.sync()?;
                     remove_files(&[&path])?;
                 }
