@@ -51,7 +51,8 @@ pub fn cut(import: &PointImport, shards: u32) -> Result<PointCut> {
         let found = format!("{count} points from {least:?} to {most:?} on the grid");
         return Err(Error::corrupt(path, "headers of its files", found, "corners in order"));
     }
-    // As few units as will do: the deeper these are, the more points go up.
+    // Invariant: units are no deeper than the spacing of the root's points, so that the first point of each goes to the root whatever came before, and shards
+    // need not know each other. As few units as will do: the deeper these are, the more points go up.
     let wanted = (u64::from(shards) * UNITS).min(MOST_UNITS);
     let (mut level, mut weights) = (0, weights_of(&grid, source.parts(), 0));
     while level < deepest_units(&grid) && (weights.len() as u64) < wanted && shards > 1 {

@@ -64,6 +64,8 @@ impl<'a> TileWalk<'a> {
     }
 
     /// The next tiles that are not empty, of the runs that are wanted.
+    ///
+    /// Invariant: runs and their order depend on the source and the extent alone, so that parts of them, which several processes walk, are all of them once.
     pub(super) fn next_run(&mut self) -> Result<Option<TileRun>> {
         while self.next < self.extent.runs.end
             && let Some(run) = self.any_run()?

@@ -88,6 +88,7 @@ impl Iterator for SlabBoxes {
             if !self.wanted.touches(first, side) || (0..3).any(|axis| first[axis] >= self.extent[axis]) {
                 continue;
             }
+            // Invariant: a box has nothing that is not wanted, unless it is as small as a block, so that what a shard reads is bounded by what it makes.
             let is_whole = self.wanted.contains(first, side);
             if side <= self.side && (is_whole || side <= SlabBoxes::least_side(dimension)) {
                 let size = std::array::from_fn(|axis| side.min(self.extent[axis] - first[axis]));

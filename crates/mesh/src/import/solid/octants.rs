@@ -57,7 +57,8 @@ fn is_in_node(run: CodeRun, triangle: &Triangle, (code, min, width): (Code, [i32
     if run.contains(code) {
         return true;
     }
-    // (Runs are cut at nodes above the cells.)
+    // Invariant: these are the tests that one build does from the root on, in their order, so that a node has the same triangles however little of the surface
+    // was kept. (Runs are cut at nodes above the cells.)
     let octants = Octants::of(triangle, min, width);
     (0..8).filter(|octant| run.touches(code.child(*octant))).any(|octant| {
         let corner = std::array::from_fn(|axis| min[axis] + (octant >> axis & 1) as i32 * octants.half);
