@@ -1,32 +1,37 @@
 #!/usr/bin/env bash
-# Makes what others take away:
+# Makes the packages of a release:
 #
-#     packaging/make.sh FOLDER [program] [wheel] [c]
+#     packaging/make.sh DIRECTORY [program] [wheel] [c] [npm]
 #
 # - program: spinney-VERSION-SYSTEM.tar.gz, with the program, its completions, README, docs and licences;
 # - wheel: the Python package, for all Pythons from 3.11 on (manylinux, where the linker for it can be had);
-# - c: libspinney-VERSION-SYSTEM.tar.gz, with the C library, its header and its file for pkg-config.
+# - c: libspinney-VERSION-SYSTEM.tar.gz, with the C library, its header and its file for pkg-config (Linux);
+# - npm: spinney-VERSION.tgz, the JavaScript package.
 #
 # All of them if none is named. PROFILE names the profile of Cargo (release); FEATURES what the wheel and the C library have besides
 # (program: what is compiled for the program is used).
 set -euo pipefail
 cd "$(dirname "$0")/.."
-[ $# -ge 1 ] || { sed -n '2,12s/^# \{0,1\}//p' "$0" >&2; exit 2; }
+[ $# -ge 1 ] || { sed -n '2,13s/^# \{0,1\}//p' "$0" >&2; exit 2; }
 mkdir -p "$1"
 out=$(realpath "$1")
 shift
-[ $# -gt 0 ] || set -- program wheel c
+[ $# -gt 0 ] || set -- program wheel c npm
 profile=${PROFILE:-release}
 target=${CARGO_TARGET_DIR:-$PWD/target}
 built=$target/${profile/#dev/debug}
 version=$(sed -n '/^\[workspace.package\]/,/^\[/s/^version = "\(.*\)"/\1/p' Cargo.toml)
 system=$(rustc -vV | sed -n 's/^host: //p')
+# (Endings of programs and directories of Python's environments are others on Windows; macOS has GNU tar as gtar.)
+exe='' bin=bin
+[[ $system != *windows* ]] || exe=.exe bin=Scripts
+tar=$(command -v gtar || echo tar)
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
-# Packs a folder of $work, with the same bytes each time that its files are the same.
+# Packs a directory of $work; the same files give the same bytes.
 pack() {
-    tar --sort=name --owner=0 --group=0 --numeric-owner --mtime='2000-01-01 00:00Z' -C "$work" -c "$1" | gzip -n > "$out/$1.tar.gz"
+    "$tar" --sort=name --owner=0 --group=0 --numeric-owner --mtime='2000-01-01 00:00Z' -C "$work" -c "$1" | gzip -n > "$out/$1.tar.gz"
     echo "$out/$1.tar.gz"
 }
 
@@ -44,26 +49,26 @@ program() {
     local name=spinney-$version-$system
     cargo build --quiet --locked --profile "$profile" --features remote --bin spinney
     mkdir -p "$work/$name/completions"
-    cp "$built/spinney" README.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT LICENSE-DEJAVU "$work/$name/"
+    cp "$built/spinney$exe" README.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT LICENSE-DEJAVU "$work/$name/"
     cp -r docs "$work/$name/docs"
-    strip "$work/$name/spinney"
+    [ -n "$exe" ] || strip "$work/$name/spinney"
     for shell in bash zsh fish; do
-        "$built/spinney" completions $shell > "$work/$name/completions/spinney.$shell"
+        "$built/spinney$exe" completions $shell > "$work/$name/completions/spinney.$shell"
     done
     pack "$name"
 }
 
 wheel() {
-    local python=${PYTHON:-python3} maker=("$work/venv/bin/maturin")
+    local python=${PYTHON:-python3} maker=("$work/venv/$bin/maturin")
     "$python" -m venv "$work/venv"
-    "$work/venv/bin/pip" install --quiet --disable-pip-version-check 'maturin>=1.9.4,<2'
+    "$work/venv/$bin/pip" install --quiet --disable-pip-version-check 'maturin>=1.9.4,<2'
     # A wheel for older systems than this one is linked by zig, which comes as a package, too.
     local how=()
-    if [ "$profile" = release ] && "$work/venv/bin/pip" install --quiet --disable-pip-version-check ziglang; then
+    if [ "$profile" = release ] && [[ $system == *linux* ]] && "$work/venv/$bin/pip" install --quiet --disable-pip-version-check ziglang; then
         how=(--zig --compatibility manylinux2014)
     fi
-    PATH=$work/venv/bin:$PATH "${maker[@]}" build --quiet --manifest-path python/Cargo.toml --profile "$profile" --locked \
-        ${FEATURES:+--features "$FEATURES"} "${how[@]}" --out "$work/wheels" --interpreter "$work/venv/bin/python"
+    PATH=$work/venv/$bin:$PATH "${maker[@]}" build --quiet --manifest-path python/Cargo.toml --profile "$profile" --locked \
+        ${FEATURES:+--features "$FEATURES"} ${how[@]+"${how[@]}"} --out "$work/wheels" --interpreter "$work/venv/$bin/python"
     cp "$work"/wheels/*.whl "$out/"
     ls "$out"/*.whl
 }
@@ -77,10 +82,16 @@ c() {
     pack "$name"
 }
 
+javascript() {
+    [ -e wasm/dist/package.json ] || wasm/build.sh
+    (cd wasm/dist && npm pack --silent --pack-destination "$out")
+}
+
 browser
 for part in "$@"; do
     case $part in
     program | wheel | c) $part ;;
-    *) echo "$0: $part: expected program, wheel or c" >&2; exit 2 ;;
+    npm) javascript ;;
+    *) echo "$0: $part: expected program, wheel, c or npm" >&2; exit 2 ;;
     esac
 done
