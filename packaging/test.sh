@@ -32,6 +32,8 @@ tar -xzf "$work"/spinney-*.tar.gz -C "$work/program" --strip-components=1
 "$work/program/spinney" point --in cells "$fixtures/v1/classes.goblin" 20,20 > "$work/point.txt"
 grep -q . "$work/point.txt"
 test -s "$work/program/completions/spinney.bash"
+"$work/program/spinney" export -q "$fixtures/v1/classes.goblin" "$work/site/index.html"
+cmp "$work/site/assets/spinney/module_bg.wasm" crates/site/page/spinney/module_bg.wasm
 
 tar -xzf "$work"/libspinney-*.tar.gz -C "$work/c" --strip-components=1
 # Programs find it by its ABI, and nobody has to carry names for debuggers.
@@ -52,5 +54,6 @@ import sys
 import spinney
 tree = spinney.open(sys.argv[1])
 print("the wheel answers:", tree, tree.stats().cells, "cells")
+print("a page of it:", tree.export("page.html", self_contained=True), "file")
 END
 echo 'packages: all is well'
