@@ -7,7 +7,7 @@
 # - wheel: the Python package, for all Pythons from 3.11 on (manylinux, where the linker for it can be had);
 # - c: libspinney-VERSION-SYSTEM.tar.gz, with the C library, its header and its file for pkg-config.
 #
-# All of them if none is named. PROFILE names the profile of Cargo (release); FEATURES what the wheel and the C library have besides
+# All of them if none is named. PROFILE names the profile of Cargo (release); FEATURES further features of the C library
 # (program: what is compiled for the program is used).
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -63,7 +63,7 @@ wheel() {
         how=(--zig --compatibility manylinux2014)
     fi
     PATH=$work/venv/bin:$PATH "${maker[@]}" build --quiet --manifest-path python/Cargo.toml --profile "$profile" --locked \
-        ${FEATURES:+--features "$FEATURES"} "${how[@]}" --out "$work/wheels" --interpreter "$work/venv/bin/python"
+        "${how[@]}" --out "$work/wheels" --interpreter "$work/venv/bin/python"
     cp "$work"/wheels/*.whl "$out/"
     ls "$out"/*.whl
 }
