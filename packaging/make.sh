@@ -30,13 +30,13 @@ pack() {
     echo "$out/$1.tar.gz"
 }
 
-# What is compiled has the page that shows files in a browser, if the package for browsers is there.
+# What is released has the browser module of the same sources.
 browser() {
     [ "$profile" = release ] || return 0
     if rustup target add wasm32-unknown-unknown > /dev/null 2>&1; then
         wasm/build.sh
     else
-        echo "$0: without the page: the toolchain has no library for wasm32-unknown-unknown" >&2
+        echo "$0: with the committed browser module: the toolchain has no library for wasm32-unknown-unknown" >&2
     fi
 }
 

@@ -18,6 +18,8 @@ tar -xzf "$work"/spinney-*.tar.gz -C "$work/program" --strip-components=1
 "$work/program/spinney" point --in cells "$fixtures/v1/classes.goblin" 20,20 > "$work/point.txt"
 grep -q . "$work/point.txt"
 test -s "$work/program/completions/spinney.bash"
+"$work/program/spinney" export -q "$fixtures/v1/classes.goblin" "$work/site/index.html"
+cmp "$work/site/assets/spinney/module_bg.wasm" crates/site/page/spinney/module_bg.wasm
 
 tar -xzf "$work"/libspinney-*.tar.gz -C "$work/c" --strip-components=1
 # Programs find it by its ABI, and nobody has to carry names for debuggers.
@@ -44,5 +46,6 @@ for ending in ("gpkg", "fgb"):
     assert spinney.combine("union", [f"regions.{ending}"], f"union.{ending}").features
 for name in ("map.pmtiles", "map.mbtiles"):
     assert tree.export(name, zoom=(0, 4))
+print("a page of it:", tree.export("page.html", self_contained=True), "file")
 END
 echo 'packages: all is well'

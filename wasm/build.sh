@@ -1,25 +1,48 @@
 #!/usr/bin/env bash
-# Builds the JavaScript package, as npm takes it, into wasm/dist:
+# Builds the WebAssembly module of the JavaScript package, which is committed:
 #
-#     wasm/build.sh
+#     wasm/build.sh            # writes module.js, module_bg.wasm and module.sources in crates/site/page/spinney
+#     wasm/build.sh --check    # says whether the sources differ from those of the committed module
 #
-# What it needs is `rustup target add wasm32-unknown-unknown`; Cargo gets the rest.
+# The same sources and compiler give the same bytes in any directory. Rebuild in the last commit of a change to the module's sources.
+# Building needs `rustup target add wasm32-unknown-unknown`; Cargo gets the rest.
 set -euo pipefail
 cd "$(dirname "$0")"
-target=${CARGO_TARGET_DIR:-target}
-cargo build --quiet --locked --release --target wasm32-unknown-unknown -p spinney-wasm
-cargo run --quiet --locked -p spinney-bindgen -- "$target/wasm32-unknown-unknown/release/spinney_wasm.wasm" "$target/glue"
-rm -rf dist.new
-mkdir dist.new
-# (The folder is there from the beginning, so that what is compiled before knows where to look.)
-touch dist.new/.gitkeep
-cp js/*.js index.d.ts package.json README.md ../LICENSE-APACHE ../LICENSE-MIT "$target"/glue/module.js "$target"/glue/module_bg.wasm dist.new/
-# (Somebody may be reading it: what is the same stays.)
-if diff -rq dist.new dist > /dev/null 2>&1; then
-    rm -rf dist.new
-else
-    rm -rf dist.old
-    [ ! -e dist ] || mv dist dist.old
-    mv dist.new dist
-    rm -rf dist.old
+package=../crates/site/page/spinney
+
+# Digest of all sources that the module is built from: packages of the lock file without a `source` are path dependencies.
+digest() {
+    local name directories=(src bindgen)
+    for name in $(awk -v RS= '/^\[\[package/ && !/\nsource = / { gsub(/"/, "", $4); print $4 }' Cargo.lock); do
+        case $name in
+        spinney-wasm | spinney-bindgen) ;;
+        *) directories+=("../crates/${name#spinney-}") ;;
+        esac
+    done
+    find "${directories[@]}" ../Cargo.toml Cargo.toml Cargo.lock build.sh rustc.sh -type f \
+        ! -path '*/tests/*' ! -name 'tests.rs' -print0 |
+        LC_ALL=C sort -z | xargs -0 sha256sum | sha256sum | cut -d ' ' -f 1
+}
+
+if [ "${1:-}" = --check ]; then
+    if ! grep -qx "sources $(digest)" "$package/module.sources"; then
+        echo "-- note: sources of the browser module have changed since it was built: wasm/build.sh rebuilds it"
+    fi
+    exit 0
 fi
+
+# Nothing in the module depends on where the sources, Cargo's files and the standard library's sources are.
+commit=$(rustc -vV | sed -n 's/^commit-hash: //p')
+remap() { printf -- '--remap-path-prefix=%s=%s' "$1" "$2"; }
+flags=(
+    "$(remap "$(realpath ..)" /spinney)"
+    "$(remap "${CARGO_HOME:-$HOME/.cargo}" /cargo)"
+    "$(remap "$(rustc --print sysroot)/lib/rustlib/src/rust" "/rustc/$commit")"
+)
+target=${CARGO_TARGET_DIR:-target}
+CARGO_ENCODED_RUSTFLAGS=$(IFS=$'\x1f' && echo "${flags[*]}") RUSTC_WRAPPER=$PWD/rustc.sh \
+    cargo build --quiet --locked --release --target wasm32-unknown-unknown -p spinney-wasm
+cargo run --quiet --locked -p spinney-bindgen -- "$target/wasm32-unknown-unknown/release/spinney_wasm.wasm" "$target/glue"
+cp "$target"/glue/module.js "$target"/glue/module_bg.wasm "$package/"
+printf '%s\n' "sources $(digest)" "$(rustc --version)" \
+    "wasm-bindgen $(sed -n 's/^wasm-bindgen = "=\(.*\)"/\1/p' Cargo.toml)" > "$package/module.sources"

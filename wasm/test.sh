@@ -1,28 +1,34 @@
 #!/usr/bin/env bash
-# Builds the JavaScript package, and tests it under Node against what the program tells:
+# Tests the JavaScript package, with its committed module, under Node against the program's answers:
 #
-#     wasm/test.sh
+#     wasm/test.sh [--build]
 #
-# SPINNEY names the program, which is built if it is not said.
-# Skipped, which is said, where there is no Node of version 20 or newer, or no library for wasm32-unknown-unknown.
+# --build builds the module first. Without it, the library is only checked to compile for WebAssembly.
+# SPINNEY names the program, which is built if it is not given.
+# Skipped, with a message, without Node of version 20 or newer, and the check without the library for wasm32-unknown-unknown.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 target=${CARGO_TARGET_DIR:-target}
 say() { printf -- '-- %s\n' "$*"; }
+case ${1:-} in
+--build) wasm/build.sh ;;
+'')
+    wasm/build.sh --check
+    if rustup target add wasm32-unknown-unknown > /dev/null 2>&1; then
+        say 'does it compile for WebAssembly?'
+        (cd wasm && cargo check --quiet --locked --target wasm32-unknown-unknown -p spinney-wasm)
+    else
+        say 'skipped: does it compile for WebAssembly? the toolchain has no library for wasm32-unknown-unknown'
+    fi
+    ;;
+*) echo "$0: $1: expected --build or nothing" >&2; exit 2 ;;
+esac
 if ! [[ $(node --version 2> /dev/null) =~ ^v(2[0-9]|[3-9][0-9])\. ]]; then
     say 'skipped: there is no Node of version 20 or newer'
     exit 0
 fi
-if ! rustup target list --installed 2> /dev/null | grep -q '^wasm32-unknown-unknown$' &&
-    ! rustup target add wasm32-unknown-unknown > /dev/null 2>&1; then
-    say 'skipped: the toolchain has no library for wasm32-unknown-unknown'
-    exit 0
-fi
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-
-say 'building'
-wasm/build.sh
 if [ -z "${SPINNEY:-}" ]; then
     cargo build --quiet --locked --features remote --bin spinney
     # (Others are built in its place meanwhile.)

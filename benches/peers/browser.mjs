@@ -10,13 +10,13 @@ import { readFileSync } from "node:fs";
 import { fileURLToPath, pathToFileURL } from "node:url";
 import { gzipSync } from "node:zlib";
 
-import { open } from "../../wasm/dist/index.js";
+import { open } from "../../crates/site/page/spinney/index.js";
 
 const [tree, cog, peer] = process.argv.slice(2);
 const SIDE = 256;
 const COUNT = 1000;
 
-const module = readFileSync(fileURLToPath(new URL("../../wasm/dist/module_bg.wasm", import.meta.url)));
+const module = readFileSync(fileURLToPath(new URL("../../crates/site/page/spinney/module_bg.wasm", import.meta.url)));
 console.log(`module: ${module.length} bytes, gzip ${gzipSync(module, { level: 9 }).length}`);
 
 let state = 3;

@@ -3,7 +3,7 @@
 #
 #     crates/site/test.sh
 #
-# The program must be there as target/debug/spinney (or where SPINNEY points), and so must the package, as `wasm/build.sh` makes it.
+# The program must be there as target/debug/spinney (or where SPINNEY points).
 set -euo pipefail
 cd "$(dirname "$0")"
 skip() {
@@ -11,7 +11,6 @@ skip() {
     exit 0
 }
 command -v npm > /dev/null || skip 'there is no npm'
-[ -f ../../wasm/dist/module_bg.wasm ] || ../../wasm/build.sh
 export CHROMIUM=${CHROMIUM:-$(command -v chromium || command -v chromium-browser || command -v google-chrome || true)}
 if [ -z "$CHROMIUM" ] && [ "$(id -u)" = 0 ] && command -v apt-get > /dev/null; then
     { apt-get -qq update && DEBIAN_FRONTEND=noninteractive apt-get -qq install --no-install-recommends chromium; } > /dev/null 2>&1 || true

@@ -60,5 +60,5 @@ pub(crate) fn page_html(name: String, title: String, size: u64, start: Start) ->
         start,
     };
     let configuration = PageConfiguration { title, sources: vec![source], assets: String::new() };
-    inline_page(&configuration).or_raise()
+    Ok(inline_page(&configuration))
 }

@@ -8,8 +8,6 @@ import pytest
 import spinney
 
 FIXTURES = pathlib.Path(__file__).parents[2] / "fixtures"
-# (Without it programs are built without the page.)
-HAS_PAGE = (FIXTURES.parent / "wasm/dist/module_bg.wasm").exists()
 
 
 @pytest.fixture
@@ -20,13 +18,6 @@ def island(tmp_path):
         yield ds
 
 
-@pytest.mark.skipif(HAS_PAGE, reason="the page is there")
-def test_a_program_without_the_page_says_so(island, tmp_path):
-    with pytest.raises(ValueError, match="wasm/build.sh"):
-        island.export(tmp_path / "site/index.html")
-
-
-@pytest.mark.skipif(not HAS_PAGE, reason="wasm/build.sh was not run")
 def test_pages_are_written(island, tmp_path):
     assert island.export(tmp_path / "site/index.html", style="viridis", name="An island") > 10
     page = (tmp_path / "site/index.html").read_text()
@@ -41,7 +32,6 @@ def test_pages_are_written(island, tmp_path):
         island.export(tmp_path / "site/index.html", zoom=3)
 
 
-@pytest.mark.skipif(not HAS_PAGE, reason="wasm/build.sh was not run")
 def test_the_kernel_reads_for_the_page_and_gets_its_polygon(island):
     pytest.importorskip("anywidget")
     page = island.show(height=300)

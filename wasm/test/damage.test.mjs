@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { basename } from "node:path";
 import test from "node:test";
 
-import { open, PanicError, SpinneyError } from "../dist/index.js";
+import { open, PanicError, SpinneyError } from "../../crates/site/page/spinney/index.js";
 import { bytesOf, files, random } from "./helpers.mjs";
 
 const { cells, models } = files();

@@ -5,7 +5,7 @@ import { copyFileSync } from "node:fs";
 import { join } from "node:path";
 import test from "node:test";
 
-import { open } from "../dist/index.js";
+import { open } from "../../crates/site/page/spinney/index.js";
 import { folder, frozen, same, spinney, told } from "./helpers.mjs";
 
 const work = folder();

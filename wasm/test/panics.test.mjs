@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { join } from "node:path";
 import test from "node:test";
 
-import { open, PanicError } from "../dist/index.js";
+import { open, PanicError } from "../../crates/site/page/spinney/index.js";
 import { frozen, same } from "./helpers.mjs";
 
 test("a panic is an error of its call alone", async () => {

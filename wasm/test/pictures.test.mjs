@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { basename, join } from "node:path";
 import test from "node:test";
 
-import { open } from "../dist/index.js";
+import { open } from "../../crates/site/page/spinney/index.js";
 import { files, folder, serve, spinney } from "./helpers.mjs";
 import { alike, readPng } from "./png.mjs";
 

@@ -6,7 +6,7 @@ import { join } from "node:path";
 import test, { after } from "node:test";
 import { gzipSync } from "node:zlib";
 
-import { open } from "../dist/index.js";
+import { open } from "../../crates/site/page/spinney/index.js";
 import { bytesOf, files, frozen, same } from "./helpers.mjs";
 
 const servers = [];

@@ -5,7 +5,7 @@ import { readFileSync } from "node:fs";
 import { basename, join } from "node:path";
 import test from "node:test";
 
-import { open } from "../dist/index.js";
+import { open } from "../../crates/site/page/spinney/index.js";
 import { bytesOf, files, folder, random, same, spinney, told } from "./helpers.mjs";
 import { alike, readPng } from "./png.mjs";
 

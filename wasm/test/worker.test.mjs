@@ -5,12 +5,12 @@ import { join } from "node:path";
 import test, { after } from "node:test";
 import { Worker } from "node:worker_threads";
 
-import { open, openInWorker, setWorker, SpinneyError } from "../dist/index.js";
+import { open, openInWorker, setWorker, SpinneyError } from "../../crates/site/page/spinney/index.js";
 import { frozen, same } from "./helpers.mjs";
 
 let worker;
 setWorker(() => {
-  worker = new Worker(new URL("../dist/worker.js", import.meta.url));
+  worker = new Worker(new URL("../../crates/site/page/spinney/worker.js", import.meta.url));
   worker.unref();
   return worker;
 });

@@ -1,75 +1,137 @@
-//! Files of the page, which are part of the program.
-
-use std::borrow::Cow;
-
-use rust_embed::RustEmbed;
-use spinney_base::{Error, Result, sort};
-
-#[derive(RustEmbed)]
-#[folder = "page"]
-struct Page;
-
-/// The package for browsers, if it was built.
-#[derive(RustEmbed)]
-#[folder = "../../wasm/dist"]
-#[allow_missing = true]
-struct Package;
-
-/// Folder of the package among the page's files.
-pub(crate) const PACKAGE: &str = "spinney/";
+//! Files of the page, compiled into the program.
 
 /// A file of the page.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Asset {
-    /// Its bytes.
-    pub bytes: Cow<'static, [u8]>,
-    /// Its media type, as HTTP has it.
+    /// Its content.
+    pub bytes: &'static [u8],
+    /// Its media type for HTTP.
     pub media_type: &'static str,
 }
 
-/// The file of the page with a name such as `js/main.js` or `spinney/index.js`, if there is one.
+/// The page's HTML, a template.
+pub(crate) const TEMPLATE: &str = include_str!("../page/index.html");
+
+/// Directory of the JavaScript package among the page's files.
+pub(crate) const PACKAGE: &str = "spinney/";
+
+/// Names and contents of files in `page/`.
+macro_rules! files {
+    ($($name:literal,)*) => {
+        &[$(($name, include_bytes!(concat!("../page/", $name)))),*]
+    };
+}
+
+/// All files that the page loads, and their licences. A test compares the list with the directory.
+static FILES: &[(&str, &[u8])] = files![
+    "js/ground.js",
+    "js/history.js",
+    "js/interface.js",
+    "js/legend.js",
+    "js/main.js",
+    "js/map.js",
+    "js/model.js",
+    "js/notebook.js",
+    "js/place.js",
+    "js/plane.js",
+    "js/polygon.js",
+    "js/scene.js",
+    "js/shared.js",
+    "js/solid.js",
+    "page.css",
+    "spinney/LICENSE-APACHE",
+    "spinney/LICENSE-MIT",
+    "spinney/dataset.js",
+    "spinney/engine.js",
+    "spinney/errors.js",
+    "spinney/index.js",
+    "spinney/module.js",
+    "spinney/module_bg.wasm",
+    "spinney/pictures.js",
+    "spinney/ranges.js",
+    "spinney/remote.js",
+    "spinney/sources.js",
+    "spinney/worker.js",
+    "vendor/LICENSE-MAPLIBRE",
+    "vendor/LICENSE-THREE",
+    "vendor/coastlines.txt",
+    "vendor/maplibre-gl-worker.js",
+    "vendor/maplibre-gl.css",
+    "vendor/maplibre-gl.js",
+    "vendor/three.js",
+];
+
+/// The file with a name such as `js/main.js` or `spinney/index.js`.
 pub fn asset(name: &str) -> Option<Asset> {
-    let file = match name.strip_prefix(PACKAGE) {
-        Some(name) => Package::get(name),
-        None => Page::get(name),
-    }?;
-    let media_type = match name.rsplit_once('.').map_or("", |(_, end)| end) {
-        "html" => "text/html; charset=utf-8",
+    let (_, bytes) = FILES.iter().find(|(known, _)| *known == name)?;
+    let media_type = match name.rsplit_once('.').map_or("", |(_, extension)| extension) {
         "css" => "text/css; charset=utf-8",
         "js" => "text/javascript; charset=utf-8",
         "wasm" => "application/wasm",
         _ => "text/plain; charset=utf-8",
     };
-    Some(Asset { bytes: file.data, media_type })
+    Some(Asset { bytes, media_type })
 }
 
-/// Names of all files that the page loads, in order.
-pub(crate) fn names() -> Vec<String> {
-    // (Beside what the page loads stand licences, types, and what they were built of.)
-    let is_loaded = |name: &str| {
-        let end = name.rsplit_once('.').map(|(_, end)| end);
-        matches!(end, Some("css" | "js" | "wasm")) && !name.ends_with(".entry.js")
-            || name == "vendor/coastlines.txt"
-            || name.contains("LICENSE")
-    };
-    let page = Page::iter().map(Cow::into_owned);
-    let package = Package::iter().map(|name| format!("{PACKAGE}{name}"));
-    let mut names: Vec<String> = page.chain(package).filter(|name| is_loaded(name)).collect();
-    sort::by(&mut names, &mut Ord::cmp);
-    names
+/// Names of all files, sorted.
+pub(crate) fn names() -> impl Iterator<Item = &'static str> {
+    FILES.iter().map(|(name, _)| *name)
 }
 
-/// A file of the page that must be there.
-pub(crate) fn needed(name: &str) -> Result<Cow<'static, [u8]>> {
-    let missing = || {
-        let expected = "one that was compiled after `wasm/build.sh` had built the package for browsers";
-        Error::invalid("page", format!("a program without {name}"), expected)
-    };
-    Ok(asset(name).ok_or_else(missing)?.bytes)
+/// The content of one of the page's own files.
+pub(crate) fn bytes(name: &str) -> &'static [u8] {
+    asset(name).unwrap_or_else(|| panic!("{name} is no file of the page")).bytes
 }
 
-/// A text of the page that must be there.
-pub(crate) fn needed_text(name: &str) -> Result<String> {
-    let bytes = needed(name)?;
-    Ok(String::from_utf8_lossy(&bytes).into_owned())
+/// The text of one of the page's own files.
+pub(crate) fn text(name: &str) -> &'static str {
+    std::str::from_utf8(bytes(name)).expect("the page's texts are UTF-8")
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::Path;
+
+    use super::*;
+
+    /// Files of the directory that the page does not load.
+    const OTHERS: [&str; 7] = [
+        "index.html",
+        "spinney/README.md",
+        "spinney/index.d.ts",
+        "spinney/module.sources",
+        "spinney/package.json",
+        "vendor/README.md",
+        "vendor/three.entry.js",
+    ];
+
+    /// Names of all files of a directory and the directories in it.
+    fn files_of(directory: &Path, prefix: &str, found: &mut Vec<String>) {
+        for entry in fs::read_dir(directory).unwrap() {
+            let entry = entry.unwrap();
+            let name = format!("{prefix}{}", entry.file_name().to_str().unwrap());
+            match entry.file_type().unwrap().is_dir() {
+                true => files_of(&entry.path(), &format!("{name}/"), found),
+                false => found.push(name),
+            }
+        }
+    }
+
+    #[test]
+    fn every_file_of_the_directory_is_listed() {
+        let mut found = Vec::new();
+        files_of(&Path::new(env!("CARGO_MANIFEST_DIR")).join("page"), "", &mut found);
+        found.retain(|name| !OTHERS.contains(&name.as_str()));
+        found.sort_unstable();
+        assert_eq!(found, names().collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn the_package_has_the_licences_of_the_project() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+        for name in ["LICENSE-APACHE", "LICENSE-MIT"] {
+            assert_eq!(bytes(&format!("{PACKAGE}{name}")), fs::read(root.join(name)).unwrap(), "{name}");
+        }
+    }
 }

@@ -2,8 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::asset::{PACKAGE, names, needed_text};
-use spinney_base::Result;
+use super::asset::{PACKAGE, TEMPLATE, names};
 
 /// A file that the page shows.
 #[derive(Clone, Debug)]
@@ -72,17 +71,13 @@ const OF_MAPS: [&str; 2] = ["js/map.js", "vendor/maplibre-gl.js"];
 const FETCHED: &str = "spinney/module_bg.wasm";
 const FETCHED_BY_MAPS: &str = "vendor/coastlines.txt";
 
-/// The page's HTML, for one whose files are beside it.
-///
-/// # Errors
-/// If the program has no page.
-pub fn index(configuration: &PageConfiguration) -> Result<String> {
+/// The page's HTML, for a page that loads its files from the directory `assets`.
+pub fn index(configuration: &PageConfiguration) -> String {
     let is_map = configuration.sources.first().is_some_and(|source| source.is_map);
     let link = |kind: &str, name: &str| {
         let address = escaped(&format!("{}{name}", configuration.assets));
         format!("<link rel={kind} href=\"{address}\">\n")
     };
-    let all = names();
     let is_needed = |name: &str| {
         let is_own = name.starts_with("js/") || name.starts_with(PACKAGE);
         let is_of_maps = OF_MAPS.contains(&name);
@@ -90,7 +85,7 @@ pub fn index(configuration: &PageConfiguration) -> Result<String> {
     };
     // (Everything is asked for at once, the largest first: nothing waits for what names it.)
     let mut head = link("\"preload\" as=\"fetch\" crossorigin", FETCHED);
-    head.extend(all.iter().filter(|name| is_needed(name)).map(|name| link("\"modulepreload\"", name)));
+    head.extend(names().filter(|name| is_needed(name)).map(|name| link("\"modulepreload\"", name)));
     if is_map {
         head += &link("\"preload\" as=\"fetch\" crossorigin", FETCHED_BY_MAPS);
     }
@@ -100,7 +95,7 @@ pub fn index(configuration: &PageConfiguration) -> Result<String> {
 }
 
 /// The page's HTML around styles and a program.
-pub(crate) fn page_of(configuration: &PageConfiguration, styles: &str, program: &str) -> Result<String> {
+pub(crate) fn page_of(configuration: &PageConfiguration, styles: &str, program: &str) -> String {
     let title = format!("<title>{}</title>", escaped(&configuration.title));
     let parts = [
         ("<title>Spinney</title>", title.as_str()),
@@ -109,15 +104,15 @@ pub(crate) fn page_of(configuration: &PageConfiguration, styles: &str, program: 
         ("<!-- program -->", program),
     ];
     let mut page = String::new();
-    let mut rest = needed_text("index.html")?;
-    // (Piece by piece, so that nothing is put into what was put in before.)
+    let mut rest = TEMPLATE;
+    // (One mark at a time, so that inserted text is not searched for marks.)
     for (mark, text) in parts {
         let (before, behind) = rest.split_once(mark).expect("the page has places for its parts");
         page.push_str(before);
         page.push_str(text);
-        rest = behind.to_owned();
+        rest = behind;
     }
-    Ok(page + &rest)
+    page + rest
 }
 
 /// A text as HTML has it.

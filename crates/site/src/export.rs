@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use base64::prelude::BASE64_STANDARD;
 use base64::write::EncoderWriter;
 
-use super::asset::{PACKAGE, names, needed};
+use super::asset::{bytes, names};
 use super::configuration::{PageConfiguration, PageSource, PageStart, index, page_of};
 use super::inline;
 use spinney_base::io::{Output, open_file, split_query, url_of};
@@ -55,11 +55,9 @@ pub struct PageSummary {
 /// is there of the same names is replaced, the page itself last.
 ///
 /// # Errors
-/// If a file cannot be read or written, two of them have one name, one is too large for a page that is one file, the program has no page, or
-/// on interruption.
+/// If a file cannot be read or written, two of them have one name, one is too large for a page that is one file, or
+/// on cancellation.
 pub fn export_page(request: &PageRequest, path: &Path, progress: &dyn Progress) -> Result<PageSummary> {
-    // (Before anything is written.)
-    needed(&format!("{PACKAGE}module_bg.wasm"))?;
     let sources = sources(&request.files)?;
     // (What is elsewhere stays there.)
     let local = request.files.iter().zip(&sources).filter(|(file, _)| url_of(&file.path).is_none());
@@ -100,22 +98,19 @@ pub fn export_page(request: &PageRequest, path: &Path, progress: &dyn Progress) 
         summary.bytes += size;
     }
     for name in names() {
-        let target = folder.join(ASSETS).join(&name);
+        let target = folder.join(ASSETS).join(name);
         let own = target.parent().unwrap_or(folder);
         fs::create_dir_all(own).map_err(Error::io(own, "make the folder"))?;
-        summary.add(&target, &needed(&name)?)?;
+        summary.add(&target, bytes(name))?;
         progress.check()?;
     }
-    summary.add(path, index(&configuration)?.as_bytes())?;
+    summary.add(path, index(&configuration).as_bytes())?;
     Ok(summary)
 }
 
 /// The page's HTML with everything inside but the data, for one that is shown inside another page.
-///
-/// # Errors
-/// If the program has no page.
-pub fn inline_page(configuration: &PageConfiguration) -> Result<String> {
-    page_of(configuration, &inline::styles()?, &inline::program()?)
+pub fn inline_page(configuration: &PageConfiguration) -> String {
+    page_of(configuration, &inline::styles(), &inline::program())
 }
 
 /// Writes a page with everything inside.
@@ -126,7 +121,7 @@ fn write_one_file(
     done: &mut Done<'_>,
 ) -> Result<PageSummary> {
     const PROGRAM: &str = "<!-- program -->";
-    let page = page_of(configuration, &inline::styles()?, PROGRAM)?;
+    let page = page_of(configuration, &inline::styles(), PROGRAM);
     let (before, behind) = page.rsplit_once(PROGRAM).expect("it was just put there");
     let mut output = Output::create(path)?;
     let put =
@@ -140,7 +135,7 @@ fn write_one_file(
         drop(encoder);
         put(&mut output, "</script>\n")?;
     }
-    put(&mut output, &inline::program()?)?;
+    put(&mut output, &inline::program())?;
     put(&mut output, behind)?;
     output.commit()?;
     let bytes = fs::metadata(path).map_err(Error::io(path, "look at"))?.len();
@@ -232,7 +227,43 @@ fn copy(from: &Path, to: &mut dyn Write, target: &Path, done: &mut Done<'_>) -> 
 
 #[cfg(test)]
 mod tests {
+    use base64::Engine as _;
+
     use super::*;
+
+    /// Writes a page of a fixture.
+    fn page_of_fixture(path: &Path, is_self_contained: bool) -> (PathBuf, PageSummary) {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/v1/classes.goblin");
+        let files = vec![PageFile { path: file.clone(), start: PageStart::default() }];
+        let request = PageRequest { title: "A & B".into(), files, is_self_contained };
+        (file, export_page(&request, path, &()).unwrap())
+    }
+
+    #[test]
+    fn a_directory_has_the_data_and_all_files_of_the_page() {
+        let directory = tempfile::tempdir().unwrap();
+        let (file, summary) = page_of_fixture(&directory.path().join("site/index.html"), false);
+        let read = |name: &str| fs::read(directory.path().join("site").join(name)).unwrap();
+        let page = String::from_utf8(read("index.html")).unwrap();
+        assert!(page.contains("<title>A &amp; B</title>") && page.contains("\"url\":\"classes.goblin\""));
+        assert_eq!(read("classes.goblin"), fs::read(file).unwrap());
+        for name in names() {
+            assert_eq!(read(&format!("assets/{name}")), bytes(name), "{name}");
+        }
+        assert_eq!(summary.files, names().count() as u64 + 2);
+    }
+
+    #[test]
+    fn one_file_has_the_data_and_the_module_inside() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("island.html");
+        let (file, summary) = page_of_fixture(&path, true);
+        let page = fs::read_to_string(path).unwrap();
+        for bytes in [&fs::read(file).unwrap()[..], bytes("spinney/module_bg.wasm")] {
+            assert!(page.contains(&BASE64_STANDARD.encode(bytes)));
+        }
+        assert_eq!(summary, PageSummary { files: 1, bytes: page.len() as u64 });
+    }
 
     #[test]
     fn names_become_addresses() {
