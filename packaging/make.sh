@@ -8,7 +8,7 @@
 # - c: libspinney-VERSION-SYSTEM.tar.gz, with the C library, its header and its file for pkg-config (Linux);
 # - npm: spinney-VERSION.tgz, the JavaScript package.
 #
-# All of them if none is named. PROFILE names the profile of Cargo (release); FEATURES what the wheel and the C library have besides
+# All of them if none is named. PROFILE names the profile of Cargo (release); FEATURES further features of the C library
 # (program: what is compiled for the program is used).
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -68,7 +68,7 @@ wheel() {
         how=(--zig --compatibility manylinux2014)
     fi
     PATH=$work/venv/$bin:$PATH "${maker[@]}" build --quiet --manifest-path python/Cargo.toml --profile "$profile" --locked \
-        ${FEATURES:+--features "$FEATURES"} ${how[@]+"${how[@]}"} --out "$work/wheels" --interpreter "$work/venv/$bin/python"
+        ${how[@]+"${how[@]}"} --out "$work/wheels" --interpreter "$work/venv/$bin/python"
     cp "$work"/wheels/*.whl "$out/"
     ls "$out"/*.whl
 }

@@ -54,6 +54,12 @@ import sys
 import spinney
 tree = spinney.open(sys.argv[1])
 print("the wheel answers:", tree, tree.stats().cells, "cells")
+# Formats that need other libraries, and progress without tqdm, which is not installed here.
+for ending in ("gpkg", "fgb"):
+    tree.export(f"regions.{ending}", polygons=True, progress=True)
+    assert spinney.combine("union", [f"regions.{ending}"], f"union.{ending}").features
+for name in ("map.pmtiles", "map.mbtiles"):
+    assert tree.export(name, zoom=(0, 4))
 print("a page of it:", tree.export("page.html", self_contained=True), "file")
 END
 echo 'packages: all is well'

@@ -46,8 +46,8 @@ cargo build --locked --features remote --bin spinney
 export SPINNEY_PROGRAM=$target/debug/spinney
 wheels=$target/python-wheels
 rm -rf "$wheels"
-# (With the program's features, so that it is the library which is there already.)
-maturin build --manifest-path python/Cargo.toml --profile dev --locked --features program --out "$wheels" --interpreter "$venv/bin/python"
+# (The package has the features that the program has, so that Cargo uses the library that is compiled already.)
+maturin build --manifest-path python/Cargo.toml --profile dev --locked --out "$wheels" --interpreter "$venv/bin/python"
 pip install --quiet --disable-pip-version-check --force-reinstall --no-deps "$wheels"/*.whl
 
 # (Warnings of the documentation, such as of a name that there is not, are errors.)

@@ -471,7 +471,7 @@ class ExactModel(_native.Model):
         progress: Progress = None,
     ) -> Section | SurfaceIntersection:
         """Writes where planes cut the model, or what its surface and that of another one have in common, as features (.geojson, .csv,
-        .svg, .fgb, .shp of planes, .obj, .ply, and .gpkg in packages built with it), as `spinney section` does::
+        .svg, .gpkg, .fgb, .shp of planes, .obj, .ply), as `spinney section` does::
 
             model.section("outline.svg", "z=12.5")
             model.section("slices.geojson", ["z=0..50/0.2", "plane=1,1,0,7.5"]).area

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from numbers import Integral
 from typing import Any
 
@@ -28,24 +29,56 @@ def working(progress: Progress, threads: int | None = None, max_bytes: int | str
 
 @contextmanager
 def telling(progress: Progress) -> Iterator[Callable[[int, int], object] | None]:
-    """A function to be called with what is done and the total: that of a bar of tqdm, if `progress` is one or `True`."""
+    """A function to be called with what is done and the total: that of a new bar if `progress` is `True`, or of a bar of tqdm."""
     if progress is None or progress is False:
         yield None
-    elif progress is True or hasattr(progress, "update"):
-        from tqdm.auto import tqdm  # type: ignore[import-untyped,unused-ignore]
-
-        bar: Any
-        with tqdm(unit="cells", unit_scale=True) if progress is True else nullcontext(progress) as bar:
-
-            def show(done: int, total: int) -> None:
-                bar.total = total
-                bar.update(done - bar.n)
-
-            yield show
+    elif progress is True:
+        try:
+            from tqdm.auto import tqdm  # type: ignore[import-untyped,unused-ignore]
+        except ImportError:
+            with _line() as tell:
+                yield tell
+        else:
+            with tqdm(unit="cells", unit_scale=True) as bar:
+                yield _updates_of(bar)
+    elif hasattr(progress, "update"):
+        yield _updates_of(progress)
     elif callable(progress):
         yield progress
     else:
         raise TypeError(f"progress: expected a function of two numbers, True or None, got {progress!r}")
+
+
+def _updates_of(bar: Any) -> Callable[[int, int], object]:
+    """What brings a bar of tqdm up to date."""
+
+    def show(done: int, total: int) -> None:
+        bar.total = total
+        bar.update(done - bar.n)
+
+    return show
+
+
+@contextmanager
+def _line() -> Iterator[Callable[[int, int], object] | None]:
+    """Progress without tqdm: one line of the standard error if that is a terminal, else nothing."""
+    stream, shown = sys.stderr, ""
+    if stream is None or not stream.isatty():
+        yield None
+        return
+
+    def show(done: int, total: int) -> None:
+        nonlocal shown
+        line = f"{done:,} of {total:,} ({done / total:.0%})" if total else f"{done:,}"
+        stream.write("\r" + line.ljust(len(shown)))
+        stream.flush()
+        shown = line
+
+    try:
+        yield show
+    finally:
+        if shown:
+            stream.write("\n")
 
 
 def memory_of(memory: int | str) -> int:

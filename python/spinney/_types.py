@@ -14,7 +14,8 @@ Array = npt.NDArray[Any]
 Path = str | os.PathLike[str]
 """Name of a file; `map.autumn@3` is commit 3 of `map.autumn`."""
 Progress = Callable[[int, int], object] | bool | Any | None
-"""A function that is called with what is done and the total, a bar of tqdm, or `True` for a new bar."""
+"""A function that is called with what is done and the total, a bar of tqdm, or `True` for a new bar: one of tqdm if that is installed
+(`pip install tqdm`), else a line in the terminal."""
 Window = Any
 """Cells: `(column, row, width, height)`, of octrees `(x, y, z, width, height, depth)`, or a window of rasterio."""
 Coordinates = Any

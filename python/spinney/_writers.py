@@ -58,6 +58,7 @@ class Writers(Properties):
         level: int | None = None,
         smooth: bool = False,
         triangles: bool = False,
+        meshopt: bool = False,
         polygons: bool = False,
         classes: Sequence[float] | None = None,
         connect: Literal[4, 8] = 4,
@@ -91,7 +92,8 @@ class Writers(Properties):
 
         - .ply, .obj, .stl, .off: the surface of an octree, at a `level`, `smooth` or of its cells, as `triangles` only if wanted;
           returns the numbers of vertices and faces.
-        - .glb and x/tileset.json: the same for viewers, as binary glTF and 3D Tiles; returns the number of triangles.
+        - .glb and x/tileset.json: the same for viewers, as binary glTF and 3D Tiles, with `meshopt` compressed (EXT_meshopt_compression); returns
+          the number of triangles.
         - .tif: a cloud-optimized GeoTIFF of a picture (`tile_size`, `compression`, `nodata`).
         - with `polygons` regions of a map of classes, of .gpkg, .fgb, .geojson, .shp, .csv or .svg: cells of one class with common edges (`connect=8`: or
           corners), with class, cells, area, name and colour; of some `classes` alone, at a `level`, with borders moved by no more than `simplify`;
@@ -100,7 +102,7 @@ class Writers(Properties):
           number of regions.
         - .html: a page that shows the file in a browser, in a `style` and with a `name`, beside a folder of its own files and a copy of the data, or
           with `self_contained` as one file; returns the number of files.
-        - .pmtiles, .mbtiles (in packages built with it) and patterns such as "map/{z}/{x}/{y}.png": tiles of web maps, of some zooms
+        - .pmtiles, .mbtiles and patterns such as "map/{z}/{x}/{y}.png": tiles of web maps, of some zooms
           (`zoom=(0, 6)`), a part, in a `style` (see `save`); returns their number. An interrupted export leaves nothing or, with
           `resume`, what the next one goes on with. With `update` tiles that were exported from an older commit of the file are brought up
           to date, `ds.export("map.pmtiles", update=True)`: only what edits have touched is drawn. `update="old.pmtiles"` copies the rest
@@ -128,11 +130,11 @@ class Writers(Properties):
             "part": part,
             "parts": parts,
         }
-        of_surfaces = {"level": level, "smooth": smooth or None, "triangles": triangles or None}
+        of_surfaces = {"level": level, "smooth": smooth or None, "triangles": triangles or None, "meshopt": meshopt or None}
         of_cog = {"compression": compression, "nodata": nodata}
         only_tiles = of_tiles | {"window": window, "resume": resume or None, "allow_ballpark": allow_ballpark or None}
         of_polygons = {"classes": classes, "connect": None if connect == 4 else connect, "simplify": simplify}
-        of_others = {"smooth": smooth or None, "triangles": triangles or None, "tile_size": tile_size}
+        of_others = {"smooth": smooth or None, "triangles": triangles or None, "meshopt": meshopt or None, "tile_size": tile_size}
         with working(progress, threads) as terms:
             if polygons:
                 refuse("chain codes", {"directions": directions})
@@ -170,7 +172,8 @@ class Writers(Properties):
             refuse("pictures", of_cog | {"tile_size": tile_size})
             if to.lower().endswith(".glb") or os.path.basename(to) == "tileset.json":
                 refuse("meshes; it has triangles anyway", {"triangles": triangles or None})
-                return self._write_gltf(to, level, smooth, terms)
+                return self._write_gltf(to, level, smooth, meshopt, terms)
+            refuse("meshes of other formats than glTF", {"meshopt": meshopt or None})
             return self._write_mesh(to, level, smooth, triangles, terms)
 
     def show(self, *, style: Style | None = None, height: int = 500) -> Any:
@@ -206,9 +209,8 @@ class Writers(Properties):
         threads: int | None = None,
         progress: Progress = None,
     ) -> int:
-        """Writes contours of the first band as features (.geojson, .csv, .svg, .fgb, .shp, .obj, .ply, and .gpkg in packages built
-        with it), of octrees surfaces of equal values as a mesh (.ply, .obj, .stl, .off); returns how many lines, polygons or
-        triangles there are.
+        """Writes contours of the first band as features (.geojson, .csv, .svg, .gpkg, .fgb, .shp, .obj, .ply), of octrees
+        surfaces of equal values as a mesh (.ply, .obj, .stl, .off); returns how many lines, polygons or triangles there are.
 
         Values are those `at` which lines are wanted, or `every` so many, counted from `base`. With `filled` there are the areas
         between them. Lines `ends` where VOID is near (`"open"`), `"extend"` to the edge of the last cells or `"close"` along it;

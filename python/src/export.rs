@@ -100,6 +100,7 @@ impl Tree {
         path: PathBuf,
         level: Option<i64>,
         smooth: bool,
+        meshopt: bool,
         terms: Terms,
     ) -> PyResult<u64> {
         let opened = self.get()?;
@@ -108,7 +109,8 @@ impl Tree {
         let mut request = MeshRequest::new();
         request.level = level.map(|level| level_of(&opened.tree, Some(level))).transpose()?;
         request.smooth = smooth;
-        let options = GltfOptions::new();
+        let mut options = GltfOptions::new();
+        options.meshopt = meshopt;
         if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("glb")) {
             return jobs::run(py, terms, |work| {
                 export_glb(&opened.tree, &request, &options, work.create(&path)?, work)

@@ -34,7 +34,7 @@ pytest.importorskip("boto3")
 @pytest.fixture(scope="module")
 def maps(program: str) -> Iterator[Bucket]:
     said = subprocess.run([program, "info", "s3://none/none.goblin"], capture_output=True, text=True).stderr
-    if "feature `remote`" in said:
+    if "support for remote files" in said:
         pytest.skip("the program was built without `remote`")
     with bucket() as maps:
         yield maps

@@ -257,6 +257,7 @@ def test_exports_are_those_of_the_program(tmp_path: Path, program: str) -> None:
     spinney.build(FIXTURES / "island_classes.tif", tree)
     with spinney.open(tree) as ds:
         for name, options, words in [
+            ("x.mbtiles", {"zoom": (0, 9), "name": "Island"}, ["--zoom", "0..9", "--name", "Island"]),
             ("x.tif", {"tile_size": 256, "compression": "zstd"}, ["--tile-size", "256", "--compression", "zstd"]),
             ("x.pmtiles", {"zoom": (0, 9), "name": "Island"}, ["--zoom", "0..9", "--name", "Island"]),
             ("z.pmtiles", {"zoom": 12, "window": (-17.05, 28.82, -16.985, 28.92), "coordinates": "lonlat"},
@@ -274,9 +275,16 @@ def test_exports_are_those_of_the_program(tmp_path: Path, program: str) -> None:
         for name, options in [("x.tif", {"zoom": 3}), ("x.pmtiles", {"smooth": True}), ("x.ply", {"compression": "zstd"})]:
             with pytest.raises(TypeError):
                 ds.export(tmp_path / name, **options)
-    with spinney.open(FIXTURES / "v1" / "ball.goblin") as ball:
-        assert ball.export(tmp_path / "ball.glb", smooth=True) > 100
-        assert ball.export(tmp_path / "ball" / "tileset.json") > 100
+    ball = FIXTURES / "v1" / "ball.goblin"
+    with spinney.open(ball) as ds:
+        assert ds.export(tmp_path / "ball.glb", smooth=True) > 100
+        assert ds.export(tmp_path / "ball" / "tileset.json") > 100
+        assert ds.export(tmp_path / "packed.glb", smooth=True, meshopt=True) > 100
+        run(program, "export", ball, tmp_path / "theirs.glb", "--smooth", "--meshopt")
+        assert (tmp_path / "packed.glb").read_bytes() == (tmp_path / "theirs.glb").read_bytes()
+        assert (tmp_path / "packed.glb").stat().st_size < (tmp_path / "ball.glb").stat().st_size
+        with pytest.raises(TypeError, match="meshopt"):
+            ds.export(tmp_path / "ball.ply", meshopt=True)
 
 
 def test_contours_are_those_of_the_program(tmp_path: Path, program: str, relief: str) -> None:

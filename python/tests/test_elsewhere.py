@@ -1,7 +1,10 @@
 """Files on web servers, and in the file systems of fsspec: the same answers as from files of this machine."""
 
 import asyncio
+import datetime
+import ipaddress
 import pickle
+import ssl
 import sys
 from pathlib import Path
 
@@ -86,6 +89,46 @@ def test_files_of_fsspec(name):
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(far)).read(), near.read())
     assert "memory" in repr(far)
     memory.rm(f"/folder/{file}")
+
+
+@pytest.fixture(scope="module")
+def certificate(tmp_path_factory):
+    """A certificate of 127.0.0.1 that nobody else knows, and its key."""
+    x509 = pytest.importorskip("cryptography.x509")
+    from cryptography.hazmat.primitives import hashes, serialization
+    from cryptography.hazmat.primitives.asymmetric import ec
+
+    key = ec.generate_private_key(ec.SECP256R1())
+    name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "127.0.0.1")])
+    now = datetime.datetime.now(datetime.timezone.utc)
+    made = (
+        x509.CertificateBuilder(name, name, key.public_key(), x509.random_serial_number())
+        .not_valid_before(now - datetime.timedelta(days=1))
+        .not_valid_after(now + datetime.timedelta(days=1))
+        .add_extension(x509.SubjectAlternativeName([x509.IPAddress(ipaddress.ip_address("127.0.0.1"))]), critical=False)
+        .sign(key, hashes.SHA256())
+    )
+    path = tmp_path_factory.mktemp("certificate") / "server.pem"
+    encoding = serialization.Encoding.PEM
+    private = key.private_bytes(encoding, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
+    path.write_bytes(private + made.public_bytes(encoding))
+    return path
+
+
+def test_servers_show_a_certificate_that_is_known(certificate, monkeypatch):
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(certificate)
+    with serve(FIXTURES) as server:
+        server.socket = context.wrap_socket(server.socket, server_side=True)
+        url = f"{server.url.replace('http:', 'https:')}/elevation.goblin"
+        with pytest.raises(OSError, match="certificate"):
+            spinney.open(url)
+        monkeypatch.setenv("SSL_CERT_FILE", str(certificate))
+        for version in (ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3):
+            context.minimum_version = context.maximum_version = version
+            # (What was opened a moment ago is not opened again: another name.)
+            far = spinney.open(f"{url}?{version.name}")
+            np.testing.assert_array_equal(far.read(), spinney.open(FIXTURES / "elevation.goblin").read())
 
 
 def test_what_cannot_be_read_is_told(server):

@@ -1,4 +1,4 @@
-"""The blocks of docs/python.md run, one after the other, and the examples do."""
+"""The blocks of docs/python.md and README.md run, in their order, and the examples do."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ import pytest
 from conftest import FIXTURES, ROOT
 
 
-def test_docs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("page", "least"), [("docs/python.md", 10), ("python/README.md", 1)])
+def test_docs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, page: str, least: int) -> None:
     pytest.importorskip("xarray")
     (tmp_path / "fixtures").symlink_to(FIXTURES)
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"^```python\n(.*?)^```$", (ROOT / "docs" / "python.md").read_text(), re.MULTILINE | re.DOTALL)
-    assert len(blocks) >= 4
+    blocks = re.findall(r"^```python\n(.*?)^```$", (ROOT / page).read_text(), re.MULTILINE | re.DOTALL)
+    assert len(blocks) >= least
     names: dict[str, object] = {}
     for number, block in enumerate(blocks, 1):
-        exec(compile(block, f"docs/python.md, block {number}", "exec"), names)
+        exec(compile(block, f"{page}, block {number}", "exec"), names)
 
 
 def test_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -62,6 +62,8 @@ impl Default for RemoteOptions {
 /// # Errors
 /// If the folder for what is kept cannot be used.
 pub fn enable(options: RemoteOptions) -> Result<()> {
+    // (A program that embeds the library may have installed a provider: that one is used.)
+    let _ = rustls::crypto::ring::default_provider().install_default();
     let folder = options.folder.as_deref().map(|folder| DiskCache::new(folder, options.folder_bytes));
     let stores = Stores {
         folder: folder.transpose()?.map(Arc::new),

@@ -63,9 +63,8 @@ pub fn set_remote_files(files: Box<dyn RemoteFiles>) {
 /// If nobody has said how.
 pub(super) fn remote_files(path: &Path) -> Result<&'static dyn RemoteFiles> {
     REMOTE_FILES.get().map(|files| &**files).ok_or_else(|| {
-        let advice =
-            "use a program that was built with the feature `remote`, or copy the file to this machine";
-        Error::unsupported(path, "a file elsewhere", advice)
+        let advice = "use a build with support for remote files, or copy the file to this machine";
+        Error::unsupported(path, "a remote file", advice)
     })
 }
 

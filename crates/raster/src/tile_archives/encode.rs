@@ -120,7 +120,7 @@ impl<'a> TileEncoder<'a> {
         void: Number,
     ) -> Result<TileEncoder<'a>> {
         if encoding.format == TileFormat::Webp && encoding.quality.is_some() && !cfg!(feature = "libwebp") {
-            let expected = "none: this program was built without libwebp, and writes WebP without loss";
+            let expected = "none: this build writes lossless WebP only; JPEG has a quality";
             return Err(Error::invalid("quality of WebP", "one", expected));
         }
         let void = source.value_type().nearest_numbers(|_| void);

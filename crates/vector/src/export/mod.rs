@@ -184,7 +184,7 @@ impl VectorWriter {
             VectorFormat::Shapefile => Box::new(shapefile::Shapefile::new(output, layer)?),
             #[cfg(not(all(feature = "geopackage", feature = "flatgeobuf")))]
             format => {
-                let advice = "build the library with the features raster, mbtiles and flatgeobuf, or choose another format";
+                let advice = "use a build with support for it, or choose another format";
                 return Err(Error::unsupported(output.path(), format!("writing {format:?}"), advice));
             }
         };

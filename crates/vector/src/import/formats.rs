@@ -113,7 +113,11 @@ fn open_geopackage(
     _: &FeatureOptions,
     _: &mut Wanted,
 ) -> Result<Box<dyn FeatureReader>> {
-    Err(Error::unsupported(path, "reading GeoPackage", "build the library with the feature mbtiles"))
+    Err(Error::unsupported(
+        path,
+        "reading GeoPackage",
+        "use a build with support for it, or convert the file to GeoJSON",
+    ))
 }
 
 #[cfg(feature = "flatgeobuf")]
@@ -139,7 +143,11 @@ fn open_flatgeobuf(
     _: &FeatureOptions,
     _: &mut Wanted,
 ) -> Result<Box<dyn FeatureReader>> {
-    Err(Error::unsupported(path, "reading FlatGeobuf", "build the library with the feature flatgeobuf"))
+    Err(Error::unsupported(
+        path,
+        "reading FlatGeobuf",
+        "use a build with support for it, or convert the file to GeoJSON",
+    ))
 }
 
 /// A file that can be read more than once: what a stream has goes to a temporary one.

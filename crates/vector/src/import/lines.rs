@@ -66,7 +66,12 @@ pub fn open_feature_lines(path: &Path, options: &FeatureOptions) -> Result<Featu
     let ratio = coarse / scale;
     let is_part = (ratio - ratio.round()).abs() <= 4.0 * f64::EPSILON * ratio;
     let is_rounded = gridded.rounding().is_some() || !is_part || scale > fine;
+    // Bounds are on the grid of their axis, vertices on the common one: if these differ, a rounded vertex
+    // may lie farther out.
+    let slack =
+        found.scale.map(|own| if is_rounded && own != scale { (own / scale / 2.0).ceil() as i32 } else { 0 });
     let step = |end: usize| [0, 1].map(|axis| step(scale, offset[axis], ends[axis][end]));
+    let (least, most) = (step(0), step(1));
     let reader = open_features(path, options)?;
     let schema = reader.schema();
     let attribute =
@@ -75,7 +80,10 @@ pub fn open_feature_lines(path: &Path, options: &FeatureOptions) -> Result<Featu
         attributes: schema.attributes.iter().map(attribute).collect(),
         scale,
         offset,
-        bounds: [step(0), step(1)],
+        bounds: [
+            [0, 1].map(|axis| least[axis].saturating_sub(slack[axis])),
+            [0, 1].map(|axis| most[axis].saturating_add(slack[axis])),
+        ],
         crs: schema.crs.clone(),
         count: schema.count,
     };
@@ -205,5 +213,30 @@ impl WorldPoints for Vertices {
         self.rest.clear();
         self.count = 0;
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bounds_contain_all_vertices_if_the_grids_of_the_axes_differ() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("lines.geojson");
+        for seed in 0..60u32 {
+            // (More digits than a grid of 32 bits has; the first axis has a coarser finest grid.)
+            let share = |number: u32| f64::from(17 * seed + number + 1).sqrt().fract();
+            let line: Vec<[f64; 2]> =
+                (0..8).map(|n| [3e5 + 10_261.0 * share(n), 3.19e6 + 7_438.0 * share(n + 50)]).collect();
+            let geometry = serde_json::json!({ "type": "LineString", "coordinates": line });
+            std::fs::write(&path, geometry.to_string()).unwrap();
+            let mut source = open_feature_lines(&path, &FeatureOptions::default()).unwrap();
+            assert!(source.is_rounded());
+            let [least, most] = source.schema().bounds;
+            for vertex in source.next().unwrap().unwrap().lines.concat() {
+                assert!((0..2).all(|axis| (least[axis]..=most[axis]).contains(&vertex[axis])), "seed {seed}");
+            }
+        }
     }
 }

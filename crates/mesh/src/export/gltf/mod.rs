@@ -43,8 +43,8 @@ impl GltfOptions {
 
     fn check(self) -> Result<()> {
         if self.meshopt && !cfg!(feature = "meshopt") {
-            let found = "a build without compression by meshopt";
-            return Err(Error::invalid("option meshopt", found, "one with the feature `meshopt`"));
+            let found = "a build without meshopt compression";
+            return Err(Error::invalid("option meshopt", found, "a build that has it, or no compression"));
         }
         Ok(())
     }

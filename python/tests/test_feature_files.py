@@ -1,0 +1,68 @@
+"""Features in GeoPackage and FlatGeobuf: what is written is read back by every function that takes features."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import spinney
+
+from conftest import FIXTURES
+
+DISTRICTS = FIXTURES / "island_districts.geojson"
+ENDINGS = ("gpkg", "fgb")
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_zones_are_read_back(island: str, tmp_path: Path, ending: str) -> None:
+    zones = tmp_path / f"zones.{ending}"
+    with spinney.open(island) as ds:
+        expected = ds.zonal(DISTRICTS, edge="area")
+        assert ds.zonal(DISTRICTS, ["count"], edge="area", out=zones) == len(expected)
+        assert ds.zonal(zones, edge="area") == expected
+        names = [feature["properties"]["name"] for feature in json.loads(DISTRICTS.read_text())["features"]]
+        assert ds.zonal(zones, edge="area", where={"name": names[1]}) == [expected[1]]
+    if ending == "gpkg":
+        with sqlite3.connect(zones) as database:
+            assert database.execute("SELECT table_name FROM gpkg_contents").fetchall() == [("island_districts",)]
+        with spinney.open(island) as ds:
+            assert ds.zonal(f"{zones}:island_districts", edge="area") == expected
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_lines_are_read_back(tmp_path: Path, ending: str) -> None:
+    random = np.random.default_rng(3)
+    lines = np.round(np.cumsum(random.normal(0, 9, (40, 5, 2)), axis=1), 2)
+    roads = [
+        {"type": "Feature", "properties": {"number": number}, "geometry": {"type": "LineString", "coordinates": line.tolist()}}
+        for number, line in enumerate(lines)
+    ]
+    collection = {"type": "FeatureCollection", "features": roads}
+    spinney.build_lines(collection, tmp_path / "roads.goblin", crs="EPSG:25833")
+    file = tmp_path / f"roads.{ending}"
+    with spinney.open_lines(tmp_path / "roads.goblin") as tree:
+        assert tree.write(file) == len(roads)
+        expected = tree.features()
+    spinney.build_lines(file, tmp_path / "again.goblin")
+    with spinney.open_lines(tmp_path / "again.goblin") as tree:
+        # (FlatGeobuf has its features in the order of its index.)
+        found = sorted(tree.features(), key=lambda feature: feature["properties"]["number"])
+        assert tree.crs == "EPSG:25833"
+    assert [(one["properties"], one["geometry"]) for one in found] == [(one["properties"], one["geometry"]) for one in expected]
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_regions_and_contours_become_features(island: str, relief: str, tmp_path: Path, ending: str) -> None:
+    with spinney.open(island) as ds, spinney.open(relief) as heights:
+        count = ds.export(tmp_path / f"regions.{ending}", polygons=True, level=5)
+        assert isinstance(count, int) and count > 1
+        assert heights.contours(tmp_path / f"contours.{ending}", every=200) > 1
+    made = spinney.combine("and", [tmp_path / f"regions.{ending}", DISTRICTS], tmp_path / f"both.{ending}")
+    assert isinstance(made, spinney.CombinedPolygons) and made.features > 1
+    spinney.build_lines(tmp_path / f"contours.{ending}", tmp_path / "contours.goblin")
+    with spinney.open_lines(tmp_path / "contours.goblin") as tree:
+        assert len(tree) > 1
