@@ -157,8 +157,8 @@ pub mod store {
         Tag, TagScope, TreeFormat, check_tree_name, create_tree_file, file_is_tree, file_of,
     };
     pub use spinney_engine::store::{
-        BuildOptions, Effort, Packing, ShardCheck, Slab, SlabBoxes, Slabs, TreeTarget, TreeWriter,
-        WantedCells, WriteOptions, build_slabs, build_source, build_tree, depth_for,
+        BuildOptions, Packing, ShardCheck, Slab, SlabBoxes, Slabs, TreeTarget, TreeWriter, WantedCells,
+        WriteOptions, build_slabs, build_source, build_tree, depth_for,
     };
 
     /// The compact, read-only format.

@@ -276,7 +276,7 @@ pub(crate) trait Work {
         (output, memory): (MergeOutput, u64),
         progress: &dyn Progress,
     ) -> Result<()> {
-        merge_shards(head, shards, output, (memory / 8, self.packing()?.effort), progress)
+        merge_shards(head, shards, output, memory / 8, progress)
     }
 
     /// Makes sure that all that is told fits so many inputs and these layers.

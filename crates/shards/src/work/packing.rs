@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use spinney_base::Result;
 use spinney_container::Codec;
-use spinney_engine::store::{Effort, Packing};
+use spinney_engine::store::Packing;
 
 use super::number;
 
@@ -12,7 +12,6 @@ use super::number;
 #[serde(deny_unknown_fields)]
 pub(super) struct PlannedPacking {
     codec: String,
-    effort: String,
     max_error: Option<String>,
 }
 
@@ -20,7 +19,6 @@ impl PlannedPacking {
     pub(super) fn of(packing: Packing) -> PlannedPacking {
         PlannedPacking {
             codec: packing.codec.name().into(),
-            effort: if packing.effort == Effort::Small { "small" } else { "fast" }.into(),
             max_error: packing.max_error.map(|most| most.to_string()),
         }
     }
@@ -28,7 +26,6 @@ impl PlannedPacking {
     pub(super) fn packing(&self) -> Result<Packing> {
         let mut packing = Packing::default();
         packing.codec = self.codec.parse::<Codec>()?;
-        packing.effort = Packing::effort_named(&self.effort)?;
         packing.max_error = self.max_error.as_deref().map(number).transpose()?;
         Ok(packing)
     }

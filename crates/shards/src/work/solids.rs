@@ -209,7 +209,6 @@ mod tests {
     use super::*;
     use spinney_base::space::{EdgeRule, Up};
     use spinney_crs::Frame;
-    use spinney_engine::store::Effort;
     use spinney_mesh::import::Attribute;
 
     #[test]
@@ -227,7 +226,7 @@ mod tests {
         options.resolution = Resolution::Cell(0.1 + 0.2);
         (options.edge, options.attribute, options.up) = (EdgeRule::Touch, Attribute::Part, Up::Y);
         (options.shell, options.unit, options.crs) = (true, Some("mm".into()), Some(Crs::epsg(7415)));
-        options.packing = Packing::packed(Effort::Small);
+        options.packing = Packing::packed();
         let found = again(&options);
         assert_eq!(
             (found.resolution, found.up, found.packing),

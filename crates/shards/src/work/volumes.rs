@@ -174,7 +174,6 @@ impl Work for Volume {
 mod tests {
     use super::*;
     use spinney_base::value::{Kind, Rule};
-    use spinney_engine::store::Effort;
 
     fn again(volume: &Volume) -> Volume {
         serde_json::from_str(&serde_json::to_string(volume).unwrap()).unwrap()
@@ -193,7 +192,7 @@ mod tests {
         options.transform =
             Some([[0.1, 0.0, 1e-300, 1e17], [0.0, 1.0 / 3.0, 0.0, -0.0], [0.0, 0.0, 7.0, 1.0]]);
         options.crs = Some(Crs::epsg(32632));
-        options.packing = Packing::packed(Effort::Small).max_error(Some(0.25));
+        options.packing = Packing::packed().max_error(Some(0.25));
         let mut layout = RawLayout::new([5, 4, 3], SampleType::I16);
         (layout.channels, layout.is_big_endian, layout.skip) = (2, true, 99);
         let raw = VolumeInput::Raw("a.raw".into(), layout);
