@@ -3,12 +3,14 @@
 use std::path::Path;
 
 use super::rounding::Rounding;
+use serde::{Deserialize, Serialize};
 use spinney_base::value::{Kind, ValueType};
 use spinney_base::{Error, Result};
 use spinney_container::{Codec, Metadata, TreeFormat};
 
 /// How few bytes a tree is to take, and what it may lose for that: plain segments, and nothing, unless something else is said.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 #[non_exhaustive]
 pub struct Packing {
     /// Packing of segments; only Goblin files can have packed ones.
@@ -16,6 +18,7 @@ pub struct Packing {
     /// By how much samples of cells may differ from what they were: they are rounded to multiples of a power of two, of which packed
     /// segments store no more digits than they have. Coarser levels and statistics are those of the rounded cells. Nothing is rounded
     /// without it.
+    #[serde(with = "spinney_base::text_fields")]
     pub max_error: Option<f64>,
 }
 
