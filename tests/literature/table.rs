@@ -83,7 +83,7 @@ fn commands_and_names_of_the_items_exist() {
     let is_shown = |path: &str| visible.lines().any(|line| line == path);
     for Row { number, made_by, .. } in rows() {
         for name in made_by {
-            if name.starts_with("benches/") {
+            if ["benches/", "examples/"].iter().any(|folder| name.starts_with(folder)) {
                 read(&name);
             } else if let Some((module, item)) = name.rsplit_once("::") {
                 let is_of_it = visible.lines().any(|line| {
