@@ -12,7 +12,7 @@ use spinney::lines::{LineBuildOptions, LinesInMemory};
 use spinney::ops::{Chain, Edit, FillRegion, add_layer, edit};
 use spinney::space::{Bounds, Crs, Dimension, Frame};
 use spinney::store::autumnal::{CompactOptions, Keep, Note, compact};
-use spinney::store::{BuildOptions, Effort, Metadata, Packing, WriteOptions, build_tree, depth_for};
+use spinney::store::{BuildOptions, Metadata, Packing, WriteOptions, build_tree, depth_for};
 use spinney::tree::{Form, MemTree};
 use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
 use spinney_fuzz::targets::seal;
@@ -102,7 +102,7 @@ fn goblins(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
         ("packed_solid", OCT, [20, 17, 9], (Rule::Occupancy, Kind::Continuous)),
     ] {
         let options = BuildOptions::new(kind, depth_for(size)).rule(rule);
-        let options = options.packing(Packing::packed(Effort::Fast));
+        let options = options.packing(Packing::packed());
         fs::remove_file(&path).unwrap();
         build_tree(&tree(form, size, rule), size, &options, Output::create(&path)?, &())?;
         put("goblin_read", name, &fs::read(&path).unwrap());
@@ -159,7 +159,7 @@ fn autumnals(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
         let region = FillRegion::Box(Bounds { min: [0; 3], max: [64; 3] });
         edit(&path, [Ok(Edit::Fill(region, Some(vec![9.0.into()])))], Note::default(), 1 << 20, &())?;
         let to = folder.join("packed.autumn");
-        let options = CompactOptions::new(&Keep::Last(2), 1 << 20).pack(Some(Effort::Small));
+        let options = CompactOptions::new(&Keep::Last(2), 1 << 20).pack(true);
         compact(&path, &options, Output::create(&to)?, &())?;
         files.push((name, fs::read(&to).unwrap()));
         fs::remove_file(to).unwrap();

@@ -157,8 +157,8 @@ pub mod store {
         Tag, TagScope, TreeFormat, check_tree_name, create_tree_file, file_is_tree, file_of,
     };
     pub use spinney_engine::store::{
-        BuildOptions, Effort, Packing, ShardCheck, Slab, SlabBoxes, Slabs, TreeTarget, TreeWriter,
-        WantedCells, WriteOptions, build_slabs, build_source, build_tree, depth_for,
+        BuildOptions, Packing, ShardCheck, Slab, SlabBoxes, Slabs, TreeTarget, TreeWriter, WantedCells,
+        WriteOptions, build_slabs, build_source, build_tree, depth_for,
     };
 
     /// The compact, read-only format.
@@ -280,7 +280,6 @@ pub mod brep {
 #[cfg(feature = "points")]
 pub mod points {
     pub use spinney_points::las::{LasFiles, LasReader};
-    pub use spinney_points::memory;
     pub use spinney_points::{
         BuildSummary, ChosenPoints, ColumnSummary, GriddedPoints, NearPoint, PLACE_BYTES, PointAttribute,
         PointBuildOptions, PointColumns, PointCondition, PointFormat, PointGrid, PointImport,
@@ -295,7 +294,6 @@ pub mod points {
 /// Trees of lines: each piece of a line once, in the deepest node that is no smaller than it and has its middle, and the features with their attributes.
 #[cfg(feature = "lines")]
 pub mod lines {
-    pub use spinney_lines::memory;
     pub use spinney_lines::{
         LevelTotals, LineAttribute, LineBuildOptions, LineBuildSummary, LineCrossing, LineFeature, LineGrid,
         LineSchema, LineSource, LineTree, LineValue, LinesInMemory, NearLine, NearestLines, ValueKind, build,

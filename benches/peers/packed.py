@@ -13,18 +13,17 @@ from common import CLASSES, DATA, EARTH, RELIEF, SHORELINE, SPINNEY, WORK, once,
 
 PYTHON = os.environ.get("PYTHON", sys.executable)
 RASTER = DATA.parent
-EFFORTS = ("fast", "small")
 
-# Name, file, options of the COG, options of `build`, and what is to be reached with each effort, of the COG's bytes.
+# Name, file, options of the COG, options of `build`, and the maximum fraction of the COG's bytes.
 RASTERS = [
-    ("shoreline", SHORELINE, ["COMPRESS=ZSTD", "OVERVIEW_RESAMPLING=MODE"], [], (0.42, 0.33)),
-    ("classes12", CLASSES, ["COMPRESS=ZSTD", "OVERVIEW_RESAMPLING=MODE"], [], (0.70, 0.60)),
-    ("nlcd_zion", RASTER / "nlcd_zion" / "nlcd2011.tif", ["COMPRESS=ZSTD", "OVERVIEW_RESAMPLING=MODE"], [], (0.70, 0.65)),
-    ("epitomes", RASTER / "epitomes" / "lc.tif", ["COMPRESS=ZSTD", "OVERVIEW_RESAMPLING=MODE"], ["--kind", "categorical"], (0.70, 0.65)),
-    ("earth", EARTH, ["COMPRESS=ZSTD", "PREDICTOR=YES"], [], (0.80, 0.68)),
-    ("relief", RELIEF, ["COMPRESS=ZSTD", "PREDICTOR=YES"], [], (0.78, 0.66)),
-    ("SRTM", RASTER / "srtm3" / "N46E008.tif", ["COMPRESS=ZSTD", "PREDICTOR=YES"], [], (0.78, 0.66)),
-    ("f32 elevation", RASTER / "spdatalarge" / "nz_elev.tif", ["COMPRESS=ZSTD", "PREDICTOR=YES"], [], (None, None)),
+    ("shoreline", SHORELINE, ["COMPRESS=ZSTD", "OVERVIEW_RESAMPLING=MODE"], [], 0.42),
+    ("classes12", CLASSES, ["COMPRESS=ZSTD", "OVERVIEW_RESAMPLING=MODE"], [], 0.70),
+    ("nlcd_zion", RASTER / "nlcd_zion" / "nlcd2011.tif", ["COMPRESS=ZSTD", "OVERVIEW_RESAMPLING=MODE"], [], 0.70),
+    ("epitomes", RASTER / "epitomes" / "lc.tif", ["COMPRESS=ZSTD", "OVERVIEW_RESAMPLING=MODE"], ["--kind", "categorical"], 0.70),
+    ("earth", EARTH, ["COMPRESS=ZSTD", "PREDICTOR=YES"], [], 0.80),
+    ("relief", RELIEF, ["COMPRESS=ZSTD", "PREDICTOR=YES"], [], 0.78),
+    ("SRTM", RASTER / "srtm3" / "N46E008.tif", ["COMPRESS=ZSTD", "PREDICTOR=YES"], [], 0.78),
+    ("f32 elevation", RASTER / "spdatalarge" / "nz_elev.tif", ["COMPRESS=ZSTD", "PREDICTOR=YES"], [], None),
 ]
 
 
@@ -49,33 +48,30 @@ def verdict(ratio, target):
 
 def sizes():
     rows, times = [], []
-    for name, source, cog, options, targets in RASTERS:
+    for name, source, cog, options, target in RASTERS:
         if not source.exists():
             continue
         theirs, their_seconds = cog_of(name, source, cog)
         plain, plain_seconds = built(name, source, *options)
         cells = [name, theirs, plain.stat().st_size]
         clock = [name, f"{their_seconds:.2f}", f"{plain_seconds:.2f}"]
-        for effort, target in zip(EFFORTS, targets):
-            tree, seconds = built(name, source, *options, "--codec", "packed", "--effort", effort)
-            ratio = tree.stat().st_size / theirs
-            cells.append(f"{tree.stat().st_size}: {ratio:.3f}{verdict(ratio, target)}")
-            clock.append(f"{seconds:.2f}: {seconds / plain_seconds:.2f} of plain, {seconds / their_seconds:.2f} of COG's")
+        tree, seconds = built(name, source, *options, "--codec", "packed")
+        ratio = tree.stat().st_size / theirs
+        cells.append(f"{tree.stat().st_size}: {ratio:.3f}{verdict(ratio, target)}")
+        clock.append(f"{seconds:.2f}: {seconds / plain_seconds:.2f} of plain, {seconds / their_seconds:.2f} of COG's")
         rows.append(cells)
         times.append(clock)
-    table(["picture", "COG", "plain", *EFFORTS], rows)
-    table(["CPU s", "COG", "plain", *EFFORTS], times)
+    table(["picture", "COG", "plain", "packed"], rows)
+    table(["CPU s", "COG", "plain", "packed"], times)
     webp, _ = cog_of("earth webp", EARTH, ["COMPRESS=WEBP", "QUALITY=100", "WEBP_LOSSLESS=YES"])
-    for effort in EFFORTS:
-        tree = WORK / f"earth_codec_packed_effort_{effort}.goblin"
-        ratio = tree.stat().st_size / webp
-        print(f"earth, {effort}: {ratio:.3f} of WebP lossless with overviews ({webp}){verdict(ratio, 1.2)}")
+    tree = WORK / "earth_codec_packed.goblin"
+    ratio = tree.stat().st_size / webp
+    print(f"earth: {ratio:.3f} of WebP lossless with overviews ({webp}){verdict(ratio, 1.2)}")
     # The picture alone, without overviews.
     alone = WORK / "earth_alone.tif"
     once(["gdal_translate", "-q", "-of", "GTiff", "-co", "TILED=YES", "-co", "COMPRESS=WEBP", "-co", "WEBP_LOSSLESS=YES", EARTH, alone])
-    for effort in EFFORTS:
-        ratio = (WORK / f"earth_codec_packed_effort_{effort}.goblin").stat().st_size / alone.stat().st_size
-        print(f"earth, {effort}: {ratio:.3f} of WebP lossless without overviews ({alone.stat().st_size}){verdict(ratio, 1.2)}")
+    ratio = tree.stat().st_size / alone.stat().st_size
+    print(f"earth: {ratio:.3f} of WebP lossless without overviews ({alone.stat().st_size}){verdict(ratio, 1.2)}")
 
 
 LABELS = """
@@ -92,19 +88,17 @@ def octrees():
     rows = []
     mesh = RASTER.parent / "mesh" / "armadillo.ply"
     if mesh.exists():
-        for effort in EFFORTS:
-            tree, seconds = built("armadillo", mesh, "--depth", "10", "--codec", "packed", "--effort", effort)
-            size = tree.stat().st_size
-            rows.append(["armadillo at 1024", effort, size, "0.35 MB", "met" if size <= 350_000 else "MISSED", f"{seconds:.2f}"])
+        tree, seconds = built("armadillo", mesh, "--depth", "10", "--codec", "packed")
+        size = tree.stat().st_size
+        rows.append(["armadillo at 1024", size, "0.35 MB", "met" if size <= 350_000 else "MISSED", f"{seconds:.2f}"])
     cells = WORK / "bodies_512.npy"
     if not cells.exists():
         once([PYTHON, "-c", BODIES, cells, "512"])
     crackle, compresso = map(int, subprocess.check_output([PYTHON, "-c", LABELS, cells], text=True).split())
-    for effort in EFFORTS:
-        tree, seconds = built("bodies", cells, "--kind", "categorical", "--nodata", "0", "--codec", "packed", "--effort", effort)
-        ratio = tree.stat().st_size / crackle
-        rows.append(["labels 512^3", effort, tree.stat().st_size, f"crackle {crackle}, compresso {compresso}", f"{ratio:.3f}{verdict(ratio, 1.2)}", f"{seconds:.2f}"])
-    table(["what", "effort", "bytes", "rival", "ratio", "CPU s"], rows)
+    tree, seconds = built("bodies", cells, "--kind", "categorical", "--nodata", "0", "--codec", "packed")
+    ratio = tree.stat().st_size / crackle
+    rows.append(["labels 512^3", tree.stat().st_size, f"crackle {crackle}, compresso {compresso}", f"{ratio:.3f}{verdict(ratio, 1.2)}", f"{seconds:.2f}"])
+    table(["what", "bytes", "rival", "ratio", "CPU s"], rows)
 
 
 def main():

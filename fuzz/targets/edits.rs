@@ -6,8 +6,8 @@ use spinney::dataset::{self, Dataset};
 use spinney::io::Output;
 use spinney::ops::{Edit, FillRegion, apply_edits};
 use spinney::space::Bounds;
+use spinney::store::OpenOptions;
 use spinney::store::autumnal::{Autumnal, CompactOptions, Editor, History, Keep, Note, compact, recover};
-use spinney::store::{Effort, OpenOptions};
 use spinney::value::Number;
 use spinney::{Error, Result};
 
@@ -172,7 +172,7 @@ pub fn autumnal_file(bytes: &[u8]) {
         let small = path.with_file_name("small.autumn");
         let _ = std::fs::remove_file(&small);
         let keep = Keep::Last(1 + u64::from(script[1] % 4));
-        let pack = (script[2] & 2 == 0).then_some(Effort::Fast);
+        let pack = script[2] & 2 == 0;
         let options = CompactOptions::new(&keep, MEMORY).share(script[2] % 2 == 0).pack(pack);
         let made = Output::create(&small).and_then(|output| compact(path, &options, output, &()));
         if was_good {

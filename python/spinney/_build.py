@@ -18,7 +18,7 @@ from ._sources import feature_file, paths_of
 from ._stack import layers_of, one_layer, stack_layers
 from ._times import text_of_time
 from ._told import check_bands, colours_of, crs_text, numbers_of, pairs_of, texts_of
-from ._types import Codec, Effort, Path, Progress, Resampling
+from ._types import Codec, Path, Progress, Resampling
 from ._zonal import values_of
 
 Dims = Literal["yx", "byx", "yxb", "zyx", "bzyx", "zyxb"]
@@ -42,7 +42,6 @@ def build(
     memory: int | str = MEMORY,
     share: bool = False,
     codec: Codec = "plain",
-    effort: Effort | None = None,
     max_error: float | None = None,
     time: int | None = None,
     max_bytes: int | str | None = None,
@@ -115,7 +114,7 @@ def build(
 
     `transform` has six numbers as rasterio's, or is a matrix of 3 x 4 or 4 x 4; `crs` anything whose text is a definition:
     `"EPSG:4326"`, WKT, a CRS of rasterio or pyproj. `memory` is what may be used beyond the source itself.
-    With the `codec` "packed" segments of a .goblin file take few bytes, and are unpacked when they are used; the `effort` "small" takes more time for fewer.
+    With the `codec` "packed" segments of a .goblin file take few bytes, and are unpacked when they are used.
     `time` is that of the commit that an .autumn file begins with, in seconds since the beginning of 1970: that of SOURCE_DATE_EPOCH, if the
     environment has it, and otherwise none, so that the same source makes the same bytes. An output that would have more than `max_bytes`
     (`"2G"`) is an OSError. `threads` work on it, one for each processor if nothing is said; the file is the same whatever their number.
@@ -127,7 +126,7 @@ def build(
         raise ValueError(f"depth: {depth}, expected a number of levels")
     system = crs_text(crs)
     conditions = where if isinstance(where, str | None) else ",".join(f"{name}={text}" for name, text in values_of(where))
-    common: dict[str, Any] = {"kind": kind, "rule": rule, "nodata": nodata, "crs": system, "depth": depth, "memory": size, "share": share, "packing": packing_of(codec, effort, max_error), "time": time_of(time)}
+    common: dict[str, Any] = {"kind": kind, "rule": rule, "nodata": nodata, "crs": system, "depth": depth, "memory": size, "share": share, "packing": packing_of(codec, max_error), "time": time_of(time)}
     for_files = {
         "bands": bands,
         "layer": layer,
@@ -181,7 +180,7 @@ def build(
         refuse("arrays", for_arrays | {"transform": transform})
         with feature_file(source, out) as (path, own):
             said: dict[str, Any] = {name: given for name, given in for_files.items() if name != "pages"} | {"value": value, "fractions": fractions}
-            return build(path, out, kind=kind, rule=rule, crs=own if crs is None else crs, depth=depth, memory=memory, share=share, codec=codec, effort=effort, max_error=max_error, time=time, max_bytes=max_bytes, threads=threads, progress=progress, **said)
+            return build(path, out, kind=kind, rule=rule, crs=own if crs is None else crs, depth=depth, memory=memory, share=share, codec=codec, max_error=max_error, time=time, max_bytes=max_bytes, threads=threads, progress=progress, **said)
     if isinstance(source, Level):
         source = source._as_tree()
     if isinstance(source, Dataset):

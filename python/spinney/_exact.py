@@ -28,7 +28,6 @@ from ._types import (
     BuiltModel,
     Codec,
     Coverage,
-    Effort,
     Euler,
     Faces,
     Finding,
@@ -65,7 +64,6 @@ def build_brep(
     crs: Any = None,
     memory: int | str = MEMORY,
     codec: Codec = "plain",
-    effort: Effort | None = None,
     max_bytes: int | str | None = None,
     threads: int | None = None,
     progress: Progress = None,
@@ -88,8 +86,7 @@ def build_brep(
     `inside` where the surface goes around them ("nonzero", as cells have it), once or more ("positive"), or an odd number of times ("odd"). `where` takes
     objects alone for which conditions hold, as in "type=Building,measuredHeight>5" (`id` is the name), and `skip_bad` leaves out those that are no bodies by themselves, which are then told. Without these, such
     surfaces are a ValueError that tells the places, and there is no file. Cells of the octree with up to `leaf_size` faces are not divided. `up`, `unit`,
-    `crs`, `memory` and `max_bytes` are as for `build`. With the `codec` "packed" the file takes fewer bytes, which are unpacked when they are used, whatever
-    the `effort`.
+    `crs`, `memory` and `max_bytes` are as for `build`. With the `codec` "packed" the file takes fewer bytes, which are unpacked when they are used.
     """
     paths, meshes = paths_of(models), meshes_of(models)
     if paths is None and meshes is None:
@@ -111,7 +108,7 @@ def build_brep(
         "up": up,
         "unit": unit or unit_of(meshes or []),
         "crs": crs_text(crs),
-        "packing": packing_of(codec, effort, None),
+        "packing": packing_of(codec, None),
         "memory": memory_of(memory),
     }
     with working(progress, threads, max_bytes) as terms:

@@ -17,7 +17,6 @@ from ._types import (
     CombinedPolygons,
     Commit,
     Differences,
-    Effort,
     Finding,
     MovedModel,
     Outcome,
@@ -43,7 +42,6 @@ def transform(
     unit: str | None = None,
     memory: int | str = MEMORY,
     codec: Codec = "plain",
-    effort: Effort | None = None,
     max_error: float | None = None,
     max_bytes: int | str | None = None,
     threads: int | None = None,
@@ -62,7 +60,7 @@ def transform(
     chain = [steps] if isinstance(steps, str) else list(steps)
     with working(progress, threads, max_bytes) as terms:
         made = _native.transform(
-            os.fspath(path), chain, os.fspath(out), resampling, allow_ballpark, move, (snap, unit), memory_of(memory), packing_of(codec, effort, max_error), terms
+            os.fspath(path), chain, os.fspath(out), resampling, allow_ballpark, move, (snap, unit), memory_of(memory), packing_of(codec, max_error), terms
         )
     return MovedModel(**made) if "faces" in made else outcome_of(made)
 
@@ -83,7 +81,6 @@ def combine(
     edge: Edge | None = None,
     memory: int | str = MEMORY,
     codec: Codec = "plain",
-    effort: Effort | None = None,
     max_error: float | None = None,
     max_bytes: int | str | None = None,
     threads: int | None = None,
@@ -107,7 +104,7 @@ def combine(
     operation = str(operation)
     trees, features = divided(paths)
     if features and not trees:
-        given = {"values": values != "first", "fill": fill, "margin": margin, "value": value, "overlaps": overlaps, "edge": edge, "codec": codec != "plain", "effort": effort, "max_error": max_error}
+        given = {"values": values != "first", "fill": fill, "margin": margin, "value": value, "overlaps": overlaps, "edge": edge, "codec": codec != "plain", "max_error": max_error}
         if refused := [name for name, own in given.items() if own not in (None, False)]:
             raise ValueError(f"{', '.join(refused)}: not for polygons")
         region = os.fspath(within) if isinstance(within, str | os.PathLike) else None if within is None else list(within)
@@ -130,7 +127,7 @@ def combine(
         told = [(place, stack.enter_context(features_over(source, **over))) for place, source in features]  # type: ignore[arg-type]
         terms = stack.enter_context(working(progress, threads, max_bytes))
         made = _native.combine(
-            operation, names, os.fspath(out), values == "second", fill, box, margin, told, memory_of(memory), packing_of(codec, effort, max_error), terms
+            operation, names, os.fspath(out), values == "second", fill, box, margin, told, memory_of(memory), packing_of(codec, max_error), terms
         )
     return CombinedModel(**made) if "faces" in made else outcome_of(made)
 
@@ -164,7 +161,6 @@ def convert(
     share: bool = False,
     memory: int | str = MEMORY,
     codec: Codec = "plain",
-    effort: Effort | None = None,
     max_error: float | None = None,
     max_bytes: int | str | None = None,
     threads: int | None = None,
@@ -175,7 +171,7 @@ def convert(
     Segments are packed as `codec` says, whatever those of the file are.
     """
     with working(progress, threads, max_bytes) as terms:
-        _native.convert(os.fspath(path), os.fspath(out), share, memory_of(memory), packing_of(codec, effort, max_error), terms)
+        _native.convert(os.fspath(path), os.fspath(out), share, memory_of(memory), packing_of(codec, max_error), terms)
 
 
 def add_layer(
@@ -189,7 +185,6 @@ def add_layer(
     time: int | None = None,
     memory: int | str = MEMORY,
     codec: Codec = "plain",
-    effort: Effort | None = None,
     max_error: float | None = None,
     threads: int | None = None,
     progress: Progress = None,
@@ -201,7 +196,7 @@ def add_layer(
     steps = [view] if isinstance(view, str) else list(view)
     note = (time, author, message or f"Add layer {name}")
     with working(progress, threads, None) as terms:
-        return _native.add_layer(os.fspath(path), os.fspath(tree), name, steps, note, memory_of(memory), packing_of(codec, effort, max_error), terms)
+        return _native.add_layer(os.fspath(path), os.fspath(tree), name, steps, note, memory_of(memory), packing_of(codec, max_error), terms)
 
 
 def drop_layer(
@@ -227,7 +222,6 @@ def blame(
     *,
     memory: int | str = MEMORY,
     codec: Codec = "plain",
-    effort: Effort | None = None,
     max_error: float | None = None,
     max_bytes: int | str | None = None,
     threads: int | None = None,
@@ -235,7 +229,7 @@ def blame(
 ) -> None:
     """Makes a tree of the numbers of the commits that changed each cell of an Autumnal file last."""
     with working(progress, threads, max_bytes) as terms:
-        _native.blame(os.fspath(path), os.fspath(out), memory_of(memory), packing_of(codec, effort, max_error), terms)
+        _native.blame(os.fspath(path), os.fspath(out), memory_of(memory), packing_of(codec, max_error), terms)
 
 
 def compact(
@@ -246,7 +240,6 @@ def compact(
     commits: Sequence[int] | None = None,
     share: bool = False,
     pack: bool = False,
-    effort: Effort | None = None,
     memory: int | str = MEMORY,
     max_bytes: int | str | None = None,
     threads: int | None = None,
@@ -257,12 +250,9 @@ def compact(
     With ``pack``, what only older commits have is packed: fewer bytes, which take longer to read.
     """
     numbers = None if commits is None else list(commits)
-    if effort is not None and not pack:
-        raise ValueError("effort is for pack=True")
-    packing = (effort or "fast") if pack else None
     with working(progress, threads, max_bytes) as terms:
         made = _native.compact(
-            os.fspath(path), os.fspath(out), keep, numbers, share, packing, memory_of(memory), terms
+            os.fspath(path), os.fspath(out), keep, numbers, share, pack, memory_of(memory), terms
         )
     return [commit_of(facts) for facts in made]
 

@@ -19,7 +19,7 @@ from ._told import crs_text
 _OPTIONS: dict[str, Any] = {
     **dict.fromkeys(("dims", "mask", "kind", "rule", "nodata", "transform", "crs", "depth", "names", "times")),
     **dict.fromkeys(("categories", "colormap", "descriptions", "scales", "offsets", "units", "tags")),
-    **{"stack": False, "codec": "plain", "effort": None, "max_error": None},
+    **{"stack": False, "codec": "plain", "max_error": None},
 }
 
 
@@ -28,7 +28,7 @@ def given_layers(source: Any, memory: int | str = MEMORY, **options: Any) -> Giv
     if unknown := sorted(options.keys() - _OPTIONS.keys()):
         raise TypeError(f"{', '.join(unknown)}: not for arrays that are built in shards")
     said = _OPTIONS | options
-    packing = packing_of(said["codec"], said["effort"], said["max_error"])
+    packing = packing_of(said["codec"], said["max_error"])
     common = {name: said[name] for name in ("kind", "rule", "nodata", "depth")} | {"crs": crs_text(said["crs"])}
     common |= {"memory": memory_of(memory), "share": False, "packing": packing, "time": None}
     about = {name: said[name] for name in ("dims", "mask", "transform", "categories", "colormap", "descriptions", "scales", "offsets", "units", "tags")}

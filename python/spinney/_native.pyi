@@ -14,7 +14,7 @@ from ._types import Array
 version: str
 
 _ZoneBand = tuple[float, float, float, float, float, float, tuple[int, float, float, float, list[float]] | None]
-_Packing = tuple[str, str | None, float | None]
+_Packing = tuple[str, float | None]
 _Contact = tuple[list[str], list[int], str, float, float, list[float]]
 _Terms = tuple[Callable[[int, int], object] | None, int | None, int | None]
 
@@ -343,7 +343,7 @@ def plan_layers(
     job: Any,
     depth: int | None,
     token: str,
-    packing: tuple[str, str | None, float | None],
+    packing: tuple[str, float | None],
     shards: int | None,
     terms: _Terms,
 ) -> bool: ...
@@ -423,7 +423,7 @@ def plan_transform(
     resampling: str | None,
     allow_ballpark: bool,
     moves: bool,
-    packing: tuple[str, str | None, float | None],
+    packing: tuple[str, float | None],
     shards: int | None,
     terms: _Terms,
 ) -> bool: ...
@@ -435,7 +435,7 @@ def plan_combine(
     fill: float | None,
     within: list[float] | None,
     margin: int | None,
-    packing: tuple[str, str | None, float | None],
+    packing: tuple[str, float | None],
     shards: int | None,
     terms: _Terms,
 ) -> bool: ...
@@ -511,7 +511,7 @@ def compact(
     keep: int,
     commits: list[int] | None,
     share: bool,
-    pack: str | None,
+    pack: bool,
     memory: int,
     terms: _Terms,
 ) -> list[dict[str, Any]]: ...

@@ -26,12 +26,8 @@ def time_of(time: int | None) -> int | None:
         raise ValueError(f"SOURCE_DATE_EPOCH: {text!r}, expected a whole number of seconds") from None
 
 
-def packing_of(codec: str, effort: str | None, max_error: float | None) -> tuple[str, str | None, float | None]:
+def packing_of(codec: str, max_error: float | None) -> tuple[str, float | None]:
     """How few bytes a tree is to take, and what it may lose for that."""
     if codec not in ("plain", "packed"):
         raise ValueError(f"codec: {codec!r}, expected plain or packed")
-    if effort not in (None, "fast", "small"):
-        raise ValueError(f"effort: {effort!r}, expected fast or small")
-    if effort is not None and codec == "plain":
-        raise ValueError("effort: is for codec='packed'")
-    return codec, effort, max_error
+    return codec, max_error

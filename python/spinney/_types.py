@@ -24,8 +24,6 @@ as `"EPSG:3035"`, or an object of pyproj or rasterio. Of a window in others than
 Codec = Literal["plain", "packed"]
 Inside = Literal["nonzero", "positive", "odd"]
 """Packing of segments: plain ones are used where they are in the file, packed ones take few bytes."""
-Effort = Literal["fast", "small"]
-"""Effort of packing."""
 Resampling = Literal["nearest", "bilinear", "cubic", "area", "majority"]
 """Ways in which cells get their values from those of another grid."""
 Style = str | Mapping[str, Any] | os.PathLike[str]

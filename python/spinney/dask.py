@@ -77,7 +77,7 @@ def build(
 
     given = given_layers(sources, memory, **options)
     token = str(dask.base.tokenize(sources, sorted(options.items(), key=lambda option: option[0])))
-    packing = packing_of(options.get("codec", "plain"), options.get("effort"), options.get("max_error"))
+    packing = packing_of(options.get("codec", "plain"), options.get("max_error"))
 
     def plan(count: int) -> _shards.Job:
         _native.plan_layers(given.layers, run.folder, given.depth, token, packing, count, ALONE)

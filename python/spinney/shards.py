@@ -25,7 +25,7 @@ from ._options import packing_of
 from ._progress import memory_of, working
 from ._told import crs_text, numbers_of
 from ._times import text_of_time
-from ._types import Codec, Effort, Path, Progress, Resampling
+from ._types import Codec, Path, Progress, Resampling
 
 __all__ = ["Job", "plan", "plan_combine", "plan_transform"]
 
@@ -52,7 +52,6 @@ def plan(
     times: Sequence[Any] | None = None,
     keep_transparent: bool = False,
     codec: Codec = "plain",
-    effort: Effort | None = None,
     max_error: float | None = None,
     threads: int | None = None,
     progress: Progress = None,
@@ -78,7 +77,7 @@ def plan(
         "names": None if names is None else [str(name) for name in names],
         "times": None if times is None else [time if isinstance(time, str) else text_of_time(time) for time in times],
         "keep_transparent": keep_transparent,
-        "packing": packing_of(codec, effort, max_error),
+        "packing": packing_of(codec, max_error),
     }
     of_others = dict.fromkeys(_OTHERS) | {"shell": False, "fractions": False, "allow_ballpark": False}
     options = given | of_others | {"memory": memory_of(MEMORY), "share": False, "time": None}
@@ -97,7 +96,6 @@ def plan_transform(
     allow_ballpark: bool = False,
     move: bool = False,
     codec: Codec = "plain",
-    effort: Effort | None = None,
     max_error: float | None = None,
     threads: int | None = None,
     progress: Progress = None,
@@ -106,7 +104,7 @@ def plan_transform(
     chain = [steps] if isinstance(steps, str) else list(steps)
     with working(progress, threads) as terms:
         _native.plan_transform(
-            os.fspath(path), chain, os.fspath(job), resampling, allow_ballpark, move, packing_of(codec, effort, max_error), shards, terms
+            os.fspath(path), chain, os.fspath(job), resampling, allow_ballpark, move, packing_of(codec, max_error), shards, terms
         )
     return Job(job)
 
@@ -122,7 +120,6 @@ def plan_combine(
     within: Sequence[float] | None = None,
     margin: int | None = None,
     codec: Codec = "plain",
-    effort: Effort | None = None,
     max_error: float | None = None,
     threads: int | None = None,
     progress: Progress = None,
@@ -134,7 +131,7 @@ def plan_combine(
     names = [os.fspath(path) for path in paths]
     with working(progress, threads) as terms:
         _native.plan_combine(
-            str(operation), names, os.fspath(job), values == "second", fill, box, margin, packing_of(codec, effort, max_error), shards, terms
+            str(operation), names, os.fspath(job), values == "second", fill, box, margin, packing_of(codec, max_error), shards, terms
         )
     return Job(job)
 

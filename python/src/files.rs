@@ -15,7 +15,7 @@ use spinney::ops::{
 };
 use spinney::points::{PointTree, is_point_file};
 use spinney::store::autumnal::{self, Commit, CompactOptions, History, Keep, Note};
-use spinney::store::{self, Codec, Header, Metadata, OpenOptions, file_of};
+use spinney::store::{Codec, Header, Metadata, OpenOptions, file_of};
 use spinney::value::Number;
 
 use crate::error::{OrRaise, invalid};
@@ -422,13 +422,12 @@ pub(crate) fn compact<'py>(
     keep: u64,
     commits: Option<Vec<u64>>,
     share: bool,
-    pack: Option<String>,
+    pack: bool,
     memory: u64,
     terms: Terms,
 ) -> PyResult<Vec<Bound<'py, PyDict>>> {
     check_output(std::slice::from_ref(&path), &out)?;
     let keep = commits.map_or(Keep::Last(keep), Keep::Numbers);
-    let pack = pack.map(|effort| store::Packing::effort_named(&effort)).transpose().or_raise()?;
     let options = CompactOptions::new(&keep, memory).share(share).pack(pack);
     let made =
         jobs::run(py, terms, |work| autumnal::compact(&path, &options, work.create_tree(&out)?, work))?;

@@ -6,7 +6,7 @@ use spinney::store::{self, Codec, WriteOptions};
 
 use crate::error::{OrRaise, invalid};
 
-/// Packing of segments: the name of the codec, that of the effort, if one is said, and the greatest error, if there may be one.
+/// Packing of segments: the name of the codec, and the maximum error, if there is one.
 #[derive(Clone, Copy)]
 pub(crate) struct Packing(pub(crate) store::Packing);
 
@@ -14,11 +14,10 @@ impl<'py> FromPyObject<'_, 'py> for Packing {
     type Error = PyErr;
 
     fn extract(given: Borrowed<'_, 'py, PyAny>) -> PyResult<Packing> {
-        let (codec, effort, max_error): (String, Option<String>, Option<f64>) = given.extract()?;
-        let effort = effort.map(|name| store::Packing::effort_named(&name)).transpose().or_raise()?;
+        let (codec, max_error): (String, Option<f64>) = given.extract()?;
         let packing = match codec.parse().or_raise()? {
             Codec::Plain => store::Packing::default(),
-            Codec::Packed => store::Packing::packed(effort.unwrap_or_default()),
+            Codec::Packed => store::Packing::packed(),
         };
         Ok(Packing(packing.max_error(max_error)))
     }
@@ -30,7 +29,7 @@ impl Packing {
         WriteOptions::new(memory).packing(self.0)
     }
 
-    /// The codec of an exact model, in which nothing is rounded and there is one effort.
+    /// The codec of an exact model, in which nothing is rounded.
     pub(crate) fn of_model(self) -> PyResult<Codec> {
         match self.0.max_error {
             None => Ok(self.0.codec),

@@ -57,7 +57,7 @@ def test_an_earlier_run_goes_on(tmp_path: Path, client: Any) -> None:
 
 def test_a_worker_that_is_killed_costs_its_shards_alone(tmp_path: Path, client: Any) -> None:
     paths = tiles(tmp_path / "tiles", side=1600)
-    spinney.build(paths, tmp_path / "whole.goblin", codec="packed", effort="small")
+    spinney.build(paths, tmp_path / "whole.goblin", codec="packed")
     stop = threading.Event()
     killed: list[int] = []
 
@@ -75,7 +75,7 @@ def test_a_worker_that_is_killed_costs_its_shards_alone(tmp_path: Path, client: 
     killer = threading.Thread(target=kill)
     killer.start()
     try:
-        spinney.dask.build(paths, tmp_path / "merged.goblin", client=client, job=tmp_path / "job", shards=16, codec="packed", effort="small")
+        spinney.dask.build(paths, tmp_path / "merged.goblin", client=client, job=tmp_path / "job", shards=16, codec="packed")
     finally:
         stop.set()
         killer.join()

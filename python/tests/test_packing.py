@@ -21,15 +21,14 @@ def patches() -> np.ndarray:
 
 def test_cells_are_the_same(tmp_path: Path) -> None:
     array = patches()
-    paths = {name: tmp_path / f"{name}.goblin" for name in ("plain", "packed", "small", "back", "moved", "both")}
+    paths = {name: tmp_path / f"{name}.goblin" for name in ("plain", "packed", "back", "moved", "both")}
     spinney.build(array, paths["plain"])
     spinney.build(array, paths["packed"], codec="packed")
-    spinney.build(array, paths["small"], codec="packed", effort="small")
     spinney.convert(paths["packed"], paths["back"])
     assert paths["back"].read_bytes() == paths["plain"].read_bytes()
     spinney.transform(paths["packed"], "mirror=x", paths["moved"], codec="packed")
     spinney.combine("and", [paths["packed"], paths["plain"]], paths["both"], codec="packed")
-    for name in ("packed", "small", "both"):
+    for name in ("packed", "both"):
         assert paths[name].stat().st_size < paths["plain"].stat().st_size
         with spinney.open(paths[name]) as ds:
             assert np.array_equal(ds[...], array)
@@ -56,7 +55,7 @@ def test_exact_models_are_the_same(tmp_path: Path) -> None:
     plain, packed, both = (tmp_path / f"{name}.goblin" for name in ("plain", "packed", "both"))
     chapel = FIXTURES / "v1" / "chapel.goblin"
     spinney.build_brep(chapel, plain)
-    spinney.build_brep(chapel, packed, codec="packed", effort="small")
+    spinney.build_brep(chapel, packed, codec="packed")
     spinney.combine("and", [packed, plain], both, codec="packed")
     for name in (packed, both):
         assert 3 * name.stat().st_size < 2 * plain.stat().st_size and spinney.verify(name) == []
@@ -71,8 +70,6 @@ def test_exact_models_are_the_same(tmp_path: Path) -> None:
 
 def test_what_makes_no_sense_is_refused(tmp_path: Path) -> None:
     out = tmp_path / "t.goblin"
-    with pytest.raises(ValueError, match="effort"):
-        spinney.build(patches(), out, effort="small")
     with pytest.raises(ValueError, match="plain or packed"):
         spinney.build(patches(), out, codec="zip")  # type: ignore[arg-type]
     with pytest.raises(Exception, match="compact"):
@@ -87,15 +84,13 @@ def test_history_is_packed(tmp_path: Path) -> None:
         with spinney.edit(path, message=f"{number}") as tree:
             tree[10 * number : 200, 7 : 90 + number] = number
     spinney.compact(path, plain, keep=9)
-    commits = spinney.compact(path, packed, keep=9, pack=True, effort="small")
+    commits = spinney.compact(path, packed, keep=9, pack=True)
     assert [commit.number for commit in commits] == [1, 2, 3, 4, 5]
     assert packed.stat().st_size < plain.stat().st_size
     for commit in commits:
         with spinney.open(f"{path}@{commit.number}") as a, spinney.open(f"{packed}@{commit.number}") as b:
             assert np.array_equal(a[...], b[...]) and a.stats() == b.stats()
     assert spinney.verify(packed) == []
-    with pytest.raises(ValueError, match="pack"):
-        spinney.compact(path, tmp_path / "u.autumn", effort="small")
 
 
 def test_little_is_kept(tmp_path: Path) -> None:

@@ -38,7 +38,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let output = args.output.path();
     check_output([args.file.as_path()], output)?;
-    let how = args.packing.with(args.memory)?;
+    let how = args.packing.with(args.memory);
     let work = Work::start(global, "cells")?;
     ops::blame(&args.file, args.limit.create_tree(output)?, how, &work)?;
     work.finish();

@@ -216,7 +216,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         let codec = packing.of_model(&files[0])?;
         return exact::combine(operation, files, (&path, &limit), codec, (memory.bytes, explain), global);
     }
-    let how = packing.with(memory)?;
+    let how = packing.with(memory);
     let work = Work::start(global, "cells")?;
     let output = limit.create_tree(&path)?;
     let (outcome, counts) = if are_mixed(files) {

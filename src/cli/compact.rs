@@ -4,8 +4,6 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::Result;
-use spinney::store::Effort;
-use spinney::store::Packing;
 use spinney::store::autumnal::{self, CompactOptions, Keep};
 
 use super::Global;
@@ -35,9 +33,6 @@ pub(crate) struct Args {
     /// Pack what only older commits have: fewer bytes, which take longer to read
     #[arg(long)]
     pack: bool,
-    /// Effort of packing: fast, or small for fewer bytes in more time [default: fast]
-    #[arg(long, value_name = "fast|small", value_parser = Packing::effort_named, requires = "pack")]
-    effort: Option<Effort>,
     #[command(flatten)]
     memory: Memory,
     #[command(flatten)]
@@ -57,8 +52,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let keep = args.commits.clone().map_or(Keep::Last(args.keep), Keep::Numbers);
     let work = Work::start(global, "cells")?;
     let output = args.limit.create_tree(&args.output)?;
-    let pack = args.pack.then(|| args.effort.unwrap_or_default());
-    let options = CompactOptions::new(&keep, args.memory.bytes).share(args.share).pack(pack);
+    let options = CompactOptions::new(&keep, args.memory.bytes).share(args.share).pack(args.pack);
     let commits = autumnal::compact(&args.file, &options, output, &work)?;
     work.finish();
     for written in &commits {

@@ -45,7 +45,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let output = args.output.path();
     check_output([Path::new(&args.file)], output)?;
-    let how = args.packing.with(args.memory)?;
+    let how = args.packing.with(args.memory);
     let work = Work::start(global, "cells")?;
     ops::convert(&args.file, args.share, args.limit.create_tree(output)?, how, &work)?;
     work.finish();

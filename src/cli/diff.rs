@@ -48,7 +48,7 @@ Examples:
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
-    let how = args.packing.with(args.memory)?;
+    let how = args.packing.with(args.memory);
     let paths = [args.first.as_path(), &args.second];
     let sum = if args.ranges {
         let mut out = std::io::BufWriter::new(std::io::stdout().lock());

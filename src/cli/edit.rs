@@ -176,7 +176,7 @@ fn change_layers(file: &Path, change: &Change, global: &Global) -> Result<()> {
             let chain = Chain { steps: steps.clone(), ..Chain::of(tree) };
             only_layer(tree)?;
             let note = options.note(format!("Add layer {name} of {}", tree.display()));
-            add_layer(file, &name, &chain, note, packing.with(options.memory)?, &work)?
+            add_layer(file, &name, &chain, note, packing.with(options.memory), &work)?
         }
         Change::DropLayer(DropLayer { name, .. }) => {
             let note = options.note(format!("Drop layer {name}"));

@@ -195,7 +195,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         ];
         points::refuse(file, &given)?;
         let work = Work::start(global, "cells")?;
-        let memory = (memory.bytes, packing.choice()?);
+        let memory = (memory.bytes, packing.choice());
         let [columns, rows] = rasterize_points(&tree, raster, memory, limit.create_tree(&path)?, &work)?;
         work.finish();
         global.report("size", format_args!("{columns} x {rows} cells"));
@@ -216,7 +216,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     if let Some((name, _)) = given.iter().find(|(_, is_given)| *is_given) {
         bail!("{}: is no exact model, which {name} is for", file.display());
     }
-    let how = packing.with(memory)?;
+    let how = packing.with(memory);
     let work = Work::start(global, "cells")?;
     let outcome = ops::transform(&cells, limit.create_tree(&path)?, how, &work)?;
     work.finish();

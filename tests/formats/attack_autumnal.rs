@@ -8,7 +8,7 @@ use spinney::io::Output;
 use spinney::ops::{Edit, FillRegion, edit};
 use spinney::space::Bounds;
 use spinney::store::autumnal::{CompactOptions, Keep, Note, compact};
-use spinney::store::{Effort, build_tree};
+use spinney::store::build_tree;
 use spinney::tree::{Form, MemTree, Source};
 use spinney::value::{Kind, Rule, SampleType};
 
@@ -98,7 +98,7 @@ fn with_packed_history(bytes: &[u8]) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let [path, to] = ["t.autumn", "p.autumn"].map(|name| folder.path().join(name));
     std::fs::write(&path, bytes).unwrap();
-    let options = CompactOptions::new(&Keep::Last(2), 1 << 20).pack(Some(Effort::Fast));
+    let options = CompactOptions::new(&Keep::Last(2), 1 << 20).pack(true);
     compact(&path, &options, Output::create(&to).unwrap(), &()).unwrap();
     let packed = std::fs::read(to).unwrap();
     assert!(seal::extents(&packed).iter().any(|head| packed[head + 4] == 3));

@@ -11,7 +11,7 @@ use spinney::dataset;
 use spinney::io::Output;
 use spinney::ops::{Edit, apply_edits, convert, edit};
 use spinney::store::autumnal::{Autumnal, CompactOptions, Editor, History, Keep, Note, compact};
-use spinney::store::{Effort, OpenOptions, WriteOptions};
+use spinney::store::{OpenOptions, WriteOptions};
 use spinney::tree::Form;
 use spinney::value::{Kind, Rule, SampleType};
 use spinney::{Error, Progress};
@@ -174,7 +174,7 @@ impl Machine {
         };
         let share = self.random.below(2) == 0;
         // (Half of the files have their history packed, and go on from there.)
-        let pack = (self.random.below(2) == 0).then_some(Effort::Fast);
+        let pack = self.random.below(2) == 0;
         let options = CompactOptions::new(&keep, MEMORY).share(share).pack(pack);
         compact(&model.path, &options, Output::create(&target).unwrap(), &()).unwrap();
         let commits = model.commits.into_iter().filter(|(number, _)| kept.contains(number)).collect();

@@ -8,7 +8,7 @@ use spinney::brep::{ExactModel, Face, Grid, ModelBuilder};
 use spinney::io::Output;
 use spinney::space::{Code, Dimension};
 use spinney::store::goblin::Goblin;
-use spinney::store::{BuildOptions, Effort, Metadata, Packing, WriteOptions, build_tree};
+use spinney::store::{BuildOptions, Metadata, Packing, WriteOptions, build_tree};
 use spinney::tree::MemTree;
 use spinney::value::{Kind, Rule};
 
@@ -85,7 +85,7 @@ fn the_dump_is_what_the_builder_writes() {
 #[test]
 fn the_dump_of_a_packed_segment_is_what_the_builder_writes() {
     // It is all that stands between the header and the directory.
-    assert_eq!(assert_dumped("packed segment", &classic(Packing::packed(Effort::Fast)), 24), 37);
+    assert_eq!(assert_dumped("packed segment", &classic(Packing::packed()), 24), 37);
 }
 
 /// Fails unless a file has the bytes of the dump with a name, from an offset on.

@@ -11,7 +11,7 @@ use spinney::query::{ContourLevels, ContourRequest, LabelRequest, PointSamples, 
 use spinney::space::{Bounds, Dimension};
 use spinney::store::autumnal::Note;
 use spinney::store::goblin::{Goblin, LevelBytes};
-use spinney::store::{BuildOptions, Codec, Effort, OpenOptions, Packing, WriteOptions, build_slabs};
+use spinney::store::{BuildOptions, Codec, OpenOptions, Packing, WriteOptions, build_slabs};
 use spinney::tree::Form;
 use spinney::value::{Kind, Rule, SampleType};
 use spinney::{Error, dataset};
@@ -28,8 +28,8 @@ use crate::targets::trees::ask_goblin;
 
 const MEMORY: u64 = 64 << 20;
 
-fn packing(effort: Effort) -> WriteOptions {
-    WriteOptions::new(MEMORY).packing(Packing::packed(effort))
+fn packing() -> WriteOptions {
+    WriteOptions::new(MEMORY).packing(Packing::packed())
 }
 
 /// A file's bytes with other packing.
@@ -42,7 +42,7 @@ fn converted(bytes: &[u8], how: WriteOptions) -> Vec<u8> {
 }
 
 fn packed(bytes: &[u8]) -> Vec<u8> {
-    converted(bytes, packing(Effort::Fast))
+    converted(bytes, packing())
 }
 
 fn plain(bytes: &[u8]) -> Vec<u8> {
@@ -52,7 +52,7 @@ fn plain(bytes: &[u8]) -> Vec<u8> {
 /// The bytes of the packed file that slabs make.
 fn built(cells: &Cells, rule: Rule, kind: Kind, memory: u64) -> Vec<u8> {
     bytes_of(|path| {
-        let how = packing(Effort::Fast);
+        let how = packing();
         let options = options(rule, kind, cells.depth()).packing(how.packing).memory(memory);
         write_cells(path, cells, &options);
     })
@@ -250,7 +250,7 @@ fn operations_make_the_same_of_packed_files() {
                 ops::transform(&chain, create("out.goblin"), how, &()).unwrap();
                 cells_of("out.goblin")
             };
-            let [plain, packed] = [WriteOptions::new(MEMORY), packing(Effort::Fast)];
+            let [plain, packed] = [WriteOptions::new(MEMORY), packing()];
             let expected = make("a.goblin", plain);
             assert!(make("pa.goblin", plain) == expected, "{step:?} of file {number}");
             let small = make("a.goblin", packed);
@@ -261,7 +261,7 @@ fn operations_make_the_same_of_packed_files() {
             let made = [["a.goblin", "b.goblin"], ["pa.goblin", "b.goblin"], ["pa.goblin", "pb.goblin"]].map(
                 |names| {
                     let files: Vec<PathBuf> = names.map(path).to_vec();
-                    let how = packing(Effort::Small);
+                    let how = packing();
                     let outcome = ops::combine(
                         operation,
                         None,
@@ -312,7 +312,7 @@ fn layers_are_copied_as_they_are() {
         ops::add_layer(&path("a.goblin"), name, &chain, Note::default(), how, &()).unwrap();
     };
     add("plain", WriteOptions::new(MEMORY));
-    add("packed", packing(Effort::Fast));
+    add("packed", packing());
     let all = dataset::open(&path("a.goblin"), &OpenOptions::new()).unwrap();
     let codecs = all.layers().unwrap().iter().map(|layer| layer.header.codec).collect::<Vec<_>>();
     assert_eq!(codecs, [Codec::Packed, Codec::Plain, Codec::Packed]);
@@ -340,7 +340,7 @@ fn history_is_not_packed() {
     let cells = Cells::random(QUAD, 1, [90, 60, 1], 9, true);
     std::fs::write(path("a.goblin"), goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
     let create = || Output::create(&path("a.autumn")).unwrap();
-    let how = packing(Effort::Fast);
+    let how = packing();
     let converted = ops::convert(&path("a.goblin"), false, create(), how, &());
     let options = BuildOptions::new(Kind::Continuous, 7).packing(how.packing);
     let nodata = Some(value(QUAD.value, 250));

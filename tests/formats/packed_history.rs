@@ -7,7 +7,7 @@ use spinney::io::Output;
 use spinney::ops::{Chain, Edit, FillRegion, add_layer, convert, edit};
 use spinney::space::Bounds;
 use spinney::store::autumnal::{Autumnal, CompactOptions, History, Keep, Note, compact};
-use spinney::store::{Effort, OpenOptions, WriteOptions};
+use spinney::store::{OpenOptions, WriteOptions};
 use spinney::tree::Form;
 use spinney::value::{Kind, Rule, SampleType};
 
@@ -25,7 +25,7 @@ fn at(path: &Path, number: usize) -> Autumnal {
 }
 
 /// Compacts a file, all commits of which stay.
-fn compacted(path: &Path, to: &Path, share: bool, pack: Option<Effort>, memory: u64) -> u64 {
+fn compacted(path: &Path, to: &Path, share: bool, pack: bool, memory: u64) -> u64 {
     let keep = Keep::Last(u64::MAX);
     let options = CompactOptions::new(&keep, memory).share(share).pack(pack);
     compact(path, &options, Output::create(to).unwrap(), &()).unwrap();
@@ -48,12 +48,11 @@ fn history_stays(form: Form, size: [u64; 3], (rule, kind): (Rule, Kind), share: 
             before.push(cells.clone());
         }
     }
-    let effort = if seed.is_multiple_of(2) { Effort::Fast } else { Effort::Small };
-    let plain = compacted(&path, &file("plain.autumn"), share, None, MEMORY);
-    let packed = compacted(&path, &file("packed.autumn"), share, Some(effort), MEMORY);
+    let plain = compacted(&path, &file("plain.autumn"), share, false, MEMORY);
+    let packed = compacted(&path, &file("packed.autumn"), share, true, MEMORY);
     assert!(packed <= plain + 4096, "{form:?} {packed} {plain}");
     // The same bytes with little memory.
-    compacted(&path, &file("again.autumn"), share, Some(effort), 1 << 20);
+    compacted(&path, &file("again.autumn"), share, true, 1 << 20);
     assert!(std::fs::read(file("packed.autumn")).unwrap() == std::fs::read(file("again.autumn")).unwrap());
     let check = |path: &Path, before: &[Cells]| {
         for (i, cells) in before.iter().enumerate() {
@@ -82,7 +81,7 @@ fn history_stays(form: Form, size: [u64; 3], (rule, kind): (Rule, Kind), share: 
     }
     check(&file("packed.autumn"), &before);
     // What was history already is packed again, and what became so.
-    compacted(&file("packed.autumn"), &file("twice.autumn"), share, Some(effort), MEMORY);
+    compacted(&file("packed.autumn"), &file("twice.autumn"), share, true, MEMORY);
     check(&file("twice.autumn"), &before);
     // Without packing it is what it would have been all the time.
     let published = [file("twice.autumn"), file("packed.autumn")].map(|from| {
@@ -126,13 +125,13 @@ fn history_becomes_smaller() {
         edit(&path, [Ok(Edit::Fill(region, Some(vec![value.into()])))], Note::default(), MEMORY, &())
             .unwrap();
     }
-    let plain = compacted(&path, &file("plain.autumn"), false, None, MEMORY);
+    let plain = compacted(&path, &file("plain.autumn"), false, false, MEMORY);
     let newest = {
         let options = CompactOptions::new(&Keep::Last(1), MEMORY);
         compact(&path, &options, Output::create(&file("newest.autumn")).unwrap(), &()).unwrap();
         std::fs::metadata(file("newest.autumn")).unwrap().len()
     };
-    let packed = compacted(&path, &file("packed.autumn"), false, Some(Effort::Fast), MEMORY);
+    let packed = compacted(&path, &file("packed.autumn"), false, true, MEMORY);
     assert!(packed - newest < (plain - newest) / 2, "{packed} {plain}, the newest alone {newest}");
 }
 
@@ -151,7 +150,7 @@ fn history_of_layers() {
     add_layer(&path, "heights", &chain, Note::default(), WriteOptions::new(MEMORY), &()).unwrap();
     let region = FillRegion::Box(Bounds { min: [3, 5, 0], max: [60, 40, 1] });
     edit(&path, [Ok(Edit::Fill(region, Some(vec![9.0.into()])))], Note::default(), MEMORY, &()).unwrap();
-    compacted(&path, &file("packed.autumn"), false, Some(Effort::Fast), MEMORY);
+    compacted(&path, &file("packed.autumn"), false, true, MEMORY);
     for number in 1..=3 {
         let [one, other] = [&path, &file("packed.autumn")].map(|path| at(path, number));
         for layer in 0..one.commit().layers().len() {

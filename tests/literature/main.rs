@@ -20,6 +20,8 @@ mod predictive;
 mod quadtrees;
 #[cfg(feature = "reconstruction")]
 mod reconstruction;
+#[path = "../../examples/literature/mod.rs"]
+mod structures;
 #[cfg(feature = "vector")]
 mod surfaces;
 #[cfg(feature = "cli")]

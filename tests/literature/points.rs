@@ -1,6 +1,6 @@
 //! Slavík's survey, trees of points.
 
-use spinney::points::memory::{HalvingTree, PointQuadtree};
+use crate::structures::points::{HalvingTree, PointQuadtree};
 
 /// Random numbers below a bound, with a fixed seed.
 fn random(seed: u64) -> impl FnMut(u64) -> u64 {
@@ -117,4 +117,15 @@ fn item_10_equal_points_are_counted() {
     assert!(
         PointQuadtree::default().is_empty() && PointQuadtree::default().window([0.0; 2], [1.0; 2]).is_empty()
     );
+}
+
+#[test]
+fn small_trees_of_points() {
+    let mut tree = PointQuadtree::default();
+    [[5.0, 5.0], [2.0, 7.0], [2.0, 7.0]].into_iter().for_each(|point| tree.insert(point));
+    assert_eq!((tree.count([2.0, 7.0]), tree.window([0.0, 6.0], [4.0, 9.0])), (2, vec![[2.0, 7.0]; 2]));
+    let mut tree = HalvingTree::new([0.0; 3], 8.0, 2, 20);
+    assert!(tree.is_empty());
+    assert!(tree.insert([1.0, 1.0, 0.0]) && tree.insert([5.0, 1.0, 0.0]) && !tree.insert([9.0, 1.0, 0.0]));
+    assert_eq!((tree.len(), tree.depth()), (2, 1));
 }

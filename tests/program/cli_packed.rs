@@ -1,4 +1,4 @@
-//! `--codec`, `--effort` and `--cache-memory`: packed files by the program.
+//! `--codec` and `--cache-memory`: packed files by the program.
 
 use serde_json::Value as Json;
 use spinney::value::{Kind, Rule};
@@ -33,7 +33,7 @@ fn files_are_packed_and_unpacked() {
     spinney(&["convert", &from, &packed, "--codec", "packed"]).success();
     spinney(&["convert", &packed, &back]).success();
     assert!(std::fs::read(&from).unwrap() == std::fs::read(&back).unwrap());
-    spinney(&["transform", &packed, "-o", &small, "--codec", "packed", "--effort", "small"]).success();
+    spinney(&["transform", &packed, "-o", &small, "--codec", "packed"]).success();
     for file in [&packed, &small] {
         spinney(&["verify", file]).success();
         let info = as_json(&["info", file, "--json"]);
@@ -158,7 +158,7 @@ fn history_is_packed() {
         spinney(&["edit", &history, "fill", "--window", window, "--value", "3"]).success();
     }
     spinney(&["compact", &history, "-o", &plain, "--keep", "9"]).success();
-    spinney(&["compact", &history, "-o", &packed, "--keep", "9", "--pack", "--effort", "small"]).success();
+    spinney(&["compact", &history, "-o", &packed, "--keep", "9", "--pack"]).success();
     spinney(&["verify", &packed]).success();
     let size = |path: &str| std::fs::metadata(path).unwrap().len();
     assert!(size(&packed) < size(&plain), "{} {}", size(&packed), size(&plain));
@@ -166,7 +166,6 @@ fn history_is_packed() {
         let [old, new] = [&history, &packed].map(|path| stdout(&["stats", &format!("{path}@{commit}")]));
         assert_eq!(old, new);
     }
-    complaint(&["compact", &history, "-o", &place.name("other.autumn"), "--effort", "small"], 2);
 }
 
 /// Exact models are packed when they are built and combined, take fewer bytes, and say the same.
@@ -175,8 +174,8 @@ fn exact_models_are_packed() {
     const CHAPEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/chapel.goblin");
     const CROSSING: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/crossing.goblin");
     let place = Place::new();
-    let [plain, packed, small] =
-        ["plain.goblin", "packed.goblin", "small.goblin"].map(|name| place.name(name));
+    let [plain, packed, other] =
+        ["plain.goblin", "packed.goblin", "other.goblin"].map(|name| place.name(name));
     let size = |file: &str| std::fs::metadata(file).unwrap().len();
     for operation in ["build", "and"] {
         let make = |file: &str, options: &[&str]| match operation {
@@ -186,8 +185,6 @@ fn exact_models_are_packed() {
         };
         make(&plain, &[]);
         make(&packed, &["--codec", "packed"]);
-        make(&small, &["--codec", "packed", "--effort", "small"]);
-        assert!(std::fs::read(&packed).unwrap() == std::fs::read(&small).unwrap());
         assert!(3 * size(&packed) < 2 * size(&plain), "{} of {}", size(&packed), size(&plain));
         assert_eq!((codecs(&plain), codecs(&packed)), (vec!["plain".into()], vec!["packed".into()]));
         assert!(stdout(&["info", &packed]).contains("codec       packed\n"));
@@ -197,7 +194,7 @@ fn exact_models_are_packed() {
         assert!(expected == found && expected.len() > 100);
     }
     let text = complaint(
-        &["combine", "or", CROSSING, CROSSING, "-o", &small, "--codec", "packed", "--max-error", "1"],
+        &["combine", "or", CROSSING, CROSSING, "-o", &other, "--codec", "packed", "--max-error", "1"],
         1,
     );
     assert!(text.contains("--max-error means nothing"), "{text}");
@@ -211,18 +208,15 @@ fn packing_is_refused_where_there_are_no_segments() {
         let text = complaint(&[&["build", CLASSES, "-o", &history, "--codec", "packed"], grid].concat(), 1);
         assert!(text.contains("compact") && text.contains(".goblin"), "{text}");
     }
-    let text = complaint(&["build", CLASSES, "-o", &tree, "--effort", "small"], 1);
-    assert!(text.contains("--effort is for --codec packed"), "{text}");
     let text = complaint(&["combine", "or", DISTRICTS, DISTRICTS, "-o", &tree, "--codec", "packed"], 1);
     assert!(text.contains("--codec"), "{text}");
-    for wrong in [["--codec", "zip"], ["--effort", "much"], ["--cache-memory", "none"]] {
+    for wrong in [["--codec", "zip"], ["--cache-memory", "none"]] {
         complaint(&[&["build", CLASSES, "-o", &tree][..], &wrong].concat(), 2);
     }
     let model = place.name("cube.off");
     std::fs::write(&model, "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n")
         .unwrap();
     complaint(&["build", &model, "-o", &other, "--brep", "--codec", "packed", "--max-error", "1"], 2);
-    complaint(&["build", &model, "-o", &other, "--brep", "--effort", "small"], 1);
     assert!(!std::path::Path::new(&history).exists() && !std::path::Path::new(&tree).exists());
 }
 
@@ -230,13 +224,11 @@ fn packing_is_refused_where_there_are_no_segments() {
 fn help_tells_of_packing() {
     for command in ["build", "convert", "transform", "combine", "blame", "diff"] {
         let help = stdout(&["help", command]);
-        for word in
-            ["--codec <plain|packed>", "--effort <fast|small>", "--cache-memory <BYTES>", "[default: plain]"]
-        {
+        for word in ["--codec <plain|packed>", "--cache-memory <BYTES>", "[default: plain]"] {
             assert!(help.contains(word), "{command}: {word}");
         }
     }
     let help = stdout(&["help", "export"]);
-    assert!(help.contains("--png-effort") && !help.contains(" --effort"), "{help}");
+    assert!(help.contains("--png-effort") && !help.contains(" --codec"), "{help}");
     assert!(stdout(&["help", "convert"]).contains("whatever those of the file are"));
 }

@@ -8,6 +8,7 @@ pub mod parallel;
 mod progress;
 pub mod sort;
 pub mod space;
+pub mod text_fields;
 pub mod value;
 
 pub use error::{Error, Result};

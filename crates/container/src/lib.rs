@@ -18,6 +18,7 @@ mod shape;
 mod state;
 mod tag;
 mod trailer;
+mod versioned;
 
 pub use block_file::{BlockEntry, BlockFile, BlockPlace, BlockWriter};
 pub use dense::{DenseBlock, DenseKind, MAX_DENSE_LEVELS, dense_child, dense_levels};
@@ -36,3 +37,4 @@ pub use shape::{HEAVY_THRESHOLD, STRIDE, Shape, reach};
 pub use state::{CUT, INNER, LEAF, VOID};
 pub use tag::Tag;
 pub use trailer::{Section, SectionWriter, TAIL, Trailer};
+pub use versioned::VersionedSection;

@@ -6,6 +6,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::level_counts::LevelCounts;
+use super::versioned::VersionedSection;
 use spinney_base::value::{Number, Palette};
 use spinney_base::{Error, Result};
 use spinney_crs::{ControlPoints, Frame};
@@ -86,12 +87,7 @@ impl Default for Metadata {
 
 /// Bytes that metadata may have, on disk and decoded: a hostile length must not ask for more.
 const LIMIT: usize = 16 << 20;
-/// First number of the section: the version of the struct that follows.
-const VERSION: u32 = 1;
-
-fn config() -> impl bincode::config::Config {
-    bincode::config::standard().with_limit::<LIMIT>()
-}
+const SECTION: VersionedSection<LIMIT> = VersionedSection { name: "metadata", version: 1 };
 
 impl Metadata {
     /// The section's bytes.
@@ -99,16 +95,13 @@ impl Metadata {
     /// # Errors
     /// If there are more than 16 MiB.
     pub fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
-        bincode::serde::encode_to_vec((VERSION, self), config())
-            .ok()
-            .filter(|bytes| bytes.len() <= LIMIT)
-            .ok_or_else(|| Error::TooLarge {
-                path: path.to_path_buf(),
-                what: "the metadata (coordinate system, palette, names, tags, control points)".into(),
-                needed: LIMIT as u64 + 1,
-                limit: LIMIT as u64,
-                advice: "leave out tags or class names".into(),
-            })
+        SECTION.encode(self).ok_or_else(|| Error::TooLarge {
+            path: path.to_path_buf(),
+            what: "the metadata (coordinate system, palette, names, tags, control points)".into(),
+            needed: LIMIT as u64 + 1,
+            limit: LIMIT as u64,
+            advice: "leave out tags or class names".into(),
+        })
     }
 
     /// Checks the section's length, which must be done before anybody makes room for its bytes.
@@ -123,16 +116,7 @@ impl Metadata {
     /// # Errors
     /// If it is damaged, or of a newer version.
     pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Metadata> {
-        let corrupt = |found: String, expected: &str| Error::corrupt(path, "metadata", found, expected);
         Metadata::check_length(path, bytes.len() as u64)?;
-        let (version, used): (u32, usize) = bincode::serde::decode_from_slice(bytes, config())
-            .map_err(|error| corrupt(error.to_string(), "a version number"))?;
-        if version != VERSION {
-            let advice = "read it with a program as new as the file";
-            return Err(Error::unsupported(path, format!("metadata version {version}"), advice));
-        }
-        let (metadata, _): (Metadata, usize) = bincode::serde::decode_from_slice(&bytes[used..], config())
-            .map_err(|error| corrupt(error.to_string(), "the metadata of formats.md"))?;
-        Ok(metadata)
+        SECTION.decode(path, bytes).map(|(metadata, _)| metadata)
     }
 }

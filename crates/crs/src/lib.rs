@@ -5,6 +5,7 @@ mod coordinates;
 mod definition;
 mod exchange;
 mod frame;
+mod methods;
 mod places;
 mod projection;
 mod registry;

@@ -9,7 +9,6 @@ mod build;
 mod codec;
 mod geometry;
 mod grid;
-pub mod memory;
 mod query;
 mod source;
 mod statistics;

@@ -10,7 +10,7 @@ use spinney_container::Metadata;
 use std::collections::BTreeSet;
 
 /// Random numbers with a fixed seed.
-pub(crate) fn random(seed: u64) -> impl FnMut(u64) -> u64 {
+fn random(seed: u64) -> impl FnMut(u64) -> u64 {
     let mut state = seed;
     move |below| {
         state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);

@@ -11,7 +11,6 @@ use crate::nodes::{
     BEYOND, FIRST_VALUE, MIXED, NOTHING, NewValues, NodeContexts, NodeForm, Nodes, ROOT, code_nodes,
 };
 use crate::plain::{Parsed, Writer, parse};
-use crate::segment::Effort;
 use crate::values::{NumberValues, Numbers, TableValues, bytes, numbers, order};
 
 /// A way to take the values of nodes.
@@ -28,14 +27,12 @@ pub(crate) enum Model {
 impl Model {
     const ALL: [Model; 3] = [Model::Names, Model::Numbers, Model::Solid];
 
-    /// Those worth a try.
-    pub(crate) fn candidates(value: ValueType, rule: Rule, kind: Kind, effort: Effort) -> Vec<Model> {
-        let one = |model| vec![model];
-        match (rule, kind, effort) {
-            (Rule::Occupancy, ..) if can_be_solid(value) => one(Model::Solid),
-            (.., Effort::Small) => vec![Model::Names, Model::Numbers],
-            (Rule::Majority | Rule::Dominant, ..) | (_, Kind::Categorical, _) => one(Model::Names),
-            (_, Kind::Continuous, _) => one(Model::Numbers),
+    /// The one that writers choose. Readers take values by any of them, whatever rule and kind are.
+    pub(crate) fn of(value: ValueType, rule: Rule, kind: Kind) -> Model {
+        match (rule, kind) {
+            (Rule::Occupancy, _) if can_be_solid(value) => Model::Solid,
+            (Rule::Majority | Rule::Dominant, _) | (_, Kind::Categorical) => Model::Names,
+            (_, Kind::Continuous) => Model::Numbers,
         }
     }
 

@@ -8,7 +8,7 @@ use crate::adaptive::{Adaptive, AdaptiveSymbols, SYMBOLS};
 use crate::bits::{BitCoder, BitReader, BitWriter};
 use crate::model::{Model, ModelCoder, NO_VALUE, RunRoom, Taken, distinct, symbol_of};
 use crate::nodes::Nodes;
-use crate::segment::{Damage, Effort};
+use crate::segment::Damage;
 use crate::values::{Numbers, code_table, numbers};
 
 /// The meaning of runs.
@@ -54,11 +54,22 @@ pub struct UnpackedRuns {
 const START: usize = 5;
 
 /// Packs runs, and bytes that belong to them. `None` where these would not become fewer bytes.
-pub fn pack_runs(form: &RunForm, runs: &[Run<&[u8]>], beside: &[u8], effort: Effort) -> Option<Vec<u8>> {
+pub fn pack_runs(form: &RunForm, runs: &[Run<&[u8]>], beside: &[u8]) -> Option<Vec<u8>> {
+    pack_runs_by(Model::of(form.form.value, form.rule, form.kind), form, runs, beside)
+}
+
+/// Packs runs by any of the models that readers know.
+pub(crate) fn pack_runs_by(
+    model: Model,
+    form: &RunForm,
+    runs: &[Run<&[u8]>],
+    beside: &[u8],
+) -> Option<Vec<u8>> {
     let length = beside.len() + runs.iter().map(|run| run.records.len()).sum::<usize>();
-    let candidates = Model::candidates(form.form.value, form.rule, form.kind, effort).into_iter();
-    let packed = candidates.filter_map(|model| pack_as(model, form, runs, (beside, length)));
-    let packed = packed.min_by_key(Vec::len).filter(|packed| packed.len() < length)?;
+    let packed = pack_as(model, form, runs, (beside, length))?;
+    if packed.len() >= length {
+        return None;
+    }
     // (As it is with segments: nothing is written that does not become the same again.)
     let unpacked = unpack_runs(form, runs.len(), length, &packed).ok()?;
     let is_same = |(run, other): (&Run<&[u8]>, &Run<Vec<u8>>)| *run == other.as_slices();

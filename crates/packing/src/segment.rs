@@ -25,16 +25,6 @@ pub struct SegmentForm {
     pub reach: u8,
 }
 
-/// Effort of packing.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Effort {
-    /// Little time for most of the gain.
-    #[default]
-    Fast,
-    /// As few bytes as can be: all ways that there are are tried.
-    Small,
-}
-
 /// The reason why bytes are no packed segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Damage(pub &'static str);
@@ -46,12 +36,18 @@ const MOST_COUNTS: usize = 1024;
 const START: usize = 5;
 
 /// Packs a segment of so many places, whose class counts follow its records. `None` where it would not shrink.
-pub fn pack(segment: &SegmentForm, places: u32, plain: &[u8], effort: Effort) -> Option<Vec<u8>> {
+pub fn pack(segment: &SegmentForm, places: u32, plain: &[u8]) -> Option<Vec<u8>> {
+    pack_by(Model::of(segment.form.value, segment.rule, segment.kind), segment, places, plain)
+}
+
+/// Packs a segment by any of the models that readers know.
+pub(crate) fn pack_by(model: Model, segment: &SegmentForm, places: u32, plain: &[u8]) -> Option<Vec<u8>> {
     let layout = RecordLayout::new(segment.form);
     let (records, counts) = plain.split_at_checked(places as usize * layout.size)?;
-    let candidates = Model::candidates(segment.form.value, segment.rule, segment.kind, effort).into_iter();
-    let packed = candidates.filter_map(|model| pack_as(model, segment, &layout, records, counts));
-    let packed = packed.min_by_key(Vec::len).filter(|packed| packed.len() < plain.len())?;
+    let packed = pack_as(model, segment, &layout, records, counts)?;
+    if packed.len() >= plain.len() {
+        return None;
+    }
     // Invariant: nothing is written that does not become the same bytes again. What the model has no words for (another writer's
     // records, or damaged ones) stays plain; and a mistake in here loses no data.
     let classes = (counts.len() / (layout.width + 8)) as u16;

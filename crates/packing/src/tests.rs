@@ -8,8 +8,11 @@ use spinney_container::{
     CUT, DenseBlock, DenseKind, INNER, LEAF, RecordHead, RecordLayout, VOID, dense_levels,
 };
 
+use crate::model::Model;
 use crate::nodes::Dense;
-use crate::{Damage, Effort, Run, RunForm, SegmentForm, pack, pack_runs, unpack, unpack_runs};
+use crate::runs::pack_runs_by;
+use crate::segment::pack_by;
+use crate::{Damage, Run, RunForm, SegmentForm, pack, pack_runs, unpack, unpack_runs};
 
 /// A small generator of numbers (xorshift), so that tests are the same every time.
 struct Random(u64);
@@ -164,13 +167,15 @@ fn random_segments_of_all_types_come_back() {
                     seed += 1;
                     let form = segment(Form::new(dimension, value), height, kind, rule);
                     let (places, plain) = random_segment(form, 3, seed);
-                    let effort = if seed % 5 == 0 { Effort::Small } else { Effort::Fast };
-                    let packed = pack(&form, places, &plain, effort);
+                    let packed = pack(&form, places, &plain);
                     // (Random names are many equal ones; numbers that foretell nothing of each other may stay plain.)
                     let may_stay = kind == Kind::Continuous || plain.len() < 400;
                     assert!(packed.is_some() || may_stay, "{form:?} {} bytes", plain.len());
-                    if let Some(packed) = packed {
-                        assert_eq!(unpack(&form, places, 0, &packed), Ok(plain), "{form:?}");
+                    // Readers know each model for every rule and kind: other writers may choose another one.
+                    let others = [Model::Names, Model::Numbers];
+                    let others = others.map(|model| pack_by(model, &form, places, &plain));
+                    for packed in others.into_iter().chain([packed]).flatten() {
+                        assert_eq!(unpack(&form, places, 0, &packed).as_ref(), Ok(&plain), "{form:?}");
                     }
                 }
             }
@@ -188,7 +193,7 @@ fn class_counts_come_back() {
             plain.extend_from_slice(&value.to_le_bytes());
             plain.extend_from_slice(&cells.to_le_bytes());
         }
-        let packed = pack(&form, places, &plain, Effort::Fast).unwrap();
+        let packed = pack(&form, places, &plain).unwrap();
         assert_eq!(unpack(&form, places, 4, &packed), Ok(plain));
         assert_eq!(unpack(&form, places, 3, &packed), Err(Damage("another length")));
     }
@@ -208,7 +213,7 @@ fn noise_stays_plain() {
         RecordHead { states, skip: (dense.places(&layout)) as u32, dense: 1 },
     );
     let places = dense.places(&layout) as u32;
-    if let Some(packed) = pack(&form, places, &plain, Effort::Small) {
+    if let Some(packed) = pack(&form, places, &plain) {
         assert!(packed.len() < plain.len());
         assert_eq!(unpack(&form, places, 0, &packed), Ok(plain));
     }
@@ -240,7 +245,7 @@ fn what_is_smooth_becomes_small() {
         }
         let states = (0..4).map(|child| u32::from(INNER) << (2 * child)).sum();
         layout.write_head(&mut plain[..layout.size], RecordHead { states, skip: (places) as u32, dense: 1 });
-        let packed = pack(&form, places as u32, &plain, Effort::Fast).unwrap();
+        let packed = pack(&form, places as u32, &plain).unwrap();
         assert_eq!(unpack(&form, places as u32, 0, &packed).as_ref(), Ok(&plain));
         plain.len() / packed.len()
     });
@@ -269,7 +274,7 @@ fn damaged_segments_are_told() {
         let form = Form::new(dimension, ValueType::new(SampleType::U8, 1));
         let form = segment(form, 7, kind, rule);
         let (places, plain) = random_segment(form, 3, 5);
-        let packed = pack(&form, places, &plain, Effort::Small).unwrap();
+        let packed = pack(&form, places, &plain).unwrap();
         for length in 0..packed.len().min(64) {
             assert!(unpack(&form, places, 0, &packed[..length]).is_err());
         }
@@ -305,8 +310,8 @@ fn records_that_claim_others_are_not_packed() {
     for record in plain.chunks_exact_mut(layout.size) {
         layout.write_head(record, RecordHead { states: 0b1010_1010, skip: 0, dense: 0 });
     }
-    assert_eq!(pack(&form, 64, &plain, Effort::Small), None);
-    assert_eq!(pack(&form, 65, &plain, Effort::Small), None);
+    assert_eq!(pack(&form, 64, &plain), None);
+    assert_eq!(pack(&form, 65, &plain), None);
 }
 
 /// Runs of random trees of several heights.
@@ -347,13 +352,17 @@ fn runs_come_back_in_fewer_bytes_than_one_by_one() {
                 let beside: Vec<u8> = (0..seed * 3).map(|at| (at % 5) as u8).collect();
                 let length = beside.len() + runs.iter().map(|run| run.records.len()).sum::<usize>();
                 let slices = as_slices(&runs);
-                let Some(packed) = pack_runs(&form, &slices, &beside, Effort::Fast) else {
+                let Some(packed) = pack_runs(&form, &slices, &beside) else {
                     assert_ne!(kind, Kind::Categorical, "{form:?}");
                     continue;
                 };
-                let unpacked = unpack_runs(&form, runs.len(), length, &packed).unwrap();
-                assert_eq!((unpacked.runs, unpacked.beside), (runs.clone(), beside), "{form:?}");
-                let alone = slices.iter().map(|run| pack_runs(&form, &[*run], &[], Effort::Fast));
+                let others = [Model::Names, Model::Numbers];
+                let others = others.map(|model| pack_runs_by(model, &form, &slices, &beside));
+                for packed in others.iter().flatten().chain([&packed]) {
+                    let unpacked = unpack_runs(&form, runs.len(), length, packed).unwrap();
+                    assert_eq!((&unpacked.runs, &unpacked.beside), (&runs, &beside), "{form:?}");
+                }
+                let alone = slices.iter().map(|run| pack_runs(&form, &[*run], &[]));
                 let alone: usize =
                     alone.zip(&runs).map(|(one, run)| one.map_or(run.records.len(), |one| one.len())).sum();
                 assert!(kind == Kind::Continuous || packed.len() < alone, "{} {alone}", packed.len());
@@ -375,7 +384,7 @@ fn damaged_runs_are_told() {
         let runs = random_runs(&form, 20, 5);
         let beside = b"what belongs to them".repeat(3);
         let length = beside.len() + runs.iter().map(|run| run.records.len()).sum::<usize>();
-        let packed = pack_runs(&form, &as_slices(&runs), &beside, Effort::Small).unwrap();
+        let packed = pack_runs(&form, &as_slices(&runs), &beside).unwrap();
         for _ in 0..500 {
             let damaged = damaged(&packed, &mut random);
             if let Ok(unpacked) = unpack_runs(&form, runs.len(), length, &damaged) {

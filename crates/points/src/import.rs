@@ -10,13 +10,15 @@ use crate::las::LasFiles;
 use crate::query::PointCondition;
 use crate::source::{ChosenPoints, GriddedPoints, PointSource};
 use crate::tables::{self, Table, is_point_table};
+use serde::{Deserialize, Serialize};
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Metadata;
 use spinney_crs::Crs;
 
 /// Options of building a tree of files.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct PointImportOptions {
     /// How the tree is built.
     pub build: PointBuildOptions,

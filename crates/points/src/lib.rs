@@ -11,7 +11,6 @@ mod export;
 mod grid;
 mod import;
 pub mod las;
-pub mod memory;
 mod query;
 pub mod shard;
 mod source;

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use anyhow::{Result, ensure};
-use spinney::store::{self, Codec, Effort, WriteOptions};
+use anyhow::Result;
+use spinney::store::{self, Codec, WriteOptions};
 
 use super::super::exact;
 use super::Memory;
@@ -15,9 +15,6 @@ pub(crate) struct Packing {
     /// take few bytes and are unpacked when they are used; for .goblin files
     #[arg(long, value_name = "plain|packed", default_value = "plain")]
     codec: Codec,
-    /// Effort of packing: fast, or small for fewer bytes in more time, but for exact models, where both are one [default: fast]
-    #[arg(long, value_name = "fast|small", value_parser = store::Packing::effort_named)]
-    effort: Option<Effort>,
     /// By how much samples of cells may differ from what they were: they are rounded to multiples of a power of two, which packed
     /// segments need few digits for; coarser levels and statistics are those of the rounded cells. Not for classes
     #[arg(long, value_name = "E")]
@@ -25,44 +22,31 @@ pub(crate) struct Packing {
 }
 
 impl Packing {
-    /// Codec, effort, and greatest error.
-    ///
-    /// # Errors
-    /// If there is nothing to make an effort at.
-    pub(crate) fn choice(&self) -> Result<store::Packing> {
-        let is_plain = self.codec == Codec::Plain;
-        ensure!(!(is_plain && self.effort.is_some()), "--effort is for --codec packed");
+    /// Codec and maximum error.
+    pub(crate) fn choice(&self) -> store::Packing {
         let packing = match self.codec {
             Codec::Plain => store::Packing::default(),
-            Codec::Packed => store::Packing::packed(self.effort.unwrap_or_default()),
+            Codec::Packed => store::Packing::packed(),
         };
-        Ok(packing.max_error(self.max_error))
+        packing.max_error(self.max_error)
     }
 
-    /// The way in which a tree is written, with so much memory.
-    ///
-    /// # Errors
-    /// Those of [`Packing::choice`].
-    pub(crate) fn with(&self, memory: Memory) -> Result<WriteOptions> {
-        Ok(WriteOptions::new(memory.bytes).packing(self.choice()?))
+    /// Options for writing a tree with so much memory.
+    pub(crate) fn with(&self, memory: Memory) -> WriteOptions {
+        WriteOptions::new(memory.bytes).packing(self.choice())
     }
 
-    /// The codec of an exact model, in which nothing is rounded and there is one effort; one of the models that it is made of is told.
+    /// The codec of an exact model. `input`, one of its sources, is for messages.
     ///
     /// # Errors
-    /// Those of [`Packing::choice`], and if something is to be rounded.
+    /// If a maximum error is given: nothing in exact models is rounded.
     pub(crate) fn of_model(&self, input: &Path) -> Result<Codec> {
-        let store::Packing { codec, max_error, .. } = self.choice()?;
-        exact::refuse(input, &[("--max-error", max_error.is_some())])?;
-        Ok(codec)
+        exact::refuse(input, &[("--max-error", self.max_error.is_some())])?;
+        Ok(self.codec)
     }
 
     /// The options that were given, for outputs that have no segments.
-    pub(crate) fn given(&self) -> [(&'static str, bool); 3] {
-        [
-            ("--codec", self.codec != Codec::Plain),
-            ("--effort", self.effort.is_some()),
-            ("--max-error", self.max_error.is_some()),
-        ]
+    pub(crate) fn given(&self) -> [(&'static str, bool); 2] {
+        [("--codec", self.codec != Codec::Plain), ("--max-error", self.max_error.is_some())]
     }
 }

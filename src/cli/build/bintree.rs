@@ -52,7 +52,7 @@ impl BintreeImport {
             BuildOptions::new(kind.unwrap_or(Kind::Continuous), tree.depth()).memory(common.memory.bytes);
         options.rule = rule.unwrap_or(options.rule);
         (options.share, options.time) = (common.share, common.time);
-        options.packing = common.packing.choice()?;
+        options.packing = common.packing.choice();
         let description = vec![
             ("input", format!("{name}: a bintree of {} nodes, {}", tree.nodes().len(), tree.form())),
             ("kind", options.kind.to_string()),

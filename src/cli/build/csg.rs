@@ -48,7 +48,7 @@ impl PrimitivesImport {
         options.snap = solids.snap;
         options.unit.clone_from(&solids.unit);
         options.crs.clone_from(&common.crs);
-        options.codec = common.packing.choice()?.codec;
+        options.codec = common.packing.choice().codec;
         options.memory = common.memory.bytes;
         let count = csg.primitives();
         let plural = if count == 1 { "" } else { "s" };

@@ -43,7 +43,7 @@ impl ExactImport {
         options.up = solids.up.unwrap_or_default();
         options.unit = solids.unit.clone();
         options.crs = common.crs.clone();
-        options.codec = common.packing.choice()?.codec;
+        options.codec = common.packing.choice().codec;
         options.memory = common.memory.bytes;
         let of = |model: &dyn Model| {
             let info = model.info();

@@ -132,7 +132,7 @@ impl FeatureArgs {
         (options.edge, options.fractions) = (edge.unwrap_or_default(), self.fractions);
         (options.kind, options.rule) = pictures.kind_and_rule();
         (options.depth, options.crs, options.share, options.time) = (*depth, crs.clone(), *share, *time);
-        options.packing = common.packing.choice()?;
+        options.packing = common.packing.choice();
         options.memory = memory.bytes;
         options.features = FeatureOptions {
             layer: pictures.layer.clone(),

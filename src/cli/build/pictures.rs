@@ -262,7 +262,7 @@ impl PictureArgs {
             Some(Transform::Volume(_)) => bail!("--transform: pictures have six numbers: a,b,c,d,e,f"),
         };
         options.keep_transparent = keep_transparent;
-        options.packing = common.packing.choice()?;
+        options.packing = common.packing.choice();
         options.memory = Some(memory.bytes);
         Ok(options)
     }
@@ -316,7 +316,7 @@ impl PictureArgs {
                 )
             }
         };
-        options.packing = common.packing.choice()?;
+        options.packing = common.packing.choice();
         options.memory = Some(memory.bytes);
         Ok(options)
     }

@@ -244,7 +244,7 @@ impl SolidArgs {
         options.up = self.up.unwrap_or_default();
         options.unit = self.unit.clone().or(unit.map(String::from));
         options.crs = crs.clone();
-        options.packing = common.packing.choice()?;
+        options.packing = common.packing.choice();
         options.memory = memory.bytes;
         (options.share, options.time) = (*share, *time);
         if self.shell && self.edge.is_some() {

@@ -71,7 +71,7 @@ impl SurfaceArgs {
             bail!("{option}: means nothing for a surface");
         }
         let names = self.tin.clone().unwrap_or_default();
-        let packing = common.packing.choice()?;
+        let packing = common.packing.choice();
         let provenance = format!("{}: triangulated surface of {}", input.display(), names.join(", "));
         let target = match solids.brep {
             false => {

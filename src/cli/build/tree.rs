@@ -26,7 +26,7 @@ pub(super) struct TreeImport {
 pub(in super::super) fn spec(inputs: &[PathBuf], pictures: &PictureArgs, common: &Common) -> Result<JobSpec> {
     let input = only_tree(inputs, pictures, common)?;
     let other = rebuild(input, open(input)?.header().form.axes(), pictures, common)?;
-    Ok(JobSpec::Rebuild { input: input.into(), other, packing: common.packing.choice()? })
+    Ok(JobSpec::Rebuild { input: input.into(), other, packing: common.packing.choice() })
 }
 
 /// The tree among the inputs, which has to be the only one, and for which all options are.
@@ -68,7 +68,7 @@ impl TreeImport {
         let other = rebuild(input, tree.header().form.axes(), pictures, common)?;
         let mut options = tree.rebuild_options(&other, common.memory.bytes)?;
         (options.share, options.time) = (common.share, common.time);
-        options.packing = common.packing.choice()?;
+        options.packing = common.packing.choice();
         let description = vec![
             ("input", format!("{name}: a {} file, {}", tree.format().name(), tree.header().form)),
             ("kind", options.kind.to_string()),

@@ -130,7 +130,7 @@ pub(super) fn run(args: Args, global: &Global) -> Result<()> {
 
 pub(super) fn transform(args: &TransformArgs, global: &Global) -> Result<()> {
     let TransformArgs { chain, job, packing } = args;
-    let (chain, packing) = (chain.chain()?, packing.choice()?);
+    let (chain, packing) = (chain.chain()?, packing.choice());
     let name = chain.path.display();
     if points::open(&chain.path)?.is_some() {
         bail!("{name}: is a tree of points, which is not transformed in shards")
@@ -143,7 +143,7 @@ pub(super) fn transform(args: &TransformArgs, global: &Global) -> Result<()> {
 
 pub(super) fn combine(args: &CombineArgs, global: &Global) -> Result<()> {
     let CombineArgs { merging, job, packing } = args;
-    job.plan(&merging.spec(packing.choice()?)?, global)
+    job.plan(&merging.spec(packing.choice())?, global)
 }
 
 impl JobArgs {

@@ -4,9 +4,11 @@ use std::fmt;
 use std::str::FromStr;
 
 use crate::{Error, Result};
+use serde::{Deserialize, Serialize};
 
 /// The rule by which cells belong to a polygon or a body whose edge passes through them.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum EdgeRule {
     /// A cell belongs to it whole if its centre is inside, else not at all.
     #[default]

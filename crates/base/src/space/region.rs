@@ -1,7 +1,10 @@
 //! Boxes of cells.
 
+use serde::{Deserialize, Serialize};
+
 /// A half-open box of cells on a plane: columns `x .. x + width`, rows `y .. y + height`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Region {
     /// First column.
     pub x: u64,

@@ -4,9 +4,11 @@ use std::fmt;
 use std::str::FromStr;
 
 use crate::Error;
+use serde::{Deserialize, Serialize};
 
 /// The axis of coordinates that points up.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Up {
     /// The second, as in many modelling programs; north is then against z.
     Y,

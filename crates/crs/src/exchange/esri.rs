@@ -1,9 +1,8 @@
 //! Well-known text of version 1 as Esri has it: what `.prj` files of shapefiles hold.
 
-use super::methods;
 use super::parts::{Earth, Horizontal, Parts};
 use super::text::Text;
-use crate::projection::methods::Measure;
+use crate::methods::{self, Measure};
 use crate::projection::shift::Shift;
 use crate::projection::system::Name;
 use crate::registry::{esri_name, meridian_at};
@@ -33,7 +32,7 @@ pub(super) fn write(parts: &Parts) -> Result<String, String> {
         geographic(&mut text, earth);
         return Ok(with_heights(text, parts));
     };
-    let (method, parameters) = methods::find(words, values)?.esri_parameters(values)?;
+    let (method, parameters) = methods::find_words(words, values)?.esri_parameters(values)?;
     text.node("PROJCS", &mut |text| {
         text.quoted(&esri_name("", &earth.name()));
         geographic(text, earth);

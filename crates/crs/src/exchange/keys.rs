@@ -1,9 +1,8 @@
 //! Keys of GeoTIFF files for systems that came in other forms.
 
-use super::methods;
 use super::parts::{Earth, Horizontal, Parts};
 use crate::definition::geo_keys::{GEOGRAPHIC, GeoKeys, GeoKeysBuilder, PROJECTED, USER_DEFINED, key};
-use crate::projection::methods::Measure;
+use crate::methods::{self, Measure};
 use crate::projection::shift::Shift;
 use crate::projection::system::Name;
 
@@ -36,7 +35,7 @@ pub(super) fn write(parts: &Parts) -> Result<GeoKeys, String> {
             return Err("northings before eastings, which GeoTIFF's keys cannot say without a number".into());
         }
         Some((words, values)) => {
-            let written = methods::find(words, values)?;
+            let written = methods::find_words(words, values)?;
             if written.key == 0 {
                 return Err(format!("the method {}, which GeoTIFF's keys have not", written.name));
             }

@@ -2,7 +2,6 @@
 
 mod esri;
 mod keys;
-mod methods;
 mod parts;
 #[cfg(test)]
 mod tests;

@@ -1,10 +1,9 @@
 //! Well-known text of version 2 (ISO 19162:2019).
 
-use super::methods;
 use super::parts::{Earth, Horizontal, Parts, Vertical, inverse_flattening};
 use super::text::Text;
+use crate::methods::{self, Measure};
 use crate::projection::axis::Axis;
-use crate::projection::methods::Measure;
 use crate::projection::shift::Shift;
 use crate::projection::system::Name;
 use crate::registry::{Ellipsoid, meridian_at};
@@ -145,7 +144,7 @@ fn system(text: &mut Text, earth: &Earth) -> Result<(), String> {
         });
         return Ok(());
     };
-    let written = methods::find(words, values)?;
+    let written = methods::find_words(words, values)?;
     let pole = methods::pole(words, values);
     let axes = match (&earth.axes[..], pole) {
         ([], Some(latitude)) => {

@@ -111,7 +111,7 @@ const KNOWN: &[(&str, u16)] = &[
 pub(crate) fn key(name: &str) -> String {
     let name = name.strip_prefix("D_").unwrap_or(name);
     let name = name.strip_suffix(" ensemble").unwrap_or(name);
-    super::methods::key(name)
+    crate::methods::key(name)
 }
 
 /// The geographic system of the registry with the datum of this name.

@@ -5,35 +5,11 @@ use super::shift::Shift;
 use super::system::{Base, Conversion, Name, Parameter, System, Unit, check_ellipsoid, degrees, half_axes};
 use super::wkt;
 use crate::definition::geo_keys::{GEOGRAPHIC, GeoKeys, PROJECTED, USER_DEFINED, key};
+use crate::methods;
 use crate::registry::{Ellipsoid, Geographic, meridian_numbered};
 
 /// The prime meridian of Greenwich.
 const GREENWICH: u16 = 8901;
-
-/// Methods by their numbers, and by a name that definitions have.
-const METHODS: [(u16, &str); 21] = [
-    (1, "Transverse_Mercator"),
-    (3, "Hotine_Oblique_Mercator"),
-    (7, "Mercator"),
-    (8, "Lambert_Conformal_Conic_2SP"),
-    (9, "Lambert_Conformal_Conic_1SP"),
-    (10, "Lambert_Azimuthal_Equal_Area"),
-    (11, "Albers_Conic_Equal_Area"),
-    (12, "Azimuthal_Equidistant"),
-    (13, "Equidistant_Conic"),
-    (14, "Stereographic"),
-    (15, "Polar_Stereographic"),
-    (16, "Oblique_Stereographic"),
-    (17, "Equirectangular"),
-    (18, "Cassini_Soldner"),
-    (19, "Gnomonic"),
-    (21, "Orthographic"),
-    (22, "Polyconic"),
-    (23, "Robinson"),
-    (24, "Sinusoidal"),
-    (28, "Cylindrical_Equal_Area"),
-    (9815, "Hotine_Oblique_Mercator_Azimuth_Center"),
-];
 
 /// Keys of parameters, and the names that the parameters have in definitions.
 const PARAMETERS: [(u16, &str); 19] = [
@@ -204,8 +180,7 @@ fn conversion(keys: &GeoKeys) -> Result<Conversion, String> {
         return zone(number).ok_or_else(|| format!("the projection with the number {number}"));
     }
     let number = keys.number(key::PROJECTION_METHOD).ok_or("a plane without a method")?;
-    let method = METHODS.iter().find(|(own, _)| *own == number).map(|(_, name)| *name);
-    let method = method.ok_or_else(|| format!("the method with the number {number}"))?;
+    let method = methods::coded(number).ok_or_else(|| format!("the method with the number {number}"))?;
     let mut parameters: Vec<Parameter> = Vec::new();
     for (place, name) in PARAMETERS {
         let Some(value) = double(keys, place)? else { continue };
@@ -216,7 +191,9 @@ fn conversion(keys: &GeoKeys) -> Result<Conversion, String> {
         }
     }
     let has = |name: &str| parameters.iter().any(|own| own.name == name);
-    let method = if number == 7 && !has("standard_parallel_1") { "Mercator_1SP" } else { method };
+    // (Both variants of Mercator's have one number.)
+    let has_parallel = method.name == "Mercator (variant A)" && has("standard_parallel_1");
+    let method = if has_parallel { "Mercator (variant B)" } else { method.name };
     Ok(Conversion { method: method.into(), parameters })
 }
 

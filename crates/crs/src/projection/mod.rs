@@ -6,7 +6,6 @@ pub(crate) mod datum_names;
 mod definition;
 mod formula;
 pub(crate) mod geo_keys;
-pub(crate) mod methods;
 pub(crate) mod proj_string;
 pub(crate) mod projjson;
 mod read;

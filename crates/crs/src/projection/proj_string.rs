@@ -6,27 +6,22 @@ use proj4rs::Proj;
 
 use super::datum::Datum;
 use super::definition::Definition;
-use super::methods::Values;
 use super::shift::Shift;
 use super::system::{helmert, is_global};
 use super::words;
 use crate::definition::{metres_of_unit, parse_proj_string, proj_value};
+use crate::methods::{Values, words_of};
 
-/// Words that methods take besides those that all take.
-#[rustfmt::skip]
-const METHODS: &[(&str, &[&str])] = &[
-    ("longlat", &[]), ("latlong", &[]), ("lonlat", &[]), ("latlon", &[]),
-    ("merc", &["lon_0", "lat_ts", "k"]), ("webmerc", &["lon_0"]),
-    ("utm", &["zone", "south"]), ("tmerc", &["lat_0", "lon_0", "k"]), ("etmerc", &["lat_0", "lon_0", "k"]),
-    ("lcc", &["lat_0", "lon_0", "lat_1", "lat_2", "k"]), ("aea", &["lat_0", "lon_0", "lat_1", "lat_2"]),
-    ("eqdc", &["lat_0", "lon_0", "lat_1", "lat_2"]), ("laea", &["lat_0", "lon_0"]),
-    ("stere", &["lat_0", "lon_0", "lat_ts", "k"]), ("sterea", &["lat_0", "lon_0", "k"]), ("somerc", &["lat_0", "lon_0", "k"]),
-    ("omerc", &["lat_0", "lonc", "alpha", "gamma", "k", "no_uoff", "no_off"]), ("cass", &["lat_0", "lon_0"]),
-    ("cea", &["lon_0", "lat_ts"]), ("eqc", &["lon_0", "lat_ts"]), ("eqearth", &["lon_0"]),
-    ("mill", &["lon_0"]), ("moll", &["lon_0"]), ("poly", &["lat_0", "lon_0"]), ("robin", &["lon_0"]), ("sinu", &["lon_0"]),
-    ("aeqd", &["lat_0", "lon_0"]), ("ortho", &["lat_0", "lon_0"]), ("gnom", &["lat_0", "lon_0"]),
-    ("krovak", &["lat_0", "lon_0", "k"]),
-];
+/// Words that a method takes in addition to those that all take, none for longitude and latitude; nothing if there is no such method.
+fn taken_words(method: &str) -> Option<Vec<&'static str>> {
+    match method {
+        "longlat" | "latlong" | "lonlat" | "latlon" => Some(Vec::new()),
+        "utm" => Some(vec!["zone", "south"]),
+        "etmerc" => words_of("tmerc"),
+        "omerc" => words_of("omerc").map(|words| [&words[..], &["no_uoff", "no_off"]].concat()),
+        _ => words_of(method),
+    }
+}
 
 /// Words of the ellipsoid and of the datum.
 const FIGURES: [&str; 8] = ["ellps", "datum", "R", "a", "b", "rf", "towgs84", "nadgrids"];
@@ -189,8 +184,7 @@ pub(super) fn read(text: &str) -> Result<Definition, String> {
     let get = |name: &str| proj_value(&words, name);
     let has = |name: &str| words.iter().any(|(own, _)| *own == name);
     let method = get("proj").unwrap_or_default();
-    let (_, takes) =
-        METHODS.iter().find(|(own, _)| *own == method).ok_or_else(|| format!("the method {method}"))?;
+    let takes = taken_words(method).ok_or_else(|| format!("the method {method}"))?;
     let number = |name: &str| get(name).and_then(|value| value.parse::<f64>().ok());
     let is_geographic = takes.is_empty();
     let mut text = format!("+proj={}", if is_geographic { "longlat" } else { method });
@@ -202,7 +196,7 @@ pub(super) fn read(text: &str) -> Result<Definition, String> {
             let found = number(name).filter(|number| number.abs() <= *most);
             found.ok_or_else(|| format!("`{shown}`, which is no number in its range"))?;
         }
-        let own = if *name == "k_0" { "k" } else { name };
+        let own = if *name == "k" { "k_0" } else { name };
         match (*name, *value) {
             ("proj", _) => {}
             (name, _) if TOLD.contains(&name) => {}

@@ -1,8 +1,8 @@
 //! Shifts of datums that definitions tell as transformations.
 
 use super::datum::Datum;
-use super::methods::key;
 use super::system::{Conversion, Unit, helmert};
+use crate::methods::key;
 
 /// A shift of the datum to WGS 84 that a definition tells.
 #[derive(Clone, Debug)]

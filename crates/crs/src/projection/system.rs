@@ -8,9 +8,9 @@ use super::axis::Axis;
 use super::datum::Datum;
 use super::datum_names;
 use super::definition::Definition;
-use super::methods::{self, Values};
 use super::shift::Shift;
 use super::words;
+use crate::methods::{self, Values};
 use crate::registry::definition_of;
 
 /// The parts of a system of longitude and latitude, or of a plane.
@@ -234,7 +234,7 @@ impl System {
     pub(crate) fn projection(&self, conversion: &Conversion) -> Result<(&'static str, Values), String> {
         let name = &conversion.method;
         let method = methods::find(name).ok_or_else(|| format!("the method {name}"))?;
-        let (words, values) = method.words(name, self.values(conversion)?)?;
+        let (words, values) = method.read_words(name, self.values(conversion)?)?;
         if !method.takes(&self.axes, &values) {
             let directions: Vec<_> = self.axes.iter().map(|axis| axis.direction.as_str()).collect();
             return Err(format!("axes that go {} in the method {name}", directions.join(", ")));
@@ -249,12 +249,12 @@ impl System {
         for Parameter { name, value, unit } in &conversion.parameters {
             let unknown = || format!("the parameter {name} of the method {}", conversion.method);
             let role = method.role(name).ok_or_else(unknown)?;
-            let unit = unit.unwrap_or(match role.measure() {
+            let unit = unit.unwrap_or(match role.measure {
                 methods::Measure::Angle => Unit::Angle(self.base.angle),
                 methods::Measure::Length => Unit::Length(self.unit),
                 methods::Measure::Scale => Unit::Scale(1.0),
             });
-            let (value, most) = match (role.measure(), unit) {
+            let (value, most) = match (role.measure, unit) {
                 (methods::Measure::Angle, Unit::Angle(radians)) => (degrees(*value, radians), 360.0),
                 (methods::Measure::Length, Unit::Length(metres)) if LENGTHS.contains(&metres) => {
                     (value * metres, 1e10)
@@ -265,10 +265,10 @@ impl System {
             if !(-most..=most).contains(&value) {
                 return Err(format!("{} with the value {value:?}", unknown()));
             }
-            if values.iter().any(|(word, _)| *word == role.word()) {
+            if values.iter().any(|(word, _)| *word == role.word) {
                 return Err(format!("{} twice", unknown()));
             }
-            values.push((role.word(), value));
+            values.push((role.word, value));
         }
         Ok(values)
     }

@@ -2,10 +2,11 @@
 
 use super::axis::Axis;
 use super::definition::Definition;
+use super::proj_string;
 use super::shift::{self, Shift};
 use super::system::{Base, Conversion, Name, Parameter, System, Unit, degrees, half_axes};
-use super::{methods, proj_string};
 use crate::definition::{BOUND, GEOGRAPHIC, WktNode, parse_wkt};
+use crate::methods;
 
 /// Keywords of systems of planes that can be computed.
 const PROJECTED: [&str; 3] = ["PROJCS", "PROJCRS", "PROJECTEDCRS"];

@@ -3,13 +3,15 @@
 use super::{Dataset, Tree};
 use crate::ops::{TreeFile, View, ViewSource, build_again};
 use crate::store::{BuildOptions, TreeTarget};
+use serde::{Deserialize, Serialize};
 use spinney_base::io::Output;
 use spinney_base::value::{Kind, Rule};
 use spinney_base::{Error, Progress, Result};
 use spinney_crs::Crs;
 
 /// Properties that a tree is to have in place of those of the dataset that it is built of.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Rebuild {
     /// Kind of the values; with another one, the rule is the usual one for it.
     pub kind: Option<Kind>,
@@ -18,6 +20,7 @@ pub struct Rebuild {
     /// Levels of the tree.
     pub depth: Option<u8>,
     /// Map from cells to the world.
+    #[serde(with = "spinney_base::text_fields")]
     pub matrix: Option<[[f64; 4]; 3]>,
     /// Coordinate system.
     pub crs: Option<Crs>,

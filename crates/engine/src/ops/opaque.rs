@@ -5,8 +5,8 @@ use std::sync::Arc;
 use super::affine::View;
 use super::view_source::{ViewSource, ViewSourceNode};
 use crate::tree::{Child, Children, Source};
-use spinney_base::Result;
 use spinney_base::value::{Mask, ValueType};
+use spinney_base::{Form, Result};
 
 /// A source whose transparent cells are VOID. Levels above the cells are what they are: nothing that is transparent is in them.
 pub struct Opaque {
@@ -20,27 +20,35 @@ impl Opaque {
         &self.source
     }
 
-    pub(super) fn root(&self) -> Result<Child<ViewSourceNode>> {
-        Ok(self.seen(self.source.root()?))
-    }
-
-    pub(super) fn children(
-        &self,
-        node: &ViewSourceNode,
-        children: &mut Children<ViewSourceNode>,
-    ) -> Result<()> {
-        self.source.children(node, children)?;
-        for child in children.iter_mut() {
-            *child = self.seen(*child);
-        }
-        Ok(())
-    }
-
     fn seen(&self, child: Child<ViewSourceNode>) -> Child<ViewSourceNode> {
         match child {
             Child::Leaf(value) if self.value_type.is_transparent(value) => Child::Void,
             child => child,
         }
+    }
+}
+
+impl Source for Opaque {
+    type Node = ViewSourceNode;
+
+    fn form(&self) -> Form {
+        self.source.form()
+    }
+
+    fn depth(&self) -> u8 {
+        self.source.depth()
+    }
+
+    fn root(&self) -> Result<Child<ViewSourceNode>> {
+        Ok(self.seen(self.source.root()?))
+    }
+
+    fn children(&self, node: &ViewSourceNode, children: &mut Children<ViewSourceNode>) -> Result<()> {
+        self.source.children(node, children)?;
+        for child in children.iter_mut() {
+            *child = self.seen(*child);
+        }
+        Ok(())
     }
 }
 

@@ -4,10 +4,12 @@ use std::fmt;
 
 use super::coverage;
 use crate::store::builder::{Join, MergeAction, MergeState, MergeTable, Merging};
+use serde::{Deserialize, Serialize};
 use spinney_base::value::{Rule, Value};
 
 /// Choice of the value where both trees have one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Prefer {
     /// The first tree's.
     First,
@@ -23,7 +25,8 @@ pub enum Prefer {
 /// assert_eq!(union, Some(Operation::Set { number: 7, prefer: Prefer::First }));
 /// assert_eq!(union.unwrap().to_string(), "union");
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Operation {
     /// One of the sixteen set operations on presence (Tyukachev): bit 0 of the number says that cells of both
     /// belong to the result, bit 1 those of the first alone, bit 2 those of the second alone, bit 3 those of

@@ -1,6 +1,7 @@
 //! The universe of complements: where a set operation may make cells present that none of its trees has.
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 use super::affine::{AffineMap, View};
 use crate::store::depth_for;
@@ -10,7 +11,8 @@ use spinney_base::{Error, Result};
 use spinney_crs::Frame;
 
 /// The universe of operations that fill what is in none of their trees.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Universe {
     /// A raster's picture, an octree's root: the smallest cube of a power of two of cells that holds all trees.
     #[default]
@@ -18,7 +20,10 @@ pub enum Universe {
     /// The trees' pictures, and so many cells more on every side.
     Margin(u32),
     /// A box of the world: its least and largest coordinates. (z does not matter to rasters.)
-    Within([f64; 3], [f64; 3]),
+    Within(
+        #[serde(with = "spinney_base::text_fields")] [f64; 3],
+        #[serde(with = "spinney_base::text_fields")] [f64; 3],
+    ),
 }
 
 /// How far cells may be taken from where they are: beyond, no tree is deep enough.

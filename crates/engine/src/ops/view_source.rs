@@ -295,50 +295,27 @@ impl ViewSource {
         node_of: impl Fn(ViewSourceNode) -> N,
     ) -> Result<()> {
         match (self, node) {
-            (ViewSource::Opaque(tree), node) => {
-                let mut found = no_children();
-                tree.children(node, &mut found)?;
-                hand_on(&found, children, tree.source().form(), node_of);
-                Ok(())
-            }
+            (ViewSource::Opaque(tree), node) => children_of(&**tree, node, children, node_of),
             (ViewSource::File(file), ViewSourceNode::File(node)) => {
                 file.children_as(node, children, |node| node_of(ViewSourceNode::File(node)))
             }
             (ViewSource::Patched(tree), ViewSourceNode::Patched(node)) => {
-                let mut found = no_children();
-                tree.children(node, &mut found)?;
-                hand_on(&found, children, tree.form(), |node| node_of(ViewSourceNode::Patched(node)));
-                Ok(())
+                children_of(tree, node, children, |node| node_of(ViewSourceNode::Patched(node)))
             }
             (ViewSource::Memory(memory), ViewSourceNode::Memory(node)) => {
-                let mut found = no_children();
-                memory.tree.children(node, &mut found)?;
-                hand_on(&found, children, memory.tree.form(), |node| node_of(ViewSourceNode::Memory(node)));
-                Ok(())
+                children_of(&memory.tree, node, children, |node| node_of(ViewSourceNode::Memory(node)))
             }
             (ViewSource::Warped(tree), ViewSourceNode::Warped(node)) => {
-                let mut found = no_children();
-                tree.children(node, &mut found)?;
-                hand_on(&found, children, tree.form(), |node| node_of(ViewSourceNode::Warped(node)));
-                Ok(())
+                children_of(&**tree, node, children, |node| node_of(ViewSourceNode::Warped(node)))
             }
             (ViewSource::Calculated(tree), ViewSourceNode::Calculated(node)) => {
-                let mut found = no_children();
-                tree.children(node, &mut found)?;
-                hand_on(&found, children, tree.form(), |node| node_of(ViewSourceNode::Calculated(node)));
-                Ok(())
+                children_of(&**tree, node, children, |node| node_of(ViewSourceNode::Calculated(node)))
             }
             (ViewSource::Regions(tree), ViewSourceNode::Regions(node)) => {
-                let mut found = no_children();
-                tree.children(node, &mut found)?;
-                hand_on(&found, children, tree.form(), |node| node_of(ViewSourceNode::Regions(node)));
-                Ok(())
+                children_of(&**tree, node, children, |node| node_of(ViewSourceNode::Regions(node)))
             }
             (ViewSource::Blockwise(tree), ViewSourceNode::Blockwise(node)) => {
-                let mut found = no_children();
-                tree.children(node, &mut found)?;
-                hand_on(&found, children, tree.form(), |node| node_of(ViewSourceNode::Blockwise(node)));
-                Ok(())
+                children_of(&**tree, node, children, |node| node_of(ViewSourceNode::Blockwise(node)))
             }
             _ => Err(other_node(self.name())),
         }
@@ -378,17 +355,20 @@ pub(super) fn check_form((name, form): (&Path, Form), (other, expected): (&Path,
     Err(Error::invalid(name.display().to_string(), form.to_string(), expected))
 }
 
-/// Writes children with other nodes.
+/// Writes the children of a source's node with other nodes.
 #[inline]
-fn hand_on<M: Copy, N>(
-    found: &Children<M>,
+fn children_of<S: Source, N>(
+    tree: &S,
+    node: &S::Node,
     children: &mut Children<N>,
-    form: Form,
-    node_of: impl Fn(M) -> N,
-) {
-    for (child, found) in children.iter_mut().zip(found).take(form.children()) {
+    node_of: impl Fn(S::Node) -> N,
+) -> Result<()> {
+    let mut found = no_children();
+    tree.children(node, &mut found)?;
+    for (child, found) in children.iter_mut().zip(found).take(tree.form().children()) {
         *child = found.map_node(&node_of);
     }
+    Ok(())
 }
 
 impl From<TreeFile> for ViewSource {

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use super::builder::Packing;
 use super::goblin::{LightFile, Shard, ShardPiece, merge_shards};
-use super::{BuildOptions, Effort, Slab, Slabs, TreeWriter};
+use super::{BuildOptions, Slab, Slabs, TreeWriter};
 use crate::tree::{Child, Children, Source};
 use spinney_base::io::Output;
 use spinney_base::space::{Code, CodeRun, Dimension};
@@ -243,8 +243,7 @@ fn compare(layers: &[Layer], counts: &[u64]) {
         for shard in shards.iter().rev() {
             write(TreeWriter::shard(&head, shard.clone()).unwrap(), layers).unwrap();
         }
-        let effort = layers[0].packing.effort;
-        merge_shards(&head, &shards, output("merged.goblin").into(), (1 << 20, effort), &()).unwrap();
+        merge_shards(&head, &shards, output("merged.goblin").into(), 1 << 20, &()).unwrap();
         assert!(fs::read(folder.join("merged.goblin")).unwrap() == whole, "{count} shards");
     }
 }
@@ -310,12 +309,10 @@ fn shards_count_more_classes_than_files_list() {
 
 #[test]
 fn shards_are_packed_and_rounded_as_files_are() {
-    for (effort, max_error, sample) in
-        [(Effort::Fast, None, SampleType::U8), (Effort::Small, Some(0.5), SampleType::F32)]
-    {
+    for (max_error, sample) in [(None, SampleType::U8), (Some(0.5), SampleType::F32)] {
         let mut layer = layer(Dimension::Quad, 10, [600, 520, 1]);
         layer.form.value = ValueType::new(sample, 1);
-        layer.packing = Packing { codec: Codec::Packed, effort, max_error };
+        layer.packing = Packing { codec: Codec::Packed, max_error };
         compare(&[layer], &[1, 7]);
     }
 }
@@ -360,7 +357,7 @@ fn small_job(folder: &Path) -> (std::path::PathBuf, Vec<Shard>) {
 
 fn merge(head: &Path, shards: &[Shard]) -> Result<()> {
     let output = Output::to_writer(Path::new("merged.goblin"), Box::new(io::sink()));
-    merge_shards(head, shards, output.into(), (1 << 20, Effort::Fast), &())
+    merge_shards(head, shards, output.into(), 1 << 20, &())
 }
 
 #[test]

@@ -125,7 +125,7 @@ impl TreeWriter {
     /// use spinney::io::Output;
     /// use spinney::space::{CodeRun, Dimension};
     /// use spinney::store::goblin::{Shard, ShardPiece, merge_shards};
-    /// use spinney::store::{BuildOptions, Effort, TreeWriter};
+    /// use spinney::store::{BuildOptions, TreeWriter};
     /// use spinney::tree::{Form, MemTree};
     /// use spinney::value::{Kind, Rule, SampleType, ValueType};
     ///
@@ -147,7 +147,7 @@ impl TreeWriter {
     /// let shard = Shard { folder: folder.into(), job: 1, number: 0, pieces };
     /// write(TreeWriter::shard(&head, shard.clone())?)?;
     /// let merged = folder.join("merged.goblin");
-    /// merge_shards(&head, &[shard], Output::create(&merged)?.into(), (1 << 20, Effort::Fast), &())?;
+    /// merge_shards(&head, &[shard], Output::create(&merged)?.into(), 1 << 20, &())?;
     /// assert_eq!(std::fs::read(merged).unwrap(), std::fs::read(folder.join("whole.goblin")).unwrap());
     /// # Ok(())
     /// # }

@@ -8,11 +8,11 @@ use crate::attribute::{LineAttribute, ValueKind};
 use crate::codec::MOST_SEGMENTS;
 use crate::grid::LineGrid;
 use spinney_base::{Error, Result};
+use spinney_container::VersionedSection;
 
 /// Bytes that the section may have.
 const LIMIT: usize = 1 << 20;
-/// First number of the section: the version of the struct that follows.
-const VERSION: u32 = 1;
+const SECTION: VersionedSection<LIMIT> = VersionedSection { name: "lines", version: 1 };
 /// Attributes of features at most.
 const MOST_ATTRIBUTES: usize = 4096;
 
@@ -33,10 +33,6 @@ pub(crate) struct Summary {
     pub attributes: Vec<(String, u8)>,
 }
 
-fn config() -> impl bincode::config::Config {
-    bincode::config::standard().with_limit::<LIMIT>()
-}
-
 impl Summary {
     pub(crate) fn new(
         grid: &LineGrid,
@@ -52,29 +48,20 @@ impl Summary {
 
     /// The section's bytes.
     pub(crate) fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
-        let bytes = bincode::serde::encode_to_vec((VERSION, self), config()).ok();
-        bytes.filter(|bytes| bytes.len() <= LIMIT && self.attributes.len() <= MOST_ATTRIBUTES).ok_or_else(
-            || Error::TooLarge {
-                path: path.to_path_buf(),
-                what: "the description of the attributes".into(),
-                needed: LIMIT as u64 + 1,
-                limit: LIMIT as u64,
-                advice: "choose some of them with --attribute".into(),
-            },
-        )
+        let bytes = SECTION.encode(self).filter(|_| self.attributes.len() <= MOST_ATTRIBUTES);
+        bytes.ok_or_else(|| Error::TooLarge {
+            path: path.to_path_buf(),
+            what: "the description of the attributes".into(),
+            needed: LIMIT as u64 + 1,
+            limit: LIMIT as u64,
+            advice: "choose some of them with --attribute".into(),
+        })
     }
 
     /// Checks and understands the section.
     pub(crate) fn from_bytes(path: &Path, bytes: &[u8]) -> Result<(Summary, LineGrid, Vec<LineAttribute>)> {
         let corrupt = |found: String, expected: &str| Error::corrupt(path, "lines", found, expected);
-        let (version, used): (u32, usize) = bincode::serde::decode_from_slice(bytes, config())
-            .map_err(|error| corrupt(error.to_string(), "a version number"))?;
-        if version != VERSION {
-            let advice = "read it with a program as new as the file";
-            return Err(Error::unsupported(path, format!("lines of version {version}"), advice));
-        }
-        let (summary, _): (Summary, usize) = bincode::serde::decode_from_slice(&bytes[used..], config())
-            .map_err(|error| corrupt(error.to_string(), "the section of formats.md"))?;
+        let (summary, _): (Summary, usize) = SECTION.decode(path, bytes)?;
         let Summary { scale, offset, corner, bits, leaf_size, .. } = summary;
         if !(scale.is_finite() && scale > 0.0 && offset.iter().all(|number| number.is_finite())) {
             let found = format!("scale {scale}, offset {offset:?}");

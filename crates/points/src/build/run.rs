@@ -12,17 +12,20 @@ use crate::codec::MOST_POINTS;
 use crate::grid::PointGrid;
 use crate::source::{PointSchema, PointSource};
 use crate::store::{PointWriter, Summary};
+use serde::{Deserialize, Serialize};
 use spinney_base::io::{Output, folder};
 use spinney_base::space::Code;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Metadata;
 
 /// Options of building.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct PointBuildOptions {
     /// Points of a node that is not divided, at most; blocks have no more.
     pub leaf_size: usize,
     /// Bytes of memory that may be used, about.
+    #[serde(skip)]
     pub memory: u64,
 }
 

@@ -16,7 +16,7 @@ use crate::statistics::{Statistics, statistics_bytes};
 use crate::store::Entry;
 use spinney_base::space::Code;
 use spinney_base::{Error, Result};
-use spinney_container::{BlockEntry, BlockFile, Content, List, OpenOptions};
+use spinney_container::{BlockEntry, BlockFile, Content, List, OpenOptions, VersionedSection};
 
 /// Tag of the section that says which shard this is.
 pub(super) const LIGHT: [u8; 4] = *b"SHRD";
@@ -26,10 +26,8 @@ pub(super) const BLOCKS: [u8; 4] = *b"SBLK";
 pub(super) const NODES: [u8; 4] = *b"SNOD";
 pub(super) const ROWS: [u8; 4] = *b"SROW";
 
-/// First number of the section: the version of all that is in the file.
-const VERSION: u32 = 1;
-/// Bytes that the section may have.
-const LIMIT: usize = 1 << 10;
+/// The section, whose version is that of all that is in the file.
+const SECTION: VersionedSection<1024> = VersionedSection { name: "shard", version: 1 };
 
 /// An entry of the list of blocks of rows.
 pub(super) type RowEntry = BlockEntry<0>;
@@ -77,10 +75,6 @@ pub(super) struct LightSummary {
     pub duplicates: u64,
 }
 
-fn config() -> impl bincode::config::Config {
-    bincode::config::standard().with_limit::<LIMIT>()
-}
-
 impl LightSummary {
     /// That of a shard of which nothing is there yet.
     pub(super) fn new(shard: &PointShard) -> LightSummary {
@@ -90,27 +84,17 @@ impl LightSummary {
     }
 
     pub(super) fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
-        let bytes = bincode::serde::encode_to_vec((VERSION, self), config());
-        bytes.map_err(|error| Error::corrupt(path, "summary", error.to_string(), "numbers"))
+        SECTION.encode(self).ok_or_else(|| Error::corrupt(path, "shard", "many bytes", "numbers"))
     }
 
     fn from_bytes(path: &Path, bytes: &[u8]) -> Result<LightSummary> {
-        let corrupt = |found: String| Error::corrupt(path, "shard", found, "what is known of a shard");
-        let (version, used): (u32, usize) =
-            bincode::serde::decode_from_slice(bytes, config()).map_err(|error| corrupt(error.to_string()))?;
-        if version != VERSION {
-            let advice = "use the program that has built the shard";
-            return Err(Error::unsupported(path, format!("a light file of version {version}"), advice));
-        }
-        let (summary, more): (LightSummary, usize) =
-            bincode::serde::decode_from_slice(&bytes[used..], config())
-                .map_err(|error| corrupt(error.to_string()))?;
-        match used + more == bytes.len()
-            && summary.points <= MOST_NUMBERS
-            && summary.duplicates <= summary.points
-        {
+        let (summary, used): (LightSummary, usize) = SECTION.decode(path, bytes)?;
+        match used == bytes.len() && summary.points <= MOST_NUMBERS && summary.duplicates <= summary.points {
             true => Ok(summary),
-            false => Err(corrupt(format!("{summary:?} in {} bytes", bytes.len()))),
+            false => {
+                let found = format!("{summary:?} in {} bytes", bytes.len());
+                Err(Error::corrupt(path, "shard", found, "what is known of a shard"))
+            }
         }
     }
 }

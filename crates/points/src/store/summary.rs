@@ -12,11 +12,11 @@ use crate::grid::PointGrid;
 use spinney_base::space::Dimension;
 use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
+use spinney_container::VersionedSection;
 
 /// Bytes that the section may have.
 const LIMIT: usize = 1 << 20;
-/// First number of the section: the version of the struct that follows.
-const VERSION: u32 = 1;
+const SECTION: VersionedSection<LIMIT> = VersionedSection { name: "points", version: 1 };
 /// Attributes of points at most.
 pub(crate) const MOST_ATTRIBUTES: usize = 4096;
 
@@ -45,10 +45,6 @@ pub(crate) struct StoredAttribute {
     pub description: String,
 }
 
-fn config() -> impl bincode::config::Config {
-    bincode::config::standard().with_limit::<LIMIT>()
-}
-
 impl Summary {
     /// The description of an encoder's blocks.
     pub(crate) fn new(encoder: &Encoder, leaf_size: usize, summary: BuildSummary) -> Summary {
@@ -73,16 +69,14 @@ impl Summary {
 
     /// The section's bytes.
     pub(crate) fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
-        let bytes = bincode::serde::encode_to_vec((VERSION, self), config()).ok();
-        bytes.filter(|bytes| bytes.len() <= LIMIT && self.attributes.len() <= MOST_ATTRIBUTES).ok_or_else(
-            || Error::TooLarge {
-                path: path.to_path_buf(),
-                what: "the description of the attributes".into(),
-                needed: LIMIT as u64 + 1,
-                limit: LIMIT as u64,
-                advice: "choose some of them with --attribute".into(),
-            },
-        )
+        let bytes = SECTION.encode(self).filter(|_| self.attributes.len() <= MOST_ATTRIBUTES);
+        bytes.ok_or_else(|| Error::TooLarge {
+            path: path.to_path_buf(),
+            what: "the description of the attributes".into(),
+            needed: LIMIT as u64 + 1,
+            limit: LIMIT as u64,
+            advice: "choose some of them with --attribute".into(),
+        })
     }
 
     /// Checks and understands the section of a tree with so many axes.
@@ -92,14 +86,7 @@ impl Summary {
         dimension: Dimension,
     ) -> Result<(Summary, PointGrid, RowLayout)> {
         let corrupt = |found: String, expected: &str| Error::corrupt(path, "points", found, expected);
-        let (version, used): (u32, usize) = bincode::serde::decode_from_slice(bytes, config())
-            .map_err(|error| corrupt(error.to_string(), "a version number"))?;
-        if version != VERSION {
-            let advice = "read it with a program as new as the file";
-            return Err(Error::unsupported(path, format!("points of version {version}"), advice));
-        }
-        let (summary, _): (Summary, usize) = bincode::serde::decode_from_slice(&bytes[used..], config())
-            .map_err(|error| corrupt(error.to_string(), "the section of formats.md"))?;
+        let (summary, _): (Summary, usize) = SECTION.decode(path, bytes)?;
         let numbers = summary.scale.iter().chain(&summary.offset);
         if !numbers.clone().all(|number| number.is_finite())
             || summary.scale.iter().any(|scale| *scale <= 0.0)

@@ -6,13 +6,15 @@ use std::path::Path;
 use std::str::FromStr;
 
 use super::{Pixels, Raster, RasterInfo};
+use serde::{Deserialize, Serialize};
 use spinney_base::space::Region;
 use spinney_base::value::{Kind, Number, Palette, SampleType, ValueType};
 use spinney_base::{Error, Result};
 use spinney_container::{ScopedTags, TagScope};
 
 /// A channel that is asked for.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(untagged)]
 pub enum Band {
     /// By its number, from 1.
     Number(usize),

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::validity::Validity;
 use super::{Order, Pixels, Raster, RasterInfo};
+use serde::{Deserialize, Serialize};
 use spinney_base::space::Region;
 use spinney_base::value::Number;
 use spinney_base::{Error, Result};
@@ -48,12 +49,14 @@ pub fn mosaic(mut rasters: Vec<Box<dyn Raster>>) -> Result<Box<dyn Raster>> {
 }
 
 /// Description of a mosaic whose inputs are known, so that it can be made of those alone that have to do with a part of it.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 #[non_exhaustive]
 pub struct MosaicPlan {
     /// Columns and rows.
     pub size: [u64; 2],
     /// The number that marks missing samples, unless inputs have different ones.
+    #[serde(with = "spinney_base::text_fields")]
     pub nodata: Option<Number>,
     /// Whether they have.
     pub flag_all: bool,

@@ -8,6 +8,7 @@ use super::mosaic::{Mosaic, MosaicPlan};
 use super::sidecar::Described;
 use super::validity::as_stored;
 use super::{Band, Raster, RasterInfo, RasterOptions, Transparent, bands, mosaic, open};
+use serde::{Deserialize, Serialize};
 use spinney_base::space::Dimension;
 use spinney_base::value::{Kind, Number, Rule, SampleType, ValueType};
 use spinney_base::{Error, Result};
@@ -22,7 +23,8 @@ pub const DEFAULT_MEMORY: u64 = 256 << 20;
 pub(super) const MOST_OPEN: usize = 16;
 
 /// Options for an import; the files decide those that are `None`.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 #[non_exhaustive]
 pub struct ImportOptions {
     /// Kind of the samples: continuous or categorical.
@@ -32,12 +34,14 @@ pub struct ImportOptions {
     /// Channels to take, by number or name.
     pub bands: Option<Vec<Band>>,
     /// The number that means VOID.
+    #[serde(with = "spinney_base::text_fields")]
     pub nodata: Option<Number>,
     /// Levels of the tree, at least as many as the picture needs.
     pub depth: Option<u8>,
     /// The coordinate system.
     pub crs: Option<Crs>,
     /// Affine map of the pixels: the numbers of [`Frame::planar`]; for several inputs, of the mosaic.
+    #[serde(with = "spinney_base::text_fields")]
     pub transform: Option<[f64; 6]>,
     /// The layer of OpenEXR files, by its name.
     pub layer: Option<String>,
@@ -45,12 +49,15 @@ pub struct ImportOptions {
     pub page: Option<usize>,
     /// Bytes of memory for everything: half for reading the files, half for building; [`DEFAULT_MEMORY`] if
     /// not said.
+    #[serde(skip)]
     pub memory: Option<u64>,
     /// Whether pixels of opacity 0 become cells, with their colours; else they become VOID.
     pub keep_transparent: bool,
     /// Whether equal subtrees are stored once, in Autumnal files.
+    #[serde(skip)]
     pub share: bool,
     /// Time of the commit that an Autumnal file begins with, in seconds since the beginning of 1970.
+    #[serde(skip)]
     pub time: Option<i64>,
     /// How few bytes the file is to take, and what it may lose for that.
     pub packing: Packing,

@@ -20,6 +20,7 @@ pub(crate) use self::nrrd::nrrd_head;
 pub use self::raw::RawLayout;
 use self::sections::Sections;
 use crate::import::{DEFAULT_MEMORY, as_stored, depth_of, listed, nodata_text};
+use serde::{Deserialize, Serialize};
 use spinney_base::Form;
 use spinney_base::io::{Output, folder};
 use spinney_base::space::{Bounds, Dimension};
@@ -31,7 +32,8 @@ use spinney_engine::store::{BuildOptions, Packing, TreeWriter, WantedCells};
 use spinney_records::npy::MAGIC;
 
 /// Options for an import of a volume.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 #[non_exhaustive]
 pub struct VolumeOptions {
     /// Kind of the samples; continuous if not said.
@@ -39,18 +41,23 @@ pub struct VolumeOptions {
     /// Rule for the representatives of inner nodes; the usual one for the kind if not said.
     pub rule: Option<Rule>,
     /// The number that means VOID. NaN always does.
+    #[serde(with = "spinney_base::text_fields")]
     pub nodata: Option<Number>,
     /// Levels of the tree; as few as hold the volume if not said.
     pub depth: Option<u8>,
     /// Map from cells to the world: see [`Frame::matrix`]. Cells of unit width at the origin if not said.
+    #[serde(with = "spinney_base::text_fields")]
     pub transform: Option<[[f64; 4]; 3]>,
     /// The coordinate system.
     pub crs: Option<Crs>,
     /// Bytes of memory for everything: half for reading; [`DEFAULT_MEMORY`] if not said.
+    #[serde(skip)]
     pub memory: Option<u64>,
     /// Whether equal subtrees are stored once, in Autumnal files.
+    #[serde(skip)]
     pub share: bool,
     /// Time of the commit that an Autumnal file begins with, in seconds since the beginning of 1970.
+    #[serde(skip)]
     pub time: Option<i64>,
     /// How few bytes the file is to take, and what it may lose for that.
     pub packing: Packing,

@@ -5,13 +5,15 @@ use std::path::Path;
 use super::array::{Array, ArrayLayout};
 use super::{Samples, Told};
 use crate::import::SampleFormat;
+use serde::{Deserialize, Serialize};
 use spinney_base::io::open_input;
 use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 use spinney_container::Metadata;
 
 /// Layout of the bytes of a file that does not tell it: samples one after the other, those of a cell together, x fastest, then y, then z.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 #[non_exhaustive]
 pub struct RawLayout {
     /// Cells along x, y and z.

@@ -9,7 +9,7 @@ use spinney_base::io::Output;
 use spinney_base::space::{Code, CodeRun, Dimension};
 use spinney_base::value::{Kind, SampleType};
 use spinney_engine::store::goblin::{Shard, ShardPiece, merge_shards};
-use spinney_engine::store::{Effort, Packing, TreeWriter};
+use spinney_engine::store::{Packing, TreeWriter};
 
 /// Cells along x, y and z: more than a unit along two axes.
 const SIZE: [u64; 3] = [150, 70, 131];
@@ -30,12 +30,7 @@ fn samples() -> Vec<u16> {
 }
 
 /// Builds shards cut at units, which are given by the numbers of those that each begins with, and merges them.
-fn in_shards(
-    folder: &Path,
-    open: &dyn Fn() -> Result<VolumeImport>,
-    cuts: &[u64],
-    effort: Effort,
-) -> Vec<u8> {
+fn in_shards(folder: &Path, open: &dyn Fn() -> Result<VolumeImport>, cuts: &[u64]) -> Vec<u8> {
     let (head, merged) = (folder.join("head.goblin"), folder.join("merged.goblin"));
     let depth = open().unwrap().options().depth;
     let write = |mut file: TreeWriter| {
@@ -61,17 +56,17 @@ fn in_shards(
         write(TreeWriter::shard(&head, shard.clone()).unwrap());
         shards.push(shard);
     }
-    merge_shards(&head, &shards, Output::create(&merged).unwrap().into(), (1 << 20, effort), &()).unwrap();
+    merge_shards(&head, &shards, Output::create(&merged).unwrap().into(), 1 << 20, &()).unwrap();
     std::fs::read(merged).unwrap()
 }
 
 /// Compares the bytes of shards with those of one build.
-fn compare(folder: &Path, effort: Effort, open: &dyn Fn() -> Result<VolumeImport>) {
+fn compare(folder: &Path, open: &dyn Fn() -> Result<VolumeImport>) {
     let whole = folder.join("whole.goblin");
     open().unwrap().build(Output::create(&whole).unwrap(), &()).unwrap();
     let whole = std::fs::read(whole).unwrap();
     for cuts in [&[0][..], &[0, 8], &[0, 1, 2, 5, 9, 33, 50]] {
-        assert!(in_shards(folder, open, cuts, effort) == whole, "{cuts:?}");
+        assert!(in_shards(folder, open, cuts) == whole, "{cuts:?}");
     }
 }
 
@@ -91,9 +86,9 @@ fn shards_make_the_bytes_of_a_build() {
     let mut layout = RawLayout::new(SIZE, SampleType::U16);
     (layout.is_big_endian, layout.skip) = (true, 3);
     options.nodata = Some(9.into());
-    compare(folder, Effort::Fast, &|| plan_raw(&raw, &layout, &options));
-    options.packing = Packing::packed(Effort::Fast);
-    compare(folder, Effort::Fast, &|| plan_raw(&raw, &layout, &options));
+    compare(folder, &|| plan_raw(&raw, &layout, &options));
+    options.packing = Packing::packed();
+    compare(folder, &|| plan_raw(&raw, &layout, &options));
     (options.nodata, options.packing) = (None, Packing::default());
     // Floats, and a space of many units of which most are empty.
     let floats: Vec<u8> =
@@ -101,7 +96,7 @@ fn shards_make_the_bytes_of_a_build() {
     std::fs::write(&raw, &floats).unwrap();
     let layout = RawLayout::new(SIZE, SampleType::F32);
     options.depth = Some(9);
-    compare(folder, Effort::Fast, &|| plan_raw(&raw, &layout, &options));
+    compare(folder, &|| plan_raw(&raw, &layout, &options));
     options.depth = None;
     // A tree of one unit.
     std::fs::write(&raw, &floats[..4 * 60]).unwrap();
@@ -109,7 +104,7 @@ fn shards_make_the_bytes_of_a_build() {
     let open = || plan_raw(&raw, &layout, &options);
     let whole = folder.join("whole.goblin");
     open().unwrap().build(Output::create(&whole).unwrap(), &()).unwrap();
-    assert!(in_shards(folder, &open, &[0], Effort::Fast) == std::fs::read(whole).unwrap());
+    assert!(in_shards(folder, &open, &[0]) == std::fs::read(whole).unwrap());
 }
 
 #[test]
@@ -129,7 +124,7 @@ fn shards_of_what_comes_from_the_front_make_the_bytes_of_a_build() {
     );
     std::fs::write(&head, text).unwrap();
     let input = VolumeInput::File(head.clone());
-    compare(folder, Effort::Fast, &|| input.plan(&options));
+    compare(folder, &|| input.plan(&options));
     assert_eq!(input.files().unwrap(), [data, head]);
 }
 
@@ -153,7 +148,7 @@ fn shards_of_sections_make_the_bytes_of_a_build() {
     }
     let options = VolumeOptions::new();
     let input = VolumeInput::Sections(vec![sections]);
-    compare(folder, Effort::Fast, &|| input.plan(&options));
+    compare(folder, &|| input.plan(&options));
     let files = input.files().unwrap();
     assert!(paths.iter().all(|path| files.contains(path)) && files.len() > 2 * paths.len());
 }

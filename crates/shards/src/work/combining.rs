@@ -7,30 +7,22 @@ use spinney_base::io::Output;
 use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
-use spinney_engine::ops::{Operation, Prefer, Universe, combine_with};
+use spinney_engine::ops::{Operation, Outcome, Universe, combine_with};
 use spinney_engine::store::{Packing, TreeTarget, WriteOptions};
 
-use super::packing::PlannedPacking;
 use super::trees::{LITTLE, description, files_of};
-use super::{PartOfJob, PlannedWork, Told, Work, number};
+use super::{PartOfJob, PlannedWork, Told, Work};
 
-/// Operation on trees. Numbers that are no whole ones are texts, so that every digit of them stays.
+/// Operation on trees, and what it fills cells with, and where.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Combining {
-    operation: String,
-    /// Whether cells of two trees get the second's value.
-    prefers_second: bool,
-    fill: Option<String>,
-    /// Cells around the pictures that are filled.
-    margin: Option<u32>,
-    /// Box of the world that is filled.
-    within: Option<[[String; 3]; 2]>,
-    packing: PlannedPacking,
+    operation: Operation,
+    #[serde(with = "spinney_base::text_fields")]
+    fill: Option<Number>,
+    universe: Universe,
+    packing: Packing,
 }
-
-/// An operation, with the value that it fills cells with, and where.
-pub(super) type How = (Operation, Option<Number>, Universe);
 
 impl Combining {
     pub(super) fn of(
@@ -39,55 +31,31 @@ impl Combining {
         universe: Universe,
         packing: Packing,
     ) -> Combining {
-        let (name, prefer) = match operation {
-            Operation::Set { number, prefer } => (number.to_string(), prefer),
-            operation => (operation.to_string(), Prefer::First),
-        };
-        let (margin, within) = match universe {
-            Universe::Usual => (None, None),
-            Universe::Margin(cells) => (Some(cells), None),
-            Universe::Within(low, high) => {
-                (None, Some([low, high].map(|corner| corner.map(|number| number.to_string()))))
-            }
-        };
-        let (fill, packing) = (fill.map(|fill| fill.to_string()), PlannedPacking::of(packing));
-        let prefers_second = prefer == Prefer::Second;
-        Combining { operation: name, prefers_second, fill, margin, within, packing }
+        Combining { operation, fill, universe, packing }
     }
 
-    fn how(&self) -> Result<How> {
-        let prefer = if self.prefers_second { Prefer::Second } else { Prefer::First };
-        let operation = Operation::named(&self.operation, prefer).ok_or_else(|| {
-            Error::invalid("operation", format!("`{}`", self.operation), "a name, or a number from 0 to 15")
-        })?;
-        let fill = self.fill.as_deref().map(number).transpose()?;
-        let universe = match (self.margin, &self.within) {
-            (None, None) => Universe::Usual,
-            (Some(cells), _) => Universe::Margin(cells),
-            (None, Some(corners)) => {
-                let mut numbers = [[0.0; 3]; 2];
-                for (number_of, text) in numbers.as_flattened_mut().iter_mut().zip(corners.as_flattened()) {
-                    *number_of = number(text)?;
-                }
-                Universe::Within(numbers[0], numbers[1])
-            }
-        };
-        Ok((operation, fill, universe))
+    fn run(
+        &self,
+        paths: &[PathBuf],
+        target: TreeTarget,
+        memory: u64,
+        progress: &dyn Progress,
+    ) -> Result<Outcome> {
+        let (universe, how) = ((self.fill, self.universe), WriteOptions::new(memory).packing(self.packing));
+        combine_with(self.operation, universe, paths, &[], target, how, progress)
     }
 }
 
 /// Writes a file that tells of the layers.
 pub(super) fn write_head(
     paths: &[PathBuf],
-    (operation, fill, universe): How,
-    packing: Packing,
+    work: Combining,
     head: Output,
     progress: &dyn Progress,
 ) -> Result<Told> {
-    let (target, how) = (TreeTarget::Head(head), WriteOptions::new(LITTLE).packing(packing));
-    let outcome = combine_with(operation, (fill, universe), paths, &[], target, how, progress)?;
-    let work = PlannedWork::Combine(Combining::of(operation, fill, universe, packing));
-    Ok(Told { work, loads: Vec::new(), pieces: None, description: description(&outcome) })
+    let outcome = work.run(paths, TreeTarget::Head(head), LITTLE, progress)?;
+    let (work, description) = (PlannedWork::Combine(work), description(&outcome));
+    Ok(Told { work, loads: Vec::new(), pieces: None, description })
 }
 
 impl Work for Combining {
@@ -95,26 +63,24 @@ impl Work for Combining {
         files_of(input)
     }
 
-    fn packing(&self) -> Result<Packing> {
-        self.packing.packing()
-    }
-
     fn check(&self, _: usize, _: &[Header]) -> Result<()> {
-        self.packing()?;
-        self.how().map(|_| ())
+        match self.operation {
+            Operation::Set { number, .. } if number > 15 => {
+                Err(Error::invalid("operation", number.to_string(), "a number from 0 to 15"))
+            }
+            _ => Ok(()),
+        }
     }
 
     fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
-        let (operation, fill, universe) = self.how()?;
-        let (paths, how) = (part.paths(), WriteOptions::new(memory).packing(self.packing()?));
-        let universe = (fill, universe);
-        combine_with(operation, universe, &paths, &[], part.target(), how, progress).map(|_| ())
+        self.run(&part.paths(), part.target(), memory, progress).map(|_| ())
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use spinney_engine::ops::Prefer;
 
     #[test]
     fn operations_come_back() {
@@ -128,7 +94,9 @@ mod tests {
             let (operation, fill, universe) = how;
             let planned = Combining::of(operation, fill, universe, Packing::default());
             let text = serde_json::to_string(&planned).unwrap();
-            assert_eq!(serde_json::from_str::<Combining>(&text).unwrap().how().unwrap(), how);
+            assert_eq!(serde_json::from_str::<Combining>(&text).unwrap(), planned);
         }
+        let too_large = Operation::Set { number: 16, prefer: Prefer::First };
+        Combining::of(too_large, None, Universe::Usual, Packing::default()).check(2, &[]).unwrap_err();
     }
 }

@@ -6,7 +6,6 @@ use serde::{Deserialize, Serialize};
 use spinney_base::{Error, Progress, Result};
 use spinney_engine::store::Packing;
 
-use super::packing::PlannedPacking;
 use super::{PartOfJob, Work};
 
 /// Layers that are given, as a plan tells them.
@@ -15,22 +14,18 @@ use super::{PartOfJob, Work};
 pub(crate) struct Given {
     /// A text that differs where cells do.
     pub(crate) token: String,
-    packing: PlannedPacking,
+    packing: Packing,
 }
 
 impl Given {
     pub(crate) fn of(token: &str, packing: Packing) -> Given {
-        Given { token: token.into(), packing: PlannedPacking::of(packing) }
+        Given { token: token.into(), packing }
     }
 }
 
 impl Work for Given {
     fn files_of(&self, _: &Path) -> Result<Vec<PathBuf>> {
         Ok(Vec::new())
-    }
-
-    fn packing(&self) -> Result<Packing> {
-        self.packing.packing()
     }
 
     fn build(&self, part: PartOfJob, _: u64, _: &dyn Progress) -> Result<()> {

@@ -2,8 +2,6 @@
 
 mod combining;
 mod given;
-mod import_options;
-mod packing;
 mod pictures;
 mod points;
 mod rebuilding;
@@ -156,8 +154,8 @@ impl JobSpec {
                 transforming::write_head(chain, *packing, head, progress)
             }
             JobSpec::Combine { inputs: paths, operation, fill, universe, packing } => {
-                let how = (*operation, *fill, *universe);
-                combining::write_head(paths, how, *packing, head, progress)
+                let work = Combining::of(*operation, *fill, *universe, *packing);
+                combining::write_head(paths, work, head, progress)
             }
         }
     }
@@ -238,9 +236,6 @@ pub(crate) trait Work {
     /// The files that reading an input looks at, itself among them.
     fn files_of(&self, input: &Path) -> Result<Vec<PathBuf>>;
 
-    /// The way in which segments are packed.
-    fn packing(&self) -> Result<Packing>;
-
     /// Headers of the layers that a head tells of.
     fn layers(&self, head: Vec<u8>) -> Result<Vec<Header>> {
         let head = Goblin::from_bytes(head)?;
@@ -276,12 +271,12 @@ pub(crate) trait Work {
         (output, memory): (MergeOutput, u64),
         progress: &dyn Progress,
     ) -> Result<()> {
-        merge_shards(head, shards, output, (memory / 8, self.packing()?.effort), progress)
+        merge_shards(head, shards, output, memory / 8, progress)
     }
 
     /// Makes sure that all that is told fits so many inputs and these layers.
     fn check(&self, _inputs: usize, _layers: &[Header]) -> Result<()> {
-        self.packing().map(|_| ())
+        Ok(())
     }
 
     /// Numbers of the inputs that a shard is made of.
@@ -334,11 +329,6 @@ fn check_is_here(input: &Path) -> Result<()> {
         None => Ok(()),
         Some(_) => Err(Error::unsupported(input, "a file elsewhere", "copy it to this machine first")),
     }
-}
-
-/// A number that a plan has as a text, so that every digit of it stays.
-fn number<T: std::str::FromStr>(text: &str) -> Result<T> {
-    text.parse().map_err(|_| Error::invalid("number", format!("`{text}`"), "a number"))
 }
 
 /// Whether pieces have all of each layer, one behind the other, and are cut where they may be.

@@ -7,73 +7,43 @@ use spinney_base::io::Output;
 use spinney_base::space::{Bounds, Dimension, Region};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Header, OpenOptions};
+use spinney_engine::store::TreeWriter;
 use spinney_engine::store::goblin::{Goblin, Shard};
-use spinney_engine::store::{Packing, TreeWriter};
-use spinney_raster::import::{ImportOptions, MosaicPlan, plan, plan_part};
+use spinney_raster::import::{self, ImportOptions, MosaicPlan, RasterOptions, plan, plan_part};
 
-use super::import_options::PlannedImport;
-use super::{Load, PartOfJob, PlannedWork, Told, Work, number};
+use super::{Load, PartOfJob, PlannedWork, Told, Work};
 use crate::job::PlannedInput;
 
-/// A picture, or several.
+/// A picture, or several, which are a mosaic.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Pictures {
-    options: PlannedImport,
-    mosaic: Option<Mosaic>,
+    options: ImportOptions,
+    mosaic: Option<MosaicPlan>,
 }
 
-/// Mosaic of several pictures on one grid.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Mosaic {
-    size: [u64; 2],
-    nodata: Option<String>,
-    flag_all: bool,
-    /// Of each input its first column and row, and how many it has.
-    regions: Vec<[u64; 4]>,
-}
-
-impl Mosaic {
-    fn of(mosaic: &MosaicPlan) -> Mosaic {
-        let region = |Region { x, y, width, height }: &Region| [*x, *y, *width, *height];
-        Mosaic {
-            size: mosaic.size,
-            nodata: mosaic.nodata.map(|nodata| nodata.to_string()),
-            flag_all: mosaic.flag_all,
-            regions: mosaic.regions.iter().map(region).collect(),
-        }
-    }
-
-    fn region(&self, input: usize) -> Region {
-        let [x, y, width, height] = self.regions[input];
-        Region::new(x, y, width, height)
-    }
-
-    /// The mosaic of some of its inputs.
-    fn plan(&self, inputs: impl Iterator<Item = usize>) -> Result<MosaicPlan> {
-        let nodata = self.nodata.as_deref().map(number).transpose()?;
-        let mut mosaic = MosaicPlan::new(self.size, nodata, self.flag_all);
-        mosaic.regions = inputs.map(|input| self.region(input)).collect();
-        Ok(mosaic)
-    }
-
-    /// Whether it is the only layer, and has so many inputs.
-    fn fits(&self, inputs: usize, layers: &[Header]) -> bool {
-        let is_inside = |[x, y, width, height]: &[u64; 4]| {
-            x.checked_add(*width).is_some_and(|right| right <= self.size[0])
-                && y.checked_add(*height).is_some_and(|bottom| bottom <= self.size[1])
-        };
-        let is_layer =
-            matches!(layers, [header] if header.extent[..2] == self.size && header.form.axes() == 2);
-        is_layer && self.regions.len() == inputs && self.regions.iter().all(is_inside)
-    }
+/// Whether a mosaic is the only layer, and has so many inputs.
+fn fits(mosaic: &MosaicPlan, inputs: usize, layers: &[Header]) -> bool {
+    let is_inside = |Region { x, y, width, height }: &Region| {
+        x.checked_add(*width).is_some_and(|right| right <= mosaic.size[0])
+            && y.checked_add(*height).is_some_and(|bottom| bottom <= mosaic.size[1])
+    };
+    let is_layer = matches!(layers, [header] if header.extent[..2] == mosaic.size && header.form.axes() == 2);
+    is_layer && mosaic.regions.len() == inputs && mosaic.regions.iter().all(is_inside)
 }
 
 impl Pictures {
     pub(super) fn of(options: &ImportOptions) -> Pictures {
-        Pictures { options: PlannedImport::of(options), mosaic: None }
+        Pictures { options: options.clone(), mosaic: None }
     }
+}
+
+/// The files that are read of a picture.
+pub(super) fn files_of(input: &Path, import: &ImportOptions) -> Result<Vec<PathBuf>> {
+    let mut options = RasterOptions::new();
+    options.layer.clone_from(&import.layer);
+    options.page = import.page;
+    import::files_of(input, &options)
 }
 
 /// Writes a file that tells of the layer.
@@ -91,7 +61,7 @@ pub(super) fn write_head(
         Load { layer: 0, cells: Bounds { min, max }, bytes: input.bytes() }
     });
     let (loads, description) = (loads.collect(), picture.description().to_vec());
-    let mosaic = picture.mosaic().map(Mosaic::of);
+    let mosaic = picture.mosaic().cloned();
     let mut file = TreeWriter::head(head, (Dimension::Quad, picture.options().depth), 1)?;
     picture.write(&mut file, Path::new(""), progress)?;
     file.finish()?;
@@ -101,21 +71,16 @@ pub(super) fn write_head(
 
 impl Work for Pictures {
     fn files_of(&self, input: &Path) -> Result<Vec<PathBuf>> {
-        self.options.files_of(input)
-    }
-
-    fn packing(&self) -> Result<Packing> {
-        self.options.packing()
+        files_of(input, &self.options)
     }
 
     fn check(&self, inputs: usize, layers: &[Header]) -> Result<()> {
-        self.options.import(None)?;
-        let Some(mosaic) = &self.mosaic else { return Ok(()) };
-        mosaic.plan([].into_iter())?;
-        if !mosaic.fits(inputs, layers) {
-            return Err(Error::invalid("mosaic", "inputs that are not in it", "places of all inputs in it"));
+        match &self.mosaic {
+            Some(mosaic) if !fits(mosaic, inputs, layers) => {
+                Err(Error::invalid("mosaic", "inputs that are not in it", "the pixels of all inputs in it"))
+            }
+            _ => Ok(()),
         }
-        Ok(())
     }
 
     /// Of a mosaic those alone that have pixels there.
@@ -126,16 +91,19 @@ impl Work for Pictures {
             let cells = Bounds { min: [region.x, region.y, 0], max: [region.right(), region.bottom(), 1] };
             shard.pieces.iter().any(|piece| piece.run.cells(Dimension::Quad, depth, &cells) > 0)
         };
-        (0..inputs).filter(|input| touches(mosaic.region(*input))).collect()
+        (0..inputs).filter(|input| touches(mosaic.regions[*input])).collect()
     }
 
     fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
-        let options = self.options.import(Some(memory))?;
+        let mut options = self.options.clone();
+        options.memory = Some(memory);
         let paths = part.paths();
         let picture = match &self.mosaic {
             None => plan(&paths, &options)?,
             Some(mosaic) => {
-                let mosaic = mosaic.plan(part.inputs.iter().map(|(number, _)| *number))?;
+                let regions = part.inputs.iter().map(|(number, _)| mosaic.regions[*number]).collect();
+                let mut mosaic = mosaic.clone();
+                mosaic.regions = regions;
                 let head = Goblin::open(&part.head, &OpenOptions::default())?;
                 plan_part(&paths, &mosaic, (head.header(), head.metadata()), &options)?
             }

@@ -7,8 +7,6 @@ use spinney_base::io::{Output, url_of};
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
-use spinney_crs::Crs;
-use spinney_engine::store::Packing;
 use spinney_engine::store::goblin::{MergeOutput, Shard, ShardPiece};
 use spinney_points::shard::{self, PointCut, PointShard};
 use spinney_points::{PointImport, PointImportOptions, PointTree};
@@ -22,11 +20,9 @@ use super::{PartOfJob, PlannedWork, Told, Work, check_is_here, missing_of};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Points {
-    attributes: Option<Vec<String>>,
+    options: PointImportOptions,
     /// Conditions, as they are given to the program; none if all points are kept.
     filter: Option<String>,
-    crs: Option<Crs>,
-    leaf_size: usize,
     /// The level of nodes at which shards are cut.
     level: u8,
     /// Number of all points, where headers tell it.
@@ -36,10 +32,8 @@ pub(crate) struct Points {
 impl Points {
     pub(super) fn of(options: &PointImportOptions, filter: &FeatureFilter) -> Points {
         Points {
-            attributes: options.attributes.clone(),
+            options: options.clone(),
             filter: (!filter.conditions.is_empty()).then(|| filter.to_string()),
-            crs: options.crs.clone(),
-            leaf_size: options.build.leaf_size,
             level: 0,
             points: None,
         }
@@ -88,11 +82,6 @@ impl Work for Points {
         Ok(vec![input.to_path_buf()])
     }
 
-    /// That of blocks is their own.
-    fn packing(&self) -> Result<Packing> {
-        Ok(Packing::default())
-    }
-
     /// None: points have no layers.
     fn layers(&self, head: Vec<u8>) -> Result<Vec<Header>> {
         PointTree::from_bytes(head).map(|_| Vec::new())
@@ -127,9 +116,8 @@ impl Work for Points {
     }
 
     fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
-        let mut options = PointImportOptions::default();
-        (options.attributes, options.crs) = (self.attributes.clone(), self.crs.clone());
-        (options.build.leaf_size, options.build.memory) = (self.leaf_size, memory);
+        let mut options = self.options.clone();
+        options.build.memory = memory;
         let import = import_of(&part.paths(), &options, self.filter()?)?;
         shard::build_shard(&import, (&part.head, &self.shard(&part.shard)), &part.check, progress)
     }

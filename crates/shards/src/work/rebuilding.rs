@@ -6,50 +6,23 @@ use serde::{Deserialize, Serialize};
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Header, OpenOptions};
-use spinney_crs::Crs;
 use spinney_engine::dataset::{Rebuild, open};
 use spinney_engine::store::{Packing, TreeTarget};
 
-use super::packing::PlannedPacking;
 use super::trees::{LITTLE, files_of};
-use super::{PartOfJob, PlannedWork, Told, Work, number};
+use super::{PartOfJob, PlannedWork, Told, Work};
 
-/// Properties that are to be other than in the tree. Numbers that are no whole ones are texts, so that every digit of them stays.
+/// Properties that differ from the tree's.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Rebuilding {
-    kind: Option<String>,
-    rule: Option<String>,
-    depth: Option<u8>,
-    matrix: Option<[[String; 4]; 3]>,
-    crs: Option<Crs>,
-    packing: PlannedPacking,
+    other: Rebuild,
+    packing: Packing,
 }
 
 impl Rebuilding {
     pub(super) fn of(other: &Rebuild, packing: Packing) -> Rebuilding {
-        Rebuilding {
-            kind: other.kind.map(|kind| kind.to_string()),
-            rule: other.rule.map(|rule| rule.to_string()),
-            depth: other.depth,
-            matrix: other.matrix.map(|rows| rows.map(|row| row.map(|number| number.to_string()))),
-            crs: other.crs.clone(),
-            packing: PlannedPacking::of(packing),
-        }
-    }
-
-    fn rebuild(&self) -> Result<Rebuild> {
-        let mut other = Rebuild { depth: self.depth, crs: self.crs.clone(), ..Rebuild::default() };
-        other.kind = self.kind.as_deref().map(str::parse).transpose()?;
-        other.rule = self.rule.as_deref().map(str::parse).transpose()?;
-        if let Some(texts) = &self.matrix {
-            let mut matrix = [[0.0; 4]; 3];
-            for (place, text) in matrix.as_flattened_mut().iter_mut().zip(texts.as_flattened()) {
-                *place = number(text)?;
-            }
-            other.matrix = Some(matrix);
-        }
-        Ok(other)
+        Rebuilding { other: other.clone(), packing }
     }
 }
 
@@ -89,13 +62,7 @@ impl Work for Rebuilding {
         files_of(input)
     }
 
-    fn packing(&self) -> Result<Packing> {
-        self.packing.packing()
-    }
-
     fn check(&self, inputs: usize, _: &[Header]) -> Result<()> {
-        self.packing()?;
-        self.rebuild()?;
         match inputs {
             1 => Ok(()),
             _ => Err(Error::invalid("inputs", inputs.to_string(), "one tree")),
@@ -103,9 +70,8 @@ impl Work for Rebuilding {
     }
 
     fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
-        let how = (&self.rebuild()?, self.packing()?);
         let (_, path) = part.inputs[0].clone();
-        build(&path, how, memory, part.target(), progress).map(|_| ())
+        build(&path, (&self.other, self.packing), memory, part.target(), progress).map(|_| ())
     }
 }
 
@@ -113,6 +79,7 @@ impl Work for Rebuilding {
 mod tests {
     use super::*;
     use spinney_base::value::{Kind, Rule};
+    use spinney_crs::Crs;
 
     #[test]
     fn what_is_other_comes_back() {
@@ -122,7 +89,7 @@ mod tests {
         for other in [other, Rebuild::default()] {
             let text = serde_json::to_string(&Rebuilding::of(&other, Packing::default())).unwrap();
             let again: Rebuilding = serde_json::from_str(&text).unwrap();
-            assert_eq!(again.rebuild().unwrap(), other);
+            assert_eq!(again.other, other);
         }
     }
 }

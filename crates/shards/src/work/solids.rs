@@ -7,43 +7,25 @@ use spinney_base::io::Output;
 use spinney_base::space::{Code, CodeRun, Dimension};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
-use spinney_crs::Crs;
-use spinney_engine::store::{Packing, TreeTarget};
+use spinney_engine::store::TreeTarget;
 use spinney_mesh::import::{
     Resolution, SolidOptions, SolidSurvey, SurfaceAtPoint, SurveyedNode, files_of, open_all, plan_models,
     plan_part,
 };
 
-use super::packing::PlannedPacking;
-use super::{Load, PartOfJob, PlannedWork, Told, Work, check_is_here, number};
+use super::{Load, PartOfJob, PlannedWork, Told, Work, check_is_here};
 use crate::balance::level_of_cuts;
 use crate::job::PlannedInput;
 
 /// Faces that go around a point, at most: far more than there are, and far fewer than are counted.
 const MOST_AROUND: u32 = 1 << 30;
 
-/// The solid of some models. Numbers that are no whole ones are texts, so that every digit of them stays.
+/// The solid of some models.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Solid {
-    resolution: Cells,
-    edge: String,
-    attribute: String,
-    shell: bool,
-    up: String,
-    unit: Option<String>,
-    crs: Option<Crs>,
-    packing: PlannedPacking,
+    options: SolidOptions,
     survey: Survey,
-}
-
-/// Resolution of the cells.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-enum Cells {
-    Along(u64),
-    Width(String),
-    Depth(u8),
 }
 
 /// Knowledge of the whole surface.
@@ -51,7 +33,8 @@ enum Cells {
 #[serde(deny_unknown_fields)]
 struct Survey {
     /// Least and greatest coordinates.
-    bounds: Vec<String>,
+    #[serde(with = "spinney_base::text_fields")]
+    bounds: [[f64; 3]; 2],
     is_divided: bool,
     /// Nodes whose first point is inside of surfaces.
     inside: Vec<Node>,
@@ -70,23 +53,14 @@ impl Survey {
         let inside = inside.map(|node| {
             Node(format!("{:016x}", node.code.bits()), node.inside.iter().map(surface).collect())
         });
-        Survey {
-            bounds: survey.bounds.as_flattened().iter().map(f64::to_string).collect(),
-            is_divided: survey.is_divided,
-            inside: inside.collect(),
-        }
+        Survey { bounds: survey.bounds, is_divided: survey.is_divided, inside: inside.collect() }
     }
 
     fn survey(&self) -> Result<SolidSurvey> {
-        let bounds = self.bounds.iter().map(|text| number(text)).collect::<Result<Vec<f64>>>()?;
-        let bounds = match bounds.as_chunks::<3>() {
-            ([min, max], [])
-                if (0..3).all(|axis| min[axis] <= max[axis] && (max[axis] - min[axis]).is_finite()) =>
-            {
-                [*min, *max]
-            }
-            _ => return Err(Error::invalid("bounds", format!("{:?}", self.bounds), "a box")),
-        };
+        let [min, max] = self.bounds;
+        if !(0..3).all(|axis| min[axis] <= max[axis] && (max[axis] - min[axis]).is_finite()) {
+            return Err(Error::invalid("bounds", format!("{:?}", self.bounds), "a box"));
+        }
         let surface = |(surface, winding, attribute): &(u32, i32, u32)| SurfaceAtPoint {
             surface: *surface,
             winding: *winding,
@@ -106,50 +80,27 @@ impl Survey {
         let ends = |node: &SurveyedNode| CodeRun::of(node.code, node.code).map_or([0; 2], CodeRun::ends);
         let nodes = nodes.filter(|nodes| nodes.windows(2).all(|pair| ends(&pair[0])[1] < ends(&pair[1])[0]));
         let nodes = nodes.ok_or_else(|| Error::invalid("nodes", "ones out of order", "codes that ascend"))?;
-        Ok(SolidSurvey { bounds, is_divided: self.is_divided, nodes })
+        Ok(SolidSurvey { bounds: self.bounds, is_divided: self.is_divided, nodes })
     }
 }
 
 impl Solid {
     /// The work of an import before its surface is known. Cells that are laid over another tree are left to one build.
     pub(super) fn of(inputs: &[PathBuf], options: &SolidOptions) -> Result<Solid> {
-        let resolution = match &options.resolution {
-            Resolution::Cells(cells) => Cells::Along(*cells),
-            Resolution::Cell(width) => Cells::Width(width.to_string()),
-            Resolution::Depth(depth) => Cells::Depth(*depth),
-            Resolution::Like(..) => {
-                let path = inputs.first().cloned().unwrap_or_default();
-                let advice = "build it in one go, or choose cells of the same width (--cell)";
-                return Err(Error::unsupported(path, "a solid on another tree's cells in shards", advice));
-            }
-        };
-        Ok(Solid {
-            resolution,
-            edge: options.edge.to_string(),
-            attribute: options.attribute.name().into(),
-            shell: options.shell,
-            up: options.up.to_string(),
-            unit: options.unit.clone(),
-            crs: options.crs.clone(),
-            packing: PlannedPacking::of(options.packing),
-            survey: Survey::default(),
-        })
+        if let Resolution::Like(..) = options.resolution {
+            let path = inputs.first().cloned().unwrap_or_default();
+            let advice = "build it in a single process, or choose cells of the same width (--cell)";
+            return Err(Error::unsupported(path, "a solid on another tree's cells in shards", advice));
+        }
+        Ok(Solid { options: options.clone(), survey: Survey::default() })
     }
+}
 
-    /// The options, with so many bytes of memory.
-    fn options(&self, memory: u64) -> Result<SolidOptions> {
-        let mut options = SolidOptions::new();
-        options.resolution = match &self.resolution {
-            Cells::Along(cells) => Resolution::Cells(*cells),
-            Cells::Width(width) => Resolution::Cell(number(width)?),
-            Cells::Depth(depth) => Resolution::Depth(*depth),
-        };
-        (options.edge, options.attribute) = (self.edge.parse()?, self.attribute.parse()?);
-        (options.shell, options.up) = (self.shell, self.up.parse()?);
-        (options.unit, options.crs) = (self.unit.clone(), self.crs.clone());
-        (options.packing, options.memory) = (self.packing.packing()?, memory);
-        Ok(options)
-    }
+/// The same options with so many bytes of memory.
+fn with_memory(options: &SolidOptions, memory: u64) -> SolidOptions {
+    let mut options = options.clone();
+    options.memory = memory;
+    options
 }
 
 /// Writes a file that tells of the layer.
@@ -185,18 +136,13 @@ impl Work for Solid {
         files_of(input)
     }
 
-    fn packing(&self) -> Result<Packing> {
-        self.packing.packing()
-    }
-
     fn check(&self, _: usize, _: &[Header]) -> Result<()> {
-        self.options(0)?;
         self.survey.survey().map(|_| ())
     }
 
     fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
         let models = open_all(&part.paths(), memory)?;
-        let import = plan_part(models, &self.options(memory)?, self.survey.survey()?)?;
+        let import = plan_part(models, &with_memory(&self.options, memory), self.survey.survey()?)?;
         let folder = part.shard.temporary().to_path_buf();
         let mut file = part.target().start((Dimension::Oct, import.depth()), 1)?;
         import.write(&mut file, &folder, progress)?;
@@ -208,8 +154,8 @@ impl Work for Solid {
 mod tests {
     use super::*;
     use spinney_base::space::{EdgeRule, Up};
-    use spinney_crs::Frame;
-    use spinney_engine::store::Effort;
+    use spinney_crs::{Crs, Frame};
+    use spinney_engine::store::Packing;
     use spinney_mesh::import::Attribute;
 
     #[test]
@@ -219,20 +165,15 @@ mod tests {
             let planned = Solid::of(&[], options).unwrap();
             let text = serde_json::to_string(&planned).unwrap();
             let read: Solid = serde_json::from_str(&text).unwrap();
-            let found = read.options(5).unwrap();
-            assert_eq!((Solid::of(&[], &found).unwrap(), found.memory), (planned, 5));
-            found
+            assert_eq!((read.options.memory, &read.survey), (0, &planned.survey));
+            assert_eq!(with_memory(&read.options, options.memory), *options);
         };
         again(&options);
         options.resolution = Resolution::Cell(0.1 + 0.2);
         (options.edge, options.attribute, options.up) = (EdgeRule::Touch, Attribute::Part, Up::Y);
         (options.shell, options.unit, options.crs) = (true, Some("mm".into()), Some(Crs::epsg(7415)));
-        options.packing = Packing::packed(Effort::Small);
-        let found = again(&options);
-        assert_eq!(
-            (found.resolution, found.up, found.packing),
-            (options.resolution.clone(), Up::Y, options.packing)
-        );
+        options.packing = Packing::packed();
+        again(&options);
         options.resolution = Resolution::Depth(9);
         again(&options);
         options.resolution = Resolution::Like(Frame::identity(), 9);

@@ -6,11 +6,10 @@ use serde::{Deserialize, Serialize};
 use spinney_base::io::Output;
 use spinney_base::space::{Bounds, Dimension};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::Header;
-use spinney_engine::store::{Packing, TreeWriter};
+use spinney_engine::store::TreeWriter;
 use spinney_raster::import::{Stack as RasterStack, StackLayer, StackOptions, plan_stack, write_layers};
 
-use super::import_options::PlannedImport;
+use super::pictures::files_of;
 use super::{Load, PartOfJob, PlannedWork, Told, Work};
 use crate::job::PlannedInput;
 
@@ -18,25 +17,12 @@ use crate::job::PlannedInput;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Stack {
-    options: PlannedImport,
-    names: Option<Vec<String>>,
-    times: Option<Vec<String>>,
-    every_page: bool,
+    options: StackOptions,
 }
 
 impl Stack {
     pub(super) fn of(options: &StackOptions) -> Stack {
-        let StackOptions { import, names, times, every_page, .. } = options;
-        let (names, times, every_page) = (names.clone(), times.clone(), *every_page);
-        Stack { options: PlannedImport::of(import), names, times, every_page }
-    }
-
-    fn options(&self, memory: Option<u64>) -> Result<StackOptions> {
-        let mut stack = StackOptions::new();
-        stack.import = self.options.import(memory)?;
-        (stack.names, stack.times) = (self.names.clone(), self.times.clone());
-        stack.every_page = self.every_page;
-        Ok(stack)
+        Stack { options: options.clone() }
     }
 }
 
@@ -75,19 +61,13 @@ fn loads(stack: &RasterStack, size_of: impl Fn(&Path) -> u64) -> Vec<Load> {
 
 impl Work for Stack {
     fn files_of(&self, input: &Path) -> Result<Vec<PathBuf>> {
-        self.options.files_of(input)
-    }
-
-    fn packing(&self) -> Result<Packing> {
-        self.options.packing()
-    }
-
-    fn check(&self, _: usize, _: &[Header]) -> Result<()> {
-        self.options(None).map(|_| ())
+        files_of(input, &self.options.import)
     }
 
     fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
-        let stack = plan_stack(&part.paths(), &self.options(Some(memory))?)?;
+        let mut options = self.options.clone();
+        options.import.memory = Some(memory);
+        let stack = plan_stack(&part.paths(), &options)?;
         let folder = part.shard.temporary().to_path_buf();
         let mut file = part.target().start((Dimension::Quad, stack.depth), stack.layers.len() as u32)?;
         write_layers(&stack, &mut file, &folder, progress)?;
@@ -106,6 +86,6 @@ mod tests {
         (stack.names, stack.times) = (Some(vec!["a".into()]), Some(vec!["2024-05-31".into()]));
         let text = serde_json::to_string(&Stack::of(&stack)).unwrap();
         let again: Stack = serde_json::from_str(&text).unwrap();
-        assert_eq!(again.options(stack.import.memory).unwrap(), stack);
+        assert_eq!(again.options, stack);
     }
 }

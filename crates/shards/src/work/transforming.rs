@@ -9,9 +9,8 @@ use spinney_container::Header;
 use spinney_engine::ops::{Chain, Step, WarpOptions, transform_to};
 use spinney_engine::store::{Packing, TreeTarget, WriteOptions};
 
-use super::packing::PlannedPacking;
 use super::trees::{LITTLE, description, files_of};
-use super::{PartOfJob, PlannedWork, Told, Work, number};
+use super::{PartOfJob, PlannedWork, Told, Work};
 use crate::stamp::absolute;
 
 /// A chain but for its tree, which is the first input.
@@ -21,10 +20,8 @@ pub(crate) struct Transforming {
     /// Steps, with their files from the root of the file system on.
     steps: Vec<String>,
     moves: bool,
-    resampling: Option<String>,
-    allow_ballpark: bool,
-    level_cells: Option<String>,
-    packing: PlannedPacking,
+    warp: WarpOptions,
+    packing: Packing,
 }
 
 /// The files of a chain: its tree, and those of its steps.
@@ -51,21 +48,15 @@ impl Transforming {
         Ok(Transforming {
             steps: chain.steps.iter().map(step).collect::<Result<_>>()?,
             moves: chain.moves,
-            resampling: chain.warp.resampling.map(|way| way.to_string()),
-            allow_ballpark: chain.warp.allow_ballpark,
-            level_cells: chain.warp.level_cells.map(|cells| cells.to_string()),
-            packing: PlannedPacking::of(packing),
+            warp: chain.warp,
+            packing,
         })
     }
 
     /// The chain on a tree.
     fn chain(&self, path: &Path) -> Result<Chain> {
-        let mut warp = WarpOptions::default();
-        warp.resampling = self.resampling.as_deref().map(str::parse).transpose()?;
-        warp.allow_ballpark = self.allow_ballpark;
-        warp.level_cells = self.level_cells.as_deref().map(number).transpose()?;
         let steps = self.steps.iter().map(|step| step.parse()).collect::<Result<_>>()?;
-        Ok(Chain { path: path.into(), steps, moves: self.moves, warp })
+        Ok(Chain { path: path.into(), steps, moves: self.moves, warp: self.warp })
     }
 }
 
@@ -87,12 +78,7 @@ impl Work for Transforming {
         files_of(input)
     }
 
-    fn packing(&self) -> Result<Packing> {
-        self.packing.packing()
-    }
-
     fn check(&self, inputs: usize, _: &[Header]) -> Result<()> {
-        self.packing()?;
         let found = files(&self.chain(Path::new(""))?).len();
         if found == inputs {
             return Ok(());
@@ -101,8 +87,7 @@ impl Work for Transforming {
     }
 
     fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
-        let (chain, how) =
-            (self.chain(&part.inputs[0].1)?, WriteOptions::new(memory).packing(self.packing()?));
+        let (chain, how) = (self.chain(&part.inputs[0].1)?, WriteOptions::new(memory).packing(self.packing));
         transform_to(&chain, part.target(), how, progress).map(|_| ())
     }
 }

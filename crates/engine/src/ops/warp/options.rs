@@ -3,11 +3,13 @@
 use std::fmt;
 use std::str::FromStr;
 
+use serde::{Deserialize, Serialize};
 use spinney_base::value::Kind;
 use spinney_base::{Error, Result};
 
 /// The way a cell of the target gets its value from the cells of the source around it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Resampling {
     /// The source cell at the cell's centre.
     Nearest,
@@ -95,7 +97,8 @@ impl FromStr for Resampling {
 }
 
 /// Options for warping.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 #[non_exhaustive]
 pub struct WarpOptions {
     /// The way of resampling; chosen by the kind of the values and the cells' sizes if not given.
@@ -105,6 +108,7 @@ pub struct WarpOptions {
     pub allow_ballpark: bool,
     /// Takes the values of each block from the coarsest level of the source with at least so many cells along each side of a cell (about one at most where
     /// the way is of no area), instead of always from its cells: 2 for overviews that are kept, [`WarpOptions::LOOK`] for those that are only looked at.
+    #[serde(with = "spinney_base::text_fields")]
     pub level_cells: Option<f32>,
 }
 

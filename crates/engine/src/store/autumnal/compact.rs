@@ -13,7 +13,6 @@ use spinney_base::io::Output;
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Progress, Result, sort};
 use spinney_container::OpenOptions;
-use spinney_packing::Effort;
 
 /// Selection of the commits that stay.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -47,14 +46,14 @@ impl Keep {
 pub struct CompactOptions<'k> {
     keep: &'k Keep,
     share: bool,
-    pack: Option<Effort>,
+    pack: bool,
     memory: u64,
 }
 
 impl<'k> CompactOptions<'k> {
     /// The commits that stay, and bytes of memory.
     pub fn new(keep: &'k Keep, memory: u64) -> CompactOptions<'k> {
-        CompactOptions { keep, share: false, pack: None, memory }
+        CompactOptions { keep, share: false, pack: false, memory }
     }
 
     /// Whether equal subtrees anywhere are written once, as they are anyway if the file stores them so.
@@ -63,9 +62,9 @@ impl<'k> CompactOptions<'k> {
         CompactOptions { share, ..self }
     }
 
-    /// Packing of history: with an effort, all records are packed but those that the newest commit has.
+    /// Packing of history: all records are packed but those that the newest commit has.
     #[must_use]
-    pub fn pack(self, pack: Option<Effort>) -> CompactOptions<'k> {
+    pub fn pack(self, pack: bool) -> CompactOptions<'k> {
         CompactOptions { pack, ..self }
     }
 }
@@ -76,13 +75,12 @@ impl<'k> CompactOptions<'k> {
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// use spinney::io::Output;
-/// use spinney::store::Effort;
 /// use spinney::store::autumnal::{CompactOptions, Keep, compact};
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("archive.autumn");
 /// let keep = Keep::Last(100);
-/// let options = CompactOptions::new(&keep, 64 << 20).pack(Some(Effort::Fast));
+/// let options = CompactOptions::new(&keep, 64 << 20).pack(true);
 /// let commits = compact("fixtures/v1/history.autumn".as_ref(), &options, Output::create(&path)?, &())?;
 /// assert_eq!(commits.len(), 4);
 /// # Ok::<(), spinney::Error>(())
@@ -112,15 +110,15 @@ pub fn compact(
             needed = needed.saturating_add(tree.claimed_records()?.saturating_mul(least));
         }
         // (History is written behind the newest commit, in fewer bytes than are known yet.)
-        if options.pack.is_none() || Some(commit) == commits.last() {
+        if !options.pack || Some(commit) == commits.last() {
             output.check_room(needed)?;
         }
     }
     let mut copy =
         Copy { history: &history, options, before: None, editor: None, output: &mut output, progress };
     let made = match options.pack {
-        None => copy.oldest_first(commits)?,
-        Some(effort) => copy.newest_first(commits, effort)?,
+        false => copy.oldest_first(commits)?,
+        true => copy.newest_first(commits)?,
     };
     drop(copy);
     output.commit()?;
@@ -153,7 +151,7 @@ impl Copy<'_> {
     /// then all commits.
     ///
     /// So that which the newest commit has is where an edit will need it, and all that it does not have is history.
-    fn newest_first(&mut self, commits: Vec<Commit>, effort: Effort) -> Result<Vec<Commit>> {
+    fn newest_first(&mut self, commits: Vec<Commit>) -> Result<Vec<Commit>> {
         // Invariant: commits stand behind all that they point to, the oldest first, whatever the order of their records: a commit that is
         // kept leads back to what was written before it, and what it has in common with a newer one was.
         let mut states = Vec::new();
@@ -162,7 +160,7 @@ impl Copy<'_> {
             let editor = self.trees(commit)?;
             let state = editor.state()?;
             if states.is_empty() {
-                editor.pack(effort)?;
+                editor.pack()?;
             }
             states.push((state, number, note));
         }
@@ -184,7 +182,7 @@ impl Copy<'_> {
                 empty => {
                     let path = output.path().to_path_buf();
                     let of = (&header, history.archive.header.depth);
-                    empty.insert(Editor::create(backend(output)?, path, of, &build, options.pack.is_some())?)
+                    empty.insert(Editor::create(backend(output)?, path, of, &build, options.pack)?)
                 }
             };
             // (A layer that was alone, without a name, got one when another was added.)

@@ -23,7 +23,6 @@ use spinney_base::space::CodeRun;
 use spinney_base::value::Tally;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Content, FileHeader, FilePlace, Header, Metadata, TreeFormat, VOID};
-use spinney_packing::Effort;
 
 /// A file that is being edited by this process and by nobody else, until this is dropped.
 ///
@@ -430,11 +429,11 @@ impl Editor {
         self.write_commit(number, note, Written::default())
     }
 
-    /// Packs all records that are written from now on, with an effort, in a file that may have such.
-    pub(super) fn pack(&mut self, effort: Effort) -> Result<()> {
+    /// Packs all records that are written from now on in a file that may have such.
+    pub(super) fn pack(&mut self) -> Result<()> {
         let Some(reader) = self.draft.extents().packed().cloned() else { return Ok(()) };
         let run_levels = self.draft.archive.form.run_levels;
-        self.appender.pack(PackedWriter::new(self.draft.header(), run_levels, effort), reader)
+        self.appender.pack(PackedWriter::new(self.draft.header(), run_levels), reader)
     }
 
     /// All edits so far as a state that a commit is to have, with the account of what it took; see [`Editor::commit_state`].

@@ -13,7 +13,7 @@ use super::zone::{get_signed, get_u64, put, put_signed};
 use spinney_base::io::{HeldBytes, Unpacked};
 use spinney_base::value::Value;
 use spinney_container::{FileHeader, Header};
-use spinney_packing::{Damage, Effort, Run, RunForm, UnpackedRuns, may_unpack, pack_runs, unpack_runs};
+use spinney_packing::{Damage, Run, RunForm, UnpackedRuns, may_unpack, pack_runs, unpack_runs};
 
 /// Bits of the bytes of a packed extent's records, when they are unpacked.
 const PLAIN_BITS: u32 = 21;
@@ -180,7 +180,6 @@ impl Records {
 pub(super) struct PackedWriter {
     header: Header,
     run_levels: u8,
-    effort: Effort,
     layout: PointeredLayout,
     /// Where the extent starts in the file.
     start: u64,
@@ -192,19 +191,10 @@ pub(super) struct PackedWriter {
 
 impl PackedWriter {
     /// Starts extents of records of a tree.
-    pub(super) fn new(header: &Header, run_levels: u8, effort: Effort) -> PackedWriter {
+    pub(super) fn new(header: &Header, run_levels: u8) -> PackedWriter {
         let layout = PointeredLayout::new(header.form, run_levels, header.depth());
         let (heights, records, beside) = (Vec::new(), Records::default(), Vec::new());
-        PackedWriter {
-            header: header.clone(),
-            run_levels,
-            effort,
-            layout,
-            start: 0,
-            heights,
-            records,
-            beside,
-        }
+        PackedWriter { header: header.clone(), run_levels, layout, start: 0, heights, records, beside }
     }
 
     /// Turns to records of another tree; there must be none of the one before.
@@ -259,7 +249,7 @@ impl PackedWriter {
         };
         let runs: Option<Vec<Run<&[u8]>>> = self.heights.iter().enumerate().map(run).collect();
         let form = run_form(&self.header, self.run_levels);
-        let packed = runs.and_then(|runs| pack_runs(&form, &runs, &self.beside, self.effort));
+        let packed = runs.and_then(|runs| pack_runs(&form, &runs, &self.beside));
         let head = |is_packed: bool| {
             let mut bytes = (records.bytes.len() as u32).to_le_bytes().to_vec();
             bytes.extend_from_slice(&(self.heights.len() as u16).to_le_bytes());

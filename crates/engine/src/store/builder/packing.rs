@@ -3,29 +3,29 @@
 use std::path::Path;
 
 use super::rounding::Rounding;
+use serde::{Deserialize, Serialize};
 use spinney_base::value::{Kind, ValueType};
 use spinney_base::{Error, Result};
 use spinney_container::{Codec, Metadata, TreeFormat};
-use spinney_packing::Effort;
 
 /// How few bytes a tree is to take, and what it may lose for that: plain segments, and nothing, unless something else is said.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 #[non_exhaustive]
 pub struct Packing {
     /// Packing of segments; only Goblin files can have packed ones.
     pub codec: Codec,
-    /// Effort of packing.
-    pub effort: Effort,
     /// By how much samples of cells may differ from what they were: they are rounded to multiples of a power of two, of which packed
     /// segments store no more digits than they have. Coarser levels and statistics are those of the rounded cells. Nothing is rounded
     /// without it.
+    #[serde(with = "spinney_base::text_fields")]
     pub max_error: Option<f64>,
 }
 
 impl Packing {
-    /// Packed segments, made with an effort.
-    pub fn packed(effort: Effort) -> Packing {
-        Packing { codec: Codec::Packed, effort, max_error: None }
+    /// Packed segments.
+    pub fn packed() -> Packing {
+        Packing { codec: Codec::Packed, max_error: None }
     }
 
     /// Chooses by how much samples may differ from what they were.
@@ -49,18 +49,6 @@ impl Packing {
         match (self.codec, TreeFormat::of(path)) {
             (Codec::Packed, TreeFormat::Autumnal) => Err(no_segments(path)),
             _ => Ok(()),
-        }
-    }
-
-    /// The effort of a name: fast or small.
-    ///
-    /// # Errors
-    /// If it is none.
-    pub fn effort_named(name: &str) -> Result<Effort> {
-        match name {
-            "fast" => Ok(Effort::Fast),
-            "small" => Ok(Effort::Small),
-            _ => Err(Error::invalid("effort", format!("`{name}`"), "fast or small")),
         }
     }
 

@@ -14,7 +14,6 @@ use spinney_base::{Error, Progress, Result};
 use spinney_container::{
     Codec, FileHeader, HEADER_SIZE, Header, Layer, LayerTable, LevelCounts, Metadata, Section, Trailer,
 };
-use spinney_packing::Effort;
 
 /// Metadata of more bytes stand apart, before those of the other layers, so that the end of a file tells much in few bytes.
 const LARGE_METADATA: usize = 4096;
@@ -87,8 +86,7 @@ impl FileWriter {
         fill: &mut Fill<'_>,
         complete: &mut dyn FnMut(&mut Metadata),
     ) -> Result<Tally> {
-        let mut writer =
-            LayerWriter::new(self, header, in_order, (options.memory / 8, options.packing.effort));
+        let mut writer = LayerWriter::new(self, header, in_order, options.memory / 8);
         let mut builder = SegmentBuilder::new(header, covered, &mut writer);
         fill(&mut builder, header.shape)?;
         let (root, counts) = builder.finish();
@@ -105,10 +103,10 @@ impl FileWriter {
         &mut self,
         header: &Header,
         metadata: &Metadata,
-        (memory, effort): (u64, Effort),
+        memory: u64,
         fill: &mut dyn FnMut(&mut SegmentBuilder<'_>) -> Result<LevelCounts>,
     ) -> Result<()> {
-        let mut writer = LayerWriter::new(self, header, true, (memory, effort));
+        let mut writer = LayerWriter::new(self, header, true, memory);
         let mut builder = SegmentBuilder::new(header, header.extent, &mut writer);
         let below = fill(&mut builder)?;
         let (root, mut counts) = builder.finish();

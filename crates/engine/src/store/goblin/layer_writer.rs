@@ -14,7 +14,6 @@ use crate::tree::Child;
 use spinney_base::Result;
 use spinney_base::io::{Sorter, folder};
 use spinney_container::{Codec, Header, Layer, Metadata, Section};
-use spinney_packing::Effort;
 
 /// A layer being written, append-only.
 pub(super) struct LayerWriter<'f> {
@@ -32,8 +31,6 @@ pub(super) struct LayerWriter<'f> {
     /// Segments that must wait for others.
     held: HeldSegments,
     stored_records: u64,
-    /// Effort of packing, if that is done.
-    effort: Option<Effort>,
 }
 
 impl<'f> LayerWriter<'f> {
@@ -42,7 +39,7 @@ impl<'f> LayerWriter<'f> {
         file: &'f mut FileWriter,
         header: &Header,
         in_order: bool,
-        (memory, effort): (u64, Effort),
+        memory: u64,
     ) -> LayerWriter<'f> {
         let size = entry_size(header.form.value);
         let entries = Sorter::new(folder(file.path()), size, memory / 2);
@@ -58,7 +55,6 @@ impl<'f> LayerWriter<'f> {
             entries,
             held,
             stored_records: 0,
-            effort: (header.codec == Codec::Packed).then_some(effort),
         }
     }
 
@@ -153,8 +149,8 @@ impl SegmentSink for LayerWriter<'_> {
         self.file.path()
     }
 
-    fn effort(&self) -> Option<Effort> {
-        self.effort
+    fn codec(&self) -> Codec {
+        self.header.codec
     }
 
     fn segment(&mut self, segment: SealedSegment) -> Result<()> {

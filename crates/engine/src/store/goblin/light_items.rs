@@ -16,7 +16,7 @@ use spinney_base::Result;
 use spinney_base::space::{Bounds, Code, CodeRun};
 use spinney_base::value::{Tally, Value, ValueType};
 use spinney_container::{Codec, Header, INNER, LEAF, Shape, VOID};
-use spinney_packing::{Damage, Effort, SegmentForm, may_unpack, pack, unpack};
+use spinney_packing::{Damage, SegmentForm, may_unpack, pack, unpack};
 
 /// The first byte of entries, and of a part.
 const SEGMENTS: u8 = 1;
@@ -102,7 +102,7 @@ fn wanted_levels(shape: &Shape, level: u8) -> u8 {
 pub(super) fn write_top(light: &mut LightWriter, part: &Part, header: &Header) -> Result<()> {
     let Part { code, child, total, records, tally } = part;
     let places = RecordLayout::new(header.form).count(records) as u32;
-    let packed = pack(&form_of(header, *code), places, records, Effort::Fast)
+    let packed = pack(&form_of(header, *code), places, records)
         .filter(|packed| may_unpack(packed.len() as u64, records.len() as u64));
     let stored = packed.as_deref().unwrap_or(records);
     let raw = RawPart {

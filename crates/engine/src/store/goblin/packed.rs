@@ -7,7 +7,7 @@ use crate::store::records::RecordLayout;
 use spinney_base::space::Code;
 use spinney_base::value::Tally;
 use spinney_container::Header;
-use spinney_packing::{Effort, SegmentForm, may_unpack, pack};
+use spinney_packing::{SegmentForm, may_unpack, pack};
 
 /// The meaning of the bytes of a node's segment in a tree that has it; `None` if that has no such level.
 pub(super) fn segment_form(header: &Header, node: Code) -> Option<SegmentForm> {
@@ -23,27 +23,21 @@ pub(super) fn are_packed_alike(a: &Header, b: &Header) -> bool {
 }
 
 /// Packs the bytes of a node's segment, which has so many places; `None` where they are to stay plain.
-pub(super) fn pack_bytes(
-    header: &Header,
-    node: Code,
-    places: u32,
-    plain: &[u8],
-    effort: Effort,
-) -> Option<Vec<u8>> {
+pub(super) fn pack_bytes(header: &Header, node: Code, places: u32, plain: &[u8]) -> Option<Vec<u8>> {
     let form = segment_form(header, node)?;
     // (Nobody has to pack what nobody may unpack.)
     if !may_unpack(plain.len() as u64, plain.len() as u64) {
         return None;
     }
-    pack(&form, places, plain, effort).filter(|packed| may_unpack(packed.len() as u64, plain.len() as u64))
+    pack(&form, places, plain).filter(|packed| may_unpack(packed.len() as u64, plain.len() as u64))
 }
 
 /// Packs a segment, if that makes it smaller.
-pub(super) fn pack_sealed(header: &Header, segment: &SealedSegment, effort: Effort) -> Option<Vec<u8>> {
+pub(super) fn pack_sealed(header: &Header, segment: &SealedSegment) -> Option<Vec<u8>> {
     let (_, counts) = class_counts(header, &segment.tally);
     let places = RecordLayout::new(header.form).count(&segment.records) as u32;
     let joined = (!counts.is_empty()).then(|| [&segment.records[..], &counts].concat());
-    pack_bytes(header, segment.code, places, joined.as_ref().unwrap_or(&segment.records), effort)
+    pack_bytes(header, segment.code, places, joined.as_ref().unwrap_or(&segment.records))
 }
 
 /// The class counts that follow a segment's records: their number as the directory has it, and their bytes, of each the value's, then

@@ -10,7 +10,7 @@ use spinney_base::parallel;
 use spinney_base::space::Code;
 use spinney_base::value::{Rule, Value};
 use spinney_base::{Error, Result};
-use spinney_container::{Header, LevelCounts};
+use spinney_container::{Codec, Header, LevelCounts};
 
 /// Merges parts whose siblings are complete, seals segments, and hands them to a sink.
 pub(super) struct SegmentBuilder<'k> {
@@ -52,18 +52,17 @@ impl<'k> SegmentBuilder<'k> {
 
     /// Takes a segment that is the next one: to be packed with others, or at once.
     fn segment(&mut self, segment: SealedSegment) -> Result<()> {
-        match self.sink.effort() {
-            Some(_) => self.unpacked.push(segment),
-            None => self.sink.segment(segment)?,
+        match self.sink.codec() {
+            Codec::Packed => self.unpacked.push(segment),
+            Codec::Plain => self.sink.segment(segment)?,
         }
         Ok(())
     }
 
     /// Packs and hands on the segments that wait for that.
     fn pack(&mut self) -> Result<()> {
-        let Some(effort) = self.sink.effort() else { return Ok(()) };
         let segments = std::mem::take(&mut self.unpacked);
-        let packed = parallel::map(&segments, |segment| pack_sealed(&self.header, segment, effort));
+        let packed = parallel::map(&segments, |segment| pack_sealed(&self.header, segment));
         let mut both = segments.into_iter().zip(packed);
         both.try_for_each(|(segment, packed)| self.sink.segment(SealedSegment { packed, ..segment }))
     }

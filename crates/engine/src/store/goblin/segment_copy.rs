@@ -19,7 +19,6 @@ use spinney_base::parallel;
 use spinney_base::space::Code;
 use spinney_base::value::Value;
 use spinney_container::{CUT, Codec, Header, INNER, LevelCounts, Shape};
-use spinney_packing::Effort;
 
 /// A node of a file that owns a segment, to be copied to another node.
 pub(super) struct SegmentCopy<'a> {
@@ -93,10 +92,10 @@ impl<'a> SegmentCopy<'a> {
         // be in a new file, under good checksums.
         let mut counts = LevelCounts::default();
         let mut ready = Vec::new();
-        let effort = sink.effort();
+        let codec = sink.codec();
         for next in self.segments.chunks(BATCH).chain([&[][..]]) {
             let (sent, made) =
-                parallel::join(|| send_some(&ready, sink), || self.make_ready(next, header, effort));
+                parallel::join(|| send_some(&ready, sink), || self.make_ready(next, header, codec));
             sent?;
             ready = made?;
             ready.iter().for_each(|ready| counts.merge(&ready.counts));
@@ -104,40 +103,30 @@ impl<'a> SegmentCopy<'a> {
         Ok(counts)
     }
 
-    fn make_ready(
-        &self,
-        segments: &[usize],
-        header: &Header,
-        effort: Option<Effort>,
-    ) -> Result<Vec<ReadySegment<'a>>> {
-        let made = parallel::map(segments, |index| self.ready_segment(*index, header, effort));
+    fn make_ready(&self, segments: &[usize], header: &Header, codec: Codec) -> Result<Vec<ReadySegment<'a>>> {
+        let made = parallel::map(segments, |index| self.ready_segment(*index, header, codec));
         made.into_iter().collect()
     }
 
     /// Counts a segment, and makes the bytes that the tree with a header is to have of it.
-    fn ready_segment(
-        &self,
-        index: usize,
-        header: &Header,
-        effort: Option<Effort>,
-    ) -> Result<ReadySegment<'a>> {
+    fn ready_segment(&self, index: usize, header: &Header, codec: Codec) -> Result<ReadySegment<'a>> {
         let segment = self.file.segment(index)?;
         let counts = self.count_segment(index, &segment)?;
         let mut entry = self.file.entry(index)?;
         entry.code = moved(entry.code, self.from, self.to);
-        let (codec, bytes) = match (entry.codec, effort) {
-            (Codec::Plain, None) => return Ok(ReadySegment { counts, entry, bytes: segment.into_bytes() }),
-            (Codec::Packed, Some(_)) if are_packed_alike(self.file.header(), header) => {
+        let (codec, bytes) = match (entry.codec, codec) {
+            (Codec::Plain, Codec::Plain) => {
+                return Ok(ReadySegment { counts, entry, bytes: segment.into_bytes() });
+            }
+            (Codec::Packed, Codec::Packed) if are_packed_alike(self.file.header(), header) => {
                 let bytes = self.file.stored_segment(index)?;
                 return Ok(ReadySegment { counts, entry, bytes });
             }
-            (_, None) => (Codec::Plain, segment.into_bytes()),
-            (_, Some(effort)) => {
-                match pack_bytes(header, entry.code, entry.records, segment.all_bytes(), effort) {
-                    Some(packed) => (Codec::Packed, FileBytes::Held(Arc::new(packed).into())),
-                    None => (Codec::Plain, segment.into_bytes()),
-                }
-            }
+            (_, Codec::Plain) => (Codec::Plain, segment.into_bytes()),
+            (_, Codec::Packed) => match pack_bytes(header, entry.code, entry.records, segment.all_bytes()) {
+                Some(packed) => (Codec::Packed, FileBytes::Held(Arc::new(packed).into())),
+                None => (Codec::Plain, segment.into_bytes()),
+            },
         };
         (entry.codec, entry.length, entry.checksum) = (codec, bytes.len() as u64, crc32c::crc32c(&bytes));
         Ok(ReadySegment { counts, entry, bytes })

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::directory::Entry;
 use crate::store::builder::{Part, SealedSegment};
 use spinney_base::Result;
-use spinney_packing::Effort;
+use spinney_container::Codec;
 
 /// Receives the segments of a tree as they are finished, a node's before its ancestors'.
 pub(super) trait SegmentSink: Send {
@@ -23,8 +23,8 @@ pub(super) trait SegmentSink: Send {
         unreachable!("a whole tree has its root on top")
     }
 
-    /// The effort of packing the segments that come; none where they are to stay plain.
-    fn effort(&self) -> Option<Effort>;
+    /// The codec of the segments that come.
+    fn codec(&self) -> Codec;
 
     /// Takes one segment.
     fn segment(&mut self, segment: SealedSegment) -> Result<()>;

@@ -15,7 +15,6 @@ use spinney_base::io::{InputFile, Output, remove_files};
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{FileHeader, Header, LevelCounts, OpenOptions, check_tree_name, create_tree_file};
-use spinney_packing::Effort;
 
 /// The file that shards are put together to, and what becomes of their own.
 pub enum MergeOutput {
@@ -98,8 +97,8 @@ impl MergeOutput {
 }
 
 /// Puts a file together whose shards are all made: the bytes are those of a file that was built in one go. `head` is the file that tells of
-/// its layers. Segments are checked and copied; about `memory` bytes hold the directory before it goes to temporary files, and the crown
-/// is packed with `effort` where the layers are. Progress counts bytes.
+/// its layers. Segments are checked and copied; about `memory` bytes hold the directory before it goes to temporary files.
+/// Progress counts bytes.
 ///
 /// # Errors
 /// If a shard is missing, damaged or of another job, if shards leave gaps or overlap, or if the output cannot be written; on
@@ -108,7 +107,7 @@ pub fn merge_shards(
     head: &Path,
     shards: &[Shard],
     output: MergeOutput,
-    (memory, effort): (u64, Effort),
+    memory: u64,
     progress: &dyn Progress,
 ) -> Result<()> {
     let planned = Goblin::open(head, &OpenOptions::default())?;
@@ -131,7 +130,7 @@ pub fn merge_shards(
         // behind the other, are those of a file that was built in one go, and all that is left to make is what stands above.
         check_cover(head, number, pieces.iter().map(|(_, _, piece)| piece.piece.run))?;
         let mut position = out.position();
-        out.merged_layer(header, metadata, (memory, effort), &mut |builder| {
+        out.merged_layer(header, metadata, memory, &mut |builder| {
             let mut counts = LevelCounts::default();
             for (shard, light, piece) in &pieces {
                 let path = shard.run_path(number);

@@ -17,7 +17,6 @@ use spinney_base::io::Output;
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Result};
 use spinney_container::{Codec, Header, Metadata};
-use spinney_packing::Effort;
 
 /// A shard being written. It is made when [`ShardWriter::finish`] returns; until then nobody takes what is there for it.
 pub(in crate::store) struct ShardWriter {
@@ -70,8 +69,7 @@ impl ShardWriter {
             return Err(Error::unsupported(run, "a shard of cells that come in another order", advice));
         }
         self.light.begin(piece);
-        let effort = (header.codec == Codec::Packed).then_some(options.packing.effort);
-        let mut writer = PieceWriter::new(run, piece, header, effort, &mut self.light);
+        let mut writer = PieceWriter::new(run, piece, header, &mut self.light);
         let mut builder = SegmentBuilder::new(header, covered, &mut writer);
         fill(&mut builder, header.shape)?;
         let (_, counts) = builder.finish();
@@ -133,7 +131,6 @@ struct PieceWriter<'l> {
     out: Option<Output>,
     piece: ShardPiece,
     header: Header,
-    effort: Option<Effort>,
     /// Bytes so far.
     position: u64,
     /// The last segment, by the order of the file.
@@ -143,20 +140,13 @@ struct PieceWriter<'l> {
 }
 
 impl<'l> PieceWriter<'l> {
-    fn new(
-        path: PathBuf,
-        piece: ShardPiece,
-        header: &Header,
-        effort: Option<Effort>,
-        light: &'l mut LightWriter,
-    ) -> PieceWriter<'l> {
+    fn new(path: PathBuf, piece: ShardPiece, header: &Header, light: &'l mut LightWriter) -> PieceWriter<'l> {
         let header = header.clone();
         PieceWriter {
             path,
             out: None,
             piece,
             header,
-            effort,
             position: 0,
             last: 0,
             entries: PendingEntries::default(),
@@ -209,8 +199,8 @@ impl SegmentSink for PieceWriter<'_> {
         write_top(self.light, &part, &self.header)
     }
 
-    fn effort(&self) -> Option<Effort> {
-        self.effort
+    fn codec(&self) -> Codec {
+        self.header.codec
     }
 
     fn segment(&mut self, segment: SealedSegment) -> Result<()> {

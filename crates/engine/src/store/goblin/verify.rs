@@ -14,8 +14,7 @@ use crate::tree::Child;
 use spinney_base::space::CodeRun;
 use spinney_base::value::{Sums, Tally, ValueType};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{Finding, MAX_FINDINGS};
-use spinney_packing::Effort;
+use spinney_container::{Codec, Finding, MAX_FINDINGS};
 
 impl Goblin {
     /// Checks all layers of the file: every checksum and every rule of their trees: preorder, skips that add up, representatives and
@@ -187,8 +186,8 @@ impl SegmentSink for Checker<'_> {
     }
 
     // (What is compared is what segments become when they are unpacked.)
-    fn effort(&self) -> Option<Effort> {
-        None
+    fn codec(&self) -> Codec {
+        Codec::Plain
     }
 
     fn segment(&mut self, should: SealedSegment) -> Result<()> {

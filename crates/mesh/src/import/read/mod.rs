@@ -12,6 +12,7 @@ mod obj;
 mod off;
 mod parts;
 mod ply;
+mod spill;
 mod stl;
 mod vertices;
 

@@ -47,11 +47,6 @@ impl Parts {
         Ok(number)
     }
 
-    /// The number of a part that is there.
-    pub(super) fn get(&self, name: &[u8]) -> Option<u32> {
-        self.numbers.get(&*String::from_utf8_lossy(name)).copied()
-    }
-
     /// A part that is not the same as any other, even if they share the name.
     pub(super) fn push(&mut self, source: &ModelFile, name: String) -> Result<()> {
         self.make_room(source, 1, &name)?;

@@ -1,12 +1,10 @@
 //! Storage of vertices while faces are read: in memory, in a mapped temporary file, or in the model's own
 //! file.
 
-use std::fs::File;
-use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use spinney_base::io::{Mapped, ReadBackend};
-use spinney_base::{Error, Result};
+use super::spill::{SpillBuffer, SpilledBytes};
+use spinney_base::Result;
 
 /// Encoding of coordinates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -119,39 +117,27 @@ impl VertexBounds {
 
 /// Vertices in the order in which a file has them.
 pub(super) struct Vertices {
-    storage: Storage,
+    bytes: SpilledBytes,
     layout: VertexLayout,
-}
-
-enum Storage {
-    Memory(Vec<u8>),
-    Disk(Mapped),
 }
 
 impl Vertices {
     pub(super) fn table(&self) -> Table<'_> {
-        let bytes = match &self.storage {
-            Storage::Memory(bytes) => bytes,
-            Storage::Disk(map) => map.bytes().unwrap_or_default(),
-        };
-        Table::new(bytes, self.layout)
+        Table::new(self.bytes.bytes(), self.layout)
+    }
+
+    /// The same vertices without their colours.
+    pub(super) fn without_colours(mut self) -> Vertices {
+        self.layout.colour = None;
+        self
     }
 }
 
 /// Collects [`Vertices`].
 pub(super) struct VerticesBuilder {
     layout: VertexLayout,
-    /// Vertices that are not on disk yet.
-    bytes: Vec<u8>,
-    /// Bytes to keep in memory.
-    budget: usize,
-    file: Option<File>,
-    /// The model's file, for messages.
-    path: PathBuf,
+    bytes: SpillBuffer,
 }
-
-/// Bytes written to disk at once.
-const CHUNK: usize = 1 << 20;
 
 impl VerticesBuilder {
     /// A builder for vertices that are kept in about `memory` bytes, or else on disk.
@@ -159,55 +145,30 @@ impl VerticesBuilder {
     /// Coordinates must be one of the little-endian kinds.
     pub(super) fn new(path: &Path, coordinates: Coordinates, is_coloured: bool, memory: u64) -> Self {
         let layout = VertexLayout::packed(coordinates, is_coloured);
-        let budget = usize::try_from(memory).unwrap_or(usize::MAX).max(CHUNK);
-        VerticesBuilder { layout, bytes: Vec::new(), budget, file: None, path: path.to_path_buf() }
+        VerticesBuilder { layout, bytes: SpillBuffer::new(path, memory) }
     }
 
     /// Adds a vertex. The colour counts only if the vertices are coloured.
     #[inline]
     pub(super) fn push(&mut self, point: [f64; 3], colour: [u8; 3]) -> Result<()> {
-        if self.bytes.capacity() - self.bytes.len() < self.layout.stride {
-            self.make_room().map_err(Error::io(&self.path, "use a temporary file for the vertices"))?;
-        }
-        for coordinate in point {
+        let mut vertex = [0; MAX_STRIDE];
+        for (coordinate, at) in point.into_iter().zip(self.layout.position) {
             match self.layout.coordinates {
-                Coordinates::F32 => self.bytes.extend_from_slice(&(coordinate as f32).to_le_bytes()),
-                Coordinates::F64 => self.bytes.extend_from_slice(&coordinate.to_le_bytes()),
+                Coordinates::F32 => vertex[at..][..4].copy_from_slice(&(coordinate as f32).to_le_bytes()),
+                Coordinates::F64 => vertex[at..][..8].copy_from_slice(&coordinate.to_le_bytes()),
                 Coordinates::F32Big | Coordinates::F64Big => unreachable!("kept little-endian"),
             }
         }
-        if self.layout.colour.is_some() {
-            self.bytes.extend_from_slice(&colour);
+        for (channel, at) in colour.into_iter().zip(self.layout.colour.into_iter().flatten()) {
+            vertex[at] = channel;
         }
-        Ok(())
+        self.bytes.push(&vertex[..self.layout.stride])
     }
 
-    /// Room grows with what really comes, twofold until the budget is used up.
-    fn make_room(&mut self) -> io::Result<()> {
-        let held = self.bytes.len();
-        if self.file.is_none() && held + self.layout.stride < self.budget {
-            self.bytes.reserve_exact(held.max(4096).min(self.budget - held));
-            return Ok(());
-        }
-        let file = match &mut self.file {
-            Some(file) => file,
-            none => none.insert(tempfile::tempfile()?),
-        };
-        file.write_all(&self.bytes)?;
-        self.bytes.clear();
-        if self.bytes.capacity() > 2 * CHUNK {
-            self.bytes = Vec::with_capacity(CHUNK);
-        }
-        Ok(())
-    }
-
-    pub(super) fn finish(mut self) -> Result<Vertices> {
-        let Some(mut file) = self.file.take() else {
-            return Ok(Vertices { storage: Storage::Memory(self.bytes), layout: self.layout });
-        };
-        let failed = Error::io(&self.path, "use a temporary file for the vertices");
-        file.write_all(&self.bytes).map_err(failed)?;
-        // Nobody else can reach the file: it has no name.
-        Ok(Vertices { storage: Storage::Disk(Mapped::of(&file, &self.path)?), layout: self.layout })
+    pub(super) fn finish(self) -> Result<Vertices> {
+        Ok(Vertices { bytes: self.bytes.finish()?, layout: self.layout })
     }
 }
+
+/// Bytes of a packed vertex with wide coordinates and a colour.
+const MAX_STRIDE: usize = 27;

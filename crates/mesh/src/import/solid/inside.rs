@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::field::WindingField;
 use super::grid::Grid;
+use serde::{Deserialize, Serialize};
 use spinney_base::space::EdgeRule;
 use spinney_base::{Error, Progress, Result};
 use spinney_brep::exact::lattice::Lattice;
@@ -13,7 +14,8 @@ use spinney_brep::exact::lattice::Lattice;
 pub(super) const FULL: u32 = 255;
 
 /// Meaning of the values of a solid's cells.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Attribute {
     /// Share of the cell that is filled, from 0 to 255.
     #[default]

@@ -6,6 +6,7 @@ use super::grid::Grid;
 use super::inside::Attribute;
 use super::survey::SolidSurvey;
 use crate::import::Model;
+use serde::{Deserialize, Serialize};
 use spinney_base::space::EdgeRule;
 use spinney_base::space::{Dimension, Up};
 use spinney_base::value::{Kind, Rule};
@@ -19,21 +20,24 @@ use spinney_engine::store::{BuildOptions, Packing, depth_for};
 pub const DEFAULT_MEMORY: u64 = 256 << 20;
 
 /// Resolution of the cells.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Resolution {
     /// Number of cells along the longest side of the models' box.
     Cells(u64),
     /// Cells of this width, in units of the models; walls between cells lie at its multiples, so that all
     /// trees of one width fit together.
-    Cell(f64),
+    Cell(#[serde(with = "spinney_base::text_fields")] f64),
     /// Depth of the tree, which is as wide as the models.
     Depth(u8),
     /// The cells of another tree: its frame and depth.
+    #[serde(skip)]
     Like(Frame, u8),
 }
 
 /// Options for building a solid.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 #[non_exhaustive]
 pub struct SolidOptions {
     /// Resolution of the cells.
@@ -55,10 +59,13 @@ pub struct SolidOptions {
     /// The coordinate system; otherwise the models'.
     pub crs: Option<Crs>,
     /// Bytes of memory for everything.
+    #[serde(skip)]
     pub memory: u64,
     /// Whether equal subtrees are stored once, in Autumnal files.
+    #[serde(skip)]
     pub share: bool,
     /// Time of the commit that an Autumnal file begins with, in seconds since the beginning of 1970.
+    #[serde(skip)]
     pub time: Option<i64>,
     /// How few bytes the file is to take, and what it may lose for that.
     pub packing: Packing,

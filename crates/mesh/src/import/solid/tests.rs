@@ -8,7 +8,7 @@ use crate::import::{Model, open_all};
 use spinney_base::io::Output;
 use spinney_base::space::{Code, CodeRun, Dimension, EdgeRule};
 use spinney_engine::store::goblin::{Shard, ShardPiece, merge_shards};
-use spinney_engine::store::{Effort, Packing, TreeWriter};
+use spinney_engine::store::{Packing, TreeWriter};
 
 /// Corners, and faces of their numbers.
 #[derive(Default)]
@@ -158,7 +158,7 @@ impl Place {
                 shards.push(shard);
             }
             let output = Output::create(&merged).unwrap();
-            merge_shards(&head, &shards, output.into(), (1 << 20, Effort::Fast), &()).unwrap();
+            merge_shards(&head, &shards, output.into(), 1 << 20, &()).unwrap();
             assert!(std::fs::read(&merged).unwrap() == whole, "{cuts:?} {options:?}");
         }
     }
@@ -181,7 +181,7 @@ fn shards_of_closed_surfaces_make_the_bytes_of_a_build() {
     place.compare(&[hollow], &options(70, EdgeRule::Centre), false);
     place.compare(&[Mesh::torus()], &options(80, EdgeRule::Touch), false);
     let mut packed = options(130, EdgeRule::Centre);
-    packed.packing = Packing::packed(Effort::Fast);
+    packed.packing = Packing::packed();
     place.compare(&[Mesh::torus()], &packed, false);
     place.compare(&[Mesh::torus()], &options(50, EdgeRule::Centre), false);
     let mut shell = options(80, EdgeRule::Centre);

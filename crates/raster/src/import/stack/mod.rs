@@ -15,6 +15,7 @@ use self::layer::divide;
 pub use self::write::{write_layers, write_stack};
 use super::plan::{DEFAULT_MEMORY, ImportOptions, depth_of, listed, tell};
 use super::{RasterInfo, RasterOptions, open, tiff};
+use serde::{Deserialize, Serialize};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, Frame};
@@ -22,7 +23,8 @@ use spinney_engine::ops::Resampling;
 use spinney_engine::store::Packing;
 
 /// Options for a stack.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 #[non_exhaustive]
 pub struct StackOptions {
     /// Options that are those of an import; the bands are those of each file.

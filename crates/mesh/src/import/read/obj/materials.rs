@@ -7,13 +7,13 @@ use std::path::{Component, Path, PathBuf};
 
 use super::super::corners::WHITE;
 use super::super::model_file::{BYTE_ORDER_MARK, ModelFile};
-use super::scan::{Scan, channel};
+use super::statements::channel;
 use spinney_base::Error;
 use spinney_base::guard::guard;
 
 /// Diffuse colours by the materials' names.
 #[derive(Default)]
-pub(super) struct Materials(HashMap<Vec<u8>, [u8; 3]>);
+pub(super) struct Materials(HashMap<String, [u8; 3]>);
 
 /// The file of a library by its name; `None` if that is not beside the model or below: a model must not make us open files anywhere else.
 fn library_path(source: &ModelFile, name: &[u8]) -> Option<PathBuf> {
@@ -34,14 +34,11 @@ pub(in super::super) fn libraries(source: &ModelFile) -> Vec<PathBuf> {
 const MOST_BYTES: u64 = 4 << 20;
 
 impl Materials {
-    /// Reads the libraries that a file names. They lie beside it or below; what is missing or broken gives no
-    /// colours, since the shape is the same without them. If vertices have colours, materials do not count.
-    pub(super) fn read(source: &ModelFile, scan: &Scan) -> Materials {
+    /// Reads the libraries that a file names. They are in the model's directory or below it. A missing or
+    /// broken library gives no colours, since the shape is the same without them.
+    pub(super) fn read(source: &ModelFile, libraries: &[Vec<u8>]) -> Materials {
         let mut materials = Materials::default();
-        if scan.coloured > 0 {
-            return materials;
-        }
-        for library in &scan.libraries {
+        for library in libraries {
             let path = library_path(source, library);
             if let Some(path) = path.filter(|path| path.metadata().is_ok_and(|about| about.is_file())) {
                 materials.add(&path);
@@ -62,7 +59,7 @@ impl Materials {
         });
         for material in read.map(|(materials, _)| materials).unwrap_or_default() {
             if let Some(colour) = material.diffuse {
-                self.0.insert(material.name.into_bytes(), colour.map(channel));
+                self.0.insert(material.name, colour.map(channel));
             }
         }
     }
@@ -71,7 +68,7 @@ impl Materials {
         self.0.is_empty()
     }
 
-    pub(super) fn colour(&self, name: &[u8]) -> [u8; 3] {
+    pub(super) fn colour(&self, name: &str) -> [u8; 3] {
         self.0.get(name).copied().unwrap_or(WHITE)
     }
 }

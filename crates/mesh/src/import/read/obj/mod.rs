@@ -1,37 +1,38 @@
 //! OBJ: numbered vertices and polygons over them as text, with objects, groups and materials.
+//!
+//! A single pass over the text makes tables of vertices and faces, which go to temporary files where they
+//! exceed the memory. The `tobj` crate reads the materials, and is the tests' referee for the rest: it has no
+//! line numbers in its errors, takes groups for objects and lines for faces, and needs colours at all
+//! vertices or none.
 
+mod faces;
 mod materials;
-mod scan;
-mod whole;
+mod statements;
+#[cfg(test)]
+mod tests;
 
+use std::borrow::Cow;
+
+use self::faces::{FaceHead, FaceList, FaceListBuilder};
 use self::materials::Materials;
 pub(super) use self::materials::libraries;
-use self::scan::{Item, Items, Scan};
-use super::corners::{Corners, MOST_CORNERS};
+use self::statements::{Statement, Statements, vertex};
+use super::corners::{Corners, MOST_CORNERS, WHITE};
 use super::model_file::ModelFile;
-use super::vertices::{Coordinates, Table, Vertices, VerticesBuilder};
+use super::parts::Parts;
+use super::vertices::{Coordinates, VertexBounds, Vertices, VerticesBuilder};
 use super::{MeshFace, Model, ModelInfo};
-use spinney_base::Result;
+use spinney_base::{Error, Result};
 use spinney_brep::Attributes;
-use spinney_records::text::{self, Lines, shown};
-
-/// Ratio of the memory that a file takes when read at once to its length.
-const WHOLE_FACTOR: u64 = 4;
+use spinney_records::text::{self, Lines, Words, shown};
 
 struct Obj {
-    source: ModelFile,
     info: ModelInfo,
-    scan: Scan,
-    materials: Materials,
-    content: Content,
+    vertices: Vertices,
+    faces: FaceList,
+    /// Colours of faces by the numbers of their materials; none if vertices have colours, or nothing has.
+    colours: Vec<[u8; 3]>,
     degenerate: u64,
-}
-
-enum Content {
-    /// All of it, read by the `tobj` crate.
-    Whole(Vec<whole::Piece>),
-    /// The vertices; faces are read from the file each time.
-    Vertices(Vertices),
 }
 
 /// Whether a file that has no name of a known kind looks like one of these.
@@ -43,85 +44,116 @@ pub(super) fn is_likely(bytes: &[u8]) -> bool {
     })
 }
 
+/// Maximum number of files with materials that are read.
+const MAX_LIBRARIES: usize = 64;
+
+/// Name of the part of faces before all objects or groups.
+const NO_PART: &[u8] = b"mesh";
+
 pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
-    let length = source.bytes().len() as u64;
-    let mut scan = Scan::of(&source, memory, None)?;
-    let materials = Materials::read(&source, &scan);
-    let is_small = length.saturating_add(scan.pieces * 128).saturating_mul(WHOLE_FACTOR) <= memory;
-    // What that crate makes of colours is right only if all vertices have one or none.
-    let is_plain = scan.coloured == 0 || scan.coloured == scan.vertices;
-    let pieces = if is_small && is_plain { whole::read(&source, &scan, &materials) } else { None };
-    let content = match pieces {
-        Some(pieces) => Content::Whole(pieces),
-        None => {
-            let is_coloured = scan.coloured > 0;
-            let mut vertices = VerticesBuilder::new(source.path(), Coordinates::F64, is_coloured, memory);
-            scan = Scan::of(&source, memory, Some(&mut vertices))?;
-            Content::Vertices(vertices.finish()?)
+    let mut vertices = VerticesBuilder::new(source.path(), Coordinates::F64, true, memory / 2);
+    let mut faces = FaceListBuilder::new(source.path(), memory / 2);
+    let (mut parts, mut materials) = (Parts::new(memory), Parts::new(memory));
+    let (mut bounds, mut libraries) = (VertexBounds::new(), Vec::new());
+    let (mut vertex_count, mut max_vertex) = (0, None);
+    let (mut is_coloured, mut has_materials, mut has_objects) = (false, false, false);
+    let (mut part, mut material) = (NO_PART, &b""[..]);
+    // Numbers of these names, which get them with the first face.
+    let mut head = None;
+    let mut corners = Vec::new();
+    let mut statements = Statements::new(&source);
+    while let Some((line, statement)) = statements.next()? {
+        match statement {
+            Statement::Vertex(words) => {
+                let Some((point, colour)) = vertex(words.clone()) else {
+                    let found: Cow<'_, [u8]> = words.take(8).collect::<Vec<_>>().join(&b' ').into();
+                    let place = format!("vertex {}, line {line}", vertex_count + 1);
+                    let expected = "three finite numbers, perhaps a weight or a colour";
+                    return Err(source.corrupt(place, shown(&found), expected));
+                };
+                vertex_count += 1;
+                is_coloured |= colour.is_some();
+                bounds.add(point);
+                vertices.push(point, colour.unwrap_or(WHITE))?;
+            }
+            Statement::Face(words) => {
+                let head = match head {
+                    Some(head) => head,
+                    None => {
+                        has_materials |= !material.is_empty();
+                        let material = materials.number(&source, material)?;
+                        *head.insert(FaceHead { part: parts.number(&source, part)?, material })
+                    }
+                };
+                read_corners(words, vertex_count, u64::MAX, &mut corners).map_err(|word| {
+                    let expected = "at most 2^20 corners, each of which is a vertex's number";
+                    source.corrupt(format!("face {}, line {line}", faces.count()), shown(word), expected)
+                })?;
+                max_vertex = max_vertex.max(corners.iter().copied().max());
+                faces.push(head, &corners)?;
+            }
+            Statement::Object(name) => {
+                if !has_objects {
+                    // Groups are no parts where there are objects.
+                    (has_objects, parts) = (true, Parts::new(memory));
+                    faces.drop_parts();
+                    if faces.count() > 0 {
+                        parts.number(&source, NO_PART)?;
+                    }
+                }
+                (part, head) = (name, None);
+            }
+            Statement::Group(name) if !has_objects => (part, head) = (name, None),
+            Statement::Group(_) => {}
+            Statement::Material(name) => (material, head) = (name, None),
+            Statement::Library(name) if libraries.len() < MAX_LIBRARIES => libraries.push(name.to_vec()),
+            Statement::Library(_) => {}
         }
-    };
-    let bounds = scan.bounds.get().ok_or_else(|| source.no_vertices())?;
+    }
+    let bounds = bounds.get().ok_or_else(|| source.no_vertices())?;
+    if max_vertex >= Some(vertex_count) {
+        return Err(missing_vertex(&source, vertex_count));
+    }
+    let mut vertices = vertices.finish()?;
+    let mut colours = Vec::new();
+    if !is_coloured {
+        vertices = vertices.without_colours();
+        let read = if has_materials { Materials::read(&source, &libraries) } else { Materials::default() };
+        if !read.is_empty() {
+            colours = materials.names().iter().map(|name| read.colour(name)).collect();
+        }
+    }
     let info = ModelInfo {
         path: source.path().to_path_buf(),
         format: "OBJ".into(),
-        faces: Some(scan.faces),
+        faces: Some(faces.count()),
         bounds,
         crs: None,
         unit: None,
         step: None,
-        parts: scan.parts.names(),
-        is_grouped: !scan.has_objects,
+        parts: parts.names(),
+        is_grouped: !has_objects,
         attributes: Attributes::default(),
-        is_coloured: scan.coloured > 0 || !materials.is_empty(),
-        bytes: length,
+        is_coloured: is_coloured || !colours.is_empty(),
+        bytes: source.bytes().len() as u64,
     };
-    Ok(Box::new(Obj { source, info, scan, materials, content, degenerate: 0 }))
+    Ok(Box::new(Obj { info, vertices, faces: faces.finish()?, colours, degenerate: 0 }))
 }
 
-impl Obj {
-    /// Reads faces from the file.
-    fn stream(
-        source: &ModelFile,
-        scan: &mut Scan,
-        materials: &Materials,
-        vertices: Table<'_>,
-        corners: &mut Corners,
-        each: &mut dyn FnMut(&MeshFace<'_>) -> Result<()>,
-    ) -> Result<()> {
-        let (mut known, mut number) = (0, 0u64);
-        let mut items = Items::new(source, scan.has_objects);
-        while let Some((line, item)) = items.next()? {
-            match item {
-                Item::Vertex(_) => known += 1,
-                Item::Library(_) => {}
-                Item::Face { words, part, material } => {
-                    corners.clear();
-                    let wrong = |found: String, expected: String| {
-                        source.corrupt(format!("face {number}, line {line}"), found, expected)
-                    };
-                    for word in words {
-                        let index = index(word, known).filter(|index| *index < vertices.len());
-                        let Some(index) = index.filter(|_| corners.len() < MOST_CORNERS) else {
-                            let expected =
-                                format!("at most 2^20 corners that are one of {} vertices", vertices.len());
-                            return Err(wrong(shown(word), expected));
-                        };
-                        corners.push(vertices.position(index));
-                        if let Some(colour) = vertices.colour(index) {
-                            corners.push_colour(colour);
-                        }
-                    }
-                    if !vertices.is_coloured() && !materials.is_empty() {
-                        corners.paint(materials.colour(material));
-                    }
-                    let part = scan.parts.number(source, part)?;
-                    corners.hand_out(part, each)?;
-                    number += 1;
-                }
-            }
-        }
-        Ok(())
+/// Reads the vertices of a face's corners, of which `known` come before the face, and `count` there are. An
+/// error is the word that is not one of these.
+fn read_corners<'w>(
+    words: Words<'w>,
+    known: u64,
+    count: u64,
+    corners: &mut Vec<u64>,
+) -> std::result::Result<(), &'w [u8]> {
+    corners.clear();
+    for word in words {
+        let index = index(word, known).filter(|index| *index < count && corners.len() < MOST_CORNERS);
+        corners.push(index.ok_or(word)?);
     }
+    Ok(())
 }
 
 /// Index of the vertex of a corner such as `7`, `7/1`, `7//3` or `-1/-1`; `known` vertices come before it.
@@ -134,21 +166,48 @@ fn index(word: &[u8], known: u64) -> Option<u64> {
     }
 }
 
+/// The error for a file with a face that has a vertex beyond the last one. Vertices may come after faces: so
+/// the face is searched for from the start when their number is known.
+fn missing_vertex(source: &ModelFile, count: u64) -> Error {
+    let expected = format!("at most 2^20 corners that are one of {count} vertices");
+    let (mut known, mut number, mut corners) = (0, 0u64, Vec::new());
+    let mut statements = Statements::new(source);
+    loop {
+        match statements.next() {
+            Err(error) => return error,
+            Ok(None) => return source.corrupt("faces", "a vertex that does not exist", expected),
+            Ok(Some((_, Statement::Vertex(_)))) => known += 1,
+            Ok(Some((line, Statement::Face(words)))) => {
+                if let Err(word) = read_corners(words, known, count, &mut corners) {
+                    return source.corrupt(format!("face {number}, line {line}"), shown(word), expected);
+                }
+                number += 1;
+            }
+            Ok(Some(_)) => {}
+        }
+    }
+}
+
 impl Model for Obj {
     fn info(&self) -> &ModelInfo {
         &self.info
     }
 
     fn faces(&mut self, each: &mut dyn FnMut(&MeshFace<'_>) -> Result<()>) -> Result<()> {
-        let mut corners = Corners::default();
-        match &self.content {
-            Content::Whole(pieces) => {
-                pieces.iter().try_for_each(|piece| piece.faces(self.info.is_coloured, &mut corners, each))?;
+        let (table, mut faces) = (self.vertices.table(), self.faces.reader());
+        let (mut corners, mut vertices) = (Corners::default(), Vec::new());
+        while let Some(head) = faces.next(&mut vertices) {
+            corners.clear();
+            for vertex in &vertices {
+                corners.push(table.position(*vertex));
+                if let Some(colour) = table.colour(*vertex) {
+                    corners.push_colour(colour);
+                }
             }
-            Content::Vertices(vertices) => {
-                let (source, materials, table) = (&self.source, &self.materials, vertices.table());
-                Obj::stream(source, &mut self.scan, materials, table, &mut corners, each)?;
+            if let Some(colour) = self.colours.get(head.material as usize) {
+                corners.paint(*colour);
             }
+            corners.hand_out(head.part, each)?;
         }
         self.degenerate = corners.degenerate;
         Ok(())

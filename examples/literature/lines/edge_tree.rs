@@ -10,17 +10,8 @@ use super::rule::PmRule;
 pub(super) type Edge<const N: usize> = [[i32; N]; 2];
 
 /// A quadtree (`N` is 2) or an octree (3) of edges between vertices of whole numbers from 0 to 2^depth, that excluded.
-///
-/// ```
-/// use spinney_lines::memory::{PmRule, EdgeTree};
-/// let mut tree = EdgeTree::new(PmRule::Pm1, 3);
-/// assert!(tree.insert([[1, 1], [6, 1]]) && tree.insert([[6, 1], [6, 6]]));
-/// assert!(!tree.insert([[6, 1], [1, 1]]), "it is there");
-/// assert_eq!(tree.window([5, 3], [7, 7]), [[[6, 1], [6, 6]]]);
-/// assert_eq!(tree.nearest([1, 7]).unwrap().0, [[6, 1], [6, 6]]);
-/// ```
 #[derive(Clone, Debug)]
-pub struct EdgeTree<const N: usize> {
+pub(crate) struct EdgeTree<const N: usize> {
     rule: PmRule,
     depth: u8,
     root: Node<N>,
@@ -30,7 +21,7 @@ pub struct EdgeTree<const N: usize> {
 
 /// A leaf that has edges.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct EdgeLeaf<const N: usize> {
+pub(crate) struct EdgeLeaf<const N: usize> {
     /// Its least corner.
     pub corner: [i32; N],
     /// Its side.
@@ -86,7 +77,7 @@ impl<const N: usize> EdgeTree<N> {
     ///
     /// # Panics
     /// If the depth is above 29.
-    pub fn new(rule: PmRule, depth: u8) -> EdgeTree<N> {
+    pub(crate) fn new(rule: PmRule, depth: u8) -> EdgeTree<N> {
         let () = Self::AXES;
         assert!(depth <= 29);
         EdgeTree { rule, depth, root: Node::Leaf(Vec::new()), edges: BTreeSet::new() }
@@ -96,7 +87,7 @@ impl<const N: usize> EdgeTree<N> {
     ///
     /// # Panics
     /// If the depth is above 29.
-    pub fn of(rule: PmRule, depth: u8, edges: impl IntoIterator<Item = [[i32; N]; 2]>) -> EdgeTree<N> {
+    pub(crate) fn of(rule: PmRule, depth: u8, edges: impl IntoIterator<Item = [[i32; N]; 2]>) -> EdgeTree<N> {
         let mut tree = EdgeTree::new(rule, depth);
         let block = tree.block();
         tree.edges =
@@ -110,7 +101,7 @@ impl<const N: usize> EdgeTree<N> {
     }
 
     /// Inserts an edge, which may be a vertex alone; `false` if it is there, in either direction, or is not in the tree's space.
-    pub fn insert(&mut self, edge: [[i32; N]; 2]) -> bool {
+    pub(crate) fn insert(&mut self, edge: [[i32; N]; 2]) -> bool {
         let (edge, block) = (ordered(edge), self.block());
         if !edge.iter().all(|vertex| block.has(*vertex)) || !self.edges.insert(edge) {
             return false;
@@ -120,7 +111,7 @@ impl<const N: usize> EdgeTree<N> {
     }
 
     /// Removes an edge; `false` if it is not there. Blocks that need no division any more are merged.
-    pub fn remove(&mut self, edge: [[i32; N]; 2]) -> bool {
+    pub(crate) fn remove(&mut self, edge: [[i32; N]; 2]) -> bool {
         let edge = ordered(edge);
         let is_there = self.edges.remove(&edge);
         if is_there {
@@ -130,17 +121,17 @@ impl<const N: usize> EdgeTree<N> {
     }
 
     /// Number of edges.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.edges.len()
     }
 
     /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.edges.is_empty()
     }
 
     /// The edges that pass through a box, its border included, in order.
-    pub fn window(&self, least: [i32; N], most: [i32; N]) -> Vec<[[i32; N]; 2]> {
+    pub(crate) fn window(&self, least: [i32; N], most: [i32; N]) -> Vec<[[i32; N]; 2]> {
         let window = (least.map(i64::from), most.map(i64::from));
         if (0..N).any(|axis| least[axis] > most[axis]) {
             return Vec::new();
@@ -168,7 +159,7 @@ impl<const N: usize> EdgeTree<N> {
     ///
     /// # Panics
     /// If a coordinate is below 0, or 2^29 or more.
-    pub fn nearest(&self, place: [i32; N]) -> Option<([[i32; N]; 2], f64)> {
+    pub(crate) fn nearest(&self, place: [i32; N]) -> Option<([[i32; N]; 2], f64)> {
         assert!(place.iter().all(|number| (0..1 << 29).contains(number)));
         let mut best: Option<(Square, Edge<N>)> = None;
         // Blocks, the nearest first, by where they stand in the list.
@@ -197,7 +188,7 @@ impl<const N: usize> EdgeTree<N> {
     }
 
     /// The leaves that have edges, in Z order.
-    pub fn leaves(&self) -> Vec<EdgeLeaf<N>> {
+    pub(crate) fn leaves(&self) -> Vec<EdgeLeaf<N>> {
         let mut leaves = Vec::new();
         let mut open = vec![(&self.root, self.block())];
         while let Some((node, block)) = open.pop() {
@@ -219,7 +210,7 @@ impl<const N: usize> EdgeTree<N> {
     }
 
     /// Number of leaves, and of nodes above them.
-    pub fn counts(&self) -> (usize, usize) {
+    pub(crate) fn counts(&self) -> (usize, usize) {
         let (mut leaves, mut inner) = (0, 0);
         let mut open = vec![&self.root];
         while let Some(node) = open.pop() {
@@ -235,7 +226,7 @@ impl<const N: usize> EdgeTree<N> {
     }
 
     /// The tree as a DF-expression: `G` for a node that is divided, `B` for a leaf with edges, `W` for one without.
-    pub fn to_df_expression(&self) -> String {
+    pub(crate) fn to_df_expression(&self) -> String {
         let mut text = String::new();
         let mut open = vec![&self.root];
         while let Some(node) = open.pop() {

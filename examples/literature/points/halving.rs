@@ -2,15 +2,8 @@
 
 /// A quadtree or octree that halves its space (a PR tree): whatever the order of insertion, the same points make the same tree, and its blocks are those of any other tree
 /// over the same space.
-///
-/// ```
-/// use spinney_points::memory::HalvingTree;
-/// let mut tree = HalvingTree::new([0.0; 3], 8.0, 2, 20);
-/// assert!(tree.insert([1.0, 1.0, 0.0]) && tree.insert([5.0, 1.0, 0.0]) && !tree.insert([9.0, 1.0, 0.0]));
-/// assert_eq!((tree.len(), tree.depth()), (2, 1));
-/// ```
 #[derive(Clone, Debug, PartialEq)]
-pub struct HalvingTree {
+pub(crate) struct HalvingTree {
     corner: [f64; 3],
     side: f64,
     axes: usize,
@@ -32,13 +25,13 @@ impl HalvingTree {
     ///
     /// # Panics
     /// If there are neither 2 nor 3 axes, or more than 60 levels.
-    pub fn new(corner: [f64; 3], side: f64, axes: usize, levels: usize) -> HalvingTree {
+    pub(crate) fn new(corner: [f64; 3], side: f64, axes: usize, levels: usize) -> HalvingTree {
         assert!((2..=3).contains(&axes) && levels <= 60);
         HalvingTree { corner, side, axes, most: levels, root: Block::Leaf(Vec::new()), len: 0 }
     }
 
     /// Inserts a point; `false` if it lies outside.
-    pub fn insert(&mut self, point: [f64; 3]) -> bool {
+    pub(crate) fn insert(&mut self, point: [f64; 3]) -> bool {
         let is_inside =
             |axis: usize| self.corner[axis] <= point[axis] && point[axis] < self.corner[axis] + self.side;
         if !(0..self.axes).all(is_inside) {
@@ -51,17 +44,17 @@ impl HalvingTree {
     }
 
     /// Number of points, the equal ones counted.
-    pub fn len(&self) -> u64 {
+    pub(crate) fn len(&self) -> u64 {
         self.len
     }
 
     /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.len == 0
     }
 
     /// The points in a box, its border included, in Z order.
-    pub fn window(&self, least: [f64; 3], most: [f64; 3]) -> Vec<[f64; 3]> {
+    pub(crate) fn window(&self, least: [f64; 3], most: [f64; 3]) -> Vec<[f64; 3]> {
         let mut found = Vec::new();
         let space = Space { corner: self.corner, side: self.side, axes: self.axes };
         self.root.window(space, (least, most), &mut found);
@@ -69,12 +62,12 @@ impl HalvingTree {
     }
 
     /// Levels below the root.
-    pub fn depth(&self) -> usize {
+    pub(crate) fn depth(&self) -> usize {
         self.root.depth()
     }
 
     /// Number of leaves and of inner nodes.
-    pub fn counts(&self) -> (usize, usize) {
+    pub(crate) fn counts(&self) -> (usize, usize) {
         self.root.counts()
     }
 }

@@ -4,7 +4,7 @@ use super::edge_tree::Edge;
 
 /// Rule for the edges that a leaf may have, if it can be divided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PmRule {
+pub(crate) enum PmRule {
     /// One vertex with its edges, or a part of one edge: the PM1 quadtree, and the octree of edges.
     Pm1,
     /// One vertex with its edges, or parts of edges that all have one vertex, which is elsewhere.

@@ -7,5 +7,5 @@
 mod halving;
 mod point_quadtree;
 
-pub use halving::HalvingTree;
-pub use point_quadtree::PointQuadtree;
+pub(crate) use halving::HalvingTree;
+pub(crate) use point_quadtree::PointQuadtree;

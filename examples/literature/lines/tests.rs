@@ -5,7 +5,16 @@ use std::collections::BTreeSet;
 use super::clip::passes;
 use super::edge_tree::Edge;
 use super::{EdgeLeaf, EdgeTree, PmRule};
-use crate::tests::random;
+
+/// Random numbers below a limit, with a fixed seed.
+fn random(seed: u64) -> impl FnMut(u64) -> u64 {
+    let mut state = seed;
+    move |below| {
+        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        let mixed = state ^ state >> 29;
+        (mixed.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 16) % below
+    }
+}
 
 const RULES: [PmRule; 6] =
     [PmRule::Pm1, PmRule::Pm2, PmRule::Pm3, PmRule::Bucket(1), PmRule::Bucket(4), PmRule::Pixels];
@@ -202,4 +211,13 @@ fn distances_are_compared_exactly() {
     let (edge, distance) = tree.nearest([far - 1, far - 1]).unwrap();
     assert_eq!(edge, [[0, 1], [far, far]]);
     assert!(distance < 1.0);
+}
+
+#[test]
+fn windows_and_the_nearest_edge_of_a_small_tree() {
+    let mut tree = EdgeTree::new(PmRule::Pm1, 3);
+    assert!(tree.insert([[1, 1], [6, 1]]) && tree.insert([[6, 1], [6, 6]]));
+    assert!(!tree.insert([[6, 1], [1, 1]]), "it is there");
+    assert_eq!(tree.window([5, 3], [7, 7]), [[[6, 1], [6, 6]]]);
+    assert_eq!(tree.nearest([1, 7]).unwrap().0, [[6, 1], [6, 6]]);
 }

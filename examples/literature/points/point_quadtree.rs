@@ -1,17 +1,8 @@
 //! The point quadtree: lines that divide a block go through one of its points.
 
 /// A quadtree whose dividing lines go through its points, in the order in which these are inserted.
-///
-/// ```
-/// use spinney_points::memory::PointQuadtree;
-/// let mut tree = PointQuadtree::default();
-/// for point in [[5.0, 5.0], [2.0, 7.0], [2.0, 7.0]] {
-///     tree.insert(point);
-/// }
-/// assert_eq!((tree.count([2.0, 7.0]), tree.window([0.0, 6.0], [4.0, 9.0])), (2, vec![[2.0, 7.0]; 2]));
-/// ```
 #[derive(Clone, Debug, Default)]
-pub struct PointQuadtree {
+pub(crate) struct PointQuadtree {
     nodes: Vec<Node>,
 }
 
@@ -32,7 +23,7 @@ fn quadrant(around: [f64; 2], point: [f64; 2]) -> usize {
 impl PointQuadtree {
     /// Inserts a point, whose coordinates must be numbers. Takes as many steps as the tree is deep there: about log4 of the number of points if these come in no order,
     /// up to that number if they come in order.
-    pub fn insert(&mut self, point: [f64; 2]) {
+    pub(crate) fn insert(&mut self, point: [f64; 2]) {
         let new = Node { point, count: 1, children: [0; 4] };
         if self.nodes.is_empty() {
             return self.nodes.push(new);
@@ -55,17 +46,17 @@ impl PointQuadtree {
     }
 
     /// Number of points, the equal ones counted.
-    pub fn len(&self) -> u64 {
+    pub(crate) fn len(&self) -> u64 {
         self.nodes.iter().map(|node| node.count).sum()
     }
 
     /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.nodes.is_empty()
     }
 
     /// How often a point was inserted.
-    pub fn count(&self, point: [f64; 2]) -> u64 {
+    pub(crate) fn count(&self, point: [f64; 2]) -> u64 {
         let mut at = (!self.nodes.is_empty()).then_some(0);
         while let Some(node) = at.map(|at: usize| &self.nodes[at]) {
             if node.point == point {
@@ -77,7 +68,7 @@ impl PointQuadtree {
     }
 
     /// The points in a window, its border included, in the order of insertion; equal ones as often as they came.
-    pub fn window(&self, least: [f64; 2], most: [f64; 2]) -> Vec<[f64; 2]> {
+    pub(crate) fn window(&self, least: [f64; 2], most: [f64; 2]) -> Vec<[f64; 2]> {
         let mut found = Vec::new();
         let mut open: Vec<usize> = (!self.nodes.is_empty()).then_some(0).into_iter().collect();
         while let Some(at) = open.pop() {
@@ -101,7 +92,7 @@ impl PointQuadtree {
     }
 
     /// The number of nodes on the longest way down.
-    pub fn depth(&self) -> usize {
+    pub(crate) fn depth(&self) -> usize {
         let mut deepest = 0;
         let mut open: Vec<(usize, usize)> = (!self.nodes.is_empty()).then_some((0, 1)).into_iter().collect();
         while let Some((at, depth)) = open.pop() {

@@ -13,5 +13,5 @@ mod rule;
 #[cfg(test)]
 mod tests;
 
-pub use edge_tree::{EdgeLeaf, EdgeTree};
-pub use rule::PmRule;
+pub(crate) use edge_tree::{EdgeLeaf, EdgeTree};
+pub(crate) use rule::PmRule;

@@ -1,0 +1,44 @@
+//! Structs of sections, which are stored behind the number of their version.
+
+use std::path::Path;
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use spinney_base::{Error, Result};
+
+/// A kind of section: its name for messages, its version, and the most bytes that it may have, on disk and
+/// decoded: an untrusted length must not allocate more.
+pub struct VersionedSection<const LIMIT: usize> {
+    /// The name.
+    pub name: &'static str,
+    /// The version that is written, and the only one that is read.
+    pub version: u32,
+}
+
+impl<const LIMIT: usize> VersionedSection<LIMIT> {
+    /// The bytes of a struct; `None` if they exceed the limit.
+    pub fn encode<T: Serialize>(&self, value: &T) -> Option<Vec<u8>> {
+        let config = bincode::config::standard().with_limit::<LIMIT>();
+        let bytes = bincode::serde::encode_to_vec((self.version, value), config).ok();
+        bytes.filter(|bytes| bytes.len() <= LIMIT)
+    }
+
+    /// The struct of some bytes, and how many of them it takes; `path` is for messages.
+    ///
+    /// # Errors
+    /// If they are not those of such a struct, or of another version.
+    pub fn decode<T: DeserializeOwned>(&self, path: &Path, bytes: &[u8]) -> Result<(T, usize)> {
+        let VersionedSection { name, version } = self;
+        let config = bincode::config::standard().with_limit::<LIMIT>();
+        let corrupt = |found: String, expected: &str| Error::corrupt(path, *name, found, expected);
+        let (found, used): (u32, usize) = bincode::serde::decode_from_slice(bytes, config)
+            .map_err(|error| corrupt(error.to_string(), "a version number"))?;
+        if found != *version {
+            let advice = "read it with a program as new as the file";
+            return Err(Error::unsupported(path, format!("{name} version {found}"), advice));
+        }
+        let (value, more): (T, usize) = bincode::serde::decode_from_slice(&bytes[used..], config)
+            .map_err(|error| corrupt(error.to_string(), "the section of formats.md"))?;
+        Ok((value, used + more))
+    }
+}
