@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 use measuring::{Outcome, Random, median, quantile, seconds};
 use spinney::dataset::{Dataset, open};
 use spinney::io::{FileId, Mapped, ReadBackend, WriteBackend};
-use spinney::ops::{Chain, Edit, FillRegion, apply_edits};
+use spinney::ops::{Edit, FileView, FillRegion, apply_edits};
 use spinney::space::{Bounds, Code, Dimension};
 use spinney::store::OpenOptions;
 use spinney::store::autumnal::{Autumnal, Editor, Note};
@@ -186,7 +186,7 @@ fn edits(goblin: &Goblin, path: &Path) -> Outcome<()> {
             } else {
                 // Cells of another part of the map.
                 let window = format!("window={},{},{SIDE},{SIDE}", from[0], from[1]);
-                let patch = Chain { steps: vec![window.parse()?], ..Chain::of(goblin.path()) };
+                let patch = FileView { steps: vec![window.parse()?], ..FileView::of(goblin.path()) };
                 Edit::Paste { patch, at: Some(min.map(|cell| cell as i64)), where_valid: false }
             };
             let edit = || {

@@ -179,7 +179,7 @@ fn boxes(model: &ExactModel) -> Outcome<()> {
     let time = seconds(|| {
         for centre in &centres {
             let [low, high] = [-half, half].map(|by| to_world(model, centre.map(|at| at + by)));
-            let (place, work) = model.place_of_box(low, high)?;
+            let (place, work) = model.locate_box(low, high)?;
             black_box(place);
             add(&mut visited, work);
         }

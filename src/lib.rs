@@ -103,7 +103,7 @@ pub mod space {
         Bounds, Cell, Code, CodeRun, Cover, Dimension, EdgeRule, Polygon, Region, Up,
     };
     pub use spinney_crs::{
-        ControlPoint, ControlPoints, Coordinates, Crs, Epsg, Frame, GeoKeys, PROJECTION_METHODS, Places,
+        CellLocator, ControlPoint, ControlPoints, Coordinates, Crs, Epsg, Frame, GeoKeys, PROJECTION_METHODS,
         PolygonParts, Projection, WEB_MERCATOR, WEB_MERCATOR_HALF, WEB_MERCATOR_LATITUDE, web_mercator,
         web_mercator_depth,
     };
@@ -112,23 +112,23 @@ pub mod space {
 /// Values of cells: samples, values whose type is known at run time, what many cells add up to, and how coarse levels get theirs.
 pub mod value {
     pub use spinney_base::value::{
-        DoubleDouble, Kind, Mask, Number, Numbers, Palette, Rule, Sample, SampleType, Samples, Sums, Tally,
-        Value, ValueType,
+        DataKind, DoubleDouble, Mask, Number, Numbers, Palette, Rule, Sample, SampleType, Samples, Sums,
+        Value, ValueType, ZoneStats,
     };
 }
 
 /// Files: read where they are mapped, at positions, or in ranges from elsewhere, written whole or not at all.
 pub mod io {
     pub use spinney_base::io::{
-        DEFAULT_GAP, Faults, Fetch, FileBytes, FileId, FileState, FileVersion, HeldBytes, Mapped, Output,
+        CachedBytes, DEFAULT_GAP, Faults, Fetch, FileBytes, FileId, FileStat, FileVersion, Mapped, Output,
         OutputFolder, Positioned, RangeCache, RangeFile, ReadBackend, Stamp, WriteBackend,
         prefer_positioned_reads, url_of,
     };
 
     /// Questions about files that come in ranges, answered in rounds.
-    pub mod rounds {
-        pub use spinney_base::io::rounds::{
-            MissingRange, Traffic, all_read, ask, attempt, go_on, map, traffic,
+    pub mod batch {
+        pub use spinney_base::io::batch::{
+            MissingRange, Traffic, defer_missing, finish_deferred, map, run_batched, traffic, try_once,
         };
     }
 }
@@ -141,7 +141,7 @@ pub mod remote {
 
 /// Sources: everything that can be walked from the root down; the tree in memory.
 pub mod tree {
-    pub use spinney_base::Form;
+    pub use spinney_base::TreeType;
     pub use spinney_engine::tree::{CellBlock, Child, Children, MemTree, NodeState, Source, no_children};
 
     /// DF-expressions: trees as text and as bits.
@@ -153,8 +153,8 @@ pub mod tree {
 /// Trees on disk: the two formats, what they have in common, and how trees are built.
 pub mod store {
     pub use spinney_container::{
-        ByteSource, Codec, FilePlace, Finding, Header, LevelCounts, Metadata, OpenOptions, ScopedTags, Shape,
-        Tag, TagScope, TreeFormat, check_tree_name, create_tree_file, file_is_tree, file_of,
+        ByteSource, Codec, FileReference, Finding, Header, LevelCounts, Metadata, OpenOptions, ScopedTags,
+        Shape, Tag, TagScope, TreeFormat, check_tree_name, create_tree_file, file_is_tree, file_of,
     };
     pub use spinney_engine::store::{
         BuildOptions, Effort, Packing, ShardCheck, Slab, SlabBoxes, Slabs, TreeTarget, TreeWriter,
@@ -173,7 +173,7 @@ pub mod store {
     pub mod autumnal {
         pub use spinney_engine::store::autumnal::{
             Autumnal, AutumnalNode, Commit, CommitLayer, CompactOptions, Editor, History, Keep, Note,
-            Written, compact, recover,
+            WriteSummary, compact, recover,
         };
     }
 
@@ -200,18 +200,19 @@ pub mod shards {
 
 /// Questions to trees: what is asked, and what is answered.
 pub mod query {
-    pub use spinney_engine::ops::{Label, LabelNeighbour, LabelRequest, LabelSummary, TakeLabel};
+    pub use spinney_engine::ops::{Label, LabelNeighbour, LabelRequest, LabelSummary, LabelVisitor};
     pub use spinney_engine::query::{
         CellHit, ChannelStatistics, ClassRegion, Condition, Contour, ContourEnds, ContourLevels,
-        ContourRequest, ContourSummary, FoundBlock, PointSamples, PolygonRequest, PolygonSummary, Ray, Rays,
-        SolidStatistics, SolidSurface, Statistics, StoredRows, SurfaceHit, TakeContour, TakeRegion,
-        ZonalRequest, ZoneChannel, ZoneMeasure, ZoneStatistics, ZoneValues,
+        ContourRequest, ContourSummary, ContourVisitor, FoundBlock, PointSamples, PolygonRequest,
+        PolygonSummary, Ray, Rays, RegionVisitor, SolidStatistics, SolidSurface, Statistics, StoredRows,
+        SurfaceHit, ZonalRequest, ZoneChannel, ZoneMeasure, ZoneStatistics, ZoneValues,
     };
 
     /// Cells of a level, block by block, with those around them.
     pub mod cell_blocks {
         pub use spinney_engine::query::cell_blocks::{
-            Block, BlockState, Carried, Carry, CellBlocks, SIDE, SourceBlocks, can_carry_value,
+            Block, BlockAttribute, BlockAttributeValues, BlockState, CellBlocks, SIDE, SourceBlocks,
+            can_be_block_attribute,
         };
     }
 }
@@ -220,10 +221,10 @@ pub mod query {
 pub mod ops {
     pub use spinney_engine::ops::{
         AffineMap, Alignment, Around, Axis, BlockSource, Blockwise, Calculated, Calculation, CellPatch,
-        CellValue, Chain, Change, Combined, CombinedNode, Connectivity, Difference, Differences, Edit,
-        FdRange, FillPatch, FillRegion, LayerInfo, MAX_ZOOM, MadeOperand, MemoryTree, Opaque, Operation,
+        CellValue, Change, CombineOperation, Combined, CombinedNode, Connectivity, Difference, Differences,
+        Edit, FdRange, FileView, FillPatch, FillRegion, LayerInfo, MAX_ZOOM, MadeOperand, MemoryTree, Opaque,
         Outcome, Pair, PairOfSamples, Patch, Patched, PatchedNode, Prefer, Regions, Resampling, Sampling,
-        Sieve, Step, TreeFile, TreeFileNode, Turn, Universe, View, ViewNode, ViewSource, ViewSourceNode,
+        Sieve, TreeFile, TreeFileNode, Turn, Universe, View, ViewNode, ViewSource, ViewSourceNode, ViewStep,
         WarpGrid, WarpOptions, WarpTarget, Warped, add_layer, align, apply_edits, blame, build, combine,
         combine_with, convert, crosstab, crosstab_files, data_box, diff, diff_files, differences, drop_layer,
         edit, layer_paths, only_layer, transform, transform_to, warp,
@@ -245,20 +246,20 @@ pub mod dataset {
 #[cfg(feature = "brep")]
 pub mod brep {
     pub use spinney_brep::{
-        Attributes, BoundaryPart, BuildReport, ChosenParts, ColumnValues, CombineReport, ContactKind, Defect,
-        DefectKind, ExactModel, Face, FaceBuffer, FaceList, Faces, Grid, InsideRule, LEAF_SIZE, LeafRule,
-        MOST_BITS, ModelBuilder, ModelNode, ModelNodeState, ModelView, Motion, NodeCounts, NodeKind,
-        ObjectContact, Repair, TakeContact, TakeFaceWithValues, TransformOptions, TransformReport,
-        Triangulated, ViewRays, boundary_parts, combine, divide_faces, is_model_file, object_contacts,
-        transform,
+        AttributedFaceVisitor, Attributes, BoundaryPart, BuildReport, ChosenParts, ColumnValues,
+        CombineReport, ContactKind, ContactVisitor, Defect, DefectKind, ExactModel, Face, FaceBuffer,
+        FaceList, Faces, Grid, InsideRule, LEAF_SIZE, LeafRule, MAX_BITS, ModelBuilder, ModelNode,
+        ModelNodeState, ModelView, Motion, NodeCounts, NodeKind, ObjectContact, Repair, TransformOptions,
+        TransformReport, Triangulated, ViewRays, boundary_parts, combine, divide_faces, is_model_file,
+        object_contacts, transform,
     };
 
     /// Answers of exact models.
     pub mod query {
         pub use spinney_brep::query::{
-            BoxPlace, CellCoverage, Coverage, CoverageSums, Crossing, Cube, CuttingPlane, Hit, Line,
+            BoxLocation, CellCoverage, Coverage, CoverageSums, Crossing, Cube, CuttingPlane, Hit, Line,
             Location, MassProperties, MassSums, ModelRays, Nearest, PartMeasures, SectionPolygon,
-            SurfacePoint, TakeSection, Visited, nearest_on_face,
+            SectionVisitor, SurfacePoint, Visited, nearest_on_face,
         };
     }
 
@@ -282,7 +283,7 @@ pub mod points {
     pub use spinney_points::las::{LasFiles, LasReader};
     pub use spinney_points::memory;
     pub use spinney_points::{
-        BuildSummary, ChosenPoints, ColumnSummary, GriddedPoints, NearPoint, PLACE_BYTES, PointAttribute,
+        BuildSummary, ChosenPoints, ColumnSummary, GriddedPoints, NearPoint, POSITION_BYTES, PointAttribute,
         PointBuildOptions, PointColumns, PointCondition, PointFormat, PointGrid, PointImport,
         PointImportOptions, PointPart, PointRegion, PointRows, PointSchema, PointSource, PointStatistics,
         PointTree, Relation, RowField, RowLayout, Selection, WorldPoints, build, export_points, has_points,
@@ -330,8 +331,8 @@ pub mod geometry {
 /// Trees that divide space in two: bintrees, which halve blocks of cells, and BSP trees of the plane and of space.
 #[cfg(feature = "brep")]
 pub mod partitions {
-    pub use spinney_partitions::bintree::{Bintree, BintreeNode, Halving, MOST_CELLS};
-    pub use spinney_partitions::bsp::{Bsp, BspBlocks, BspNode, BspPiece, Division, MOST_PIECES, Seen};
+    pub use spinney_partitions::bintree::{Bintree, BintreeNode, Halving, MAX_CELLS};
+    pub use spinney_partitions::bsp::{Bsp, BspBlocks, BspNode, BspPiece, Division, MAX_PIECES, Seen};
     pub use spinney_partitions::preorder::BinaryNode;
 }
 
@@ -423,7 +424,7 @@ pub mod export {
     #[cfg(feature = "raster")]
     pub use spinney_raster::{
         ArrayRequest, ChainDirections, ChainWriter, CogCompression, CogRequest, CogSummary, Detail,
-        LegendFormat, TakeRows, WindowRequest, export_array, export_chain_code, export_cog, export_layers,
+        LegendFormat, RowSink, WindowRequest, export_array, export_chain_code, export_cog, export_layers,
         export_legend, export_window, fill_for, void_number, window_rows,
     };
     #[cfg(feature = "render")]
@@ -461,12 +462,12 @@ pub mod export {
     #[cfg(feature = "raster")]
     pub mod tiles {
         pub use spinney_raster::tile_archives::{
-            Making, Pmtiles, SourceState, Stored, TileEncoding, TileFolder, TileFormat, TilePart,
-            TileRequest, TileTarget, TileUpdate, UpdateOptions, draw_tiles, encode_tile, export_pmtiles,
-            export_tiles, is_tile_archive, is_tile_folder, verify_tiles,
+            Pmtiles, SourceState, TileArchiveSummary, TileEncoding, TileFolder, TileFormat, TilePart,
+            TileProvenance, TileRequest, TileTarget, TileUpdate, UpdateOptions, draw_tiles, encode_tile,
+            export_pmtiles, export_tiles, is_tile_archive, is_tile_folder, verify_tiles,
         };
         pub use spinney_tiles::{
-            DataPlace, MAX_ZOOM, TileContent, TileId, TilePainter, TileRange, TileSamples, TileSource,
+            GeographicExtent, MAX_ZOOM, TileContent, TileId, TilePainter, TileRange, TileSamples, TileSource,
             TreeTiles, WarpedTiles, degrees_of, draw_tile, tile_source,
         };
     }

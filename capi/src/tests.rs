@@ -142,7 +142,7 @@ fn blocks_are_all_of_a_box() {
 fn views_are_what_is_read() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("noise.goblin");
-    let form = engine::tree::Form::new(
+    let form = engine::tree::TreeType::new(
         engine::space::Dimension::Quad,
         engine::value::ValueType::new(engine::value::SampleType::U8, 1),
     );
@@ -150,7 +150,7 @@ fn views_are_what_is_read() {
         Some(engine::value::Value::from([((x * 31) ^ (y * 57) ^ ((x * y) >> 3)) as u8]))
     };
     let tree = engine::tree::MemTree::from_cells(form, 8, engine::value::Rule::Mean, &cell);
-    let options = engine::store::BuildOptions::new(engine::value::Kind::Continuous, 8);
+    let options = engine::store::BuildOptions::new(engine::value::DataKind::Continuous, 8);
     let output = engine::io::Output::create(&path).unwrap();
     engine::store::build_tree(&tree, [256, 256, 1], &options, output, &()).unwrap();
     let dataset = open_with(path.to_str().unwrap(), &[], 0).unwrap();
@@ -507,19 +507,19 @@ fn exact_models_refuse_what_makes_no_sense() {
 #[test]
 fn integers_of_64_bits_are_exact() {
     use engine::store::{BuildOptions, Metadata, build_tree};
-    use engine::tree::{Form, MemTree};
-    use engine::value::{Kind, Rule, SampleType, Value, ValueType};
+    use engine::tree::{MemTree, TreeType};
+    use engine::value::{DataKind, Rule, SampleType, Value, ValueType};
     const BASE: u64 = (1 << 63) + 3;
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("u.goblin");
-    let form = Form::new(engine::space::Dimension::Quad, ValueType::new(SampleType::U64, 1));
+    let form = TreeType::new(engine::space::Dimension::Quad, ValueType::new(SampleType::U64, 1));
     let number = |x: u64, y: u64| (x != y).then_some(BASE + x / 2 + 4 * (y / 2));
     let cell = |[x, y, _]: [u32; 3]| number(x.into(), y.into()).map(|number| Value::from([number]));
     let tree = MemTree::from_cells(form, 3, Rule::Majority, &cell);
     let nodata = Some(Number::from(u64::MAX - 1));
     let metadata = Metadata { nodata, ..Metadata::default() };
     let options =
-        BuildOptions::new(Kind::Categorical, 3).rule(Rule::Majority).memory(1 << 20).metadata(metadata);
+        BuildOptions::new(DataKind::Categorical, 3).rule(Rule::Majority).memory(1 << 20).metadata(metadata);
     build_tree(&tree, [8, 8, 1], &options, engine::io::Output::create(&path).unwrap(), &()).unwrap();
     let dataset = open_with(path.to_str().unwrap(), &[], 0).unwrap();
     let info = describe(dataset);

@@ -22,7 +22,7 @@ const SCRIPT: usize = 8;
 const SIDE: u64 = 16;
 const MEMORY: u64 = 1 << 20;
 /// Records of trees that are verified: shared subtrees make a small file one that takes for ever.
-const MOST_RECORDS: u64 = 1 << 12;
+const MAX_RECORDS: u64 = 1 << 12;
 
 /// A script of edits and an Autumnal file, packed (see [`seal::packed`]): edited on a disk in memory, and verified.
 pub fn autumnal_edit(bytes: &[u8]) {
@@ -56,7 +56,7 @@ pub fn edit_as(script: &[u8], file: Vec<u8>) {
 /// The newest commit of a file, if its tree is not too large to be looked at.
 fn open(file: &[u8]) -> Option<Dataset> {
     let file = Autumnal::from_bytes(file.to_vec()).ok()?;
-    file.level_counts(MOST_RECORDS, &()).ok()??;
+    file.level_counts(MAX_RECORDS, &()).ok()??;
     Dataset::of(Arc::new(file).into()).ok()
 }
 

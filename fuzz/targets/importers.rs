@@ -19,11 +19,11 @@ use super::files::in_file;
 /// Bytes of memory that importers may use.
 const MEMORY: u64 = 4 << 20;
 /// Bytes of samples that are read at once.
-const MOST_BYTES: u64 = 1 << 20;
+const MAX_BYTES: u64 = 1 << 20;
 /// Cells of pictures that are built.
-const MOST_CELLS: u64 = 1 << 14;
+const MAX_CELLS: u64 = 1 << 14;
 /// Faces of models that are built.
-const MOST_FACES: u32 = 200;
+const MAX_FACES: u32 = 200;
 
 /// A target for each format of pictures, all of which go the same way: the first bytes tell the format.
 macro_rules! pictures {
@@ -91,14 +91,14 @@ fn read_pixels(path: &Path) -> Result<bool> {
     let info = raster.info().clone();
     let pixel = info.channels as u64 * info.sample.size() as u64;
     let width = if info.order == Order::Bands { info.width } else { info.width.min(64) };
-    let most_rows = MOST_BYTES / width.saturating_mul(pixel).max(1);
+    let most_rows = MAX_BYTES / width.saturating_mul(pixel).max(1);
     if most_rows == 0 {
         return Ok(false);
     }
     let mut pixels = Pixels::default();
     raster.read(Region::new(0, 0, width, info.height.min(64).min(most_rows)), &mut pixels)?;
     assert_eq!(pixels.bytes.len() as u64, width * info.height.min(64).min(most_rows) * pixel);
-    Ok(info.width.saturating_mul(info.height) <= MOST_CELLS)
+    Ok(info.width.saturating_mul(info.height) <= MAX_CELLS)
 }
 
 /// Makes sure that a tree that was built is good.
@@ -127,13 +127,13 @@ fn read_mesh(path: &Path) -> Result<()> {
         model.faces(&mut |face| {
             faces += 1;
             corners += face.points.len();
-            if faces > 10 * MOST_FACES { Err(Error::Interrupted) } else { Ok(()) }
+            if faces > 10 * MAX_FACES { Err(Error::Interrupted) } else { Ok(()) }
         })?;
         Ok::<_, Error>((faces, corners))
     };
     let (faces, corners) = count()?;
     assert_eq!(count()?, (faces, corners), "another model the second time");
-    if faces > MOST_FACES {
+    if faces > MAX_FACES {
         return Ok(());
     }
     let mut options = SolidOptions::new();

@@ -97,9 +97,9 @@ pub fn questions(model: &ExactModel) -> Result<()> {
         let [min, max] = [f64::min, f64::max].map(|f| [0, 1, 2].map(|axis| f(pair[0][axis], pair[1][axis])));
         // (Boxes of what is no number are refused.)
         if min.iter().chain(&max).all(|at| at.is_finite()) {
-            note(model.place_of_box(min, max).map(drop));
+            note(model.locate_box(min, max).map(drop));
         } else {
-            let _ = model.place_of_box(min, max);
+            let _ = model.locate_box(min, max);
         }
     }
     for level in [0, model.depth() / 2, grid.bits] {

@@ -1,11 +1,11 @@
 //! Texts: steps of views, and DF-expressions of quadtrees, octrees and bintrees.
 
 use spinney::dataset::Dataset;
-use spinney::ops::{Calculation, Step};
+use spinney::ops::{Calculation, ViewStep};
 use spinney::partitions::Bintree;
 use spinney::space::{Bounds, Crs, Dimension};
 use spinney::store::goblin::Goblin;
-use spinney::tree::{Form, Source, df};
+use spinney::tree::{Source, TreeType, df};
 use spinney::value::{Rule, SampleType, Value, ValueType};
 
 /// A small file to look at through views: the picture of the specification.
@@ -31,10 +31,10 @@ pub fn crs_text(bytes: &[u8]) {
 /// Steps, a line each: their texts say the same when they are read again, and views through them answer.
 pub fn step_text(bytes: &[u8]) {
     let text = String::from_utf8_lossy(bytes);
-    let steps: Vec<Step> = text.lines().take(4).filter_map(|line| line.parse().ok()).collect();
+    let steps: Vec<ViewStep> = text.lines().take(4).filter_map(|line| line.parse().ok()).collect();
     for step in &steps {
         let text = step.to_string();
-        let again: Step = text.parse().unwrap_or_else(|error| panic!("`{text}`: {error}"));
+        let again: ViewStep = text.parse().unwrap_or_else(|error| panic!("`{text}`: {error}"));
         assert_eq!(again.to_string(), text);
     }
     // (No files but this one.)
@@ -71,7 +71,7 @@ pub fn calculation_text(bytes: &[u8]) {
     for calculation in [Calculation::parse(&text), Calculation::parse_reduction(&text)].into_iter().flatten()
     {
         let text = calculation.to_string();
-        let step: Step = text.parse().unwrap_or_else(|error| panic!("`{text}`: {error}"));
+        let step: ViewStep = text.parse().unwrap_or_else(|error| panic!("`{text}`: {error}"));
         assert_eq!(step.to_string(), text);
         // (No files but this one.)
         if !step.files().is_empty() {
@@ -115,7 +115,7 @@ pub fn df_text(bytes: &[u8]) {
         2 => ValueType::new(SampleType::I32, 1),
         _ => ValueType::new(SampleType::F64, 1),
     };
-    let (form, depth, rule) = (Form::new(dimension, value), choice >> 3, Rule::Nearest);
+    let (form, depth, rule) = (TreeType::new(dimension, value), choice >> 3, Rule::Nearest);
     let full: Value = value.nearest(|_| 9.0);
     let Ok(tree) = df::from_text(form, &String::from_utf8_lossy(text), depth, full, rule) else { return };
     let text = df::to_text(&tree, Some(full)).unwrap();

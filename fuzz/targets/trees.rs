@@ -79,7 +79,7 @@ pub fn ask_autumnal(file: Vec<u8>) {
 }
 
 /// Records of trees of which everything is asked. Shared subtrees make a small file one that takes for ever.
-pub(super) const MOST_RECORDS: u64 = 1 << 14;
+pub(super) const MAX_RECORDS: u64 = 1 << 14;
 /// Cells of a window along an axis.
 const SIDE: u64 = 24;
 
@@ -87,7 +87,7 @@ const SIDE: u64 = 24;
 /// together.
 pub fn ask(tree: &Dataset) {
     let is_small =
-        matches!(tree.level_counts(MOST_RECORDS, &()), Ok(Some(_))) && tree.stored_records() <= MOST_RECORDS;
+        matches!(tree.level_counts(MAX_RECORDS, &()), Ok(Some(_))) && tree.stored_records() <= MAX_RECORDS;
     let quick = questions(tree);
     if !is_small {
         return;

@@ -15,8 +15,8 @@ use spinney::import::volume::{self, VolumeOptions};
 use spinney::ops::{WarpGrid, WarpOptions};
 use spinney::space::{CodeRun, Crs, Dimension, Frame};
 use spinney::store::{BuildOptions, Metadata, Slab, SlabBoxes, Slabs, WantedCells, depth_for};
-use spinney::tree::Form;
-use spinney::value::{Kind, Palette, Rule, SampleType, Value, ValueType};
+use spinney::tree::TreeType;
+use spinney::value::{DataKind, Palette, Rule, SampleType, Value, ValueType};
 use spinney::{Result, dataset};
 
 use crate::error::{OrRaise, invalid};
@@ -64,7 +64,7 @@ pub(crate) struct ArrayOptions {
 
 /// A tree that is planned of an array.
 pub(crate) struct ArrayTree {
-    pub(crate) form: Form,
+    pub(crate) form: TreeType,
     /// The value that means VOID.
     pub(crate) nodata: Option<Value>,
     pub(crate) build: BuildOptions,
@@ -84,14 +84,14 @@ impl ArrayOptions {
             _ => None,
         };
         let dimension = if self.octree { Dimension::Oct } else { Dimension::Quad };
-        Ok(ArrayTree { form: Form::new(dimension, value), nodata, build: self.options(value.sample)? })
+        Ok(ArrayTree { form: TreeType::new(dimension, value), nodata, build: self.options(value.sample)? })
     }
 
     /// The array's cells in a run, which `read` hands out.
     pub(crate) fn slabs<'w>(
         &self,
         read: &'w Py<PyAny>,
-        (form, depth, run): (Form, u8, CodeRun),
+        (form, depth, run): (TreeType, u8, CodeRun),
         work: &'w Work,
     ) -> ArraySlabs<'w> {
         ArraySlabs::new(read, self, (form, depth, run), self.memory / 8, work)
@@ -131,7 +131,8 @@ impl ArrayOptions {
 
     fn options(&self, sample: SampleType) -> PyResult<BuildOptions> {
         let has_classes = self.channels == 1 && !(self.categories.is_empty() && self.colormap.is_none());
-        let usual = if has_classes && !sample.is_float() { Kind::Categorical } else { Kind::Continuous };
+        let usual =
+            if has_classes && !sample.is_float() { DataKind::Categorical } else { DataKind::Continuous };
         let kind = self.kind.as_ref().map_or(Ok(usual), |name| name.parse()).or_raise()?;
         let rule: Rule =
             self.rule.as_ref().map_or(Ok(kind.default_rule()), |name| name.parse()).or_raise()?;
@@ -194,7 +195,7 @@ impl<'w> ArraySlabs<'w> {
     fn new(
         read: &'w Py<PyAny>,
         options: &ArrayOptions,
-        (form, depth, run): (Form, u8, CodeRun),
+        (form, depth, run): (TreeType, u8, CodeRun),
         memory: u64,
         work: &'w Work,
     ) -> ArraySlabs<'w> {

@@ -9,8 +9,8 @@ use pyo3::exceptions::{PyIndexError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use spinney::dataset::Dataset;
-use spinney::ops::{Chain, Edit, FillRegion, Operation, Prefer, apply_edits};
-use spinney::space::{Code, Coordinates, Places, Polygon};
+use spinney::ops::{CombineOperation, Edit, FileView, FillRegion, Prefer, apply_edits};
+use spinney::space::{CellLocator, Code, Coordinates, Polygon};
 use spinney::store::autumnal::{self, Note};
 use spinney::value::Number;
 
@@ -86,7 +86,7 @@ impl Editor {
             Some(&[x, y, z]) => Some([x, y, z]),
             Some(_) => return Err(invalid("at: expected (column, row), or (x, y, z) in octrees")),
         };
-        let chain = Chain { steps, ..Chain::of(&patch) };
+        let chain = FileView { steps, ..FileView::of(&patch) };
         if let Some(at) = at {
             let (size, extent) = (chain.open().or_raise()?.extent(), self.tree()?.header().extent);
             let sticks_out = |axis: usize| {
@@ -120,8 +120,8 @@ impl Editor {
             (None, Some(rings), None) => {
                 Polygon::new(&rings).or_raise()?;
                 let coordinates = given.unwrap_or(Coordinates::World);
-                let places =
-                    Places::new(&coordinates, &tree.metadata().frame, tree.header().extent).or_raise()?;
+                let places = CellLocator::new(&coordinates, &tree.metadata().frame, tree.header().extent)
+                    .or_raise()?;
                 let parts = places.parts(&[rings]);
                 if parts.is_empty() {
                     let text = format!("polygon: outside of the picture, which is {}", places.picture());
@@ -162,7 +162,7 @@ impl Editor {
         jobs::run(py, terms, |work| {
             let laid = zones.over(tree.header(), tree.metadata(), memory, work)?;
             let source = Arc::new(laid.tree);
-            let difference = Operation::Set { number: 2, prefer: Prefer::First };
+            let difference = CombineOperation::Set { number: 2, prefer: Prefer::First };
             let edit = if is_void { Edit::Merge(difference, source) } else { Edit::Cover(source) };
             drop(tree);
             apply_edits(editor, &mut std::iter::once(Ok(edit)), work)

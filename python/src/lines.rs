@@ -16,10 +16,10 @@ use spinney::space::Crs;
 use spinney::store::Metadata;
 use spinney::{Progress as _, Result};
 
-use crate::elsewhere::{Elsewhere, path_object};
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms};
+use crate::remote::{RemoteAccess, path_object};
 use crate::tree::crs_text;
 
 /// A tree of lines in a file, open for questions from any number of threads.
@@ -29,7 +29,7 @@ pub(crate) struct Lines {
     opened: RwLock<Option<Arc<LineTree>>>,
     path: PathBuf,
     positioned: bool,
-    elsewhere: Elsewhere,
+    remote: RemoteAccess,
 }
 
 /// Distances and numbers of features, with a row for each place, and the nearest places, one behind the other.
@@ -66,15 +66,15 @@ fn value_of<'py>(py: Python<'py>, value: &LineValue) -> PyResult<Bound<'py, PyAn
 #[pymethods]
 impl Lines {
     #[new]
-    #[pyo3(signature = (path, positioned, elsewhere=Elsewhere::default()))]
-    fn new(py: Python<'_>, path: PathBuf, positioned: bool, elsewhere: Elsewhere) -> PyResult<Lines> {
-        let mut options = elsewhere.options();
+    #[pyo3(signature = (path, positioned, remote=RemoteAccess::default()))]
+    fn new(py: Python<'_>, path: PathBuf, positioned: bool, remote: RemoteAccess) -> PyResult<Lines> {
+        let mut options = remote.options();
         if positioned {
             let cache = options.cache;
             options = options.positioned(cache);
         }
         let tree = py.detach(|| LineTree::open(&path, &options)).or_raise()?;
-        Ok(Lines { opened: RwLock::new(Some(Arc::new(tree))), path, positioned, elsewhere })
+        Ok(Lines { opened: RwLock::new(Some(Arc::new(tree))), path, positioned, remote })
     }
 
     /// Forgets the file; whoever is reading it at the moment can finish.
@@ -94,8 +94,8 @@ impl Lines {
 
     /// Options of the store, and the file that Python reads.
     #[getter]
-    fn _elsewhere(&self) -> &Elsewhere {
-        &self.elsewhere
+    fn _remote(&self) -> &RemoteAccess {
+        &self.remote
     }
 
     #[getter]

@@ -18,10 +18,10 @@ use spinney::store::Packing;
 use spinney::value::SampleType;
 use spinney::{Progress as _, Result};
 
-use crate::elsewhere::{Elsewhere, path_object};
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms};
+use crate::remote::{RemoteAccess, path_object};
 use crate::tree::crs_text;
 
 /// Whether a file is a tree of points.
@@ -59,7 +59,7 @@ pub(crate) struct Points {
     opened: RwLock<Option<Arc<PointTree>>>,
     path: PathBuf,
     positioned: bool,
-    elsewhere: Elsewhere,
+    remote: RemoteAccess,
 }
 
 /// Distances, with a row for each place, and coordinates of the points, one behind the other.
@@ -85,15 +85,15 @@ fn places_of(tree: &PointTree, names: Option<Vec<String>>) -> Result<Vec<usize>>
 #[pymethods]
 impl Points {
     #[new]
-    #[pyo3(signature = (path, positioned, elsewhere=Elsewhere::default()))]
-    fn new(py: Python<'_>, path: PathBuf, positioned: bool, elsewhere: Elsewhere) -> PyResult<Points> {
-        let mut options = elsewhere.options();
+    #[pyo3(signature = (path, positioned, remote=RemoteAccess::default()))]
+    fn new(py: Python<'_>, path: PathBuf, positioned: bool, remote: RemoteAccess) -> PyResult<Points> {
+        let mut options = remote.options();
         if positioned {
             let cache = options.cache;
             options = options.positioned(cache);
         }
         let tree = py.detach(|| PointTree::open(&path, &options)).or_raise()?;
-        Ok(Points { opened: RwLock::new(Some(Arc::new(tree))), path, positioned, elsewhere })
+        Ok(Points { opened: RwLock::new(Some(Arc::new(tree))), path, positioned, remote })
     }
 
     /// Forgets the file; whoever is reading it at the moment can finish.
@@ -113,8 +113,8 @@ impl Points {
 
     /// Options of the store, and the file that Python reads.
     #[getter]
-    fn _elsewhere(&self) -> &Elsewhere {
-        &self.elsewhere
+    fn _remote(&self) -> &RemoteAccess {
+        &self.remote
     }
 
     #[getter]

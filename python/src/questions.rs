@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use spinney::ops::{AffineMap, ViewSource};
 use spinney::query::{Condition, FoundBlock, PointSamples};
-use spinney::space::{Bounds, Coordinates, Places};
+use spinney::space::{Bounds, CellLocator, Coordinates};
 use spinney::value::{Number, Value, ValueType};
 
 use crate::error::{OrRaise, invalid};
@@ -254,7 +254,7 @@ fn search(
 /// The way from points to cells of a level.
 struct Points {
     /// The way to the tree's own coordinates, from others.
-    places: Option<Places>,
+    places: Option<CellLocator>,
     /// Rows of the map to cells of the deepest level.
     rows: [[f64; 4]; 3],
     shift: u8,
@@ -272,7 +272,7 @@ impl Points {
             }
             Coordinates::System(_) => {
                 let extent = opened.tree.header().extent;
-                points.places = Some(Places::new(coordinates, frame, extent).or_raise()?);
+                points.places = Some(CellLocator::new(coordinates, frame, extent).or_raise()?);
             }
         }
         Ok(points)

@@ -12,7 +12,7 @@ use spinney::import::feature::{
     read_polygons,
 };
 use spinney::query::{ZonalRequest, ZoneMeasure, ZoneStatistics, ZoneValues};
-use spinney::space::{Coordinates, EdgeRule, Places, Polygon};
+use spinney::space::{CellLocator, Coordinates, EdgeRule, Polygon};
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
@@ -58,7 +58,7 @@ impl Tree {
                 work.check()?;
                 let places = grids.iter().map(|grid| {
                     let (header, frame) = (trees[*grid].header(), &trees[*grid].metadata().frame);
-                    Ok((Places::new(coordinates, frame, header.extent)?, header.extent))
+                    Ok((CellLocator::new(coordinates, frame, header.extent)?, header.extent))
                 });
                 let found = layer.in_cells_of(&places.collect::<spinney::Result<Vec<_>>>()?)?;
                 found.outside.map_or(Ok(()), Err)?;

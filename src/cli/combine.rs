@@ -6,7 +6,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result, bail, ensure};
 use serde_json::json;
 use spinney::import::feature::is_feature_file;
-use spinney::ops::{self, Operation, Prefer, Universe};
+use spinney::ops::{self, CombineOperation, Prefer, Universe};
 use spinney::report::class_as_json;
 use spinney::shards::JobSpec;
 use spinney::value::Number;
@@ -77,7 +77,7 @@ pub(crate) struct MergingArgs {
 
 impl MergingArgs {
     /// The operation on trees, and the place in which it fills what none of them has.
-    fn on_trees(&self) -> Result<(Operation, Universe)> {
+    fn on_trees(&self) -> Result<(CombineOperation, Universe)> {
         let within = match &self.within {
             Some(Within::Box(low, high)) => Some(Universe::Within(*low, *high)),
             Some(Within::Polygons(path)) => {

@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::Result;
 use serde_json::json;
 use spinney::Error;
-use spinney::ops::{self, Operation, Universe};
+use spinney::ops::{self, CombineOperation, Universe};
 
 use super::Global;
 use super::args::{Memory, OutputLimit, Packing, check_output};
@@ -76,7 +76,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let files = paths.map(Path::to_path_buf);
     let work = Work::start(global, "cells")?;
     ops::combine(
-        Operation::Changed,
+        CombineOperation::Changed,
         None,
         Universe::Usual,
         &files,

@@ -11,11 +11,12 @@ use spinney::import::raster::{self, ImportOptions};
 use spinney::import::rasterize::Overlaps;
 use spinney::io::Output;
 use spinney::ops::{
-    Chain, Edit, FillRegion, Operation, Prefer, Step, add_layer, apply_edits, drop_layer, only_layer,
+    CombineOperation, Edit, FileView, FillRegion, Prefer, ViewStep, add_layer, apply_edits, drop_layer,
+    only_layer,
 };
 use spinney::space::{Bounds, Code, Coordinates, Polygon};
 use spinney::store::autumnal::Editor;
-use spinney::store::{FilePlace, TreeFormat, file_is_tree};
+use spinney::store::{FileReference, TreeFormat, file_is_tree};
 use spinney::value::Number;
 
 use super::args::{
@@ -75,7 +76,7 @@ struct Paste {
     at: Option<[i64; 3]>,
     /// See the file through a step of `transform`, such as rotate=30; may be given several times
     #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
-    steps: Vec<Step>,
+    steps: Vec<ViewStep>,
     /// Leave the tree as it is where the patch is VOID
     #[arg(long)]
     where_valid: bool,
@@ -148,7 +149,7 @@ struct AddLayer {
     name: Option<String>,
     /// See the file through a step of `transform`, such as rotate=30; may be given several times
     #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
-    steps: Vec<Step>,
+    steps: Vec<ViewStep>,
     #[command(flatten)]
     packing: Packing,
     #[command(flatten)]
@@ -170,10 +171,10 @@ fn change_layers(file: &Path, change: &Change, global: &Global) -> Result<()> {
     let work = Work::start(global, "cells")?;
     let commit = match change {
         Change::AddLayer(AddLayer { tree, name, steps, packing, .. }) => {
-            let place = FilePlace::of(tree);
+            let place = FileReference::of(tree);
             let stem = place.file.file_stem().map(|stem| stem.to_string_lossy().into_owned());
             let name = name.clone().or(place.layer.clone()).or(stem).unwrap_or_default();
-            let chain = Chain { steps: steps.clone(), ..Chain::of(tree) };
+            let chain = FileView { steps: steps.clone(), ..FileView::of(tree) };
             only_layer(tree)?;
             let note = options.note(format!("Add layer {name} of {}", tree.display()));
             add_layer(file, &name, &chain, note, packing.with(options.memory)?, &work)?
@@ -267,7 +268,7 @@ impl Change {
         let (edit, message) = match self {
             Change::Paste(Paste { patch, at, steps, where_valid, .. }) => {
                 let path = picture.map_or(patch.as_path(), |picture| &picture.tree);
-                let chain = Chain { steps, ..Chain::of(path) };
+                let chain = FileView { steps, ..FileView::of(path) };
                 (Edit::Paste { patch: chain, at, where_valid }, format!("Paste {}", patch.display()))
             }
             Change::Fill(fill) if fill.zones.is_some() => fill.features(tree, memory, work)?,
@@ -359,7 +360,7 @@ impl Fill {
         let (zones, _) = self.features.over(std::slice::from_ref(&file), ground, &how, work)?;
         let zones = Arc::new(zones);
         let message = format!("Fill {} with {what}", file.display());
-        let difference = Operation::Set { number: 2, prefer: Prefer::First };
+        let difference = CombineOperation::Set { number: 2, prefer: Prefer::First };
         Ok((if self.void { Edit::Merge(difference, zones) } else { Edit::Cover(zones) }, message))
     }
 

@@ -8,7 +8,7 @@ use spinney::Progress;
 use spinney::import::feature::{FeatureFilter, is_feature_file};
 use spinney::import::rasterize::{FeatureValue, Overlaps, RasterizeOptions, plan_features};
 use spinney::io::Output;
-use spinney::ops::{MadeOperand, Operation, Outcome, Universe, ViewSource, combine_with};
+use spinney::ops::{CombineOperation, MadeOperand, Outcome, Universe, ViewSource, combine_with};
 use spinney::space::{Coordinates, EdgeRule};
 use spinney::store::{Header, Metadata, WriteOptions};
 use spinney::value::{Number, Rule};
@@ -135,7 +135,7 @@ impl FeatureOperands {
     /// Combines trees with features, which are laid over the cells of the trees. Returns the features of each file that has some, too.
     pub(crate) fn combine(
         &self,
-        operation: Operation,
+        operation: CombineOperation,
         (fill, universe): (Option<Number>, Universe),
         files: &[PathBuf],
         output: Output,

@@ -4,7 +4,7 @@ use spinney::io::Output;
 use spinney::ops::{Edit, apply_edits};
 use spinney::store::autumnal::{Autumnal, Editor, Note};
 use spinney::store::build_tree;
-use spinney::value::{Kind, Rule};
+use spinney::value::{DataKind, Rule};
 
 use crate::common::{Cells, QUAD, Random, assert_same, byte, cells_of, options};
 use crate::targets::disk::{Disk, Event, put};
@@ -16,7 +16,7 @@ const SECTOR: usize = 512;
 fn start(cells: &Cells) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
-    let options = options(Rule::Mean, Kind::Continuous, cells.depth());
+    let options = options(Rule::Mean, DataKind::Continuous, cells.depth());
     build_tree(&cells.tree(Rule::Mean), cells.size, &options, Output::create(&path).unwrap(), &()).unwrap();
     std::fs::read(&path).unwrap()
 }

@@ -12,8 +12,8 @@ use spinney::io::Output;
 use spinney::ops::{Edit, apply_edits, convert, edit};
 use spinney::store::autumnal::{Autumnal, CompactOptions, Editor, History, Keep, Note, compact};
 use spinney::store::{Effort, OpenOptions, WriteOptions};
-use spinney::tree::Form;
-use spinney::value::{Kind, Rule, SampleType};
+use spinney::tree::TreeType;
+use spinney::value::{DataKind, Rule, SampleType};
 use spinney::{Error, Progress};
 use tempfile::TempDir;
 
@@ -83,7 +83,7 @@ fn open(path: &Path) -> Autumnal {
 }
 
 impl Machine {
-    fn new(seed: u64, form: Form, size: [u64; 3], what: (Rule, Kind)) -> Machine {
+    fn new(seed: u64, form: TreeType, size: [u64; 3], what: (Rule, DataKind)) -> Machine {
         let [folder, others] = [(), ()].map(|()| tempfile::tempdir().unwrap());
         let cells = Cells::random(form, seed, size, 4, true);
         let path = folder.path().join("0.autumn");
@@ -370,12 +370,12 @@ impl Machine {
 
 #[test]
 fn any_order_of_steps_on_quadtrees() {
-    Machine::new(1, QUAD, [40, 33, 1], (Rule::Majority, Kind::Categorical)).run(150);
-    Machine::new(2, quad(SampleType::I16, 1), [70, 20, 1], (Rule::Mean, Kind::Continuous)).run(150);
+    Machine::new(1, QUAD, [40, 33, 1], (Rule::Majority, DataKind::Categorical)).run(150);
+    Machine::new(2, quad(SampleType::I16, 1), [70, 20, 1], (Rule::Mean, DataKind::Continuous)).run(150);
 }
 
 #[test]
 fn any_order_of_steps_on_octrees() {
-    Machine::new(3, OCT, [12, 9, 17], (Rule::Occupancy, Kind::Continuous)).run(100);
-    Machine::new(4, OCT, [20, 7, 5], (Rule::Dominant, Kind::Categorical)).run(100);
+    Machine::new(3, OCT, [12, 9, 17], (Rule::Occupancy, DataKind::Continuous)).run(100);
+    Machine::new(4, OCT, [20, 7, 5], (Rule::Dominant, DataKind::Categorical)).run(100);
 }

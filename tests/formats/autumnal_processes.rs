@@ -12,7 +12,7 @@ use spinney::ops::{Edit, FillRegion, convert, edit};
 use spinney::space::{Bounds, Code, Dimension};
 use spinney::store::WriteOptions;
 use spinney::store::autumnal::{Autumnal, Editor, Note};
-use spinney::value::{Kind, Rule};
+use spinney::value::{DataKind, Rule};
 use tempfile::TempDir;
 
 use crate::common::{QUAD, Random, as_byte, byte, goblin_bytes, made};
@@ -24,7 +24,7 @@ fn file() -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let (goblin, path) = (folder.path().join("t.goblin"), folder.path().join("t.autumn"));
     let cells = made(QUAD, [SIDE, SIDE, 1], |_| Some(byte(7)));
-    std::fs::write(&goblin, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
+    std::fs::write(&goblin, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
     convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(1 << 20), &()).unwrap();
     std::fs::remove_file(goblin).unwrap();
     (folder, path)

@@ -13,8 +13,8 @@ use spinney::ops::{Edit, apply_edits};
 use spinney::space::{Dimension, Frame};
 use spinney::store::autumnal::{Autumnal, Editor, Note};
 use spinney::store::{Header, Metadata, TreeWriter, WriteOptions};
-use spinney::tree::Form;
-use spinney::value::{Kind, Rule, SampleType};
+use spinney::tree::TreeType;
+use spinney::value::{DataKind, Rule, SampleType};
 use spinney::{Error, Result};
 
 use crate::common::{Cells, QUAD, Random, assert_same, cells_of, goblin, options, quad, value, write_cells};
@@ -29,7 +29,7 @@ const DEPTH: u8 = 6;
 struct Stack(Vec<(String, Cells)>);
 
 /// Kinds of the layers: bytes and floats on the file's cells, and colours on larger ones.
-const KINDS: [(Form, [u64; 3]); 3] =
+const KINDS: [(TreeType, [u64; 3]); 3] =
     [(QUAD, [40, 33, 1]), (quad(SampleType::U16, 2), [20, 17, 1]), (quad(SampleType::F32, 1), [37, 40, 1])];
 
 fn metadata(name: &str, cells: &Cells) -> Metadata {
@@ -39,7 +39,7 @@ fn metadata(name: &str, cells: &Cells) -> Metadata {
 
 impl Stack {
     fn new() -> Stack {
-        let layer = |(number, (form, size)): (usize, (Form, [u64; 3]))| {
+        let layer = |(number, (form, size)): (usize, (TreeType, [u64; 3]))| {
             (format!("layer {number}"), Cells::random(form, number as u64, size, 5, true))
         };
         Stack(KINDS.into_iter().enumerate().map(layer).collect())
@@ -51,7 +51,7 @@ impl Stack {
         let mut file = TreeWriter::create(output, (Dimension::Quad, DEPTH), count).unwrap();
         for (name, cells) in &self.0 {
             let options =
-                options(Rule::Mean, Kind::Continuous, cells.depth()).metadata(metadata(name, cells));
+                options(Rule::Mean, DataKind::Continuous, cells.depth()).metadata(metadata(name, cells));
             let nodata = value(cells.form.value, 250);
             file.slabs(cells.form, &mut cells.slabs(nodata), Some(nodata), &options, &()).unwrap();
         }
@@ -97,7 +97,7 @@ impl Stack {
 
 /// The header that a layer of such cells has.
 fn header(cells: &Cells) -> Header {
-    goblin(cells, Rule::Mean, Kind::Continuous).header().clone()
+    goblin(cells, Rule::Mean, DataKind::Continuous).header().clone()
 }
 
 /// Changes several layers, adds and drops some, or goes back to an older commit; then commits.
@@ -302,7 +302,7 @@ fn killed_programs_leave_all_layers_or_none_of_a_change() {
     let folder = tempfile::tempdir().unwrap();
     let other = folder.path().join("other.goblin");
     let cells = Cells::random(QUAD, 9, [50, 60, 1], 5, true);
-    write_cells(&other, &cells, &options(Rule::Mean, Kind::Continuous, DEPTH));
+    write_cells(&other, &cells, &options(Rule::Mean, DataKind::Continuous, DEPTH));
     let mut random = Random(11);
     let stack = Stack::new();
     for name in ["s.goblin", "s.autumn"] {
@@ -349,7 +349,7 @@ fn killed_programs_leave_all_layers_or_none_of_a_change() {
         // (How many are killed in time depends on the machine.)
         println!("{name}: {killed} of 24 were killed, {changes} changed something");
         // Whatever a killed one has left does not keep the next one away.
-        let added = spinney::ops::Chain::of(&other);
+        let added = spinney::ops::FileView::of(&other);
         spinney::ops::add_layer(&path, "at last", &added, Note::default(), WriteOptions::new(1 << 24), &())
             .unwrap();
         assert!(whole(&path).iter().any(|(name, _)| name == "at last"));

@@ -4,11 +4,11 @@ use std::path::Path;
 
 use spinney::dataset::Dataset;
 use spinney::io::Output;
-use spinney::ops::{self, Step};
+use spinney::ops::{self, ViewStep};
 use spinney::space::{Bounds, Dimension};
 use spinney::store::{BuildOptions, WriteOptions, build_slabs};
-use spinney::tree::Form;
-use spinney::value::{Kind, Mask, Number, Rule, SampleType, Value, ValueType};
+use spinney::tree::TreeType;
+use spinney::value::{DataKind, Mask, Number, Rule, SampleType, Value, ValueType};
 
 use crate::common::{Cells, Random};
 
@@ -31,12 +31,12 @@ fn cells(value_type: ValueType, seed: u64) -> Cells {
             cells.push((!is_void).then(|| value_type.nearest(|channel| numbers[channel])));
         }
     }
-    Cells { form: Form::new(Dimension::Quad, value_type), size: SIZE, cells }
+    Cells { form: TreeType::new(Dimension::Quad, value_type), size: SIZE, cells }
 }
 
 fn write(path: &Path, cells: &Cells, rule: Rule) -> Dataset {
     let nodata = cells.form.value.splat(MISSING).unwrap();
-    let options = BuildOptions::new(Kind::Continuous, cells.depth()).rule(rule);
+    let options = BuildOptions::new(DataKind::Continuous, cells.depth()).rule(rule);
     let output = Output::create(path).unwrap();
     build_slabs(cells.form, &mut cells.slabs(nodata), Some(nodata), &options, output, &()).unwrap();
     let tree = spinney::open(path).unwrap();
@@ -182,7 +182,7 @@ fn trees_of_such_values_stay_such() {
     let bytes = |name| std::fs::read(path(name)).unwrap();
     assert!(bytes("a.goblin") == bytes("c.goblin"));
     // Whole cells of a coarser tree are made of the same samples as the level of that size.
-    let steps: [Step; 1] = ["depth=7".parse().unwrap()];
+    let steps: [ViewStep; 1] = ["depth=7".parse().unwrap()];
     let view = spinney::open(path("a.goblin")).unwrap().view(&steps).unwrap();
     let bounds = Bounds { min: [0; 3], max: [88, 38, 1] };
     let read = |tree: &Dataset| {
@@ -204,7 +204,8 @@ fn what_is_computed_is_missing_where_one_sample_is() {
     }
     let output = Output::create(&path("c.goblin")).unwrap();
     let usual = ops::Universe::Usual;
-    ops::combine(ops::Operation::Max, None, usual, &trees, output, WriteOptions::new(64 << 20), &()).unwrap();
+    ops::combine(ops::CombineOperation::Max, None, usual, &trees, output, WriteOptions::new(64 << 20), &())
+        .unwrap();
     let tree = spinney::open(path("c.goblin")).unwrap();
     assert!(tree.verify(64 << 20, &()).unwrap().is_empty());
     let value_type = models[0].form.value;

@@ -7,7 +7,7 @@ use spinney::export::{Detail, WindowRequest, export_window};
 use spinney::import::raster::{self, ImportOptions, Pixels, RasterInfo, plan};
 use spinney::io::Output;
 use spinney::space::{Bounds, ControlPoint, Region};
-use spinney::value::{Kind, Mask};
+use spinney::value::{DataKind, Mask};
 
 use crate::common::tiff_file::{Ifd, Values, file};
 use crate::common::with;
@@ -155,7 +155,7 @@ fn names_of_values_go_into_a_sidecar() {
         [(0.into(), "sea".into()), (1.into(), "".into()), (2.into(), "wood & heath".into())]
     );
     assert_eq!((info.nodata, info.units[0].as_str()), (Some(9.into()), "class"));
-    assert_eq!(trip.tree.header().kind, Kind::Categorical);
+    assert_eq!(trip.tree.header().kind, DataKind::Categorical);
     assert_same(&trip.window([0; 3], [4, 4, 1], 2), &info);
     assert_same(&trip.window([0; 3], [2, 2, 1], 1), &info);
     assert!(trip.path("out.tif.aux.xml").exists());

@@ -124,7 +124,7 @@ fn objects_that_are_no_bodies_are_left_out() {
     options.parts = Some(BTreeSet::from([1, 2]));
     let error = import(&path, &options).err().unwrap();
     assert!(
-        matches!(&error, Error::NoBody { what, places, .. } if what.contains("none") && places.len() == 2),
+        matches!(&error, Error::NotASolid { what, places, .. } if what.contains("none") && places.len() == 2),
         "{error}"
     );
 }

@@ -202,7 +202,9 @@ fn open_surfaces_are_refused_or_closed() {
     let path = folder.path().join("box.goblin");
     let mut options = ExactOptions::new();
     match import(&mesh, &path, &options).map(|_| ()) {
-        Err(Error::NoBody { places, count: 1, .. }) => assert!(places[0].contains("4 edges"), "{places:?}"),
+        Err(Error::NotASolid { places, count: 1, .. }) => {
+            assert!(places[0].contains("4 edges"), "{places:?}")
+        }
         other => panic!("{other:?}"),
     }
     assert!(!path.exists());

@@ -9,15 +9,15 @@ use spinney::dataset::{self, Dataset};
 use spinney::import::rasterize::{FeatureGrid, FeatureValue, Overlaps, RasterizeOptions, plan_features};
 use spinney::io::Output;
 use spinney::ops::{
-    Edit, MadeOperand, Operation, Prefer, TreeFile, Universe, ViewSource, WarpGrid, combine, combine_with,
-    edit,
+    CombineOperation, Edit, MadeOperand, Prefer, TreeFile, Universe, ViewSource, WarpGrid, combine,
+    combine_with, edit,
 };
 use spinney::query::Condition;
 use spinney::space::{Bounds, Crs, Dimension, EdgeRule, Frame, Polygon};
 use spinney::store::autumnal::Note;
 use spinney::store::{Header, Metadata, OpenOptions, WriteOptions};
-use spinney::tree::Form;
-use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
+use spinney::tree::TreeType;
+use spinney::value::{DataKind, Rule, SampleType, Value, ValueType};
 
 use crate::common::{Cells, Random, cells_of, options, write_cells};
 
@@ -74,8 +74,8 @@ fn document(folder: &Path, stars: &[Star]) -> PathBuf {
     path
 }
 
-fn form() -> Form {
-    Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1))
+fn form() -> TreeType {
+    TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1))
 }
 
 /// A tree of classes, in the format that its name asks for.
@@ -83,7 +83,7 @@ fn ground(path: &Path, seed: u64) -> Cells {
     let cells = Cells::random(form(), seed, EXTENT, 9, true);
     let mut metadata = Metadata { frame: frame(), ..Metadata::default() };
     metadata.class_names = [(3u64.into(), "wood".to_string()), (4u64.into(), "lake".to_string())].into();
-    write_cells(path, &cells, &options(Rule::Majority, Kind::Categorical, 10).metadata(metadata));
+    write_cells(path, &cells, &options(Rule::Majority, DataKind::Categorical, 10).metadata(metadata));
     cells
 }
 
@@ -177,7 +177,7 @@ fn features_fill_the_cells_that_they_have_in_one_commit() {
     let odd: Vec<_> = stars.iter().skip(1).step_by(2).cloned().collect();
     let zones =
         overlay(&file, &over(&opened(&path), |options| options.features.filter = "odd=1".parse().unwrap()));
-    let without = Operation::Set { number: 2, prefer: Prefer::First };
+    let without = CombineOperation::Set { number: 2, prefer: Prefer::First };
     edit(&path, [Ok(Edit::Merge(without, zones))], Note::default(), 16 << 20, &()).unwrap();
     for (cell, values) in cells.cells.iter_mut().zip(at_centres(&odd)) {
         *cell = cell.filter(|_| values.is_empty());
@@ -200,7 +200,7 @@ fn features_among_operands_are_what_trees_of_them_would_be() {
         frame: Frame { crs: frame().crs, ..Frame::planar([4.0, 0.0, -80.0, 0.0, -4.0, 500.0]) },
         ..Metadata::default()
     };
-    write_cells(&coarse, &wide, &options(Rule::Majority, Kind::Categorical, 8).metadata(metadata));
+    write_cells(&coarse, &wide, &options(Rule::Majority, DataKind::Categorical, 8).metadata(metadata));
     let both = [map.clone(), coarse.clone()];
     let edges = [EdgeRule::Centre, EdgeRule::Touch, EdgeRule::Area];
     let operations = [
@@ -226,12 +226,12 @@ fn features_among_operands_are_what_trees_of_them_would_be() {
     ];
     for (number, (trees, place, operation)) in operations.into_iter().enumerate() {
         let edge = edges[number % 3];
-        let operation = Operation::named(operation, Prefer::First).unwrap();
+        let operation = CombineOperation::named(operation, Prefer::First).unwrap();
         // On the grid of what is combined, which a union of the trees tells.
         let union = folder.path().join("union.goblin");
         let create = |path: &Path| Output::create(path).unwrap();
         combine(
-            Operation::Over,
+            CombineOperation::Over,
             None,
             Universe::Usual,
             trees,
@@ -244,7 +244,7 @@ fn features_among_operands_are_what_trees_of_them_would_be() {
         let cells = WarpGrid { frame: like.metadata().frame.clone(), extent: like.header().extent };
         let mut options = RasterizeOptions::new(FeatureGrid::Like(cells));
         (options.edge, options.value) = (edge, FeatureValue::Attribute("v".into()));
-        (options.rule, options.kind) = (Some(Rule::Majority), Some(Kind::Categorical));
+        (options.rule, options.kind) = (Some(Rule::Majority), Some(DataKind::Categorical));
         plan_features(std::slice::from_ref(&file), &options, &())
             .unwrap()
             .build(create(&built), &())

@@ -7,7 +7,7 @@ use spinney::io::Output;
 use spinney::space::{Code, Crs, Dimension, Region};
 use spinney::store;
 use spinney::store::goblin::Goblin;
-use spinney::tree::{Child, Form, Source};
+use spinney::tree::{Child, Source, TreeType};
 use spinney::value::{Number, SampleType, Value, ValueType};
 use spinney::{Error, Result};
 
@@ -116,7 +116,7 @@ fn comes_back(path: &Path, folder: &Path, memory: Option<u64>) -> bool {
     let pixels = bytes.chunks_exact_mut(value.size()).zip(&valid).filter(|(_, valid)| !**valid);
     pixels.for_each(|(pixel, _)| pixel.fill(0));
     let file = open(&target);
-    assert_eq!(file.header().form, Form::new(Dimension::Quad, value));
+    assert_eq!(file.header().form, TreeType::new(Dimension::Quad, value));
     let expected = store::Metadata { counts: file.metadata().counts.clone(), ..metadata };
     // As text, in which NaN is equal to itself.
     assert_eq!(format!("{:?}", file.metadata()), format!("{expected:?}"));

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use spinney::import::mesh::{InsideTest, SolidOptions, SolidReport, plan_models};
 use spinney::io::Output;
 use spinney::space::EdgeRule;
-use spinney::value::{Kind, Rule};
+use spinney::value::{DataKind, Rule};
 use spinney::{Error, Progress, Result};
 
 use crate::common::solid::{Triangle, plain, tetrahedra, unit_cells};
@@ -96,7 +96,7 @@ fn measures_of_solids_are_interrupted() {
     let cells = made(OCT, [64; 3], |[x, y, z]| ((3 * x + 5 * y + 7 * z) % 5 < 2).then(|| byte(255)));
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("solid.goblin");
-    std::fs::write(&path, goblin_bytes(&cells, Rule::Occupancy, Kind::Continuous)).unwrap();
+    std::fs::write(&path, goblin_bytes(&cells, Rule::Occupancy, DataKind::Continuous)).unwrap();
     let tree = spinney::open(&path).unwrap();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     let volume = |progress: &Impatient| tree.solid(6, progress).map(|_| ());

@@ -2,7 +2,7 @@
 
 use spinney::import::mesh::{Attribute, InsideTest, plan_models};
 use spinney::io::Output;
-use spinney::ops::{Operation, Prefer};
+use spinney::ops::{CombineOperation, Prefer};
 use spinney::space::{Code, Dimension, EdgeRule};
 use spinney::store::goblin::Goblin;
 use spinney::value::Value;
@@ -473,7 +473,7 @@ fn operations_on_solids_are_those_on_their_cells() {
     });
     // A and B, A - B, B - A, A xor B, A or B.
     for number in [1, 2, 4, 6, 7] {
-        let operation = Operation::Set { number, prefer: Prefer::First };
+        let operation = CombineOperation::Set { number, prefer: Prefer::First };
         let combined = combined(views.to_vec(), operation, [64; 3]);
         let mut checked = 0;
         for (i, cell) in cells(&combined).into_iter().enumerate().step_by(11) {
@@ -495,7 +495,7 @@ fn operations_on_solids_are_those_on_their_cells() {
     }
     // Both meshes as one model are their union.
     let (both, _) = build(plain(&meshes.concat()), &unit_cells(6));
-    let operation = Operation::Set { number: 7, prefer: Prefer::First };
+    let operation = CombineOperation::Set { number: 7, prefer: Prefer::First };
     let combined = combined(views.to_vec(), operation, [64; 3]);
     // (Winding numbers of bodies turned against each other cancel, which is no union.)
     let same = cells(&both).into_iter().zip(cells(&combined)).filter(|(a, b)| a == b).count();

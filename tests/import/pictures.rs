@@ -8,7 +8,7 @@ use spinney::import::raster::{Order, Pixels, RasterInfo, RasterOptions, open};
 use spinney::io::Output;
 use spinney::space::{Crs, Frame, Region};
 use spinney::store::Metadata;
-use spinney::value::{Kind, Palette, SampleType, ValueType};
+use spinney::value::{DataKind, Palette, SampleType, ValueType};
 use spinney::{Error, Result};
 
 use crate::common::tiff_file::{Ifd, file, on_disk};
@@ -164,7 +164,7 @@ fn png_palette_keeps_colours_and_void() {
     write(&path, Format::Png, &spec, &[0, 1, 2, 3], None).unwrap();
     let (info, pixels) = read(&path, &RasterOptions::default()).unwrap();
     assert_eq!(info.palette.unwrap().colours[..3], colours);
-    assert_eq!((info.kind, &pixels.bytes[..]), (Some(Kind::Categorical), &[0, 1, 2, 3][..]));
+    assert_eq!((info.kind, &pixels.bytes[..]), (Some(DataKind::Categorical), &[0, 1, 2, 3][..]));
     assert!(pixels.valid.unwrap().iter().all(|valid| *valid));
 
     spec.void = true;

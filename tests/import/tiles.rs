@@ -18,7 +18,7 @@ use spinney::space::{Bounds, web_mercator};
 use spinney::store::autumnal::Note;
 use spinney::store::{Metadata, WriteOptions};
 use spinney::style::Style;
-use spinney::value::{Kind, Palette, Rule};
+use spinney::value::{DataKind, Palette, Rule};
 use spinney::{Error, Progress, Result};
 
 use crate::common::{Cells, QUAD, options, value, write_cells};
@@ -44,7 +44,7 @@ fn world(path: &Path, depth: u8) -> Dataset {
         nodata: Some(250.0.into()),
         ..Metadata::default()
     };
-    write_cells(path, &cells, &options(Rule::Majority, Kind::Categorical, depth).metadata(metadata));
+    write_cells(path, &cells, &options(Rule::Majority, DataKind::Categorical, depth).metadata(metadata));
     open(path, &Default::default()).unwrap()
 }
 
@@ -52,7 +52,11 @@ fn painter(map: &Dataset) -> TilePainter {
     TilePainter::new(&Style::default_for(map), map, &()).unwrap()
 }
 
-fn export(map: &Dataset, request: &TileRequest, target: &str) -> Result<spinney::export::tiles::Stored> {
+fn export(
+    map: &Dataset,
+    request: &TileRequest,
+    target: &str,
+) -> Result<spinney::export::tiles::TileArchiveSummary> {
     let target = TileTarget::of(target.as_ref())?.unwrap();
     export_tiles(&TreeTiles::world(map).unwrap(), &painter(map), request, &target, &())
 }
@@ -215,7 +219,7 @@ fn many(path: &Path, depth: u8) -> Dataset {
         *cell = Some(value(QUAD.value, (at % 41 + at / side % 5) % 200));
     }
     let metadata = Metadata { frame: web_mercator(depth), ..Metadata::default() };
-    write_cells(path, &cells, &options(Rule::Mean, Kind::Continuous, depth).metadata(metadata));
+    write_cells(path, &cells, &options(Rule::Mean, DataKind::Continuous, depth).metadata(metadata));
     open(path, &Default::default()).unwrap()
 }
 

@@ -10,7 +10,7 @@ use spinney::import::volume::{VolumeOptions, is_volume, plan};
 use spinney::io::Output;
 use spinney::space::Bounds;
 use spinney::store::OpenOptions;
-use spinney::value::{Kind, Rule, SampleType};
+use spinney::value::{DataKind, Rule, SampleType};
 use spinney::{Error, Result};
 use tempfile::TempDir;
 
@@ -110,7 +110,7 @@ fn all_types_come_back_as_they_were() {
             assert_eq!(tree.verify(1 << 20, &()).unwrap(), []);
             let header = tree.header();
             assert_eq!((header.extent, header.form.value.sample), ([width, height, planes], sample_type));
-            assert_eq!((header.kind, header.rule), (Kind::Continuous, Rule::Mean));
+            assert_eq!((header.kind, header.rule), (DataKind::Continuous, Rule::Mean));
             let found = get(&tree, &folder.path().join("back.npy"));
             let text = String::from_utf8_lossy(&found[..128]);
             assert!(text.contains(&format!("'{back}'")) && text.contains("(66, 5, 67)"), "{text}");

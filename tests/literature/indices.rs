@@ -6,7 +6,7 @@ use spinney::brep::query::MassProperties;
 use spinney::brep::surface_intersection::{LineKind, surface_intersection};
 use spinney::brep::topology::{Topology, TopologyOptions};
 use spinney::brep::{ExactModel, Faces as _, boundary_parts};
-use spinney::ops::{Operation, Prefer};
+use spinney::ops::{CombineOperation, Prefer};
 
 use crate::common::command::{complaint, stdout};
 use crate::common::{QUAD, assert_same, byte, cells_of, combined, made, seen, view_of_cells};
@@ -22,7 +22,7 @@ fn item_55_operations_are_numbered_by_their_sets() {
     };
     let (a, b) = (cells(0b0011), cells(0b0101));
     for number in 0..16 {
-        let operation = Operation::Set { number, prefer: Prefer::First };
+        let operation = CombineOperation::Set { number, prefer: Prefer::First };
         let found = combined(vec![a.clone(), b.clone()], operation, [2, 2, 1]).filled_with(byte(1)).unwrap();
         assert_same(&cells_of(&found, [2, 2, 1]), &seen(&cells(number)), &number.to_string());
     }

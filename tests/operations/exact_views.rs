@@ -1,7 +1,7 @@
 //! Exact models that are seen through maps, against files of what was moved.
 
 use spinney::Error;
-use spinney::brep::query::{BoxPlace, CuttingPlane, Hit, MassProperties, SectionPolygon};
+use spinney::brep::query::{BoxLocation, CuttingPlane, Hit, MassProperties, SectionPolygon};
 use spinney::brep::{ExactModel, Faces, ModelView, Motion};
 
 use super::exact_motions::{bodies, bodies_beside, motion, moved, symmetries};
@@ -117,8 +117,8 @@ fn views_of_grids_are_exact() {
                 assert!(hits_are_near(&list(&a), &list(&b)) && a[0].is_some() == b[0].is_some());
                 let end = place(&mut random, bounds);
                 let corners = [f64::min, f64::max].map(|of| [0, 1, 2].map(|axis| of(point[axis], end[axis])));
-                let expected = model.place_of_box(corners[0], corners[1]).unwrap().0;
-                assert_eq!(view.place_of_box(corners[0], corners[1]).unwrap(), expected);
+                let expected = model.locate_box(corners[0], corners[1]).unwrap().0;
+                assert_eq!(view.locate_box(corners[0], corners[1]).unwrap(), expected);
             }
             if model.is_unbounded() {
                 continue;
@@ -213,11 +213,11 @@ fn views_through_any_map_carry_what_they_can() {
     // Boxes stay boxes where axes are kept.
     let view = seen(&all[2], &motion(&["scale=1,2,0.5", "mirror=z"]));
     assert_eq!(view.bounds().unwrap(), [[0.0, 0.0, -1.5], [15.0, 14.0, 0.0]]);
-    assert_eq!(view.place_of_box([1.0, 1.0, -1.25], [14.0, 13.0, -0.25]).unwrap(), BoxPlace::Inside);
-    assert_eq!(view.place_of_box([1.0, 1.0, -1.25], [14.0, 15.0, -0.25]).unwrap(), BoxPlace::Cut);
+    assert_eq!(view.locate_box([1.0, 1.0, -1.25], [14.0, 13.0, -0.25]).unwrap(), BoxLocation::Inside);
+    assert_eq!(view.locate_box([1.0, 1.0, -1.25], [14.0, 15.0, -0.25]).unwrap(), BoxLocation::Cut);
     let turned = seen(&all[2], &motion(&["rotate=1"]));
-    assert!(matches!(turned.place_of_box([0.0; 3], [1.0; 3]), Err(Error::Unsupported { .. })));
-    assert!(matches!(turned.place_of_box([1.0; 3], [0.0; 3]), Err(Error::Invalid { .. })));
+    assert!(matches!(turned.locate_box([0.0; 3], [1.0; 3]), Err(Error::Unsupported { .. })));
+    assert!(matches!(turned.locate_box([1.0; 3], [0.0; 3]), Err(Error::Invalid { .. })));
     assert!(matches!(turned.as_model("pictures"), Err(Error::Unsupported { .. })));
     assert!(seen(&all[2], &motion(&["scale=3"])).as_model("pictures").is_ok());
 }

@@ -6,7 +6,7 @@ use std::process::{Command as Process, Stdio};
 use serde_json::Value as Json;
 use spinney::import::raster::{self, Pixels};
 use spinney::space::Region;
-use spinney::value::{Kind, Rule};
+use spinney::value::{DataKind, Rule};
 use tempfile::TempDir;
 
 use crate::common::command::{command, complaint, stdout};
@@ -41,7 +41,7 @@ impl Trees {
             .stderr("")
             .stdout("");
         let cells = Cells::random(OCT, 5, [12, 9, 10], 9, true);
-        std::fs::write(&octree, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
+        std::fs::write(&octree, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
         Trees { folder, classic, octree }
     }
 

@@ -8,7 +8,7 @@ use spinney::io::Output;
 use spinney::space::{Bounds, Crs, Frame, Projection};
 use spinney::store::{Metadata, build_tree};
 use spinney::tree::MemTree;
-use spinney::value::{Kind, Rule, SampleType, Value};
+use spinney::value::{DataKind, Rule, SampleType, Value};
 
 use crate::common::command::{command, complaint, spinney, stderr, stdout};
 use crate::common::{options, quad, with};
@@ -42,7 +42,8 @@ impl Place {
         };
         let tree = MemTree::from_cells(quad(SampleType::U8, 1), 8, Rule::Mean, &cell);
         let metadata = Metadata { frame, ..Metadata::default() };
-        let options = with(options(Rule::Mean, Kind::Continuous, 8), |options| options.metadata = metadata);
+        let options =
+            with(options(Rule::Mean, DataKind::Continuous, 8), |options| options.metadata = metadata);
         build_tree(&tree, EXTENT, &options, Output::create(Path::new(&file)).unwrap(), &()).unwrap();
         file
     }

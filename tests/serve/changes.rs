@@ -10,7 +10,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use spinney::ops::{self, Edit, FillRegion};
 use spinney::space::Bounds;
 use spinney::store::autumnal::Note;
-use spinney::value::{Kind, Rule, SampleType, Value};
+use spinney::value::{DataKind, Rule, SampleType, Value};
 
 use super::common::command::interruptible;
 use super::common::{made, options, quad, write_cells};
@@ -22,7 +22,7 @@ const SIDE: u64 = 64;
 /// A file all of whose cells have one value.
 fn write_version(path: &Path, number: u8) {
     let cells = made(quad(SampleType::U8, 1), [SIDE, SIDE, 1], |_| Some(Value::from([number])));
-    write_cells(path, &cells, &options(Rule::Majority, Kind::Categorical, cells.depth()));
+    write_cells(path, &cells, &options(Rule::Majority, DataKind::Categorical, cells.depth()));
 }
 
 /// Gives all cells of a file that is edited one value.

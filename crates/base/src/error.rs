@@ -47,7 +47,7 @@ pub enum Error {
     },
     /// The file is one of another program, where a tree is expected.
     #[error("{}: is no tree but {found}; {advice}", path.display())]
-    NoTree {
+    NotATree {
         /// The file.
         path: PathBuf,
         /// Name of what it is.
@@ -57,7 +57,7 @@ pub enum Error {
     },
     /// The surface of a model does not bound a body.
     #[error("{}: {what}; {advice}{}", path.display(), listed(places, *count))]
-    NoBody {
+    NotASolid {
         /// The file.
         path: PathBuf,
         /// Description of what is wrong with the surface.
@@ -85,7 +85,7 @@ pub enum Error {
     },
     /// More bytes would be written than there is room for, or than was allowed.
     #[error("{}: about {needed} bytes would be written, and {limit} {whose}; {advice}", path.display())]
-    NoRoom {
+    InsufficientSpace {
         /// The file.
         path: PathBuf,
         /// Bytes that would be written, no more than an estimate.
@@ -115,7 +115,7 @@ pub enum Error {
     },
     /// A file, or what would be made of it, is not what a plan says.
     #[error("{}: {found}, but {expected} was planned; {advice}", path.display())]
-    NotPlanned {
+    PlanMismatch {
         /// The file.
         path: PathBuf,
         /// Description of what is there.
@@ -153,9 +153,9 @@ pub enum Error {
         expected: String,
     },
     /// Bytes of a file that comes in ranges from elsewhere have not come yet: what was asked is to be asked again when they are
-    /// there. See [`io::rounds`](crate::io::rounds).
+    /// there. See [`io::batch`](crate::io::batch).
     #[error("bytes of a file elsewhere that are needed have not been fetched; fetch them and ask again")]
-    Unread,
+    NotFetched,
     /// The user interrupted the work; nothing was left behind.
     #[error("interrupted; no output was written")]
     Interrupted,

@@ -11,5 +11,5 @@ pub mod space;
 pub mod value;
 
 pub use error::{Error, Result};
-pub use form::Form;
-pub use progress::{PartOfWork, Progress, Uncounted};
+pub use form::TreeType;
+pub use progress::{Progress, SilentProgress, SubProgress};

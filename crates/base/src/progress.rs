@@ -32,9 +32,9 @@ pub trait Progress: Sync {
 impl Progress for () {}
 
 /// Work whose units are none of those that are counted: it warns and is interrupted as all of the work, and does not advance it.
-pub struct Uncounted<'a>(pub &'a dyn Progress);
+pub struct SilentProgress<'a>(pub &'a dyn Progress);
 
-impl Progress for Uncounted<'_> {
+impl Progress for SilentProgress<'_> {
     fn warn(&self, file: &Path, text: &str) {
         self.0.warn(file, text);
     }
@@ -46,7 +46,7 @@ impl Progress for Uncounted<'_> {
 
 /// One of several parts of long work, each of which counts units of its own: to whoever waits for all of it, a part has `share` of
 /// `total` units.
-pub struct PartOfWork<'a> {
+pub struct SubProgress<'a> {
     whole: &'a dyn Progress,
     share: u64,
     total: u64,
@@ -54,14 +54,14 @@ pub struct PartOfWork<'a> {
     done: Mutex<u64>,
 }
 
-impl<'a> PartOfWork<'a> {
+impl<'a> SubProgress<'a> {
     /// A part that has `share` of `total` units.
-    pub fn new(whole: &'a dyn Progress, share: u64, total: u64) -> PartOfWork<'a> {
-        PartOfWork { whole, share, total, done: Mutex::new(0) }
+    pub fn new(whole: &'a dyn Progress, share: u64, total: u64) -> SubProgress<'a> {
+        SubProgress { whole, share, total, done: Mutex::new(0) }
     }
 }
 
-impl Progress for PartOfWork<'_> {
+impl Progress for SubProgress<'_> {
     fn advance(&self, done: u64, total: u64) {
         let mut before = self.done.lock().unwrap_or_else(PoisonError::into_inner);
         let scaled = |units: u64| {

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::{Face, Faces, Grid, TakeFaceWithValues};
+use crate::{AttributedFaceVisitor, Face, Faces, Grid};
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
@@ -105,7 +105,7 @@ impl Faces for ChosenParts<'_> {
         self.each_with_values(&[], &mut |face, _| each(face))
     }
 
-    fn each_with_values(&self, columns: &[&str], each: &mut TakeFaceWithValues<'_>) -> Result<()> {
+    fn each_with_values(&self, columns: &[&str], each: &mut AttributedFaceVisitor<'_>) -> Result<()> {
         let mut number = 0;
         self.faces.each_with_values(columns, &mut |face, values| {
             let Some(part) = self.numbers.get(&face.part) else { return Ok(()) };

@@ -7,7 +7,7 @@ use crate::lowered::{Bounds, Instance, hull, is_finite};
 use crate::model::{Csg, Primitive};
 use crate::placed::Placed;
 use spinney_base::io::{Output, folder};
-use spinney_base::{Error, Progress, Result, Uncounted};
+use spinney_base::{Error, Progress, Result, SilentProgress};
 use spinney_brep::{CombineReport, ExactModel, Grid, InsideRule, Origin, combine, combine_as};
 use spinney_container::{Codec, OpenOptions, Tag};
 use spinney_crs::Crs;
@@ -17,11 +17,11 @@ use tempfile::TempDir;
 /// Models that are combined at once: each is an open file.
 const AT_ONCE: usize = 64;
 /// Most facets of a primitive.
-const MOST_FACETS: f64 = (1 << 20) as f64;
+const MAX_FACETS: f64 = (1 << 20) as f64;
 /// The longest side is so many times as long as the distance that curved surfaces are approximated within, if nothing is said.
 const USUAL_SHARE: f64 = 1000.0;
 /// Most bytes of a text that the formula of a model tells.
-const MOST_FORMULA: usize = 1 << 12;
+const MAX_FORMULA: usize = 1 << 12;
 
 /// Options for an exact model of a solid.
 #[derive(Clone, Debug)]
@@ -129,7 +129,7 @@ pub fn import_exact_csg(
     maker.snap = Grid::over(maker.bounds(), options.snap)?.width();
     let root = maker.evaluate()?;
     let model = root.open()?;
-    let formula = Some(csg.text()).filter(|text| text.len() <= MOST_FORMULA);
+    let formula = Some(csg.text()).filter(|text| text.len() <= MAX_FORMULA);
     let origin = Origin {
         formula: formula.map_or(String::new(), |text| format!("(csg {})", json_text(text))),
         provenance: vec![format!("primitives {}, facets within {within}", csg.path.display())],
@@ -323,8 +323,15 @@ impl Maker<'_> {
         let models = parts.iter().map(open).collect::<Result<Vec<_>>>()?;
         let models: Vec<&ExactModel> = models.iter().collect();
         let output = Output::create(&path)?;
-        combine(operation, &models, output, Codec::Plain, self.options.memory, &Uncounted(self.progress))
-            .map_err(|error| self.told(error))?;
+        combine(
+            operation,
+            &models,
+            output,
+            Codec::Plain,
+            self.options.memory,
+            &SilentProgress(self.progress),
+        )
+        .map_err(|error| self.told(error))?;
         for part in parts {
             std::fs::remove_file(part).map_err(Error::io(part, "remove"))?;
         }
@@ -337,7 +344,7 @@ impl Maker<'_> {
         let within = self.within / instance.to_world.stretch();
         let facets = shape.facets(within);
         let name = if word == "bounds" { word.clone() } else { format!("{word} in line {}", at.line) };
-        if facets > MOST_FACETS {
+        if facets > MAX_FACETS {
             let found = format!("{} for {facets} facets of the {name}", self.within);
             return Err(Error::invalid("deviation", found, "a greater distance, for at most 1048576 facets"));
         }
@@ -362,7 +369,7 @@ impl Maker<'_> {
         };
         // (An outline may pass through itself, and is then what an odd number of its windings goes around.)
         let report = match import(&options) {
-            Err(Error::NoBody { .. }) => {
+            Err(Error::NotASolid { .. }) => {
                 options.repair = true;
                 import(&options)
             }
@@ -376,9 +383,9 @@ impl Maker<'_> {
     /// An error of a temporary file, which tells of the text instead.
     fn told(&self, error: Error) -> Error {
         match error {
-            Error::NoBody { what, places, count, .. } => {
+            Error::NotASolid { what, places, count, .. } => {
                 let advice = "choose a finer grid with --snap, or build cells of it (without --brep)".into();
-                Error::NoBody { path: self.csg.path.clone(), what, places, count, advice }
+                Error::NotASolid { path: self.csg.path.clone(), what, places, count, advice }
             }
             other => other,
         }

@@ -13,7 +13,7 @@ use super::asset::{PACKAGE, names, needed, needed_text};
 use spinney_base::Result;
 
 /// Depth to which modules of a worker may import each other.
-const MOST_STEPS: usize = 16;
+const MAX_STEPS: usize = 16;
 
 /// An address that has a module's text.
 fn module_url(text: &str) -> String {
@@ -41,7 +41,7 @@ fn nested(folder: &str, module: &str, known: &mut BTreeMap<String, String>, step
     if let Some(url) = known.get(module) {
         return Ok(url.clone());
     }
-    assert!(steps < MOST_STEPS, "modules of the package import each other in circles");
+    assert!(steps < MAX_STEPS, "modules of the package import each other in circles");
     let text = needed_text(&format!("{folder}{module}"))?;
     let url = module_url(&renamed(&text, &mut |other| nested(folder, other, known, steps + 1))?);
     known.insert(module.to_owned(), url.clone());

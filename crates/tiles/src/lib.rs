@@ -25,6 +25,6 @@ mod warped;
 
 pub use paint::{TileColours, TilePainter, TilePixels, draw_tile};
 pub use place::{MAX_ZOOM, TileId, TileRange, check_degrees, first_number};
-pub use source::{DataPlace, TileContent, TileSamples, TileSource};
+pub use source::{GeographicExtent, TileContent, TileSamples, TileSource};
 pub use tree::TreeTiles;
 pub use warped::{WarpedTiles, degrees_of, tile_source};

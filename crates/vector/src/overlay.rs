@@ -38,7 +38,7 @@ use crate::import::zones::{PolygonLayer, read_polygons, take_polygons};
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
 use spinney_crs::{Crs, PolygonParts, Transformation};
-use spinney_engine::ops::{Operation, Prefer};
+use spinney_engine::ops::{CombineOperation, Prefer};
 pub use spinney_overlay::OverlaySummary;
 use spinney_overlay::{OverlayGrid, OverlayPart, PolygonOverlay};
 
@@ -56,11 +56,11 @@ pub enum OverlayOperation {
 }
 
 impl OverlayOperation {
-    /// The operation of a name that [`Operation::named`] knows, or `partition`; `None` of those that need values.
+    /// The operation of a name that [`CombineOperation::named`] knows, or `partition`; `None` of those that need values.
     pub fn named(name: &str) -> Option<OverlayOperation> {
-        match (name, Operation::named(name, Prefer::First)) {
+        match (name, CombineOperation::named(name, Prefer::First)) {
             ("partition", _) => Some(OverlayOperation::Partition),
-            (_, Some(Operation::Set { number, .. })) => Some(OverlayOperation::Set(number)),
+            (_, Some(CombineOperation::Set { number, .. })) => Some(OverlayOperation::Set(number)),
             _ => None,
         }
     }

@@ -61,7 +61,7 @@ impl Global {
     /// Tells how files elsewhere were read, if that was asked for.
     pub(crate) fn finish(&self) {
         if self.verbose {
-            eprintln!("{}", spinney::io::rounds::traffic());
+            eprintln!("{}", spinney::io::batch::traffic());
         }
     }
 }

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use anyhow::{Result, bail, ensure};
 use spinney::brep::{CombineReport, ExactModel, boundary_parts};
-use spinney::ops::Operation;
+use spinney::ops::CombineOperation;
 use spinney::store::Codec;
 
 use super::super::Global;
@@ -16,7 +16,7 @@ use super::{open, tell_result};
 
 /// Makes a model of several by a set operation.
 pub(in crate::cli) fn combine(
-    operation: Operation,
+    operation: CombineOperation,
     files: &[PathBuf],
     (path, limit): (&Path, &OutputLimit),
     codec: Codec,
@@ -24,7 +24,7 @@ pub(in crate::cli) fn combine(
     global: &Global,
 ) -> Result<()> {
     let start = Instant::now();
-    let Operation::Set { number, .. } = operation else {
+    let CombineOperation::Set { number, .. } = operation else {
         bail!(
             "{}: is an exact model, which has no values: set operations (0 to 15) are for it",
             files[0].display()

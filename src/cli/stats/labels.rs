@@ -40,7 +40,7 @@ pub(super) struct LabelOptions {
 }
 
 /// Bytes of text that are held.
-const MOST_TEXT: usize = 1 << 20;
+const MAX_TEXT: usize = 1 << 20;
 
 /// Writes the table of a tree.
 pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
@@ -239,7 +239,7 @@ impl Table<'_> {
     }
 
     fn write_some(&mut self) -> Result<()> {
-        if self.text.len() < MOST_TEXT { Ok(()) } else { self.write() }
+        if self.text.len() < MAX_TEXT { Ok(()) } else { self.write() }
     }
 
     fn write(&mut self) -> Result<()> {

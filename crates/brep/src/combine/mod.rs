@@ -41,7 +41,7 @@ use super::store::formula::formula;
 use super::{BuildReport, ExactModel, Faces, Grid, ModelBuilder};
 use crate::closure::SurfaceClosure;
 use spinney_base::io::Output;
-use spinney_base::{Error, PartOfWork, Progress, Result};
+use spinney_base::{Error, Progress, Result, SubProgress};
 use spinney_container::{Codec, Metadata, Tag};
 
 /// Counts of a set operation on bodies.
@@ -173,7 +173,7 @@ fn combined(
     match make() {
         Ok(report) => Ok(CombineReport { before, ..report }),
         // What is no body may have been taken for one.
-        Err(error @ (Error::NoBody { .. } | Error::Invalid { .. })) => {
+        Err(error @ (Error::NotASolid { .. } | Error::Invalid { .. })) => {
             Err(suspect(&models, memory, progress)?.unwrap_or(error))
         }
         Err(error) => Err(error),
@@ -186,7 +186,7 @@ fn suspect(models: &[&ExactModel], memory: u64, progress: &dyn Progress) -> Resu
         let findings = model.verify(memory, progress)?;
         if !findings.is_empty() {
             let places = findings.iter().map(|finding| format!("{}: {}", finding.place, finding.problem));
-            return Ok(Some(Error::NoBody {
+            return Ok(Some(Error::NotASolid {
                 path: model.path().to_path_buf(),
                 what: "the model is no body, or its octree is not that of its faces".into(),
                 places: places.collect(),
@@ -238,7 +238,7 @@ fn made(
     };
     let near = faces.list.len();
     let all = models.iter().map(|model| model.len()).sum::<u64>();
-    let part = |share: u64| PartOfWork::new(progress, share, near + all);
+    let part = |share: u64| SubProgress::new(progress, share, near + all);
     let (mut exact, done) = divide(&faces, &operands, path, memory / 2, &part(near))?;
     drop(faces);
     let Resolved { pairs, divided, .. } = done;
@@ -253,24 +253,24 @@ fn made(
     if rounded.reach != bodies.reach() {
         builder = builder.reach(rounded.reach);
     }
-    let Rounded { faces, stands_in, exact, displacement, reach, .. } = rounded;
+    let Rounded { faces, is_proxy, exact, displacement, reach, .. } = rounded;
     let displacement = displacement * grid.width();
     let mut settled = 0u64;
-    bodies.settled(progress, &mut |number, face, stands_in, is_base| {
+    bodies.settled(progress, &mut |number, face, is_proxy, is_base| {
         settled += 1;
         seams.add_watched(face);
         if is_base && base.is_some() {
-            builder.push_kept(face, stands_in)?;
+            builder.push_kept(face, is_proxy)?;
         } else {
-            surface.add(face, stands_in);
-            builder.push_face(face, stands_in)?;
+            surface.add(face, is_proxy);
+            builder.push_face(face, is_proxy)?;
         }
         values.copy(number, face.number, &mut builder)
     })?;
     faces.each(&mut |face| {
-        let stands_in = stands_in[face.number as usize];
-        surface.add(face, stands_in);
-        builder.push_face(face, stands_in)?;
+        let is_proxy = is_proxy[face.number as usize];
+        surface.add(face, is_proxy);
+        builder.push_face(face, is_proxy)?;
         values.give(face, &mut builder)
     })?;
     let mut after = settled + faces.len();
@@ -291,7 +291,7 @@ fn made(
     bodies.settled_exact(base.is_some(), progress, &mut push_exact)?;
     exact.into_iter().try_for_each(&mut push_exact)?;
     if let Some(flaw) = surface.flaw() {
-        return Err(Error::NoBody {
+        return Err(Error::NotASolid {
             path: path.to_path_buf(),
             what: format!("the result would be no body, and so at least one of the models is none: {flaw}"),
             places: Vec::new(),
@@ -332,7 +332,7 @@ fn made(
     }
     let FaceValues { lost_columns, lost_values, .. } = values;
     if lost_columns > 0 {
-        let most = ModelBuilder::MOST_COLUMNS;
+        let most = ModelBuilder::MAX_COLUMNS;
         let text = format!(
             "{lost_columns} columns of values of faces are not kept, as there would be more than {most}"
         );

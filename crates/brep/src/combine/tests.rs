@@ -105,8 +105,8 @@ fn six_volumes(model: &ExactModel) -> i128 {
         }
     };
     model
-        .each_face(&mut |face, stands_in| {
-            if !stands_in {
+        .each_face(&mut |face, is_proxy| {
+            if !is_proxy {
                 for ring in face.rings() {
                     add(&ring.iter().map(|point| point.map(i128::from)).collect::<Vec<_>>());
                 }

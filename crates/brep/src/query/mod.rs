@@ -5,7 +5,7 @@
 //!
 //! ```
 //! use spinney::brep::ExactModel;
-//! use spinney::brep::query::{BoxPlace, MassProperties};
+//! use spinney::brep::query::{BoxLocation, MassProperties};
 //! # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
 //! # use spinney::io::Output;
 //! # let folder = tempfile::tempdir().unwrap();
@@ -20,7 +20,7 @@
 //! assert_eq!(model.signed_distance([1.0, 1.0, 0.5])?, -0.5);
 //! let (hit, _) = model.ray([1.0, 1.0, 9.0], [0.0, 0.0, -1.0])?;
 //! assert_eq!(hit.unwrap().point, [1.0, 1.0, 4.0]);
-//! assert_eq!(model.place_of_box([0.5; 3], [1.5; 3])?.0, BoxPlace::Inside);
+//! assert_eq!(model.locate_box([0.5; 3], [1.5; 3])?.0, BoxLocation::Inside);
 //! # Ok::<(), spinney::Error>(())
 //! ```
 
@@ -52,7 +52,7 @@ pub use mass::{MassProperties, MassSums};
 pub use nearest::{Nearest, nearest_on_face};
 pub use parts::PartMeasures;
 pub use ray::{Hit, ModelRays};
-pub use region::BoxPlace;
-pub use section::{CuttingPlane, SectionPolygon, TakeSection};
+pub use region::BoxLocation;
+pub use section::{CuttingPlane, SectionPolygon, SectionVisitor};
 pub use visited::Visited;
 pub(crate) use visited::half_of;

@@ -6,10 +6,10 @@ use spinney_base::Result;
 /// Tag of the section.
 pub(crate) const FORMULA: [u8; 4] = *b"FORM";
 /// Most bytes of a formula.
-pub(crate) const MOST_FORMULA: u64 = 1 << 20;
+pub(crate) const MAX_FORMULA: u64 = 1 << 20;
 
 /// Most bytes of the formula of a model that becomes part of another one: with more, its name stands there instead.
-const MOST_NESTED: usize = 1 << 12;
+const MAX_NESTED: usize = 1 << 12;
 
 impl ExactModel {
     /// The formula that the model was made by, if it is told: in the end, of files.
@@ -34,7 +34,7 @@ pub(crate) fn moved_formula(numbers: &str, model: &ExactModel) -> Result<String>
 
 /// The operand that a model is in the formula of another one: its own formula, or its name.
 fn operand(model: &ExactModel) -> Result<String> {
-    let own = model.formula()?.filter(|own| own.len() <= MOST_NESTED);
+    let own = model.formula()?.filter(|own| own.len() <= MAX_NESTED);
     Ok(own.unwrap_or_else(|| serde_json::Value::from(model.path().display().to_string()).to_string()))
 }
 
@@ -44,7 +44,7 @@ pub(crate) fn formula(operation: u8, models: &[&ExactModel]) -> Result<String> {
     for model in models {
         text.push(' ');
         text.push_str(&operand(model)?);
-        if text.len() as u64 >= MOST_FORMULA - 1 {
+        if text.len() as u64 >= MAX_FORMULA - 1 {
             // (Of so many models, a formula says nothing to anybody.)
             return Ok(String::new());
         }

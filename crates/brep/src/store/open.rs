@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::exact::EXACT;
-use super::formula::{FORMULA, MOST_FORMULA};
+use super::formula::{FORMULA, MAX_FORMULA};
 use super::objects::{FACE_VALUES, OBJECTS, SchemaCell};
 use super::pieces::{ENTRY, List, Pieces};
 use super::reader::ExactModel;
@@ -123,9 +123,9 @@ impl ExactModel {
             return Err(Error::unsupported(path, "a model with templates", advice));
         }
         let formula = trailer.section(FORMULA);
-        if formula.length > MOST_FORMULA {
+        if formula.length > MAX_FORMULA {
             let found = format!("{} bytes", formula.length);
-            return Err(Error::corrupt(path, "formula", found, format!("at most {MOST_FORMULA}")));
+            return Err(Error::corrupt(path, "formula", found, format!("at most {MAX_FORMULA}")));
         }
         let mut model = ExactModel {
             path: path.to_path_buf(),

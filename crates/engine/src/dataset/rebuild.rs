@@ -4,7 +4,7 @@ use super::{Dataset, Tree};
 use crate::ops::{TreeFile, View, ViewSource, build_again};
 use crate::store::{BuildOptions, TreeTarget};
 use spinney_base::io::Output;
-use spinney_base::value::{Kind, Rule};
+use spinney_base::value::{DataKind, Rule};
 use spinney_base::{Error, Progress, Result};
 use spinney_crs::Crs;
 
@@ -12,7 +12,7 @@ use spinney_crs::Crs;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Rebuild {
     /// Kind of the values; with another one, the rule is the usual one for it.
-    pub kind: Option<Kind>,
+    pub kind: Option<DataKind>,
     /// Rule of coarser levels, which are made anew if it is another.
     pub rule: Option<Rule>,
     /// Levels of the tree.

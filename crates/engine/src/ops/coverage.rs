@@ -3,11 +3,11 @@
 use crate::store::builder::{
     FULL_COVERAGE, Join, MergeAction, MergeState, MergeTable, Merging, joined_coverage,
 };
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::value::{Rule, SampleType, Value};
 
 /// The value of a full cell in trees whose cells tell coverage; `None` of other trees.
-pub(super) fn full(form: Form, rule: Rule) -> Option<Value> {
+pub(super) fn full(form: TreeType, rule: Rule) -> Option<Value> {
     let is_coverage =
         rule == Rule::Occupancy && form.value.sample == SampleType::U8 && !form.value.is_masked();
     is_coverage.then(|| form.value.nearest(|_| FULL_COVERAGE.into()))

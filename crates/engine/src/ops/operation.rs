@@ -18,13 +18,13 @@ pub enum Prefer {
 /// An operation that merges trees into one, cell by cell; a cell is present if it is not VOID.
 ///
 /// ```
-/// use spinney::ops::{Operation, Prefer};
-/// let union = Operation::named("or", Prefer::First);
-/// assert_eq!(union, Some(Operation::Set { number: 7, prefer: Prefer::First }));
+/// use spinney::ops::{CombineOperation, Prefer};
+/// let union = CombineOperation::named("or", Prefer::First);
+/// assert_eq!(union, Some(CombineOperation::Set { number: 7, prefer: Prefer::First }));
 /// assert_eq!(union.unwrap().to_string(), "union");
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Operation {
+pub enum CombineOperation {
     /// One of the sixteen set operations on presence (Tyukachev): bit 0 of the number says that cells of both
     /// belong to the result, bit 1 those of the first alone, bit 2 those of the second alone, bit 3 those of
     /// neither. So 1 is the intersection, 2 and 4 the differences, 6 the symmetric difference, 7 the union
@@ -60,23 +60,23 @@ pub enum Operation {
 /// The number of the union among set operations.
 pub(super) const UNION: u8 = 7;
 
-impl Operation {
+impl CombineOperation {
     /// Whether all cells of the first tree belong to the result with their values, so that it has about as many nodes at
     /// least.
     pub(super) fn keeps_first(self, rule: Rule) -> bool {
         match self {
             // (Bodies that are joined may hide each other.)
-            Operation::Set { number, prefer } => {
+            CombineOperation::Set { number, prefer } => {
                 number & 3 == 3 && prefer == Prefer::First && rule != Rule::Occupancy
             }
-            Operation::Over => true,
+            CombineOperation::Over => true,
             _ => false,
         }
     }
 
     /// Whether cells that are in none of the trees belong to the result: there must then be a universe.
     pub fn needs_universe(self) -> bool {
-        matches!(self, Operation::Set { number, .. } if number & 8 != 0)
+        matches!(self, CombineOperation::Set { number, .. } if number & 8 != 0)
     }
 }
 
@@ -101,28 +101,28 @@ const SETS: [&[&str]; 16] = [
 ];
 
 /// The other operations with their names.
-const OTHERS: [(&str, Operation); 7] = [
-    ("over", Operation::Over),
-    ("min", Operation::Min),
-    ("max", Operation::Max),
-    ("add", Operation::Add),
-    ("subtract", Operation::Subtract),
-    ("equal", Operation::Equal),
-    ("changed", Operation::Changed),
+const OTHERS: [(&str, CombineOperation); 7] = [
+    ("over", CombineOperation::Over),
+    ("min", CombineOperation::Min),
+    ("max", CombineOperation::Max),
+    ("add", CombineOperation::Add),
+    ("subtract", CombineOperation::Subtract),
+    ("equal", CombineOperation::Equal),
+    ("changed", CombineOperation::Changed),
 ];
 
-impl Operation {
+impl CombineOperation {
     /// The operation with a name (or with a number, 0 to 15), as people write it: `union`, `a-b`, `min`;
     /// `prefer` is for set operations. `mask` is the intersection with the first tree's values. `None` if
     /// there is none of that name.
-    pub fn named(name: &str, prefer: Prefer) -> Option<Operation> {
+    pub fn named(name: &str, prefer: Prefer) -> Option<CombineOperation> {
         if name == "mask" {
-            return Some(Operation::Set { number: 1, prefer: Prefer::First });
+            return Some(CombineOperation::Set { number: 1, prefer: Prefer::First });
         }
         let by_number = name.parse().ok().filter(|number| *number < SETS.len());
         let number = by_number.or_else(|| SETS.iter().position(|names| names.contains(&name)));
         match number {
-            Some(number) => Some(Operation::Set { number: number as u8, prefer }),
+            Some(number) => Some(CombineOperation::Set { number: number as u8, prefer }),
             None => OTHERS.iter().find(|(other, _)| *other == name).map(|(_, operation)| *operation),
         }
     }
@@ -130,13 +130,13 @@ impl Operation {
     /// The join of values where both trees have one, if the operation computes with values.
     pub(super) fn join(self) -> Option<Join> {
         match self {
-            Operation::Min => Some(Join::Min),
-            Operation::Max => Some(Join::Max),
-            Operation::Add => Some(Join::Add),
-            Operation::Subtract => Some(Join::Subtract),
-            Operation::Equal => Some(Join::Equal),
-            Operation::Changed => Some(Join::Changed),
-            Operation::Set { .. } | Operation::Over => None,
+            CombineOperation::Min => Some(Join::Min),
+            CombineOperation::Max => Some(Join::Max),
+            CombineOperation::Add => Some(Join::Add),
+            CombineOperation::Subtract => Some(Join::Subtract),
+            CombineOperation::Equal => Some(Join::Equal),
+            CombineOperation::Changed => Some(Join::Changed),
+            CombineOperation::Set { .. } | CombineOperation::Over => None,
         }
     }
 
@@ -145,19 +145,20 @@ impl Operation {
     pub(super) fn mergings(self, full: Option<Value>) -> [Merging; 3] {
         let of = |actions, join| Merging { actions, join, full: None };
         match (self, full) {
-            (Operation::Set { number, .. }, Some(_)) => {
+            (CombineOperation::Set { number, .. }, Some(_)) => {
                 coverage::mergings(number).map(|merging| Merging { full, ..merging })
             }
             // (Without values to be joined, nobody asks how.)
-            (Operation::Set { number, prefer }, None) => {
+            (CombineOperation::Set { number, prefer }, None) => {
                 merge_tables(number, prefer).map(|actions| of(actions, Join::Equal))
             }
             // Of two trees the first that is present is the union.
-            (Operation::Over, _) => {
+            (CombineOperation::Over, _) => {
                 merge_tables(UNION, Prefer::First).map(|actions| of(actions, Join::Equal))
             }
             _ => {
-                let actions = MergeTable::new(|states| join_action(self == Operation::Changed, states));
+                let actions =
+                    MergeTable::new(|states| join_action(self == CombineOperation::Changed, states));
                 [of(actions, self.join().unwrap_or(Join::Equal)); 3]
             }
         }
@@ -166,19 +167,19 @@ impl Operation {
     /// Numbers of trees that it takes.
     pub(super) fn takes(self) -> std::ops::RangeInclusive<usize> {
         match self {
-            Operation::Set { number: 12, .. } => 1..=2,
-            Operation::Set { number: UNION, prefer: Prefer::First } => 1..=usize::MAX,
-            Operation::Set { .. } | Operation::Equal | Operation::Changed => 2..=2,
+            CombineOperation::Set { number: 12, .. } => 1..=2,
+            CombineOperation::Set { number: UNION, prefer: Prefer::First } => 1..=usize::MAX,
+            CombineOperation::Set { .. } | CombineOperation::Equal | CombineOperation::Changed => 2..=2,
             _ => 1..=usize::MAX,
         }
     }
 }
 
-/// The name that people write, as [`Operation::named`] takes it, and whose values are taken if not the first
+/// The name that people write, as [`CombineOperation::named`] takes it, and whose values are taken if not the first
 /// tree's.
-impl fmt::Display for Operation {
+impl fmt::Display for CombineOperation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Operation::Set { number, prefer } = *self else {
+        let CombineOperation::Set { number, prefer } = *self else {
             let name = OTHERS.iter().find(|(_, operation)| operation == self).map_or("", |(name, _)| name);
             return f.write_str(name);
         };

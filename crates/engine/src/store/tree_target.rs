@@ -12,14 +12,14 @@ use spinney_base::space::Dimension;
 ///
 /// ```
 /// use spinney::io::Output;
-/// use spinney::ops::{Chain, transform_to};
+/// use spinney::ops::{FileView, transform_to};
 /// use spinney::store::goblin::{Shard, ShardPiece};
 /// use spinney::store::{TreeTarget, WriteOptions};
 /// use spinney::space::CodeRun;
 ///
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// # let folder = tempfile::tempdir().unwrap();
-/// let (map, how) = (Chain::of("fixtures/v1/classes.goblin".as_ref()), WriteOptions::new(64 << 20));
+/// let (map, how) = (FileView::of("fixtures/v1/classes.goblin".as_ref()), WriteOptions::new(64 << 20));
 /// let head = folder.path().join("head.goblin");
 /// transform_to(&map, TreeTarget::Head(Output::create(&head)?), how, &())?;
 /// let shard = Shard {

@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::attribute::{LineAttribute, ValueKind};
-use crate::codec::MOST_SEGMENTS;
+use crate::codec::MAX_SEGMENTS;
 use crate::grid::LineGrid;
 use spinney_base::{Error, Result};
 
@@ -14,7 +14,7 @@ const LIMIT: usize = 1 << 20;
 /// First number of the section: the version of the struct that follows.
 const VERSION: u32 = 1;
 /// Attributes of features at most.
-const MOST_ATTRIBUTES: usize = 4096;
+const MAX_ATTRIBUTES: usize = 4096;
 
 /// Description of the lines of a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -53,7 +53,7 @@ impl Summary {
     /// The section's bytes.
     pub(crate) fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
         let bytes = bincode::serde::encode_to_vec((VERSION, self), config()).ok();
-        bytes.filter(|bytes| bytes.len() <= LIMIT && self.attributes.len() <= MOST_ATTRIBUTES).ok_or_else(
+        bytes.filter(|bytes| bytes.len() <= LIMIT && self.attributes.len() <= MAX_ATTRIBUTES).ok_or_else(
             || Error::TooLarge {
                 path: path.to_path_buf(),
                 what: "the description of the attributes".into(),
@@ -80,13 +80,13 @@ impl Summary {
             let found = format!("scale {scale}, offset {offset:?}");
             return Err(corrupt(found, "finite numbers, and a scale above 0"));
         }
-        if bits > 32 || summary.attributes.len() > MOST_ATTRIBUTES {
+        if bits > 32 || summary.attributes.len() > MAX_ATTRIBUTES {
             let found = format!("{bits} bits, {} attributes", summary.attributes.len());
-            return Err(corrupt(found, &format!("at most 32, and {MOST_ATTRIBUTES}")));
+            return Err(corrupt(found, &format!("at most 32, and {MAX_ATTRIBUTES}")));
         }
-        if !(1..=MOST_SEGMENTS).contains(&(leaf_size as usize)) {
+        if !(1..=MAX_SEGMENTS).contains(&(leaf_size as usize)) {
             let found = format!("{leaf_size} pieces in a leaf");
-            return Err(corrupt(found, &format!("1 to {MOST_SEGMENTS}")));
+            return Err(corrupt(found, &format!("1 to {MAX_SEGMENTS}")));
         }
         let attribute = |(name, kind): &(String, u8)| {
             let kind = ValueKind::ALL.get(usize::from(*kind)).copied();

@@ -15,7 +15,7 @@ mod region;
 mod sections;
 
 pub use blocks::BspBlocks;
-pub use build::MOST_PIECES;
+pub use build::MAX_PIECES;
 
 use spinney_base::space::Dimension;
 use spinney_brep::ExactPlane;

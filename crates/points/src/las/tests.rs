@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use las::{Version, raw};
 
-use super::format::{MOST_FORMAT, describe_extra, record_bytes};
+use super::format::{MAX_FORMAT, describe_extra, record_bytes};
 use super::{LasFiles, LasReader};
 use crate::attribute::PointAttribute;
 use crate::export::{PointFormat, export_points};
@@ -110,7 +110,7 @@ fn records_of_all_formats_come_back() {
             ..PointAttribute::new("width", SampleType::I16)
         },
     ];
-    for format in 0..=MOST_FORMAT {
+    for format in 0..=MAX_FORMAT {
         for extra in [&[][..], &extra] {
             let more = extra.iter().map(|attribute| attribute.sample.size()).sum();
             let path = folder.path().join("in.las");

@@ -20,10 +20,10 @@ pub(crate) use self::nrrd::nrrd_head;
 pub use self::raw::RawLayout;
 use self::sections::Sections;
 use crate::import::{DEFAULT_MEMORY, as_stored, depth_of, listed, nodata_text};
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::io::{Output, folder};
 use spinney_base::space::{Bounds, Dimension};
-use spinney_base::value::{Kind, Number, Rule, ValueType};
+use spinney_base::value::{DataKind, Number, Rule, ValueType};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Metadata;
 use spinney_crs::{Crs, Frame};
@@ -35,7 +35,7 @@ use spinney_records::npy::MAGIC;
 #[non_exhaustive]
 pub struct VolumeOptions {
     /// Kind of the samples; continuous if not said.
-    pub kind: Option<Kind>,
+    pub kind: Option<DataKind>,
     /// Rule for the representatives of inner nodes; the usual one for the kind if not said.
     pub rule: Option<Rule>,
     /// The number that means VOID. NaN always does.
@@ -89,7 +89,7 @@ struct Told {
     stored: String,
     layout: ArrayLayout,
     metadata: Metadata,
-    kind: Option<Kind>,
+    kind: Option<DataKind>,
     samples: Samples,
 }
 
@@ -188,7 +188,7 @@ pub fn plan_sections(inputs: &[PathBuf], options: &VolumeOptions) -> Result<Volu
             tags: info.tags,
             ..Metadata::default()
         },
-        kind: info.kind.filter(|kind| *kind == Kind::Categorical),
+        kind: info.kind.filter(|kind| *kind == DataKind::Categorical),
         samples: Samples::Sections(Box::new(sections)),
     };
     planned(&files, told, options)
@@ -206,7 +206,7 @@ fn planned(paths: &[PathBuf], told: Told, options: &VolumeOptions) -> Result<Vol
     let (kind, kind_reason) = match (options.kind, told_kind) {
         (Some(kind), _) => (kind, "as you said"),
         (None, Some(kind)) => (kind, "as the file's samples tell"),
-        (None, None) => (Kind::Continuous, "the usual for volumes; for classes say --kind categorical"),
+        (None, None) => (DataKind::Continuous, "the usual for volumes; for classes say --kind categorical"),
     };
     let rule = options.rule.unwrap_or(kind.default_rule());
     let provenance = vec![format!("volume {} ({words})", listed(paths))];
@@ -287,7 +287,7 @@ impl VolumeImport {
     /// Those of [`VolumeImport::build`].
     pub fn write(self, file: &mut TreeWriter, beside: &Path, progress: &dyn Progress) -> Result<()> {
         let VolumeImport { samples, size, value, options, memory, .. } = self;
-        let form = Form::new(Dimension::Oct, value);
+        let form = TreeType::new(Dimension::Oct, value);
         let Some(run) = file.run() else { return file.tell(form, size, &options) };
         let cells = run.bounds(form.dimension, options.depth, &Bounds::picture(size));
         let array = match samples {

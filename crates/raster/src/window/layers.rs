@@ -12,7 +12,7 @@ use spinney_base::{Error, Progress, Result};
 use spinney_engine::dataset::Dataset;
 
 /// Bands of a picture at most.
-const MOST_BANDS: usize = 255;
+const MAX_BANDS: usize = 255;
 
 /// Writes a window of several layers to a picture or array file, one band for each of their channels. Samples must be of one type; the window is in
 /// cells of the first layer, and the others must lie on its grid ([`Dataset::aligned_layer`]).
@@ -50,7 +50,7 @@ pub fn export_layers(
         }
     }
     let channels: usize = layers.iter().map(|layer| usize::from(layer.header().form.value.channels)).sum();
-    if channels > MOST_BANDS {
+    if channels > MAX_BANDS {
         let found = format!("{channels} bands in one picture");
         return Err(Error::unsupported(first.name(), found, "name some of the layers (--layer A,B)"));
     }

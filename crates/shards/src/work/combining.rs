@@ -7,7 +7,7 @@ use spinney_base::io::Output;
 use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
-use spinney_engine::ops::{Operation, Prefer, Universe, combine_with};
+use spinney_engine::ops::{CombineOperation, Prefer, Universe, combine_with};
 use spinney_engine::store::{Packing, TreeTarget, WriteOptions};
 
 use super::packing::PlannedPacking;
@@ -30,17 +30,17 @@ pub(crate) struct Combining {
 }
 
 /// An operation, with the value that it fills cells with, and where.
-pub(super) type How = (Operation, Option<Number>, Universe);
+pub(super) type How = (CombineOperation, Option<Number>, Universe);
 
 impl Combining {
     pub(super) fn of(
-        operation: Operation,
+        operation: CombineOperation,
         fill: Option<Number>,
         universe: Universe,
         packing: Packing,
     ) -> Combining {
         let (name, prefer) = match operation {
-            Operation::Set { number, prefer } => (number.to_string(), prefer),
+            CombineOperation::Set { number, prefer } => (number.to_string(), prefer),
             operation => (operation.to_string(), Prefer::First),
         };
         let (margin, within) = match universe {
@@ -57,7 +57,7 @@ impl Combining {
 
     fn how(&self) -> Result<How> {
         let prefer = if self.prefers_second { Prefer::Second } else { Prefer::First };
-        let operation = Operation::named(&self.operation, prefer).ok_or_else(|| {
+        let operation = CombineOperation::named(&self.operation, prefer).ok_or_else(|| {
             Error::invalid("operation", format!("`{}`", self.operation), "a name, or a number from 0 to 15")
         })?;
         let fill = self.fill.as_deref().map(number).transpose()?;
@@ -118,12 +118,12 @@ mod tests {
 
     #[test]
     fn operations_come_back() {
-        let xor = Operation::Set { number: 9, prefer: Prefer::Second };
+        let xor = CombineOperation::Set { number: 9, prefer: Prefer::Second };
         let within = Universe::Within([0.1, -1e-9, 0.0], [1.0 / 3.0, 7.0, 0.0]);
         for how in [
             (xor, Some(Number::from(3)), within),
-            (Operation::Changed, None, Universe::Usual),
-            (Operation::Set { number: 12, prefer: Prefer::First }, None, Universe::Margin(4)),
+            (CombineOperation::Changed, None, Universe::Usual),
+            (CombineOperation::Set { number: 12, prefer: Prefer::First }, None, Universe::Margin(4)),
         ] {
             let (operation, fill, universe) = how;
             let planned = Combining::of(operation, fill, universe, Packing::default());

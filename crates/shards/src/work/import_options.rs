@@ -106,7 +106,7 @@ impl PlannedBand {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use spinney_base::value::{Kind, Rule};
+    use spinney_base::value::{DataKind, Rule};
     use spinney_engine::store::Effort;
 
     #[test]
@@ -117,7 +117,7 @@ mod tests {
             serde_json::from_str::<PlannedImport>(&text).unwrap().import(import.memory).unwrap()
         };
         assert_eq!(again(&import), import);
-        (import.kind, import.rule) = (Some(Kind::Categorical), Some(Rule::Majority));
+        (import.kind, import.rule) = (Some(DataKind::Categorical), Some(Rule::Majority));
         import.bands = Some(vec![Band::Number(3), Band::Name("7".into()), Band::Name("NIR".into())]);
         import.nodata = Some(Number::Float(f64::MIN_POSITIVE));
         (import.depth, import.page, import.layer) = (Some(12), Some(1), Some("a".into()));

@@ -22,7 +22,7 @@ use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
 use spinney_engine::dataset::Rebuild;
-use spinney_engine::ops::{Chain, Operation, Universe};
+use spinney_engine::ops::{CombineOperation, FileView, Universe};
 use spinney_engine::store::goblin::{Goblin, LightFile, MergeOutput, Shard, ShardPiece, merge_shards};
 use spinney_engine::store::{Packing, ShardCheck, TreeTarget, TreeWriter};
 use spinney_mesh::import::SolidOptions;
@@ -94,7 +94,7 @@ pub enum JobSpec {
     /// A tree with steps done to it: see [`transform`](spinney_engine::ops::transform).
     Transform {
         /// The tree, and the steps.
-        chain: Chain,
+        chain: FileView,
         /// The way in which segments are packed.
         packing: Packing,
     },
@@ -103,7 +103,7 @@ pub enum JobSpec {
         /// The trees.
         inputs: Vec<PathBuf>,
         /// The way in which they are merged.
-        operation: Operation,
+        operation: CombineOperation,
         /// Value of cells that the operation makes of nothing.
         fill: Option<Number>,
         /// The place where it does that.

@@ -173,7 +173,7 @@ impl Work for Volume {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use spinney_base::value::{Kind, Rule};
+    use spinney_base::value::{DataKind, Rule};
     use spinney_engine::store::Effort;
 
     fn again(volume: &Volume) -> Volume {
@@ -188,7 +188,7 @@ mod tests {
         assert_eq!(planned.options(None).unwrap(), options);
         assert_eq!(planned.input(sections.paths()).unwrap(), sections);
         planned.check(2, &[]).unwrap();
-        (options.kind, options.rule) = (Some(Kind::Categorical), Some(Rule::Majority));
+        (options.kind, options.rule) = (Some(DataKind::Categorical), Some(Rule::Majority));
         (options.nodata, options.depth) = (Some(Number::Float(0.1)), Some(9));
         options.transform =
             Some([[0.1, 0.0, 1e-300, 1e17], [0.0, 1.0 / 3.0, 0.0, -0.0], [0.0, 0.0, 7.0, 1.0]]);

@@ -6,7 +6,7 @@ use super::joined::{Joined, JoinedPoint, check_system};
 use crate::export::{AttributeType, AttributeValue, VectorFormat, bounds_of};
 use crate::import::feature::{Feature, FeatureGeometry, FeatureOptions, open_features};
 use spinney_base::io::Output;
-use spinney_base::{Error, Progress, Result, Uncounted};
+use spinney_base::{Error, Progress, Result, SilentProgress};
 use spinney_lines::{LineTree, NearLine, NearestLines};
 
 /// Outcome of joining points with lines.
@@ -61,7 +61,7 @@ pub fn join_nearest_lines(
         if features.is_empty() {
             break;
         }
-        let found = nearest.find(&places, (1, within), &Uncounted(progress))?;
+        let found = nearest.find(&places, (1, within), &SilentProgress(progress))?;
         let mut found = found.into_iter().map(|near| near.first().copied());
         let near: Vec<Option<NearLine>> = features
             .iter()

@@ -2,8 +2,8 @@
 
 use spinney_base::io::Output;
 use spinney_base::space::{Bounds, Dimension};
-use spinney_base::value::{Kind, Rule, SampleType, ValueType};
-use spinney_base::{Error, Form, Progress, Result};
+use spinney_base::value::{DataKind, Rule, SampleType, ValueType};
+use spinney_base::{Error, Progress, Result, TreeType};
 use spinney_container::Metadata;
 use spinney_crs::{Crs, Frame};
 use spinney_engine::dataset::Dataset;
@@ -105,13 +105,13 @@ pub fn write_surface(
         provenance: vec![provenance],
         ..Metadata::default()
     };
-    let options = BuildOptions::new(Kind::Continuous, depth_for(extent))
+    let options = BuildOptions::new(DataKind::Continuous, depth_for(extent))
         .rule(Rule::Mean)
         .memory(memory)
         .metadata(metadata)
         .packing(packing);
     let mut rows = Rows { grid: &grid, next: 0, progress };
-    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::F32, 1));
+    let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::F32, 1));
     build_slabs(form, &mut rows, None, &options, output, progress)?;
     Ok([extent[0], extent[1]])
 }

@@ -36,7 +36,7 @@ pub(super) struct Report<'a> {
 }
 
 /// Bytes of text that are held: more is printed before the end, so that memory does not grow with polygons times layers.
-const MOST_TEXT: usize = 32 << 20;
+const MAX_TEXT: usize = 32 << 20;
 
 impl<'a> Report<'a> {
     /// The text before all features.
@@ -104,7 +104,7 @@ impl<'a> Report<'a> {
                 }
             }
         }
-        if self.text.len().max(self.json.held()) > MOST_TEXT { self.print() } else { Ok(()) }
+        if self.text.len().max(self.json.held()) > MAX_TEXT { self.print() } else { Ok(()) }
     }
 }
 

@@ -8,7 +8,7 @@ use super::survey::SolidSurvey;
 use crate::import::Model;
 use spinney_base::space::EdgeRule;
 use spinney_base::space::{Dimension, Up};
-use spinney_base::value::{Kind, Rule};
+use spinney_base::value::{DataKind, Rule};
 use spinney_base::{Error, Result};
 use spinney_brep::exact::lattice::Lattice;
 use spinney_container::{Metadata, Tag};
@@ -263,7 +263,7 @@ impl FittedCells {
         if let Some(unit) = &options.unit {
             metadata.set_tag(Tag::Unit, unit);
         }
-        BuildOptions::new(Kind::Continuous, self.depth)
+        BuildOptions::new(DataKind::Continuous, self.depth)
             .rule(Rule::Occupancy)
             .memory(options.memory / 4)
             .metadata(metadata)

@@ -7,7 +7,7 @@ mod whole;
 use self::materials::Materials;
 pub(super) use self::materials::libraries;
 use self::scan::{Item, Items, Scan};
-use super::corners::{Corners, MOST_CORNERS};
+use super::corners::{Corners, MAX_CORNERS};
 use super::model_file::ModelFile;
 use super::vertices::{Coordinates, Table, Vertices, VerticesBuilder};
 use super::{MeshFace, Model, ModelInfo};
@@ -101,7 +101,7 @@ impl Obj {
                     };
                     for word in words {
                         let index = index(word, known).filter(|index| *index < vertices.len());
-                        let Some(index) = index.filter(|_| corners.len() < MOST_CORNERS) else {
+                        let Some(index) = index.filter(|_| corners.len() < MAX_CORNERS) else {
                             let expected =
                                 format!("at most 2^20 corners that are one of {} vertices", vertices.len());
                             return Err(wrong(shown(word), expected));

@@ -10,7 +10,7 @@ use spinney_base::Result;
 use spinney_records::text::{Lines, Words, real, shown, words};
 
 /// Longest statement over several lines.
-const MOST_BYTES: usize = 64 << 20;
+const MAX_BYTES: usize = 64 << 20;
 
 /// A statement that matters here.
 pub(super) enum Item<'a> {
@@ -59,8 +59,8 @@ impl<'a> Items<'a> {
                 self.joined.push(b' ');
                 line = self.lines.next().unwrap_or_default();
                 self.count += 1;
-                if self.joined.len() > MOST_BYTES {
-                    let found = format!("a statement of more than {MOST_BYTES} bytes");
+                if self.joined.len() > MAX_BYTES {
+                    let found = format!("a statement of more than {MAX_BYTES} bytes");
                     return Err(self.source.corrupt(format!("line {}", self.count), found, "a shorter one"));
                 }
             }
@@ -114,7 +114,7 @@ pub(super) struct Scan {
 }
 
 /// Most files with materials that are looked at.
-const MOST_LIBRARIES: usize = 64;
+const MAX_LIBRARIES: usize = 64;
 
 impl Scan {
     /// Reads everything but the corners of faces, and puts the vertices into a store if there is one.
@@ -164,7 +164,7 @@ impl Scan {
                         scan.parts.number(source, part)?;
                     }
                 }
-                Item::Library(name) if scan.libraries.len() < MOST_LIBRARIES => {
+                Item::Library(name) if scan.libraries.len() < MAX_LIBRARIES => {
                     scan.libraries.push(name.to_vec());
                 }
                 Item::Library(_) => {}

@@ -5,7 +5,7 @@
 
 use std::io::{BufReader, Read};
 
-use super::super::corners::{Corners, MOST_CORNERS};
+use super::super::corners::{Corners, MAX_CORNERS};
 use super::super::model_file::ModelFile;
 use super::materials::Materials;
 use super::scan::{Item, Items, Scan, channel};
@@ -46,7 +46,7 @@ impl Piece {
         let part = words.next()?.parse().ok()?;
         let mut channel = || words.next()?.parse().ok();
         // The streaming reader refuses it, and knows where it is.
-        if mesh.face_arities.iter().any(|arity| *arity as usize > MOST_CORNERS) {
+        if mesh.face_arities.iter().any(|arity| *arity as usize > MAX_CORNERS) {
             return None;
         }
         Some(Piece { part, colour: [channel()?, channel()?, channel()?], mesh })

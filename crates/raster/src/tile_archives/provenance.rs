@@ -10,7 +10,7 @@ use super::encode::TileFormat;
 use spinney_base::{Error, Result};
 use spinney_container::OpenOptions;
 use spinney_engine::dataset::Dataset;
-use spinney_tiles::{DataPlace, TileColours};
+use spinney_tiles::{GeographicExtent, TileColours};
 
 /// The tree from which an archive was made, in one state.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -64,7 +64,7 @@ fn hashed(bytes: &[u8]) -> String {
 
 /// How an archive was made: what must be the same for an export to go on, or to be updated.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Making {
+pub struct TileProvenance {
     /// The tree.
     pub source: SourceState,
     /// The options, in words, by their names.
@@ -73,9 +73,9 @@ pub struct Making {
     pub(super) colours: Option<TileColours>,
 }
 
-impl Making {
+impl TileProvenance {
     /// Fails if another export, which is to change what this one has made, has other options.
-    pub(super) fn check_options(&self, now: &Making) -> Result<()> {
+    pub(super) fn check_options(&self, now: &TileProvenance) -> Result<()> {
         let differs = |name: &&String| self.options.get(*name) != now.options.get(*name);
         let names: BTreeSet<&String> =
             self.options.keys().chain(now.options.keys()).filter(differs).collect();
@@ -126,20 +126,20 @@ impl Digest {
 pub(super) struct About {
     pub(super) format: TileFormat,
     pub(super) zooms: [u8; 2],
-    pub(super) place: DataPlace,
+    pub(super) place: GeographicExtent,
     pub(super) side: usize,
     pub(super) name: String,
     pub(super) description: String,
     pub(super) attribution: String,
     /// Meaning of the colours, as text or HTML.
     pub(super) legend: String,
-    pub(super) making: Making,
+    pub(super) making: TileProvenance,
 }
 
 /// The part of an archive's metadata that is ours.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Own {
-    pub(super) making: Making,
+    pub(super) making: TileProvenance,
     pub(super) tiles: u64,
     pub(super) digest: String,
 }

@@ -4,13 +4,13 @@ use std::io::ErrorKind;
 use std::path::Path;
 use std::time::UNIX_EPOCH;
 
-use super::input::is_hidden;
+use super::input::is_access_denied;
 use super::open::{local_path, remote_files, url_of};
 use crate::{Error, Result};
 
 /// State of a file: where it is the same, its bytes are.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct FileState {
+pub struct FileStat {
     /// Bytes.
     pub length: u64,
     /// Mark of this state among all states of the file.
@@ -26,23 +26,23 @@ pub enum FileVersion {
     Tag(String),
 }
 
-impl FileState {
+impl FileStat {
     /// The state of a file; nothing if there is none.
     ///
     /// # Errors
     /// If it cannot be looked at.
-    pub fn of(path: &Path) -> Result<Option<FileState>> {
-        FileState::of_all(&[path])?.pop().expect("as many as were asked for")
+    pub fn of(path: &Path) -> Result<Option<FileStat>> {
+        FileStat::of_all(&[path])?.pop().expect("as many as were asked for")
     }
 
     /// States of files, in their order; nothing of those that are not there. Those elsewhere are asked for all at once.
     ///
     /// # Errors
     /// If nobody can be asked, or on interruption. Of each file, if it cannot be looked at.
-    pub fn of_all(paths: &[&Path]) -> Result<Vec<Result<Option<FileState>>>> {
+    pub fn of_all(paths: &[&Path]) -> Result<Vec<Result<Option<FileStat>>>> {
         let urls: Vec<&str> = paths.iter().filter_map(|path| url_of(path)).collect();
         let mut far = match urls.first() {
-            Some(first) => remote_files(Path::new(first))?.look(&urls)?.into_iter(),
+            Some(first) => remote_files(Path::new(first))?.stat(&urls)?.into_iter(),
             None => Vec::new().into_iter(),
         };
         let state = |path: &&Path| match url_of(path) {
@@ -56,17 +56,17 @@ impl FileState {
     ///
     /// # Errors
     /// If one cannot be looked at.
-    pub fn of_all_beside(paths: &[&Path]) -> Result<Vec<Option<FileState>>> {
-        let found = paths.iter().zip(FileState::of_all(paths)?);
+    pub fn of_all_beside(paths: &[&Path]) -> Result<Vec<Option<FileStat>>> {
+        let found = paths.iter().zip(FileStat::of_all(paths)?);
         let found = found.map(|(path, found)| match found {
-            Err(error) if is_hidden(path, &error) => Ok(None),
+            Err(error) if is_access_denied(path, &error) => Ok(None),
             found => found,
         });
         found.collect()
     }
 }
 
-fn here(path: &Path) -> Result<Option<FileState>> {
+fn here(path: &Path) -> Result<Option<FileStat>> {
     let about = || Error::io(path, "look at");
     let found = match std::fs::metadata(path) {
         Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
@@ -79,7 +79,7 @@ fn here(path: &Path) -> Result<Option<FileState>> {
         Ok(since) => i64::try_from(since.as_nanos()).unwrap_or(i64::MAX),
         Err(before) => i64::try_from(before.duration().as_nanos()).map_or(i64::MIN, |nanos| -nanos),
     };
-    Ok(Some(FileState { length: found.len(), version: FileVersion::Modified(modified) }))
+    Ok(Some(FileStat { length: found.len(), version: FileVersion::Modified(modified) }))
 }
 
 /// Removes files. One that is not there is removed already.
@@ -110,20 +110,20 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let [one, none] = ["one", "one/none"].map(|name| folder.path().join(name));
         std::fs::write(&one, "123").unwrap();
-        let found = FileState::of_all(&[&none, &one]).unwrap();
+        let found = FileStat::of_all(&[&none, &one]).unwrap();
         assert!(matches!(&found[0], Ok(None)));
         let state = found[1].as_ref().unwrap().clone().unwrap();
         assert!(state.length == 3 && matches!(state.version, FileVersion::Modified(time) if time > 0));
-        assert_eq!(FileState::of(&one).unwrap(), Some(state));
+        assert_eq!(FileStat::of(&one).unwrap(), Some(state));
         remove_files(&[&none, &one, &one]).unwrap();
-        assert_eq!(FileState::of(&one).unwrap(), None);
+        assert_eq!(FileStat::of(&one).unwrap(), None);
         assert!(remove_files(&[folder.path()]).is_err());
     }
 
     #[test]
     fn who_knows_no_hosts_says_so() {
         assert!(
-            FileState::of(Path::new("s3://b/x")).is_err() && remove_files(&[Path::new("s3://b/x")]).is_err()
+            FileStat::of(Path::new("s3://b/x")).is_err() && remove_files(&[Path::new("s3://b/x")]).is_err()
         );
     }
 }

@@ -1,11 +1,11 @@
 //! Questions about files that come in ranges from elsewhere, answered in rounds.
 //!
 //! A question is code that reads. Where bytes are far away, one read after the other costs a way there and back for each. So a
-//! question is asked in *rounds*: what is not here yet is noted, the read fails with [`Error::Unread`], and the walk goes on
+//! question is asked in *rounds*: what is not here yet is noted, the read fails with [`Error::NotFetched`], and the walk goes on
 //! with other branches, which may lack something, too. Then all that was noted is fetched at once, and the question is asked again, until
 //! it lacks nothing. A walk down a tree takes about as many rounds as it has steps that depend on each other, however wide it is.
 //!
-//! Nothing in here waits for a network: [`attempt`] is one pass, so that others, such as a browser, can do the fetching in their own way.
+//! Nothing in here waits for a network: [`try_once`] is one pass, so that others, such as a browser, can do the fetching in their own way.
 //! Files that are mapped, or read at positions, lack nothing, and their questions are asked once.
 
 use std::cell::RefCell;
@@ -22,7 +22,7 @@ use crate::{Error, Result, parallel};
 
 /// Rounds of a question at most. A tree has 29 levels, and few of them depend on each other, but of very many points some are answered in each round;
 /// what needs more is read range by range.
-const MOST_ROUNDS: usize = 256;
+const MAX_ROUNDS: usize = 256;
 
 /// Part of the cache that a round's ranges may take: while they arrive they are there twice.
 const ROUND_SHARE: u64 = 4;
@@ -109,7 +109,7 @@ pub(crate) fn with<R>(round: Option<Round>, work: impl FnOnce() -> R) -> R {
 
 /// Does some work outside of the round that this thread is at work in: what it reads is waited for. For what a question opens on its way, which would
 /// be opened anew in each round.
-pub fn apart<R>(work: impl FnOnce() -> R) -> R {
+pub fn outside_batch<R>(work: impl FnOnce() -> R) -> R {
     with(None, work)
 }
 
@@ -126,15 +126,15 @@ pub(super) fn note(file: &RangeFile, range: &Range<u64>) -> bool {
 }
 
 /// Lets a walk go on with other branches where one lacks bytes: gives `None` then, and sets `is_unread`. The walk must end with
-/// [`all_read`], since what it has found is not all.
+/// [`finish_deferred`], since what it has found is not all.
 ///
 /// # Errors
 /// All others.
 #[inline]
-pub fn go_on<T>(result: Result<T>, is_unread: &mut bool) -> Result<Option<T>> {
+pub fn defer_missing<T>(result: Result<T>, is_unread: &mut bool) -> Result<Option<T>> {
     match result {
         Ok(value) => Ok(Some(value)),
-        Err(Error::Unread) => {
+        Err(Error::NotFetched) => {
             *is_unread = true;
             Ok(None)
         }
@@ -142,18 +142,18 @@ pub fn go_on<T>(result: Result<T>, is_unread: &mut bool) -> Result<Option<T>> {
     }
 }
 
-/// The end of a walk that has [gone on](go_on).
+/// The end of a walk that has [gone on](defer_missing).
 ///
 /// # Errors
-/// [`Error::Unread`] if a branch lacked bytes.
+/// [`Error::NotFetched`] if a branch lacked bytes.
 #[inline]
-pub fn all_read(is_unread: bool) -> Result<()> {
-    if is_unread { Err(Error::Unread) } else { Ok(()) }
+pub fn finish_deferred(is_unread: bool) -> Result<()> {
+    if is_unread { Err(Error::NotFetched) } else { Ok(()) }
 }
 
 /// Asks a question once, with what is here. Its answer counts only if nothing is missing; else it is to be asked again when those ranges were
 /// [supplied](RangeFile::supply).
-pub fn attempt(question: &mut dyn FnMut() -> Result<()>) -> (Result<()>, Vec<MissingRange>) {
+pub fn try_once(question: &mut dyn FnMut() -> Result<()>) -> (Result<()>, Vec<MissingRange>) {
     let round = Round::default();
     let result = with(Some(round.clone()), question);
     let mut missing = std::mem::take(&mut *round.0.lock().unwrap_or_else(PoisonError::into_inner));
@@ -171,7 +171,7 @@ pub fn attempt(question: &mut dyn FnMut() -> Result<()>) -> (Result<()>, Vec<Mis
 ///
 /// ```
 /// # use std::{ops::Range, path::Path, sync::Arc};
-/// use spinney::io::rounds::{all_read, ask, go_on};
+/// use spinney::io::batch::{finish_deferred, run_batched, defer_missing};
 /// use spinney::io::{Fetch, RangeCache, RangeFile, ReadBackend};
 ///
 /// /// A host that is far away.
@@ -186,13 +186,13 @@ pub fn attempt(question: &mut dyn FnMut() -> Result<()>) -> (Result<()>, Vec<Mis
 /// let cache = (Arc::new(RangeCache::new(1 << 20)), RangeCache::file_number());
 /// let file = RangeFile::new(Path::new("https://host/file"), 200, Box::new(Host), cache, 0);
 /// // The four bytes are fetched at the same time.
-/// let sum = ask(|| {
+/// let sum = run_batched(|| {
 ///     let (mut sum, mut is_unread) = (0, false);
 ///     for at in [10, 70, 130, 190] {
-///         let byte = go_on(file.read(at, 1), &mut is_unread)?;
+///         let byte = defer_missing(file.read(at, 1), &mut is_unread)?;
 ///         sum += byte.map_or(0, |byte| u32::from(byte[0]));
 ///     }
-///     all_read(is_unread).map(|()| sum)
+///     finish_deferred(is_unread).map(|()| sum)
 /// })?;
 /// assert_eq!(sum, 400);
 /// # Ok::<(), spinney::Error>(())
@@ -200,12 +200,12 @@ pub fn attempt(question: &mut dyn FnMut() -> Result<()>) -> (Result<()>, Vec<Mis
 ///
 /// # Errors
 /// Those of the question, and of fetching.
-pub fn ask<T>(mut question: impl FnMut() -> Result<T>) -> Result<T> {
+pub fn run_batched<T>(mut question: impl FnMut() -> Result<T>) -> Result<T> {
     if !IS_NEEDED.load(Ordering::Relaxed) {
         return question();
     }
     let mut answer = None;
-    ask_again(&mut || {
+    run_again(&mut || {
         answer = Some(question()?);
         Ok(())
     })?;
@@ -219,29 +219,29 @@ pub fn ask<T>(mut question: impl FnMut() -> Result<T>) -> Result<T> {
 /// That of the first item whose function fails.
 pub fn map<T: Sync, R: Send>(items: &[T], make: impl Fn(&T) -> Result<R> + Sync) -> Result<Vec<R>> {
     let mut done: Vec<Option<R>> = items.iter().map(|_| None).collect();
-    ask(|| {
+    run_batched(|| {
         let left: Vec<usize> = (0..items.len()).filter(|index| done[*index].is_none()).collect();
         let mut is_unread = false;
         for (index, made) in left.iter().zip(parallel::map(&left, |index| make(&items[*index]))) {
-            done[*index] = go_on(made, &mut is_unread)?;
+            done[*index] = defer_missing(made, &mut is_unread)?;
         }
-        all_read(is_unread)
+        finish_deferred(is_unread)
     })?;
     Ok(done.into_iter().flatten().collect())
 }
 
-fn ask_again(question: &mut dyn FnMut() -> Result<()>) -> Result<()> {
+fn run_again(question: &mut dyn FnMut() -> Result<()>) -> Result<()> {
     if current().is_some() {
         return question();
     }
     let mut fetched = HashSet::new();
-    for _ in 0..MOST_ROUNDS {
+    for _ in 0..MAX_ROUNDS {
         // Invariant: a read in a round either has its bytes, or is noted. So an answer, or an error, counts if nothing is noted, and only then:
         // whoever has passed over a failed read has passed over bytes that were there to be had.
-        let (result, missing) = attempt(question);
+        let (result, missing) = try_once(question);
         match result {
             Err(Error::Interrupted) => return result,
-            Err(Error::Unread) if missing.is_empty() => break,
+            Err(Error::NotFetched) if missing.is_empty() => break,
             result if missing.is_empty() => return result,
             _ => {}
         }
