@@ -95,7 +95,7 @@
 //! | `libwebp` | lossy WebP tiles: libwebp, which needs a C compiler (with `raster`) |
 //! | `cli` | the program `spinney`, with all of these but `libwebp`; the default |
 
-pub use spinney_base::{Error, Progress, Result};
+pub use spinney_base::{Error, Progress, Result, SetOperation};
 
 /// Codes and boxes of nodes, and where the cells lie in the world.
 pub mod space {

@@ -8,6 +8,7 @@ use numpy::{Element, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::{PyIndexError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use spinney::SetOperation;
 use spinney::dataset::Dataset;
 use spinney::ops::{CombineOperation, Edit, FileView, FillRegion, Prefer, apply_edits};
 use spinney::space::{CellLocator, Code, Coordinates, Polygon};
@@ -162,7 +163,7 @@ impl Editor {
         jobs::run(py, terms, |work| {
             let laid = zones.over(tree.header(), tree.metadata(), memory, work)?;
             let source = Arc::new(laid.tree);
-            let difference = CombineOperation::Set { number: 2, prefer: Prefer::First };
+            let difference = CombineOperation::set(SetOperation::Difference);
             let edit = if is_void { Edit::Merge(difference, source) } else { Edit::Cover(source) };
             drop(tree);
             apply_edits(editor, &mut std::iter::once(Ok(edit)), work)

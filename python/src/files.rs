@@ -247,14 +247,14 @@ fn combine_exact<'py>(
     (memory, codec): (u64, Codec),
     terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let CombineOperation::Set { number, .. } = operation else {
+    let CombineOperation::Set { operation, .. } = operation else {
         return Err(invalid("operation: exact models have no values, but set operations (0 to 15)"));
     };
     let made = jobs::run(py, terms, |work| {
         let models = paths.iter().map(|path| ExactModel::open(path, &OpenOptions::new()));
         let models = models.collect::<spinney::Result<Vec<_>>>()?;
         let models: Vec<&ExactModel> = models.iter().collect();
-        spinney::brep::combine(number, &models, work.create_tree(out)?, codec, memory, work)
+        spinney::brep::combine(operation, &models, work.create_tree(out)?, codec, memory, work)
     })?;
     let facts = PyDict::new(py);
     facts.set_item("before", made.before)?;

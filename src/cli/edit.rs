@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use clap::Subcommand;
+use spinney::SetOperation;
 use spinney::dataset::Dataset;
 use spinney::import::cells::CellList;
 use spinney::import::raster::{self, ImportOptions};
@@ -360,7 +361,7 @@ impl Fill {
         let (zones, _) = self.features.over(std::slice::from_ref(&file), ground, &how, work)?;
         let zones = Arc::new(zones);
         let message = format!("Fill {} with {what}", file.display());
-        let difference = CombineOperation::Set { number: 2, prefer: Prefer::First };
+        let difference = CombineOperation::set(SetOperation::Difference);
         Ok((if self.void { Edit::Merge(difference, zones) } else { Edit::Cover(zones) }, message))
     }
 

@@ -18,7 +18,6 @@ pub mod tiff_file;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use spinney::Result;
 use spinney::dataset::{self, Dataset};
 use spinney::io::Output;
 use spinney::ops::{self, CombineOperation, Combined, View, ViewSource};
@@ -27,6 +26,7 @@ use spinney::store::goblin::Goblin;
 use spinney::store::{BuildOptions, Metadata, OpenOptions, Slab, Slabs, build_slabs, build_tree, depth_for};
 use spinney::tree::{Child, MemTree, Source, TreeType, no_children};
 use spinney::value::{DataKind, Rule, SampleType, Value, ValueType};
+use spinney::{Result, SetOperation};
 
 /// The picture behind the literature's two ten-record tables, row 0 in the north.
 pub const CLASSIC: [[u8; 8]; 8] = [
@@ -337,6 +337,11 @@ pub fn seen(view: &View) -> Cells {
 /// A file as it is.
 pub fn view_of_file(source: impl Into<ViewSource>, extent: [u64; 3]) -> View {
     View::new(Arc::new(source.into()), extent).unwrap()
+}
+
+/// The set operation with an index.
+pub fn set_operation(index: u8) -> SetOperation {
+    SetOperation::from_index(index).unwrap()
 }
 
 pub fn combined(views: Vec<View>, operation: CombineOperation, extent: [u64; 3]) -> Combined {

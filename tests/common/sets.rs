@@ -6,8 +6,8 @@ use spinney::brep::topology::{Topology, TopologyOptions};
 use spinney::brep::{CombineReport, ExactModel, Face, FaceList, Faces, Grid, LEAF_SIZE, combine};
 use spinney::io::Output;
 
-use super::Random;
 use super::exact::{Ring, built, model_on};
+use super::{Random, set_operation};
 
 pub type Solid = Vec<Vec<Ring>>;
 
@@ -85,7 +85,7 @@ pub fn try_combined(operation: u8, bodies: &[&Body]) -> Result<(Body, CombineRep
     let path = folder.path().join("c.goblin");
     let models: Vec<&ExactModel> = bodies.iter().map(|body| &body.model).collect();
     let result = combine(
-        operation,
+        set_operation(operation),
         &models,
         Output::create(&path).unwrap(),
         spinney::store::Codec::Plain,

@@ -4,14 +4,14 @@ use std::path::Path;
 
 use spinney::dataset::Dataset;
 use spinney::io::Output;
-use spinney::ops::{self, CombineOperation, Edit, FileView, Prefer};
+use spinney::ops::{self, CombineOperation, Edit, FileView};
 use spinney::space::{Bounds, Dimension};
 use spinney::store::autumnal::Note;
 use spinney::store::{BuildOptions, WriteOptions, build_slabs};
 use spinney::tree::TreeType;
 use spinney::value::{DataKind, Mask, Rule, SampleType, Value, ValueType};
 
-use crate::common::{Cells, Random};
+use crate::common::{Cells, Random, set_operation};
 
 const SIZE: [u64; 3] = [300, 200, 1];
 
@@ -172,7 +172,7 @@ fn set_operations_see_through_transparent_cells() {
     let opaque =
         |tree: usize, index: usize| models[tree].cells[index].filter(|value| is_opaque(TYPES[0], *value));
     type Expected = fn(Option<Value>, Option<Value>) -> Option<Value>;
-    let set = |number| CombineOperation::Set { number, prefer: Prefer::First };
+    let set = |number| CombineOperation::set(set_operation(number));
     let operations: [(CombineOperation, Expected); 4] = [
         (set(7), |a, b| a.or(b)),
         (set(1), |a, b| a.filter(|_| b.is_some())),

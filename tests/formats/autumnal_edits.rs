@@ -6,7 +6,7 @@ use spinney::Error;
 use spinney::dataset;
 use spinney::io::Output;
 use spinney::ops::{
-    CombineOperation, Edit, FileView, FillRegion, Prefer, TreeFile, apply_edits, convert, diff_files, edit,
+    CombineOperation, Edit, FileView, FillRegion, TreeFile, apply_edits, convert, diff_files, edit,
 };
 use spinney::space::{Bounds, Dimension, Polygon};
 use spinney::store::autumnal::{Autumnal, CompactOptions, Editor, History, Keep, Note, compact};
@@ -16,6 +16,7 @@ use spinney::value::{DataKind, Rule, SampleType, Value};
 
 use crate::common::{
     self, Cells, OCT, QUAD, Random, assert_same, cells_of, goblin_bytes, made, oct, quad, same_trees,
+    set_operation,
 };
 
 const MEMORY: u64 = 16 << 20;
@@ -118,7 +119,7 @@ pub(super) fn random_edit(random: &mut Random, folder: &Path, cells: &mut Cells)
                 };
                 if number >> bit & 1 == 1 { a.or(b) } else { None }
             });
-            Edit::Apply(CombineOperation::Set { number, prefer: Prefer::First }, path)
+            Edit::Apply(CombineOperation::set(set_operation(number)), path)
         }
     }
 }

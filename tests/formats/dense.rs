@@ -15,7 +15,7 @@ use spinney::value::{DataKind, Rule, SampleType, Value};
 use crate::common::reference::{self, Cut};
 use crate::common::{
     self, Cells, OCT, QUAD, Random, children, combined, goblin_bytes, goblin_from_combined, goblin_from_tree,
-    goblin_from_view, made, oct, options, quad, same_trees, value_types, view_of_file,
+    goblin_from_view, made, oct, options, quad, same_trees, set_operation, value_types, view_of_file,
 };
 use crate::targets::seal;
 use crate::targets::trees::ask_goblin;
@@ -295,7 +295,7 @@ fn set_operations_and_views_make_the_files_of_arrays() {
         for (number, prefer) in
             [(7, Prefer::First), (1, Prefer::Second), (2, Prefer::First), (6, Prefer::First)]
         {
-            let operation = CombineOperation::Set { number, prefer };
+            let operation = CombineOperation::Set { operation: set_operation(number), prefer };
             let made_of = combined(views.to_vec(), operation, size);
             let expected = made(form, size, |cell| {
                 let (a, b) = (pair[0].get(cell), pair[1].get(cell));

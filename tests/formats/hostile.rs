@@ -6,18 +6,18 @@ use std::time::{Duration, Instant};
 
 use spinney::dataset::Dataset;
 use spinney::io::Output;
-use spinney::ops::{self, AffineMap, Axis, CombineOperation, Combined, Prefer, Sampling, View, ViewSource};
+use spinney::ops::{self, AffineMap, Axis, CombineOperation, Combined, Sampling, View, ViewSource};
 use spinney::query::Condition;
 use spinney::space::Bounds;
 use spinney::store::OpenOptions;
 use spinney::store::goblin::Goblin;
 use spinney::tree::{Child, MemTree, Source};
 use spinney::value::{DataKind, Number, Rule, SampleType};
-use spinney::{Error, Result};
+use spinney::{Error, Result, SetOperation};
 
 use crate::common::command::{is_alone, own_peak_memory};
 use crate::common::reference::{self, Cut};
-use crate::common::{self, Cells, OCT, QUAD, Random, goblin_bytes, quad, try_children};
+use crate::common::{self, Cells, OCT, QUAD, Random, goblin_bytes, quad, set_operation, try_children};
 use crate::targets::seal;
 
 /// What a file says to every question, in a form that can be compared.
@@ -579,11 +579,11 @@ fn operations_on_records_that_lie() {
         let output = Output::create(&folder.path().join("made.goblin")).unwrap();
         let alone = Combined::new(vec![view.clone()], CombineOperation::Over, view.extent()).unwrap();
         let _ = ops::build(&alone, &options, output, &());
-        let xor = CombineOperation::Set { number: 6, prefer: Prefer::First };
+        let xor = CombineOperation::set(SetOperation::SymmetricDifference);
         let combined = Combined::new(vec![of(&file), of(&file)], xor, extent).unwrap();
         let _ = MemTree::from_source(&combined, Rule::Nearest);
         for number in [6, 7] {
-            let set = CombineOperation::Set { number, prefer: Prefer::First };
+            let set = CombineOperation::set(set_operation(number));
             let combined = Combined::new(vec![of(&good), of(&file)], set, extent).unwrap();
             let options = common::options(header.rule, header.kind, header.shape.depth);
             let output = Output::create(&folder.path().join("made.goblin")).unwrap();

@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
-use spinney::Result;
 use spinney::brep::{ExactModel, Face, Faces, Grid, ModelBuilder};
 use spinney::export::mesh::{ExactSummary, MeshFormat, export_exact};
 use spinney::import::mesh::{
@@ -11,6 +10,7 @@ use spinney::import::mesh::{
 };
 use spinney::io::Output;
 use spinney::store::{Metadata, OpenOptions};
+use spinney::{Result, SetOperation};
 
 use crate::common::exact::cuboid;
 use crate::common::shared_data;
@@ -342,9 +342,15 @@ fn values_of_faces_come_back() {
         }
         assert_eq!(model.face_value(3, 0).unwrap(), None);
         let output = Output::create(&at("b.goblin")).unwrap();
-        let report =
-            spinney::brep::combine(12, &[&model], output, spinney::store::Codec::Plain, 64 << 20, &())
-                .unwrap();
+        let report = spinney::brep::combine(
+            SetOperation::Complement,
+            &[&model],
+            output,
+            spinney::store::Codec::Plain,
+            64 << 20,
+            &(),
+        )
+        .unwrap();
         assert_eq!((report.lost_columns, report.lost_values), (0, 0));
         let turned = ExactModel::open(&at("b.goblin"), &options).unwrap();
         assert_eq!(turned.face_columns().unwrap(), model.face_columns().unwrap());

@@ -5,6 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use spinney::SetOperation;
 use spinney::dataset::{self, Dataset};
 use spinney::import::rasterize::{FeatureGrid, FeatureValue, Overlaps, RasterizeOptions, plan_features};
 use spinney::io::Output;
@@ -177,7 +178,7 @@ fn features_fill_the_cells_that_they_have_in_one_commit() {
     let odd: Vec<_> = stars.iter().skip(1).step_by(2).cloned().collect();
     let zones =
         overlay(&file, &over(&opened(&path), |options| options.features.filter = "odd=1".parse().unwrap()));
-    let without = CombineOperation::Set { number: 2, prefer: Prefer::First };
+    let without = CombineOperation::set(SetOperation::Difference);
     edit(&path, [Ok(Edit::Merge(without, zones))], Note::default(), 16 << 20, &()).unwrap();
     for (cell, values) in cells.cells.iter_mut().zip(at_centres(&odd)) {
         *cell = cell.filter(|_| values.is_empty());

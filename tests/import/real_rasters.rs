@@ -7,6 +7,7 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
+use spinney::SetOperation;
 use spinney::dataset;
 use spinney::export::image::Format;
 use spinney::export::{Detail, WindowRequest, export_window};
@@ -18,7 +19,7 @@ use spinney::store::WriteOptions;
 use spinney::value::{DataKind, SampleType, Value};
 use tempfile::TempDir;
 
-use crate::common::{Cells, made, quad, shared_data, with};
+use crate::common::{Cells, made, quad, set_operation, shared_data, with};
 
 /// Samples of any type, as numbers.
 type Grid = Cells;
@@ -341,7 +342,7 @@ fn floating_elevations() {
 fn two_rasters(bench: &mut Bench, name: &str, a: &Tree, b: &Tree, limits: [f64; 2]) {
     type Cell = Option<Value>;
     type Join<'a> = Box<dyn Fn(Cell, Cell) -> Cell + 'a>;
-    let set = |number| CombineOperation::Set { number, prefer: Prefer::First };
+    let set = |number| CombineOperation::set(set_operation(number));
     let on_numbers = |join: fn(f64, f64) -> f64| -> Join<'_> {
         Box::new(move |a, b| Some(value(join(number(a?), number(b?)).clamp(limits[0], limits[1]))))
     };
@@ -352,7 +353,7 @@ fn two_rasters(bench: &mut Bench, name: &str, a: &Tree, b: &Tree, limits: [f64; 
     let cases: [(CombineOperation, String, Join<'_>); 10] = [
         (set(7), format!("over({first}, {second})"), Box::new(|a, b| a.or(b))),
         (
-            CombineOperation::Set { number: 7, prefer: Prefer::Second },
+            CombineOperation::Set { operation: SetOperation::Union, prefer: Prefer::Second },
             format!("over({second}, {first})"),
             Box::new(|a, b| b.or(a)),
         ),

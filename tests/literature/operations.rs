@@ -1,14 +1,14 @@
 //! Operations on quadtrees and octrees as the survey describes them, node by node, and the same by Spinney's views and sources. (With all of their cases, held to
 //! arrays of cells: `tests/operations/`.)
 
-use spinney::ops::{CombineOperation, Prefer, View};
+use spinney::ops::{CombineOperation, View};
 use spinney::space::{Bounds, Code, Dimension};
 use spinney::tree::{Child, Children, MemTree, Source, TreeType, df};
 use spinney::value::Rule;
 
 use crate::common::{
-    Cells, OCT, QUAD, Random, as_byte, assert_same, byte, cells_of, combined, made, quad_size, view_of,
-    view_of_cells,
+    Cells, OCT, QUAD, Random, as_byte, assert_same, byte, cells_of, combined, made, quad_size, set_operation,
+    view_of, view_of_cells,
 };
 
 /// A tree of one value as text: grey or MIXED, white or VOID, black or FULL.
@@ -128,7 +128,7 @@ fn item_25_trees_that_are_not_aligned() {
         let aligned = view_of_cells(&cells[0]);
         let moved =
             view_of_cells(&cells[1]).translate([5.0, 3.0, 0.0]).unwrap().window([0; 3], size).unwrap();
-        let operation = CombineOperation::Set { number, prefer: Prefer::First };
+        let operation = CombineOperation::set(set_operation(number));
         let found = combined(vec![aligned, moved], operation, size).filled_with(byte(1)).unwrap();
         let expected = made(QUAD, size, |cell| {
             let other = cells[1].at([cell[0] as i64 - 5, cell[1] as i64 - 3, 0]);
@@ -249,7 +249,7 @@ fn item_38_results_are_condensed() {
         (12, 0b0000_0011, 0b0000_0000, "MVVFFFFFF"),
         (12, 0b1111_1111, 0b0000_0000, "V"),
     ] {
-        let operation = CombineOperation::Set { number, prefer: Prefer::First };
+        let operation = CombineOperation::set(set_operation(number));
         let found = combined(vec![octants(a), octants(b)], operation, [4; 3]).filled_with(byte(1)).unwrap();
         assert_eq!(
             text(&MemTree::from_source(&found, Rule::Mean).unwrap()),

@@ -1,6 +1,6 @@
 //! Set operations on trees whose cells tell how far bodies cover them, against arrays of cells and volumes.
 
-use spinney::ops::{CombineOperation, Combined, Prefer, View};
+use spinney::ops::{CombineOperation, Combined, View};
 use spinney::space::{Bounds, Dimension};
 use spinney::store::goblin::Goblin;
 use spinney::tree::{Source, TreeType};
@@ -8,11 +8,11 @@ use spinney::value::{DataKind, Rule, SampleType, Value, ValueType};
 
 use crate::common::{
     Cells, OCT, QUAD, Random, as_byte, assert_same, byte, cells_of, combined, goblin, goblin_from_combined,
-    made, oct_size, quad, quad_size, value, view_of, view_of_file,
+    made, oct_size, quad, quad_size, set_operation, value, view_of, view_of_file,
 };
 
 fn set(number: u8) -> CombineOperation {
-    CombineOperation::Set { number, prefer: Prefer::First }
+    CombineOperation::set(set_operation(number))
 }
 
 /// Cells that are full, VOID, or neither; every fifth of those covered in part is a zero.

@@ -346,8 +346,7 @@ fn interruption_leaves_nothing() {
 #[test]
 fn wrong_numbers_of_bodies_are_told() {
     let body = on_grid(&grid(4, [0; 3], 1.0, 1.0), [1; 3], [5; 3]);
-    let cases: [(u8, usize); 9] =
-        [(7, 0), (7, 1), (1, 1), (5, 1), (3, 3), (4, 3), (10, 3), (16, 2), (255, 1)];
+    let cases: [(u8, usize); 7] = [(7, 0), (7, 1), (1, 1), (5, 1), (3, 3), (4, 3), (10, 3)];
     for (operation, count) in cases {
         let error = try_combined(operation, &vec![&body; count]).err().unwrap();
         assert!(error.to_string().contains("bodies"), "{error}");

@@ -8,8 +8,8 @@ use spinney::value::{DataKind, Rule, SampleType, Value};
 
 use crate::common::{
     Cells, OCT, QUAD, Random, as_byte, assert_same, byte, children, combined, goblin, goblin_from_combined,
-    goblin_from_tree, goblin_from_view, made, oct, oct_size, quad, quad_size, seen, value_types, view_in,
-    view_of, view_of_cells, view_of_file,
+    goblin_from_tree, goblin_from_view, made, oct, oct_size, quad, quad_size, seen, set_operation,
+    value_types, view_in, view_of, view_of_cells, view_of_file,
 };
 
 /// A quadtree or octree with something of everything, and its cells.
@@ -387,7 +387,7 @@ fn files_of_views_and_combinations() {
     let moved = made(QUAD, [1262, 1062, 1], |[x, y, _]| a.at([x as i64 - 512, y as i64 - 512, 0]));
     check(view().translate([512.0, 512.0, 0.0]).unwrap(), moved, "moved by a power of two");
     for (number, prefer) in (0..16).flat_map(|number| [(number, Prefer::First), (number, Prefer::Second)]) {
-        let operation = CombineOperation::Set { number, prefer };
+        let operation = CombineOperation::Set { operation: set_operation(number), prefer };
         let bytes = goblin_from_combined(&combined(views.to_vec(), operation, size), rule, kind);
         let expected = made(QUAD, size, |cell| match (a.get(cell), b.get(cell)) {
             (Some(a), Some(b)) => (number & 1 > 0).then_some(if prefer == Prefer::First { a } else { b }),
@@ -439,7 +439,7 @@ fn what_cannot_be_done_is_refused() {
     assert!(AffineMap::rotation_about([0.0; 3], 30.0, [0.0; 3]).is_err());
     assert!(AffineMap::symmetry([Axis::X, Axis::X, Axis::Z], [false; 3]).is_err());
     let trees = |count: usize| (0..count).map(|_| view.clone()).collect::<Vec<_>>();
-    let set = |number| CombineOperation::Set { number, prefer: Prefer::First };
+    let set = |number| CombineOperation::set(set_operation(number));
     assert!(Combined::new(trees(2), set(16), [40, 30, 1]).is_err());
     assert!(Combined::new(trees(3), set(1), [40, 30, 1]).is_err());
     assert!(Combined::new(trees(1), CombineOperation::Changed, [40, 30, 1]).is_err());

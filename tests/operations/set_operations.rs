@@ -7,7 +7,7 @@ use spinney::value::{Number, Rule, SampleType, Value, ValueType};
 
 use crate::common::{
     self, Cells, OCT, QUAD, Random, as_byte, assert_same, byte, cells_of, combined, made, oct, oct_size,
-    quad, quad_size, value_types, view_of, view_of_cells,
+    quad, quad_size, set_operation, value_types, view_of, view_of_cells,
 };
 
 /// The cells of two trees over one space.
@@ -21,7 +21,7 @@ fn set_operations(form: TreeType, seed: u64, size: [u64; 3]) {
     let fill = common::value(form.value, 99);
     for number in 0..16u8 {
         for prefer in [Prefer::First, Prefer::Second] {
-            let operation = CombineOperation::Set { number, prefer };
+            let operation = CombineOperation::Set { operation: set_operation(number), prefer };
             let combined = combined(views.to_vec(), operation, size).filled_with(fill).unwrap();
             let expected = made(form, size, |cell| {
                 let (a, b) = (cells[0].get(cell), cells[1].get(cell));
@@ -67,7 +67,7 @@ fn algebra_of_sets() {
     let size = [50, 41, 1];
     let of = |number: u8, trees: Vec<MemTree>| {
         let views = trees.iter().map(|tree| view_of(tree, size)).collect();
-        let combined = combined(views, CombineOperation::Set { number, prefer: Prefer::First }, size);
+        let combined = combined(views, CombineOperation::set(set_operation(number)), size);
         MemTree::from_source(&combined, Rule::Mean).unwrap()
     };
     let present = |tree: &MemTree| {

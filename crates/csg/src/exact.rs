@@ -7,7 +7,7 @@ use crate::lowered::{Bounds, Instance, hull, is_finite};
 use crate::model::{Csg, Primitive};
 use crate::placed::Placed;
 use spinney_base::io::{Output, folder};
-use spinney_base::{Error, Progress, Result, SilentProgress};
+use spinney_base::{Error, Progress, Result, SetOperation, SilentProgress};
 use spinney_brep::{CombineReport, ExactModel, Grid, InsideRule, Origin, combine, combine_as};
 use spinney_container::{Codec, OpenOptions, Tag};
 use spinney_crs::Crs;
@@ -135,8 +135,7 @@ pub fn import_exact_csg(
         provenance: vec![format!("primitives {}, facets within {within}", csg.path.display())],
         tags: vec![(Tag::Csg, csg.text().into()), (Tag::ModelDisplacement, maker.displacement.to_string())],
     };
-    // (3 is the operation that leaves a body as it is, 12 is the complement.)
-    let operation = if root.is_negated { 12 } else { 3 };
+    let operation = if root.is_negated { SetOperation::Complement } else { SetOperation::First };
     let report = combine_as(operation, &[&model], &origin, output, options.codec, options.memory, progress)?;
     let shapes = placed.lowered.instances.iter().map(|instance| placed.shape_of(instance));
     Ok(CsgExactReport {
@@ -270,7 +269,10 @@ impl Maker<'_> {
                     let parts = stack.split_off(stack.len() - count as usize);
                     let is_negated = parts.iter().fold(is_even, |even, part| even != part.is_negated);
                     Body {
-                        path: self.joined(6, parts.into_iter().map(|part| part.path).collect())?,
+                        path: self.joined(
+                            SetOperation::SymmetricDifference,
+                            parts.into_iter().map(|part| part.path).collect(),
+                        )?,
                         is_negated,
                     }
                 }
@@ -286,26 +288,31 @@ impl Maker<'_> {
         let [out, within] =
             [out, within].map(|parts| parts.into_iter().map(|part| part.path).collect::<Vec<_>>());
         if within.is_empty() {
-            return Ok(Body { path: self.joined(7, out)?, is_negated: true });
+            return Ok(Body { path: self.joined(SetOperation::Union, out)?, is_negated: true });
         }
-        let mut all = self.joined(1, within)?;
+        let mut all = self.joined(SetOperation::Intersection, within)?;
         if !out.is_empty() {
             // (What is not in some is not in their union, either.)
             let mut less = vec![all];
-            less.extend(self.fewer(7, out, AT_ONCE - 1)?);
-            all = self.combined(2, &less)?;
+            less.extend(self.fewer(SetOperation::Union, out, AT_ONCE - 1)?);
+            all = self.combined(SetOperation::Difference, &less)?;
         }
         Ok(Body { path: all, is_negated: false })
     }
 
     /// The result of an operation whose operands may be joined in any order.
-    fn joined(&mut self, operation: u8, parts: Vec<PathBuf>) -> Result<PathBuf> {
+    fn joined(&mut self, operation: SetOperation, parts: Vec<PathBuf>) -> Result<PathBuf> {
         let mut left = self.fewer(operation, parts, 1)?;
         left.pop().ok_or_else(|| Error::invalid("operands", "none", "one or more"))
     }
 
     /// No more than so many bodies that have the same result.
-    fn fewer(&mut self, operation: u8, mut parts: Vec<PathBuf>, most: usize) -> Result<Vec<PathBuf>> {
+    fn fewer(
+        &mut self,
+        operation: SetOperation,
+        mut parts: Vec<PathBuf>,
+        most: usize,
+    ) -> Result<Vec<PathBuf>> {
         while parts.len() > most {
             let mut fewer = Vec::new();
             for some in parts.chunks(AT_ONCE) {
@@ -317,7 +324,7 @@ impl Maker<'_> {
     }
 
     /// The result of an operation, whose operands go.
-    fn combined(&mut self, operation: u8, parts: &[PathBuf]) -> Result<PathBuf> {
+    fn combined(&mut self, operation: SetOperation, parts: &[PathBuf]) -> Result<PathBuf> {
         let path = self.file();
         let open = |path: &PathBuf| ExactModel::open(path, &OpenOptions::default());
         let models = parts.iter().map(open).collect::<Result<Vec<_>>>()?;

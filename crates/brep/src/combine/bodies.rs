@@ -14,7 +14,7 @@ use crate::closure::SurfaceClosure;
 use crate::exact::normal::ring_normal;
 use crate::face_set::{FaceSet, Renumbering};
 use crate::{ExactModel, Face, FaceList, Faces, ModelBuilder};
-use spinney_base::{Error, Progress, Result};
+use spinney_base::{Error, Progress, Result, SetOperation};
 use spinney_container::Tag;
 
 /// Models whose faces are read one after the other, as those of one.
@@ -459,7 +459,8 @@ impl NearFaces {
     pub(crate) fn of(models: [&ExactModel; 2], memory: u64, progress: &dyn Progress) -> Result<NearFaces> {
         let placed = Placed::of(&models)?;
         // (Which operation does not matter for faces that are near.)
-        let mut bodies = Bodies::new(&models, &placed, OperationTable::new(1, 2)?, progress)?;
+        let mut bodies =
+            Bodies::new(&models, &placed, OperationTable::new(SetOperation::Intersection, 2)?, progress)?;
         let near: usize = (0..2).map(|body| bodies.near_of(body).len()).sum();
         if near as u64 * FACE > memory {
             bodies.drop_apart(memory, progress)?;

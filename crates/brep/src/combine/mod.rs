@@ -41,7 +41,7 @@ use super::store::formula::formula;
 use super::{BuildReport, ExactModel, Faces, Grid, ModelBuilder};
 use crate::closure::SurfaceClosure;
 use spinney_base::io::Output;
-use spinney_base::{Error, Progress, Result, SubProgress};
+use spinney_base::{Error, Progress, Result, SetOperation, SubProgress};
 use spinney_container::{Codec, Metadata, Tag};
 
 /// Counts of a set operation on bodies.
@@ -86,6 +86,7 @@ pub struct CombineReport {
 /// other bodies, and 300 for each whose box touches theirs, half of `memory` at most; and 96 for each face with corners beside the grid.
 ///
 /// ```
+/// use spinney::SetOperation;
 /// use spinney::brep::{ExactModel, combine};
 /// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
 /// use spinney::io::Output;
@@ -96,7 +97,7 @@ pub struct CombineReport {
 /// # std::fs::write(path("a.off"), text).unwrap();
 /// # import_exact(open_all(&[path("a.off")], 64 << 20)?, &ExactOptions::new(), Output::create(&path("a.goblin"))?, &())?;
 /// let a = ExactModel::open(&path("a.goblin"), &Default::default())?;
-/// let report = combine(2, &[&a, &a], Output::create(&path("nothing.goblin"))?, Codec::Plain, 64 << 20, &())?;
+/// let report = combine(SetOperation::Difference, &[&a, &a], Output::create(&path("nothing.goblin"))?, Codec::Plain, 64 << 20, &())?;
 /// assert_eq!((report.after, report.is_unbounded), (0, false));
 /// # Ok::<(), spinney::Error>(())
 /// ```
@@ -108,7 +109,7 @@ pub struct CombineReport {
 /// If there is no such operation of so many bodies, if grids, coordinate systems or units do not fit together, if the memory is not
 /// enough, if a model is no body, if files cannot be read or written, or on interruption. There is no file then.
 pub fn combine(
-    operation: u8,
+    operation: SetOperation,
     models: &[&ExactModel],
     output: Output,
     codec: Codec,
@@ -134,7 +135,7 @@ pub struct Origin {
 /// # Errors
 /// Those of [`combine`].
 pub fn combine_as(
-    operation: u8,
+    operation: SetOperation,
     models: &[&ExactModel],
     origin: &Origin,
     output: Output,
@@ -146,7 +147,7 @@ pub fn combine_as(
 }
 
 fn combined(
-    (operation, origin, keeps_apart): (u8, Option<&Origin>, bool),
+    (operation, origin, keeps_apart): (SetOperation, Option<&Origin>, bool),
     models: &[&ExactModel],
     (output, codec): (Output, Codec),
     memory: u64,
@@ -200,7 +201,7 @@ fn suspect(models: &[&ExactModel], memory: u64, progress: &dyn Progress) -> Resu
 
 /// Makes the body of an operation on the bodies that it depends on.
 fn made(
-    (operation, origin, keeps_apart): (u8, Option<&Origin>, bool),
+    (operation, origin, keeps_apart): (SetOperation, Option<&Origin>, bool),
     models: &[&ExactModel],
     placed: &Placed,
     table: OperationTable,
@@ -390,12 +391,12 @@ fn on_grid(
 }
 
 /// Unit, place and provenance of the result.
-fn metadata(operation: u8, models: &[&ExactModel], grid: &Grid) -> Metadata {
+fn metadata(operation: SetOperation, models: &[&ExactModel], grid: &Grid) -> Metadata {
     let crs = models.iter().find_map(|model| model.crs().cloned());
     let mut metadata = Metadata { frame: grid.frame(crs), ..Metadata::default() };
     metadata.provenance = models.iter().flat_map(|model| model.metadata().provenance.clone()).collect();
     let paths: Vec<String> = models.iter().map(|model| model.path().display().to_string()).collect();
-    metadata.provenance.push(format!("operation {operation} of {}", paths.join(" ")));
+    metadata.provenance.push(format!("operation {} of {}", operation.index(), paths.join(" ")));
     if let Some(unit) = models.iter().find_map(|model| model.metadata().tag(Tag::Unit)) {
         metadata.set_tag(Tag::Unit, unit);
     }

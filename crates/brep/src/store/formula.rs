@@ -1,7 +1,7 @@
 //! The formula that a model was made by: a text of names of operations and files.
 
 use super::reader::ExactModel;
-use spinney_base::Result;
+use spinney_base::{Result, SetOperation};
 
 /// Tag of the section.
 pub(crate) const FORMULA: [u8; 4] = *b"FORM";
@@ -39,8 +39,8 @@ fn operand(model: &ExactModel) -> Result<String> {
 }
 
 /// The formula of an operation, of the models that it was done to.
-pub(crate) fn formula(operation: u8, models: &[&ExactModel]) -> Result<String> {
-    let mut text = format!("(op{operation}");
+pub(crate) fn formula(operation: SetOperation, models: &[&ExactModel]) -> Result<String> {
+    let mut text = format!("(op{}", operation.index());
     for model in models {
         text.push(' ');
         text.push_str(&operand(model)?);

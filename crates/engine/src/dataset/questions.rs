@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::{Dataset, Tree};
-use crate::ops::{CombineOperation, Combined, Prefer, TreeFile, View, ViewSource};
+use crate::ops::{CombineOperation, Combined, TreeFile, View, ViewSource};
 use crate::query::{
     Condition, FoundBlock, PointSamples, Statistics, StoredRows, autumnal_histogram, autumnal_statistics,
     check_level, source_find, source_histogram, source_statistics, values_one_by_one,
@@ -14,7 +14,7 @@ use crate::tree::{Child, Source, no_children};
 use spinney_base::io::batch::run_batched;
 use spinney_base::space::{Bounds, Cell, Code};
 use spinney_base::value::{Number, Value};
-use spinney_base::{Progress, Result};
+use spinney_base::{Progress, Result, SetOperation};
 use spinney_container::LevelCounts;
 
 impl Dataset {
@@ -311,7 +311,7 @@ impl Dataset {
             Tree::Autumnal(file) => View::whole(TreeFile::Autumnal(file.clone()).into())?,
             Tree::View(viewed) => viewed.view().clone(),
         };
-        let both = CombineOperation::Set { number: 1, prefer: Prefer::First };
+        let both = CombineOperation::set(SetOperation::Intersection);
         let extent = view.extent();
         let views = vec![view, View::new(zones.clone(), extent)?];
         let inside = Combined::new(views, both, extent)?;

@@ -4,7 +4,7 @@ use smallvec::SmallVec;
 
 use super::affine::{View, ViewNode};
 use super::coverage;
-use super::operation::{CombineOperation, UNION};
+use super::operation::CombineOperation;
 use super::view_source::{ViewSource, check_form};
 use crate::store::BuildOptions;
 use crate::store::builder::{Join, MergeAction, Merging, Overlay, RecordRef, ReusableSource, StoredNode};
@@ -13,7 +13,7 @@ use spinney_base::TreeType;
 use spinney_base::io::Output;
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::{SampleType, Value, ZoneStats};
-use spinney_base::{Error, Progress, Result};
+use spinney_base::{Error, Progress, Result, SetOperation};
 
 /// A node of the result, as far as the trees' nodes there determine it.
 enum Resolution {
@@ -25,7 +25,7 @@ enum Resolution {
     Split,
 }
 
-/// Several views of one form merged into one tree by an [`CombineOperation`].
+/// Several views of one form merged into one tree by a [`CombineOperation`].
 ///
 /// Views are walked side by side; where one side decides, the others' detail is not read, and what is stored
 /// below is handed through. Time is proportional to the nodes that are visited, at most the sum over all
@@ -106,11 +106,6 @@ impl Combined {
     /// # Errors
     /// If forms or depths differ, or the operation takes another number of trees.
     pub fn new(views: Vec<View>, operation: CombineOperation, extent: [u64; 3]) -> Result<Combined> {
-        if let CombineOperation::Set { number, .. } = operation
-            && number > 15
-        {
-            return Err(Error::invalid("set operation", number.to_string(), "0 to 15"));
-        }
         let takes = operation.takes();
         if !takes.contains(&views.len()) {
             let expected = if *takes.end() == 2 { "two" } else { "at least one" };
@@ -161,7 +156,8 @@ impl Combined {
     /// Whether the result is what any of the trees has, so that those without anything do not matter.
     fn is_union(&self) -> bool {
         self.operation == CombineOperation::Over
-            || self.views.len() > 2 && matches!(self.operation, CombineOperation::Set { number: UNION, .. })
+            || self.views.len() > 2
+                && matches!(self.operation, CombineOperation::Set { operation: SetOperation::Union, .. })
     }
 
     /// The views.
@@ -187,11 +183,13 @@ impl Combined {
     /// Resolves a node whose subtree is the same in both trees, if the operation allows it.
     fn resolve_same(&self) -> Option<Resolution> {
         match self.operation {
-            // Cells are in both trees or in neither: bit 0 of the number says whether the former belong to
-            // the result, bit 3 whether the latter do; those cannot be taken over, because they have to be
-            // filled.
-            CombineOperation::Set { number, .. } if number & 9 == 1 => Some(Resolution::Take(0)),
-            CombineOperation::Set { number, .. } if number & 9 == 0 => Some(Resolution::Void),
+            // Cells are in both trees or in neither; the latter cannot be copied if they belong to the result, because they
+            // have to be filled.
+            CombineOperation::Set { operation, .. } if operation.is_unbounded() => None,
+            CombineOperation::Set { operation, .. } if operation.contains(true, true) => {
+                Some(Resolution::Take(0))
+            }
+            CombineOperation::Set { .. } => Some(Resolution::Void),
             CombineOperation::Over
             | CombineOperation::Min
             | CombineOperation::Max
@@ -232,11 +230,13 @@ impl Combined {
     fn resolve_two(&self, code: Code, first: &Child<ViewNode>, second: &Child<ViewNode>) -> Resolution {
         // Only complements reach beyond what the trees have.
         let part = match self.operation {
-            CombineOperation::Set { number, .. } if number & 8 != 0 => match self.inside_and_outside(code) {
-                (true, false) => 0,
-                (false, _) => 1,
-                (true, true) => 2,
-            },
+            CombineOperation::Set { .. } if self.operation.needs_universe() => {
+                match self.inside_and_outside(code) {
+                    (true, false) => 0,
+                    (false, _) => 1,
+                    (true, true) => 2,
+                }
+            }
             _ => 0,
         };
         let merging = &self.mergings[part];
@@ -312,7 +312,7 @@ impl Combined {
     fn merged_cells(&self, open: &OpenNode, levels: u8) -> Result<Option<CellBlock>> {
         let is_made = |tree: usize| matches!(**self.views[tree].source(), ViewSource::Blockwise(_));
         // (Complements depend on the place of a cell, too.)
-        if matches!(self.operation, CombineOperation::Set { number: 8.., .. }) {
+        if self.operation.needs_universe() {
             return Ok(None);
         }
         let made = open.nodes.iter().enumerate().find_map(|(number, (tree, child))| match child {
@@ -484,7 +484,7 @@ impl ReusableSource for Combined {
 
     fn overlay(&self, node: &CombinedNode) -> Option<Overlay<'_>> {
         // Complements depend on the extent, too, not on the two nodes' states alone.
-        let has_table = !matches!(self.operation, CombineOperation::Set { number: 8.., .. });
+        let has_table = !self.operation.needs_universe();
         // Nor do those of samples that may be missing.
         let is_masked =
             self.form.value.is_masked() && self.operation.join().is_some_and(|join| join.computes_samples());

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use spinney_base::io::Output;
 use spinney_base::value::Number;
-use spinney_base::{Error, Progress, Result};
+use spinney_base::{Error, Progress, Result, SetOperation};
 use spinney_container::Header;
 use spinney_engine::ops::{CombineOperation, Prefer, Universe, combine_with};
 use spinney_engine::store::{Packing, TreeTarget, WriteOptions};
@@ -40,7 +40,7 @@ impl Combining {
         packing: Packing,
     ) -> Combining {
         let (name, prefer) = match operation {
-            CombineOperation::Set { number, prefer } => (number.to_string(), prefer),
+            CombineOperation::Set { operation, prefer } => (operation.index().to_string(), prefer),
             operation => (operation.to_string(), Prefer::First),
         };
         let (margin, within) = match universe {
@@ -118,12 +118,12 @@ mod tests {
 
     #[test]
     fn operations_come_back() {
-        let xor = CombineOperation::Set { number: 9, prefer: Prefer::Second };
+        let xor = CombineOperation::Set { operation: SetOperation::Equivalence, prefer: Prefer::Second };
         let within = Universe::Within([0.1, -1e-9, 0.0], [1.0 / 3.0, 7.0, 0.0]);
         for how in [
             (xor, Some(Number::from(3)), within),
             (CombineOperation::Changed, None, Universe::Usual),
-            (CombineOperation::Set { number: 12, prefer: Prefer::First }, None, Universe::Margin(4)),
+            (CombineOperation::set(SetOperation::Complement), None, Universe::Margin(4)),
         ] {
             let (operation, fill, universe) = how;
             let planned = Combining::of(operation, fill, universe, Packing::default());

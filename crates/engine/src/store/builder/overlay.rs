@@ -94,9 +94,9 @@ type JoinValues<B> = fn(Join, B, B) -> Option<B>;
 
 /// [`Join::native`] of values' bytes; what is not a number is VOID.
 fn join_values<V: Native, R: Record>(join: Join, a: R::Bytes, b: R::Bytes) -> Option<R::Bytes> {
-    if let Join::Coverage(number) = join {
+    if let Join::Coverage(operation) = join {
         let mut coverages = a;
-        return join_coverages(number, coverages.as_mut_bytes(), b.as_bytes()).then_some(coverages);
+        return join_coverages(operation, coverages.as_mut_bytes(), b.as_bytes()).then_some(coverages);
     }
     let value = join.native::<V>(decode::<R, V>(a), decode::<R, V>(b))?;
     (!value.is_nan()).then(|| encode::<R, V>(value))
