@@ -11,12 +11,9 @@ mod measuring;
 use std::path::{Path, PathBuf};
 
 use measuring::{Outcome, seconds};
-use spinney::Result;
-use spinney::io::Output;
-use spinney::space::Dimension;
-use spinney::store::{BuildOptions, Slab, Slabs, build_slabs, depth_for};
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, SampleType, ValueType};
+use spinney::raw::store::depth_for;
+use spinney::tree::{Slab, Slabs, build_slabs};
+use spinney::{BuildOptions, DataKind, Dimension, Output, Result, SampleType, TreeType, ValueType};
 
 const SIDE: u64 = 4096;
 const RUNS: usize = 5;

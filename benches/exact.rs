@@ -12,11 +12,11 @@ use std::hint::black_box;
 use std::path::{Path, PathBuf};
 
 use measuring::{Outcome, Random, median, seconds};
-use spinney::brep::query::{MassProperties, Visited};
-use spinney::brep::{ExactModel, FaceBuffer, Faces, is_model_file};
+use spinney::brep::{FaceBuffer, Faces, MassProperties};
 use spinney::import::mesh::{ExactOptions, import_exact, open_all};
-use spinney::io::Output;
-use spinney::store::OpenOptions;
+use spinney::raw::brep::is_model_file;
+use spinney::raw::brep::query::Visited;
+use spinney::{ExactModel, OpenOptions, Output};
 
 const QUESTIONS: usize = 20_000;
 

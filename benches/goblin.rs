@@ -5,13 +5,12 @@
 use std::hint::black_box;
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
-use spinney::Result;
-use spinney::io::Output;
-use spinney::space::{Bounds, Code, Dimension};
-use spinney::store::goblin::Goblin;
-use spinney::store::{BuildOptions, Slab, Slabs, build_slabs, depth_for};
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, SampleType, Value, ValueType};
+use spinney::raw::store::depth_for;
+use spinney::raw::store::goblin::Goblin;
+use spinney::tree::{Slab, Slabs, build_slabs};
+use spinney::{
+    Bounds, BuildOptions, Code, DataKind, Dimension, Output, Result, SampleType, TreeType, Value, ValueType,
+};
 
 const SIDE: u64 = 4096;
 

@@ -13,11 +13,9 @@ mod tree;
 use std::path::Path;
 
 use measuring::{Outcome, seconds};
-use spinney::io::Output;
-use spinney::space::{Code, Dimension};
-use spinney::store::{BuildOptions, Slab, Slabs, build_slabs, build_source, depth_for};
-use spinney::tree::{Source as _, TreeType};
-use spinney::value::{DataKind, SampleType, Value, ValueType};
+use spinney::raw::store::depth_for;
+use spinney::tree::{Slab, Slabs, Source as _, build_slabs, build_source};
+use spinney::{BuildOptions, Code, DataKind, Dimension, Output, SampleType, TreeType, Value, ValueType};
 use tree::{PredictedSource, PredictiveTree};
 
 const RUNS: usize = 5;

@@ -5,12 +5,11 @@
 
 use std::path::Path;
 
-use spinney::io::Output;
-use spinney::space::{Code, Dimension};
-use spinney::store::{BuildOptions, Metadata, build_source};
-use spinney::tree::{Child, Children, Source, TreeType};
-use spinney::value::{DataKind, Rule, SampleType, Value, ValueType};
-use spinney::{Error, Result};
+use spinney::tree::{Child, Children, Source, build_source};
+use spinney::{
+    BuildOptions, Code, DataKind, Dimension, Error, Metadata, Output, Result, Rule, SampleType, TreeType,
+    Value, ValueType,
+};
 
 /// Octrees of bytes.
 const FORM: TreeType = TreeType::new(Dimension::Oct, ValueType::new(SampleType::U8, 1));

@@ -3,18 +3,16 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use spinney::Result;
-use spinney::export::image::{ImageSpec, create, format_of};
-use spinney::export::vector::{AttributeType, AttributeValue, GeometryKind, VectorLayer, VectorWriter};
+use spinney::{Bounds, BuildOptions, FileView, Crs, DataKind, Dimension, Frame, Metadata, Output, Result, Rule, SampleType, TreeType, Value, ValueType, WriteOptions};
+use spinney::raw::export::image::{ImageSpec, create, format_of};
+use spinney::raw::export::vector::{AttributeType, AttributeValue, GeometryKind, VectorLayer, VectorWriter};
 use spinney::import::mesh::{ExactOptions, import_exact, open_all};
-use spinney::io::Output;
 use spinney::lines::{LineBuildOptions, LinesInMemory};
-use spinney::ops::{FileView, Edit, FillRegion, add_layer, edit};
-use spinney::space::{Bounds, Crs, Dimension, Frame};
-use spinney::store::autumnal::{CompactOptions, Keep, Note, compact};
-use spinney::store::{BuildOptions, Effort, Metadata, Packing, WriteOptions, build_tree, depth_for};
-use spinney::tree::{TreeType, MemTree};
-use spinney::value::{DataKind, Rule, SampleType, Value, ValueType};
+use spinney::edit::{Edit, FillRegion, Note, edit};
+use spinney::raw::ops::add_layer;
+use spinney::raw::store::autumnal::{CompactOptions, Keep, compact};
+use spinney::raw::store::{Effort, Packing, build_tree, depth_for};
+use spinney::tree::MemTree;
 use spinney_fuzz::targets::seal;
 
 use reference::Cut;

@@ -4,11 +4,10 @@ use std::ffi::{CStr, CString, c_char};
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-use engine::dataset::{self, Dataset};
-use engine::io::RangeCache;
-use engine::ops::ViewStep;
-use engine::store::{OpenOptions, TreeFormat};
-use engine::value::{DataKind, SampleType};
+use engine::raw::dataset;
+use engine::raw::io::RangeCache;
+use engine::raw::store::TreeFormat;
+use engine::{DataKind, Dataset, OpenOptions, SampleType, ViewStep};
 
 use crate::metadata;
 use crate::status::{Failure, guarded, spinney_status, text_of};

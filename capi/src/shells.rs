@@ -3,11 +3,9 @@
 use std::ffi::{CStr, c_char};
 use std::slice;
 
-use engine::SetOperation;
-use engine::brep::topology::{Topology, TopologyOptions};
-use engine::brep::{ExactModel, Faces, combine};
-use engine::io::Output;
-use engine::store::Codec;
+use engine::brep::{Faces, combine};
+use engine::raw::brep::topology::{Topology, TopologyOptions};
+use engine::{Codec, ExactModel, Output, SetOperation};
 
 use crate::dataset::path_of;
 use crate::model::{check_size, opened, place, spinney_model};

@@ -2,15 +2,17 @@
 
 use std::path::Path;
 
-use spinney::brep::{ExactModel, Face, Grid, ModelBuilder, combine};
-use spinney::io::Output;
-use spinney::ops::{Edit, FillRegion, edit};
-use spinney::space::{Bounds, Cell, Crs, Dimension, Frame, GeoKeys};
-use spinney::store::autumnal::Note;
-use spinney::store::{BuildOptions, Codec, Metadata, TreeWriter, build_tree, depth_for};
-use spinney::tree::{MemTree, TreeType};
-use spinney::value::{DataKind, Palette, Rule, SampleType, Value, ValueType};
-use spinney::{Error, Result};
+use spinney::brep::{Face, Grid, combine};
+use spinney::edit::{Edit, FillRegion, Note, edit};
+use spinney::raw::brep::ModelBuilder;
+use spinney::raw::space::{Cell, GeoKeys};
+use spinney::raw::store::{TreeWriter, build_tree, depth_for};
+use spinney::raw::value::Palette;
+use spinney::tree::MemTree;
+use spinney::{
+    Bounds, BuildOptions, Codec, Crs, DataKind, Dimension, Error, ExactModel, Frame, Metadata, Output,
+    Result, Rule, SampleType, TreeType, Value, ValueType,
+};
 
 use super::island::{self, Island};
 

@@ -2,14 +2,12 @@
 
 use std::sync::Arc;
 
-use spinney::dataset::{self, Dataset};
-use spinney::io::Output;
-use spinney::ops::{Edit, FillRegion, apply_edits};
-use spinney::space::Bounds;
-use spinney::store::autumnal::{Autumnal, CompactOptions, Editor, History, Keep, Note, compact, recover};
-use spinney::store::{Effort, OpenOptions};
-use spinney::value::Number;
-use spinney::{Error, Result};
+use spinney::edit::{Edit, Editor, FillRegion, Note};
+use spinney::raw::dataset;
+use spinney::raw::ops::apply_edits;
+use spinney::raw::store::Effort;
+use spinney::raw::store::autumnal::{Autumnal, CompactOptions, History, Keep, compact, recover};
+use spinney::{Bounds, Dataset, Error, Number, OpenOptions, Output, Result};
 
 use super::disk::Disk;
 use super::files::in_file;

@@ -2,17 +2,15 @@
 
 use std::path::Path;
 
-use spinney::brep::ExactModel;
-use spinney::dataset;
-use spinney::import::cells::CellList;
-use spinney::import::mesh::{self, ExactOptions, Resolution, SolidOptions, plan_models};
-use spinney::import::raster::{self, ImportOptions, Order, Pixels, RasterOptions, plan};
-use spinney::import::volume::{self, VolumeOptions};
-use spinney::io::Output;
-use spinney::space::Region;
-use spinney::store::OpenOptions;
-use spinney::store::goblin::Goblin;
-use spinney::{Error, Result};
+use spinney::import::mesh::{ExactOptions, Resolution, SolidOptions, plan_models};
+use spinney::import::raster::{ImportOptions, plan};
+use spinney::import::volume::VolumeOptions;
+use spinney::raw::dataset;
+use spinney::raw::import::cells::CellList;
+use spinney::raw::import::raster::{self, Order, Pixels, RasterOptions};
+use spinney::raw::import::{mesh, volume};
+use spinney::raw::store::goblin::Goblin;
+use spinney::{Error, ExactModel, OpenOptions, Output, Region, Result};
 
 use super::files::in_file;
 
@@ -145,7 +143,12 @@ fn read_mesh(path: &Path) -> Result<()> {
     }
     let mut options = ExactOptions::new();
     (options.close, options.memory) = (faces % 2 == 0, 2 * MEMORY);
-    mesh::import_exact(vec![mesh::open(path, MEMORY)?], &options, Output::create(&built)?, &())?;
+    spinney::import::mesh::import_exact(
+        vec![mesh::open(path, MEMORY)?],
+        &options,
+        Output::create(&built)?,
+        &(),
+    )?;
     let model = ExactModel::open(&built, &OpenOptions::new())?;
     assert_eq!(model.verify(16 << 20, &()).unwrap(), []);
     super::models::questions(&model).unwrap();
@@ -182,7 +185,7 @@ fn volume_file(name: &str, bytes: &[u8]) {
         options.memory = Some(2 * MEMORY);
         let built = path.with_extension("goblin");
         // (What is planned has all its samples in the file, and is small, therefore.)
-        let import = volume::plan(path, &options);
+        let import = spinney::import::volume::plan(path, &options);
         if import.and_then(|import| import.build(Output::create(&built)?, &())).is_ok() {
             check_built(&built);
         }

@@ -2,13 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::dataset::{self, Dataset};
-use spinney::io::Output;
-use spinney::ops::{self, CombineOperation, Edit, FileView, Universe, apply_edits};
-use spinney::space::Bounds;
-use spinney::store::autumnal::{CompactOptions, Editor, History, Keep, Note, compact};
-use spinney::store::{FileReference, Header, OpenOptions, WriteOptions};
-use spinney::{Error, Result};
+use spinney::edit::{Edit, Editor, Note};
+use spinney::raw::dataset;
+use spinney::raw::ops::{self, apply_edits};
+use spinney::raw::store::FileReference;
+use spinney::raw::store::autumnal::{CompactOptions, History, Keep, compact};
+use spinney::{
+    Bounds, CombineOperation, Dataset, Error, FileView, Header, OpenOptions, Output, Result, Universe,
+    WriteOptions,
+};
 
 use super::files::in_file;
 use super::seal;
@@ -89,7 +91,7 @@ fn ask(path: &Path, converted: &str) {
     };
     let other = target(converted);
     let made = Output::create(&other)
-        .and_then(|output| ops::convert(path, false, output, WriteOptions::new(MEMORY), &()));
+        .and_then(|output| spinney::convert(path, false, output, WriteOptions::new(MEMORY), &()));
     if was_good {
         made.unwrap();
         same(&other, &trees, "conversion");
@@ -97,7 +99,7 @@ fn ask(path: &Path, converted: &str) {
     // (On what metadata tell of the frame it may be impossible.)
     let (joined, files) = (target("combined.goblin"), [path, path].map(PathBuf::from));
     let _ = Output::create(&joined).and_then(|output| {
-        ops::combine(
+        spinney::combine(
             CombineOperation::Over,
             None,
             Universe::Usual,

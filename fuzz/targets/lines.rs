@@ -2,11 +2,10 @@
 
 use std::path::Path;
 
-use spinney::export::vector::VectorFormat;
-use spinney::io::Output;
-use spinney::lines::{LineTree, NearestLines, export_lines};
-use spinney::store::OpenOptions;
-use spinney::{Error, Result};
+use spinney::export::VectorFormat;
+use spinney::lines::LineTree;
+use spinney::raw::lines::{NearestLines, export_lines};
+use spinney::{Error, OpenOptions, Output, Result};
 
 use super::files::in_file;
 use super::{seal, trees};

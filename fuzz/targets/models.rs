@@ -2,15 +2,13 @@
 
 use std::path::Path;
 
-use spinney::Result;
-use spinney::brep::query::{CuttingPlane, MassProperties};
-use spinney::brep::surface_intersection::surface_intersection;
-use spinney::brep::topology::{Topology, TopologyOptions};
-use spinney::brep::{ExactModel, FaceBuffer, Faces, ModelNode};
-use spinney::export::mesh::{MeshFormat, export_exact};
-use spinney::import::mesh;
-use spinney::io::Output;
-use spinney::store::OpenOptions;
+use spinney::brep::{CuttingPlane, FaceBuffer, Faces, MassProperties};
+use spinney::export::{MeshFormat, export_exact};
+use spinney::raw::brep::ModelNode;
+use spinney::raw::brep::surface_intersection::surface_intersection;
+use spinney::raw::brep::topology::{Topology, TopologyOptions};
+use spinney::raw::import::mesh;
+use spinney::{ExactModel, OpenOptions, Output, Result};
 
 use super::files::in_file;
 use super::{seal, trees};

@@ -6,8 +6,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use spinney::Result;
-use spinney::io::batch::{defer_missing, finish_deferred, run_batched};
-use spinney::io::{Fetch, RangeCache, RangeFile, ReadBackend};
+use spinney::raw::io::batch::{defer_missing, finish_deferred, run_batched};
+use spinney::raw::io::{Fetch, RangeCache, RangeFile, ReadBackend};
 
 /// Bytes in memory that come in ranges.
 pub struct Far(pub Arc<Vec<u8>>);

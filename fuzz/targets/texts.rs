@@ -1,12 +1,11 @@
 //! Texts: steps of views, and DF-expressions of quadtrees, octrees and bintrees.
 
-use spinney::dataset::Dataset;
-use spinney::ops::{Calculation, ViewStep};
-use spinney::partitions::Bintree;
-use spinney::space::{Bounds, Crs, Dimension};
-use spinney::store::goblin::Goblin;
-use spinney::tree::{Source, TreeType, df};
-use spinney::value::{Rule, SampleType, Value, ValueType};
+use spinney::raw::ops::Calculation;
+use spinney::raw::partitions::Bintree;
+use spinney::raw::store::goblin::Goblin;
+use spinney::raw::tree::df;
+use spinney::tree::Source;
+use spinney::{Bounds, Crs, Dataset, Dimension, Rule, SampleType, TreeType, Value, ValueType, ViewStep};
 
 /// A small file to look at through views: the picture of the specification.
 pub const CLASSIC: &[u8] = include_bytes!("../../fixtures/v1/classic.goblin");
@@ -60,7 +59,7 @@ pub fn step_text(bytes: &[u8]) {
         let bounds = Bounds { min, max };
         let mut bytes = vec![0; bounds.volume() as usize * view.header().form.width()];
         let _ = view.window(view.depth(), &bounds, 0.0, &mut bytes, None);
-        let _ = view.point(min, view.depth(), &mut [spinney::value::Number::default(); 4]);
+        let _ = view.point(min, view.depth(), &mut [spinney::Number::default(); 4]);
     }
 }
 
@@ -91,7 +90,7 @@ pub fn calculation_text(bytes: &[u8]) {
             view.window(level, &bounds, 0.0, &mut bytes, Some(&mut valid)).unwrap();
             for (cell, valid) in valid.iter().enumerate() {
                 let place = [cell as u64 % bounds.max[0], cell as u64 / bounds.max[0], 0];
-                let mut numbers = [spinney::value::Number::default(); 4];
+                let mut numbers = [spinney::Number::default(); 4];
                 assert_eq!(view.point(place, level, &mut numbers).unwrap(), *valid);
                 let number =
                     value.first_sample(Value::from_bytes(&bytes[cell * value.size()..][..value.size()]));

@@ -4,15 +4,11 @@ use std::borrow::Cow;
 use std::path::Path;
 use std::sync::Arc;
 
-use spinney::Result;
-use spinney::dataset::Dataset;
-use spinney::io::ReadBackend;
 use spinney::query::{Condition, PointSamples};
-use spinney::space::Bounds;
-use spinney::store::OpenOptions;
-use spinney::store::autumnal::Autumnal;
-use spinney::store::goblin::Goblin;
-use spinney::value::Number;
+use spinney::raw::io::ReadBackend;
+use spinney::raw::store::autumnal::Autumnal;
+use spinney::raw::store::goblin::Goblin;
+use spinney::{Bounds, Dataset, Number, OpenOptions, Result};
 
 use super::rounds::far;
 use super::seal;

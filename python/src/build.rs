@@ -7,17 +7,22 @@ use numpy::{PyArrayDyn, PyArrayMethods};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::import::feature::is_feature_file;
-use spinney::import::mesh::{self, Resolution, SolidOptions};
-use spinney::import::raster::{self, Band, ImportOptions, StackOptions, TargetGrid};
-use spinney::import::rasterize;
-use spinney::import::volume::{self, VolumeOptions};
-use spinney::ops::{WarpGrid, WarpOptions};
-use spinney::space::{CodeRun, Crs, Dimension, Frame};
-use spinney::store::{BuildOptions, Metadata, Slab, SlabBoxes, Slabs, WantedCells, depth_for};
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, Palette, Rule, SampleType, Value, ValueType};
-use spinney::{Result, dataset};
+use spinney::import::mesh::{Resolution, SolidOptions};
+use spinney::import::raster::{ImportOptions, StackOptions};
+use spinney::import::volume::VolumeOptions;
+use spinney::raw::dataset;
+use spinney::raw::import::feature::is_feature_file;
+use spinney::raw::import::raster::{self, Band, TargetGrid};
+use spinney::raw::import::{mesh, rasterize, volume};
+use spinney::raw::ops::WarpGrid;
+use spinney::raw::space::CodeRun;
+use spinney::raw::store::{SlabBoxes, WantedCells, depth_for};
+use spinney::raw::value::Palette;
+use spinney::tree::{Slab, Slabs};
+use spinney::{
+    BuildOptions, Crs, DataKind, Dimension, Frame, Metadata, Result, Rule, SampleType, TreeType, Value,
+    ValueType, WarpOptions,
+};
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
@@ -487,11 +492,11 @@ pub(crate) fn build_files(
     if !meshes.is_empty() || paths.iter().any(|path| mesh::is_model(path)) {
         let (mut solid, meshes) = (options.solids()?, arrays_of(&meshes)?);
         return jobs::run(py, terms, |work| {
-            let mut models = mesh::open_all(&paths, options.memory)?;
+            let mut models = spinney::import::mesh::open_all(&paths, options.memory)?;
             models.extend(models_of(meshes)?);
             let told = models.iter().find_map(|model| model.info().unit.clone());
             solid.unit = options.unit.clone().or(told);
-            mesh::plan_models(models, &solid)?.build(work.create_tree(&out)?, work).map(drop)
+            spinney::import::mesh::plan_models(models, &solid)?.build(work.create_tree(&out)?, work).map(drop)
         });
     }
     if options.has_pages("z") {
@@ -506,12 +511,16 @@ pub(crate) fn build_files(
         };
         let volume = options.volume()?;
         return jobs::run(py, terms, |work| {
-            volume::plan(path, &volume)?.build(work.create_tree(&out)?, work).map(drop)
+            spinney::import::volume::plan(path, &volume)?.build(work.create_tree(&out)?, work).map(drop)
         });
     }
     if let Some(stack) = options.stack()? {
         return jobs::run(py, terms, |work| {
-            raster::write_stack(&raster::plan_stack(&paths, &stack)?, work.create_tree(&out)?, work)
+            raster::write_stack(
+                &spinney::import::raster::plan_stack(&paths, &stack)?,
+                work.create_tree(&out)?,
+                work,
+            )
         });
     }
     let (pictures, target) = (options.pictures()?, options.target()?);
@@ -519,7 +528,7 @@ pub(crate) fn build_files(
     warp.resampling = options.resampling.as_ref().map(|way| way.parse()).transpose().or_raise()?;
     warp.allow_ballpark = options.allow_ballpark;
     jobs::run(py, terms, |work| {
-        let import = raster::plan(&paths, &pictures)?;
+        let import = spinney::import::raster::plan(&paths, &pictures)?;
         let output = work.create_tree(&out)?;
         match &target {
             None => import.build(output, work),

@@ -8,12 +8,11 @@ use numpy::{Element, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::{PyIndexError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::SetOperation;
-use spinney::dataset::Dataset;
-use spinney::ops::{CombineOperation, Edit, FileView, FillRegion, Prefer, apply_edits};
-use spinney::space::{CellLocator, Code, Coordinates, Polygon};
-use spinney::store::autumnal::{self, Note};
-use spinney::value::Number;
+use spinney::edit::{Edit, FillRegion, Note};
+use spinney::query::Polygon;
+use spinney::raw::ops::{Prefer, apply_edits};
+use spinney::raw::store::autumnal;
+use spinney::{CellLocator, Code, CombineOperation, Coordinates, Dataset, FileView, Number, SetOperation};
 
 use crate::error::{OrRaise, invalid};
 use crate::features_over::FeatureTerms;
@@ -25,13 +24,13 @@ use crate::part::{coordinates_of, part_of};
 /// A file that is being edited; nothing of it is seen by others before it is committed.
 #[pyclass(frozen, module = "spinney._native")]
 pub(crate) struct Editor {
-    editor: Mutex<Option<autumnal::Editor>>,
+    editor: Mutex<Option<spinney::edit::Editor>>,
     path: PathBuf,
 }
 
 impl Editor {
     /// The editor, for one thread at a time.
-    fn get(&self) -> PyResult<MutexGuard<'_, Option<autumnal::Editor>>> {
+    fn get(&self) -> PyResult<MutexGuard<'_, Option<spinney::edit::Editor>>> {
         let in_use = |_| PyRuntimeError::new_err(format!("{}: another thread edits it", self.path.display()));
         let editor = self.editor.try_lock().map_err(in_use)?;
         if editor.is_none() {
@@ -65,7 +64,7 @@ impl Editor {
 impl Editor {
     #[new]
     fn new(py: Python<'_>, path: PathBuf, memory: u64) -> PyResult<Editor> {
-        let editor = py.detach(|| autumnal::Editor::open(&path, memory)).or_raise()?;
+        let editor = py.detach(|| spinney::edit::Editor::open(&path, memory)).or_raise()?;
         Ok(Editor { editor: Mutex::new(Some(editor)), path })
     }
 

@@ -6,17 +6,21 @@ use numpy::PyArray2;
 use numpy::ndarray::Array2;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::Progress as _;
-use spinney::brep::{ExactModel, Motion, TransformOptions, is_model_file};
-use spinney::dataset;
-use spinney::lines::{LineTree, is_line_file};
-use spinney::ops::{
-    self, AffineMap, CombineOperation, FdRange, FileView, Outcome, Prefer, Universe, ViewStep, WarpOptions,
+use spinney::brep::{Motion, TransformOptions};
+use spinney::edit::{Commit, Note};
+use spinney::lines::LineTree;
+use spinney::points::PointTree;
+use spinney::raw::brep::is_model_file;
+use spinney::raw::dataset;
+use spinney::raw::lines::is_line_file;
+use spinney::raw::ops::{self, AffineMap, FdRange, Outcome, Prefer};
+use spinney::raw::points::is_point_file;
+use spinney::raw::store::autumnal::{self, CompactOptions, History, Keep};
+use spinney::raw::store::{self, file_of};
+use spinney::{
+    Codec, CombineOperation, ExactModel, FileView, Header, Metadata, Number, OpenOptions, Progress as _,
+    Universe, ViewStep, WarpOptions,
 };
-use spinney::points::{PointTree, is_point_file};
-use spinney::store::autumnal::{self, Commit, CompactOptions, History, Keep, Note};
-use spinney::store::{self, Codec, Header, Metadata, OpenOptions, file_of};
-use spinney::value::Number;
 
 use crate::error::{OrRaise, invalid};
 use crate::features_over::{FeatureTerms, operand};
@@ -133,7 +137,7 @@ pub(crate) fn transform<'py>(
     }
     let chain = chain_of(&path, steps, (resampling.as_deref(), allow_ballpark), moves)?;
     let how = packing.with(memory);
-    let made = jobs::run(py, terms, |work| ops::transform(&chain, work.create_tree(&out)?, how, work))?;
+    let made = jobs::run(py, terms, |work| spinney::transform(&chain, work.create_tree(&out)?, how, work))?;
     outcome(py, &made)
 }
 
@@ -351,7 +355,7 @@ pub(crate) fn convert(
 ) -> PyResult<()> {
     check_output(std::slice::from_ref(&path), &out)?;
     let how = packing.with(memory);
-    jobs::run(py, terms, |work| ops::convert(&path, share, work.create_tree(&out)?, how, work))
+    jobs::run(py, terms, |work| spinney::convert(&path, share, work.create_tree(&out)?, how, work))
 }
 
 /// Adds a tree to a file as a layer; the commit's number, if the file has commits.

@@ -7,14 +7,12 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::export::vector::VectorFormat;
-use spinney::import::feature::{FeatureFilter, FeatureOptions, open_feature_lines};
-use spinney::lines::{
-    LineBuildOptions, LineFeature, LineSource as _, LineTree, LineValue, build, export_lines,
-};
-use spinney::space::Crs;
-use spinney::store::Metadata;
-use spinney::{Progress as _, Result};
+use spinney::export::VectorFormat;
+use spinney::import::feature::{FeatureFilter, FeatureOptions};
+use spinney::lines::{LineBuildOptions, LineFeature, LineTree, build};
+use spinney::raw::import::feature::open_feature_lines;
+use spinney::raw::lines::{LineSource as _, LineValue, export_lines};
+use spinney::{Crs, Metadata, Progress as _, Result};
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
@@ -129,7 +127,7 @@ impl Lines {
     #[pyo3(name = "_levels")]
     fn levels(&self) -> PyResult<Vec<Level>> {
         let levels = self.get()?.levels().or_raise()?;
-        let row = |level: spinney::lines::LevelTotals| {
+        let row = |level: spinney::raw::lines::LevelTotals| {
             (level.nodes, level.segments, level.length, level.most_segments, level.most_features)
         };
         Ok(levels.into_iter().map(row).collect())

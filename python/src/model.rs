@@ -8,16 +8,17 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
-use spinney::brep::query::{BoxLocation, Location};
-use spinney::brep::topology::{Topology, TopologyOptions};
-use spinney::brep::{ExactModel, Faces, ModelView, Motion, NodeCounts};
-use spinney::export::mesh::{MeshFormat, export_exact};
-use spinney::import::feature::{FeatureFilter, choose_objects};
-use spinney::import::mesh::{self, ExactOptions};
-use spinney::ops::{AffineMap, ViewStep};
-use spinney::space::Crs;
-use spinney::store::Tag;
-use spinney::{Progress, Result};
+use spinney::brep::{BoxLocation, Faces, Location, Motion};
+use spinney::export::{MeshFormat, export_exact};
+use spinney::import::feature::FeatureFilter;
+use spinney::import::mesh::ExactOptions;
+use spinney::raw::brep::topology::{Topology, TopologyOptions};
+use spinney::raw::brep::{ModelView, NodeCounts};
+use spinney::raw::import::feature::choose_objects;
+use spinney::raw::import::mesh;
+use spinney::raw::ops::AffineMap;
+use spinney::raw::store::Tag;
+use spinney::{Crs, ExactModel, Progress, Result, ViewStep};
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
@@ -367,13 +368,13 @@ pub(crate) fn build_brep<'py>(
     exact.unit = options.unit;
     exact.crs = options.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
     let report = jobs::run(py, terms, |work| {
-        let mut models = mesh::open_all(&paths, exact.memory)?;
+        let mut models = spinney::import::mesh::open_all(&paths, exact.memory)?;
         models.extend(models_of(meshes)?);
         if let Some(filter) = &filter {
             let (names, about) = mesh::parts_of(&models);
             exact.parts = Some(choose_objects(filter, &names, &|part| Ok(about[part as usize].clone()))?);
         }
-        mesh::import_exact(models, &exact, work.create_tree(&out)?, work)
+        spinney::import::mesh::import_exact(models, &exact, work.create_tree(&out)?, work)
     })?;
     let facts = PyDict::new(py);
     facts.set_item("read", report.read)?;

@@ -4,7 +4,7 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 use spinney::Result;
-use spinney::brep::query::Hit;
+use spinney::brep::Hit;
 
 use crate::error::invalid;
 use crate::jobs::{self, Terms};

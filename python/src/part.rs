@@ -2,8 +2,7 @@
 
 use pyo3::exceptions::{PyIndexError, PyTypeError};
 use pyo3::prelude::*;
-use spinney::dataset::Dataset;
-use spinney::space::{Bounds, CellLocator, Coordinates};
+use spinney::{Bounds, CellLocator, Coordinates, Dataset};
 
 use crate::error::{OrRaise, invalid};
 

@@ -7,16 +7,15 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArra
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::import::feature::{FeatureFilter, FeatureOptions, plan_point_files};
-use spinney::points::{
-    GriddedPoints, PointAttribute, PointBuildOptions, PointFormat, PointImportOptions, PointRaster,
-    PointRegion, PointTree, Selection, WorldPoints, export_points, is_point_file, ordered_number,
-    plan_points, position, rasterize_points,
+use spinney::import::feature::{FeatureFilter, FeatureOptions};
+use spinney::points::{PointImportOptions, PointRegion, PointTree, Selection};
+use spinney::raw::import::feature::plan_point_files;
+use spinney::raw::points::{
+    GriddedPoints, PointAttribute, PointBuildOptions, PointFormat, PointRaster, WorldPoints, export_points,
+    is_point_file, ordered_number, plan_points, position, rasterize_points,
 };
-use spinney::space::{Crs, Dimension};
-use spinney::store::Packing;
-use spinney::value::SampleType;
-use spinney::{Progress as _, Result};
+use spinney::raw::store::Packing;
+use spinney::{Crs, Dimension, Progress as _, Result, SampleType};
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
@@ -182,7 +181,7 @@ impl Points {
     fn statistics(&self, py: Python<'_>, wanted: Wanted, terms: Terms) -> PyResult<(u64, Vec<Column>)> {
         let tree = self.get()?;
         let found = jobs::run(py, terms, |work| tree.statistics(&wanted.selection(&tree)?, work))?;
-        let column = |found: &Option<spinney::points::ColumnSummary>| {
+        let column = |found: &Option<spinney::raw::points::ColumnSummary>| {
             found.map(|found| (found.count, found.min, found.max, found.mean))
         };
         Ok((found.points, found.columns.iter().map(column).collect()))

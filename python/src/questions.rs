@@ -7,10 +7,9 @@ use std::sync::Arc;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::ops::{AffineMap, ViewSource};
 use spinney::query::{Condition, FoundBlock, PointSamples};
-use spinney::space::{Bounds, CellLocator, Coordinates};
-use spinney::value::{Number, Value, ValueType};
+use spinney::raw::ops::{AffineMap, ViewSource};
+use spinney::{Bounds, CellLocator, Coordinates, Number, Value, ValueType};
 
 use crate::error::{OrRaise, invalid};
 use crate::features_over::FeatureTerms;
@@ -264,7 +263,7 @@ impl Points {
     fn new(opened: &Opened, level: u8, coordinates: &Coordinates) -> PyResult<Points> {
         let frame = &opened.tree.metadata().frame;
         let shift = opened.tree.depth() - level;
-        let mut points = Points { places: None, rows: spinney::space::Frame::identity().matrix, shift };
+        let mut points = Points { places: None, rows: spinney::Frame::identity().matrix, shift };
         match coordinates {
             Coordinates::Cells => {}
             Coordinates::World => {

@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
-use spinney::space::Crs;
-use spinney::store::{BuildOptions, file_is_tree};
-use spinney::value::{DataKind, Palette};
+use spinney::raw::store::file_is_tree;
+use spinney::raw::value::Palette;
+use spinney::{BuildOptions, Crs, DataKind};
 
 use crate::build::matrix_of;
 use crate::error::{OrRaise, invalid};

@@ -6,9 +6,9 @@ use std::sync::Arc;
 
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyTuple};
-use spinney::io::{DEFAULT_GAP, Fetch, RangeCache, RangeFile};
-use spinney::store::{ByteSource, OpenOptions};
-use spinney::{Error, Result};
+use spinney::raw::io::{DEFAULT_GAP, Fetch, RangeCache, RangeFile};
+use spinney::raw::store::ByteSource;
+use spinney::{Error, OpenOptions, Result};
 
 /// The name of a file for Python: a path, or the text of a URL, of which a path would not keep both slashes.
 pub(crate) fn path_object<'py>(py: Python<'py>, path: &Path) -> PyResult<Bound<'py, PyAny>> {

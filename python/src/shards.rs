@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
-use spinney::ops::Prefer;
-use spinney::shards::{Job, JobSpec, plan};
-use spinney::store::goblin::MergeOutput;
+use spinney::raw::ops::Prefer;
+use spinney::raw::shards::{Job, JobSpec, plan};
+use spinney::raw::store::goblin::MergeOutput;
 
 use crate::build::FileOptions;
 use crate::error::{OrRaise, invalid};

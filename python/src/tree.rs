@@ -7,12 +7,12 @@ use std::sync::{Arc, OnceLock, PoisonError, RwLock};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict, PyString};
-use spinney::dataset::{self, Dataset};
-use spinney::export::void_number;
-use spinney::ops::{Calculation, ViewStep};
-use spinney::space::Crs;
-use spinney::store::FileReference;
-use spinney::value::{Mask, Number};
+use spinney::raw::dataset;
+use spinney::raw::export::void_number;
+use spinney::raw::ops::Calculation;
+use spinney::raw::store::FileReference;
+use spinney::raw::value::Mask;
+use spinney::{Crs, Dataset, Number, ViewStep};
 
 use crate::error::{OrRaise, invalid};
 use crate::numbers::{PyNumber, told, told_names};

@@ -5,11 +5,11 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail, ensure};
 use serde_json::json;
-use spinney::import::feature::is_feature_file;
-use spinney::ops::{self, CombineOperation, Prefer, Universe};
-use spinney::report::class_as_json;
-use spinney::shards::JobSpec;
-use spinney::value::Number;
+use spinney::raw::import::feature::is_feature_file;
+use spinney::raw::ops::{self, Prefer};
+use spinney::raw::report::class_as_json;
+use spinney::raw::shards::JobSpec;
+use spinney::{CombineOperation, Number, Universe};
 
 use super::args::{Memory, OperationName, OutputLimit, Packing, check_output, numbers, parse_operation};
 use super::features::{FeatureOperands, are_mixed};
@@ -99,7 +99,7 @@ impl MergingArgs {
     }
 
     /// The job of combining trees of cells alone.
-    pub(crate) fn spec(&self, packing: spinney::store::Packing) -> Result<JobSpec> {
+    pub(crate) fn spec(&self, packing: spinney::raw::store::Packing) -> Result<JobSpec> {
         let name = &self.operation.0;
         ensure!(!self.operation.is_table(), "{name} prints a table: `spinney combine {name}`");
         if let Some(file) = self.files.iter().find(|file| is_feature_file(file)) {
@@ -223,7 +223,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         features.combine(operation, (fill, universe), files, output, how, &work)?
     } else {
         features.refuse()?;
-        (ops::combine(operation, fill, universe, files, output, how, &work)?, vec![None; files.len()])
+        (spinney::combine(operation, fill, universe, files, output, how, &work)?, vec![None; files.len()])
     };
     work.finish();
     for ((file, cells), features) in files.iter().zip(&outcome.before).zip(counts) {

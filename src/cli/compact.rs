@@ -4,9 +4,8 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::Result;
-use spinney::store::Effort;
-use spinney::store::Packing;
-use spinney::store::autumnal::{self, CompactOptions, Keep};
+use spinney::raw::store::autumnal::{self, CompactOptions, Keep};
+use spinney::raw::store::{Effort, Packing};
 
 use super::Global;
 use super::args::{Memory, OutputLimit, check_output};

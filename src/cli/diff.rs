@@ -6,8 +6,8 @@ use std::time::Instant;
 
 use anyhow::Result;
 use serde_json::json;
-use spinney::Error;
-use spinney::ops::{self, CombineOperation, Universe};
+use spinney::raw::ops;
+use spinney::{CombineOperation, Error, Universe};
 
 use super::Global;
 use super::args::{Memory, OutputLimit, Packing, check_output};
@@ -75,7 +75,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     check_output(paths, output)?;
     let files = paths.map(Path::to_path_buf);
     let work = Work::start(global, "cells")?;
-    ops::combine(
+    spinney::combine(
         CombineOperation::Changed,
         None,
         Universe::Usual,

@@ -5,20 +5,17 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use clap::Subcommand;
-use spinney::SetOperation;
-use spinney::dataset::Dataset;
-use spinney::import::cells::CellList;
-use spinney::import::raster::{self, ImportOptions};
-use spinney::import::rasterize::Overlaps;
-use spinney::io::Output;
-use spinney::ops::{
-    CombineOperation, Edit, FileView, FillRegion, Prefer, ViewStep, add_layer, apply_edits, drop_layer,
-    only_layer,
+use spinney::edit::{Edit, Editor, FillRegion};
+use spinney::import::raster::ImportOptions;
+use spinney::query::Polygon;
+use spinney::raw::import::cells::CellList;
+use spinney::raw::import::raster;
+use spinney::raw::import::rasterize::Overlaps;
+use spinney::raw::ops::{Prefer, add_layer, apply_edits, drop_layer, only_layer};
+use spinney::raw::store::{FileReference, TreeFormat, file_is_tree};
+use spinney::{
+    Bounds, Code, CombineOperation, Coordinates, Dataset, FileView, Number, Output, SetOperation, ViewStep,
 };
-use spinney::space::{Bounds, Code, Coordinates, Polygon};
-use spinney::store::autumnal::Editor;
-use spinney::store::{FileReference, TreeFormat, file_is_tree};
-use spinney::value::Number;
 
 use super::args::{
     CommitOptions, OperationName, Packing, PartOptions, number, numbers, parse_operation, parse_step,
@@ -338,7 +335,8 @@ impl PastedPicture {
         let folder =
             tempfile::Builder::new().prefix("spinney-").tempdir_in(beside.unwrap_or(Path::new(".")))?;
         let tree = folder.path().join("patch.goblin");
-        raster::plan(&[path.to_path_buf()], &options)?.build(Output::create(&tree)?, work)?;
+        spinney::import::raster::plan(&[path.to_path_buf()], &options)?
+            .build(Output::create(&tree)?, work)?;
         Ok(PastedPicture { tree, _folder: folder })
     }
 }

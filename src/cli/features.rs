@@ -4,14 +4,14 @@ use std::cell::Cell;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail, ensure};
-use spinney::Progress;
-use spinney::import::feature::{FeatureFilter, is_feature_file};
-use spinney::import::rasterize::{FeatureValue, Overlaps, RasterizeOptions, plan_features};
-use spinney::io::Output;
-use spinney::ops::{CombineOperation, MadeOperand, Outcome, Universe, ViewSource, combine_with};
-use spinney::space::{Coordinates, EdgeRule};
-use spinney::store::{Header, Metadata, WriteOptions};
-use spinney::value::{Number, Rule};
+use spinney::import::feature::{FeatureFilter, FeatureValue, RasterizeOptions, plan_features};
+use spinney::query::EdgeRule;
+use spinney::raw::import::feature::is_feature_file;
+use spinney::raw::import::rasterize::Overlaps;
+use spinney::raw::ops::{MadeOperand, Outcome, ViewSource, combine_with};
+use spinney::{
+    CombineOperation, Coordinates, Header, Metadata, Number, Output, Progress, Rule, Universe, WriteOptions,
+};
 
 use super::report::Work;
 

@@ -5,16 +5,15 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use serde_json::json;
-use spinney::dataset::Dataset;
-use spinney::io::batch::traffic;
-use spinney::io::url_of;
-use spinney::manifest::ListedFile;
-use spinney::ops::{LayerInfo, TreeFile};
 use spinney::query::ChannelStatistics;
-use spinney::report::{JsonNumbers, channels_as_json, class_as_json, commit_as_json};
-use spinney::space::{Crs, Frame};
-use spinney::store::goblin::LevelBytes;
-use spinney::store::{Codec, FileReference, LevelCounts, Metadata, TagScope};
+use spinney::raw::io::batch::traffic;
+use spinney::raw::io::url_of;
+use spinney::raw::manifest::ListedFile;
+use spinney::raw::ops::{LayerInfo, TreeFile};
+use spinney::raw::report::{JsonNumbers, channels_as_json, class_as_json, commit_as_json};
+use spinney::raw::store::goblin::LevelBytes;
+use spinney::raw::store::{FileReference, LevelCounts, TagScope};
+use spinney::{Codec, Crs, Dataset, Frame, Metadata};
 
 use super::args::LayerOption;
 use super::report::unit::{behind_number, unit};

@@ -5,10 +5,9 @@ use std::sync::Mutex;
 
 use anyhow::{Context as _, Result, anyhow, ensure};
 use rayon::prelude::*;
-use spinney::dataset::Dataset;
-use spinney::io::url_of;
-use spinney::report::{OUTSIDE, PointLayers};
-use spinney::space::Coordinates;
+use spinney::raw::io::url_of;
+use spinney::raw::report::{OUTSIDE, PointLayers};
+use spinney::{Coordinates, Dataset};
 
 use super::args::{CoordinatesOption, ViewedTree, level_of};
 use super::exact::PointQuestion;

@@ -4,10 +4,11 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
-use spinney::brep::surface_intersection::surface_intersection;
-use spinney::brep::{ExactModel, ModelView, divide_faces};
-use spinney::export::vector::{SectionPlanes, VectorFormat, export_intersection, export_section};
-use spinney::ops::ViewStep;
+use spinney::export::VectorFormat;
+use spinney::raw::brep::surface_intersection::surface_intersection;
+use spinney::raw::brep::{ModelView, divide_faces};
+use spinney::raw::export::vector::{SectionPlanes, export_intersection, export_section};
+use spinney::{ExactModel, ViewStep};
 
 use super::args::{Memory, OutputLimit, VECTOR_FORMATS, check_output, parse_step, vector_format};
 use super::report::{Work, report_output};

@@ -5,8 +5,9 @@ use std::time::Instant;
 
 use anyhow::{Result, bail};
 use spinney::brep::TransformOptions;
-use spinney::ops::{self, FileView, Resampling, ViewStep, WarpOptions};
-use spinney::points::{PointRaster, rasterize_points};
+use spinney::raw::ops;
+use spinney::raw::points::{PointRaster, rasterize_points};
+use spinney::{FileView, Resampling, ViewStep, WarpOptions};
 
 use super::args::{Memory, OutputLimit, Packing, UNITS, check_output, parse_step};
 use super::report::{Work, report_output};
@@ -218,7 +219,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     }
     let how = packing.with(memory)?;
     let work = Work::start(global, "cells")?;
-    let outcome = ops::transform(&cells, limit.create_tree(&path)?, how, &work)?;
+    let outcome = spinney::transform(&cells, limit.create_tree(&path)?, how, &work)?;
     work.finish();
     let [width, height, depth] = outcome.extent;
     let size =

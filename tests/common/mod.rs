@@ -18,15 +18,17 @@ pub mod tiff_file;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use spinney::dataset::{self, Dataset};
-use spinney::io::Output;
-use spinney::ops::{self, CombineOperation, Combined, View, ViewSource};
-use spinney::space::{Cell, Code, Dimension, Frame};
-use spinney::store::goblin::Goblin;
-use spinney::store::{BuildOptions, Metadata, OpenOptions, Slab, Slabs, build_slabs, build_tree, depth_for};
-use spinney::tree::{Child, MemTree, Source, TreeType, no_children};
-use spinney::value::{DataKind, Rule, SampleType, Value, ValueType};
-use spinney::{Result, SetOperation};
+use spinney::raw::dataset;
+use spinney::raw::ops::{self, Combined, View, ViewSource};
+use spinney::raw::space::Cell;
+use spinney::raw::store::goblin::Goblin;
+use spinney::raw::store::{build_tree, depth_for};
+use spinney::raw::tree::no_children;
+use spinney::tree::{Child, MemTree, Slab, Slabs, Source, build_slabs};
+use spinney::{
+    BuildOptions, Code, CombineOperation, DataKind, Dataset, Dimension, Frame, Metadata, OpenOptions, Output,
+    Result, Rule, SampleType, SetOperation, TreeType, Value, ValueType,
+};
 
 /// The picture behind the literature's two ten-record tables, row 0 in the north.
 pub const CLASSIC: [[u8; 8]; 8] = [

@@ -2,10 +2,8 @@
 
 use std::path::Path;
 
-use spinney::dataset::{self, Dataset};
-use spinney::space::{Dimension, Frame};
-use spinney::store::OpenOptions;
-use spinney::value::{DataKind, Rule};
+use spinney::raw::dataset;
+use spinney::{DataKind, Dataset, Dimension, Frame, OpenOptions, Rule};
 
 use super::{Cells, OCT, byte, write_goblin};
 

@@ -3,9 +3,9 @@
 
 use std::collections::BTreeMap;
 
-use spinney::space::{Code, Dimension};
-use spinney::tree::{Child, MemTree, Source, no_children};
-use spinney::value::{DataKind, Number, Rule, Value, ValueType};
+use spinney::raw::tree::no_children;
+use spinney::tree::{Child, MemTree, Source};
+use spinney::{Code, DataKind, Dimension, Number, Rule, Value, ValueType};
 
 /// The numbers of a file that say how its tree is cut into segments.
 #[derive(Clone, Copy, Debug)]

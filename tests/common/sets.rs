@@ -1,10 +1,9 @@
 //! Set operations on exact models made in tests, and what their results really are.
 
-use spinney::Result;
-use spinney::brep::query::{Location, MassProperties};
-use spinney::brep::topology::{Topology, TopologyOptions};
-use spinney::brep::{CombineReport, ExactModel, Face, FaceList, Faces, Grid, LEAF_SIZE, combine};
-use spinney::io::Output;
+use spinney::brep::{Face, Faces, Grid, Location, MassProperties, combine};
+use spinney::raw::brep::topology::{Topology, TopologyOptions};
+use spinney::raw::brep::{CombineReport, FaceList, LEAF_SIZE};
+use spinney::{ExactModel, Output, Result};
 
 use super::exact::{Ring, built, model_on};
 use super::{Random, set_operation};
@@ -88,7 +87,7 @@ pub fn try_combined(operation: u8, bodies: &[&Body]) -> Result<(Body, CombineRep
         set_operation(operation),
         &models,
         Output::create(&path).unwrap(),
-        spinney::store::Codec::Plain,
+        spinney::Codec::Plain,
         MEMORY,
         &(),
     );

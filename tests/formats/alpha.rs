@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use spinney::dataset::Dataset;
-use spinney::io::Output;
-use spinney::ops::{self, CombineOperation, Edit, FileView};
-use spinney::space::{Bounds, Dimension};
-use spinney::store::autumnal::Note;
-use spinney::store::{BuildOptions, WriteOptions, build_slabs};
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, Mask, Rule, SampleType, Value, ValueType};
+use spinney::edit::{Edit, Note};
+use spinney::raw::ops;
+use spinney::raw::value::Mask;
+use spinney::tree::build_slabs;
+use spinney::{
+    Bounds, BuildOptions, CombineOperation, DataKind, Dataset, Dimension, FileView, Output, Rule, SampleType,
+    TreeType, Value, ValueType, WriteOptions,
+};
 
 use crate::common::{Cells, Random, set_operation};
 
@@ -181,8 +181,16 @@ fn set_operations_see_through_transparent_cells() {
     ];
     for (operation, expected) in operations {
         let output = Output::create(&path("c.goblin")).unwrap();
-        ops::combine(operation, None, ops::Universe::Usual, &trees, output, WriteOptions::new(64 << 20), &())
-            .unwrap();
+        spinney::combine(
+            operation,
+            None,
+            spinney::Universe::Usual,
+            &trees,
+            output,
+            WriteOptions::new(64 << 20),
+            &(),
+        )
+        .unwrap();
         let tree = spinney::open(path("c.goblin")).unwrap();
         assert!(tree.verify(64 << 20, &()).unwrap().is_empty());
         let (values, valid, _) = level(&tree, tree.depth());
@@ -195,7 +203,7 @@ fn set_operations_see_through_transparent_cells() {
     }
     // What is pasted where there is something leaves the tree where it is transparent.
     let edit = Edit::Paste { patch: FileView::of(&trees[0]), at: None, where_valid: true };
-    ops::edit(&trees[1], [Ok(edit)], Note::default(), 64 << 20, &()).unwrap();
+    spinney::edit::edit(&trees[1], [Ok(edit)], Note::default(), 64 << 20, &()).unwrap();
     let tree = spinney::open(&trees[1]).unwrap();
     let (values, valid, _) = level(&tree, tree.depth());
     for (index, (value, valid)) in values.into_iter().zip(valid).enumerate() {
@@ -218,7 +226,7 @@ fn views_without_transparent_cells() {
     // There and back.
     let bytes = |name: &str| std::fs::read(path(name)).unwrap();
     for (from, to) in [("a.goblin", "b.autumn"), ("b.autumn", "c.goblin")] {
-        ops::convert(
+        spinney::convert(
             &path(from),
             false,
             Output::create(&path(to)).unwrap(),

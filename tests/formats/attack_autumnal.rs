@@ -4,13 +4,11 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use spinney::io::Output;
-use spinney::ops::{Edit, FillRegion, edit};
-use spinney::space::Bounds;
-use spinney::store::autumnal::{CompactOptions, Keep, Note, compact};
-use spinney::store::{Effort, build_tree};
-use spinney::tree::{MemTree, Source, TreeType};
-use spinney::value::{DataKind, Rule, SampleType};
+use spinney::edit::{Edit, FillRegion, Note, edit};
+use spinney::raw::store::autumnal::{CompactOptions, Keep, compact};
+use spinney::raw::store::{Effort, build_tree};
+use spinney::tree::{MemTree, Source};
+use spinney::{Bounds, DataKind, Output, Rule, SampleType, TreeType};
 
 use super::attack_goblin::{Field, HEADER_FIELDS, changed, fields};
 use crate::common::command::{is_alone, own_peak_memory};

@@ -4,9 +4,8 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use spinney::brep::{ExactModel, combine};
-use spinney::io::Output;
-use spinney::store::OpenOptions;
+use spinney::brep::combine;
+use spinney::{ExactModel, OpenOptions, Output};
 
 use super::attack_goblin::{Field, changed, fields};
 use crate::common::Random;
@@ -100,7 +99,7 @@ fn ask(file: Vec<u8>, other: &ExactModel, target: &Path, what: &str) {
                 operation,
                 &models,
                 Output::create(target).unwrap(),
-                spinney::store::Codec::Plain,
+                spinney::Codec::Plain,
                 16 << 20,
                 &(),
             );

@@ -4,11 +4,8 @@
 
 use std::time::{Duration, Instant};
 
-use spinney::dataset::Dataset;
-use spinney::space::Bounds;
-use spinney::store::goblin::Goblin;
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, Rule};
+use spinney::raw::store::goblin::Goblin;
+use spinney::{Bounds, DataKind, Dataset, Rule, TreeType};
 
 use crate::common::command::{is_alone, own_peak_memory};
 use crate::common::reference::{self, Cut};
@@ -141,7 +138,7 @@ fn fields_of_quadtrees() {
 
 #[test]
 fn fields_of_octrees_and_floats() {
-    use spinney::value::SampleType::F32;
+    use spinney::SampleType::F32;
     if is_alone("attack_goblin::fields_of_octrees_and_floats") {
         attack(&cut_everywhere(OCT, 4, [7, 5, 6], (Rule::Max, DataKind::Continuous)), OCT, 5);
         let form = quad(F32, 2);
@@ -175,7 +172,7 @@ fn same_answers(found: &Dataset, expected: &Dataset) {
 
 #[test]
 fn files_cut_anywhere_say_the_same() {
-    use spinney::value::SampleType::{I32, U16};
+    use spinney::SampleType::{I32, U16};
     let cuts =
         [(2, 1, 1), (2, 1, 3), (3, 1, 2), (4, 2, 1), (4, 1, 7), (6, 3, 4), (6, 2, 1 << 16), (8, 2, 4096)];
     let mut random = Random(7);

@@ -5,14 +5,14 @@ use std::path::Path;
 use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
-use spinney::io::Output;
-use spinney::ops::{Edit, FileView, FillRegion, add_layer, convert, edit};
-use spinney::space::{Bounds, Code, Dimension, Frame};
-use spinney::store::autumnal::Note;
-use spinney::store::goblin::Goblin;
-use spinney::store::{FileReference, Metadata, WriteOptions};
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, Rule, SampleType, ValueType};
+use spinney::edit::{Edit, FillRegion, Note, edit};
+use spinney::raw::ops::add_layer;
+use spinney::raw::store::FileReference;
+use spinney::raw::store::goblin::Goblin;
+use spinney::{
+    Bounds, Code, DataKind, Dimension, FileView, Frame, Metadata, Output, Rule, SampleType, TreeType,
+    ValueType, WriteOptions, convert,
+};
 
 use super::attack_goblin::{Field, HEADER_FIELDS, LAYER_FIELDS, TREE_FIELDS, changed, fields};
 use crate::common::command::{is_alone, own_peak_memory};

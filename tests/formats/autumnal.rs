@@ -2,15 +2,15 @@
 
 use std::path::Path;
 
-use spinney::dataset::{self, Dataset};
-use spinney::io::Output;
-use spinney::ops::convert;
 use spinney::query::Condition;
-use spinney::space::{Bounds, Code, Dimension};
-use spinney::store::autumnal::Autumnal;
-use spinney::store::{OpenOptions, WriteOptions, build_tree};
-use spinney::tree::{Child, MemTree, Source, TreeType};
-use spinney::value::{DataKind, Number, Rule, SampleType};
+use spinney::raw::dataset;
+use spinney::raw::store::autumnal::Autumnal;
+use spinney::raw::store::build_tree;
+use spinney::tree::{Child, MemTree, Source};
+use spinney::{
+    Bounds, Code, DataKind, Dataset, Dimension, Number, OpenOptions, Output, Rule, SampleType, TreeType,
+    WriteOptions, convert,
+};
 
 use crate::common::{
     self, CLASSIC, Cells, OCT, QUAD, Random, byte, children, goblin_bytes, made, oct, options, quad,

@@ -2,17 +2,15 @@
 
 use std::path::Path;
 
-use spinney::Error;
-use spinney::dataset;
-use spinney::io::Output;
-use spinney::ops::{
-    CombineOperation, Edit, FileView, FillRegion, TreeFile, apply_edits, convert, diff_files, edit,
+use spinney::edit::{Edit, Editor, FillRegion, Note, edit};
+use spinney::query::Polygon;
+use spinney::raw::dataset;
+use spinney::raw::ops::{TreeFile, apply_edits, diff_files};
+use spinney::raw::store::autumnal::{Autumnal, CompactOptions, History, Keep, compact};
+use spinney::{
+    Bounds, CombineOperation, DataKind, Dimension, Error, FileView, OpenOptions, Output, Rule, SampleType,
+    TreeType, Value, WriteOptions, convert,
 };
-use spinney::space::{Bounds, Dimension, Polygon};
-use spinney::store::autumnal::{Autumnal, CompactOptions, Editor, History, Keep, Note, compact};
-use spinney::store::{OpenOptions, WriteOptions};
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, Rule, SampleType, Value};
 
 use crate::common::{
     self, Cells, OCT, QUAD, Random, assert_same, cells_of, goblin_bytes, made, oct, quad, same_trees,
@@ -355,10 +353,10 @@ fn pieces_of_other_commits_are_kept_not_copied() {
     let changes = folder.path().join("changes.goblin");
     let files = [format!("{}@1", path.display()).into(), path.clone()];
     let output = Output::create(&changes).unwrap();
-    spinney::ops::combine(
+    spinney::combine(
         CombineOperation::Changed,
         None,
-        spinney::ops::Universe::Usual,
+        spinney::Universe::Usual,
         &files,
         output,
         WriteOptions::new(MEMORY),

@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::io::Output;
-use spinney::ops::{Edit, FileView, FillRegion, convert, edit};
-use spinney::space::{Bounds, Code, Dimension};
-use spinney::store::autumnal::{Autumnal, CompactOptions, History, Keep, Note, compact, recover};
-use spinney::store::{OpenOptions, WriteOptions};
-use spinney::value::{DataKind, Rule, SampleType, Value};
+use spinney::edit::{Edit, FillRegion, Note, edit};
+use spinney::raw::store::autumnal::{Autumnal, CompactOptions, History, Keep, compact, recover};
+use spinney::{
+    Bounds, Code, DataKind, Dimension, FileView, OpenOptions, Output, Rule, SampleType, Value, WriteOptions,
+    convert,
+};
 use tempfile::TempDir;
 
 use super::crafted::{encoded, head};

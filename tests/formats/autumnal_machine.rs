@@ -7,14 +7,14 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::sync::Mutex;
 
-use spinney::dataset;
-use spinney::io::Output;
-use spinney::ops::{Edit, apply_edits, convert, edit};
-use spinney::store::autumnal::{Autumnal, CompactOptions, Editor, History, Keep, Note, compact};
-use spinney::store::{Effort, OpenOptions, WriteOptions};
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, Rule, SampleType};
-use spinney::{Error, Progress};
+use spinney::edit::{Edit, Editor, Note, edit};
+use spinney::raw::dataset;
+use spinney::raw::ops::apply_edits;
+use spinney::raw::store::Effort;
+use spinney::raw::store::autumnal::{Autumnal, CompactOptions, History, Keep, compact};
+use spinney::{
+    DataKind, Error, OpenOptions, Output, Progress, Rule, SampleType, TreeType, WriteOptions, convert,
+};
 use tempfile::TempDir;
 
 use super::autumnal_edits::{random_edit, write};

@@ -6,13 +6,10 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use spinney::dataset::open;
-use spinney::io::Output;
-use spinney::ops::{Edit, FillRegion, convert, edit};
-use spinney::space::{Bounds, Code, Dimension};
-use spinney::store::WriteOptions;
-use spinney::store::autumnal::{Autumnal, Editor, Note};
-use spinney::value::{DataKind, Rule};
+use spinney::edit::{Edit, Editor, FillRegion, Note, edit};
+use spinney::raw::dataset::open;
+use spinney::raw::store::autumnal::Autumnal;
+use spinney::{Bounds, Code, DataKind, Dimension, Output, Rule, WriteOptions, convert};
 use tempfile::TempDir;
 
 use crate::common::{QUAD, Random, as_byte, byte, goblin_bytes, made};

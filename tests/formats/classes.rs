@@ -2,15 +2,15 @@
 
 use std::path::Path;
 
-use spinney::dataset::{self, Dataset};
-use spinney::io::Output;
-use spinney::ops::{Edit, apply_edits, convert};
-use spinney::space::Bounds;
-use spinney::store::autumnal::{Autumnal, Note};
-use spinney::store::goblin::Goblin;
-use spinney::store::{OpenOptions, WriteOptions};
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, Number, Rule, SampleType, Value};
+use spinney::edit::{Edit, Note};
+use spinney::raw::dataset;
+use spinney::raw::ops::apply_edits;
+use spinney::raw::store::autumnal::Autumnal;
+use spinney::raw::store::goblin::Goblin;
+use spinney::{
+    Bounds, DataKind, Dataset, Number, OpenOptions, Output, Rule, SampleType, TreeType, Value, WriteOptions,
+    convert,
+};
 
 use super::counted::CountedFile;
 use crate::common::{Cells, assert_same, cells_of, made, options, quad, same_trees, write_cells};

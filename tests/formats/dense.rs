@@ -2,15 +2,15 @@
 
 use std::sync::Arc;
 
-use spinney::dataset::Dataset;
-use spinney::io::Output;
-use spinney::ops::{self, CombineOperation, Prefer, View, ViewSource};
 use spinney::query::Condition;
-use spinney::space::{Bounds, Code, Dimension};
-use spinney::store::WriteOptions;
-use spinney::store::goblin::Goblin;
-use spinney::tree::{Child, MemTree, Source, TreeType, df};
-use spinney::value::{DataKind, Rule, SampleType, Value};
+use spinney::raw::ops::{self, Prefer, View, ViewSource};
+use spinney::raw::store::goblin::Goblin;
+use spinney::raw::tree::df;
+use spinney::tree::{Child, MemTree, Source};
+use spinney::{
+    Bounds, Code, CombineOperation, DataKind, Dataset, Dimension, Output, Rule, SampleType, TreeType, Value,
+    WriteOptions,
+};
 
 use crate::common::reference::{self, Cut};
 use crate::common::{
@@ -342,10 +342,22 @@ fn conversion_there_and_back_gives_the_same_bytes() {
                 let path = |name: &str| folder.path().join(name);
                 std::fs::write(path("a.goblin"), &bytes).unwrap();
                 let output = |name| Output::create(&path(name)).unwrap();
-                ops::convert(&path("a.goblin"), share, output("b.autumn"), WriteOptions::new(1 << 24), &())
-                    .unwrap();
-                ops::convert(&path("b.autumn"), false, output("c.goblin"), WriteOptions::new(1 << 24), &())
-                    .unwrap();
+                spinney::convert(
+                    &path("a.goblin"),
+                    share,
+                    output("b.autumn"),
+                    WriteOptions::new(1 << 24),
+                    &(),
+                )
+                .unwrap();
+                spinney::convert(
+                    &path("b.autumn"),
+                    false,
+                    output("c.goblin"),
+                    WriteOptions::new(1 << 24),
+                    &(),
+                )
+                .unwrap();
                 assert!(std::fs::read(path("c.goblin")).unwrap() == bytes, "{form} {content:?}");
             }
         }

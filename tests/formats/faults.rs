@@ -6,17 +6,16 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use spinney::dataset::open;
-use spinney::export::image::{ImageSpec, create, format_of};
-use spinney::export::mesh::{MeshFormat, MeshRequest, export_mesh};
-use spinney::export::{CogRequest, export_cog};
-use spinney::io::{Faults, Output};
-use spinney::ops::{Edit, FillRegion, convert, edit};
-use spinney::space::Bounds;
-use spinney::store::autumnal::{CompactOptions, Keep, Note, compact};
-use spinney::store::{OpenOptions, WriteOptions, build_slabs};
-use spinney::value::{DataKind, Rule, SampleType, ValueType};
-use spinney::{Error, Result};
+use spinney::edit::{Edit, FillRegion, Note, edit};
+use spinney::export::{CogRequest, MeshFormat, MeshRequest, export_cog, export_mesh};
+use spinney::raw::dataset::open;
+use spinney::raw::export::image::{ImageSpec, create, format_of};
+use spinney::raw::io::Faults;
+use spinney::raw::store::autumnal::{CompactOptions, Keep, compact};
+use spinney::tree::build_slabs;
+use spinney::{
+    Bounds, DataKind, Error, OpenOptions, Output, Result, Rule, SampleType, ValueType, WriteOptions, convert,
+};
 
 use crate::common::{Cells, OCT, QUAD, Random, options, value, write_cells};
 

@@ -2,9 +2,8 @@
 
 use std::path::Path;
 
-use spinney::import::raster::{self, Pixels, RasterInfo, RasterOptions};
-use spinney::space::Region;
-use spinney::value::{DataKind, SampleType};
+use spinney::raw::import::raster::{self, Pixels, RasterInfo, RasterOptions};
+use spinney::{DataKind, Region, SampleType};
 
 use crate::frozen_files as frozen;
 use crate::island::{self, COLOURS, HEIGHT, WIDTH};

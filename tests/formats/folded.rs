@@ -4,15 +4,12 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use spinney::Error;
-use spinney::dataset::Dataset;
-use spinney::io::Output;
-use spinney::ops::{
-    CombineOperation, Differences, FileView, Universe, combine, convert, diff_files, differences, transform,
+use spinney::raw::ops::{Differences, diff_files, differences};
+use spinney::raw::store::autumnal::{Autumnal, CompactOptions, Keep, compact};
+use spinney::{
+    Bounds, CombineOperation, Dataset, Error, FileView, OpenOptions, Output, Universe, WriteOptions, combine,
+    convert, transform,
 };
-use spinney::space::Bounds;
-use spinney::store::autumnal::{Autumnal, CompactOptions, Keep, compact};
-use spinney::store::{OpenOptions, WriteOptions};
 
 use super::autumnal_hostile::{folded, folded_of, full};
 use super::counted::CountedFile;

@@ -3,14 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use spinney::brep::query::Location;
-use spinney::brep::{ExactModel, Face, Grid, ModelBuilder};
-use spinney::io::Output;
-use spinney::space::{Code, Dimension};
-use spinney::store::goblin::Goblin;
-use spinney::store::{BuildOptions, Effort, Metadata, Packing, WriteOptions, build_tree};
+use spinney::brep::{Face, Grid, Location};
+use spinney::raw::brep::ModelBuilder;
+use spinney::raw::store::goblin::Goblin;
+use spinney::raw::store::{Effort, Packing, build_tree};
 use spinney::tree::MemTree;
-use spinney::value::{DataKind, Rule};
+use spinney::{BuildOptions, Code, DataKind, Dimension, ExactModel, Metadata, Output, Rule, WriteOptions};
 
 use crate::common::reference::{self, Cut};
 use crate::common::{QUAD, byte};
@@ -112,7 +110,7 @@ fn the_dumps_of_pointered_records_are_what_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("classic.autumn");
     let goblin = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/classic.goblin");
-    spinney::ops::convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(1 << 20), &())
+    spinney::convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(1 << 20), &())
         .unwrap();
     let is_end = |file: &[u8], length: usize| {
         // The extent ends there, and the dump has all of it.

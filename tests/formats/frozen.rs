@@ -2,16 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::Result;
-use spinney::brep::query::{Location, MassProperties};
-use spinney::brep::topology::Topology;
-use spinney::brep::{ExactModel, FaceBuffer, Faces};
-use spinney::space::Code;
-use spinney::store::autumnal::{Autumnal, History};
-use spinney::store::goblin::Goblin;
-use spinney::store::{Codec, Header, OpenOptions};
-use spinney::tree::{MemTree, TreeType};
-use spinney::value::{DataKind, DoubleDouble, Rule, SampleType, Sums, Value, ValueType};
+use spinney::brep::{FaceBuffer, Faces, Location, MassProperties};
+use spinney::raw::brep::topology::Topology;
+use spinney::raw::store::autumnal::{Autumnal, History};
+use spinney::raw::store::goblin::Goblin;
+use spinney::raw::value::{DoubleDouble, Sums};
+use spinney::tree::MemTree;
+use spinney::{
+    Code, Codec, DataKind, ExactModel, Header, OpenOptions, Result, Rule, SampleType, TreeType, Value,
+    ValueType,
+};
 
 use crate::common::{OCT, QUAD, byte, quad};
 use crate::frozen_files as frozen;

@@ -1,9 +1,9 @@
 //! Goblin files against the tree in memory: build, read, verify, for both dimensions and all types.
 
-use spinney::space::{Code, Dimension};
-use spinney::store::goblin::Goblin;
-use spinney::tree::{Child, Source, TreeType};
-use spinney::value::{DataKind, Rule, SampleType, Sums, Value};
+use spinney::raw::store::goblin::Goblin;
+use spinney::raw::value::Sums;
+use spinney::tree::{Child, Source};
+use spinney::{Code, DataKind, Dimension, Rule, SampleType, TreeType, Value};
 
 use crate::common::{
     Cells, OCT, QUAD, as_byte, byte, cells_below, children, goblin, goblin_bytes, goblin_from_tree,

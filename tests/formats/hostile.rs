@@ -4,16 +4,14 @@ use std::io::Write;
 use std::sync::{Arc, LazyLock};
 use std::time::{Duration, Instant};
 
-use spinney::dataset::Dataset;
-use spinney::io::Output;
-use spinney::ops::{self, AffineMap, Axis, CombineOperation, Combined, Sampling, View, ViewSource};
 use spinney::query::Condition;
-use spinney::space::Bounds;
-use spinney::store::OpenOptions;
-use spinney::store::goblin::Goblin;
+use spinney::raw::ops::{self, AffineMap, Axis, Combined, Sampling, View, ViewSource};
+use spinney::raw::store::goblin::Goblin;
 use spinney::tree::{Child, MemTree, Source};
-use spinney::value::{DataKind, Number, Rule, SampleType};
-use spinney::{Error, Result, SetOperation};
+use spinney::{
+    Bounds, CombineOperation, DataKind, Dataset, Error, Number, OpenOptions, Output, Result, Rule,
+    SampleType, SetOperation,
+};
 
 use crate::common::command::{is_alone, own_peak_memory};
 use crate::common::reference::{self, Cut};

@@ -2,15 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::dataset::Dataset;
-use spinney::io::Output;
-use spinney::ops::{self, Edit, FileView, FillRegion};
-use spinney::space::{Bounds, Code, Dimension, Frame};
-use spinney::store::autumnal::{Autumnal, History, Note};
-use spinney::store::goblin::Goblin;
-use spinney::store::{FileReference, Metadata, OpenOptions, TreeWriter, WriteOptions};
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, Rule, SampleType, ValueType};
+use spinney::edit::{Edit, FillRegion, Note};
+use spinney::raw::ops;
+use spinney::raw::store::autumnal::{Autumnal, History};
+use spinney::raw::store::goblin::Goblin;
+use spinney::raw::store::{FileReference, TreeWriter};
+use spinney::{
+    Bounds, Code, DataKind, Dataset, Dimension, FileView, Frame, Metadata, OpenOptions, Output, Rule,
+    SampleType, TreeType, ValueType, WriteOptions,
+};
 
 use crate::common::command::{is_alone, own_peak_memory};
 use crate::common::reference::{self, Cut};
@@ -123,7 +123,7 @@ fn each_layer_is_the_tree_that_it_would_be_alone() {
             assert!(file.layer("no such").is_err());
         }
         // To the other format and back: the same bytes.
-        ops::convert(&autumn, false, Output::create(&back).unwrap(), WriteOptions::new(1 << 24), &())
+        spinney::convert(&autumn, false, Output::create(&back).unwrap(), WriteOptions::new(1 << 24), &())
             .unwrap();
         assert!(std::fs::read(&back).unwrap() == bytes);
     }
@@ -136,7 +136,7 @@ fn bytes_do_not_depend_on_the_order_of_the_input() {
     let [rows, tree] = ["rows.goblin", "tree.goblin"].map(|name| folder.path().join(name));
     // In bands of rows, which is not the order of the file, and node by node.
     std::fs::write(&rows, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
-    ops::convert(&rows, false, Output::create(&tree).unwrap(), WriteOptions::new(1 << 24), &()).unwrap();
+    spinney::convert(&rows, false, Output::create(&tree).unwrap(), WriteOptions::new(1 << 24), &()).unwrap();
     assert!(std::fs::read(&rows).unwrap() == std::fs::read(&tree).unwrap());
 }
 
@@ -218,7 +218,7 @@ fn edits_of_one_layer_leave_the_others() {
     let name = FileReference::of(&path).of_layer("layer 1");
     let bounds = Bounds { min: [3, 4, 0], max: [40, 30, 1] };
     let fill = || Ok(Edit::Fill(FillRegion::Box(bounds), None));
-    ops::edit(&name, [fill()], Note::default(), 1 << 24, &()).unwrap().unwrap();
+    spinney::edit::edit(&name, [fill()], Note::default(), 1 << 24, &()).unwrap().unwrap();
     // (A file of several layers is edited by the layer's name.)
     let file = spinney::open(&path).unwrap();
     assert_eq!(file.verify(1 << 24, &()).unwrap(), []);
@@ -235,15 +235,15 @@ fn edits_of_one_layer_leave_the_others() {
     assert!(commits.iter().all(|commit| commit.layers().len() == 3));
     assert!(commits[0].written.bytes < commits[1].written.bytes / 4, "{commits:?}");
     // Back to the first: one layer is what it was.
-    ops::edit(&name, [Ok(Edit::Revert(1))], Note::default(), 1 << 24, &()).unwrap().unwrap();
+    spinney::edit::edit(&name, [Ok(Edit::Revert(1))], Note::default(), 1 << 24, &()).unwrap().unwrap();
     assert!(windows(&layer_of(&path, 1)) == before[1]);
     // Compacted, with all layers.
     let compact = folder.path().join("c.autumn");
-    let keep = spinney::store::autumnal::Keep::Last(2);
+    let keep = spinney::raw::store::autumnal::Keep::Last(2);
     let output = Output::create(&compact).unwrap();
-    spinney::store::autumnal::compact(
+    spinney::raw::store::autumnal::compact(
         &path,
-        &spinney::store::autumnal::CompactOptions::new(&keep, 1 << 24),
+        &spinney::raw::store::autumnal::CompactOptions::new(&keep, 1 << 24),
         output,
         &(),
     )

@@ -7,15 +7,14 @@ use std::process::Command;
 use std::sync::Arc;
 use std::time::Instant;
 
-use spinney::dataset::Dataset;
-use spinney::io::Output;
-use spinney::ops::{Edit, apply_edits};
-use spinney::space::{Dimension, Frame};
-use spinney::store::autumnal::{Autumnal, Editor, Note};
-use spinney::store::{Header, Metadata, TreeWriter, WriteOptions};
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, Rule, SampleType};
-use spinney::{Error, Result};
+use spinney::edit::{Edit, Editor, Note};
+use spinney::raw::ops::apply_edits;
+use spinney::raw::store::TreeWriter;
+use spinney::raw::store::autumnal::Autumnal;
+use spinney::{
+    DataKind, Dataset, Dimension, Error, Frame, Header, Metadata, Output, Result, Rule, SampleType, TreeType,
+    WriteOptions,
+};
 
 use crate::common::{Cells, QUAD, Random, assert_same, cells_of, goblin, options, quad, value, write_cells};
 use crate::targets::disk::{Disk, Event, put};
@@ -288,7 +287,7 @@ fn whole(path: &Path) -> Vec<(String, Cells)> {
     let mut findings = file.verify(1 << 24, &()).unwrap();
     findings.retain(|finding| !finding.place.contains("meta slot"));
     assert_eq!(findings, [], "{}", path.display());
-    let layer = |layer: spinney::ops::LayerInfo| {
+    let layer = |layer: spinney::raw::ops::LayerInfo| {
         let tree = file.layer(&layer.name).unwrap();
         let cells = cells_of(&tree.as_file().unwrap(), layer.header.extent);
         (layer.name, cells)
@@ -349,9 +348,16 @@ fn killed_programs_leave_all_layers_or_none_of_a_change() {
         // (How many are killed in time depends on the machine.)
         println!("{name}: {killed} of 24 were killed, {changes} changed something");
         // Whatever a killed one has left does not keep the next one away.
-        let added = spinney::ops::FileView::of(&other);
-        spinney::ops::add_layer(&path, "at last", &added, Note::default(), WriteOptions::new(1 << 24), &())
-            .unwrap();
+        let added = spinney::FileView::of(&other);
+        spinney::raw::ops::add_layer(
+            &path,
+            "at last",
+            &added,
+            Note::default(),
+            WriteOptions::new(1 << 24),
+            &(),
+        )
+        .unwrap();
         assert!(whole(&path).iter().any(|(name, _)| name == "at last"));
     }
 }

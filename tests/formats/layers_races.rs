@@ -6,15 +6,15 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use spinney::Error;
-use spinney::dataset::{Dataset, open};
-use spinney::io::Output;
-use spinney::ops::{Edit, FileView, FillRegion, add_layer, apply_edits, drop_layer, edit};
-use spinney::space::{Bounds, Dimension, Frame};
-use spinney::store::autumnal::{CompactOptions, Editor, Keep, Note, compact};
-use spinney::store::{FileReference, Metadata, OpenOptions, TreeWriter, WriteOptions};
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, Number, Rule, SampleType};
+use spinney::edit::{Edit, Editor, FillRegion, Note, edit};
+use spinney::raw::dataset::open;
+use spinney::raw::ops::{add_layer, apply_edits, drop_layer};
+use spinney::raw::store::autumnal::{CompactOptions, Keep, compact};
+use spinney::raw::store::{FileReference, TreeWriter};
+use spinney::{
+    Bounds, DataKind, Dataset, Dimension, Error, FileView, Frame, Metadata, Number, OpenOptions, Output,
+    Rule, SampleType, TreeType, WriteOptions,
+};
 use tempfile::TempDir;
 
 use crate::common::command::stdout;

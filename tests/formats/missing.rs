@@ -2,13 +2,13 @@
 
 use std::path::Path;
 
-use spinney::dataset::Dataset;
-use spinney::io::Output;
-use spinney::ops::{self, ViewStep};
-use spinney::space::{Bounds, Dimension};
-use spinney::store::{BuildOptions, WriteOptions, build_slabs};
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, Mask, Number, Rule, SampleType, Value, ValueType};
+use spinney::raw::ops;
+use spinney::raw::value::Mask;
+use spinney::tree::build_slabs;
+use spinney::{
+    Bounds, BuildOptions, DataKind, Dataset, Dimension, Number, Output, Rule, SampleType, TreeType, Value,
+    ValueType, ViewStep, WriteOptions,
+};
 
 use crate::common::{Cells, Random};
 
@@ -163,7 +163,7 @@ fn trees_of_such_values_stay_such() {
     let tree = write(&path("a.goblin"), &cells, Rule::Mean);
     assert_eq!(tree.header().form.value.mask, Mask::Missing([9, 0, 0, 0, 0, 0, 0, 0]));
     // There and back.
-    ops::convert(
+    spinney::convert(
         &path("a.goblin"),
         false,
         Output::create(&path("b.autumn")).unwrap(),
@@ -171,7 +171,7 @@ fn trees_of_such_values_stay_such() {
         &(),
     )
     .unwrap();
-    ops::convert(
+    spinney::convert(
         &path("b.autumn"),
         false,
         Output::create(&path("c.goblin")).unwrap(),
@@ -203,9 +203,17 @@ fn what_is_computed_is_missing_where_one_sample_is() {
         write(tree, model, Rule::Mean);
     }
     let output = Output::create(&path("c.goblin")).unwrap();
-    let usual = ops::Universe::Usual;
-    ops::combine(ops::CombineOperation::Max, None, usual, &trees, output, WriteOptions::new(64 << 20), &())
-        .unwrap();
+    let usual = spinney::Universe::Usual;
+    spinney::combine(
+        spinney::CombineOperation::Max,
+        None,
+        usual,
+        &trees,
+        output,
+        WriteOptions::new(64 << 20),
+        &(),
+    )
+    .unwrap();
     let tree = spinney::open(path("c.goblin")).unwrap();
     assert!(tree.verify(64 << 20, &()).unwrap().is_empty());
     let value_type = models[0].form.value;

@@ -1,8 +1,8 @@
 //! Verification of exact models: single things of honest files changed, with right checksums, are found, each as what it is; and what
 //! verification takes for good gives results that it takes for good.
 
-use spinney::brep::{ExactModel, combine};
-use spinney::io::Output;
+use spinney::brep::combine;
+use spinney::{ExactModel, Output};
 
 use super::attack_model::{CROSSINGS, house, one_leaf, tetrahedron};
 use crate::common::Random;
@@ -182,7 +182,7 @@ fn what_is_good_gives_what_is_good() {
                 operation,
                 &models,
                 Output::create(&target).unwrap(),
-                spinney::store::Codec::Plain,
+                spinney::Codec::Plain,
                 16 << 20,
                 &(),
             ) {

@@ -4,17 +4,18 @@ use std::path::PathBuf;
 use std::sync::{Arc, LazyLock};
 use std::time::{Duration, Instant};
 
-use spinney::dataset::Dataset;
-use spinney::io::{Output, RangeCache};
-use spinney::ops::{self, CombineOperation, FileView, Universe};
-use spinney::query::{ContourLevels, ContourRequest, LabelRequest, PointSamples, PolygonRequest};
-use spinney::space::{Bounds, Dimension};
-use spinney::store::autumnal::Note;
-use spinney::store::goblin::{Goblin, LevelBytes};
-use spinney::store::{BuildOptions, Codec, Effort, OpenOptions, Packing, WriteOptions, build_slabs};
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, Rule, SampleType};
-use spinney::{Error, dataset};
+use spinney::edit::Note;
+use spinney::query::{ContourLevels, ContourRequest, PointSamples, PolygonRequest};
+use spinney::raw::io::RangeCache;
+use spinney::raw::query::LabelRequest;
+use spinney::raw::store::goblin::{Goblin, LevelBytes};
+use spinney::raw::store::{Effort, Packing};
+use spinney::raw::{dataset, ops};
+use spinney::tree::build_slabs;
+use spinney::{
+    Bounds, BuildOptions, Codec, CombineOperation, DataKind, Dataset, Dimension, Error, FileView,
+    OpenOptions, Output, Rule, SampleType, TreeType, Universe, WriteOptions,
+};
 
 use super::attack_goblin::{TREE_FIELDS, changed, fields};
 use super::hostile::truncate_and_flip;
@@ -37,7 +38,7 @@ fn converted(bytes: &[u8], how: WriteOptions) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let [from, to] = ["from.goblin", "to.goblin"].map(|name| folder.path().join(name));
     std::fs::write(&from, bytes).unwrap();
-    ops::convert(&from, false, Output::create(&to).unwrap(), how, &()).unwrap();
+    spinney::convert(&from, false, Output::create(&to).unwrap(), how, &()).unwrap();
     std::fs::read(&to).unwrap()
 }
 
@@ -244,10 +245,10 @@ fn operations_make_the_same_of_packed_files() {
         // (The first file by every step, each of the others by one.)
         let numbers = if number == 0 { 0..3 } else { number - 1..number };
         for step in &[None, Some(shift), Some("scale=0.5")][numbers] {
-            let steps: Vec<ops::ViewStep> = step.iter().map(|step| step.parse().unwrap()).collect();
+            let steps: Vec<spinney::ViewStep> = step.iter().map(|step| step.parse().unwrap()).collect();
             let make = |name: &str, how| {
                 let chain = FileView { steps: steps.clone(), ..FileView::of(&path(name)) };
-                ops::transform(&chain, create("out.goblin"), how, &()).unwrap();
+                spinney::transform(&chain, create("out.goblin"), how, &()).unwrap();
                 cells_of("out.goblin")
             };
             let [plain, packed] = [WriteOptions::new(MEMORY), packing(Effort::Fast)];
@@ -262,7 +263,7 @@ fn operations_make_the_same_of_packed_files() {
                 |names| {
                     let files: Vec<PathBuf> = names.map(path).to_vec();
                     let how = packing(Effort::Small);
-                    let outcome = ops::combine(
+                    let outcome = spinney::combine(
                         operation,
                         None,
                         Universe::Usual,
@@ -325,7 +326,7 @@ fn layers_are_copied_as_they_are() {
     }
     // Whoever converts is asked.
     let how = WriteOptions::new(MEMORY);
-    ops::convert(&path("a.goblin"), false, Output::create(&path("c.goblin")).unwrap(), how, &()).unwrap();
+    spinney::convert(&path("a.goblin"), false, Output::create(&path("c.goblin")).unwrap(), how, &()).unwrap();
     let all = dataset::open(&path("c.goblin"), &OpenOptions::new()).unwrap();
     assert!(all.layers().unwrap().iter().all(|layer| layer.header.codec == Codec::Plain));
     ops::drop_layer(&path("a.goblin"), "plain", Note::default(), MEMORY, &()).unwrap();
@@ -341,7 +342,7 @@ fn history_is_not_packed() {
     std::fs::write(path("a.goblin"), goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
     let create = || Output::create(&path("a.autumn")).unwrap();
     let how = packing(Effort::Fast);
-    let converted = ops::convert(&path("a.goblin"), false, create(), how, &());
+    let converted = spinney::convert(&path("a.goblin"), false, create(), how, &());
     let options = BuildOptions::new(DataKind::Continuous, 7).packing(how.packing);
     let nodata = Some(value(QUAD.value, 250));
     let built = build_slabs(QUAD, &mut cells.slabs(value(QUAD.value, 250)), nodata, &options, create(), &());
@@ -350,12 +351,12 @@ fn history_is_not_packed() {
         assert!(text.contains("compact") && text.contains(".goblin"), "{text}");
         assert!(!path("a.autumn").exists());
     }
-    ops::convert(&path("a.goblin"), false, create(), WriteOptions::new(MEMORY), &()).unwrap();
+    spinney::convert(&path("a.goblin"), false, create(), WriteOptions::new(MEMORY), &()).unwrap();
     let chain = FileView::of(&path("a.goblin"));
     let added = ops::add_layer(&path("a.autumn"), "more", &chain, Note::default(), how, &());
     assert!(matches!(added, Err(Error::Unsupported { .. })));
     // From there it can be.
-    ops::convert(&path("a.autumn"), false, Output::create(&path("b.goblin")).unwrap(), how, &()).unwrap();
+    spinney::convert(&path("a.autumn"), false, Output::create(&path("b.goblin")).unwrap(), how, &()).unwrap();
     assert!(std::fs::read(path("b.goblin")).unwrap() == packed(&std::fs::read(path("a.goblin")).unwrap()));
 }
 

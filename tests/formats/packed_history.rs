@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use spinney::dataset;
-use spinney::io::Output;
-use spinney::ops::{Edit, FileView, FillRegion, add_layer, convert, edit};
-use spinney::space::Bounds;
-use spinney::store::autumnal::{Autumnal, CompactOptions, History, Keep, Note, compact};
-use spinney::store::{Effort, OpenOptions, WriteOptions};
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, Rule, SampleType};
+use spinney::edit::{Edit, FillRegion, Note, edit};
+use spinney::raw::dataset;
+use spinney::raw::ops::add_layer;
+use spinney::raw::store::Effort;
+use spinney::raw::store::autumnal::{Autumnal, CompactOptions, History, Keep, compact};
+use spinney::{
+    Bounds, DataKind, FileView, OpenOptions, Output, Rule, SampleType, TreeType, WriteOptions, convert,
+};
 
 use super::autumnal_edits::{random_edit, write};
 use crate::common::{Cells, OCT, QUAD, Random, assert_same, cells_of, goblin_bytes, oct, quad, same_trees};

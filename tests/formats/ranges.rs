@@ -5,15 +5,16 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::{Arc, LazyLock, Mutex};
 
-use spinney::dataset::Dataset;
-use spinney::io::batch::{run_batched, try_once};
-use spinney::io::{Fetch, Output, RangeCache, RangeFile};
-use spinney::query::{Condition, PointSamples, ZonalRequest, ZoneMeasure};
-use spinney::space::{Bounds, Code, Dimension, EdgeRule, Polygon};
-use spinney::store::goblin::Goblin;
-use spinney::store::{ByteSource, OpenOptions, WriteOptions};
-use spinney::value::{DataKind, Rule, SampleType};
-use spinney::{Error, Result, ops};
+use spinney::query::{Condition, EdgeRule, PointSamples, Polygon, ZonalRequest, ZoneMeasure};
+use spinney::raw::io::batch::{run_batched, try_once};
+use spinney::raw::io::{Fetch, RangeCache, RangeFile};
+use spinney::raw::ops;
+use spinney::raw::store::ByteSource;
+use spinney::raw::store::goblin::Goblin;
+use spinney::{
+    Bounds, Code, DataKind, Dataset, Dimension, Error, OpenOptions, Output, Result, Rule, SampleType,
+    WriteOptions,
+};
 
 use crate::common::{BYTE, Cells, QUAD, Random, goblin_bytes, oct, quad};
 
@@ -74,7 +75,7 @@ fn window(tree: &Dataset, level: u8) -> Result<(Vec<u8>, Vec<bool>)> {
     Ok((values, valid))
 }
 
-fn points(tree: &Dataset) -> Result<Vec<Option<spinney::value::Value>>> {
+fn points(tree: &Dataset) -> Result<Vec<Option<spinney::Value>>> {
     let mut random = Random(7);
     let size = tree.header().extent;
     let cells: Vec<[u64; 3]> = (0..2000).map(|_| size.map(|cells| random.below(cells + 1))).collect();
@@ -159,8 +160,8 @@ fn all_questions_have_the_same_answers_wherever_the_file_is() {
     for (number, bytes) in files.iter().enumerate() {
         let path = folder.path().join(format!("{number}.goblin"));
         std::fs::write(&path, &**bytes).unwrap();
-        let mapped = spinney::dataset::open(&path, &OpenOptions::new()).unwrap();
-        let positioned = spinney::dataset::open(&path, &OpenOptions::new().positioned(1 << 20)).unwrap();
+        let mapped = spinney::raw::dataset::open(&path, &OpenOptions::new()).unwrap();
+        let positioned = spinney::raw::dataset::open(&path, &OpenOptions::new().positioned(1 << 20)).unwrap();
         for (name, question) in questions() {
             let expected = question(&mapped).map_err(|error| error.to_string());
             let same = question(&positioned).map_err(|error| error.to_string());
@@ -181,13 +182,14 @@ fn autumnal_files_are_read_in_few_rounds() {
     let folder = tempfile::tempdir().unwrap();
     let [goblin, path] = ["a.goblin", "a.autumn"].map(|name| folder.path().join(name));
     std::fs::write(&goblin, &**large()).unwrap();
-    ops::convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(64 << 20), &()).unwrap();
+    spinney::convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(64 << 20), &())
+        .unwrap();
     let bytes = Arc::new(std::fs::read(&path).unwrap());
-    let near = spinney::dataset::open(&path, &OpenOptions::new()).unwrap();
+    let near = spinney::raw::dataset::open(&path, &OpenOptions::new()).unwrap();
     let open = |cache: u64| {
         let (file, rounds) = far(&bytes, cache);
         let source = ByteSource::new(move |_| Ok(Box::new(file.clone())));
-        let tree = spinney::dataset::open(Path::new("far"), &OpenOptions::new().source(source));
+        let tree = spinney::raw::dataset::open(Path::new("far"), &OpenOptions::new().source(source));
         (tree, rounds)
     };
     for (name, question) in questions() {

@@ -1,14 +1,14 @@
 //! Cells that are rounded when a tree is written.
 
-use spinney::dataset::Dataset;
-use spinney::io::Output;
-use spinney::ops::{self, FileView};
-use spinney::space::{Code, Dimension};
-use spinney::store::autumnal::Note;
-use spinney::store::goblin::Goblin;
-use spinney::store::{BuildOptions, FileReference, OpenOptions, Packing, WriteOptions, build_tree};
-use spinney::tree::{MemTree, TreeType};
-use spinney::value::{DataKind, Rule, SampleType, Value, ValueType};
+use spinney::edit::Note;
+use spinney::raw::ops;
+use spinney::raw::store::goblin::Goblin;
+use spinney::raw::store::{FileReference, Packing, build_tree};
+use spinney::tree::MemTree;
+use spinney::{
+    BuildOptions, Code, DataKind, Dataset, Dimension, FileView, OpenOptions, Output, Rule, SampleType,
+    TreeType, Value, ValueType, WriteOptions,
+};
 
 use crate::common::{Cells, as_byte, bytes_of, options, value_types, with, write_cells};
 
@@ -83,11 +83,11 @@ fn cells_are_rounded_before_all_else() {
             let [from, to] = ["a.goblin", "b.goblin"].map(|name| folder.path().join(name));
             std::fs::write(&from, exact).unwrap();
             let how = WriteOptions::new(1 << 20).packing(packing);
-            ops::convert(&from, false, Output::create(&to).unwrap(), how, &()).unwrap();
+            spinney::convert(&from, false, Output::create(&to).unwrap(), how, &()).unwrap();
             assert!(std::fs::read(&to).unwrap() == expected, "{form}, {rule}, {most} of a tree");
             // Once more changes nothing but what is said of it.
             let again = folder.path().join("c.goblin");
-            ops::convert(&to, false, Output::create(&again).unwrap(), how, &()).unwrap();
+            spinney::convert(&to, false, Output::create(&again).unwrap(), how, &()).unwrap();
             let again = Goblin::open(&again, &OpenOptions::new()).unwrap();
             assert_eq!(again.metadata().tags["max_error"], (2.0 * most).to_string());
             assert_eq!(again.root_child(), tree.root_child());

@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use spinney::io::Output;
-use spinney::ops::convert;
-use spinney::space::{Bounds, Code, Dimension};
-use spinney::store::WriteOptions;
-use spinney::tree::{Child, MemTree, Source, TreeType};
-use spinney::value::{DataKind, Number, Rule, SampleType, Sums, Value, ValueType};
+use spinney::raw::value::Sums;
+use spinney::tree::{Child, MemTree, Source};
+use spinney::{
+    Bounds, Code, DataKind, Dimension, Number, Output, Rule, SampleType, TreeType, Value, ValueType,
+    WriteOptions, convert,
+};
 
 use crate::common::{Cells, Random, children, dataset, goblin, goblin_bytes};
 
@@ -241,7 +241,7 @@ fn majorities_go_to_the_lowest_number() {
 
 #[test]
 fn sums_and_differences_stay_within_the_type() {
-    use spinney::store::builder::Join;
+    use spinney::raw::store::builder::Join;
     let value = |sample| ValueType::new(sample, 1);
     for (sample, a, b, sum, difference) in [
         (
@@ -281,7 +281,7 @@ fn sums_and_differences_stay_within_the_type() {
 /// The tree in memory is what it was made of, whatever its values are.
 #[test]
 fn expressions_have_all_digits() {
-    use spinney::tree::df;
+    use spinney::raw::tree::df;
     let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U64, 1));
     let text = "G[9223372036854775811][9223372036854775812]W[18446744073709551615]";
     let tree = df::from_text(form, text, 3, Value::ZERO, Rule::Mean).unwrap();

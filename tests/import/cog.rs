@@ -4,13 +4,13 @@ use std::collections::BTreeMap;
 use std::io::{Cursor, Read};
 use std::path::Path;
 
-use spinney::dataset::{Dataset, open};
 use spinney::export::{CogCompression, CogRequest, export_cog};
-use spinney::io::Output;
-use spinney::space::{Bounds, Crs, Frame};
-use spinney::store::{Metadata, OpenOptions};
-use spinney::tree::df::from_text;
-use spinney::value::{DataKind, Palette, Rule, SampleType, Value};
+use spinney::raw::dataset::open;
+use spinney::raw::tree::df::from_text;
+use spinney::raw::value::Palette;
+use spinney::{
+    Bounds, Crs, DataKind, Dataset, Frame, Metadata, OpenOptions, Output, Rule, SampleType, Value,
+};
 use tiff::decoder::{Decoder, DecodingResult, Limits};
 
 use crate::common::{Cells, QUAD, dataset, made, opened, options, quad, value_types, with, write_cells};
@@ -255,7 +255,7 @@ fn masks_where_every_number_is_in_use() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.goblin");
     let options = options(Rule::Majority, DataKind::Categorical, cells.depth());
-    spinney::store::build_tree(
+    spinney::raw::store::build_tree(
         &cells.tree(Rule::Majority),
         cells.size,
         &options,
@@ -350,7 +350,7 @@ fn views_and_large_files() {
     let tree = from_text(QUAD, &text, 16, Value::from([9]), Rule::Nearest).unwrap();
     let options = options(Rule::Nearest, DataKind::Categorical, 16);
     let output = Output::create(&path).unwrap();
-    spinney::store::build_tree(&tree, [1 << 16, 60_000, 1], &options, output, &()).unwrap();
+    spinney::raw::store::build_tree(&tree, [1 << 16, 60_000, 1], &options, output, &()).unwrap();
     let tree = open(&path, &OpenOptions::new()).unwrap();
     let parts = Parts::of(exported(&tree, &request(512, CogCompression::Deflate)));
     parts.check_layout();

@@ -3,14 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
-use spinney::brep::{ExactModel, Face, Faces, Grid, ModelBuilder};
-use spinney::export::mesh::{ExactSummary, MeshFormat, export_exact};
-use spinney::import::mesh::{
-    self, ExactOptions, ExactReport, MeshFace, Model, ModelInfo, import_exact, open_all,
-};
-use spinney::io::Output;
-use spinney::store::{Metadata, OpenOptions};
-use spinney::{Result, SetOperation};
+use spinney::brep::{Face, Faces, Grid};
+use spinney::export::{MeshFormat, export_exact};
+use spinney::import::mesh::{ExactOptions, import_exact, open_all};
+use spinney::raw::brep::ModelBuilder;
+use spinney::raw::export::mesh::ExactSummary;
+use spinney::raw::import::mesh::{self, ExactReport, MeshFace, Model, ModelInfo};
+use spinney::{ExactModel, Metadata, OpenOptions, Output, Result, SetOperation};
 
 use crate::common::exact::cuboid;
 use crate::common::shared_data;
@@ -346,7 +345,7 @@ fn values_of_faces_come_back() {
             SetOperation::Complement,
             &[&model],
             output,
-            spinney::store::Codec::Plain,
+            spinney::Codec::Plain,
             64 << 20,
             &(),
         )

@@ -4,14 +4,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use spinney::brep::surface_intersection::surface_intersection;
-use spinney::brep::{ExactModel, Faces, InsideRule, ModelView, Motion, TransformOptions, combine, transform};
-use spinney::export::mesh::{MeshFormat, export_exact};
-use spinney::export::vector::{SectionPlanes, VectorFormat, export_objects, export_section};
-use spinney::import::mesh::{ExactOptions, import_exact, model_contacts, open_all};
-use spinney::io::Output;
-use spinney::store::{Codec, OpenOptions};
-use spinney::{Error, Progress, Result};
+use spinney::brep::{Faces, Motion, TransformOptions, combine, transform};
+use spinney::export::{MeshFormat, VectorFormat, export_exact};
+use spinney::import::mesh::{ExactOptions, import_exact, open_all};
+use spinney::raw::brep::surface_intersection::surface_intersection;
+use spinney::raw::brep::{InsideRule, ModelView};
+use spinney::raw::export::vector::{SectionPlanes, export_objects, export_section};
+use spinney::raw::import::mesh::model_contacts;
+use spinney::{Codec, Error, ExactModel, OpenOptions, Output, Progress, Result};
 
 /// So little that faces go to temporary files; but for a repair, which holds them.
 const MEMORY: u64 = 1 << 20;

@@ -2,13 +2,12 @@
 
 use std::path::Path;
 
-use spinney::Error;
-use spinney::brep::query::{Location, MassProperties};
-use spinney::brep::topology::{Topology, TopologyOptions};
-use spinney::brep::{ExactModel, FaceList, Faces, Grid, InsideRule};
-use spinney::import::mesh::{ExactOptions, ExactReport, import_exact, open_all};
-use spinney::io::Output;
-use spinney::store::OpenOptions;
+use spinney::brep::{Faces, Grid, Location, MassProperties};
+use spinney::import::mesh::{ExactOptions, import_exact, open_all};
+use spinney::raw::brep::topology::{Topology, TopologyOptions};
+use spinney::raw::brep::{FaceList, InsideRule};
+use spinney::raw::import::mesh::ExactReport;
+use spinney::{Error, ExactModel, OpenOptions, Output};
 
 use crate::common::exact::{Ring, cuboid, prism, turned};
 use crate::common::solid::winding;

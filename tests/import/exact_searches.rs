@@ -1,11 +1,11 @@
 //! Questions to files of exact models, against all of their faces.
 #![allow(clippy::needless_range_loop)] // axes are indices of several arrays at once
 
-use spinney::brep::query::{
-    BoxLocation, CoverageSums, Cube, Line, Location, MassProperties, nearest_on_face,
-};
-use spinney::brep::{ExactModel, FaceList, Faces, Grid};
-use spinney::geometry::{Box3, GridPolygon, Triangulator};
+use spinney::ExactModel;
+use spinney::brep::{BoxLocation, Faces, Grid, Location, MassProperties};
+use spinney::raw::brep::FaceList;
+use spinney::raw::brep::query::{CoverageSums, Cube, Line, nearest_on_face};
+use spinney::raw::geometry::{Box3, GridPolygon, Triangulator};
 
 use crate::common::Random;
 use crate::common::exact::{cuboid, file_of, model_on, snapped, turned};

@@ -4,14 +4,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use serde_json::{Value, json};
-use spinney::brep::{
-    ChosenParts, CombineReport, ExactModel, Face, Faces, Grid, InsideRule, ModelBuilder, Triangulated,
-    combine,
-};
-use spinney::export::mesh::{ExactSummary, MeshFormat, export_exact};
-use spinney::import::mesh::{ExactOptions, ExactReport, MeshFace, import_exact, open_all};
-use spinney::io::Output;
-use spinney::store::{Codec, Metadata, OpenOptions};
+use spinney::brep::{Face, Faces, Grid, combine};
+use spinney::export::{MeshFormat, export_exact};
+use spinney::import::mesh::{ExactOptions, import_exact, open_all};
+use spinney::raw::brep::{ChosenParts, CombineReport, InsideRule, ModelBuilder, Triangulated};
+use spinney::raw::export::mesh::ExactSummary;
+use spinney::raw::import::mesh::{ExactReport, MeshFace};
+use spinney::{Codec, ExactModel, Metadata, OpenOptions, Output};
 
 use crate::common::exact::cuboid;
 use crate::common::{Random, shared_data};

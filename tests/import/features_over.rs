@@ -5,20 +5,16 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use spinney::SetOperation;
-use spinney::dataset::{self, Dataset};
-use spinney::import::rasterize::{FeatureGrid, FeatureValue, Overlaps, RasterizeOptions, plan_features};
-use spinney::io::Output;
-use spinney::ops::{
-    CombineOperation, Edit, MadeOperand, Prefer, TreeFile, Universe, ViewSource, WarpGrid, combine,
-    combine_with, edit,
+use spinney::edit::{Edit, Note, edit};
+use spinney::import::feature::{FeatureValue, RasterizeOptions, plan_features};
+use spinney::query::{Condition, EdgeRule, Polygon};
+use spinney::raw::dataset;
+use spinney::raw::import::rasterize::{FeatureGrid, Overlaps};
+use spinney::raw::ops::{MadeOperand, Prefer, TreeFile, ViewSource, WarpGrid, combine_with};
+use spinney::{
+    Bounds, CombineOperation, Crs, DataKind, Dataset, Dimension, Frame, Header, Metadata, OpenOptions,
+    Output, Rule, SampleType, SetOperation, TreeType, Universe, Value, ValueType, WriteOptions, combine,
 };
-use spinney::query::Condition;
-use spinney::space::{Bounds, Crs, Dimension, EdgeRule, Frame, Polygon};
-use spinney::store::autumnal::Note;
-use spinney::store::{Header, Metadata, OpenOptions, WriteOptions};
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, Rule, SampleType, Value, ValueType};
 
 use crate::common::{Cells, Random, cells_of, options, write_cells};
 
@@ -117,7 +113,7 @@ fn at_centres(stars: &[Star]) -> Vec<Vec<u64>> {
         for row in 0..EXTENT[1] {
             for column in 0..EXTENT[0] {
                 let cell = Bounds { min: [column, row, 0], max: [column + 1, row + 1, 1] };
-                if polygon.cover_centres(&cell) == spinney::space::Cover::Whole {
+                if polygon.cover_centres(&cell) == spinney::raw::space::Cover::Whole {
                     found[(row * EXTENT[0] + column) as usize].push(*value);
                 }
             }

@@ -4,15 +4,12 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::Path;
 
 use serde_json::Value as Json;
-use spinney::dataset::Dataset;
-use spinney::export::mesh::{
-    GltfOptions, MeshRequest, TilesetSummary, export_glb, export_tileset, surface_mesh,
-};
-use spinney::io::{Output, OutputFolder};
-use spinney::space::{Crs, Frame};
-use spinney::store::{Metadata, build_tree, depth_for};
-use spinney::value::{DataKind, Palette, Rule, SampleType, Value};
-use spinney::{Error, Progress};
+use spinney::export::{GltfOptions, MeshRequest, export_glb, export_tileset};
+use spinney::raw::export::mesh::{TilesetSummary, surface_mesh};
+use spinney::raw::io::OutputFolder;
+use spinney::raw::store::{build_tree, depth_for};
+use spinney::raw::value::Palette;
+use spinney::{Crs, DataKind, Dataset, Error, Frame, Metadata, Output, Progress, Rule, SampleType, Value};
 
 use crate::common::gltf_file::{Glb, Mesh, Place, Tiles};
 use crate::common::mesh_file::{cross, dot};

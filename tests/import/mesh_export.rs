@@ -1,15 +1,11 @@
 //! Meshes of octrees: counted, measured and read back.
 
 use assert_cmd::Command;
-use spinney::dataset::Dataset;
-use spinney::export::mesh::{
-    FaceAttribute, MeshFormat, MeshRequest, MeshSummary, export_blocks, export_mesh,
-};
-use spinney::io::Output;
-use spinney::query::cell_blocks::BlockAttribute;
-use spinney::space::Frame;
-use spinney::store::{build_tree, depth_for};
-use spinney::value::{DataKind, Rule, SampleType, Value};
+use spinney::export::{MeshFormat, MeshRequest, export_mesh};
+use spinney::raw::export::mesh::{FaceAttribute, MeshSummary, export_blocks};
+use spinney::raw::query::cell_blocks::BlockAttribute;
+use spinney::raw::store::{build_tree, depth_for};
+use spinney::{DataKind, Dataset, Frame, Output, Rule, SampleType, Value};
 
 use crate::common::mesh_file::{Read, cross, dot, minus, read_obj, read_off, read_ply, read_stl};
 use crate::common::{

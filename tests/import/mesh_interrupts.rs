@@ -2,11 +2,10 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use spinney::import::mesh::{InsideTest, SolidOptions, SolidReport, plan_models};
-use spinney::io::Output;
-use spinney::space::EdgeRule;
-use spinney::value::{DataKind, Rule};
-use spinney::{Error, Progress, Result};
+use spinney::import::mesh::{SolidOptions, plan_models};
+use spinney::query::EdgeRule;
+use spinney::raw::import::mesh::{InsideTest, SolidReport};
+use spinney::{DataKind, Error, Output, Progress, Result, Rule};
 
 use crate::common::solid::{Triangle, plain, tetrahedra, unit_cells};
 use crate::common::{OCT, Random, byte, goblin_bytes, made, with};

@@ -4,21 +4,19 @@
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use spinney::Progress;
-use spinney::brep::{ExactModel, Face, FaceList, Grid};
-use spinney::dataset::Dataset;
-use spinney::export::mesh::{
-    GltfOptions, MeshFormat, MeshRequest, export_exact, export_glb, export_isosurfaces, export_mesh,
-};
-use spinney::import::mesh::{
-    ExactOptions, InsideTest, Resolution, SolidOptions, SolidReport, import_exact, open_all, plan_models,
-};
-use spinney::io::Output;
+use spinney::brep::{Face, Grid};
+use spinney::export::{GltfOptions, MeshFormat, MeshRequest, export_exact, export_glb, export_mesh};
+use spinney::import::mesh::{ExactOptions, Resolution, SolidOptions, import_exact, open_all, plan_models};
 use spinney::query::{ContourLevels, ContourRequest};
-use spinney::space::{Crs, Frame};
-use spinney::store::{Metadata, OpenOptions, Tag};
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, Palette, Rule, SampleType};
+use spinney::raw::brep::FaceList;
+use spinney::raw::export::mesh::export_isosurfaces;
+use spinney::raw::import::mesh::{InsideTest, SolidReport};
+use spinney::raw::store::Tag;
+use spinney::raw::value::Palette;
+use spinney::{
+    Crs, DataKind, Dataset, ExactModel, Frame, Metadata, OpenOptions, Output, Progress, Rule, SampleType,
+    TreeType,
+};
 
 use crate::common::{OCT, byte, made, oct, opened, options, shared_data, value, with, write_cells};
 

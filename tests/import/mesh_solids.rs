@@ -1,12 +1,10 @@
 //! Solids made of meshes, against brute force: winding numbers at every cell's centre.
 
-use spinney::SetOperation;
-use spinney::import::mesh::{Attribute, InsideTest, plan_models};
-use spinney::io::Output;
-use spinney::ops::CombineOperation;
-use spinney::space::{Code, Dimension, EdgeRule};
-use spinney::store::goblin::Goblin;
-use spinney::value::Value;
+use spinney::import::mesh::plan_models;
+use spinney::query::EdgeRule;
+use spinney::raw::import::mesh::{Attribute, InsideTest};
+use spinney::raw::store::goblin::Goblin;
+use spinney::{Code, CombineOperation, Dimension, Output, SetOperation, Value};
 
 use crate::common::solid::{
     Point, Polygons, Triangle, build, cells, cuboid, plain, tetrahedra, unit_cells, winding,

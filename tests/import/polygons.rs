@@ -4,17 +4,17 @@ use std::fs;
 use std::path::Path;
 
 use rayon::prelude::*;
-use spinney::dataset::Dataset;
-use spinney::export::vector::{VectorFormat, export_polygons};
-use spinney::import::rasterize::{FeatureGrid, FeatureValue, RasterizeOptions, plan_features};
-use spinney::io::Output;
-use spinney::ops::WarpGrid;
+use spinney::export::{VectorFormat, export_polygons};
+use spinney::import::feature::{FeatureValue, RasterizeOptions, plan_features};
 use spinney::query::PolygonRequest;
-use spinney::space::Dimension;
-use spinney::space::{Crs, Frame};
-use spinney::store::{BuildOptions, Metadata, Slab, Slabs, build_slabs, build_tree};
-use spinney::tree::{MemTree, TreeType};
-use spinney::value::{DataKind, Rule, SampleType, Value, ValueType};
+use spinney::raw::import::rasterize::FeatureGrid;
+use spinney::raw::ops::WarpGrid;
+use spinney::raw::store::build_tree;
+use spinney::tree::{MemTree, Slab, Slabs, build_slabs};
+use spinney::{
+    BuildOptions, Crs, DataKind, Dataset, Dimension, Frame, Metadata, Output, Rule, SampleType, TreeType,
+    Value, ValueType,
+};
 
 use crate::common::Random;
 
@@ -40,7 +40,7 @@ impl Slabs for Classes {
 /// A tree of classes, of which 0 is VOID.
 fn tree(path: &Path, size: [u64; 2], cells: Vec<u16>, frame: Frame) -> Dataset {
     let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U16, 1));
-    let depth = spinney::store::depth_for([size[0], size[1], 1]).max(1);
+    let depth = spinney::raw::store::depth_for([size[0], size[1], 1]).max(1);
     let options =
         BuildOptions::new(DataKind::Categorical, depth).metadata(Metadata { frame, ..Metadata::default() });
     let output = Output::create(path).unwrap();

@@ -4,10 +4,9 @@ use std::path::{Path, PathBuf};
 
 use crate::common::tiff_file::{Ifd, Values, file, on_disk};
 use sha2::{Digest, Sha256};
-use spinney::import::raster::{self, Order, Pixels, Raster, RasterInfo, RasterOptions};
-use spinney::space::{Crs, Epsg, Region};
-use spinney::value::{DataKind, SampleType};
-use spinney::{Error, Result};
+use spinney::raw::import::raster::{self, Order, Pixels, Raster, RasterInfo, RasterOptions};
+use spinney::raw::space::Epsg;
+use spinney::{Crs, DataKind, Error, Region, Result, SampleType};
 
 use crate::common::with;
 

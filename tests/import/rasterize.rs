@@ -3,13 +3,12 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use spinney::dataset::Dataset;
-use spinney::import::feature::is_feature_file;
-use spinney::import::rasterize::{FeatureGrid, FeatureValue, Overlaps, RasterizeOptions, plan_features};
-use spinney::io::Output;
-use spinney::ops::WarpGrid;
-use spinney::space::{Crs, EdgeRule, Frame};
-use spinney::value::{DataKind, Number, SampleType};
+use spinney::import::feature::{FeatureValue, RasterizeOptions, plan_features};
+use spinney::query::EdgeRule;
+use spinney::raw::import::feature::is_feature_file;
+use spinney::raw::import::rasterize::{FeatureGrid, Overlaps};
+use spinney::raw::ops::WarpGrid;
+use spinney::{Crs, DataKind, Dataset, Frame, Number, Output, SampleType};
 
 /// A feature of GeoJSON.
 fn feature(properties: &str, geometry: &str) -> String {
@@ -268,8 +267,8 @@ fn grids_are_by_width_count_and_tree() {
         Frame { crs: Some(Crs::epsg(4326)), ..Frame::planar([1e-6, 0.0, 10.515, 0.0, -1e-6, 0.0095]) };
     let grid = WarpGrid { frame: frame.clone(), extent: [1000, 1000, 1] };
     let tree = of(FeatureGrid::Like(grid));
-    let places = spinney::space::CellLocator::new(
-        &spinney::space::Coordinates::System(Crs::epsg(4326)),
+    let places = spinney::CellLocator::new(
+        &spinney::Coordinates::System(Crs::epsg(4326)),
         &by_count.metadata().frame,
         [28, 16, 1],
     )

@@ -7,16 +7,15 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use spinney::SetOperation;
-use spinney::dataset;
-use spinney::export::image::Format;
 use spinney::export::{Detail, WindowRequest, export_window};
-use spinney::import::raster::{self, ImportOptions, Pixels, RasterOptions};
-use spinney::io::Output;
-use spinney::ops::{self, CombineOperation, FileView, Prefer};
-use spinney::space::{Crs, Region};
-use spinney::store::WriteOptions;
-use spinney::value::{DataKind, SampleType, Value};
+use spinney::import::raster::ImportOptions;
+use spinney::raw::dataset;
+use spinney::raw::export::image::Format;
+use spinney::raw::import::raster::{self, Pixels, RasterOptions};
+use spinney::raw::ops::{self, Prefer};
+use spinney::{
+    CombineOperation, Crs, DataKind, FileView, Output, Region, SampleType, SetOperation, Value, WriteOptions,
+};
 use tempfile::TempDir;
 
 use crate::common::{Cells, made, quad, set_operation, shared_data, with};
@@ -86,7 +85,7 @@ impl Bench {
         let path = self.data.join(name);
         self.made += 1;
         let file = self.path(&format!("{}.goblin", self.made));
-        let import = raster::plan(std::slice::from_ref(&path), options).unwrap();
+        let import = spinney::import::raster::plan(std::slice::from_ref(&path), options).unwrap();
         import.build(Output::create(&file).unwrap(), &()).unwrap();
         let mut raster = raster::open(&path, &RasterOptions::default()).unwrap();
         let info = raster.info().clone();
@@ -143,7 +142,7 @@ impl Bench {
         let out = self.path(&format!("{}.goblin", self.made));
         let steps = steps.split_whitespace().map(|step| step.parse().unwrap()).collect();
         let chain = FileView { steps, moves, ..FileView::of(&tree.file) };
-        ops::transform(&chain, Output::create(&out).unwrap(), WriteOptions::new(MEMORY), &()).unwrap();
+        spinney::transform(&chain, Output::create(&out).unwrap(), WriteOptions::new(MEMORY), &()).unwrap();
         out
     }
 
@@ -151,10 +150,10 @@ impl Bench {
         self.made += 1;
         let out = self.path(&format!("{}.goblin", self.made));
         let files = [a.file.clone(), b.file.clone()];
-        ops::combine(
+        spinney::combine(
             operation,
             None,
-            ops::Universe::Usual,
+            spinney::Universe::Usual,
             &files,
             Output::create(&out).unwrap(),
             WriteOptions::new(MEMORY),

@@ -3,14 +3,13 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use spinney::import::raster::{
-    self, Band, ImportOptions, Stack, StackLayer, StackOptions, plan_stack, write_stack,
-};
-use spinney::import::volume::{self, VolumeOptions};
-use spinney::io::Output;
-use spinney::ops::Resampling;
-use spinney::store::{Slab, Slabs};
-use spinney::value::{DataKind, Mask, Number, SampleType};
+use spinney::import::raster::{ImportOptions, Stack, StackOptions, plan_stack};
+use spinney::import::volume::VolumeOptions;
+use spinney::raw::import::raster::{self, Band, StackLayer, write_stack};
+use spinney::raw::import::volume;
+use spinney::raw::value::Mask;
+use spinney::tree::{Slab, Slabs};
+use spinney::{DataKind, Number, Output, Resampling, SampleType};
 
 use crate::common::tiff_file::{Ifd, Values, file};
 use crate::common::{Random, with};
@@ -386,7 +385,10 @@ fn a_stack_of_one_is_what_a_picture_is() {
     let [one, other] = ["one.goblin", "other.goblin"].map(|name| place.0.path().join(name));
     let stack = plan_stack(inputs, &StackOptions::new()).unwrap();
     write_stack(&stack, Output::create(&one).unwrap(), &()).unwrap();
-    raster::plan(inputs, &ImportOptions::new()).unwrap().build(Output::create(&other).unwrap(), &()).unwrap();
+    spinney::import::raster::plan(inputs, &ImportOptions::new())
+        .unwrap()
+        .build(Output::create(&other).unwrap(), &())
+        .unwrap();
     assert!(fs::read(one).unwrap() == fs::read(other).unwrap());
 }
 

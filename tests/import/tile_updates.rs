@@ -5,20 +5,19 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use spinney::dataset::{Dataset, open};
-use spinney::export::tiles::{
-    GeographicExtent, Pmtiles, TileArchiveSummary, TileContent, TileId, TilePainter, TileRange, TileRequest,
-    TileSamples, TileSource, TileTarget, TileUpdate, TreeTiles, UpdateOptions, export_tiles, verify_tiles,
+use spinney::edit::{CellValue, Edit, FillRegion, Note, edit};
+use spinney::export::{TileRequest, export_tiles};
+use spinney::raw::dataset::open;
+use spinney::raw::export::tiles::{
+    GeographicExtent, Pmtiles, TileArchiveSummary, TileContent, TileId, TilePainter, TileRange, TileSamples,
+    TileSource, TileTarget, TileUpdate, TreeTiles, UpdateOptions, verify_tiles,
 };
-use spinney::io::Output;
-use spinney::ops::{CellValue, Edit, FillRegion, convert, edit};
-use spinney::space::{Bounds, Code, web_mercator};
-use spinney::store::autumnal::Note;
-use spinney::store::{Metadata, WriteOptions};
+use spinney::raw::space::web_mercator;
 use spinney::style::Style;
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, Rule, SampleType, ValueType};
-use spinney::{Error, Progress, Result};
+use spinney::{
+    Bounds, Code, DataKind, Dataset, Error, Metadata, Output, Progress, Result, Rule, SampleType, TreeType,
+    ValueType, WriteOptions, convert,
+};
 
 use crate::common::{Cells, QUAD, options, value, with, write_cells};
 

@@ -5,21 +5,22 @@ use std::io::Cursor;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use spinney::dataset::{Dataset, open};
-use spinney::export::image::Format;
-use spinney::export::tiles::{
-    Pmtiles, TileEncoding, TileFormat, TileId, TilePainter, TileRequest, TileTarget, TileUpdate, TreeTiles,
-    export_pmtiles, export_tiles, verify_tiles,
+use spinney::edit::{Edit, FillRegion, Note, edit};
+use spinney::export::{
+    Detail, TileEncoding, TileFormat, TileRequest, WindowRequest, export_pmtiles, export_tiles, export_window,
 };
-use spinney::export::{Detail, WindowRequest, export_window};
-use spinney::io::{Faults, Output};
-use spinney::ops::{Edit, FillRegion, convert, edit};
-use spinney::space::{Bounds, web_mercator};
-use spinney::store::autumnal::Note;
-use spinney::store::{Metadata, WriteOptions};
+use spinney::raw::dataset::open;
+use spinney::raw::export::image::Format;
+use spinney::raw::export::tiles::{
+    Pmtiles, TileId, TilePainter, TileTarget, TileUpdate, TreeTiles, verify_tiles,
+};
+use spinney::raw::io::Faults;
+use spinney::raw::space::web_mercator;
+use spinney::raw::value::Palette;
 use spinney::style::Style;
-use spinney::value::{DataKind, Palette, Rule};
-use spinney::{Error, Progress, Result};
+use spinney::{
+    Bounds, DataKind, Dataset, Error, Metadata, Output, Progress, Result, Rule, WriteOptions, convert,
+};
 
 use crate::common::{Cells, QUAD, options, value, write_cells};
 
@@ -56,7 +57,7 @@ fn export(
     map: &Dataset,
     request: &TileRequest,
     target: &str,
-) -> Result<spinney::export::tiles::TileArchiveSummary> {
+) -> Result<spinney::raw::export::tiles::TileArchiveSummary> {
     let target = TileTarget::of(target.as_ref())?.unwrap();
     export_tiles(&TreeTiles::world(map).unwrap(), &painter(map), request, &target, &())
 }

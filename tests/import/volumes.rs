@@ -3,15 +3,12 @@
 use std::fs;
 use std::path::Path;
 
-use spinney::dataset::{self, Dataset};
-use spinney::export::image::Format;
 use spinney::export::{ArrayRequest, export_array};
-use spinney::import::volume::{VolumeOptions, is_volume, plan};
-use spinney::io::Output;
-use spinney::space::Bounds;
-use spinney::store::OpenOptions;
-use spinney::value::{DataKind, Rule, SampleType};
-use spinney::{Error, Result};
+use spinney::import::volume::{VolumeOptions, plan};
+use spinney::raw::dataset;
+use spinney::raw::export::image::Format;
+use spinney::raw::import::volume::is_volume;
+use spinney::{Bounds, DataKind, Dataset, Error, OpenOptions, Output, Result, Rule, SampleType};
 use tempfile::TempDir;
 
 use crate::common::{Random, with};

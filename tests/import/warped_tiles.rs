@@ -2,24 +2,24 @@
 
 use std::path::Path;
 
-use spinney::dataset::Dataset;
-use spinney::export::tiles::{
+use spinney::raw::export::tiles::{
     TileContent, TileId, TileRange, TileSamples, TileSource, TreeTiles, WarpedTiles,
 };
-use spinney::import::raster;
-use spinney::io::Output;
-use spinney::ops::{FileView, Resampling, ViewStep, WarpOptions, transform};
-use spinney::space::{Code, Crs, Dimension, Frame, Projection, web_mercator};
-use spinney::store::{Metadata, WriteOptions, build_tree};
+use spinney::raw::import::raster;
+use spinney::raw::space::{Projection, web_mercator};
+use spinney::raw::store::build_tree;
 use spinney::tree::MemTree;
-use spinney::value::{DataKind, Rule, SampleType, Value};
+use spinney::{
+    Code, Crs, DataKind, Dataset, Dimension, FileView, Frame, Metadata, Output, Resampling, Rule, SampleType,
+    Value, ViewStep, WarpOptions, WriteOptions, transform,
+};
 
 use crate::common::{options, quad, with};
 
 /// A fixture's own tree, and its tree on the grid of web maps down to a zoom.
 fn native_and_warped(input: &str, way: Resampling, zoom: u8, folder: &Path) -> (Dataset, Dataset) {
     let [native, warped] = ["native.goblin", "warped.goblin"].map(|name| folder.join(name));
-    let import = raster::plan(&[input.into()], &Default::default()).unwrap();
+    let import = spinney::import::raster::plan(&[input.into()], &Default::default()).unwrap();
     import.build(Output::create(&native).unwrap(), &()).unwrap();
     let mut chain = FileView::of(&native);
     chain.steps = vec![ViewStep::WebMercator(Some(zoom))];

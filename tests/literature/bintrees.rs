@@ -3,12 +3,11 @@
 
 use std::path::Path;
 
-use spinney::dataset::Dataset;
-use spinney::partitions::{BinaryNode, Bintree, BintreeNode};
-use spinney::query::LabelRequest;
-use spinney::space::{Bounds, Code, Dimension};
-use spinney::tree::{MemTree, Source, df};
-use spinney::value::{DataKind, Rule, Value};
+use spinney::raw::partitions::{BinaryNode, Bintree, BintreeNode};
+use spinney::raw::query::LabelRequest;
+use spinney::raw::tree::df;
+use spinney::tree::{MemTree, Source};
+use spinney::{Bounds, Code, DataKind, Dataset, Dimension, Rule, Value};
 
 use crate::common::{CLASSIC, Cells, OCT, QUAD, as_byte, byte, dataset};
 

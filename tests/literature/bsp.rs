@@ -1,11 +1,10 @@
 //! BSP trees of the survey: lines `a x + b y + c = 0` that divide the plane, what is not negative on the right, what is negative on the left; cells are
 //! convex polygons. Planes do the same to space, for what hides what.
 
-use spinney::io::Output;
-use spinney::partitions::{BinaryNode, Bsp, Seen};
-use spinney::store::{BuildOptions, build_source};
-use spinney::tree::{MemTree, df};
-use spinney::value::{DataKind, Rule};
+use spinney::raw::partitions::{BinaryNode, Bsp, Seen};
+use spinney::raw::tree::df;
+use spinney::tree::{MemTree, build_source};
+use spinney::{BuildOptions, DataKind, Output, Rule};
 
 use crate::common::{Random, byte};
 

@@ -2,13 +2,14 @@
 
 use std::path::Path;
 
-use spinney::export::{ChainDirections, ChainWriter, export_chain_code};
-use spinney::io::Output;
 use spinney::query::PolygonRequest;
-use spinney::space::{Bounds, Crs, Dimension, Frame};
-use spinney::store::{BuildOptions, Metadata, Slab, Slabs, build_slabs, depth_for};
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, Palette, SampleType, ValueType};
+use spinney::raw::export::{ChainDirections, ChainWriter, export_chain_code};
+use spinney::raw::store::depth_for;
+use spinney::raw::value::Palette;
+use spinney::tree::{Slab, Slabs, build_slabs};
+use spinney::{
+    Bounds, BuildOptions, Crs, DataKind, Dimension, Frame, Metadata, Output, SampleType, TreeType, ValueType,
+};
 
 /// A picture in one slab.
 struct Picture {

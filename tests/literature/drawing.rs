@@ -2,8 +2,7 @@
 
 use std::path::PathBuf;
 
-use spinney::space::Frame;
-use spinney::value::{DataKind, Rule};
+use spinney::{DataKind, Frame, Rule};
 
 use crate::common::command::{complaint, stdout};
 use crate::common::{OCT, byte, made, write_goblin};

@@ -2,12 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::SetOperation;
-use spinney::brep::query::MassProperties;
-use spinney::brep::surface_intersection::{LineKind, surface_intersection};
-use spinney::brep::topology::{Topology, TopologyOptions};
-use spinney::brep::{ExactModel, Faces as _, boundary_parts};
-use spinney::ops::CombineOperation;
+use spinney::brep::{Faces as _, MassProperties};
+use spinney::raw::brep::boundary_parts;
+use spinney::raw::brep::surface_intersection::{LineKind, surface_intersection};
+use spinney::raw::brep::topology::{Topology, TopologyOptions};
+use spinney::{CombineOperation, ExactModel, SetOperation};
 
 use crate::common::command::{complaint, stdout};
 use crate::common::{QUAD, assert_same, byte, cells_of, combined, made, seen, set_operation, view_of_cells};

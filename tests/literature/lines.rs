@@ -1,6 +1,6 @@
 //! Slavík's survey, trees of lines.
 
-use spinney::lines::memory::{EdgeLeaf, EdgeTree, PmRule};
+use spinney::raw::lines::memory::{EdgeLeaf, EdgeTree, PmRule};
 
 type Edge<const N: usize> = [[i32; N]; 2];
 

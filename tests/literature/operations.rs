@@ -1,10 +1,10 @@
 //! Operations on quadtrees and octrees as the survey describes them, node by node, and the same by Spinney's views and sources. (With all of their cases, held to
 //! arrays of cells: `tests/operations/`.)
 
-use spinney::ops::{CombineOperation, View};
-use spinney::space::{Bounds, Code, Dimension};
-use spinney::tree::{Child, Children, MemTree, Source, TreeType, df};
-use spinney::value::Rule;
+use spinney::raw::ops::View;
+use spinney::raw::tree::df;
+use spinney::tree::{Child, Children, MemTree, Source};
+use spinney::{Bounds, Code, CombineOperation, Dimension, Rule, TreeType};
 
 use crate::common::{
     Cells, OCT, QUAD, Random, as_byte, assert_same, byte, cells_of, combined, made, quad_size, set_operation,

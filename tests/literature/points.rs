@@ -1,6 +1,6 @@
 //! Slavík's survey, trees of points.
 
-use spinney::points::memory::{HalvingTree, PointQuadtree};
+use spinney::raw::points::memory::{HalvingTree, PointQuadtree};
 
 /// Random numbers below a bound, with a fixed seed.
 fn random(seed: u64) -> impl FnMut(u64) -> u64 {

@@ -4,14 +4,13 @@
 //! "The survey" is P. Slavik's survey of hierarchical data structures (in Czech); "the 1991 papers" are those of
 //! Trstenjak, Zalik and Guid on octrees from boundary models (in Slovene).
 
-use spinney::io::Output;
-use spinney::space::Code;
-use spinney::space::Dimension::{Oct, Quad};
-use spinney::store::goblin::Goblin;
-use spinney::store::records::INNER;
-use spinney::store::{BuildOptions, build_tree, depth_for};
-use spinney::tree::{Child, MemTree, Source, df};
-use spinney::value::{DataKind, Rule, Value};
+use spinney::Dimension::{Oct, Quad};
+use spinney::raw::store::goblin::Goblin;
+use spinney::raw::store::records::INNER;
+use spinney::raw::store::{build_tree, depth_for};
+use spinney::raw::tree::df;
+use spinney::tree::{Child, MemTree, Source};
+use spinney::{BuildOptions, Code, DataKind, Output, Rule, Value};
 
 use crate::common::{CLASSIC, Cells, OCT, QUAD, as_byte, byte, children, goblin};
 

@@ -2,13 +2,9 @@
 
 use std::path::Path;
 
-use spinney::io::Output;
-use spinney::ops::{Edit, FillRegion, blame, edit};
-use spinney::space::Bounds;
-use spinney::store::WriteOptions;
-use spinney::store::autumnal::Note;
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, Number, Rule};
+use spinney::edit::{Edit, FillRegion, Note, edit};
+use spinney::raw::ops::blame;
+use spinney::{Bounds, DataKind, Number, Output, Rule, TreeType, WriteOptions};
 
 use crate::common::{Cells, OCT, QUAD, Random, options, write_cells};
 

@@ -2,15 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::Result;
-use spinney::dataset::{self, Dataset};
-use spinney::io::Output;
-use spinney::ops::{FileView, ViewStep, transform};
-use spinney::query::{Condition, FoundBlock};
-use spinney::space::{Bounds, Cell, Dimension, EdgeRule, Frame, Polygon};
-use spinney::store::{BuildOptions, Metadata, OpenOptions, WriteOptions, build_tree, depth_for};
-use spinney::tree::{MemTree, TreeType};
-use spinney::value::{DataKind, Number, Rule, SampleType, Value, ValueType};
+use spinney::query::{Condition, EdgeRule, FoundBlock, Polygon};
+use spinney::raw::dataset;
+use spinney::raw::space::Cell;
+use spinney::raw::store::{build_tree, depth_for};
+use spinney::tree::MemTree;
+use spinney::{
+    Bounds, BuildOptions, DataKind, Dataset, Dimension, FileView, Frame, Metadata, Number, OpenOptions,
+    Output, Result, Rule, SampleType, TreeType, Value, ValueType, ViewStep, WriteOptions, transform,
+};
 
 /// A number that a cell has, in large patches, some of which are alike, and others noise; some cells are VOID.
 fn number(seed: u64, [x, y, z]: Cell) -> Option<u64> {

@@ -2,13 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::dataset::Dataset;
-use spinney::io::Output;
-use spinney::ops::{FileView, ViewStep, add_layer, transform};
-use spinney::space::{Bounds, Dimension, Frame};
-use spinney::store::autumnal::Note;
-use spinney::store::{Metadata, TreeWriter, WriteOptions};
-use spinney::value::{DataKind, Rule, SampleType, Value};
+use spinney::edit::Note;
+use spinney::raw::ops::add_layer;
+use spinney::raw::store::TreeWriter;
+use spinney::{
+    Bounds, DataKind, Dataset, Dimension, FileView, Frame, Metadata, Output, Rule, SampleType, Value,
+    ViewStep, WriteOptions, transform,
+};
 
 use crate::common::{Cells, goblin_from_tree, options, quad, value};
 

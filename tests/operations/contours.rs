@@ -3,11 +3,9 @@
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use spinney::dataset::Dataset;
-use spinney::query::{ContourEnds, ContourLevels, ContourRequest, ContourSummary};
-use spinney::space::Frame;
-use spinney::value::{DataKind, Rule, SampleType};
-use spinney::{Error, Progress};
+use spinney::query::{ContourLevels, ContourRequest};
+use spinney::raw::query::{ContourEnds, ContourSummary};
+use spinney::{DataKind, Dataset, Error, Frame, Progress, Rule, SampleType};
 
 use crate::common::{Cells, OCT, Random, opened, options, quad, with, write_cells, write_goblin};
 

@@ -1,10 +1,9 @@
 //! Set operations on trees whose cells tell how far bodies cover them, against arrays of cells and volumes.
 
-use spinney::ops::{CombineOperation, Combined, View};
-use spinney::space::{Bounds, Dimension};
-use spinney::store::goblin::Goblin;
-use spinney::tree::{Source, TreeType};
-use spinney::value::{DataKind, Rule, SampleType, Value, ValueType};
+use spinney::raw::ops::{Combined, View};
+use spinney::raw::store::goblin::Goblin;
+use spinney::tree::Source;
+use spinney::{Bounds, CombineOperation, DataKind, Dimension, Rule, SampleType, TreeType, Value, ValueType};
 
 use crate::common::{
     Cells, OCT, QUAD, Random, as_byte, assert_same, byte, cells_of, combined, goblin, goblin_from_combined,

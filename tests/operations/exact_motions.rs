@@ -3,15 +3,11 @@
 use std::path::Path;
 use std::sync::atomic::{AtomicI64, Ordering};
 
-use spinney::brep::query::MassProperties;
-use spinney::brep::{
-    ExactModel, Face, FaceList, Faces, Grid, ModelBuilder, Motion, TransformOptions, TransformReport,
-    transform,
-};
-use spinney::io::Output;
-use spinney::ops::{AffineMap, Axis, ViewStep};
-use spinney::store::{Codec, Metadata, Tag};
-use spinney::{Error, Progress, Result};
+use spinney::brep::{Face, Faces, Grid, MassProperties, Motion, TransformOptions, transform};
+use spinney::raw::brep::{FaceList, ModelBuilder, TransformReport};
+use spinney::raw::ops::{AffineMap, Axis};
+use spinney::raw::store::Tag;
+use spinney::{Codec, Error, ExactModel, Metadata, Output, Progress, Result, ViewStep};
 
 use crate::common::Random;
 use crate::common::exact::{cuboid, model_on, prism, push, turned};

@@ -1,8 +1,9 @@
 //! Exact models that are seen through maps, against files of what was moved.
 
-use spinney::Error;
-use spinney::brep::query::{BoxLocation, CuttingPlane, Hit, MassProperties, SectionPolygon};
-use spinney::brep::{ExactModel, Faces, ModelView, Motion};
+use spinney::brep::{BoxLocation, CuttingPlane, Faces, Hit, MassProperties, Motion};
+use spinney::raw::brep::ModelView;
+use spinney::raw::brep::query::SectionPolygon;
+use spinney::{Error, ExactModel};
 
 use super::exact_motions::{bodies, bodies_beside, motion, moved, symmetries};
 use crate::common::Random;
@@ -137,8 +138,7 @@ fn views_of_grids_are_exact() {
 /// Corners of the grid and what lies on faces are where they are, also at decimal steps.
 #[test]
 fn what_lies_on_the_surface_does_so_in_exact_views() {
-    use spinney::brep::Grid;
-    use spinney::brep::query::Location;
+    use spinney::brep::{Grid, Location};
 
     use crate::common::exact::{cuboid, model_on};
     let grid = Grid::over([[0.0; 3], [1.0; 3]], Some(0.001)).unwrap();

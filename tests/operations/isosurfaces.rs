@@ -4,13 +4,11 @@ use std::collections::{HashMap, HashSet};
 use std::fs;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use spinney::dataset::Dataset;
-use spinney::export::mesh::{MeshFormat, SurfaceMesh, export_isosurfaces, isosurface_mesh};
-use spinney::io::Output;
-use spinney::query::{ContourEnds, ContourLevels, ContourRequest};
-use spinney::space::Frame;
-use spinney::value::{DataKind, Rule, SampleType};
-use spinney::{Error, Progress};
+use spinney::export::MeshFormat;
+use spinney::query::{ContourLevels, ContourRequest};
+use spinney::raw::export::mesh::{SurfaceMesh, export_isosurfaces, isosurface_mesh};
+use spinney::raw::query::ContourEnds;
+use spinney::{DataKind, Dataset, Error, Frame, Output, Progress, Rule, SampleType};
 
 use crate::common::mesh_file::{cross, dot, minus, read_ply, read_stl};
 use crate::common::{Cells, QUAD, Random, byte, made, oct, opened, options, with, write_cells, write_goblin};

@@ -2,16 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::Error;
-use spinney::dataset::{self, Dataset};
-use spinney::io::Output;
-use spinney::manifest::{ListedFile, Manifest, list_files};
-use spinney::ops::{self, FileView};
 use spinney::query::PointSamples;
-use spinney::space::{Bounds, Frame};
-use spinney::store::{OpenOptions, WriteOptions};
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, Rule, SampleType};
+use spinney::raw::manifest::{ListedFile, Manifest, list_files};
+use spinney::raw::{dataset, ops};
+use spinney::{
+    Bounds, DataKind, Dataset, Error, FileView, Frame, OpenOptions, Output, Rule, SampleType, TreeType,
+    WriteOptions,
+};
 
 use crate::common::{Cells, OCT, Random, made, quad, write_goblin};
 
@@ -124,7 +121,7 @@ impl Mosaic {
         // One file of it is the file of the whole.
         let one = self.folder.path().join("one.goblin");
         let output = Output::create(&one).unwrap();
-        ops::transform(&FileView::of(&self.manifest), output, WriteOptions::new(64 << 20), &()).unwrap();
+        spinney::transform(&FileView::of(&self.manifest), output, WriteOptions::new(64 << 20), &()).unwrap();
         let (one, depth) = (open(&one), expected.depth());
         for level in 0..=depth {
             let all = one.extent_at(level);

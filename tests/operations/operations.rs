@@ -1,10 +1,9 @@
 //! Views against arrays of cells, worked examples of the literature, and files made of views and combinations.
 
-use spinney::ops::{AffineMap, Axis, CombineOperation, Combined, Prefer, Sampling, View};
-use spinney::space::{Code, Dimension, Frame};
-use spinney::store::builder::ReusableSource;
-use spinney::tree::{Child, MemTree, Source, TreeType};
-use spinney::value::{DataKind, Rule, SampleType, Value};
+use spinney::raw::ops::{AffineMap, Axis, Combined, Prefer, Sampling, View};
+use spinney::raw::store::builder::ReusableSource;
+use spinney::tree::{Child, MemTree, Source};
+use spinney::{Code, CombineOperation, DataKind, Dimension, Frame, Rule, SampleType, TreeType, Value};
 
 use crate::common::{
     Cells, OCT, QUAD, Random, as_byte, assert_same, byte, children, combined, goblin, goblin_from_combined,

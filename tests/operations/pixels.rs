@@ -1,12 +1,8 @@
 //! Exact means over pixels of any size, against sums over arrays of cells.
 
-use spinney::dataset::Dataset;
-use spinney::export::image::Format;
 use spinney::export::{Detail, WindowRequest, export_window};
-use spinney::io::Output;
-use spinney::space::{Bounds, Dimension};
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, Rule, SampleType};
+use spinney::raw::export::image::Format;
+use spinney::{Bounds, DataKind, Dataset, Dimension, Output, Rule, SampleType, TreeType};
 
 use crate::common::{Cells, OCT, Random, dataset, quad, with};
 

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 use spinney::query::PolygonRequest;
-use spinney::value::{DataKind, Rule};
+use spinney::{DataKind, Rule};
 
 use crate::common::{Cells, QUAD, Random, as_byte, byte, dataset, made};
 

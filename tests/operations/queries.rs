@@ -3,9 +3,7 @@
 use std::path::Path;
 
 use spinney::query::{Condition, FoundBlock, PointSamples};
-use spinney::space::{Bounds, Code, Dimension};
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, Number, Rule, SampleType, Value};
+use spinney::{Bounds, Code, DataKind, Dimension, Number, Rule, SampleType, TreeType, Value};
 
 use crate::common::{
     self, Cells, OCT, QUAD, Random, cells_below, dataset, goblin, made, oct, options, quad, value_types,
@@ -345,7 +343,7 @@ fn exact_to_nine_digits(form: TreeType, number: impl Fn(u64) -> f64) {
     for path in [&goblin, &autumnal] {
         write_cells(path, &cells, &options(Rule::Mean, DataKind::Continuous, cells.depth()));
     }
-    let open = |path: &Path| spinney::dataset::open(path, &Default::default()).unwrap();
+    let open = |path: &Path| spinney::raw::dataset::open(path, &Default::default()).unwrap();
     let step = format!("window=0,0,{},{}", size[0], size[1]);
     let view = open(&goblin).view(&[step.parse().unwrap()]).unwrap();
     for file in [open(&goblin), open(&autumnal), view] {

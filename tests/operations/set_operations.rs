@@ -1,9 +1,8 @@
 //! Set operations and operations on values against arrays of cells, and the algebra they obey.
 
-use spinney::ops::{CombineOperation, Prefer};
-use spinney::space::Dimension;
-use spinney::tree::{MemTree, Source, TreeType};
-use spinney::value::{Number, Rule, SampleType, Value, ValueType};
+use spinney::raw::ops::Prefer;
+use spinney::tree::{MemTree, Source};
+use spinney::{CombineOperation, Dimension, Number, Rule, SampleType, TreeType, Value, ValueType};
 
 use crate::common::{
     self, Cells, OCT, QUAD, Random, as_byte, assert_same, byte, cells_of, combined, made, oct, oct_size,

@@ -2,17 +2,17 @@
 
 use std::path::Path;
 
-use spinney::dataset::Dataset;
-use spinney::export::image::Format;
 use spinney::export::{
-    ArrayRequest, CameraProjection, Detail, RenderRequest, WindowRequest, export_array, export_window, render,
+    ArrayRequest, Detail, RenderRequest, WindowRequest, export_array, export_window, render,
 };
-use spinney::import::raster::{self, Pixels};
-use spinney::io::Output;
 use spinney::query::{PointSamples, Ray};
-use spinney::space::{Bounds, Code, Dimension, Region};
-use spinney::tree::{MemTree, TreeType};
-use spinney::value::{DataKind, Number, Rule, SampleType, Value};
+use spinney::raw::export::CameraProjection;
+use spinney::raw::export::image::Format;
+use spinney::raw::import::raster::{self, Pixels};
+use spinney::tree::MemTree;
+use spinney::{
+    Bounds, Code, DataKind, Dataset, Dimension, Number, Output, Region, Rule, SampleType, TreeType, Value,
+};
 
 use crate::common::{Cells, OCT, QUAD, Random, as_byte, byte, dataset, goblin, made, oct, value_types, with};
 
@@ -181,7 +181,7 @@ fn slice(tree: &Dataset, across: usize, place: u64, detail: Detail, name: &str) 
         it.across = across;
         it.memory = 3000;
     });
-    let format = spinney::export::image::format_of(&path).unwrap();
+    let format = spinney::raw::export::image::format_of(&path).unwrap();
     export_window(tree, &request, Output::create(&path).unwrap(), format, &()).unwrap();
     if name.ends_with("raw") { std::fs::read(path).unwrap() } else { samples(&path).1 }
 }

@@ -1,8 +1,7 @@
 //! All symmetries of the square and the cube, one by one and in pairs, against arrays whose cells change places.
 
-use spinney::ops::{AffineMap, Axis, View, ViewStep};
-use spinney::space::Frame;
-use spinney::value::{DataKind, Rule};
+use spinney::raw::ops::{AffineMap, Axis, View};
+use spinney::{DataKind, Frame, Rule, ViewStep};
 
 use crate::common::{
     Cells, OCT, QUAD, assert_same, goblin, goblin_bytes, goblin_from_view, seen, view_in, view_of_cells,

@@ -2,14 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use spinney::dataset::Dataset;
-use spinney::io::Output;
-use spinney::ops::convert;
-use spinney::query::{ZonalRequest, ZoneChannel, ZoneMeasure, ZoneStatistics, ZoneValues};
-use spinney::space::{Bounds, EdgeRule, Polygon};
-use spinney::store::WriteOptions;
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, Number, Rule, SampleType};
+use spinney::query::{EdgeRule, Polygon, ZonalRequest, ZoneMeasure, ZoneStatistics};
+use spinney::raw::query::{ZoneChannel, ZoneValues};
+use spinney::{Bounds, DataKind, Dataset, Number, Output, Rule, SampleType, TreeType, WriteOptions, convert};
 
 use crate::common::{Cells, OCT, QUAD, Random, dataset, options, quad, value_types, write_cells};
 

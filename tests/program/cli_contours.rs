@@ -4,8 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use serde_json::Value;
-use spinney::space::{Crs, Frame};
-use spinney::value::{DataKind, Rule, SampleType};
+use spinney::{Crs, DataKind, Frame, Rule, SampleType};
 use tempfile::TempDir;
 
 use crate::common::command::{complaint, spinney, stdout};

@@ -4,11 +4,10 @@
 use std::path::Path;
 
 use serde_json::{Value as Json, json};
-use spinney::io::Output;
-use spinney::space::{Bounds, Crs, Frame, Projection};
-use spinney::store::{Metadata, build_tree};
+use spinney::raw::space::Projection;
+use spinney::raw::store::build_tree;
 use spinney::tree::MemTree;
-use spinney::value::{DataKind, Rule, SampleType, Value};
+use spinney::{Bounds, Crs, DataKind, Frame, Metadata, Output, Rule, SampleType, Value};
 
 use crate::common::command::{command, complaint, spinney, stderr, stdout};
 use crate::common::{options, quad, with};

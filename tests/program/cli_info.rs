@@ -1,7 +1,7 @@
 //! Answers of `info` and `stats` about places, levels, classes and units.
 
 use serde_json::{Value as Json, json};
-use spinney::value::{DataKind, Rule};
+use spinney::{DataKind, Rule};
 
 use crate::common::command::{command, stderr, stdout};
 use crate::common::{Cells, OCT, goblin_bytes};

@@ -3,8 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use spinney::space::Frame;
-use spinney::value::{DataKind, Rule, SampleType};
+use spinney::{DataKind, Frame, Rule, SampleType};
 use tempfile::TempDir;
 
 use crate::common::command::{complaint, spinney, stderr, stdout};

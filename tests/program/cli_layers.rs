@@ -4,11 +4,8 @@ use std::fs::File;
 use std::io::BufReader;
 
 use serde_json::Value as Json;
-use spinney::io::Output;
-use spinney::space::{Dimension, Frame};
-use spinney::store::{Metadata, TreeWriter};
-use spinney::tree::TreeType;
-use spinney::value::{DataKind, Rule, SampleType};
+use spinney::raw::store::TreeWriter;
+use spinney::{DataKind, Dimension, Frame, Metadata, Output, Rule, SampleType, TreeType};
 
 use crate::common::command::{complaint, spinney, stdout};
 use crate::common::{Cells, QUAD, options, quad, value};

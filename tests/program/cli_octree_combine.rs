@@ -3,8 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use spinney::space::{Crs, Frame};
-use spinney::value::{DataKind, Rule, SampleType, Value};
+use spinney::{Crs, DataKind, Frame, Rule, SampleType, Value};
 use tempfile::TempDir;
 
 use crate::common::command::{complaint, spinney, stderr, stdout};

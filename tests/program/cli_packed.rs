@@ -1,7 +1,7 @@
 //! `--codec`, `--effort` and `--cache-memory`: packed files by the program.
 
 use serde_json::Value as Json;
-use spinney::value::{DataKind, Rule};
+use spinney::{DataKind, Rule};
 
 use crate::common::command::{complaint, spinney, stdout};
 use crate::common::{Cells, QUAD, goblin_bytes};

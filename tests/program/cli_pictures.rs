@@ -2,12 +2,9 @@
 
 use std::path::Path;
 
-use spinney::export::image::{Format, ImageSpec, create};
-use spinney::import::raster::{self, Pixels};
-use spinney::io::Output;
-use spinney::space::Region;
-use spinney::store::Metadata;
-use spinney::value::{DataKind, Rule, SampleType, Value, ValueType};
+use spinney::raw::export::image::{Format, ImageSpec, create};
+use spinney::raw::import::raster::{self, Pixels};
+use spinney::{DataKind, Metadata, Output, Region, Rule, SampleType, Value, ValueType};
 
 use crate::common::command::{command, complaint, stderr};
 use crate::common::{Cells, goblin_bytes, made, oct, quad, value_types};

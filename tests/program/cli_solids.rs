@@ -3,9 +3,8 @@
 use std::path::Path;
 
 use serde_json::Value as Json;
-use spinney::import::raster::{self, Pixels};
-use spinney::space::Region;
-use spinney::value::{DataKind, Rule};
+use spinney::raw::import::raster::{self, Pixels};
+use spinney::{DataKind, Region, Rule};
 use tempfile::TempDir;
 
 use crate::common::command::{command, complaint, stdout};

@@ -3,11 +3,10 @@
 use std::path::Path;
 use std::process::Command;
 
-use spinney::dataset::Dataset;
-use spinney::import::raster::{self, Pixels};
-use spinney::space::{Bounds, Region};
-use spinney::style::{SampleBlock, Style, StylePainter};
-use spinney::value::{DataKind, Rule, SampleType, Value};
+use spinney::raw::import::raster::{self, Pixels};
+use spinney::raw::style::{SampleBlock, StylePainter};
+use spinney::style::Style;
+use spinney::{Bounds, DataKind, Dataset, Region, Rule, SampleType, Value};
 
 use crate::common::command::{command, complaint, stdout};
 use crate::common::{Cells, dataset, goblin_bytes, made, oct, quad, shared_data, value_types};

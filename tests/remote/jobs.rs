@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use spinney::import::raster::{ImportOptions, plan as plan_pictures};
-use spinney::io::{FileStat, Output};
-use spinney::shards::{Job, JobSpec, plan};
-use spinney::{Error, Result};
+use spinney::raw::io::FileStat;
+use spinney::raw::shards::{Job, JobSpec, plan};
+use spinney::{Error, Output, Result};
 
 use super::server;
 use super::server::{Fault, Server};

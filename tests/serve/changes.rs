@@ -7,10 +7,9 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use rustix::process::{Pid, Signal, kill_process};
-use spinney::ops::{self, Edit, FillRegion};
-use spinney::space::Bounds;
-use spinney::store::autumnal::Note;
-use spinney::value::{DataKind, Rule, SampleType, Value};
+use spinney::edit::{Edit, FillRegion, Note};
+use spinney::raw::ops;
+use spinney::{Bounds, DataKind, Rule, SampleType, Value};
 
 use super::common::command::interruptible;
 use super::common::{made, options, quad, write_cells};
@@ -29,7 +28,7 @@ fn write_version(path: &Path, number: u8) {
 fn edit_version(path: &Path, number: u8) {
     let region = FillRegion::Box(Bounds::picture([SIDE, SIDE, 1]));
     let edit = Edit::Fill(region, Some(vec![number.into()]));
-    ops::edit(path, [Ok(edit)], Note::default(), 16 << 20, &()).unwrap();
+    spinney::edit::edit(path, [Ok(edit)], Note::default(), 16 << 20, &()).unwrap();
 }
 
 /// The one value that all cells of a window have, of an answer as JSON.

@@ -4,7 +4,7 @@ use std::io::{Read as _, Write as _};
 use std::net::{Shutdown, TcpStream};
 use std::time::{Duration, Instant};
 
-use spinney::value::{DataKind, Rule, SampleType};
+use spinney::{DataKind, Rule, SampleType};
 
 use super::common::{Cells, Random, options, quad, write_cells};
 use super::{Server, fixture, island};

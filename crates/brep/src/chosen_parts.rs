@@ -9,7 +9,8 @@ use spinney_crs::Crs;
 /// The faces of some parts of a model, which are numbered anew, with corners on the grid. Several passes read all faces of the model.
 ///
 /// ```
-/// use spinney::brep::{ChosenParts, Face, FaceList, Faces, Grid};
+/// use spinney::brep::{Face, Faces, Grid};
+/// use spinney::raw::brep::{ChosenParts, FaceList};
 ///
 /// let grid = Grid::over([[0.0; 3], [4.0; 3]], Some(1.0))?;
 /// let mut faces = FaceList::new(grid, vec!["one".into(), "two".into()]);

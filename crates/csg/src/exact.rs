@@ -80,10 +80,9 @@ pub struct CsgExactReport {
 /// the model are the primitives. Progress counts these.
 ///
 /// ```
-/// use spinney::brep::ExactModel;
-/// use spinney::brep::query::MassProperties;
-/// use spinney::csg::{Csg, CsgExactOptions, import_exact_csg};
-/// use spinney::io::Output;
+/// use spinney::{ExactModel, Output};
+/// use spinney::brep::MassProperties;
+/// use spinney::raw::csg::{Csg, CsgExactOptions, import_exact_csg};
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("notched.goblin");

@@ -151,7 +151,7 @@ pub(crate) struct Tree {
 /// A solid of primitives that were moved and combined, such as a text tells it: `docs/csg.md` is the language.
 ///
 /// ```
-/// use spinney::csg::Csg;
+/// use spinney::raw::csg::Csg;
 ///
 /// let text = "difference(block(0,0,0, 2,2,2), ball(1,1,2, 0.5))";
 /// assert_eq!(Csg::parse("dented".as_ref(), text)?.primitives(), 2);

@@ -6,7 +6,7 @@
 //!
 //! ```
 //! # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-//! use spinney::export::tiles::{TileId, TilePainter, TreeTiles, draw_tile};
+//! use spinney::raw::export::tiles::{TileId, TilePainter, TreeTiles, draw_tile};
 //! use spinney::style::Style;
 //!
 //! let map = spinney::open("fixtures/v1/classes.goblin")?;

@@ -1,9 +1,9 @@
 //! Set operations of polygons of several files, with the attributes of all.
 //!
 //! ```
-//! use spinney::overlay::{OverlayOperation, OverlayRequest, overlay_features, read_polygon_layers};
-//! use spinney::export::vector::VectorFormat;
-//! use spinney::io::Output;
+//! use spinney::raw::overlay::{OverlayOperation, OverlayRequest, overlay_features, read_polygon_layers};
+//! use spinney::export::VectorFormat;
+//! use spinney::Output;
 //!
 //! # let folder = tempfile::tempdir().unwrap();
 //! # let path = |name: &str| folder.path().join(name);

@@ -2,8 +2,7 @@
 
 use anyhow::Result;
 use clap::Args;
-use spinney::dataset::Dataset;
-use spinney::space::{CellLocator, Coordinates};
+use spinney::{CellLocator, Coordinates, Dataset};
 
 use super::super::report::warn;
 use super::parse_crs;

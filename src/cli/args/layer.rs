@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use spinney::ops::{layer_paths, only_layer};
-use spinney::store::FileReference;
+use spinney::raw::ops::{layer_paths, only_layer};
+use spinney::raw::store::FileReference;
 
 /// A layer of a file that has several, or some of them.
 #[derive(Args, Clone, Debug, Default)]

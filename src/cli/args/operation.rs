@@ -1,6 +1,7 @@
 //! Names of operations on several trees.
 
-use spinney::ops::{CombineOperation, Prefer};
+use spinney::CombineOperation;
+use spinney::raw::ops::Prefer;
 
 /// The name of an operation, as it was written.
 #[derive(Clone, Debug, PartialEq)]

@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use anyhow::{Result, ensure};
-use spinney::store::{self, Codec, Effort, WriteOptions};
+use spinney::raw::store::{self, Effort};
+use spinney::{Codec, WriteOptions};
 
 use super::super::exact;
 use super::Memory;

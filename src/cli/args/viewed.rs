@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use spinney::brep::ModelView;
-use spinney::dataset::Dataset;
-use spinney::ops::{Calculation, LayerInfo, ViewStep, WarpTarget};
-use spinney::store::FileReference;
+use spinney::raw::brep::ModelView;
+use spinney::raw::ops::{Calculation, LayerInfo, WarpTarget};
+use spinney::raw::store::FileReference;
+use spinney::{Dataset, ViewStep};
 
 use super::super::{Global, exact, open};
 use super::{LayerOption, parse_crs};

@@ -3,12 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use spinney::Progress;
-use spinney::io::Output;
-use spinney::partitions::Bintree;
-use spinney::store::{BuildOptions, build_source};
-use spinney::tree::Source;
-use spinney::value::DataKind;
+use spinney::raw::partitions::Bintree;
+use spinney::tree::{Source, build_source};
+use spinney::{BuildOptions, DataKind, Output, Progress};
 
 use super::pictures::PictureArgs;
 use super::{Common, Lines};

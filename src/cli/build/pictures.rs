@@ -4,10 +4,11 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use anyhow::{Result, bail};
-use spinney::import::raster::{Band, ImportOptions, StackOptions};
-use spinney::import::volume::{RawLayout, VolumeInput, VolumeOptions, is_volume};
-use spinney::ops::{Resampling, WarpOptions};
-use spinney::value::{DataKind, Number, Rule, SampleType};
+use spinney::import::raster::{ImportOptions, StackOptions};
+use spinney::import::volume::VolumeOptions;
+use spinney::raw::import::raster::Band;
+use spinney::raw::import::volume::{RawLayout, VolumeInput, is_volume};
+use spinney::{DataKind, Number, Resampling, Rule, SampleType, WarpOptions};
 
 use super::super::args::numbers;
 use super::Common;

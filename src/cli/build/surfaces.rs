@@ -3,14 +3,14 @@
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
-use spinney::Progress;
-use spinney::import::feature::{FeatureOptions, is_feature_file};
-use spinney::io::Output;
-use spinney::store::Packing;
-use spinney::tin::{
+use spinney::import::feature::FeatureOptions;
+use spinney::raw::import::feature::is_feature_file;
+use spinney::raw::store::Packing;
+use spinney::raw::tin::{
     Duplicates, LayerInput, LayerOptions, LayerSurface, SurfaceFiles, SurfaceInput, SurfacePoints,
     SurfaceReport, build_layers, read_surfaces, triangulate, write_surface,
 };
+use spinney::{Output, Progress};
 
 use super::features::FeatureArgs;
 use super::pictures::PictureArgs;

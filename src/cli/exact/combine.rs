@@ -5,10 +5,8 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Result, bail, ensure};
-use spinney::SetOperation;
-use spinney::brep::{CombineReport, ExactModel, boundary_parts};
-use spinney::ops::CombineOperation;
-use spinney::store::Codec;
+use spinney::raw::brep::{CombineReport, boundary_parts};
+use spinney::{Codec, CombineOperation, ExactModel, SetOperation};
 
 use super::super::Global;
 use super::super::args::OutputLimit;
@@ -99,5 +97,5 @@ fn tell(report: &CombineReport, files: &[PathBuf], global: &Global) {
 
 /// Whether any of some files is an exact model.
 pub(in crate::cli) fn any_model(files: &[PathBuf]) -> bool {
-    files.iter().any(|file| spinney::brep::is_model_file(Path::new(file)))
+    files.iter().any(|file| spinney::raw::brep::is_model_file(Path::new(file)))
 }

@@ -13,10 +13,12 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use anyhow::{Result, bail};
-use spinney::brep::{BuildReport, ExactModel, Faces, ModelView, is_model_file};
-use spinney::import::feature::{FeatureFilter, choose_objects};
-use spinney::ops::ViewStep;
-use spinney::store::{OpenOptions, Tag};
+use spinney::brep::Faces;
+use spinney::import::feature::FeatureFilter;
+use spinney::raw::brep::{BuildReport, ModelView, is_model_file};
+use spinney::raw::import::feature::choose_objects;
+use spinney::raw::store::Tag;
+use spinney::{ExactModel, OpenOptions, ViewStep};
 
 use super::Global;
 

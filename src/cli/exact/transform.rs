@@ -4,8 +4,10 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::Result;
-use spinney::brep::{ExactModel, Faces, Motion, TransformOptions, TransformReport};
-use spinney::ops::{AffineMap, ViewStep};
+use spinney::brep::{Faces, Motion, TransformOptions};
+use spinney::raw::brep::TransformReport;
+use spinney::raw::ops::AffineMap;
+use spinney::{ExactModel, ViewStep};
 
 use super::super::Global;
 use super::super::args::OutputLimit;

@@ -4,12 +4,10 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
-use spinney::Progress as _;
-use spinney::dataset::Dataset;
-use spinney::export::{ChainDirections, ChainWriter, export_chain_code};
-use spinney::import::feature::{FeatureGeometry, FeatureOptions, open_features};
-use spinney::io::Output;
-use spinney::space::{CellLocator, Coordinates};
+use spinney::import::feature::FeatureOptions;
+use spinney::raw::export::{ChainDirections, ChainWriter, export_chain_code};
+use spinney::raw::import::feature::{FeatureGeometry, open_features};
+use spinney::{CellLocator, Coordinates, Dataset, Output, Progress as _};
 
 use super::super::args::{check_output, level_of};
 use super::super::features::check_features;

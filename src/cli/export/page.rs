@@ -3,8 +3,9 @@
 use std::time::Instant;
 
 use anyhow::{Result, bail};
-use spinney::export::page::{PageFile, PageRequest, PageStart, export_page};
-use spinney::store::FileReference;
+use spinney::export::{PageFile, PageRequest, export_page};
+use spinney::raw::export::page::PageStart;
+use spinney::raw::store::FileReference;
 
 use super::super::Global;
 use super::super::args::check_output;

@@ -3,9 +3,10 @@
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
-use spinney::export::mesh::{MeshFormat, SurfaceMesh, export_triangles};
-use spinney::io::Output;
-use spinney::tin::{approximate, read_heights};
+use spinney::Output;
+use spinney::export::MeshFormat;
+use spinney::raw::export::mesh::{SurfaceMesh, export_triangles};
+use spinney::raw::tin::{approximate, read_heights};
 
 use super::super::args::{check_output, level_of};
 use super::super::report::{Work, report_output};

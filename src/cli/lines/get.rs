@@ -4,8 +4,9 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use spinney::io::Output;
-use spinney::lines::{LineTree, export_lines, join_crossing_lines};
+use spinney::Output;
+use spinney::lines::LineTree;
+use spinney::raw::lines::{export_lines, join_crossing_lines};
 
 use super::super::Global;
 use super::super::args::{PartOptions, check_output, vector_format};

@@ -5,8 +5,9 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use serde_json::json;
-use spinney::io::Output;
-use spinney::lines::{LineTree, join_crossing_lines, join_nearest_lines};
+use spinney::Output;
+use spinney::lines::LineTree;
+use spinney::raw::lines::{join_crossing_lines, join_nearest_lines};
 
 use super::super::Global;
 use super::super::args::{check_output, vector_format};

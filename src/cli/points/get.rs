@@ -4,8 +4,9 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use spinney::io::Output;
-use spinney::points::{PointFormat, PointTree, Selection, export_points, position};
+use spinney::Output;
+use spinney::points::{PointTree, Selection};
+use spinney::raw::points::{PointFormat, export_points, position};
 
 use super::super::Global;
 use super::super::args::check_output;

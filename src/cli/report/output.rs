@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Instant;
 
-use spinney::io::FileStat;
+use spinney::raw::io::FileStat;
 
 use super::super::Global;
 use super::quantity;

@@ -7,12 +7,10 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail, ensure};
 use serde_json::json;
-use spinney::dataset::Dataset;
-use spinney::io::Output;
-use spinney::ops::Connectivity;
-use spinney::query::{Label, LabelRequest};
-use spinney::report::{cell_area, class_as_json, class_name, printable_json};
-use spinney::value::Number;
+use spinney::raw::ops::Connectivity;
+use spinney::raw::query::{Label, LabelRequest};
+use spinney::raw::report::{cell_area, class_as_json, class_name, printable_json};
+use spinney::{Dataset, Number, Output};
 
 use super::super::args::check_output;
 use super::super::report::{Work, print_text, report_output};

@@ -4,10 +4,8 @@ mod tree;
 
 use std::path::Path;
 
-use spinney::io::Output;
-use spinney::store::{build_slabs, build_source};
-use spinney::tree::MemTree;
-use spinney::value::{DataKind, Rule, Value};
+use spinney::tree::{MemTree, build_slabs, build_source};
+use spinney::{DataKind, Output, Rule, Value};
 
 use self::tree::{PredictedSource, PredictiveTree};
 use crate::common::{CLASSIC, Cells, QUAD, byte, bytes_of, cells_of, made, options, quad, value};
@@ -46,7 +44,7 @@ fn item_16_picture_of_the_tables() {
 
 #[test]
 fn item_16_random_pictures() {
-    use spinney::value::SampleType::{F32, U8, U16};
+    use spinney::SampleType::{F32, U8, U16};
     for seed in 0..60 {
         let side = [9, 70, 300][seed as usize % 3];
         let size = [1 + seed * 37 % side, 1 + seed * 53 % side, 1];

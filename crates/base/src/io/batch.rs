@@ -171,8 +171,8 @@ pub fn try_once(question: &mut dyn FnMut() -> Result<()>) -> (Result<()>, Vec<Mi
 ///
 /// ```
 /// # use std::{ops::Range, path::Path, sync::Arc};
-/// use spinney::io::batch::{finish_deferred, run_batched, defer_missing};
-/// use spinney::io::{Fetch, RangeCache, RangeFile, ReadBackend};
+/// use spinney::raw::io::batch::{defer_missing, finish_deferred, run_batched};
+/// use spinney::raw::io::{Fetch, RangeCache, RangeFile, ReadBackend};
 ///
 /// /// A host that is far away.
 /// struct Host;

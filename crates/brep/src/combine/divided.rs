@@ -13,10 +13,11 @@ use spinney_container::Codec;
 /// New corners are exact, as those of set operations are ([`combine`](super::combine())), and so is what grids and memory have to be.
 ///
 /// ```
-/// use spinney::brep::{ExactModel, Faces, divide_faces};
+/// use spinney::ExactModel;
+/// use spinney::brep::Faces;
+/// use spinney::raw::brep::divide_faces;
 /// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
-/// # use spinney::io::Output;
-/// # use spinney::store::Codec;
+/// # use spinney::{Codec, Output};
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = |name: &str| folder.path().join(name);
 /// # let made = |name: &str, z: i32| -> spinney::Result<ExactModel> {

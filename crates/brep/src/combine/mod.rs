@@ -86,11 +86,9 @@ pub struct CombineReport {
 /// other bodies, and 300 for each whose box touches theirs, half of `memory` at most; and 96 for each face with corners beside the grid.
 ///
 /// ```
-/// use spinney::SetOperation;
-/// use spinney::brep::{ExactModel, combine};
+/// use spinney::{Codec, ExactModel, Output, SetOperation};
+/// use spinney::brep::combine;
 /// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
-/// use spinney::io::Output;
-/// use spinney::store::Codec;
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = |name: &str| folder.path().join(name);
 /// # let text = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";

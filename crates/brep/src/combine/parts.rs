@@ -39,7 +39,7 @@ impl BoundaryPart {
 ///
 /// ```
 /// use spinney::SetOperation;
-/// use spinney::brep::boundary_parts;
+/// use spinney::raw::brep::boundary_parts;
 ///
 /// // The difference: the first body's faces outside of the second one, and the backs of the second one's inside of the first.
 /// let taken = boundary_parts(SetOperation::Difference).into_iter().filter(|part| part.is_taken());

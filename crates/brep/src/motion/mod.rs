@@ -86,9 +86,9 @@ pub struct TransformReport {
 /// bounded, but that faces with corners beside the grid are held. Progress counts faces, each in several passes.
 ///
 /// ```
-/// use spinney::brep::{ExactModel, Faces, Motion, TransformOptions, transform};
+/// use spinney::{ExactModel, Output};
+/// use spinney::brep::{Faces, Motion, TransformOptions, transform};
 /// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
-/// use spinney::io::Output;
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = |name: &str| folder.path().join(name);
 /// # let text = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";

@@ -22,9 +22,11 @@ use spinney_base::{Error, Progress, Result};
 /// An exact model that is seen through an affine map: questions tell of what it would be if it were moved, and no file is made.
 ///
 /// ```
-/// use spinney::brep::{ExactModel, ModelView, Motion};
+/// use spinney::ExactModel;
+/// use spinney::brep::Motion;
+/// use spinney::raw::brep::ModelView;
 /// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
-/// # use spinney::io::Output;
+/// # use spinney::Output;
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = |name: &str| folder.path().join(name);
 /// # let text = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";

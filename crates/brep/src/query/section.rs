@@ -64,10 +64,10 @@ impl ExactModel {
     /// there.
     ///
     /// ```
-    /// use spinney::brep::ExactModel;
-    /// use spinney::brep::query::CuttingPlane;
+    /// use spinney::ExactModel;
+    /// use spinney::brep::CuttingPlane;
     /// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
-    /// # use spinney::io::Output;
+    /// # use spinney::Output;
     /// # let folder = tempfile::tempdir().unwrap();
     /// # let [mesh, path] = ["tetrahedron.off", "tetrahedron.goblin"].map(|name| folder.path().join(name));
     /// # let text = "OFF\n4 4 0\n0 0 0\n6 0 0\n0 6 0\n0 0 6\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";

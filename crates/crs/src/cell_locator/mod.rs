@@ -15,7 +15,7 @@ pub type PolygonParts = Vec<Vec<Vec<[f64; 2]>>>;
 /// Longitudes that differ by a whole turn are one place: what lies across the 180th meridian, or is counted from 0 to 360, is found.
 ///
 /// ```
-/// use spinney::space::{CellLocator, Coordinates, Crs, Frame};
+/// use spinney::{CellLocator, Coordinates, Crs, Frame};
 /// // Five degrees west and five east of the 180th meridian.
 /// let frame = Frame { crs: Some(Crs::epsg(4326)), ..Frame::planar([0.5, 0.0, 175.0, 0.0, -0.5, 10.0]) };
 /// let places = CellLocator::new(&Coordinates::LONLAT, &frame, [20, 20, 1])?;

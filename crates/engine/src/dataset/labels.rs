@@ -13,7 +13,7 @@ impl Dataset {
     ///
     /// ```
     /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-    /// use spinney::query::LabelRequest;
+    /// use spinney::raw::query::LabelRequest;
     ///
     /// let map = spinney::open("fixtures/v1/classes.goblin")?;
     /// let mut request = LabelRequest::new();

@@ -33,9 +33,8 @@ use spinney_container::{FileReference, Finding, Header, Metadata, OpenOptions, T
 /// y, z, the last 0 in quadtrees.
 ///
 /// ```no_run
-/// use spinney::dataset;
-/// use spinney::space::Bounds;
-/// use spinney::store::OpenOptions;
+/// use spinney::raw::dataset;
+/// use spinney::{Bounds, OpenOptions};
 ///
 /// let map = dataset::open("world.goblin".as_ref(), &OpenOptions::default())?;
 /// let tile = Bounds { min: [0; 3], max: [256, 256, 1] };

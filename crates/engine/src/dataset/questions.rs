@@ -68,7 +68,7 @@ impl Dataset {
     ///
     /// ```
     /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-    /// use spinney::space::{Code, Dimension};
+    /// use spinney::{Code, Dimension};
     /// use spinney::tree::NodeState;
     ///
     /// let map = spinney::open("fixtures/v1/classes.goblin")?;

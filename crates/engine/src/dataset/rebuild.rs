@@ -60,8 +60,7 @@ impl Dataset {
     ///
     /// ```
     /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-    /// use spinney::io::Output;
-    /// use spinney::value::Rule;
+    /// use spinney::{Output, Rule};
     ///
     /// # let folder = tempfile::tempdir().unwrap();
     /// # let path = folder.path().join("largest.goblin");

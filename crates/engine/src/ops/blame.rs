@@ -22,7 +22,8 @@ use spinney_container::{FileReference, Metadata, OpenOptions, Tag};
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::{io::Output, ops, store::WriteOptions};
+/// use spinney::{Output, WriteOptions};
+/// use spinney::raw::ops;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("age.goblin");

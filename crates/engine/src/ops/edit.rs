@@ -54,14 +54,14 @@ pub type CellValue = ([u64; 3], Option<Vec<Number>>);
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::ops::{self, Edit};
-/// use spinney::store::autumnal::Note;
+/// use spinney::edit::{Edit, Note};
+/// use spinney::raw::ops;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("history.autumn");
 /// # std::fs::copy("fixtures/v1/history.autumn", &path).unwrap();
 /// let edits = [Edit::Set(vec![([0, 0, 0], Some(vec![7.into()]))])];
-/// let commit = ops::edit(&path, edits.map(Ok), Note::default(), 64 << 20, &())?;
+/// let commit = spinney::edit::edit(&path, edits.map(Ok), Note::default(), 64 << 20, &())?;
 /// assert!(commit.is_some());
 /// # Ok::<(), spinney::Error>(())
 /// ```

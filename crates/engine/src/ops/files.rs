@@ -104,13 +104,14 @@ impl FileView {
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::{io::Output, ops, store::WriteOptions};
+/// use spinney::{Output, WriteOptions};
+/// use spinney::raw::ops;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("turned.goblin");
-/// let mut chain = ops::FileView::of("fixtures/v1/classes.goblin".as_ref());
+/// let mut chain = spinney::FileView::of("fixtures/v1/classes.goblin".as_ref());
 /// chain.steps = vec!["rotate=90".parse()?, "crop".parse()?];
-/// let outcome = ops::transform(&chain, Output::create(&path)?, WriteOptions::new(64 << 20), &())?;
+/// let outcome = spinney::transform(&chain, Output::create(&path)?, WriteOptions::new(64 << 20), &())?;
 /// assert_eq!(outcome.before, [outcome.after]);
 /// # Ok::<(), spinney::Error>(())
 /// ```
@@ -197,15 +198,16 @@ pub fn transform_to(
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::{io::Output, ops, store::WriteOptions};
+/// use spinney::{Output, WriteOptions};
+/// use spinney::raw::ops;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("nothing.goblin");
 /// let map = "fixtures/v1/classes.goblin".into();
 /// let trees = [map, "fixtures/v1/classes.goblin".into()];
 /// let output = Output::create(&path)?;
-/// let usual = ops::Universe::Usual;
-/// let changes = ops::combine(ops::CombineOperation::Changed, None, usual, &trees, output, WriteOptions::new(64 << 20), &())?;
+/// let usual = spinney::Universe::Usual;
+/// let changes = spinney::combine(spinney::CombineOperation::Changed, None, usual, &trees, output, WriteOptions::new(64 << 20), &())?;
 /// assert_eq!(changes.after, 0);
 /// # Ok::<(), spinney::Error>(())
 /// ```

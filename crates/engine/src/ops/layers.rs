@@ -17,7 +17,7 @@ use spinney_crs::Frame;
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// let map = "fixtures/v1/classes.goblin".as_ref();
-/// assert_eq!(spinney::ops::layer_paths(map)?, [map]);
+/// assert_eq!(spinney::raw::ops::layer_paths(map)?, [map]);
 /// # Ok::<(), spinney::Error>(())
 /// ```
 ///

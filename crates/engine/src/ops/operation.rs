@@ -19,8 +19,8 @@ pub enum Prefer {
 /// An operation that merges trees into one, cell by cell; a cell is present if it is not VOID.
 ///
 /// ```
-/// use spinney::SetOperation;
-/// use spinney::ops::{CombineOperation, Prefer};
+/// use spinney::{CombineOperation, SetOperation};
+/// use spinney::raw::ops::Prefer;
 /// let union = CombineOperation::named("or", Prefer::First);
 /// assert_eq!(union, Some(CombineOperation::set(SetOperation::Union)));
 /// assert_eq!(union.unwrap().to_string(), "union");

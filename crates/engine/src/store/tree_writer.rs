@@ -23,11 +23,9 @@ use spinney_container::{
 /// Layers are trees of one space; those of larger cells have fewer levels than the file. What is not finished leaves nothing behind.
 ///
 /// ```
-/// use spinney::io::Output;
-/// use spinney::space::Dimension;
-/// use spinney::store::{BuildOptions, Metadata, Slab, Slabs, TreeWriter};
-/// use spinney::tree::TreeType;
-/// use spinney::value::{DataKind, SampleType, ValueType};
+/// use spinney::{BuildOptions, DataKind, Dimension, Metadata, Output, SampleType, TreeType, ValueType};
+/// use spinney::raw::store::TreeWriter;
+/// use spinney::tree::{Slab, Slabs};
 ///
 /// /// One picture of 4 x 4 pixels of a grey.
 /// struct Grey(u8);
@@ -122,12 +120,11 @@ impl TreeWriter {
     /// cells in the shard's runs are asked for; [`merge_shards`](super::goblin::merge_shards) puts shards together.
     ///
     /// ```
-    /// use spinney::io::Output;
-    /// use spinney::space::{CodeRun, Dimension};
-    /// use spinney::store::goblin::{Shard, ShardPiece, merge_shards};
-    /// use spinney::store::{BuildOptions, Effort, TreeWriter};
-    /// use spinney::tree::{TreeType, MemTree};
-    /// use spinney::value::{DataKind, Rule, SampleType, ValueType};
+    /// use spinney::{BuildOptions, DataKind, Dimension, Output, Rule, SampleType, TreeType, ValueType};
+    /// use spinney::raw::space::CodeRun;
+    /// use spinney::raw::store::goblin::{Shard, ShardPiece, merge_shards};
+    /// use spinney::raw::store::{Effort, TreeWriter};
+    /// use spinney::tree::MemTree;
     ///
     /// # fn main() -> spinney::Result<()> {
     /// # let folder = tempfile::tempdir().unwrap();

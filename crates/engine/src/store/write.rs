@@ -54,11 +54,8 @@ pub fn build<S: ReusableSource>(
 /// kinds. Memory is bounded as in [`build_slabs`], whatever the source's size.
 ///
 /// ```
-/// use spinney::io::Output;
-/// use spinney::space::{Code, Dimension};
-/// use spinney::store::{BuildOptions, build_source};
-/// use spinney::tree::{Child, Children, TreeType, Source};
-/// use spinney::value::{DataKind, SampleType, Value, ValueType};
+/// use spinney::{BuildOptions, Code, DataKind, Dimension, Output, SampleType, TreeType, Value, ValueType};
+/// use spinney::tree::{Child, Children, Source, build_source};
 ///
 /// /// A triangle: all cells whose column is less than their row.
 /// struct Triangle;

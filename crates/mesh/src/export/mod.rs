@@ -134,8 +134,8 @@ pub struct MeshSummary {
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::export::mesh::{MeshFormat, MeshRequest, export_mesh};
-/// use spinney::io::Output;
+/// use spinney::export::{MeshFormat, MeshRequest, export_mesh};
+/// use spinney::Output;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("ball.ply");

@@ -33,10 +33,9 @@ pub type BintreeNode = BinaryNode<u8, Option<Value>>;
 /// A bintree in memory; always condensed (no node has two halves of one value all over).
 ///
 /// ```
-/// use spinney::partitions::Bintree;
-/// use spinney::tree::{TreeType, df};
-/// use spinney::space::Dimension;
-/// use spinney::value::{Rule, SampleType, Value, ValueType};
+/// use spinney::raw::partitions::Bintree;
+/// use spinney::{Dimension, Rule, SampleType, TreeType, Value, ValueType};
+/// use spinney::raw::tree::df;
 ///
 /// let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
 /// let quadtree = df::from_text(form, "G B W B G W W W B", 2, Value::from([255u8]), Rule::Mean)?;

@@ -69,7 +69,7 @@ pub enum Seen<'a> {
 ///
 /// ```
 /// use spinney::SetOperation;
-/// use spinney::partitions::Bsp;
+/// use spinney::raw::partitions::Bsp;
 ///
 /// let square = |from: i32, to: i32| vec![[from, from], [to, from], [to, to], [from, to]];
 /// let frame = Bsp::of_polygons(&[vec![square(0, 9), square(3, 6)]])?;

@@ -6,9 +6,10 @@
 //!
 //! ```
 //! # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-//! use spinney::export::tiles::{Pmtiles, TileId, TilePainter, TileRequest, TileTarget, WarpedTiles, export_tiles};
+//! use spinney::export::{TileRequest, export_tiles};
+//! use spinney::raw::export::tiles::{Pmtiles, TileId, TilePainter, TileTarget, WarpedTiles};
 //! use spinney::import::raster::{ImportOptions, plan};
-//! use spinney::io::Output;
+//! use spinney::Output;
 //! use spinney::style::Style;
 //!
 //! # let folder = tempfile::tempdir().unwrap();

@@ -249,7 +249,8 @@ impl TileUpdate {
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::export::tiles::{TileRequest, TileTarget, UpdateOptions, draw_tiles, tile_source};
+/// use spinney::export::TileRequest;
+/// use spinney::raw::export::tiles::{TileTarget, UpdateOptions, draw_tiles, tile_source};
 /// use spinney::style::Style;
 ///
 /// # let folder = tempfile::tempdir().unwrap();

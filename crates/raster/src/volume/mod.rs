@@ -110,7 +110,7 @@ pub fn is_volume(path: &Path) -> bool {
 ///
 /// ```
 /// use spinney::import::volume::{VolumeOptions, plan};
-/// use spinney::io::Output;
+/// use spinney::Output;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let (array, path) = (folder.path().join("volume.npy"), folder.path().join("volume.goblin"));
@@ -138,9 +138,9 @@ pub fn plan(path: &Path, options: &VolumeOptions) -> Result<VolumeImport> {
 /// Opens a file of samples alone, and decides how its octree is built.
 ///
 /// ```
-/// use spinney::import::volume::{RawLayout, VolumeOptions, plan_raw};
-/// use spinney::io::Output;
-/// use spinney::value::SampleType;
+/// use spinney::import::volume::VolumeOptions;
+/// use spinney::raw::import::volume::{RawLayout, plan_raw};
+/// use spinney::{Output, SampleType};
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let (raw, path) = (folder.path().join("volume.raw"), folder.path().join("volume.goblin"));

@@ -19,9 +19,10 @@ const MAX_BANDS: usize = 255;
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::export::image::Format;
-/// use spinney::export::{Detail, WindowRequest, export_layers};
-/// use spinney::{io::Output, space::Bounds};
+/// use spinney::raw::export::image::Format;
+/// use spinney::export::{Detail, WindowRequest};
+/// use spinney::raw::export::export_layers;
+/// use spinney::{Bounds, Output};
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("part.tif");

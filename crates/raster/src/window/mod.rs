@@ -98,9 +98,9 @@ pub enum Detail {
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::export::image::Format;
+/// use spinney::raw::export::image::Format;
 /// use spinney::export::{Detail, WindowRequest, export_window};
-/// use spinney::{io::Output, space::Bounds};
+/// use spinney::{Bounds, Output};
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("part.png");

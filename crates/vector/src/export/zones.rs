@@ -50,10 +50,12 @@ enum Answer {
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::export::vector::{VectorFormat, export_zones};
-/// use spinney::import::feature::{FeatureOptions, PolygonReader};
-/// use spinney::io::Output;
-/// use spinney::space::{Coordinates, EdgeRule};
+/// use spinney::export::VectorFormat;
+/// use spinney::raw::export::vector::export_zones;
+/// use spinney::import::feature::FeatureOptions;
+/// use spinney::raw::import::feature::PolygonReader;
+/// use spinney::{Coordinates, Output};
+/// use spinney::query::EdgeRule;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let (path, table) = (folder.path().join("parcels.geojson"), folder.path().join("parcels.csv"));

@@ -2,7 +2,8 @@
 //!
 //! ```
 //! use std::path::Path;
-//! use spinney::import::feature::{FeatureAttribute, FeatureGeometry, FeatureOptions, open_features};
+//! use spinney::import::feature::FeatureOptions;
+//! use spinney::raw::import::feature::{FeatureAttribute, FeatureGeometry, open_features};
 //!
 //! # let folder = tempfile::tempdir().unwrap();
 //! # let path = folder.path().join("places.geojson");

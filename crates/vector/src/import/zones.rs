@@ -110,7 +110,7 @@ impl PolygonLayer {
     /// Keeps the features of some layers for which all of a filter's conditions hold.
     ///
     /// ```
-    /// use spinney::import::feature::{PolygonLayer, parse_polygons};
+    /// use spinney::raw::import::feature::{PolygonLayer, parse_polygons};
     ///
     /// let ring = "[[[0, 0], [1, 0], [1, 1], [0, 0]]]";
     /// let feature = |kind: &str| {

@@ -3,13 +3,12 @@
 use std::fmt::Write;
 
 use anyhow::Result;
-use spinney::dataset::Dataset;
-use spinney::export::vector::quantile_name;
-use spinney::import::feature::PolygonLayer;
-use spinney::query::{ZoneChannel, ZoneMeasure, ZoneStatistics};
-use spinney::report::{JsonNumbers, ZoneForm, ZoneReport, cell_area, class_name};
-use spinney::store::Metadata;
-use spinney::value::Number;
+use spinney::query::{ZoneMeasure, ZoneStatistics};
+use spinney::raw::export::vector::quantile_name;
+use spinney::raw::import::feature::PolygonLayer;
+use spinney::raw::query::ZoneChannel;
+use spinney::raw::report::{JsonNumbers, ZoneForm, ZoneReport, cell_area, class_name};
+use spinney::{Dataset, Metadata, Number};
 
 use super::super::super::report::print_text;
 use super::super::row_of;

@@ -37,10 +37,9 @@ pub enum Sampling {
 ///
 /// ```
 /// use std::sync::Arc;
-/// use spinney::ops::{Axis, AffineMap, View};
-/// use spinney::space::Dimension;
-/// use spinney::tree::{TreeType, MemTree, Source};
-/// use spinney::value::{Rule, SampleType, Value, ValueType};
+/// use spinney::raw::ops::{AffineMap, Axis, View};
+/// use spinney::{Dimension, Rule, SampleType, TreeType, Value, ValueType};
+/// use spinney::tree::{MemTree, Source};
 ///
 /// let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
 /// let columns = MemTree::from_cells(form, 2, Rule::Mean, &|[x, _, _]| Some(Value::from([x as u8])));

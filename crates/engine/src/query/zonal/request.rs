@@ -10,8 +10,7 @@ use spinney_base::{Error, Result};
 /// A question about the cells in polygons.
 ///
 /// ```
-/// use spinney::query::ZonalRequest;
-/// use spinney::space::{EdgeRule, Polygon};
+/// use spinney::query::{EdgeRule, Polygon, ZonalRequest};
 ///
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// let map = spinney::open("fixtures/v1/classes.goblin")?;

@@ -72,9 +72,10 @@ pub struct ExactSummary {
 /// twice get a number behind them. In OBJ names, what would end the line or the name is replaced by `_`.
 ///
 /// ```
-/// use spinney::brep::{Face, FaceList, Grid};
-/// use spinney::export::mesh::{MeshFormat, export_exact};
-/// use spinney::io::Output;
+/// use spinney::brep::{Face, Grid};
+/// use spinney::raw::brep::FaceList;
+/// use spinney::export::{MeshFormat, export_exact};
+/// use spinney::Output;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("triangle.ply");

@@ -57,9 +57,11 @@ pub struct IsosurfaceSummary {
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::export::mesh::{MeshFormat, export_isosurfaces};
-/// use spinney::io::Output;
-/// use spinney::query::{ContourLevels, ContourEnds, ContourRequest};
+/// use spinney::export::MeshFormat;
+/// use spinney::raw::export::mesh::export_isosurfaces;
+/// use spinney::Output;
+/// use spinney::query::{ContourLevels, ContourRequest};
+/// use spinney::raw::query::ContourEnds;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("ball.ply");

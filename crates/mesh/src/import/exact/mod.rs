@@ -123,7 +123,7 @@ pub struct ExactReport {
 ///
 /// ```
 /// use spinney::import::mesh::{ExactOptions, import_exact, open_all};
-/// use spinney::io::Output;
+/// use spinney::Output;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let [mesh, path] = ["tetrahedron.off", "tetrahedron.goblin"].map(|name| folder.path().join(name));

@@ -12,8 +12,9 @@ use spinney_brep::attributes::{ObjectText, each_member};
 /// A mesh in memory. What is empty is not there.
 ///
 /// ```
-/// use spinney::import::mesh::{ExactOptions, MeshArrays, import_exact};
-/// use spinney::io::Output;
+/// use spinney::import::mesh::{ExactOptions, import_exact};
+/// use spinney::raw::import::mesh::MeshArrays;
+/// use spinney::Output;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("wedge.goblin");

@@ -130,7 +130,7 @@ impl SolidImport {
 ///
 /// ```
 /// use spinney::import::mesh::{Resolution, SolidOptions, open_all, plan_models};
-/// use spinney::io::Output;
+/// use spinney::Output;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let [model, tree] = ["tetrahedron.off", "tetrahedron.goblin"].map(|name| folder.path().join(name));
