@@ -99,7 +99,8 @@ pub use spinney_container::{Codec, Header, Metadata, OpenOptions};
 pub use spinney_crs::{CellLocator, Coordinates, Crs, Frame};
 pub use spinney_engine::dataset::Dataset;
 pub use spinney_engine::ops::{
-    CombineOperation, FileView, Resampling, Universe, ViewStep, WarpOptions, combine, convert, transform,
+    CombineOperation, CombineOptions, FileView, Resampling, Universe, ViewStep, WarpOptions, combine,
+    convert, transform,
 };
 pub use spinney_engine::store::{BuildOptions, WriteOptions};
 

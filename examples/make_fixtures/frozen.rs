@@ -11,7 +11,7 @@ use spinney::raw::value::Palette;
 use spinney::tree::MemTree;
 use spinney::{
     Bounds, BuildOptions, Codec, Crs, DataKind, Dimension, Error, ExactModel, Frame, Metadata, Output,
-    Result, Rule, SampleType, TreeType, Value, ValueType,
+    Result, Rule, SampleType, SetOperation, TreeType, Value, ValueType,
 };
 
 use super::island::{self, Island};
@@ -362,9 +362,9 @@ pub(crate) fn make_crossing(path: &Path, codec: Codec) -> Result<()> {
     let tower = model(path, &tower, (first, about), Some(ABOUT_FILE))?;
     let spire = model(path, &spire, (second, more), None)?;
     let mast = model(path, &mast, (third, None), None)?;
-    combine(7, &[&tower, &spire], Output::create(path)?, Codec::Plain, 16 << 20, &())?;
+    combine(SetOperation::Union, &[&tower, &spire], Output::create(path)?, Codec::Plain, 16 << 20, &())?;
     let both = in_memory(path)?;
-    combine(2, &[&both, &mast], Output::create(path)?, codec, 16 << 20, &()).map(drop)
+    combine(SetOperation::Difference, &[&both, &mast], Output::create(path)?, codec, 16 << 20, &()).map(drop)
 }
 
 /// The model in a file, which is to be written anew.

@@ -8,7 +8,7 @@ use spinney::raw::ops::{self, apply_edits};
 use spinney::raw::store::FileReference;
 use spinney::raw::store::autumnal::{CompactOptions, History, Keep, compact};
 use spinney::{
-    Bounds, CombineOperation, Dataset, Error, FileView, Header, OpenOptions, Output, Result, Universe,
+    Bounds, CombineOperation, CombineOptions, Dataset, Error, FileView, Header, OpenOptions, Output, Result,
     WriteOptions,
 };
 
@@ -101,8 +101,7 @@ fn ask(path: &Path, converted: &str) {
     let _ = Output::create(&joined).and_then(|output| {
         spinney::combine(
             CombineOperation::Over,
-            None,
-            Universe::Usual,
+            CombineOptions::default(),
             &files,
             output,
             WriteOptions::new(MEMORY),

@@ -30,7 +30,7 @@ pub fn ask_lines(file: Vec<u8>) {
     if checksum.is_multiple_of(32) {
         in_file("lines.geojson", b"", |path| {
             let output = Output::create(path).unwrap();
-            let _ = export_lines(&tree, None, None, (output, VectorFormat::GeoJson), &());
+            let _ = export_lines(&tree, None, None, output, VectorFormat::GeoJson, &());
         });
     }
     if tree.verify(1 << 20, &()).unwrap().is_empty() {

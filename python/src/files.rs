@@ -18,8 +18,8 @@ use spinney::raw::points::is_point_file;
 use spinney::raw::store::autumnal::{self, CompactOptions, History, Keep};
 use spinney::raw::store::{self, file_of};
 use spinney::{
-    Codec, CombineOperation, ExactModel, FileView, Header, Metadata, Number, OpenOptions, Progress as _,
-    Universe, ViewStep, WarpOptions,
+    Codec, CombineOperation, CombineOptions, ExactModel, FileView, Header, Metadata, Number, OpenOptions,
+    Progress as _, Universe, ViewStep, WarpOptions,
 };
 
 use crate::error::{OrRaise, invalid};
@@ -209,7 +209,7 @@ pub(crate) fn combine<'py>(
     let features = features.into_iter().map(|(place, terms)| Ok((place, terms.read()?)));
     let features = features.collect::<PyResult<Vec<_>>>()?;
     let made = jobs::run(py, terms, |work| {
-        let how = (fill, universe.unwrap_or_default());
+        let options = CombineOptions { fill, universe: universe.unwrap_or_default() };
         let makers: Vec<_> = features
             .iter()
             .map(|(_, features)| {
@@ -231,7 +231,7 @@ pub(crate) fn combine<'py>(
             .collect();
         ops::combine_with(
             operation,
-            how,
+            options,
             &paths,
             &operands,
             work.create_tree(&out)?.into(),

@@ -197,7 +197,7 @@ impl Lines {
         let (distances, features, found) = jobs::run(py, terms, |work| {
             let (mut distances, mut features) = (vec![f64::INFINITY; room], vec![-1; room]);
             let mut found = vec![f64::NAN; 2 * room];
-            for (place, lines) in tree.nearest(&places, (most, radius), work)?.iter().enumerate() {
+            for (place, lines) in tree.nearest(&places, most, radius, work)?.iter().enumerate() {
                 for (number, line) in lines.iter().enumerate() {
                     let at = place * most + number;
                     distances[at] = line.distance;
@@ -249,7 +249,7 @@ impl Lines {
             invalid(format!("{}: expected {formats}", out.display()))
         })?;
         jobs::run(py, terms, |work| {
-            export_lines(&tree, numbers.as_deref(), names.as_deref(), (work.create(&out)?, format), work)
+            export_lines(&tree, numbers.as_deref(), names.as_deref(), work.create(&out)?, format, work)
         })
     }
 }

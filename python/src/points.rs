@@ -205,7 +205,7 @@ impl Points {
         let (distances, found) = jobs::run(py, terms, |work| {
             let mut distances = vec![f64::INFINITY; room];
             let mut found = vec![f64::NAN; 3 * room];
-            let nearest = tree.nearest(&places, (most, radius), memory, work)?;
+            let nearest = tree.nearest(&places, most, radius, memory, work)?;
             for (place, points) in nearest.iter().enumerate() {
                 for (number, point) in points.iter().enumerate() {
                     let at = place * most + number;
@@ -236,7 +236,7 @@ impl Points {
         jobs::run(py, terms, |work| {
             let chosen = places_of(&tree, names)?;
             let selection = wanted.selection(&tree)?;
-            export_points(&tree, &selection, Some(&chosen), (work.create(&out)?, format), work)
+            export_points(&tree, &selection, Some(&chosen), work.create(&out)?, format, work)
         })
     }
 

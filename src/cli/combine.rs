@@ -9,7 +9,7 @@ use spinney::raw::import::feature::is_feature_file;
 use spinney::raw::ops::{self, Prefer};
 use spinney::raw::report::class_as_json;
 use spinney::raw::shards::JobSpec;
-use spinney::{CombineOperation, Number, Universe};
+use spinney::{CombineOperation, CombineOptions, Number, Universe};
 
 use super::args::{Memory, OperationName, OutputLimit, Packing, check_output, numbers, parse_operation};
 use super::features::{FeatureOperands, are_mixed};
@@ -111,7 +111,8 @@ impl MergingArgs {
         );
         let (operation, universe) = self.on_trees()?;
         let (inputs, fill) = (self.files.clone(), self.fill);
-        Ok(JobSpec::Combine { inputs, operation, fill, universe, packing })
+        let options = CombineOptions { fill, universe };
+        Ok(JobSpec::Combine { inputs, operation, options, packing })
     }
 }
 
@@ -217,13 +218,14 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         return exact::combine(operation, files, (&path, &limit), codec, (memory.bytes, explain), global);
     }
     let how = packing.with(memory)?;
+    let options = CombineOptions { fill, universe };
     let work = Work::start(global, "cells")?;
     let output = limit.create_tree(&path)?;
     let (outcome, counts) = if are_mixed(files) {
-        features.combine(operation, (fill, universe), files, output, how, &work)?
+        features.combine(operation, options, files, output, how, &work)?
     } else {
         features.refuse()?;
-        (spinney::combine(operation, fill, universe, files, output, how, &work)?, vec![None; files.len()])
+        (spinney::combine(operation, options, files, output, how, &work)?, vec![None; files.len()])
     };
     work.finish();
     for ((file, cells), features) in files.iter().zip(&outcome.before).zip(counts) {

@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::Result;
 use serde_json::json;
 use spinney::raw::ops;
-use spinney::{CombineOperation, Error, Universe};
+use spinney::{CombineOperation, CombineOptions, Error};
 
 use super::Global;
 use super::args::{Memory, OutputLimit, Packing, check_output};
@@ -77,8 +77,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let work = Work::start(global, "cells")?;
     spinney::combine(
         CombineOperation::Changed,
-        None,
-        Universe::Usual,
+        CombineOptions::default(),
         &files,
         args.limit.create_tree(output)?,
         how,

@@ -10,7 +10,8 @@ use spinney::raw::import::feature::is_feature_file;
 use spinney::raw::import::rasterize::Overlaps;
 use spinney::raw::ops::{MadeOperand, Outcome, ViewSource, combine_with};
 use spinney::{
-    CombineOperation, Coordinates, Header, Metadata, Number, Output, Progress, Rule, Universe, WriteOptions,
+    CombineOperation, CombineOptions, Coordinates, Header, Metadata, Number, Output, Progress, Rule,
+    WriteOptions,
 };
 
 use super::report::Work;
@@ -136,7 +137,7 @@ impl FeatureOperands {
     pub(crate) fn combine(
         &self,
         operation: CombineOperation,
-        (fill, universe): (Option<Number>, Universe),
+        options: CombineOptions,
         files: &[PathBuf],
         output: Output,
         how: WriteOptions,
@@ -172,7 +173,7 @@ impl FeatureOperands {
             })
             .collect();
         let trees: Vec<PathBuf> = files.iter().filter(|file| !is_feature_file(file)).cloned().collect();
-        let outcome = combine_with(operation, (fill, universe), &trees, &made, output.into(), how, work)?;
+        let outcome = combine_with(operation, options, &trees, &made, output.into(), how, work)?;
         let counts = counts.iter().zip(is_feature).map(|(count, is)| is.then(|| count.get())).collect();
         Ok((outcome, counts))
     }

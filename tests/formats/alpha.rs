@@ -7,8 +7,8 @@ use spinney::raw::ops;
 use spinney::raw::value::Mask;
 use spinney::tree::build_slabs;
 use spinney::{
-    Bounds, BuildOptions, CombineOperation, DataKind, Dataset, Dimension, FileView, Output, Rule, SampleType,
-    TreeType, Value, ValueType, WriteOptions,
+    Bounds, BuildOptions, CombineOperation, CombineOptions, DataKind, Dataset, Dimension, FileView, Output,
+    Rule, SampleType, TreeType, Value, ValueType, WriteOptions,
 };
 
 use crate::common::{Cells, Random, set_operation};
@@ -183,8 +183,7 @@ fn set_operations_see_through_transparent_cells() {
         let output = Output::create(&path("c.goblin")).unwrap();
         spinney::combine(
             operation,
-            None,
-            spinney::Universe::Usual,
+            CombineOptions::default(),
             &trees,
             output,
             WriteOptions::new(64 << 20),

@@ -8,8 +8,8 @@ use spinney::raw::dataset;
 use spinney::raw::ops::{TreeFile, apply_edits, diff_files};
 use spinney::raw::store::autumnal::{Autumnal, CompactOptions, History, Keep, compact};
 use spinney::{
-    Bounds, CombineOperation, DataKind, Dimension, Error, FileView, OpenOptions, Output, Rule, SampleType,
-    TreeType, Value, WriteOptions, convert,
+    Bounds, CombineOperation, CombineOptions, DataKind, Dimension, Error, FileView, OpenOptions, Output,
+    Rule, SampleType, TreeType, Value, WriteOptions, convert,
 };
 
 use crate::common::{
@@ -355,8 +355,7 @@ fn pieces_of_other_commits_are_kept_not_copied() {
     let output = Output::create(&changes).unwrap();
     spinney::combine(
         CombineOperation::Changed,
-        None,
-        spinney::Universe::Usual,
+        CombineOptions::default(),
         &files,
         output,
         WriteOptions::new(MEMORY),

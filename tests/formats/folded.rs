@@ -7,8 +7,8 @@ use std::sync::Arc;
 use spinney::raw::ops::{Differences, diff_files, differences};
 use spinney::raw::store::autumnal::{Autumnal, CompactOptions, Keep, compact};
 use spinney::{
-    Bounds, CombineOperation, Dataset, Error, FileView, OpenOptions, Output, Universe, WriteOptions, combine,
-    convert, transform,
+    Bounds, CombineOperation, CombineOptions, Dataset, Error, FileView, OpenOptions, Output, WriteOptions,
+    combine, convert, transform,
 };
 
 use super::autumnal_hostile::{folded, folded_of, full};
@@ -164,8 +164,7 @@ fn what_has_no_room_is_refused_before_it_is_written() {
         let files = [from.clone(), from.clone()];
         let combined = combine(
             CombineOperation::Over,
-            None,
-            Universe::Usual,
+            CombineOptions::default(),
             &files,
             output(),
             WriteOptions::new(1 << 24),

@@ -203,11 +203,9 @@ fn what_is_computed_is_missing_where_one_sample_is() {
         write(tree, model, Rule::Mean);
     }
     let output = Output::create(&path("c.goblin")).unwrap();
-    let usual = spinney::Universe::Usual;
     spinney::combine(
         spinney::CombineOperation::Max,
-        None,
-        usual,
+        spinney::CombineOptions::default(),
         &trees,
         output,
         WriteOptions::new(64 << 20),

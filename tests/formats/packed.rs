@@ -13,8 +13,8 @@ use spinney::raw::store::{Effort, Packing};
 use spinney::raw::{dataset, ops};
 use spinney::tree::build_slabs;
 use spinney::{
-    Bounds, BuildOptions, Codec, CombineOperation, DataKind, Dataset, Dimension, Error, FileView,
-    OpenOptions, Output, Rule, SampleType, TreeType, Universe, WriteOptions,
+    Bounds, BuildOptions, Codec, CombineOperation, CombineOptions, DataKind, Dataset, Dimension, Error,
+    FileView, OpenOptions, Output, Rule, SampleType, TreeType, WriteOptions,
 };
 
 use super::attack_goblin::{TREE_FIELDS, changed, fields};
@@ -265,8 +265,7 @@ fn operations_make_the_same_of_packed_files() {
                     let how = packing(Effort::Small);
                     let outcome = spinney::combine(
                         operation,
-                        None,
-                        Universe::Usual,
+                        CombineOptions::default(),
                         &files,
                         create("out.goblin"),
                         how,

@@ -12,8 +12,8 @@ use spinney::raw::dataset;
 use spinney::raw::import::rasterize::{FeatureGrid, Overlaps};
 use spinney::raw::ops::{MadeOperand, Prefer, TreeFile, ViewSource, WarpGrid, combine_with};
 use spinney::{
-    Bounds, CombineOperation, Crs, DataKind, Dataset, Dimension, Frame, Header, Metadata, OpenOptions,
-    Output, Rule, SampleType, SetOperation, TreeType, Universe, Value, ValueType, WriteOptions, combine,
+    Bounds, CombineOperation, CombineOptions, Crs, DataKind, Dataset, Dimension, Frame, Header, Metadata,
+    OpenOptions, Output, Rule, SampleType, SetOperation, TreeType, Value, ValueType, WriteOptions, combine,
 };
 
 use crate::common::{Cells, Random, cells_of, options, write_cells};
@@ -229,8 +229,7 @@ fn features_among_operands_are_what_trees_of_them_would_be() {
         let create = |path: &Path| Output::create(path).unwrap();
         combine(
             CombineOperation::Over,
-            None,
-            Universe::Usual,
+            CombineOptions::default(),
             trees,
             create(&union),
             WriteOptions::new(32 << 20),
@@ -250,8 +249,7 @@ fn features_among_operands_are_what_trees_of_them_would_be() {
         files.insert(place, built.clone());
         combine(
             operation,
-            None,
-            Universe::Usual,
+            CombineOptions::default(),
             &files,
             create(&expected),
             WriteOptions::new(32 << 20),
@@ -264,10 +262,9 @@ fn features_among_operands_are_what_trees_of_them_would_be() {
             Ok(plan_features(std::slice::from_ref(&file), &options, &())?.tree(&())?.tree)
         };
         let made = [MadeOperand { place, name: "stars".into(), make: &make }];
-        let how = (None, Universe::Usual);
         let outcome = combine_with(
             operation,
-            how,
+            CombineOptions::default(),
             trees,
             &made,
             create(&found).into(),

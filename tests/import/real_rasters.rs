@@ -14,7 +14,8 @@ use spinney::raw::export::image::Format;
 use spinney::raw::import::raster::{self, Pixels, RasterOptions};
 use spinney::raw::ops::{self, Prefer};
 use spinney::{
-    CombineOperation, Crs, DataKind, FileView, Output, Region, SampleType, SetOperation, Value, WriteOptions,
+    CombineOperation, CombineOptions, Crs, DataKind, FileView, Output, Region, SampleType, SetOperation,
+    Value, WriteOptions,
 };
 use tempfile::TempDir;
 
@@ -152,8 +153,7 @@ impl Bench {
         let files = [a.file.clone(), b.file.clone()];
         spinney::combine(
             operation,
-            None,
-            spinney::Universe::Usual,
+            CombineOptions::default(),
             &files,
             Output::create(&out).unwrap(),
             WriteOptions::new(MEMORY),

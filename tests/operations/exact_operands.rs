@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicI64, Ordering};
 
 use spinney::brep::{Faces, Grid, MassProperties, combine};
 use spinney::import::mesh::{ExactOptions, import_exact, open_all};
-use spinney::{Error, ExactModel, Output, Progress};
+use spinney::{Error, ExactModel, Output, Progress, SetOperation};
 
 use crate::common::Random;
 use crate::common::exact::{cuboid, model_on};
@@ -284,7 +284,14 @@ fn bytes_do_not_depend_on_threads() {
 fn over(bodies: &[&Body], memory: u64, progress: &dyn Progress, path: &Path) -> Result<Vec<u8>, Error> {
     std::fs::write(path, "as it was").unwrap();
     let models: Vec<&ExactModel> = bodies.iter().map(|body| &body.model).collect();
-    let result = combine(7, &models, Output::create(path).unwrap(), spinney::Codec::Plain, memory, progress);
+    let result = combine(
+        SetOperation::Union,
+        &models,
+        Output::create(path).unwrap(),
+        spinney::Codec::Plain,
+        memory,
+        progress,
+    );
     let bytes = std::fs::read(path).unwrap();
     assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
     assert_eq!(bytes == b"as it was", result.is_err());

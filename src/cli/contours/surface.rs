@@ -48,7 +48,7 @@ pub(super) fn run(args: &Args, levels: &ContourLevels, global: &Global, start: I
     let (lines, points) = args
         .limit
         .create(&args.output)
-        .and_then(|output| export_isolines((&tin, crs), levels, &features, output, format, &work))
+        .and_then(|output| export_isolines(&tin, crs, levels, &features, output, format, &work))
         .with_context(|| format!("cannot write {}", args.output.display()))?;
     work.finish();
     global.report(

@@ -40,7 +40,7 @@ pub(crate) fn get(
         (None, None) => None,
     };
     let work = Work::start(global, "features")?;
-    let written = export_lines(tree, numbers.as_deref(), names.as_deref(), (output, format), &work)?;
+    let written = export_lines(tree, numbers.as_deref(), names.as_deref(), output, format, &work)?;
     work.finish();
     global.report("features", format_args!("{written} of {}", tree.len()));
     report_output(global, path, start);

@@ -69,7 +69,7 @@ pub(crate) fn join(
         Join::Nearest(points, within) => {
             let work = Work::start(global, "points")?;
             let found =
-                join_nearest_lines(tree, points, (within, names), target, &work).with_context(failed)?;
+                join_nearest_lines(tree, points, within, names, target, &work).with_context(failed)?;
             work.finish();
             let mean = if found.joined > 0 { found.sum / found.joined as f64 } else { 0.0 };
             let (points, joined, most) = (found.points, found.joined, found.most);

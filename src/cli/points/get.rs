@@ -34,7 +34,7 @@ pub(crate) fn get(
     });
     let chosen = chosen.transpose()?;
     let work = Work::start(global, "blocks")?;
-    let written = export_points(tree, selection, chosen.as_deref(), (Output::create(path)?, format), &work)?;
+    let written = export_points(tree, selection, chosen.as_deref(), Output::create(path)?, format, &work)?;
     work.finish();
     global.report("points", format_args!("{written} of {}", tree.len()));
     report_output(global, path, start);

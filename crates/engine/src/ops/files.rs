@@ -10,7 +10,7 @@ use super::operation::CombineOperation;
 use super::regions::Passes;
 use super::step::ViewStep;
 use super::tree_file::TreeFile;
-use super::universe::Universe;
+use super::universe::{CombineOptions, Universe};
 use super::view_source::{ViewSource, check_form};
 use super::warp::{Resampling, WarpOptions};
 use crate::store::{BuildOptions, TreeTarget, TreeWriter, WriteOptions, check_room};
@@ -104,8 +104,7 @@ impl FileView {
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::{Output, WriteOptions};
-/// use spinney::raw::ops;
+/// use spinney::{CombineOperation, CombineOptions, Output, WriteOptions, combine};
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("turned.goblin");
@@ -192,22 +191,19 @@ pub fn transform_to(
     Ok(Outcome { expected, ..store_all(derivations, target, how, progress)? })
 }
 
-/// Merges files into one; those over other areas or with coarser cells are aligned with the finest. `fill` is
-/// the number for [`Combined::filled_with`], and `universe` where it is used: see
-/// [`CombineOperation::needs_universe`].
+/// Merges files into one; those over other areas or with coarser cells are aligned with the finest.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::{Output, WriteOptions};
-/// use spinney::raw::ops;
+/// use spinney::{CombineOperation, CombineOptions, Output, WriteOptions, combine};
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("nothing.goblin");
 /// let map = "fixtures/v1/classes.goblin".into();
 /// let trees = [map, "fixtures/v1/classes.goblin".into()];
 /// let output = Output::create(&path)?;
-/// let usual = spinney::Universe::Usual;
-/// let changes = spinney::combine(spinney::CombineOperation::Changed, None, usual, &trees, output, WriteOptions::new(64 << 20), &())?;
+/// let options = CombineOptions::default();
+/// let changes = combine(CombineOperation::Changed, options, &trees, output, WriteOptions::new(64 << 20), &())?;
 /// assert_eq!(changes.after, 0);
 /// # Ok::<(), spinney::Error>(())
 /// ```
@@ -215,15 +211,14 @@ pub fn transform_to(
 /// # Errors
 /// As [`transform`]; also if types differ or grids cannot be matched.
 pub fn combine(
-    operation: CombineOperation,
-    fill: Option<Number>,
-    universe: Universe,
+    operation: impl Into<CombineOperation>,
+    options: CombineOptions,
     paths: &[PathBuf],
     output: Output,
     how: WriteOptions,
     progress: &dyn Progress,
 ) -> Result<Outcome> {
-    combine_with(operation, (fill, universe), paths, &[], output.into(), how, progress)
+    combine_with(operation.into(), options, paths, &[], output.into(), how, progress)
 }
 
 /// A tree that is made on the cells of others: its place among those that are combined, its name, and what makes it of the header and
@@ -244,7 +239,7 @@ pub struct MadeOperand<'a> {
 /// Those of [`combine`], and those of making trees.
 pub fn combine_with(
     operation: CombineOperation,
-    (fill, universe): (Option<Number>, Universe),
+    options: CombineOptions,
     paths: &[PathBuf],
     made: &[MadeOperand<'_>],
     target: TreeTarget,
@@ -272,8 +267,8 @@ pub fn combine_with(
             least,
             views,
             operation,
-            fill,
-            universe,
+            fill: options.fill,
+            universe: options.universe,
             moves: false,
             provenance: format!("{operation} of {}", names.join(" ")),
         });

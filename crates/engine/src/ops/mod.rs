@@ -59,6 +59,6 @@ pub use regions::{
 };
 pub use step::{Turn, ViewStep};
 pub use tree_file::{LayerInfo, TreeFile, TreeFileNode};
-pub use universe::Universe;
+pub use universe::{CombineOptions, Universe};
 pub use view_source::{MemoryTree, ViewSource, ViewSourceNode};
 pub use warp::{MAX_ZOOM, Resampling, WarpGrid, WarpOptions, WarpTarget, Warped, warp};

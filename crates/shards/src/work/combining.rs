@@ -7,7 +7,7 @@ use spinney_base::io::Output;
 use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result, SetOperation};
 use spinney_container::Header;
-use spinney_engine::ops::{CombineOperation, Prefer, Universe, combine_with};
+use spinney_engine::ops::{CombineOperation, CombineOptions, Prefer, Universe, combine_with};
 use spinney_engine::store::{Packing, TreeTarget, WriteOptions};
 
 use super::packing::PlannedPacking;
@@ -30,13 +30,12 @@ pub(crate) struct Combining {
 }
 
 /// An operation, with the value that it fills cells with, and where.
-pub(super) type How = (CombineOperation, Option<Number>, Universe);
+pub(super) type How = (CombineOperation, CombineOptions);
 
 impl Combining {
     pub(super) fn of(
         operation: CombineOperation,
-        fill: Option<Number>,
-        universe: Universe,
+        CombineOptions { fill, universe }: CombineOptions,
         packing: Packing,
     ) -> Combining {
         let (name, prefer) = match operation {
@@ -72,21 +71,21 @@ impl Combining {
                 Universe::Within(numbers[0], numbers[1])
             }
         };
-        Ok((operation, fill, universe))
+        Ok((operation, CombineOptions { fill, universe }))
     }
 }
 
 /// Writes a file that tells of the layers.
 pub(super) fn write_head(
     paths: &[PathBuf],
-    (operation, fill, universe): How,
+    (operation, options): How,
     packing: Packing,
     head: Output,
     progress: &dyn Progress,
 ) -> Result<Told> {
     let (target, how) = (TreeTarget::Head(head), WriteOptions::new(LITTLE).packing(packing));
-    let outcome = combine_with(operation, (fill, universe), paths, &[], target, how, progress)?;
-    let work = PlannedWork::Combine(Combining::of(operation, fill, universe, packing));
+    let outcome = combine_with(operation, options, paths, &[], target, how, progress)?;
+    let work = PlannedWork::Combine(Combining::of(operation, options, packing));
     Ok(Told { work, loads: Vec::new(), pieces: None, description: description(&outcome) })
 }
 
@@ -105,10 +104,9 @@ impl Work for Combining {
     }
 
     fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
-        let (operation, fill, universe) = self.how()?;
+        let (operation, options) = self.how()?;
         let (paths, how) = (part.paths(), WriteOptions::new(memory).packing(self.packing()?));
-        let universe = (fill, universe);
-        combine_with(operation, universe, &paths, &[], part.target(), how, progress).map(|_| ())
+        combine_with(operation, options, &paths, &[], part.target(), how, progress).map(|_| ())
     }
 }
 
@@ -120,13 +118,14 @@ mod tests {
     fn operations_come_back() {
         let xor = CombineOperation::Set { operation: SetOperation::Equivalence, prefer: Prefer::Second };
         let within = Universe::Within([0.1, -1e-9, 0.0], [1.0 / 3.0, 7.0, 0.0]);
+        let of = |fill, universe| CombineOptions { fill, universe };
         for how in [
-            (xor, Some(Number::from(3)), within),
-            (CombineOperation::Changed, None, Universe::Usual),
-            (CombineOperation::set(SetOperation::Complement), None, Universe::Margin(4)),
+            (xor, of(Some(Number::from(3)), within)),
+            (CombineOperation::Changed, CombineOptions::default()),
+            (CombineOperation::set(SetOperation::Complement), of(None, Universe::Margin(4))),
         ] {
-            let (operation, fill, universe) = how;
-            let planned = Combining::of(operation, fill, universe, Packing::default());
+            let (operation, options) = how;
+            let planned = Combining::of(operation, options, Packing::default());
             let text = serde_json::to_string(&planned).unwrap();
             assert_eq!(serde_json::from_str::<Combining>(&text).unwrap().how().unwrap(), how);
         }

@@ -18,11 +18,10 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use spinney_base::io::{Output, url_of};
 use spinney_base::space::{Bounds, CodeRun};
-use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
 use spinney_engine::dataset::Rebuild;
-use spinney_engine::ops::{CombineOperation, FileView, Universe};
+use spinney_engine::ops::{CombineOperation, CombineOptions, FileView};
 use spinney_engine::store::goblin::{Goblin, LightFile, MergeOutput, Shard, ShardPiece, merge_shards};
 use spinney_engine::store::{Packing, ShardCheck, TreeTarget, TreeWriter};
 use spinney_mesh::import::SolidOptions;
@@ -104,10 +103,8 @@ pub enum JobSpec {
         inputs: Vec<PathBuf>,
         /// The way in which they are merged.
         operation: CombineOperation,
-        /// Value of cells that the operation makes of nothing.
-        fill: Option<Number>,
-        /// The place where it does that.
-        universe: Universe,
+        /// What becomes of cells that none of them has.
+        options: CombineOptions,
         /// The way in which segments are packed.
         packing: Packing,
     },
@@ -155,8 +152,8 @@ impl JobSpec {
             JobSpec::Transform { chain, packing } => {
                 transforming::write_head(chain, *packing, head, progress)
             }
-            JobSpec::Combine { inputs: paths, operation, fill, universe, packing } => {
-                let how = (*operation, *fill, *universe);
+            JobSpec::Combine { inputs: paths, operation, options, packing } => {
+                let how = (*operation, *options);
                 combining::write_head(paths, how, *packing, head, progress)
             }
         }
@@ -212,8 +209,8 @@ impl PlannedWork {
             JobSpec::Transform { chain, packing } => {
                 PlannedWork::Transform(Transforming::of(chain, *packing)?)
             }
-            JobSpec::Combine { operation, fill, universe, packing, .. } => {
-                PlannedWork::Combine(Combining::of(*operation, *fill, *universe, *packing))
+            JobSpec::Combine { operation, options, packing, .. } => {
+                PlannedWork::Combine(Combining::of(*operation, *options, *packing))
             }
         })
     }

@@ -35,7 +35,8 @@ const MEMORY: u64 = 256 << 20;
 pub fn join_nearest_lines(
     tree: &LineTree,
     points: &Path,
-    (within, names): (f64, Option<&[String]>),
+    within: f64,
+    names: Option<&[String]>,
     output: Option<(Output, VectorFormat)>,
     progress: &dyn Progress,
 ) -> Result<JoinSummary> {
