@@ -68,12 +68,12 @@
 //!
 //! | feature | what it adds |
 //! | --- | --- |
-//! | `raster` | readers and writers of picture files, volumes and lists of cells; styles, tiles, cloud-optimized GeoTIFF |
+//! | `raster` | readers and writers of raster files, volumes and lists of cells; styles, tiles, cloud-optimized GeoTIFF |
 //! | `brep` | exact models, bintrees and BSP trees |
 //! | `mesh` | readers and writers of meshes, solids made of them, glTF and 3D Tiles (with `brep`) |
-//! | `shards` | trees that are built by many processes (with `mesh` and `raster`) |
-//! | `reconstruction` | solids of pictures and of outlines (with `mesh`, `raster` and `vector`) |
-//! | `render` | pictures of solids (with `mesh` and `raster`) |
+//! | `shards` | trees that many processes build (with `mesh` and `raster`) |
+//! | `reconstruction` | solids of images and of outlines (with `mesh`, `raster` and `vector`) |
+//! | `render` | images of solids (with `mesh` and `raster`) |
 //! | `lines` | trees of lines |
 //! | `points` | trees of points; readers and writers of LAS and LAZ |
 //! | `vector` | readers and writers of features (with `brep`, `lines` and `points`) |
@@ -81,8 +81,8 @@
 //! | `meshopt` | compressed glTF (with `mesh`) |
 //! | `flatgeobuf` | features in FlatGeobuf (with `vector`) |
 //! | `site` | pages that show files in a browser |
-//! | `remote` | files on web servers and in buckets: read in ranges, written by upload |
-//! | `report` | answers as JSON (with `vector`) |
+//! | `remote` | files on web servers and in buckets: read in ranges, uploaded |
+//! | `report` | results as JSON (with `vector`) |
 //! | `serve` | a server of files and answers (with `raster` and `report`) |
 //! | `libwebp` | lossy WebP tiles: libwebp, which needs a C compiler (with `raster`) |
 //! | `cli` | the program `spinney`, with all of these but `libwebp`; the default |

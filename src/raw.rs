@@ -23,7 +23,7 @@ pub mod io {
         prefer_positioned_reads, url_of,
     };
 
-    /// Questions about files that come in ranges, answered in rounds.
+    /// Restartable, batched queries of remote files.
     pub mod batch {
         pub use spinney_base::io::batch::{
             MissingRange, Traffic, defer_missing, finish_deferred, map, run_batched, traffic, try_once,

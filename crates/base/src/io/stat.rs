@@ -1,4 +1,4 @@
-//! Whether files are there, in which state, and their removal, wherever they are.
+//! Existence, length and version of files, and their removal, local and remote.
 
 use std::io::ErrorKind;
 use std::path::Path;
@@ -8,37 +8,37 @@ use super::input::is_access_denied;
 use super::open::{local_path, remote_files, url_of};
 use crate::{Error, Result};
 
-/// State of a file: where it is the same, its bytes are.
+/// Identity of a file version: equal values imply equal contents.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FileStat {
     /// Bytes.
     pub length: u64,
-    /// Mark of this state among all states of the file.
+    /// Version of the file.
     pub version: FileVersion,
 }
 
-/// Mark of a state of a file.
+/// Version of a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FileVersion {
-    /// The time of the last change of a file of this machine, in nanoseconds since the beginning of 1970.
+    /// Modification time of a local file, in nanoseconds since 1970-01-01T00:00:00Z.
     Modified(i64),
-    /// The tag (ETag) that a host gives the state of a file, or what it says instead.
+    /// The entity tag (ETag) of a remote file, or what its host sends instead.
     Tag(String),
 }
 
 impl FileStat {
-    /// The state of a file; nothing if there is none.
+    /// Stats a file; `None` if there is none.
     ///
     /// # Errors
-    /// If it cannot be looked at.
+    /// If its host or the file system refuses.
     pub fn of(path: &Path) -> Result<Option<FileStat>> {
         FileStat::of_all(&[path])?.pop().expect("as many as were asked for")
     }
 
-    /// States of files, in their order; nothing of those that are not there. Those elsewhere are asked for all at once.
+    /// Stats files, in their order; `None` for missing ones. Remote files are queried all at once.
     ///
     /// # Errors
-    /// If nobody can be asked, or on interruption. Of each file, if it cannot be looked at.
+    /// If remote files are not enabled, or on cancellation. Of each file, if its host or the file system refuses.
     pub fn of_all(paths: &[&Path]) -> Result<Vec<Result<Option<FileStat>>>> {
         let urls: Vec<&str> = paths.iter().filter_map(|path| url_of(path)).collect();
         let mut far = match urls.first() {
@@ -52,7 +52,7 @@ impl FileStat {
         Ok(paths.iter().map(state).collect())
     }
 
-    /// States of files that may stand beside others, which could be read: see [`InputFile::find_beside`](super::InputFile::find_beside).
+    /// Stats files that may accompany others, which could be read: see [`InputFile::find_beside`](super::InputFile::find_beside).
     ///
     /// # Errors
     /// If one cannot be looked at.
