@@ -11,7 +11,6 @@ use pyo3::types::PyDict;
 use spinney::edit::{Edit, FillRegion, Note};
 use spinney::query::Polygon;
 use spinney::raw::ops::{Prefer, apply_edits};
-use spinney::raw::store::autumnal;
 use spinney::{CellLocator, Code, CombineOperation, Coordinates, Dataset, FileView, Number, SetOperation};
 
 use crate::error::{OrRaise, invalid};

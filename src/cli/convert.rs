@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::Result;
-use spinney::raw::ops;
 
 use super::Global;
 use super::args::{Memory, OutputFile, OutputLimit, Packing, check_output};

@@ -5,7 +5,6 @@ use std::time::Instant;
 
 use anyhow::{Result, bail};
 use spinney::brep::TransformOptions;
-use spinney::raw::ops;
 use spinney::raw::points::{PointRaster, rasterize_points};
 use spinney::{FileView, Resampling, ViewStep, WarpOptions};
 

@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use spinney::edit::{Edit, Note};
-use spinney::raw::ops;
 use spinney::raw::value::Mask;
 use spinney::tree::build_slabs;
 use spinney::{

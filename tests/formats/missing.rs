@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use spinney::raw::ops;
 use spinney::raw::value::Mask;
 use spinney::tree::build_slabs;
 use spinney::{

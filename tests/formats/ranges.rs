@@ -8,7 +8,6 @@ use std::sync::{Arc, LazyLock, Mutex};
 use spinney::query::{Condition, EdgeRule, PointSamples, Polygon, ZonalRequest, ZoneMeasure};
 use spinney::raw::io::batch::{run_batched, try_once};
 use spinney::raw::io::{Fetch, RangeCache, RangeFile};
-use spinney::raw::ops;
 use spinney::raw::store::ByteSource;
 use spinney::raw::store::goblin::Goblin;
 use spinney::{

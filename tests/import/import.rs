@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 
 use spinney::import::raster::{ImportOptions, plan};
 use spinney::raw::import::raster::{self, Band, Pixels, Raster, RasterInfo, RasterOptions};
-use spinney::raw::store;
 use spinney::raw::store::goblin::Goblin;
 use spinney::tree::{Child, Source};
 use spinney::{

@@ -12,7 +12,7 @@ use spinney::import::raster::ImportOptions;
 use spinney::raw::dataset;
 use spinney::raw::export::image::Format;
 use spinney::raw::import::raster::{self, Pixels, RasterOptions};
-use spinney::raw::ops::{self, Prefer};
+use spinney::raw::ops::Prefer;
 use spinney::{
     CombineOperation, CombineOptions, Crs, DataKind, FileView, Output, Region, SampleType, SetOperation,
     Value, WriteOptions,

@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use spinney::query::PointSamples;
+use spinney::raw::dataset;
 use spinney::raw::manifest::{ListedFile, Manifest, list_files};
-use spinney::raw::{dataset, ops};
 use spinney::{
     Bounds, DataKind, Dataset, Error, FileView, Frame, OpenOptions, Output, Rule, SampleType, TreeType,
     WriteOptions,

@@ -10,7 +10,6 @@ use std::time::{Duration, Instant};
 use assert_cmd::Command;
 use server::{Fault, Server};
 use spinney::raw::dataset::open;
-use spinney::raw::ops;
 use spinney::remote::{RemoteOptions, enable};
 use spinney::{Bounds, Dataset, Error, Output, Result, WriteOptions};
 

@@ -8,7 +8,6 @@ use std::time::Duration;
 
 use rustix::process::{Pid, Signal, kill_process};
 use spinney::edit::{Edit, FillRegion, Note};
-use spinney::raw::ops;
 use spinney::{Bounds, DataKind, Rule, SampleType, Value};
 
 use super::common::command::interruptible;
