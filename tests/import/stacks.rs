@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use spinney::import::raster::{ImportOptions, Stack, StackOptions, plan_stack};
 use spinney::import::volume::VolumeOptions;
-use spinney::raw::import::raster::{self, Band, StackLayer, write_stack};
+use spinney::raw::import::raster::{Band, StackLayer, write_stack};
 use spinney::raw::import::volume;
 use spinney::raw::value::Mask;
 use spinney::tree::{Slab, Slabs};

@@ -31,7 +31,7 @@ pub trait Progress: Sync {
 /// No progress wanted.
 impl Progress for () {}
 
-/// Work whose units are none of those that are counted: it warns and is interrupted as all of the work, and does not advance it.
+/// Progress of a part of the work that counts other units: it forwards warnings and cancellation, and does not advance the whole.
 pub struct SilentProgress<'a>(pub &'a dyn Progress);
 
 impl Progress for SilentProgress<'_> {
@@ -44,7 +44,7 @@ impl Progress for SilentProgress<'_> {
     }
 }
 
-/// One of several parts of long work, each of which counts units of its own: to whoever waits for all of it, a part has `share` of
+/// Progress of one of several parts of long work, each of which counts units of its own: the part advances the whole by `share` of
 /// `total` units.
 pub struct SubProgress<'a> {
     whole: &'a dyn Progress,

@@ -41,7 +41,7 @@ impl TreeFormat {
     }
 }
 
-/// The file, the commit and the layer that a path means: `map.autumn@12` is commit 12 of `map.autumn`, `stack.goblin:B08` the layer `B08`
+/// The file, the commit and the layer that a path refers to: `map.autumn@12` is commit 12 of `map.autumn`, `stack.goblin:B08` the layer `B08`
 /// of `stack.goblin`, `stack.autumn@12:B08` that of a commit; unless there is a file of that name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FileReference<'p> {
@@ -54,7 +54,7 @@ pub struct FileReference<'p> {
 }
 
 impl<'p> FileReference<'p> {
-    /// What a path means.
+    /// Parses a path.
     pub fn of(path: &'p Path) -> FileReference<'p> {
         let whole = |path| FileReference { file: path, commit: None, layer: None };
         if let Some(url) = url_of(path) {

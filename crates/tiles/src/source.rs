@@ -115,17 +115,17 @@ impl TileSamples {
     }
 }
 
-/// The place of data in the world.
+/// Geographic extent of data.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GeographicExtent {
-    /// West, south, east and north in degrees: -180 to 180 if data lie across the 180th meridian.
+    /// West, south, east and north in degrees: -180 to 180 if data cross the 180th meridian.
     pub bounds: [f64; 4],
-    /// Longitude and latitude of their middle, also if they lie across the 180th meridian.
+    /// Longitude and latitude of the centre, also if data cross the 180th meridian.
     pub centre: [f64; 2],
 }
 
 impl GeographicExtent {
-    /// The place of a box, with its own middle.
+    /// The extent of a box, with its own centre.
     pub fn of_bounds(bounds: [f64; 4]) -> GeographicExtent {
         let [west, south, east, north] = bounds;
         GeographicExtent { bounds, centre: [(west + east) / 2.0, (south + north) / 2.0] }

@@ -7,7 +7,7 @@ use spinney::import::mesh::{Resolution, SolidImport, SolidOptions};
 use spinney::query::EdgeRule;
 use spinney::raw::brep::InsideRule;
 use spinney::raw::geometry::Stages;
-use spinney::raw::import::mesh::{self, InsideTest, SolidReport};
+use spinney::raw::import::mesh::{InsideTest, SolidReport};
 use spinney::raw::shards::JobSpec;
 use spinney::raw::space::Up;
 

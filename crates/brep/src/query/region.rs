@@ -6,14 +6,14 @@ use crate::geometry::{Box3, GridPolygon, Triangulator, triangle};
 use crate::{ExactModel, Face, FaceBuffer, Faces, ModelNode, ModelNodeState};
 use spinney_base::{Error, Result};
 
-/// Place of a box with regard to a body.
+/// Location of a box relative to a solid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BoxLocation {
-    /// Nothing of the body is in the box.
+    /// The box is disjoint from the solid.
     Outside,
-    /// All of the box is in the body.
+    /// The solid contains the box.
     Inside,
-    /// The surface passes through the box.
+    /// The surface intersects the box.
     Cut,
 }
 

@@ -1,6 +1,6 @@
 //! Entries of lists of blocks.
 
-/// A block's place in its file, and how much is in it.
+/// Location of a block in its file, its checksum and its number of items.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BlockLocation {
     /// The code of the node whose block this is, or another number by which the list is sorted.

@@ -21,12 +21,12 @@ use spinney_base::value::{Number, Value};
 use spinney_base::{Error, Progress, Result, SubProgress, TreeType};
 use spinney_container::{FileReference, Header, Metadata, OpenOptions, Shape};
 
-/// A file and the steps to apply to it.
+/// A view of a file: operations that are applied to it, such as crop, scale or warp.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FileView {
     /// The file.
     pub path: PathBuf,
-    /// Steps, first to last.
+    /// Operations, first to last.
     pub steps: Vec<ViewStep>,
     /// Moves the picture in the world as its cells are moved, instead of leaving everything where it is.
     pub moves: bool,

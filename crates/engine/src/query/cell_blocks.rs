@@ -19,7 +19,7 @@ const LEVELS: u8 = 5;
 /// Rows of a block.
 const ROWS: usize = (SIDE * SIDE) as usize;
 
-/// An attribute that is carried with each cell, besides whether it is solid.
+/// Attribute of each cell of a block, in addition to whether it is solid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BlockAttribute {
     /// Nothing.
@@ -30,7 +30,7 @@ pub enum BlockAttribute {
     Value,
 }
 
-/// Whether values of a type can be carried: one channel of u8 or u16 as that number; three or four of u8 as
+/// Whether values of a type can be the attribute: one channel of u8 or u16 as that number; three or four of u8 as
 /// `red << 16 | green << 8 | blue`.
 pub fn can_be_block_attribute(value: ValueType) -> bool {
     matches!((value.sample, value.channels), (SampleType::U8 | SampleType::U16, 1) | (SampleType::U8, 3 | 4))
@@ -54,7 +54,7 @@ pub struct Block {
     pub carried: BlockAttributeValues,
 }
 
-/// The attribute of the cells of a block.
+/// Values of the attribute of a block's cells.
 #[derive(Clone, Debug, PartialEq)]
 pub enum BlockAttributeValues {
     /// One for all cells.

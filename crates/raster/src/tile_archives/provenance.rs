@@ -62,7 +62,7 @@ fn hashed(bytes: &[u8]) -> String {
     format!("{:032x}", xxhash_rust::xxh3::xxh3_128(bytes))
 }
 
-/// How an archive was made: what must be the same for an export to go on, or to be updated.
+/// Source and options of a tile archive: they must be equal for an export to resume, or to update the archive.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TileProvenance {
     /// The tree.

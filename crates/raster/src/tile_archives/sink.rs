@@ -33,7 +33,7 @@ pub(super) trait TileEdit {
     fn finish(self: Box<Self>, about: &About, progress: &dyn Progress) -> Result<TileArchiveSummary>;
 }
 
-/// Totals of an archive.
+/// Totals of a tile archive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TileArchiveSummary {
     /// Tiles that are not empty.
@@ -42,6 +42,6 @@ pub struct TileArchiveSummary {
     pub contents: u64,
     /// Bytes of the archive.
     pub bytes: u64,
-    /// Tiles that were taken over from an older archive without being drawn.
+    /// Tiles that were copied from an older archive without being drawn.
     pub copied: u64,
 }

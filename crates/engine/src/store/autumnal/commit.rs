@@ -19,7 +19,7 @@ pub struct Note {
     pub message: String,
 }
 
-/// The account of what a commit wrote.
+/// Numbers of records and bytes that a commit wrote, and that it shares with earlier ones.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct WriteSummary {
     /// Records that were written.
