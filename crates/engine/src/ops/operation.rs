@@ -169,7 +169,7 @@ impl fmt::Display for CombineOperation {
             let name = OTHERS.iter().find(|(_, operation)| operation == self).map_or("", |(name, _)| name);
             return f.write_str(name);
         };
-        operation.fmt(f)?;
+        f.write_str(operation.name())?;
         // Where both have a value and none of them stays, nobody asks whose.
         if prefer == Prefer::Second && operation.contains(true, true) {
             f.write_str(" --values b")
