@@ -14,15 +14,15 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use measuring::{Outcome, Random, median, quantile, seconds};
-use spinney::dataset::{Dataset, open};
-use spinney::io::{FileId, Mapped, ReadBackend, WriteBackend};
-use spinney::ops::{Chain, Edit, FillRegion, apply_edits};
-use spinney::space::{Bounds, Code, Dimension};
-use spinney::store::OpenOptions;
-use spinney::store::autumnal::{Autumnal, Editor, Note};
-use spinney::store::goblin::Goblin;
-use spinney::tree::{Child, Source, no_children};
-use spinney::value::Number;
+use spinney::edit::{Edit, Editor, FillRegion, Note};
+use spinney::raw::dataset::open;
+use spinney::raw::io::{FileId, Mapped, ReadBackend, WriteBackend};
+use spinney::raw::ops::apply_edits;
+use spinney::raw::store::autumnal::Autumnal;
+use spinney::raw::store::goblin::Goblin;
+use spinney::raw::tree::no_children;
+use spinney::tree::{Child, Source};
+use spinney::{Bounds, Code, Dataset, Dimension, FileView, Number, OpenOptions};
 
 const CELLS: usize = 1_000_000;
 const WINDOWS: usize = 1000;
@@ -186,7 +186,7 @@ fn edits(goblin: &Goblin, path: &Path) -> Outcome<()> {
             } else {
                 // Cells of another part of the map.
                 let window = format!("window={},{},{SIDE},{SIDE}", from[0], from[1]);
-                let patch = Chain { steps: vec![window.parse()?], ..Chain::of(goblin.path()) };
+                let patch = FileView { steps: vec![window.parse()?], ..FileView::of(goblin.path()) };
                 Edit::Paste { patch, at: Some(min.map(|cell| cell as i64)), where_valid: false }
             };
             let edit = || {

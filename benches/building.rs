@@ -11,12 +11,9 @@ mod measuring;
 use std::path::{Path, PathBuf};
 
 use measuring::{Outcome, seconds};
-use spinney::Result;
-use spinney::io::Output;
-use spinney::space::Dimension;
-use spinney::store::{BuildOptions, Slab, Slabs, build_slabs, depth_for};
-use spinney::tree::Form;
-use spinney::value::{Kind, SampleType, ValueType};
+use spinney::raw::store::depth_for;
+use spinney::tree::{Slab, Slabs, build_slabs};
+use spinney::{BuildOptions, DataKind, Dimension, Output, Result, SampleType, TreeType, ValueType};
 
 const SIDE: u64 = 4096;
 const RUNS: usize = 5;
@@ -25,25 +22,25 @@ const RUNS: usize = 5;
 type Cell = fn(u64, u64, &mut Vec<u8>);
 
 /// Name, type of the samples, meaning, cells.
-const CASES: [(&str, SampleType, Kind, Cell); 6] = [
+const CASES: [(&str, SampleType, DataKind, Cell); 6] = [
     // A smooth field with noise in its low bits.
-    ("photograph", SampleType::U8, Kind::Continuous, |x, y, bytes| {
+    ("photograph", SampleType::U8, DataKind::Continuous, |x, y, bytes| {
         bytes.push((fractal(x, y, 7) * 200.0) as u8 + (mix(x, y) % 5) as u8);
     }),
-    ("relief", SampleType::I16, Kind::Continuous, |x, y, bytes| {
+    ("relief", SampleType::I16, DataKind::Continuous, |x, y, bytes| {
         bytes.extend(((fractal(x, y, 9) * 4000.0) as i16 - 500).to_le_bytes());
     }),
-    ("noise12", SampleType::U8, Kind::Categorical, |x, y, bytes| bytes.push((mix(x, y) % 12) as u8)),
+    ("noise12", SampleType::U8, DataKind::Categorical, |x, y, bytes| bytes.push((mix(x, y) % 12) as u8)),
     // One class, and some cells of others.
-    ("speckle", SampleType::U8, Kind::Categorical, |x, y, bytes| {
+    ("speckle", SampleType::U8, DataKind::Categorical, |x, y, bytes| {
         let chance = mix(x, y);
         bytes.push(if chance.is_multiple_of(20) { (chance >> 32) as u8 % 11 + 1 } else { 0 });
     }),
-    ("floats", SampleType::F32, Kind::Continuous, |x, y, bytes| {
+    ("floats", SampleType::F32, DataKind::Continuous, |x, y, bytes| {
         bytes.extend((fractal(x, y, 9) as f32 * 4000.0 - 500.0).to_le_bytes());
     }),
     // Five classes with borders between them.
-    ("shoreline", SampleType::U8, Kind::Categorical, |x, y, bytes| {
+    ("shoreline", SampleType::U8, DataKind::Categorical, |x, y, bytes| {
         bytes.push((fractal(x, y, 10) * 5.0) as u8);
     }),
 ];
@@ -100,8 +97,8 @@ impl Slabs for Rows<'_> {
     }
 }
 
-fn build(picture: &[u8], sample: SampleType, kind: Kind, path: &Path) -> Outcome<()> {
-    let form = Form::new(Dimension::Quad, ValueType::new(sample, 1));
+fn build(picture: &[u8], sample: SampleType, kind: DataKind, path: &Path) -> Outcome<()> {
+    let form = TreeType::new(Dimension::Quad, ValueType::new(sample, 1));
     let mut rows = Rows { picture, width: form.width() as u64, next: 0 };
     let options = BuildOptions::new(kind, depth_for(rows.extent()));
     build_slabs(form, &mut rows, None, &options, Output::create(path)?, &())?;

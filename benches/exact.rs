@@ -12,11 +12,11 @@ use std::hint::black_box;
 use std::path::{Path, PathBuf};
 
 use measuring::{Outcome, Random, median, seconds};
-use spinney::brep::query::{MassProperties, Visited};
-use spinney::brep::{ExactModel, FaceBuffer, Faces, is_model_file};
+use spinney::brep::{FaceBuffer, Faces, MassProperties};
 use spinney::import::mesh::{ExactOptions, import_exact, open_all};
-use spinney::io::Output;
-use spinney::store::OpenOptions;
+use spinney::raw::brep::is_model_file;
+use spinney::raw::brep::query::Visited;
+use spinney::{ExactModel, OpenOptions, Output};
 
 const QUESTIONS: usize = 20_000;
 
@@ -179,7 +179,7 @@ fn boxes(model: &ExactModel) -> Outcome<()> {
     let time = seconds(|| {
         for centre in &centres {
             let [low, high] = [-half, half].map(|by| to_world(model, centre.map(|at| at + by)));
-            let (place, work) = model.place_of_box(low, high)?;
+            let (place, work) = model.locate_box(low, high)?;
             black_box(place);
             add(&mut visited, work);
         }

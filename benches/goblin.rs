@@ -5,18 +5,17 @@
 use std::hint::black_box;
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
-use spinney::Result;
-use spinney::io::Output;
-use spinney::space::{Bounds, Code, Dimension};
-use spinney::store::goblin::Goblin;
-use spinney::store::{BuildOptions, Slab, Slabs, build_slabs, depth_for};
-use spinney::tree::Form;
-use spinney::value::{Kind, SampleType, Value, ValueType};
+use spinney::raw::store::depth_for;
+use spinney::raw::store::goblin::Goblin;
+use spinney::tree::{Slab, Slabs, build_slabs};
+use spinney::{
+    Bounds, BuildOptions, Code, DataKind, Dimension, Output, Result, SampleType, TreeType, Value, ValueType,
+};
 
 const SIDE: u64 = 4096;
 
 /// Quadtrees of bytes.
-const FORM: Form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+const FORM: TreeType = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
 
 /// Pictures of `SIDE` cells per axis.
 #[derive(Clone, Copy)]
@@ -80,7 +79,7 @@ impl Slabs for Rows {
     }
 }
 
-fn build(rows: &mut Rows, kind: Kind) -> Vec<u8> {
+fn build(rows: &mut Rows, kind: DataKind) -> Vec<u8> {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("bench.goblin");
     let options = BuildOptions::new(kind, depth_for(rows.extent()));
@@ -89,11 +88,11 @@ fn build(rows: &mut Rows, kind: Kind) -> Vec<u8> {
     std::fs::read(&path).expect("read")
 }
 
-const PICTURES: [(&str, Picture, Kind); 4] = [
-    ("uniform", Picture::Uniform, Kind::Categorical),
-    ("coastline", Picture::Coastline, Kind::Categorical),
-    ("speckle", Picture::Speckle, Kind::Categorical),
-    ("photograph", Picture::Photograph, Kind::Continuous),
+const PICTURES: [(&str, Picture, DataKind); 4] = [
+    ("uniform", Picture::Uniform, DataKind::Categorical),
+    ("coastline", Picture::Coastline, DataKind::Categorical),
+    ("speckle", Picture::Speckle, DataKind::Categorical),
+    ("photograph", Picture::Photograph, DataKind::Continuous),
 ];
 
 /// Time per picture of 256 blocks, on one thread.

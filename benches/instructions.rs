@@ -29,10 +29,8 @@ mod measuring;
 use std::path::Path;
 
 use measuring::{Outcome, Random};
-use spinney::dataset::Dataset;
 use spinney::query::{Condition, PointSamples};
-use spinney::space::Bounds;
-use spinney::value::Number;
+use spinney::{Bounds, Dataset, Number};
 
 /// A job, and how many questions it asks unless it is told.
 type Job = (&'static str, u64, fn(&Dataset, u64, &mut Answers) -> Outcome<()>);

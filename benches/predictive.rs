@@ -13,11 +13,9 @@ mod tree;
 use std::path::Path;
 
 use measuring::{Outcome, seconds};
-use spinney::io::Output;
-use spinney::space::{Code, Dimension};
-use spinney::store::{BuildOptions, Slab, Slabs, build_slabs, build_source, depth_for};
-use spinney::tree::{Form, Source as _};
-use spinney::value::{Kind, SampleType, Value, ValueType};
+use spinney::raw::store::depth_for;
+use spinney::tree::{Slab, Slabs, Source as _, build_slabs, build_source};
+use spinney::{BuildOptions, Code, DataKind, Dimension, Output, SampleType, TreeType, Value, ValueType};
 use tree::{PredictedSource, PredictiveTree};
 
 const RUNS: usize = 5;
@@ -28,8 +26,8 @@ const VOID: u64 = 1 << 40;
 
 /// Cells of a picture, row by row.
 struct Picture<T> {
-    form: Form,
-    kind: Kind,
+    form: TreeType,
+    kind: DataKind,
     size: [u64; 3],
     cells: Vec<T>,
     outside: T,
@@ -152,10 +150,10 @@ fn classes(speckles: u64) -> Picture<u8> {
         let class = (fractal(x, y) * 8.0) as u8;
         if chance % 1_000_000 < speckles { (chance >> 40) as u8 % 8 } else { class }
     };
-    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+    let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
     Picture {
         form,
-        kind: Kind::Categorical,
+        kind: DataKind::Categorical,
         size: [SIDE, SIDE, 1],
         cells: (0..SIDE * SIDE).map(cell).collect(),
         outside: 0,

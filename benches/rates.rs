@@ -16,12 +16,10 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use measuring::{Outcome, Random, median, quantile, seconds};
-use spinney::io::RangeCache;
-use spinney::space::{Bounds, Code, Dimension};
-use spinney::store::autumnal::Autumnal;
-use spinney::store::goblin::Goblin;
-use spinney::store::{Header, OpenOptions};
-use spinney::value::Value;
+use spinney::raw::io::RangeCache;
+use spinney::raw::store::autumnal::Autumnal;
+use spinney::raw::store::goblin::Goblin;
+use spinney::{Bounds, Code, Dimension, Header, OpenOptions, Value};
 
 const SIDE: u64 = 256;
 const WINDOWS: usize = 4000;

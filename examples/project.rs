@@ -10,7 +10,8 @@
 
 use std::io::{self, BufRead, Write};
 
-use spinney::space::{Crs, Projection};
+use spinney::Crs;
+use spinney::raw::space::Projection;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<_> = std::env::args().collect();

@@ -4,12 +4,10 @@
 
 use std::path::PathBuf;
 
-use spinney::dataset::open;
 use spinney::import::raster::{ImportOptions, plan};
-use spinney::io::Output;
 use spinney::query::Condition;
-use spinney::space::Bounds;
-use spinney::value::Number;
+use spinney::raw::dataset::open;
+use spinney::{Bounds, Number, Output};
 
 fn main() -> spinney::Result<()> {
     let input = std::env::args_os()

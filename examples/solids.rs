@@ -5,15 +5,14 @@
 
 use std::path::Path;
 
-use spinney::io::Output;
-use spinney::space::{Code, Dimension};
-use spinney::store::{BuildOptions, Metadata, build_source};
-use spinney::tree::{Child, Children, Form, Source};
-use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
-use spinney::{Error, Result};
+use spinney::tree::{Child, Children, Source, build_source};
+use spinney::{
+    BuildOptions, Code, DataKind, Dimension, Error, Metadata, Output, Result, Rule, SampleType, TreeType,
+    Value, ValueType,
+};
 
 /// Octrees of bytes.
-const FORM: Form = Form::new(Dimension::Oct, ValueType::new(SampleType::U8, 1));
+const FORM: TreeType = TreeType::new(Dimension::Oct, ValueType::new(SampleType::U8, 1));
 
 /// A solid where a function of the coordinates is negative. The function changes by no more than the distance between two
 /// points, so that its value in the middle of a block can tell that all of the block is inside or outside.
@@ -39,7 +38,7 @@ impl<F: Fn([f64; 3]) -> f64> Formula<F> {
 impl<F: Fn([f64; 3]) -> f64 + Sync> Source for Formula<F> {
     type Node = Code;
 
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         FORM
     }
 
@@ -69,7 +68,7 @@ fn store(folder: &Path, name: &str, depth: u8, distance: impl Fn([f64; 3]) -> f6
         row[axis] = side;
         row[3] = -1.0;
     }
-    let options = BuildOptions::new(Kind::Continuous, depth).rule(Rule::Occupancy).metadata(metadata);
+    let options = BuildOptions::new(DataKind::Continuous, depth).rule(Rule::Occupancy).metadata(metadata);
     // The representatives of a source need not be right: those of the tree made of it are.
     build_source(&Formula { depth, distance }, [1 << depth; 3], &options, Output::create(&path)?, &())?;
     println!("{}", path.display());

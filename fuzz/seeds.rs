@@ -3,18 +3,16 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use spinney::Result;
-use spinney::export::image::{ImageSpec, create, format_of};
-use spinney::export::vector::{AttributeType, AttributeValue, GeometryKind, VectorLayer, VectorWriter};
+use spinney::{Bounds, BuildOptions, FileView, Crs, DataKind, Dimension, Frame, Metadata, Output, Result, Rule, SampleType, TreeType, Value, ValueType, WriteOptions};
+use spinney::raw::export::image::{ImageSpec, create, format_of};
+use spinney::raw::export::vector::{AttributeType, AttributeValue, GeometryKind, VectorLayer, VectorWriter};
 use spinney::import::mesh::{ExactOptions, import_exact, open_all};
-use spinney::io::Output;
 use spinney::lines::{LineBuildOptions, LinesInMemory};
-use spinney::ops::{Chain, Edit, FillRegion, add_layer, edit};
-use spinney::space::{Bounds, Crs, Dimension, Frame};
-use spinney::store::autumnal::{CompactOptions, Keep, Note, compact};
-use spinney::store::{BuildOptions, Metadata, Packing, WriteOptions, build_tree, depth_for};
-use spinney::tree::{Form, MemTree};
-use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
+use spinney::edit::{Edit, FillRegion, Note, edit};
+use spinney::raw::ops::add_layer;
+use spinney::raw::store::autumnal::{CompactOptions, Keep, compact};
+use spinney::raw::store::{Packing, build_tree, depth_for};
+use spinney::tree::MemTree;
 use spinney_fuzz::targets::seal;
 
 use reference::Cut;
@@ -31,15 +29,15 @@ mod reference;
 mod tiff_file;
 
 /// Quadtrees and octrees of values with so many samples of a type.
-const fn form(dimension: Dimension, sample: SampleType, channels: u8) -> Form {
-    Form::new(dimension, ValueType::new(sample, channels))
+const fn form(dimension: Dimension, sample: SampleType, channels: u8) -> TreeType {
+    TreeType::new(dimension, ValueType::new(sample, channels))
 }
 
-const QUAD: Form = form(Dimension::Quad, SampleType::U8, 1);
-const OCT: Form = form(Dimension::Oct, SampleType::U8, 1);
+const QUAD: TreeType = form(Dimension::Quad, SampleType::U8, 1);
+const OCT: TreeType = form(Dimension::Oct, SampleType::U8, 1);
 
 /// Something with much detail, VOID in places.
-fn tree(form: Form, size: [u64; 3], rule: Rule) -> MemTree {
+fn tree(form: TreeType, size: [u64; 3], rule: Rule) -> MemTree {
     MemTree::from_cells(form, depth_for(size), rule, &|[x, y, z]| {
         let inside = [x, y, z].into_iter().zip(size).all(|(cell, end)| u64::from(cell) < end);
         let number = (x * 5 / 7 + y * y / 6 + 3 * z) % 9;
@@ -73,9 +71,9 @@ type Put<'a> = &'a dyn Fn(&str, &str, &[u8]);
 
 fn build(
     path: &Path,
-    form: Form,
+    form: TreeType,
     size: [u64; 3],
-    (rule, kind): (Rule, Kind),
+    (rule, kind): (Rule, DataKind),
     share: bool,
 ) -> Result<Vec<u8>> {
     let options = BuildOptions::new(kind, depth_for(size)).rule(rule).share(share);
@@ -87,7 +85,7 @@ fn build(
 fn goblins(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
     put("goblin_read", "classic", &fs::read(project.join("fixtures/v1/classic.goblin")).unwrap());
     let path = folder.join("t.goblin");
-    let continuous = (Rule::Mean, Kind::Continuous);
+    let continuous = (Rule::Mean, DataKind::Continuous);
     put("goblin_read", "octree", &build(&path, OCT, [5, 4, 6], continuous, false)?);
     let floats = form(Dimension::Quad, SampleType::F32, 2);
     put("goblin_read", "floats", &build(&path, floats, [6, 7, 1], continuous, false)?);
@@ -95,11 +93,11 @@ fn goblins(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
     let colours = form(Dimension::Quad, SampleType::U8, 3);
     let rounded = form(Dimension::Quad, SampleType::F32, 1);
     for (name, form, size, (rule, kind)) in [
-        ("packed_names", QUAD, [40, 30, 1], (Rule::Majority, Kind::Categorical)),
+        ("packed_names", QUAD, [40, 30, 1], (Rule::Majority, DataKind::Categorical)),
         ("packed_numbers", colours, [33, 40, 1], continuous),
         ("packed_floats", rounded, [40, 40, 1], continuous),
         ("packed_octree", OCT, [20, 17, 9], continuous),
-        ("packed_solid", OCT, [20, 17, 9], (Rule::Occupancy, Kind::Continuous)),
+        ("packed_solid", OCT, [20, 17, 9], (Rule::Occupancy, DataKind::Continuous)),
     ] {
         let options = BuildOptions::new(kind, depth_for(size)).rule(rule);
         let options = options.packing(Packing::packed());
@@ -109,8 +107,8 @@ fn goblins(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
     }
     for (name, form, size, (rule, kind)) in [
         ("cuts", QUAD, [9, 14, 1], continuous),
-        ("cuts_of_classes", QUAD, [12, 9, 1], (Rule::Majority, Kind::Categorical)),
-        ("cuts_of_octree", OCT, [6, 7, 5], (Rule::Max, Kind::Continuous)),
+        ("cuts_of_classes", QUAD, [12, 9, 1], (Rule::Majority, DataKind::Categorical)),
+        ("cuts_of_octree", OCT, [6, 7, 5], (Rule::Max, DataKind::Continuous)),
     ] {
         put(
             "goblin_read",
@@ -124,9 +122,9 @@ fn goblins(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
 fn autumnals(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
     let history = fs::read(project.join("fixtures/v1/history.autumn")).unwrap();
     let path = folder.join("t.autumn");
-    let small = build(&path, OCT, [5, 4, 3], (Rule::Mean, Kind::Continuous), true)?;
+    let small = build(&path, OCT, [5, 4, 3], (Rule::Mean, DataKind::Continuous), true)?;
     let floats = form(Dimension::Quad, SampleType::F64, 1);
-    build(&path, floats, [6, 7, 1], (Rule::Mean, Kind::Continuous), false)?;
+    build(&path, floats, [6, 7, 1], (Rule::Mean, DataKind::Continuous), false)?;
     let region = FillRegion::Box(Bounds { min: [1, 1, 0], max: [4, 3, 1] });
     edit(&path, [Ok(Edit::Fill(region, Some(vec![0.25.into()])))], Note::default(), 1 << 20, &())?;
     let floats = fs::read(&path).unwrap();
@@ -139,11 +137,11 @@ fn autumnals(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
         |[x, y, z]: [u32; 3]| Some(Value::from([u8::from(x == 3 && y < 2) + u8::from(x > 61 && z == 40)]));
     // Nothing alike, so that there are dense blocks.
     let much = |[x, y, _]: [u32; 3]| (x != 3).then(|| Value::from([(x * 31 + y * 47) as u8]));
-    let categorical = (Rule::Majority, Kind::Categorical);
+    let categorical = (Rule::Majority, DataKind::Categorical);
     let mut files = vec![("history", history), ("octree", small), ("floats", floats)];
     for (name, form, (rule, kind), size, share, cell) in [
         ("zones", QUAD, categorical, [128, 100, 1], true, &stripes as &dyn Fn([u32; 3]) -> Option<Value>),
-        ("levels", QUAD, (Rule::Mean, Kind::Continuous), [512, 512, 1], false, &few),
+        ("levels", QUAD, (Rule::Mean, DataKind::Continuous), [512, 512, 1], false, &few),
         ("levels_of_octree", OCT, categorical, [64, 64, 64], false, &few_in_space),
         ("dense", QUAD, categorical, [16, 16, 1], false, &much),
     ] {
@@ -178,13 +176,13 @@ fn autumnals(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
 
 /// Files of several layers of different types, depths and cells.
 fn layers(put: Put<'_>, folder: &Path) -> Result<()> {
-    let continuous = (Rule::Mean, Kind::Continuous);
+    let continuous = (Rule::Mean, DataKind::Continuous);
     let pairs = form(Dimension::Quad, SampleType::U16, 2);
     for (name, first, second, size) in
         [("quadtrees", QUAD, pairs, [13, 10, 1]), ("octrees", OCT, OCT, [5, 4, 6])]
     {
         let other = folder.join("other.goblin");
-        build(&other, second, size, (Rule::Max, Kind::Continuous), false)?;
+        build(&other, second, size, (Rule::Max, DataKind::Continuous), false)?;
         for extension in ["goblin", "autumn"] {
             let path = folder.join(format!("layers.{extension}"));
             build(&path, first, size, continuous, false)?;
@@ -192,7 +190,7 @@ fn layers(put: Put<'_>, folder: &Path) -> Result<()> {
                 add_layer(
                     &path,
                     layer,
-                    &Chain::of(&other),
+                    &FileView::of(&other),
                     Note::default(),
                     WriteOptions::new(1 << 20),
                     &(),

@@ -28,7 +28,7 @@ namespace {
 // Sides of the coarsest overview: programs expect a block of it, and make smaller pictures of that.
 constexpr int COARSEST = 256;
 // Layers that are opened at once.
-constexpr size_t MOST_LAYERS = 1000;
+constexpr size_t MAX_LAYERS = 1000;
 const char *const DRIVER = "Spinney";
 
 Level::Level(std::shared_ptr<const Stack> of, int which) : stack(std::move(of)), number(which) {
@@ -369,11 +369,11 @@ void Level::describe_band(const Layer &layer, const CPLJSONObject &document, int
     }
   }
   // GDAL's names are those of 0, 1, 2 ...; a few numbers that are far from 0 would make a very long list.
-  constexpr long MOST_NAMES = 65536;
+  constexpr long MAX_NAMES = 65536;
   std::vector<std::string> names;
   for (const CPLJSONObject &category : document.GetObj("categories").GetChildren()) {
     const long value = std::strtol(category.GetName().c_str(), nullptr, 10);
-    if (value >= 0 && value < MOST_NAMES) {
+    if (value >= 0 && value < MAX_NAMES) {
       names.resize(std::max(names.size(), static_cast<size_t>(value) + 1));
       names[static_cast<size_t>(value)] = category.ToString();
     }
@@ -390,7 +390,7 @@ bool is_commit(const char *name) {
 }
 
 // Whether a file is read by GDAL's own readers: `/vsicurl/https://...`, `/vsis3/...`, `/vsizip/...`.
-bool is_elsewhere(const char *name) {
+bool is_remote(const char *name) {
   return STARTS_WITH(name, "/vsi");
 }
 
@@ -427,7 +427,7 @@ std::string file_of_layer(const char *name) {
     return "";
   }
   // (What lies elsewhere has colons of its own, before its last part.)
-  const char *const last = is_elsewhere(name) ? std::strrchr(name, '/') : name;
+  const char *const last = is_remote(name) ? std::strrchr(name, '/') : name;
   const char *colon = std::strchr(last, ':');
   for (; colon != nullptr; colon = std::strchr(colon + 1, ':')) {
     const std::string whole(name, colon);
@@ -497,7 +497,7 @@ bool open_elsewhere(const char *name, bool is_layer, spinney_dataset **opened) {
 std::shared_ptr<const Stack> open_stack(const char *name, bool is_layer) {
   auto stack = std::make_shared<Stack>();
   spinney_dataset *opened = nullptr;
-  if (is_elsewhere(name)) {
+  if (is_remote(name)) {
     if (!open_elsewhere(name, is_layer, &opened)) {
       return nullptr;
     }
@@ -511,9 +511,9 @@ std::shared_ptr<const Stack> open_stack(const char *name, bool is_layer) {
     report();
     return nullptr;
   }
-  if (count > MOST_LAYERS) {
+  if (count > MAX_LAYERS) {
     CPLError(CE_Failure, CPLE_NotSupported, "%s: has %llu layers, expected at most %d; open one of them, as in %s:%s", name,
-             static_cast<unsigned long long>(count), static_cast<int>(MOST_LAYERS), name,
+             static_cast<unsigned long long>(count), static_cast<int>(MAX_LAYERS), name,
              spinney_layer_name(first.get(), 0));
     return nullptr;
   }

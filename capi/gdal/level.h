@@ -18,7 +18,7 @@
 namespace {
 
 constexpr int BLOCK = 256;
-constexpr int MOST_BINS = 1 << 24;
+constexpr int MAX_BINS = 1 << 24;
 constexpr double ENOUGH_CELLS = 1e6;
 
 GDALDataType type_of(spinney_sample_type type) {
@@ -277,7 +277,7 @@ public:
   CPLErr GetHistogram(double low, double high, int count, GUIntBig *bins, int with_outside, int is_approximate,
                       GDALProgressFunc progress, void *user) override {
     const double step = (high - low) / count;
-    if (!level->is_finest() || index != 0 || !(step > 0.0) || !std::isfinite(step) || count > MOST_BINS) {
+    if (!level->is_finest() || index != 0 || !(step > 0.0) || !std::isfinite(step) || count > MAX_BINS) {
       return histogram_of_cells(low, high, count, bins, with_outside, is_approximate, progress, user);
     }
     // The tree counts what is outside for the outermost parts: two more of them keep it away from the others.

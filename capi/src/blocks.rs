@@ -2,7 +2,7 @@
 
 use std::ffi::{c_int, c_void};
 
-use engine::space::Bounds;
+use engine::Bounds;
 
 use crate::dataset::{level_of, opened, spinney_dataset};
 use crate::questions::{flags, some_bounds_at, spinney_box};

@@ -4,11 +4,10 @@ use std::ffi::{CStr, CString, c_char};
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-use engine::dataset::{self, Dataset};
-use engine::io::RangeCache;
-use engine::ops::Step;
-use engine::store::{OpenOptions, TreeFormat};
-use engine::value::{Kind, SampleType};
+use engine::raw::dataset;
+use engine::raw::io::RangeCache;
+use engine::raw::store::TreeFormat;
+use engine::{DataKind, Dataset, OpenOptions, SampleType, ViewStep};
 
 use crate::metadata;
 use crate::status::{Failure, guarded, spinney_status, text_of};
@@ -151,7 +150,7 @@ pub unsafe extern "C" fn spinney_open(
         let mut options = OpenOptions::new();
         options.positioned |= flags & SPINNEY_POSITIONED != 0;
         let mut opened = dataset::open(&path, &options)?;
-        let mut chain: Vec<Step> = Vec::new();
+        let mut chain: Vec<ViewStep> = Vec::new();
         for step in 0..step_count {
             // SAFETY: the caller passes as many pointers to zero-terminated texts as it says.
             let text = unsafe {
@@ -266,7 +265,7 @@ pub unsafe extern "C" fn spinney_describe(
             nodata: metadata.nodata.unwrap_or_default().to_f64(),
             has_nodata: metadata.nodata.is_some(),
             has_georeference: !metadata.frame.is_identity() || metadata.frame.crs.is_some(),
-            is_categorical: header.kind == Kind::Categorical,
+            is_categorical: header.kind == DataKind::Categorical,
             is_autumnal: dataset.format() == TreeFormat::Autumnal,
             commit: dataset.commit().map_or(0, |commit| commit.number),
         };

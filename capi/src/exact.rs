@@ -3,7 +3,7 @@
 use std::ffi::c_void;
 
 use engine::query::PointSamples;
-use engine::value::{Number, Value, ValueType};
+use engine::{Number, Value, ValueType};
 
 use crate::dataset::{level_of, opened, spinney_dataset};
 use crate::questions::{bounds_at, buffer, flags, sizes, some_bounds_at, spinney_box};

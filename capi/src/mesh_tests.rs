@@ -5,8 +5,8 @@ use std::ffi::{CStr, CString, c_char};
 use std::path::{Path, PathBuf};
 use std::ptr::{null, null_mut};
 
-use engine::brep::query::{CuttingPlane, MassProperties};
-use engine::brep::{ExactModel, FaceBuffer, Faces};
+use engine::ExactModel;
+use engine::brep::{CuttingPlane, FaceBuffer, Faces, MassProperties};
 use tempfile::TempDir;
 
 use crate::tests::open_model;

@@ -2,10 +2,10 @@
 
 use std::ffi::{CStr, c_char, c_void};
 
-use engine::brep::InsideRule;
-use engine::import::mesh::{ExactOptions, ExactReport, MeshArrays, MeshColours, Model, import_exact};
-use engine::io::Output;
-use engine::space::Crs;
+use engine::import::mesh::{ExactOptions, import_exact};
+use engine::raw::brep::InsideRule;
+use engine::raw::import::mesh::{ExactReport, MeshArrays, MeshColours, Model};
+use engine::{Crs, Output};
 
 use crate::dataset::path_of;
 use crate::model::check_size;

@@ -2,8 +2,7 @@
 
 use std::ffi::CString;
 
-use engine::dataset::Dataset;
-use engine::space::Crs;
+use engine::{Crs, Dataset};
 use serde_json::{Map, Value, json};
 
 /// The document that `spinney_metadata` hands out.

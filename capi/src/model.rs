@@ -2,9 +2,8 @@
 
 use std::ffi::{CStr, c_char};
 
-use engine::brep::query::{Hit, Location, MassProperties};
-use engine::brep::{ExactModel, Faces};
-use engine::store::OpenOptions;
+use engine::brep::{Faces, Hit, Location, MassProperties};
+use engine::{ExactModel, OpenOptions};
 
 use crate::dataset::{SPINNEY_POSITIONED, path_of};
 use crate::questions::{buffer, items};

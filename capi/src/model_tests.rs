@@ -4,9 +4,9 @@
 use std::ffi::CString;
 use std::ptr::{null, null_mut};
 
-use engine::brep::ExactModel;
-use engine::brep::query::MassProperties;
-use engine::brep::topology::{Topology, TopologyOptions};
+use engine::ExactModel;
+use engine::brep::MassProperties;
+use engine::raw::brep::topology::{Topology, TopologyOptions};
 
 use crate::tests::open_model;
 use crate::*;

@@ -5,10 +5,10 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use engine::dataset;
-use engine::io::{DEFAULT_GAP, Fetch, RangeCache, RangeFile};
-use engine::store::{ByteSource, OpenOptions};
-use engine::{Error, Result};
+use engine::raw::dataset;
+use engine::raw::io::{DEFAULT_GAP, Fetch, RangeCache, RangeFile};
+use engine::raw::store::ByteSource;
+use engine::{Error, OpenOptions, Result};
 
 use crate::dataset::{path_of, spinney_dataset};
 use crate::status::{Failure, guarded, spinney_status};

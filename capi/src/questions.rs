@@ -4,8 +4,8 @@ use std::cmp::Ordering;
 use std::ffi::c_void;
 use std::slice;
 
+use engine::Bounds;
 use engine::query::PointSamples;
-use engine::space::Bounds;
 
 use crate::dataset::{level_of, opened, spinney_dataset};
 use crate::status::{Failure, guarded, spinney_status};

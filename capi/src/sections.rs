@@ -1,6 +1,6 @@
 //! Sections of exact models by planes.
 
-use engine::brep::query::CuttingPlane;
+use engine::brep::CuttingPlane;
 
 use crate::model::{check_size, opened, place, spinney_model};
 use crate::questions::{buffer, items};

@@ -3,10 +3,9 @@
 use std::ffi::{CStr, c_char};
 use std::slice;
 
-use engine::brep::topology::{Topology, TopologyOptions};
-use engine::brep::{ExactModel, Faces, combine};
-use engine::io::Output;
-use engine::store::Codec;
+use engine::brep::{Faces, combine};
+use engine::raw::brep::topology::{Topology, TopologyOptions};
+use engine::{Codec, ExactModel, Output, SetOperation};
 
 use crate::dataset::path_of;
 use crate::model::{check_size, opened, place, spinney_model};
@@ -88,8 +87,9 @@ pub unsafe extern "C" fn spinney_model_combine(
             let text = format!("spinney_model_combine: got NULL or {count} models, expected some and a path");
             return Err(Failure::invalid(text));
         }
-        let number = u8::try_from(operation).ok().filter(|number| *number < 16);
-        let number = number
+        let operation = u8::try_from(operation)
+            .ok()
+            .and_then(SetOperation::from_index)
             .ok_or_else(|| Failure::invalid(format!("operation: got {operation}, expected 0 to 15")))?;
         // SAFETY: the caller has so many there.
         let models = unsafe { slice::from_raw_parts(models, count) };
@@ -101,7 +101,7 @@ pub unsafe extern "C" fn spinney_model_combine(
         if models.iter().any(|model| model.path() == path) {
             return Err(Failure::invalid("path: is that of one of the models, expected another file"));
         }
-        combine(number, &models, Output::create(&path)?, Codec::Plain, memory, &warnings)?;
+        combine(operation, &models, Output::create(&path)?, Codec::Plain, memory, &warnings)?;
         Ok(())
     })
 }

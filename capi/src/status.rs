@@ -78,12 +78,13 @@ impl From<Error> for Failure {
         use spinney_status::*;
         let status = match &error {
             Error::Io { cause, .. } if cause.kind() == ErrorKind::NotFound => SPINNEY_NOT_FOUND,
-            Error::Io { .. } | Error::NoRoom { .. } | Error::Locked { .. } | Error::Poisoned { .. } => {
-                SPINNEY_IO
-            }
-            Error::Corrupt { .. } | Error::NoTree { .. } => SPINNEY_CORRUPT,
+            Error::Io { .. }
+            | Error::InsufficientSpace { .. }
+            | Error::Locked { .. }
+            | Error::Poisoned { .. } => SPINNEY_IO,
+            Error::Corrupt { .. } | Error::NotATree { .. } => SPINNEY_CORRUPT,
             Error::Unsupported { .. } => SPINNEY_UNSUPPORTED,
-            Error::Changed { .. } | Error::Moved { .. } | Error::NotPlanned { .. } => SPINNEY_CHANGED,
+            Error::Changed { .. } | Error::Moved { .. } | Error::PlanMismatch { .. } => SPINNEY_CHANGED,
             Error::TooLarge { .. } => SPINNEY_MEMORY,
             Error::Interrupted => SPINNEY_STOPPED,
             _ => SPINNEY_INVALID,

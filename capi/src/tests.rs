@@ -7,9 +7,7 @@ use std::ffi::{CStr, CString, c_int, c_void};
 use std::path::Path;
 use std::ptr::{null, null_mut};
 
-use engine::dataset::Dataset;
-use engine::space::Bounds;
-use engine::value::Number;
+use engine::{Bounds, Dataset, Number};
 
 use crate::spinney_status::*;
 use crate::*;
@@ -142,17 +140,14 @@ fn blocks_are_all_of_a_box() {
 fn views_are_what_is_read() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("noise.goblin");
-    let form = engine::tree::Form::new(
-        engine::space::Dimension::Quad,
-        engine::value::ValueType::new(engine::value::SampleType::U8, 1),
-    );
-    let cell = |[x, y, _]: [u32; 3]| {
-        Some(engine::value::Value::from([((x * 31) ^ (y * 57) ^ ((x * y) >> 3)) as u8]))
-    };
-    let tree = engine::tree::MemTree::from_cells(form, 8, engine::value::Rule::Mean, &cell);
-    let options = engine::store::BuildOptions::new(engine::value::Kind::Continuous, 8);
-    let output = engine::io::Output::create(&path).unwrap();
-    engine::store::build_tree(&tree, [256, 256, 1], &options, output, &()).unwrap();
+    let form =
+        engine::TreeType::new(engine::Dimension::Quad, engine::ValueType::new(engine::SampleType::U8, 1));
+    let cell =
+        |[x, y, _]: [u32; 3]| Some(engine::Value::from([((x * 31) ^ (y * 57) ^ ((x * y) >> 3)) as u8]));
+    let tree = engine::tree::MemTree::from_cells(form, 8, engine::Rule::Mean, &cell);
+    let options = engine::BuildOptions::new(engine::DataKind::Continuous, 8);
+    let output = engine::Output::create(&path).unwrap();
+    engine::raw::store::build_tree(&tree, [256, 256, 1], &options, output, &()).unwrap();
     let dataset = open_with(path.to_str().unwrap(), &[], 0).unwrap();
     let mut view = spinney_view { samples: null(), row_stride: 0, layer_stride: 0 };
     for (level, start, size) in
@@ -258,9 +253,9 @@ fn a_dataset_of_commits_moves_on() {
         (open_with(path, &[], 0).unwrap(), open_with(&format!("{path}@1"), &[], 0).unwrap());
     let before = describe(newest).commit;
     assert_eq!(describe(first).commit, 1);
-    let region = engine::ops::FillRegion::Box(Bounds { min: [0; 3], max: [1, 1, 1] });
-    let fill = engine::ops::Edit::Fill(region, Some(vec![77.into()]));
-    engine::ops::edit(path.as_ref(), [Ok(fill)], Default::default(), 1 << 20, &()).unwrap();
+    let region = engine::edit::FillRegion::Box(Bounds { min: [0; 3], max: [1, 1, 1] });
+    let fill = engine::edit::Edit::Fill(region, Some(vec![77.into()]));
+    engine::edit::edit(path.as_ref(), [Ok(fill)], Default::default(), 1 << 20, &()).unwrap();
     let mut newer = false;
     assert_eq!(unsafe { spinney_refresh(newest, &mut newer) }, SPINNEY_OK);
     assert!(newer && describe(newest).commit == before + 1);
@@ -352,7 +347,7 @@ fn what_makes_no_sense_is_a_code_with_a_text() {
     assert!(error().contains("on purpose"));
     assert!(!unsafe { CStr::from_ptr(spinney_version()) }.is_empty());
     spinney_set_cache_memory(1 << 20);
-    assert_eq!(engine::io::RangeCache::unpacked().limit(), 1 << 20);
+    assert_eq!(engine::raw::io::RangeCache::unpacked().limit(), 1 << 20);
 }
 
 #[test]
@@ -411,8 +406,8 @@ pub(crate) fn open_model(name: &str, flags: u32) -> Result<*mut spinney_model, s
 
 #[test]
 fn exact_models_answer_as_the_library() {
-    use engine::brep::query::{Location, MassProperties};
-    use engine::brep::{ExactModel, Faces};
+    use engine::ExactModel;
+    use engine::brep::{Faces, Location, MassProperties};
     let library = ExactModel::open(fixture("chapel.goblin").as_ref(), &Default::default()).unwrap();
     for flags in [0, SPINNEY_POSITIONED] {
         let model = open_model("chapel.goblin", flags).unwrap();
@@ -506,21 +501,21 @@ fn exact_models_refuse_what_makes_no_sense() {
 
 #[test]
 fn integers_of_64_bits_are_exact() {
-    use engine::store::{BuildOptions, Metadata, build_tree};
-    use engine::tree::{Form, MemTree};
-    use engine::value::{Kind, Rule, SampleType, Value, ValueType};
+    use engine::raw::store::build_tree;
+    use engine::tree::MemTree;
+    use engine::{BuildOptions, DataKind, Metadata, Rule, SampleType, TreeType, Value, ValueType};
     const BASE: u64 = (1 << 63) + 3;
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("u.goblin");
-    let form = Form::new(engine::space::Dimension::Quad, ValueType::new(SampleType::U64, 1));
+    let form = TreeType::new(engine::Dimension::Quad, ValueType::new(SampleType::U64, 1));
     let number = |x: u64, y: u64| (x != y).then_some(BASE + x / 2 + 4 * (y / 2));
     let cell = |[x, y, _]: [u32; 3]| number(x.into(), y.into()).map(|number| Value::from([number]));
     let tree = MemTree::from_cells(form, 3, Rule::Majority, &cell);
     let nodata = Some(Number::from(u64::MAX - 1));
     let metadata = Metadata { nodata, ..Metadata::default() };
     let options =
-        BuildOptions::new(Kind::Categorical, 3).rule(Rule::Majority).memory(1 << 20).metadata(metadata);
-    build_tree(&tree, [8, 8, 1], &options, engine::io::Output::create(&path).unwrap(), &()).unwrap();
+        BuildOptions::new(DataKind::Categorical, 3).rule(Rule::Majority).memory(1 << 20).metadata(metadata);
+    build_tree(&tree, [8, 8, 1], &options, engine::Output::create(&path).unwrap(), &()).unwrap();
     let dataset = open_with(path.to_str().unwrap(), &[], 0).unwrap();
     let info = describe(dataset);
     assert_eq!((info.sample, info.cell_size), (spinney_sample_type::SPINNEY_U64, 8));

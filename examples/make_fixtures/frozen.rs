@@ -2,15 +2,17 @@
 
 use std::path::Path;
 
-use spinney::brep::{ExactModel, Face, Grid, ModelBuilder, combine};
-use spinney::io::Output;
-use spinney::ops::{Edit, FillRegion, edit};
-use spinney::space::{Bounds, Cell, Crs, Dimension, Frame, GeoKeys};
-use spinney::store::autumnal::Note;
-use spinney::store::{BuildOptions, Codec, Metadata, TreeWriter, build_tree, depth_for};
-use spinney::tree::{Form, MemTree};
-use spinney::value::{Kind, Palette, Rule, SampleType, Value, ValueType};
-use spinney::{Error, Result};
+use spinney::brep::{Face, Grid, combine};
+use spinney::edit::{Edit, FillRegion, Note, edit};
+use spinney::raw::brep::ModelBuilder;
+use spinney::raw::space::{Cell, GeoKeys};
+use spinney::raw::store::{TreeWriter, build_tree, depth_for};
+use spinney::raw::value::Palette;
+use spinney::tree::MemTree;
+use spinney::{
+    Bounds, BuildOptions, Codec, Crs, DataKind, Dimension, Error, ExactModel, Frame, Metadata, Output,
+    Result, Rule, SampleType, SetOperation, TreeType, Value, ValueType,
+};
 
 use super::island::{self, Island};
 
@@ -33,7 +35,7 @@ pub(crate) const CLASSIC: [[u8; 8]; 8] = [
 pub(crate) const STEP: usize = 4;
 
 const BYTE: ValueType = ValueType::new(SampleType::U8, 1);
-const QUAD: Form = Form::new(Dimension::Quad, BYTE);
+const QUAD: TreeType = TreeType::new(Dimension::Quad, BYTE);
 
 /// UTM zone 28 north, somewhere west of Africa.
 pub(crate) fn frame() -> Frame {
@@ -56,7 +58,7 @@ pub(crate) fn make(name: &str, island: &Island, path: &Path) -> Result<()> {
     };
     match name {
         "classic" => {
-            let what = (QUAD, Rule::Dominant, Kind::Categorical, Metadata::default());
+            let what = (QUAD, Rule::Dominant, DataKind::Categorical, Metadata::default());
             file(path, [8, 8, 1], what, &|[x, y, _]| Some(Value::from([CLASSIC[y as usize][x as usize]])))
         }
         "classes" => {
@@ -71,7 +73,7 @@ pub(crate) fn make(name: &str, island: &Island, path: &Path) -> Result<()> {
                 ..Metadata::default()
             };
             let size = [island::WIDTH as u64, island::HEIGHT as u64, 1];
-            file(path, size, (QUAD, Rule::Majority, Kind::Categorical, metadata), &|[x, y, _]| {
+            file(path, size, (QUAD, Rule::Majority, DataKind::Categorical, metadata), &|[x, y, _]| {
                 let inside = (x as usize) < island::WIDTH && (y as usize) < island::HEIGHT;
                 let class = inside.then(|| island.cover[y as usize * island::WIDTH + x as usize] as u8);
                 class.filter(|class| *class != 0).map(|class| Value::from([class]))
@@ -86,8 +88,8 @@ pub(crate) fn make(name: &str, island: &Island, path: &Path) -> Result<()> {
                 scale_offset: vec![(1.0, 0.0)],
                 ..Metadata::default()
             };
-            let form = Form::new(Dimension::Quad, ValueType::new(SampleType::F32, 1));
-            file(path, small, (form, Rule::Mean, Kind::Continuous, metadata), &|cell| {
+            let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::F32, 1));
+            file(path, small, (form, Rule::Mean, DataKind::Continuous, metadata), &|cell| {
                 coarse(cell).and_then(|i| elevation[i]).map(|height| Value::from([height]))
             })
         }
@@ -95,8 +97,8 @@ pub(crate) fn make(name: &str, island: &Island, path: &Path) -> Result<()> {
             let picture = island.picture();
             let band_names = ["red", "green", "blue"].map(String::from).to_vec();
             let metadata = Metadata { frame: frame().coarser(2), band_names, ..Metadata::default() };
-            let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 3));
-            file(path, small, (form, Rule::Mean, Kind::Continuous, metadata), &|cell| {
+            let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 3));
+            file(path, small, (form, Rule::Mean, DataKind::Continuous, metadata), &|cell| {
                 coarse(cell).map(|i| Value::from(picture[i]))
             })
         }
@@ -106,21 +108,21 @@ pub(crate) fn make(name: &str, island: &Island, path: &Path) -> Result<()> {
             let band_names = ["red", "green", "blue", "opacity"].map(String::from).to_vec();
             let metadata =
                 Metadata { frame: frame().coarser(2), band_names, alpha: Some(3), ..Metadata::default() };
-            let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 4).with_alpha());
-            file(path, small, (form, Rule::Mean, Kind::Continuous, metadata), &|cell| {
+            let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 4).with_alpha());
+            file(path, small, (form, Rule::Mean, DataKind::Continuous, metadata), &|cell| {
                 coarse(cell).map(|i| rgba(island.cover[i], picture[i]))
             })
         }
         "ball" => {
-            let form = Form::new(Dimension::Oct, BYTE);
-            file(path, [32; 3], (form, Rule::Mean, Kind::Continuous, Metadata::default()), &|cell| {
+            let form = TreeType::new(Dimension::Oct, BYTE);
+            file(path, [32; 3], (form, Rule::Mean, DataKind::Continuous, Metadata::default()), &|cell| {
                 let square = |x: u32| (2 * x as i64 - 31) * (2 * x as i64 - 31);
                 (cell.into_iter().map(square).sum::<i64>() <= 29 * 29).then_some(Value::from([255u8]))
             })
         }
         // One block with more records than a subtree without a segment may have, in a tree deep enough for it to be cut.
         "segments" => {
-            let what = (QUAD, Rule::Mean, Kind::Continuous, Metadata::default());
+            let what = (QUAD, Rule::Mean, DataKind::Continuous, Metadata::default());
             file(path, [1000, 300, 1], what, &|[x, y, _]| {
                 let speckled = (256..512).contains(&x) && y < 256;
                 let number = if speckled { (x / 2 + y / 2) % 2 * 100 } else { x / 256 * 40 };
@@ -142,7 +144,7 @@ pub(crate) fn rgba(cover: island::Cover, [red, green, blue]: [u8; 3]) -> Value {
 }
 
 /// What is known of a file before its cells.
-type What = (Form, Rule, Kind, Metadata);
+type What = (TreeType, Rule, DataKind, Metadata);
 
 fn file(
     path: &Path,
@@ -196,7 +198,7 @@ pub(crate) fn make_stack(island: &Island, path: &Path) -> Result<()> {
         time: Some("2020-06-21".into()),
         ..Metadata::default()
     };
-    let options = |kind: Kind, levels: u8, metadata: Metadata| {
+    let options = |kind: DataKind, levels: u8, metadata: Metadata| {
         BuildOptions::new(kind, depth - levels).memory(16 << 20).metadata(metadata)
     };
     let mut file = TreeWriter::create(Output::create(path)?, (Dimension::Quad, depth), 4)?;
@@ -206,27 +208,27 @@ pub(crate) fn make_stack(island: &Island, path: &Path) -> Result<()> {
     let cover = tree(QUAD, depth, Rule::Majority, &|cell| class(cell).map(|class| Value::from([class])));
     let metadata =
         Metadata { palette: Some(Palette { colours: island::COLOURS.to_vec() }), ..named("cover", 0) };
-    file.tree(&cover, size, &options(Kind::Categorical, 0, metadata), &())?;
-    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::F32, 1));
+    file.tree(&cover, size, &options(DataKind::Categorical, 0, metadata), &())?;
+    let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::F32, 1));
     let elevation = island.elevation();
     let heights = |cell| coarse(cell).and_then(|i| elevation[i]).map(|height| Value::from([height]));
     let metadata = Metadata { nodata: Some((-9999).into()), units: vec!["m".into()], ..named("height", 2) };
     file.tree(
         &tree(form, depth - 2, Rule::Mean, &heights),
         small,
-        &options(Kind::Continuous, 2, metadata),
+        &options(DataKind::Continuous, 2, metadata),
         &(),
     )?;
-    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 3));
+    let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 3));
     let picture = island.picture();
     let colours = tree(form, depth - 2, Rule::Mean, &|cell| coarse(cell).map(|i| Value::from(picture[i])));
-    file.tree(&colours, small, &options(Kind::Continuous, 2, named("colour", 2)), &())?;
-    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U64, 1));
+    file.tree(&colours, small, &options(DataKind::Continuous, 2, named("colour", 2)), &())?;
+    let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U64, 1));
     let labels = tree(form, depth, Rule::Majority, &|cell| {
         let patch = u64::from(cell[0] / 32 + 100 * (cell[1] / 32));
         class(cell).map(|class| Value::from([(1 << 63) + (patch << 8) + u64::from(class)]))
     });
-    file.tree(&labels, size, &options(Kind::Categorical, 0, named("label", 0)), &())?;
+    file.tree(&labels, size, &options(DataKind::Categorical, 0, named("label", 0)), &())?;
     file.finish()
 }
 
@@ -360,9 +362,9 @@ pub(crate) fn make_crossing(path: &Path, codec: Codec) -> Result<()> {
     let tower = model(path, &tower, (first, about), Some(ABOUT_FILE))?;
     let spire = model(path, &spire, (second, more), None)?;
     let mast = model(path, &mast, (third, None), None)?;
-    combine(7, &[&tower, &spire], Output::create(path)?, Codec::Plain, 16 << 20, &())?;
+    combine(SetOperation::Union, &[&tower, &spire], Output::create(path)?, Codec::Plain, 16 << 20, &())?;
     let both = in_memory(path)?;
-    combine(2, &[&both, &mast], Output::create(path)?, codec, 16 << 20, &()).map(drop)
+    combine(SetOperation::Difference, &[&both, &mast], Output::create(path)?, codec, 16 << 20, &()).map(drop)
 }
 
 /// The model in a file, which is to be written anew.

@@ -11,12 +11,9 @@ mod island;
 use std::path::{Path, PathBuf};
 
 use island::{HEIGHT, Island, WIDTH};
-use spinney::Result;
-use spinney::export::image::{ImageSpec, create, format_of};
-use spinney::io::Output;
-use spinney::space::Frame;
-use spinney::store::Metadata;
-use spinney::value::{Palette, SampleType, ValueType};
+use spinney::raw::export::image::{ImageSpec, create, format_of};
+use spinney::raw::value::Palette;
+use spinney::{Frame, Metadata, Output, Result, SampleType, ValueType};
 
 fn main() -> Result<()> {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("fixtures");

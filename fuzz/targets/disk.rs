@@ -4,8 +4,8 @@ use std::io;
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use spinney::io::{FileId, ReadBackend, WriteBackend};
-use spinney::store::autumnal::Editor;
+use spinney::edit::Editor;
+use spinney::raw::io::{FileId, ReadBackend, WriteBackend};
 
 /// A request to a disk.
 #[derive(Clone)]

@@ -2,14 +2,11 @@
 
 use std::sync::Arc;
 
-use spinney::dataset::{self, Dataset};
-use spinney::io::Output;
-use spinney::ops::{Edit, FillRegion, apply_edits};
-use spinney::space::Bounds;
-use spinney::store::OpenOptions;
-use spinney::store::autumnal::{Autumnal, CompactOptions, Editor, History, Keep, Note, compact, recover};
-use spinney::value::Number;
-use spinney::{Error, Result};
+use spinney::edit::{Edit, Editor, FillRegion, Note};
+use spinney::raw::dataset;
+use spinney::raw::ops::apply_edits;
+use spinney::raw::store::autumnal::{Autumnal, CompactOptions, History, Keep, compact, recover};
+use spinney::{Bounds, Dataset, Error, Number, OpenOptions, Output, Result};
 
 use super::disk::Disk;
 use super::files::in_file;
@@ -22,7 +19,7 @@ const SCRIPT: usize = 8;
 const SIDE: u64 = 16;
 const MEMORY: u64 = 1 << 20;
 /// Records of trees that are verified: shared subtrees make a small file one that takes for ever.
-const MOST_RECORDS: u64 = 1 << 12;
+const MAX_RECORDS: u64 = 1 << 12;
 
 /// A script of edits and an Autumnal file, packed (see [`seal::packed`]): edited on a disk in memory, and verified.
 pub fn autumnal_edit(bytes: &[u8]) {
@@ -56,7 +53,7 @@ pub fn edit_as(script: &[u8], file: Vec<u8>) {
 /// The newest commit of a file, if its tree is not too large to be looked at.
 fn open(file: &[u8]) -> Option<Dataset> {
     let file = Autumnal::from_bytes(file.to_vec()).ok()?;
-    file.level_counts(MOST_RECORDS, &()).ok()??;
+    file.level_counts(MAX_RECORDS, &()).ok()??;
     Dataset::of(Arc::new(file).into()).ok()
 }
 

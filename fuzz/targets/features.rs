@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use spinney::Result;
-use spinney::import::feature::{Feature, FeatureOptions, open_features, read_polygons};
+use spinney::import::feature::FeatureOptions;
+use spinney::raw::import::feature::{Feature, open_features, read_polygons};
 
 use super::files::in_file;
 

@@ -2,28 +2,26 @@
 
 use std::path::Path;
 
-use spinney::brep::ExactModel;
-use spinney::dataset;
-use spinney::import::cells::CellList;
-use spinney::import::mesh::{self, ExactOptions, Resolution, SolidOptions, plan_models};
-use spinney::import::raster::{self, ImportOptions, Order, Pixels, RasterOptions, plan};
-use spinney::import::volume::{self, VolumeOptions};
-use spinney::io::Output;
-use spinney::space::Region;
-use spinney::store::OpenOptions;
-use spinney::store::goblin::Goblin;
-use spinney::{Error, Result};
+use spinney::import::mesh::{ExactOptions, Resolution, SolidOptions, plan_models};
+use spinney::import::raster::{ImportOptions, plan};
+use spinney::import::volume::VolumeOptions;
+use spinney::raw::dataset;
+use spinney::raw::import::cells::CellList;
+use spinney::raw::import::mesh;
+use spinney::raw::import::raster::{self, Order, Pixels, RasterOptions};
+use spinney::raw::store::goblin::Goblin;
+use spinney::{Error, ExactModel, OpenOptions, Output, Region, Result};
 
 use super::files::in_file;
 
 /// Bytes of memory that importers may use.
 const MEMORY: u64 = 4 << 20;
 /// Bytes of samples that are read at once.
-const MOST_BYTES: u64 = 1 << 20;
+const MAX_BYTES: u64 = 1 << 20;
 /// Cells of pictures that are built.
-const MOST_CELLS: u64 = 1 << 14;
+const MAX_CELLS: u64 = 1 << 14;
 /// Faces of models that are built.
-const MOST_FACES: u32 = 200;
+const MAX_FACES: u32 = 200;
 
 /// A target for each format of pictures, all of which go the same way: the first bytes tell the format.
 macro_rules! pictures {
@@ -91,14 +89,14 @@ fn read_pixels(path: &Path) -> Result<bool> {
     let info = raster.info().clone();
     let pixel = info.channels as u64 * info.sample.size() as u64;
     let width = if info.order == Order::Bands { info.width } else { info.width.min(64) };
-    let most_rows = MOST_BYTES / width.saturating_mul(pixel).max(1);
+    let most_rows = MAX_BYTES / width.saturating_mul(pixel).max(1);
     if most_rows == 0 {
         return Ok(false);
     }
     let mut pixels = Pixels::default();
     raster.read(Region::new(0, 0, width, info.height.min(64).min(most_rows)), &mut pixels)?;
     assert_eq!(pixels.bytes.len() as u64, width * info.height.min(64).min(most_rows) * pixel);
-    Ok(info.width.saturating_mul(info.height) <= MOST_CELLS)
+    Ok(info.width.saturating_mul(info.height) <= MAX_CELLS)
 }
 
 /// Makes sure that a tree that was built is good.
@@ -127,13 +125,13 @@ fn read_mesh(path: &Path) -> Result<()> {
         model.faces(&mut |face| {
             faces += 1;
             corners += face.points.len();
-            if faces > 10 * MOST_FACES { Err(Error::Interrupted) } else { Ok(()) }
+            if faces > 10 * MAX_FACES { Err(Error::Interrupted) } else { Ok(()) }
         })?;
         Ok::<_, Error>((faces, corners))
     };
     let (faces, corners) = count()?;
     assert_eq!(count()?, (faces, corners), "another model the second time");
-    if faces > MOST_FACES {
+    if faces > MAX_FACES {
         return Ok(());
     }
     let mut options = SolidOptions::new();
@@ -145,7 +143,12 @@ fn read_mesh(path: &Path) -> Result<()> {
     }
     let mut options = ExactOptions::new();
     (options.close, options.memory) = (faces % 2 == 0, 2 * MEMORY);
-    mesh::import_exact(vec![mesh::open(path, MEMORY)?], &options, Output::create(&built)?, &())?;
+    spinney::import::mesh::import_exact(
+        vec![mesh::open(path, MEMORY)?],
+        &options,
+        Output::create(&built)?,
+        &(),
+    )?;
     let model = ExactModel::open(&built, &OpenOptions::new())?;
     assert_eq!(model.verify(16 << 20, &()).unwrap(), []);
     super::models::questions(&model).unwrap();
@@ -182,7 +185,7 @@ fn volume_file(name: &str, bytes: &[u8]) {
         options.memory = Some(2 * MEMORY);
         let built = path.with_extension("goblin");
         // (What is planned has all its samples in the file, and is small, therefore.)
-        let import = volume::plan(path, &options);
+        let import = spinney::import::volume::plan(path, &options);
         if import.and_then(|import| import.build(Output::create(&built)?, &())).is_ok() {
             check_built(&built);
         }

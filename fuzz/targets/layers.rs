@@ -2,20 +2,22 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::dataset::{self, Dataset};
-use spinney::io::Output;
-use spinney::ops::{self, Chain, Edit, Operation, Universe, apply_edits};
-use spinney::space::Bounds;
-use spinney::store::autumnal::{CompactOptions, Editor, History, Keep, Note, compact};
-use spinney::store::{FilePlace, Header, OpenOptions, WriteOptions};
-use spinney::{Error, Result};
+use spinney::edit::{Edit, Editor, Note};
+use spinney::raw::dataset;
+use spinney::raw::ops::{self, apply_edits};
+use spinney::raw::store::FileReference;
+use spinney::raw::store::autumnal::{CompactOptions, History, Keep, compact};
+use spinney::{
+    Bounds, CombineOperation, CombineOptions, Dataset, Error, FileView, Header, OpenOptions, Output, Result,
+    WriteOptions,
+};
 
 use super::files::in_file;
 use super::seal;
-use super::trees::{MOST_RECORDS, is_good, long_questions, questions};
+use super::trees::{MAX_RECORDS, is_good, long_questions, questions};
 
 /// Layers of files of which everything is asked.
-const MOST_LAYERS: usize = 8;
+const MAX_LAYERS: usize = 8;
 const MEMORY: u64 = 1 << 20;
 
 /// A Goblin file of any number of layers whose checksums are made right.
@@ -50,7 +52,7 @@ fn open(path: &Path) -> Result<Dataset> {
 /// All layers of a file, the first few of them open.
 fn layers(tree: &Dataset) -> Result<(usize, Vec<Dataset>)> {
     let layers = tree.layers()?;
-    let opened = layers.iter().take(MOST_LAYERS).map(|layer| tree.layer(&layer.name));
+    let opened = layers.iter().take(MAX_LAYERS).map(|layer| tree.layer(&layer.name));
     Ok((layers.len(), opened.collect::<Result<_>>()?))
 }
 
@@ -61,7 +63,7 @@ fn ask(path: &Path, converted: &str) {
         Ok(layers) => layers,
         Err(_) => {
             // What is left of it.
-            (0..MOST_LAYERS).for_each(|number| {
+            (0..MAX_LAYERS).for_each(|number| {
                 if let Ok(layer) = tree.layer(&number.to_string()) {
                     let _ = questions(&layer);
                 }
@@ -71,9 +73,9 @@ fn ask(path: &Path, converted: &str) {
     };
     let quick: Vec<Result<bool>> = trees.iter().map(questions).collect();
     let is_small = |tree: &Dataset| {
-        matches!(tree.level_counts(MOST_RECORDS, &()), Ok(Some(_))) && tree.stored_records() <= MOST_RECORDS
+        matches!(tree.level_counts(MAX_RECORDS, &()), Ok(Some(_))) && tree.stored_records() <= MAX_RECORDS
     };
-    if count > MOST_LAYERS || !trees.iter().all(is_small) {
+    if count > MAX_LAYERS || !trees.iter().all(is_small) {
         return;
     }
     let slow: Vec<Result<bool>> = trees.iter().map(long_questions).collect();
@@ -89,7 +91,7 @@ fn ask(path: &Path, converted: &str) {
     };
     let other = target(converted);
     let made = Output::create(&other)
-        .and_then(|output| ops::convert(path, false, output, WriteOptions::new(MEMORY), &()));
+        .and_then(|output| spinney::convert(path, false, output, WriteOptions::new(MEMORY), &()));
     if was_good {
         made.unwrap();
         same(&other, &trees, "conversion");
@@ -97,7 +99,14 @@ fn ask(path: &Path, converted: &str) {
     // (On what metadata tell of the frame it may be impossible.)
     let (joined, files) = (target("combined.goblin"), [path, path].map(PathBuf::from));
     let _ = Output::create(&joined).and_then(|output| {
-        ops::combine(Operation::Over, None, Universe::Usual, &files, output, WriteOptions::new(MEMORY), &())
+        spinney::combine(
+            CombineOperation::Over,
+            CombineOptions::default(),
+            &files,
+            output,
+            WriteOptions::new(MEMORY),
+            &(),
+        )
     });
     let has_changed = match converted.ends_with("goblin") {
         true => change_autumnal(path, was_good, &trees),
@@ -141,7 +150,7 @@ fn change_goblin(path: &Path, trees: &[Dataset]) -> Result<()> {
         ops::drop_layer(path, &name, Note::default(), MEMORY, &())?;
     }
     // (Frames need not fit.)
-    let chain = Chain::of(&FilePlace::of(&copy).of_layer(&name));
+    let chain = FileView::of(&FileReference::of(&copy).of_layer(&name));
     let _ = ops::add_layer(path, "again", &chain, Note::default(), WriteOptions::new(MEMORY), &());
     Ok(())
 }

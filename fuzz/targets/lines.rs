@@ -2,11 +2,10 @@
 
 use std::path::Path;
 
-use spinney::export::vector::VectorFormat;
-use spinney::io::Output;
-use spinney::lines::{LineTree, NearestLines, export_lines};
-use spinney::store::OpenOptions;
-use spinney::{Error, Result};
+use spinney::export::VectorFormat;
+use spinney::lines::LineTree;
+use spinney::raw::lines::{NearestLines, export_lines};
+use spinney::{Error, OpenOptions, Output, Result};
 
 use super::files::in_file;
 use super::{seal, trees};
@@ -31,7 +30,7 @@ pub fn ask_lines(file: Vec<u8>) {
     if checksum.is_multiple_of(32) {
         in_file("lines.geojson", b"", |path| {
             let output = Output::create(path).unwrap();
-            let _ = export_lines(&tree, None, None, (output, VectorFormat::GeoJson), &());
+            let _ = export_lines(&tree, None, None, output, VectorFormat::GeoJson, &());
         });
     }
     if tree.verify(1 << 20, &()).unwrap().is_empty() {
@@ -63,8 +62,8 @@ fn questions(tree: &LineTree) -> Result<()> {
     // (Places that are too far away to be told from others are refused.)
     let fits = |error: Error| if matches!(error, Error::Invalid { .. }) { Ok(()) } else { Err(error) };
     let nearest = NearestLines::new(tree, 1 << 16).and_then(|nearest| {
-        nearest.find(&[low, middle, high, middle], (1, f64::INFINITY), &())?;
-        nearest.find(&[middle, low], (20, 5.0), &()).map(drop)
+        nearest.find(&[low, middle, high, middle], 1, f64::INFINITY, &())?;
+        nearest.find(&[middle, low], 20, 5.0, &()).map(drop)
     });
     note(nearest.or_else(fits));
     note(tree.features(&mut (0..tree.len().min(1 << 12)), &mut |number, feature| {

@@ -2,15 +2,13 @@
 
 use std::path::Path;
 
-use spinney::Result;
-use spinney::brep::query::{CuttingPlane, MassProperties};
-use spinney::brep::surface_intersection::surface_intersection;
-use spinney::brep::topology::{Topology, TopologyOptions};
-use spinney::brep::{ExactModel, FaceBuffer, Faces, ModelNode};
-use spinney::export::mesh::{MeshFormat, export_exact};
-use spinney::import::mesh;
-use spinney::io::Output;
-use spinney::store::OpenOptions;
+use spinney::brep::{CuttingPlane, FaceBuffer, Faces, MassProperties};
+use spinney::export::{MeshFormat, export_exact};
+use spinney::raw::brep::ModelNode;
+use spinney::raw::brep::surface_intersection::surface_intersection;
+use spinney::raw::brep::topology::{Topology, TopologyOptions};
+use spinney::raw::import::mesh;
+use spinney::{ExactModel, OpenOptions, Output, Result};
 
 use super::files::in_file;
 use super::{seal, trees};
@@ -97,9 +95,9 @@ pub fn questions(model: &ExactModel) -> Result<()> {
         let [min, max] = [f64::min, f64::max].map(|f| [0, 1, 2].map(|axis| f(pair[0][axis], pair[1][axis])));
         // (Boxes of what is no number are refused.)
         if min.iter().chain(&max).all(|at| at.is_finite()) {
-            note(model.place_of_box(min, max).map(drop));
+            note(model.locate_box(min, max).map(drop));
         } else {
-            let _ = model.place_of_box(min, max);
+            let _ = model.locate_box(min, max);
         }
     }
     for level in [0, model.depth() / 2, grid.bits] {

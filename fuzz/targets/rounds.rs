@@ -6,8 +6,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use spinney::Result;
-use spinney::io::rounds::{all_read, ask, go_on};
-use spinney::io::{Fetch, RangeCache, RangeFile, ReadBackend};
+use spinney::raw::io::batch::{defer_missing, finish_deferred, run_batched};
+use spinney::raw::io::{Fetch, RangeCache, RangeFile, ReadBackend};
 
 /// Bytes in memory that come in ranges.
 pub struct Far(pub Arc<Vec<u8>>);
@@ -26,7 +26,7 @@ pub fn far(bytes: Arc<Vec<u8>>, cache: u64, gap: u64) -> RangeFile {
 }
 
 /// Steps of a walk at most: it may go round in circles.
-const MOST_STEPS: u32 = 200;
+const MAX_STEPS: u32 = 200;
 
 /// A node of a walk: reads some bytes that `at` tells, and goes on where these lead.
 fn walk(file: &dyn ReadBackend, at: u64, depth: u8, steps: &mut u32) -> Result<u64> {
@@ -42,12 +42,12 @@ fn walk(file: &dyn ReadBackend, at: u64, depth: u8, steps: &mut u32) -> Result<u
     }
     let mut sum = bytes.iter().fold(at, |sum, byte| sum.wrapping_mul(31).wrapping_add(u64::from(*byte)));
     let mut is_unread = false;
-    for child in 0..if depth > 0 && *steps < MOST_STEPS { 3 } else { 0 } {
+    for child in 0..if depth > 0 && *steps < MAX_STEPS { 3 } else { 0 } {
         let next = sum.rotate_left(child * 21) >> 7;
-        let below = go_on(walk(file, next, depth - 1, steps), &mut is_unread)?;
+        let below = defer_missing(walk(file, next, depth - 1, steps), &mut is_unread)?;
         sum = sum.wrapping_add(below.unwrap_or(0));
     }
-    all_read(is_unread).map(|()| sum)
+    finish_deferred(is_unread).map(|()| sum)
 }
 
 /// Walks from places that the bytes tell, in rounds and outside of them.
@@ -62,7 +62,7 @@ pub fn rounds(bytes: &[u8]) {
         let at = u64::from_le_bytes(start.try_into().expect("8 bytes"));
         let question = |file: &dyn ReadBackend| walk(file, at, depth % 5, &mut 0);
         let expected = question(&memory).expect("what is in memory can be read");
-        let found = if number == 3 { question(&file) } else { ask(|| question(&file)) };
+        let found = if number == 3 { question(&file) } else { run_batched(|| question(&file)) };
         assert_eq!(found.expect("all of it can be fetched"), expected);
     }
 }

@@ -111,7 +111,7 @@ pub fn entry_size(file: &[u8], layer: usize) -> usize {
 pub type Indexed = (usize, std::ops::Range<usize>);
 
 /// Pages of a layer that are looked at, at most: those of a hostile index may be very many.
-const MOST_PAGES: usize = 1 << 14;
+const MAX_PAGES: usize = 1 << 14;
 
 /// What the levels of a layer's index lead to, the top first; the last are the pages of the directory.
 pub fn index(file: &[u8], layer: usize) -> Vec<Vec<Indexed>> {
@@ -130,7 +130,7 @@ pub fn index(file: &[u8], layer: usize) -> Vec<Vec<Indexed>> {
     while entries > 0 && levels.len() < 8 {
         let above = levels.last().into_iter().flatten();
         let entry = above.flat_map(|(_, page)| page.clone().step_by(24).filter(|at| at + 24 <= page.end));
-        let level = entry.filter_map(below).take(MOST_PAGES).collect();
+        let level = entry.filter_map(below).take(MAX_PAGES).collect();
         levels.push(level);
         entries = if entries > 256 { entries.div_ceil(256) } else { 0 };
     }

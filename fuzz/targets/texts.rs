@@ -1,12 +1,11 @@
 //! Texts: steps of views, and DF-expressions of quadtrees, octrees and bintrees.
 
-use spinney::dataset::Dataset;
-use spinney::ops::{Calculation, Step};
-use spinney::partitions::Bintree;
-use spinney::space::{Bounds, Crs, Dimension};
-use spinney::store::goblin::Goblin;
-use spinney::tree::{Form, Source, df};
-use spinney::value::{Rule, SampleType, Value, ValueType};
+use spinney::raw::ops::Calculation;
+use spinney::raw::partitions::Bintree;
+use spinney::raw::store::goblin::Goblin;
+use spinney::raw::tree::df;
+use spinney::tree::Source;
+use spinney::{Bounds, Crs, Dataset, Dimension, Rule, SampleType, TreeType, Value, ValueType, ViewStep};
 
 /// A small file to look at through views: the picture of the specification.
 pub const CLASSIC: &[u8] = include_bytes!("../../fixtures/v1/classic.goblin");
@@ -31,10 +30,10 @@ pub fn crs_text(bytes: &[u8]) {
 /// Steps, a line each: their texts say the same when they are read again, and views through them answer.
 pub fn step_text(bytes: &[u8]) {
     let text = String::from_utf8_lossy(bytes);
-    let steps: Vec<Step> = text.lines().take(4).filter_map(|line| line.parse().ok()).collect();
+    let steps: Vec<ViewStep> = text.lines().take(4).filter_map(|line| line.parse().ok()).collect();
     for step in &steps {
         let text = step.to_string();
-        let again: Step = text.parse().unwrap_or_else(|error| panic!("`{text}`: {error}"));
+        let again: ViewStep = text.parse().unwrap_or_else(|error| panic!("`{text}`: {error}"));
         assert_eq!(again.to_string(), text);
     }
     // (No files but this one.)
@@ -60,7 +59,7 @@ pub fn step_text(bytes: &[u8]) {
         let bounds = Bounds { min, max };
         let mut bytes = vec![0; bounds.volume() as usize * view.header().form.width()];
         let _ = view.window(view.depth(), &bounds, 0.0, &mut bytes, None);
-        let _ = view.point(min, view.depth(), &mut [spinney::value::Number::default(); 4]);
+        let _ = view.point(min, view.depth(), &mut [spinney::Number::default(); 4]);
     }
 }
 
@@ -71,7 +70,7 @@ pub fn calculation_text(bytes: &[u8]) {
     for calculation in [Calculation::parse(&text), Calculation::parse_reduction(&text)].into_iter().flatten()
     {
         let text = calculation.to_string();
-        let step: Step = text.parse().unwrap_or_else(|error| panic!("`{text}`: {error}"));
+        let step: ViewStep = text.parse().unwrap_or_else(|error| panic!("`{text}`: {error}"));
         assert_eq!(step.to_string(), text);
         // (No files but this one.)
         if !step.files().is_empty() {
@@ -91,7 +90,7 @@ pub fn calculation_text(bytes: &[u8]) {
             view.window(level, &bounds, 0.0, &mut bytes, Some(&mut valid)).unwrap();
             for (cell, valid) in valid.iter().enumerate() {
                 let place = [cell as u64 % bounds.max[0], cell as u64 / bounds.max[0], 0];
-                let mut numbers = [spinney::value::Number::default(); 4];
+                let mut numbers = [spinney::Number::default(); 4];
                 assert_eq!(view.point(place, level, &mut numbers).unwrap(), *valid);
                 let number =
                     value.first_sample(Value::from_bytes(&bytes[cell * value.size()..][..value.size()]));
@@ -115,7 +114,7 @@ pub fn df_text(bytes: &[u8]) {
         2 => ValueType::new(SampleType::I32, 1),
         _ => ValueType::new(SampleType::F64, 1),
     };
-    let (form, depth, rule) = (Form::new(dimension, value), choice >> 3, Rule::Nearest);
+    let (form, depth, rule) = (TreeType::new(dimension, value), choice >> 3, Rule::Nearest);
     let full: Value = value.nearest(|_| 9.0);
     let Ok(tree) = df::from_text(form, &String::from_utf8_lossy(text), depth, full, rule) else { return };
     let text = df::to_text(&tree, Some(full)).unwrap();

@@ -4,15 +4,11 @@ use std::borrow::Cow;
 use std::path::Path;
 use std::sync::Arc;
 
-use spinney::Result;
-use spinney::dataset::Dataset;
-use spinney::io::ReadBackend;
 use spinney::query::{Condition, PointSamples};
-use spinney::space::Bounds;
-use spinney::store::OpenOptions;
-use spinney::store::autumnal::Autumnal;
-use spinney::store::goblin::Goblin;
-use spinney::value::Number;
+use spinney::raw::io::ReadBackend;
+use spinney::raw::store::autumnal::Autumnal;
+use spinney::raw::store::goblin::Goblin;
+use spinney::{Bounds, Dataset, Number, OpenOptions, Result};
 
 use super::rounds::far;
 use super::seal;
@@ -79,7 +75,7 @@ pub fn ask_autumnal(file: Vec<u8>) {
 }
 
 /// Records of trees of which everything is asked. Shared subtrees make a small file one that takes for ever.
-pub(super) const MOST_RECORDS: u64 = 1 << 14;
+pub(super) const MAX_RECORDS: u64 = 1 << 14;
 /// Cells of a window along an axis.
 const SIDE: u64 = 24;
 
@@ -87,7 +83,7 @@ const SIDE: u64 = 24;
 /// together.
 pub fn ask(tree: &Dataset) {
     let is_small =
-        matches!(tree.level_counts(MOST_RECORDS, &()), Ok(Some(_))) && tree.stored_records() <= MOST_RECORDS;
+        matches!(tree.level_counts(MAX_RECORDS, &()), Ok(Some(_))) && tree.stored_records() <= MAX_RECORDS;
     let quick = questions(tree);
     if !is_small {
         return;

@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 from typing import Any, Self
 
-from ._elsewhere import elsewhere_of, kept_name
+from ._remote import remote_access_of, kept_name
 
 
 def _reopen(
     kind: type, path: str, positioned: bool, storage: list[tuple[str, str]] | None = None, file: Any = None
 ) -> Any:
-    return kind(path, positioned, elsewhere_of(file or path, dict(storage or []))[1])
+    return kind(path, positioned, remote_access_of(file or path, dict(storage or []))[1])
 
 
 class BlockTree:
@@ -28,7 +28,7 @@ class BlockTree:
         self.close()
 
     def __reduce__(self: Any) -> tuple[Any, ...]:
-        storage, file = self._elsewhere
+        storage, file = self._remote
         return _reopen, (type(self), kept_name(self.path, file), self.positioned, storage, file and file[2])
 
     def __bool__(self) -> bool:

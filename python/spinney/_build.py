@@ -17,7 +17,7 @@ from ._progress import memory_of, working
 from ._sources import feature_file, paths_of
 from ._stack import layers_of, one_layer, stack_layers
 from ._times import text_of_time
-from ._told import check_bands, colours_of, crs_text, numbers_of, pairs_of, texts_of
+from ._metadata import check_bands, colours_of, crs_text, numbers_of, pairs_of, texts_of
 from ._types import Codec, Path, Progress, Resampling
 from ._zonal import values_of
 

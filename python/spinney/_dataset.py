@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._arrays import points_of, rows_of
-from ._elsewhere import elsewhere_of, kept_name
+from ._remote import remote_access_of, kept_name
 from ._files import MEMORY, log
 from ._features import Edge, features_over
 from ._progress import memory_of, working
@@ -72,12 +72,12 @@ def open(
     """
     steps = [view] if isinstance(view, str) else list(view)
     layer = None if layer is None else str(layer)
-    name, elsewhere = elsewhere_of(path, storage_options)
+    name, remote = remote_access_of(path, storage_options)
     try:
-        return Dataset(name, steps, commit, positioned, layer, elsewhere)
+        return Dataset(name, steps, commit, positioned, layer, remote)
     except OSError:
         if commit is not None and (os.path.exists(name) or "://" in name):
-            with Dataset(name, steps, None, positioned, layer, elsewhere) as ds:
+            with Dataset(name, steps, None, positioned, layer, remote) as ds:
                 if ds.commit is None:
                     raise ValueError(f"{ds.path}: has no commits, as it is a {ds.format} file; leave commit out") from None
         raise
@@ -101,7 +101,7 @@ class Dataset(Zones):
 
     def __reduce__(self) -> tuple[Any, ...]:
         # (The commit that is read, so that whoever gets it sees the same.)
-        storage, file = self._elsewhere
+        storage, file = self._remote
         name = kept_name(self.path, file)
         return _reopen, (name, self.view, self.commit, self.positioned, self.layer or None, storage, file and file[2])
 
@@ -463,7 +463,7 @@ class Level:
         steps = [] if self.level == ds.depth else [f"depth={self.level}"]
         if not steps:
             return ds
-        return Dataset(str(ds.path), [*ds.view, *steps], ds.commit, ds.positioned, ds.layer or None, ds._elsewhere)
+        return Dataset(str(ds.path), [*ds.view, *steps], ds.commit, ds.positioned, ds.layer or None, ds._remote)
 
     def __getitem__(self, key: Any) -> Any:
         return self.dataset._at_index(self.level, key)
@@ -488,7 +488,7 @@ def _reopen(
     storage: list[tuple[str, str]] | None = None,
     file: Any = None,
 ) -> Dataset:
-    return Dataset(path, view, commit, positioned, layer, elsewhere_of(file or path, dict(storage or []))[1])
+    return Dataset(path, view, commit, positioned, layer, remote_access_of(file or path, dict(storage or []))[1])
 
 
 

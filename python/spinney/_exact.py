@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from . import _native
 from ._arrays import points_of, rows_of
-from ._elsewhere import elsewhere_of, kept_name
-from ._told import crs_text
+from ._remote import remote_access_of, kept_name
+from ._metadata import crs_text
 from ._sources import paths_of
 from ._files import MEMORY
 from ._meshes import mesh_columns, meshes_of, unit_of
@@ -153,8 +153,8 @@ def open_brep(
 
     Raises FileNotFoundError or another OSError if it cannot be read, is damaged, or is a tree of cells (which `open` opens).
     """
-    name, elsewhere = elsewhere_of(path, storage_options)
-    return ExactModel(name, positioned, elsewhere, [view] if isinstance(view, str) else list(view))
+    name, remote = remote_access_of(path, storage_options)
+    return ExactModel(name, positioned, remote, [view] if isinstance(view, str) else list(view))
 
 
 class ExactModel(_native.Model):
@@ -180,7 +180,7 @@ class ExactModel(_native.Model):
         self.close()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        storage, file = self._elsewhere
+        storage, file = self._remote
         return _reopen, (kept_name(self.path, file), self.positioned, storage, file and file[2], self.view)
 
     def __repr__(self) -> str:
@@ -388,7 +388,7 @@ class ExactModel(_native.Model):
         hits = self.rays([origin], [direction])
         return hits if hits.hit[0] else None
 
-    def place_of_box(self, box: BBox) -> Literal["inside", "outside", "cut"]:
+    def locate_box(self, box: BBox) -> Literal["inside", "outside", "cut"]:
         """Whether a box (least and then greatest x, y, z) lies inside or outside of the body, or is cut by its surface."""
         low, high = _box(box)
         place: Literal["inside", "outside", "cut"] = self._place_of_box(low, high)
@@ -510,4 +510,4 @@ def _box(box: BBox) -> tuple[list[float], list[float]]:
 def _reopen(
     path: str, positioned: bool, storage: list[tuple[str, str]] | None = None, file: Any = None, view: Sequence[str] = ()
 ) -> ExactModel:
-    return ExactModel(path, positioned, elsewhere_of(file or path, dict(storage or []))[1], list(view))
+    return ExactModel(path, positioned, remote_access_of(file or path, dict(storage or []))[1], list(view))

@@ -13,11 +13,11 @@ import numpy.typing as npt
 from . import _native
 from ._arrays import points_of
 from ._block_trees import BlockTree
-from ._elsewhere import elsewhere_of
+from ._remote import remote_access_of
 from ._features import features_over
 from ._files import MEMORY
 from ._progress import memory_of, working
-from ._told import crs_text
+from ._metadata import crs_text
 from ._types import Path, Points, Progress
 
 
@@ -88,8 +88,8 @@ def build_lines(
 
 def open_lines(path: Path, *, positioned: bool = False, storage_options: Mapping[str, Any] | None = None) -> LineTree:
     """Opens a tree of lines, also elsewhere (`https://`, `s3://` ...): see `open`."""
-    name, elsewhere = elsewhere_of(path, storage_options)
-    return LineTree(name, positioned, elsewhere)
+    name, remote = remote_access_of(path, storage_options)
+    return LineTree(name, positioned, remote)
 
 
 class LineTree(BlockTree, _native.Lines):

@@ -13,11 +13,11 @@ import numpy.typing as npt
 from . import _native
 from ._arrays import points_of
 from ._block_trees import BlockTree
-from ._elsewhere import elsewhere_of
+from ._remote import remote_access_of
 from ._files import MEMORY
 from ._progress import memory_of, working
 from ._sources import paths_of
-from ._told import crs_text
+from ._metadata import crs_text
 from ._types import Path, Points, Progress
 
 Polygons = Sequence[Sequence[Points]]
@@ -105,8 +105,8 @@ def _columns(source: Any) -> tuple[npt.NDArray[np.float64], list[tuple[str, str,
 
 def open_points(path: Path, *, positioned: bool = False, storage_options: Mapping[str, Any] | None = None) -> PointTree:
     """Opens a tree of points, also elsewhere (`https://`, `s3://` ...): see `open`."""
-    name, elsewhere = elsewhere_of(path, storage_options)
-    return PointTree(name, positioned, elsewhere)
+    name, remote = remote_access_of(path, storage_options)
+    return PointTree(name, positioned, remote)
 
 
 class PointTree(BlockTree, _native.Points):

@@ -16,7 +16,7 @@ from ._progress import working
 from ._meshes import is_mesh
 from ._sources import is_rasterio, rasterio_layers
 from ._times import short_of, text_of_time
-from ._told import array_options
+from ._metadata import array_options
 from ._types import Progress
 
 USUAL = "band_data"

@@ -30,9 +30,9 @@ from typing import Any
 from . import _native
 from . import shards as _shards
 from ._dataset import open
-from ._elsewhere import kept_name
+from ._remote import kept_name
 from ._files import MEMORY
-from ._given import chunks_of, given_layers
+from ._array_input import chunks_of, given_layers
 from ._options import packing_of
 from ._progress import ALONE, telling
 from ._sources import paths_of

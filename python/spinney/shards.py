@@ -23,7 +23,7 @@ from . import _native
 from ._files import MEMORY
 from ._options import packing_of
 from ._progress import memory_of, working
-from ._told import crs_text, numbers_of
+from ._metadata import crs_text, numbers_of
 from ._times import text_of_time
 from ._types import Codec, Path, Progress, Resampling
 

@@ -7,17 +7,22 @@ use numpy::{PyArrayDyn, PyArrayMethods};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::import::feature::is_feature_file;
-use spinney::import::mesh::{self, Resolution, SolidOptions};
-use spinney::import::raster::{self, Band, ImportOptions, StackOptions, TargetGrid};
-use spinney::import::rasterize;
-use spinney::import::volume::{self, VolumeOptions};
-use spinney::ops::{WarpGrid, WarpOptions};
-use spinney::space::{CodeRun, Crs, Dimension, Frame};
-use spinney::store::{BuildOptions, Metadata, Slab, SlabBoxes, Slabs, WantedCells, depth_for};
-use spinney::tree::Form;
-use spinney::value::{Kind, Palette, Rule, SampleType, Value, ValueType};
-use spinney::{Result, dataset};
+use spinney::import::mesh::{Resolution, SolidOptions};
+use spinney::import::raster::{ImportOptions, StackOptions};
+use spinney::import::volume::VolumeOptions;
+use spinney::raw::dataset;
+use spinney::raw::import::feature::is_feature_file;
+use spinney::raw::import::raster::{self, Band, TargetGrid};
+use spinney::raw::import::{mesh, volume};
+use spinney::raw::ops::WarpGrid;
+use spinney::raw::space::CodeRun;
+use spinney::raw::store::{SlabBoxes, WantedCells, depth_for};
+use spinney::raw::value::Palette;
+use spinney::tree::{Slab, Slabs};
+use spinney::{
+    BuildOptions, Crs, DataKind, Dimension, Frame, Metadata, Result, Rule, SampleType, TreeType, Value,
+    ValueType, WarpOptions,
+};
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
@@ -64,7 +69,7 @@ pub(crate) struct ArrayOptions {
 
 /// A tree that is planned of an array.
 pub(crate) struct ArrayTree {
-    pub(crate) form: Form,
+    pub(crate) form: TreeType,
     /// The value that means VOID.
     pub(crate) nodata: Option<Value>,
     pub(crate) build: BuildOptions,
@@ -84,14 +89,14 @@ impl ArrayOptions {
             _ => None,
         };
         let dimension = if self.octree { Dimension::Oct } else { Dimension::Quad };
-        Ok(ArrayTree { form: Form::new(dimension, value), nodata, build: self.options(value.sample)? })
+        Ok(ArrayTree { form: TreeType::new(dimension, value), nodata, build: self.options(value.sample)? })
     }
 
     /// The array's cells in a run, which `read` hands out.
     pub(crate) fn slabs<'w>(
         &self,
         read: &'w Py<PyAny>,
-        (form, depth, run): (Form, u8, CodeRun),
+        (form, depth, run): (TreeType, u8, CodeRun),
         work: &'w Work,
     ) -> ArraySlabs<'w> {
         ArraySlabs::new(read, self, (form, depth, run), self.memory / 8, work)
@@ -131,7 +136,8 @@ impl ArrayOptions {
 
     fn options(&self, sample: SampleType) -> PyResult<BuildOptions> {
         let has_classes = self.channels == 1 && !(self.categories.is_empty() && self.colormap.is_none());
-        let usual = if has_classes && !sample.is_float() { Kind::Categorical } else { Kind::Continuous };
+        let usual =
+            if has_classes && !sample.is_float() { DataKind::Categorical } else { DataKind::Continuous };
         let kind = self.kind.as_ref().map_or(Ok(usual), |name| name.parse()).or_raise()?;
         let rule: Rule =
             self.rule.as_ref().map_or(Ok(kind.default_rule()), |name| name.parse()).or_raise()?;
@@ -194,7 +200,7 @@ impl<'w> ArraySlabs<'w> {
     fn new(
         read: &'w Py<PyAny>,
         options: &ArrayOptions,
-        (form, depth, run): (Form, u8, CodeRun),
+        (form, depth, run): (TreeType, u8, CodeRun),
         memory: u64,
         work: &'w Work,
     ) -> ArraySlabs<'w> {
@@ -477,7 +483,8 @@ pub(crate) fn build_files(
     if paths.iter().any(|path| is_feature_file(path)) {
         let features = options.features()?;
         return jobs::run(py, terms, |work| {
-            rasterize::plan_features(&paths, &features, work)?.build(work.create_tree(&out)?, work)
+            spinney::import::feature::plan_features(&paths, &features, work)?
+                .build(work.create_tree(&out)?, work)
         });
     }
     if options.has_feature_options() {
@@ -486,11 +493,11 @@ pub(crate) fn build_files(
     if !meshes.is_empty() || paths.iter().any(|path| mesh::is_model(path)) {
         let (mut solid, meshes) = (options.solids()?, arrays_of(&meshes)?);
         return jobs::run(py, terms, |work| {
-            let mut models = mesh::open_all(&paths, options.memory)?;
+            let mut models = spinney::import::mesh::open_all(&paths, options.memory)?;
             models.extend(models_of(meshes)?);
             let told = models.iter().find_map(|model| model.info().unit.clone());
             solid.unit = options.unit.clone().or(told);
-            mesh::plan_models(models, &solid)?.build(work.create_tree(&out)?, work).map(drop)
+            spinney::import::mesh::plan_models(models, &solid)?.build(work.create_tree(&out)?, work).map(drop)
         });
     }
     if options.has_pages("z") {
@@ -505,12 +512,16 @@ pub(crate) fn build_files(
         };
         let volume = options.volume()?;
         return jobs::run(py, terms, |work| {
-            volume::plan(path, &volume)?.build(work.create_tree(&out)?, work).map(drop)
+            spinney::import::volume::plan(path, &volume)?.build(work.create_tree(&out)?, work).map(drop)
         });
     }
     if let Some(stack) = options.stack()? {
         return jobs::run(py, terms, |work| {
-            raster::write_stack(&raster::plan_stack(&paths, &stack)?, work.create_tree(&out)?, work)
+            raster::write_stack(
+                &spinney::import::raster::plan_stack(&paths, &stack)?,
+                work.create_tree(&out)?,
+                work,
+            )
         });
     }
     let (pictures, target) = (options.pictures()?, options.target()?);
@@ -518,7 +529,7 @@ pub(crate) fn build_files(
     warp.resampling = options.resampling.as_ref().map(|way| way.parse()).transpose().or_raise()?;
     warp.allow_ballpark = options.allow_ballpark;
     jobs::run(py, terms, |work| {
-        let import = raster::plan(&paths, &pictures)?;
+        let import = spinney::import::raster::plan(&paths, &pictures)?;
         let output = work.create_tree(&out)?;
         match &target {
             None => import.build(output, work),

@@ -3,10 +3,12 @@
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
-use spinney::export::mesh::{MeshFormat, export_isosurfaces};
-use spinney::export::vector::{ContourFeatures, VectorFormat, export_contours, export_polygons};
-use spinney::export::{ChainDirections, export_chain_code};
-use spinney::query::{ContourEnds, ContourLevels, ContourRequest, PolygonRequest};
+use spinney::export::{MeshFormat, VectorFormat, export_contours, export_polygons};
+use spinney::query::{ContourLevels, ContourRequest, PolygonRequest};
+use spinney::raw::export::mesh::export_isosurfaces;
+use spinney::raw::export::vector::ContourFeatures;
+use spinney::raw::export::{ChainDirections, export_chain_code};
+use spinney::raw::query::ContourEnds;
 
 use crate::error::invalid;
 use crate::files::check_output;

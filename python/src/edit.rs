@@ -8,11 +8,10 @@ use numpy::{Element, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::{PyIndexError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::dataset::Dataset;
-use spinney::ops::{Chain, Edit, FillRegion, Operation, Prefer, apply_edits};
-use spinney::space::{Code, Coordinates, Places, Polygon};
-use spinney::store::autumnal::{self, Note};
-use spinney::value::Number;
+use spinney::edit::{Edit, FillRegion, Note};
+use spinney::query::Polygon;
+use spinney::raw::ops::{Prefer, apply_edits};
+use spinney::{CellLocator, Code, CombineOperation, Coordinates, Dataset, FileView, Number, SetOperation};
 
 use crate::error::{OrRaise, invalid};
 use crate::features_over::FeatureTerms;
@@ -24,13 +23,13 @@ use crate::part::{coordinates_of, part_of};
 /// A file that is being edited; nothing of it is seen by others before it is committed.
 #[pyclass(frozen, module = "spinney._native")]
 pub(crate) struct Editor {
-    editor: Mutex<Option<autumnal::Editor>>,
+    editor: Mutex<Option<spinney::edit::Editor>>,
     path: PathBuf,
 }
 
 impl Editor {
     /// The editor, for one thread at a time.
-    fn get(&self) -> PyResult<MutexGuard<'_, Option<autumnal::Editor>>> {
+    fn get(&self) -> PyResult<MutexGuard<'_, Option<spinney::edit::Editor>>> {
         let in_use = |_| PyRuntimeError::new_err(format!("{}: another thread edits it", self.path.display()));
         let editor = self.editor.try_lock().map_err(in_use)?;
         if editor.is_none() {
@@ -64,7 +63,7 @@ impl Editor {
 impl Editor {
     #[new]
     fn new(py: Python<'_>, path: PathBuf, memory: u64) -> PyResult<Editor> {
-        let editor = py.detach(|| autumnal::Editor::open(&path, memory)).or_raise()?;
+        let editor = py.detach(|| spinney::edit::Editor::open(&path, memory)).or_raise()?;
         Ok(Editor { editor: Mutex::new(Some(editor)), path })
     }
 
@@ -86,7 +85,7 @@ impl Editor {
             Some(&[x, y, z]) => Some([x, y, z]),
             Some(_) => return Err(invalid("at: expected (column, row), or (x, y, z) in octrees")),
         };
-        let chain = Chain { steps, ..Chain::of(&patch) };
+        let chain = FileView { steps, ..FileView::of(&patch) };
         if let Some(at) = at {
             let (size, extent) = (chain.open().or_raise()?.extent(), self.tree()?.header().extent);
             let sticks_out = |axis: usize| {
@@ -120,8 +119,8 @@ impl Editor {
             (None, Some(rings), None) => {
                 Polygon::new(&rings).or_raise()?;
                 let coordinates = given.unwrap_or(Coordinates::World);
-                let places =
-                    Places::new(&coordinates, &tree.metadata().frame, tree.header().extent).or_raise()?;
+                let places = CellLocator::new(&coordinates, &tree.metadata().frame, tree.header().extent)
+                    .or_raise()?;
                 let parts = places.parts(&[rings]);
                 if parts.is_empty() {
                     let text = format!("polygon: outside of the picture, which is {}", places.picture());
@@ -162,7 +161,7 @@ impl Editor {
         jobs::run(py, terms, |work| {
             let laid = zones.over(tree.header(), tree.metadata(), memory, work)?;
             let source = Arc::new(laid.tree);
-            let difference = Operation::Set { number: 2, prefer: Prefer::First };
+            let difference = CombineOperation::set(SetOperation::Difference);
             let edit = if is_void { Edit::Merge(difference, source) } else { Edit::Cover(source) };
             drop(tree);
             apply_edits(editor, &mut std::iter::once(Ok(edit)), work)

@@ -23,16 +23,17 @@ pub(crate) fn raised(error: Error) -> PyErr {
             None => PyOSError::new_err(text),
         },
         Error::Corrupt { .. }
-        | Error::NoTree { .. }
-        | Error::NoRoom { .. }
+        | Error::NotATree { .. }
+        | Error::InsufficientSpace { .. }
         | Error::Locked { .. }
         | Error::Changed { .. }
         | Error::Moved { .. }
-        | Error::NotPlanned { .. }
+        | Error::PlanMismatch { .. }
         | Error::Poisoned { .. } => PyOSError::new_err(text),
-        Error::Unsupported { .. } | Error::TooLarge { .. } | Error::NoBody { .. } | Error::Invalid { .. } => {
-            PyValueError::new_err(text)
-        }
+        Error::Unsupported { .. }
+        | Error::TooLarge { .. }
+        | Error::NotASolid { .. }
+        | Error::Invalid { .. } => PyValueError::new_err(text),
         Error::Interrupted => PyKeyboardInterrupt::new_err(text),
         _ => PyRuntimeError::new_err(text),
     }

@@ -3,15 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use pyo3::prelude::*;
-use spinney::export::mesh::{GltfOptions, MeshRequest, export_glb, export_tileset};
-use spinney::export::tiles::{
-    TileEncoding, TilePart, TileRequest, TileTarget, UpdateOptions, degrees_of, draw_tiles, tile_source,
+use spinney::export::{
+    CogCompression, CogRequest, GltfOptions, MeshRequest, TileEncoding, TileRequest, export_cog, export_glb,
+    export_tileset,
 };
-use spinney::export::{CogCompression, CogRequest, export_cog};
-use spinney::io::OutputFolder;
-use spinney::ops::WarpOptions;
-use spinney::space::Coordinates;
+use spinney::raw::export::tiles::{TilePart, TileTarget, UpdateOptions, degrees_of, draw_tiles, tile_source};
+use spinney::raw::io::OutputFolder;
 use spinney::style::Style;
+use spinney::{Coordinates, WarpOptions};
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;

@@ -1,9 +1,10 @@
 //! Options of trees of features.
 
 use pyo3::prelude::*;
-use spinney::import::raster::TargetGrid;
-use spinney::import::rasterize::{FeatureGrid, RasterizeOptions};
-use spinney::space::Crs;
+use spinney::Crs;
+use spinney::import::feature::RasterizeOptions;
+use spinney::raw::import::raster::TargetGrid;
+use spinney::raw::import::rasterize::FeatureGrid;
 
 use crate::build::FileOptions;
 use crate::error::{OrRaise, invalid};

@@ -3,12 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use pyo3::prelude::*;
-use spinney::Progress;
-use spinney::import::rasterize::{FeatureTree, FeatureValue, RasterizeOptions, plan_features};
-use spinney::ops::MadeOperand;
-use spinney::space::Coordinates;
-use spinney::store::{Header, Metadata};
-use spinney::value::{Number, Rule};
+use spinney::import::feature::{FeatureValue, RasterizeOptions, plan_features};
+use spinney::raw::import::rasterize::FeatureTree;
+use spinney::raw::ops::MadeOperand;
+use spinney::{Coordinates, Header, Metadata, Number, Progress, Rule};
 
 use crate::error::{OrRaise, invalid};
 use crate::part::coordinates_of;
@@ -36,8 +34,8 @@ pub(crate) struct Features {
 /// Terms of a question, as they were read.
 struct Asked {
     filter: spinney::import::feature::FeatureFilter,
-    edge: spinney::space::EdgeRule,
-    overlaps: spinney::import::rasterize::Overlaps,
+    edge: spinney::query::EdgeRule,
+    overlaps: spinney::raw::import::rasterize::Overlaps,
     value: Option<FeatureValue>,
 }
 
@@ -87,7 +85,7 @@ impl Features {
 pub(crate) fn operand<'a>(
     place: usize,
     path: &Path,
-    make: &'a dyn Fn(&Header, &Metadata) -> spinney::Result<spinney::ops::ViewSource>,
+    make: &'a dyn Fn(&Header, &Metadata) -> spinney::Result<spinney::raw::ops::ViewSource>,
 ) -> MadeOperand<'a> {
     MadeOperand { place, name: path.display().to_string(), make }
 }
@@ -96,5 +94,5 @@ pub(crate) fn operand<'a>(
 #[pyfunction]
 #[pyo3(name = "is_feature_file")]
 pub(crate) fn is_features(py: Python<'_>, path: PathBuf) -> bool {
-    py.detach(|| spinney::import::feature::is_feature_file(&path))
+    py.detach(|| spinney::raw::import::feature::is_feature_file(&path))
 }

@@ -6,17 +6,21 @@ use numpy::PyArray2;
 use numpy::ndarray::Array2;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::Progress as _;
-use spinney::brep::{ExactModel, Motion, TransformOptions, is_model_file};
-use spinney::dataset;
-use spinney::lines::{LineTree, is_line_file};
-use spinney::ops::{
-    self, AffineMap, Chain, FdRange, Operation, Outcome, Prefer, Step, Universe, WarpOptions,
+use spinney::brep::{Motion, TransformOptions};
+use spinney::edit::{Commit, Note};
+use spinney::lines::LineTree;
+use spinney::points::PointTree;
+use spinney::raw::brep::is_model_file;
+use spinney::raw::dataset;
+use spinney::raw::lines::is_line_file;
+use spinney::raw::ops::{self, AffineMap, FdRange, Outcome, Prefer};
+use spinney::raw::points::is_point_file;
+use spinney::raw::store::autumnal::{self, CompactOptions, History, Keep};
+use spinney::raw::store::file_of;
+use spinney::{
+    Codec, CombineOperation, CombineOptions, ExactModel, FileView, Header, Metadata, Number, OpenOptions,
+    Progress as _, Universe, ViewStep, WarpOptions,
 };
-use spinney::points::{PointTree, is_point_file};
-use spinney::store::autumnal::{self, Commit, CompactOptions, History, Keep, Note};
-use spinney::store::{Codec, Header, Metadata, OpenOptions, file_of};
-use spinney::value::Number;
 
 use crate::error::{OrRaise, invalid};
 use crate::features_over::{FeatureTerms, operand};
@@ -63,26 +67,26 @@ pub(crate) fn commit_facts<'py>(py: Python<'py>, commit: &Commit) -> PyResult<Bo
 }
 
 /// Steps as the command line has them.
-pub(crate) fn steps_of(texts: &[String]) -> PyResult<Vec<Step>> {
+pub(crate) fn steps_of(texts: &[String]) -> PyResult<Vec<ViewStep>> {
     texts.iter().map(|step| step.parse().or_raise()).collect()
 }
 
 /// A file and steps, with the name of a way of resampling, and whether datums may be taken for others.
 pub(crate) fn chain_of(
     path: &Path,
-    steps: Vec<Step>,
+    steps: Vec<ViewStep>,
     (resampling, allow_ballpark): (Option<&str>, bool),
     moves: bool,
-) -> PyResult<Chain> {
+) -> PyResult<FileView> {
     let mut warp = WarpOptions::default();
     warp.resampling = resampling.map(str::parse).transpose().or_raise()?;
     warp.allow_ballpark = allow_ballpark;
-    Ok(Chain { steps, moves, warp, ..Chain::of(path) })
+    Ok(FileView { steps, moves, warp, ..FileView::of(path) })
 }
 
 /// The place that an operation fills, by a box of the world, or cells around the pictures.
 pub(crate) fn universe_of(
-    operation: Operation,
+    operation: CombineOperation,
     within: Option<&[f64]>,
     margin: Option<u32>,
 ) -> PyResult<Option<Universe>> {
@@ -117,7 +121,7 @@ pub(crate) fn transform<'py>(
     terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
     let steps = steps_of(&steps)?;
-    let others = steps.iter().flat_map(Step::files).map(Path::to_path_buf);
+    let others = steps.iter().flat_map(ViewStep::files).map(Path::to_path_buf);
     let inputs: Vec<PathBuf> = others.chain([path.clone()]).collect();
     check_output(&inputs, &out)?;
     if is_model_file(&path) {
@@ -133,7 +137,7 @@ pub(crate) fn transform<'py>(
     }
     let chain = chain_of(&path, steps, (resampling.as_deref(), allow_ballpark), moves)?;
     let how = packing.with(memory);
-    let made = jobs::run(py, terms, |work| ops::transform(&chain, work.create_tree(&out)?, how, work))?;
+    let made = jobs::run(py, terms, |work| spinney::transform(&chain, work.create_tree(&out)?, how, work))?;
     outcome(py, &made)
 }
 
@@ -141,17 +145,17 @@ pub(crate) fn transform<'py>(
 fn transform_exact<'py>(
     py: Python<'py>,
     path: &Path,
-    steps: Vec<Step>,
+    steps: Vec<ViewStep>,
     out: &Path,
     mut options: TransformOptions,
     terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let texts: Vec<String> = steps.iter().map(Step::to_string).collect();
+    let texts: Vec<String> = steps.iter().map(ViewStep::to_string).collect();
     options.note = (!texts.is_empty()).then(|| texts.join(", "));
     let mut map = AffineMap::IDENTITY;
     for step in steps {
         match step {
-            Step::Crs(crs) => options.crs = Some(crs),
+            ViewStep::Crs(crs) => options.crs = Some(crs),
             step => map = map.then(&step.as_map().or_raise()?),
         }
     }
@@ -205,7 +209,7 @@ pub(crate) fn combine<'py>(
     let features = features.into_iter().map(|(place, terms)| Ok((place, terms.read()?)));
     let features = features.collect::<PyResult<Vec<_>>>()?;
     let made = jobs::run(py, terms, |work| {
-        let how = (fill, universe.unwrap_or_default());
+        let options = CombineOptions { fill, universe: universe.unwrap_or_default() };
         let makers: Vec<_> = features
             .iter()
             .map(|(_, features)| {
@@ -227,7 +231,7 @@ pub(crate) fn combine<'py>(
             .collect();
         ops::combine_with(
             operation,
-            how,
+            options,
             &paths,
             &operands,
             work.create_tree(&out)?.into(),
@@ -241,20 +245,20 @@ pub(crate) fn combine<'py>(
 /// Makes an exact model of several; returns counts by name.
 fn combine_exact<'py>(
     py: Python<'py>,
-    operation: Operation,
+    operation: CombineOperation,
     paths: &[PathBuf],
     out: &Path,
     (memory, codec): (u64, Codec),
     terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let Operation::Set { number, .. } = operation else {
+    let CombineOperation::Set { operation, .. } = operation else {
         return Err(invalid("operation: exact models have no values, but set operations (0 to 15)"));
     };
     let made = jobs::run(py, terms, |work| {
         let models = paths.iter().map(|path| ExactModel::open(path, &OpenOptions::new()));
         let models = models.collect::<spinney::Result<Vec<_>>>()?;
         let models: Vec<&ExactModel> = models.iter().collect();
-        spinney::brep::combine(number, &models, work.create_tree(out)?, codec, memory, work)
+        spinney::brep::combine(operation, &models, work.create_tree(out)?, codec, memory, work)
     })?;
     let facts = PyDict::new(py);
     facts.set_item("before", made.before)?;
@@ -268,8 +272,8 @@ fn combine_exact<'py>(
 }
 
 /// The operation of a name.
-pub(crate) fn named(name: &str, prefer: Prefer) -> PyResult<Operation> {
-    let operation = Operation::named(name, prefer);
+pub(crate) fn named(name: &str, prefer: Prefer) -> PyResult<CombineOperation> {
+    let operation = CombineOperation::named(name, prefer);
     operation.ok_or_else(|| invalid(format!("operation: `{name}` is none; see `spinney help combine`")))
 }
 
@@ -351,7 +355,7 @@ pub(crate) fn convert(
 ) -> PyResult<()> {
     check_output(std::slice::from_ref(&path), &out)?;
     let how = packing.with(memory);
-    jobs::run(py, terms, |work| ops::convert(&path, share, work.create_tree(&out)?, how, work))
+    jobs::run(py, terms, |work| spinney::convert(&path, share, work.create_tree(&out)?, how, work))
 }
 
 /// Adds a tree to a file as a layer; the commit's number, if the file has commits.
@@ -368,8 +372,8 @@ pub(crate) fn add_layer(
     packing: Packing,
     terms: Terms,
 ) -> PyResult<Option<u64>> {
-    let steps = steps.iter().map(|step| step.parse().or_raise()).collect::<PyResult<Vec<Step>>>()?;
-    let (chain, note) = (Chain { steps, ..Chain::of(&tree) }, note_of(note));
+    let steps = steps.iter().map(|step| step.parse().or_raise()).collect::<PyResult<Vec<ViewStep>>>()?;
+    let (chain, note) = (FileView { steps, ..FileView::of(&tree) }, note_of(note));
     jobs::run(py, terms, |work| {
         let commit = ops::add_layer(&path, &name, &chain, note, packing.with(memory), work)?;
         Ok(commit.map(|commit| commit.number))

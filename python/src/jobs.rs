@@ -13,10 +13,9 @@ use std::time::{Duration, Instant};
 use pyo3::exceptions::{PyRuntimeError, PyUserWarning};
 use pyo3::prelude::*;
 use rayon::ThreadPoolBuilder;
-use spinney::io::Output;
+use spinney::raw::store::create_tree_file;
 use spinney::remote::{RemoteOptions, enable};
-use spinney::store::create_tree_file;
-use spinney::{Error, Progress};
+use spinney::{Error, Output, Progress};
 
 use crate::error::raised;
 

@@ -2,9 +2,9 @@
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
-use spinney::ops::Connectivity;
-use spinney::query::LabelRequest;
-use spinney::value::{Number, SampleType, ValueType};
+use spinney::raw::ops::Connectivity;
+use spinney::raw::query::LabelRequest;
+use spinney::{Number, SampleType, ValueType};
 
 use crate::error::OrRaise;
 use crate::jobs::{self, Terms};

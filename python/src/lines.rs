@@ -7,19 +7,17 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::export::vector::VectorFormat;
-use spinney::import::feature::{FeatureFilter, FeatureOptions, open_feature_lines};
-use spinney::lines::{
-    LineBuildOptions, LineFeature, LineSource as _, LineTree, LineValue, build, export_lines,
-};
-use spinney::space::Crs;
-use spinney::store::Metadata;
-use spinney::{Progress as _, Result};
+use spinney::export::VectorFormat;
+use spinney::import::feature::{FeatureFilter, FeatureOptions};
+use spinney::lines::{LineBuildOptions, LineFeature, LineTree, build};
+use spinney::raw::import::feature::open_feature_lines;
+use spinney::raw::lines::{LineSource as _, LineValue, export_lines};
+use spinney::{Crs, Metadata, Progress as _, Result};
 
-use crate::elsewhere::{Elsewhere, path_object};
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms};
+use crate::remote::{RemoteAccess, path_object};
 use crate::tree::crs_text;
 
 /// A tree of lines in a file, open for questions from any number of threads.
@@ -29,7 +27,7 @@ pub(crate) struct Lines {
     opened: RwLock<Option<Arc<LineTree>>>,
     path: PathBuf,
     positioned: bool,
-    elsewhere: Elsewhere,
+    remote: RemoteAccess,
 }
 
 /// Distances and numbers of features, with a row for each place, and the nearest places, one behind the other.
@@ -66,15 +64,15 @@ fn value_of<'py>(py: Python<'py>, value: &LineValue) -> PyResult<Bound<'py, PyAn
 #[pymethods]
 impl Lines {
     #[new]
-    #[pyo3(signature = (path, positioned, elsewhere=Elsewhere::default()))]
-    fn new(py: Python<'_>, path: PathBuf, positioned: bool, elsewhere: Elsewhere) -> PyResult<Lines> {
-        let mut options = elsewhere.options();
+    #[pyo3(signature = (path, positioned, remote=RemoteAccess::default()))]
+    fn new(py: Python<'_>, path: PathBuf, positioned: bool, remote: RemoteAccess) -> PyResult<Lines> {
+        let mut options = remote.options();
         if positioned {
             let cache = options.cache;
             options = options.positioned(cache);
         }
         let tree = py.detach(|| LineTree::open(&path, &options)).or_raise()?;
-        Ok(Lines { opened: RwLock::new(Some(Arc::new(tree))), path, positioned, elsewhere })
+        Ok(Lines { opened: RwLock::new(Some(Arc::new(tree))), path, positioned, remote })
     }
 
     /// Forgets the file; whoever is reading it at the moment can finish.
@@ -94,8 +92,8 @@ impl Lines {
 
     /// Options of the store, and the file that Python reads.
     #[getter]
-    fn _elsewhere(&self) -> &Elsewhere {
-        &self.elsewhere
+    fn _remote(&self) -> &RemoteAccess {
+        &self.remote
     }
 
     #[getter]
@@ -129,7 +127,7 @@ impl Lines {
     #[pyo3(name = "_levels")]
     fn levels(&self) -> PyResult<Vec<Level>> {
         let levels = self.get()?.levels().or_raise()?;
-        let row = |level: spinney::lines::LevelTotals| {
+        let row = |level: spinney::raw::lines::LevelTotals| {
             (level.nodes, level.segments, level.length, level.most_segments, level.most_features)
         };
         Ok(levels.into_iter().map(row).collect())
@@ -199,7 +197,7 @@ impl Lines {
         let (distances, features, found) = jobs::run(py, terms, |work| {
             let (mut distances, mut features) = (vec![f64::INFINITY; room], vec![-1; room]);
             let mut found = vec![f64::NAN; 2 * room];
-            for (place, lines) in tree.nearest(&places, (most, radius), work)?.iter().enumerate() {
+            for (place, lines) in tree.nearest(&places, most, radius, work)?.iter().enumerate() {
                 for (number, line) in lines.iter().enumerate() {
                     let at = place * most + number;
                     distances[at] = line.distance;
@@ -251,7 +249,7 @@ impl Lines {
             invalid(format!("{}: expected {formats}", out.display()))
         })?;
         jobs::run(py, terms, |work| {
-            export_lines(&tree, numbers.as_deref(), names.as_deref(), (work.create(&out)?, format), work)
+            export_lines(&tree, numbers.as_deref(), names.as_deref(), work.create(&out)?, format, work)
         })
     }
 }

@@ -3,7 +3,7 @@
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::import::mesh::{MeshArrays, MeshColours, Model};
+use spinney::raw::import::mesh::{MeshArrays, MeshColours, Model};
 
 use crate::error::invalid;
 

@@ -8,23 +8,24 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
-use spinney::brep::query::{BoxPlace, Location};
-use spinney::brep::topology::{Topology, TopologyOptions};
-use spinney::brep::{ExactModel, Faces, ModelView, Motion, NodeCounts};
-use spinney::export::mesh::{MeshFormat, export_exact};
-use spinney::import::feature::{FeatureFilter, choose_objects};
-use spinney::import::mesh::{self, ExactOptions};
-use spinney::ops::{AffineMap, Step};
-use spinney::space::Crs;
-use spinney::store::Tag;
-use spinney::{Progress, Result};
+use spinney::brep::{BoxLocation, Faces, Location, Motion};
+use spinney::export::{MeshFormat, export_exact};
+use spinney::import::feature::FeatureFilter;
+use spinney::import::mesh::ExactOptions;
+use spinney::raw::brep::topology::{Topology, TopologyOptions};
+use spinney::raw::brep::{ModelView, NodeCounts};
+use spinney::raw::import::feature::choose_objects;
+use spinney::raw::import::mesh;
+use spinney::raw::ops::AffineMap;
+use spinney::raw::store::Tag;
+use spinney::{Crs, ExactModel, Progress, Result, ViewStep};
 
-use crate::elsewhere::{Elsewhere, path_object};
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms};
 use crate::meshes::{arrays_of, models_of};
 use crate::packing::Packing;
+use crate::remote::{RemoteAccess, path_object};
 use crate::tree::crs_text;
 
 /// An exact model in a file, open for questions from any number of threads.
@@ -34,9 +35,9 @@ pub(crate) struct Model {
     opened: RwLock<Option<Arc<ModelView>>>,
     path: PathBuf,
     /// Steps that it is seen through.
-    steps: Vec<Step>,
+    steps: Vec<ViewStep>,
     positioned: bool,
-    elsewhere: Elsewhere,
+    remote: RemoteAccess,
 }
 
 impl Model {
@@ -88,16 +89,16 @@ fn node_counts<'py>(py: Python<'py>, nodes: &NodeCounts) -> PyResult<Bound<'py, 
 #[pymethods]
 impl Model {
     #[new]
-    #[pyo3(signature = (path, positioned, elsewhere=Elsewhere::default(), steps=Vec::new()))]
+    #[pyo3(signature = (path, positioned, remote=RemoteAccess::default(), steps=Vec::new()))]
     fn new(
         py: Python<'_>,
         path: PathBuf,
         positioned: bool,
-        elsewhere: Elsewhere,
+        remote: RemoteAccess,
         steps: Vec<String>,
     ) -> PyResult<Model> {
-        let steps: Vec<Step> = steps.iter().map(|step| step.parse()).collect::<Result<_>>().or_raise()?;
-        let mut options = elsewhere.options();
+        let steps: Vec<ViewStep> = steps.iter().map(|step| step.parse()).collect::<Result<_>>().or_raise()?;
+        let mut options = remote.options();
         if positioned {
             let cache = options.cache;
             options = options.positioned(cache);
@@ -107,12 +108,12 @@ impl Model {
             if steps.is_empty() {
                 return Ok(model.into());
             }
-            let next = |map: AffineMap, step: &Step| Ok(map.then(&step.as_map()?));
+            let next = |map: AffineMap, step: &ViewStep| Ok(map.then(&step.as_map()?));
             let map = steps.iter().try_fold(AffineMap::IDENTITY, next)?;
             ModelView::of(model, &Motion::from_rows(map.to_rows())?)
         };
         let view = py.detach(open).or_raise()?;
-        Ok(Model { opened: RwLock::new(Some(Arc::new(view))), path, steps, positioned, elsewhere })
+        Ok(Model { opened: RwLock::new(Some(Arc::new(view))), path, steps, positioned, remote })
     }
 
     /// Forgets the file; whoever is reading it at the moment can finish.
@@ -132,14 +133,14 @@ impl Model {
 
     /// Options of the store, and the file that Python reads.
     #[getter]
-    fn _elsewhere(&self) -> &Elsewhere {
-        &self.elsewhere
+    fn _remote(&self) -> &RemoteAccess {
+        &self.remote
     }
 
     /// Steps that the file is seen through.
     #[getter]
     fn view(&self) -> Vec<String> {
-        self.steps.iter().map(Step::to_string).collect()
+        self.steps.iter().map(ViewStep::to_string).collect()
     }
 
     #[getter]
@@ -279,13 +280,13 @@ impl Model {
 
     /// Where a box lies: "inside", "outside" or "cut".
     #[pyo3(name = "_place_of_box")]
-    fn place_of_box(&self, py: Python<'_>, min: [f64; 3], max: [f64; 3]) -> PyResult<&'static str> {
+    fn locate_box(&self, py: Python<'_>, min: [f64; 3], max: [f64; 3]) -> PyResult<&'static str> {
         let model = self.get()?;
-        let place = py.detach(|| model.place_of_box(min, max)).or_raise()?;
+        let place = py.detach(|| model.locate_box(min, max)).or_raise()?;
         Ok(match place {
-            BoxPlace::Inside => "inside",
-            BoxPlace::Outside => "outside",
-            BoxPlace::Cut => "cut",
+            BoxLocation::Inside => "inside",
+            BoxLocation::Outside => "outside",
+            BoxLocation::Cut => "cut",
         })
     }
 
@@ -367,13 +368,13 @@ pub(crate) fn build_brep<'py>(
     exact.unit = options.unit;
     exact.crs = options.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
     let report = jobs::run(py, terms, |work| {
-        let mut models = mesh::open_all(&paths, exact.memory)?;
+        let mut models = spinney::import::mesh::open_all(&paths, exact.memory)?;
         models.extend(models_of(meshes)?);
         if let Some(filter) = &filter {
             let (names, about) = mesh::parts_of(&models);
             exact.parts = Some(choose_objects(filter, &names, &|part| Ok(about[part as usize].clone()))?);
         }
-        mesh::import_exact(models, &exact, work.create_tree(&out)?, work)
+        spinney::import::mesh::import_exact(models, &exact, work.create_tree(&out)?, work)
     })?;
     let facts = PyDict::new(py);
     facts.set_item("read", report.read)?;

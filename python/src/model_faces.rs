@@ -5,9 +5,10 @@ use std::collections::{BTreeSet, HashMap};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::brep::{ExactModel, Face, FaceBuffer, Faces, ModelNode};
-use spinney::geometry::{Triangulator, join_rings};
-use spinney::{Progress, Result};
+use spinney::brep::{Face, FaceBuffer, Faces};
+use spinney::raw::brep::ModelNode;
+use spinney::raw::geometry::{Triangulator, join_rings};
+use spinney::{ExactModel, Progress, Result};
 
 use crate::error::OrRaise;
 use crate::jobs::{self, Terms};

@@ -4,7 +4,7 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 use spinney::Result;
-use spinney::brep::query::Hit;
+use spinney::brep::Hit;
 
 use crate::error::invalid;
 use crate::jobs::{self, Terms};
@@ -14,7 +14,7 @@ use crate::model::Model;
 const BATCH: usize = 1 << 17;
 /// Rays of one thread before it looks at whether to stop, at most and at least.
 const PART: usize = 1 << 13;
-const LEAST_PART: usize = 1 << 8;
+const MIN_PART: usize = 1 << 8;
 
 /// An origin and a direction.
 type Ray = [[f64; 3]; 2];
@@ -90,7 +90,7 @@ fn each_part<R: Send>(
     let (origins, directions) = (origins.as_chunks::<3>().0, directions.as_chunks::<3>().0);
     let total = origins.len() as u64;
     for (origins, directions) in origins.chunks(BATCH).zip(directions.chunks(BATCH)) {
-        let part = (origins.len() / (8 * rayon::current_num_threads())).clamp(LEAST_PART, PART);
+        let part = (origins.len() / (8 * rayon::current_num_threads())).clamp(MIN_PART, PART);
         let parts: Vec<R> = origins
             .par_chunks(part)
             .zip(directions.par_chunks(part))

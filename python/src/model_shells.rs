@@ -6,9 +6,11 @@ use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use spinney::Progress;
-use spinney::brep::topology::{Topology, TopologyOptions};
-use spinney::brep::{Faces, ObjectContact};
-use spinney::import::mesh::{self, ExactOptions};
+use spinney::brep::Faces;
+use spinney::import::mesh::ExactOptions;
+use spinney::raw::brep::ObjectContact;
+use spinney::raw::brep::topology::{Topology, TopologyOptions};
+use spinney::raw::import::mesh;
 
 use crate::jobs::{self, Terms};
 use crate::model::Model;
@@ -41,10 +43,15 @@ pub(crate) fn object_contacts(
     (options.snap, options.memory) = (snap, memory);
     jobs::run(py, terms, |work| {
         let mut all = Vec::new();
-        mesh::model_contacts(mesh::open_all(&paths, memory)?, &options, work, &mut |found| {
-            all.push(contact_of(found.names.clone(), &found.contact));
-            Ok(true)
-        })?;
+        mesh::model_contacts(
+            spinney::import::mesh::open_all(&paths, memory)?,
+            &options,
+            work,
+            &mut |found| {
+                all.push(contact_of(found.names.clone(), &found.contact));
+                Ok(true)
+            },
+        )?;
         Ok(all)
     })
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyFloat, PyInt};
-use spinney::value::{Number, SampleType};
+use spinney::{Number, SampleType};
 
 /// A number that Python has given: an int (also one of NumPy), or a float.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

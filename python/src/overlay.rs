@@ -4,9 +4,10 @@ use std::path::PathBuf;
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::export::vector::VectorFormat;
-use spinney::import::feature::{FeatureFilter, FeatureOptions, read_polygons};
-use spinney::overlay::{OverlayOperation, OverlayRequest, overlay_features, read_polygon_layers};
+use spinney::export::VectorFormat;
+use spinney::import::feature::{FeatureFilter, FeatureOptions};
+use spinney::raw::import::feature::read_polygons;
+use spinney::raw::overlay::{OverlayOperation, OverlayRequest, overlay_features, read_polygon_layers};
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;

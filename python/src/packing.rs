@@ -1,8 +1,9 @@
 //! Packing of trees that are written, and the cache of what is unpacked.
 
 use pyo3::prelude::*;
-use spinney::io::RangeCache;
-use spinney::store::{self, Codec, WriteOptions};
+use spinney::raw::io::RangeCache;
+use spinney::raw::store;
+use spinney::{Codec, WriteOptions};
 
 use crate::error::{OrRaise, invalid};
 

@@ -3,9 +3,8 @@
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
-use spinney::export::page::{
-    PageConfiguration, PageFile, PageRequest, PageSource, PageStart, PageSummary, export_page, inline_page,
-};
+use spinney::export::{PageFile, PageRequest, export_page};
+use spinney::raw::export::page::{PageConfiguration, PageSource, PageStart, PageSummary, inline_page};
 use spinney::style::Style;
 
 use crate::error::OrRaise;

@@ -2,8 +2,7 @@
 
 use pyo3::exceptions::{PyIndexError, PyTypeError};
 use pyo3::prelude::*;
-use spinney::dataset::Dataset;
-use spinney::space::{Bounds, Coordinates, Places};
+use spinney::{Bounds, CellLocator, Coordinates, Dataset};
 
 use crate::error::{OrRaise, invalid};
 
@@ -98,7 +97,7 @@ fn box_cells(tree: &Dataset, window: &Bound<'_, PyAny>, coordinates: &Coordinate
             format!("window: in other coordinates than cells, expected (left, bottom, right, top){more}");
         return Err(PyTypeError::new_err(text));
     };
-    let places = Places::new(coordinates, &tree.metadata().frame, tree.header().extent).or_raise()?;
+    let places = CellLocator::new(coordinates, &tree.metadata().frame, tree.header().extent).or_raise()?;
     match *places.boxes(low, high).or_raise()? {
         [bounds] => Ok(bounds),
         [] => Err(invalid(format!("window: outside of the picture, which is {}", places.picture()))),

@@ -7,21 +7,20 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArra
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::import::feature::{FeatureFilter, FeatureOptions, plan_point_files};
-use spinney::points::{
-    GriddedPoints, PointAttribute, PointBuildOptions, PointFormat, PointImportOptions, PointRaster,
-    PointRegion, PointTree, Selection, WorldPoints, export_points, is_point_file, ordered_number,
-    plan_points, position, rasterize_points,
+use spinney::import::feature::{FeatureFilter, FeatureOptions};
+use spinney::points::{PointImportOptions, PointRegion, PointTree, Selection};
+use spinney::raw::import::feature::plan_point_files;
+use spinney::raw::points::{
+    GriddedPoints, PointAttribute, PointBuildOptions, PointFormat, PointRaster, WorldPoints, export_points,
+    is_point_file, ordered_number, plan_points, position, rasterize_points,
 };
-use spinney::space::{Crs, Dimension};
-use spinney::store::Packing;
-use spinney::value::SampleType;
-use spinney::{Progress as _, Result};
+use spinney::raw::store::Packing;
+use spinney::{Crs, Dimension, Progress as _, Result, SampleType};
 
-use crate::elsewhere::{Elsewhere, path_object};
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms};
+use crate::remote::{RemoteAccess, path_object};
 use crate::tree::crs_text;
 
 /// Whether a file is a tree of points.
@@ -59,7 +58,7 @@ pub(crate) struct Points {
     opened: RwLock<Option<Arc<PointTree>>>,
     path: PathBuf,
     positioned: bool,
-    elsewhere: Elsewhere,
+    remote: RemoteAccess,
 }
 
 /// Distances, with a row for each place, and coordinates of the points, one behind the other.
@@ -85,15 +84,15 @@ fn places_of(tree: &PointTree, names: Option<Vec<String>>) -> Result<Vec<usize>>
 #[pymethods]
 impl Points {
     #[new]
-    #[pyo3(signature = (path, positioned, elsewhere=Elsewhere::default()))]
-    fn new(py: Python<'_>, path: PathBuf, positioned: bool, elsewhere: Elsewhere) -> PyResult<Points> {
-        let mut options = elsewhere.options();
+    #[pyo3(signature = (path, positioned, remote=RemoteAccess::default()))]
+    fn new(py: Python<'_>, path: PathBuf, positioned: bool, remote: RemoteAccess) -> PyResult<Points> {
+        let mut options = remote.options();
         if positioned {
             let cache = options.cache;
             options = options.positioned(cache);
         }
         let tree = py.detach(|| PointTree::open(&path, &options)).or_raise()?;
-        Ok(Points { opened: RwLock::new(Some(Arc::new(tree))), path, positioned, elsewhere })
+        Ok(Points { opened: RwLock::new(Some(Arc::new(tree))), path, positioned, remote })
     }
 
     /// Forgets the file; whoever is reading it at the moment can finish.
@@ -113,8 +112,8 @@ impl Points {
 
     /// Options of the store, and the file that Python reads.
     #[getter]
-    fn _elsewhere(&self) -> &Elsewhere {
-        &self.elsewhere
+    fn _remote(&self) -> &RemoteAccess {
+        &self.remote
     }
 
     #[getter]
@@ -182,7 +181,7 @@ impl Points {
     fn statistics(&self, py: Python<'_>, wanted: Wanted, terms: Terms) -> PyResult<(u64, Vec<Column>)> {
         let tree = self.get()?;
         let found = jobs::run(py, terms, |work| tree.statistics(&wanted.selection(&tree)?, work))?;
-        let column = |found: &Option<spinney::points::ColumnSummary>| {
+        let column = |found: &Option<spinney::raw::points::ColumnSummary>| {
             found.map(|found| (found.count, found.min, found.max, found.mean))
         };
         Ok((found.points, found.columns.iter().map(column).collect()))
@@ -206,7 +205,7 @@ impl Points {
         let (distances, found) = jobs::run(py, terms, |work| {
             let mut distances = vec![f64::INFINITY; room];
             let mut found = vec![f64::NAN; 3 * room];
-            let nearest = tree.nearest(&places, (most, radius), memory, work)?;
+            let nearest = tree.nearest(&places, most, radius, memory, work)?;
             for (place, points) in nearest.iter().enumerate() {
                 for (number, point) in points.iter().enumerate() {
                     let at = place * most + number;
@@ -237,7 +236,7 @@ impl Points {
         jobs::run(py, terms, |work| {
             let chosen = places_of(&tree, names)?;
             let selection = wanted.selection(&tree)?;
-            export_points(&tree, &selection, Some(&chosen), (work.create(&out)?, format), work)
+            export_points(&tree, &selection, Some(&chosen), work.create(&out)?, format, work)
         })
     }
 

@@ -7,10 +7,9 @@ use std::sync::Arc;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::ops::{AffineMap, ViewSource};
 use spinney::query::{Condition, FoundBlock, PointSamples};
-use spinney::space::{Bounds, Coordinates, Places};
-use spinney::value::{Number, Value, ValueType};
+use spinney::raw::ops::{AffineMap, ViewSource};
+use spinney::{Bounds, CellLocator, Coordinates, Number, Value, ValueType};
 
 use crate::error::{OrRaise, invalid};
 use crate::features_over::FeatureTerms;
@@ -254,7 +253,7 @@ fn search(
 /// The way from points to cells of a level.
 struct Points {
     /// The way to the tree's own coordinates, from others.
-    places: Option<Places>,
+    places: Option<CellLocator>,
     /// Rows of the map to cells of the deepest level.
     rows: [[f64; 4]; 3],
     shift: u8,
@@ -264,7 +263,7 @@ impl Points {
     fn new(opened: &Opened, level: u8, coordinates: &Coordinates) -> PyResult<Points> {
         let frame = &opened.tree.metadata().frame;
         let shift = opened.tree.depth() - level;
-        let mut points = Points { places: None, rows: spinney::space::Frame::identity().matrix, shift };
+        let mut points = Points { places: None, rows: spinney::Frame::identity().matrix, shift };
         match coordinates {
             Coordinates::Cells => {}
             Coordinates::World => {
@@ -272,7 +271,7 @@ impl Points {
             }
             Coordinates::System(_) => {
                 let extent = opened.tree.header().extent;
-                points.places = Some(Places::new(coordinates, frame, extent).or_raise()?);
+                points.places = Some(CellLocator::new(coordinates, frame, extent).or_raise()?);
             }
         }
         Ok(points)

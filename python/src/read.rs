@@ -7,10 +7,9 @@ use pyo3::exceptions::{PyIndexError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{IntoPyDict, PyInt, PyList, PySlice, PyString, PyTuple};
-use spinney::dataset::Dataset;
-use spinney::export::{Detail, WindowRequest, window_rows};
-use spinney::space::Bounds;
-use spinney::value::{Number, Rule};
+use spinney::export::{Detail, WindowRequest};
+use spinney::raw::export::window_rows;
+use spinney::{Bounds, Dataset, Number, Rule};
 
 use crate::error::{OrRaise, invalid};
 use crate::index;

@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
-use spinney::space::Crs;
-use spinney::store::{BuildOptions, file_is_tree};
-use spinney::value::{Kind, Palette};
+use spinney::raw::store::file_is_tree;
+use spinney::raw::value::Palette;
+use spinney::{BuildOptions, Crs, DataKind};
 
 use crate::build::matrix_of;
 use crate::error::{OrRaise, invalid};
@@ -40,7 +40,7 @@ pub(crate) struct TreeOptions {
 impl TreeOptions {
     fn apply(self, options: &mut BuildOptions) -> PyResult<()> {
         if let Some(kind) = self.kind {
-            let kind: Kind = kind.parse().or_raise()?;
+            let kind: DataKind = kind.parse().or_raise()?;
             if kind != options.kind {
                 (options.kind, options.rule) = (kind, kind.default_rule());
             }

@@ -3,7 +3,7 @@
 use numpy::{PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use spinney::value::SampleType;
+use spinney::SampleType;
 use zerocopy::IntoBytes;
 
 use crate::buffers::buffer;
@@ -13,43 +13,43 @@ use crate::error::invalid;
 macro_rules! with_sample {
     ($sample:expr, $S:ident => $body:expr) => {
         match $sample {
-            spinney::value::SampleType::U8 => {
+            spinney::SampleType::U8 => {
                 type $S = u8;
                 $body
             }
-            spinney::value::SampleType::U16 => {
+            spinney::SampleType::U16 => {
                 type $S = u16;
                 $body
             }
-            spinney::value::SampleType::I16 => {
+            spinney::SampleType::I16 => {
                 type $S = i16;
                 $body
             }
-            spinney::value::SampleType::U32 => {
+            spinney::SampleType::U32 => {
                 type $S = u32;
                 $body
             }
-            spinney::value::SampleType::I32 => {
+            spinney::SampleType::I32 => {
                 type $S = i32;
                 $body
             }
-            spinney::value::SampleType::F32 => {
+            spinney::SampleType::F32 => {
                 type $S = f32;
                 $body
             }
-            spinney::value::SampleType::F64 => {
+            spinney::SampleType::F64 => {
                 type $S = f64;
                 $body
             }
-            spinney::value::SampleType::I8 => {
+            spinney::SampleType::I8 => {
                 type $S = i8;
                 $body
             }
-            spinney::value::SampleType::U64 => {
+            spinney::SampleType::U64 => {
                 type $S = u64;
                 $body
             }
-            spinney::value::SampleType::I64 => {
+            spinney::SampleType::I64 => {
                 type $S = i64;
                 $body
             }

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
-use spinney::export::image::{Format, format_of};
-use spinney::export::{
-    ArrayRequest, Detail, LegendFormat, WindowRequest, export_array, export_legend, export_window,
-};
-use spinney::style::{Style, StylePainter};
+use spinney::export::{ArrayRequest, Detail, WindowRequest, export_array, export_window};
+use spinney::raw::export::image::{Format, format_of};
+use spinney::raw::export::{LegendFormat, export_legend};
+use spinney::raw::style::StylePainter;
+use spinney::style::Style;
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;

@@ -5,10 +5,11 @@ use std::sync::Arc;
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::brep::surface_intersection::surface_intersection;
-use spinney::brep::{ExactModel, ModelView};
-use spinney::export::vector::{SectionPlanes, VectorFormat, export_intersection, export_section};
-use spinney::store::OpenOptions;
+use spinney::export::VectorFormat;
+use spinney::raw::brep::ModelView;
+use spinney::raw::brep::surface_intersection::surface_intersection;
+use spinney::raw::export::vector::{SectionPlanes, export_intersection, export_section};
+use spinney::{ExactModel, OpenOptions};
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;

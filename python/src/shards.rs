@@ -3,9 +3,10 @@
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
-use spinney::ops::Prefer;
-use spinney::shards::{Job, JobSpec, plan};
-use spinney::store::goblin::MergeOutput;
+use spinney::CombineOptions;
+use spinney::raw::ops::Prefer;
+use spinney::raw::shards::{Job, JobSpec, plan};
+use spinney::raw::store::goblin::MergeOutput;
 
 use crate::build::FileOptions;
 use crate::error::{OrRaise, invalid};
@@ -71,7 +72,8 @@ pub(crate) fn plan_combine(
     let operation = named(operation, prefer)?;
     let universe = universe_of(operation, within.as_deref(), margin)?.unwrap_or_default();
     let fill = fill.map(|number| number.0);
-    let spec = JobSpec::Combine { inputs, operation, fill, universe, packing: packing.0 };
+    let options = CombineOptions { fill, universe };
+    let spec = JobSpec::Combine { inputs, operation, options, packing: packing.0 };
     jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, work)?.was_there))
 }
 

@@ -6,12 +6,13 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::export::image::{Format, format_of};
-use spinney::export::mesh::{MeshFormat, MeshRequest, export_mesh, surface_mesh};
-use spinney::export::{CameraProjection, Detail, RenderRequest, WindowRequest, render};
-use spinney::ops::AffineMap;
+use spinney::Bounds;
+use spinney::export::{Detail, MeshFormat, MeshRequest, RenderRequest, WindowRequest, export_mesh, render};
 use spinney::query::Ray;
-use spinney::space::Bounds;
+use spinney::raw::export::CameraProjection;
+use spinney::raw::export::image::{Format, format_of};
+use spinney::raw::export::mesh::surface_mesh;
+use spinney::raw::ops::AffineMap;
 
 use crate::error::{OrRaise, invalid};
 use crate::jobs::{self, Terms};

@@ -3,10 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use pyo3::prelude::*;
-use spinney::Progress;
-use spinney::shards::{GivenLayers, Job, plan_given};
-use spinney::space::Dimension;
-use spinney::store::{TreeTarget, depth_for};
+use spinney::raw::shards::{GivenLayers, Job, plan_given};
+use spinney::raw::store::{TreeTarget, depth_for};
+use spinney::{Dimension, Progress};
 
 use crate::build::{ArrayOptions, ArrayTree};
 use crate::error::invalid;

@@ -7,16 +7,16 @@ use std::sync::{Arc, OnceLock, PoisonError, RwLock};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict, PyString};
-use spinney::dataset::{self, Dataset};
-use spinney::export::void_number;
-use spinney::ops::{Calculation, Step};
-use spinney::space::Crs;
-use spinney::store::FilePlace;
-use spinney::value::{Mask, Number};
+use spinney::raw::dataset;
+use spinney::raw::export::void_number;
+use spinney::raw::ops::Calculation;
+use spinney::raw::store::FileReference;
+use spinney::raw::value::Mask;
+use spinney::{Crs, Dataset, Number, ViewStep};
 
-use crate::elsewhere::{Elsewhere, path_object};
 use crate::error::{OrRaise, invalid};
 use crate::numbers::{PyNumber, told, told_names};
+use crate::remote::{RemoteAccess, path_object};
 use crate::{jobs, samples};
 
 /// A file or a view of one, open for questions from any number of threads.
@@ -26,13 +26,13 @@ pub(crate) struct Tree {
     opened: RwLock<Option<Arc<Opened>>>,
     /// The path and options that it was opened with.
     path: PathBuf,
-    steps: Vec<Step>,
+    steps: Vec<ViewStep>,
     commit: Option<u64>,
     positioned: bool,
     /// Name or number of the layer; the first if there is none.
     layer: Option<String>,
     /// Files elsewhere.
-    elsewhere: Elsewhere,
+    remote: RemoteAccess,
 }
 
 /// A coordinate system as pyproj and rasterio read it: `EPSG:4326`, else WKT 2, else as it came.
@@ -100,7 +100,7 @@ impl Tree {
 
     /// A line about the steps that the file is seen through, if there are any.
     pub(crate) fn steps_text(&self) -> Option<String> {
-        let steps: Vec<String> = self.steps.iter().map(Step::to_string).collect();
+        let steps: Vec<String> = self.steps.iter().map(ViewStep::to_string).collect();
         (!steps.is_empty()).then(|| format!("view of {}: {}", self.path.display(), steps.join(", ")))
     }
 
@@ -110,7 +110,7 @@ impl Tree {
         this: &Bound<'py, Tree>,
         name: &Bound<'py, PyString>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let steps: Vec<String> = self.steps.iter().map(Step::to_string).collect();
+        let steps: Vec<String> = self.steps.iter().map(ViewStep::to_string).collect();
         // (The commit that is read, so that all layers are of one state.)
         let commit = self.get()?.tree.commit().map(|commit| commit.number);
         this.get_type().call1((
@@ -119,7 +119,7 @@ impl Tree {
             commit,
             self.positioned,
             name,
-            &self.elsewhere,
+            &self.remote,
             this,
         ))
     }
@@ -130,7 +130,7 @@ impl Tree {
         this: &Bound<'py, Tree>,
         names: &[String],
     ) -> PyResult<Bound<'py, PyAny>> {
-        let composite = Step::Calculation(Box::new(Calculation::composite(names).or_raise()?));
+        let composite = ViewStep::Calculation(Box::new(Calculation::composite(names).or_raise()?));
         let commit = self.get()?.tree.commit().map(|commit| commit.number);
         let finest = this.py().detach(|| -> spinney::Result<Option<&String>> {
             let file = self.open_file(commit)?;
@@ -140,10 +140,11 @@ impl Tree {
             Ok(names.iter().find(|name| Some(depth(name)) == deepest && file.layer(name).is_ok()))
         });
         let finest = finest.or_raise()?;
-        let steps: Vec<String> = [&composite].into_iter().chain(&self.steps).map(Step::to_string).collect();
+        let steps: Vec<String> =
+            [&composite].into_iter().chain(&self.steps).map(ViewStep::to_string).collect();
         let layer = finest.cloned();
         let path = path_object(this.py(), &self.path)?;
-        this.get_type().call1((path, steps, commit, self.positioned, layer, &self.elsewhere))
+        this.get_type().call1((path, steps, commit, self.positioned, layer, &self.remote))
     }
 
     /// Whether it is seen as it is in the file.
@@ -181,14 +182,14 @@ impl Tree {
 
     /// Opens the file, or a commit of it: its first layer.
     fn open_file(&self, commit: Option<u64>) -> spinney::Result<Dataset> {
-        let mut options = self.elsewhere.options();
+        let mut options = self.remote.options();
         if self.positioned {
             let cache = options.cache;
             options = options.positioned(cache);
         }
         let path = match commit {
             Some(number) => {
-                let place = FilePlace { file: (&self.path).into(), commit: Some(number), layer: None };
+                let place = FileReference { file: (&self.path).into(), commit: Some(number), layer: None };
                 place.of_commit()
             }
             None => self.path.clone(),
@@ -207,7 +208,7 @@ impl Tree {
 #[pymethods]
 impl Tree {
     #[new]
-    #[pyo3(signature = (path, view, commit, positioned, layer, elsewhere=Elsewhere::default(), beside=None))]
+    #[pyo3(signature = (path, view, commit, positioned, layer, remote=RemoteAccess::default(), beside=None))]
     #[allow(clippy::too_many_arguments)] // those of the Python class
     fn new(
         py: Python<'_>,
@@ -216,10 +217,10 @@ impl Tree {
         commit: Option<u64>,
         positioned: bool,
         layer: Option<String>,
-        elsewhere: Elsewhere,
+        remote: RemoteAccess,
         beside: Option<&Bound<'_, Tree>>,
     ) -> PyResult<Tree> {
-        let FilePlace { file, commit: named, layer: layer_named } = FilePlace::of(&path);
+        let FileReference { file, commit: named, layer: layer_named } = FileReference::of(&path);
         if layer_named.is_some() && layer.is_some() && layer_named != layer {
             return Err(invalid("layer: the path names another one"));
         }
@@ -228,8 +229,8 @@ impl Tree {
             return Err(invalid("commit: the path names another one"));
         }
         let (path, commit) = (file.into_owned(), commit.or(named));
-        let steps = view.iter().map(|step| step.parse().or_raise()).collect::<PyResult<Vec<Step>>>()?;
-        let tree = Tree { opened: RwLock::new(None), path, steps, commit, positioned, layer, elsewhere };
+        let steps = view.iter().map(|step| step.parse().or_raise()).collect::<PyResult<Vec<ViewStep>>>()?;
+        let tree = Tree { opened: RwLock::new(None), path, steps, commit, positioned, layer, remote };
         // (Layers of a file that is open share it: there may be thousands. A view knows its own layer alone.)
         let file = beside.filter(|_| tree.is_file()).map(|beside| beside.get().get()).transpose()?;
         let opened = py.detach(|| tree.open(file.as_deref())).or_raise()?;
@@ -277,13 +278,13 @@ impl Tree {
 
     /// Options of the store, and the file that Python reads.
     #[getter]
-    fn _elsewhere(&self) -> &Elsewhere {
-        &self.elsewhere
+    fn _remote(&self) -> &RemoteAccess {
+        &self.remote
     }
 
     #[getter]
     fn view(&self) -> Vec<String> {
-        self.steps.iter().map(Step::to_string).collect()
+        self.steps.iter().map(ViewStep::to_string).collect()
     }
 
     #[getter]
@@ -301,8 +302,8 @@ impl Tree {
             false => {
                 let (opened, path, steps) = (RwLock::new(None), self.path.clone(), Vec::new());
                 let (commit, positioned) = (self.commit, self.positioned);
-                let elsewhere = self.elsewhere.clone_ref(py);
-                let file = Tree { opened, path, steps, commit, positioned, layer: None, elsewhere };
+                let remote = self.remote.clone_ref(py);
+                let file = Tree { opened, path, steps, commit, positioned, layer: None, remote };
                 py.detach(|| file.open(None).and_then(|file| file.tree.layers())).or_raise()?
             }
         };

@@ -4,15 +4,15 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use pyo3::prelude::*;
-use spinney::Progress as _;
-use spinney::dataset::Dataset;
-use spinney::export::vector::{VectorFormat, export_zones};
-use spinney::import::feature::{
-    AttributeCondition, FeatureFilter, FeatureOptions, PolygonLayer, PolygonReader, Relation, parse_polygons,
-    read_polygons,
+use spinney::export::VectorFormat;
+use spinney::import::feature::{FeatureFilter, FeatureOptions};
+use spinney::query::{EdgeRule, Polygon, ZonalRequest, ZoneMeasure, ZoneStatistics};
+use spinney::raw::export::vector::export_zones;
+use spinney::raw::import::feature::{
+    AttributeCondition, PolygonLayer, PolygonReader, Relation, parse_polygons, read_polygons,
 };
-use spinney::query::{ZonalRequest, ZoneMeasure, ZoneStatistics, ZoneValues};
-use spinney::space::{Coordinates, EdgeRule, Places, Polygon};
+use spinney::raw::query::ZoneValues;
+use spinney::{CellLocator, Coordinates, Dataset, Progress as _};
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
@@ -58,7 +58,7 @@ impl Tree {
                 work.check()?;
                 let places = grids.iter().map(|grid| {
                     let (header, frame) = (trees[*grid].header(), &trees[*grid].metadata().frame);
-                    Ok((Places::new(coordinates, frame, header.extent)?, header.extent))
+                    Ok((CellLocator::new(coordinates, frame, header.extent)?, header.extent))
                 });
                 let found = layer.in_cells_of(&places.collect::<spinney::Result<Vec<_>>>()?)?;
                 found.outside.map_or(Ok(()), Err)?;

@@ -15,7 +15,7 @@ import pytest
 import spinney
 import spinney.dask
 from spinney import shards
-from spinney._given import Chunks
+from spinney._array_input import Chunks
 
 from test_dask import client  # noqa: F401 (a fixture)
 from test_shards import CLASSES, tiles

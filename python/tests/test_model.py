@@ -183,13 +183,13 @@ def test_boxes_and_cells(bodies: dict) -> None:
         assert whole.centre == pytest.approx(mesh.center_mass, abs=1e-6)
         halves = [model.coverage(1, (x, y, z)).volume for x in (0, 1) for y in (0, 1) for z in (0, 1)]
         assert sum(halves) == pytest.approx(mesh.volume, rel=1e-9)
-        assert model.place_of_box((*mesh.bounds[0], *mesh.bounds[1])) == "cut"
-        assert model.place_of_box((*(mesh.bounds[1] + 1), *(mesh.bounds[1] + 2))) == "outside"
+        assert model.locate_box((*mesh.bounds[0], *mesh.bounds[1])) == "cut"
+        assert model.locate_box((*(mesh.bounds[1] + 1), *(mesh.bounds[1] + 2))) == "outside"
     _, ball = bodies["ball"]
-    assert ball.place_of_box((-1, -1, -1, 1, 1, 1)) == "inside"
+    assert ball.locate_box((-1, -1, -1, 1, 1, 1)) == "inside"
     for wrong in [(0, 0, 0), (1, 1, 1, 0, 0, 0), (np.nan,) * 6]:
         with pytest.raises(ValueError, match="box"):
-            ball.place_of_box(wrong)
+            ball.locate_box(wrong)
     for level, cell in [(99, (0, 0, 0)), (1, (2, 0, 0)), (300, (0, 0, 0)), (1, (-1, 0, 0))]:
         with pytest.raises(ValueError, match="cell"):
             ball.coverage(level, cell)

@@ -277,7 +277,7 @@ def test_models_are_seen_through_maps(hollow: spinney.ExactModel, tmp_path: Path
             assert np.allclose(seen.rays(points, there).distance, moved.rays(points, there).distance, equal_nan=True)
             assert np.allclose(seen.crossings(points, there).distance, moved.crossings(points, there).distance)
             low = np.array(moved.bounds[:3])
-            assert seen.place_of_box((*(low + 0.5), *(low + 1))) == "inside"
+            assert seen.locate_box((*(low + 0.5), *(low + 1))) == "inside"
             cuts = [model.section(tmp_path / "cut.csv", "z=-0.7") for model in (seen, moved)]
             assert cuts[0].polygons == cuts[1].polygons and cuts[0].area == pytest.approx(cuts[1].area)
             assert list(seen.shells().volume) == list(moved.shells().volume)
@@ -288,7 +288,7 @@ def test_models_are_seen_through_maps(hollow: spinney.ExactModel, tmp_path: Path
     with spinney.open_brep(hollow.path, view="rotate=30,1,2,3") as turned:
         assert 0 < turned.rounding < 1e-10
         assert turned.volume == pytest.approx(hollow.volume) and turned.area == pytest.approx(hollow.area)
-        for question in (turned.faces, lambda: turned.place_of_box((0, 0, 0, 1, 1, 1)), lambda: turned.export(tmp_path / "a.ply")):
+        for question in (turned.faces, lambda: turned.locate_box((0, 0, 0, 1, 1, 1)), lambda: turned.export(tmp_path / "a.ply")):
             with pytest.raises(ValueError, match="affine=.*spinney transform"):
                 question()
     with spinney.open_brep(hollow.path, view="scale=1,2,3") as stretched:

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Result;
-use spinney::ops;
+use spinney::raw::ops;
 
 use super::Global;
 use super::args::{Memory, OutputFile, OutputLimit, Packing, check_output};

@@ -5,11 +5,11 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail, ensure};
 use serde_json::json;
-use spinney::import::feature::is_feature_file;
-use spinney::ops::{self, Operation, Prefer, Universe};
-use spinney::report::class_as_json;
-use spinney::shards::JobSpec;
-use spinney::value::Number;
+use spinney::raw::import::feature::is_feature_file;
+use spinney::raw::ops::{self, Prefer};
+use spinney::raw::report::class_as_json;
+use spinney::raw::shards::JobSpec;
+use spinney::{CombineOperation, CombineOptions, Number, Universe};
 
 use super::args::{Memory, OperationName, OutputLimit, Packing, check_output, numbers, parse_operation};
 use super::features::{FeatureOperands, are_mixed};
@@ -77,7 +77,7 @@ pub(crate) struct MergingArgs {
 
 impl MergingArgs {
     /// The operation on trees, and the place in which it fills what none of them has.
-    fn on_trees(&self) -> Result<(Operation, Universe)> {
+    fn on_trees(&self) -> Result<(CombineOperation, Universe)> {
         let within = match &self.within {
             Some(Within::Box(low, high)) => Some(Universe::Within(*low, *high)),
             Some(Within::Polygons(path)) => {
@@ -99,7 +99,7 @@ impl MergingArgs {
     }
 
     /// The job of combining trees of cells alone.
-    pub(crate) fn spec(&self, packing: spinney::store::Packing) -> Result<JobSpec> {
+    pub(crate) fn spec(&self, packing: spinney::raw::store::Packing) -> Result<JobSpec> {
         let name = &self.operation.0;
         ensure!(!self.operation.is_table(), "{name} prints a table: `spinney combine {name}`");
         if let Some(file) = self.files.iter().find(|file| is_feature_file(file)) {
@@ -111,7 +111,8 @@ impl MergingArgs {
         );
         let (operation, universe) = self.on_trees()?;
         let (inputs, fill) = (self.files.clone(), self.fill);
-        Ok(JobSpec::Combine { inputs, operation, fill, universe, packing })
+        let options = CombineOptions { fill, universe };
+        Ok(JobSpec::Combine { inputs, operation, options, packing })
     }
 }
 
@@ -217,13 +218,14 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         return exact::combine(operation, files, (&path, &limit), codec, (memory.bytes, explain), global);
     }
     let how = packing.with(memory);
+    let options = CombineOptions { fill, universe };
     let work = Work::start(global, "cells")?;
     let output = limit.create_tree(&path)?;
     let (outcome, counts) = if are_mixed(files) {
-        features.combine(operation, (fill, universe), files, output, how, &work)?
+        features.combine(operation, options, files, output, how, &work)?
     } else {
         features.refuse()?;
-        (ops::combine(operation, fill, universe, files, output, how, &work)?, vec![None; files.len()])
+        (spinney::combine(operation, options, files, output, how, &work)?, vec![None; files.len()])
     };
     work.finish();
     for ((file, cells), features) in files.iter().zip(&outcome.before).zip(counts) {

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::Result;
-use spinney::store::autumnal::{self, CompactOptions, Keep};
+use spinney::raw::store::autumnal::{self, CompactOptions, Keep};
 
 use super::Global;
 use super::args::{Memory, OutputLimit, check_output};

@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::Result;
-use spinney::ops;
 
 use super::Global;
 use super::args::{Memory, OutputFile, OutputLimit, Packing, check_output};
@@ -47,7 +46,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     check_output([Path::new(&args.file)], output)?;
     let how = args.packing.with(args.memory);
     let work = Work::start(global, "cells")?;
-    ops::convert(&args.file, args.share, args.limit.create_tree(output)?, how, &work)?;
+    spinney::convert(&args.file, args.share, args.limit.create_tree(output)?, how, &work)?;
     work.finish();
     report_output(global, output, start);
     Ok(())

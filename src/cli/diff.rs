@@ -6,8 +6,8 @@ use std::time::Instant;
 
 use anyhow::Result;
 use serde_json::json;
-use spinney::Error;
-use spinney::ops::{self, Operation, Universe};
+use spinney::raw::ops;
+use spinney::{CombineOperation, CombineOptions, Error};
 
 use super::Global;
 use super::args::{Memory, OutputLimit, Packing, check_output};
@@ -75,10 +75,9 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     check_output(paths, output)?;
     let files = paths.map(Path::to_path_buf);
     let work = Work::start(global, "cells")?;
-    ops::combine(
-        Operation::Changed,
-        None,
-        Universe::Usual,
+    spinney::combine(
+        CombineOperation::Changed,
+        CombineOptions::default(),
         &files,
         args.limit.create_tree(output)?,
         how,

@@ -1,7 +1,7 @@
 //! `spinney dump`: small trees in full.
 
 use anyhow::Result;
-use spinney::partitions::Bintree;
+use spinney::raw::partitions::Bintree;
 
 use super::args::ViewedTree;
 use super::report::print_text;

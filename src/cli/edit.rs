@@ -5,18 +5,16 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use clap::Subcommand;
-use spinney::dataset::Dataset;
-use spinney::import::cells::CellList;
-use spinney::import::raster::{self, ImportOptions};
-use spinney::import::rasterize::Overlaps;
-use spinney::io::Output;
-use spinney::ops::{
-    Chain, Edit, FillRegion, Operation, Prefer, Step, add_layer, apply_edits, drop_layer, only_layer,
+use spinney::edit::{Edit, Editor, FillRegion};
+use spinney::import::raster::ImportOptions;
+use spinney::query::Polygon;
+use spinney::raw::import::cells::CellList;
+use spinney::raw::import::rasterize::Overlaps;
+use spinney::raw::ops::{Prefer, add_layer, apply_edits, drop_layer, only_layer};
+use spinney::raw::store::{FileReference, TreeFormat, file_is_tree};
+use spinney::{
+    Bounds, Code, CombineOperation, Coordinates, Dataset, FileView, Number, Output, SetOperation, ViewStep,
 };
-use spinney::space::{Bounds, Code, Coordinates, Polygon};
-use spinney::store::autumnal::Editor;
-use spinney::store::{FilePlace, TreeFormat, file_is_tree};
-use spinney::value::Number;
 
 use super::args::{
     CommitOptions, OperationName, Packing, PartOptions, number, numbers, parse_operation, parse_step,
@@ -75,7 +73,7 @@ struct Paste {
     at: Option<[i64; 3]>,
     /// See the file through a step of `transform`, such as rotate=30; may be given several times
     #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
-    steps: Vec<Step>,
+    steps: Vec<ViewStep>,
     /// Leave the tree as it is where the patch is VOID
     #[arg(long)]
     where_valid: bool,
@@ -148,7 +146,7 @@ struct AddLayer {
     name: Option<String>,
     /// See the file through a step of `transform`, such as rotate=30; may be given several times
     #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
-    steps: Vec<Step>,
+    steps: Vec<ViewStep>,
     #[command(flatten)]
     packing: Packing,
     #[command(flatten)]
@@ -170,10 +168,10 @@ fn change_layers(file: &Path, change: &Change, global: &Global) -> Result<()> {
     let work = Work::start(global, "cells")?;
     let commit = match change {
         Change::AddLayer(AddLayer { tree, name, steps, packing, .. }) => {
-            let place = FilePlace::of(tree);
+            let place = FileReference::of(tree);
             let stem = place.file.file_stem().map(|stem| stem.to_string_lossy().into_owned());
             let name = name.clone().or(place.layer.clone()).or(stem).unwrap_or_default();
-            let chain = Chain { steps: steps.clone(), ..Chain::of(tree) };
+            let chain = FileView { steps: steps.clone(), ..FileView::of(tree) };
             only_layer(tree)?;
             let note = options.note(format!("Add layer {name} of {}", tree.display()));
             add_layer(file, &name, &chain, note, packing.with(options.memory), &work)?
@@ -267,7 +265,7 @@ impl Change {
         let (edit, message) = match self {
             Change::Paste(Paste { patch, at, steps, where_valid, .. }) => {
                 let path = picture.map_or(patch.as_path(), |picture| &picture.tree);
-                let chain = Chain { steps, ..Chain::of(path) };
+                let chain = FileView { steps, ..FileView::of(path) };
                 (Edit::Paste { patch: chain, at, where_valid }, format!("Paste {}", patch.display()))
             }
             Change::Fill(fill) if fill.zones.is_some() => fill.features(tree, memory, work)?,
@@ -336,7 +334,8 @@ impl PastedPicture {
         let folder =
             tempfile::Builder::new().prefix("spinney-").tempdir_in(beside.unwrap_or(Path::new(".")))?;
         let tree = folder.path().join("patch.goblin");
-        raster::plan(&[path.to_path_buf()], &options)?.build(Output::create(&tree)?, work)?;
+        spinney::import::raster::plan(&[path.to_path_buf()], &options)?
+            .build(Output::create(&tree)?, work)?;
         Ok(PastedPicture { tree, _folder: folder })
     }
 }
@@ -359,7 +358,7 @@ impl Fill {
         let (zones, _) = self.features.over(std::slice::from_ref(&file), ground, &how, work)?;
         let zones = Arc::new(zones);
         let message = format!("Fill {} with {what}", file.display());
-        let difference = Operation::Set { number: 2, prefer: Prefer::First };
+        let difference = CombineOperation::set(SetOperation::Difference);
         Ok((if self.void { Edit::Merge(difference, zones) } else { Edit::Cover(zones) }, message))
     }
 

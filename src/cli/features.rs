@@ -4,14 +4,15 @@ use std::cell::Cell;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail, ensure};
-use spinney::Progress;
-use spinney::import::feature::{FeatureFilter, is_feature_file};
-use spinney::import::rasterize::{FeatureValue, Overlaps, RasterizeOptions, plan_features};
-use spinney::io::Output;
-use spinney::ops::{MadeOperand, Operation, Outcome, Universe, ViewSource, combine_with};
-use spinney::space::{Coordinates, EdgeRule};
-use spinney::store::{Header, Metadata, WriteOptions};
-use spinney::value::{Number, Rule};
+use spinney::import::feature::{FeatureFilter, FeatureValue, RasterizeOptions, plan_features};
+use spinney::query::EdgeRule;
+use spinney::raw::import::feature::is_feature_file;
+use spinney::raw::import::rasterize::Overlaps;
+use spinney::raw::ops::{MadeOperand, Outcome, ViewSource, combine_with};
+use spinney::{
+    CombineOperation, CombineOptions, Coordinates, Header, Metadata, Number, Output, Progress, Rule,
+    WriteOptions,
+};
 
 use super::report::Work;
 
@@ -135,8 +136,8 @@ impl FeatureOperands {
     /// Combines trees with features, which are laid over the cells of the trees. Returns the features of each file that has some, too.
     pub(crate) fn combine(
         &self,
-        operation: Operation,
-        (fill, universe): (Option<Number>, Universe),
+        operation: CombineOperation,
+        options: CombineOptions,
         files: &[PathBuf],
         output: Output,
         how: WriteOptions,
@@ -172,7 +173,7 @@ impl FeatureOperands {
             })
             .collect();
         let trees: Vec<PathBuf> = files.iter().filter(|file| !is_feature_file(file)).cloned().collect();
-        let outcome = combine_with(operation, (fill, universe), &trees, &made, output.into(), how, work)?;
+        let outcome = combine_with(operation, options, &trees, &made, output.into(), how, work)?;
         let counts = counts.iter().zip(is_feature).map(|(count, is)| is.then(|| count.get())).collect();
         Ok((outcome, counts))
     }

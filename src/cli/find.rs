@@ -5,11 +5,10 @@ use std::sync::Arc;
 
 use anyhow::{Result, bail};
 use serde_json::json;
-use spinney::dataset::Dataset;
-use spinney::ops::ViewSource;
 use spinney::query::{Condition, FoundBlock};
-use spinney::report::class_as_json;
-use spinney::value::Number;
+use spinney::raw::ops::ViewSource;
+use spinney::raw::report::class_as_json;
+use spinney::{Dataset, Number};
 
 use super::Global;
 use super::args::{Memory, PartOptions, ViewedTree};

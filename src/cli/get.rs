@@ -4,14 +4,13 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail, ensure};
-use spinney::dataset::Dataset;
-use spinney::export::image::Format;
-use spinney::export::{ArrayRequest, Detail, WindowRequest, export_array, export_layers, export_window};
-use spinney::io::Output;
-use spinney::ops::WarpGrid;
-use spinney::space::{Bounds, web_mercator_depth};
+use spinney::export::{ArrayRequest, Detail, WindowRequest, export_array, export_window};
+use spinney::raw::export::export_layers;
+use spinney::raw::export::image::Format;
+use spinney::raw::ops::WarpGrid;
+use spinney::raw::space::web_mercator_depth;
 use spinney::style::Style;
-use spinney::value::{Number, SampleType};
+use spinney::{Bounds, Dataset, Number, Output, SampleType};
 
 use super::Global;
 use super::args::{

@@ -5,16 +5,15 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use serde_json::json;
-use spinney::dataset::Dataset;
-use spinney::io::rounds::traffic;
-use spinney::io::url_of;
-use spinney::manifest::ListedFile;
-use spinney::ops::{LayerInfo, TreeFile};
 use spinney::query::ChannelStatistics;
-use spinney::report::{JsonNumbers, channels_as_json, class_as_json, commit_as_json};
-use spinney::space::{Crs, Frame};
-use spinney::store::goblin::LevelBytes;
-use spinney::store::{Codec, FilePlace, LevelCounts, Metadata, TagScope};
+use spinney::raw::io::batch::traffic;
+use spinney::raw::io::url_of;
+use spinney::raw::manifest::ListedFile;
+use spinney::raw::ops::{LayerInfo, TreeFile};
+use spinney::raw::report::{JsonNumbers, channels_as_json, class_as_json, commit_as_json};
+use spinney::raw::store::goblin::LevelBytes;
+use spinney::raw::store::{FileReference, LevelCounts, TagScope};
+use spinney::{Codec, Crs, Dataset, Frame, Metadata};
 
 use super::args::LayerOption;
 use super::report::unit::{behind_number, unit};
@@ -64,7 +63,7 @@ fn describe(args: &Args) -> Result<()> {
     }
     let tree = open(&args.layer.paths(&args.file)?[0])?;
     let layers = tree.layers()?;
-    if layers.len() > 1 && !args.layer.is_given() && FilePlace::of(&args.file).layer.is_none() {
+    if layers.len() > 1 && !args.layer.is_given() && FileReference::of(&args.file).layer.is_none() {
         match args.json {
             true => print_json(&layers_as_json(&tree, &layers)?)?,
             false => print_text(&layers_as_text(&tree, &layers)?)?,

@@ -1,9 +1,10 @@
 //! `spinney legend`: what the colours of a style mean.
 
 use anyhow::{Context as _, Result, bail};
-use spinney::export::{LegendFormat, export_legend};
-use spinney::io::Output;
-use spinney::style::{Style, StylePainter};
+use spinney::Output;
+use spinney::raw::export::{LegendFormat, export_legend};
+use spinney::raw::style::StylePainter;
+use spinney::style::Style;
 
 use super::Global;
 use super::args::{OutputFile, ViewedTree, check_output, parse_style};

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use spinney::report::{JsonNumbers, commit_as_json};
-use spinney::store::autumnal::History;
+use spinney::raw::report::{JsonNumbers, commit_as_json};
+use spinney::raw::store::autumnal::History;
 
 use super::report::{commit, print_json, print_text, warn};
 

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
-use spinney::manifest::list_files;
+use spinney::raw::manifest::list_files;
 
 use super::Global;
 use super::report::Work;

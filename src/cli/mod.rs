@@ -46,7 +46,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::{FromArgMatches as _, Parser, Subcommand};
-use spinney::dataset::Dataset;
+use spinney::Dataset;
 
 use self::args::{Global, words};
 use self::report::exit::{BROKEN_PIPE, exit_code};
@@ -147,7 +147,7 @@ impl Command {
 
 /// Opens a tree file of any type, and tells what is to be known about it.
 fn open(path: &Path) -> Result<Dataset> {
-    let tree = spinney::dataset::open(path, &Default::default())?;
+    let tree = spinney::raw::dataset::open(path, &Default::default())?;
     if let Some(remark) = tree.remark() {
         report::warn(&format!("{}: {remark}", path.display()));
     }

@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use spinney::import::feature::{FeatureFilter, FeatureOptions, read_polygons};
-use spinney::io::Output;
-use spinney::overlay::{
+use spinney::Output;
+use spinney::import::feature::{FeatureFilter, FeatureOptions};
+use spinney::raw::import::feature::read_polygons;
+use spinney::raw::overlay::{
     OverlayOperation, OverlayReport, OverlayRequest, overlay_features, read_polygon_layers,
 };
 

@@ -5,10 +5,9 @@ use std::sync::Mutex;
 
 use anyhow::{Context as _, Result, anyhow, ensure};
 use rayon::prelude::*;
-use spinney::dataset::Dataset;
-use spinney::io::url_of;
-use spinney::report::{OUTSIDE, PointLayers};
-use spinney::space::Coordinates;
+use spinney::raw::io::url_of;
+use spinney::raw::report::{OUTSIDE, PointLayers};
+use spinney::{Coordinates, Dataset};
 
 use super::args::{CoordinatesOption, ViewedTree, level_of};
 use super::exact::PointQuestion;
@@ -136,7 +135,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         headings: args.json.then(|| layers.headings()),
         layers,
         from,
-        is_elsewhere: trees.iter().any(|tree| url_of(tree.name()).is_some()),
+        is_remote: trees.iter().any(|tree| url_of(tree.name()).is_some()),
         outside: Mutex::default(),
     };
     let mut out = io::BufWriter::with_capacity(1 << 20, io::stdout().lock());
@@ -156,7 +155,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
 struct Points<'a> {
     layers: PointLayers<'a>,
     /// Whether the file is read from elsewhere.
-    is_elsewhere: bool,
+    is_remote: bool,
     /// Points outside of the picture so far.
     outside: Mutex<OutsidePoints>,
     /// Name of what a point's number counts, for people.
@@ -198,7 +197,7 @@ impl Points<'_> {
             };
             // The threads take parts of the batch, cut at ends of lines. (Of a file elsewhere the places of all points are fetched at the same
             // time.)
-            let parts = if self.is_elsewhere { 1 } else { rayon::current_num_threads() * 4 };
+            let parts = if self.is_remote { 1 } else { rayon::current_num_threads() * 4 };
             let parts = split_lines(&rest[..whole], parts);
             let starts = parts.iter().scan(line, |next, part| {
                 let start = *next;

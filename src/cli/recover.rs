@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use spinney::store::autumnal::recover;
+use spinney::raw::store::autumnal::recover;
 
 use super::Global;
 use super::report::Work;

@@ -4,14 +4,12 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
-use spinney::brep::{Faces as _, ModelView};
-use spinney::dataset::Dataset;
-use spinney::export::{
-    CameraProjection, DrawingFormat, DrawingStyle, RenderRequest, draw_cells, draw_exact, render,
-    render_exact,
-};
-use spinney::io::Output;
-use spinney::space::Up;
+use spinney::brep::Faces as _;
+use spinney::export::{RenderRequest, render, render_exact};
+use spinney::raw::brep::ModelView;
+use spinney::raw::export::{CameraProjection, DrawingFormat, DrawingStyle, draw_cells, draw_exact};
+use spinney::raw::space::Up;
+use spinney::{Dataset, Output};
 
 use super::args::{OutputFile, Size, ViewedTree, check_output, numbers, parse_size, picture_format};
 use super::report::{Work, report_output};

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use spinney::ops::{Edit, edit};
+use spinney::edit::{Edit, edit};
 
 use super::Global;
 use super::args::CommitOptions;

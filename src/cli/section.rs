@@ -4,10 +4,11 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
-use spinney::brep::surface_intersection::surface_intersection;
-use spinney::brep::{ExactModel, ModelView, divide_faces};
-use spinney::export::vector::{SectionPlanes, VectorFormat, export_intersection, export_section};
-use spinney::ops::Step;
+use spinney::export::VectorFormat;
+use spinney::raw::brep::surface_intersection::surface_intersection;
+use spinney::raw::brep::{ModelView, divide_faces};
+use spinney::raw::export::vector::{SectionPlanes, export_intersection, export_section};
+use spinney::{ExactModel, ViewStep};
 
 use super::args::{Memory, OutputLimit, VECTOR_FORMATS, check_output, parse_step, vector_format};
 use super::report::{Work, report_output};
@@ -63,7 +64,7 @@ pub(crate) struct Args {
     /// See the file through a step of `transform`, such as rotate=30; may be given several times. Nothing is made beforehand. (Another
     /// model meets it only after translate= and scale= with one factor)
     #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
-    steps: Vec<Step>,
+    steps: Vec<ViewStep>,
     #[command(flatten)]
     memory: Memory,
     #[command(flatten)]
@@ -215,7 +216,7 @@ fn intersect(
     ))
 }
 
-fn open(path: &Path, steps: &[Step], global: &Global) -> Result<ModelView> {
+fn open(path: &Path, steps: &[ViewStep], global: &Global) -> Result<ModelView> {
     match exact::open_viewed(path, steps, global)? {
         Some(view) => Ok(view),
         None => {

@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use anyhow::{Result, ensure};
-use spinney::io::url_of;
+use spinney::raw::io::url_of;
 use spinney::serve::{ServeOptions, Server};
 
 use super::Global;

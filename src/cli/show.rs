@@ -5,11 +5,10 @@ use std::fmt::Write as _;
 use std::io::{self, IsTerminal, Write as _};
 
 use anyhow::{Context as _, Result, ensure};
-use spinney::dataset::Dataset;
-use spinney::export::image::Format;
 use spinney::export::{Detail, RenderRequest, WindowRequest, export_window, render, render_exact};
-use spinney::io::Output;
+use spinney::raw::export::image::Format;
 use spinney::style::Style;
+use spinney::{Dataset, Output};
 
 use super::args::{Size, ViewedTree, parse_size, parse_style};
 use super::get::picture;

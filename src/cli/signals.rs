@@ -41,7 +41,7 @@ fn heed_signals() -> io::Result<()> {
     std::thread::spawn(move || {
         for _ in signals.forever() {
             if STOP.swap(true, Ordering::Relaxed) {
-                spinney::io::Output::remove_unfinished();
+                spinney::Output::remove_unfinished();
                 std::process::exit(super::report::exit::INTERRUPTED.into());
             }
         }

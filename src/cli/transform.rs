@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use anyhow::{Result, bail};
 use spinney::brep::TransformOptions;
-use spinney::ops::{self, Chain, Resampling, Step, WarpOptions};
-use spinney::points::{PointRaster, rasterize_points};
+use spinney::raw::points::{PointRaster, rasterize_points};
+use spinney::{FileView, Resampling, ViewStep, WarpOptions};
 
 use super::args::{Memory, OutputLimit, Packing, UNITS, check_output, parse_step};
 use super::report::{Work, report_output};
@@ -72,7 +72,7 @@ pub(crate) struct ChainArgs {
 
 impl ChainArgs {
     /// The steps of trees of cells, and what becomes of trees of points.
-    fn steps(&self) -> (Vec<Step>, Vec<&PointRaster>) {
+    fn steps(&self) -> (Vec<ViewStep>, Vec<&PointRaster>) {
         let (mut cells, mut rasters) = (Vec::new(), Vec::new());
         for step in &self.steps {
             match step {
@@ -84,21 +84,21 @@ impl ChainArgs {
     }
 
     /// The chain of steps on a tree of cells.
-    pub(crate) fn chain(&self) -> Result<Chain> {
+    pub(crate) fn chain(&self) -> Result<FileView> {
         let (steps, rasters) = self.steps();
         if !rasters.is_empty() {
             bail!("{}: is no tree of points, which raster= is for", self.file.display());
         }
         let mut warp = WarpOptions::default();
         (warp.resampling, warp.allow_ballpark) = (self.resampling, self.allow_ballpark);
-        Ok(Chain { path: self.file.clone(), steps, moves: self.moves, warp })
+        Ok(FileView { path: self.file.clone(), steps, moves: self.moves, warp })
     }
 }
 
 /// A step of trees of cells and exact models, or what becomes of trees of points.
 #[derive(Clone, Debug)]
 enum AnyStep {
-    Cells(Step),
+    Cells(ViewStep),
     Points(PointRaster),
 }
 
@@ -180,7 +180,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let ChainArgs { file, resampling, allow_ballpark, moves, .. } = &chain;
     let (resampling, allow_ballpark, moves) = (*resampling, *allow_ballpark, *moves);
     let (steps, rasters) = chain.steps();
-    check_output([&**file].into_iter().chain(steps.iter().flat_map(Step::files)), &path)?;
+    check_output([&**file].into_iter().chain(steps.iter().flat_map(ViewStep::files)), &path)?;
     if let Some(tree) = points::open(file)? {
         let [raster] = &rasters[..] else {
             bail!(
@@ -218,7 +218,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     }
     let how = packing.with(memory);
     let work = Work::start(global, "cells")?;
-    let outcome = ops::transform(&cells, limit.create_tree(&path)?, how, &work)?;
+    let outcome = spinney::transform(&cells, limit.create_tree(&path)?, how, &work)?;
     work.finish();
     let [width, height, depth] = outcome.extent;
     let size =

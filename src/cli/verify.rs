@@ -4,11 +4,13 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Result;
-use spinney::Error;
-use spinney::brep::{ExactModel, is_model_file};
-use spinney::export::tiles::{is_tile_archive, verify_tiles};
-use spinney::lines::{LineTree, is_line_file};
-use spinney::points::{PointTree, is_point_file};
+use spinney::lines::LineTree;
+use spinney::points::PointTree;
+use spinney::raw::brep::is_model_file;
+use spinney::raw::export::tiles::{is_tile_archive, verify_tiles};
+use spinney::raw::lines::is_line_file;
+use spinney::raw::points::is_point_file;
+use spinney::{Error, ExactModel};
 
 use super::Global;
 use super::args::DEFAULT_MEMORY;
@@ -51,7 +53,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<ExitCode> {
         } else if is_point_file(file) {
             PointTree::open(file, &Default::default()).and_then(|tree| tree.verify(&work))
         } else {
-            let tree = spinney::dataset::open(file, &Default::default());
+            let tree = spinney::raw::dataset::open(file, &Default::default());
             tree.and_then(|tree| match args.quick {
                 true => tree.verify_quickly(DEFAULT_MEMORY, &work),
                 false => tree.verify(DEFAULT_MEMORY, &work),

@@ -1,6 +1,6 @@
 //! Files of exact models taken apart and put together again, by the letter of `formats.md` and with right checksums.
 
-use spinney::space::{Code, Dimension};
+use spinney::{Code, Dimension};
 
 /// A block of faces or a segment, with its key.
 pub type Piece = (u64, Vec<u8>);

@@ -1,9 +1,9 @@
 //! Exact models made in tests.
 
-use spinney::brep::{BuildReport, ExactModel, Face, FaceList, Faces, Grid, LEAF_SIZE, ModelBuilder};
-use spinney::import::mesh::open;
-use spinney::io::Output;
-use spinney::store::Metadata;
+use spinney::brep::{Face, Faces, Grid};
+use spinney::raw::brep::{BuildReport, FaceList, LEAF_SIZE, ModelBuilder};
+use spinney::raw::import::mesh::open;
+use spinney::{ExactModel, Metadata, Output};
 
 use super::shared_data;
 

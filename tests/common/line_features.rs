@@ -1,6 +1,7 @@
 //! Features of a few lines, for trees of lines.
 
-use spinney::lines::{LineAttribute, LineFeature, LineValue, ValueKind};
+use spinney::lines::LineFeature;
+use spinney::raw::lines::{LineAttribute, LineValue, ValueKind};
 
 /// So many features: short lines and long ones, some with several, some with none, equal ones, and values of all kinds.
 pub fn some(count: i32) -> (Vec<LineAttribute>, Vec<LineFeature>) {

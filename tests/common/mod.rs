@@ -18,15 +18,17 @@ pub mod tiff_file;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use spinney::Result;
-use spinney::dataset::{self, Dataset};
-use spinney::io::Output;
-use spinney::ops::{self, Combined, Operation, View, ViewSource};
-use spinney::space::{Cell, Code, Dimension, Frame};
-use spinney::store::goblin::Goblin;
-use spinney::store::{BuildOptions, Metadata, OpenOptions, Slab, Slabs, build_slabs, build_tree, depth_for};
-use spinney::tree::{Child, Form, MemTree, Source, no_children};
-use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
+use spinney::raw::dataset;
+use spinney::raw::ops::{self, Combined, View, ViewSource};
+use spinney::raw::space::Cell;
+use spinney::raw::store::goblin::Goblin;
+use spinney::raw::store::{build_tree, depth_for};
+use spinney::raw::tree::no_children;
+use spinney::tree::{Child, MemTree, Slab, Slabs, Source, build_slabs};
+use spinney::{
+    BuildOptions, Code, CombineOperation, DataKind, Dataset, Dimension, Frame, Metadata, OpenOptions, Output,
+    Result, Rule, SampleType, SetOperation, TreeType, Value, ValueType,
+};
 
 /// The picture behind the literature's two ten-record tables, row 0 in the north.
 pub const CLASSIC: [[u8; 8]; 8] = [
@@ -43,18 +45,18 @@ pub const CLASSIC: [[u8; 8]; 8] = [
 /// Values of one byte.
 pub const BYTE: ValueType = ValueType::new(SampleType::U8, 1);
 /// Quadtrees of bytes.
-pub const QUAD: Form = Form::new(Dimension::Quad, BYTE);
+pub const QUAD: TreeType = TreeType::new(Dimension::Quad, BYTE);
 /// Octrees of bytes.
-pub const OCT: Form = Form::new(Dimension::Oct, BYTE);
+pub const OCT: TreeType = TreeType::new(Dimension::Oct, BYTE);
 
 /// Quadtrees of values with so many samples of a type.
-pub const fn quad(sample: SampleType, channels: u8) -> Form {
-    Form::new(Dimension::Quad, ValueType::new(sample, channels))
+pub const fn quad(sample: SampleType, channels: u8) -> TreeType {
+    TreeType::new(Dimension::Quad, ValueType::new(sample, channels))
 }
 
 /// Octrees of values with so many samples of a type.
-pub const fn oct(sample: SampleType, channels: u8) -> Form {
-    Form::new(Dimension::Oct, ValueType::new(sample, channels))
+pub const fn oct(sample: SampleType, channels: u8) -> TreeType {
+    TreeType::new(Dimension::Oct, ValueType::new(sample, channels))
 }
 
 /// All types of values that trees can have.
@@ -108,7 +110,7 @@ impl Random {
 /// Cells of a box, in an array: the simplest model of a tree.
 #[derive(Clone)]
 pub struct Cells {
-    pub form: Form,
+    pub form: TreeType,
     pub size: [u64; 3],
     pub cells: Vec<Option<Value>>,
 }
@@ -120,7 +122,7 @@ impl Cells {
     }
 
     /// Patches of few values, some VOID, with noise in places: something of everything.
-    pub fn random(form: Form, seed: u64, size: [u64; 3], values: u64, void: bool) -> Cells {
+    pub fn random(form: TreeType, seed: u64, size: [u64; 3], values: u64, void: bool) -> Cells {
         let mut random = Random(seed);
         let side = 1 + random.below(24);
         let noise = random.below(3);
@@ -146,7 +148,7 @@ impl Cells {
     }
 
     /// Every cell for itself, one in five VOID: nothing is like its neighbours, so that no two places can be confused.
-    pub fn noise(form: Form, seed: u64, size: [u64; 3], values: u64) -> Cells {
+    pub fn noise(form: TreeType, seed: u64, size: [u64; 3], values: u64) -> Cells {
         let mut random = Random(seed);
         let cells = (0..size.iter().product()).map(|_| {
             let number = random.next();
@@ -238,7 +240,7 @@ impl Slabs for CellSlabs<'_> {
     }
 }
 
-pub fn options(rule: Rule, kind: Kind, depth: u8) -> BuildOptions {
+pub fn options(rule: Rule, kind: DataKind, depth: u8) -> BuildOptions {
     BuildOptions::new(kind, depth).rule(rule).memory(64 << 20)
 }
 
@@ -256,7 +258,7 @@ pub fn write_cells(path: &Path, cells: &Cells, options: &BuildOptions) {
 }
 
 /// Makes a file of cells, by way of slabs, somewhere in the world.
-pub fn write_goblin(path: &Path, cells: &Cells, (rule, kind): (Rule, Kind), frame: Frame) {
+pub fn write_goblin(path: &Path, cells: &Cells, (rule, kind): (Rule, DataKind), frame: Frame) {
     let metadata = Metadata { frame, ..Metadata::default() };
     write_cells(path, cells, &options(rule, kind, cells.depth()).metadata(metadata));
 }
@@ -270,12 +272,12 @@ pub fn bytes_of(write: impl FnOnce(&Path)) -> Vec<u8> {
 }
 
 /// The bytes of the file that slabs make.
-pub fn goblin_bytes(cells: &Cells, rule: Rule, kind: Kind) -> Vec<u8> {
+pub fn goblin_bytes(cells: &Cells, rule: Rule, kind: DataKind) -> Vec<u8> {
     bytes_of(|path| write_goblin(path, cells, (rule, kind), Frame::identity()))
 }
 
 /// The bytes of the file that a tree makes.
-pub fn goblin_from_tree(tree: &MemTree, extent: [u64; 3], rule: Rule, kind: Kind) -> Vec<u8> {
+pub fn goblin_from_tree(tree: &MemTree, extent: [u64; 3], rule: Rule, kind: DataKind) -> Vec<u8> {
     bytes_of(|path| {
         let output = Output::create(path).unwrap();
         build_tree(tree, extent, &options(rule, kind, tree.depth()), output, &()).unwrap();
@@ -283,7 +285,7 @@ pub fn goblin_from_tree(tree: &MemTree, extent: [u64; 3], rule: Rule, kind: Kind
 }
 
 /// The bytes of the file that trees over each other make.
-pub fn goblin_from_combined(source: &Combined, rule: Rule, kind: Kind) -> Vec<u8> {
+pub fn goblin_from_combined(source: &Combined, rule: Rule, kind: DataKind) -> Vec<u8> {
     bytes_of(|path| {
         let output = Output::create(path).unwrap();
         ops::build(source, &options(rule, kind, source.depth()), output, &()).unwrap();
@@ -291,16 +293,16 @@ pub fn goblin_from_combined(source: &Combined, rule: Rule, kind: Kind) -> Vec<u8
 }
 
 /// The bytes of the file that a view makes.
-pub fn goblin_from_view(view: &View, rule: Rule, kind: Kind) -> Vec<u8> {
-    goblin_from_combined(&combined(vec![view.clone()], Operation::Over, view.extent()), rule, kind)
+pub fn goblin_from_view(view: &View, rule: Rule, kind: DataKind) -> Vec<u8> {
+    goblin_from_combined(&combined(vec![view.clone()], CombineOperation::Over, view.extent()), rule, kind)
 }
 
-pub fn goblin(cells: &Cells, rule: Rule, kind: Kind) -> Goblin {
+pub fn goblin(cells: &Cells, rule: Rule, kind: DataKind) -> Goblin {
     Goblin::from_bytes(goblin_bytes(cells, rule, kind)).unwrap()
 }
 
 /// A file of cells, open for all questions.
-pub fn dataset(cells: &Cells, rule: Rule, kind: Kind) -> Dataset {
+pub fn dataset(cells: &Cells, rule: Rule, kind: DataKind) -> Dataset {
     opened(|path| write_goblin(path, cells, (rule, kind), Frame::identity()))
 }
 
@@ -325,7 +327,7 @@ pub fn view_of_cells(cells: &Cells) -> View {
 
 /// Cells somewhere in the world.
 pub fn view_in(cells: &Cells, frame: &Frame) -> View {
-    let write = |path: &Path| write_goblin(path, cells, (Rule::Mean, Kind::Continuous), frame.clone());
+    let write = |path: &Path| write_goblin(path, cells, (Rule::Mean, DataKind::Continuous), frame.clone());
     view_of_file(Goblin::from_bytes(bytes_of(write)).unwrap(), cells.size)
 }
 
@@ -339,7 +341,12 @@ pub fn view_of_file(source: impl Into<ViewSource>, extent: [u64; 3]) -> View {
     View::new(Arc::new(source.into()), extent).unwrap()
 }
 
-pub fn combined(views: Vec<View>, operation: Operation, extent: [u64; 3]) -> Combined {
+/// The set operation with an index.
+pub fn set_operation(index: u8) -> SetOperation {
+    SetOperation::from_index(index).unwrap()
+}
+
+pub fn combined(views: Vec<View>, operation: CombineOperation, extent: [u64; 3]) -> Combined {
     Combined::new(views, operation, extent).unwrap()
 }
 
@@ -376,7 +383,7 @@ pub fn cells_of<S: Source>(source: &S, extent: [u64; 3]) -> Cells {
 }
 
 /// The cells that a function gives.
-pub fn made(form: Form, size: [u64; 3], cell: impl Fn([u64; 3]) -> Option<Value>) -> Cells {
+pub fn made(form: TreeType, size: [u64; 3], cell: impl Fn([u64; 3]) -> Option<Value>) -> Cells {
     let mut cells = Vec::new();
     for z in 0..size[2] {
         for y in 0..size[1] {

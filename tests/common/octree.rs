@@ -2,10 +2,8 @@
 
 use std::path::Path;
 
-use spinney::dataset::{self, Dataset};
-use spinney::space::{Dimension, Frame};
-use spinney::store::OpenOptions;
-use spinney::value::{Kind, Rule};
+use spinney::raw::dataset;
+use spinney::{DataKind, Dataset, Dimension, Frame, OpenOptions, Rule};
 
 use super::{Cells, OCT, byte, write_goblin};
 
@@ -19,7 +17,7 @@ pub fn frame() -> Frame {
 pub fn write(path: &Path, cells: &Cells, at: [i64; 3]) {
     assert_eq!(cells.form, OCT);
     let frame = frame().shifted(at.map(|cell| cell as f64));
-    write_goblin(path, cells, (Rule::Mean, Kind::Continuous), frame);
+    write_goblin(path, cells, (Rule::Mean, DataKind::Continuous), frame);
 }
 
 pub fn open(path: &Path) -> Dataset {

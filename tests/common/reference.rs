@@ -3,9 +3,9 @@
 
 use std::collections::BTreeMap;
 
-use spinney::space::{Code, Dimension};
-use spinney::tree::{Child, MemTree, Source, no_children};
-use spinney::value::{Kind, Number, Rule, Value, ValueType};
+use spinney::raw::tree::no_children;
+use spinney::tree::{Child, MemTree, Source};
+use spinney::{Code, DataKind, Dimension, Number, Rule, Value, ValueType};
 
 /// The numbers of a file that say how its tree is cut into segments.
 #[derive(Clone, Copy, Debug)]
@@ -77,8 +77,8 @@ struct Writer<'a> {
 }
 
 /// The bytes of a file. Classes are counted where the specification says so.
-pub fn goblin(tree: &MemTree, extent: [u64; 3], (rule, kind): (Rule, Kind), cut: Cut) -> Vec<u8> {
-    let counts_classes = kind == Kind::Categorical || rule == Rule::Majority;
+pub fn goblin(tree: &MemTree, extent: [u64; 3], (rule, kind): (Rule, DataKind), cut: Cut) -> Vec<u8> {
+    let counts_classes = kind == DataKind::Categorical || rule == Rule::Majority;
     let (levels, entries) = (vec![[0; 3]; usize::from(tree.depth()) + 1], BTreeMap::new());
     let file = header(tree);
     let mut writer = Writer { tree, cut, counts_classes, levels, file, entries, stored: 0 };
@@ -103,10 +103,10 @@ fn header(tree: &MemTree) -> Vec<u8> {
 }
 
 /// The tree's header.
-fn tree_header(tree: &MemTree, extent: [u64; 3], (rule, kind): (Rule, Kind), cut: Cut) -> Vec<u8> {
+fn tree_header(tree: &MemTree, extent: [u64; 3], (rule, kind): (Rule, DataKind), cut: Cut) -> Vec<u8> {
     let value = tree.form().value;
     let number = |rule| Rule::ALL.iter().position(|other| *other == rule).unwrap() as u8;
-    let kind = if kind == Kind::Categorical { 0 } else { 1 };
+    let kind = if kind == DataKind::Categorical { 0 } else { 1 };
     let mut header = vec![value.sample as u8, value.channels, number(rule), kind, 0];
     header.extend([tree.depth(), cut.reach, cut.stride]);
     header.extend(cut.threshold.to_le_bytes());

@@ -1,13 +1,12 @@
 //! Set operations on exact models made in tests, and what their results really are.
 
-use spinney::Result;
-use spinney::brep::query::{Location, MassProperties};
-use spinney::brep::topology::{Topology, TopologyOptions};
-use spinney::brep::{CombineReport, ExactModel, Face, FaceList, Faces, Grid, LEAF_SIZE, combine};
-use spinney::io::Output;
+use spinney::brep::{Face, Faces, Grid, Location, MassProperties, combine};
+use spinney::raw::brep::topology::{Topology, TopologyOptions};
+use spinney::raw::brep::{CombineReport, FaceList, LEAF_SIZE};
+use spinney::{ExactModel, Output, Result};
 
-use super::Random;
 use super::exact::{Ring, built, model_on};
+use super::{Random, set_operation};
 
 pub type Solid = Vec<Vec<Ring>>;
 
@@ -85,10 +84,10 @@ pub fn try_combined(operation: u8, bodies: &[&Body]) -> Result<(Body, CombineRep
     let path = folder.path().join("c.goblin");
     let models: Vec<&ExactModel> = bodies.iter().map(|body| &body.model).collect();
     let result = combine(
-        operation,
+        set_operation(operation),
         &models,
         Output::create(&path).unwrap(),
-        spinney::store::Codec::Plain,
+        spinney::Codec::Plain,
         MEMORY,
         &(),
     );

@@ -2,14 +2,11 @@
 
 use std::path::PathBuf;
 
-use spinney::Result;
-use spinney::import::mesh::{MeshFace, Model, ModelInfo, Resolution, SolidOptions, SolidReport, plan_models};
-use spinney::io::Output;
-use spinney::space::Frame;
-use spinney::store::OpenOptions;
-use spinney::store::goblin::Goblin;
+use spinney::import::mesh::{Resolution, SolidOptions, plan_models};
+use spinney::raw::import::mesh::{MeshFace, Model, ModelInfo, SolidReport};
+use spinney::raw::store::goblin::Goblin;
 use spinney::tree::Source;
-use spinney::value::Value;
+use spinney::{Frame, OpenOptions, Output, Result, Value};
 
 use super::{Random, cells_of, with};
 

@@ -18,7 +18,7 @@ from tokens import folded, signed, unfolded
 
 DEEPEST = 29
 # Features of a block, at most.
-MOST_FEATURES = 1 << 12
+MAX_FEATURES = 1 << 12
 # What a value can be, by its mark.
 NONE, WHOLE, NUMBER, TEXT, FALSE, TRUE, JSON = range(7)
 # The marks that values of an attribute can have, by its kind.
@@ -146,7 +146,7 @@ class Lines:
             check(below[node.at] == node.pieces, "pieces of a node and those below")
             if node.at.level:
                 below[node.at.up(1)] += node.pieces
-        of_features = self._blocks(self.sections[b"LFEA"], end, MOST_FEATURES)
+        of_features = self._blocks(self.sections[b"LFEA"], end, MAX_FEATURES)
         self.of_features = [block for _, block in of_features]
         firsts = [0, *accumulate(block.count for block in self.of_features)]
         check([*(key for key, _ in of_features), self.features] == firsts, "blocks of features")
@@ -160,7 +160,7 @@ class Lines:
             check(24 <= at and at + size <= end, "a block lies elsewhere")
             check(1 <= count <= most, "how much a block has")
             # (Of features there are zeros, which readers ignore.)
-            found.append((key, Block(key, at, size, crc, count, box_of(box) if most > MOST_FEATURES else None)))
+            found.append((key, Block(key, at, size, crc, count, box_of(box) if most > MAX_FEATURES else None)))
         return found
 
     def block(self, block: Block) -> Bytes:

@@ -38,7 +38,7 @@ class Face:
     normal: Vector
     part: int
     source: int
-    stands_in: bool = False
+    is_proxy: bool = False
     colours: list[Any] | None = None
     product: int = 0
 
@@ -232,7 +232,7 @@ class Model:
         self.faces = self._faces(b"FACE", self.count)
         self.exact = self._faces(b"EXAC", self.exact_count)
         check(all(f.part < self.parts_count for f in self.faces + self.exact), "parts of faces")
-        check(sum(f.stands_in for f in self.faces) == self.stand_ins, "faces that stand in")
+        check(sum(f.is_proxy for f in self.faces) == self.stand_ins, "faces that stand in")
         self.segments = {key: Segment(block, self.count, self.exact_count) for key, block in self.lists[b"DIRE"]}
         check(all(Code.of(key, 3).level <= self.depth for key in self.segments), "codes of segments")
         self.formula = formula(sections[b"FORM"]) if b"FORM" in sections else None
@@ -375,7 +375,7 @@ class Model:
     def verify_exact_surface(self) -> None:
         """Whether edges of the exact surface cancel along each line."""
         ends: Counter[Any] = Counter()
-        for face in [f for f in self.faces if not f.stands_in] + self.exact:
+        for face in [f for f in self.faces if not f.is_proxy] + self.exact:
             for a, b in face.edges:
                 if a != b:
                     way = [Fraction(v) for v in sub(b, a)]

@@ -11,7 +11,7 @@ from basics import check
 from coder import Coder, Numbers, context_of, multiple, starts, wrap
 from trees import CUT, LEAF, VOID, Form, Values, kids, states_above
 
-Step = tuple[int, ...]
+ViewStep = tuple[int, ...]
 
 
 class Weights(NamedTuple):
@@ -20,9 +20,9 @@ class Weights(NamedTuple):
     child: int
     siblings: list[tuple[int, int]]
     factor: int
-    near: list[tuple[int, Step, int]]
+    near: list[tuple[int, ViewStep, int]]
 
-    def weights(self, axes: int) -> list[tuple[int, Step, int]]:
+    def weights(self, axes: int) -> list[tuple[int, ViewStep, int]]:
         """All of them, siblings with a step to where they are."""
         return [(child, (0,) * axes, weight) for child, weight in self.siblings] + self.near
 
@@ -47,13 +47,13 @@ PLANES = {
 }
 
 
-def shifted(values: Values, step: Step) -> Values:
+def shifted(values: Values, step: ViewStep) -> Values:
     """Of each place the value at a step (x first) from it; beyond the border, values are repeated."""
     return values[_at(values.shape, step)] if any(step) else values
 
 
 @cache
-def _at(shape: tuple[int, ...], step: Step) -> tuple[Values, ...]:
+def _at(shape: tuple[int, ...], step: ViewStep) -> tuple[Values, ...]:
     return np.ix_(*[np.clip(np.arange(n) + v, 0, n - 1) for n, v in zip(shape, step[::-1])])
 
 
@@ -175,7 +175,7 @@ class Block:
         return wrap((symbol - 8 if symbol else self.coder.signed()) - others, bits)
 
 
-def unevenness(near: dict[Step, Values], axes: int) -> Values:
+def unevenness(near: dict[ViewStep, Values], axes: int) -> Values:
     """Of parents, by how their neighbours differ from them. Sizes have no sign."""
     size = lambda v: np.abs(v).view(f"u{v.itemsize}")  # noqa: E731
     found: Values = np.zeros_like(size(near[(0,) * axes]))
@@ -188,7 +188,7 @@ def unevenness(near: dict[Step, Values], axes: int) -> Values:
     return found
 
 
-def evenly(near: dict[Step, Values], child: int, axes: int) -> Values:
+def evenly(near: dict[ViewStep, Values], child: int, axes: int) -> Values:
     """The even differences of a child from its parents."""
     signs = [1 if child >> a & 1 else -1 for a in range(axes)]
     found: Values = np.zeros_like(near[(0,) * axes])
@@ -199,7 +199,7 @@ def evenly(near: dict[Step, Values], child: int, axes: int) -> Values:
     return found
 
 
-def ends(axes: int) -> list[tuple[Step, Step]]:
+def ends(axes: int) -> list[tuple[ViewStep, ViewStep]]:
     """The steps back and forth along each axis."""
     steps = [tuple(int(a == b) for b in range(axes)) for a in range(axes)]
     return [(tuple(-v for v in step), step) for step in steps]

@@ -2,16 +2,15 @@
 
 use std::path::Path;
 
-use spinney::dataset::Dataset;
-use spinney::io::Output;
-use spinney::ops::{self, Chain, Edit, Operation, Prefer};
-use spinney::space::{Bounds, Dimension};
-use spinney::store::autumnal::Note;
-use spinney::store::{BuildOptions, WriteOptions, build_slabs};
-use spinney::tree::Form;
-use spinney::value::{Kind, Mask, Rule, SampleType, Value, ValueType};
+use spinney::edit::{Edit, Note};
+use spinney::raw::value::Mask;
+use spinney::tree::build_slabs;
+use spinney::{
+    Bounds, BuildOptions, CombineOperation, CombineOptions, DataKind, Dataset, Dimension, FileView, Output,
+    Rule, SampleType, TreeType, Value, ValueType, WriteOptions,
+};
 
-use crate::common::{Cells, Random};
+use crate::common::{Cells, Random, set_operation};
 
 const SIZE: [u64; 3] = [300, 200, 1];
 
@@ -46,12 +45,12 @@ fn cells(value_type: ValueType, seed: u64) -> Cells {
             cells.push((kind != 2 || random.below(2) > 0).then_some(value));
         }
     }
-    Cells { form: Form::new(Dimension::Quad, value_type), size: SIZE, cells }
+    Cells { form: TreeType::new(Dimension::Quad, value_type), size: SIZE, cells }
 }
 
 fn write(path: &Path, cells: &Cells, rule: Rule) -> Dataset {
     let nodata = cells.form.value.splat(255.0).unwrap();
-    let options = BuildOptions::new(Kind::Continuous, cells.depth()).rule(rule);
+    let options = BuildOptions::new(DataKind::Continuous, cells.depth()).rule(rule);
     let output = Output::create(path).unwrap();
     build_slabs(cells.form, &mut cells.slabs(nodata), Some(nodata), &options, output, &()).unwrap();
     let tree = spinney::open(path).unwrap();
@@ -172,17 +171,24 @@ fn set_operations_see_through_transparent_cells() {
     let opaque =
         |tree: usize, index: usize| models[tree].cells[index].filter(|value| is_opaque(TYPES[0], *value));
     type Expected = fn(Option<Value>, Option<Value>) -> Option<Value>;
-    let set = |number| Operation::Set { number, prefer: Prefer::First };
-    let operations: [(Operation, Expected); 4] = [
+    let set = |number| CombineOperation::set(set_operation(number));
+    let operations: [(CombineOperation, Expected); 4] = [
         (set(7), |a, b| a.or(b)),
         (set(1), |a, b| a.filter(|_| b.is_some())),
         (set(2), |a, b| a.filter(|_| b.is_none())),
-        (Operation::Over, |a, b| a.or(b)),
+        (CombineOperation::Over, |a, b| a.or(b)),
     ];
     for (operation, expected) in operations {
         let output = Output::create(&path("c.goblin")).unwrap();
-        ops::combine(operation, None, ops::Universe::Usual, &trees, output, WriteOptions::new(64 << 20), &())
-            .unwrap();
+        spinney::combine(
+            operation,
+            CombineOptions::default(),
+            &trees,
+            output,
+            WriteOptions::new(64 << 20),
+            &(),
+        )
+        .unwrap();
         let tree = spinney::open(path("c.goblin")).unwrap();
         assert!(tree.verify(64 << 20, &()).unwrap().is_empty());
         let (values, valid, _) = level(&tree, tree.depth());
@@ -194,8 +200,8 @@ fn set_operations_see_through_transparent_cells() {
         std::fs::remove_file(path("c.goblin")).unwrap();
     }
     // What is pasted where there is something leaves the tree where it is transparent.
-    let edit = Edit::Paste { patch: Chain::of(&trees[0]), at: None, where_valid: true };
-    ops::edit(&trees[1], [Ok(edit)], Note::default(), 64 << 20, &()).unwrap();
+    let edit = Edit::Paste { patch: FileView::of(&trees[0]), at: None, where_valid: true };
+    spinney::edit::edit(&trees[1], [Ok(edit)], Note::default(), 64 << 20, &()).unwrap();
     let tree = spinney::open(&trees[1]).unwrap();
     let (values, valid, _) = level(&tree, tree.depth());
     for (index, (value, valid)) in values.into_iter().zip(valid).enumerate() {
@@ -218,7 +224,7 @@ fn views_without_transparent_cells() {
     // There and back.
     let bytes = |name: &str| std::fs::read(path(name)).unwrap();
     for (from, to) in [("a.goblin", "b.autumn"), ("b.autumn", "c.goblin")] {
-        ops::convert(
+        spinney::convert(
             &path(from),
             false,
             Output::create(&path(to)).unwrap(),

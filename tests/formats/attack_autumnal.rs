@@ -4,13 +4,11 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use spinney::io::Output;
-use spinney::ops::{Edit, FillRegion, edit};
-use spinney::space::Bounds;
-use spinney::store::autumnal::{CompactOptions, Keep, Note, compact};
-use spinney::store::build_tree;
-use spinney::tree::{Form, MemTree, Source};
-use spinney::value::{Kind, Rule, SampleType};
+use spinney::edit::{Edit, FillRegion, Note, edit};
+use spinney::raw::store::autumnal::{CompactOptions, Keep, compact};
+use spinney::raw::store::build_tree;
+use spinney::tree::{MemTree, Source};
+use spinney::{Bounds, DataKind, Output, Rule, SampleType, TreeType};
 
 use super::attack_goblin::{Field, HEADER_FIELDS, changed, fields};
 use crate::common::command::{is_alone, own_peak_memory};
@@ -20,7 +18,7 @@ use crate::targets::seal::{self, HEAD, RECORDS, SLOTS};
 use crate::targets::trees::ask_autumnal;
 
 /// A file with two commits.
-fn file(tree: &MemTree, size: [u64; 3], (rule, kind): (Rule, Kind), share: bool) -> Vec<u8> {
+fn file(tree: &MemTree, size: [u64; 3], (rule, kind): (Rule, DataKind), share: bool) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
     let options = options(rule, kind, tree.depth()).share(share);
@@ -31,7 +29,7 @@ fn file(tree: &MemTree, size: [u64; 3], (rule, kind): (Rule, Kind), share: bool)
     std::fs::read(path).unwrap()
 }
 
-fn random(form: Form, size: [u64; 3], rule: (Rule, Kind)) -> Vec<u8> {
+fn random(form: TreeType, size: [u64; 3], rule: (Rule, DataKind)) -> Vec<u8> {
     file(&Cells::random(form, 3, size, 5, true).tree(rule.0), size, rule, false)
 }
 
@@ -71,16 +69,16 @@ fn attack(name: &str, file: &[u8], every: usize) {
 #[test]
 fn fields_of_quadtrees() {
     if is_alone("attack_autumnal::fields_of_quadtrees") {
-        attack("bytes", &random(QUAD, [6, 5, 1], (Rule::Mean, Kind::Continuous)), 1);
-        attack("classes", &random(QUAD, [6, 5, 1], (Rule::Majority, Kind::Categorical)), 7);
-        attack("floats", &random(quad(SampleType::F32, 2), [4, 4, 1], (Rule::Mean, Kind::Continuous)), 7);
+        attack("bytes", &random(QUAD, [6, 5, 1], (Rule::Mean, DataKind::Continuous)), 1);
+        attack("classes", &random(QUAD, [6, 5, 1], (Rule::Majority, DataKind::Categorical)), 7);
+        attack("floats", &random(quad(SampleType::F32, 2), [4, 4, 1], (Rule::Mean, DataKind::Continuous)), 7);
     }
 }
 
 #[test]
 fn fields_of_octrees() {
     if is_alone("attack_autumnal::fields_of_octrees") {
-        attack("octree", &random(OCT, [4, 3, 4], (Rule::Occupancy, Kind::Continuous)), 1);
+        attack("octree", &random(OCT, [4, 3, 4], (Rule::Occupancy, DataKind::Continuous)), 1);
     }
 }
 
@@ -89,7 +87,7 @@ fn fields_of_zones_and_shared_subtrees() {
     if is_alone("attack_autumnal::fields_of_zones_and_shared_subtrees") {
         let stripes =
             MemTree::from_cells(QUAD, 7, Rule::Majority, &|[x, _, _]| Some(byte((x / 8 % 2) as u8)));
-        attack("zones", &file(&stripes, [128, 100, 1], (Rule::Majority, Kind::Categorical), true), 13);
+        attack("zones", &file(&stripes, [128, 100, 1], (Rule::Majority, DataKind::Categorical), true), 13);
     }
 }
 
@@ -108,10 +106,14 @@ fn with_packed_history(bytes: &[u8]) -> Vec<u8> {
 #[test]
 fn fields_of_packed_history() {
     if is_alone("attack_autumnal::fields_of_packed_history") {
-        attack("bytes", &with_packed_history(&random(QUAD, [6, 5, 1], (Rule::Mean, Kind::Continuous))), 7);
-        let classes = random(QUAD, [13, 11, 1], (Rule::Majority, Kind::Categorical));
+        attack(
+            "bytes",
+            &with_packed_history(&random(QUAD, [6, 5, 1], (Rule::Mean, DataKind::Continuous))),
+            7,
+        );
+        let classes = random(QUAD, [13, 11, 1], (Rule::Majority, DataKind::Categorical));
         attack("classes", &with_packed_history(&classes), 29);
-        let octree = random(OCT, [4, 3, 5], (Rule::Occupancy, Kind::Continuous));
+        let octree = random(OCT, [4, 3, 5], (Rule::Occupancy, DataKind::Continuous));
         attack("octree", &with_packed_history(&octree), 17);
     }
 }

@@ -4,9 +4,8 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use spinney::brep::{ExactModel, combine};
-use spinney::io::Output;
-use spinney::store::OpenOptions;
+use spinney::brep::combine;
+use spinney::{ExactModel, OpenOptions, Output, SetOperation};
 
 use super::attack_goblin::{Field, changed, fields};
 use crate::common::Random;
@@ -95,12 +94,14 @@ fn ask(file: Vec<u8>, other: &ExactModel, target: &Path, what: &str) {
     let opened = ExactModel::from_backend(Path::new("(changed)"), Box::new(file), &OpenOptions::new());
     if let Ok(model) = opened {
         let is_good = model.verify(64 << 20, &()).unwrap().is_empty();
-        for (operation, models) in [(7, [&model, other]), (2, [other, &model])] {
+        for (operation, models) in
+            [(SetOperation::Union, [&model, other]), (SetOperation::Difference, [other, &model])]
+        {
             let result = combine(
                 operation,
                 &models,
                 Output::create(target).unwrap(),
-                spinney::store::Codec::Plain,
+                spinney::Codec::Plain,
                 16 << 20,
                 &(),
             );

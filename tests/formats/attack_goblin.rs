@@ -4,11 +4,8 @@
 
 use std::time::{Duration, Instant};
 
-use spinney::dataset::Dataset;
-use spinney::space::Bounds;
-use spinney::store::goblin::Goblin;
-use spinney::tree::Form;
-use spinney::value::{Kind, Rule};
+use spinney::raw::store::goblin::Goblin;
+use spinney::{Bounds, DataKind, Dataset, Rule, TreeType};
 
 use crate::common::command::{is_alone, own_peak_memory};
 use crate::common::reference::{self, Cut};
@@ -66,7 +63,7 @@ pub(super) const LAYER_FIELDS: [usize; 17] = [1, 5, 2, 8, 8, 8, 8, 8, 8, 8, 8, 8
 
 /// All fields of a Goblin file but for those of the metadata, and the bytes of these; of records, classes and metadata one of every
 /// so many.
-fn all_fields(file: &[u8], form: Form, every: usize) -> Vec<Field> {
+fn all_fields(file: &[u8], form: TreeType, every: usize) -> Vec<Field> {
     let mut all = fields("the header", 0, &HEADER_FIELDS);
     let trailer = seal::trailer(file).unwrap();
     all.extend(fields("the trailer", trailer, &[&HEADER_FIELDS[..], &[4, 8, 4]].concat()));
@@ -110,7 +107,7 @@ fn all_fields(file: &[u8], form: Form, every: usize) -> Vec<Field> {
 }
 
 /// Changes the fields of a file, of those of records one of every so many, and asks everything.
-fn attack(file: &[u8], form: Form, every: usize) {
+fn attack(file: &[u8], form: TreeType, every: usize) {
     let (mut cases, start) = (0u64, Instant::now());
     for field in all_fields(file, form, every) {
         changed(file, &field, &mut |mut file, what| {
@@ -126,7 +123,7 @@ fn attack(file: &[u8], form: Form, every: usize) {
 }
 
 /// A file that is cut into as many segments as can be.
-fn cut_everywhere(form: Form, seed: u64, size: [u64; 3], rule: (Rule, Kind)) -> Vec<u8> {
+fn cut_everywhere(form: TreeType, seed: u64, size: [u64; 3], rule: (Rule, DataKind)) -> Vec<u8> {
     let cells = Cells::random(form, seed, size, 5, true);
     reference::goblin(&cells.tree(rule.0), size, rule, Cut::EVERYWHERE)
 }
@@ -134,19 +131,19 @@ fn cut_everywhere(form: Form, seed: u64, size: [u64; 3], rule: (Rule, Kind)) -> 
 #[test]
 fn fields_of_quadtrees() {
     if is_alone("attack_goblin::fields_of_quadtrees") {
-        attack(&cut_everywhere(QUAD, 3, [13, 15, 1], (Rule::Mean, Kind::Continuous)), QUAD, 5);
-        attack(&cut_everywhere(QUAD, 3, [13, 15, 1], (Rule::Majority, Kind::Categorical)), QUAD, 11);
+        attack(&cut_everywhere(QUAD, 3, [13, 15, 1], (Rule::Mean, DataKind::Continuous)), QUAD, 5);
+        attack(&cut_everywhere(QUAD, 3, [13, 15, 1], (Rule::Majority, DataKind::Categorical)), QUAD, 11);
     }
 }
 
 #[test]
 fn fields_of_octrees_and_floats() {
-    use spinney::value::SampleType::F32;
+    use spinney::SampleType::F32;
     if is_alone("attack_goblin::fields_of_octrees_and_floats") {
-        attack(&cut_everywhere(OCT, 4, [7, 5, 6], (Rule::Max, Kind::Continuous)), OCT, 5);
+        attack(&cut_everywhere(OCT, 4, [7, 5, 6], (Rule::Max, DataKind::Continuous)), OCT, 5);
         let form = quad(F32, 2);
         let cells = Cells::random(form, 5, [7, 8, 1], 9, true);
-        attack(&crate::common::goblin_bytes(&cells, Rule::Mean, Kind::Continuous), form, 11);
+        attack(&crate::common::goblin_bytes(&cells, Rule::Mean, DataKind::Continuous), form, 11);
     }
 }
 
@@ -175,16 +172,16 @@ fn same_answers(found: &Dataset, expected: &Dataset) {
 
 #[test]
 fn files_cut_anywhere_say_the_same() {
-    use spinney::value::SampleType::{I32, U16};
+    use spinney::SampleType::{I32, U16};
     let cuts =
         [(2, 1, 1), (2, 1, 3), (3, 1, 2), (4, 2, 1), (4, 1, 7), (6, 3, 4), (6, 2, 1 << 16), (8, 2, 4096)];
     let mut random = Random(7);
     for (form, rule) in [
-        (QUAD, (Rule::Mean, Kind::Continuous)),
-        (QUAD, (Rule::Majority, Kind::Categorical)),
-        (quad(U16, 3), (Rule::Min, Kind::Continuous)),
-        (OCT, (Rule::Dominant, Kind::Categorical)),
-        (oct(I32, 1), (Rule::Nearest, Kind::Continuous)),
+        (QUAD, (Rule::Mean, DataKind::Continuous)),
+        (QUAD, (Rule::Majority, DataKind::Categorical)),
+        (quad(U16, 3), (Rule::Min, DataKind::Continuous)),
+        (OCT, (Rule::Dominant, DataKind::Categorical)),
+        (oct(I32, 1), (Rule::Nearest, DataKind::Continuous)),
     ] {
         for (reach, stride, threshold) in cuts {
             let is_quad = form.children() == 4;

@@ -5,14 +5,14 @@ use std::path::Path;
 use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
-use spinney::io::Output;
-use spinney::ops::{Chain, Edit, FillRegion, add_layer, convert, edit};
-use spinney::space::{Bounds, Code, Dimension, Frame};
-use spinney::store::autumnal::Note;
-use spinney::store::goblin::Goblin;
-use spinney::store::{FilePlace, Metadata, WriteOptions};
-use spinney::tree::Form;
-use spinney::value::{Kind, Rule, SampleType, ValueType};
+use spinney::edit::{Edit, FillRegion, Note, edit};
+use spinney::raw::ops::add_layer;
+use spinney::raw::store::FileReference;
+use spinney::raw::store::goblin::Goblin;
+use spinney::{
+    Bounds, Code, DataKind, Dimension, FileView, Frame, Metadata, Output, Rule, SampleType, TreeType,
+    ValueType, WriteOptions, convert,
+};
 
 use super::attack_goblin::{Field, HEADER_FIELDS, LAYER_FIELDS, TREE_FIELDS, changed, fields};
 use crate::common::command::{is_alone, own_peak_memory};
@@ -21,7 +21,7 @@ use crate::common::{Cells, QUAD, Random, byte, made, options, write_cells};
 use crate::targets::layers::{ask_autumnal_layers, ask_goblin_layers};
 use crate::targets::seal::{self, END, HEAD, LAYER, RECORDS, SLOTS, TRAILER};
 
-const CONTINUOUS: (Rule, Kind) = (Rule::Mean, Kind::Continuous);
+const CONTINUOUS: (Rule, DataKind) = (Rule::Mean, DataKind::Continuous);
 
 /// A file of three layers: one that is cut into so many segments that its directory has pages with copies, classes, and pairs of samples
 /// of which some are missing.
@@ -33,14 +33,15 @@ fn goblin(size: [u64; 3]) -> Vec<u8> {
     std::fs::write(&path, file).unwrap();
     let pairs = ValueType::new(SampleType::U16, 2).with_missing(15);
     for (name, form, size, coarser, (rule, kind)) in [
-        ("classes", QUAD, [13, 10, 1], 1, (Rule::Majority, Kind::Categorical)),
-        ("pairs", Form::new(Dimension::Quad, pairs), [17, 19, 1], 0, CONTINUOUS),
+        ("classes", QUAD, [13, 10, 1], 1, (Rule::Majority, DataKind::Categorical)),
+        ("pairs", TreeType::new(Dimension::Quad, pairs), [17, 19, 1], 0, CONTINUOUS),
     ] {
         let cells = Cells::random(form, 5, size, 9, true);
         let metadata = Metadata { frame: Frame::identity().coarser(coarser), ..Metadata::default() };
         let options = options(rule, kind, cells.depth()).metadata(metadata);
         write_cells(&other, &cells, &options);
-        add_layer(&path, name, &Chain::of(&other), Note::default(), WriteOptions::new(1 << 20), &()).unwrap();
+        add_layer(&path, name, &FileView::of(&other), Note::default(), WriteOptions::new(1 << 20), &())
+            .unwrap();
     }
     std::fs::read(path).unwrap()
 }
@@ -52,7 +53,7 @@ fn autumnal(goblin: &[u8]) -> Vec<u8> {
     std::fs::write(&from, goblin).unwrap();
     convert(&from, false, Output::create(&path).unwrap(), WriteOptions::new(1 << 20), &()).unwrap();
     let region = FillRegion::Box(Bounds { min: [1, 1, 0], max: [3, 4, 1] });
-    let place = FilePlace::of(&path).of_layer("classes");
+    let place = FileReference::of(&path).of_layer("classes");
     edit(&place, [Ok(Edit::Fill(region, Some(vec![77.into()])))], Note::default(), 1 << 20, &()).unwrap();
     std::fs::read(&path).unwrap()
 }

@@ -2,9 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use spinney::io::Output;
 use spinney::lines::{LineBuildOptions, LinesInMemory, build};
-use spinney::store::Metadata;
+use spinney::{Metadata, Output};
 
 use super::attack_goblin::{Field, changed};
 use crate::common::command::{is_alone, own_peak_memory};

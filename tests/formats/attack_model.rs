@@ -3,10 +3,9 @@
 
 use std::time::{Duration, Instant};
 
-use spinney::brep::query::{Location, MassProperties};
-use spinney::brep::{ExactModel, FaceList, Faces, Grid, ModelBuilder};
-use spinney::io::Output;
-use spinney::store::Metadata;
+use spinney::brep::{Faces, Grid, Location, MassProperties};
+use spinney::raw::brep::{FaceList, ModelBuilder};
+use spinney::{ExactModel, Metadata, Output};
 
 use super::attack_goblin::{Field, HEADER_FIELDS, changed, fields};
 use crate::common::Random;

@@ -2,15 +2,15 @@
 
 use std::path::Path;
 
-use spinney::dataset::{self, Dataset};
-use spinney::io::Output;
-use spinney::ops::convert;
 use spinney::query::Condition;
-use spinney::space::{Bounds, Code, Dimension};
-use spinney::store::autumnal::Autumnal;
-use spinney::store::{OpenOptions, WriteOptions, build_tree};
-use spinney::tree::{Child, Form, MemTree, Source};
-use spinney::value::{Kind, Number, Rule, SampleType};
+use spinney::raw::dataset;
+use spinney::raw::store::autumnal::Autumnal;
+use spinney::raw::store::build_tree;
+use spinney::tree::{Child, MemTree, Source};
+use spinney::{
+    Bounds, Code, DataKind, Dataset, Dimension, Number, OpenOptions, Output, Rule, SampleType, TreeType,
+    WriteOptions, convert,
+};
 
 use crate::common::{
     self, CLASSIC, Cells, OCT, QUAD, Random, byte, children, goblin_bytes, made, oct, options, quad,
@@ -18,12 +18,12 @@ use crate::common::{
 };
 
 /// Makes a file of cells, by way of slabs.
-fn write_cells(path: &Path, cells: &Cells, (rule, kind): (Rule, Kind), share: bool) {
+fn write_cells(path: &Path, cells: &Cells, (rule, kind): (Rule, DataKind), share: bool) {
     common::write_cells(path, cells, &options(rule, kind, cells.depth()).share(share));
 }
 
 /// Makes a file of a tree.
-fn write_tree(path: &Path, tree: &MemTree, extent: [u64; 3], (rule, kind): (Rule, Kind), share: bool) {
+fn write_tree(path: &Path, tree: &MemTree, extent: [u64; 3], (rule, kind): (Rule, DataKind), share: bool) {
     let options = options(rule, kind, tree.depth()).share(share);
     build_tree(tree, extent, &options, Output::create(path).unwrap(), &()).unwrap();
 }
@@ -52,7 +52,7 @@ fn nodes_with_records(tree: &MemTree, share: bool) -> u64 {
     found
 }
 
-fn round_trip(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
+fn round_trip(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataKind) {
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str| folder.path().join(name);
     let cells = Cells::random(form, seed, size, 4 + seed % 60, !seed.is_multiple_of(3));
@@ -154,7 +154,7 @@ fn answers_agree(a: &Path, b: &Path, options: &OpenOptions, seed: u64) {
 
 #[test]
 fn quadtrees_of_every_type_and_rule_come_back() {
-    use Kind::{Categorical, Continuous};
+    use DataKind::{Categorical, Continuous};
     use SampleType::*;
     for seed in 0..4 {
         let size = [1 + 137 * seed, 300 - 40 * seed, 1];
@@ -178,8 +178,8 @@ fn slabs_and_sources_make_the_same_tree() {
         let size = [1 + 137 * seed, 300 - 40 * seed, 1];
         let cells = Cells::random(QUAD, seed, size, 9, true);
         let tree = cells.tree(Rule::Mean);
-        write_cells(&slabs, &cells, (Rule::Mean, Kind::Continuous), seed % 2 == 0);
-        write_tree(&source, &tree, size, (Rule::Mean, Kind::Continuous), seed % 2 == 0);
+        write_cells(&slabs, &cells, (Rule::Mean, DataKind::Continuous), seed % 2 == 0);
+        write_tree(&source, &tree, size, (Rule::Mean, DataKind::Continuous), seed % 2 == 0);
         for path in [&slabs, &source] {
             let file = open(path);
             same_trees(&file, &tree);
@@ -194,10 +194,10 @@ fn slabs_and_sources_make_the_same_tree() {
 fn octrees_come_back() {
     for seed in 0..3 {
         let size = [1 + 13 * seed, 70 - 9 * seed, 1 + 17 * seed];
-        round_trip(OCT, seed, size, Rule::Occupancy, Kind::Continuous);
-        round_trip(OCT, seed, size, Rule::ALL[seed as usize], Kind::Categorical);
+        round_trip(OCT, seed, size, Rule::Occupancy, DataKind::Continuous);
+        round_trip(OCT, seed, size, Rule::ALL[seed as usize], DataKind::Categorical);
     }
-    round_trip(oct(SampleType::F32, 3), 3, [65, 20, 70], Rule::Mean, Kind::Continuous);
+    round_trip(oct(SampleType::F32, 3), 3, [65, 20, 70], Rule::Mean, DataKind::Continuous);
 }
 
 /// Which records, kernels and rules a file needs is decided at run time: none may be missed.
@@ -205,9 +205,9 @@ fn octrees_come_back() {
 fn every_type_comes_back_in_both_dimensions() {
     for (i, value) in value_types().into_iter().enumerate() {
         let (seed, rule) = (i as u64, Rule::ALL[i % Rule::ALL.len()]);
-        let kind = if i % 2 == 0 { Kind::Continuous } else { Kind::Categorical };
-        round_trip(Form::new(Dimension::Quad, value), seed, [90, 71, 1], rule, kind);
-        round_trip(Form::new(Dimension::Oct, value), seed, [13, 18, 9], rule, kind);
+        let kind = if i % 2 == 0 { DataKind::Continuous } else { DataKind::Categorical };
+        round_trip(TreeType::new(Dimension::Quad, value), seed, [90, 71, 1], rule, kind);
+        round_trip(TreeType::new(Dimension::Oct, value), seed, [13, 18, 9], rule, kind);
     }
 }
 
@@ -217,7 +217,7 @@ fn the_table_of_the_literature() {
     let path = folder.path().join("picture.autumn");
     let picture =
         made(QUAD, [8, 8, 1], |[x, y, _]| Some(byte(CLASSIC[y as usize][x as usize]))).tree(Rule::Dominant);
-    write_tree(&path, &picture, [8, 8, 1], (Rule::Dominant, Kind::Categorical), false);
+    write_tree(&path, &picture, [8, 8, 1], (Rule::Dominant, DataKind::Categorical), false);
     let file = dataset::open(&path, &OpenOptions::default()).unwrap();
     let table = file.classic_table(100).unwrap();
     let rows: Vec<Vec<i32>> = table
@@ -263,7 +263,7 @@ fn the_bytes_do_not_depend_on_threads() {
         .map(|threads| {
             let path = folder.path().join(format!("{threads}.autumn"));
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| write_cells(&path, &cells, (Rule::Majority, Kind::Categorical), true));
+            pool.install(|| write_cells(&path, &cells, (Rule::Majority, DataKind::Categorical), true));
             std::fs::read(&path).unwrap()
         })
         .collect();
@@ -278,7 +278,8 @@ fn which_subtrees_are_shared_does_not_depend_on_the_memory() {
     let twice = made(QUAD, [1024, 1024, 1], |[x, y, _]| part.get([x, y % 512, 0]));
     let files = [1 << 20, 1 << 28].map(|memory| {
         let path = folder.path().join(format!("{memory}.autumn"));
-        let options = options(Rule::Majority, Kind::Categorical, twice.depth()).share(true).memory(memory);
+        let options =
+            options(Rule::Majority, DataKind::Categorical, twice.depth()).share(true).memory(memory);
         common::write_cells(&path, &twice, &options);
         let written = open(&path).commit().written;
         assert!(written.shared >= 1 << 14, "{written:?}");
@@ -303,7 +304,7 @@ fn equal_subtrees_are_stored_once() {
     let tiled = made(QUAD, [512, 512, 1], |[x, y, _]| part.get([x % 64, y % 64, 0]));
     let records = [false, true].map(|share| {
         let path = folder.path().join(format!("{share}.autumn"));
-        write_cells(&path, &tiled, (Rule::Majority, Kind::Categorical), share);
+        write_cells(&path, &tiled, (Rule::Majority, DataKind::Categorical), share);
         let file = open(&path);
         let written = file.commit().written;
         assert_eq!(written.records + written.shared, nodes_with_records(&tiled.tree(Rule::Majority), share));
@@ -323,7 +324,7 @@ fn equal_subtrees_are_stored_once() {
     });
     let [alone, shared] = [false, true].map(|share| {
         let path = folder.path().join(format!("scattered-{share}.autumn"));
-        write_cells(&path, &scattered, (Rule::Majority, Kind::Categorical), share);
+        write_cells(&path, &scattered, (Rule::Majority, DataKind::Categorical), share);
         assert_good(&path);
         open(&path).commit().written.bytes
     });

@@ -1,10 +1,10 @@
 //! What a crash at any instant leaves of an Autumnal file: the last commit, or the one before.
 
-use spinney::io::Output;
-use spinney::ops::{Edit, apply_edits};
-use spinney::store::autumnal::{Autumnal, Editor, Note};
-use spinney::store::build_tree;
-use spinney::value::{Kind, Rule};
+use spinney::edit::{Edit, Editor, Note};
+use spinney::raw::ops::apply_edits;
+use spinney::raw::store::autumnal::Autumnal;
+use spinney::raw::store::build_tree;
+use spinney::{DataKind, Output, Rule};
 
 use crate::common::{Cells, QUAD, Random, assert_same, byte, cells_of, options};
 use crate::targets::disk::{Disk, Event, put};
@@ -16,7 +16,7 @@ const SECTOR: usize = 512;
 fn start(cells: &Cells) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
-    let options = options(Rule::Mean, Kind::Continuous, cells.depth());
+    let options = options(Rule::Mean, DataKind::Continuous, cells.depth());
     build_tree(&cells.tree(Rule::Mean), cells.size, &options, Output::create(&path).unwrap(), &()).unwrap();
     std::fs::read(&path).unwrap()
 }

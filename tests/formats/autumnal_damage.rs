@@ -5,12 +5,9 @@ use std::cell::Cell;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use spinney::io::Output;
-use spinney::ops::{Edit, FillRegion, convert, edit};
-use spinney::space::Bounds;
-use spinney::store::autumnal::{Autumnal, CompactOptions, Editor, History, Keep, Note, compact, recover};
-use spinney::store::{OpenOptions, WriteOptions};
-use spinney::{Error, Progress};
+use spinney::edit::{Edit, Editor, FillRegion, Note, edit};
+use spinney::raw::store::autumnal::{Autumnal, CompactOptions, History, Keep, compact, recover};
+use spinney::{Bounds, Error, OpenOptions, Output, Progress, WriteOptions, convert};
 use tempfile::TempDir;
 
 use super::crafted::head;
@@ -236,7 +233,7 @@ fn a_commit_in_a_file_that_was_moved_fails_and_says_where_it_is() {
     let elsewhere = folder.path().join("elsewhere.autumn");
     let begun = |path: &Path| {
         let mut editor = Editor::open(path, 1 << 20).unwrap();
-        spinney::ops::apply_edits(&mut editor, &mut [Ok(fill(9.0))].into_iter(), &()).unwrap();
+        spinney::raw::ops::apply_edits(&mut editor, &mut [Ok(fill(9.0))].into_iter(), &()).unwrap();
         editor
     };
     // Replaced: the edited file has no name any more.

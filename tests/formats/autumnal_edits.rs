@@ -2,20 +2,19 @@
 
 use std::path::Path;
 
-use spinney::Error;
-use spinney::dataset;
-use spinney::io::Output;
-use spinney::ops::{
-    Chain, Edit, FillRegion, Operation, Prefer, TreeFile, apply_edits, convert, diff_files, edit,
+use spinney::edit::{Edit, Editor, FillRegion, Note, edit};
+use spinney::query::Polygon;
+use spinney::raw::dataset;
+use spinney::raw::ops::{TreeFile, apply_edits, diff_files};
+use spinney::raw::store::autumnal::{Autumnal, CompactOptions, History, Keep, compact};
+use spinney::{
+    Bounds, CombineOperation, CombineOptions, DataKind, Dimension, Error, FileView, OpenOptions, Output,
+    Rule, SampleType, TreeType, Value, WriteOptions, convert,
 };
-use spinney::space::{Bounds, Dimension, Polygon};
-use spinney::store::autumnal::{Autumnal, CompactOptions, Editor, History, Keep, Note, compact};
-use spinney::store::{OpenOptions, WriteOptions};
-use spinney::tree::Form;
-use spinney::value::{Kind, Rule, SampleType, Value};
 
 use crate::common::{
     self, Cells, OCT, QUAD, Random, assert_same, cells_of, goblin_bytes, made, oct, quad, same_trees,
+    set_operation,
 };
 
 const MEMORY: u64 = 16 << 20;
@@ -25,7 +24,7 @@ fn open(path: &Path) -> Autumnal {
 }
 
 /// A file of cells.
-pub(super) fn write(path: &Path, cells: &Cells, (rule, kind): (Rule, Kind), share: bool) {
+pub(super) fn write(path: &Path, cells: &Cells, (rule, kind): (Rule, DataKind), share: bool) {
     let goblin = path.with_extension("first.goblin");
     std::fs::write(&goblin, goblin_bytes(cells, rule, kind)).unwrap();
     convert(&goblin, share, Output::create(path).unwrap(), WriteOptions::new(MEMORY), &()).unwrap();
@@ -60,7 +59,7 @@ pub(super) fn random_edit(random: &mut Random, folder: &Path, cells: &mut Cells)
     let other = |random: &mut Random, size: [u64; 3]| {
         let cells = Cells::random(form, random.below(1000), size, 5, random.below(2) == 0);
         let path = folder.join(format!("{}.goblin", random.below(u64::MAX)));
-        std::fs::write(&path, goblin_bytes(&cells, Rule::Nearest, Kind::Continuous)).unwrap();
+        std::fs::write(&path, goblin_bytes(&cells, Rule::Nearest, DataKind::Continuous)).unwrap();
         (cells, path)
     };
     match random.below(5) {
@@ -103,7 +102,7 @@ pub(super) fn random_edit(random: &mut Random, folder: &Path, cells: &mut Cells)
                     false => cells.get(cell),
                 }
             });
-            Edit::Paste { patch: Chain::of(&path), at: Some(at.map(|cell| cell as i64)), where_valid }
+            Edit::Paste { patch: FileView::of(&path), at: Some(at.map(|cell| cell as i64)), where_valid }
         }
         _ => {
             let (other, path) = other(random, extent);
@@ -118,7 +117,7 @@ pub(super) fn random_edit(random: &mut Random, folder: &Path, cells: &mut Cells)
                 };
                 if number >> bit & 1 == 1 { a.or(b) } else { None }
             });
-            Edit::Apply(Operation::Set { number, prefer: Prefer::First }, path)
+            Edit::Apply(CombineOperation::set(set_operation(number)), path)
         }
     }
 }
@@ -136,7 +135,7 @@ fn is_in(ring: &[[f64; 2]], cell: [u64; 3]) -> bool {
     inside
 }
 
-fn script(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind, share: bool) {
+fn script(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataKind, share: bool) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
     let mut random = Random(seed);
@@ -227,17 +226,17 @@ fn script(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind, share: 
 #[test]
 fn scripts_of_edits_of_quadtrees() {
     use SampleType::*;
-    script(QUAD, 1, [300, 200, 1], Rule::Majority, Kind::Categorical, false);
-    script(QUAD, 2, [257, 64, 1], Rule::Mean, Kind::Continuous, true);
-    script(quad(F32, 1), 3, [130, 300, 1], Rule::Mean, Kind::Continuous, false);
-    script(quad(U8, 3), 4, [40, 33, 1], Rule::Max, Kind::Continuous, true);
-    script(quad(I16, 1), 5, [65, 65, 1], Rule::Dominant, Kind::Categorical, false);
+    script(QUAD, 1, [300, 200, 1], Rule::Majority, DataKind::Categorical, false);
+    script(QUAD, 2, [257, 64, 1], Rule::Mean, DataKind::Continuous, true);
+    script(quad(F32, 1), 3, [130, 300, 1], Rule::Mean, DataKind::Continuous, false);
+    script(quad(U8, 3), 4, [40, 33, 1], Rule::Max, DataKind::Continuous, true);
+    script(quad(I16, 1), 5, [65, 65, 1], Rule::Dominant, DataKind::Categorical, false);
 }
 
 #[test]
 fn scripts_of_edits_of_octrees() {
-    script(OCT, 6, [40, 33, 20], Rule::Occupancy, Kind::Continuous, true);
-    script(oct(SampleType::U16, 1), 7, [17, 60, 33], Rule::Majority, Kind::Categorical, false);
+    script(OCT, 6, [40, 33, 20], Rule::Occupancy, DataKind::Continuous, true);
+    script(oct(SampleType::U16, 1), 7, [17, 60, 33], Rule::Majority, DataKind::Categorical, false);
 }
 
 #[test]
@@ -245,7 +244,7 @@ fn an_edit_writes_what_changes_and_the_path_to_it() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
     let cells = Cells::random(QUAD, 1, [1024, 1024, 1], 5, true);
-    write(&path, &cells, (Rule::Mean, Kind::Continuous), false);
+    write(&path, &cells, (Rule::Mean, DataKind::Continuous), false);
     let before = std::fs::metadata(&path).unwrap().len();
     let set = Edit::Set(vec![([500, 700, 0], Some(vec![77.0.into()]))]);
     let commit = edit(&path, [Ok(set)], note("one cell"), MEMORY, &()).unwrap().unwrap();
@@ -261,7 +260,7 @@ fn an_edit_writes_what_changes_and_the_path_to_it() {
 fn there_is_one_editor_and_it_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
-    write(&path, &Cells::random(QUAD, 1, [9, 9, 1], 5, true), (Rule::Mean, Kind::Continuous), false);
+    write(&path, &Cells::random(QUAD, 1, [9, 9, 1], 5, true), (Rule::Mean, DataKind::Continuous), false);
     let editor = Editor::open(&path, MEMORY).unwrap();
     let refused = Editor::open(&path, MEMORY).err().unwrap();
     assert!(matches!(refused, Error::Locked { .. }), "{refused}");
@@ -283,7 +282,7 @@ fn what_is_not_committed_never_was() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
     let before = Cells::random(QUAD, 1, [100, 90, 1], 5, true);
-    write(&path, &before, (Rule::Mean, Kind::Continuous), false);
+    write(&path, &before, (Rule::Mean, DataKind::Continuous), false);
     let mut editor = Editor::open(&path, MEMORY).unwrap();
     for i in 0..90 {
         set(&mut editor, [i, 89 - i, 0], i as u8);
@@ -303,7 +302,7 @@ fn what_is_not_committed_never_was() {
 fn commits_are_found_among_many() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
-    write(&path, &Cells::random(QUAD, 1, [9, 9, 1], 5, false), (Rule::Mean, Kind::Continuous), false);
+    write(&path, &Cells::random(QUAD, 1, [9, 9, 1], 5, false), (Rule::Mean, DataKind::Continuous), false);
     let mut editor = Editor::open(&path, MEMORY).unwrap();
     // A reader that was there before stays where it is while thousands of commits come.
     let mut reader = open(&path);
@@ -337,13 +336,13 @@ fn pieces_of_other_commits_are_kept_not_copied() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
     let cells = Cells::random(QUAD, 1, [512, 512, 1], 5, true);
-    write(&path, &cells, (Rule::Mean, Kind::Continuous), false);
+    write(&path, &cells, (Rule::Mean, DataKind::Continuous), false);
     let all = || FillRegion::Box(Bounds::picture([512, 512, 1]));
     edit(&path, [Ok(Edit::Fill(all(), None))], note("nothing left"), MEMORY, &()).unwrap().unwrap();
     // An aligned quarter of the first commit comes back: three records at most are new.
-    let first = Chain {
+    let first = FileView {
         steps: vec!["window=256,0,256,256".parse().unwrap()],
-        ..Chain::of(format!("{}@1", path.display()).as_ref())
+        ..FileView::of(format!("{}@1", path.display()).as_ref())
     };
     let paste = Edit::Paste { patch: first, at: Some([256, 0, 0]), where_valid: false };
     let commit = edit(&path, [Ok(paste)], note("a quarter is back"), MEMORY, &()).unwrap().unwrap();
@@ -354,10 +353,9 @@ fn pieces_of_other_commits_are_kept_not_copied() {
     let changes = folder.path().join("changes.goblin");
     let files = [format!("{}@1", path.display()).into(), path.clone()];
     let output = Output::create(&changes).unwrap();
-    spinney::ops::combine(
-        Operation::Changed,
-        None,
-        spinney::ops::Universe::Usual,
+    spinney::combine(
+        CombineOperation::Changed,
+        CombineOptions::default(),
         &files,
         output,
         WriteOptions::new(MEMORY),
@@ -375,7 +373,7 @@ fn compaction_keeps_commits_that_are_alike() {
     let folder = tempfile::tempdir().unwrap();
     let [path, small] = ["t.autumn", "small.autumn"].map(|name| folder.path().join(name));
     let cells = Cells::random(QUAD, 1, [9, 9, 1], 5, true);
-    write(&path, &cells, (Rule::Mean, Kind::Continuous), false);
+    write(&path, &cells, (Rule::Mean, DataKind::Continuous), false);
     let region = FillRegion::Box(Bounds { min: [1, 2, 0], max: [5, 6, 1] });
     edit(&path, [Ok(Edit::Fill(region, None))], note("a hole"), MEMORY, &()).unwrap().unwrap();
     edit(&path, [Ok(Edit::Revert(1))], note("back"), MEMORY, &()).unwrap().unwrap();
@@ -395,7 +393,7 @@ fn an_autumnal_file_is_not_replaced() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
     let cells = Cells::random(QUAD, 1, [9, 9, 1], 5, false);
-    write(&path, &cells, (Rule::Mean, Kind::Continuous), false);
+    write(&path, &cells, (Rule::Mean, DataKind::Continuous), false);
     let before = std::fs::read(&path).unwrap();
     let goblin = folder.path().join("t.goblin");
     convert(&path, false, Output::create(&goblin).unwrap(), WriteOptions::new(MEMORY), &()).unwrap();
@@ -410,9 +408,9 @@ fn an_autumnal_file_is_not_replaced() {
     for (name, form) in [("pairs.goblin", quad(SampleType::U8, 2)), ("octree.goblin", OCT)] {
         let other = folder.path().join(name);
         let cells = Cells::random(form, 1, [9, 9, 1], 5, false);
-        std::fs::write(&other, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
-        let paste = Edit::Paste { patch: Chain::of(&other), at: Some([0; 3]), where_valid: true };
-        for wrong in [paste, Edit::Apply(Operation::Over, other)] {
+        std::fs::write(&other, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
+        let paste = Edit::Paste { patch: FileView::of(&other), at: Some([0; 3]), where_valid: true };
+        for wrong in [paste, Edit::Apply(CombineOperation::Over, other)] {
             let refused = edit(&path, [Ok(wrong)], note("wrong"), MEMORY, &()).unwrap_err();
             assert!(matches!(refused, Error::Invalid { .. }), "{refused}");
         }

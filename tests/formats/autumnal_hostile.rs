@@ -4,15 +4,11 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use spinney::dataset::Dataset;
-use spinney::io::Output;
-use spinney::ops::{Edit, FillRegion, convert, edit};
+use spinney::edit::{Edit, FillRegion, Note, edit};
 use spinney::query::Condition;
-use spinney::space::{Bounds, Code, Dimension};
-use spinney::store::WriteOptions;
-use spinney::store::autumnal::{Autumnal, Note};
+use spinney::raw::store::autumnal::Autumnal;
 use spinney::tree::{Child, Source};
-use spinney::value::Number;
+use spinney::{Bounds, Code, Dataset, Dimension, Number, Output, WriteOptions, convert};
 
 use super::counted::CountedFile;
 use super::crafted::{

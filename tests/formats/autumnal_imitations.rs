@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::io::Output;
-use spinney::ops::{Chain, Edit, FillRegion, convert, edit};
-use spinney::space::{Bounds, Code, Dimension};
-use spinney::store::autumnal::{Autumnal, CompactOptions, History, Keep, Note, compact, recover};
-use spinney::store::{OpenOptions, WriteOptions};
-use spinney::value::{Kind, Rule, SampleType, Value};
+use spinney::edit::{Edit, FillRegion, Note, edit};
+use spinney::raw::store::autumnal::{Autumnal, CompactOptions, History, Keep, compact, recover};
+use spinney::{
+    Bounds, Code, DataKind, Dimension, FileView, OpenOptions, Output, Rule, SampleType, Value, WriteOptions,
+    convert,
+};
 use tempfile::TempDir;
 
 use super::crafted::{encoded, head};
@@ -89,9 +89,9 @@ fn with_cells(cells: &Cells) -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let (path, patch) = (folder.path().join("t.autumn"), folder.path().join("patch.goblin"));
     let one = made(cells.form, cells.size, |cell| (cell == [0; 3]).then_some(Value::ZERO));
-    write_cells(&path, &one, &options(Rule::Nearest, Kind::Continuous, cells.depth()));
-    std::fs::write(&patch, goblin_bytes(cells, Rule::Nearest, Kind::Continuous)).unwrap();
-    let paste = Edit::Paste { patch: Chain::of(&patch), at: Some([0; 3]), where_valid: false };
+    write_cells(&path, &one, &options(Rule::Nearest, DataKind::Continuous, cells.depth()));
+    std::fs::write(&patch, goblin_bytes(cells, Rule::Nearest, DataKind::Continuous)).unwrap();
+    let paste = Edit::Paste { patch: FileView::of(&patch), at: Some([0; 3]), where_valid: false };
     edit(&path, [Ok(paste)], Note::default(), MEMORY, &()).unwrap().unwrap();
     (folder, path)
 }
@@ -110,7 +110,7 @@ fn forged_commit(number: u64, start: u64, metadata: u64, time: i64) -> Vec<u8> {
 fn written(cells: &Cells, rule: Rule) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
-    write_cells(&path, cells, &options(rule, Kind::Continuous, 6));
+    write_cells(&path, cells, &options(rule, DataKind::Continuous, 6));
     std::fs::read(&path).unwrap()
 }
 

@@ -7,14 +7,13 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::sync::Mutex;
 
-use spinney::dataset;
-use spinney::io::Output;
-use spinney::ops::{Edit, apply_edits, convert, edit};
-use spinney::store::autumnal::{Autumnal, CompactOptions, Editor, History, Keep, Note, compact};
-use spinney::store::{OpenOptions, WriteOptions};
-use spinney::tree::Form;
-use spinney::value::{Kind, Rule, SampleType};
-use spinney::{Error, Progress};
+use spinney::edit::{Edit, Editor, Note, edit};
+use spinney::raw::dataset;
+use spinney::raw::ops::apply_edits;
+use spinney::raw::store::autumnal::{Autumnal, CompactOptions, History, Keep, compact};
+use spinney::{
+    DataKind, Error, OpenOptions, Output, Progress, Rule, SampleType, TreeType, WriteOptions, convert,
+};
 use tempfile::TempDir;
 
 use super::autumnal_edits::{random_edit, write};
@@ -83,7 +82,7 @@ fn open(path: &Path) -> Autumnal {
 }
 
 impl Machine {
-    fn new(seed: u64, form: Form, size: [u64; 3], what: (Rule, Kind)) -> Machine {
+    fn new(seed: u64, form: TreeType, size: [u64; 3], what: (Rule, DataKind)) -> Machine {
         let [folder, others] = [(), ()].map(|()| tempfile::tempdir().unwrap());
         let cells = Cells::random(form, seed, size, 4, true);
         let path = folder.path().join("0.autumn");
@@ -370,12 +369,12 @@ impl Machine {
 
 #[test]
 fn any_order_of_steps_on_quadtrees() {
-    Machine::new(1, QUAD, [40, 33, 1], (Rule::Majority, Kind::Categorical)).run(150);
-    Machine::new(2, quad(SampleType::I16, 1), [70, 20, 1], (Rule::Mean, Kind::Continuous)).run(150);
+    Machine::new(1, QUAD, [40, 33, 1], (Rule::Majority, DataKind::Categorical)).run(150);
+    Machine::new(2, quad(SampleType::I16, 1), [70, 20, 1], (Rule::Mean, DataKind::Continuous)).run(150);
 }
 
 #[test]
 fn any_order_of_steps_on_octrees() {
-    Machine::new(3, OCT, [12, 9, 17], (Rule::Occupancy, Kind::Continuous)).run(100);
-    Machine::new(4, OCT, [20, 7, 5], (Rule::Dominant, Kind::Categorical)).run(100);
+    Machine::new(3, OCT, [12, 9, 17], (Rule::Occupancy, DataKind::Continuous)).run(100);
+    Machine::new(4, OCT, [20, 7, 5], (Rule::Dominant, DataKind::Categorical)).run(100);
 }

@@ -6,13 +6,10 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use spinney::dataset::open;
-use spinney::io::Output;
-use spinney::ops::{Edit, FillRegion, convert, edit};
-use spinney::space::{Bounds, Code, Dimension};
-use spinney::store::WriteOptions;
-use spinney::store::autumnal::{Autumnal, Editor, Note};
-use spinney::value::{Kind, Rule};
+use spinney::edit::{Edit, Editor, FillRegion, Note, edit};
+use spinney::raw::dataset::open;
+use spinney::raw::store::autumnal::Autumnal;
+use spinney::{Bounds, Code, DataKind, Dimension, Output, Rule, WriteOptions, convert};
 use tempfile::TempDir;
 
 use crate::common::{QUAD, Random, as_byte, byte, goblin_bytes, made};
@@ -24,7 +21,7 @@ fn file() -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let (goblin, path) = (folder.path().join("t.goblin"), folder.path().join("t.autumn"));
     let cells = made(QUAD, [SIDE, SIDE, 1], |_| Some(byte(7)));
-    std::fs::write(&goblin, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
+    std::fs::write(&goblin, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
     convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(1 << 20), &()).unwrap();
     std::fs::remove_file(goblin).unwrap();
     (folder, path)

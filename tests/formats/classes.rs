@@ -2,20 +2,20 @@
 
 use std::path::Path;
 
-use spinney::dataset::{self, Dataset};
-use spinney::io::Output;
-use spinney::ops::{Edit, apply_edits, convert};
-use spinney::space::Bounds;
-use spinney::store::autumnal::{Autumnal, Note};
-use spinney::store::goblin::Goblin;
-use spinney::store::{OpenOptions, WriteOptions};
-use spinney::tree::Form;
-use spinney::value::{Kind, Number, Rule, SampleType, Value};
+use spinney::edit::{Edit, Note};
+use spinney::raw::dataset;
+use spinney::raw::ops::apply_edits;
+use spinney::raw::store::autumnal::Autumnal;
+use spinney::raw::store::goblin::Goblin;
+use spinney::{
+    Bounds, DataKind, Dataset, Number, OpenOptions, Output, Rule, SampleType, TreeType, Value, WriteOptions,
+    convert,
+};
 
 use super::counted::CountedFile;
 use crate::common::{Cells, assert_same, cells_of, made, options, quad, same_trees, write_cells};
 
-const FORM: Form = quad(SampleType::U32, 1);
+const FORM: TreeType = quad(SampleType::U32, 1);
 
 /// Classes that a zone lists at most.
 const MOST: u64 = 1024;
@@ -35,7 +35,7 @@ fn picture(side: u64, classes: u64) -> Cells {
 /// The numbers of classes that are tried, each with a picture's side.
 const SCALES: [(u64, u64); 3] = [(256, 1000), (256, 10_000), (512, 262_144)];
 
-fn file_bytes(cells: &Cells, name: &str, (rule, kind): (Rule, Kind)) -> Vec<u8> {
+fn file_bytes(cells: &Cells, name: &str, (rule, kind): (Rule, DataKind)) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
     write_cells(&path, cells, &options(rule, kind, cells.depth()));
@@ -69,10 +69,10 @@ fn lists_of_classes_are_bounded_and_answers_exact() {
         let cells = picture(side, classes);
         let whole = Bounds::picture([side, side, 1]);
         let part = Bounds { min: [side / 4 + 3, 5, 0], max: [side - 7, side / 2 + 9, 1] };
-        let kinds = [(Rule::Majority, Kind::Categorical), (Rule::Nearest, Kind::Categorical)];
+        let kinds = [(Rule::Majority, DataKind::Categorical), (Rule::Nearest, DataKind::Categorical)];
         // (Once is enough of the largest.)
         for (rule, kind) in kinds.into_iter().take(if side > 256 { 1 } else { 2 }) {
-            let without = (Rule::Nearest, Kind::Continuous);
+            let without = (Rule::Nearest, DataKind::Continuous);
             // Lists have a value and a number for each class.
             let bytes = file_bytes(&cells, "t.goblin", (rule, kind));
             let tree = goblin(&bytes);
@@ -111,10 +111,10 @@ fn lists_of_classes_are_bounded_and_answers_exact() {
 #[test]
 fn majorities_among_very_many_classes_are_exact() {
     let cells = picture(256, 10_000);
-    let bytes = file_bytes(&cells, "t.goblin", (Rule::Majority, Kind::Categorical));
+    let bytes = file_bytes(&cells, "t.goblin", (Rule::Majority, DataKind::Categorical));
     let tree = cells.tree(Rule::Majority);
     same_trees(&Goblin::from_bytes(bytes).unwrap(), &tree);
-    let bytes = file_bytes(&cells, "t.autumn", (Rule::Majority, Kind::Categorical));
+    let bytes = file_bytes(&cells, "t.autumn", (Rule::Majority, DataKind::Categorical));
     same_trees(&Autumnal::from_bytes(bytes).unwrap(), &tree);
 }
 
@@ -136,7 +136,7 @@ fn an_edit_among_very_many_classes_writes_little() {
             }
             _ => picture(side, classes),
         };
-        let bytes = file_bytes(&cells, "t.autumn", (Rule::Majority, Kind::Categorical));
+        let bytes = file_bytes(&cells, "t.autumn", (Rule::Majority, DataKind::Categorical));
         let mut file = CountedFile::new(bytes);
         for (at, class) in [([17, 33], 5), ([side - 1, 0], 5), ([17, 33], 4_000_000)] {
             let written = set(&mut file, at, class);
@@ -158,7 +158,7 @@ fn an_edit_among_very_many_classes_writes_little() {
 #[test]
 fn the_work_of_a_commit_does_not_grow_with_their_number() {
     let cells = picture(16, 50);
-    let mut file = CountedFile::new(file_bytes(&cells, "t.autumn", (Rule::Majority, Kind::Categorical)));
+    let mut file = CountedFile::new(file_bytes(&cells, "t.autumn", (Rule::Majority, DataKind::Categorical)));
     let mut most = [0; 2];
     for number in 2..=10_000u64 {
         let before = file.work.reads();

@@ -3,8 +3,8 @@
 use std::cmp::Ordering;
 
 use proptest::prelude::*;
-use spinney::space::Dimension::{Oct, Quad};
-use spinney::space::{Code, Dimension};
+use spinney::Dimension::{Oct, Quad};
+use spinney::{Code, Dimension};
 
 /// Any node of a tree: the steps of its path.
 fn code(dimension: Dimension) -> impl Strategy<Value = Code> {

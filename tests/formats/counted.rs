@@ -7,8 +7,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use spinney::Result;
-use spinney::io::{FileId, ReadBackend, WriteBackend};
-use spinney::store::autumnal::Editor;
+use spinney::edit::Editor;
+use spinney::raw::io::{FileId, ReadBackend, WriteBackend};
 
 /// Work that was done with some bytes.
 #[derive(Default)]

@@ -4,9 +4,7 @@
 use std::path::Path;
 
 use serde::Serialize;
-use spinney::io::Output;
-use spinney::ops::convert;
-use spinney::store::WriteOptions;
+use spinney::{Output, WriteOptions, convert};
 
 use crate::targets::seal::{FIRST_EXTENT, HEAD, HEAD_MAGIC};
 

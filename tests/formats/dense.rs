@@ -2,20 +2,20 @@
 
 use std::sync::Arc;
 
-use spinney::dataset::Dataset;
-use spinney::io::Output;
-use spinney::ops::{self, Operation, Prefer, View, ViewSource};
 use spinney::query::Condition;
-use spinney::space::{Bounds, Code, Dimension};
-use spinney::store::WriteOptions;
-use spinney::store::goblin::Goblin;
-use spinney::tree::{Child, Form, MemTree, Source, df};
-use spinney::value::{Kind, Rule, SampleType, Value};
+use spinney::raw::ops::{self, Prefer, View, ViewSource};
+use spinney::raw::store::goblin::Goblin;
+use spinney::raw::tree::df;
+use spinney::tree::{Child, MemTree, Source};
+use spinney::{
+    Bounds, Code, CombineOperation, DataKind, Dataset, Dimension, Output, Rule, SampleType, TreeType, Value,
+    WriteOptions,
+};
 
 use crate::common::reference::{self, Cut};
 use crate::common::{
     self, Cells, OCT, QUAD, Random, children, combined, goblin_bytes, goblin_from_combined, goblin_from_tree,
-    goblin_from_view, made, oct, options, quad, same_trees, value_types, view_of_file,
+    goblin_from_view, made, oct, options, quad, same_trees, set_operation, value_types, view_of_file,
 };
 use crate::targets::seal;
 use crate::targets::trees::ask_goblin;
@@ -32,7 +32,7 @@ enum Content {
     Blocks,
 }
 
-fn content(form: Form, content: Content, seed: u64, size: [u64; 3]) -> Cells {
+fn content(form: TreeType, content: Content, seed: u64, size: [u64; 3]) -> Cells {
     // (250 is the number for VOID.)
     let hash = |[x, y, z]: [u64; 3]| Random(seed ^ (x + 1000 * (y + 1000 * z))).next() >> 7;
     // Of the parts that halves along each axis make.
@@ -77,7 +77,7 @@ fn each_place(file: &Goblin, index: usize, mut show: impl FnMut(usize, u8, u32))
 }
 
 /// Any box in a level, or across its border.
-fn some_bounds(form: Form, side: u64, random: &mut Random) -> Bounds {
+fn some_bounds(form: TreeType, side: u64, random: &mut Random) -> Bounds {
     let mut bounds = Bounds { min: [0; 3], max: [1; 3] };
     for axis in 0..form.axes() {
         bounds.min[axis] = random.below(side);
@@ -206,9 +206,9 @@ fn every_type_comes_back() {
     for (i, value) in value_types().into_iter().enumerate() {
         for (dimension, size) in [(Dimension::Quad, [75, 66, 1]), (Dimension::Oct, [17, 19, 18])] {
             let seed = 2 * i as u64 + dimension.axes() as u64;
-            let form = Form::new(dimension, value);
+            let form = TreeType::new(dimension, value);
             let rule = Rule::ALL[i % Rule::ALL.len()];
-            let kind = if i % 2 == 0 { Kind::Continuous } else { Kind::Categorical };
+            let kind = if i % 2 == 0 { DataKind::Continuous } else { DataKind::Categorical };
             let cells = content(form, contents[seed as usize / 2 % 4], seed, size);
             let tree = cells.tree(rule);
             let bytes = goblin_bytes(&cells, rule, kind);
@@ -238,10 +238,10 @@ fn files_of_all_kinds() -> Vec<(Vec<u8>, Cells, MemTree)> {
     ] {
         let size = if form.axes() > 2 { [side; 3] } else { [side, side, 1] };
         let cells = content(form, Content::Blocks, side, size);
-        let (rule, kind) = (Rule::Max, Kind::Categorical);
+        let (rule, kind) = (Rule::Max, DataKind::Categorical);
         let tree = cells.tree(rule);
         // (By value, classes of more than one byte would have to be sorted in another way.)
-        let kind = if form.width() == 1 { kind } else { Kind::Continuous };
+        let kind = if form.width() == 1 { kind } else { DataKind::Continuous };
         let cut = Cut { reach, stride, threshold: 1 };
         files.push((reference::goblin(&tree, size, (rule, kind), cut), cells, tree));
     }
@@ -270,7 +270,7 @@ fn files_of_several_segments_come_back() {
     let size = [900, 530, 1];
     let cells = content(QUAD, Content::Noise, 5, size);
     let tree = cells.tree(Rule::Mean);
-    let bytes = goblin_bytes(&cells, Rule::Mean, Kind::Continuous);
+    let bytes = goblin_bytes(&cells, Rule::Mean, DataKind::Continuous);
     let file = Goblin::from_bytes(bytes).unwrap();
     let kinds = kinds(&file);
     assert!(file.segments() > 8 && kinds[1] > 40 && kinds[2] + kinds[4] > 8, "{kinds:?}");
@@ -280,22 +280,22 @@ fn files_of_several_segments_come_back() {
     points(&file, &tree, &mut random);
     counts(&file, &cells, &mut random);
     // (Sources come in the order of FD codes, slabs do not, and segments as they do.)
-    let in_order = goblin_from_tree(&tree, size, Rule::Mean, Kind::Continuous);
+    let in_order = goblin_from_tree(&tree, size, Rule::Mean, DataKind::Continuous);
     let view = view_of_file(file, size);
-    assert!(goblin_from_view(&view, Rule::Mean, Kind::Continuous) == in_order);
+    assert!(goblin_from_view(&view, Rule::Mean, DataKind::Continuous) == in_order);
 }
 
 #[test]
 fn set_operations_and_views_make_the_files_of_arrays() {
     for (form, size) in [(QUAD, [130, 100, 1]), (oct(SampleType::I32, 1), [20, 33, 17])] {
-        let (rule, kind) = (Rule::Mean, Kind::Continuous);
+        let (rule, kind) = (Rule::Mean, DataKind::Continuous);
         let pair = [content(form, Content::Blocks, 1, size), content(form, Content::Holes, 2, size)];
         let view = |cells: &Cells| view_of_file(common::goblin(cells, rule, kind), size);
         let views = pair.each_ref().map(view);
         for (number, prefer) in
             [(7, Prefer::First), (1, Prefer::Second), (2, Prefer::First), (6, Prefer::First)]
         {
-            let operation = Operation::Set { number, prefer };
+            let operation = CombineOperation::Set { operation: set_operation(number), prefer };
             let made_of = combined(views.to_vec(), operation, size);
             let expected = made(form, size, |cell| {
                 let (a, b) = (pair[0].get(cell), pair[1].get(cell));
@@ -314,7 +314,7 @@ fn set_operations_and_views_make_the_files_of_arrays() {
                 pair[0].get(cell).or(pair[1].at(from))
             });
             let views = vec![views[0].clone(), moved.window([0; 3], size).unwrap()];
-            let found = goblin_from_combined(&combined(views, Operation::Over, size), rule, kind);
+            let found = goblin_from_combined(&combined(views, CombineOperation::Over, size), rule, kind);
             assert!(found == goblin_bytes(&expected, rule, kind), "{form} moved by {by:?}");
         }
         for (min, size) in [([32, 32, 0], [40, 50, 1]), ([5, 2, 0], [100, 64, 1])] {
@@ -336,16 +336,28 @@ fn conversion_there_and_back_gives_the_same_bytes() {
     for (form, size) in [(QUAD, [300, 90, 1]), (quad(SampleType::F32, 3), [70, 70, 1]), (OCT, [33, 20, 40])] {
         for (i, content) in [Content::Noise, Content::Holes, Content::Blocks].into_iter().enumerate() {
             let cells = self::content(form, content, i as u64, size);
-            let bytes = goblin_bytes(&cells, Rule::Mean, Kind::Continuous);
+            let bytes = goblin_bytes(&cells, Rule::Mean, DataKind::Continuous);
             for share in [false, true] {
                 let folder = tempfile::tempdir().unwrap();
                 let path = |name: &str| folder.path().join(name);
                 std::fs::write(path("a.goblin"), &bytes).unwrap();
                 let output = |name| Output::create(&path(name)).unwrap();
-                ops::convert(&path("a.goblin"), share, output("b.autumn"), WriteOptions::new(1 << 24), &())
-                    .unwrap();
-                ops::convert(&path("b.autumn"), false, output("c.goblin"), WriteOptions::new(1 << 24), &())
-                    .unwrap();
+                spinney::convert(
+                    &path("a.goblin"),
+                    share,
+                    output("b.autumn"),
+                    WriteOptions::new(1 << 24),
+                    &(),
+                )
+                .unwrap();
+                spinney::convert(
+                    &path("b.autumn"),
+                    false,
+                    output("c.goblin"),
+                    WriteOptions::new(1 << 24),
+                    &(),
+                )
+                .unwrap();
                 assert!(std::fs::read(path("c.goblin")).unwrap() == bytes, "{form} {content:?}");
             }
         }
@@ -357,7 +369,7 @@ fn the_bytes_do_not_depend_on_threads() {
     let cells = content(QUAD, Content::Blocks, 4, [600, 500, 1]);
     let build = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| goblin_bytes(&cells, Rule::Majority, Kind::Categorical))
+        pool.install(|| goblin_bytes(&cells, Rule::Majority, DataKind::Categorical))
     };
     let one = build(1);
     assert!(one == build(2) && one == build(5));
@@ -381,19 +393,22 @@ fn survives(mut file: Vec<u8>) {
     let file: Arc<ViewSource> = Arc::new(file.into());
     let view = View::new(file, size).unwrap();
     let half = view.clone().window([4, 0, 0], size).unwrap();
-    for operation in [Operation::Over, Operation::Min] {
+    for operation in [CombineOperation::Over, CombineOperation::Min] {
         let both = combined(vec![view.clone(), half.clone()], operation, size);
         let folder = tempfile::tempdir().unwrap();
         let output = Output::create(&folder.path().join("t.goblin")).unwrap();
-        let _ = ops::build(&both, &options(Rule::Mean, Kind::Continuous, depth), output, &());
+        let _ = ops::build(&both, &options(Rule::Mean, DataKind::Continuous, depth), output, &());
     }
 }
 
 #[test]
 fn hostile_dense_blocks_do_no_harm() {
     let plain = content(QUAD, Content::Blocks, 9, [64, 40, 1]);
-    let plain =
-        (goblin_bytes(&plain, Rule::Majority, Kind::Categorical), plain.clone(), plain.tree(Rule::Majority));
+    let plain = (
+        goblin_bytes(&plain, Rule::Majority, DataKind::Categorical),
+        plain.clone(),
+        plain.tree(Rule::Majority),
+    );
     let files = files_of_all_kinds().into_iter().filter(|(_, cells, _)| cells.size[0] <= 64);
     for (bytes, cells, _) in files.chain([plain]) {
         let file = Goblin::from_bytes(bytes.clone()).unwrap();
@@ -450,7 +465,7 @@ fn a_segment_has_no_more_records_than_can_be_counted() {
     let file = |reach, stride, threshold| {
         let cut = Cut { reach, stride, threshold };
         let file =
-            reference::goblin(&cells.tree(Rule::Mean), cells.size, (Rule::Mean, Kind::Continuous), cut);
+            reference::goblin(&cells.tree(Rule::Mean), cells.size, (Rule::Mean, DataKind::Continuous), cut);
         Goblin::from_bytes(file).map(|_| ()).map_err(|error| error.to_string())
     };
     for good in [(10, 5, 1 << 10), (8, 2, 1 << 16), (10, 1, 1 << 18)] {

@@ -6,17 +6,16 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use spinney::dataset::open;
-use spinney::export::image::{ImageSpec, create, format_of};
-use spinney::export::mesh::{MeshFormat, MeshRequest, export_mesh};
-use spinney::export::{CogRequest, export_cog};
-use spinney::io::{Faults, Output};
-use spinney::ops::{Edit, FillRegion, convert, edit};
-use spinney::space::Bounds;
-use spinney::store::autumnal::{CompactOptions, Keep, Note, compact};
-use spinney::store::{OpenOptions, WriteOptions, build_slabs};
-use spinney::value::{Kind, Rule, SampleType, ValueType};
-use spinney::{Error, Result};
+use spinney::edit::{Edit, FillRegion, Note, edit};
+use spinney::export::{CogRequest, MeshFormat, MeshRequest, export_cog, export_mesh};
+use spinney::raw::dataset::open;
+use spinney::raw::export::image::{ImageSpec, create, format_of};
+use spinney::raw::io::Faults;
+use spinney::raw::store::autumnal::{CompactOptions, Keep, compact};
+use spinney::tree::build_slabs;
+use spinney::{
+    Bounds, DataKind, Error, OpenOptions, Output, Result, Rule, SampleType, ValueType, WriteOptions, convert,
+};
 
 use crate::common::{Cells, OCT, QUAD, Random, options, value, write_cells};
 
@@ -129,7 +128,7 @@ const MEMORY: u64 = 1 << 20;
 fn noise(folder: &Path, name: &str) -> PathBuf {
     let path = folder.join(name);
     let cells = Cells::noise(QUAD, 1, [300, 250, 1], 200);
-    write_cells(&path, &cells, &options(Rule::Mean, Kind::Continuous, 9));
+    write_cells(&path, &cells, &options(Rule::Mean, DataKind::Continuous, 9));
     path
 }
 
@@ -139,7 +138,7 @@ fn builds() {
     for name in ["t.goblin", "t.autumn"] {
         fails_well(name, &|output| {
             let nodata = value(QUAD.value, 250);
-            let options = options(Rule::Mean, Kind::Continuous, 9);
+            let options = options(Rule::Mean, DataKind::Continuous, 9);
             build_slabs(QUAD, &mut cells.slabs(nodata), Some(nodata), &options, output, &())
         });
     }
@@ -197,7 +196,7 @@ fn meshes() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.goblin");
     let cells = Cells::random(OCT, 5, [30, 20, 25], 9, true);
-    write_cells(&path, &cells, &options(Rule::Mean, Kind::Continuous, 5));
+    write_cells(&path, &cells, &options(Rule::Mean, DataKind::Continuous, 5));
     let tree = open(&path, &OpenOptions::new()).unwrap();
     for name in ["t.obj", "t.ply", "t.stl", "t.off"] {
         let format = MeshFormat::of(name.as_ref()).unwrap();

@@ -2,9 +2,8 @@
 
 use std::path::Path;
 
-use spinney::import::raster::{self, Pixels, RasterInfo, RasterOptions};
-use spinney::space::Region;
-use spinney::value::{Kind, SampleType};
+use spinney::raw::import::raster::{self, Pixels, RasterInfo, RasterOptions};
+use spinney::{DataKind, Region, SampleType};
 
 use crate::frozen_files as frozen;
 use crate::island::{self, COLOURS, HEIGHT, WIDTH};
@@ -24,7 +23,7 @@ fn classes() {
     for name in ["island_classes.png", "island_classes.tif"] {
         let (info, pixels) = read(name);
         assert_eq!((info.width, info.height), (WIDTH as u64, HEIGHT as u64));
-        assert_eq!((info.sample, info.channels, info.kind), (SampleType::U8, 1, Some(Kind::Categorical)));
+        assert_eq!((info.sample, info.channels, info.kind), (SampleType::U8, 1, Some(DataKind::Categorical)));
         let colours = info.palette.unwrap().colours;
         assert_eq!(colours[1..8], COLOURS[1..]);
         assert!(pixels.bytes == classes, "{name}");
@@ -60,6 +59,6 @@ fn rgb() {
 #[test]
 fn classic() {
     let (info, pixels) = read("classic.png");
-    assert_eq!(info.kind, Some(Kind::Categorical));
+    assert_eq!(info.kind, Some(DataKind::Categorical));
     assert_eq!(pixels.bytes, frozen::CLASSIC.concat());
 }

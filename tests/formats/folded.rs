@@ -4,15 +4,12 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use spinney::Error;
-use spinney::dataset::Dataset;
-use spinney::io::Output;
-use spinney::ops::{
-    Chain, Differences, Operation, Universe, combine, convert, diff_files, differences, transform,
+use spinney::raw::ops::{Differences, diff_files, differences};
+use spinney::raw::store::autumnal::{Autumnal, CompactOptions, Keep, compact};
+use spinney::{
+    Bounds, CombineOperation, CombineOptions, Dataset, Error, FileView, OpenOptions, Output, WriteOptions,
+    combine, convert, transform,
 };
-use spinney::space::Bounds;
-use spinney::store::autumnal::{Autumnal, CompactOptions, Keep, compact};
-use spinney::store::{OpenOptions, WriteOptions};
 
 use super::autumnal_hostile::{folded, folded_of, full};
 use super::counted::CountedFile;
@@ -162,13 +159,12 @@ fn what_has_no_room_is_refused_before_it_is_written() {
     for (name, needed) in [("to.goblin", 4 * records), ("to.autumn", 4 * records)] {
         let output = || Output::create(&folder.path().join(name)).unwrap().with_limit(MOST);
         let converted = convert(&from, false, output(), WriteOptions::new(1 << 24), &());
-        let whole = Chain::of(&from);
+        let whole = FileView::of(&from);
         let transformed = transform(&whole, output(), WriteOptions::new(1 << 24), &()).map(drop);
         let files = [from.clone(), from.clone()];
         let combined = combine(
-            Operation::Over,
-            None,
-            Universe::Usual,
+            CombineOperation::Over,
+            CombineOptions::default(),
             &files,
             output(),
             WriteOptions::new(1 << 24),
@@ -177,7 +173,7 @@ fn what_has_no_room_is_refused_before_it_is_written() {
         .map(drop);
         for refused in [converted, transformed, combined] {
             match refused.unwrap_err() {
-                Error::NoRoom { needed: found, limit: MOST, whose: "are allowed", .. } => {
+                Error::InsufficientSpace { needed: found, limit: MOST, whose: "are allowed", .. } => {
                     assert_eq!(found, needed)
                 }
                 other => panic!("{name}: {other}"),
@@ -186,7 +182,7 @@ fn what_has_no_room_is_refused_before_it_is_written() {
     }
     let output = Output::create(&folder.path().join("to.autumn")).unwrap().with_limit(MOST);
     let compacted = compact(&from, &CompactOptions::new(&Keep::Last(1), 1 << 24), output, &());
-    assert!(matches!(compacted, Err(Error::NoRoom { .. })));
+    assert!(matches!(compacted, Err(Error::InsufficientSpace { .. })));
     // More than any disk has.
     let from = write(folder.path(), "from.autumn", &folded(29, full));
     let output = Output::create(&folder.path().join("to.goblin")).unwrap();
@@ -200,7 +196,7 @@ fn limits_hold_while_writing() {
     let folder = tempfile::tempdir().unwrap();
     // Of a part of a file nobody knows how many nodes it has.
     let from = write(folder.path(), "from.autumn", &folded(18, full));
-    let part = Chain { steps: vec!["window=1,1,1100,1100".parse().unwrap()], ..Chain::of(&from) };
+    let part = FileView { steps: vec!["window=1,1,1100,1100".parse().unwrap()], ..FileView::of(&from) };
     for name in ["to.goblin", "to.autumn"] {
         let path = folder.path().join(name);
         let output = Output::create(&path).unwrap().with_limit(MOST);

@@ -3,14 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use spinney::brep::query::Location;
-use spinney::brep::{ExactModel, Face, Grid, ModelBuilder};
-use spinney::io::Output;
-use spinney::space::{Code, Dimension};
-use spinney::store::goblin::Goblin;
-use spinney::store::{BuildOptions, Metadata, Packing, WriteOptions, build_tree};
+use spinney::brep::{Face, Grid, Location};
+use spinney::raw::brep::ModelBuilder;
+use spinney::raw::store::goblin::Goblin;
+use spinney::raw::store::{Packing, build_tree};
 use spinney::tree::MemTree;
-use spinney::value::{Kind, Rule};
+use spinney::{BuildOptions, Code, DataKind, Dimension, ExactModel, Metadata, Output, Rule, WriteOptions};
 
 use crate::common::reference::{self, Cut};
 use crate::common::{QUAD, byte};
@@ -67,7 +65,7 @@ fn classic(packing: Packing) -> Vec<u8> {
     let cell = |[x, y, _]: [u32; 3]| Some(byte(cells[(8 * y + x) as usize]));
     let tree = MemTree::from_cells(QUAD, 3, Rule::Dominant, &cell);
     let options =
-        BuildOptions::new(Kind::Categorical, 3).rule(Rule::Dominant).packing(packing).memory(1 << 20);
+        BuildOptions::new(DataKind::Categorical, 3).rule(Rule::Dominant).packing(packing).memory(1 << 20);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("classic.goblin");
     build_tree(&tree, [8, 8, 1], &options, Output::create(&path).unwrap(), &()).unwrap();
@@ -100,7 +98,7 @@ fn the_dump_of_dense_blocks_is_what_the_second_writer_writes() {
     let cell = |[x, y, _]: [u32; 3]| (x < 8 && y < 8 && x != y).then(|| byte((8 * y + x) as u8));
     let tree = MemTree::from_cells(QUAD, 5, Rule::Mean, &cell);
     let cut = Cut { reach: 4, stride: 2, threshold: 1 };
-    let written = reference::goblin(&tree, [8, 8, 1], (Rule::Mean, Kind::Continuous), cut);
+    let written = reference::goblin(&tree, [8, 8, 1], (Rule::Mean, DataKind::Continuous), cut);
     let formats = text("formats.md");
     assert_eq!(dumped_of(block(&formats, "<!-- dump: dense blocks -->"), &written), written);
     // And what the library makes of these cells, cut like this.
@@ -112,7 +110,7 @@ fn the_dumps_of_pointered_records_are_what_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("classic.autumn");
     let goblin = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/classic.goblin");
-    spinney::ops::convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(1 << 20), &())
+    spinney::convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(1 << 20), &())
         .unwrap();
     let is_end = |file: &[u8], length: usize| {
         // The extent ends there, and the dump has all of it.
@@ -125,7 +123,7 @@ fn the_dumps_of_pointered_records_are_what_is_written() {
     let cells = picture(&text("formats.md"));
     let cell = |[x, y, _]: [u32; 3]| Some(byte(cells[(y / 8 * 8 + x / 8) as usize]));
     let tree = MemTree::from_cells(QUAD, 6, Rule::Dominant, &cell);
-    let options = BuildOptions::new(Kind::Categorical, 6).rule(Rule::Dominant).memory(1 << 20);
+    let options = BuildOptions::new(DataKind::Categorical, 6).rule(Rule::Dominant).memory(1 << 20);
     let path = folder.path().join("large.autumn");
     build_tree(&tree, [64, 64, 1], &options, Output::create(&path).unwrap(), &()).unwrap();
     let file = std::fs::read(&path).unwrap();

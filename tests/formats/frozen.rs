@@ -2,16 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::Result;
-use spinney::brep::query::{Location, MassProperties};
-use spinney::brep::topology::Topology;
-use spinney::brep::{ExactModel, FaceBuffer, Faces};
-use spinney::space::Code;
-use spinney::store::autumnal::{Autumnal, History};
-use spinney::store::goblin::Goblin;
-use spinney::store::{Codec, Header, OpenOptions};
-use spinney::tree::{Form, MemTree};
-use spinney::value::{DoubleDouble, Kind, Rule, SampleType, Sums, Value, ValueType};
+use spinney::brep::{FaceBuffer, Faces, Location, MassProperties};
+use spinney::raw::brep::topology::Topology;
+use spinney::raw::store::autumnal::{Autumnal, History};
+use spinney::raw::store::goblin::Goblin;
+use spinney::raw::value::{DoubleDouble, Sums};
+use spinney::tree::MemTree;
+use spinney::{
+    Code, Codec, DataKind, ExactModel, Header, OpenOptions, Result, Rule, SampleType, TreeType, Value,
+    ValueType,
+};
 
 use crate::common::{OCT, QUAD, byte, quad};
 use crate::frozen_files as frozen;
@@ -36,7 +36,7 @@ fn cell(file: &Goblin, level: u8, cell: [u32; 3]) -> Option<Value> {
 }
 
 /// Form, rule, kind, depth, reach, stride, heavy threshold, extent.
-fn numbers(header: &Header) -> (Form, Rule, Kind, [u32; 4], [u64; 3]) {
+fn numbers(header: &Header) -> (TreeType, Rule, DataKind, [u32; 4], [u64; 3]) {
     let shape = header.shape;
     let shape = [shape.depth as u32, shape.reach as u32, shape.stride as u32, shape.heavy_threshold];
     (header.form, header.rule, header.kind, shape, header.extent)
@@ -120,7 +120,7 @@ fn history() {
 #[test]
 fn classic() {
     let file = open("classic");
-    let expected = (QUAD, Rule::Dominant, Kind::Categorical, [3, 8, 2, 4096], [8, 8, 1]);
+    let expected = (QUAD, Rule::Dominant, DataKind::Categorical, [3, 8, 2, 4096], [8, 8, 1]);
     assert_eq!(numbers(file.header()), expected);
     assert_eq!((file.segments(), file.stored_records(), file.file_size()), (1, 10, 594));
     assert_eq!(file.zone(0).unwrap().classes, [(byte(1), 40), (byte(2), 15), (byte(3), 9)]);
@@ -136,7 +136,7 @@ fn classic() {
 #[test]
 fn classes() {
     let file = open("classes");
-    let expected = (QUAD, Rule::Majority, Kind::Categorical, [8, 8, 2, 4096], [256, 200, 1]);
+    let expected = (QUAD, Rule::Majority, DataKind::Categorical, [8, 8, 2, 4096], [256, 200, 1]);
     assert_eq!(numbers(file.header()), expected);
     let metadata = file.metadata();
     assert_eq!(metadata.frame, frozen::frame());
@@ -164,7 +164,7 @@ const CLASSES: [(u8, u64); 7] =
 #[test]
 fn elevation() {
     let file = open("elevation");
-    let expected = (quad(SampleType::F32, 1), Rule::Mean, Kind::Continuous, [6, 8, 2, 4096], [64, 50, 1]);
+    let expected = (quad(SampleType::F32, 1), Rule::Mean, DataKind::Continuous, [6, 8, 2, 4096], [64, 50, 1]);
     assert_eq!(numbers(file.header()), expected);
     assert_eq!(file.metadata().nodata, Some((-9999.0).into()));
     assert_eq!(file.metadata().scale_offset, [(1.0, 0.0)]);
@@ -188,7 +188,7 @@ fn elevation() {
 #[test]
 fn rgb() {
     let file = open("rgb");
-    let expected = (quad(SampleType::U8, 3), Rule::Mean, Kind::Continuous, [6, 8, 2, 4096], [64, 50, 1]);
+    let expected = (quad(SampleType::U8, 3), Rule::Mean, DataKind::Continuous, [6, 8, 2, 4096], [64, 50, 1]);
     assert_eq!(numbers(file.header()), expected);
     assert_eq!(file.metadata().band_names, ["red", "green", "blue"]);
     let colour = |channels: [u8; 3]| Some(Value::from(channels));
@@ -204,8 +204,8 @@ fn rgb() {
 fn rgba() {
     let file = open("rgba");
     let value_type = ValueType::new(SampleType::U8, 4).with_alpha();
-    let form = Form { value: value_type, ..quad(SampleType::U8, 4) };
-    let expected = (form, Rule::Mean, Kind::Continuous, [6, 8, 2, 4096], [64, 50, 1]);
+    let form = TreeType { value: value_type, ..quad(SampleType::U8, 4) };
+    let expected = (form, Rule::Mean, DataKind::Continuous, [6, 8, 2, 4096], [64, 50, 1]);
     assert_eq!(numbers(file.header()), expected);
     assert_eq!(file.metadata().alpha, Some(3));
     let island = island::make();
@@ -232,7 +232,7 @@ fn rgba() {
 #[test]
 fn ball() {
     let file = open("ball");
-    let expected = (OCT, Rule::Mean, Kind::Continuous, [5, 6, 2, 4096], [32, 32, 32]);
+    let expected = (OCT, Rule::Mean, DataKind::Continuous, [5, 6, 2, 4096], [32, 32, 32]);
     assert_eq!(numbers(file.header()), expected);
     assert_eq!(cell(&file, 0, [0; 3]), Some(byte(255)));
     assert_eq!((cell(&file, 5, [0; 3]), cell(&file, 5, [16; 3])), (None, Some(byte(255))));
@@ -248,7 +248,7 @@ fn ball() {
 #[test]
 fn segments() {
     let file = open("segments");
-    let expected = (QUAD, Rule::Mean, Kind::Continuous, [10, 8, 2, 4096], [1000, 300, 1]);
+    let expected = (QUAD, Rule::Mean, DataKind::Continuous, [10, 8, 2, 4096], [1000, 300, 1]);
     assert_eq!(numbers(file.header()), expected);
     let codes: Vec<String> = (0..file.segments()).map(|i| file.entry(i).unwrap().code.to_string()).collect();
     assert_eq!(codes, ["/", "/01"]);

@@ -1,16 +1,16 @@
 //! Goblin files against the tree in memory: build, read, verify, for both dimensions and all types.
 
-use spinney::space::{Code, Dimension};
-use spinney::store::goblin::Goblin;
-use spinney::tree::{Child, Form, Source};
-use spinney::value::{Kind, Rule, SampleType, Sums, Value};
+use spinney::raw::store::goblin::Goblin;
+use spinney::raw::value::Sums;
+use spinney::tree::{Child, Source};
+use spinney::{Code, DataKind, Dimension, Rule, SampleType, TreeType, Value};
 
 use crate::common::{
     Cells, OCT, QUAD, as_byte, byte, cells_below, children, goblin, goblin_bytes, goblin_from_tree,
     goblin_from_view, made, oct, quad, same_trees, value_types, view_of_file,
 };
 
-fn round_trip(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
+fn round_trip(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataKind) {
     let cells = Cells::random(form, seed, size, 4 + seed % 60, !seed.is_multiple_of(3));
     let tree = cells.tree(rule);
     let bytes = goblin_bytes(&cells, rule, kind);
@@ -27,7 +27,7 @@ fn round_trip(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
 
 #[test]
 fn quadtrees_of_every_type_and_rule_come_back() {
-    use Kind::{Categorical, Continuous};
+    use DataKind::{Categorical, Continuous};
     use SampleType::*;
     for seed in 0..6 {
         let size = [1 + 137 * seed, 300 - 40 * seed, 1];
@@ -52,11 +52,11 @@ fn octrees_come_back() {
     use SampleType::*;
     for seed in 0..6 {
         let size = [1 + 13 * seed, 70 - 9 * seed, 1 + 17 * seed];
-        round_trip(OCT, seed, size, Rule::Mean, Kind::Continuous);
-        round_trip(OCT, seed, size, Rule::ALL[seed as usize], Kind::Categorical);
+        round_trip(OCT, seed, size, Rule::Mean, DataKind::Continuous);
+        round_trip(OCT, seed, size, Rule::ALL[seed as usize], DataKind::Categorical);
     }
-    round_trip(oct(F32, 3), 3, [65, 20, 70], Rule::Mean, Kind::Continuous);
-    round_trip(oct(U16, 1), 4, [128, 90, 30], Rule::Majority, Kind::Categorical);
+    round_trip(oct(F32, 3), 3, [65, 20, 70], Rule::Mean, DataKind::Continuous);
+    round_trip(oct(U16, 1), 4, [128, 90, 30], Rule::Majority, DataKind::Categorical);
 }
 
 /// Which records, kernels and rules a file needs is decided at run time: none may be missed.
@@ -65,9 +65,9 @@ fn every_type_comes_back_by_every_rule_in_both_dimensions() {
     for (i, value) in value_types().into_iter().enumerate() {
         for (j, rule) in Rule::ALL.into_iter().enumerate() {
             let seed = (7 * i + j) as u64;
-            let kind = if seed.is_multiple_of(2) { Kind::Continuous } else { Kind::Categorical };
-            round_trip(Form::new(Dimension::Quad, value), seed, [70, 41, 1], rule, kind);
-            round_trip(Form::new(Dimension::Oct, value), seed, [13, 18, 9], rule, kind);
+            let kind = if seed.is_multiple_of(2) { DataKind::Continuous } else { DataKind::Categorical };
+            round_trip(TreeType::new(Dimension::Quad, value), seed, [70, 41, 1], rule, kind);
+            round_trip(TreeType::new(Dimension::Oct, value), seed, [13, 18, 9], rule, kind);
         }
     }
 }
@@ -76,8 +76,8 @@ fn every_type_comes_back_by_every_rule_in_both_dimensions() {
 #[test]
 fn averages_are_exact_at_every_level() {
     let cells = Cells::random(QUAD, 5, [700, 600, 1], 9, true);
-    let mean = goblin(&cells, Rule::Mean, Kind::Continuous);
-    let majority = goblin(&cells, Rule::Majority, Kind::Categorical);
+    let mean = goblin(&cells, Rule::Mean, DataKind::Continuous);
+    let majority = goblin(&cells, Rule::Majority, DataKind::Categorical);
     assert!(mean.segments() > 3);
     let depth = mean.depth();
     for level in 0..=depth {
@@ -104,7 +104,7 @@ fn bytes_do_not_depend_on_the_number_of_threads() {
     let cells = Cells::random(QUAD, 5, [1500, 900, 1], 9, true);
     let build = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| goblin_bytes(&cells, Rule::Majority, Kind::Categorical))
+        pool.install(|| goblin_bytes(&cells, Rule::Majority, DataKind::Categorical))
     };
     let one = build(1);
     assert!(one == build(2) && one == build(5));
@@ -133,7 +133,7 @@ fn sums_of_floating_samples_are_double_double() {
     let cells = made(quad(SampleType::F64, 1), [2, 2, 1], |[x, y, _]| {
         Some(Value::from(numbers[(2 * y + x) as usize].to_le_bytes()))
     });
-    let file = goblin(&cells, Rule::Mean, Kind::Continuous);
+    let file = goblin(&cells, Rule::Mean, DataKind::Continuous);
     let zone = file.zone(0).unwrap();
     let (Sums::Float([sum, ..]), Sums::Float([square, ..])) = (zone.sum, zone.squares) else {
         panic!("{zone:?}")

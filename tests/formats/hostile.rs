@@ -4,20 +4,18 @@ use std::io::Write;
 use std::sync::{Arc, LazyLock};
 use std::time::{Duration, Instant};
 
-use spinney::dataset::Dataset;
-use spinney::io::Output;
-use spinney::ops::{self, AffineMap, Axis, Combined, Operation, Prefer, Sampling, View, ViewSource};
 use spinney::query::Condition;
-use spinney::space::Bounds;
-use spinney::store::OpenOptions;
-use spinney::store::goblin::Goblin;
+use spinney::raw::ops::{self, AffineMap, Axis, Combined, Sampling, View, ViewSource};
+use spinney::raw::store::goblin::Goblin;
 use spinney::tree::{Child, MemTree, Source};
-use spinney::value::{Kind, Number, Rule, SampleType};
-use spinney::{Error, Result};
+use spinney::{
+    Bounds, CombineOperation, DataKind, Dataset, Error, Number, OpenOptions, Output, Result, Rule,
+    SampleType, SetOperation,
+};
 
 use crate::common::command::{is_alone, own_peak_memory};
 use crate::common::reference::{self, Cut};
-use crate::common::{self, Cells, OCT, QUAD, Random, goblin_bytes, quad, try_children};
+use crate::common::{self, Cells, OCT, QUAD, Random, goblin_bytes, quad, set_operation, try_children};
 use crate::targets::seal;
 
 /// What a file says to every question, in a form that can be compared.
@@ -155,7 +153,7 @@ pub(super) fn truncate_and_flip(bytes: &[u8], cuts: usize, flips: u64) {
 fn map() -> &'static [u8] {
     static MAP: LazyLock<Vec<u8>> = LazyLock::new(|| {
         let cells = Cells::random(QUAD, 8, [400, 380, 1], 60, true);
-        goblin_bytes(&cells, Rule::Majority, Kind::Categorical)
+        goblin_bytes(&cells, Rule::Majority, DataKind::Categorical)
     });
     &MAP
 }
@@ -163,7 +161,7 @@ fn map() -> &'static [u8] {
 #[test]
 fn any_damage_to_a_tiny_file_is_found() {
     let cells = Cells::random(QUAD, 3, [5, 7, 1], 9, true);
-    let bytes = goblin_bytes(&cells, Rule::Majority, Kind::Categorical);
+    let bytes = goblin_bytes(&cells, Rule::Majority, DataKind::Categorical);
     truncate_and_flip(&bytes, 1, u64::MAX);
 }
 
@@ -175,10 +173,10 @@ fn damage_to_a_file_with_segments_is_found() {
 #[test]
 fn damage_to_other_types_is_found() {
     let cells = Cells::random(OCT, 5, [30, 20, 25], 9, true);
-    let bytes = goblin_bytes(&cells, Rule::Mean, Kind::Continuous);
+    let bytes = goblin_bytes(&cells, Rule::Mean, DataKind::Continuous);
     truncate_and_flip(&bytes, 997, 40);
     let cells = Cells::random(quad(SampleType::F32, 1), 4, [90, 70, 1], 60, true);
-    let bytes = goblin_bytes(&cells, Rule::Mean, Kind::Continuous);
+    let bytes = goblin_bytes(&cells, Rule::Mean, DataKind::Continuous);
     truncate_and_flip(&bytes, 997, 40);
 }
 
@@ -187,7 +185,7 @@ fn damage_to_files_that_are_cut_everywhere_is_found() {
     for (form, size) in [(QUAD, [30, 17, 1]), (OCT, [9, 12, 7])] {
         let cells = Cells::random(form, 6, size, 9, true);
         let tree = cells.tree(Rule::Majority);
-        let kind = (Rule::Majority, Kind::Categorical);
+        let kind = (Rule::Majority, DataKind::Categorical);
         truncate_and_flip(&reference::goblin(&tree, size, kind, Cut::EVERYWHERE), 97, 400);
     }
 }
@@ -577,13 +575,13 @@ fn operations_on_records_that_lie() {
         let header = file.header();
         let options = common::options(header.rule, header.kind, view.depth());
         let output = Output::create(&folder.path().join("made.goblin")).unwrap();
-        let alone = Combined::new(vec![view.clone()], Operation::Over, view.extent()).unwrap();
+        let alone = Combined::new(vec![view.clone()], CombineOperation::Over, view.extent()).unwrap();
         let _ = ops::build(&alone, &options, output, &());
-        let xor = Operation::Set { number: 6, prefer: Prefer::First };
+        let xor = CombineOperation::set(SetOperation::SymmetricDifference);
         let combined = Combined::new(vec![of(&file), of(&file)], xor, extent).unwrap();
         let _ = MemTree::from_source(&combined, Rule::Nearest);
         for number in [6, 7] {
-            let set = Operation::Set { number, prefer: Prefer::First };
+            let set = CombineOperation::set(set_operation(number));
             let combined = Combined::new(vec![of(&good), of(&file)], set, extent).unwrap();
             let options = common::options(header.rule, header.kind, header.shape.depth);
             let output = Output::create(&folder.path().join("made.goblin")).unwrap();

@@ -5,11 +5,9 @@ use std::process::{Child, Command, Output as Run, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use spinney::dataset::open;
-use spinney::export::image::{Format, ImageSpec, create};
-use spinney::io::Output;
-use spinney::store::Metadata;
-use spinney::value::{SampleType, ValueType};
+use spinney::raw::dataset::open;
+use spinney::raw::export::image::{Format, ImageSpec, create};
+use spinney::{Metadata, Output, SampleType, ValueType};
 use tempfile::TempDir;
 
 use crate::common::Random;

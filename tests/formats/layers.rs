@@ -2,15 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::dataset::Dataset;
-use spinney::io::Output;
-use spinney::ops::{self, Chain, Edit, FillRegion};
-use spinney::space::{Bounds, Code, Dimension, Frame};
-use spinney::store::autumnal::{Autumnal, History, Note};
-use spinney::store::goblin::Goblin;
-use spinney::store::{FilePlace, Metadata, OpenOptions, TreeWriter, WriteOptions};
-use spinney::tree::Form;
-use spinney::value::{Kind, Rule, SampleType, ValueType};
+use spinney::edit::{Edit, FillRegion, Note};
+use spinney::raw::ops;
+use spinney::raw::store::autumnal::{Autumnal, History};
+use spinney::raw::store::goblin::Goblin;
+use spinney::raw::store::{FileReference, TreeWriter};
+use spinney::{
+    Bounds, Code, DataKind, Dataset, Dimension, FileView, Frame, Metadata, OpenOptions, Output, Rule,
+    SampleType, TreeType, ValueType, WriteOptions,
+};
 
 use crate::common::command::{is_alone, own_peak_memory};
 use crate::common::reference::{self, Cut};
@@ -24,7 +24,7 @@ struct Layer {
     name: String,
     cells: Cells,
     rule: Rule,
-    kind: Kind,
+    kind: DataKind,
     depth: u8,
 }
 
@@ -42,9 +42,9 @@ fn layers_of(most: u64, count: usize, seed: u64) -> Vec<Layer> {
         let coarser = random.below(3) as u8;
         let side = most >> coarser;
         let size = [side + random.below(9), side - random.below(9), 1];
-        let cells = Cells::random(Form::new(Dimension::Quad, value), random.next(), size, 9, true);
+        let cells = Cells::random(TreeType::new(Dimension::Quad, value), random.next(), size, 9, true);
         let rule = Rule::ALL[random.below(6) as usize];
-        let kind = if random.below(2) == 0 { Kind::Categorical } else { Kind::Continuous };
+        let kind = if random.below(2) == 0 { DataKind::Categorical } else { DataKind::Continuous };
         Layer { name: format!("layer {number}"), cells, rule, kind, depth: 9 - coarser }
     };
     (0..count).map(layer).collect()
@@ -114,7 +114,7 @@ fn each_layer_is_the_tree_that_it_would_be_alone() {
                 let expected = spinney::open(alone(number)).unwrap();
                 same(&file.layer(&layer.name).unwrap(), &expected);
                 same(&file.layer(&number.to_string()).unwrap(), &expected);
-                let place = FilePlace::of(path).of_layer(&layer.name);
+                let place = FileReference::of(path).of_layer(&layer.name);
                 same(&spinney::open(&place).unwrap(), &expected);
                 if path == &goblin {
                     assert!(run(&bytes, number) == run(&std::fs::read(alone(number)).unwrap(), 0));
@@ -123,7 +123,7 @@ fn each_layer_is_the_tree_that_it_would_be_alone() {
             assert!(file.layer("no such").is_err());
         }
         // To the other format and back: the same bytes.
-        ops::convert(&autumn, false, Output::create(&back).unwrap(), WriteOptions::new(1 << 24), &())
+        spinney::convert(&autumn, false, Output::create(&back).unwrap(), WriteOptions::new(1 << 24), &())
             .unwrap();
         assert!(std::fs::read(&back).unwrap() == bytes);
     }
@@ -135,8 +135,8 @@ fn bytes_do_not_depend_on_the_order_of_the_input() {
     let cells = Cells::random(quad(SampleType::U16, 1), 5, [1100, 700, 1], 9, true);
     let [rows, tree] = ["rows.goblin", "tree.goblin"].map(|name| folder.path().join(name));
     // In bands of rows, which is not the order of the file, and node by node.
-    std::fs::write(&rows, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
-    ops::convert(&rows, false, Output::create(&tree).unwrap(), WriteOptions::new(1 << 24), &()).unwrap();
+    std::fs::write(&rows, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
+    spinney::convert(&rows, false, Output::create(&tree).unwrap(), WriteOptions::new(1 << 24), &()).unwrap();
     assert!(std::fs::read(&rows).unwrap() == std::fs::read(&tree).unwrap());
 }
 
@@ -151,7 +151,7 @@ fn layers_come_and_go() {
         for layer in &layers[2..] {
             let alone = folder.path().join("alone.goblin");
             write(std::slice::from_ref(layer), &alone);
-            let chain = Chain::of(&alone);
+            let chain = FileView::of(&alone);
             let commit =
                 ops::add_layer(&path, &layer.name, &chain, Note::default(), WriteOptions::new(1 << 24), &())
                     .unwrap();
@@ -188,13 +188,13 @@ fn layers_lie_in_one_frame() {
         let cells = Cells::random(QUAD, 1, [30, 30, 1], 9, true);
         let mut metadata = Metadata::default();
         (metadata.frame.matrix[0][0], metadata.frame.matrix[1][1]) = (matrix, matrix);
-        let options = options(Rule::Mean, Kind::Continuous, 5).metadata(metadata);
+        let options = options(Rule::Mean, DataKind::Continuous, 5).metadata(metadata);
         write_cells(&other, &cells, &options);
         let name = format!("by {matrix}");
         let added = ops::add_layer(
             &path,
             &name,
-            &Chain::of(&other),
+            &FileView::of(&other),
             Note::default(),
             WriteOptions::new(1 << 24),
             &(),
@@ -215,10 +215,10 @@ fn edits_of_one_layer_leave_the_others() {
     let layers = random_layers(3, 8);
     write(&layers, &path);
     let before: Vec<_> = (0..3).map(|number| windows(&layer_of(&path, number))).collect();
-    let name = FilePlace::of(&path).of_layer("layer 1");
+    let name = FileReference::of(&path).of_layer("layer 1");
     let bounds = Bounds { min: [3, 4, 0], max: [40, 30, 1] };
     let fill = || Ok(Edit::Fill(FillRegion::Box(bounds), None));
-    ops::edit(&name, [fill()], Note::default(), 1 << 24, &()).unwrap().unwrap();
+    spinney::edit::edit(&name, [fill()], Note::default(), 1 << 24, &()).unwrap().unwrap();
     // (A file of several layers is edited by the layer's name.)
     let file = spinney::open(&path).unwrap();
     assert_eq!(file.verify(1 << 24, &()).unwrap(), []);
@@ -226,7 +226,8 @@ fn edits_of_one_layer_leave_the_others() {
         assert_eq!(windows(&layer_of(&path, number)) == *before, number != 1, "layer {number}");
         let old = folder.path().join("s.autumn@1");
         assert!(
-            windows(&spinney::open(FilePlace::of(&old).of_layer(&layers[number].name)).unwrap()) == *before
+            windows(&spinney::open(FileReference::of(&old).of_layer(&layers[number].name)).unwrap())
+                == *before
         );
     }
     let commits: Vec<_> =
@@ -234,15 +235,15 @@ fn edits_of_one_layer_leave_the_others() {
     assert!(commits.iter().all(|commit| commit.layers().len() == 3));
     assert!(commits[0].written.bytes < commits[1].written.bytes / 4, "{commits:?}");
     // Back to the first: one layer is what it was.
-    ops::edit(&name, [Ok(Edit::Revert(1))], Note::default(), 1 << 24, &()).unwrap().unwrap();
+    spinney::edit::edit(&name, [Ok(Edit::Revert(1))], Note::default(), 1 << 24, &()).unwrap().unwrap();
     assert!(windows(&layer_of(&path, 1)) == before[1]);
     // Compacted, with all layers.
     let compact = folder.path().join("c.autumn");
-    let keep = spinney::store::autumnal::Keep::Last(2);
+    let keep = spinney::raw::store::autumnal::Keep::Last(2);
     let output = Output::create(&compact).unwrap();
-    spinney::store::autumnal::compact(
+    spinney::raw::store::autumnal::compact(
         &path,
-        &spinney::store::autumnal::CompactOptions::new(&keep, 1 << 24),
+        &spinney::raw::store::autumnal::CompactOptions::new(&keep, 1 << 24),
         output,
         &(),
     )
@@ -285,9 +286,10 @@ fn directories_of_very_many_segments_are_found() {
     let size = [700, 690, 1];
     let cells = made(QUAD, size, |[x, y, _]| Some(byte(((x * 7 + y * 31 + x * y % 11) % 249) as u8)));
     let tree = cells.tree(Rule::Mean);
-    let file = reference::goblin(&tree, size, (Rule::Mean, Kind::Continuous), Cut::EVERYWHERE);
-    let expected =
-        Dataset::of(Goblin::from_bytes(goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap().into());
+    let file = reference::goblin(&tree, size, (Rule::Mean, DataKind::Continuous), Cut::EVERYWHERE);
+    let expected = Dataset::of(
+        Goblin::from_bytes(goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap().into(),
+    );
     let expected = expected.unwrap();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("cut.goblin");
@@ -354,14 +356,14 @@ fn a_hundred_layers() {
         .map(|number| Layer {
             name: format!("2020-{number:03}"),
             cells: Cells::random(
-                Form::new(Dimension::Quad, ValueType::new(SampleType::U16, 1)),
+                TreeType::new(Dimension::Quad, ValueType::new(SampleType::U16, 1)),
                 number,
                 [20, 20, 1],
                 9,
                 true,
             ),
             rule: Rule::Mean,
-            kind: Kind::Continuous,
+            kind: DataKind::Continuous,
             depth: 9,
         })
         .collect();
@@ -410,7 +412,7 @@ fn places_in_files() {
         ("s.autumn@+1", "s.autumn@+1", None, None),
     ] {
         let whole = path(text);
-        let place = FilePlace::of(&whole);
+        let place = FileReference::of(&whole);
         let found = (place.file.to_path_buf(), place.commit, place.layer.as_deref());
         assert_eq!(found, (path(file), commit, layer), "{text}");
         // And back.

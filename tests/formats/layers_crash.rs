@@ -7,15 +7,14 @@ use std::process::Command;
 use std::sync::Arc;
 use std::time::Instant;
 
-use spinney::dataset::Dataset;
-use spinney::io::Output;
-use spinney::ops::{Edit, apply_edits};
-use spinney::space::{Dimension, Frame};
-use spinney::store::autumnal::{Autumnal, Editor, Note};
-use spinney::store::{Header, Metadata, TreeWriter, WriteOptions};
-use spinney::tree::Form;
-use spinney::value::{Kind, Rule, SampleType};
-use spinney::{Error, Result};
+use spinney::edit::{Edit, Editor, Note};
+use spinney::raw::ops::apply_edits;
+use spinney::raw::store::TreeWriter;
+use spinney::raw::store::autumnal::Autumnal;
+use spinney::{
+    DataKind, Dataset, Dimension, Error, Frame, Header, Metadata, Output, Result, Rule, SampleType, TreeType,
+    WriteOptions,
+};
 
 use crate::common::{Cells, QUAD, Random, assert_same, cells_of, goblin, options, quad, value, write_cells};
 use crate::targets::disk::{Disk, Event, put};
@@ -29,7 +28,7 @@ const DEPTH: u8 = 6;
 struct Stack(Vec<(String, Cells)>);
 
 /// Kinds of the layers: bytes and floats on the file's cells, and colours on larger ones.
-const KINDS: [(Form, [u64; 3]); 3] =
+const KINDS: [(TreeType, [u64; 3]); 3] =
     [(QUAD, [40, 33, 1]), (quad(SampleType::U16, 2), [20, 17, 1]), (quad(SampleType::F32, 1), [37, 40, 1])];
 
 fn metadata(name: &str, cells: &Cells) -> Metadata {
@@ -39,7 +38,7 @@ fn metadata(name: &str, cells: &Cells) -> Metadata {
 
 impl Stack {
     fn new() -> Stack {
-        let layer = |(number, (form, size)): (usize, (Form, [u64; 3]))| {
+        let layer = |(number, (form, size)): (usize, (TreeType, [u64; 3]))| {
             (format!("layer {number}"), Cells::random(form, number as u64, size, 5, true))
         };
         Stack(KINDS.into_iter().enumerate().map(layer).collect())
@@ -51,7 +50,7 @@ impl Stack {
         let mut file = TreeWriter::create(output, (Dimension::Quad, DEPTH), count).unwrap();
         for (name, cells) in &self.0 {
             let options =
-                options(Rule::Mean, Kind::Continuous, cells.depth()).metadata(metadata(name, cells));
+                options(Rule::Mean, DataKind::Continuous, cells.depth()).metadata(metadata(name, cells));
             let nodata = value(cells.form.value, 250);
             file.slabs(cells.form, &mut cells.slabs(nodata), Some(nodata), &options, &()).unwrap();
         }
@@ -97,7 +96,7 @@ impl Stack {
 
 /// The header that a layer of such cells has.
 fn header(cells: &Cells) -> Header {
-    goblin(cells, Rule::Mean, Kind::Continuous).header().clone()
+    goblin(cells, Rule::Mean, DataKind::Continuous).header().clone()
 }
 
 /// Changes several layers, adds and drops some, or goes back to an older commit; then commits.
@@ -288,7 +287,7 @@ fn whole(path: &Path) -> Vec<(String, Cells)> {
     let mut findings = file.verify(1 << 24, &()).unwrap();
     findings.retain(|finding| !finding.place.contains("meta slot"));
     assert_eq!(findings, [], "{}", path.display());
-    let layer = |layer: spinney::ops::LayerInfo| {
+    let layer = |layer: spinney::raw::ops::LayerInfo| {
         let tree = file.layer(&layer.name).unwrap();
         let cells = cells_of(&tree.as_file().unwrap(), layer.header.extent);
         (layer.name, cells)
@@ -302,7 +301,7 @@ fn killed_programs_leave_all_layers_or_none_of_a_change() {
     let folder = tempfile::tempdir().unwrap();
     let other = folder.path().join("other.goblin");
     let cells = Cells::random(QUAD, 9, [50, 60, 1], 5, true);
-    write_cells(&other, &cells, &options(Rule::Mean, Kind::Continuous, DEPTH));
+    write_cells(&other, &cells, &options(Rule::Mean, DataKind::Continuous, DEPTH));
     let mut random = Random(11);
     let stack = Stack::new();
     for name in ["s.goblin", "s.autumn"] {
@@ -349,9 +348,16 @@ fn killed_programs_leave_all_layers_or_none_of_a_change() {
         // (How many are killed in time depends on the machine.)
         println!("{name}: {killed} of 24 were killed, {changes} changed something");
         // Whatever a killed one has left does not keep the next one away.
-        let added = spinney::ops::Chain::of(&other);
-        spinney::ops::add_layer(&path, "at last", &added, Note::default(), WriteOptions::new(1 << 24), &())
-            .unwrap();
+        let added = spinney::FileView::of(&other);
+        spinney::raw::ops::add_layer(
+            &path,
+            "at last",
+            &added,
+            Note::default(),
+            WriteOptions::new(1 << 24),
+            &(),
+        )
+        .unwrap();
         assert!(whole(&path).iter().any(|(name, _)| name == "at last"));
     }
 }

@@ -6,15 +6,15 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use spinney::Error;
-use spinney::dataset::{Dataset, open};
-use spinney::io::Output;
-use spinney::ops::{Chain, Edit, FillRegion, add_layer, apply_edits, drop_layer, edit};
-use spinney::space::{Bounds, Dimension, Frame};
-use spinney::store::autumnal::{CompactOptions, Editor, Keep, Note, compact};
-use spinney::store::{FilePlace, Metadata, OpenOptions, TreeWriter, WriteOptions};
-use spinney::tree::Form;
-use spinney::value::{Kind, Number, Rule, SampleType};
+use spinney::edit::{Edit, Editor, FillRegion, Note, edit};
+use spinney::raw::dataset::open;
+use spinney::raw::ops::{add_layer, apply_edits, drop_layer};
+use spinney::raw::store::autumnal::{CompactOptions, Keep, compact};
+use spinney::raw::store::{FileReference, TreeWriter};
+use spinney::{
+    Bounds, DataKind, Dataset, Dimension, Error, FileView, Frame, Metadata, Number, OpenOptions, Output,
+    Rule, SampleType, TreeType, WriteOptions,
+};
 use tempfile::TempDir;
 
 use crate::common::command::stdout;
@@ -22,7 +22,7 @@ use crate::common::{Cells, QUAD, Random, made, options, quad, value, write_cells
 
 const MEMORY: u64 = 1 << 22;
 const DEPTH: u8 = 7;
-const LAYERS: [(&str, Form, [u64; 3]); 3] = [
+const LAYERS: [(&str, TreeType, [u64; 3]); 3] = [
     ("a", QUAD, [90, 100, 1]),
     ("b", quad(SampleType::U16, 1), [45, 50, 1]),
     ("c", quad(SampleType::F32, 1), [90, 70, 1]),
@@ -38,7 +38,7 @@ fn file(name: &str) -> (TempDir, PathBuf) {
         let cells = made(form, size, |_| Some(form.value.nearest(|_| 1.0)));
         let frame = Frame::identity().coarser(DEPTH - cells.depth());
         let metadata = Metadata { name: name.into(), frame, ..Metadata::default() };
-        let options = options(Rule::Mean, Kind::Continuous, cells.depth()).metadata(metadata);
+        let options = options(Rule::Mean, DataKind::Continuous, cells.depth()).metadata(metadata);
         file.slabs(form, &mut cells.slabs(value(form.value, 250)), None, &options, &()).unwrap();
     }
     file.finish().unwrap();
@@ -126,7 +126,7 @@ fn what_is_opened_is_one_commit_of_all_layers() {
     for number in [1, 2, COMMITS / 2, COMMITS] {
         let old = PathBuf::from(format!("{}@{number}", path.display()));
         for (name, ..) in LAYERS {
-            let layer = open(&FilePlace::of(&old).of_layer(name), &OpenOptions::new()).unwrap();
+            let layer = open(&FileReference::of(&old).of_layer(name), &OpenOptions::new()).unwrap();
             assert_eq!(number_of(&layer), number as f64);
         }
     }
@@ -137,10 +137,10 @@ fn who_edits_one_layer_edits_the_file() {
     let (folder, path) = file("s.autumn");
     let text = path.display().to_string();
     let other = other(folder.path());
-    let editor = Editor::open(&FilePlace::of(&path).of_layer("a"), MEMORY).unwrap();
-    let second = Editor::open(&FilePlace::of(&path).of_layer("b"), MEMORY);
+    let editor = Editor::open(&FileReference::of(&path).of_layer("a"), MEMORY).unwrap();
+    let second = Editor::open(&FileReference::of(&path).of_layer("b"), MEMORY);
     assert!(matches!(second, Err(Error::Locked { .. })));
-    let chain = Chain::of(&other);
+    let chain = FileView::of(&other);
     assert!(matches!(
         add_layer(&path, "d", &chain, Note::default(), WriteOptions::new(MEMORY), &()),
         Err(Error::Locked { .. })
@@ -167,7 +167,7 @@ fn who_edits_one_layer_edits_the_file() {
 fn other(folder: &Path) -> PathBuf {
     let path = folder.join("other.goblin");
     let cells = Cells::random(QUAD, 4, [80, 70, 1], 7, true);
-    write_cells(&path, &cells, &options(Rule::Mean, Kind::Continuous, DEPTH));
+    write_cells(&path, &cells, &options(Rule::Mean, DataKind::Continuous, DEPTH));
     path
 }
 
@@ -193,7 +193,7 @@ fn nobody_loses_a_layer_that_another_one_adds() {
         };
         thread::scope(|scope| {
             for thread in 0..4 {
-                let (path, chain, until_done) = (&path, Chain::of(&other), &until_done);
+                let (path, chain, until_done) = (&path, FileView::of(&other), &until_done);
                 scope.spawn(move || {
                     for round in 0..5 {
                         let name = format!("layer {thread} {round}");
@@ -233,7 +233,7 @@ fn readers_of_an_old_commit_go_on() {
     drop(editor);
     let mut old: Vec<Dataset> = LAYERS
         .iter()
-        .map(|(name, ..)| open(&FilePlace::of(&path).of_layer(name), &OpenOptions::new()).unwrap())
+        .map(|(name, ..)| open(&FileReference::of(&path).of_layer(name), &OpenOptions::new()).unwrap())
         .collect();
     let first = open(&PathBuf::from(format!("{}@1", path.display())), &OpenOptions::new()).unwrap();
     let check = |old: &[Dataset]| {
@@ -250,8 +250,15 @@ fn readers_of_an_old_commit_go_on() {
         match random.below(4) {
             0 => {
                 let name = format!("other {round}");
-                add_layer(&path, &name, &Chain::of(&other), Note::default(), WriteOptions::new(MEMORY), &())
-                    .unwrap();
+                add_layer(
+                    &path,
+                    &name,
+                    &FileView::of(&other),
+                    Note::default(),
+                    WriteOptions::new(MEMORY),
+                    &(),
+                )
+                .unwrap();
             }
             1 => {
                 let layers = open(&path, &OpenOptions::new()).unwrap().layers().unwrap();
@@ -266,11 +273,11 @@ fn readers_of_an_old_commit_go_on() {
                 std::fs::rename(&small, &path).unwrap();
             }
             _ => {
-                let fill = |(name, _, size): (&str, Form, [u64; 3])| {
+                let fill = |(name, _, size): (&str, TreeType, [u64; 3])| {
                     let region = FillRegion::Box(Bounds::picture(size));
                     let number = 10 + round;
                     let fill = Edit::Fill(region, Some(vec![Number::from(number)]));
-                    edit(&FilePlace::of(&path).of_layer(name), [Ok(fill)], Note::default(), MEMORY, &())
+                    edit(&FileReference::of(&path).of_layer(name), [Ok(fill)], Note::default(), MEMORY, &())
                 };
                 LAYERS.into_iter().for_each(|layer| assert!(fill(layer).unwrap().is_some()));
             }
@@ -279,7 +286,8 @@ fn readers_of_an_old_commit_go_on() {
         assert_eq!(open(&path, &OpenOptions::new()).unwrap().verify(1 << 24, &()).unwrap(), []);
     }
     // Who moves on is at the same layer of what is there now; where it is gone, it stays, and says so.
-    add_layer(&path, "before", &Chain::of(&other), Note::default(), WriteOptions::new(MEMORY), &()).unwrap();
+    add_layer(&path, "before", &FileView::of(&other), Note::default(), WriteOptions::new(MEMORY), &())
+        .unwrap();
     drop_layer(&path, "b", Note::default(), MEMORY, &()).unwrap();
     let newest = open(&path, &OpenOptions::new()).unwrap();
     for (layer, (name, ..)) in old.iter_mut().zip(LAYERS) {
@@ -298,8 +306,8 @@ fn readers_of_an_old_commit_go_on() {
 fn moving_on_is_by_name() {
     let (folder, path) = file("s.autumn");
     let other = other(folder.path());
-    add_layer(&path, "1", &Chain::of(&other), Note::default(), WriteOptions::new(MEMORY), &()).unwrap();
-    let mut layer = open(&FilePlace::of(&path).of_layer("1"), &OpenOptions::new()).unwrap();
+    add_layer(&path, "1", &FileView::of(&other), Note::default(), WriteOptions::new(MEMORY), &()).unwrap();
+    let mut layer = open(&FileReference::of(&path).of_layer("1"), &OpenOptions::new()).unwrap();
     assert_eq!(layer.layer_number(), 3);
     drop_layer(&path, "1", Note::default(), MEMORY, &()).unwrap();
     assert!(layer.refresh().is_err());

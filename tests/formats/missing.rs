@@ -2,13 +2,12 @@
 
 use std::path::Path;
 
-use spinney::dataset::Dataset;
-use spinney::io::Output;
-use spinney::ops::{self, Step};
-use spinney::space::{Bounds, Dimension};
-use spinney::store::{BuildOptions, WriteOptions, build_slabs};
-use spinney::tree::Form;
-use spinney::value::{Kind, Mask, Number, Rule, SampleType, Value, ValueType};
+use spinney::raw::value::Mask;
+use spinney::tree::build_slabs;
+use spinney::{
+    Bounds, BuildOptions, DataKind, Dataset, Dimension, Number, Output, Rule, SampleType, TreeType, Value,
+    ValueType, ViewStep, WriteOptions,
+};
 
 use crate::common::{Cells, Random};
 
@@ -31,12 +30,12 @@ fn cells(value_type: ValueType, seed: u64) -> Cells {
             cells.push((!is_void).then(|| value_type.nearest(|channel| numbers[channel])));
         }
     }
-    Cells { form: Form::new(Dimension::Quad, value_type), size: SIZE, cells }
+    Cells { form: TreeType::new(Dimension::Quad, value_type), size: SIZE, cells }
 }
 
 fn write(path: &Path, cells: &Cells, rule: Rule) -> Dataset {
     let nodata = cells.form.value.splat(MISSING).unwrap();
-    let options = BuildOptions::new(Kind::Continuous, cells.depth()).rule(rule);
+    let options = BuildOptions::new(DataKind::Continuous, cells.depth()).rule(rule);
     let output = Output::create(path).unwrap();
     build_slabs(cells.form, &mut cells.slabs(nodata), Some(nodata), &options, output, &()).unwrap();
     let tree = spinney::open(path).unwrap();
@@ -163,7 +162,7 @@ fn trees_of_such_values_stay_such() {
     let tree = write(&path("a.goblin"), &cells, Rule::Mean);
     assert_eq!(tree.header().form.value.mask, Mask::Missing([9, 0, 0, 0, 0, 0, 0, 0]));
     // There and back.
-    ops::convert(
+    spinney::convert(
         &path("a.goblin"),
         false,
         Output::create(&path("b.autumn")).unwrap(),
@@ -171,7 +170,7 @@ fn trees_of_such_values_stay_such() {
         &(),
     )
     .unwrap();
-    ops::convert(
+    spinney::convert(
         &path("b.autumn"),
         false,
         Output::create(&path("c.goblin")).unwrap(),
@@ -182,7 +181,7 @@ fn trees_of_such_values_stay_such() {
     let bytes = |name| std::fs::read(path(name)).unwrap();
     assert!(bytes("a.goblin") == bytes("c.goblin"));
     // Whole cells of a coarser tree are made of the same samples as the level of that size.
-    let steps: [Step; 1] = ["depth=7".parse().unwrap()];
+    let steps: [ViewStep; 1] = ["depth=7".parse().unwrap()];
     let view = spinney::open(path("a.goblin")).unwrap().view(&steps).unwrap();
     let bounds = Bounds { min: [0; 3], max: [88, 38, 1] };
     let read = |tree: &Dataset| {
@@ -203,8 +202,15 @@ fn what_is_computed_is_missing_where_one_sample_is() {
         write(tree, model, Rule::Mean);
     }
     let output = Output::create(&path("c.goblin")).unwrap();
-    let usual = ops::Universe::Usual;
-    ops::combine(ops::Operation::Max, None, usual, &trees, output, WriteOptions::new(64 << 20), &()).unwrap();
+    spinney::combine(
+        spinney::CombineOperation::Max,
+        spinney::CombineOptions::default(),
+        &trees,
+        output,
+        WriteOptions::new(64 << 20),
+        &(),
+    )
+    .unwrap();
     let tree = spinney::open(path("c.goblin")).unwrap();
     assert!(tree.verify(64 << 20, &()).unwrap().is_empty());
     let value_type = models[0].form.value;

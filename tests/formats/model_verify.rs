@@ -1,8 +1,8 @@
 //! Verification of exact models: single things of honest files changed, with right checksums, are found, each as what it is; and what
 //! verification takes for good gives results that it takes for good.
 
-use spinney::brep::{ExactModel, combine};
-use spinney::io::Output;
+use spinney::brep::combine;
+use spinney::{ExactModel, Output, SetOperation};
 
 use super::attack_model::{CROSSINGS, house, one_leaf, tetrahedron};
 use crate::common::Random;
@@ -177,12 +177,16 @@ fn what_is_good_gives_what_is_good() {
         let Ok(model) = ExactModel::from_bytes(file.bytes()) else { continue };
         let is_good = model.verify(MEMORY, &()).unwrap().is_empty();
         good += usize::from(is_good);
-        for (operation, models) in [(7, [&model, &other]), (1, [&model, &other]), (2, [&other, &model])] {
+        for (operation, models) in [
+            (SetOperation::Union, [&model, &other]),
+            (SetOperation::Intersection, [&model, &other]),
+            (SetOperation::Difference, [&other, &model]),
+        ] {
             match combine(
                 operation,
                 &models,
                 Output::create(&target).unwrap(),
-                spinney::store::Codec::Plain,
+                spinney::Codec::Plain,
                 16 << 20,
                 &(),
             ) {

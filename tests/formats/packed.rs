@@ -4,17 +4,18 @@ use std::path::PathBuf;
 use std::sync::{Arc, LazyLock};
 use std::time::{Duration, Instant};
 
-use spinney::dataset::Dataset;
-use spinney::io::{Output, RangeCache};
-use spinney::ops::{self, Chain, Operation, Universe};
-use spinney::query::{ContourLevels, ContourRequest, LabelRequest, PointSamples, PolygonRequest};
-use spinney::space::{Bounds, Dimension};
-use spinney::store::autumnal::Note;
-use spinney::store::goblin::{Goblin, LevelBytes};
-use spinney::store::{BuildOptions, Codec, OpenOptions, Packing, WriteOptions, build_slabs};
-use spinney::tree::Form;
-use spinney::value::{Kind, Rule, SampleType};
-use spinney::{Error, dataset};
+use spinney::edit::Note;
+use spinney::query::{ContourLevels, ContourRequest, PointSamples, PolygonRequest};
+use spinney::raw::io::RangeCache;
+use spinney::raw::query::LabelRequest;
+use spinney::raw::store::Packing;
+use spinney::raw::store::goblin::{Goblin, LevelBytes};
+use spinney::raw::{dataset, ops};
+use spinney::tree::build_slabs;
+use spinney::{
+    Bounds, BuildOptions, Codec, CombineOperation, CombineOptions, DataKind, Dataset, Dimension, Error,
+    FileView, OpenOptions, Output, Rule, SampleType, TreeType, WriteOptions,
+};
 
 use super::attack_goblin::{TREE_FIELDS, changed, fields};
 use super::hostile::truncate_and_flip;
@@ -37,7 +38,7 @@ fn converted(bytes: &[u8], how: WriteOptions) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let [from, to] = ["from.goblin", "to.goblin"].map(|name| folder.path().join(name));
     std::fs::write(&from, bytes).unwrap();
-    ops::convert(&from, false, Output::create(&to).unwrap(), how, &()).unwrap();
+    spinney::convert(&from, false, Output::create(&to).unwrap(), how, &()).unwrap();
     std::fs::read(&to).unwrap()
 }
 
@@ -50,7 +51,7 @@ fn plain(bytes: &[u8]) -> Vec<u8> {
 }
 
 /// The bytes of the packed file that slabs make.
-fn built(cells: &Cells, rule: Rule, kind: Kind, memory: u64) -> Vec<u8> {
+fn built(cells: &Cells, rule: Rule, kind: DataKind, memory: u64) -> Vec<u8> {
     bytes_of(|path| {
         let how = packing();
         let options = options(rule, kind, cells.depth()).packing(how.packing).memory(memory);
@@ -69,8 +70,8 @@ fn sums(tree: &Dataset) -> [u64; 4] {
     [sum(|of| of.segments), sum(|of| of.packed), sum(|of| of.bytes), sum(|of| of.plain)]
 }
 
-fn kind_of(rule: Rule) -> Kind {
-    if rule == Rule::Majority { Kind::Categorical } else { Kind::Continuous }
+fn kind_of(rule: Rule) -> DataKind {
+    if rule == Rule::Majority { DataKind::Categorical } else { DataKind::Continuous }
 }
 
 /// Trees of several segments, of both dimensions and of several types.
@@ -102,7 +103,7 @@ fn packed_and_back_the_bytes_are_the_same() {
     let mut sum = [0; 4];
     for (number, value_type) in value_types().into_iter().enumerate() {
         for dimension in [Dimension::Quad, Dimension::Oct] {
-            let form = Form::new(dimension, value_type);
+            let form = TreeType::new(dimension, value_type);
             // (Every second rule of each, so that it is done soon.)
             for rule in Rule::ALL.into_iter().skip((number + form.axes()) % 2).step_by(2) {
                 let size = if form.axes() == 2 { quad_size(&mut random) } else { oct_size(&mut random) };
@@ -244,10 +245,10 @@ fn operations_make_the_same_of_packed_files() {
         // (The first file by every step, each of the others by one.)
         let numbers = if number == 0 { 0..3 } else { number - 1..number };
         for step in &[None, Some(shift), Some("scale=0.5")][numbers] {
-            let steps: Vec<ops::Step> = step.iter().map(|step| step.parse().unwrap()).collect();
+            let steps: Vec<spinney::ViewStep> = step.iter().map(|step| step.parse().unwrap()).collect();
             let make = |name: &str, how| {
-                let chain = Chain { steps: steps.clone(), ..Chain::of(&path(name)) };
-                ops::transform(&chain, create("out.goblin"), how, &()).unwrap();
+                let chain = FileView { steps: steps.clone(), ..FileView::of(&path(name)) };
+                spinney::transform(&chain, create("out.goblin"), how, &()).unwrap();
                 cells_of("out.goblin")
             };
             let [plain, packed] = [WriteOptions::new(MEMORY), packing()];
@@ -257,15 +258,14 @@ fn operations_make_the_same_of_packed_files() {
             assert!(make("pa.goblin", packed) == small, "{step:?} of file {number}");
             assert!(small.0 == expected.0, "{step:?} of file {number}, packed");
         }
-        for operation in [Operation::Over, Operation::Changed] {
+        for operation in [CombineOperation::Over, CombineOperation::Changed] {
             let made = [["a.goblin", "b.goblin"], ["pa.goblin", "b.goblin"], ["pa.goblin", "pb.goblin"]].map(
                 |names| {
                     let files: Vec<PathBuf> = names.map(path).to_vec();
                     let how = packing();
-                    let outcome = ops::combine(
+                    let outcome = spinney::combine(
                         operation,
-                        None,
-                        Universe::Usual,
+                        CombineOptions::default(),
                         &files,
                         create("out.goblin"),
                         how,
@@ -284,13 +284,13 @@ fn bytes_depend_on_nothing_else() {
     let cells = Cells::random(QUAD, 5, [1100, 700, 1], 9, true);
     let build = |threads, memory| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| built(&cells, Rule::Majority, Kind::Categorical, memory))
+        pool.install(|| built(&cells, Rule::Majority, DataKind::Categorical, memory))
     };
     let one = build(1, MEMORY);
     for (threads, memory) in [(2, MEMORY), (5, MEMORY), (1, 1 << 16), (3, 1 << 16), (2, 4 << 30)] {
         assert!(build(threads, memory) == one, "{threads} threads, {memory} bytes");
     }
-    let plain = goblin_bytes(&cells, Rule::Majority, Kind::Categorical);
+    let plain = goblin_bytes(&cells, Rule::Majority, DataKind::Categorical);
     let convert = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| packed(&plain))
@@ -303,12 +303,12 @@ fn layers_are_copied_as_they_are() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     let cells = |seed| Cells::random(QUAD, seed, [700, 600, 1], 40, true);
-    let [first, second] = [1, 2].map(|seed| goblin_bytes(&cells(seed), Rule::Mean, Kind::Continuous));
+    let [first, second] = [1, 2].map(|seed| goblin_bytes(&cells(seed), Rule::Mean, DataKind::Continuous));
     std::fs::write(path("a.goblin"), packed(&first)).unwrap();
     std::fs::write(path("b.goblin"), &second).unwrap();
     let before = sums(&dataset::open(&path("a.goblin"), &OpenOptions::new()).unwrap());
     let add = |name: &str, how| {
-        let chain = Chain::of(&path("b.goblin"));
+        let chain = FileView::of(&path("b.goblin"));
         ops::add_layer(&path("a.goblin"), name, &chain, Note::default(), how, &()).unwrap();
     };
     add("plain", WriteOptions::new(MEMORY));
@@ -325,7 +325,7 @@ fn layers_are_copied_as_they_are() {
     }
     // Whoever converts is asked.
     let how = WriteOptions::new(MEMORY);
-    ops::convert(&path("a.goblin"), false, Output::create(&path("c.goblin")).unwrap(), how, &()).unwrap();
+    spinney::convert(&path("a.goblin"), false, Output::create(&path("c.goblin")).unwrap(), how, &()).unwrap();
     let all = dataset::open(&path("c.goblin"), &OpenOptions::new()).unwrap();
     assert!(all.layers().unwrap().iter().all(|layer| layer.header.codec == Codec::Plain));
     ops::drop_layer(&path("a.goblin"), "plain", Note::default(), MEMORY, &()).unwrap();
@@ -338,11 +338,11 @@ fn history_is_not_packed() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     let cells = Cells::random(QUAD, 1, [90, 60, 1], 9, true);
-    std::fs::write(path("a.goblin"), goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
+    std::fs::write(path("a.goblin"), goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
     let create = || Output::create(&path("a.autumn")).unwrap();
     let how = packing();
-    let converted = ops::convert(&path("a.goblin"), false, create(), how, &());
-    let options = BuildOptions::new(Kind::Continuous, 7).packing(how.packing);
+    let converted = spinney::convert(&path("a.goblin"), false, create(), how, &());
+    let options = BuildOptions::new(DataKind::Continuous, 7).packing(how.packing);
     let nodata = Some(value(QUAD.value, 250));
     let built = build_slabs(QUAD, &mut cells.slabs(value(QUAD.value, 250)), nodata, &options, create(), &());
     for refused in [converted, built] {
@@ -350,28 +350,28 @@ fn history_is_not_packed() {
         assert!(text.contains("compact") && text.contains(".goblin"), "{text}");
         assert!(!path("a.autumn").exists());
     }
-    ops::convert(&path("a.goblin"), false, create(), WriteOptions::new(MEMORY), &()).unwrap();
-    let chain = Chain::of(&path("a.goblin"));
+    spinney::convert(&path("a.goblin"), false, create(), WriteOptions::new(MEMORY), &()).unwrap();
+    let chain = FileView::of(&path("a.goblin"));
     let added = ops::add_layer(&path("a.autumn"), "more", &chain, Note::default(), how, &());
     assert!(matches!(added, Err(Error::Unsupported { .. })));
     // From there it can be.
-    ops::convert(&path("a.autumn"), false, Output::create(&path("b.goblin")).unwrap(), how, &()).unwrap();
+    spinney::convert(&path("a.autumn"), false, Output::create(&path("b.goblin")).unwrap(), how, &()).unwrap();
     assert!(std::fs::read(path("b.goblin")).unwrap() == packed(&std::fs::read(path("a.goblin")).unwrap()));
 }
 
 #[test]
 fn damage_is_found() {
     for bytes in [
-        goblin_bytes(&Cells::random(QUAD, 3, [600, 500, 1], 30, true), Rule::Majority, Kind::Categorical),
+        goblin_bytes(&Cells::random(QUAD, 3, [600, 500, 1], 30, true), Rule::Majority, DataKind::Categorical),
         goblin_bytes(
             &Cells::random(oct(SampleType::I16, 1), 4, [90, 40, 66], 9, true),
             Rule::Mean,
-            Kind::Continuous,
+            DataKind::Continuous,
         ),
     ] {
         truncate_and_flip(&packed(&bytes), 997, 15);
     }
-    let tiny = goblin_bytes(&Cells::random(QUAD, 9, [30, 20, 1], 4, true), Rule::Mean, Kind::Continuous);
+    let tiny = goblin_bytes(&Cells::random(QUAD, 9, [30, 20, 1], 4, true), Rule::Mean, DataKind::Continuous);
     truncate_and_flip(&packed(&tiny), 100, 100);
 }
 
@@ -387,7 +387,7 @@ fn entries(file: &[u8]) -> Vec<usize> {
 #[test]
 fn what_is_said_of_packed_segments_does_no_harm() {
     let cells = Cells::random(QUAD, 3, [500, 300, 1], 5, true);
-    let file = packed(&goblin_bytes(&cells, Rule::Majority, Kind::Categorical));
+    let file = packed(&goblin_bytes(&cells, Rule::Majority, DataKind::Categorical));
     let mut all = fields("the tree's header", seal::layers(&file)[0], &TREE_FIELDS);
     for entry in entries(&file) {
         all.extend(fields("an entry", entry, &[8, 8, 8, 4, 2, 1, 1, 4, 8]));
@@ -417,7 +417,7 @@ fn what_is_said_of_packed_segments_does_no_harm() {
 #[test]
 fn codecs_are_those_that_are_known() {
     let cells = Cells::random(QUAD, 3, [500, 300, 1], 5, true);
-    let file = packed(&goblin_bytes(&cells, Rule::Mean, Kind::Continuous));
+    let file = packed(&goblin_bytes(&cells, Rule::Mean, DataKind::Continuous));
     let changed = |at: usize, byte: u8| {
         let mut file = file.clone();
         file[at] = byte;
@@ -439,7 +439,7 @@ fn codecs_are_those_that_are_known() {
 #[test]
 fn few_bytes_do_not_become_very_many() {
     let cells = Cells::random(QUAD, 3, [500, 300, 1], 5, true);
-    let file = packed(&goblin_bytes(&cells, Rule::Mean, Kind::Continuous));
+    let file = packed(&goblin_bytes(&cells, Rule::Mean, DataKind::Continuous));
     for places in [u32::MAX, 1 << 24, 1 << 23] {
         let mut bomb = file.clone();
         for entry in entries(&file) {
@@ -463,7 +463,7 @@ fn open_goblin(file: Goblin) -> Dataset {
 #[test]
 fn threads_share_what_is_unpacked() {
     let bytes =
-        goblin_bytes(&Cells::random(QUAD, 8, [2100, 1500, 1], 200, false), Rule::Mean, Kind::Continuous);
+        goblin_bytes(&Cells::random(QUAD, 8, [2100, 1500, 1], 200, false), Rule::Mean, DataKind::Continuous);
     let (tree, expected) = (open(&packed(&bytes)), open(&bytes));
     let cache = RangeCache::unpacked();
     let limit = cache.limit();

@@ -2,14 +2,13 @@
 
 use std::path::Path;
 
-use spinney::dataset;
-use spinney::io::Output;
-use spinney::ops::{Chain, Edit, FillRegion, add_layer, convert, edit};
-use spinney::space::Bounds;
-use spinney::store::autumnal::{Autumnal, CompactOptions, History, Keep, Note, compact};
-use spinney::store::{OpenOptions, WriteOptions};
-use spinney::tree::Form;
-use spinney::value::{Kind, Rule, SampleType};
+use spinney::edit::{Edit, FillRegion, Note, edit};
+use spinney::raw::dataset;
+use spinney::raw::ops::add_layer;
+use spinney::raw::store::autumnal::{Autumnal, CompactOptions, History, Keep, compact};
+use spinney::{
+    Bounds, DataKind, FileView, OpenOptions, Output, Rule, SampleType, TreeType, WriteOptions, convert,
+};
 
 use super::autumnal_edits::{random_edit, write};
 use crate::common::{Cells, OCT, QUAD, Random, assert_same, cells_of, goblin_bytes, oct, quad, same_trees};
@@ -34,7 +33,7 @@ fn compacted(path: &Path, to: &Path, share: bool, pack: bool, memory: u64) -> u6
 }
 
 /// Random edits, then all commits in files with their history packed.
-fn history_stays(form: Form, size: [u64; 3], (rule, kind): (Rule, Kind), share: bool, seed: u64) {
+fn history_stays(form: TreeType, size: [u64; 3], (rule, kind): (Rule, DataKind), share: bool, seed: u64) {
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str| folder.path().join(name);
     let path = file("t.autumn");
@@ -95,19 +94,19 @@ fn history_stays(form: Form, size: [u64; 3], (rule, kind): (Rule, Kind), share: 
 
 #[test]
 fn history_of_quadtrees() {
-    let classes = (Rule::Majority, Kind::Categorical);
+    let classes = (Rule::Majority, DataKind::Categorical);
     history_stays(QUAD, [160, 90, 1], classes, false, 2);
     history_stays(QUAD, [60, 70, 1], classes, true, 3);
-    history_stays(quad(SampleType::I16, 1), [140, 70, 1], (Rule::Mean, Kind::Continuous), false, 4);
-    history_stays(quad(SampleType::F32, 2), [40, 37, 1], (Rule::Mean, Kind::Continuous), true, 5);
-    history_stays(quad(SampleType::U8, 3), [130, 30, 1], (Rule::Max, Kind::Continuous), false, 6);
+    history_stays(quad(SampleType::I16, 1), [140, 70, 1], (Rule::Mean, DataKind::Continuous), false, 4);
+    history_stays(quad(SampleType::F32, 2), [40, 37, 1], (Rule::Mean, DataKind::Continuous), true, 5);
+    history_stays(quad(SampleType::U8, 3), [130, 30, 1], (Rule::Max, DataKind::Continuous), false, 6);
 }
 
 #[test]
 fn history_of_octrees() {
-    history_stays(OCT, [33, 18, 20], (Rule::Occupancy, Kind::Continuous), false, 7);
-    history_stays(oct(SampleType::U16, 1), [16, 12, 20], (Rule::Majority, Kind::Categorical), true, 8);
-    history_stays(oct(SampleType::F64, 1), [12, 14, 9], (Rule::Mean, Kind::Continuous), false, 9);
+    history_stays(OCT, [33, 18, 20], (Rule::Occupancy, DataKind::Continuous), false, 7);
+    history_stays(oct(SampleType::U16, 1), [16, 12, 20], (Rule::Majority, DataKind::Categorical), true, 8);
+    history_stays(oct(SampleType::F64, 1), [12, 14, 9], (Rule::Mean, DataKind::Continuous), false, 9);
 }
 
 /// Much of a history that is packed takes few bytes, though each commit changes a large part.
@@ -118,7 +117,7 @@ fn history_becomes_smaller() {
     let path = file("t.autumn");
     let size = [700, 600, 1];
     let cells = Cells::random(QUAD, 11, size, 4, false);
-    write(&path, &cells, (Rule::Majority, Kind::Categorical), false);
+    write(&path, &cells, (Rule::Majority, DataKind::Categorical), false);
     for number in 0..6u64 {
         let (from, value) = (100 * number, 1.0 + number as f64);
         let region = FillRegion::Box(Bounds { min: [from, 0, 0], max: [from + 37, 600, 1] });
@@ -143,10 +142,10 @@ fn history_of_layers() {
     let path = file("t.autumn");
     let size = [100, 90, 1];
     let classes = Cells::random(QUAD, 1, size, 4, true);
-    write(&path, &classes, (Rule::Majority, Kind::Categorical), false);
+    write(&path, &classes, (Rule::Majority, DataKind::Categorical), false);
     let heights = Cells::random(quad(SampleType::I16, 1), 2, size, 5, true);
-    std::fs::write(file("h.goblin"), goblin_bytes(&heights, Rule::Mean, Kind::Continuous)).unwrap();
-    let chain = Chain::of(&file("h.goblin"));
+    std::fs::write(file("h.goblin"), goblin_bytes(&heights, Rule::Mean, DataKind::Continuous)).unwrap();
+    let chain = FileView::of(&file("h.goblin"));
     add_layer(&path, "heights", &chain, Note::default(), WriteOptions::new(MEMORY), &()).unwrap();
     let region = FillRegion::Box(Bounds { min: [3, 5, 0], max: [60, 40, 1] });
     edit(&path, [Ok(Edit::Fill(region, Some(vec![9.0.into()])))], Note::default(), MEMORY, &()).unwrap();

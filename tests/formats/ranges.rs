@@ -5,15 +5,15 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::{Arc, LazyLock, Mutex};
 
-use spinney::dataset::Dataset;
-use spinney::io::rounds::{ask, attempt};
-use spinney::io::{Fetch, Output, RangeCache, RangeFile};
-use spinney::query::{Condition, PointSamples, ZonalRequest, ZoneMeasure};
-use spinney::space::{Bounds, Code, Dimension, EdgeRule, Polygon};
-use spinney::store::goblin::Goblin;
-use spinney::store::{ByteSource, OpenOptions, WriteOptions};
-use spinney::value::{Kind, Rule, SampleType};
-use spinney::{Error, Result, ops};
+use spinney::query::{Condition, EdgeRule, PointSamples, Polygon, ZonalRequest, ZoneMeasure};
+use spinney::raw::io::batch::{run_batched, try_once};
+use spinney::raw::io::{Fetch, RangeCache, RangeFile};
+use spinney::raw::store::ByteSource;
+use spinney::raw::store::goblin::Goblin;
+use spinney::{
+    Bounds, Code, DataKind, Dataset, Dimension, Error, OpenOptions, Output, Result, Rule, SampleType,
+    WriteOptions,
+};
 
 use crate::common::{BYTE, Cells, QUAD, Random, goblin_bytes, oct, quad};
 
@@ -51,9 +51,9 @@ pub(super) type Question = (&'static str, Box<dyn Fn(&Dataset) -> Result<String>
 
 pub(super) fn question<T: Debug>(
     name: &'static str,
-    ask: impl Fn(&Dataset) -> Result<T> + 'static,
+    run_batched: impl Fn(&Dataset) -> Result<T> + 'static,
 ) -> Question {
-    (name, Box::new(move |tree| ask(tree).map(|answer| format!("{answer:?}"))))
+    (name, Box::new(move |tree| run_batched(tree).map(|answer| format!("{answer:?}"))))
 }
 
 /// A box in the middle of a picture, a little off.
@@ -74,7 +74,7 @@ fn window(tree: &Dataset, level: u8) -> Result<(Vec<u8>, Vec<bool>)> {
     Ok((values, valid))
 }
 
-fn points(tree: &Dataset) -> Result<Vec<Option<spinney::value::Value>>> {
+fn points(tree: &Dataset) -> Result<Vec<Option<spinney::Value>>> {
     let mut random = Random(7);
     let size = tree.header().extent;
     let cells: Vec<[u64; 3]> = (0..2000).map(|_| size.map(|cells| random.below(cells + 1))).collect();
@@ -138,7 +138,7 @@ pub(super) fn questions() -> Vec<Question> {
 fn large() -> Arc<Vec<u8>> {
     static LARGE: LazyLock<Arc<Vec<u8>>> = LazyLock::new(|| {
         let cells = Cells::random(QUAD, 8, [2100, 1500, 1], 200, false);
-        Arc::new(goblin_bytes(&cells, Rule::Mean, Kind::Continuous))
+        Arc::new(goblin_bytes(&cells, Rule::Mean, DataKind::Continuous))
     });
     LARGE.clone()
 }
@@ -147,20 +147,20 @@ fn large() -> Arc<Vec<u8>> {
 fn all_questions_have_the_same_answers_wherever_the_file_is() {
     let folder = tempfile::tempdir().unwrap();
     let small = |form, size, kind| {
-        let rule = if kind == Kind::Categorical { Rule::Majority } else { Rule::Mean };
+        let rule = if kind == DataKind::Categorical { Rule::Majority } else { Rule::Mean };
         Arc::new(goblin_bytes(&Cells::random(form, 3, size, 30, true), rule, kind))
     };
     let files = [
         large(),
-        small(QUAD, [700, 900, 1], Kind::Categorical),
-        small(quad(SampleType::F32, 2), [600, 500, 1], Kind::Continuous),
-        small(oct(SampleType::U16, 1), [130, 90, 100], Kind::Continuous),
+        small(QUAD, [700, 900, 1], DataKind::Categorical),
+        small(quad(SampleType::F32, 2), [600, 500, 1], DataKind::Continuous),
+        small(oct(SampleType::U16, 1), [130, 90, 100], DataKind::Continuous),
     ];
     for (number, bytes) in files.iter().enumerate() {
         let path = folder.path().join(format!("{number}.goblin"));
         std::fs::write(&path, &**bytes).unwrap();
-        let mapped = spinney::dataset::open(&path, &OpenOptions::new()).unwrap();
-        let positioned = spinney::dataset::open(&path, &OpenOptions::new().positioned(1 << 20)).unwrap();
+        let mapped = spinney::raw::dataset::open(&path, &OpenOptions::new()).unwrap();
+        let positioned = spinney::raw::dataset::open(&path, &OpenOptions::new().positioned(1 << 20)).unwrap();
         for (name, question) in questions() {
             let expected = question(&mapped).map_err(|error| error.to_string());
             let same = question(&positioned).map_err(|error| error.to_string());
@@ -181,13 +181,14 @@ fn autumnal_files_are_read_in_few_rounds() {
     let folder = tempfile::tempdir().unwrap();
     let [goblin, path] = ["a.goblin", "a.autumn"].map(|name| folder.path().join(name));
     std::fs::write(&goblin, &**large()).unwrap();
-    ops::convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(64 << 20), &()).unwrap();
+    spinney::convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(64 << 20), &())
+        .unwrap();
     let bytes = Arc::new(std::fs::read(&path).unwrap());
-    let near = spinney::dataset::open(&path, &OpenOptions::new()).unwrap();
+    let near = spinney::raw::dataset::open(&path, &OpenOptions::new()).unwrap();
     let open = |cache: u64| {
         let (file, rounds) = far(&bytes, cache);
         let source = ByteSource::new(move |_| Ok(Box::new(file.clone())));
-        let tree = spinney::dataset::open(Path::new("far"), &OpenOptions::new().source(source));
+        let tree = spinney::raw::dataset::open(Path::new("far"), &OpenOptions::new().source(source));
         (tree, rounds)
     };
     for (name, question) in questions() {
@@ -275,7 +276,7 @@ fn rounds_can_be_driven_by_others() {
     let mut answer = None;
     let mut passes = 0;
     loop {
-        let (result, missing) = attempt(&mut || {
+        let (result, missing) = try_once(&mut || {
             let tree = opened(file.clone())?;
             answer = Some(window(&tree, tree.depth())?);
             Ok(())
@@ -285,7 +286,7 @@ fn rounds_can_be_driven_by_others() {
             break;
         }
         passes += 1;
-        assert!(passes < 8 && matches!(result, Err(Error::Unread)), "{passes}");
+        assert!(passes < 8 && matches!(result, Err(Error::NotFetched)), "{passes}");
         for part in missing {
             let range = part.range.start as usize..part.range.end as usize;
             part.file.supply(part.range.start, bytes[range].to_vec());
@@ -300,7 +301,7 @@ fn rounds_can_be_driven_by_others() {
 #[test]
 fn hostile_files_end_after_some_rounds() {
     let bytes =
-        goblin_bytes(&Cells::random(QUAD, 5, [900, 700, 1], 90, true), Rule::Majority, Kind::Categorical);
+        goblin_bytes(&Cells::random(QUAD, 5, [900, 700, 1], 90, true), Rule::Majority, DataKind::Categorical);
     let mut random = Random(11);
     for _ in 0..60 {
         let mut changed = bytes.clone();
@@ -338,7 +339,7 @@ fn threads_ask_at_the_same_time() {
                     tree.window(tree.depth(), &bounds, 0.0, &mut found, None).unwrap();
                     mapped.window(tree.depth(), &bounds, 0.0, &mut expected, None).unwrap();
                     assert!(found == expected);
-                    let zones = ask(|| zones(tree, &EdgeRule::Centre.into())).unwrap();
+                    let zones = run_batched(|| zones(tree, &EdgeRule::Centre.into())).unwrap();
                     assert_eq!(zones.len(), 7);
                 }
             });

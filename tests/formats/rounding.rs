@@ -1,14 +1,14 @@
 //! Cells that are rounded when a tree is written.
 
-use spinney::dataset::Dataset;
-use spinney::io::Output;
-use spinney::ops::{self, Chain};
-use spinney::space::{Code, Dimension};
-use spinney::store::autumnal::Note;
-use spinney::store::goblin::Goblin;
-use spinney::store::{BuildOptions, FilePlace, OpenOptions, Packing, WriteOptions, build_tree};
-use spinney::tree::{Form, MemTree};
-use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
+use spinney::edit::Note;
+use spinney::raw::ops;
+use spinney::raw::store::goblin::Goblin;
+use spinney::raw::store::{FileReference, Packing, build_tree};
+use spinney::tree::MemTree;
+use spinney::{
+    BuildOptions, Code, DataKind, Dataset, Dimension, FileView, OpenOptions, Output, Rule, SampleType,
+    TreeType, Value, ValueType, WriteOptions,
+};
 
 use crate::common::{Cells, as_byte, bytes_of, options, value_types, with, write_cells};
 
@@ -48,7 +48,7 @@ fn written(cells: &Cells, options: &BuildOptions) -> Vec<u8> {
 fn model(cells: &Cells, rule: Rule, most: f64) -> Vec<u8> {
     let round = |cell: Option<Value>| cell.map(|cell| rounded(cells.form.value, cell, most));
     let cells = Cells { cells: cells.cells.iter().map(|cell| round(*cell)).collect(), ..cells.clone() };
-    let options = options(rule, Kind::Continuous, cells.depth());
+    let options = options(rule, DataKind::Continuous, cells.depth());
     written(
         &cells,
         &with(options, |options| {
@@ -65,29 +65,29 @@ fn cells_are_rounded_before_all_else() {
             continue;
         }
         for (form, size) in [
-            (Form::new(Dimension::Quad, value_type), [300, 260, 1]),
-            (Form::new(Dimension::Oct, value_type), [40, 70, 20]),
+            (TreeType::new(Dimension::Quad, value_type), [300, 260, 1]),
+            (TreeType::new(Dimension::Oct, value_type), [40, 70, 20]),
         ] {
             let (rule, most) = [(Rule::Mean, 0.3), (Rule::Max, 2.0), (Rule::Occupancy, 5.0)][number % 3];
             let cells = Cells::random(form, number as u64, size, 240, true);
             let expected = model(&cells, rule, most);
             let packing = Packing::default().max_error(Some(most));
-            let how = options(rule, Kind::Continuous, cells.depth()).packing(packing);
+            let how = options(rule, DataKind::Continuous, cells.depth()).packing(packing);
             let made = written(&cells, &how);
             assert!(made == expected, "{form}, {rule}, {most}");
             let tree = Goblin::from_bytes(made).unwrap();
             assert_eq!(tree.verify(1 << 20, &()).unwrap(), [], "{form}, {rule}, {most}");
             // Trees are rounded as slabs are.
-            let exact = written(&cells, &options(rule, Kind::Continuous, cells.depth()));
+            let exact = written(&cells, &options(rule, DataKind::Continuous, cells.depth()));
             let folder = tempfile::tempdir().unwrap();
             let [from, to] = ["a.goblin", "b.goblin"].map(|name| folder.path().join(name));
             std::fs::write(&from, exact).unwrap();
             let how = WriteOptions::new(1 << 20).packing(packing);
-            ops::convert(&from, false, Output::create(&to).unwrap(), how, &()).unwrap();
+            spinney::convert(&from, false, Output::create(&to).unwrap(), how, &()).unwrap();
             assert!(std::fs::read(&to).unwrap() == expected, "{form}, {rule}, {most} of a tree");
             // Once more changes nothing but what is said of it.
             let again = folder.path().join("c.goblin");
-            ops::convert(&to, false, Output::create(&again).unwrap(), how, &()).unwrap();
+            spinney::convert(&to, false, Output::create(&again).unwrap(), how, &()).unwrap();
             let again = Goblin::open(&again, &OpenOptions::new()).unwrap();
             assert_eq!(again.metadata().tags["max_error"], (2.0 * most).to_string());
             assert_eq!(again.root_child(), tree.root_child());
@@ -97,12 +97,12 @@ fn cells_are_rounded_before_all_else() {
 
 #[test]
 fn no_cell_differs_by_more() {
-    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+    let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
     let cell = |[x, y, _]: [u32; 3]| Value::from([(16 * y + x) as u8]);
     let cells = MemTree::from_cells(form, 4, Rule::Nearest, &|at| Some(cell(at)));
     for most in [1.0, 1.5, 2.0, 3.0, 7.0, 100.0] {
         let packing = Packing::default().max_error(Some(most));
-        let how = options(Rule::Nearest, Kind::Continuous, 4).packing(packing);
+        let how = options(Rule::Nearest, DataKind::Continuous, 4).packing(packing);
         let bytes = bytes_of(|path| {
             build_tree(&cells, [16, 16, 1], &how, Output::create(path).unwrap(), &()).unwrap();
         });
@@ -118,20 +118,20 @@ fn no_cell_differs_by_more() {
 
 #[test]
 fn layers_that_are_added_are_rounded_in_both_formats() {
-    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::F32, 1));
+    let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::F32, 1));
     let cells = Cells::noise(form, 5, [70, 40, 1], 200);
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    let plain = options(Rule::Mean, Kind::Continuous, cells.depth());
+    let plain = options(Rule::Mean, DataKind::Continuous, cells.depth());
     write_cells(&at("other.goblin"), &cells, &plain);
     let expected = Goblin::from_bytes(model(&cells, Rule::Mean, 2.0)).unwrap();
     let expected = Dataset::of(expected.into()).unwrap().statistics(None, &()).unwrap();
     for name in ["file.goblin", "file.autumn"] {
         write_cells(&at(name), &cells, &plain);
         let how = WriteOptions::new(1 << 24).packing(Packing::default().max_error(Some(2.0)));
-        let chain = Chain::of(&at("other.goblin"));
+        let chain = FileView::of(&at("other.goblin"));
         ops::add_layer(&at(name), "rounded", &chain, Note::default(), how, &()).unwrap();
-        let layer = spinney::open(FilePlace::of(&at(name)).of_layer("rounded")).unwrap();
+        let layer = spinney::open(FileReference::of(&at(name)).of_layer("rounded")).unwrap();
         assert_eq!(layer.metadata().tags["max_error"], "2", "{name}");
         assert_eq!(layer.statistics(None, &()).unwrap().channels, expected.channels, "{name}");
     }
@@ -139,13 +139,13 @@ fn layers_that_are_added_are_rounded_in_both_formats() {
 
 #[test]
 fn names_and_errors_that_are_none_are_refused() {
-    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+    let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
     let tree = Cells::random(form, 1, [8, 8, 1], 9, true).tree(Rule::Majority);
     for (kind, most, what) in [
-        (Kind::Categorical, 1.0, "greatest error: got 1 for classes"),
-        (Kind::Continuous, 0.0, "greatest error: got 0"),
-        (Kind::Continuous, f64::NAN, "greatest error: got NaN"),
-        (Kind::Continuous, -1.0, "greatest error: got -1"),
+        (DataKind::Categorical, 1.0, "greatest error: got 1 for classes"),
+        (DataKind::Continuous, 0.0, "greatest error: got 0"),
+        (DataKind::Continuous, f64::NAN, "greatest error: got NaN"),
+        (DataKind::Continuous, -1.0, "greatest error: got -1"),
     ] {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("t.goblin");

@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use spinney::io::Output;
-use spinney::ops::convert;
-use spinney::space::{Bounds, Code, Dimension};
-use spinney::store::WriteOptions;
-use spinney::tree::{Child, Form, MemTree, Source};
-use spinney::value::{Kind, Number, Rule, SampleType, Sums, Value, ValueType};
+use spinney::raw::value::Sums;
+use spinney::tree::{Child, MemTree, Source};
+use spinney::{
+    Bounds, Code, DataKind, Dimension, Number, Output, Rule, SampleType, TreeType, Value, ValueType,
+    WriteOptions, convert,
+};
 
 use crate::common::{Cells, Random, children, dataset, goblin, goblin_bytes};
 
@@ -24,7 +24,7 @@ fn wide(sample: SampleType, value: Value) -> i128 {
 }
 
 /// Samples of all magnitudes: patches, noise, and the ends of the type.
-fn cells(form: Form, seed: u64, size: [u64; 3], void: bool) -> Cells {
+fn cells(form: TreeType, seed: u64, size: [u64; 3], void: bool) -> Cells {
     let mut random = Random(seed);
     // (Builders are told VOID by a number, which no cell may have.)
     let (width, nodata) = (form.width(), crate::common::value(form.value, 250));
@@ -128,13 +128,13 @@ impl Known {
     }
 }
 
-fn check(form: Form, seed: u64, size: [u64; 3], void: bool) {
+fn check(form: TreeType, seed: u64, size: [u64; 3], void: bool) {
     let sample = form.value.sample;
     let cells = cells(form, seed, size, void);
     let depth = cells.depth();
     let mut all = BTreeMap::new();
     Known::of(&cells, Code::root(form.dimension), depth, &mut all);
-    let file = goblin(&cells, Rule::Mean, Kind::Continuous);
+    let file = goblin(&cells, Rule::Mean, DataKind::Continuous);
     // Means, rounded half up once.
     let mut pending = vec![(Code::root(form.dimension), file.root().unwrap())];
     while let Some((code, child)) = pending.pop() {
@@ -173,10 +173,10 @@ fn check(form: Form, seed: u64, size: [u64; 3], void: bool) {
     }
     // The other ways to build, and to keep, the same tree: all say the same.
     assert_eq!(file.verify(1 << 24, &()).unwrap(), []);
-    let tree = dataset(&cells, Rule::Mean, Kind::Continuous);
+    let tree = dataset(&cells, Rule::Mean, DataKind::Continuous);
     let folder = tempfile::tempdir().unwrap();
     let [one, two] = ["a.goblin", "b.autumn"].map(|name| folder.path().join(name));
-    std::fs::write(&one, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
+    std::fs::write(&one, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
     convert(&one, false, Output::create(&two).unwrap(), WriteOptions::new(1 << 24), &()).unwrap();
     let edited = spinney::open(&two).unwrap();
     assert_eq!(edited.verify(1 << 24, &()).unwrap(), []);
@@ -211,37 +211,37 @@ fn check(form: Form, seed: u64, size: [u64; 3], void: bool) {
 fn statistics_are_those_of_wider_numbers() {
     for (seed, sample) in (1..).zip(TYPES) {
         let value = ValueType::new(sample, 1);
-        check(Form::new(Dimension::Quad, value), seed, [300, 270, 1], true);
-        check(Form::new(Dimension::Quad, value), seed + 10, [512, 256, 1], false);
-        check(Form::new(Dimension::Oct, value), seed + 20, [70, 33, 65], seed % 2 == 0);
+        check(TreeType::new(Dimension::Quad, value), seed, [300, 270, 1], true);
+        check(TreeType::new(Dimension::Quad, value), seed + 10, [512, 256, 1], false);
+        check(TreeType::new(Dimension::Oct, value), seed + 20, [70, 33, 65], seed % 2 == 0);
     }
 }
 
 #[test]
 fn majorities_go_to_the_lowest_number() {
     for sample in TYPES {
-        let form = Form::new(Dimension::Quad, ValueType::new(sample, 1));
+        let form = TreeType::new(Dimension::Quad, ValueType::new(sample, 1));
         let cells = cells(form, 5, [256, 256, 1], false);
         // (One way to build has blocks in rows, the other has cells one by one.)
         let tree = MemTree::from_cells(form, 8, Rule::Majority, &|cell| cells.get(cell.map(u64::from)));
-        let file = goblin(&cells, Rule::Majority, Kind::Categorical);
+        let file = goblin(&cells, Rule::Majority, DataKind::Categorical);
         crate::common::same_trees(&file, &tree);
         let least = cells.cells.iter().flatten().map(|value| wide(sample, *value)).min().unwrap();
-        let found = dataset(&cells, Rule::Majority, Kind::Categorical).statistics(None, &()).unwrap();
+        let found = dataset(&cells, Rule::Majority, DataKind::Categorical).statistics(None, &()).unwrap();
         assert_eq!(found.classes[0].0.to_integer(), Some(least));
         assert!(found.classes.is_sorted_by(|a, b| a.0 < b.0));
     }
     // Two of each: the negative one.
-    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::I8, 1));
+    let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::I8, 1));
     let cells =
         Cells { form, size: [2, 2, 1], cells: [5i8, -7, 5, -7].map(|n| Some(Value::from([n]))).into() };
-    let file = goblin(&cells, Rule::Majority, Kind::Categorical);
+    let file = goblin(&cells, Rule::Majority, DataKind::Categorical);
     assert_eq!(file.root().unwrap().value(), Some(Value::from([-7i8])));
 }
 
 #[test]
 fn sums_and_differences_stay_within_the_type() {
-    use spinney::store::builder::Join;
+    use spinney::raw::store::builder::Join;
     let value = |sample| ValueType::new(sample, 1);
     for (sample, a, b, sum, difference) in [
         (
@@ -281,8 +281,8 @@ fn sums_and_differences_stay_within_the_type() {
 /// The tree in memory is what it was made of, whatever its values are.
 #[test]
 fn expressions_have_all_digits() {
-    use spinney::tree::df;
-    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U64, 1));
+    use spinney::raw::tree::df;
+    let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U64, 1));
     let text = "G[9223372036854775811][9223372036854775812]W[18446744073709551615]";
     let tree = df::from_text(form, text, 3, Value::ZERO, Rule::Mean).unwrap();
     assert_eq!(df::to_text(&tree, None).unwrap(), text);

@@ -3,13 +3,11 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use spinney::dataset::Dataset;
-use spinney::export::image::Format;
 use spinney::export::{ArrayRequest, export_array};
-use spinney::import::volume::{RawLayout, VolumeImport, VolumeOptions, plan, plan_raw, plan_sections};
-use spinney::io::Output;
-use spinney::space::Bounds;
-use spinney::value::{Number, SampleType};
+use spinney::import::volume::{VolumeImport, VolumeOptions, plan};
+use spinney::raw::export::image::Format;
+use spinney::raw::import::volume::{RawLayout, plan_raw, plan_sections};
+use spinney::{Bounds, Dataset, Number, Output, SampleType};
 
 use crate::common::{Random, with};
 

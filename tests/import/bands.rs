@@ -2,10 +2,9 @@
 
 use std::path::Path;
 
-use spinney::import::raster::{self, Band, ImportOptions, Pixels, Raster, plan};
-use spinney::io::Output;
-use spinney::space::Region;
-use spinney::value::Number;
+use spinney::import::raster::{ImportOptions, plan};
+use spinney::raw::import::raster::{self, Band, Pixels, Raster};
+use spinney::{Number, Output, Region};
 
 use crate::common::tiff_file::{Ifd, Values, file, on_disk};
 use crate::common::{Random, with};

@@ -4,13 +4,13 @@ use std::collections::BTreeMap;
 use std::io::{Cursor, Read};
 use std::path::Path;
 
-use spinney::dataset::{Dataset, open};
 use spinney::export::{CogCompression, CogRequest, export_cog};
-use spinney::io::Output;
-use spinney::space::{Bounds, Crs, Frame};
-use spinney::store::{Metadata, OpenOptions};
-use spinney::tree::df::from_text;
-use spinney::value::{Kind, Palette, Rule, SampleType, Value};
+use spinney::raw::dataset::open;
+use spinney::raw::tree::df::from_text;
+use spinney::raw::value::Palette;
+use spinney::{
+    Bounds, Crs, DataKind, Dataset, Frame, Metadata, OpenOptions, Output, Rule, SampleType, Value,
+};
 use tiff::decoder::{Decoder, DecodingResult, Limits};
 
 use crate::common::{Cells, QUAD, dataset, made, opened, options, quad, value_types, with, write_cells};
@@ -215,7 +215,7 @@ fn all_values_in_all_codings() {
             // (The decoder hands out a fourth sample where it is opacity.)
             let alpha = (value.channels == 4).then_some(3);
             let metadata = Metadata { alpha, ..Metadata::default() };
-            let options = options(Rule::Mean, Kind::Continuous, cells.depth()).metadata(metadata);
+            let options = options(Rule::Mean, DataKind::Continuous, cells.depth()).metadata(metadata);
             let tree = opened(|path| write_cells(path, &cells, &options));
             for compression in [Deflate, Zstd, None] {
                 let parts = checked(&tree, &request(64, compression));
@@ -230,7 +230,7 @@ fn tiny_and_odd_sizes() {
     for size in [[1, 1], [513, 7], [7, 513], [512, 512], [64, 65], [1025, 1]] {
         let cells = Cells::random(QUAD, 5, [size[0], size[1], 1], 9, true);
         for rule in [Rule::Majority, Rule::Mean] {
-            let kind = if rule == Rule::Mean { Kind::Continuous } else { Kind::Categorical };
+            let kind = if rule == Rule::Mean { DataKind::Continuous } else { DataKind::Categorical };
             let tree = dataset(&cells, rule, kind);
             if cells.count() == 0 {
                 continue;
@@ -254,8 +254,8 @@ fn masks_where_every_number_is_in_use() {
     });
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.goblin");
-    let options = options(Rule::Majority, Kind::Categorical, cells.depth());
-    spinney::store::build_tree(
+    let options = options(Rule::Majority, DataKind::Categorical, cells.depth());
+    spinney::raw::store::build_tree(
         &cells.tree(Rule::Majority),
         cells.size,
         &options,
@@ -285,7 +285,7 @@ fn descriptions_go_along() {
         band_names: vec!["cover".into()],
         ..Metadata::default()
     };
-    let options = options(Rule::Majority, Kind::Categorical, cells.depth()).metadata(metadata);
+    let options = options(Rule::Majority, DataKind::Categorical, cells.depth()).metadata(metadata);
     let tree = opened(|path| write_cells(path, &cells, &options));
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.tif");
@@ -323,7 +323,7 @@ fn descriptions_go_along() {
 #[test]
 fn bytes_do_not_depend_on_threads_or_memory() {
     let cells = Cells::random(quad(SampleType::U16, 3), 9, [700, 500, 1], 99, true);
-    let tree = dataset(&cells, Rule::Mean, Kind::Continuous);
+    let tree = dataset(&cells, Rule::Mean, DataKind::Continuous);
     let request = request(64, CogCompression::Deflate);
     let expected = exported(&tree, &request);
     for threads in [1, 3] {
@@ -340,7 +340,7 @@ fn bytes_do_not_depend_on_threads_or_memory() {
 #[test]
 fn views_and_large_files() {
     let cells = Cells::random(QUAD, 3, [400, 300, 1], 40, true);
-    let tree = dataset(&cells, Rule::Mean, Kind::Continuous);
+    let tree = dataset(&cells, Rule::Mean, DataKind::Continuous);
     let tree = tree.view(&["window=13,27,333,222".parse().unwrap()]).unwrap();
     checked(&tree, &request(64, CogCompression::Deflate));
     // Little in a large space: offsets of 64 bits, and tiles that are not there.
@@ -348,9 +348,9 @@ fn views_and_large_files() {
     let path = folder.path().join("t.goblin");
     let text = format!("{}BWWW{}", "G".repeat(16), "WWW".repeat(15));
     let tree = from_text(QUAD, &text, 16, Value::from([9]), Rule::Nearest).unwrap();
-    let options = options(Rule::Nearest, Kind::Categorical, 16);
+    let options = options(Rule::Nearest, DataKind::Categorical, 16);
     let output = Output::create(&path).unwrap();
-    spinney::store::build_tree(&tree, [1 << 16, 60_000, 1], &options, output, &()).unwrap();
+    spinney::raw::store::build_tree(&tree, [1 << 16, 60_000, 1], &options, output, &()).unwrap();
     let tree = open(&path, &OpenOptions::new()).unwrap();
     let parts = Parts::of(exported(&tree, &request(512, CogCompression::Deflate)));
     parts.check_layout();
@@ -365,7 +365,7 @@ fn views_and_large_files() {
 fn what_cannot_be() {
     let octree = opened(|path| {
         let cells = Cells::random(crate::common::OCT, 1, [4, 4, 4], 9, false);
-        write_cells(path, &cells, &options(Rule::Mean, Kind::Continuous, 2));
+        write_cells(path, &cells, &options(Rule::Mean, DataKind::Continuous, 2));
     });
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.tif");
@@ -375,7 +375,7 @@ fn what_cannot_be() {
         failed
     };
     assert!(error(&octree, &CogRequest::new()).contains("octree"));
-    let tree = dataset(&Cells::random(QUAD, 1, [9, 9, 1], 9, false), Rule::Mean, Kind::Continuous);
+    let tree = dataset(&Cells::random(QUAD, 1, [9, 9, 1], 9, false), Rule::Mean, DataKind::Continuous);
     for side in [0, 48, 100, 8192] {
         assert!(error(&tree, &request(side, CogCompression::Zstd)).contains("multiple of 16"), "{side}");
     }

@@ -2,12 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::export::image::Format;
 use spinney::export::{Detail, WindowRequest, export_window};
-use spinney::import::raster::{self, ImportOptions, Pixels, RasterInfo, plan};
-use spinney::io::Output;
-use spinney::space::{Bounds, ControlPoint, Region};
-use spinney::value::{Kind, Mask};
+use spinney::import::raster::{ImportOptions, plan};
+use spinney::raw::export::image::Format;
+use spinney::raw::import::raster::{self, Pixels, RasterInfo};
+use spinney::raw::space::ControlPoint;
+use spinney::raw::value::Mask;
+use spinney::{Bounds, DataKind, Output, Region};
 
 use crate::common::tiff_file::{Ifd, Values, file};
 use crate::common::with;
@@ -32,7 +33,7 @@ const XML: &str = "<GDALMetadata>
 /// A tree of a picture, and what is said of the pictures that are made of it.
 struct Trip {
     folder: tempfile::TempDir,
-    tree: spinney::dataset::Dataset,
+    tree: spinney::Dataset,
 }
 
 impl Trip {
@@ -155,7 +156,7 @@ fn names_of_values_go_into_a_sidecar() {
         [(0.into(), "sea".into()), (1.into(), "".into()), (2.into(), "wood & heath".into())]
     );
     assert_eq!((info.nodata, info.units[0].as_str()), (Some(9.into()), "class"));
-    assert_eq!(trip.tree.header().kind, Kind::Categorical);
+    assert_eq!(trip.tree.header().kind, DataKind::Categorical);
     assert_same(&trip.window([0; 3], [4, 4, 1], 2), &info);
     assert_same(&trip.window([0; 3], [2, 2, 1], 1), &info);
     assert!(trip.path("out.tif.aux.xml").exists());
@@ -178,7 +179,7 @@ fn control_points_move_and_shrink_with_the_picture() {
     assert_eq!(info.control_points.as_ref().unwrap().points, points);
     let whole = trip.window([0; 3], [8, 4, 1], 3);
     assert_eq!(whole.control_points, info.control_points);
-    assert_eq!(whole.control_points.unwrap().crs, Some(spinney::space::Crs::epsg(4326)));
+    assert_eq!(whole.control_points.unwrap().crs, Some(spinney::Crs::epsg(4326)));
     let at = |info: RasterInfo| {
         info.control_points.unwrap().points.iter().map(|point| point.cell).collect::<Vec<_>>()
     };

@@ -3,14 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
-use spinney::Result;
-use spinney::brep::{ExactModel, Face, Faces, Grid, ModelBuilder};
-use spinney::export::mesh::{ExactSummary, MeshFormat, export_exact};
-use spinney::import::mesh::{
-    self, ExactOptions, ExactReport, MeshFace, Model, ModelInfo, import_exact, open_all,
-};
-use spinney::io::Output;
-use spinney::store::{Metadata, OpenOptions};
+use spinney::brep::{Face, Faces, Grid};
+use spinney::export::{MeshFormat, export_exact};
+use spinney::import::mesh::{ExactOptions, import_exact, open_all};
+use spinney::raw::brep::ModelBuilder;
+use spinney::raw::export::mesh::ExactSummary;
+use spinney::raw::import::mesh::{self, ExactReport, MeshFace, Model, ModelInfo};
+use spinney::{ExactModel, Metadata, OpenOptions, Output, Result, SetOperation};
 
 use crate::common::exact::cuboid;
 use crate::common::shared_data;
@@ -342,9 +341,15 @@ fn values_of_faces_come_back() {
         }
         assert_eq!(model.face_value(3, 0).unwrap(), None);
         let output = Output::create(&at("b.goblin")).unwrap();
-        let report =
-            spinney::brep::combine(12, &[&model], output, spinney::store::Codec::Plain, 64 << 20, &())
-                .unwrap();
+        let report = spinney::brep::combine(
+            SetOperation::Complement,
+            &[&model],
+            output,
+            spinney::Codec::Plain,
+            64 << 20,
+            &(),
+        )
+        .unwrap();
         assert_eq!((report.lost_columns, report.lost_values), (0, 0));
         let turned = ExactModel::open(&at("b.goblin"), &options).unwrap();
         assert_eq!(turned.face_columns().unwrap(), model.face_columns().unwrap());

@@ -1,10 +1,9 @@
 //! Exact models as they are built: cells against all faces, points against winding numbers, and the degenerate families.
 
-use spinney::brep::query::Location;
-use spinney::brep::{
-    DefectKind, ExactModel, FaceBuffer, FaceList, Faces, Grid, LEAF_SIZE, ModelNode, ModelNodeState, NodeKind,
-};
-use spinney::geometry::{Box3, GridPolygon, Triangulator};
+use spinney::ExactModel;
+use spinney::brep::{FaceBuffer, Faces, Grid, Location};
+use spinney::raw::brep::{DefectKind, FaceList, LEAF_SIZE, ModelNode, ModelNodeState, NodeKind};
+use spinney::raw::geometry::{Box3, GridPolygon, Triangulator};
 
 use crate::common::Random;
 use crate::common::exact::{Ring, built, cuboid, file_of, model, model_on, prism, snapped, turned};
@@ -365,9 +364,10 @@ fn faces_that_are_none_are_refused() {
     let outside = vec![[0, 0, 0], [2000, 0, 0], [0, 9, 0]];
     for ring in [bent, crossing, outside] {
         let folder = tempfile::tempdir().unwrap();
-        let output = spinney::io::Output::create(&folder.path().join("x.goblin")).unwrap();
+        let output = spinney::Output::create(&folder.path().join("x.goblin")).unwrap();
         let faces = list(std::slice::from_ref(&ring));
-        let mut builder = spinney::brep::ModelBuilder::new(output, faces.grid().clone(), 1 << 20).unwrap();
+        let mut builder =
+            spinney::raw::brep::ModelBuilder::new(output, faces.grid().clone(), 1 << 20).unwrap();
         assert!(builder.push(&faces.get(0)).is_err(), "{ring:?}");
     }
 }

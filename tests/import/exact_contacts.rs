@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use spinney::Error;
-use spinney::brep::{ContactKind, ExactModel, FaceList, Grid, ObjectContact, object_contacts};
-use spinney::import::mesh::{ExactOptions, ModelContact, import_exact, model_contacts, open_all};
-use spinney::io::Output;
-use spinney::store::OpenOptions;
+use spinney::brep::Grid;
+use spinney::import::mesh::{ExactOptions, import_exact, open_all};
+use spinney::raw::brep::{ContactKind, FaceList, ObjectContact, object_contacts};
+use spinney::raw::import::mesh::{ModelContact, model_contacts};
+use spinney::{Error, ExactModel, OpenOptions, Output};
 
 use crate::common::exact::{cuboid, push, turned};
 use crate::common::{Random, shared_data};

@@ -4,14 +4,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use spinney::brep::surface_intersection::surface_intersection;
-use spinney::brep::{ExactModel, Faces, InsideRule, ModelView, Motion, TransformOptions, combine, transform};
-use spinney::export::mesh::{MeshFormat, export_exact};
-use spinney::export::vector::{SectionPlanes, VectorFormat, export_objects, export_section};
-use spinney::import::mesh::{ExactOptions, import_exact, model_contacts, open_all};
-use spinney::io::Output;
-use spinney::store::{Codec, OpenOptions};
-use spinney::{Error, Progress, Result};
+use spinney::brep::{Faces, Motion, TransformOptions, combine, transform};
+use spinney::export::{MeshFormat, VectorFormat, export_exact};
+use spinney::import::mesh::{ExactOptions, import_exact, open_all};
+use spinney::raw::brep::surface_intersection::surface_intersection;
+use spinney::raw::brep::{InsideRule, ModelView};
+use spinney::raw::export::vector::{SectionPlanes, export_objects, export_section};
+use spinney::raw::import::mesh::model_contacts;
+use spinney::{Codec, Error, ExactModel, OpenOptions, Output, Progress, Result, SetOperation};
 
 /// So little that faces go to temporary files; but for a repair, which holds them.
 const MEMORY: u64 = 1 << 20;
@@ -149,7 +149,7 @@ fn operations_on_models_are_interrupted_and_leave_nothing() {
     let [a, b] = models.map(ModelView::from);
     let (view, a, b) = (&a, a.file(), b.file());
     let file = |folder: &Path, name: &str| Output::create(&folder.join(name));
-    for operation in [2, 7] {
+    for operation in [SetOperation::Difference, SetOperation::Union] {
         check("combine", 50, &|folder, progress| {
             let output = file(folder, "made.goblin")?;
             combine(operation, &[a, b], output, Codec::Packed, PLENTY, progress).map(|_| ())
@@ -216,7 +216,7 @@ fn progress_comes_to_its_end() {
     complete("repair of objects", 10, &|folder, progress| build(&both, &skip, folder, progress));
     complete("combine", 5, &|folder, progress| {
         let output = Output::create(&folder.join("made.goblin"))?;
-        combine(7, &[&a, &b], output, Codec::Plain, PLENTY, progress).map(|_| ())
+        combine(SetOperation::Union, &[&a, &b], output, Codec::Plain, PLENTY, progress).map(|_| ())
     });
     let motion =
         Motion::from_rows([[2.0, 0.0, 0.0, 0.0], [0.0, 2.0, 0.0, 0.0], [0.0, 0.0, 2.0, 0.0]]).unwrap();

@@ -4,14 +4,15 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
-use spinney::Error;
-use spinney::brep::{ChosenParts, ExactModel, Faces, ModelView};
-use spinney::export::mesh::{MeshFormat, export_exact};
-use spinney::export::vector::{VectorFormat, export_objects};
-use spinney::import::feature::{FeatureFilter, choose_objects};
-use spinney::import::mesh::{ExactOptions, ExactReport, import_exact, open_all, parts_of};
-use spinney::io::Output;
-use spinney::store::OpenOptions;
+use spinney::brep::Faces;
+use spinney::export::{MeshFormat, VectorFormat, export_exact};
+use spinney::import::feature::FeatureFilter;
+use spinney::import::mesh::{ExactOptions, import_exact, open_all};
+use spinney::raw::brep::{ChosenParts, ModelView};
+use spinney::raw::export::vector::export_objects;
+use spinney::raw::import::feature::choose_objects;
+use spinney::raw::import::mesh::{ExactReport, parts_of};
+use spinney::{Error, ExactModel, OpenOptions, Output};
 
 use crate::common::exact::{Ring, cuboid, turned};
 use crate::common::shared_data;
@@ -124,7 +125,7 @@ fn objects_that_are_no_bodies_are_left_out() {
     options.parts = Some(BTreeSet::from([1, 2]));
     let error = import(&path, &options).err().unwrap();
     assert!(
-        matches!(&error, Error::NoBody { what, places, .. } if what.contains("none") && places.len() == 2),
+        matches!(&error, Error::NotASolid { what, places, .. } if what.contains("none") && places.len() == 2),
         "{error}"
     );
 }

@@ -2,8 +2,9 @@
 #![allow(clippy::needless_range_loop)] // axes are indices of several arrays at once
 
 use bnum::types::I512;
-use spinney::brep::query::{CoverageSums, Cube, Line, MassProperties, nearest_on_face};
-use spinney::brep::{FaceList, Faces};
+use spinney::brep::{Faces, MassProperties};
+use spinney::raw::brep::FaceList;
+use spinney::raw::brep::query::{CoverageSums, Cube, Line, nearest_on_face};
 
 use crate::common::exact::snapped;
 use crate::common::{Random, shared_data};

@@ -2,13 +2,12 @@
 
 use std::path::Path;
 
-use spinney::Error;
-use spinney::brep::query::{Location, MassProperties};
-use spinney::brep::topology::{Topology, TopologyOptions};
-use spinney::brep::{ExactModel, FaceList, Faces, Grid, InsideRule};
-use spinney::import::mesh::{ExactOptions, ExactReport, import_exact, open_all};
-use spinney::io::Output;
-use spinney::store::OpenOptions;
+use spinney::brep::{Faces, Grid, Location, MassProperties};
+use spinney::import::mesh::{ExactOptions, import_exact, open_all};
+use spinney::raw::brep::topology::{Topology, TopologyOptions};
+use spinney::raw::brep::{FaceList, InsideRule};
+use spinney::raw::import::mesh::ExactReport;
+use spinney::{Error, ExactModel, OpenOptions, Output};
 
 use crate::common::exact::{Ring, cuboid, prism, turned};
 use crate::common::solid::winding;
@@ -155,7 +154,7 @@ fn nothing_inside_is_told() {
     for (faces, rule) in [(&plate, InsideRule::Nonzero), (&twice, InsideRule::Odd)] {
         let error = repaired_by(faces, 1.0, rule).err().unwrap();
         assert!(
-            matches!(&error, Error::NoBody { what, .. } if what.contains("nothing is inside")),
+            matches!(&error, Error::NotASolid { what, .. } if what.contains("nothing is inside")),
             "{error}"
         );
     }
@@ -200,11 +199,11 @@ fn what_is_lost_is_counted_and_most_of_a_surface_is_not_lost() {
     assert_eq!((done.removed, done.outside, done.turned), (2, 2, (0, 0)));
     assert!((done.outside_share - 800.0 / 60_800.0).abs() < 1e-15, "{}", done.outside_share);
     let error = repaired(&[cube.clone(), plate(180)].concat(), 1.0).err().unwrap();
-    assert!(matches!(&error, Error::NoBody { what, .. } if what.contains("51 percent")), "{error}");
+    assert!(matches!(&error, Error::NotASolid { what, .. } if what.contains("51 percent")), "{error}");
     // A rule that takes most of what cells have away.
     let error = repaired_by(&[cube, cuboid([5; 3], [95; 3])].concat(), 1.0, InsideRule::Odd).err().unwrap();
     assert!(
-        matches!(&error, Error::NoBody { what, .. } if what.contains("72 percent") && what.contains("271000")),
+        matches!(&error, Error::NotASolid { what, .. } if what.contains("72 percent") && what.contains("271000")),
         "{error}"
     );
     // Walls between bodies are inside, and no loss.

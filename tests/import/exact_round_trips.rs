@@ -2,14 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::brep::query::MassProperties;
-use spinney::brep::topology::{Topology, TopologyOptions};
-use spinney::brep::{ExactModel, Face, Faces};
-use spinney::export::mesh::{MeshFormat, export_exact};
-use spinney::import::mesh::{self, ExactOptions, ExactReport, Model, ModelInfo, import_exact, open_all};
-use spinney::io::Output;
-use spinney::store::OpenOptions;
-use spinney::{Error, Result};
+use spinney::brep::{Face, Faces, MassProperties};
+use spinney::export::{MeshFormat, export_exact};
+use spinney::import::mesh::{ExactOptions, import_exact, open_all};
+use spinney::raw::brep::topology::{Topology, TopologyOptions};
+use spinney::raw::import::mesh::{self, ExactReport, Model, ModelInfo};
+use spinney::{Error, ExactModel, OpenOptions, Output, Result};
 
 use crate::common::shared_data;
 
@@ -202,7 +200,9 @@ fn open_surfaces_are_refused_or_closed() {
     let path = folder.path().join("box.goblin");
     let mut options = ExactOptions::new();
     match import(&mesh, &path, &options).map(|_| ()) {
-        Err(Error::NoBody { places, count: 1, .. }) => assert!(places[0].contains("4 edges"), "{places:?}"),
+        Err(Error::NotASolid { places, count: 1, .. }) => {
+            assert!(places[0].contains("4 edges"), "{places:?}")
+        }
         other => panic!("{other:?}"),
     }
     assert!(!path.exists());
@@ -225,7 +225,11 @@ fn models_are_built_of_models() {
     let (second, _) = import(&first, &folder.path().join("second.goblin"), &ExactOptions::new()).unwrap();
     assert!(faces(&second) == faces(&model) && second.grid() == model.grid());
     let cells = folder.path().join("cells.goblin");
-    let plan = mesh::plan_models(open_all(&[first], 64 << 20).unwrap(), &mesh::SolidOptions::new()).unwrap();
+    let plan = spinney::import::mesh::plan_models(
+        open_all(&[first], 64 << 20).unwrap(),
+        &spinney::import::mesh::SolidOptions::new(),
+    )
+    .unwrap();
     let report = plan.build(Output::create(&cells).unwrap(), &()).unwrap();
     assert_eq!(report.cells, 256 * 256 * 256);
 }

@@ -1,9 +1,11 @@
 //! Questions to files of exact models, against all of their faces.
 #![allow(clippy::needless_range_loop)] // axes are indices of several arrays at once
 
-use spinney::brep::query::{BoxPlace, CoverageSums, Cube, Line, Location, MassProperties, nearest_on_face};
-use spinney::brep::{ExactModel, FaceList, Faces, Grid};
-use spinney::geometry::{Box3, GridPolygon, Triangulator};
+use spinney::ExactModel;
+use spinney::brep::{BoxLocation, Faces, Grid, Location, MassProperties};
+use spinney::raw::brep::FaceList;
+use spinney::raw::brep::query::{CoverageSums, Cube, Line, nearest_on_face};
+use spinney::raw::geometry::{Box3, GridPolygon, Triangulator};
 
 use crate::common::Random;
 use crate::common::exact::{cuboid, file_of, model_on, snapped, turned};
@@ -188,24 +190,24 @@ fn boxes_are_inside_or_outside_or_cut() {
                 GridPolygon::new(&points, face.ring_ends, &mut triangulator).unwrap().cuts(&bounds).cuts
             });
             let expected = match is_cut {
-                true => BoxPlace::Cut,
-                false if is_inside(&list, min) => BoxPlace::Inside,
-                false => BoxPlace::Outside,
+                true => BoxLocation::Cut,
+                false if is_inside(&list, min) => BoxLocation::Inside,
+                false => BoxLocation::Outside,
             };
             let [low, high] = [bounds.min, bounds.max].map(|corner| {
                 [0, 1, 2].map(|axis| (corner[axis] as f64 / 2.0 + grid.origin[axis] as f64) * grid.width())
             });
-            let (found, visited) = model.place_of_box(low, high).unwrap();
+            let (found, visited) = model.locate_box(low, high).unwrap();
             assert_eq!(found, expected, "{name} {bounds:?}");
             counts[found as usize] += 1;
             assert!(visited.faces <= list.len() * 4);
         }
         assert!(counts.iter().all(|count| *count > 2), "{name} {counts:?}");
         let [low, high] = [[-1e9; 3], [1e9; 3]];
-        assert_eq!(model.place_of_box(low, high).unwrap().0, BoxPlace::Cut);
-        assert_eq!(model.place_of_box([1e8; 3], high).unwrap().0, BoxPlace::Outside);
-        assert!(model.place_of_box(high, low).is_err());
-        assert!(model.place_of_box([f64::NAN; 3], high).is_err());
+        assert_eq!(model.locate_box(low, high).unwrap().0, BoxLocation::Cut);
+        assert_eq!(model.locate_box([1e8; 3], high).unwrap().0, BoxLocation::Outside);
+        assert!(model.locate_box(high, low).is_err());
+        assert!(model.locate_box([f64::NAN; 3], high).is_err());
     }
 }
 

@@ -4,14 +4,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use serde_json::{Value, json};
-use spinney::brep::{
-    ChosenParts, CombineReport, ExactModel, Face, Faces, Grid, InsideRule, ModelBuilder, Triangulated,
-    combine,
-};
-use spinney::export::mesh::{ExactSummary, MeshFormat, export_exact};
-use spinney::import::mesh::{ExactOptions, ExactReport, MeshFace, import_exact, open_all};
-use spinney::io::Output;
-use spinney::store::{Codec, Metadata, OpenOptions};
+use spinney::brep::{Face, Faces, Grid, combine};
+use spinney::export::{MeshFormat, export_exact};
+use spinney::import::mesh::{ExactOptions, import_exact, open_all};
+use spinney::raw::brep::{ChosenParts, CombineReport, InsideRule, ModelBuilder, Triangulated};
+use spinney::raw::export::mesh::ExactSummary;
+use spinney::raw::import::mesh::{ExactReport, MeshFace};
+use spinney::{Codec, ExactModel, Metadata, OpenOptions, Output, SetOperation};
 
 use crate::common::exact::cuboid;
 use crate::common::{Random, shared_data};
@@ -176,9 +175,9 @@ fn repairs_keep_semantics() {
     assert!(heights.contains(&true) && heights.contains(&false));
 }
 
-fn operation(number: u8, models: &[&ExactModel], path: &Path) -> (ExactModel, CombineReport) {
+fn operation(operation: SetOperation, models: &[&ExactModel], path: &Path) -> (ExactModel, CombineReport) {
     let output = Output::create(path).unwrap();
-    let report = combine(number, models, output, Codec::Plain, 64 << 20, &()).unwrap();
+    let report = combine(operation, models, output, Codec::Plain, 64 << 20, &()).unwrap();
     let model = ExactModel::open(path, &OpenOptions::new()).unwrap();
     assert_eq!(model.verify(64 << 20, &()).unwrap(), []);
     (model, report)
@@ -255,7 +254,7 @@ fn cut_city(folder: &Path, is_one: bool) -> ([ExactModel; 3], CombineReport) {
     options.snap = Some(0.001);
     let (city, _) = import(&at("a.city.json"), &at("a.goblin"), &options);
     let tool = tool(&at("b.goblin"), is_one);
-    let (cut, report) = operation(2, &[&city, &tool], &at("c.goblin"));
+    let (cut, report) = operation(SetOperation::Difference, &[&city, &tool], &at("c.goblin"));
     ([city, tool, cut], report)
 }
 
@@ -275,15 +274,15 @@ fn operations_keep_values_of_faces() {
     assert!(of_tool.count() > 2);
 
     // Complements, and results of results, in which faces that stood in for others are made anew.
-    let (not, _) = operation(12, &[&cut], &at("d.goblin"));
+    let (not, _) = operation(SetOperation::Complement, &[&cut], &at("d.goblin"));
     check_values(&not, &[&cut]);
-    let (both, _) = operation(1, &[&tool, &city], &at("e.goblin"));
+    let (both, _) = operation(SetOperation::Intersection, &[&tool, &city], &at("e.goblin"));
     check_values(&both, &[&tool, &city]);
-    let (whole, report) = operation(7, &[&cut, &both], &at("f.goblin"));
+    let (whole, report) = operation(SetOperation::Union, &[&cut, &both], &at("f.goblin"));
     check_values(&whole, &[&cut, &both]);
     assert_eq!(report.lost_values, 0);
     // (What is apart from all others goes as it is.)
-    let (far, _) = operation(7, &[&city, &cut, &both, &tool], &at("g.goblin"));
+    let (far, _) = operation(SetOperation::Union, &[&city, &cut, &both, &tool], &at("g.goblin"));
     check_values(&far, &[&city, &cut, &both, &tool]);
 
     // Semantics are written again, but for columns that are none.
@@ -312,7 +311,7 @@ fn values_that_cannot_be_told_apart_are_not_kept() {
     );
     assert!(!of_tool.is_empty());
     // What is not near the other keeps them.
-    let (apart, report) = operation(3, &[&tool], &folder.path().join("d.goblin"));
+    let (apart, report) = operation(SetOperation::First, &[&tool], &folder.path().join("d.goblin"));
     assert_eq!((report.lost_values, values(&apart)), (0, values(&tool)));
 }
 

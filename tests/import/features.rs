@@ -3,15 +3,15 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use spinney::export::vector::{
-    AttributeType, AttributeValue, Geometry, GeometryKind, VectorFormat, VectorLayer, VectorWriter,
+use spinney::export::VectorFormat;
+use spinney::import::feature::FeatureOptions;
+use spinney::raw::export::vector::{
+    AttributeType, AttributeValue, Geometry, GeometryKind, VectorLayer, VectorWriter,
 };
-use spinney::import::feature::{
-    Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureSchema, open_features, read_polygons,
+use spinney::raw::import::feature::{
+    Feature, FeatureAttribute, FeatureGeometry, FeatureSchema, open_features, read_polygons,
 };
-use spinney::io::Output;
-use spinney::space::Crs;
-use spinney::{Error, Result};
+use spinney::{Crs, Error, Output, Result};
 use tempfile::TempDir;
 
 fn read_with(path: &Path, options: &FeatureOptions) -> Result<(FeatureSchema, Vec<Feature>)> {

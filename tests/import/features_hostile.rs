@@ -3,13 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use spinney::export::vector::{
-    AttributeType, AttributeValue, GeometryKind, VectorFormat, VectorLayer, VectorWriter,
-};
-use spinney::import::feature::{FeatureOptions, open_features};
-use spinney::io::Output;
-use spinney::space::Crs;
-use spinney::{Error, Result};
+use spinney::export::VectorFormat;
+use spinney::import::feature::FeatureOptions;
+use spinney::raw::export::vector::{AttributeType, AttributeValue, GeometryKind, VectorLayer, VectorWriter};
+use spinney::raw::import::feature::open_features;
+use spinney::{Crs, Error, Output, Result};
 
 fn count(path: &Path) -> Result<usize> {
     let mut reader = open_features(path, &FeatureOptions { memory: 1 << 20, ..FeatureOptions::default() })?;

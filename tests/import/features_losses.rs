@@ -3,13 +3,13 @@
 use std::path::Path;
 use std::sync::Mutex;
 
-use spinney::Progress;
-use spinney::export::vector::{
-    AttributeType, AttributeValue, Geometry, GeometryKind, VectorFeature, VectorFormat, VectorLayer,
-    VectorWriter,
+use spinney::export::VectorFormat;
+use spinney::import::feature::FeatureOptions;
+use spinney::raw::export::vector::{
+    AttributeType, AttributeValue, Geometry, GeometryKind, VectorFeature, VectorLayer, VectorWriter,
 };
-use spinney::import::feature::{FeatureAttribute, FeatureOptions, open_features};
-use spinney::io::Output;
+use spinney::raw::import::feature::{FeatureAttribute, open_features};
+use spinney::{Output, Progress};
 
 /// Progress that notes warnings.
 #[derive(Default)]

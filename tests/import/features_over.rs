@@ -5,19 +5,16 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use spinney::dataset::{self, Dataset};
-use spinney::import::rasterize::{FeatureGrid, FeatureValue, Overlaps, RasterizeOptions, plan_features};
-use spinney::io::Output;
-use spinney::ops::{
-    Edit, MadeOperand, Operation, Prefer, TreeFile, Universe, ViewSource, WarpGrid, combine, combine_with,
-    edit,
+use spinney::edit::{Edit, Note, edit};
+use spinney::import::feature::{FeatureValue, RasterizeOptions, plan_features};
+use spinney::query::{Condition, EdgeRule, Polygon};
+use spinney::raw::dataset;
+use spinney::raw::import::rasterize::{FeatureGrid, Overlaps};
+use spinney::raw::ops::{MadeOperand, Prefer, TreeFile, ViewSource, WarpGrid, combine_with};
+use spinney::{
+    Bounds, CombineOperation, CombineOptions, Crs, DataKind, Dataset, Dimension, Frame, Header, Metadata,
+    OpenOptions, Output, Rule, SampleType, SetOperation, TreeType, Value, ValueType, WriteOptions, combine,
 };
-use spinney::query::Condition;
-use spinney::space::{Bounds, Crs, Dimension, EdgeRule, Frame, Polygon};
-use spinney::store::autumnal::Note;
-use spinney::store::{Header, Metadata, OpenOptions, WriteOptions};
-use spinney::tree::Form;
-use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
 
 use crate::common::{Cells, Random, cells_of, options, write_cells};
 
@@ -74,8 +71,8 @@ fn document(folder: &Path, stars: &[Star]) -> PathBuf {
     path
 }
 
-fn form() -> Form {
-    Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1))
+fn form() -> TreeType {
+    TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1))
 }
 
 /// A tree of classes, in the format that its name asks for.
@@ -83,7 +80,7 @@ fn ground(path: &Path, seed: u64) -> Cells {
     let cells = Cells::random(form(), seed, EXTENT, 9, true);
     let mut metadata = Metadata { frame: frame(), ..Metadata::default() };
     metadata.class_names = [(3u64.into(), "wood".to_string()), (4u64.into(), "lake".to_string())].into();
-    write_cells(path, &cells, &options(Rule::Majority, Kind::Categorical, 10).metadata(metadata));
+    write_cells(path, &cells, &options(Rule::Majority, DataKind::Categorical, 10).metadata(metadata));
     cells
 }
 
@@ -116,7 +113,7 @@ fn at_centres(stars: &[Star]) -> Vec<Vec<u64>> {
         for row in 0..EXTENT[1] {
             for column in 0..EXTENT[0] {
                 let cell = Bounds { min: [column, row, 0], max: [column + 1, row + 1, 1] };
-                if polygon.cover_centres(&cell) == spinney::space::Cover::Whole {
+                if polygon.cover_centres(&cell) == spinney::raw::space::Cover::Whole {
                     found[(row * EXTENT[0] + column) as usize].push(*value);
                 }
             }
@@ -177,7 +174,7 @@ fn features_fill_the_cells_that_they_have_in_one_commit() {
     let odd: Vec<_> = stars.iter().skip(1).step_by(2).cloned().collect();
     let zones =
         overlay(&file, &over(&opened(&path), |options| options.features.filter = "odd=1".parse().unwrap()));
-    let without = Operation::Set { number: 2, prefer: Prefer::First };
+    let without = CombineOperation::set(SetOperation::Difference);
     edit(&path, [Ok(Edit::Merge(without, zones))], Note::default(), 16 << 20, &()).unwrap();
     for (cell, values) in cells.cells.iter_mut().zip(at_centres(&odd)) {
         *cell = cell.filter(|_| values.is_empty());
@@ -200,7 +197,7 @@ fn features_among_operands_are_what_trees_of_them_would_be() {
         frame: Frame { crs: frame().crs, ..Frame::planar([4.0, 0.0, -80.0, 0.0, -4.0, 500.0]) },
         ..Metadata::default()
     };
-    write_cells(&coarse, &wide, &options(Rule::Majority, Kind::Categorical, 8).metadata(metadata));
+    write_cells(&coarse, &wide, &options(Rule::Majority, DataKind::Categorical, 8).metadata(metadata));
     let both = [map.clone(), coarse.clone()];
     let edges = [EdgeRule::Centre, EdgeRule::Touch, EdgeRule::Area];
     let operations = [
@@ -226,14 +223,13 @@ fn features_among_operands_are_what_trees_of_them_would_be() {
     ];
     for (number, (trees, place, operation)) in operations.into_iter().enumerate() {
         let edge = edges[number % 3];
-        let operation = Operation::named(operation, Prefer::First).unwrap();
+        let operation = CombineOperation::named(operation, Prefer::First).unwrap();
         // On the grid of what is combined, which a union of the trees tells.
         let union = folder.path().join("union.goblin");
         let create = |path: &Path| Output::create(path).unwrap();
         combine(
-            Operation::Over,
-            None,
-            Universe::Usual,
+            CombineOperation::Over,
+            CombineOptions::default(),
             trees,
             create(&union),
             WriteOptions::new(32 << 20),
@@ -244,7 +240,7 @@ fn features_among_operands_are_what_trees_of_them_would_be() {
         let cells = WarpGrid { frame: like.metadata().frame.clone(), extent: like.header().extent };
         let mut options = RasterizeOptions::new(FeatureGrid::Like(cells));
         (options.edge, options.value) = (edge, FeatureValue::Attribute("v".into()));
-        (options.rule, options.kind) = (Some(Rule::Majority), Some(Kind::Categorical));
+        (options.rule, options.kind) = (Some(Rule::Majority), Some(DataKind::Categorical));
         plan_features(std::slice::from_ref(&file), &options, &())
             .unwrap()
             .build(create(&built), &())
@@ -253,8 +249,7 @@ fn features_among_operands_are_what_trees_of_them_would_be() {
         files.insert(place, built.clone());
         combine(
             operation,
-            None,
-            Universe::Usual,
+            CombineOptions::default(),
             &files,
             create(&expected),
             WriteOptions::new(32 << 20),
@@ -267,10 +262,9 @@ fn features_among_operands_are_what_trees_of_them_would_be() {
             Ok(plan_features(std::slice::from_ref(&file), &options, &())?.tree(&())?.tree)
         };
         let made = [MadeOperand { place, name: "stars".into(), make: &make }];
-        let how = (None, Universe::Usual);
         let outcome = combine_with(
             operation,
-            how,
+            CombineOptions::default(),
             trees,
             &made,
             create(&found).into(),

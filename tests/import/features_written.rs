@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use spinney::export::vector::{
-    AttributeType, AttributeValue, FeatureParts, Geometry, GeometryKind, VectorFeature, VectorFormat,
-    VectorLayer, VectorWriter,
+use spinney::Output;
+use spinney::export::VectorFormat;
+use spinney::import::feature::FeatureOptions;
+use spinney::raw::export::vector::{
+    AttributeType, AttributeValue, FeatureParts, Geometry, GeometryKind, VectorFeature, VectorLayer,
+    VectorWriter,
 };
-use spinney::import::feature::{
-    Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, Heights, open_features,
-};
-use spinney::io::Output;
+use spinney::raw::import::feature::{Feature, FeatureAttribute, FeatureGeometry, Heights, open_features};
 
 const ATTRIBUTES: [(&str, AttributeType); 6] = [
     ("count", AttributeType::Integer),

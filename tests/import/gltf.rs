@@ -4,15 +4,12 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::Path;
 
 use serde_json::Value as Json;
-use spinney::dataset::Dataset;
-use spinney::export::mesh::{
-    GltfOptions, MeshRequest, TilesetSummary, export_glb, export_tileset, surface_mesh,
-};
-use spinney::io::{Output, OutputFolder};
-use spinney::space::{Crs, Frame};
-use spinney::store::{Metadata, build_tree, depth_for};
-use spinney::value::{Kind, Palette, Rule, SampleType, Value};
-use spinney::{Error, Progress};
+use spinney::export::{GltfOptions, MeshRequest, export_glb, export_tileset};
+use spinney::raw::export::mesh::{TilesetSummary, surface_mesh};
+use spinney::raw::io::OutputFolder;
+use spinney::raw::store::{build_tree, depth_for};
+use spinney::raw::value::Palette;
+use spinney::{Crs, DataKind, Dataset, Error, Frame, Metadata, Output, Progress, Rule, SampleType, Value};
 
 use crate::common::gltf_file::{Glb, Mesh, Place, Tiles};
 use crate::common::mesh_file::{cross, dot};
@@ -23,7 +20,7 @@ fn request(smooth: bool) -> MeshRequest {
     with(MeshRequest::new(), |it| it.smooth = smooth)
 }
 
-fn tree_with(cells: &Cells, rule: Rule, kind: Kind, metadata: Metadata) -> Dataset {
+fn tree_with(cells: &Cells, rule: Rule, kind: DataKind, metadata: Metadata) -> Dataset {
     let depth = depth_for(cells.size);
     opened(|path| {
         let options = options(rule, kind, depth).metadata(metadata);
@@ -205,19 +202,19 @@ fn check_tileset(tree: &Dataset, smooth: bool, what: &str) -> Tiles {
 
 #[test]
 fn tiles_of_each_level_meet_and_enclose_the_solid() {
-    let tree = dataset(&balls(140), Rule::Occupancy, Kind::Continuous);
+    let tree = dataset(&balls(140), Rule::Occupancy, DataKind::Continuous);
     for smooth in [false, true] {
         let tiles = check_tileset(&tree, smooth, &format!("balls, smooth {smooth}"));
         assert_eq!(tiles.boxes.is_empty(), !smooth);
         assert_eq!(tiles.files.len(), 1);
     }
     // A full space, whose surface lies at its ends.
-    let full = dataset(&made(OCT, [96; 3], |_| Some(byte(255))), Rule::Occupancy, Kind::Continuous);
+    let full = dataset(&made(OCT, [96; 3], |_| Some(byte(255))), Rule::Occupancy, DataKind::Continuous);
     for smooth in [false, true] {
         check_tileset(&full, smooth, &format!("full, smooth {smooth}"));
     }
     // Smaller than a tile.
-    let small = dataset(&Cells::random(OCT, 3, [9, 4, 7], 2, true), Rule::Max, Kind::Categorical);
+    let small = dataset(&Cells::random(OCT, 3, [9, 4, 7], 2, true), Rule::Max, DataKind::Categorical);
     for smooth in [false, true] {
         check_tileset(&small, smooth, &format!("small, smooth {smooth}"));
     }
@@ -227,7 +224,7 @@ fn tiles_of_each_level_meet_and_enclose_the_solid() {
 fn random_solids_are_closed_at_every_level() {
     for seed in 0..3 {
         let cells = Cells::random(OCT, seed, [67, 30 + seed, 66], 4, true);
-        let tree = dataset(&cells, Rule::Majority, Kind::Categorical);
+        let tree = dataset(&cells, Rule::Majority, DataKind::Categorical);
         for smooth in [false, true] {
             check_tileset(&tree, smooth, &format!("seed {seed}, smooth {smooth}"));
         }
@@ -238,7 +235,7 @@ fn random_solids_are_closed_at_every_level() {
 fn subtrees_below_subtrees() {
     // Five levels of tiles: those of the last are roots of subtrees of their own.
     let cells = made(OCT, [1024, 8, 4], |[x, y, z]| (x % 100 < 3 && y < 6 && z < 3).then(|| byte(255)));
-    let tree = dataset(&cells, Rule::Occupancy, Kind::Continuous);
+    let tree = dataset(&cells, Rule::Occupancy, DataKind::Continuous);
     let tiles = check_tileset(&tree, false, "long");
     assert_eq!(tiles.files.len(), 1 + tiles.tiles.keys().filter(|place| place[0] == 4).count());
     check_tileset(&tree, true, "long and smooth");
@@ -247,12 +244,12 @@ fn subtrees_below_subtrees() {
 #[test]
 fn an_empty_tree_has_a_root() {
     let cells = made(OCT, [100; 3], |_| None);
-    let tree = dataset(&cells, Rule::Occupancy, Kind::Continuous);
+    let tree = dataset(&cells, Rule::Occupancy, DataKind::Continuous);
     let tiles = check_tileset(&tree, false, "empty");
     assert_eq!(tiles.tiles, BTreeMap::from([([0; 4], false)]));
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("empty.glb");
-    let classes = dataset(&cells, Rule::Majority, Kind::Categorical);
+    let classes = dataset(&cells, Rule::Majority, DataKind::Categorical);
     for (tree, smooth) in [(&tree, false), (&tree, true), (&classes, false), (&classes, true)] {
         let output = Output::create(&path).unwrap();
         assert_eq!(export_glb(tree, &request(smooth), &GltfOptions::new(), output, &()).unwrap(), 0);
@@ -264,7 +261,7 @@ fn an_empty_tree_has_a_root() {
 fn models_have_no_parts_without_triangles() {
     // A full tile, whose surface in the first of its cells belongs to it, and those behind it, of which most have none.
     let cells = made(OCT, [192; 3], |cell| cell.iter().all(|at| *at < 128).then(|| byte(255)));
-    let tree = dataset(&cells, Rule::Occupancy, Kind::Continuous);
+    let tree = dataset(&cells, Rule::Occupancy, DataKind::Continuous);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("cube.glb");
     for smooth in [false, true] {
@@ -285,7 +282,7 @@ fn models_have_no_parts_without_triangles() {
 fn normals_look_out_of_the_solid() {
     let side = 100;
     let cells = balls(side);
-    let tree = dataset(&cells, Rule::Occupancy, Kind::Continuous);
+    let tree = dataset(&cells, Rule::Occupancy, DataKind::Continuous);
     let folder = tempfile::tempdir().unwrap();
     for smooth in [false, true] {
         let path = folder.path().join("ball.glb");
@@ -335,7 +332,7 @@ fn classes_are_features_and_colours_stand_at_corners() {
         class_names: [(3.into(), "meadow".to_owned()), (7.into(), "Wald \u{e4}".to_owned())].into(),
         ..Metadata::default()
     };
-    let tree = tree_with(&cells, Rule::Majority, Kind::Categorical, metadata);
+    let tree = tree_with(&cells, Rule::Majority, DataKind::Categorical, metadata);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("classes.glb");
     for smooth in [false, true] {
@@ -364,7 +361,7 @@ fn classes_are_features_and_colours_stand_at_corners() {
     }
     // Colours of cells.
     let cells = made(oct(SampleType::U8, 3), [10; 3], |_| Some(Value::from([255u8, 188, 0])));
-    let tree = dataset(&cells, Rule::Mean, Kind::Continuous);
+    let tree = dataset(&cells, Rule::Mean, DataKind::Continuous);
     export_glb(&tree, &request(false), &GltfOptions::new(), Output::create(&path).unwrap(), &()).unwrap();
     let glb = Glb::read(&path);
     let colour = glb.meshes[0].corners[0].colour.unwrap();
@@ -373,7 +370,7 @@ fn classes_are_features_and_colours_stand_at_corners() {
 
 #[test]
 fn files_do_not_depend_on_threads() {
-    let tree = dataset(&balls(200), Rule::Occupancy, Kind::Continuous);
+    let tree = dataset(&balls(200), Rule::Occupancy, DataKind::Continuous);
     let folder = tempfile::tempdir().unwrap();
     let written = [1, 2, 5].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -395,7 +392,7 @@ fn known_systems_are_put_onto_the_globe() {
     (frame.matrix[2][2], frame.matrix[2][3]) = (2.0, 1000.0);
     frame.crs = Some(Crs::epsg(32632));
     let metadata = Metadata { frame, ..Metadata::default() };
-    let tree = tree_with(&cells, Rule::Occupancy, Kind::Continuous, metadata);
+    let tree = tree_with(&cells, Rule::Occupancy, DataKind::Continuous, metadata);
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path().join("tiles");
     let summary = write_tileset(&tree, &request(false), &folder);
@@ -426,7 +423,7 @@ use std::sync::atomic::Ordering::Relaxed;
 
 #[test]
 fn what_fails_leaves_nothing() {
-    let tree = dataset(&balls(200), Rule::Occupancy, Kind::Continuous);
+    let tree = dataset(&balls(200), Rule::Occupancy, DataKind::Continuous);
     let folder = tempfile::tempdir().unwrap();
     let left = || std::fs::read_dir(folder.path()).unwrap().count();
     let (request, options) = (MeshRequest::new(), GltfOptions::new());
@@ -440,7 +437,8 @@ fn what_fails_leaves_nothing() {
         assert!(matches!(ended, Err(Error::Interrupted)), "{patience}");
         assert_eq!(left(), 0, "{patience}");
     }
-    let picture = dataset(&Cells::random(QUAD, 1, [20, 20, 1], 3, true), Rule::Majority, Kind::Categorical);
+    let picture =
+        dataset(&Cells::random(QUAD, 1, [20, 20, 1], 3, true), Rule::Majority, DataKind::Categorical);
     let output = OutputFolder::create(&folder.path().join("a")).unwrap();
     assert!(export_tileset(&picture, &request, &options, output, &()).is_err());
     let deep = with(MeshRequest::new(), |it| it.level = Some(12));
@@ -452,7 +450,7 @@ fn what_fails_leaves_nothing() {
 #[cfg(feature = "meshopt")]
 #[test]
 fn compressed_files_say_so_and_are_smaller() {
-    let tree = dataset(&balls(100), Rule::Occupancy, Kind::Continuous);
+    let tree = dataset(&balls(100), Rule::Occupancy, DataKind::Continuous);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.glb");
     let sizes = [false, true].map(|meshopt| {
@@ -472,7 +470,7 @@ fn compressed_files_say_so_and_are_smaller() {
 #[cfg(not(feature = "meshopt"))]
 #[test]
 fn compression_that_is_not_built_in_is_refused() {
-    let tree = dataset(&balls(100), Rule::Occupancy, Kind::Continuous);
+    let tree = dataset(&balls(100), Rule::Occupancy, DataKind::Continuous);
     let folder = tempfile::tempdir().unwrap();
     let options = with(GltfOptions::new(), |it| it.meshopt = true);
     let output = Output::create(&folder.path().join("x.glb")).unwrap();

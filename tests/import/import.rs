@@ -2,14 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::import::raster::{self, Band, ImportOptions, Pixels, Raster, RasterInfo, RasterOptions, plan};
-use spinney::io::Output;
-use spinney::space::{Code, Crs, Dimension, Region};
-use spinney::store;
-use spinney::store::goblin::Goblin;
-use spinney::tree::{Child, Form, Source};
-use spinney::value::{Number, SampleType, Value, ValueType};
-use spinney::{Error, Result};
+use spinney::import::raster::{ImportOptions, plan};
+use spinney::raw::import::raster::{self, Band, Pixels, Raster, RasterInfo, RasterOptions};
+use spinney::raw::store::goblin::Goblin;
+use spinney::tree::{Child, Source};
+use spinney::{
+    Code, Crs, Dimension, Error, Number, Output, Region, Result, SampleType, TreeType, Value, ValueType,
+};
 
 use crate::common::{children, quad, shared_data, with};
 
@@ -71,7 +70,7 @@ fn cells_of(file: &Goblin) -> (Vec<u8>, Vec<bool>) {
 }
 
 fn open(path: &Path) -> Goblin {
-    Goblin::open(path, &store::OpenOptions::new()).unwrap()
+    Goblin::open(path, &spinney::OpenOptions::new()).unwrap()
 }
 
 /// Pixels of the largest pictures that are tried: larger ones take long and show nothing new.
@@ -116,8 +115,8 @@ fn comes_back(path: &Path, folder: &Path, memory: Option<u64>) -> bool {
     let pixels = bytes.chunks_exact_mut(value.size()).zip(&valid).filter(|(_, valid)| !**valid);
     pixels.for_each(|(pixel, _)| pixel.fill(0));
     let file = open(&target);
-    assert_eq!(file.header().form, Form::new(Dimension::Quad, value));
-    let expected = store::Metadata { counts: file.metadata().counts.clone(), ..metadata };
+    assert_eq!(file.header().form, TreeType::new(Dimension::Quad, value));
+    let expected = spinney::Metadata { counts: file.metadata().counts.clone(), ..metadata };
     // As text, in which NaN is equal to itself.
     assert_eq!(format!("{:?}", file.metadata()), format!("{expected:?}"));
     let (found, found_valid) = cells_of(&file);
@@ -168,7 +167,7 @@ fn options_overrule_the_file() {
         it.depth = Some(12);
         it.crs = Some(Crs::epsg(3857));
         it.transform = Some([2.0, 0.0, 10.0, 0.0, -2.0, 20.0]);
-        it.rule = Some(spinney::value::Rule::Max);
+        it.rule = Some(spinney::Rule::Max);
     });
     let import = plan(std::slice::from_ref(&path), &options).unwrap();
     let text: String =

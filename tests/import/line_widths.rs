@@ -3,11 +3,11 @@
 use std::fs;
 use std::path::Path;
 
-use spinney::import::rasterize::{FeatureGrid, LineWidth, RasterizeOptions, plan_features};
-use spinney::io::Output;
-use spinney::ops::WarpGrid;
-use spinney::space::{Crs, EdgeRule, Frame};
-use spinney::value::Number;
+use spinney::import::feature::{RasterizeOptions, plan_features};
+use spinney::query::EdgeRule;
+use spinney::raw::import::rasterize::{FeatureGrid, LineWidth};
+use spinney::raw::ops::WarpGrid;
+use spinney::{Crs, Frame, Number, Output};
 
 use crate::common::Random;
 

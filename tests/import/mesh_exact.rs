@@ -3,13 +3,14 @@
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
-use spinney::brep::topology::{Topology, TopologyOptions};
-use spinney::brep::{Face, FaceList, Faces, Grid};
-use spinney::export::mesh::{ExactSummary, MeshFormat, export_exact};
-use spinney::geometry::split_bridges;
-use spinney::import::mesh::open;
-use spinney::io::Output;
-use spinney::{Error, Progress, Result};
+use spinney::brep::{Face, Faces, Grid};
+use spinney::export::{MeshFormat, export_exact};
+use spinney::raw::brep::FaceList;
+use spinney::raw::brep::topology::{Topology, TopologyOptions};
+use spinney::raw::export::mesh::ExactSummary;
+use spinney::raw::geometry::split_bridges;
+use spinney::raw::import::mesh::open;
+use spinney::{Error, Output, Progress, Result};
 
 use crate::common::Random;
 use crate::common::exact::{Ring, cuboid, prism, push, snapped, whole_grid};

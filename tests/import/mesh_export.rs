@@ -1,15 +1,11 @@
 //! Meshes of octrees: counted, measured and read back.
 
 use assert_cmd::Command;
-use spinney::dataset::Dataset;
-use spinney::export::mesh::{
-    FaceAttribute, MeshFormat, MeshRequest, MeshSummary, export_blocks, export_mesh,
-};
-use spinney::io::Output;
-use spinney::query::cell_blocks::Carry;
-use spinney::space::Frame;
-use spinney::store::{build_tree, depth_for};
-use spinney::value::{Kind, Rule, SampleType, Value};
+use spinney::export::{MeshFormat, MeshRequest, export_mesh};
+use spinney::raw::export::mesh::{FaceAttribute, MeshSummary, export_blocks};
+use spinney::raw::query::cell_blocks::BlockAttribute;
+use spinney::raw::store::{build_tree, depth_for};
+use spinney::{DataKind, Dataset, Frame, Output, Rule, SampleType, Value};
 
 use crate::common::mesh_file::{Read, cross, dot, minus, read_obj, read_off, read_ply, read_stl};
 use crate::common::{
@@ -20,7 +16,7 @@ use crate::common::{
 struct Job {
     level: u8,
     frame: Frame,
-    carry: Carry,
+    carry: BlockAttribute,
     attribute: FaceAttribute,
     smooth: bool,
     triangles: bool,
@@ -31,7 +27,7 @@ impl Job {
         Job {
             level,
             frame: Frame::identity(),
-            carry: Carry::Nothing,
+            carry: BlockAttribute::Nothing,
             attribute: FaceAttribute::None,
             smooth: false,
             triangles: false,
@@ -78,7 +74,7 @@ impl Job {
 fn tree_of(depth: u8, cells: &Cells, rule: Rule) -> Dataset {
     opened(|path| {
         let output = Output::create(path).unwrap();
-        let options = options(rule, Kind::Continuous, depth);
+        let options = options(rule, DataKind::Continuous, depth);
         build_tree(&cells.tree_of_depth(depth, rule), cells.size, &options, output, &()).unwrap();
     })
 }
@@ -217,7 +213,7 @@ fn levels_and_coverage() {
             let read = Job::new(level).run(&tree, MeshFormat::Ply);
             read.check_closed("level");
             assert_eq!((read.volume(), read.areas()), (volume, areas), "{rule}, level {level}");
-            let smooth = Job { smooth: true, carry: Carry::Coverage, ..Job::new(level) };
+            let smooth = Job { smooth: true, carry: BlockAttribute::Coverage, ..Job::new(level) };
             smooth.run(&tree, MeshFormat::Obj).check_closed("smooth level");
         }
     }
@@ -260,7 +256,7 @@ fn frames_turn_nothing_inside_out() {
             assert!(volumes.iter().all(|found| (found - volume).abs() < tolerance));
         }
     }
-    let mut blocks = tree.cell_blocks(6, Carry::Nothing).unwrap();
+    let mut blocks = tree.cell_blocks(6, BlockAttribute::Nothing).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let flat = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0; 4]];
     for (matrix, words) in [(frames[4], "single precision"), (flat, "flat")] {
@@ -294,7 +290,7 @@ fn smooth_balls() {
     let cells = made(OCT, [128; 3], |cell| in_ball(cell, 64.0, radius).then(|| byte(255)));
     let tree = tree_of(7, &cells, Rule::Occupancy);
     for level in [4, 5, 6] {
-        let job = Job { smooth: true, carry: Carry::Coverage, ..Job::new(level) };
+        let job = Job { smooth: true, carry: BlockAttribute::Coverage, ..Job::new(level) };
         let read = job.run(&tree, MeshFormat::Ply);
         let cell = 2f64.powi(7 - i32::from(level));
         check_ball(&read, radius / cell, 1.0, &format!("level {level}"));
@@ -343,7 +339,7 @@ fn smooth_surfaces_are_manifolds_in_every_format() {
             .flat_map(|format| [Frame::identity(), far.clone(), turned.clone()].map(|it| (format, it)))
         {
             let what = format!("{format:?}, coverages {coverages:?}, {:?}", frame.matrix);
-            let job = Job { smooth: true, carry: Carry::Coverage, frame, ..Job::new(6) };
+            let job = Job { smooth: true, carry: BlockAttribute::Coverage, frame, ..Job::new(6) };
             job.run(&tree, format).check_manifold(&what);
             Job { triangles: true, ..job }.run(&tree, format).check_manifold(&what);
         }
@@ -358,7 +354,7 @@ fn smooth_surfaces_that_single_precision_cannot_hold_are_refused() {
     let write = |smooth: bool, format: MeshFormat| {
         let folder = tempfile::tempdir().unwrap();
         let output = Output::create(&folder.path().join("mesh")).unwrap();
-        let mut blocks = tree.cell_blocks(3, Carry::Nothing).unwrap();
+        let mut blocks = tree.cell_blocks(3, BlockAttribute::Nothing).unwrap();
         let request = with(MeshRequest::new(), |it| it.smooth = smooth);
         export_blocks(&mut *blocks, FaceAttribute::None, &frame, &request, output, format, &())
     };
@@ -375,7 +371,7 @@ fn smooth_surfaces_that_single_precision_cannot_hold_are_refused() {
             let job = Job { smooth, frame: frame.clone(), ..Job::new(3) };
             job.run(&tree, format).check_manifold(&format!("{size}, {format:?}"));
         }
-        let mut blocks = tree.cell_blocks(3, Carry::Nothing).unwrap();
+        let mut blocks = tree.cell_blocks(3, BlockAttribute::Nothing).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let output = Output::create(&folder.path().join("mesh")).unwrap();
         let (none, request) = (FaceAttribute::None, MeshRequest::new());
@@ -392,7 +388,8 @@ fn colours_and_values_stand_at_faces() {
     });
     let tree = tree_of(6, &cells, Rule::Mean);
     for smooth in [false, true] {
-        let job = Job { carry: Carry::Value, attribute: FaceAttribute::Colour, smooth, ..Job::new(6) };
+        let job =
+            Job { carry: BlockAttribute::Value, attribute: FaceAttribute::Colour, smooth, ..Job::new(6) };
         for format in [MeshFormat::Ply, MeshFormat::Off] {
             let read = job.run(&tree, format);
             read.check_closed("colours");
@@ -404,7 +401,7 @@ fn colours_and_values_stand_at_faces() {
     }
     let cells = Cells::random(oct(SampleType::U16, 1), 3, [50, 20, 34], 500, true);
     let tree = tree_of(6, &cells, Rule::Majority);
-    let job = Job { carry: Carry::Value, attribute: FaceAttribute::Short, ..Job::new(6) };
+    let job = Job { carry: BlockAttribute::Value, attribute: FaceAttribute::Short, ..Job::new(6) };
     let read = job.run(&tree, MeshFormat::Ply);
     read.check_closed("values");
     let (volume, areas) = expected(cells.size, |cell| cells.get(cell).is_some());
@@ -426,7 +423,7 @@ fn files_and_views_on_the_command_line() {
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
     let cells = made(OCT, [90, 70, 50], |cell| in_ball(cell, 25.0, 22.0).then(|| byte(255)));
     let file = path("ball.goblin");
-    let bytes = goblin_bytes(&cells, Rule::Occupancy, Kind::Continuous);
+    let bytes = goblin_bytes(&cells, Rule::Occupancy, DataKind::Continuous);
     std::fs::write(&file, &bytes).unwrap();
     let (volume, areas) = expected(cells.size, |cell| cells.get(cell).is_some());
     let spinney = |arguments: &[&str]| Command::cargo_bin("spinney").unwrap().args(arguments).assert();
@@ -460,7 +457,7 @@ fn files_and_views_on_the_command_line() {
     // Refusals leave nothing behind.
     let quad = path("quad.goblin");
     let flat = Cells::random(QUAD, 1, [20, 20, 1], 3, true);
-    std::fs::write(&quad, goblin_bytes(&flat, Rule::Mean, Kind::Continuous)).unwrap();
+    std::fs::write(&quad, goblin_bytes(&flat, Rule::Mean, DataKind::Continuous)).unwrap();
     let same = path("same.ply");
     std::fs::copy(&file, &same).unwrap();
     let none = path("none.ply");
@@ -492,19 +489,22 @@ fn trees_say_what_ply_tells() {
     let header = |bytes: &[u8]| String::from_utf8_lossy(&bytes[..400.min(bytes.len())]).into_owned();
     let size = [9, 9, 9];
     let tree =
-        dataset(&Cells::random(oct(SampleType::U8, 3), 2, size, 4, true), Rule::Mean, Kind::Continuous);
+        dataset(&Cells::random(oct(SampleType::U8, 3), 2, size, 4, true), Rule::Mean, DataKind::Continuous);
     assert!(header(&export(&tree, MeshFormat::Ply)).contains("uchar red\nproperty uchar green\n"));
     read_obj(&export(&tree, MeshFormat::Obj)).check_closed("obj");
     assert!(read_off(&export(&tree, MeshFormat::Off)).told.iter().all(|told| told.len() == 3));
     let json = Output::create(&folder.path().join("a.city.json")).unwrap();
     let error = export_mesh(&tree, &MeshRequest::default(), json, MeshFormat::CityJson, &()).unwrap_err();
     assert!(error.to_string().contains("PLY, OBJ, STL or OFF"), "{error}");
-    let tree = dataset(&Cells::random(OCT, 2, size, 4, true), Rule::Majority, Kind::Categorical);
+    let tree = dataset(&Cells::random(OCT, 2, size, 4, true), Rule::Majority, DataKind::Categorical);
     assert!(header(&export(&tree, MeshFormat::Ply)).contains("property uchar value\nend_header"));
-    let tree =
-        dataset(&Cells::random(oct(SampleType::U16, 1), 2, size, 4, true), Rule::Majority, Kind::Categorical);
+    let tree = dataset(
+        &Cells::random(oct(SampleType::U16, 1), 2, size, 4, true),
+        Rule::Majority,
+        DataKind::Categorical,
+    );
     assert!(header(&export(&tree, MeshFormat::Ply)).contains("property ushort value\nend_header"));
     let tree =
-        dataset(&Cells::random(oct(SampleType::F32, 1), 2, size, 4, true), Rule::Mean, Kind::Continuous);
+        dataset(&Cells::random(oct(SampleType::F32, 1), 2, size, 4, true), Rule::Mean, DataKind::Continuous);
     assert!(header(&export(&tree, MeshFormat::Ply)).contains("vertex_indices\nend_header"));
 }

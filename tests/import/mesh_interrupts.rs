@@ -2,11 +2,10 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use spinney::import::mesh::{InsideTest, SolidOptions, SolidReport, plan_models};
-use spinney::io::Output;
-use spinney::space::EdgeRule;
-use spinney::value::{Kind, Rule};
-use spinney::{Error, Progress, Result};
+use spinney::import::mesh::{SolidOptions, plan_models};
+use spinney::query::EdgeRule;
+use spinney::raw::import::mesh::{InsideTest, SolidReport};
+use spinney::{DataKind, Error, Output, Progress, Result, Rule};
 
 use crate::common::solid::{Triangle, plain, tetrahedra, unit_cells};
 use crate::common::{OCT, Random, byte, goblin_bytes, made, with};
@@ -96,7 +95,7 @@ fn measures_of_solids_are_interrupted() {
     let cells = made(OCT, [64; 3], |[x, y, z]| ((3 * x + 5 * y + 7 * z) % 5 < 2).then(|| byte(255)));
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("solid.goblin");
-    std::fs::write(&path, goblin_bytes(&cells, Rule::Occupancy, Kind::Continuous)).unwrap();
+    std::fs::write(&path, goblin_bytes(&cells, Rule::Occupancy, DataKind::Continuous)).unwrap();
     let tree = spinney::open(&path).unwrap();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     let volume = |progress: &Impatient| tree.solid(6, progress).map(|_| ());

@@ -4,21 +4,19 @@
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use spinney::Progress;
-use spinney::brep::{ExactModel, Face, FaceList, Grid};
-use spinney::dataset::Dataset;
-use spinney::export::mesh::{
-    GltfOptions, MeshFormat, MeshRequest, export_exact, export_glb, export_isosurfaces, export_mesh,
-};
-use spinney::import::mesh::{
-    ExactOptions, InsideTest, Resolution, SolidOptions, SolidReport, import_exact, open_all, plan_models,
-};
-use spinney::io::Output;
+use spinney::brep::{Face, Grid};
+use spinney::export::{GltfOptions, MeshFormat, MeshRequest, export_exact, export_glb, export_mesh};
+use spinney::import::mesh::{ExactOptions, Resolution, SolidOptions, import_exact, open_all, plan_models};
 use spinney::query::{ContourLevels, ContourRequest};
-use spinney::space::{Crs, Frame};
-use spinney::store::{Metadata, OpenOptions, Tag};
-use spinney::tree::Form;
-use spinney::value::{Kind, Palette, Rule, SampleType};
+use spinney::raw::brep::FaceList;
+use spinney::raw::export::mesh::export_isosurfaces;
+use spinney::raw::import::mesh::{InsideTest, SolidReport};
+use spinney::raw::store::Tag;
+use spinney::raw::value::Palette;
+use spinney::{
+    Crs, DataKind, Dataset, ExactModel, Frame, Metadata, OpenOptions, Output, Progress, Rule, SampleType,
+    TreeType,
+};
 
 use crate::common::{OCT, byte, made, oct, opened, options, shared_data, value, with, write_cells};
 
@@ -209,20 +207,21 @@ fn meshes_of_trees_tell_what_they_lose() {
     placed.set_tag(Tag::Unit, "mm");
     let mut named = Metadata { class_names: [(1.into(), "wall".into())].into(), ..placed.clone() };
     named.palette = Some(Palette { colours: vec![[1; 4]; 256] });
-    let tree = |form: Form, (rule, kind): (Rule, Kind), metadata: &Metadata| {
+    let tree = |form: TreeType, (rule, kind): (Rule, DataKind), metadata: &Metadata| {
         let cells = made(form, [4; 3], |[x, ..]| Some(value(form.value, x)));
         opened(|path| {
             write_cells(path, &cells, &options(rule, kind, cells.depth()).metadata(metadata.clone()));
         })
     };
-    let mean = (Rule::Mean, Kind::Continuous);
-    let solid = tree(OCT, (Rule::Occupancy, Kind::Continuous), &Metadata::default());
+    let mean = (Rule::Mean, DataKind::Continuous);
+    let solid = tree(OCT, (Rule::Occupancy, DataKind::Continuous), &Metadata::default());
     let coloured = tree(oct(SampleType::U8, 3), mean, &placed);
-    let classes = tree(OCT, (Rule::Majority, Kind::Categorical), &named);
+    let classes = tree(OCT, (Rule::Majority, DataKind::Categorical), &named);
     let numbers = tree(oct(SampleType::F32, 1), mean, &placed);
     // A single value says no more than that a cell is there.
     let full = made(OCT, [4; 3], |_| Some(byte(255)));
-    let full = opened(|path| write_cells(path, &full, &options(Rule::Max, Kind::Continuous, full.depth())));
+    let full =
+        opened(|path| write_cells(path, &full, &options(Rule::Max, DataKind::Continuous, full.depth())));
     for format in MESHES {
         let (is_ply, is_off) = (format == MeshFormat::Ply, format == MeshFormat::Off);
         let cases: [(&str, &Dataset, Vec<&str>); 5] = [

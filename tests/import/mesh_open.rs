@@ -1,10 +1,9 @@
 //! Models of which a part is open: that part costs and changes only itself.
 
-use spinney::dataset::Dataset;
-use spinney::import::mesh::{Attribute, InsideTest, Resolution, SolidOptions, open_all, plan_models};
-use spinney::io::Output;
-use spinney::space::EdgeRule;
-use spinney::value::Value;
+use spinney::import::mesh::{Resolution, SolidOptions, open_all, plan_models};
+use spinney::query::EdgeRule;
+use spinney::raw::import::mesh::{Attribute, InsideTest};
+use spinney::{Dataset, Output, Value};
 
 use crate::common::solid::{Point, Polygons, Triangle, build, cells, cuboid, plain, unit_cells, winding};
 use crate::common::{Random, shared_data, with};

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use spinney::geometry::{Box3, Flaw, GridPolygon, Intersection, Stage, Stages, Triangulator};
+use spinney::raw::geometry::{Box3, Flaw, GridPolygon, Intersection, Stage, Stages, Triangulator};
 
 use crate::common;
 

@@ -1,7 +1,7 @@
 //! Solids made of polygons: boxes and concave prisms with holes, against brute force in the plane.
 
-use spinney::geometry::Triangulator;
-use spinney::import::mesh::{InsideTest, MeshFace, Model, SolidReport};
+use spinney::raw::geometry::Triangulator;
+use spinney::raw::import::mesh::{InsideTest, MeshFace, Model, SolidReport};
 
 use crate::common::Random;
 use crate::common::solid::{Point, Polygon, Polygons, build, cells, unit_cells};

@@ -2,13 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::dataset::{self, Dataset};
-use spinney::import::mesh::{
-    Attribute, InsideTest, Resolution, SolidOptions, SolidReport, open_all, plan_models,
-};
-use spinney::io::Output;
-use spinney::space::{Bounds, Crs, EdgeRule};
-use spinney::store::OpenOptions;
+use spinney::import::mesh::{Resolution, SolidOptions, open_all, plan_models};
+use spinney::query::EdgeRule;
+use spinney::raw::dataset;
+use spinney::raw::import::mesh::{Attribute, InsideTest, SolidReport};
+use spinney::{Bounds, Crs, Dataset, OpenOptions, Output};
 
 use crate::common::{shared_data, with};
 

@@ -1,16 +1,15 @@
 //! Solids made of meshes, against brute force: winding numbers at every cell's centre.
 
-use spinney::import::mesh::{Attribute, InsideTest, plan_models};
-use spinney::io::Output;
-use spinney::ops::{Operation, Prefer};
-use spinney::space::{Code, Dimension, EdgeRule};
-use spinney::store::goblin::Goblin;
-use spinney::value::Value;
+use spinney::import::mesh::plan_models;
+use spinney::query::EdgeRule;
+use spinney::raw::import::mesh::{Attribute, InsideTest};
+use spinney::raw::store::goblin::Goblin;
+use spinney::{Code, CombineOperation, Dimension, Output, SetOperation, Value};
 
 use crate::common::solid::{
     Point, Polygons, Triangle, build, cells, cuboid, plain, tetrahedra, unit_cells, winding,
 };
-use crate::common::{Random, as_byte, byte, combined, view_of_file, with};
+use crate::common::{Random, as_byte, byte, combined, set_operation, view_of_file, with};
 
 #[test]
 fn boxes_on_the_grid_become_their_cells() {
@@ -473,7 +472,7 @@ fn operations_on_solids_are_those_on_their_cells() {
     });
     // A and B, A - B, B - A, A xor B, A or B.
     for number in [1, 2, 4, 6, 7] {
-        let operation = Operation::Set { number, prefer: Prefer::First };
+        let operation = CombineOperation::set(set_operation(number));
         let combined = combined(views.to_vec(), operation, [64; 3]);
         let mut checked = 0;
         for (i, cell) in cells(&combined).into_iter().enumerate().step_by(11) {
@@ -495,7 +494,7 @@ fn operations_on_solids_are_those_on_their_cells() {
     }
     // Both meshes as one model are their union.
     let (both, _) = build(plain(&meshes.concat()), &unit_cells(6));
-    let operation = Operation::Set { number: 7, prefer: Prefer::First };
+    let operation = CombineOperation::set(SetOperation::Union);
     let combined = combined(views.to_vec(), operation, [64; 3]);
     // (Winding numbers of bodies turned against each other cancel, which is no union.)
     let same = cells(&both).into_iter().zip(cells(&combined)).filter(|(a, b)| a == b).count();

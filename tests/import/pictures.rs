@@ -3,13 +3,10 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use spinney::export::image::{Format, ImageSpec, create};
-use spinney::import::raster::{Order, Pixels, RasterInfo, RasterOptions, open};
-use spinney::io::Output;
-use spinney::space::{Crs, Frame, Region};
-use spinney::store::Metadata;
-use spinney::value::{Kind, Palette, SampleType, ValueType};
-use spinney::{Error, Result};
+use spinney::raw::export::image::{Format, ImageSpec, create};
+use spinney::raw::import::raster::{Order, Pixels, RasterInfo, RasterOptions, open};
+use spinney::raw::value::Palette;
+use spinney::{Crs, DataKind, Error, Frame, Metadata, Output, Region, Result, SampleType, ValueType};
 
 use crate::common::tiff_file::{Ifd, file, on_disk};
 use crate::common::with;
@@ -164,7 +161,7 @@ fn png_palette_keeps_colours_and_void() {
     write(&path, Format::Png, &spec, &[0, 1, 2, 3], None).unwrap();
     let (info, pixels) = read(&path, &RasterOptions::default()).unwrap();
     assert_eq!(info.palette.unwrap().colours[..3], colours);
-    assert_eq!((info.kind, &pixels.bytes[..]), (Some(Kind::Categorical), &[0, 1, 2, 3][..]));
+    assert_eq!((info.kind, &pixels.bytes[..]), (Some(DataKind::Categorical), &[0, 1, 2, 3][..]));
     assert!(pixels.valid.unwrap().iter().all(|valid| *valid));
 
     spec.void = true;
@@ -191,7 +188,7 @@ fn png_texts_that_unpack_to_very_much_are_left_out_and_told() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.png");
     std::fs::write(&path, bytes).unwrap();
-    let raster = spinney::import::raster::open(&path, &Default::default()).unwrap();
+    let raster = spinney::raw::import::raster::open(&path, &Default::default()).unwrap();
     let names: Vec<_> = raster.info().tags.keys().map(String::as_str).collect();
     assert_eq!(names, ["Comment", "Title"]);
     assert!(raster.info().layout.ends_with("longer than 8 MiB: 1"), "{}", raster.info().layout);

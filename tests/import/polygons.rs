@@ -4,17 +4,17 @@ use std::fs;
 use std::path::Path;
 
 use rayon::prelude::*;
-use spinney::dataset::Dataset;
-use spinney::export::vector::{VectorFormat, export_polygons};
-use spinney::import::rasterize::{FeatureGrid, FeatureValue, RasterizeOptions, plan_features};
-use spinney::io::Output;
-use spinney::ops::WarpGrid;
+use spinney::export::{VectorFormat, export_polygons};
+use spinney::import::feature::{FeatureValue, RasterizeOptions, plan_features};
 use spinney::query::PolygonRequest;
-use spinney::space::Dimension;
-use spinney::space::{Crs, Frame};
-use spinney::store::{BuildOptions, Metadata, Slab, Slabs, build_slabs, build_tree};
-use spinney::tree::{Form, MemTree};
-use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
+use spinney::raw::import::rasterize::FeatureGrid;
+use spinney::raw::ops::WarpGrid;
+use spinney::raw::store::build_tree;
+use spinney::tree::{MemTree, Slab, Slabs, build_slabs};
+use spinney::{
+    BuildOptions, Crs, DataKind, Dataset, Dimension, Frame, Metadata, Output, Rule, SampleType, TreeType,
+    Value, ValueType,
+};
 
 use crate::common::Random;
 
@@ -39,10 +39,10 @@ impl Slabs for Classes {
 
 /// A tree of classes, of which 0 is VOID.
 fn tree(path: &Path, size: [u64; 2], cells: Vec<u16>, frame: Frame) -> Dataset {
-    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U16, 1));
-    let depth = spinney::store::depth_for([size[0], size[1], 1]).max(1);
+    let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U16, 1));
+    let depth = spinney::raw::store::depth_for([size[0], size[1], 1]).max(1);
     let options =
-        BuildOptions::new(Kind::Categorical, depth).metadata(Metadata { frame, ..Metadata::default() });
+        BuildOptions::new(DataKind::Categorical, depth).metadata(Metadata { frame, ..Metadata::default() });
     let output = Output::create(path).unwrap();
     build_slabs(form, &mut Classes { size, cells }, Some(Value::from([0u16])), &options, output, &())
         .unwrap();
@@ -194,10 +194,10 @@ fn classes_are_chosen_and_what_has_no_regions_is_refused() {
     assert_eq!(fs::read_to_string(&path).unwrap().lines().count() as u64, made.count + 1);
     // Classes of 64 bits lose nothing.
     let wide = [9_007_199_254_740_993u64, 9_007_199_254_740_992, u64::MAX, 1];
-    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U64, 1));
+    let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U64, 1));
     let cell = |at: [u32; 3]| Some(Value::from([wide[(at[0] + 2 * at[1]) as usize]]));
     let leaves = MemTree::from_cells(form, 1, Rule::Majority, &cell);
-    let options = BuildOptions::new(Kind::Categorical, 1);
+    let options = BuildOptions::new(DataKind::Categorical, 1);
     let path = folder.path().join("wide.goblin");
     build_tree(&leaves, [2, 2, 1], &options, Output::create(&path).unwrap(), &()).unwrap();
     let (wide_map, csv) = (spinney::open(&path).unwrap(), folder.path().join("wide.csv"));

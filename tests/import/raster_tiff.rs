@@ -4,10 +4,9 @@ use std::path::{Path, PathBuf};
 
 use crate::common::tiff_file::{Ifd, Values, file, on_disk};
 use sha2::{Digest, Sha256};
-use spinney::import::raster::{self, Order, Pixels, Raster, RasterInfo, RasterOptions};
-use spinney::space::{Crs, Epsg, Region};
-use spinney::value::{Kind, SampleType};
-use spinney::{Error, Result};
+use spinney::raw::import::raster::{self, Order, Pixels, Raster, RasterInfo, RasterOptions};
+use spinney::raw::space::Epsg;
+use spinney::{Crs, DataKind, Error, Region, Result, SampleType};
 
 use crate::common::with;
 
@@ -313,7 +312,7 @@ fn palettes_have_eight_bits_and_clear_nodata() {
     let image = Ifd::grey(4, 1, vec![0b0001_1011]).short(258, &[2]).short(262, &[3]).short(320, &map);
     let (info, pixels) = whole(&file(&[image.tag(42113, Values::Text("2"))]), MEMORY).unwrap();
     assert_eq!(info.palette.unwrap().colours, [[0, 1, 2, 255], [0, 1, 2, 255], [0, 1, 2, 0], [0, 1, 2, 255]]);
-    assert_eq!(info.kind, Some(Kind::Categorical));
+    assert_eq!(info.kind, Some(DataKind::Categorical));
     assert_eq!(pixels.bytes, [0, 1, 2, 3]);
 }
 

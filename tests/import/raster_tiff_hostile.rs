@@ -4,9 +4,8 @@ use std::path::Path;
 
 use crate::common::command::{is_alone, own_peak_memory};
 use crate::common::tiff_file::{Ifd, Values, file, on_disk};
-use spinney::Result;
-use spinney::import::raster::{self, Pixels, RasterOptions};
-use spinney::space::Region;
+use spinney::raw::import::raster::{self, Pixels, RasterOptions};
+use spinney::{Region, Result};
 
 use crate::common::with;
 

@@ -3,13 +3,12 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use spinney::dataset::Dataset;
-use spinney::import::feature::is_feature_file;
-use spinney::import::rasterize::{FeatureGrid, FeatureValue, Overlaps, RasterizeOptions, plan_features};
-use spinney::io::Output;
-use spinney::ops::WarpGrid;
-use spinney::space::{Crs, EdgeRule, Frame};
-use spinney::value::{Kind, Number, SampleType};
+use spinney::import::feature::{FeatureValue, RasterizeOptions, plan_features};
+use spinney::query::EdgeRule;
+use spinney::raw::import::feature::is_feature_file;
+use spinney::raw::import::rasterize::{FeatureGrid, Overlaps};
+use spinney::raw::ops::WarpGrid;
+use spinney::{Crs, DataKind, Dataset, Frame, Number, Output, SampleType};
 
 /// A feature of GeoJSON.
 fn feature(properties: &str, geometry: &str) -> String {
@@ -146,7 +145,7 @@ fn texts_are_classes_and_what_is_left_out_is_told() {
     // Each class has a colour, whatever else there is.
     let colours = &tree.metadata().palette.as_ref().unwrap().colours;
     assert_eq!(colours[..], [[0; 4], [0, 114, 178, 255], [230, 159, 0, 255]]);
-    assert_eq!(tree.header().kind, Kind::Categorical);
+    assert_eq!(tree.header().kind, DataKind::Categorical);
     let classes = tree.statistics(None, &()).unwrap().classes;
     assert_eq!(classes, [(1.into(), 16), (2.into(), 16)]);
     // Numbers get the smallest type that has them all; numbers beside texts are nobody's.
@@ -268,8 +267,8 @@ fn grids_are_by_width_count_and_tree() {
         Frame { crs: Some(Crs::epsg(4326)), ..Frame::planar([1e-6, 0.0, 10.515, 0.0, -1e-6, 0.0095]) };
     let grid = WarpGrid { frame: frame.clone(), extent: [1000, 1000, 1] };
     let tree = of(FeatureGrid::Like(grid));
-    let places = spinney::space::Places::new(
-        &spinney::space::Coordinates::System(Crs::epsg(4326)),
+    let places = spinney::CellLocator::new(
+        &spinney::Coordinates::System(Crs::epsg(4326)),
         &by_count.metadata().frame,
         [28, 16, 1],
     )

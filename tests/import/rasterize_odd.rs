@@ -4,12 +4,11 @@
 use std::fs;
 use std::path::Path;
 
-use spinney::dataset::Dataset;
-use spinney::import::rasterize::{FeatureGrid, Overlaps, RasterizeOptions, plan_features};
-use spinney::io::Output;
-use spinney::ops::WarpGrid;
-use spinney::space::{Crs, EdgeRule, Frame};
-use spinney::value::Number;
+use spinney::import::feature::{RasterizeOptions, plan_features};
+use spinney::query::EdgeRule;
+use spinney::raw::import::rasterize::{FeatureGrid, Overlaps};
+use spinney::raw::ops::WarpGrid;
+use spinney::{Crs, Dataset, Frame, Number, Output};
 
 use crate::common::Random;
 

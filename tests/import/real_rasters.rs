@@ -7,18 +7,19 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use spinney::dataset;
-use spinney::export::image::Format;
 use spinney::export::{Detail, WindowRequest, export_window};
-use spinney::import::raster::{self, ImportOptions, Pixels, RasterOptions};
-use spinney::io::Output;
-use spinney::ops::{self, Chain, Operation, Prefer};
-use spinney::space::{Crs, Region};
-use spinney::store::WriteOptions;
-use spinney::value::{Kind, SampleType, Value};
+use spinney::import::raster::ImportOptions;
+use spinney::raw::dataset;
+use spinney::raw::export::image::Format;
+use spinney::raw::import::raster::{self, Pixels, RasterOptions};
+use spinney::raw::ops::Prefer;
+use spinney::{
+    CombineOperation, CombineOptions, Crs, DataKind, FileView, Output, Region, SampleType, SetOperation,
+    Value, WriteOptions,
+};
 use tempfile::TempDir;
 
-use crate::common::{Cells, made, quad, shared_data, with};
+use crate::common::{Cells, made, quad, set_operation, shared_data, with};
 
 /// Samples of any type, as numbers.
 type Grid = Cells;
@@ -85,7 +86,7 @@ impl Bench {
         let path = self.data.join(name);
         self.made += 1;
         let file = self.path(&format!("{}.goblin", self.made));
-        let import = raster::plan(std::slice::from_ref(&path), options).unwrap();
+        let import = spinney::import::raster::plan(std::slice::from_ref(&path), options).unwrap();
         import.build(Output::create(&file).unwrap(), &()).unwrap();
         let mut raster = raster::open(&path, &RasterOptions::default()).unwrap();
         let info = raster.info().clone();
@@ -141,19 +142,18 @@ impl Bench {
         self.made += 1;
         let out = self.path(&format!("{}.goblin", self.made));
         let steps = steps.split_whitespace().map(|step| step.parse().unwrap()).collect();
-        let chain = Chain { steps, moves, ..Chain::of(&tree.file) };
-        ops::transform(&chain, Output::create(&out).unwrap(), WriteOptions::new(MEMORY), &()).unwrap();
+        let chain = FileView { steps, moves, ..FileView::of(&tree.file) };
+        spinney::transform(&chain, Output::create(&out).unwrap(), WriteOptions::new(MEMORY), &()).unwrap();
         out
     }
 
-    fn combine(&mut self, operation: Operation, a: &Tree, b: &Tree) -> spinney::Result<PathBuf> {
+    fn combine(&mut self, operation: CombineOperation, a: &Tree, b: &Tree) -> spinney::Result<PathBuf> {
         self.made += 1;
         let out = self.path(&format!("{}.goblin", self.made));
         let files = [a.file.clone(), b.file.clone()];
-        ops::combine(
+        spinney::combine(
             operation,
-            None,
-            ops::Universe::Usual,
+            CombineOptions::default(),
             &files,
             Output::create(&out).unwrap(),
             WriteOptions::new(MEMORY),
@@ -265,7 +265,7 @@ fn majority(values: &[f64]) -> f64 {
 }
 
 /// Windows, symmetries and scalings of one raster.
-fn one_raster(name: &str, kind: Kind) {
+fn one_raster(name: &str, kind: DataKind) {
     let Some(mut bench) = Bench::new() else { return };
     let tree = bench.build(name, &with(ImportOptions::new(), |it| it.kind = Some(kind)));
     let [w, h, _] = tree.grid.size.map(|cells| cells as i64);
@@ -312,8 +312,8 @@ fn one_raster(name: &str, kind: Kind) {
             if is_float { mean } else { (mean + 0.5).floor() }
         };
         let (rule, expected) = match kind {
-            Kind::Categorical => ("majority", blocks(grid, side, majority)),
-            Kind::Continuous => ("mean", blocks(grid, side, mean)),
+            DataKind::Categorical => ("majority", blocks(grid, side, majority)),
+            DataKind::Continuous => ("mean", blocks(grid, side, mean)),
         };
         check(&format!("scale={factor}"), &format!("{rule}(a, {side})"), expected);
     }
@@ -322,26 +322,26 @@ fn one_raster(name: &str, kind: Kind) {
 
 #[test]
 fn land_cover() {
-    one_raster("nlcd_zion/nlcd.tif", Kind::Categorical);
-    one_raster("epitomes/lc.tif", Kind::Categorical);
+    one_raster("nlcd_zion/nlcd.tif", DataKind::Categorical);
+    one_raster("epitomes/lc.tif", DataKind::Categorical);
 }
 
 #[test]
 fn elevations_in_whole_metres() {
-    one_raster("spdatalarge/srtm.tif", Kind::Continuous);
+    one_raster("spdatalarge/srtm.tif", DataKind::Continuous);
 }
 
 #[test]
 fn floating_elevations() {
-    one_raster("spdatalarge/nz_elev.tif", Kind::Continuous);
-    one_raster("georust_gdal/dem-hills.tiff", Kind::Continuous);
+    one_raster("spdatalarge/nz_elev.tif", DataKind::Continuous);
+    one_raster("georust_gdal/dem-hills.tiff", DataKind::Continuous);
 }
 
 /// All operations on two rasters over the same cells.
 fn two_rasters(bench: &mut Bench, name: &str, a: &Tree, b: &Tree, limits: [f64; 2]) {
     type Cell = Option<Value>;
     type Join<'a> = Box<dyn Fn(Cell, Cell) -> Cell + 'a>;
-    let set = |number| Operation::Set { number, prefer: Prefer::First };
+    let set = |number| CombineOperation::set(set_operation(number));
     let on_numbers = |join: fn(f64, f64) -> f64| -> Join<'_> {
         Box::new(move |a, b| Some(value(join(number(a?), number(b?)).clamp(limits[0], limits[1]))))
     };
@@ -349,22 +349,22 @@ fn two_rasters(bench: &mut Bench, name: &str, a: &Tree, b: &Tree, limits: [f64; 
     let size = a.grid.size;
     let size = std::array::from_fn(|axis| size[axis].max(b.grid.size[axis]));
     let [first, second] = ["a", "b"].map(|name| format!("box({name}, 0, 0, {}, {})", size[0], size[1]));
-    let cases: [(Operation, String, Join<'_>); 10] = [
+    let cases: [(CombineOperation, String, Join<'_>); 10] = [
         (set(7), format!("over({first}, {second})"), Box::new(|a, b| a.or(b))),
         (
-            Operation::Set { number: 7, prefer: Prefer::Second },
+            CombineOperation::Set { operation: SetOperation::Union, prefer: Prefer::Second },
             format!("over({second}, {first})"),
             Box::new(|a, b| b.or(a)),
         ),
         (set(1), format!("only({first}, ~{mask}({second}))"), Box::new(|a, b| a.filter(|_| b.is_some()))),
         (set(2), format!("only({first}, {mask}({second}))"), Box::new(|a, b| a.filter(|_| b.is_none()))),
         (set(6), format!("xor({first}, {second})"), Box::new(Option::xor)),
-        (Operation::Over, format!("over({first}, {second})"), Box::new(|a, b| a.or(b))),
-        (Operation::Min, format!("np.ma.minimum({first}, {second})"), on_numbers(f64::min)),
-        (Operation::Max, format!("np.ma.maximum({first}, {second})"), on_numbers(f64::max)),
-        (Operation::Subtract, format!("subtract({first}, {second})"), on_numbers(|a, b| a - b)),
+        (CombineOperation::Over, format!("over({first}, {second})"), Box::new(|a, b| a.or(b))),
+        (CombineOperation::Min, format!("np.ma.minimum({first}, {second})"), on_numbers(f64::min)),
+        (CombineOperation::Max, format!("np.ma.maximum({first}, {second})"), on_numbers(f64::max)),
+        (CombineOperation::Subtract, format!("subtract({first}, {second})"), on_numbers(|a, b| a - b)),
         (
-            Operation::Equal,
+            CombineOperation::Equal,
             format!("only({first}, ({first} == {second}).filled(False))"),
             Box::new(|a, b| a.filter(|_| a == b)),
         ),
@@ -384,10 +384,10 @@ fn land_cover_of_two_years() {
     // numbers, until somebody says that they are the same.
     let epsg = |number| with(ImportOptions::new(), |it| it.crs = Some(Crs::epsg(number)));
     let [a, b] = [bench.build(names[0], &epsg(26912)), bench.build(names[1], &epsg(6367))];
-    let error = bench.combine(Operation::Over, &a, &b).unwrap_err().to_string();
+    let error = bench.combine(CombineOperation::Over, &a, &b).unwrap_err().to_string();
     assert!(error.contains("EPSG:26912") && error.contains("EPSG:6367"), "{error}");
     let [a, b] = names.map(|name| bench.build(name, &ImportOptions::default()));
-    let error = bench.combine(Operation::Over, &a, &b).unwrap_err().to_string();
+    let error = bench.combine(CombineOperation::Over, &a, &b).unwrap_err().to_string();
     assert!(error.contains("UTM Zone 12, Northern Hemisphere") && error.contains("--crs"), "{error}");
     let [a, b] = names.map(|name| bench.build(name, &epsg(26912)));
     two_rasters(&mut bench, "land cover", &a, &b, [0.0, 255.0]);
@@ -429,6 +429,6 @@ fn rasters_of_different_types() {
     let names = ["epitomes/lc.tif", "epitomes/nlcd.tif"];
     let [a, b] = names.map(|name| bench.build(name, &ImportOptions::default()));
     assert_eq!(a.grid.size, b.grid.size);
-    let error = bench.combine(Operation::Over, &a, &b).unwrap_err().to_string();
+    let error = bench.combine(CombineOperation::Over, &a, &b).unwrap_err().to_string();
     assert!(error.contains("quadtree of u8") && error.contains("quadtree of i8"), "{error}");
 }

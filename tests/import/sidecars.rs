@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::Path;
 
-use spinney::import::raster::{RasterInfo, RasterOptions, open};
-use spinney::space::{Crs, Frame};
+use spinney::raw::import::raster::{RasterInfo, RasterOptions, open};
+use spinney::{Crs, Frame};
 
 use crate::common::shared_data;
 use crate::common::tiff_file::{Ifd, Values, file};

@@ -3,14 +3,13 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use spinney::import::raster::{
-    self, Band, ImportOptions, Stack, StackLayer, StackOptions, plan_stack, write_stack,
-};
-use spinney::import::volume::{self, VolumeOptions};
-use spinney::io::Output;
-use spinney::ops::Resampling;
-use spinney::store::{Slab, Slabs};
-use spinney::value::{Kind, Mask, Number, SampleType};
+use spinney::import::raster::{ImportOptions, Stack, StackOptions, plan_stack};
+use spinney::import::volume::VolumeOptions;
+use spinney::raw::import::raster::{Band, StackLayer, write_stack};
+use spinney::raw::import::volume;
+use spinney::raw::value::Mask;
+use spinney::tree::{Slab, Slabs};
+use spinney::{DataKind, Number, Output, Resampling, SampleType};
 
 use crate::common::tiff_file::{Ifd, Values, file};
 use crate::common::{Random, with};
@@ -240,7 +239,7 @@ fn layers_have_what_is_told_of_their_bands() {
     let [red, infrared, classes] = &stack.layers[..] else { panic!() };
     assert_eq!(
         (red.nodata, red.kind, red.description.as_str()),
-        (Some(6.into()), Kind::Continuous, "B04, red")
+        (Some(6.into()), DataKind::Continuous, "B04, red")
     );
     assert_eq!((infrared.colour_role.as_str(), infrared.nodata), ("NIR", Some(6.into())));
     assert_eq!(infrared.metadata.scale_offset, [(0.5, 0.0)]);
@@ -252,7 +251,7 @@ fn layers_have_what_is_told_of_their_bands() {
     assert!(red.metadata.scoped_tags.is_empty() && red.metadata.scale_offset.is_empty());
     assert_eq!(
         (classes.nodata, classes.kind, classes.rule.name()),
-        (Some(3.into()), Kind::Categorical, "majority")
+        (Some(3.into()), DataKind::Categorical, "majority")
     );
     assert!(classes.metadata.palette.is_some() && classes.metadata.class_names.len() == 1);
     assert!(red.metadata.palette.is_none() && red.metadata.class_names.is_empty());
@@ -386,7 +385,10 @@ fn a_stack_of_one_is_what_a_picture_is() {
     let [one, other] = ["one.goblin", "other.goblin"].map(|name| place.0.path().join(name));
     let stack = plan_stack(inputs, &StackOptions::new()).unwrap();
     write_stack(&stack, Output::create(&one).unwrap(), &()).unwrap();
-    raster::plan(inputs, &ImportOptions::new()).unwrap().build(Output::create(&other).unwrap(), &()).unwrap();
+    spinney::import::raster::plan(inputs, &ImportOptions::new())
+        .unwrap()
+        .build(Output::create(&other).unwrap(), &())
+        .unwrap();
     assert!(fs::read(one).unwrap() == fs::read(other).unwrap());
 }
 

@@ -5,20 +5,19 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use spinney::dataset::{Dataset, open};
-use spinney::export::tiles::{
-    DataPlace, Pmtiles, Stored, TileContent, TileId, TilePainter, TileRange, TileRequest, TileSamples,
-    TileSource, TileTarget, TileUpdate, TreeTiles, UpdateOptions, export_tiles, verify_tiles,
+use spinney::edit::{CellValue, Edit, FillRegion, Note, edit};
+use spinney::export::{TileRequest, export_tiles};
+use spinney::raw::dataset::open;
+use spinney::raw::export::tiles::{
+    GeographicExtent, Pmtiles, TileArchiveSummary, TileContent, TileId, TilePainter, TileRange, TileSamples,
+    TileSource, TileTarget, TileUpdate, TreeTiles, UpdateOptions, verify_tiles,
 };
-use spinney::io::Output;
-use spinney::ops::{CellValue, Edit, FillRegion, convert, edit};
-use spinney::space::{Bounds, Code, web_mercator};
-use spinney::store::autumnal::Note;
-use spinney::store::{Metadata, WriteOptions};
+use spinney::raw::space::web_mercator;
 use spinney::style::Style;
-use spinney::tree::Form;
-use spinney::value::{Kind, Rule, SampleType, ValueType};
-use spinney::{Error, Progress, Result};
+use spinney::{
+    Bounds, Code, DataKind, Dataset, Error, Metadata, Output, Progress, Result, Rule, SampleType, TreeType,
+    ValueType, WriteOptions, convert,
+};
 
 use crate::common::{Cells, QUAD, options, value, with, write_cells};
 
@@ -26,7 +25,7 @@ use crate::common::{Cells, QUAD, options, value, with, write_cells};
 struct Place(tempfile::TempDir);
 
 impl Place {
-    fn new(form: Form, kind: Kind) -> Place {
+    fn new(form: TreeType, kind: DataKind) -> Place {
         let place = Place(tempfile::tempdir().unwrap());
         let side = 1024u64;
         let mut cells = Cells::random(form, 5, [side, side, 1], 7, false);
@@ -35,7 +34,7 @@ impl Place {
             let is_empty = x >= side / 2 && y >= side / 2;
             *cell = (!is_empty).then(|| value(form.value, (x % 41 + y % 5 + x / 256 + y / 256) % 200));
         }
-        let rule = if kind == Kind::Categorical { Rule::Majority } else { Rule::Mean };
+        let rule = if kind == DataKind::Categorical { Rule::Majority } else { Rule::Mean };
         let metadata = Metadata { frame: web_mercator(10), ..Metadata::default() };
         let goblin = place.path("w.goblin");
         write_cells(&goblin, &cells, &options(rule, kind, 10).metadata(metadata));
@@ -98,7 +97,7 @@ impl Place {
         Style::default_for(&self.map())
     }
 
-    fn export(&self, name: &str) -> Stored {
+    fn export(&self, name: &str) -> TileArchiveSummary {
         let map = self.map();
         let painter = TilePainter::new(&self.style(), &map, &()).unwrap();
         let source = TreeTiles::world(&map).unwrap();
@@ -106,7 +105,7 @@ impl Place {
         export_tiles(&source, &painter, &request, &self.target(name), &()).unwrap()
     }
 
-    fn update(&self, name: &str, progress: &dyn Progress) -> Result<Stored> {
+    fn update(&self, name: &str, progress: &dyn Progress) -> Result<TileArchiveSummary> {
         let map = self.map();
         let update = TileUpdate::open(&self.target(name), None, progress)?;
         let painter = update.painter(&self.style(), &map, progress)?;
@@ -114,7 +113,7 @@ impl Place {
         update.run(&map, &source, &painter, &TileRequest::new(&map)?, &UpdateOptions::default(), progress)
     }
 
-    fn restyle(&self, name: &str) -> Stored {
+    fn restyle(&self, name: &str) -> TileArchiveSummary {
         let map = self.map();
         let update = TileUpdate::open(&self.target(name), None, &()).unwrap();
         let painter = TilePainter::new(&self.style(), &map, &()).unwrap();
@@ -183,7 +182,7 @@ impl Progress for Watch {
 
 #[test]
 fn a_folder_whose_update_was_killed_at_any_step_is_mended_by_the_next() {
-    let place = Place::new(QUAD, Kind::Categorical);
+    let place = Place::new(QUAD, DataKind::Categorical);
     place.export("a");
     let folder = place.path("a");
     place.change();
@@ -235,7 +234,7 @@ impl Progress for Patience {
 
 #[test]
 fn an_interrupted_update_changes_nothing_or_says_that_it_has_begun() {
-    let place = Place::new(QUAD, Kind::Categorical);
+    let place = Place::new(QUAD, DataKind::Categorical);
     place.export("a");
     let folder = place.path("a");
     let before = contents(&folder);
@@ -273,7 +272,7 @@ fn an_interrupted_update_changes_nothing_or_says_that_it_has_begun() {
 
 #[test]
 fn of_two_updates_at_once_the_second_is_told() {
-    let place = Place::new(QUAD, Kind::Categorical);
+    let place = Place::new(QUAD, DataKind::Categorical);
     let mut names = vec!["a"];
     if cfg!(feature = "mbtiles") {
         names.push("a.mbtiles");
@@ -299,7 +298,7 @@ fn of_two_updates_at_once_the_second_is_told() {
 #[test]
 #[cfg(unix)]
 fn links_do_not_lead_an_update_out_of_the_folder() {
-    let place = Place::new(QUAD, Kind::Categorical);
+    let place = Place::new(QUAD, DataKind::Categorical);
     place.export("a");
     place.export("other");
     let [folder, other] = ["a", "other"].map(|name| place.path(name));
@@ -325,7 +324,7 @@ fn links_do_not_lead_an_update_out_of_the_folder() {
 
 #[test]
 fn an_export_goes_on_only_with_what_it_has_left_itself() {
-    let place = Place::new(QUAD, Kind::Categorical);
+    let place = Place::new(QUAD, DataKind::Categorical);
     let map = place.map();
     let (source, mut request) = (TreeTiles::world(&map).unwrap(), TileRequest::new(&map).unwrap());
     let painter = TilePainter::new(&place.style(), &map, &()).unwrap();
@@ -394,8 +393,8 @@ fn an_export_goes_on_only_with_what_it_has_left_itself() {
 
 #[test]
 fn colours_stay_when_percentiles_move_until_all_is_drawn_anew() {
-    let u16s = Form { value: ValueType::new(SampleType::U16, 1), ..QUAD };
-    let place = Place::new(u16s, Kind::Continuous);
+    let u16s = TreeType { value: ValueType::new(SampleType::U16, 1), ..QUAD };
+    let place = Place::new(u16s, DataKind::Continuous);
     let mut names = vec!["a", "a.pmtiles"];
     if cfg!(feature = "mbtiles") {
         names.push("a.mbtiles");
@@ -471,7 +470,7 @@ impl TileSource for Counted<'_> {
         self.source.degrees()
     }
 
-    fn data_place(&self) -> Result<DataPlace> {
+    fn data_place(&self) -> Result<GeographicExtent> {
         self.source.data_place()
     }
 
@@ -504,7 +503,7 @@ fn an_update_draws_what_was_touched_and_asks_once_for_each_tile() {
         (vec![[700, 3, 0]], 3),
         ((0..256 * 256).map(|at| [at % 256 * 2, at / 256 * 2, 0]).collect(), 1 + 1 + 4),
     ] {
-        let place = Place::new(QUAD, Kind::Categorical);
+        let place = Place::new(QUAD, DataKind::Categorical);
         place.export("a");
         place.export("a.pmtiles");
         let set: Vec<CellValue> = cells.iter().map(|cell| (*cell, Some(vec![199.0.into()]))).collect();

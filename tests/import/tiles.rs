@@ -5,21 +5,22 @@ use std::io::Cursor;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use spinney::dataset::{Dataset, open};
-use spinney::export::image::Format;
-use spinney::export::tiles::{
-    Pmtiles, TileEncoding, TileFormat, TileId, TilePainter, TileRequest, TileTarget, TileUpdate, TreeTiles,
-    export_pmtiles, export_tiles, verify_tiles,
+use spinney::edit::{Edit, FillRegion, Note, edit};
+use spinney::export::{
+    Detail, TileEncoding, TileFormat, TileRequest, WindowRequest, export_pmtiles, export_tiles, export_window,
 };
-use spinney::export::{Detail, WindowRequest, export_window};
-use spinney::io::{Faults, Output};
-use spinney::ops::{Edit, FillRegion, convert, edit};
-use spinney::space::{Bounds, web_mercator};
-use spinney::store::autumnal::Note;
-use spinney::store::{Metadata, WriteOptions};
+use spinney::raw::dataset::open;
+use spinney::raw::export::image::Format;
+use spinney::raw::export::tiles::{
+    Pmtiles, TileId, TilePainter, TileTarget, TileUpdate, TreeTiles, verify_tiles,
+};
+use spinney::raw::io::Faults;
+use spinney::raw::space::web_mercator;
+use spinney::raw::value::Palette;
 use spinney::style::Style;
-use spinney::value::{Kind, Palette, Rule};
-use spinney::{Error, Progress, Result};
+use spinney::{
+    Bounds, DataKind, Dataset, Error, Metadata, Output, Progress, Result, Rule, WriteOptions, convert,
+};
 
 use crate::common::{Cells, QUAD, options, value, write_cells};
 
@@ -44,7 +45,7 @@ fn world(path: &Path, depth: u8) -> Dataset {
         nodata: Some(250.0.into()),
         ..Metadata::default()
     };
-    write_cells(path, &cells, &options(Rule::Majority, Kind::Categorical, depth).metadata(metadata));
+    write_cells(path, &cells, &options(Rule::Majority, DataKind::Categorical, depth).metadata(metadata));
     open(path, &Default::default()).unwrap()
 }
 
@@ -52,7 +53,11 @@ fn painter(map: &Dataset) -> TilePainter {
     TilePainter::new(&Style::default_for(map), map, &()).unwrap()
 }
 
-fn export(map: &Dataset, request: &TileRequest, target: &str) -> Result<spinney::export::tiles::Stored> {
+fn export(
+    map: &Dataset,
+    request: &TileRequest,
+    target: &str,
+) -> Result<spinney::raw::export::tiles::TileArchiveSummary> {
     let target = TileTarget::of(target.as_ref())?.unwrap();
     export_tiles(&TreeTiles::world(map).unwrap(), &painter(map), request, &target, &())
 }
@@ -215,7 +220,7 @@ fn many(path: &Path, depth: u8) -> Dataset {
         *cell = Some(value(QUAD.value, (at % 41 + at / side % 5) % 200));
     }
     let metadata = Metadata { frame: web_mercator(depth), ..Metadata::default() };
-    write_cells(path, &cells, &options(Rule::Mean, Kind::Continuous, depth).metadata(metadata));
+    write_cells(path, &cells, &options(Rule::Mean, DataKind::Continuous, depth).metadata(metadata));
     open(path, &Default::default()).unwrap()
 }
 

@@ -3,15 +3,12 @@
 use std::fs;
 use std::path::Path;
 
-use spinney::dataset::{self, Dataset};
-use spinney::export::image::Format;
 use spinney::export::{ArrayRequest, export_array};
-use spinney::import::volume::{VolumeOptions, is_volume, plan};
-use spinney::io::Output;
-use spinney::space::Bounds;
-use spinney::store::OpenOptions;
-use spinney::value::{Kind, Rule, SampleType};
-use spinney::{Error, Result};
+use spinney::import::volume::{VolumeOptions, plan};
+use spinney::raw::dataset;
+use spinney::raw::export::image::Format;
+use spinney::raw::import::volume::is_volume;
+use spinney::{Bounds, DataKind, Dataset, Error, OpenOptions, Output, Result, Rule, SampleType};
 use tempfile::TempDir;
 
 use crate::common::{Random, with};
@@ -110,7 +107,7 @@ fn all_types_come_back_as_they_were() {
             assert_eq!(tree.verify(1 << 20, &()).unwrap(), []);
             let header = tree.header();
             assert_eq!((header.extent, header.form.value.sample), ([width, height, planes], sample_type));
-            assert_eq!((header.kind, header.rule), (Kind::Continuous, Rule::Mean));
+            assert_eq!((header.kind, header.rule), (DataKind::Continuous, Rule::Mean));
             let found = get(&tree, &folder.path().join("back.npy"));
             let text = String::from_utf8_lossy(&found[..128]);
             assert!(text.contains(&format!("'{back}'")) && text.contains("(66, 5, 67)"), "{text}");

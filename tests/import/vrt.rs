@@ -5,9 +5,8 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use spinney::import::raster::{self, Band, Order, Pixels, Raster};
-use spinney::space::{Crs, Region};
-use spinney::value::{SampleType, ValueType};
+use spinney::raw::import::raster::{self, Band, Order, Pixels, Raster};
+use spinney::{Crs, Region, SampleType, ValueType};
 
 use crate::common::Random;
 use crate::common::tiff_file::{Ifd, file};

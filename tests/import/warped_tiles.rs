@@ -2,27 +2,26 @@
 
 use std::path::Path;
 
-use spinney::dataset::Dataset;
-use spinney::export::tiles::{
+use spinney::raw::export::tiles::{
     TileContent, TileId, TileRange, TileSamples, TileSource, TreeTiles, WarpedTiles,
 };
-use spinney::import::raster;
-use spinney::io::Output;
-use spinney::ops::{Chain, Resampling, Step, WarpOptions, transform};
-use spinney::space::{Code, Crs, Dimension, Frame, Projection, web_mercator};
-use spinney::store::{Metadata, WriteOptions, build_tree};
+use spinney::raw::space::{Projection, web_mercator};
+use spinney::raw::store::build_tree;
 use spinney::tree::MemTree;
-use spinney::value::{Kind, Rule, SampleType, Value};
+use spinney::{
+    Code, Crs, DataKind, Dataset, Dimension, FileView, Frame, Metadata, Output, Resampling, Rule, SampleType,
+    Value, ViewStep, WarpOptions, WriteOptions, transform,
+};
 
 use crate::common::{options, quad, with};
 
 /// A fixture's own tree, and its tree on the grid of web maps down to a zoom.
 fn native_and_warped(input: &str, way: Resampling, zoom: u8, folder: &Path) -> (Dataset, Dataset) {
     let [native, warped] = ["native.goblin", "warped.goblin"].map(|name| folder.join(name));
-    let import = raster::plan(&[input.into()], &Default::default()).unwrap();
+    let import = spinney::import::raster::plan(&[input.into()], &Default::default()).unwrap();
     import.build(Output::create(&native).unwrap(), &()).unwrap();
-    let mut chain = Chain::of(&native);
-    chain.steps = vec![Step::WebMercator(Some(zoom))];
+    let mut chain = FileView::of(&native);
+    chain.steps = vec![ViewStep::WebMercator(Some(zoom))];
     chain.warp.resampling = Some(way);
     transform(&chain, Output::create(&warped).unwrap(), WriteOptions::new(64 << 20), &()).unwrap();
     (spinney::open(native).unwrap(), spinney::open(warped).unwrap())
@@ -98,7 +97,8 @@ fn archives_say_where_data_lie() {
         let cell = |cell: [u32; 3]| has(cell).then(|| Value::from([7u8]));
         let tree = MemTree::from_cells(form, 9, Rule::Mean, &cell);
         let metadata = Metadata { frame, ..Metadata::default() };
-        let options = with(options(Rule::Mean, Kind::Continuous, 9), |options| options.metadata = metadata);
+        let options =
+            with(options(Rule::Mean, DataKind::Continuous, 9), |options| options.metadata = metadata);
         build_tree(&tree, extent, &options, Output::create(&path(name)).unwrap(), &()).unwrap();
         spinney::open(path(name)).unwrap()
     };

@@ -3,12 +3,11 @@
 
 use std::path::Path;
 
-use spinney::dataset::Dataset;
-use spinney::partitions::{BinaryNode, Bintree, BintreeNode};
-use spinney::query::LabelRequest;
-use spinney::space::{Bounds, Code, Dimension};
-use spinney::tree::{MemTree, Source, df};
-use spinney::value::{Kind, Rule, Value};
+use spinney::raw::partitions::{BinaryNode, Bintree, BintreeNode};
+use spinney::raw::query::LabelRequest;
+use spinney::raw::tree::df;
+use spinney::tree::{MemTree, Source};
+use spinney::{Bounds, Code, DataKind, Dataset, Dimension, Rule, Value};
 
 use crate::common::{CLASSIC, Cells, OCT, QUAD, as_byte, byte, dataset};
 
@@ -214,7 +213,7 @@ fn item_45_components_of_random_trees() {
             0 => Cells::random(form, seed, size, 1 + seed % 3, true),
             _ => Cells::noise(form, seed, size, 2),
         };
-        let file = dataset(&cells, Rule::Majority, Kind::Categorical);
+        let file = dataset(&cells, Rule::Majority, DataKind::Categorical);
         let tree = file.in_memory(ANY as u64).unwrap();
         let space = Bounds::space(form.dimension, tree.depth());
         let expected = by_engine(&file);

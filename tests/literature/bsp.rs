@@ -1,11 +1,10 @@
 //! BSP trees of the survey: lines `a x + b y + c = 0` that divide the plane, what is not negative on the right, what is negative on the left; cells are
 //! convex polygons. Planes do the same to space, for what hides what.
 
-use spinney::io::Output;
-use spinney::partitions::{BinaryNode, Bsp, Seen};
-use spinney::store::{BuildOptions, build_source};
-use spinney::tree::{MemTree, df};
-use spinney::value::{Kind, Rule};
+use spinney::raw::partitions::{BinaryNode, Bsp, Seen};
+use spinney::raw::tree::df;
+use spinney::tree::{MemTree, build_source};
+use spinney::{BuildOptions, DataKind, Output, Rule};
 
 use crate::common::{Random, byte};
 
@@ -103,7 +102,7 @@ fn item_14_a_polygon_as_a_quadtree() {
     assert_eq!(df::to_text(&quadtree, Some(byte(255))).unwrap(), format!("G{}", quadrants.concat()));
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("kite.goblin");
-    let options = BuildOptions::new(Kind::Categorical, 3);
+    let options = BuildOptions::new(DataKind::Categorical, 3);
     let tally = build_source(&blocks, [8, 8, 1], &options, Output::create(&path).unwrap(), &()).unwrap();
     // (Sixteen cells have their centres on an edge, which is outside.)
     assert_eq!(tally.cells, 24);

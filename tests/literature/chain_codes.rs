@@ -2,13 +2,14 @@
 
 use std::path::Path;
 
-use spinney::export::{ChainDirections, ChainWriter, export_chain_code};
-use spinney::io::Output;
 use spinney::query::PolygonRequest;
-use spinney::space::{Bounds, Crs, Dimension, Frame};
-use spinney::store::{BuildOptions, Metadata, Slab, Slabs, build_slabs, depth_for};
-use spinney::tree::Form;
-use spinney::value::{Kind, Palette, SampleType, ValueType};
+use spinney::raw::export::{ChainDirections, ChainWriter, export_chain_code};
+use spinney::raw::store::depth_for;
+use spinney::raw::value::Palette;
+use spinney::tree::{Slab, Slabs, build_slabs};
+use spinney::{
+    Bounds, BuildOptions, Crs, DataKind, Dimension, Frame, Metadata, Output, SampleType, TreeType, ValueType,
+};
 
 /// A picture in one slab.
 struct Picture {
@@ -50,8 +51,8 @@ fn classes(seed: u64, [width, height]: [u64; 2]) -> Vec<u16> {
 fn build(cells: &[u16], size: [u64; 2], metadata: Metadata, path: &Path) {
     let extent = [size[0], size[1], 1];
     let bytes = cells.iter().flat_map(|class| class.to_le_bytes()).collect();
-    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U16, 1));
-    let options = BuildOptions::new(Kind::Categorical, depth_for(extent)).metadata(metadata);
+    let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U16, 1));
+    let options = BuildOptions::new(DataKind::Categorical, depth_for(extent)).metadata(metadata);
     let mut picture = Picture { extent, cells: Some(bytes) };
     build_slabs(form, &mut picture, form.value.splat(0), &options, Output::create(path).unwrap(), &())
         .unwrap();
@@ -108,7 +109,7 @@ fn item_18_trees_come_back_from_their_chain_codes() {
                     (&told.nodata, &told.class_names, &told.palette),
                     (&known.nodata, &known.class_names, &known.palette)
                 );
-                assert_eq!(made.header().kind, Kind::Categorical);
+                assert_eq!(made.header().kind, DataKind::Categorical);
             }
         }
     }

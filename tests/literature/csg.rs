@@ -3,14 +3,12 @@
 use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 
-use spinney::brep::query::MassProperties;
-use spinney::brep::{ExactModel, Faces};
-use spinney::csg::{Csg, CsgExactOptions, CsgExactReport, CsgImport, import_exact_csg};
-use spinney::dataset::Dataset;
+use spinney::brep::{Faces, MassProperties};
 use spinney::import::mesh::{Resolution, SolidOptions};
-use spinney::io::Output;
-use spinney::space::{Bounds, EdgeRule};
-use spinney::store::Tag;
+use spinney::query::EdgeRule;
+use spinney::raw::csg::{Csg, CsgExactOptions, CsgExactReport, CsgImport, import_exact_csg};
+use spinney::raw::store::Tag;
+use spinney::{Bounds, Dataset, ExactModel, Output};
 
 use crate::common::command::{complaint, stdout};
 

@@ -2,8 +2,7 @@
 
 use std::path::PathBuf;
 
-use spinney::space::Frame;
-use spinney::value::{Kind, Rule};
+use spinney::{DataKind, Frame, Rule};
 
 use crate::common::command::{complaint, stdout};
 use crate::common::{OCT, byte, made, write_goblin};
@@ -129,7 +128,7 @@ fn item_44_octant_4_is_hidden() {
             (Some(number) != octant).then(|| byte(100 + number as u8))
         });
         let tree = folder.path("octants.goblin");
-        write_goblin(&tree, &cells, (Rule::Mean, Kind::Continuous), Frame::identity());
+        write_goblin(&tree, &cells, (Rule::Mean, DataKind::Continuous), Frame::identity());
         let options = ["--drawing", "octants", "--from", "315,30", "--level", "1", "--orthographic"];
         folder.drawn(tree.to_str().unwrap(), "drawn.png", &options)
     };

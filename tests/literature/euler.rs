@@ -1,7 +1,8 @@
 //! Euler operators, by which the paper's modeller made its bodies: a block, and a block with a hole, from one point and back.
 
-use spinney::brep::topology::{Counts, EulerBody, EulerCorner, Topology, TopologyOptions};
-use spinney::brep::{Face, FaceList, Grid};
+use spinney::brep::{Face, Grid};
+use spinney::raw::brep::FaceList;
+use spinney::raw::brep::topology::{Counts, EulerBody, EulerCorner, Topology, TopologyOptions};
 
 /// Makes the sides of a prism on a ring, of which a half-edge is given; the ring's face becomes the one at the other end.
 fn raise(body: &mut EulerBody, first: u32, by: [i32; 3]) {

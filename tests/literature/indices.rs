@@ -2,14 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::brep::query::MassProperties;
-use spinney::brep::surface_intersection::{LineKind, surface_intersection};
-use spinney::brep::topology::{Topology, TopologyOptions};
-use spinney::brep::{ExactModel, Faces as _, boundary_parts};
-use spinney::ops::{Operation, Prefer};
+use spinney::brep::{Faces as _, MassProperties};
+use spinney::raw::brep::boundary_parts;
+use spinney::raw::brep::surface_intersection::{LineKind, surface_intersection};
+use spinney::raw::brep::topology::{Topology, TopologyOptions};
+use spinney::{CombineOperation, ExactModel, SetOperation};
 
 use crate::common::command::{complaint, stdout};
-use crate::common::{QUAD, assert_same, byte, cells_of, combined, made, seen, view_of_cells};
+use crate::common::{QUAD, assert_same, byte, cells_of, combined, made, seen, set_operation, view_of_cells};
 
 /// The sets on the two sides of boundaries with each index, 1 to 5. (Misprinted: index 3 has the complement, where the paper says the intersection, and two pairs.)
 const PAIRS: [&[[u8; 2]]; 5] = [&[[0, 1]], &[[0, 2]], &[[0, 3], [1, 2]], &[[1, 3]], &[[2, 3]]];
@@ -22,7 +22,7 @@ fn item_55_operations_are_numbered_by_their_sets() {
     };
     let (a, b) = (cells(0b0011), cells(0b0101));
     for number in 0..16 {
-        let operation = Operation::Set { number, prefer: Prefer::First };
+        let operation = CombineOperation::set(set_operation(number));
         let found = combined(vec![a.clone(), b.clone()], operation, [2, 2, 1]).filled_with(byte(1)).unwrap();
         assert_same(&cells_of(&found, [2, 2, 1]), &seen(&cells(number)), &number.to_string());
     }
@@ -33,38 +33,40 @@ fn item_56_indices_of_boundaries() {
     let mut pairs: Vec<(u8, [u8; 2])> =
         (1..).zip(PAIRS).flat_map(|(index, pairs)| pairs.iter().map(move |pair| (index, *pair))).collect();
     pairs.sort_unstable();
-    for operation in 0..16 {
+    for operation in SetOperation::ALL {
         let mut found: Vec<_> =
-            boundary_parts(operation).unwrap().iter().map(|part| (part.index(), part.sets)).collect();
+            boundary_parts(operation).iter().map(|part| (part.index(), part.sets)).collect();
         found.sort_unstable();
         assert_eq!(found, pairs);
     }
-    assert!(boundary_parts(16).is_err());
 }
 
 /// The theorem: the result has the boundaries between sets of which it has one and not the other.
 #[test]
 fn item_57_the_theorem_of_indices() {
-    for operation in 0..16u8 {
-        let has = |set: u8| operation >> set & 1 == 1;
-        for part in boundary_parts(operation).unwrap() {
+    for operation in SetOperation::ALL {
+        let has = |set: u8| operation.index() >> set & 1 == 1;
+        for part in boundary_parts(operation) {
             let [behind, front] = part.sets;
             assert_eq!(part.is_taken(), has(behind) != has(front), "{operation}: {}", part.name);
             assert_eq!(part.is_turned(), !has(behind) && has(front), "{operation}: {}", part.name);
         }
     }
-    let indices = |operation: u8| {
-        let parts = boundary_parts(operation).unwrap().into_iter();
+    let indices = |operation: SetOperation| {
+        let parts = boundary_parts(operation).into_iter();
         let mut taken: Vec<_> =
             parts.filter(|part| part.is_taken()).map(|part| (part.index(), part.sets)).collect();
         taken.sort_unstable();
         taken
     };
     // The paper's rows of the intersection and of the symmetric difference. Of what has index 3, the first has faces that look the same way, and the second neither.
-    assert_eq!(indices(1), [(1, [0, 1]), (2, [0, 2]), (3, [0, 3])]);
-    assert_eq!(indices(6), [(1, [0, 1]), (2, [0, 2]), (4, [1, 3]), (5, [2, 3])]);
+    assert_eq!(indices(SetOperation::Intersection), [(1, [0, 1]), (2, [0, 2]), (3, [0, 3])]);
+    assert_eq!(
+        indices(SetOperation::SymmetricDifference),
+        [(1, [0, 1]), (2, [0, 2]), (4, [1, 3]), (5, [2, 3])]
+    );
     // Nothing and everything have no boundary, not even in single points.
-    assert!(indices(0).is_empty() && indices(15).is_empty());
+    assert!(indices(SetOperation::Empty).is_empty() && indices(SetOperation::Everything).is_empty());
 }
 
 /// Two bodies with every part of boundaries, whose areas tell which of them a result has.
@@ -95,7 +97,7 @@ fn item_57_faces_of_all_sixteen_operations() {
         let path: PathBuf = folder.path().join(format!("{operation}.goblin"));
         let out = path.to_str().unwrap();
         let told = stdout(&["combine", "-q", &operation.to_string(), &a, &b, "-o", out, "--explain"]);
-        let parts = boundary_parts(operation).unwrap();
+        let parts = boundary_parts(set_operation(operation));
         for part in &parts {
             let line = told.lines().find(|line| line.contains(part.name)).unwrap();
             let taken = match (part.is_taken(), part.is_turned()) {

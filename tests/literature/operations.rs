@@ -1,14 +1,14 @@
 //! Operations on quadtrees and octrees as the survey describes them, node by node, and the same by Spinney's views and sources. (With all of their cases, held to
 //! arrays of cells: `tests/operations/`.)
 
-use spinney::ops::{Operation, Prefer, View};
-use spinney::space::{Bounds, Code, Dimension};
-use spinney::tree::{Child, Children, Form, MemTree, Source, df};
-use spinney::value::Rule;
+use spinney::raw::ops::View;
+use spinney::raw::tree::df;
+use spinney::tree::{Child, Children, MemTree, Source};
+use spinney::{Bounds, Code, CombineOperation, Dimension, Rule, TreeType};
 
 use crate::common::{
-    Cells, OCT, QUAD, Random, as_byte, assert_same, byte, cells_of, combined, made, quad_size, view_of,
-    view_of_cells,
+    Cells, OCT, QUAD, Random, as_byte, assert_same, byte, cells_of, combined, made, quad_size, set_operation,
+    view_of, view_of_cells,
 };
 
 /// A tree of one value as text: grey or MIXED, white or VOID, black or FULL.
@@ -91,7 +91,7 @@ fn item_20_translation_by_lists_of_source_nodes() {
 
 /// Twice as large, a quarter (or eighth) becomes the tree; in a space twice as large, the tree becomes its first child, and the others are VOID. Moved by half of that
 /// space, it becomes another one.
-fn scaled_by_two(form: Form, size: u64) {
+fn scaled_by_two(form: TreeType, size: u64) {
     let flat = |at: u64, beyond: u64| [at, at, if form.axes() == 3 { at } else { beyond }];
     let (grey, white) = if form.axes() == 3 { ('M', "V") } else { ('G', "W") };
     let cells = black(&Cells::noise(form, 21, flat(size, 1), 2));
@@ -128,7 +128,7 @@ fn item_25_trees_that_are_not_aligned() {
         let aligned = view_of_cells(&cells[0]);
         let moved =
             view_of_cells(&cells[1]).translate([5.0, 3.0, 0.0]).unwrap().window([0; 3], size).unwrap();
-        let operation = Operation::Set { number, prefer: Prefer::First };
+        let operation = CombineOperation::set(set_operation(number));
         let found = combined(vec![aligned, moved], operation, size).filled_with(byte(1)).unwrap();
         let expected = made(QUAD, size, |cell| {
             let other = cells[1].at([cell[0] as i64 - 5, cell[1] as i64 - 3, 0]);
@@ -199,7 +199,7 @@ impl BallSource {
 impl Source for BallSource {
     type Node = ([i64; 3], i64);
 
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         OCT
     }
 
@@ -249,7 +249,7 @@ fn item_38_results_are_condensed() {
         (12, 0b0000_0011, 0b0000_0000, "MVVFFFFFF"),
         (12, 0b1111_1111, 0b0000_0000, "V"),
     ] {
-        let operation = Operation::Set { number, prefer: Prefer::First };
+        let operation = CombineOperation::set(set_operation(number));
         let found = combined(vec![octants(a), octants(b)], operation, [4; 3]).filled_with(byte(1)).unwrap();
         assert_eq!(
             text(&MemTree::from_source(&found, Rule::Mean).unwrap()),

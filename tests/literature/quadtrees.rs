@@ -4,14 +4,13 @@
 //! "The survey" is P. Slavik's survey of hierarchical data structures (in Czech); "the 1991 papers" are those of
 //! Trstenjak, Zalik and Guid on octrees from boundary models (in Slovene).
 
-use spinney::io::Output;
-use spinney::space::Code;
-use spinney::space::Dimension::{Oct, Quad};
-use spinney::store::goblin::Goblin;
-use spinney::store::records::INNER;
-use spinney::store::{BuildOptions, build_tree, depth_for};
-use spinney::tree::{Child, MemTree, Source, df};
-use spinney::value::{Kind, Rule, Value};
+use spinney::Dimension::{Oct, Quad};
+use spinney::raw::store::goblin::Goblin;
+use spinney::raw::store::records::INNER;
+use spinney::raw::store::{build_tree, depth_for};
+use spinney::raw::tree::df;
+use spinney::tree::{Child, MemTree, Source};
+use spinney::{BuildOptions, Code, DataKind, Output, Rule, Value};
 
 use crate::common::{CLASSIC, Cells, OCT, QUAD, as_byte, byte, children, goblin};
 
@@ -25,7 +24,7 @@ fn picture() -> MemTree {
 fn picture_file() -> Goblin {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("picture.goblin");
-    let options = BuildOptions::new(Kind::Categorical, 3).rule(Rule::Dominant).memory(1 << 20);
+    let options = BuildOptions::new(DataKind::Categorical, 3).rule(Rule::Dominant).memory(1 << 20);
     build_tree(&picture(), [8, 8, 1], &options, Output::create(&path).unwrap(), &()).unwrap();
     Goblin::from_bytes(std::fs::read(&path).unwrap()).unwrap()
 }
@@ -124,7 +123,7 @@ fn item_15_equal_neighbours_are_merged() {
                 .collect();
             inner += blocks.iter().filter(|block| block.is_none()).count();
         }
-        let file = goblin(&cells, Rule::Majority, Kind::Categorical);
+        let file = goblin(&cells, Rule::Majority, DataKind::Categorical);
         assert_eq!(
             file.metadata().counts.levels().iter().map(|[_, _, inner]| *inner).sum::<u64>(),
             inner as u64

@@ -8,9 +8,8 @@ use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
 use spinney::import::mesh::{Resolution, SolidOptions};
-use spinney::io::Output;
-use spinney::reconstruction::{ReconstructionImport, plan_outlines, plan_views};
-use spinney::space::Bounds;
+use spinney::raw::reconstruction::{ReconstructionImport, plan_outlines, plan_views};
+use spinney::{Bounds, Output};
 
 type Vector = [f64; 3];
 

@@ -1,9 +1,11 @@
 //! Tyukachev's paper: surfaces of triangles (CTIN), and triangulations with lines that are not crossed.
 
-use spinney::brep::topology::{Topology, TopologyOptions};
-use spinney::brep::{ExactModel, Faces};
-use spinney::io::Output;
-use spinney::tin::{LayerInput, LayerOptions, LayerSurface, SurfaceInput, Tin, build_layers, triangulate};
+use spinney::brep::Faces;
+use spinney::raw::brep::topology::{Topology, TopologyOptions};
+use spinney::raw::tin::{
+    LayerInput, LayerOptions, LayerSurface, SurfaceInput, Tin, build_layers, triangulate,
+};
+use spinney::{ExactModel, Output};
 
 /// Heights, by x and y.
 type Height = fn(f64, f64) -> f64;
@@ -52,7 +54,7 @@ fn item_54_two_triangles_meet_in_a_vertex_or_a_whole_edge() {
             input.points.push([x, y, x - y]);
         }
         input.breaklines = vec![vec![[-1.0, 9.0, 0.0], [33.0, 9.0, 0.0]]];
-        input.duplicates = spinney::tin::Duplicates::Mean;
+        input.duplicates = spinney::raw::tin::Duplicates::Mean;
         let (tin, _) = triangulate(&input).unwrap();
         let triangles = corners(&tin);
         for (number, first) in triangles.iter().enumerate() {

@@ -2,13 +2,9 @@
 
 use std::path::Path;
 
-use spinney::io::Output;
-use spinney::ops::{Edit, FillRegion, blame, edit};
-use spinney::space::Bounds;
-use spinney::store::WriteOptions;
-use spinney::store::autumnal::Note;
-use spinney::tree::Form;
-use spinney::value::{Kind, Number, Rule};
+use spinney::edit::{Edit, FillRegion, Note, edit};
+use spinney::raw::ops::blame;
+use spinney::{Bounds, DataKind, Number, Output, Rule, TreeType, WriteOptions};
 
 use crate::common::{Cells, OCT, QUAD, Random, options, write_cells};
 
@@ -30,13 +26,13 @@ fn values(path: &Path, size: [u64; 3]) -> Vec<Option<f64>> {
     found
 }
 
-fn ages(form: Form, size: [u64; 3], share: bool, seed: u64) {
+fn ages(form: TreeType, size: [u64; 3], share: bool, seed: u64) {
     let folder = tempfile::tempdir().unwrap();
     let name = |name: &str| folder.path().join(name);
     let path = name("t.autumn");
     let mut random = Random(seed);
     let cells = Cells::random(form, seed, size, 6, true);
-    write_cells(&path, &cells, &options(Rule::Majority, Kind::Categorical, cells.depth()).share(share));
+    write_cells(&path, &cells, &options(Rule::Majority, DataKind::Categorical, cells.depth()).share(share));
     let mut last = values(&path, size);
     let mut expected: Vec<Option<f64>> = last.iter().map(|value| value.map(|_| 1.0)).collect();
     let mut history = vec![expected.clone()];
@@ -84,7 +80,7 @@ fn files_without_commits_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.goblin");
     let cells = Cells::random(QUAD, 1, [9, 9, 1], 5, true);
-    write_cells(&path, &cells, &options(Rule::Majority, Kind::Categorical, cells.depth()));
+    write_cells(&path, &cells, &options(Rule::Majority, DataKind::Categorical, cells.depth()));
     let out = folder.path().join("o.goblin");
     let error =
         blame(&path, Output::create(&out).unwrap(), WriteOptions::new(MEMORY), &()).unwrap_err().to_string();

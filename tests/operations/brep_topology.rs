@@ -2,8 +2,9 @@
 
 use std::collections::{HashMap, HashSet};
 
-use spinney::brep::topology::{Counts, Topology, TopologyOptions};
-use spinney::brep::{FaceList, Faces};
+use spinney::brep::Faces;
+use spinney::raw::brep::FaceList;
+use spinney::raw::brep::topology::{Counts, Topology, TopologyOptions};
 use spinney::{Error, Progress};
 
 use crate::common::exact::{Ring, cuboid, model, prism, snapped, turned};

@@ -2,15 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::Result;
-use spinney::dataset::{self, Dataset};
-use spinney::io::Output;
-use spinney::ops::{Chain, Step, transform};
-use spinney::query::{Condition, FoundBlock};
-use spinney::space::{Bounds, Cell, Dimension, EdgeRule, Frame, Polygon};
-use spinney::store::{BuildOptions, Metadata, OpenOptions, WriteOptions, build_tree, depth_for};
-use spinney::tree::{Form, MemTree};
-use spinney::value::{Kind, Number, Rule, SampleType, Value, ValueType};
+use spinney::query::{Condition, EdgeRule, FoundBlock, Polygon};
+use spinney::raw::dataset;
+use spinney::raw::space::Cell;
+use spinney::raw::store::{build_tree, depth_for};
+use spinney::tree::MemTree;
+use spinney::{
+    Bounds, BuildOptions, DataKind, Dataset, Dimension, FileView, Frame, Metadata, Number, OpenOptions,
+    Output, Result, Rule, SampleType, TreeType, Value, ValueType, ViewStep, WriteOptions, transform,
+};
 
 /// A number that a cell has, in large patches, some of which are alike, and others noise; some cells are VOID.
 fn number(seed: u64, [x, y, z]: Cell) -> Option<u64> {
@@ -54,13 +54,13 @@ impl TestFile {
             let samples = |channel: usize| number(seed + channel as u64 * 5, cell).unwrap_or(3) as f64;
             (inside && number(seed, cell).is_some()).then(|| value.nearest(samples))
         };
-        let tree = MemTree::from_cells(Form::new(dimension, value), depth, Rule::Mean, &cell);
+        let tree = MemTree::from_cells(TreeType::new(dimension, value), depth, Rule::Mean, &cell);
         let metadata = Metadata {
             frame,
             band_names: bands.iter().map(ToString::to_string).collect(),
             ..Metadata::default()
         };
-        let options = BuildOptions::new(Kind::Continuous, depth).metadata(metadata);
+        let options = BuildOptions::new(DataKind::Continuous, depth).metadata(metadata);
         build_tree(&tree, extent, &options, Output::create(&path).unwrap(), &()).unwrap();
         TestFile { path, value, seed }
     }
@@ -87,7 +87,7 @@ fn numbers(tree: &Dataset, level: u8, bounds: &Bounds, channel: usize) -> Vec<Op
 }
 
 fn view(tree: &TestFile, steps: &[&str]) -> Result<Dataset> {
-    let steps: Result<Vec<Step>> = steps.iter().map(|step| step.parse()).collect();
+    let steps: Result<Vec<ViewStep>> = steps.iter().map(|step| step.parse()).collect();
     tree.open().view(&steps?)
 }
 
@@ -151,7 +151,7 @@ fn windows_at_every_level_are_arithmetic_on_windows() {
 fn check_file_and_view(folder: &Path, base: &TestFile, steps: &[&str]) -> Dataset {
     let tree = view(base, steps).unwrap();
     let path = folder.join("made.goblin");
-    let mut chain = Chain::of(&base.path);
+    let mut chain = FileView::of(&base.path);
     chain.steps = steps.iter().map(|step| step.parse().unwrap()).collect();
     let outcome =
         transform(&chain, Output::create(&path).unwrap(), WriteOptions::new(64 << 20), &()).unwrap();
@@ -357,16 +357,16 @@ fn names_that_stand_for_nothing_are_told() {
 #[test]
 fn whole_numbers_of_classes_are_classes() {
     let folder = tempfile::tempdir().unwrap();
-    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+    let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
     let cell = |[x, y, _]: Cell| Some(Value::from([(x / 16 + y / 16) as u8]));
     let tree = MemTree::from_cells(form, 7, Rule::Majority, &cell);
     let path = folder.path().join("classes.goblin");
-    let options = BuildOptions::new(Kind::Categorical, 7);
+    let options = BuildOptions::new(DataKind::Categorical, 7);
     build_tree(&tree, [128, 128, 1], &options, Output::create(&path).unwrap(), &()).unwrap();
     let open = || dataset::open(&path, &OpenOptions::default()).unwrap();
     let classes = open().view(&["calc=where(b1==3,7,b1),type=u8".parse().unwrap()]).unwrap();
-    assert_eq!((classes.header().kind, classes.header().rule), (Kind::Categorical, Rule::Majority));
+    assert_eq!((classes.header().kind, classes.header().rule), (DataKind::Categorical, Rule::Majority));
     assert!(!classes.statistics(None, &()).unwrap().classes.iter().any(|(class, _)| *class == 3.0));
     let share = open().view(&["calc=b1==3".parse().unwrap()]).unwrap();
-    assert_eq!((share.header().kind, share.header().rule), (Kind::Continuous, Rule::Mean));
+    assert_eq!((share.header().kind, share.header().rule), (DataKind::Continuous, Rule::Mean));
 }

@@ -2,13 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::dataset::Dataset;
-use spinney::io::Output;
-use spinney::ops::{Chain, Step, add_layer, transform};
-use spinney::space::{Bounds, Dimension, Frame};
-use spinney::store::autumnal::Note;
-use spinney::store::{Metadata, TreeWriter, WriteOptions};
-use spinney::value::{Kind, Rule, SampleType, Value};
+use spinney::edit::Note;
+use spinney::raw::ops::add_layer;
+use spinney::raw::store::TreeWriter;
+use spinney::{
+    Bounds, DataKind, Dataset, Dimension, FileView, Frame, Metadata, Output, Rule, SampleType, Value,
+    ViewStep, WriteOptions, transform,
+};
 
 use crate::common::{Cells, goblin_from_tree, options, quad, value};
 
@@ -30,7 +30,7 @@ fn write(path: &Path, layers: &[Layer], nodata: Option<f64>) {
             units: vec![format!("unit {number}")],
             ..Metadata::default()
         };
-        let options = options(Rule::Mean, Kind::Continuous, DEPTH - coarser).metadata(metadata);
+        let options = options(Rule::Mean, DataKind::Continuous, DEPTH - coarser).metadata(metadata);
         let void = value(cells.form.value, 250);
         file.slabs(cells.form, &mut cells.slabs(void), Some(void), &options, &()).unwrap();
     }
@@ -149,10 +149,10 @@ fn composites_are_their_layers_side_by_side() {
 
 /// A file of a view.
 fn made(path: &Path, steps: &[&str], name: &str) -> PathBuf {
-    let steps: Vec<Step> = steps.iter().map(|step| step.parse().unwrap()).collect();
+    let steps: Vec<ViewStep> = steps.iter().map(|step| step.parse().unwrap()).collect();
     let out = path.with_file_name(name);
     transform(
-        &Chain { steps, ..Chain::of(path) },
+        &FileView { steps, ..FileView::of(path) },
         Output::create(&out).unwrap(),
         WriteOptions::new(1 << 24),
         &(),
@@ -210,12 +210,12 @@ fn numbers_that_are_in_use_stand_for_nothing() {
     for (number, (cells, _)) in layers.iter().enumerate() {
         let tree = cells.tree_of_depth(DEPTH, Rule::Mean);
         let own = folder.path().join(format!("l{number}.goblin"));
-        std::fs::write(&own, goblin_from_tree(&tree, SIZE, Rule::Mean, Kind::Continuous)).unwrap();
+        std::fs::write(&own, goblin_from_tree(&tree, SIZE, Rule::Mean, DataKind::Continuous)).unwrap();
         if number > 0 {
             add_layer(
                 &path,
                 &format!("l{number}"),
-                &Chain::of(&own),
+                &FileView::of(&own),
                 Note::default(),
                 WriteOptions::new(1 << 24),
                 &(),

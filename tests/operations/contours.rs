@@ -3,11 +3,9 @@
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use spinney::dataset::Dataset;
-use spinney::query::{ContourEnds, ContourLevels, ContourRequest, ContourSummary};
-use spinney::space::Frame;
-use spinney::value::{Kind, Rule, SampleType};
-use spinney::{Error, Progress};
+use spinney::query::{ContourLevels, ContourRequest};
+use spinney::raw::query::{ContourEnds, ContourSummary};
+use spinney::{DataKind, Dataset, Error, Frame, Progress, Rule, SampleType};
 
 use crate::common::{Cells, OCT, Random, opened, options, quad, with, write_cells, write_goblin};
 
@@ -212,7 +210,7 @@ fn tree(seed: u64) -> (Dataset, u8, bool) {
     let size = if seed == 8 { [256, 256] } else { size };
     let (cells, frame) = (cells(seed, size), frame(seed));
     let is_mirrored = seed % 3 == 1;
-    let tree = opened(|path| write_goblin(path, &cells, (Rule::Mean, Kind::Continuous), frame));
+    let tree = opened(|path| write_goblin(path, &cells, (Rule::Mean, DataKind::Continuous), frame));
     let level = tree.depth() - random.below(u64::from(tree.depth()).min(2) + 1) as u8;
     (tree, level, is_mirrored)
 }
@@ -339,7 +337,7 @@ fn has(ring: &[Point], [x, y]: Point) -> bool {
 #[test]
 fn order_does_not_depend_on_threads_or_memory() {
     let cells = cells(12, [530, 300]);
-    let tree = opened(|path| write_goblin(path, &cells, (Rule::Mean, Kind::Continuous), frame(0)));
+    let tree = opened(|path| write_goblin(path, &cells, (Rule::Mean, DataKind::Continuous), frame(0)));
     for is_bands in [false, true] {
         let request = request(tree.depth(), ContourEnds::Close);
         let in_pool = |threads: usize, memory: u64| {
@@ -358,10 +356,11 @@ fn order_does_not_depend_on_threads_or_memory() {
 #[test]
 fn both_formats_and_views_have_the_same_lines() {
     let cells = cells(9, [330, 290]);
-    let goblin = opened(|path| write_goblin(path, &cells, (Rule::Mean, Kind::Continuous), Frame::identity()));
+    let goblin =
+        opened(|path| write_goblin(path, &cells, (Rule::Mean, DataKind::Continuous), Frame::identity()));
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
-    write_cells(&path, &cells, &options(Rule::Mean, Kind::Continuous, cells.depth()));
+    write_cells(&path, &cells, &options(Rule::Mean, DataKind::Continuous, cells.depth()));
     let request = request(goblin.depth(), ContourEnds::Extend);
     let autumnal = found(&spinney::open(&path).unwrap(), &request, false).0;
     assert!(found(&goblin, &request, false).0 == autumnal);
@@ -380,7 +379,8 @@ fn tiles_without_lines_are_not_read() {
     let number = |at: u64| form.value.nearest(|_| height(at % 1024, at / 1024));
     let cells =
         Cells { form, size: [1024, 1024, 1], cells: (0..1 << 20).map(|at| Some(number(at))).collect() };
-    let tree = opened(|path| write_goblin(path, &cells, (Rule::Mean, Kind::Continuous), Frame::identity()));
+    let tree =
+        opened(|path| write_goblin(path, &cells, (Rule::Mean, DataKind::Continuous), Frame::identity()));
     let every = |base| ContourRequest::new(ContourLevels::Every { step: 10.0, base });
     let (lines, summary) = found(&tree, &every(5.0), false);
     assert_eq!((lines.len(), summary.tiles, summary.tiles_read), (6, 16, 4));
@@ -404,7 +404,8 @@ impl Progress for Impatient {
 #[test]
 fn what_makes_no_sense_is_refused() {
     let cells = cells(5, [600, 600]);
-    let tree = opened(|path| write_goblin(path, &cells, (Rule::Mean, Kind::Continuous), Frame::identity()));
+    let tree =
+        opened(|path| write_goblin(path, &cells, (Rule::Mean, DataKind::Continuous), Frame::identity()));
     let trace = |request: &ContourRequest| tree.contours(request, &(), &mut |_| Ok(()));
     let levels = |levels| trace(&ContourRequest::new(levels));
     assert!(matches!(levels(ContourLevels::At(vec![])), Err(Error::Invalid { .. })));
@@ -416,7 +417,7 @@ fn what_makes_no_sense_is_refused() {
     assert!(matches!(stopped, Err(Error::Interrupted)));
     let octree = Cells::random(OCT, 1, [5, 5, 5], 9, true);
     let octree =
-        opened(|path| write_goblin(path, &octree, (Rule::Mean, Kind::Continuous), Frame::identity()));
+        opened(|path| write_goblin(path, &octree, (Rule::Mean, DataKind::Continuous), Frame::identity()));
     assert!(matches!(octree.contours(&every, &(), &mut |_| Ok(())), Err(Error::Unsupported { .. })));
 }
 
@@ -425,7 +426,8 @@ fn small_pictures_have_lines_to_their_edges() {
     let form = quad(SampleType::F32, 1);
     let pair = [0.0, 1.0].map(|number| form.value.splat(number));
     let cells = Cells { form, size: [2, 1, 1], cells: pair.to_vec() };
-    let tree = opened(|path| write_goblin(path, &cells, (Rule::Mean, Kind::Continuous), Frame::identity()));
+    let tree =
+        opened(|path| write_goblin(path, &cells, (Rule::Mean, DataKind::Continuous), Frame::identity()));
     let request = ContourRequest::new(ContourLevels::At(vec![0.25]));
     // Up in the world, where y is what rows are.
     let (lines, _) = found(&tree, &request, false);

@@ -1,22 +1,21 @@
 //! Set operations on trees whose cells tell how far bodies cover them, against arrays of cells and volumes.
 
-use spinney::ops::{Combined, Operation, Prefer, View};
-use spinney::space::{Bounds, Dimension};
-use spinney::store::goblin::Goblin;
-use spinney::tree::{Form, Source};
-use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
+use spinney::raw::ops::{Combined, View};
+use spinney::raw::store::goblin::Goblin;
+use spinney::tree::Source;
+use spinney::{Bounds, CombineOperation, DataKind, Dimension, Rule, SampleType, TreeType, Value, ValueType};
 
 use crate::common::{
     Cells, OCT, QUAD, Random, as_byte, assert_same, byte, cells_of, combined, goblin, goblin_from_combined,
-    made, oct_size, quad, quad_size, value, view_of, view_of_file,
+    made, oct_size, quad, quad_size, set_operation, value, view_of, view_of_file,
 };
 
-fn set(number: u8) -> Operation {
-    Operation::Set { number, prefer: Prefer::First }
+fn set(number: u8) -> CombineOperation {
+    CombineOperation::set(set_operation(number))
 }
 
 /// Cells that are full, VOID, or neither; every fifth of those covered in part is a zero.
-fn bodies(form: Form, seed: u64, size: [u64; 3]) -> Cells {
+fn bodies(form: TreeType, seed: u64, size: [u64; 3]) -> Cells {
     let cells = Cells::random(form, seed, size, 8, true);
     let coverage = [255, 255, 255, 100, 31, 254, 1, 0];
     made(form, size, |cell| {
@@ -53,7 +52,7 @@ fn expected(number: u8, [a, b]: [&Cells; 2], universe: Bounds) -> Cells {
 
 /// A file of coverage. (Trees in memory do not know their rule.)
 fn view(cells: &Cells) -> View {
-    view_of_file(goblin(cells, Rule::Occupancy, Kind::Continuous), cells.size)
+    view_of_file(goblin(cells, Rule::Occupancy, DataKind::Continuous), cells.size)
 }
 
 /// Cells without those that are covered by nothing: these are as good as VOID.
@@ -66,12 +65,12 @@ fn covered(cells: Cells) -> Cells {
 /// The cells that a file made of combined trees has.
 fn built(source: &Combined, size: [u64; 3]) -> Cells {
     cells_of(
-        &Goblin::from_bytes(goblin_from_combined(source, Rule::Occupancy, Kind::Continuous)).unwrap(),
+        &Goblin::from_bytes(goblin_from_combined(source, Rule::Occupancy, DataKind::Continuous)).unwrap(),
         size,
     )
 }
 
-fn sixteen(form: Form, seed: u64, size: [u64; 3]) {
+fn sixteen(form: TreeType, seed: u64, size: [u64; 3]) {
     let cells = [0, 1].map(|i| bodies(form, seed * 2 + i, size));
     let universes = [
         Bounds::picture(size),
@@ -180,7 +179,7 @@ fn trees_of_other_rules_and_types_are_combined_by_presence() {
     let both = combined(vec![mean, view(&cells[1])], set(1), size);
     let expected = made(QUAD, size, |cell| cells[0].get(cell).filter(|_| cells[1].get(cell).is_some()));
     assert_same(&cells_of(&both, size), &expected, "a mean and a coverage");
-    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U16, 1));
+    let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U16, 1));
     let cells = Cells::random(form, 3, size, 9, true);
     let views = vec![view(&cells); 2];
     let same = combined(views, set(1), size);

@@ -2,8 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use spinney::ops::{AffineMap, Axis, View, data_box};
-use spinney::space::Bounds;
+use spinney::Bounds;
+use spinney::raw::ops::{AffineMap, Axis, View, data_box};
 
 use crate::common::{Cells, OCT, QUAD, Random, oct_size, quad_size, seen, value, view_of_cells};
 

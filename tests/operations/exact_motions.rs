@@ -3,22 +3,18 @@
 use std::path::Path;
 use std::sync::atomic::{AtomicI64, Ordering};
 
-use spinney::brep::query::MassProperties;
-use spinney::brep::{
-    ExactModel, Face, FaceList, Faces, Grid, ModelBuilder, Motion, TransformOptions, TransformReport,
-    transform,
-};
-use spinney::io::Output;
-use spinney::ops::{AffineMap, Axis, Step};
-use spinney::store::{Codec, Metadata, Tag};
-use spinney::{Error, Progress, Result};
+use spinney::brep::{Face, Faces, Grid, MassProperties, Motion, TransformOptions, transform};
+use spinney::raw::brep::{FaceList, ModelBuilder, TransformReport};
+use spinney::raw::ops::{AffineMap, Axis};
+use spinney::raw::store::Tag;
+use spinney::{Codec, Error, ExactModel, Metadata, Output, Progress, Result, ViewStep};
 
 use crate::common::Random;
 use crate::common::exact::{cuboid, model_on, prism, push, turned};
 use crate::common::sets::{Body, MEMORY, combined, grid, tetrahedron};
 
 pub(super) fn motion(steps: &[&str]) -> Motion {
-    let next = |map: AffineMap, step: &&str| map.then(&step.parse::<Step>().unwrap().as_map().unwrap());
+    let next = |map: AffineMap, step: &&str| map.then(&step.parse::<ViewStep>().unwrap().as_map().unwrap());
     Motion::from_rows(steps.iter().fold(AffineMap::IDENTITY, next).to_rows()).unwrap()
 }
 
@@ -426,21 +422,21 @@ fn what_cannot_be_done_is_refused() {
     assert!(refuse(&a, &["rotate=7"], &coarse).to_string().contains("2^26"));
     coarse.snap = Some(1e6);
     for error in [refuse(&a, &[], &coarse), refuse(&a, &["scale=1,1,1e-4"], &options)] {
-        assert!(matches!(&error, Error::NoBody { .. }), "{error}");
+        assert!(matches!(&error, Error::NotASolid { .. }), "{error}");
         assert!(error.to_string().contains("no volume"), "{error}");
     }
     // Walls that are thinner than a step come to lie on each other, or pass through each other.
     let wall = [cuboid([0; 3], [900; 3]), turned(cuboid([2, 3, 4], [897; 3]))].concat();
     coarse.snap = Some(40.0);
     let error = refuse(&Body::of(&wall, 10), &["rotate=7,1,2,3"], &coarse);
-    let Error::NoBody { count, places, advice, .. } = &error else { panic!("{error}") };
+    let Error::NotASolid { count, places, advice, .. } = &error else { panic!("{error}") };
     assert!(*count > 0 && !places.is_empty() && advice.contains("--snap"), "{error}");
     // Memory for faces with corners beside the grid.
     let error = refuse(&both, &["mirror=x"], &TransformOptions::new(1 << 10));
     assert!(matches!(&error, Error::TooLarge { advice, .. } if advice.contains("--memory")), "{error}");
     // Steps that are no maps.
     for step in ["crop", "window=0,0,1,1", "depth=3", "components=4"] {
-        let error = step.parse::<Step>().unwrap().as_map().unwrap_err();
+        let error = step.parse::<ViewStep>().unwrap().as_map().unwrap_err();
         assert!(error.to_string().contains(step) && error.to_string().contains("translate="), "{error}");
     }
 }

@@ -3,11 +3,9 @@
 use std::path::Path;
 use std::sync::atomic::{AtomicI64, Ordering};
 
-use spinney::brep::query::MassProperties;
-use spinney::brep::{ExactModel, Faces, Grid, combine};
+use spinney::brep::{Faces, Grid, MassProperties, combine};
 use spinney::import::mesh::{ExactOptions, import_exact, open_all};
-use spinney::io::Output;
-use spinney::{Error, Progress};
+use spinney::{Error, ExactModel, Output, Progress, SetOperation};
 
 use crate::common::Random;
 use crate::common::exact::{cuboid, model_on};
@@ -286,8 +284,14 @@ fn bytes_do_not_depend_on_threads() {
 fn over(bodies: &[&Body], memory: u64, progress: &dyn Progress, path: &Path) -> Result<Vec<u8>, Error> {
     std::fs::write(path, "as it was").unwrap();
     let models: Vec<&ExactModel> = bodies.iter().map(|body| &body.model).collect();
-    let result =
-        combine(7, &models, Output::create(path).unwrap(), spinney::store::Codec::Plain, memory, progress);
+    let result = combine(
+        SetOperation::Union,
+        &models,
+        Output::create(path).unwrap(),
+        spinney::Codec::Plain,
+        memory,
+        progress,
+    );
     let bytes = std::fs::read(path).unwrap();
     assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
     assert_eq!(bytes == b"as it was", result.is_err());
@@ -346,8 +350,7 @@ fn interruption_leaves_nothing() {
 #[test]
 fn wrong_numbers_of_bodies_are_told() {
     let body = on_grid(&grid(4, [0; 3], 1.0, 1.0), [1; 3], [5; 3]);
-    let cases: [(u8, usize); 9] =
-        [(7, 0), (7, 1), (1, 1), (5, 1), (3, 3), (4, 3), (10, 3), (16, 2), (255, 1)];
+    let cases: [(u8, usize); 7] = [(7, 0), (7, 1), (1, 1), (5, 1), (3, 3), (4, 3), (10, 3)];
     for (operation, count) in cases {
         let error = try_combined(operation, &vec![&body; count]).err().unwrap();
         assert!(error.to_string().contains("bodies"), "{error}");

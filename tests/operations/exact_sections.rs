@@ -1,7 +1,7 @@
 //! Sections of exact models: their areas and outlines against the bodies themselves.
 
-use spinney::brep::Faces;
-use spinney::brep::query::{CuttingPlane, SectionPolygon};
+use spinney::brep::{CuttingPlane, Faces};
+use spinney::raw::brep::query::SectionPolygon;
 
 use crate::common::Random;
 use crate::common::exact::{cuboid, prism, snapped, turned};

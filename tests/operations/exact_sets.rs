@@ -1,7 +1,6 @@
 //! Set operations on exact models of whole cells, against counts of these.
 
-use spinney::brep::Faces;
-use spinney::brep::query::Location;
+use spinney::brep::{Faces, Location};
 
 use crate::common::Random;
 use crate::common::exact::{cuboid, prism, turned};

@@ -1,7 +1,8 @@
 //! Faces cut into triangles: the worked examples of N. A. Tyukachev, and random faces with holes.
 
-use spinney::brep::topology::{Topology, TopologyOptions};
-use spinney::brep::{FaceList, Faces, Triangulated};
+use spinney::brep::Faces;
+use spinney::raw::brep::topology::{Topology, TopologyOptions};
+use spinney::raw::brep::{FaceList, Triangulated};
 
 use crate::common::exact::{Ring, model, prism};
 

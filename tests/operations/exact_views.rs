@@ -1,8 +1,9 @@
 //! Exact models that are seen through maps, against files of what was moved.
 
-use spinney::Error;
-use spinney::brep::query::{BoxPlace, CuttingPlane, Hit, MassProperties, SectionPolygon};
-use spinney::brep::{ExactModel, Faces, ModelView, Motion};
+use spinney::brep::{BoxLocation, CuttingPlane, Faces, Hit, MassProperties, Motion};
+use spinney::raw::brep::ModelView;
+use spinney::raw::brep::query::SectionPolygon;
+use spinney::{Error, ExactModel};
 
 use super::exact_motions::{bodies, bodies_beside, motion, moved, symmetries};
 use crate::common::Random;
@@ -117,8 +118,8 @@ fn views_of_grids_are_exact() {
                 assert!(hits_are_near(&list(&a), &list(&b)) && a[0].is_some() == b[0].is_some());
                 let end = place(&mut random, bounds);
                 let corners = [f64::min, f64::max].map(|of| [0, 1, 2].map(|axis| of(point[axis], end[axis])));
-                let expected = model.place_of_box(corners[0], corners[1]).unwrap().0;
-                assert_eq!(view.place_of_box(corners[0], corners[1]).unwrap(), expected);
+                let expected = model.locate_box(corners[0], corners[1]).unwrap().0;
+                assert_eq!(view.locate_box(corners[0], corners[1]).unwrap(), expected);
             }
             if model.is_unbounded() {
                 continue;
@@ -137,8 +138,7 @@ fn views_of_grids_are_exact() {
 /// Corners of the grid and what lies on faces are where they are, also at decimal steps.
 #[test]
 fn what_lies_on_the_surface_does_so_in_exact_views() {
-    use spinney::brep::Grid;
-    use spinney::brep::query::Location;
+    use spinney::brep::{Grid, Location};
 
     use crate::common::exact::{cuboid, model_on};
     let grid = Grid::over([[0.0; 3], [1.0; 3]], Some(0.001)).unwrap();
@@ -213,11 +213,11 @@ fn views_through_any_map_carry_what_they_can() {
     // Boxes stay boxes where axes are kept.
     let view = seen(&all[2], &motion(&["scale=1,2,0.5", "mirror=z"]));
     assert_eq!(view.bounds().unwrap(), [[0.0, 0.0, -1.5], [15.0, 14.0, 0.0]]);
-    assert_eq!(view.place_of_box([1.0, 1.0, -1.25], [14.0, 13.0, -0.25]).unwrap(), BoxPlace::Inside);
-    assert_eq!(view.place_of_box([1.0, 1.0, -1.25], [14.0, 15.0, -0.25]).unwrap(), BoxPlace::Cut);
+    assert_eq!(view.locate_box([1.0, 1.0, -1.25], [14.0, 13.0, -0.25]).unwrap(), BoxLocation::Inside);
+    assert_eq!(view.locate_box([1.0, 1.0, -1.25], [14.0, 15.0, -0.25]).unwrap(), BoxLocation::Cut);
     let turned = seen(&all[2], &motion(&["rotate=1"]));
-    assert!(matches!(turned.place_of_box([0.0; 3], [1.0; 3]), Err(Error::Unsupported { .. })));
-    assert!(matches!(turned.place_of_box([1.0; 3], [0.0; 3]), Err(Error::Invalid { .. })));
+    assert!(matches!(turned.locate_box([0.0; 3], [1.0; 3]), Err(Error::Unsupported { .. })));
+    assert!(matches!(turned.locate_box([1.0; 3], [0.0; 3]), Err(Error::Invalid { .. })));
     assert!(matches!(turned.as_model("pictures"), Err(Error::Unsupported { .. })));
     assert!(seen(&all[2], &motion(&["scale=3"])).as_model("pictures").is_ok());
 }

@@ -4,13 +4,11 @@ use std::collections::{HashMap, HashSet};
 use std::fs;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use spinney::dataset::Dataset;
-use spinney::export::mesh::{MeshFormat, SurfaceMesh, export_isosurfaces, isosurface_mesh};
-use spinney::io::Output;
-use spinney::query::{ContourEnds, ContourLevels, ContourRequest};
-use spinney::space::Frame;
-use spinney::value::{Kind, Rule, SampleType};
-use spinney::{Error, Progress};
+use spinney::export::MeshFormat;
+use spinney::query::{ContourLevels, ContourRequest};
+use spinney::raw::export::mesh::{SurfaceMesh, export_isosurfaces, isosurface_mesh};
+use spinney::raw::query::ContourEnds;
+use spinney::{DataKind, Dataset, Error, Frame, Output, Progress, Rule, SampleType};
 
 use crate::common::mesh_file::{cross, dot, minus, read_ply, read_stl};
 use crate::common::{Cells, QUAD, Random, byte, made, oct, opened, options, with, write_cells, write_goblin};
@@ -200,7 +198,7 @@ fn cells(seed: u64, size: [u64; 3]) -> Cells {
 }
 
 fn tree_of(cells: &Cells) -> Dataset {
-    opened(|path| write_goblin(path, cells, (Rule::Mean, Kind::Continuous), Frame::identity()))
+    opened(|path| write_goblin(path, cells, (Rule::Mean, DataKind::Continuous), Frame::identity()))
 }
 
 fn at(levels: &[f64]) -> ContourRequest {
@@ -292,7 +290,8 @@ fn a_ball_has_its_volume_and_area() {
     };
     let cells = ball(76, 30.0);
     for frame in [mirrored, upside_down] {
-        let tree = opened(|path| write_goblin(path, &cells, (Rule::Mean, Kind::Continuous), frame.clone()));
+        let tree =
+            opened(|path| write_goblin(path, &cells, (Rule::Mean, DataKind::Continuous), frame.clone()));
         for level in tree.depth() - 2..=tree.depth() {
             for value in [0.0, 12.0, -5.0] {
                 let request = with(at(&[value]), |request| request.level = Some(level));
@@ -374,7 +373,7 @@ fn formats_and_views_and_threads_give_the_same_bytes() {
     let tree = tree_of(&cells);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
-    write_cells(&path, &cells, &options(Rule::Mean, Kind::Continuous, cells.depth()));
+    write_cells(&path, &cells, &options(Rule::Mean, DataKind::Continuous, cells.depth()));
     let out = folder.path().join("out");
     let request = with(at(&[2.5, 1.0, 4.0]), |request| request.ends = ContourEnds::Close);
     let bytes = |tree: &Dataset, format: MeshFormat, threads: usize, memory: u64| {
@@ -417,7 +416,7 @@ fn single_precision_keeps_points_apart() {
     let cells = cells(5, [20, 18, 16]);
     let mut frame = Frame::identity();
     (frame.matrix[0][3], frame.matrix[1][3]) = (130_000.3, -70_000.9);
-    let tree = opened(|path| write_goblin(path, &cells, (Rule::Mean, Kind::Continuous), frame));
+    let tree = opened(|path| write_goblin(path, &cells, (Rule::Mean, DataKind::Continuous), frame));
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     for level in [2.0, 3.0] {
@@ -442,15 +441,16 @@ fn solids_have_surfaces_of_their_occupancy() {
         (share > 0.0).then(|| byte((share * 255.0) as u8))
     });
     let tree =
-        opened(|path| write_goblin(path, &cells, (Rule::Occupancy, Kind::Continuous), Frame::identity()));
+        opened(|path| write_goblin(path, &cells, (Rule::Occupancy, DataKind::Continuous), Frame::identity()));
     let mesh = surface(&tree, &at(&[127.5]));
     let expected = std::f64::consts::PI * 512.0 * 4.0 / 3.0;
     assert!((volume_of(&mesh) / expected - 1.0).abs() < 0.01, "{}, not {expected}", volume_of(&mesh));
     // Where they fill the whole, too, also if that ends where tiles do.
     for side in [5, 32, 64, 70] {
         let cells = made(form, [side; 3], |_| Some(byte(255)));
-        let tree =
-            opened(|path| write_goblin(path, &cells, (Rule::Occupancy, Kind::Continuous), Frame::identity()));
+        let tree = opened(|path| {
+            write_goblin(path, &cells, (Rule::Occupancy, DataKind::Continuous), Frame::identity())
+        });
         for nodata in [ContourEnds::Open, ContourEnds::Close] {
             let mesh = surface(&tree, &with(at(&[127.5]), |request| request.ends = nodata));
             assert_eq!(mesh.vertices.len(), 2 + mesh.triangles.len() / 2);
@@ -531,7 +531,7 @@ fn what_makes_no_sense_is_refused() {
 fn damaged_files_give_errors() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.goblin");
-    write_goblin(&path, &cells(3, [40, 30, 20]), (Rule::Mean, Kind::Continuous), Frame::identity());
+    write_goblin(&path, &cells(3, [40, 30, 20]), (Rule::Mean, DataKind::Continuous), Frame::identity());
     let bytes = fs::read(&path).unwrap();
     let request = with(at(&[2.5]), |request| request.ends = ContourEnds::Close);
     let expected = isosurface_mesh(&spinney::open(&path).unwrap(), &request, &()).unwrap();

@@ -2,16 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::Error;
-use spinney::dataset::{self, Dataset};
-use spinney::io::Output;
-use spinney::manifest::{ListedFile, Manifest, list_files};
-use spinney::ops::{self, Chain};
 use spinney::query::PointSamples;
-use spinney::space::{Bounds, Frame};
-use spinney::store::{OpenOptions, WriteOptions};
-use spinney::tree::Form;
-use spinney::value::{Kind, Rule, SampleType};
+use spinney::raw::dataset;
+use spinney::raw::manifest::{ListedFile, Manifest, list_files};
+use spinney::{
+    Bounds, DataKind, Dataset, Error, FileView, Frame, OpenOptions, Output, Rule, SampleType, TreeType,
+    WriteOptions,
+};
 
 use crate::common::{Cells, OCT, Random, made, quad, write_goblin};
 
@@ -38,7 +35,7 @@ fn open(path: &Path) -> Dataset {
 
 impl Mosaic {
     /// Files of the boxes, the later ones on top. Cells are those of one file if boxes do not overlap, else each has its own.
-    fn new(form: Form, (rule, kind): (Rule, Kind), boxes: &[Bounds], seed: u64) -> Mosaic {
+    fn new(form: TreeType, (rule, kind): (Rule, DataKind), boxes: &[Bounds], seed: u64) -> Mosaic {
         let folder = tempfile::tempdir().unwrap();
         let size = boxes.iter().fold([1; 3], |size: [u64; 3], bounds| {
             std::array::from_fn(|axis| size[axis].max(bounds.max[axis]))
@@ -124,7 +121,7 @@ impl Mosaic {
         // One file of it is the file of the whole.
         let one = self.folder.path().join("one.goblin");
         let output = Output::create(&one).unwrap();
-        ops::transform(&Chain::of(&self.manifest), output, WriteOptions::new(64 << 20), &()).unwrap();
+        spinney::transform(&FileView::of(&self.manifest), output, WriteOptions::new(64 << 20), &()).unwrap();
         let (one, depth) = (open(&one), expected.depth());
         for level in 0..=depth {
             let all = one.extent_at(level);
@@ -139,8 +136,8 @@ fn part(min: [u64; 2], size: [u64; 2]) -> Bounds {
     Bounds { min: [min[0], min[1], 0], max: [min[0] + size[0], min[1] + size[1], 1] }
 }
 
-const CLASSES: (Rule, Kind) = (Rule::Majority, Kind::Categorical);
-const MEANS: (Rule, Kind) = (Rule::Mean, Kind::Continuous);
+const CLASSES: (Rule, DataKind) = (Rule::Majority, DataKind::Categorical);
+const MEANS: (Rule, DataKind) = (Rule::Mean, DataKind::Continuous);
 
 #[test]
 fn one_file_is_what_it_is() {
@@ -152,7 +149,7 @@ fn files_side_by_side_are_one() {
     let parts: Vec<Bounds> = [[0, 0], [128, 0], [0, 128], [128, 128]].map(|min| part(min, [128, 128])).into();
     Mosaic::new(quad(SampleType::U8, 1), CLASSES, &parts, 2).check(true);
     Mosaic::new(quad(SampleType::I16, 1), MEANS, &parts, 3).check(true);
-    Mosaic::new(quad(SampleType::U8, 1), (Rule::Max, Kind::Continuous), &parts, 4).check(true);
+    Mosaic::new(quad(SampleType::U8, 1), (Rule::Max, DataKind::Continuous), &parts, 4).check(true);
 }
 
 #[test]

@@ -1,19 +1,18 @@
 //! Views against arrays of cells, worked examples of the literature, and files made of views and combinations.
 
-use spinney::ops::{AffineMap, Axis, Combined, Operation, Prefer, Sampling, View};
-use spinney::space::{Code, Dimension, Frame};
-use spinney::store::builder::ReusableSource;
-use spinney::tree::{Child, Form, MemTree, Source};
-use spinney::value::{Kind, Rule, SampleType, Value};
+use spinney::raw::ops::{AffineMap, Axis, Combined, Prefer, Sampling, View};
+use spinney::raw::store::builder::ReusableSource;
+use spinney::tree::{Child, MemTree, Source};
+use spinney::{Code, CombineOperation, DataKind, Dimension, Frame, Rule, SampleType, TreeType, Value};
 
 use crate::common::{
     Cells, OCT, QUAD, Random, as_byte, assert_same, byte, children, combined, goblin, goblin_from_combined,
-    goblin_from_tree, goblin_from_view, made, oct, oct_size, quad, quad_size, seen, value_types, view_in,
-    view_of, view_of_cells, view_of_file,
+    goblin_from_tree, goblin_from_view, made, oct, oct_size, quad, quad_size, seen, set_operation,
+    value_types, view_in, view_of, view_of_cells, view_of_file,
 };
 
 /// A quadtree or octree with something of everything, and its cells.
-fn sample(form: Form, seed: u64, size: [u64; 3]) -> (View, Cells) {
+fn sample(form: TreeType, seed: u64, size: [u64; 3]) -> (View, Cells) {
     let cells = Cells::random(form, seed, size, 9, true);
     (view_of_cells(&cells), cells)
 }
@@ -36,7 +35,7 @@ fn orders() -> Vec<[Axis; 3]> {
 }
 
 /// Steps that take whole cells to whole cells, one after the other, on the view and on the array.
-fn exact_chain(form: Form, seed: u64, size: [u64; 3]) {
+fn exact_chain(form: TreeType, seed: u64, size: [u64; 3]) {
     let (mut view, mut cells) = sample(form, seed, size);
     let mut random = Random(seed ^ 77);
     let mut steps = String::new();
@@ -111,8 +110,8 @@ fn chains_of_exact_steps() {
         exact_chain(oct(SampleType::U16, 3), seed + 3000, size);
     }
     for (seed, value) in (4000..).zip(value_types()) {
-        exact_chain(Form::new(Dimension::Quad, value), seed, quad_size(&mut random));
-        exact_chain(Form::new(Dimension::Oct, value), seed + 1000, oct_size(&mut random));
+        exact_chain(TreeType::new(Dimension::Quad, value), seed, quad_size(&mut random));
+        exact_chain(TreeType::new(Dimension::Oct, value), seed + 1000, oct_size(&mut random));
     }
 }
 
@@ -130,7 +129,7 @@ fn any_affine_map_gives_the_value_at_the_centre() {
     }
 }
 
-fn affine(form: Form, seed: u64, size: [u64; 3], number: &mut impl FnMut() -> f64) {
+fn affine(form: TreeType, seed: u64, size: [u64; 3], number: &mut impl FnMut() -> f64) {
     let (view, cells) = sample(form, seed, size);
     let axes = form.axes();
     let mut rows = [[0.0; 4]; 3];
@@ -368,7 +367,7 @@ fn files_of_views_and_combinations() {
     // The file that is built from a view is the file that is built from its cells, whatever was copied.
     let size = [750, 550, 1];
     let [a, b] = [1, 2].map(|seed| Cells::random(QUAD, seed, size, 9, true));
-    let (rule, kind) = (Rule::Majority, Kind::Categorical);
+    let (rule, kind) = (Rule::Majority, DataKind::Categorical);
     let views = [&a, &b].map(|cells| view_of_file(goblin(cells, rule, kind), size));
     let from_cells = |cells: &Cells| goblin_from_tree(&cells.tree(rule), cells.size, rule, kind);
     let check = |view: View, cells: Cells, what: &str| {
@@ -387,7 +386,7 @@ fn files_of_views_and_combinations() {
     let moved = made(QUAD, [1262, 1062, 1], |[x, y, _]| a.at([x as i64 - 512, y as i64 - 512, 0]));
     check(view().translate([512.0, 512.0, 0.0]).unwrap(), moved, "moved by a power of two");
     for (number, prefer) in (0..16).flat_map(|number| [(number, Prefer::First), (number, Prefer::Second)]) {
-        let operation = Operation::Set { number, prefer };
+        let operation = CombineOperation::Set { operation: set_operation(number), prefer };
         let bytes = goblin_from_combined(&combined(views.to_vec(), operation, size), rule, kind);
         let expected = made(QUAD, size, |cell| match (a.get(cell), b.get(cell)) {
             (Some(a), Some(b)) => (number & 1 > 0).then_some(if prefer == Prefer::First { a } else { b }),
@@ -397,7 +396,7 @@ fn files_of_views_and_combinations() {
         });
         assert!(bytes == from_cells(&expected), "operation {number}, {prefer:?}");
     }
-    let over = combined(views.to_vec(), Operation::Over, size);
+    let over = combined(views.to_vec(), CombineOperation::Over, size);
     let expected = made(QUAD, size, |cell| a.get(cell).or(b.get(cell)));
     assert!(goblin_from_combined(&over, rule, kind) == from_cells(&expected), "over");
 }
@@ -406,9 +405,9 @@ fn files_of_views_and_combinations() {
 fn what_is_stored_is_offered_through_all_layers() {
     // Nothing but speed would tell.
     let size = [300, 200, 1];
-    let file = goblin(&Cells::random(QUAD, 1, size, 9, true), Rule::Majority, Kind::Categorical);
+    let file = goblin(&Cells::random(QUAD, 1, size, 9, true), Rule::Majority, DataKind::Categorical);
     let view = view_of_file(file, size);
-    let over = combined(vec![view], Operation::Over, size);
+    let over = combined(vec![view], CombineOperation::Over, size);
     let Child::Inner { node, .. } = over.root().unwrap() else { panic!("it is not uniform") };
     assert!(over.stored(&node).is_some());
 }
@@ -439,19 +438,21 @@ fn what_cannot_be_done_is_refused() {
     assert!(AffineMap::rotation_about([0.0; 3], 30.0, [0.0; 3]).is_err());
     assert!(AffineMap::symmetry([Axis::X, Axis::X, Axis::Z], [false; 3]).is_err());
     let trees = |count: usize| (0..count).map(|_| view.clone()).collect::<Vec<_>>();
-    let set = |number| Operation::Set { number, prefer: Prefer::First };
+    let set = |number| CombineOperation::set(set_operation(number));
     assert!(Combined::new(trees(2), set(16), [40, 30, 1]).is_err());
     assert!(Combined::new(trees(3), set(1), [40, 30, 1]).is_err());
-    assert!(Combined::new(trees(1), Operation::Changed, [40, 30, 1]).is_err());
-    assert!(Combined::new(trees(0), Operation::Over, [40, 30, 1]).is_err());
+    assert!(Combined::new(trees(1), CombineOperation::Changed, [40, 30, 1]).is_err());
+    assert!(Combined::new(trees(0), CombineOperation::Over, [40, 30, 1]).is_err());
     let other = vec![view.clone(), view.clone().deepened(9).unwrap()];
-    let error = Combined::new(other, Operation::Over, [40, 30, 1]).err().unwrap().to_string();
+    let error = Combined::new(other, CombineOperation::Over, [40, 30, 1]).err().unwrap().to_string();
     assert!(error.contains("depth") && error.contains("deepen"), "{error}");
     for (form, name) in [(quad(SampleType::U8, 2), "quadtree of u8x2"), (OCT, "octree of u8")] {
         let size = [40, 30, form.axes() as u64 - 1];
         let other = view_of_cells(&made(form, size, |_| None)).deepened(view.depth()).unwrap();
-        let error =
-            Combined::new(vec![view.clone(), other], Operation::Over, [40, 30, 1]).err().unwrap().to_string();
+        let error = Combined::new(vec![view.clone(), other], CombineOperation::Over, [40, 30, 1])
+            .err()
+            .unwrap()
+            .to_string();
         assert!(error.contains(name) && error.contains("quadtree of u8"), "{error}");
     }
 }

@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::export::vector::VectorFormat;
-use spinney::import::feature::{FeatureAttribute, FeatureOptions, PolygonLayer, read_polygons};
-use spinney::io::Output;
-use spinney::overlay::{OverlayOperation, OverlayReport, OverlayRequest, overlay_features};
-use spinney::{Error, Result};
+use spinney::export::VectorFormat;
+use spinney::import::feature::FeatureOptions;
+use spinney::raw::import::feature::{FeatureAttribute, PolygonLayer, read_polygons};
+use spinney::raw::overlay::{OverlayOperation, OverlayReport, OverlayRequest, overlay_features};
+use spinney::{Error, Output, Result};
 
 fn read(path: &Path) -> PolygonLayer {
     read_polygons(path, &FeatureOptions::default()).unwrap()

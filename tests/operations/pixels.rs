@@ -1,12 +1,8 @@
 //! Exact means over pixels of any size, against sums over arrays of cells.
 
-use spinney::dataset::Dataset;
-use spinney::export::image::Format;
 use spinney::export::{Detail, WindowRequest, export_window};
-use spinney::io::Output;
-use spinney::space::{Bounds, Dimension};
-use spinney::tree::Form;
-use spinney::value::{Kind, Rule, SampleType};
+use spinney::raw::export::image::Format;
+use spinney::{Bounds, DataKind, Dataset, Dimension, Output, Rule, SampleType, TreeType};
 
 use crate::common::{Cells, OCT, Random, dataset, quad, with};
 
@@ -65,7 +61,7 @@ fn exact_means_of_pixels() {
     let forms = [
         (quad(SampleType::F32, 1), Rule::Mean),
         (quad(SampleType::F32, 3), Rule::Mean),
-        (Form::new(Dimension::Oct, quad(SampleType::F32, 1).value), Rule::Mean),
+        (TreeType::new(Dimension::Oct, quad(SampleType::F32, 1).value), Rule::Mean),
         (OCT, Rule::Occupancy),
     ];
     for round in 0..24 {
@@ -80,7 +76,7 @@ fn exact_means_of_pixels() {
         // Many rows at a time, or one.
         let row = pixels.0 * (4 * 4 + 1 + 8 * 8);
         for memory in [1 << 20, row] {
-            let make = || dataset(&cells, rule, Kind::Continuous);
+            let make = || dataset(&cells, rule, DataKind::Continuous);
             let view = make().view(&["translate=0,0".parse().unwrap()]).unwrap();
             for tree in [make(), view] {
                 let found = exact(&tree, bounds, pixels, memory);
@@ -97,7 +93,7 @@ fn exact_means_of_pixels() {
 #[test]
 fn exact_means_are_of_amounts() {
     let cells = Cells::random(quad(SampleType::U8, 1), 1, [30, 30, 1], 9, true);
-    let tree = dataset(&cells, Rule::Majority, Kind::Categorical);
+    let tree = dataset(&cells, Rule::Majority, DataKind::Categorical);
     let folder = tempfile::tempdir().unwrap();
     let request = WindowRequest::new(tree.header().picture(), Detail::Exact(7, 7));
     let output = Output::create(&folder.path().join("a.raw")).unwrap();

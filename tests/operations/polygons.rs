@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 use spinney::query::PolygonRequest;
-use spinney::value::{Kind, Rule};
+use spinney::{DataKind, Rule};
 
 use crate::common::{Cells, QUAD, Random, as_byte, byte, dataset, made};
 
@@ -20,7 +20,7 @@ struct Region {
 }
 
 fn regions(cells: &Cells, request: &PolygonRequest) -> Vec<Region> {
-    let tree = dataset(cells, Rule::Majority, Kind::Categorical);
+    let tree = dataset(cells, Rule::Majority, DataKind::Categorical);
     let mut found = Vec::new();
     tree.polygons(request, &(), &mut |region| {
         let mut rings = vec![Vec::new(); region.parts()];

@@ -3,9 +3,7 @@
 use std::path::Path;
 
 use spinney::query::{Condition, FoundBlock, PointSamples};
-use spinney::space::{Bounds, Code, Dimension};
-use spinney::tree::Form;
-use spinney::value::{Kind, Number, Rule, SampleType, Value};
+use spinney::{Bounds, Code, DataKind, Dimension, Number, Rule, SampleType, TreeType, Value};
 
 use crate::common::{
     self, Cells, OCT, QUAD, Random, cells_below, dataset, goblin, made, oct, options, quad, value_types,
@@ -31,12 +29,12 @@ fn cells_of(bounds: &Bounds) -> impl Iterator<Item = [u64; 3]> {
 }
 
 /// Compares rows that stand in the file with what a window reads; tells how many boxes do.
-fn stored(form: Form, seed: u64, size: [u64; 3], is_noise: bool) -> usize {
+fn stored(form: TreeType, seed: u64, size: [u64; 3], is_noise: bool) -> usize {
     // (Noise without VOID.)
     let noise =
         |[x, y, z]: [u64; 3]| Some(common::value(form.value, (x * 31 + y * y * 57 + z * 91 + x * y) % 200));
     let cells = if is_noise { made(form, size, noise) } else { Cells::random(form, seed, size, 9, true) };
-    let tree = common::dataset(&cells, Rule::Mean, Kind::Continuous);
+    let tree = common::dataset(&cells, Rule::Mean, DataKind::Continuous);
     let (mut random, mut found) = (Random(seed), 0);
     for _ in 0..300 {
         let level = random.below(u64::from(cells.depth()) + 1) as u8;
@@ -64,15 +62,15 @@ fn stored(form: Form, seed: u64, size: [u64; 3], is_noise: bool) -> usize {
 #[test]
 fn windows_without_a_copy() {
     for value in value_types() {
-        let found = stored(Form::new(Dimension::Quad, value), 1, [256, 256, 1], true);
+        let found = stored(TreeType::new(Dimension::Quad, value), 1, [256, 256, 1], true);
         assert!(found > 5, "{value}: {found}");
-        stored(Form::new(Dimension::Quad, value), 2, [200, 90, 1], false);
+        stored(TreeType::new(Dimension::Quad, value), 2, [200, 90, 1], false);
     }
     assert!(stored(oct(SampleType::I16, 1), 3, [16, 16, 16], true) > 5);
     stored(OCT, 4, [30, 20, 9], false);
 }
 
-fn windows(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
+fn windows(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataKind) {
     let (dimension, width) = (form.dimension, form.width());
     let cells = Cells::random(form, seed, size, 20, true);
     let (file, tree) = (goblin(&cells, rule, kind), cells.tree(rule));
@@ -105,22 +103,28 @@ fn windows(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
 #[test]
 fn any_window_at_any_level() {
     use SampleType::*;
-    windows(QUAD, 1, [700, 500, 1], Rule::Majority, Kind::Categorical);
-    windows(QUAD, 3, [1100, 700, 1], Rule::Majority, Kind::Categorical);
-    windows(quad(U8, 3), 2, [300, 900, 1], Rule::Mean, Kind::Continuous);
-    windows(quad(F32, 1), 4, [513, 1, 1], Rule::Mean, Kind::Continuous);
-    windows(OCT, 5, [90, 70, 80], Rule::Mean, Kind::Continuous);
-    windows(oct(U16, 1), 6, [128, 100, 20], Rule::Majority, Kind::Categorical);
+    windows(QUAD, 1, [700, 500, 1], Rule::Majority, DataKind::Categorical);
+    windows(QUAD, 3, [1100, 700, 1], Rule::Majority, DataKind::Categorical);
+    windows(quad(U8, 3), 2, [300, 900, 1], Rule::Mean, DataKind::Continuous);
+    windows(quad(F32, 1), 4, [513, 1, 1], Rule::Mean, DataKind::Continuous);
+    windows(OCT, 5, [90, 70, 80], Rule::Mean, DataKind::Continuous);
+    windows(oct(U16, 1), 6, [128, 100, 20], Rule::Majority, DataKind::Categorical);
     for (seed, value) in (10..).zip(value_types()) {
-        windows(Form::new(Dimension::Quad, value), seed, [400, 130, 1], Rule::Mean, Kind::Continuous);
-        windows(Form::new(Dimension::Oct, value), seed, [64, 30, 20], Rule::Majority, Kind::Categorical);
+        windows(TreeType::new(Dimension::Quad, value), seed, [400, 130, 1], Rule::Mean, DataKind::Continuous);
+        windows(
+            TreeType::new(Dimension::Oct, value),
+            seed,
+            [64, 30, 20],
+            Rule::Majority,
+            DataKind::Categorical,
+        );
     }
 }
 
 #[test]
 fn the_picture_has_a_size_at_every_level() {
     let cells = Cells::random(QUAD, 7, [70, 33, 1], 9, false);
-    let file = dataset(&cells, Rule::Mean, Kind::Continuous);
+    let file = dataset(&cells, Rule::Mean, DataKind::Continuous);
     let size = |level| file.extent_at(level).max;
     assert_eq!([size(0), size(3), size(6), size(7)], [[1, 1, 1], [5, 3, 1], [35, 17, 1], [70, 33, 1]]);
     assert_eq!([size(8), size(255)], [size(7); 2]);
@@ -129,7 +133,7 @@ fn the_picture_has_a_size_at_every_level() {
 #[test]
 fn an_aligned_tile_needs_few_segments() {
     let cells = Cells::random(QUAD, 8, [3000, 2500, 1], 200, false);
-    let file = goblin(&cells, Rule::Mean, Kind::Continuous);
+    let file = goblin(&cells, Rule::Mean, DataKind::Continuous);
     assert!(file.segments() > 50);
     let mut tile = vec![0u8; 1 << 16];
     for level in 8..=12 {
@@ -148,7 +152,7 @@ fn a_window_that_is_not_aligned_needs_few_segments() {
         [(QUAD, [3000, 2500, 1], 256u64, 9), (oct(SampleType::U8, 1), [200, 180, 150], 64, 27)]
     {
         let cells = Cells::random(form, 9, size, 200, false);
-        let file = goblin(&cells, Rule::Mean, Kind::Continuous);
+        let file = goblin(&cells, Rule::Mean, DataKind::Continuous);
         assert!(file.segments() > 10);
         let mut random = Random(5);
         let axes = if form.dimension == Dimension::Quad { 2 } else { 3 };
@@ -176,7 +180,7 @@ fn a_window_that_is_not_aligned_needs_few_segments() {
     }
 }
 
-fn statistics(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
+fn statistics(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataKind) {
     let cells = Cells::random(form, seed, size, 12, seed.is_multiple_of(2));
     let file = goblin(&cells, rule, kind);
     // (Differences, of which f64 has those of integers of 64 bits, too.)
@@ -208,7 +212,7 @@ fn statistics(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
                 variance.sqrt()
             );
         }
-        if form.value.channels == 1 && kind == Kind::Categorical {
+        if form.value.channels == 1 && kind == DataKind::Categorical {
             let mut counts: Vec<(Number, u64)> = Vec::new();
             let mut numbers: Vec<Number> =
                 values.iter().map(|value| form.value.first_number(*value)).collect();
@@ -234,18 +238,30 @@ fn statistics(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
 #[test]
 fn statistics_are_those_of_the_cells() {
     use SampleType::*;
-    statistics(QUAD, 2, [900, 500, 1], Rule::Majority, Kind::Categorical);
-    statistics(quad(I16, 1), 3, [300, 600, 1], Rule::Mean, Kind::Continuous);
-    statistics(quad(F32, 3), 4, [400, 300, 1], Rule::Mean, Kind::Continuous);
-    statistics(quad(U16, 1), 5, [600, 300, 1], Rule::Dominant, Kind::Categorical);
-    statistics(OCT, 6, [60, 80, 40], Rule::Mean, Kind::Continuous);
+    statistics(QUAD, 2, [900, 500, 1], Rule::Majority, DataKind::Categorical);
+    statistics(quad(I16, 1), 3, [300, 600, 1], Rule::Mean, DataKind::Continuous);
+    statistics(quad(F32, 3), 4, [400, 300, 1], Rule::Mean, DataKind::Continuous);
+    statistics(quad(U16, 1), 5, [600, 300, 1], Rule::Dominant, DataKind::Categorical);
+    statistics(OCT, 6, [60, 80, 40], Rule::Mean, DataKind::Continuous);
     for (seed, value) in (10..).zip(value_types()) {
-        statistics(Form::new(Dimension::Quad, value), seed, [130, 90, 1], Rule::Majority, Kind::Categorical);
-        statistics(Form::new(Dimension::Oct, value), seed, [30, 20, 40], Rule::Mean, Kind::Continuous);
+        statistics(
+            TreeType::new(Dimension::Quad, value),
+            seed,
+            [130, 90, 1],
+            Rule::Majority,
+            DataKind::Categorical,
+        );
+        statistics(
+            TreeType::new(Dimension::Oct, value),
+            seed,
+            [30, 20, 40],
+            Rule::Mean,
+            DataKind::Continuous,
+        );
     }
 }
 
-fn search(form: Form, seed: u64, size: [u64; 3], kind: Kind, condition: Condition) {
+fn search(form: TreeType, seed: u64, size: [u64; 3], kind: DataKind, condition: Condition) {
     let cells = Cells::random(form, seed, size, 6, true);
     let file = goblin(&cells, kind.default_rule(), kind);
     let meets = |cell: [u64; 3]| {
@@ -291,32 +307,32 @@ fn search(form: Form, seed: u64, size: [u64; 3], kind: Kind, condition: Conditio
 #[test]
 fn searches_find_all_and_the_largest() {
     use SampleType::*;
-    search(QUAD, 1, [500, 600, 1], Kind::Categorical, Condition::Equal(3.0.into()));
-    search(QUAD, 2, [600, 500, 1], Kind::Categorical, Condition::Above(1.0.into()));
-    search(quad(F32, 1), 3, [300, 300, 1], Kind::Continuous, Condition::Below((-11.0).into()));
-    search(OCT, 4, [40, 70, 66], Kind::Continuous, Condition::Above(2.0.into()));
+    search(QUAD, 1, [500, 600, 1], DataKind::Categorical, Condition::Equal(3.0.into()));
+    search(QUAD, 2, [600, 500, 1], DataKind::Categorical, Condition::Above(1.0.into()));
+    search(quad(F32, 1), 3, [300, 300, 1], DataKind::Continuous, Condition::Below((-11.0).into()));
+    search(OCT, 4, [40, 70, 66], DataKind::Continuous, Condition::Above(2.0.into()));
     for (seed, value) in (10..).zip(value_types()) {
         // The first numbers of signed types are below zero.
         let bound = value.first_number(common::value(value, 2));
         search(
-            Form::new(Dimension::Quad, value),
+            TreeType::new(Dimension::Quad, value),
             seed,
             [130, 90, 1],
-            Kind::Continuous,
+            DataKind::Continuous,
             Condition::Above(bound),
         );
         search(
-            Form::new(Dimension::Oct, value),
+            TreeType::new(Dimension::Oct, value),
             seed,
             [20, 30, 17],
-            Kind::Categorical,
+            DataKind::Categorical,
             Condition::Below(bound),
         );
     }
 }
 
 /// Asserts that statistics of windows of cells are right to nine digits, of both formats and of views.
-fn exact_to_nine_digits(form: Form, number: impl Fn(u64) -> f64) {
+fn exact_to_nine_digits(form: TreeType, number: impl Fn(u64) -> f64) {
     let size = [300, 170, 1];
     let cells = made(form, size, |[x, y, _]| {
         let index = y * size[0] + x;
@@ -325,9 +341,9 @@ fn exact_to_nine_digits(form: Form, number: impl Fn(u64) -> f64) {
     let folder = tempfile::tempdir().unwrap();
     let (goblin, autumnal) = (folder.path().join("t.goblin"), folder.path().join("t.autumn"));
     for path in [&goblin, &autumnal] {
-        write_cells(path, &cells, &options(Rule::Mean, Kind::Continuous, cells.depth()));
+        write_cells(path, &cells, &options(Rule::Mean, DataKind::Continuous, cells.depth()));
     }
-    let open = |path: &Path| spinney::dataset::open(path, &Default::default()).unwrap();
+    let open = |path: &Path| spinney::raw::dataset::open(path, &Default::default()).unwrap();
     let step = format!("window=0,0,{},{}", size[0], size[1]);
     let view = open(&goblin).view(&[step.parse().unwrap()]).unwrap();
     for file in [open(&goblin), open(&autumnal), view] {
@@ -366,7 +382,7 @@ fn standard_deviations_of_large_numbers_keep_their_digits() {
     exact_to_nine_digits(quad(SampleType::I32, 1), |index| 2.1e9 + (index * 7 % 60) as f64);
     // Of equal cells there is none, whatever their number.
     let cells = made(quad(SampleType::F64, 1), [5, 3, 1], |_| Some(Value::from(0.1f64.to_le_bytes())));
-    let file = dataset(&cells, Rule::Mean, Kind::Continuous);
+    let file = dataset(&cells, Rule::Mean, DataKind::Continuous);
     assert_eq!(file.statistics(None, &()).unwrap().channels[0].standard_deviation, 0.0);
 }
 
@@ -381,7 +397,7 @@ fn statistics_of_numbers_without_bounds() {
         let cells = made(quad(SampleType::F64, 1), [2, 2, 1], |[x, y, _]| {
             Some(Value::from(numbers[(2 * y + x) as usize].to_le_bytes()))
         });
-        let file = dataset(&cells, Rule::Mean, Kind::Continuous);
+        let file = dataset(&cells, Rule::Mean, DataKind::Continuous);
         let found = file.statistics(None, &()).unwrap();
         assert!(file.verify(1 << 20, &()).unwrap().is_empty());
         assert_eq!(found.cells, 4);
@@ -398,7 +414,7 @@ fn very_many_classes_are_counted_exactly() {
         let number = Random(x + 150 * y).below(14_000) as u32;
         (!number.is_multiple_of(7)).then(|| Value::from(((number ^ 0x2a5) + 1000).to_le_bytes()))
     });
-    let tree = dataset(&cells, Rule::Majority, Kind::Categorical);
+    let tree = dataset(&cells, Rule::Majority, DataKind::Categorical);
     for bounds in [tree.header().picture(), Bounds { min: [3, 5, 0], max: [149, 117, 1] }] {
         let mut expected = std::collections::BTreeMap::new();
         for y in bounds.min[1]..bounds.max[1] {
@@ -421,7 +437,7 @@ fn very_many_classes_are_counted_exactly() {
 fn points_below_dense_blocks_that_end_with_their_segments() {
     for (form, size) in [(QUAD, [1024, 700, 1]), (OCT, [130, 128, 70])] {
         let cells = Cells::noise(form, 3, size, 50);
-        let tree = dataset(&cells, Rule::Mean, Kind::Continuous);
+        let tree = dataset(&cells, Rule::Mean, DataKind::Continuous);
         let mut random = Random(4);
         let (mut samples, mut value) = (PointSamples::default(), [Number::default(); 4]);
         // The more there are, the deeper the table that they begin at.

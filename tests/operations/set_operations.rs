@@ -1,27 +1,26 @@
 //! Set operations and operations on values against arrays of cells, and the algebra they obey.
 
-use spinney::ops::{Operation, Prefer};
-use spinney::space::Dimension;
-use spinney::tree::{Form, MemTree, Source};
-use spinney::value::{Number, Rule, SampleType, Value, ValueType};
+use spinney::raw::ops::Prefer;
+use spinney::tree::{MemTree, Source};
+use spinney::{CombineOperation, Dimension, Number, Rule, SampleType, TreeType, Value, ValueType};
 
 use crate::common::{
     self, Cells, OCT, QUAD, Random, as_byte, assert_same, byte, cells_of, combined, made, oct, oct_size,
-    quad, quad_size, value_types, view_of, view_of_cells,
+    quad, quad_size, set_operation, value_types, view_of, view_of_cells,
 };
 
 /// The cells of two trees over one space.
-fn pair(form: Form, seed: u64, size: [u64; 3]) -> [Cells; 2] {
+fn pair(form: TreeType, seed: u64, size: [u64; 3]) -> [Cells; 2] {
     [0, 1].map(|i| Cells::random(form, seed * 2 + i, size, 4, true))
 }
 
-fn set_operations(form: Form, seed: u64, size: [u64; 3]) {
+fn set_operations(form: TreeType, seed: u64, size: [u64; 3]) {
     let cells = pair(form, seed, size);
     let views = cells.each_ref().map(view_of_cells);
     let fill = common::value(form.value, 99);
     for number in 0..16u8 {
         for prefer in [Prefer::First, Prefer::Second] {
-            let operation = Operation::Set { number, prefer };
+            let operation = CombineOperation::Set { operation: set_operation(number), prefer };
             let combined = combined(views.to_vec(), operation, size).filled_with(fill).unwrap();
             let expected = made(form, size, |cell| {
                 let (a, b) = (cells[0].get(cell), cells[1].get(cell));
@@ -57,8 +56,8 @@ fn sixteen_set_operations() {
         set_operations(OCT, seed, oct_size(&mut random));
     }
     for (seed, value) in (100..).zip(value_types()) {
-        set_operations(Form::new(Dimension::Quad, value), seed, quad_size(&mut random));
-        set_operations(Form::new(Dimension::Oct, value), seed, oct_size(&mut random));
+        set_operations(TreeType::new(Dimension::Quad, value), seed, quad_size(&mut random));
+        set_operations(TreeType::new(Dimension::Oct, value), seed, oct_size(&mut random));
     }
 }
 
@@ -67,7 +66,7 @@ fn algebra_of_sets() {
     let size = [50, 41, 1];
     let of = |number: u8, trees: Vec<MemTree>| {
         let views = trees.iter().map(|tree| view_of(tree, size)).collect();
-        let combined = combined(views, Operation::Set { number, prefer: Prefer::First }, size);
+        let combined = combined(views, CombineOperation::set(set_operation(number)), size);
         MemTree::from_source(&combined, Rule::Mean).unwrap()
     };
     let present = |tree: &MemTree| {
@@ -114,18 +113,18 @@ fn computed(a: Number, b: Number, whole: fn(i128, i128) -> i128, float: fn(f64, 
     }
 }
 
-fn valued(form: Form, seed: u64, size: [u64; 3]) {
+fn valued(form: TreeType, seed: u64, size: [u64; 3]) {
     let cells = pair(form, seed, size);
     let views = cells.each_ref().map(view_of_cells);
     let number = |join: fn(Number, Number) -> Number| on_numbers(form.value, join);
-    let cases: [(Operation, Join<'_>); 7] = [
-        (Operation::Over, Box::new(|a, b| a.or(b))),
-        (Operation::Min, number(Number::min)),
-        (Operation::Max, number(Number::max)),
-        (Operation::Add, number(|a, b| computed(a, b, |a, b| a + b, |a, b| a + b))),
-        (Operation::Subtract, number(|a, b| computed(a, b, |a, b| a - b, |a, b| a - b))),
-        (Operation::Equal, Box::new(|a, b| a.filter(|_| a == b))),
-        (Operation::Changed, Box::new(|a, b| if a == b { None } else { b.or(a) })),
+    let cases: [(CombineOperation, Join<'_>); 7] = [
+        (CombineOperation::Over, Box::new(|a, b| a.or(b))),
+        (CombineOperation::Min, number(Number::min)),
+        (CombineOperation::Max, number(Number::max)),
+        (CombineOperation::Add, number(|a, b| computed(a, b, |a, b| a + b, |a, b| a + b))),
+        (CombineOperation::Subtract, number(|a, b| computed(a, b, |a, b| a - b, |a, b| a - b))),
+        (CombineOperation::Equal, Box::new(|a, b| a.filter(|_| a == b))),
+        (CombineOperation::Changed, Box::new(|a, b| if a == b { None } else { b.or(a) })),
     ];
     for (operation, expected) in cases {
         let combined = combined(views.to_vec(), operation, size);
@@ -143,8 +142,8 @@ fn operations_on_values() {
         valued(oct(SampleType::F32, 3), seed, oct_size(&mut random));
     }
     for (seed, value) in (100..).zip(value_types()) {
-        valued(Form::new(Dimension::Quad, value), seed, quad_size(&mut random));
-        valued(Form::new(Dimension::Oct, value), seed, oct_size(&mut random));
+        valued(TreeType::new(Dimension::Quad, value), seed, quad_size(&mut random));
+        valued(TreeType::new(Dimension::Oct, value), seed, oct_size(&mut random));
     }
 }
 
@@ -153,10 +152,10 @@ fn many_trees_over_each_other() {
     let size = [60, 50, 1];
     let cells: Vec<_> = (0..7).map(|seed| Cells::random(QUAD, seed, size, 3, true)).collect();
     let views: Vec<_> = cells.iter().map(view_of_cells).collect();
-    let over = combined(views.clone(), Operation::Over, size);
+    let over = combined(views.clone(), CombineOperation::Over, size);
     let expected = made(QUAD, size, |cell| cells.iter().find_map(|cells| cells.get(cell)));
     assert_same(&cells_of(&over, size), &expected, "over");
-    let max = combined(views, Operation::Max, size);
+    let max = combined(views, CombineOperation::Max, size);
     let expected = made(QUAD, size, |cell| {
         let numbers = cells.iter().map(|cells| cells.get(cell).map(as_byte));
         numbers.reduce(|a, b| Some(a?.max(b?)))?.map(byte)

@@ -1,8 +1,6 @@
 //! Volume, centre, bounds and surface of solids, against their definitions.
 
-use spinney::dataset::Dataset;
-use spinney::space::{Bounds, Frame};
-use spinney::value::Rule;
+use spinney::{Bounds, Dataset, Frame, Rule};
 
 use crate::common::{Cells, OCT, as_byte, byte, made, opened, write_goblin};
 use crate::solids::{SOLID, ball, blocks, byte_at, every_cell, solid};

@@ -2,17 +2,17 @@
 
 use std::path::Path;
 
-use spinney::dataset::Dataset;
-use spinney::export::image::Format;
 use spinney::export::{
-    ArrayRequest, CameraProjection, Detail, RenderRequest, WindowRequest, export_array, export_window, render,
+    ArrayRequest, Detail, RenderRequest, WindowRequest, export_array, export_window, render,
 };
-use spinney::import::raster::{self, Pixels};
-use spinney::io::Output;
 use spinney::query::{PointSamples, Ray};
-use spinney::space::{Bounds, Code, Dimension, Region};
-use spinney::tree::{Form, MemTree};
-use spinney::value::{Kind, Number, Rule, SampleType, Value};
+use spinney::raw::export::CameraProjection;
+use spinney::raw::export::image::Format;
+use spinney::raw::import::raster::{self, Pixels};
+use spinney::tree::MemTree;
+use spinney::{
+    Bounds, Code, DataKind, Dataset, Dimension, Number, Output, Region, Rule, SampleType, TreeType, Value,
+};
 
 use crate::common::{Cells, OCT, QUAD, Random, as_byte, byte, dataset, goblin, made, oct, value_types, with};
 
@@ -33,7 +33,7 @@ pub(super) fn ball(depth: u8, radius: f64) -> Cells {
 }
 
 /// How solids are averaged.
-pub(super) const SOLID: (Rule, Kind) = (Rule::Occupancy, Kind::Continuous);
+pub(super) const SOLID: (Rule, DataKind) = (Rule::Occupancy, DataKind::Continuous);
 
 pub(super) fn solid(cells: &Cells) -> Dataset {
     dataset(cells, SOLID.0, SOLID.1)
@@ -55,7 +55,7 @@ pub(super) fn every_cell(size: [u64; 3]) -> impl Iterator<Item = [u64; 3]> {
 
 fn all_points(
     cells: &Cells,
-    (rule, kind): (Rule, Kind),
+    (rule, kind): (Rule, DataKind),
     count: usize,
     expected: &dyn Fn(u8, [u64; 3]) -> Option<Value>,
 ) {
@@ -97,11 +97,11 @@ fn many_points_at_every_level() {
     }
     let cells = Cells::random(oct(SampleType::U16, 3), 2, [20, 7, 30], 50, true);
     let tree = cells.tree(Rule::Mean);
-    all_points(&cells, (Rule::Mean, Kind::Continuous), 3000, &|level, cell| at(&tree, level, cell));
+    all_points(&cells, (Rule::Mean, DataKind::Continuous), 3000, &|level, cell| at(&tree, level, cell));
     for (seed, value) in (3..).zip(value_types()) {
-        let cells = Cells::random(Form::new(Dimension::Oct, value), seed, [20, 7, 13], 50, true);
+        let cells = Cells::random(TreeType::new(Dimension::Oct, value), seed, [20, 7, 13], 50, true);
         let tree = cells.tree(Rule::Mean);
-        all_points(&cells, (Rule::Mean, Kind::Continuous), 300, &|level, cell| at(&tree, level, cell));
+        all_points(&cells, (Rule::Mean, DataKind::Continuous), 300, &|level, cell| at(&tree, level, cell));
     }
 }
 
@@ -112,7 +112,7 @@ fn many_points_in_several_segments_below_each_other() {
     let noise =
         cells.cells.iter().map(|_| Some(byte(random.below(90) as u8)).filter(|value| as_byte(*value) < 80));
     let cells = Cells { cells: noise.collect(), ..cells };
-    let of_classes = (Rule::Majority, Kind::Categorical);
+    let of_classes = (Rule::Majority, DataKind::Categorical);
     let file = goblin(&cells, of_classes.0, of_classes.1);
     assert!(file.segments() > 4, "{}", file.segments());
     let one = |level, cell: [u64; 3]| {
@@ -181,7 +181,7 @@ fn slice(tree: &Dataset, across: usize, place: u64, detail: Detail, name: &str) 
         it.across = across;
         it.memory = 3000;
     });
-    let format = spinney::export::image::format_of(&path).unwrap();
+    let format = spinney::raw::export::image::format_of(&path).unwrap();
     export_window(tree, &request, Output::create(&path).unwrap(), format, &()).unwrap();
     if name.ends_with("raw") { std::fs::read(path).unwrap() } else { samples(&path).1 }
 }
@@ -189,7 +189,7 @@ fn slice(tree: &Dataset, across: usize, place: u64, detail: Detail, name: &str) 
 #[test]
 fn windows_outside_of_the_tree_are_refused() {
     let cells = Cells::random(OCT, 5, [12, 9, 10], 9, true);
-    let tree = dataset(&cells, Rule::Mean, Kind::Continuous);
+    let tree = dataset(&cells, Rule::Mean, DataKind::Continuous);
     let folder = tempfile::tempdir().unwrap();
     for axis in 0..3 {
         let mut bounds = tree.header().picture();
@@ -245,7 +245,7 @@ fn slices_across_every_axis_at_every_level() {
 #[test]
 fn quadtrees_are_no_solids() {
     let cells = Cells::random(QUAD, 1, [9, 9, 1], 9, true);
-    let file = dataset(&cells, Rule::Mean, Kind::Continuous);
+    let file = dataset(&cells, Rule::Mean, DataKind::Continuous);
     assert!(file.solid(2, &()).unwrap_err().to_string().contains("an octree"));
     assert!(file.solid_surface(2, &()).unwrap_err().to_string().contains("an octree"));
     assert!(file.rays(2).err().unwrap().to_string().contains("an octree"));
@@ -535,13 +535,13 @@ fn colours_and_classes_are_seen() {
     let form = oct(SampleType::U8, 3);
     let red =
         made(form, [8, 8, 8], |[x, y, z]| (x > 1 && y > 1 && z > 1).then(|| Value::from([200u8, 20, 20])));
-    let file = dataset(&red, Rule::Mean, Kind::Continuous);
+    let file = dataset(&red, Rule::Mean, DataKind::Continuous);
     let request = RenderRequest::new(30, 30);
     let (_, _, pixels) = picture(&file, &request);
     let middle = &pixels[(15 * 30 + 15) * 3..][..3];
     assert!(middle[0] > 100 && middle[0] > 2 * middle[1], "{middle:?}");
     let classes = made(OCT, [8, 8, 8], |[x, _, _]| Some(byte((x / 4) as u8)));
-    let file = dataset(&classes, Rule::Majority, Kind::Categorical);
+    let file = dataset(&classes, Rule::Majority, DataKind::Categorical);
     let (_, _, pixels) = picture(&file, &request);
     let pick = |x: usize, y: usize| pixels[(y * 30 + x) * 3..][..3].to_vec();
     assert_ne!(pick(10, 8), pick(20, 8));

@@ -2,9 +2,8 @@
 
 use std::collections::HashMap;
 
-use spinney::brep::Faces;
-use spinney::brep::query::Location;
-use spinney::brep::surface_intersection::{LineKind, SurfaceIntersection, surface_intersection};
+use spinney::brep::{Faces, Location};
+use spinney::raw::brep::surface_intersection::{LineKind, SurfaceIntersection, surface_intersection};
 
 use crate::common::Random;
 use crate::common::exact::{cuboid, prism, turned};

@@ -1,8 +1,7 @@
 //! All symmetries of the square and the cube, one by one and in pairs, against arrays whose cells change places.
 
-use spinney::ops::{AffineMap, Axis, Step, View};
-use spinney::space::Frame;
-use spinney::value::{Kind, Rule};
+use spinney::raw::ops::{AffineMap, Axis, View};
+use spinney::{DataKind, Frame, Rule, ViewStep};
 
 use crate::common::{
     Cells, OCT, QUAD, assert_same, goblin, goblin_bytes, goblin_from_view, seen, view_in, view_of_cells,
@@ -86,7 +85,7 @@ fn each_cell(size: [u64; 3], mut each: impl FnMut([u64; 3])) {
 
 /// Does a step as it is written.
 fn done(view: View, step: &str) -> View {
-    let step: Step = step.parse().unwrap();
+    let step: ViewStep = step.parse().unwrap();
     step.apply(view).unwrap()
 }
 
@@ -270,7 +269,7 @@ fn turned_about_the_middle_and_back() {
 }
 
 fn in_files(cells: &Cells) {
-    let (rule, kind) = (Rule::Majority, Kind::Categorical);
+    let (rule, kind) = (Rule::Majority, DataKind::Categorical);
     let view = view_of_file(goblin(cells, rule, kind), cells.size);
     for symmetry in Symmetry::all(cells.form.axes()) {
         let found = goblin_from_view(&view.clone().transform(&symmetry.map()).unwrap(), rule, kind);

@@ -2,14 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use spinney::dataset::Dataset;
-use spinney::io::Output;
-use spinney::ops::convert;
-use spinney::query::{ZonalRequest, ZoneChannel, ZoneMeasure, ZoneStatistics, ZoneValues};
-use spinney::space::{Bounds, EdgeRule, Polygon};
-use spinney::store::WriteOptions;
-use spinney::tree::Form;
-use spinney::value::{Kind, Number, Rule, SampleType};
+use spinney::query::{EdgeRule, Polygon, ZonalRequest, ZoneMeasure, ZoneStatistics};
+use spinney::raw::query::{ZoneChannel, ZoneValues};
+use spinney::{Bounds, DataKind, Dataset, Number, Output, Rule, SampleType, TreeType, WriteOptions, convert};
 
 use crate::common::{Cells, OCT, QUAD, Random, dataset, options, quad, value_types, write_cells};
 
@@ -216,7 +211,7 @@ fn assert_alike(found: &ZoneStatistics, expected: &ZoneStatistics, what: &str) {
     }
 }
 
-fn zones(form: Form, seed: u64, size: [u64; 3], (rule, kind): (Rule, Kind)) {
+fn zones(form: TreeType, seed: u64, size: [u64; 3], (rule, kind): (Rule, DataKind)) {
     let folder = tempfile::tempdir().unwrap();
     let [goblin, autumnal] = ["t.goblin", "t.autumn"].map(|name| folder.path().join(name));
     let cells = Cells::random(form, seed, size, 5 + seed % 30, true);
@@ -284,8 +279,8 @@ fn zones(form: Form, seed: u64, size: [u64; 3], (rule, kind): (Rule, Kind)) {
 
 #[test]
 fn zones_are_as_their_cells() {
-    let classes = (Rule::Majority, Kind::Categorical);
-    let heights = (Rule::Mean, Kind::Continuous);
+    let classes = (Rule::Majority, DataKind::Categorical);
+    let heights = (Rule::Mean, DataKind::Continuous);
     for seed in 0..6 {
         zones(QUAD, seed, [150 + seed, 90, 1], classes);
         zones(quad(SampleType::I16, 1), seed, [70, 130, 1], heights);
@@ -299,8 +294,8 @@ fn zones_are_as_their_cells() {
 fn values_of_all_types_are_as_their_cells() {
     let types = value_types().into_iter().zip(0..);
     for (value, seed) in types {
-        let form = Form { dimension: QUAD.dimension, value };
-        let rules = [(Rule::Mean, Kind::Continuous), (Rule::Majority, Kind::Categorical)];
+        let form = TreeType { dimension: QUAD.dimension, value };
+        let rules = [(Rule::Mean, DataKind::Continuous), (Rule::Majority, DataKind::Categorical)];
         zones(form, 40 + seed, [50, 40, 1], rules[seed as usize % 2]);
     }
 }
@@ -312,7 +307,7 @@ fn values_beyond_memory_tell_the_same() {
         let size = [220, 210, 1];
         // (Each value a few times, far from each other, so that temporary files have parts of them.)
         let cells = Cells::noise(form, 3, size, 15_000);
-        let file = dataset(&cells, Rule::Mean, Kind::Continuous);
+        let file = dataset(&cells, Rule::Mean, DataKind::Continuous);
         let ring = vec![[-3.0, 5.5], [219.5, -2.0], [217.25, 208.0], [20.0, 200.0]];
         let polygon = Polygon::new(&[ring]).unwrap();
         for edge in EdgeRule::ALL {
@@ -338,7 +333,7 @@ fn measures_have_names_and_quantiles_are_from_0_to_1() {
     let told = "middle".parse::<ZoneMeasure>().unwrap_err().to_string();
     assert!(told.contains("middle") && told.contains("median"), "{told}");
     let cells = Cells::random(QUAD, 1, [9, 9, 1], 9, false);
-    let file = dataset(&cells, Rule::Majority, Kind::Categorical);
+    let file = dataset(&cells, Rule::Majority, DataKind::Categorical);
     for wrong in [-0.1, 1.1, f64::NAN] {
         let request = ZonalRequest { quantiles: vec![0.5, wrong], ..ZonalRequest::default() };
         let told = file.zonal(&[], &request, &()).unwrap_err().to_string();
@@ -359,7 +354,7 @@ fn zones_of_nothing_and_everything() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.goblin");
     let cells = Cells::random(QUAD, 3, [100, 80, 1], 9, false);
-    write_cells(&path, &cells, &options(Rule::Majority, Kind::Categorical, cells.depth()));
+    write_cells(&path, &cells, &options(Rule::Majority, DataKind::Categorical, cells.depth()));
     let file = spinney::open(&path).unwrap();
     let square = |low: f64, high: f64| {
         Polygon::new(&[vec![[low, low], [high, low], [high, high], [low, high]]]).unwrap()
@@ -388,7 +383,7 @@ fn zones_of_nothing_and_everything() {
 
 #[test]
 fn zones_of_layers_with_cells_of_their_own() {
-    let (heights, mean) = (quad(SampleType::F32, 1), (Rule::Mean, Kind::Continuous));
+    let (heights, mean) = (quad(SampleType::F32, 1), (Rule::Mean, DataKind::Continuous));
     let fine = Cells::random(heights, 1, [90, 80, 1], 9, true);
     let coarse = Cells::random(quad(SampleType::U16, 1), 2, [45, 40, 1], 9, true);
     let [fine, coarse] = [&fine, &coarse].map(|cells| dataset(cells, mean.0, mean.1));

@@ -4,9 +4,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command as Process, Stdio};
 
 use serde_json::Value as Json;
-use spinney::import::raster::{self, Pixels};
-use spinney::space::Region;
-use spinney::value::{Kind, Rule};
+use spinney::raw::import::raster::{self, Pixels};
+use spinney::{DataKind, Region, Rule};
 use tempfile::TempDir;
 
 use crate::common::command::{command, complaint, stdout};
@@ -41,7 +40,7 @@ impl Trees {
             .stderr("")
             .stdout("");
         let cells = Cells::random(OCT, 5, [12, 9, 10], 9, true);
-        std::fs::write(&octree, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
+        std::fs::write(&octree, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
         Trees { folder, classic, octree }
     }
 

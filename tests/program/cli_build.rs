@@ -7,8 +7,8 @@ use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
 use assert_cmd::Command;
-use spinney::store::OpenOptions;
-use spinney::store::goblin::Goblin;
+use spinney::OpenOptions;
+use spinney::raw::store::goblin::Goblin;
 
 use crate::common::QUAD;
 use crate::common::command::{interruptible, peak_memory};

@@ -4,8 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use serde_json::Value;
-use spinney::space::{Crs, Frame};
-use spinney::value::{Kind, Rule, SampleType};
+use spinney::{Crs, DataKind, Frame, Rule, SampleType};
 use tempfile::TempDir;
 
 use crate::common::command::{complaint, spinney, stdout};
@@ -22,7 +21,7 @@ fn hill(crs: Option<Crs>) -> (TempDir, String) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("hill.goblin");
     let frame = Frame { crs, ..Frame::planar([10.0, 0.0, 500_000.0, 0.0, -10.0, 5_200_000.0]) };
-    write_goblin(&path, &cells, (Rule::Mean, Kind::Continuous), frame);
+    write_goblin(&path, &cells, (Rule::Mean, DataKind::Continuous), frame);
     (folder, path.to_str().unwrap().into())
 }
 
@@ -162,7 +161,7 @@ fn memory_does_not_grow_with_lines() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
     let file = path("noise.goblin");
-    write_goblin(Path::new(&file), &cells, (Rule::Mean, Kind::Continuous), Frame::identity());
+    write_goblin(Path::new(&file), &cells, (Rule::Mean, DataKind::Continuous), Frame::identity());
     let mut command = std::process::Command::new(assert_cmd::cargo::cargo_bin("spinney"));
     command.args(["-q", "contours", &file, "--at", "0.5,1.5,2.5", "--memory", "16M", "--threads", "2"]);
     let peak = peak_memory(&mut command.args(["-o", &path("noise.csv")]).spawn().unwrap());

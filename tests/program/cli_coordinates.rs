@@ -4,11 +4,10 @@
 use std::path::Path;
 
 use serde_json::{Value as Json, json};
-use spinney::io::Output;
-use spinney::space::{Bounds, Crs, Frame, Projection};
-use spinney::store::{Metadata, build_tree};
+use spinney::raw::space::Projection;
+use spinney::raw::store::build_tree;
 use spinney::tree::MemTree;
-use spinney::value::{Kind, Rule, SampleType, Value};
+use spinney::{Bounds, Crs, DataKind, Frame, Metadata, Output, Rule, SampleType, Value};
 
 use crate::common::command::{command, complaint, spinney, stderr, stdout};
 use crate::common::{options, quad, with};
@@ -42,7 +41,8 @@ impl Place {
         };
         let tree = MemTree::from_cells(quad(SampleType::U8, 1), 8, Rule::Mean, &cell);
         let metadata = Metadata { frame, ..Metadata::default() };
-        let options = with(options(Rule::Mean, Kind::Continuous, 8), |options| options.metadata = metadata);
+        let options =
+            with(options(Rule::Mean, DataKind::Continuous, 8), |options| options.metadata = metadata);
         build_tree(&tree, EXTENT, &options, Output::create(Path::new(&file)).unwrap(), &()).unwrap();
         file
     }

@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value as Json, json};
-use spinney::import::raster::{self, RasterOptions};
-use spinney::space::{Crs, Frame};
+use spinney::raw::import::raster::{self, RasterOptions};
+use spinney::{Crs, Frame};
 use tempfile::TempDir;
 
 use crate::common::command::{command, complaint, stderr, stdout};

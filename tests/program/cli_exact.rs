@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use serde_json::Value as Json;
-use spinney::import::raster::{self, Pixels};
-use spinney::space::Region;
+use spinney::Region;
+use spinney::raw::import::raster::{self, Pixels};
 use tempfile::TempDir;
 
 use crate::common::command::{command, complaint, spinney, stderr, stdout};

@@ -1,7 +1,7 @@
 //! Answers of `info` and `stats` about places, levels, classes and units.
 
 use serde_json::{Value as Json, json};
-use spinney::value::{Kind, Rule};
+use spinney::{DataKind, Rule};
 
 use crate::common::command::{command, stderr, stdout};
 use crate::common::{Cells, OCT, goblin_bytes};
@@ -52,7 +52,7 @@ fn octrees_tell_where_they_lie_on_every_axis() {
     assert!(stdout(&["stats", &tree]).contains("nobody told"));
     assert!(as_json(&["info", &tree, "--json"])["unit"].is_null());
     let cells = Cells::random(OCT, 5, [12, 9, 10], 9, true);
-    std::fs::write(&tree, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
+    std::fs::write(&tree, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
     assert_eq!(as_json(&["info", &tree, "--json"])["unit"], "cells");
 }
 

@@ -3,8 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use spinney::space::Frame;
-use spinney::value::{Kind, Rule, SampleType};
+use spinney::{DataKind, Frame, Rule, SampleType};
 use tempfile::TempDir;
 
 use crate::common::command::{complaint, spinney, stderr, stdout};
@@ -22,7 +21,7 @@ fn ball() -> (TempDir, String) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("ball.goblin");
     let matrix = [[0.5, 0.0, 0.0, 100.0], [0.0, -0.5, 0.0, 200.0], [0.0, 0.0, 0.5, 300.0]];
-    write_goblin(&path, &cells, (Rule::Mean, Kind::Continuous), Frame { matrix, ..Frame::identity() });
+    write_goblin(&path, &cells, (Rule::Mean, DataKind::Continuous), Frame { matrix, ..Frame::identity() });
     (folder, path.to_str().unwrap().into())
 }
 

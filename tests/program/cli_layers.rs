@@ -4,11 +4,8 @@ use std::fs::File;
 use std::io::BufReader;
 
 use serde_json::Value as Json;
-use spinney::io::Output;
-use spinney::space::{Dimension, Frame};
-use spinney::store::{Metadata, TreeWriter};
-use spinney::tree::Form;
-use spinney::value::{Kind, Rule, SampleType};
+use spinney::raw::store::TreeWriter;
+use spinney::{DataKind, Dimension, Frame, Metadata, Output, Rule, SampleType, TreeType};
 
 use crate::common::command::{complaint, spinney, stdout};
 use crate::common::{Cells, QUAD, options, quad, value};
@@ -18,7 +15,7 @@ struct Layer {
     name: &'static str,
     time: Option<&'static str>,
     cells: Cells,
-    kind: Kind,
+    kind: DataKind,
     coarser: u8,
 }
 
@@ -42,7 +39,7 @@ impl Place {
                 frame: Frame::identity().coarser(layer.coarser),
                 ..Metadata::default()
             };
-            let rule = if layer.kind == Kind::Categorical { Rule::Majority } else { Rule::Mean };
+            let rule = if layer.kind == DataKind::Categorical { Rule::Majority } else { Rule::Mean };
             let options = options(rule, layer.kind, DEPTH - layer.coarser).metadata(metadata);
             let nodata = value(layer.cells.form.value, 250);
             let mut slabs = layer.cells.slabs(nodata);
@@ -56,13 +53,13 @@ impl Place {
 /// Levels of the files.
 const DEPTH: u8 = 7;
 
-fn cells(form: Form, seed: u64, size: u64) -> Cells {
+fn cells(form: TreeType, seed: u64, size: u64) -> Cells {
     Cells::random(form, seed, [size, size - 3, 1], 9, true)
 }
 
 /// Heights twice, the second of larger cells and of another type, and classes.
 fn series() -> Vec<Layer> {
-    let (heights, kind) = (quad(SampleType::I16, 1), Kind::Continuous);
+    let (heights, kind) = (quad(SampleType::I16, 1), DataKind::Continuous);
     let june = Some("2024-06-01T10:20:30Z");
     vec![
         Layer { name: "june", time: june, cells: cells(heights, 1, 90), kind, coarser: 0 },
@@ -73,7 +70,13 @@ fn series() -> Vec<Layer> {
             kind,
             coarser: 1,
         },
-        Layer { name: "cover", time: None, cells: cells(QUAD, 3, 90), kind: Kind::Categorical, coarser: 0 },
+        Layer {
+            name: "cover",
+            time: None,
+            cells: cells(QUAD, 3, 90),
+            kind: DataKind::Categorical,
+            coarser: 0,
+        },
     ]
 }
 
@@ -215,7 +218,7 @@ fn points_tell_layers_and_times() {
 fn bands() -> Vec<Layer> {
     let layer = |name, seed, size, coarser| {
         let cells = Cells::random(quad(SampleType::U16, 1), seed, [size, size, 1], 200, true);
-        Layer { name, time: None, cells, kind: Kind::Continuous, coarser }
+        Layer { name, time: None, cells, kind: DataKind::Continuous, coarser }
     };
     vec![layer("B04", 4, 96, 0), layer("B05", 5, 48, 1), layer("B08", 8, 96, 0)]
 }

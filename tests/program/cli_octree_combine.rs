@@ -3,8 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use spinney::space::{Crs, Frame};
-use spinney::value::{Kind, Rule, SampleType, Value};
+use spinney::{Crs, DataKind, Frame, Rule, SampleType, Value};
 use tempfile::TempDir;
 
 use crate::common::command::{complaint, spinney, stderr, stdout};
@@ -179,7 +178,7 @@ fn octrees_that_are_turned_or_coarse() {
     let small = Cells::noise(OCT, 34, [4, 7, 3], 50);
     let coarse = frame().shifted([-2.0, 3.0, 6.0]).coarser(1);
     let path = setting.path("coarse.goblin");
-    write_goblin(&path, &small, (Rule::Mean, Kind::Continuous), coarse);
+    write_goblin(&path, &small, (Rule::Mean, DataKind::Continuous), coarse);
     let fine = made(OCT, small.size.map(|cells| 2 * cells), |cell| small.get(cell.map(|cell| cell / 2)));
     let blocks = Placed { cells: fine, at: [-2, 3, 6] };
     for (operation, _, join) in [OPERATIONS[0], OPERATIONS[4], OPERATIONS[19]] {
@@ -270,7 +269,7 @@ fn which_values_meet() {
 #[test]
 fn octrees_that_do_not_match() {
     let setting = Setting::new();
-    let of_mean = (Rule::Mean, Kind::Continuous);
+    let of_mean = (Rule::Mean, DataKind::Continuous);
     let (a, b, out) = (setting.name("a.goblin"), setting.name("b.goblin"), setting.name("out.goblin"));
     let plane = setting.name("plane.goblin");
     let flat = Cells::random(QUAD, 7, [13, 9, 1], 6, true);
@@ -335,7 +334,7 @@ fn complements_have_a_universe() {
     let full = made(OCT, [16, 8, 4], |_| Some(byte(255)));
     let frame =
         Frame { matrix: [[0.5, 0.0, 0.0, 100.0], [0.0, 0.5, 0.0, 200.0], [0.0, 0.0, 0.5, 300.0]], ..frame() };
-    write_goblin(folder.path().join("a.goblin").as_path(), &full, (Rule::Mean, Kind::Continuous), frame);
+    write_goblin(folder.path().join("a.goblin").as_path(), &full, (Rule::Mean, DataKind::Continuous), frame);
     let complement = |more: &[&str]| {
         let (a, out) = (name("a.goblin"), name("out.goblin"));
         let mut arguments = vec!["combine", "not", &a, "-o", &out];

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 use std::path::Path;
 
-use spinney::value::Value;
+use spinney::Value;
 use tempfile::TempDir;
 
 use crate::common::command::{spinney, stderr, stdout};

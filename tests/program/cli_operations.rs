@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::dataset;
-use spinney::store::OpenOptions;
+use spinney::OpenOptions;
+use spinney::raw::dataset;
 use tempfile::TempDir;
 
 use crate::common::command::{complaint, spinney, stderr, stdout};

@@ -1,7 +1,7 @@
 //! `--codec` and `--cache-memory`: packed files by the program.
 
 use serde_json::Value as Json;
-use spinney::value::{Kind, Rule};
+use spinney::{DataKind, Rule};
 
 use crate::common::command::{complaint, spinney, stdout};
 use crate::common::{Cells, QUAD, goblin_bytes};
@@ -29,7 +29,7 @@ fn files_are_packed_and_unpacked() {
     let [from, packed, small, back] =
         ["plain.goblin", "packed.goblin", "small.goblin", "back.goblin"].map(|name| place.name(name));
     let cells = Cells::random(QUAD, 3, [700, 600, 1], 30, true);
-    std::fs::write(&from, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
+    std::fs::write(&from, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
     spinney(&["convert", &from, &packed, "--codec", "packed"]).success();
     spinney(&["convert", &packed, &back]).success();
     assert!(std::fs::read(&from).unwrap() == std::fs::read(&back).unwrap());

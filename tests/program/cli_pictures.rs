@@ -2,12 +2,9 @@
 
 use std::path::Path;
 
-use spinney::export::image::{Format, ImageSpec, create};
-use spinney::import::raster::{self, Pixels};
-use spinney::io::Output;
-use spinney::space::Region;
-use spinney::store::Metadata;
-use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
+use spinney::raw::export::image::{Format, ImageSpec, create};
+use spinney::raw::import::raster::{self, Pixels};
+use spinney::{DataKind, Metadata, Output, Region, Rule, SampleType, Value, ValueType};
 
 use crate::common::command::{command, complaint, stderr};
 use crate::common::{Cells, goblin_bytes, made, oct, quad, value_types};
@@ -40,7 +37,7 @@ fn every_type_of_values_becomes_a_picture() {
             for void in [false, true] {
                 let cells =
                     Cells::random(form, seed, [9, 7, if form.axes() == 3 { 5 } else { 1 }], 200, void);
-                std::fs::write(&tree, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
+                std::fs::write(&tree, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
                 for size in [&["--size", "4x3"][..], &[], &["--size", "20x20"]] {
                     let run = command(&["get", &tree, &out]).args(size).assert().success().stdout("");
                     let fits = matches!(value.sample, SampleType::U8 | SampleType::U16);
@@ -57,7 +54,7 @@ fn numbers_are_stretched_from_black_to_white() {
     let folder = tempfile::tempdir().unwrap();
     let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
     let (tree, out) = (name("t.goblin"), name("x.png"));
-    std::fs::write(&tree, goblin_bytes(&heights(), Rule::Mean, Kind::Continuous)).unwrap();
+    std::fs::write(&tree, goblin_bytes(&heights(), Rule::Mean, DataKind::Continuous)).unwrap();
     let get = |options: &[&str]| {
         let run = command(&["-q", "get", &tree, &out]).args(options).assert().success();
         (stderr(run), samples(&out))
@@ -79,11 +76,11 @@ fn numbers_are_stretched_from_black_to_white() {
         let number = [[f64::NEG_INFINITY, 1.0], [2.0, f64::INFINITY]][y as usize][x as usize];
         Some(Value::from(number.to_le_bytes()))
     });
-    std::fs::write(&tree, goblin_bytes(&cells, Rule::Nearest, Kind::Continuous)).unwrap();
+    std::fs::write(&tree, goblin_bytes(&cells, Rule::Nearest, DataKind::Continuous)).unwrap();
     assert_eq!(get(&["--range", "1,2"]).1, [0, 0, 255, 255]);
     // Values of eight bits can be stretched, too.
     let cells = made(quad(SampleType::U8, 1), [2, 1, 1], |[x, _, _]| Some(Value::from([10 + x as u8])));
-    std::fs::write(&tree, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
+    std::fs::write(&tree, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
     assert_eq!(get(&[]), (String::new(), vec![10, 11]));
     assert_eq!(get(&["--range", "10,11"]).1, [0, 255]);
     for wrong in ["1,1", "1", "nan,1", "0,inf"] {
@@ -100,7 +97,7 @@ fn what_a_format_cannot_hold_names_one_that_can() {
     let tree = name("t.goblin");
     for sample in SampleType::ALL {
         let cells = Cells::random(quad(sample, 1), 3, [5, 5, 1], 9, true);
-        std::fs::write(&tree, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
+        std::fs::write(&tree, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
         let holds = matches!(sample, SampleType::F32 | SampleType::U32);
         let run = command(&["get", &tree, &name("x.exr")]).assert().code(if holds { 0 } else { 1 });
         let said = stderr(run);
@@ -247,7 +244,7 @@ fn pictures_of_any_size_are_averages_of_what_they_cover() {
     let folder = tempfile::tempdir().unwrap();
     let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
     let (tree, out) = (name("t.goblin"), name("x.raw"));
-    std::fs::write(&tree, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
+    std::fs::write(&tree, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
     // So far a pixel is off from the mean of its area, on average. (The differences are 2000 at most.) It is not where each pixel has a
     // whole number of cells of the level.
     let error = |width: u64, height_: u64, exact: &[&str]| {

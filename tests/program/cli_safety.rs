@@ -5,13 +5,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use spinney::Error;
-use spinney::dataset::open;
-use spinney::io::Output;
-use spinney::ops::{Edit, FillRegion, convert, edit};
-use spinney::space::Bounds;
-use spinney::store::autumnal::Note;
-use spinney::store::{OpenOptions, WriteOptions};
+use spinney::edit::{Edit, FillRegion, Note, edit};
+use spinney::raw::dataset::open;
+use spinney::{Bounds, Error, OpenOptions, Output, WriteOptions, convert};
 
 use crate::common::command::{command, complaint, spinney, stderr, stdout};
 

@@ -6,11 +6,8 @@ use std::process::{Command, Stdio};
 use std::thread::sleep;
 use std::time::Duration;
 
-use spinney::export::image::{Format, ImageSpec, create};
-use spinney::io::Output;
-use spinney::space::{Crs, Frame};
-use spinney::store::Metadata;
-use spinney::value::{SampleType, ValueType};
+use spinney::raw::export::image::{Format, ImageSpec, create};
+use spinney::{Crs, Frame, Metadata, Output, SampleType, ValueType};
 
 use crate::common::Random;
 use crate::common::command::{complaint, spinney, stderr};
@@ -51,7 +48,7 @@ impl Place {
         let value = ValueType::new(SampleType::U8, 1);
         let metadata = Metadata { frame, ..Metadata::default() };
         let spec = ImageSpec { width, height, value, alpha: false, void: false, metadata };
-        let format = spinney::export::image::format_of(&path).unwrap_or(Format::Tiff);
+        let format = spinney::raw::export::image::format_of(&path).unwrap_or(Format::Tiff);
         let mut writer = create(Output::create(&path).unwrap(), format, &spec).unwrap();
         let mut random = Random(width + 7 * at[0]);
         for y in 0..height {

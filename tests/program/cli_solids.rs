@@ -3,9 +3,8 @@
 use std::path::Path;
 
 use serde_json::Value as Json;
-use spinney::import::raster::{self, Pixels};
-use spinney::space::Region;
-use spinney::value::{Kind, Rule};
+use spinney::raw::import::raster::{self, Pixels};
+use spinney::{DataKind, Region, Rule};
 use tempfile::TempDir;
 
 use crate::common::command::{command, complaint, stdout};
@@ -33,11 +32,11 @@ impl Trees {
         let cells = made(OCT, [10, 9, 5], |[x, y, z]| {
             ((2..8).contains(&x) && (1..5).contains(&y) && z < 3).then(|| byte(255))
         });
-        let block = store("block.goblin", goblin_bytes(&cells, Rule::Occupancy, Kind::Continuous));
+        let block = store("block.goblin", goblin_bytes(&cells, Rule::Occupancy, DataKind::Continuous));
         let cells = Cells::random(OCT, 5, [12, 9, 10], 9, true);
-        let numbers = store("numbers.goblin", goblin_bytes(&cells, Rule::Mean, Kind::Continuous));
+        let numbers = store("numbers.goblin", goblin_bytes(&cells, Rule::Mean, DataKind::Continuous));
         let flat = Cells::random(QUAD, 5, [12, 9, 1], 9, true);
-        let flat = goblin_bytes(&flat, Rule::Majority, Kind::Categorical);
+        let flat = goblin_bytes(&flat, Rule::Majority, DataKind::Categorical);
         let quadtree = store("quadtree.goblin", flat);
         Trees { folder, block, numbers, cells, quadtree }
     }

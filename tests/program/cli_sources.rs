@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::Path;
 
-use spinney::import::raster::{self, Pixels, RasterInfo};
-use spinney::space::Region;
+use spinney::Region;
+use spinney::raw::import::raster::{self, Pixels, RasterInfo};
 
 use crate::common::command::{complaint, spinney, stderr, stdout};
 use crate::common::tiff_file::{Ifd, Values, file};

@@ -3,11 +3,10 @@
 use std::path::Path;
 use std::process::Command;
 
-use spinney::dataset::Dataset;
-use spinney::import::raster::{self, Pixels};
-use spinney::space::{Bounds, Region};
-use spinney::style::{SampleBlock, Style, StylePainter};
-use spinney::value::{Kind, Rule, SampleType, Value};
+use spinney::raw::import::raster::{self, Pixels};
+use spinney::raw::style::{SampleBlock, StylePainter};
+use spinney::style::Style;
+use spinney::{Bounds, DataKind, Dataset, Region, Rule, SampleType, Value};
 
 use crate::common::command::{command, complaint, stdout};
 use crate::common::{Cells, dataset, goblin_bytes, made, oct, quad, shared_data, value_types};
@@ -75,9 +74,9 @@ fn every_tree_is_painted_in_every_style() {
         for (form, depth) in [(quad(value.sample, value.channels), 1), (oct(value.sample, value.channels), 3)]
         {
             for (rule, kind) in [
-                (Rule::Mean, Kind::Continuous),
-                (Rule::Majority, Kind::Categorical),
-                (Rule::Occupancy, Kind::Continuous),
+                (Rule::Mean, DataKind::Continuous),
+                (Rule::Majority, DataKind::Categorical),
+                (Rule::Occupancy, DataKind::Continuous),
             ] {
                 let tree = dataset(&Cells::random(form, 5, [13, 11, depth], 100, true), rule, kind);
                 for style in &styles {
@@ -123,7 +122,7 @@ fn parts_and_bands_of_a_picture_are_the_picture() {
         (x % 61 > 3).then_some(Value::from(height.to_le_bytes()))
     });
     let tree = name("t.goblin");
-    std::fs::write(&tree, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
+    std::fs::write(&tree, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
     let get = |options: &[&str]| {
         let out = name("x.tif");
         command(&["-q", "get", tree.to_str().unwrap(), out.to_str().unwrap()])

@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::Path;
 
-use spinney::dataset::Dataset;
-use spinney::space::{Bounds, Code, Dimension, web_mercator_depth};
+use spinney::raw::space::web_mercator_depth;
+use spinney::{Bounds, Code, Dataset, Dimension};
 
 use crate::common::command::{command, spinney, stderr, stdout};
 
@@ -59,7 +59,7 @@ fn the_world_is_the_root() {
     let [width, height, _] = native.header().extent;
     let middle = native.metadata().frame.to_world([width as f64 / 2.0, height as f64 / 2.0, 0.0]);
     let projection =
-        spinney::space::Projection::new(native.metadata().frame.crs.as_ref().unwrap(), false).unwrap();
+        spinney::raw::space::Projection::new(native.metadata().frame.crs.as_ref().unwrap(), false).unwrap();
     let place = projection.inverse([middle[0], middle[1]]).unwrap();
     let x = ((place[0] + 180.0) / 360.0 * 256.0) as u32;
     let y = ((1.0 - place[1].to_radians().tan().asinh() / std::f64::consts::PI) / 2.0 * 256.0) as u32;

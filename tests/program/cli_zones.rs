@@ -1,6 +1,7 @@
 //! `stats --zones -o`: features as they came, joined with the statistics of the cells in them.
 
-use spinney::import::feature::{Feature, FeatureAttribute, FeatureOptions, open_features};
+use spinney::import::feature::FeatureOptions;
+use spinney::raw::import::feature::{Feature, FeatureAttribute, open_features};
 
 use crate::common::command::{spinney, stderr, stdout};
 

@@ -3,8 +3,8 @@
 
 use std::path::Path;
 
-use spinney::import::raster::{self, Pixels};
-use spinney::space::Region;
+use spinney::Region;
+use spinney::raw::import::raster::{self, Pixels};
 
 use crate::common::command::{command, stdout};
 

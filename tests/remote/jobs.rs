@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use spinney::import::raster::{ImportOptions, plan as plan_pictures};
-use spinney::io::{FileState, Output};
-use spinney::shards::{Job, JobSpec, plan};
-use spinney::{Error, Result};
+use spinney::raw::io::FileStat;
+use spinney::raw::shards::{Job, JobSpec, plan};
+use spinney::{Error, Output, Result};
 
 use super::server;
 use super::server::{Fault, Server};
@@ -15,7 +15,7 @@ fn picture(name: &str) -> Vec<u8> {
 }
 
 fn is_there(url: &str) -> bool {
-    FileState::of(Path::new(url)).unwrap().is_some()
+    FileStat::of(Path::new(url)).unwrap().is_some()
 }
 
 fn spec(url: &str) -> JobSpec {
@@ -51,14 +51,14 @@ fn jobs_elsewhere_make_the_same_bytes_and_are_removed() {
         assert!(!plan(&spec(&url), &job, Some(3), &()).unwrap().was_there);
         assert!(plan(&spec(&url), &job, Some(3), &()).unwrap().was_there);
         let other = plan(&spec(&url), &job, Some(4), &()).unwrap_err();
-        assert!(matches!(other, Error::NotPlanned { .. }), "{other}");
+        assert!(matches!(other, Error::PlanMismatch { .. }), "{other}");
         assert_eq!(Job::open(&job).unwrap().missing().unwrap(), [0, 1, 2]);
         assert!(make(&job, folder.path()).unwrap() == expected);
         assert!(Job::open(&job).unwrap().missing().unwrap().is_empty());
         let plan: PathBuf = job.join("plan.json");
-        assert!(FileState::of(&plan).unwrap().is_some());
+        assert!(FileStat::of(&plan).unwrap().is_some());
         Job::open(&job).unwrap().remove().unwrap();
-        assert!(Job::find(&job).unwrap().is_none() && FileState::of(&plan).unwrap().is_none());
+        assert!(Job::find(&job).unwrap().is_none() && FileStat::of(&plan).unwrap().is_none());
     }
     assert!(!folder.path().join("job").exists());
     let left = ["head.goblin", "shards/0000.light", "shards/0001.light", "shards/0001-0.run"];
@@ -91,7 +91,7 @@ fn pictures_that_hosts_do_not_give_are_told() {
         error
     };
     assert!(matches!(fails(&server, "forbidden", Fault::Forbidden), Error::Io { .. }));
-    assert!(matches!(fails(&server, "changed", Fault::Changes(0)), Error::NotPlanned { .. }));
+    assert!(matches!(fails(&server, "changed", Fault::Changes(0)), Error::PlanMismatch { .. }));
     // Files beside a picture that nobody may read are not there.
     assert!(!is_there(&format!("{}/told/none.prj", server.address)));
     let gone =

@@ -9,12 +9,9 @@ use std::time::{Duration, Instant};
 
 use assert_cmd::Command;
 use server::{Fault, Server};
-use spinney::dataset::{Dataset, open};
-use spinney::io::Output;
+use spinney::raw::dataset::open;
 use spinney::remote::{RemoteOptions, enable};
-use spinney::space::Bounds;
-use spinney::store::WriteOptions;
-use spinney::{Error, Result, ops};
+use spinney::{Bounds, Dataset, Error, Output, Result, WriteOptions};
 
 /// The server, for one test at a time, with files of all kinds.
 fn server() -> MutexGuard<'static, Server> {
@@ -75,9 +72,8 @@ fn files_of_all_kinds_are_read() {
         }
     }
     let path = put(&server, "models", "chapel.goblin");
-    let far = spinney::brep::ExactModel::open(Path::new(&path), &Default::default()).unwrap();
-    let near =
-        spinney::brep::ExactModel::open(Path::new(&fixture("chapel.goblin")), &Default::default()).unwrap();
+    let far = spinney::ExactModel::open(Path::new(&path), &Default::default()).unwrap();
+    let near = spinney::ExactModel::open(Path::new(&fixture("chapel.goblin")), &Default::default()).unwrap();
     let point = [1.0, 1.0, 1.0];
     assert_eq!(far.locate(point).unwrap(), near.locate(point).unwrap());
     assert_eq!(far.nearest(point).unwrap(), near.nearest(point).unwrap());
@@ -145,7 +141,7 @@ fn servers_that_cannot_be_used_are_told() {
     assert!(opened("http://127.0.0.1:1/x.goblin").is_err());
     // Other files than trees are not read from elsewhere, and say so.
     let history = put(&server, "edited", "history.autumn");
-    let edited = spinney::store::autumnal::Editor::open(Path::new(&history), 1 << 20).err().unwrap();
+    let edited = spinney::edit::Editor::open(Path::new(&history), 1 << 20).err().unwrap();
     assert!(matches!(&edited, Error::Unsupported { .. }), "{edited}");
 }
 
@@ -193,7 +189,7 @@ fn outputs_are_uploaded_whole_or_not_at_all() {
     let _server = server();
     let url = "memory:///folder/copy.goblin";
     let output = Output::create(Path::new(url)).unwrap();
-    ops::convert(Path::new(&fixture("segments.goblin")), false, output, WriteOptions::new(64 << 20), &())
+    spinney::convert(Path::new(&fixture("segments.goblin")), false, output, WriteOptions::new(64 << 20), &())
         .unwrap();
     let copy = opened(url).unwrap();
     assert!(cells(&copy).unwrap() == cells(&opened(&fixture("segments.goblin")).unwrap()).unwrap());
@@ -208,7 +204,13 @@ fn outputs_are_uploaded_whole_or_not_at_all() {
     let made = |url: &str| {
         let mut output = Output::create(Path::new(url)).unwrap();
         output.keep_existing();
-        ops::convert(Path::new(&fixture("classes.goblin")), false, output, WriteOptions::new(64 << 20), &())
+        spinney::convert(
+            Path::new(&fixture("classes.goblin")),
+            false,
+            output,
+            WriteOptions::new(64 << 20),
+            &(),
+        )
     };
     made(url).unwrap();
     assert!(matches!(made(url), Err(Error::Unsupported { .. })));

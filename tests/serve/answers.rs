@@ -147,7 +147,7 @@ fn windows_are_those_of_the_program() {
     let window = server.get("/window/heights?cells=100,80,3,2&format=json").json();
     assert_eq!((&window["columns"], &window["rows"], &window["level"]), (&3.into(), &2.into(), &8.into()));
     let tree = spinney::open(folder.path().join("heights.goblin")).unwrap();
-    let mut value = [spinney::value::Number::default(); 4];
+    let mut value = [spinney::Number::default(); 4];
     for (row, values) in window["values"].as_array().unwrap().iter().enumerate() {
         for (column, found) in values.as_array().unwrap().iter().enumerate() {
             let is_there =

@@ -7,10 +7,8 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use rustix::process::{Pid, Signal, kill_process};
-use spinney::ops::{self, Edit, FillRegion};
-use spinney::space::Bounds;
-use spinney::store::autumnal::Note;
-use spinney::value::{Kind, Rule, SampleType, Value};
+use spinney::edit::{Edit, FillRegion, Note};
+use spinney::{Bounds, DataKind, Rule, SampleType, Value};
 
 use super::common::command::interruptible;
 use super::common::{made, options, quad, write_cells};
@@ -22,14 +20,14 @@ const SIDE: u64 = 64;
 /// A file all of whose cells have one value.
 fn write_version(path: &Path, number: u8) {
     let cells = made(quad(SampleType::U8, 1), [SIDE, SIDE, 1], |_| Some(Value::from([number])));
-    write_cells(path, &cells, &options(Rule::Majority, Kind::Categorical, cells.depth()));
+    write_cells(path, &cells, &options(Rule::Majority, DataKind::Categorical, cells.depth()));
 }
 
 /// Gives all cells of a file that is edited one value.
 fn edit_version(path: &Path, number: u8) {
     let region = FillRegion::Box(Bounds::picture([SIDE, SIDE, 1]));
     let edit = Edit::Fill(region, Some(vec![number.into()]));
-    ops::edit(path, [Ok(edit)], Note::default(), 16 << 20, &()).unwrap();
+    spinney::edit::edit(path, [Ok(edit)], Note::default(), 16 << 20, &()).unwrap();
 }
 
 /// The one value that all cells of a window have, of an answer as JSON.

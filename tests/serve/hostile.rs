@@ -4,7 +4,7 @@ use std::io::{Read as _, Write as _};
 use std::net::{Shutdown, TcpStream};
 use std::time::{Duration, Instant};
 
-use spinney::value::{Kind, Rule, SampleType};
+use spinney::{DataKind, Rule, SampleType};
 
 use super::common::{Cells, Random, options, quad, write_cells};
 use super::{Server, fixture, island};
@@ -68,7 +68,7 @@ fn work_that_takes_too_long_is_given_up() {
     write_cells(
         &folder.path().join("noise.goblin"),
         &cells,
-        &options(Rule::Mean, Kind::Continuous, cells.depth()),
+        &options(Rule::Mean, DataKind::Continuous, cells.depth()),
     );
     let server = Server::start(folder.path(), &["--timeout", "0.05"]);
     let told = server.get("/window/noise?size=2000x2000&style=hillshade&format=webp").complaint(503);

@@ -1,9 +1,8 @@
 //! Tiles: those of web maps as the library draws them, and of a tree's own grid.
 
-use spinney::export::tiles::{TileId, TilePainter, TileRange, draw_tile, tile_source};
-use spinney::ops::WarpOptions;
-use spinney::space::Bounds;
+use spinney::raw::export::tiles::{TileId, TilePainter, TileRange, draw_tile, tile_source};
 use spinney::style::Style;
+use spinney::{Bounds, WarpOptions};
 
 use super::{Server, island};
 

@@ -36,10 +36,10 @@ pub(crate) fn as_json(error: &Error) -> Value {
         Error::Unsupported { path, found, advice } => {
             json!({ "code": "unsupported", "file": path, "found": found, "advice": advice })
         }
-        Error::NoTree { path, found, advice } => {
+        Error::NotATree { path, found, advice } => {
             json!({ "code": "no-tree", "file": path, "found": found, "advice": advice })
         }
-        Error::NoBody { path, what, advice, .. } => {
+        Error::NotASolid { path, what, advice, .. } => {
             json!({ "code": "no-body", "file": path, "found": what, "advice": advice })
         }
         Error::TooLarge { path, what, needed, limit, advice } => {

@@ -55,7 +55,7 @@ struct Elsewhere;
 
 impl Fetch for Elsewhere {
     fn fetch(&self, _: &[Range<u64>]) -> Result<Vec<Vec<u8>>> {
-        Err(Error::Unread)
+        Err(Error::NotFetched)
     }
 }
 

@@ -4,7 +4,7 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 use spinney_base::space::Bounds;
 use spinney_base::{Error, Result};
-use spinney_container::FilePlace;
+use spinney_container::FileReference;
 use spinney_engine::dataset::Dataset;
 use spinney_engine::ops::{TreeFile, diff as differences};
 use spinney_engine::store::autumnal::History;
@@ -57,7 +57,7 @@ pub(crate) fn diff(opened: &Opened, part: &Part, request: &Request) -> Result<Fo
     };
     let at = |commit: Option<u64>| {
         let layer = Some(tree.layer_number().to_string());
-        let place = FilePlace { file: opened.file.name.as_path().into(), commit, layer };
+        let place = FileReference { file: opened.file.name.as_path().into(), commit, layer };
         TreeFile::at(&place, &opened.file.options())
     };
     let [first, second] = [at(Some(request.from))?, at(request.to)?];

@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use spinney_base::space::Bounds;
 use spinney_base::{Error, Result};
-use spinney_crs::{Coordinates, Places};
+use spinney_crs::{Coordinates, CellLocator};
 use spinney_engine::dataset::Dataset;
 
 /// A part of a tree; all of it if none is given.
@@ -24,8 +24,8 @@ pub(crate) fn coordinates(text: Option<&str>) -> Result<Coordinates> {
 }
 
 /// The way from coordinates to a tree's cells.
-pub(crate) fn places(tree: &Dataset, crs: Option<&str>) -> Result<Places> {
-    Places::new(&coordinates(crs)?, &tree.metadata().frame, tree.header().extent)
+pub(crate) fn places(tree: &Dataset, crs: Option<&str>) -> Result<CellLocator> {
+    CellLocator::new(&coordinates(crs)?, &tree.metadata().frame, tree.header().extent)
 }
 
 impl Part {

@@ -22,7 +22,7 @@ use crate::solid::IN_SLICE;
 use crate::windows::{Detail, at_level, read};
 
 /// Bytes that a picture may have.
-const MOST_BYTES: u64 = 1 << 28;
+const MAX_BYTES: u64 = 1 << 28;
 
 /// How a part is painted.
 #[derive(Deserialize)]
@@ -50,7 +50,7 @@ pub(crate) struct Prepared {
 }
 
 /// Styles that are kept ready.
-const MOST_STYLES: usize = 16;
+const MAX_STYLES: usize = 16;
 
 impl Prepared {
     /// A style made ready: that of the tree, if none is given.
@@ -62,7 +62,7 @@ impl Prepared {
         let style = style.map_or_else(|| Ok(Style::default_for(tree)), |text| Style::parse(text))?;
         let ready = Rc::new(TilePainter::new(&style, tree, &())?);
         let mut all = self.painters.borrow_mut();
-        if all.len() >= MOST_STYLES {
+        if all.len() >= MAX_STYLES {
             all.clear();
         }
         all.insert(key, ready.clone());
@@ -79,7 +79,7 @@ impl Prepared {
         })?;
         let frame = &tree.metadata().frame;
         // (Farther in than its cells are, too: maps are looked at closely.)
-        let deepest = MAX_ZOOM.min(29 - side.trailing_zeros() as u8).min(MOST_ZOOM);
+        let deepest = MAX_ZOOM.min(29 - side.trailing_zeros() as u8).min(MAX_DRAWN_ZOOM);
         let mut options = WarpOptions::default();
         options.level_cells = Some(WarpOptions::LOOK);
         let ready = Rc::new(WarpedTiles::new(source, frame, side, Some(deepest), &options)?);
@@ -90,7 +90,7 @@ impl Prepared {
 }
 
 /// The deepest zoom of tiles that are warped.
-const MOST_ZOOM: u8 = 22;
+const MAX_DRAWN_ZOOM: u8 = 22;
 
 fn check_quadtree(tree: &Dataset) -> Result<()> {
     if tree.header().form.axes() == 2 {
@@ -112,8 +112,8 @@ pub(crate) fn image(opened: &Opened, (part, detail): (&Part, &Detail), image: &I
     let shift = tree.depth() - level;
     let cells = at_level(&bounds, shift);
     let needed = cells.volume().saturating_mul(4);
-    if needed > MOST_BYTES {
-        return Err(too_large(tree.name(), "the picture", needed, MOST_BYTES));
+    if needed > MAX_BYTES {
+        return Err(too_large(tree.name(), "the picture", needed, MAX_BYTES));
     }
     let painter = prepared.painter(tree, image.style.as_ref())?;
     let painter = painter.painter();

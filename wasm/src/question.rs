@@ -2,10 +2,10 @@
 
 use serde::Deserialize;
 use serde_json::{Value, json};
-use spinney_base::io::rounds::{MissingRange, attempt};
+use spinney_base::io::batch::{MissingRange, try_once};
 use spinney_base::{Error, Result};
 use spinney_brep::ExactModel;
-use spinney_container::{Content as FileContent, FileHeader, FilePlace};
+use spinney_container::{Content as FileContent, FileHeader, FileReference};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::ops::TreeFile;
 
@@ -65,7 +65,7 @@ fn members<'q, T: Deserialize<'q>>(question: &'q Value) -> Result<T> {
 /// Asks a question once.
 pub(crate) fn ask(text: &str, places: &[f64]) -> Answer {
     let mut outcome = None;
-    let (result, missing) = attempt(&mut || {
+    let (result, missing) = try_once(&mut || {
         let question: Value = serde_json::from_str(text)
             .map_err(|error| Error::invalid("question", error.to_string(), "JSON"))?;
         outcome = Some(answer(&question, places)?);
@@ -134,7 +134,7 @@ fn open(file: File, commit: Option<u64>, layer: Option<String>) -> Result<Opened
     let content = if content == FileContent::Model {
         Content::Model(Box::new(ExactModel::open(&file.name, &options)?.into()))
     } else {
-        let place = FilePlace { file: file.name.as_path().into(), commit, layer };
+        let place = FileReference { file: file.name.as_path().into(), commit, layer };
         Content::Cells(Box::new(Dataset::of(TreeFile::at(&place, &options)?.into())?))
     };
     Ok(Opened::new(file, content))

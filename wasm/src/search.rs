@@ -24,7 +24,7 @@ pub(crate) struct Request {
 
 /// Blocks that are handed out if nobody says how many, and at most.
 const BLOCKS: usize = 10_000;
-const MOST_BLOCKS: usize = 1_000_000;
+const MAX_BLOCKS: usize = 1_000_000;
 
 pub(crate) fn find(tree: &Dataset, part: &Part, request: &Request) -> Result<Found> {
     let condition = match (request.above, request.below, request.equal) {
@@ -34,8 +34,8 @@ pub(crate) fn find(tree: &Dataset, part: &Part, request: &Request) -> Result<Fou
         _ => return Err(Error::invalid("where", "none or several conditions", "above, below or equal")),
     };
     let parts = part.boxes(tree)?.map_or(vec![None], |boxes| boxes.into_iter().map(Some).collect());
-    let limit = request.limit.unwrap_or(BLOCKS).min(MOST_BLOCKS);
-    let largest = request.largest.map(|most| most.min(MOST_BLOCKS));
+    let limit = request.limit.unwrap_or(BLOCKS).min(MAX_BLOCKS);
+    let largest = request.largest.map(|most| most.min(MAX_BLOCKS));
     let (mut found, mut is_all): (Vec<FoundBlock>, bool) = (Vec::new(), true);
     let order = |block: &FoundBlock| (block.level, block.code.clone());
     for bounds in parts {

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use spinney_base::value::Rule;
 use spinney_base::{Error, Result};
 use spinney_engine::dataset::Dataset;
-use spinney_engine::ops::Step;
+use spinney_engine::ops::ViewStep;
 use spinney_engine::query::PointSamples;
 use spinney_mesh::export::{MeshRequest as SurfaceRequest, SurfaceMesh, surface_mesh};
 
@@ -139,7 +139,7 @@ pub(crate) fn mesh(tree: &Dataset, part: &Part, request: &MeshRequest) -> Result
             let cells = at_level(&part, shift);
             let min = cells.min.map(|cell| (cell << shift) as i64);
             let size = cells.size().map(|cells| cells << shift);
-            let view = tree.layer(&tree.layer_number().to_string())?.view(&[Step::Window(min, size)])?;
+            let view = tree.layer(&tree.layer_number().to_string())?.view(&[ViewStep::Window(min, size)])?;
             // (The window's space may be smaller: its levels are counted from the cells, too.)
             wanted.level = Some(view.depth().saturating_sub(shift));
             surface_mesh(&view, &wanted, &())?

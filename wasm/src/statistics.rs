@@ -19,19 +19,19 @@ pub(crate) struct Request {
 
 /// Bins if nobody says how many, and at most.
 const BINS: u32 = 16;
-const MOST_BINS: u32 = 1 << 16;
+const MAX_BINS: u32 = 1 << 16;
 
 pub(crate) fn statistics(tree: &Dataset, part: &Part, request: &Request) -> Result<Found> {
     let boxes = part.boxes(tree)?;
     let statistics = statistics_of(tree, boxes.as_deref())?;
     let boxes = boxes.unwrap_or_else(|| vec![tree.header().picture()]);
-    let bins = bins_with(tree, &boxes, &statistics, request.bins.unwrap_or(BINS).min(MOST_BINS))?;
+    let bins = bins_with(tree, &boxes, &statistics, request.bins.unwrap_or(BINS).min(MAX_BINS))?;
     Ok(statistics_as_json(tree, &statistics, &bins, JsonNumbers::Marked).into())
 }
 
 pub(crate) fn histogram(tree: &Dataset, part: &Part, request: &Request) -> Result<Found> {
     let boxes = part.boxes(tree)?;
-    let bins = request.bins.unwrap_or(BINS).clamp(1, MOST_BINS);
+    let bins = request.bins.unwrap_or(BINS).clamp(1, MAX_BINS);
     let range = match (request.low, request.high) {
         (Some(low), Some(high)) => Some((low, high)),
         (low, high) => {

@@ -12,7 +12,7 @@ use crate::failure::too_large;
 use crate::part::Part;
 
 /// Bytes that a window may have.
-const MOST_BYTES: u64 = 1 << 30;
+const MAX_BYTES: u64 = 1 << 30;
 
 /// Which samples of a window are asked for.
 #[derive(Deserialize)]
@@ -127,8 +127,8 @@ pub(crate) fn samples(
 pub(crate) fn read(tree: &Dataset, level: u8, cells: &Bounds, fill: Number) -> Result<(Vec<u8>, Vec<bool>)> {
     let width = tree.header().form.width();
     let needed = cells.volume().saturating_mul(width as u64 + 1);
-    if needed > MOST_BYTES {
-        return Err(too_large(tree.name(), "the window", needed, MOST_BYTES));
+    if needed > MAX_BYTES {
+        return Err(too_large(tree.name(), "the window", needed, MAX_BYTES));
     }
     let mut bytes = vec![0; cells.volume() as usize * width];
     let mut valid = vec![false; cells.volume() as usize];

@@ -4,7 +4,7 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 use spinney_base::space::EdgeRule;
 use spinney_base::{Error, Result};
-use spinney_crs::{Coordinates, Places};
+use spinney_crs::{Coordinates, CellLocator};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::query::{ZonalRequest, ZoneMeasure};
 use spinney_report::{JsonNumbers, ZoneForm};
@@ -55,7 +55,7 @@ pub(crate) fn zonal(opened: &Opened, request: &Request) -> Result<Found> {
     let grids: Vec<usize> = (0..trees.len()).filter(|number| same[*number] == *number).collect();
     let places = grids.iter().map(|grid| {
         let (header, frame) = (trees[*grid].header(), &trees[*grid].metadata().frame);
-        Ok((Places::new(&coordinates, frame, header.extent)?, header.extent))
+        Ok((CellLocator::new(&coordinates, frame, header.extent)?, header.extent))
     });
     let places = places.collect::<Result<Vec<_>>>()?;
     let found = layer.in_cells_of(&places)?;

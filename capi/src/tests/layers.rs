@@ -3,7 +3,7 @@
 use std::ffi::{CStr, CString};
 use std::ptr::{null, null_mut};
 
-use engine::space::Bounds;
+use engine::Bounds;
 
 use super::{cells, describe, error, fixture, open, open_with};
 use crate::spinney_status::*;
@@ -138,9 +138,9 @@ fn layers_move_on_each_for_itself() {
     let layer = open_layer(first, "height", 0).unwrap();
     let before = (describe(layer).commit, all_cells(layer));
     let name = format!("{path}:height");
-    let region = engine::ops::FillRegion::Box(Bounds { min: [0; 3], max: [1, 1, 1] });
-    let fill = engine::ops::Edit::Fill(region, Some(vec![77.into()]));
-    engine::ops::edit(name.as_ref(), [Ok(fill)], Default::default(), 1 << 20, &()).unwrap();
+    let region = engine::edit::FillRegion::Box(Bounds { min: [0; 3], max: [1, 1, 1] });
+    let fill = engine::edit::Edit::Fill(region, Some(vec![77.into()]));
+    engine::edit::edit(name.as_ref(), [Ok(fill)], Default::default(), 1 << 20, &()).unwrap();
     assert!((describe(layer).commit, all_cells(layer)) == before);
     let mut newer = false;
     assert_eq!(unsafe { spinney_refresh(layer, &mut newer) }, SPINNEY_OK);

@@ -45,9 +45,9 @@ pub enum Error {
         /// Advice to the user: what to do instead.
         advice: String,
     },
-    /// The file is one of another program, where a tree is expected.
+    /// The file has another format, where a tree is expected.
     #[error("{}: is no tree but {found}; {advice}", path.display())]
-    NoTree {
+    NotATree {
         /// The file.
         path: PathBuf,
         /// Name of what it is.
@@ -55,9 +55,9 @@ pub enum Error {
         /// Advice to the user: what to do with it.
         advice: String,
     },
-    /// The surface of a model does not bound a body.
+    /// The surface of a model does not bound a solid.
     #[error("{}: {what}; {advice}{}", path.display(), listed(places, *count))]
-    NoBody {
+    NotASolid {
         /// The file.
         path: PathBuf,
         /// Description of what is wrong with the surface.
@@ -83,9 +83,9 @@ pub enum Error {
         /// Advice to the user.
         advice: String,
     },
-    /// More bytes would be written than there is room for, or than was allowed.
+    /// More bytes would be written than there is free space, or than is allowed.
     #[error("{}: about {needed} bytes would be written, and {limit} {whose}; {advice}", path.display())]
-    NoRoom {
+    InsufficientSpace {
         /// The file.
         path: PathBuf,
         /// Bytes that would be written, no more than an estimate.
@@ -113,9 +113,9 @@ pub enum Error {
         /// The change: "was overwritten", "was cut short".
         what: &'static str,
     },
-    /// A file, or what would be made of it, is not what a plan says.
+    /// A file, or what would be made of it, differs from the plan.
     #[error("{}: {found}, but {expected} was planned; {advice}", path.display())]
-    NotPlanned {
+    PlanMismatch {
         /// The file.
         path: PathBuf,
         /// Description of what is there.
@@ -152,10 +152,10 @@ pub enum Error {
         /// Description of what is possible.
         expected: String,
     },
-    /// Bytes of a file that comes in ranges from elsewhere have not come yet: what was asked is to be asked again when they are
-    /// there. See [`io::rounds`](crate::io::rounds).
+    /// Bytes of a remote file have not been fetched yet: fetch them, and run the query again.
+    /// See [`io::batch`](crate::io::batch).
     #[error("bytes of a file elsewhere that are needed have not been fetched; fetch them and ask again")]
-    Unread,
+    NotFetched,
     /// The user interrupted the work; nothing was left behind.
     #[error("interrupted; no output was written")]
     Interrupted,

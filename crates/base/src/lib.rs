@@ -6,11 +6,13 @@ pub mod guard;
 pub mod io;
 pub mod parallel;
 mod progress;
+mod set_operation;
 pub mod sort;
 pub mod space;
 pub mod text_fields;
 pub mod value;
 
 pub use error::{Error, Result};
-pub use form::Form;
-pub use progress::{PartOfWork, Progress, Uncounted};
+pub use form::TreeType;
+pub use progress::{Progress, SilentProgress, SubProgress};
+pub use set_operation::SetOperation;

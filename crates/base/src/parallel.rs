@@ -5,7 +5,7 @@ use std::sync::Mutex;
 
 use rayon::prelude::*;
 
-use crate::io::rounds;
+use crate::io::batch;
 
 /// Applies a function to each item with the threads of the current rayon pool; the results have the items'
 /// order.
@@ -27,8 +27,8 @@ pub fn threads() -> usize {
 
 fn for_each(count: usize, visit: &(dyn Fn(usize) + Sync)) {
     // (A thread that waits for others may take up work of another question.)
-    let round = rounds::current();
-    (0..count).into_par_iter().for_each(|index| rounds::with(round.clone(), || visit(index)));
+    let round = batch::current();
+    (0..count).into_par_iter().for_each(|index| batch::with(round.clone(), || visit(index)));
 }
 
 /// Runs two functions, at the same time where a thread is free, and returns both results.
@@ -40,8 +40,8 @@ pub fn join<A: Send, B: Send>(first: impl FnOnce() -> A + Send, second: impl FnO
 }
 
 fn run_both(first: &mut (dyn FnMut() + Send), second: &mut (dyn FnMut() + Send)) {
-    let round = rounds::current();
-    rayon::join(|| rounds::with(round.clone(), first), || rounds::with(round.clone(), second));
+    let round = batch::current();
+    rayon::join(|| batch::with(round.clone(), first), || batch::with(round.clone(), second));
 }
 
 /// Things that threads take to work with and put back: what one job has read serves another.

@@ -31,10 +31,10 @@ pub trait Progress: Sync {
 /// No progress wanted.
 impl Progress for () {}
 
-/// Work whose units are none of those that are counted: it warns and is interrupted as all of the work, and does not advance it.
-pub struct Uncounted<'a>(pub &'a dyn Progress);
+/// Progress of a part of the work that counts other units: it forwards warnings and cancellation, and does not advance the whole.
+pub struct SilentProgress<'a>(pub &'a dyn Progress);
 
-impl Progress for Uncounted<'_> {
+impl Progress for SilentProgress<'_> {
     fn warn(&self, file: &Path, text: &str) {
         self.0.warn(file, text);
     }
@@ -44,9 +44,9 @@ impl Progress for Uncounted<'_> {
     }
 }
 
-/// One of several parts of long work, each of which counts units of its own: to whoever waits for all of it, a part has `share` of
+/// Progress of one of several parts of long work, each of which counts units of its own: the part advances the whole by `share` of
 /// `total` units.
-pub struct PartOfWork<'a> {
+pub struct SubProgress<'a> {
     whole: &'a dyn Progress,
     share: u64,
     total: u64,
@@ -54,14 +54,14 @@ pub struct PartOfWork<'a> {
     done: Mutex<u64>,
 }
 
-impl<'a> PartOfWork<'a> {
+impl<'a> SubProgress<'a> {
     /// A part that has `share` of `total` units.
-    pub fn new(whole: &'a dyn Progress, share: u64, total: u64) -> PartOfWork<'a> {
-        PartOfWork { whole, share, total, done: Mutex::new(0) }
+    pub fn new(whole: &'a dyn Progress, share: u64, total: u64) -> SubProgress<'a> {
+        SubProgress { whole, share, total, done: Mutex::new(0) }
     }
 }
 
-impl Progress for PartOfWork<'_> {
+impl Progress for SubProgress<'_> {
     fn advance(&self, done: u64, total: u64) {
         let mut before = self.done.lock().unwrap_or_else(PoisonError::into_inner);
         let scaled = |units: u64| {

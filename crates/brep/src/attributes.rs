@@ -9,7 +9,7 @@ use serde_json::value::RawValue;
 use spinney_base::Error;
 
 /// Most members of an object whose members are told apart (those within them are not counted).
-const MOST_MEMBERS: usize = 1 << 16;
+const MAX_MEMBERS: usize = 1 << 16;
 
 /// Attributes of the parts of a model, and what is said of the files that it is of.
 ///
@@ -104,7 +104,7 @@ pub fn each_member<'a>(json: &'a str, each: impl FnMut(&str, &'a str)) -> serde_
                 if taken.contains(&key) {
                     continue;
                 }
-                if taken.len() == MOST_MEMBERS {
+                if taken.len() == MAX_MEMBERS {
                     return Err(de::Error::custom("more than 65536 members of an object"));
                 }
                 (self.each)(&key, value.get());
@@ -188,9 +188,9 @@ mod tests {
             format!("{{{}}}", members.join(","))
         };
         let mut count = 0;
-        each_member(&object(MOST_MEMBERS), |_, _| count += 1).unwrap();
-        assert_eq!(count, MOST_MEMBERS);
-        assert!(each_member(&object(MOST_MEMBERS + 1), |_, _| ()).is_err());
+        each_member(&object(MAX_MEMBERS), |_, _| count += 1).unwrap();
+        assert_eq!(count, MAX_MEMBERS);
+        assert!(each_member(&object(MAX_MEMBERS + 1), |_, _| ()).is_err());
     }
 
     #[test]

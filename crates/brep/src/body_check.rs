@@ -7,7 +7,7 @@ use crate::build::defects_of;
 use crate::closure::{Closure, Seed, edges};
 use crate::repair::divided;
 use crate::{FaceList, Faces, InsideRule, show_place};
-use spinney_base::{Error, Progress, Result, Uncounted, sort};
+use spinney_base::{Error, Progress, Result, SilentProgress, sort};
 
 /// The flaw that keeps some faces from being the boundary of a body, in words, with a place; `None` if they are one, or can be repaired by a rule, if
 /// one is given. `path` is a model's for errors. Progress does not count.
@@ -35,9 +35,9 @@ pub fn body_flaw(
         let defects = defects_of(faces, progress)?;
         return Ok(defects.first().map(|defect| format!("{} at {}", defect.kind, show_place(defect.place))));
     };
-    match divided(&ExactFaces::of_grid(faces.clone()), rule, path, memory, &Uncounted(progress)) {
+    match divided(&ExactFaces::of_grid(faces.clone()), rule, path, memory, &SilentProgress(progress)) {
         Ok(_) => Ok(None),
-        Err(Error::NoBody { what, places, .. }) => {
+        Err(Error::NotASolid { what, places, .. }) => {
             Ok(Some(places.first().map_or(what.clone(), |place| format!("{what}: {place}"))))
         }
         Err(error) => Err(error),

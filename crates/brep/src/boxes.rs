@@ -1,7 +1,7 @@
 //! A tree over bounding boxes, in memory: boxes in the order of their middles along a space-filling curve, eight to a
 //! node (as in the packed R-tree of Kamel and Faloutsos, 1993).
 
-use crate::MOST_BITS;
+use crate::MAX_BITS;
 use spinney_base::space::{Dimension, morton_encode};
 use spinney_base::{Progress, Result, sort};
 
@@ -73,7 +73,7 @@ impl BoxTree {
 
 /// The place of a box's middle along the curve.
 fn curve_key([low, high]: &Bounds) -> u64 {
-    let spread = |at: i32| morton_encode(Dimension::Oct, at as u32 >> (MOST_BITS - 21));
+    let spread = |at: i32| morton_encode(Dimension::Oct, at as u32 >> (MAX_BITS - 21));
     let [x, y, z] = [0, 1, 2].map(|axis| spread((low[axis] + high[axis]) / 2));
     x | y << 1 | z << 2
 }

@@ -2,14 +2,15 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::{Face, Faces, Grid, TakeFaceWithValues};
+use crate::{AttributedFaceVisitor, Face, Faces, Grid};
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
 /// The faces of some parts of a model, which are numbered anew, with corners on the grid. Several passes read all faces of the model.
 ///
 /// ```
-/// use spinney::brep::{ChosenParts, Face, FaceList, Faces, Grid};
+/// use spinney::brep::{Face, Faces, Grid};
+/// use spinney::raw::brep::{ChosenParts, FaceList};
 ///
 /// let grid = Grid::over([[0.0; 3], [4.0; 3]], Some(1.0))?;
 /// let mut faces = FaceList::new(grid, vec!["one".into(), "two".into()]);
@@ -105,7 +106,7 @@ impl Faces for ChosenParts<'_> {
         self.each_with_values(&[], &mut |face, _| each(face))
     }
 
-    fn each_with_values(&self, columns: &[&str], each: &mut TakeFaceWithValues<'_>) -> Result<()> {
+    fn each_with_values(&self, columns: &[&str], each: &mut AttributedFaceVisitor<'_>) -> Result<()> {
         let mut number = 0;
         self.faces.each_with_values(columns, &mut |face, values| {
             let Some(part) = self.numbers.get(&face.part) else { return Ok(()) };

@@ -183,17 +183,17 @@ impl SurfaceClosure {
     }
 
     /// Adds a face of the octree, which may stand in for exact ones.
-    pub(crate) fn add(&mut self, face: &Face<'_>, stands_in: bool) {
+    pub(crate) fn add(&mut self, face: &Face<'_>, is_proxy: bool) {
         self.closure.add(face);
-        if let Some(exact) = self.exact.as_mut().filter(|_| !stands_in) {
+        if let Some(exact) = self.exact.as_mut().filter(|_| !is_proxy) {
             exact.add(face);
         }
     }
 
     /// Takes a face of the octree off another surface that is closed, whose other faces are not added.
-    pub(crate) fn remove(&mut self, face: &Face<'_>, stands_in: bool) {
+    pub(crate) fn remove(&mut self, face: &Face<'_>, is_proxy: bool) {
         self.closure.remove(face);
-        if let Some(exact) = self.exact.as_mut().filter(|_| !stands_in) {
+        if let Some(exact) = self.exact.as_mut().filter(|_| !is_proxy) {
             exact.remove(|exact| exact.add(face));
         }
     }

@@ -128,14 +128,14 @@ pub trait Faces {
     ///
     /// # Errors
     /// If they cannot be read, or what `each` returns.
-    fn each_with_values(&self, columns: &[&str], each: &mut TakeFaceWithValues<'_>) -> Result<()> {
+    fn each_with_values(&self, columns: &[&str], each: &mut AttributedFaceVisitor<'_>) -> Result<()> {
         let none = vec![None; columns.len()];
         self.each(&mut |face| each(face, &none))
     }
 }
 
 /// Takes a face with its values in some columns.
-pub type TakeFaceWithValues<'a> = dyn FnMut(&Face<'_>, &[Option<String>]) -> Result<()> + 'a;
+pub type AttributedFaceVisitor<'a> = dyn FnMut(&Face<'_>, &[Option<String>]) -> Result<()> + 'a;
 
 /// Faces in memory.
 #[derive(Clone, Debug)]

@@ -1,6 +1,6 @@
 //! The integer grid of a model: where its points lie in the world.
 
-use crate::exact::bounds::MOST_BITS;
+use crate::exact::bounds::MAX_BITS;
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, Frame};
@@ -78,7 +78,7 @@ impl Grid {
         let is_exact = self.step.mul_add(finer.divisor, -own) == 0.0
             && finer.step.mul_add(self.divisor, -its) == 0.0
             && times.mul_add(its, -own) == 0.0;
-        (is_exact && (1.0..=(1u64 << MOST_BITS) as f64).contains(&times)).then_some(times as i64)
+        (is_exact && (1.0..=(1u64 << MAX_BITS) as f64).contains(&times)).then_some(times as i64)
     }
 
     /// The frame of the smallest cells of an octree over the grid.
@@ -129,18 +129,18 @@ impl Grid {
     fn least(bounds: [[f64; 3]; 2]) -> Grid {
         /// Most steps along a side. A box whose points were moved to the grid should have the same grid, and so
         /// should not lie on the limit: this is no number that comes of lengths that people choose.
-        const MOST_STEPS: f64 = 62_831_853.0;
+        const MAX_STEPS: f64 = 62_831_853.0;
         /// Least width of a step: coordinates of steps that are as small are no denormal numbers, which have fewer bits.
-        const LEAST_STEP: f64 = 1e-290;
+        const MIN_STEP: f64 = 1e-290;
         let [min, max] = bounds;
         let half = (0..3).map(|axis| max[axis] / 2.0 - min[axis] / 2.0).fold(0.0, f64::max);
         let farthest = min.iter().chain(&max).fold(0.0, |most: f64, at| most.max(at.abs()));
         // No finer than doubles are.
         let least =
-            (half / (1u64 << (MOST_BITS - 1)) as f64).max(farthest / (1u64 << 52) as f64).max(LEAST_STEP);
+            (half / (1u64 << (MAX_BITS - 1)) as f64).max(farthest / (1u64 << 52) as f64).max(MIN_STEP);
         let mut step = f64::from_bits(least.to_bits() & 0x7ff0_0000_0000_0000);
         loop {
-            let is_coarse = half / step <= MOST_STEPS / 2.0;
+            let is_coarse = half / step <= MAX_STEPS / 2.0;
             if let Some(grid) = Grid::fit(bounds, step, 1.0).filter(|_| is_coarse) {
                 return grid;
             }
@@ -158,7 +158,7 @@ impl Grid {
         for axis in 0..3 {
             let (low, high) = (steps(min[axis]), steps(max[axis]));
             let is_exact = low.abs() <= exact && high.abs() <= exact;
-            if !is_exact || high - low >= (1u64 << MOST_BITS) as f64 {
+            if !is_exact || high - low >= (1u64 << MAX_BITS) as f64 {
                 return None;
             }
             origin[axis] = low as i64;

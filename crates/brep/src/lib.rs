@@ -33,11 +33,11 @@ pub use build::show_place;
 pub use build::{BuildReport, ColumnValues, Defect, DefectKind, LEAF_SIZE, ModelBuilder};
 pub use chosen_parts::ChosenParts;
 pub use combine::{BoundaryPart, CombineReport, Origin, boundary_parts, combine, combine_as, divide_faces};
-pub use exact::bounds::MOST_BITS;
-pub use face::{Face, FaceList, Faces, TakeFaceWithValues};
+pub use exact::bounds::MAX_BITS;
+pub use face::{AttributedFaceVisitor, Face, FaceList, Faces};
 pub use grid::Grid;
 pub use motion::{ModelView, Motion, TransformOptions, TransformReport, ViewRays, transform};
-pub use object_contacts::{ContactKind, ObjectContact, TakeContact, object_contacts};
+pub use object_contacts::{ContactKind, ContactVisitor, ObjectContact, object_contacts};
 pub use repair::{InsideRule, REPAIR_PASSES, Repair, repair, repair_bytes};
 pub use store::{
     ExactModel, FaceBuffer, LeafRule, ModelNode, ModelNodeState, NodeCounts, NodeKind, is_model_file,

@@ -10,7 +10,7 @@ use crate::exact::normal::ring_normal;
 use crate::repair::volume;
 use crate::surface_intersection::areas;
 use crate::{ExactModel, FaceList, Faces};
-use spinney_base::{Error, Progress, Result, Uncounted, parallel, sort};
+use spinney_base::{Error, Progress, Result, SilentProgress, parallel, sort};
 
 /// The way in which two bodies have places in common.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,7 +57,7 @@ pub struct ObjectContact {
 }
 
 /// Takes a pair of objects; says whether to go on.
-pub type TakeContact<'a> = dyn FnMut(&ObjectContact) -> Result<bool> + 'a;
+pub type ContactVisitor<'a> = dyn FnMut(&ObjectContact) -> Result<bool> + 'a;
 
 /// Hands out the pairs of parts that overlap or touch, by their numbers, until there are enough. Returns the parts that are not closed for
 /// themselves, which are left out with a warning. A part may pass through itself, or be inside out: inside is what it goes around any number of times but 0.
@@ -72,7 +72,7 @@ pub fn object_contacts(
     path: &Path,
     memory: u64,
     progress: &dyn Progress,
-    each: &mut TakeContact<'_>,
+    each: &mut ContactVisitor<'_>,
 ) -> Result<Vec<u32>> {
     contacts_of(&ExactFaces::of_grid(faces), path, memory, progress, each)
 }
@@ -86,7 +86,7 @@ impl ExactModel {
         &self,
         memory: u64,
         progress: &dyn Progress,
-        each: &mut TakeContact<'_>,
+        each: &mut ContactVisitor<'_>,
     ) -> Result<Vec<u32>> {
         self.check_surface(progress)?;
         let mut faces = ExactFaces::of_grid(FaceList::new(self.grid().clone(), self.parts().to_vec()));
@@ -97,8 +97,8 @@ impl ExactModel {
             }
             if bytes > memory / 2 { Err(too_large(self.path(), bytes, memory / 2)) } else { Ok(()) }
         };
-        self.each_face(&mut |face, stands_in| {
-            if !stands_in {
+        self.each_face(&mut |face, is_proxy| {
+            if !is_proxy {
                 faces.list.push(face);
             }
             check(faces.list.len(), faces.list.bytes())
@@ -145,7 +145,7 @@ fn contacts_of(
     path: &Path,
     memory: u64,
     progress: &dyn Progress,
-    each: &mut TakeContact<'_>,
+    each: &mut ContactVisitor<'_>,
 ) -> Result<Vec<u32>> {
     /// Pairs that are looked at together.
     const BATCH: usize = 1 << 10;
@@ -270,7 +270,7 @@ impl Bodies<'_> {
             rest: None,
             is_inside: &|windings| windings[0] != 0 && windings[1] != 0,
         };
-        let progress = &Uncounted(progress);
+        let progress = &SilentProgress(progress);
         let of = |operands: &Operands<'_>| divide(&faces, operands, self.path, self.memory, progress);
         let parts = bodies.map(|body| body.part);
         let (both, _) = of(&all)?;

@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::arrangement::{ExactFaces, FACE, Operands, Resolved, Seams, Surroundings, divide, round};
 use crate::closure::SurfaceClosure;
 use crate::{FaceList, Faces, ModelBuilder};
-use spinney_base::{Error, PartOfWork, Progress, Result};
+use spinney_base::{Error, Progress, Result, SubProgress};
 
 /// Rule that tells from the winding number of a surface around a place whether that is inside.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -85,14 +85,14 @@ impl Repair {
 }
 
 /// Share of a surface's area, or of the volume that cells have, that may be lost.
-const MOST_LOST: f64 = 0.5;
+const MAX_LOST: f64 = 0.5;
 
 /// Share of the surface, or of the volume, whose change users are warned of.
 const WORTH_A_WARNING: f64 = 0.01;
 
 /// Pairs of faces that may meet, and for each face: of a surface that has more nobody knows what it should be.
-const MOST_CONTACTS: u64 = 1 << 20;
-const MOST_CONTACTS_OF_A_FACE: u64 = 256;
+const MAX_CONTACTS: u64 = 1 << 20;
+const MAX_CONTACTS_OF_A_FACE: u64 = 256;
 
 /// Bytes of memory that dividing a surface takes at least, with the faces themselves: [`repair`] needs as many.
 pub fn repair_bytes(faces: &FaceList) -> u64 {
@@ -108,7 +108,7 @@ pub const REPAIR_PASSES: u64 = 5;
 /// All faces are held in memory, which may take `memory` bytes. Progress counts each face [`REPAIR_PASSES`] times.
 ///
 /// # Errors
-/// [`Error::NoBody`] if nothing is inside, or most of the surface would be lost; if the memory is not enough, if the file cannot
+/// [`Error::NotASolid`] if nothing is inside, or most of the surface would be lost; if the memory is not enough, if the file cannot
 /// be written, or on interruption.
 pub fn repair(
     faces: FaceList,
@@ -120,7 +120,7 @@ pub fn repair(
 ) -> Result<(ModelBuilder, Repair)> {
     let (width, count) = (faces.grid().width(), faces.len());
     let faces = ExactFaces::of_grid(faces);
-    let part = |passes: u64| PartOfWork::new(progress, passes * count, REPAIR_PASSES * count);
+    let part = |passes: u64| SubProgress::new(progress, passes * count, REPAIR_PASSES * count);
     let Divided { exact, done, volume, cells_volume } =
         divided(&faces, rule, path, memory, &part(REPAIR_PASSES - 1))?;
     let Resolved { pairs, divided, removed, outside, outside_share, turned } = done;
@@ -137,7 +137,7 @@ pub fn repair(
         if face.number.is_multiple_of(1 << 12) {
             progress.check()?;
         }
-        surface.add(face, rounded.stands_in[face.number as usize]);
+        surface.add(face, rounded.is_proxy[face.number as usize]);
         Ok(())
     })?;
     rounded.exact.iter().try_for_each(|face| surface.add_exact(face, progress))?;
@@ -185,7 +185,7 @@ pub(crate) fn divided(
         far: &[0],
         are_bodies: false,
         turns_roots: true,
-        most_contacts: MOST_CONTACTS_OF_A_FACE * count + MOST_CONTACTS,
+        most_contacts: MAX_CONTACTS_OF_A_FACE * count + MAX_CONTACTS,
         keeps_apart: false,
         changed: &[],
         winding: &|_, _| None,
@@ -193,7 +193,7 @@ pub(crate) fn divided(
         is_inside: &|windings| rule.is_inside(windings[0]),
     };
     let times = if rule == InsideRule::Nonzero { 1 } else { 2 };
-    let part = || PartOfWork::new(progress, count, times * count);
+    let part = || SubProgress::new(progress, count, times * count);
     let (exact, done) = divide(faces, &all, path, memory, &part())?;
     if exact.list.is_empty() {
         let what = format!("nothing is inside, by the rule {}", rule.name());
@@ -210,7 +210,7 @@ pub(crate) fn divided(
         }
     };
     let lost = done.outside_share.max(1.0 - volume / cells_volume);
-    if lost > MOST_LOST {
+    if lost > MAX_LOST {
         let percent = (lost * 100.0).floor();
         let what = format!(
             "most of it would be lost, {percent} percent: by the rule {}, {} of {count} faces bound nothing, and the volume is {} \
@@ -241,7 +241,7 @@ fn tell_changes(outside_share: f64, of_cells: f64, path: &Path, progress: &dyn P
 
 fn refused(path: &Path, what: String, advice: &str) -> Error {
     let (places, count) = (Vec::new(), 0);
-    Error::NoBody { path: path.to_path_buf(), what, places, count, advice: advice.into() }
+    Error::NotASolid { path: path.to_path_buf(), what, places, count, advice: advice.into() }
 }
 
 /// The volume within a surface, in cubes of steps, nearly.

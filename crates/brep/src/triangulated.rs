@@ -1,7 +1,7 @@
 //! Faces cut into triangles.
 
 use super::arrangement::flip_in_plane;
-use super::{Face, Faces, Grid, TakeFaceWithValues};
+use super::{AttributedFaceVisitor, Face, Faces, Grid};
 use crate::exact::normal::ring_normal;
 use crate::geometry::Triangulator;
 use spinney_base::Result;
@@ -80,7 +80,7 @@ impl Faces for Triangulated<'_> {
         self.each_with_values(&[], &mut |face, _| each(face))
     }
 
-    fn each_with_values(&self, columns: &[&str], each: &mut TakeFaceWithValues<'_>) -> Result<()> {
+    fn each_with_values(&self, columns: &[&str], each: &mut AttributedFaceVisitor<'_>) -> Result<()> {
         let mut triangulator = Triangulator::new();
         let (mut wide, mut triangles) = (Vec::new(), Vec::new());
         let mut number = 0;

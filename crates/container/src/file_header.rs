@@ -62,7 +62,7 @@ pub const HEADER_SIZE: usize = size_of::<RawFileHeader>();
 const _: () = assert!(HEADER_SIZE == 24);
 
 /// Layers of a file at most.
-pub const MOST_LAYERS: u32 = 1 << 16;
+pub const MAX_LAYERS: u32 = 1 << 16;
 
 impl FileHeader {
     /// Reads and checks the header of a tree file of either format, whatever its content.
@@ -164,11 +164,11 @@ impl FileHeader {
         };
         let layers = raw.layers.get();
         let fits = match (content, format) {
-            (Content::Cells, TreeFormat::Goblin) => (1..=MOST_LAYERS).contains(&layers),
+            (Content::Cells, TreeFormat::Goblin) => (1..=MAX_LAYERS).contains(&layers),
             _ => layers == 0,
         };
         if !fits {
-            return Err(number("layers", layers, &format!("1 to {MOST_LAYERS}, or 0 where there are none")));
+            return Err(number("layers", layers, &format!("1 to {MAX_LAYERS}, or 0 where there are none")));
         }
         Ok(FileHeader { format, content, dimension, depth: raw.depth, layers })
     }

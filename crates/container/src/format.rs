@@ -41,10 +41,10 @@ impl TreeFormat {
     }
 }
 
-/// The file, the commit and the layer that a path means: `map.autumn@12` is commit 12 of `map.autumn`, `stack.goblin:B08` the layer `B08`
+/// The file, the commit and the layer that a path refers to: `map.autumn@12` is commit 12 of `map.autumn`, `stack.goblin:B08` the layer `B08`
 /// of `stack.goblin`, `stack.autumn@12:B08` that of a commit; unless there is a file of that name.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct FilePlace<'p> {
+pub struct FileReference<'p> {
     /// The file.
     pub file: Cow<'p, Path>,
     /// The number of the commit; the newest if none is named.
@@ -53,15 +53,15 @@ pub struct FilePlace<'p> {
     pub layer: Option<String>,
 }
 
-impl<'p> FilePlace<'p> {
-    /// What a path means.
-    pub fn of(path: &'p Path) -> FilePlace<'p> {
-        let whole = |path| FilePlace { file: path, commit: None, layer: None };
+impl<'p> FileReference<'p> {
+    /// Parses a path.
+    pub fn of(path: &'p Path) -> FileReference<'p> {
+        let whole = |path| FileReference { file: path, commit: None, layer: None };
         if let Some(url) = url_of(path) {
-            return FilePlace::of_url(url);
+            return FileReference::of_url(url);
         }
         let path = match local_path(path) {
-            Cow::Owned(local) => return FilePlace::of(&local).into_owned(),
+            Cow::Owned(local) => return FileReference::of(&local).into_owned(),
             Cow::Borrowed(path) => path,
         };
         if path.exists() {
@@ -73,20 +73,20 @@ impl<'p> FilePlace<'p> {
             let file = Path::new(&text[..at]);
             let layer = Some(text[at + 1..].to_string()).filter(|layer| !layer.is_empty());
             if file.is_file() {
-                return FilePlace { layer, ..whole(Cow::Borrowed(file)) };
+                return FileReference { layer, ..whole(Cow::Borrowed(file)) };
             }
             if let Some((file, commit)) = split_commit(file).filter(|(file, _)| file.is_file()) {
-                return FilePlace { commit: Some(commit), layer, file: Cow::Owned(file) };
+                return FileReference { commit: Some(commit), layer, file: Cow::Owned(file) };
             }
         }
         match split_commit(path) {
-            Some((file, commit)) => FilePlace { commit: Some(commit), ..whole(Cow::Owned(file)) },
+            Some((file, commit)) => FileReference { commit: Some(commit), ..whole(Cow::Owned(file)) },
             None => whole(Cow::Borrowed(path)),
         }
     }
 
     /// The place that a URL means: commit and layer stand behind the last name of its path, before a query.
-    fn of_url(url: &'p str) -> FilePlace<'p> {
+    fn of_url(url: &'p str) -> FileReference<'p> {
         let (before, query) = split_query(url);
         let name = before.rfind('/').map_or(0, |slash| slash + 1);
         let (file, layer) = match before[name..].split_once(':') {
@@ -103,13 +103,13 @@ impl<'p> FilePlace<'p> {
             true => Cow::Borrowed(Path::new(url)),
             false => Cow::Owned(format!("{file}{query}").into()),
         };
-        FilePlace { file, commit, layer }
+        FileReference { file, commit, layer }
     }
 
     /// The place without what it borrows.
-    fn into_owned<'o>(self) -> FilePlace<'o> {
-        let FilePlace { file, commit, layer } = self;
-        FilePlace { file: Cow::Owned(file.into_owned()), commit, layer }
+    fn into_owned<'o>(self) -> FileReference<'o> {
+        let FileReference { file, commit, layer } = self;
+        FileReference { file: Cow::Owned(file.into_owned()), commit, layer }
     }
 
     /// The path that means this file and commit, and a layer of it.
@@ -165,7 +165,7 @@ fn split_commit(path: &Path) -> Option<(PathBuf, u64)> {
 
 /// The file that a path means, without commit and layer.
 pub fn file_of(path: &Path) -> Cow<'_, Path> {
-    FilePlace::of(path).file
+    FileReference::of(path).file
 }
 
 /// Whether a file, or one of its commits, is a tree of either format, whatever its name.
@@ -181,7 +181,7 @@ mod tests {
     #[test]
     fn commits_and_layers_of_urls_stand_before_the_query() {
         let place = |url: &'static str| {
-            let FilePlace { file, commit, layer } = FilePlace::of(Path::new(url));
+            let FileReference { file, commit, layer } = FileReference::of(Path::new(url));
             (file.to_str().unwrap().to_string(), commit, layer)
         };
         let layer = |name: &str| Some(name.to_string());
@@ -192,7 +192,8 @@ mod tests {
         assert_eq!(place("s3://bucket/x.autumn?sig=a@1:b/c"), (signed.into(), None, None));
         assert_eq!(place("s3://bucket/x.autumn@12:B?sig=a@1:b/c"), (signed.into(), Some(12), layer("B")));
         assert_eq!(TreeFormat::of(Path::new(signed)), TreeFormat::Autumnal);
-        let path = FilePlace { file: Path::new(signed).into(), commit: Some(3), layer: None }.of_layer("B");
+        let path =
+            FileReference { file: Path::new(signed).into(), commit: Some(3), layer: None }.of_layer("B");
         assert_eq!(path.to_str(), Some("s3://bucket/x.autumn@3:B?sig=a@1:b/c"));
     }
 }

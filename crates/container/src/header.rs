@@ -8,9 +8,9 @@ use zerocopy::little_endian::{U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use super::shape::Shape;
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::space::{Bounds, Dimension};
-use spinney_base::value::{Kind, Mask, Rule, SampleType, ValueType};
+use spinney_base::value::{DataKind, Mask, Rule, SampleType, ValueType};
 use spinney_base::{Error, Result};
 
 /// Packing of records.
@@ -61,11 +61,11 @@ impl FromStr for Codec {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Header {
     /// Quadtree or octree, and the type of the values.
-    pub form: Form,
+    pub form: TreeType,
     /// Rule of the representatives.
     pub rule: Rule,
     /// The meaning of the values.
-    pub kind: Kind,
+    pub kind: DataKind,
     /// Packing of records.
     pub codec: Codec,
     /// Numbers by which the tree is cut into segments.
@@ -120,7 +120,7 @@ impl Header {
     /// Whether classes are counted per zone.
     #[inline]
     pub fn counts_classes(&self) -> bool {
-        self.kind == Kind::Categorical || self.rule == Rule::Majority
+        self.kind == DataKind::Categorical || self.rule == Rule::Majority
     }
 
     /// The header's bytes, as both formats have them.
@@ -211,11 +211,11 @@ impl Header {
             ));
         }
         Ok(Header {
-            form: Form::new(dimension, value),
+            form: TreeType::new(dimension, value),
             rule: *rule.ok_or_else(|| number("rule", raw.rule, "0 to 6"))?,
             kind: match raw.kind {
-                0 => Kind::Categorical,
-                1 => Kind::Continuous,
+                0 => DataKind::Categorical,
+                1 => DataKind::Continuous,
                 other => return Err(number("kind", other, "0 or 1")),
             },
             codec: Codec::of_number(path, raw.codec, "")?,

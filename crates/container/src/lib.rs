@@ -20,11 +20,11 @@ mod tag;
 mod trailer;
 mod versioned;
 
-pub use block_file::{BlockEntry, BlockFile, BlockPlace, BlockWriter};
+pub use block_file::{BlockEntry, BlockFile, BlockLocation, BlockWriter};
 pub use dense::{DenseBlock, DenseKind, MAX_DENSE_LEVELS, dense_child, dense_levels};
-pub use file_header::{Content, FileHeader, HEADER_SIZE, MOST_LAYERS};
+pub use file_header::{Content, FileHeader, HEADER_SIZE, MAX_LAYERS};
 pub use finding::{Finding, MAX_FINDINGS};
-pub use format::{FilePlace, TreeFormat, file_is_tree, file_of};
+pub use format::{FileReference, TreeFormat, file_is_tree, file_of};
 pub use header::{Codec, Header};
 pub use layer::{Layer, LayerTable};
 pub use level_counts::LevelCounts;

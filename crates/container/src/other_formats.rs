@@ -288,7 +288,7 @@ impl OtherFormat {
             Read(purpose) => purpose.replace("FILE", &file),
             Refused(advice) => advice.replace("IN", &file),
         };
-        Some(Error::NoTree { path: path.into(), found: (*name).into(), advice })
+        Some(Error::NotATree { path: path.into(), found: (*name).into(), advice })
     }
 }
 

@@ -1,6 +1,6 @@
 //! The layout of records: sizes, and where in a record its parts are.
 
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::space::Dimension;
 use spinney_base::value::Value;
 
@@ -88,7 +88,7 @@ pub const fn state_of(states: u32, child: usize) -> u8 {
 impl RecordLayout {
     /// The layout for trees of a form.
     #[inline]
-    pub const fn new(form: Form) -> RecordLayout {
+    pub const fn new(form: TreeType) -> RecordLayout {
         RecordLayout::of_width(form.dimension, form.width())
     }
 

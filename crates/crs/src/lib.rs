@@ -1,22 +1,22 @@
 //! Where cells lie in the world: coordinate systems as they were defined, their formulas, and the frames that lead to them.
 
+mod cell_locator;
 mod control_points;
 mod coordinates;
 mod definition;
 mod exchange;
 mod frame;
 mod methods;
-mod places;
 mod projection;
 mod registry;
 mod transformation;
 mod web_mercator;
 
+pub use cell_locator::{CellLocator, PolygonParts, corners_text};
 pub use control_points::{ControlPoint, ControlPoints};
 pub use coordinates::Coordinates;
 pub use definition::{Crs, Epsg, GeoKeys};
 pub use frame::Frame;
-pub use places::{Places, PolygonParts, corners_text};
 pub use projection::{PROJECTION_METHODS, Projection};
 pub use transformation::Transformation;
 pub use web_mercator::{

@@ -13,7 +13,7 @@ pub const WEB_MERCATOR_LATITUDE: f64 = 85.051_128_779_806_59;
 /// level z is the quadkey of the tile there at zoom z, which has 256 x 256 cells at level z + 8.
 ///
 /// ```
-/// use spinney::space::{web_mercator, web_mercator_depth};
+/// use spinney::raw::space::{web_mercator, web_mercator_depth};
 /// let frame = web_mercator(8);
 /// assert_eq!(web_mercator_depth(&frame, [256, 256, 1]), Some(8));
 /// ```

@@ -25,9 +25,9 @@ impl CsgImport {
     /// samples of them are. A solid that reaches to infinity ends at its bounds, or at the box around its finite primitives.
     ///
     /// ```
-    /// use spinney::csg::{Csg, CsgImport};
+    /// use spinney::raw::csg::{Csg, CsgImport};
     /// use spinney::import::mesh::{Resolution, SolidOptions};
-    /// use spinney::io::Output;
+    /// use spinney::Output;
     ///
     /// # let folder = tempfile::tempdir().unwrap();
     /// # let path = folder.path().join("dented.goblin");

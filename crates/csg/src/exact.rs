@@ -7,7 +7,7 @@ use crate::lowered::{Bounds, Instance, hull, is_finite};
 use crate::model::{Csg, Primitive};
 use crate::placed::Placed;
 use spinney_base::io::{Output, folder};
-use spinney_base::{Error, Progress, Result, Uncounted};
+use spinney_base::{Error, Progress, Result, SetOperation, SilentProgress};
 use spinney_brep::{CombineReport, ExactModel, Grid, InsideRule, Origin, combine, combine_as};
 use spinney_container::{Codec, OpenOptions, Tag};
 use spinney_crs::Crs;
@@ -17,11 +17,11 @@ use tempfile::TempDir;
 /// Models that are combined at once: each is an open file.
 const AT_ONCE: usize = 64;
 /// Most facets of a primitive.
-const MOST_FACETS: f64 = (1 << 20) as f64;
+const MAX_FACETS: f64 = (1 << 20) as f64;
 /// The longest side is so many times as long as the distance that curved surfaces are approximated within, if nothing is said.
 const USUAL_SHARE: f64 = 1000.0;
 /// Most bytes of a text that the formula of a model tells.
-const MOST_FORMULA: usize = 1 << 12;
+const MAX_FORMULA: usize = 1 << 12;
 
 /// Options for an exact model of a solid.
 #[derive(Clone, Debug)]
@@ -80,10 +80,9 @@ pub struct CsgExactReport {
 /// the model are the primitives. Progress counts these.
 ///
 /// ```
-/// use spinney::brep::ExactModel;
-/// use spinney::brep::query::MassProperties;
-/// use spinney::csg::{Csg, CsgExactOptions, import_exact_csg};
-/// use spinney::io::Output;
+/// use spinney::{ExactModel, Output};
+/// use spinney::brep::MassProperties;
+/// use spinney::raw::csg::{Csg, CsgExactOptions, import_exact_csg};
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("notched.goblin");
@@ -129,14 +128,13 @@ pub fn import_exact_csg(
     maker.snap = Grid::over(maker.bounds(), options.snap)?.width();
     let root = maker.evaluate()?;
     let model = root.open()?;
-    let formula = Some(csg.text()).filter(|text| text.len() <= MOST_FORMULA);
+    let formula = Some(csg.text()).filter(|text| text.len() <= MAX_FORMULA);
     let origin = Origin {
         formula: formula.map_or(String::new(), |text| format!("(csg {})", json_text(text))),
         provenance: vec![format!("primitives {}, facets within {within}", csg.path.display())],
         tags: vec![(Tag::Csg, csg.text().into()), (Tag::ModelDisplacement, maker.displacement.to_string())],
     };
-    // (3 is the operation that leaves a body as it is, 12 is the complement.)
-    let operation = if root.is_negated { 12 } else { 3 };
+    let operation = if root.is_negated { SetOperation::Complement } else { SetOperation::First };
     let report = combine_as(operation, &[&model], &origin, output, options.codec, options.memory, progress)?;
     let shapes = placed.lowered.instances.iter().map(|instance| placed.shape_of(instance));
     Ok(CsgExactReport {
@@ -270,7 +268,10 @@ impl Maker<'_> {
                     let parts = stack.split_off(stack.len() - count as usize);
                     let is_negated = parts.iter().fold(is_even, |even, part| even != part.is_negated);
                     Body {
-                        path: self.joined(6, parts.into_iter().map(|part| part.path).collect())?,
+                        path: self.joined(
+                            SetOperation::SymmetricDifference,
+                            parts.into_iter().map(|part| part.path).collect(),
+                        )?,
                         is_negated,
                     }
                 }
@@ -286,26 +287,31 @@ impl Maker<'_> {
         let [out, within] =
             [out, within].map(|parts| parts.into_iter().map(|part| part.path).collect::<Vec<_>>());
         if within.is_empty() {
-            return Ok(Body { path: self.joined(7, out)?, is_negated: true });
+            return Ok(Body { path: self.joined(SetOperation::Union, out)?, is_negated: true });
         }
-        let mut all = self.joined(1, within)?;
+        let mut all = self.joined(SetOperation::Intersection, within)?;
         if !out.is_empty() {
             // (What is not in some is not in their union, either.)
             let mut less = vec![all];
-            less.extend(self.fewer(7, out, AT_ONCE - 1)?);
-            all = self.combined(2, &less)?;
+            less.extend(self.fewer(SetOperation::Union, out, AT_ONCE - 1)?);
+            all = self.combined(SetOperation::Difference, &less)?;
         }
         Ok(Body { path: all, is_negated: false })
     }
 
     /// The result of an operation whose operands may be joined in any order.
-    fn joined(&mut self, operation: u8, parts: Vec<PathBuf>) -> Result<PathBuf> {
+    fn joined(&mut self, operation: SetOperation, parts: Vec<PathBuf>) -> Result<PathBuf> {
         let mut left = self.fewer(operation, parts, 1)?;
         left.pop().ok_or_else(|| Error::invalid("operands", "none", "one or more"))
     }
 
     /// No more than so many bodies that have the same result.
-    fn fewer(&mut self, operation: u8, mut parts: Vec<PathBuf>, most: usize) -> Result<Vec<PathBuf>> {
+    fn fewer(
+        &mut self,
+        operation: SetOperation,
+        mut parts: Vec<PathBuf>,
+        most: usize,
+    ) -> Result<Vec<PathBuf>> {
         while parts.len() > most {
             let mut fewer = Vec::new();
             for some in parts.chunks(AT_ONCE) {
@@ -317,14 +323,21 @@ impl Maker<'_> {
     }
 
     /// The result of an operation, whose operands go.
-    fn combined(&mut self, operation: u8, parts: &[PathBuf]) -> Result<PathBuf> {
+    fn combined(&mut self, operation: SetOperation, parts: &[PathBuf]) -> Result<PathBuf> {
         let path = self.file();
         let open = |path: &PathBuf| ExactModel::open(path, &OpenOptions::default());
         let models = parts.iter().map(open).collect::<Result<Vec<_>>>()?;
         let models: Vec<&ExactModel> = models.iter().collect();
         let output = Output::create(&path)?;
-        combine(operation, &models, output, Codec::Plain, self.options.memory, &Uncounted(self.progress))
-            .map_err(|error| self.told(error))?;
+        combine(
+            operation,
+            &models,
+            output,
+            Codec::Plain,
+            self.options.memory,
+            &SilentProgress(self.progress),
+        )
+        .map_err(|error| self.told(error))?;
         for part in parts {
             std::fs::remove_file(part).map_err(Error::io(part, "remove"))?;
         }
@@ -337,7 +350,7 @@ impl Maker<'_> {
         let within = self.within / instance.to_world.stretch();
         let facets = shape.facets(within);
         let name = if word == "bounds" { word.clone() } else { format!("{word} in line {}", at.line) };
-        if facets > MOST_FACETS {
+        if facets > MAX_FACETS {
             let found = format!("{} for {facets} facets of the {name}", self.within);
             return Err(Error::invalid("deviation", found, "a greater distance, for at most 1048576 facets"));
         }
@@ -362,7 +375,7 @@ impl Maker<'_> {
         };
         // (An outline may pass through itself, and is then what an odd number of its windings goes around.)
         let report = match import(&options) {
-            Err(Error::NoBody { .. }) => {
+            Err(Error::NotASolid { .. }) => {
                 options.repair = true;
                 import(&options)
             }
@@ -376,9 +389,9 @@ impl Maker<'_> {
     /// An error of a temporary file, which tells of the text instead.
     fn told(&self, error: Error) -> Error {
         match error {
-            Error::NoBody { what, places, count, .. } => {
+            Error::NotASolid { what, places, count, .. } => {
                 let advice = "choose a finer grid with --snap, or build cells of it (without --brep)".into();
-                Error::NoBody { path: self.csg.path.clone(), what, places, count, advice }
+                Error::NotASolid { path: self.csg.path.clone(), what, places, count, advice }
             }
             other => other,
         }

@@ -11,7 +11,7 @@ use crate::syntax::{At, parse, wrong};
 use spinney_base::{Error, Result};
 
 /// Most primitives, operations and maps of a solid, those of a name counted as often as it is there.
-const MOST_NODES: u32 = 1 << 20;
+const MAX_NODES: u32 = 1 << 20;
 
 /// A part of a solid while its text is read.
 #[derive(Clone, Copy, Debug)]
@@ -65,9 +65,9 @@ impl<'a> Builder<'a> {
     /// Adds a node that is made of others.
     fn push(&mut self, node: Node, of: &[Solid], at: At) -> Result<Solid> {
         let size = of.iter().fold(1, |sum: u32, solid| sum.saturating_add(self.sizes[solid.0 as usize]));
-        if size > MOST_NODES {
+        if size > MAX_NODES {
             let found = format!(
-                "a solid of more than {MOST_NODES} primitives, operations and maps, those of names counted as often as they are used"
+                "a solid of more than {MAX_NODES} primitives, operations and maps, those of names counted as often as they are used"
             );
             return Err(wrong(self.path, at, found, "fewer: divide it into several files"));
         }
@@ -151,7 +151,7 @@ pub(crate) struct Tree {
 /// A solid of primitives that were moved and combined, such as a text tells it: `docs/csg.md` is the language.
 ///
 /// ```
-/// use spinney::csg::Csg;
+/// use spinney::raw::csg::Csg;
 ///
 /// let text = "difference(block(0,0,0, 2,2,2), ball(1,1,2, 0.5))";
 /// assert_eq!(Csg::parse("dented".as_ref(), text)?.primitives(), 2);

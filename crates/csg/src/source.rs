@@ -7,7 +7,7 @@ use crate::field::{Bits, Field, SAMPLES};
 use crate::place::Place;
 use spinney_base::space::Dimension;
 use spinney_base::value::{SampleType, Value, ValueType};
-use spinney_base::{Form, Progress, Result};
+use spinney_base::{Progress, Result, TreeType};
 use spinney_engine::store::builder::ReusableSource;
 use spinney_engine::tree::{Child, Children, Source};
 
@@ -113,8 +113,8 @@ fn cells(bits: u64, levels: u8) -> Child<CsgNode> {
 impl Source for CsgTree<'_> {
     type Node = CsgNode;
 
-    fn form(&self) -> Form {
-        Form::new(Dimension::Oct, ValueType::new(SampleType::U8, 1))
+    fn form(&self) -> TreeType {
+        TreeType::new(Dimension::Oct, ValueType::new(SampleType::U8, 1))
     }
 
     fn depth(&self) -> u8 {

@@ -6,8 +6,8 @@
 use std::path::PathBuf;
 
 use crate::codec::{
-    MOST_FEATURES, MOST_SEGMENTS, MOST_TEXT, MOST_VERTICES, Piece, encode_features, encode_segments,
-    text_bytes, weight,
+    MAX_FEATURES, MAX_SEGMENTS, MAX_TEXT, MAX_VERTICES, Piece, encode_features, encode_segments, text_bytes,
+    weight,
 };
 use crate::geometry::bounds_of;
 use crate::grid::LineGrid;
@@ -125,8 +125,8 @@ pub fn build(
     output: Output,
     progress: &dyn Progress,
 ) -> Result<LineBuildSummary> {
-    if !(1..=MOST_SEGMENTS).contains(&options.leaf_size) {
-        let expected = format!("1 to {MOST_SEGMENTS} pieces of lines");
+    if !(1..=MAX_SEGMENTS).contains(&options.leaf_size) {
+        let expected = format!("1 to {MAX_SEGMENTS} pieces of lines");
         return Err(Error::invalid("leaf size", options.leaf_size.to_string(), expected));
     }
     let schema = source.schema().clone();
@@ -180,7 +180,7 @@ fn read(
     while let Some(feature) = source.next()? {
         let own: usize = feature.lines.iter().map(Vec::len).sum();
         let text = text_bytes(&feature);
-        let limits = [("vertices", own, MOST_VERTICES, 8), ("bytes of text", text, MOST_TEXT, 1)];
+        let limits = [("vertices", own, MAX_VERTICES, 8), ("bytes of text", text, MAX_TEXT, 1)];
         for (what, found, most, bytes) in limits {
             if found > most {
                 return Err(Error::TooLarge {
@@ -207,7 +207,7 @@ fn read(
         }
         let heavy = weight(&feature);
         let last = &blocks[blocks.len() - 1].1;
-        if last.len() == MOST_FEATURES || vertices + own > MOST_VERTICES || bytes + heavy > FEATURE_BYTES {
+        if last.len() == MAX_FEATURES || vertices + own > MAX_VERTICES || bytes + heavy > FEATURE_BYTES {
             (bytes, vertices) = (0, 0);
             if blocks.len() >= JOBS {
                 write(std::mem::take(&mut blocks), writer)?;

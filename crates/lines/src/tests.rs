@@ -242,7 +242,7 @@ fn the_nearest_lines_are_those_of_all() {
         for (most, within) in
             [(1, f64::INFINITY), (3, f64::INFINITY), (7, 400.0), (600, f64::INFINITY), (0, 5.0)]
         {
-            let found = tree.nearest(&places, (most, within), &()).unwrap();
+            let found = tree.nearest(&places, most, within, &()).unwrap();
             for (place, found) in places.iter().zip(found) {
                 let from = place.map(|number| (number * FRACTION as f64) as i64);
                 let mut all: Vec<(f64, u64)> = (0..)
@@ -269,9 +269,9 @@ fn the_nearest_lines_are_those_of_all() {
         }
     }
     let empty = tree_of(&[], 5);
-    assert_eq!(empty.nearest(&[[0.0; 2]], (1, f64::INFINITY), &()).unwrap(), [vec![]]);
-    assert!(empty.nearest(&[[f64::NAN; 2]], (1, f64::INFINITY), &()).is_err());
-    assert!(empty.nearest(&[[1e300, 0.0]], (1, f64::INFINITY), &()).is_err());
+    assert_eq!(empty.nearest(&[[0.0; 2]], 1, f64::INFINITY, &()).unwrap(), [vec![]]);
+    assert!(empty.nearest(&[[f64::NAN; 2]], 1, f64::INFINITY, &()).is_err());
+    assert!(empty.nearest(&[[1e300, 0.0]], 1, f64::INFINITY, &()).is_err());
 }
 
 #[test]
@@ -283,14 +283,14 @@ fn equal_lines_are_found_by_their_features() {
     features.push(LineFeature { lines: vec![vec![[8, 8], [0, 0], [0, 9]]], values: Vec::new() });
     for leaf_size in [7, 4096] {
         let tree = tree_of(&features, leaf_size);
-        let found = tree.nearest(&[[0.0, 4.0], [9.0, 9.0], [4.0, 3.0]], (20, f64::INFINITY), &()).unwrap();
+        let found = tree.nearest(&[[0.0, 4.0], [9.0, 9.0], [4.0, 3.0]], 20, f64::INFINITY, &()).unwrap();
         let numbers = |found: &[NearLine]| found.iter().map(|near| near.feature).collect::<Vec<_>>();
         assert_eq!(numbers(&found[0]), std::iter::once(1000).chain(0..19).collect::<Vec<u64>>());
         for found in &found[1..] {
             assert_eq!(numbers(found), (0..20).collect::<Vec<u64>>());
             assert!(found.iter().all(|near| near.vertex == 0));
         }
-        let found = tree.nearest(&[[9.0, 9.0]], (2000, f64::INFINITY), &()).unwrap();
+        let found = tree.nearest(&[[9.0, 9.0]], 2000, f64::INFINITY, &()).unwrap();
         assert_eq!(numbers(&found[0]), (0..1001).collect::<Vec<u64>>());
         let lines = [vec![], vec![[1.0, 3.0]], vec![[3.0, -1.0], [1.0, 1.0]], vec![[-1.0, 5.0], [1.0, 5.0]]];
         let found = tree.crossings(&lines, &()).unwrap();
@@ -370,7 +370,7 @@ fn damage_is_told() {
         let findings = tree.verify(1 << 20, &()).unwrap();
         assert!(!findings.is_empty(), "byte {place}");
         let _ = tree.window([[0.0; 2], [500.0; 2]], &());
-        let _ = tree.nearest(&[[0.0; 2]], (1, f64::INFINITY), &());
+        let _ = tree.nearest(&[[0.0; 2]], 1, f64::INFINITY, &());
         told += 1;
     }
     assert_eq!(told, bytes.len().div_ceil(31));
@@ -392,7 +392,7 @@ fn lines_of_one_vertex_and_beyond_the_bounds_are_refused() {
     let tree = tree_of(&[far], 5);
     assert_eq!(tree.window([[0.25; 2], [0.5; 2]], &()).unwrap(), [0]);
     assert_eq!(tree.window([[0.25, 0.5], [0.3, 0.6]], &()).unwrap(), [0u64; 0]);
-    assert_eq!(tree.nearest(&[[3.0, 1.0]], (1, 2.0), &()).unwrap()[0][0].distance, 2f64.sqrt());
+    assert_eq!(tree.nearest(&[[3.0, 1.0]], 1, 2.0, &()).unwrap()[0][0].distance, 2f64.sqrt());
 }
 
 #[test]

@@ -6,10 +6,10 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::listed_file::{FileTag, ListedFile};
-use super::manifest::{MARK, MOST_FILES, Manifest, VERSION};
+use super::manifest::{MARK, MAX_FILES, Manifest, VERSION};
 use spinney_base::space::{Bounds, Dimension};
 use spinney_base::value::{Number, Palette, ValueType};
-use spinney_base::{Error, Form, Result};
+use spinney_base::{Error, Result, TreeType};
 use spinney_container::{Codec, HEAVY_THRESHOLD, Header, Metadata, STRIDE, Shape, reach};
 use spinney_crs::Frame;
 
@@ -130,7 +130,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Manifest> {
     };
     let told = |error: Error| corrupt(error.to_string(), "a name of docs/manifest.md");
     let header = Header {
-        form: Form::new(dimension, document.values),
+        form: TreeType::new(dimension, document.values),
         rule: document.rule.parse().map_err(told)?,
         kind: document.kind.parse().map_err(told)?,
         codec: Codec::Plain,
@@ -159,8 +159,8 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Manifest> {
     if metadata.palette.as_ref().is_some_and(|palette| palette.colours.len() > 1 << 16) {
         return Err(corrupt("more than 65536 colours".into(), "at most 65536"));
     }
-    if document.files.is_empty() || document.files.len() > MOST_FILES {
-        let expected = format!("1 to {MOST_FILES}");
+    if document.files.is_empty() || document.files.len() > MAX_FILES {
+        let expected = format!("1 to {MAX_FILES}");
         return Err(corrupt(format!("{} files", document.files.len()), &expected));
     }
     let entries = document.files.into_iter().map(|file| entry(path, &header, file));

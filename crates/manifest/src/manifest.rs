@@ -15,9 +15,9 @@ pub(super) const MARK: &str = "spinney_manifest";
 /// The version that is written, and the newest that is read.
 pub(super) const VERSION: u32 = 1;
 /// Bytes of a manifest at most: a million files.
-const MOST_BYTES: u64 = 256 << 20;
+const MAX_BYTES: u64 = 256 << 20;
 /// Files of a manifest at most.
-pub(super) const MOST_FILES: usize = 1 << 20;
+pub(super) const MAX_FILES: usize = 1 << 20;
 
 /// Many files on one grid of cells.
 #[derive(Clone, Debug, PartialEq)]
@@ -63,10 +63,10 @@ impl Manifest {
     /// # Errors
     /// If there are too many.
     pub fn check_length(path: &Path, length: u64) -> Result<()> {
-        if length <= MOST_BYTES {
+        if length <= MAX_BYTES {
             return Ok(());
         }
-        let expected = format!("at most {MOST_BYTES}");
+        let expected = format!("at most {MAX_BYTES}");
         Err(Error::corrupt(path, "manifest", format!("{length} bytes"), expected))
     }
 

@@ -6,7 +6,7 @@ use spinney_base::{Error, Result};
 const BITS: i32 = 42;
 
 /// Greatest number of a cell, as a power of two: all that is computed of cells has an exact answer below it.
-pub(crate) const MOST_BITS: i32 = 50;
+pub(crate) const MAX_BITS: i32 = 50;
 
 /// Widths that cells may have: their squares, which areas are told in, are doubles, too, with room for the number of cells.
 const WIDTHS: std::ops::RangeInclusive<f64> = 1e-120..=1e120;
@@ -45,7 +45,7 @@ impl OverlayGrid {
         let half = self.exponent / 2;
         let scaled = coordinate / power_of_two(half) / power_of_two(self.exponent - half);
         let is_exact = coordinate == 0.0 || scaled.abs() >= f64::MIN_POSITIVE;
-        match scaled.abs() < power_of_two(MOST_BITS) {
+        match scaled.abs() < power_of_two(MAX_BITS) {
             // (What is so small is nothing on this grid, nor beside any other corner.)
             true => Some(if is_exact { scaled } else { 0.0 }),
             false => None,

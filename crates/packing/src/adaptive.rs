@@ -5,18 +5,18 @@
 pub(crate) struct Adaptive {
     /// In parts of 2^16.
     pub(crate) set: u16,
-    /// Bits seen, up to [`MOST_SEEN`].
+    /// Bits seen, up to [`MAX_SEEN`].
     seen: u16,
 }
 
 /// Beyond so many bits, each counts as much as the one before.
-const MOST_SEEN: u16 = 127;
+const MAX_SEEN: u16 = 127;
 /// No probability comes nearer to 0 or 1 than this, in parts of 2^16.
 const LEAST: u16 = 32;
 
 /// Parts of 2^16 by which a probability moves to what was seen, by how much was seen before: 2 / (2n + 3).
-static STEPS: [u32; MOST_SEEN as usize + 1] = {
-    let mut steps = [0; MOST_SEEN as usize + 1];
+static STEPS: [u32; MAX_SEEN as usize + 1] = {
+    let mut steps = [0; MAX_SEEN as usize + 1];
     let mut seen = 0;
     while seen < steps.len() {
         steps[seen] = (2 << 16) / (2 * seen as u32 + 3);
@@ -37,11 +37,11 @@ impl Adaptive {
     pub(crate) fn update(&mut self, bit: bool) {
         // Invariant: `set` stays between LEAST and 2^16 - 1 - LEAST, as the room on either side is never left by more than it is. So
         // neither bit's part is ever empty, and both fit 16 bits.
-        let step = STEPS[usize::from(self.seen) & MOST_SEEN as usize];
+        let step = STEPS[usize::from(self.seen) & MAX_SEEN as usize];
         let room = if bit { u32::from(u16::MAX - LEAST - self.set) } else { u32::from(self.set - LEAST) };
         let change = ((room * step) >> 16) as u16;
         self.set = if bit { self.set + change } else { self.set - change };
-        self.seen += u16::from(self.seen < MOST_SEEN);
+        self.seen += u16::from(self.seen < MAX_SEEN);
     }
 }
 
@@ -50,7 +50,7 @@ pub(crate) const SYMBOLS: usize = 16;
 /// Bits of the sum of the probabilities of symbols: so few that processors compute with sixteen of them at once.
 const SYMBOL_BITS: u32 = 15;
 /// No symbol is less probable than this, in parts of 2^15.
-const LEAST_SYMBOL: i16 = 6;
+const MIN_SYMBOL: i16 = 6;
 
 /// The probabilities of 16 symbols, which follow the symbols seen.
 #[derive(Clone, Copy)]
@@ -87,8 +87,8 @@ static GOALS: [[i16; SYMBOLS]; SYMBOLS] = {
     while symbol < SYMBOLS {
         let mut at = 0;
         while at < SYMBOLS {
-            let before = at as i16 * LEAST_SYMBOL;
-            let behind = (1 << SYMBOL_BITS) - (SYMBOLS - at) as i32 * LEAST_SYMBOL as i32;
+            let before = at as i16 * MIN_SYMBOL;
+            let behind = (1 << SYMBOL_BITS) - (SYMBOLS - at) as i32 * MIN_SYMBOL as i32;
             goals[symbol][at] = if at <= symbol { before } else { behind as i16 };
             at += 1;
         }
@@ -121,7 +121,7 @@ impl AdaptiveSymbols {
         let seen = usize::from(self.seen).min(RATES.len() - 1);
         let shift = RATES[seen];
         self.seen = seen as u16 + u16::from(seen + 1 < RATES.len());
-        // Invariant: each part stays at least as long as LEAST_SYMBOL: starts move by the same share of the way to goals that are at least
+        // Invariant: each part stays at least as long as MIN_SYMBOL: starts move by the same share of the way to goals that are at least
         // that far apart. So every symbol can come at any time, and a part never takes all of 2^15.
         // (Read anew, all at once: else compilers put vectors together of what was compared before.)
         let starts = std::hint::black_box(&mut self.starts);

@@ -1,6 +1,6 @@
 //! Dense blocks of numbers: their bits, channels and levels.
 
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::value::Rule;
 use spinney_container::{RecordLayout, VOID};
 
@@ -13,7 +13,7 @@ use crate::planes::{Grid, LevelCoder, for_rows};
 use crate::samples::{Numbering, Whole, is_narrow, read_float};
 
 /// The channels in the order in which they are coded, and of each the one that it is told from by difference.
-pub(crate) fn channel_order(form: Form) -> &'static [(usize, Option<usize>)] {
+pub(crate) fn channel_order(form: TreeType) -> &'static [(usize, Option<usize>)] {
     const PLAIN: [(usize, Option<usize>); 4] = [(0, None), (1, None), (2, None), (3, None)];
     // Red and blue are much like green.
     const COLOURS: [(usize, Option<usize>); 4] = [(1, None), (0, Some(1)), (2, Some(1)), (3, None)];
@@ -28,7 +28,7 @@ pub(crate) struct BlockContexts {
 }
 
 impl BlockContexts {
-    pub(crate) fn new(form: Form) -> BlockContexts {
+    pub(crate) fn new(form: TreeType) -> BlockContexts {
         let channels = (0..form.value.channels).map(|_| PlaneContexts::new(form.children())).collect();
         BlockContexts { mask: [Adaptive::default(); 64], channels }
     }
@@ -36,7 +36,7 @@ impl BlockContexts {
 
 /// A dense block of numbers that is coded.
 pub(crate) struct NumberBlock<'b> {
-    pub(crate) form: Form,
+    pub(crate) form: TreeType,
     pub(crate) rule: Rule,
     pub(crate) dense: Dense,
     /// The value of the node that it begins at, or zeros.
@@ -150,7 +150,7 @@ fn put_level<T: Whole>(
 
 /// How the samples of a channel become whole numbers, where they are to be written.
 fn choose_numbering<'v, K: BitCoder>(
-    form: Form,
+    form: TreeType,
     channel: usize,
     layout: &RecordLayout,
     dense: Dense,

@@ -1,6 +1,6 @@
 //! Class counts of a segment.
 
-use spinney_base::Form;
+use spinney_base::TreeType;
 
 use crate::bits::BitCoder;
 use spinney_container::{CUT, LEAF};
@@ -10,7 +10,7 @@ use crate::plain::each_leaf;
 use crate::values::{Numbers, bytes, numbers};
 
 /// The values and cells of class counts as they stand in a plain segment.
-pub(crate) fn parse_counts(form: Form, counts: &[u8]) -> Vec<(Numbers, u64)> {
+pub(crate) fn parse_counts(form: TreeType, counts: &[u8]) -> Vec<(Numbers, u64)> {
     let entries = counts.chunks_exact(form.width() + 8);
     let entry = |entry: &[u8]| {
         let (value, cells) = entry.split_at(form.width());
@@ -25,7 +25,7 @@ pub(crate) fn parse_counts(form: Form, counts: &[u8]) -> Vec<(Numbers, u64)> {
 /// Where nothing is cut off, the nodes tell them.
 pub(crate) fn code_counts<K: BitCoder>(
     coder: &mut K,
-    (form, height): (Form, u8),
+    (form, height): (TreeType, u8),
     table: &[Numbers],
     nodes: Option<&Nodes>,
     counts: &[u8],

@@ -35,4 +35,4 @@ pub use fixed_log::{LOG_BITS, log2};
 pub use room::{PLAIN_BITS, PLAIN_PER_BYTE, may_unpack};
 pub use runs::{Run, RunForm, UnpackedRuns, pack_runs, unpack_runs};
 pub use segment::{Damage, SegmentForm, pack, unpack};
-pub use tokens::{MOST_CONTEXTS, pack_numbers, unpack_numbers};
+pub use tokens::{MAX_CONTEXTS, pack_numbers, unpack_numbers};

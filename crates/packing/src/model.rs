@@ -1,7 +1,7 @@
 //! Ways to take the values of nodes, and the nodes of records by one of them.
 
-use spinney_base::Form;
-use spinney_base::value::{Kind, Rule, SampleType, ValueType};
+use spinney_base::TreeType;
+use spinney_base::value::{DataKind, Rule, SampleType, ValueType};
 use spinney_container::{INNER, RecordLayout, VOID};
 
 use crate::bits::BitCoder;
@@ -28,11 +28,11 @@ impl Model {
     const ALL: [Model; 3] = [Model::Names, Model::Numbers, Model::Solid];
 
     /// The one that writers choose. Readers take values by any of them, whatever rule and kind are.
-    pub(crate) fn of(value: ValueType, rule: Rule, kind: Kind) -> Model {
+    pub(crate) fn of(value: ValueType, rule: Rule, kind: DataKind) -> Model {
         match (rule, kind) {
             (Rule::Occupancy, _) if can_be_solid(value) => Model::Solid,
-            (Rule::Majority | Rule::Dominant, _) | (_, Kind::Categorical) => Model::Names,
-            (_, Kind::Continuous) => Model::Numbers,
+            (Rule::Majority | Rule::Dominant, _) | (_, DataKind::Categorical) => Model::Names,
+            (_, DataKind::Continuous) => Model::Numbers,
         }
     }
 
@@ -60,7 +60,7 @@ fn can_be_solid(value: ValueType) -> bool {
 /// Records that are to be written, taken apart.
 pub(crate) struct Taken<'r> {
     model: Model,
-    form: Form,
+    form: TreeType,
     records: &'r [u8],
     parsed: Parsed,
 }
@@ -70,7 +70,7 @@ impl<'r> Taken<'r> {
     pub(crate) fn new(
         model: Model,
         layout: &RecordLayout,
-        form: Form,
+        form: TreeType,
         records: &'r [u8],
     ) -> Option<Taken<'r>> {
         let parsed = parse(layout, records, model == Model::Numbers)?;
@@ -131,14 +131,14 @@ impl<'r> Taken<'r> {
 }
 
 /// The symbol of a value among those that are known, which are sorted.
-pub(crate) fn symbol_of(form: Form, known: &[Numbers], value: &Numbers) -> Option<u32> {
+pub(crate) fn symbol_of(form: TreeType, known: &[Numbers], value: &Numbers) -> Option<u32> {
     let key = order(form, value);
     let found = known.binary_search_by_key(&key, |numbers| order(form, numbers)).ok()?;
     Some(FIRST_VALUE + found as u32)
 }
 
 /// Values in ascending order, each once.
-pub(crate) fn distinct(form: Form, values: impl Iterator<Item = Numbers>) -> Vec<Numbers> {
+pub(crate) fn distinct(form: TreeType, values: impl Iterator<Item = Numbers>) -> Vec<Numbers> {
     let mut known: Vec<Numbers> = Vec::new();
     let sort = |known: &mut Vec<Numbers>| {
         known.sort_unstable_by_key(|numbers| order(form, numbers));
@@ -171,7 +171,7 @@ enum Values {
 /// Codes the records of runs: what one of them has taught holds for the next ones.
 pub(crate) struct ModelCoder {
     model: Model,
-    form: Form,
+    form: TreeType,
     rule: Rule,
     layout: RecordLayout,
     contexts: NodeContexts,
@@ -192,7 +192,7 @@ pub(crate) struct RunRoom {
 
 impl ModelCoder {
     /// With the values that are in the table; or, where there is none, with all those to be written.
-    pub(crate) fn new(model: Model, (form, rule): (Form, Rule), known: &[Numbers]) -> ModelCoder {
+    pub(crate) fn new(model: Model, (form, rule): (TreeType, Rule), known: &[Numbers]) -> ModelCoder {
         let values = match model.has_table() {
             true => Values::Table(TableValues::new(known.len())),
             false => Values::Numbers(NumberValues::new(form, known.to_vec())),

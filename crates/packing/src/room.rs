@@ -3,7 +3,7 @@
 /// Bits of the bytes that packed bytes become at most.
 pub const PLAIN_BITS: u32 = 27;
 /// Bytes that they become at most, however many they are.
-const MOST_PLAIN: u64 = 1 << (PLAIN_BITS - 1);
+const MAX_PLAIN: u64 = 1 << (PLAIN_BITS - 1);
 /// Bytes that they become at most: so many, and for each of them more.
 const PLAIN_FREE: u64 = 64 << 10;
 /// Bytes that each of them becomes at most.
@@ -12,7 +12,7 @@ pub const PLAIN_PER_BYTE: u64 = 4096;
 /// Whether so many packed bytes may become so many plain ones: else a small file could ask for a lot of memory, and
 /// time. What would become more is written plain.
 pub fn may_unpack(packed: u64, plain: u64) -> bool {
-    plain <= MOST_PLAIN && plain <= PLAIN_FREE.saturating_add(packed.saturating_mul(PLAIN_PER_BYTE))
+    plain <= MAX_PLAIN && plain <= PLAIN_FREE.saturating_add(packed.saturating_mul(PLAIN_PER_BYTE))
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Runs of records, many together: what one of them has taught holds for the next ones.
 
-use spinney_base::Form;
-use spinney_base::value::{Kind, Rule};
+use spinney_base::TreeType;
+use spinney_base::value::{DataKind, Rule};
 use spinney_container::RecordLayout;
 
 use crate::adaptive::{Adaptive, AdaptiveSymbols, SYMBOLS};
@@ -15,11 +15,11 @@ use crate::values::{Numbers, code_table, numbers};
 #[derive(Clone, Copy, Debug)]
 pub struct RunForm {
     /// Quadtree or octree, and the type of the values.
-    pub form: Form,
+    pub form: TreeType,
     /// Rule of the representatives.
     pub rule: Rule,
     /// The meaning of the values.
-    pub kind: Kind,
+    pub kind: DataKind,
     /// Levels of a run, where the cells are no nearer.
     pub reach: u8,
 }

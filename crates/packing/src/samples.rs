@@ -158,7 +158,7 @@ pub(crate) struct Numbering {
 /// The bits of the place of a scale among numbers with as many bits.
 const SCALE_BITS: u32 = 8;
 /// Whole numbers of floating samples have at most so many bits.
-const MOST_BITS: i32 = 62;
+const MAX_BITS: i32 = 62;
 
 impl Numbering {
     /// By the order of the samples.
@@ -177,7 +177,7 @@ impl Numbering {
         let (Some(all), Some(bottom)) = (digits(all), digits(bottom)) else { return ordered };
         // (Digits of a sample: 24 and 53.)
         let few = if sample == SampleType::F32 { 22 } else { 50 };
-        let is_rounded = bottom.1 - bottom.0 < few && all.1 - all.0 < MOST_BITS;
+        let is_rounded = bottom.1 - bottom.0 < few && all.1 - all.0 < MAX_BITS;
         let scale = i8::try_from(-all.0).ok().filter(|_| is_rounded);
         Numbering { scale, ..ordered }
     }

@@ -1,7 +1,7 @@
 //! A whole segment: what it is taken for, and all of its parts in order.
 
-use spinney_base::Form;
-use spinney_base::value::{Kind, Rule};
+use spinney_base::TreeType;
+use spinney_base::value::{DataKind, Rule};
 use spinney_container::RecordLayout;
 
 use crate::bits::{BitCoder, BitReader, BitWriter};
@@ -14,11 +14,11 @@ use crate::values::{Numbers, code_table};
 #[derive(Clone, Copy, Debug)]
 pub struct SegmentForm {
     /// Quadtree or octree, and the type of the values.
-    pub form: Form,
+    pub form: TreeType,
     /// Rule of the representatives.
     pub rule: Rule,
     /// The meaning of the values.
-    pub kind: Kind,
+    pub kind: DataKind,
     /// Levels from the segment's node down to the cells.
     pub height: u8,
     /// Levels from the segment's node down to where what is heavy is cut off.
@@ -30,7 +30,7 @@ pub struct SegmentForm {
 pub struct Damage(pub &'static str);
 
 /// Class counts that a segment lists, at most.
-const MOST_COUNTS: usize = 1024;
+const MAX_COUNTS: usize = 1024;
 
 /// Bytes of the checksum of the plain segment and the number of the model, which come first.
 const START: usize = 5;
@@ -134,7 +134,7 @@ fn code_segment<K: BitCoder>(
 ) -> Option<(ModelCoder, Nodes, Vec<u8>)> {
     let SegmentForm { form, rule, height, reach, .. } = *segment;
     // (Each value takes its width, in records or class counts.)
-    let table = code_table(coder, form, contents.table, length / layout.width + MOST_COUNTS)?;
+    let table = code_table(coder, form, contents.table, length / layout.width + MAX_COUNTS)?;
     let known = if model.has_table() { &table } else { contents.known };
     let mut model_coder = ModelCoder::new(model, (form, rule), known);
     let room = RunRoom { height, reach, length };

@@ -1,8 +1,8 @@
 //! Segments of random trees, round and round.
 
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::space::Dimension;
-use spinney_base::value::{Kind, Rule, SampleType, ValueType};
+use spinney_base::value::{DataKind, Rule, SampleType, ValueType};
 
 use spinney_container::{
     CUT, DenseBlock, DenseKind, INNER, LEAF, RecordHead, RecordLayout, VOID, dense_levels,
@@ -133,7 +133,7 @@ fn value_types() -> impl Iterator<Item = ValueType> {
     SampleType::ALL.into_iter().flat_map(of).filter(|value| value.is_supported())
 }
 
-fn segment(form: Form, height: u8, kind: Kind, rule: Rule) -> SegmentForm {
+fn segment(form: TreeType, height: u8, kind: DataKind, rule: Rule) -> SegmentForm {
     SegmentForm { form, rule, kind, height, reach: 5 }
 }
 
@@ -158,18 +158,18 @@ fn random_segments_of_all_types_come_back() {
     for dimension in [Dimension::Quad, Dimension::Oct] {
         for value in value_types() {
             for (kind, rule) in [
-                (Kind::Categorical, Rule::Majority),
-                (Kind::Continuous, Rule::Mean),
-                (Kind::Continuous, Rule::Occupancy),
-                (Kind::Continuous, Rule::Max),
+                (DataKind::Categorical, Rule::Majority),
+                (DataKind::Continuous, Rule::Mean),
+                (DataKind::Continuous, Rule::Occupancy),
+                (DataKind::Continuous, Rule::Max),
             ] {
                 for height in [4, 7] {
                     seed += 1;
-                    let form = segment(Form::new(dimension, value), height, kind, rule);
+                    let form = segment(TreeType::new(dimension, value), height, kind, rule);
                     let (places, plain) = random_segment(form, 3, seed);
                     let packed = pack(&form, places, &plain);
                     // (Random names are many equal ones; numbers that foretell nothing of each other may stay plain.)
-                    let may_stay = kind == Kind::Continuous || plain.len() < 400;
+                    let may_stay = kind == DataKind::Continuous || plain.len() < 400;
                     assert!(packed.is_some() || may_stay, "{form:?} {} bytes", plain.len());
                     // Readers know each model for every rule and kind: other writers may choose another one.
                     let others = [Model::Names, Model::Numbers];
@@ -185,9 +185,9 @@ fn random_segments_of_all_types_come_back() {
 
 #[test]
 fn class_counts_come_back() {
-    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::I16, 1));
+    let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::I16, 1));
     for height in [4, 7] {
-        let form = segment(form, height, Kind::Categorical, Rule::Majority);
+        let form = segment(form, height, DataKind::Categorical, Rule::Majority);
         let (places, mut plain) = random_segment(form, 5, 3);
         for (value, cells) in [(-7919i16, 3u64), (0, 1 << 40), (7919, 17), (15838, 1)] {
             plain.extend_from_slice(&value.to_le_bytes());
@@ -201,8 +201,8 @@ fn class_counts_come_back() {
 
 #[test]
 fn noise_stays_plain() {
-    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::F64, 1));
-    let form = segment(form, 5, Kind::Continuous, Rule::Mean);
+    let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::F64, 1));
+    let form = segment(form, 5, DataKind::Continuous, Rule::Mean);
     let layout = RecordLayout::new(form.form);
     let mut random = Random(7);
     let dense = Dense { kind: DenseKind::ALL_LEAF, levels: 5 };
@@ -222,8 +222,8 @@ fn noise_stays_plain() {
 #[test]
 fn what_is_smooth_becomes_small() {
     let sizes = [SampleType::U8, SampleType::I16, SampleType::F32, SampleType::F64].map(|sample| {
-        let form = Form::new(Dimension::Quad, ValueType::new(sample, 1));
-        let form = segment(form, 5, Kind::Continuous, Rule::Mean);
+        let form = TreeType::new(Dimension::Quad, ValueType::new(sample, 1));
+        let form = segment(form, 5, DataKind::Continuous, Rule::Mean);
         let layout = RecordLayout::new(form.form);
         let dense = Dense { kind: DenseKind::ALL_LEAF, levels: 5 };
         let places = dense.places(&layout);
@@ -266,12 +266,12 @@ fn damaged(bytes: &[u8], random: &mut Random) -> Vec<u8> {
 fn damaged_segments_are_told() {
     let mut random = Random(11);
     for (dimension, kind, rule) in [
-        (Dimension::Quad, Kind::Categorical, Rule::Majority),
-        (Dimension::Quad, Kind::Continuous, Rule::Mean),
-        (Dimension::Oct, Kind::Continuous, Rule::Mean),
-        (Dimension::Oct, Kind::Categorical, Rule::Dominant),
+        (Dimension::Quad, DataKind::Categorical, Rule::Majority),
+        (Dimension::Quad, DataKind::Continuous, Rule::Mean),
+        (Dimension::Oct, DataKind::Continuous, Rule::Mean),
+        (Dimension::Oct, DataKind::Categorical, Rule::Dominant),
     ] {
-        let form = Form::new(dimension, ValueType::new(SampleType::U8, 1));
+        let form = TreeType::new(dimension, ValueType::new(SampleType::U8, 1));
         let form = segment(form, 7, kind, rule);
         let (places, plain) = random_segment(form, 3, 5);
         let packed = pack(&form, places, &plain).unwrap();
@@ -299,9 +299,9 @@ fn damaged_segments_are_told() {
 #[test]
 fn records_that_claim_others_are_not_packed() {
     let form = segment(
-        Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1)),
+        TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1)),
         20,
-        Kind::Categorical,
+        DataKind::Categorical,
         Rule::Majority,
     );
     let layout = RecordLayout::new(form.form);
@@ -342,18 +342,18 @@ fn runs_come_back_in_fewer_bytes_than_one_by_one() {
     for dimension in [Dimension::Quad, Dimension::Oct] {
         for value in value_types() {
             for (kind, rule) in [
-                (Kind::Categorical, Rule::Majority),
-                (Kind::Continuous, Rule::Mean),
-                (Kind::Continuous, Rule::Occupancy),
+                (DataKind::Categorical, Rule::Majority),
+                (DataKind::Continuous, Rule::Mean),
+                (DataKind::Continuous, Rule::Occupancy),
             ] {
                 seed += 1;
-                let form = RunForm { form: Form::new(dimension, value), rule, kind, reach: 3 };
+                let form = RunForm { form: TreeType::new(dimension, value), rule, kind, reach: 3 };
                 let runs = random_runs(&form, 12, seed);
                 let beside: Vec<u8> = (0..seed * 3).map(|at| (at % 5) as u8).collect();
                 let length = beside.len() + runs.iter().map(|run| run.records.len()).sum::<usize>();
                 let slices = as_slices(&runs);
                 let Some(packed) = pack_runs(&form, &slices, &beside) else {
-                    assert_ne!(kind, Kind::Categorical, "{form:?}");
+                    assert_ne!(kind, DataKind::Categorical, "{form:?}");
                     continue;
                 };
                 let others = [Model::Names, Model::Numbers];
@@ -365,7 +365,7 @@ fn runs_come_back_in_fewer_bytes_than_one_by_one() {
                 let alone = slices.iter().map(|run| pack_runs(&form, &[*run], &[]));
                 let alone: usize =
                     alone.zip(&runs).map(|(one, run)| one.map_or(run.records.len(), |one| one.len())).sum();
-                assert!(kind == Kind::Continuous || packed.len() < alone, "{} {alone}", packed.len());
+                assert!(kind == DataKind::Continuous || packed.len() < alone, "{} {alone}", packed.len());
             }
         }
     }
@@ -375,12 +375,16 @@ fn runs_come_back_in_fewer_bytes_than_one_by_one() {
 fn damaged_runs_are_told() {
     let mut random = Random(13);
     for (dimension, kind, rule) in [
-        (Dimension::Quad, Kind::Categorical, Rule::Majority),
-        (Dimension::Oct, Kind::Continuous, Rule::Mean),
-        (Dimension::Quad, Kind::Continuous, Rule::Mean),
+        (Dimension::Quad, DataKind::Categorical, Rule::Majority),
+        (Dimension::Oct, DataKind::Continuous, Rule::Mean),
+        (Dimension::Quad, DataKind::Continuous, Rule::Mean),
     ] {
-        let form =
-            RunForm { form: Form::new(dimension, ValueType::new(SampleType::U8, 1)), rule, kind, reach: 3 };
+        let form = RunForm {
+            form: TreeType::new(dimension, ValueType::new(SampleType::U8, 1)),
+            rule,
+            kind,
+            reach: 3,
+        };
         let runs = random_runs(&form, 20, 5);
         let beside = b"what belongs to them".repeat(3);
         let length = beside.len() + runs.iter().map(|run| run.records.len()).sum::<usize>();

@@ -8,7 +8,7 @@ use crate::bits::{fold, unfold};
 use crate::fixed_log::{LOG_BITS, log2};
 
 /// Contexts at most.
-pub const MOST_CONTEXTS: usize = 8;
+pub const MAX_CONTEXTS: usize = 8;
 
 /// Bits of the sum of all probabilities.
 const TOTAL_BITS: u32 = 12;
@@ -305,7 +305,7 @@ fn coarse_token(fine: u16) -> u16 {
 
 /// Writes numbers, each in its context, behind what is there; who reads them must know how many there are, and the context of each.
 ///
-/// `contexts` has a number below [`MOST_CONTEXTS`] for each number, or nothing, which means that all are in context 0.
+/// `contexts` has a number below [`MAX_CONTEXTS`] for each number, or nothing, which means that all are in context 0.
 ///
 /// ```
 /// # use spinney_packing::{pack_numbers, unpack_numbers};
@@ -381,7 +381,7 @@ pub fn pack_numbers(numbers: &[i64], contexts: &[u8], bytes: &mut Vec<u8>) {
 /// not what somebody wrote.
 pub fn unpack_numbers<'b>(bytes: &'b [u8], contexts: &[u8], numbers: &mut [i64]) -> Option<&'b [u8]> {
     let used = number_of_kinds(contexts.iter().map(|context| u16::from(*context)));
-    if used > MOST_CONTEXTS || !(contexts.is_empty() || contexts.len() == numbers.len()) {
+    if used > MAX_CONTEXTS || !(contexts.is_empty() || contexts.len() == numbers.len()) {
         return None;
     }
     let (head, rest) = bytes.split_first_chunk()?;

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::value::SampleType;
 
 use crate::adaptive::{Adaptive, AdaptiveSymbols};
@@ -17,7 +17,7 @@ use crate::samples;
 pub(crate) type Numbers = [i64; 4];
 
 /// The samples of a value.
-pub(crate) fn numbers(form: Form, value: &[u8]) -> Numbers {
+pub(crate) fn numbers(form: TreeType, value: &[u8]) -> Numbers {
     let (sample, channels) = (form.value.sample, usize::from(form.value.channels));
     let mut numbers = [0; 4];
     let samples = value.chunks_exact(sample.size()).take(channels);
@@ -26,7 +26,7 @@ pub(crate) fn numbers(form: Form, value: &[u8]) -> Numbers {
 }
 
 /// The bytes of a value.
-pub(crate) fn bytes(form: Form, numbers: Numbers) -> [u8; 16] {
+pub(crate) fn bytes(form: TreeType, numbers: Numbers) -> [u8; 16] {
     let (sample, channels) = (form.value.sample, usize::from(form.value.channels));
     let mut bytes = [0; 16];
     let samples = bytes.chunks_exact_mut(sample.size()).take(channels);
@@ -35,7 +35,7 @@ pub(crate) fn bytes(form: Form, numbers: Numbers) -> [u8; 16] {
 }
 
 /// A key that sorts values in the order of section 7 of formats.md.
-pub(crate) fn order(form: Form, numbers: &Numbers) -> [u64; 4] {
+pub(crate) fn order(form: TreeType, numbers: &Numbers) -> [u64; 4] {
     let turned = if form.value.sample == SampleType::U64 { 0 } else { 1 << 63 };
     numbers.map(|number| number as u64 ^ turned)
 }
@@ -43,7 +43,7 @@ pub(crate) fn order(form: Form, numbers: &Numbers) -> [u64; 4] {
 /// Codes a list of values that are sorted, each by its difference from the one before. `None` if there are more than `most`.
 pub(crate) fn code_table<K: BitCoder>(
     coder: &mut K,
-    form: Form,
+    form: TreeType,
     table: &[Numbers],
     most: usize,
 ) -> Option<Vec<Numbers>> {
@@ -92,7 +92,7 @@ impl NewValues for TableValues {
 
 /// Values that are numbers: new ones are coded by what they differ from the mean of neighbours.
 pub(crate) struct NumberValues {
-    form: Form,
+    form: TreeType,
     /// Values so far, by their symbols less [`FIRST_VALUE`].
     pub(crate) known: Vec<Numbers>,
     symbols: HashMap<Numbers, u32>,
@@ -102,7 +102,7 @@ pub(crate) struct NumberValues {
 
 impl NumberValues {
     /// With values that are to be written, or none.
-    pub(crate) fn new(form: Form, known: Vec<Numbers>) -> NumberValues {
+    pub(crate) fn new(form: TreeType, known: Vec<Numbers>) -> NumberValues {
         let errors = SIZES * usize::from(form.value.channels);
         let errors = (0..errors).map(|at| initial::of_errors(at % SIZES)).collect();
         NumberValues { form, known, symbols: HashMap::new(), is_void: Adaptive::default(), errors }

@@ -48,12 +48,12 @@ pub struct RowLayout {
 }
 
 /// Bytes of a row's coordinates.
-pub const PLACE_BYTES: usize = 12;
+pub const POSITION_BYTES: usize = 12;
 
 impl RowLayout {
     /// Rows in which attributes stand one after the other.
     pub fn packed(attributes: Vec<PointAttribute>) -> RowLayout {
-        let mut size = PLACE_BYTES;
+        let mut size = POSITION_BYTES;
         let fields = attributes.iter().map(|attribute| {
             let offset = size;
             size += attribute.sample.size();

@@ -20,7 +20,7 @@ mod tables;
 #[cfg(test)]
 mod tests;
 
-pub use attribute::{PLACE_BYTES, PointAttribute, RowField, RowLayout, ordered_number};
+pub use attribute::{POSITION_BYTES, PointAttribute, RowField, RowLayout, ordered_number};
 pub use build::{BuildSummary, PointBuildOptions, build};
 pub use export::{PointFormat, export_points};
 pub use grid::PointGrid;

@@ -432,7 +432,7 @@ fn nearest_points_are_those_of_looking_at_all() {
         let mut asked: Vec<[f64; 3]> = (0..100).map(|_| place()).collect();
         asked.push([-3.0; 3]);
         for (most, within) in [(1, f64::INFINITY), (5, 1e5), (900, f64::INFINITY), (3, 0.0), (0, 1.0)] {
-            let found = tree.nearest(&asked, (most, within), 1 << 16, &()).unwrap();
+            let found = tree.nearest(&asked, most, within, 1 << 16, &()).unwrap();
             for (from, found) in asked.iter().zip(found) {
                 let mut expected: Vec<f64> = rows
                     .chunks_exact(layout().size)
@@ -450,8 +450,8 @@ fn nearest_points_are_those_of_looking_at_all() {
                 assert_eq!(distances, expected, "{dimension:?} {most} {within}");
             }
         }
-        assert!(tree.nearest(&[[f64::NAN; 3]], (1, 1.0), 0, &()).is_err());
+        assert!(tree.nearest(&[[f64::NAN; 3]], 1, 1.0, 0, &()).is_err());
     }
     let none = tree_of(&[], Dimension::Oct, 60);
-    assert_eq!(none.nearest(&[[0.0; 3]], (1, 1.0), 0, &()).unwrap(), vec![vec![]]);
+    assert_eq!(none.nearest(&[[0.0; 3]], 1, 1.0, 0, &()).unwrap(), vec![vec![]]);
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use spinney_base::space::Dimension;
 use spinney_base::value::{SampleType, Value, ValueType};
-use spinney_base::{Form, Progress, Result};
+use spinney_base::{Progress, Result, TreeType};
 use spinney_engine::store::builder::ReusableSource;
 use spinney_engine::tree::{Child, Children, Source};
 
@@ -136,8 +136,8 @@ fn cells(bits: u64, levels: u8) -> Child<SolidNode> {
 impl Source for SolidTree<'_> {
     type Node = SolidNode;
 
-    fn form(&self) -> Form {
-        Form::new(Dimension::Oct, ValueType::new(SampleType::U8, 1))
+    fn form(&self) -> TreeType {
+        TreeType::new(Dimension::Oct, ValueType::new(SampleType::U8, 1))
     }
 
     fn depth(&self) -> u8 {

@@ -7,12 +7,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 use futures_util::StreamExt;
 use futures_util::stream;
 use object_store::{Attribute, GetOptions, GetRange, GetResult, ObjectMeta};
-use spinney_base::io::{Fetch, FileState, RangeCache, RangeFile, rounds};
+use spinney_base::io::{Fetch, FileStat, RangeCache, RangeFile, batch};
 use spinney_base::{Error, Result};
 
 use super::disk_cache::{DiskCache, KeptFile};
 use super::store::Place;
-use super::{RemoteOptions, Stores, error, look, runtime};
+use super::{RemoteOptions, Stores, error, runtime, stat};
 
 /// Bytes at a file's beginning and at its end that are fetched to open it: header and meta pages, trailer, metadata and the top of the index.
 /// Of small files these would otherwise be most of what a question takes.
@@ -23,7 +23,7 @@ const TAIL: u64 = 24 << 10;
 const AT_ONCE: usize = 32;
 
 /// A state of a file as text.
-fn key(url: &str, state: &FileState) -> String {
+fn key(url: &str, state: &FileStat) -> String {
     format!("{url}\n{:?}\n{}", state.version, state.length)
 }
 
@@ -34,7 +34,7 @@ struct RemoteFile {
     storage: Vec<(String, String)>,
     options: RemoteOptions,
     path: PathBuf,
-    state: FileState,
+    state: FileStat,
     kept: Option<KeptFile>,
 }
 
@@ -53,7 +53,7 @@ pub(super) fn open(url: &str, storage: &[(String, String)], stores: &Stores) -> 
     };
     let (head, tail) = runtime::wait(path, is_stopped, both)?;
     let head = head.map_err(|cause| cause.of_file(path, "open"))?;
-    let state = look::state(&head.meta);
+    let state = stat::state(&head.meta);
     let mut came = vec![head];
     let mut requests = 2;
     match tail {
@@ -68,7 +68,7 @@ pub(super) fn open(url: &str, storage: &[(String, String)], stores: &Stores) -> 
         Err(Failed::Store(object_store::Error::NotSupported { .. })) => {}
         Err(failed) => return Err(failed.of_file(path, "open")),
     }
-    rounds::count_traffic(requests, came.iter().map(|part| part.bytes.len() as u64).sum());
+    batch::count_traffic(requests, came.iter().map(|part| part.bytes.len() as u64).sum());
     let key = key(url, &state);
     let kept = stores.folder.as_ref().map(|folder: &Arc<DiskCache>| folder.file(&key));
     let number = stores.number(&key);
@@ -148,7 +148,7 @@ impl RemoteFile {
 
     /// Makes sure that a part is of the state in which the file was opened.
     fn check(&self, part: &Part) -> Result<()> {
-        if look::state(&part.meta) != self.state {
+        if stat::state(&part.meta) != self.state {
             return Err(Error::Changed { path: self.path.clone(), what: "was overwritten" });
         }
         let length = part.range.end.saturating_sub(part.range.start);

@@ -6,9 +6,9 @@
 mod disk_cache;
 mod error;
 mod file;
-mod look;
 mod profile;
 mod runtime;
+mod stat;
 mod store;
 mod upload;
 
@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 use disk_cache::DiskCache;
 use spinney_base::Result;
 use spinney_base::io::{
-    DEFAULT_GAP, FileState, RangeCache, RangeFile, ReadBackend, RemoteFiles, RemoteWriter, set_remote_files,
+    DEFAULT_GAP, FileStat, RangeCache, RangeFile, ReadBackend, RemoteFiles, RemoteWriter, set_remote_files,
 };
 use upload::Upload;
 
@@ -108,8 +108,8 @@ impl RemoteFiles for Stores {
         Ok(Box::new(opened))
     }
 
-    fn look(&self, urls: &[&str]) -> Result<Vec<Result<Option<FileState>>>> {
-        look::look(urls, &self.options)
+    fn stat(&self, urls: &[&str]) -> Result<Vec<Result<Option<FileStat>>>> {
+        stat::stat(urls, &self.options)
     }
 
     fn write(&self, url: &str) -> Result<Box<dyn RemoteWriter>> {
@@ -119,7 +119,7 @@ impl RemoteFiles for Stores {
 
     fn remove(&self, urls: &[&str]) -> Result<()> {
         self.forget(urls);
-        look::remove(urls, &self.options)
+        stat::remove(urls, &self.options)
     }
 }
 

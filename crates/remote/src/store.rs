@@ -25,7 +25,7 @@ pub(super) struct Place {
 }
 
 /// Buckets whose connections are kept.
-const MOST_BUCKETS: usize = 64;
+const MAX_BUCKETS: usize = 64;
 
 /// Time for which a request is repeated at most.
 const RETRY_FOR: Duration = Duration::from_secs(120);
@@ -119,7 +119,7 @@ impl Place {
             }
         };
         let mut known = buckets();
-        if known.len() >= MOST_BUCKETS {
+        if known.len() >= MAX_BUCKETS {
             known.clear();
         }
         known.insert(key, store.clone());

@@ -5,26 +5,26 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 
 use object_store::{Error as StoreError, MultipartUpload, ObjectStore, ObjectStoreExt, PutMode, PutPayload};
-use spinney_base::io::{RemoteWriter, must_be_new_error, rounds};
+use spinney_base::io::{RemoteWriter, already_exists_error, batch};
 use spinney_base::{Error, Result};
 use tokio::task::JoinHandle;
 
-use super::look::look;
+use super::stat::stat;
 use super::store::Place;
 use super::{RemoteOptions, error, runtime};
 
 /// Bytes of a part, at least; stores want 5 MiB.
 const PART: usize = 8 << 20;
 /// Parts that a file may have but for a few: stores allow 10,000.
-const MOST_PARTS: usize = 9_500;
+const MAX_PARTS: usize = 9_500;
 /// Parts after which they get twice as large, where nobody knows how many bytes there will be.
 const DOUBLED: usize = 1_000;
 /// Times that they do.
-const MOST_DOUBLED: usize = 10;
+const MAX_DOUBLED: usize = 10;
 
 /// Parts that are on their way at the same time, and bytes of them, unless one has more.
 const AT_ONCE: usize = 4;
-const MOST_UNDER_WAY: usize = 64 << 20;
+const MAX_IN_FLIGHT: usize = 64 << 20;
 
 /// A file being uploaded: of no more than a part with one request in the end, of more part by part.
 pub(super) struct Upload {
@@ -64,7 +64,7 @@ impl Upload {
 
     /// Bytes of the next part.
     fn size(&self) -> usize {
-        self.part << (self.sent / self.doubled).min(MOST_DOUBLED)
+        self.part << (self.sent / self.doubled).min(MAX_DOUBLED)
     }
 
     fn failed(&self, cause: StoreError) -> Error {
@@ -86,8 +86,8 @@ impl Upload {
         self.parts = Some(parts);
         self.under_way.push_back(runtime::spawn(&self.path, part)?);
         self.sent += 1;
-        rounds::count_traffic(1, 0);
-        let most = (MOST_UNDER_WAY / size.max(1)).clamp(1, AT_ONCE);
+        batch::count_traffic(1, 0);
+        let most = (MAX_IN_FLIGHT / size.max(1)).clamp(1, AT_ONCE);
         while self.under_way.len() >= most {
             self.wait_for_one()?;
         }
@@ -109,17 +109,17 @@ impl Upload {
     }
 
     /// Puts a file that is no more than a part.
-    fn put(&mut self, must_be_new: bool) -> Result<()> {
+    fn put(&mut self, create_new: bool) -> Result<()> {
         let bytes = PutPayload::from(std::mem::take(&mut self.bytes));
         let put = |mode: PutMode| {
             let put = self.place.store.put_opts(&self.place.name, bytes.clone(), mode.into());
-            rounds::count_traffic(1, 0);
+            batch::count_traffic(1, 0);
             runtime::wait(&self.path, self.options.is_stopped, put)
         };
-        let done = match must_be_new {
+        let done = match create_new {
             false => put(PutMode::Overwrite)?,
             true => match put(PutMode::Create)? {
-                Err(StoreError::AlreadyExists { .. }) => return Err(must_be_new_error(&self.path)),
+                Err(StoreError::AlreadyExists { .. }) => return Err(already_exists_error(&self.path)),
                 Err(StoreError::NotImplemented { .. }) => {
                     self.check_new()?;
                     put(PutMode::Overwrite)?
@@ -133,9 +133,9 @@ impl Upload {
     /// Makes sure that there is no file of this name, where the store does not do that by itself: before it is put there, another one may appear.
     fn check_new(&self) -> Result<()> {
         let url = self.path.to_str().unwrap_or_default();
-        match look(&[url], &self.options)?.pop() {
+        match stat(&[url], &self.options)?.pop() {
             Some(Ok(None)) | None => Ok(()),
-            Some(Ok(Some(_))) => Err(must_be_new_error(&self.path)),
+            Some(Ok(Some(_))) => Err(already_exists_error(&self.path)),
             Some(Err(error)) => Err(error),
         }
     }
@@ -160,13 +160,13 @@ impl Write for Upload {
 impl RemoteWriter for Upload {
     fn expect(&mut self, bytes: u64) {
         // (What is only about right has some parts to spare.)
-        let size = usize::try_from(bytes / (MOST_PARTS as u64 - 500)).unwrap_or(usize::MAX >> MOST_DOUBLED);
-        (self.part, self.doubled) = (size.clamp(PART, usize::MAX >> MOST_DOUBLED), MOST_PARTS);
+        let size = usize::try_from(bytes / (MAX_PARTS as u64 - 500)).unwrap_or(usize::MAX >> MAX_DOUBLED);
+        (self.part, self.doubled) = (size.clamp(PART, usize::MAX >> MAX_DOUBLED), MAX_PARTS);
     }
 
-    fn commit(mut self: Box<Self>, must_be_new: bool) -> Result<()> {
+    fn commit(mut self: Box<Self>, create_new: bool) -> Result<()> {
         if self.parts.is_none() {
-            return self.put(must_be_new);
+            return self.put(create_new);
         }
         if !self.bytes.is_empty() {
             self.send()?;
@@ -174,7 +174,7 @@ impl RemoteWriter for Upload {
         while !self.under_way.is_empty() {
             self.wait_for_one()?;
         }
-        if must_be_new {
+        if create_new {
             self.check_new()?;
         }
         let Some(mut parts) = self.parts.take() else { return Ok(()) };

@@ -30,9 +30,9 @@ pub(super) const BOX_LEVEL: u8 = 6;
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::export::image::Format;
+/// use spinney::raw::export::image::Format;
 /// use spinney::export::{RenderRequest, render};
-/// use spinney::io::Output;
+/// use spinney::Output;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("ball.png");

@@ -1,7 +1,7 @@
 //! Colours of cells in pictures of solids.
 
 use spinney_base::Result;
-use spinney_base::value::{Kind, Palette, Rule, SampleType};
+use spinney_base::value::{DataKind, Palette, Rule, SampleType};
 use spinney_engine::dataset::Dataset;
 use spinney_style::{CLAY, distinct, to_linear, viridis};
 
@@ -37,7 +37,7 @@ impl Paint {
         if let Some(palette) = &tree.metadata().palette {
             return Ok(Paint::Palette(palette.clone()));
         }
-        if header.kind == Kind::Categorical {
+        if header.kind == DataKind::Categorical {
             return Ok(Paint::Classes);
         }
         let bounds = tree.value_bounds()?;

@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 use spinney_base::value::{Number, SampleType};
 
 /// Whole numbers beyond are not all numbers of JavaScript.
-const MOST_EXACT: u64 = (1 << 53) - 1;
+const MAX_EXACT: u64 = (1 << 53) - 1;
 
 /// The way numbers stand in JSON.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,7 +24,7 @@ impl JsonNumbers {
 
     /// A count.
     pub fn count(self, count: u64) -> Value {
-        if self == JsonNumbers::Marked && count > MOST_EXACT { Self::big(count) } else { json!(count) }
+        if self == JsonNumbers::Marked && count > MAX_EXACT { Self::big(count) } else { json!(count) }
     }
 
     /// A sample.
@@ -48,7 +48,7 @@ impl JsonNumbers {
         }
         match value.to_integer() {
             _ if is_long(of) => self.sample(value, of),
-            Some(whole) if whole.unsigned_abs() <= u128::from(MOST_EXACT) => json!(whole as i64),
+            Some(whole) if whole.unsigned_abs() <= u128::from(MAX_EXACT) => json!(whole as i64),
             Some(whole) if !of.is_float() => Self::big(whole),
             _ => self.sample(value, of),
         }
@@ -78,7 +78,7 @@ mod tests {
         use JsonNumbers::{Marked, Plain};
         assert_eq!(Plain.count(u64::MAX), json!(u64::MAX));
         assert_eq!(Marked.count(u64::MAX), json!({ "$big": u64::MAX.to_string() }));
-        assert_eq!(Marked.count(MOST_EXACT), json!(MOST_EXACT));
+        assert_eq!(Marked.count(MAX_EXACT), json!(MAX_EXACT));
         assert_eq!(
             Marked.sample(Number::Float(f64::NEG_INFINITY), SampleType::F32),
             json!({ "$float": "-inf" })

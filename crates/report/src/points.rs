@@ -5,7 +5,7 @@ use std::io::Write as _;
 use serde_json::json;
 use spinney_base::value::{Number, SampleType};
 use spinney_base::{Error, Result};
-use spinney_crs::{Coordinates, Places};
+use spinney_crs::{CellLocator, Coordinates};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::query::PointSamples;
 
@@ -21,7 +21,7 @@ pub struct PointLayers<'a> {
     depth: u8,
     level: u8,
     axes: usize,
-    places: Places,
+    places: CellLocator,
 }
 
 impl<'a> PointLayers<'a> {
@@ -44,7 +44,7 @@ impl<'a> PointLayers<'a> {
                 format!("one of the tree's, 0 to {depth}"),
             ));
         }
-        let places = Places::new(coordinates, &finest.metadata().frame, finest.header().extent)?;
+        let places = CellLocator::new(coordinates, &finest.metadata().frame, finest.header().extent)?;
         Ok(PointLayers { trees, depth, level, axes: finest.header().form.axes(), places })
     }
 
@@ -54,7 +54,7 @@ impl<'a> PointLayers<'a> {
     }
 
     /// The way from the coordinates to cells.
-    pub fn places(&self) -> &Places {
+    pub fn places(&self) -> &CellLocator {
         &self.places
     }
 

@@ -11,9 +11,9 @@ use quick_cache::sync::Cache;
 pub(crate) struct AnswerCache(Cache<(String, String), Answer, AnswerWeight>);
 
 /// Bytes of answers that are kept.
-const MOST_KEPT: u64 = 32 << 20;
+const MAX_CACHED: u64 = 32 << 20;
 /// Bytes of an answer that is kept at most: larger ones are seldom asked for twice.
-const MOST_EACH: usize = 1 << 20;
+const MAX_EACH: usize = 1 << 20;
 /// Answers that are expected to be kept.
 const EXPECTED: usize = 4096;
 
@@ -30,7 +30,7 @@ impl Weighter<(String, String), Answer> for AnswerWeight {
 
 impl Default for AnswerCache {
     fn default() -> AnswerCache {
-        AnswerCache(Cache::with_weighter(EXPECTED, MOST_KEPT, AnswerWeight))
+        AnswerCache(Cache::with_weighter(EXPECTED, MAX_CACHED, AnswerWeight))
     }
 }
 
@@ -42,7 +42,7 @@ impl AnswerCache {
 
     /// Keeps an answer.
     pub(crate) fn keep(&self, question: (String, String), answer: &Answer) {
-        if answer.bytes.len() <= MOST_EACH {
+        if answer.bytes.len() <= MAX_EACH {
             self.0.insert(question, answer.clone());
         }
     }

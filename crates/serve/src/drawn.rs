@@ -30,10 +30,10 @@ pub(crate) struct Drawn {
 pub(crate) type PictureKey = (String, &'static str, Value);
 
 /// Pictures of one value that are kept of a tree: some hundred bytes each.
-const MOST_UNIFORM: usize = 1 << 12;
+const MAX_UNIFORM: usize = 1 << 12;
 
 /// Styles that are kept ready for a tree.
-const MOST_PAINTERS: usize = 16;
+const MAX_PAINTERS: usize = 16;
 
 /// The tiles of a tree.
 pub(crate) enum Tiles<'a> {
@@ -123,7 +123,7 @@ impl Drawn {
         let made = make()?;
         if let Some(picture) = &made {
             let mut kept = kept();
-            if kept.len() >= MOST_UNIFORM {
+            if kept.len() >= MAX_UNIFORM {
                 kept.clear();
             }
             kept.insert(key, picture.clone());
@@ -150,7 +150,7 @@ impl Drawn {
             return Ok(painter.clone());
         }
         let painter = Arc::new(TilePainter::new(style, &self.tree, progress)?);
-        if painters.len() >= MOST_PAINTERS {
+        if painters.len() >= MAX_PAINTERS {
             painters.clear();
         }
         painters.insert(style.json().to_owned(), painter.clone());

@@ -56,10 +56,10 @@ impl From<Error> for Failure {
         let status = match &error {
             Error::Invalid { .. } => StatusCode::BAD_REQUEST,
             Error::Io { cause, .. } if cause.kind() == std::io::ErrorKind::NotFound => StatusCode::NOT_FOUND,
-            Error::Unsupported { .. } | Error::NoTree { .. } | Error::NoBody { .. } => {
+            Error::Unsupported { .. } | Error::NotATree { .. } | Error::NotASolid { .. } => {
                 StatusCode::UNPROCESSABLE_ENTITY
             }
-            Error::TooLarge { .. } | Error::NoRoom { .. } => StatusCode::PAYLOAD_TOO_LARGE,
+            Error::TooLarge { .. } | Error::InsufficientSpace { .. } => StatusCode::PAYLOAD_TOO_LARGE,
             Error::Locked { .. } | Error::Changed { .. } | Error::Interrupted => {
                 StatusCode::SERVICE_UNAVAILABLE
             }

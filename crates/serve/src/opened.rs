@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use spinney_base::{Error, Result};
-use spinney_container::{FilePlace, OpenOptions};
+use spinney_container::{FileReference, OpenOptions};
 use spinney_engine::dataset::{self, Dataset};
-use spinney_engine::ops::{Calculation, Step, TreeFile};
+use spinney_engine::ops::{Calculation, TreeFile, ViewStep};
 
 use crate::drawn::Drawn;
 use crate::version::FileVersion;
@@ -24,7 +24,7 @@ pub(crate) struct OpenTree {
 }
 
 /// Layers, and mixtures of them, of a file that are kept ready for being drawn.
-const MOST_DRAWN: usize = 16;
+const MAX_DRAWN: usize = 16;
 
 impl OpenTree {
     fn open(path: &Path, version: FileVersion) -> Result<OpenTree> {
@@ -66,7 +66,7 @@ impl OpenTree {
         let Some(named) = named else { return Ok(all.iter().collect()) };
         let number = |name: &str| {
             let file = self.first.name().into();
-            let place = FilePlace { file, commit: None, layer: Some(name.to_owned()) };
+            let place = FileReference { file, commit: None, layer: Some(name.to_owned()) };
             place.layer_number(self.names.iter().map(String::as_str))
         };
         // (A name may have commas.)
@@ -97,13 +97,13 @@ impl OpenTree {
                 // On the cells of the one that has the smallest.
                 let finest = several.iter().max_by_key(|layer| layer.depth());
                 let finest = finest.map_or("", |layer| layer.metadata().name.as_str());
-                let composite = Step::Calculation(Box::new(Calculation::composite(&names)?));
+                let composite = ViewStep::Calculation(Box::new(Calculation::composite(&names)?));
                 (Arc::new(self.first.layer(finest)?.view(&[composite])?), true)
             }
         };
         let drawn = Arc::new(Drawn::new(tree, is_composite));
         let mut kept = self.kept();
-        if kept.len() >= MOST_DRAWN {
+        if kept.len() >= MAX_DRAWN {
             kept.clear();
         }
         kept.insert(key.to_owned(), drawn.clone());
@@ -148,7 +148,7 @@ impl OpenTrees {
     pub(crate) fn get(&self, path: &Path, commit: Option<u64>) -> Result<Arc<OpenTree>> {
         let look = || std::fs::metadata(path);
         let key = (path.to_path_buf(), commit);
-        let place = FilePlace { file: path.into(), commit, layer: None }.of_commit();
+        let place = FileReference { file: path.into(), commit, layer: None }.of_commit();
         for _ in 0..TIMES {
             let (version, is_settled) = match FileVersion::settled(path, look) {
                 Ok(found) => found,

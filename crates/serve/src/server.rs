@@ -49,7 +49,7 @@ const LOOK: Duration = Duration::from_millis(50);
 const GRACE: Duration = Duration::from_secs(10);
 
 /// Time that every client has for its next step.
-const LEAST_PATIENCE: Duration = Duration::from_secs(1);
+const MIN_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Bytes of a request's head that are read.
 const LONGEST_HEAD: usize = 64 << 10;
@@ -144,7 +144,7 @@ impl Server {
                 }
             };
             let (router, is_over) = (router.clone(), is_over.clone());
-            let patience = app.options.timeout.max(LEAST_PATIENCE);
+            let patience = app.options.timeout.max(MIN_TIMEOUT);
             match rooms.clone().try_acquire_owned() {
                 Ok(room) => tokio::spawn(async move {
                     answer(stream, router, patience, is_over).await;

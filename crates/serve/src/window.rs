@@ -10,7 +10,7 @@ use spinney_base::io::Output;
 use spinney_base::space::Bounds;
 use spinney_base::value::{SampleType, Value, ValueType};
 use spinney_base::{Error, Progress};
-use spinney_crs::{Coordinates, Places};
+use spinney_crs::{CellLocator, Coordinates};
 use spinney_engine::dataset::Dataset;
 use spinney_raster::image::Format;
 use spinney_raster::{Detail, WindowRequest, export_painted_window, export_window, window_rows};
@@ -120,7 +120,7 @@ fn bounds(tree: &Dataset, asked: &Parameters) -> Result<Bounds, Failure> {
         }
         (Some([west, south, east, north]), None) => {
             let coordinates = asked.value("crs")?.unwrap_or(Coordinates::World);
-            let places = Places::new(&coordinates, &tree.metadata().frame, tree.header().extent)?;
+            let places = CellLocator::new(&coordinates, &tree.metadata().frame, tree.header().extent)?;
             let low = [west, south, f64::NEG_INFINITY];
             let boxes = places.boxes(low, [east, north, f64::INFINITY])?;
             match boxes[..] {

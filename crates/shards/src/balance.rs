@@ -9,12 +9,12 @@ use spinney_engine::store::goblin::ShardPiece;
 use crate::work::Load;
 
 /// Nodes that are weighed, at most, of all layers, unless each layer is one.
-const MOST_NODES: u64 = 1 << 16;
+const MAX_NODES: u64 = 1 << 16;
 
 /// Cuts layers into so many shards: each has pieces that are one behind the other in the file, and all together have all of every layer. Shards
 /// for which nothing is left have none.
 pub(crate) fn cut(layers: &[Header], loads: &[Load], shards: u32) -> Vec<Vec<ShardPiece>> {
-    let most = (MOST_NODES / layers.len().max(1) as u64).max(1);
+    let most = (MAX_NODES / layers.len().max(1) as u64).max(1);
     let levels: Vec<u8> = layers.iter().map(|header| weighed_level(header, most)).collect();
     let mut weights: BTreeMap<(usize, u64), u64> = BTreeMap::new();
     for (layer, header) in layers.iter().enumerate() {
@@ -61,7 +61,7 @@ pub(crate) fn cut(layers: &[Header], loads: &[Load], shards: u32) -> Vec<Vec<Sha
 
 /// The level below which the only layer of a file is not cut.
 pub(crate) fn level_of_cuts(header: &Header) -> u8 {
-    weighed_level(header, MOST_NODES)
+    weighed_level(header, MAX_NODES)
 }
 
 /// The deepest level, not below the crown's, at which at most so many nodes have cells.
@@ -95,14 +95,14 @@ fn each_node(header: &Header, level: u8, cells: &Bounds, show: &mut dyn FnMut(Co
 #[cfg(test)]
 mod tests {
     use super::*;
-    use spinney_base::Form;
+    use spinney_base::TreeType;
     use spinney_base::space::Dimension;
-    use spinney_base::value::{Kind, SampleType, ValueType};
+    use spinney_base::value::{DataKind, SampleType, ValueType};
     use spinney_engine::store::BuildOptions;
 
     fn header(depth: u8, extent: [u64; 3]) -> Header {
-        let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
-        BuildOptions::new(Kind::Continuous, depth).header(form, extent).unwrap()
+        let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+        BuildOptions::new(DataKind::Continuous, depth).header(form, extent).unwrap()
     }
 
     fn box_of(min: [u64; 2], max: [u64; 2]) -> Bounds {

@@ -64,7 +64,7 @@ impl Job {
             _ => "files",
         };
         if planned != token {
-            return Err(Error::NotPlanned {
+            return Err(Error::PlanMismatch {
                 path: self.folder().to_path_buf(),
                 found: format!("these are the arrays {token}"),
                 expected: planned.into(),

@@ -149,7 +149,7 @@ impl Job {
             serde_json::from_slice(&text).map_err(|error| corrupt(error.to_string(), "a plan"))?;
         let own = (VERSION, env!("CARGO_PKG_VERSION"));
         if (plan.spinney_job, &*plan.program) != own {
-            return Err(Error::NotPlanned {
+            return Err(Error::PlanMismatch {
                 path,
                 found: format!("this is version {} of the program", own.1),
                 expected: format!("version {}", plan.program),

@@ -4,8 +4,8 @@
 //! ```
 //! # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 //! use spinney::import::raster::ImportOptions;
-//! use spinney::io::Output;
-//! use spinney::shards::{Job, JobSpec, plan};
+//! use spinney::Output;
+//! use spinney::raw::shards::{Job, JobSpec, plan};
 //!
 //! # let folder = tempfile::tempdir().unwrap();
 //! # let (job, merged) = (folder.path().join("job"), folder.path().join("island.goblin"));

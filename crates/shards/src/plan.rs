@@ -20,8 +20,8 @@ use crate::work::{Given, JobSpec, Load, PlannedWork, Told};
 /// Bytes of input for which there is a shard, where nobody says how many there are to be.
 const BYTES_OF_SHARD: u64 = 1 << 30;
 /// Shards, if nobody says how many, and if somebody does.
-const MOST_UNASKED: u64 = 4096;
-const MOST_SHARDS: u32 = 1 << 16;
+const MAX_DEFAULT: u64 = 4096;
+const MAX_SHARDS: u32 = 1 << 16;
 
 /// A job that was planned.
 #[derive(Debug)]
@@ -92,7 +92,7 @@ pub fn plan_given(
 
 /// Shards of so many bytes of input, if nobody says how many there are to be.
 fn number_of(shards: Option<u32>, bytes: u64) -> u32 {
-    shards.unwrap_or(bytes.div_ceil(BYTES_OF_SHARD).clamp(1, MOST_UNASKED) as u32)
+    shards.unwrap_or(bytes.div_ceil(BYTES_OF_SHARD).clamp(1, MAX_DEFAULT) as u32)
 }
 
 /// Bytes of the file that tells of the layers, and what is known when it is written.
@@ -127,7 +127,7 @@ fn is_planned(folder: &Path, text: &str) -> Result<bool> {
     match InputFile::read_whole(&plan_path(folder), MOST)? {
         None => Ok(false),
         Some(there) if there == text.as_bytes() => Ok(true),
-        Some(_) => Err(Error::NotPlanned {
+        Some(_) => Err(Error::PlanMismatch {
             path: folder.to_path_buf(),
             found: "this is another job".into(),
             expected: "something else".into(),
@@ -165,8 +165,8 @@ fn spread(bytes: u64, layers: &[Header]) -> Vec<Load> {
 
 /// Makes sure that a folder has nothing but a job, whole or not, if there is one, and that there may be so many shards.
 fn check_folder(folder: &Path, shards: Option<u32>) -> Result<()> {
-    if let Some(shards) = shards.filter(|shards| *shards == 0 || *shards > MOST_SHARDS) {
-        return Err(Error::invalid("shards", shards.to_string(), format!("1 to {MOST_SHARDS}")));
+    if let Some(shards) = shards.filter(|shards| *shards == 0 || *shards > MAX_SHARDS) {
+        return Err(Error::invalid("shards", shards.to_string(), format!("1 to {MAX_SHARDS}")));
     }
     if folder == Path::new("-") {
         return Err(Error::unsupported(folder, "a job on standard output", "a job is a folder: name one"));
@@ -197,9 +197,9 @@ fn check_folder(folder: &Path, shards: Option<u32>) -> Result<()> {
     Ok(())
 }
 
-fn write_file(path: &Path, bytes: &[u8], must_be_new: bool) -> Result<()> {
+fn write_file(path: &Path, bytes: &[u8], create_new: bool) -> Result<()> {
     let mut output = Output::create(path)?;
-    if must_be_new {
+    if create_new {
         output.keep_existing();
     }
     output.write_all(bytes).map_err(Error::io(path, "write"))?;

@@ -18,7 +18,7 @@ use spinney_container::{Content, FileHeader};
 /// Folder of the page's own files.
 const ASSETS: &str = "assets/";
 /// Bytes of data inside one page at most: a browser holds all of them.
-const MOST_INSIDE: u64 = 64 << 20;
+const MAX_INSIDE: u64 = 64 << 20;
 /// Bytes that are copied at a time.
 const PIECE: usize = 1 << 20;
 
@@ -76,10 +76,10 @@ pub fn export_page(request: &PageRequest, path: &Path, progress: &dyn Progress) 
         PageConfiguration { title: request.title.clone(), sources: sources.clone(), assets: ASSETS.into() };
     let mut summary = PageSummary::default();
     if request.is_self_contained {
-        if let Some((file, _, size)) = local.iter().find(|(_, _, size)| *size > MOST_INSIDE) {
+        if let Some((file, _, size)) = local.iter().find(|(_, _, size)| *size > MAX_INSIDE) {
             let found = format!("{size} bytes inside a page");
             let advice = format!(
-                "at most {MOST_INSIDE} go into one: leave out --self-contained, or make a smaller file with `spinney transform`"
+                "at most {MAX_INSIDE} go into one: leave out --self-contained, or make a smaller file with `spinney transform`"
             );
             return Err(Error::unsupported(*file, found, advice));
         }

@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::{Style, parse};
-use spinney_base::value::{Kind, Rule, SampleType};
+use spinney_base::value::{DataKind, Rule, SampleType};
 use spinney_engine::dataset::Dataset;
 
 /// The style of a tree.
@@ -52,7 +52,7 @@ fn document(tree: &Dataset) -> Value {
         return json!({ "draw": "ramp", "ramp": ["#d6c2ab00", "#d6c2abff"], "domain": [0, 255] });
     }
     match (header.kind, value.sample) {
-        (Kind::Categorical, _) => json!({ "draw": "palette" }),
+        (DataKind::Categorical, _) => json!({ "draw": "palette" }),
         (_, SampleType::U8) => json!({ "draw": "ramp", "ramp": "grey", "domain": [0, 255] }),
         (_, SampleType::U16) => json!({ "draw": "ramp", "ramp": "grey" }),
         _ => json!({ "draw": "ramp", "ramp": "viridis" }),

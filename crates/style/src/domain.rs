@@ -11,7 +11,7 @@ use spinney_base::{Progress, Result, sort};
 use spinney_engine::dataset::Dataset;
 
 /// Cells that percentiles are made of, at most: those of the finest level that has no more of them.
-const MOST_CELLS: u64 = 1 << 22;
+const MAX_CELLS: u64 = 1 << 22;
 /// Cells that are read at a time.
 const CELLS: u64 = 1 << 20;
 
@@ -125,7 +125,7 @@ impl<'a> Percentiles<'a> {
     fn read(&self) -> Result<Vec<Vec<f64>>> {
         let tree = self.tree;
         let value = tree.header().form.value;
-        let fits = |level: &u8| tree.extent_at(*level).volume() <= MOST_CELLS;
+        let fits = |level: &u8| tree.extent_at(*level).volume() <= MAX_CELLS;
         let level = (0..=tree.depth()).rev().find(fits).unwrap_or(0);
         let extent = tree.extent_at(level);
         let mut channels = vec![Vec::new(); usize::from(value.channels)];

@@ -7,7 +7,8 @@
 //!
 //! ```
 //! # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-//! use spinney::style::{SampleBlock, StylePainter, Style};
+//! use spinney::raw::style::{SampleBlock, StylePainter};
+//! use spinney::style::Style;
 //!
 //! let map = spinney::open("fixtures/v1/classes.goblin")?;
 //! let style = Style::parse(r##"{"draw": "palette", "classes": [{"value": 4, "color": "#228b22", "name": "Forest"}]}"##)?;

@@ -13,10 +13,10 @@ use super::{LONGEST, Style, ramps};
 use spinney_base::{Error, Result, sort};
 
 /// Layers of a style, stops of a ramp, classes of a palette, ranges of a mask: so many at most.
-const MOST_LAYERS: usize = 16;
-const MOST_STOPS: usize = 1024;
-const MOST_CLASSES: usize = 1 << 16;
-const MOST_RANGES: usize = 256;
+const MAX_LAYERS: usize = 16;
+const MAX_STOPS: usize = 1024;
+const MAX_CLASSES: usize = 1 << 16;
+const MAX_RANGES: usize = 256;
 
 /// Names that are no ramps, and their documents.
 fn shortcuts() -> [(&'static str, Value); 12] {
@@ -82,7 +82,7 @@ pub(super) fn of_value(value: &Value) -> Result<Style> {
         }
         Some(layers) => {
             let place = fields.place("layers");
-            let layers = list_of(&place, layers, MOST_LAYERS)?;
+            let layers = list_of(&place, layers, MAX_LAYERS)?;
             if layers.is_empty() {
                 return Err(Error::invalid(place, "none", "at least one layer"));
             }
@@ -202,7 +202,7 @@ fn contours(fields: &mut Fields<'_>) -> Result<Draw> {
 
 fn classes(fields: &mut Fields<'_>) -> Result<Vec<Class>> {
     let place = fields.place("classes");
-    let Some(list) = fields.list("classes", MOST_CLASSES)? else { return Ok(Vec::new()) };
+    let Some(list) = fields.list("classes", MAX_CLASSES)? else { return Ok(Vec::new()) };
     if list.is_empty() {
         return Err(Error::invalid(place, "none", "at least one class"));
     }
@@ -300,7 +300,7 @@ fn ramp(fields: &mut Fields<'_>, colours: &Value, ends: [Bound; 2], percentiles:
             }
         }
         list => {
-            let list = list_of(&place, list, MOST_STOPS)?;
+            let list = list_of(&place, list, MAX_STOPS)?;
             let at = |index: usize| format!("{place}[{index}]");
             if list.len() < 2 {
                 let expected = "at least two colours, as in [\"#000000\", \"#ffffff\"] or [[0, \"#000000\"], [4000, \"#ffffff\"]]";
@@ -340,7 +340,7 @@ fn ramp(fields: &mut Fields<'_>, colours: &Value, ends: [Bound; 2], percentiles:
 /// Numbers and ranges of numbers.
 fn ranges(fields: &mut Fields<'_>, name: &'static str) -> Result<Option<Ranges>> {
     let place = fields.place(name);
-    let Some(list) = fields.list(name, MOST_RANGES)? else { return Ok(None) };
+    let Some(list) = fields.list(name, MAX_RANGES)? else { return Ok(None) };
     let expected = "a number, or a range, as in [0, 4000] or [0, null]";
     let ranges = list.iter().enumerate().map(|(index, value)| {
         let place = format!("{place}[{index}]");

@@ -6,7 +6,7 @@
 //!
 //! ```
 //! # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-//! use spinney::export::tiles::{TileId, TilePainter, TreeTiles, draw_tile};
+//! use spinney::raw::export::tiles::{TileId, TilePainter, TreeTiles, draw_tile};
 //! use spinney::style::Style;
 //!
 //! let map = spinney::open("fixtures/v1/classes.goblin")?;
@@ -25,6 +25,6 @@ mod warped;
 
 pub use paint::{TileColours, TilePainter, TilePixels, draw_tile};
 pub use place::{MAX_ZOOM, TileId, TileRange, check_degrees, first_number};
-pub use source::{DataPlace, TileContent, TileSamples, TileSource};
+pub use source::{GeographicExtent, TileContent, TileSamples, TileSource};
 pub use tree::TreeTiles;
 pub use warped::{WarpedTiles, degrees_of, tile_source};

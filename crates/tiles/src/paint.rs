@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::place::TileId;
 use super::source::{TileContent, TileSamples, TileSource};
-use spinney_base::io::rounds::{all_read, go_on};
+use spinney_base::io::batch::{defer_missing, finish_deferred};
 use spinney_base::{Progress, Result};
 use spinney_engine::dataset::Dataset;
 use spinney_style::{Ground, PercentileNumbers, SampleBlock, Style, StylePainter};
@@ -149,13 +149,13 @@ pub fn draw_tile(
 ) -> Result<Option<Vec<[u8; 4]>>> {
     // (Where bytes are far away, what tells that nothing is there is fetched together with what would be drawn.)
     let mut is_unread = false;
-    let content = go_on(source.content(tile), &mut is_unread)?;
+    let content = defer_missing(source.content(tile), &mut is_unread)?;
     if content == Some(TileContent::Empty) {
         return Ok(None);
     }
     let (mut samples, mut pixels) = (TileSamples::default(), TilePixels::default());
-    go_on(source.tile(tile, side, painter.margin(), &mut samples), &mut is_unread)?;
-    all_read(is_unread)?;
+    defer_missing(source.tile(tile, side, painter.margin(), &mut samples), &mut is_unread)?;
+    finish_deferred(is_unread)?;
     if !samples.valid.contains(&true) {
         return Ok(None);
     }

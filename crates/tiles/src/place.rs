@@ -23,7 +23,7 @@ impl TileId {
     /// The number of the tile in `PMTiles` archives: all zooms one after the other, each along the Hilbert curve.
     ///
     /// ```
-    /// use spinney::export::tiles::TileId;
+    /// use spinney::raw::export::tiles::TileId;
     /// assert_eq!(TileId { zoom: 12, column: 3423, row: 1763 }.number(), 19_078_479);
     /// ```
     pub fn number(self) -> u64 {

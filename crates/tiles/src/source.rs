@@ -2,7 +2,7 @@
 
 use super::place::{TileId, TileRange};
 use spinney_base::Result;
-use spinney_base::io::rounds::{all_read, go_on};
+use spinney_base::io::batch::{defer_missing, finish_deferred};
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::{Value, ValueType};
 use spinney_crs::{Frame, web_mercator};
@@ -101,7 +101,7 @@ impl TileSamples {
             }
             let cells = bounds.volume() as usize;
             let (mut values, mut valid) = (vec![0; cells * width], vec![false; cells]);
-            go_on(draw(&bounds, &mut values, &mut valid), &mut is_unread)?;
+            defer_missing(draw(&bounds, &mut values, &mut valid), &mut is_unread)?;
             for (row, y) in rows.clone().enumerate() {
                 let to = (y - first[1]) as usize * all + column;
                 let from = row * columns..(row + 1) * columns;
@@ -111,24 +111,24 @@ impl TileSamples {
             }
             column += columns;
         }
-        all_read(is_unread)
+        finish_deferred(is_unread)
     }
 }
 
-/// The place of data in the world.
+/// Geographic extent of data.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DataPlace {
-    /// West, south, east and north in degrees: -180 to 180 if data lie across the 180th meridian.
+pub struct GeographicExtent {
+    /// West, south, east and north in degrees: -180 to 180 if data cross the 180th meridian.
     pub bounds: [f64; 4],
-    /// Longitude and latitude of their middle, also if they lie across the 180th meridian.
+    /// Longitude and latitude of the centre, also if data cross the 180th meridian.
     pub centre: [f64; 2],
 }
 
-impl DataPlace {
-    /// The place of a box, with its own middle.
-    pub fn of_bounds(bounds: [f64; 4]) -> DataPlace {
+impl GeographicExtent {
+    /// The extent of a box, with its own centre.
+    pub fn of_bounds(bounds: [f64; 4]) -> GeographicExtent {
         let [west, south, east, north] = bounds;
-        DataPlace { bounds, centre: [(west + east) / 2.0, (south + north) / 2.0] }
+        GeographicExtent { bounds, centre: [(west + east) / 2.0, (south + north) / 2.0] }
     }
 }
 
@@ -158,7 +158,7 @@ pub trait TileSource: Sync {
     ///
     /// # Errors
     /// If the source cannot be read.
-    fn data_place(&self) -> Result<DataPlace>;
+    fn data_place(&self) -> Result<GeographicExtent>;
 
     /// Tells what is known of a tile without drawing it. Takes microseconds; `Detail` is always right.
     ///

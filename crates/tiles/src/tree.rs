@@ -1,7 +1,7 @@
 //! Tiles that are nodes of a tree.
 
 use super::place::{MAX_ZOOM, TileId, TileRange};
-use super::source::{DataPlace, TileContent, TileSamples, TileSource};
+use super::source::{GeographicExtent, TileContent, TileSamples, TileSource};
 use super::warped::degrees_of;
 use spinney_base::space::{Bounds, Code, Dimension};
 use spinney_base::value::ValueType;
@@ -77,12 +77,12 @@ impl TileSource for TreeTiles<'_> {
         degrees_of(&self.tree.metadata().frame, self.tree.header().extent, true).unwrap_or(world)
     }
 
-    fn data_place(&self) -> Result<DataPlace> {
+    fn data_place(&self) -> Result<GeographicExtent> {
         let data = if self.is_world { self.tree.data_box()? } else { None };
-        let Some(data) = data else { return Ok(DataPlace::of_bounds(self.degrees())) };
+        let Some(data) = data else { return Ok(GeographicExtent::of_bounds(self.degrees())) };
         let cells = |corner: [u64; 3]| [corner[0] as u32, corner[1] as u32];
         let range = TileRange { min: cells(data.min), max: cells(data.max) };
-        let mut place = DataPlace::of_bounds(range.degrees(self.depth));
+        let mut place = GeographicExtent::of_bounds(range.degrees(self.depth));
         // Where a wide gap lies between data in the east and in the west, these are beside each other.
         let level = self.depth.min(COLUMN_LEVEL);
         let side = 1usize << level;

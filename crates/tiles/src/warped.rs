@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::place::{MAX_ZOOM, TileId, TileRange};
-use super::source::{DataPlace, TileContent, TileSamples, TileSource};
+use super::source::{GeographicExtent, TileContent, TileSamples, TileSource};
 use super::tree::TreeTiles;
 use spinney_base::space::{Bounds, Code, Dimension};
 use spinney_base::value::ValueType;
@@ -99,12 +99,14 @@ impl TileSource for WarpedTiles {
         self.degrees
     }
 
-    fn data_place(&self) -> Result<DataPlace> {
-        let place = DataPlace::of_bounds(self.degrees);
+    fn data_place(&self) -> Result<GeographicExtent> {
+        let place = GeographicExtent::of_bounds(self.degrees);
         // (A raster that goes on behind the antimeridian is on both sides of the map: its middle is where it is.)
         let is_split = self.degrees[0] == -180.0 && self.degrees[2] == 180.0;
         Ok(match self.middle {
-            Some([longitude, _]) if is_split => DataPlace { centre: [longitude, place.centre[1]], ..place },
+            Some([longitude, _]) if is_split => {
+                GeographicExtent { centre: [longitude, place.centre[1]], ..place }
+            }
             _ => place,
         })
     }

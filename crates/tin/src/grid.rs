@@ -18,7 +18,7 @@ pub struct HeightGrid {
 }
 
 /// Most cells of a grid: all of them are in memory.
-const MOST_CELLS: usize = 1 << 30;
+const MAX_CELLS: usize = 1 << 30;
 
 impl HeightGrid {
     /// A grid without heights.
@@ -26,7 +26,7 @@ impl HeightGrid {
     /// # Errors
     /// If there is no cell, there are too many, or the transform has no inverse.
     pub fn new([columns, rows]: [usize; 2], transform: [f64; 6]) -> Result<HeightGrid> {
-        let cells = columns.checked_mul(rows).filter(|cells| (1..=MOST_CELLS).contains(cells));
+        let cells = columns.checked_mul(rows).filter(|cells| (1..=MAX_CELLS).contains(cells));
         let Some(cells) = cells else {
             let found = format!("{columns} x {rows} cells");
             return Err(Error::invalid("grid", found, "from 1 to 2^30 cells, which are in memory"));

@@ -12,5 +12,5 @@ pub mod zonal;
 pub use line_tree::{CrossingSummary, JoinSummary, export_lines, join_crossing_lines, join_nearest_lines};
 pub use point_raster::{CellRule, PointRaster, rasterize_points};
 pub use surfaces::{
-    SurfaceFiles, SurfacePoints, export_isolines, read_heights, read_surfaces, write_surface,
+    SurfaceFiles, SurfacePoints, SurfaceRaster, export_isolines, read_heights, read_surfaces, write_surface,
 };

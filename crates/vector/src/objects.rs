@@ -62,7 +62,7 @@ fn parsed(about: Option<String>) -> Value {
 }
 
 /// Attributes that have columns of their own at most.
-const MOST_COLUMNS: usize = 1000;
+const MAX_COLUMNS: usize = 1000;
 
 /// Writes a table of the parts of a model that have faces, of some of them if `chosen` says which: a row for each with its name (`id`),
 /// `type`, whether it is `closed`, numbers of `faces`, `volume` (of closed ones), `area`, least and greatest height (`zmin`, `zmax`), centre of
@@ -86,7 +86,7 @@ pub fn export_objects(
     let (own, left_out) = own_columns(model, &parts)?;
     if left_out > 0 {
         let text =
-            format!("{left_out} attributes of objects are left out of the table, beyond {MOST_COLUMNS}");
+            format!("{left_out} attributes of objects are left out of the table, beyond {MAX_COLUMNS}");
         progress.warn(output.path(), &text);
     }
     for (name, kind) in &own {
@@ -164,7 +164,7 @@ fn own_columns(
         for (name, value) in about["attributes"].as_object().into_iter().flatten() {
             let Some(kind) = FeatureAttribute::from(value).kind() else { continue };
             let known = found.get(name).map(|known| known.with(kind));
-            if known.is_some() || found.len() < MOST_COLUMNS {
+            if known.is_some() || found.len() < MAX_COLUMNS {
                 found.insert(name.clone(), known.unwrap_or(kind));
             } else {
                 left_out.insert(name.clone());

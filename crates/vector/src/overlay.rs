@@ -1,9 +1,9 @@
 //! Set operations of polygons of several files, with the attributes of all.
 //!
 //! ```
-//! use spinney::overlay::{OverlayOperation, OverlayRequest, overlay_features, read_polygon_layers};
-//! use spinney::export::vector::VectorFormat;
-//! use spinney::io::Output;
+//! use spinney::raw::overlay::{OverlayOperation, OverlayRequest, overlay_features, read_polygon_layers};
+//! use spinney::export::VectorFormat;
+//! use spinney::Output;
 //!
 //! # let folder = tempfile::tempdir().unwrap();
 //! # let path = |name: &str| folder.path().join(name);
@@ -36,9 +36,9 @@ use crate::import::feature::{FeatureGeometry, FeatureOptions, open_features};
 use crate::import::filter::FeatureFilter;
 use crate::import::zones::{PolygonLayer, read_polygons, take_polygons};
 use spinney_base::io::Output;
-use spinney_base::{Error, Progress, Result};
+use spinney_base::{Error, Progress, Result, SetOperation};
 use spinney_crs::{Crs, PolygonParts, Transformation};
-use spinney_engine::ops::{Operation, Prefer};
+use spinney_engine::ops::{CombineOperation, Prefer};
 pub use spinney_overlay::OverlaySummary;
 use spinney_overlay::{OverlayGrid, OverlayPart, PolygonOverlay};
 
@@ -48,59 +48,52 @@ const WITHIN: u32 = u32::MAX;
 /// An operation on polygons.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OverlayOperation {
-    /// A set operation by its number: 1 for what is in both, 2 in the first alone, 4 in the second alone, 8 in neither, added up. Of more than two files
-    /// those that mean something of any number: all (1), the first alone (2), an odd number (6), any (7), and what is left of these by complements.
-    Set(u8),
+    /// A set operation. On more than two files, the intersection is what is in all, the difference what is in the first alone, the symmetric difference
+    /// what is in an odd number of them, the union what is in any; these have complements.
+    Set(SetOperation),
     /// All parts into which the polygons' borders divide the plane, each with all features that it is in.
     Partition,
 }
 
 impl OverlayOperation {
-    /// The operation of a name that [`Operation::named`] knows, or `partition`; `None` of those that need values.
+    /// The operation of a name that [`CombineOperation::named`] knows, or `partition`; `None` of those that need values.
     pub fn named(name: &str) -> Option<OverlayOperation> {
-        match (name, Operation::named(name, Prefer::First)) {
+        match (name, CombineOperation::named(name, Prefer::First)) {
             ("partition", _) => Some(OverlayOperation::Partition),
-            (_, Some(Operation::Set { number, .. })) => Some(OverlayOperation::Set(number)),
+            (_, Some(CombineOperation::Set { operation, .. })) => Some(OverlayOperation::Set(operation)),
             _ => None,
         }
     }
 
     /// Whether the result has what is in no polygon, so that a region must limit it.
     fn reaches_outside(self) -> bool {
-        matches!(self, OverlayOperation::Set(8..))
+        matches!(self, OverlayOperation::Set(operation) if operation.is_unbounded())
     }
 
     /// Whether places are in the result that are in some of the files.
     fn takes(self, is_in: &[bool]) -> bool {
-        let OverlayOperation::Set(number) = self else { return is_in.contains(&true) };
-        if number >= 8 && is_in.len() > 2 {
-            return !OverlayOperation::Set(15 - number).takes(is_in);
+        let OverlayOperation::Set(operation) = self else { return is_in.contains(&true) };
+        if operation.is_unbounded() && is_in.len() > 2 {
+            return !OverlayOperation::Set(operation.complement()).takes(is_in);
         }
         let (first, others) =
             is_in.split_first().map_or((false, &[][..]), |(first, others)| (*first, others));
-        match (others.len(), number) {
-            (0 | 1, _) => {
-                let second = others.first().is_some_and(|second| *second);
-                let index = match (first, second) {
-                    (true, true) => 0,
-                    (true, false) => 1,
-                    (false, true) => 2,
-                    (false, false) => 3,
-                };
-                number >> index & 1 == 1
-            }
-            (_, 1) => !is_in.contains(&false),
-            (_, 2) => first && !others.contains(&true),
-            (_, 6) => is_in.iter().filter(|is_in| **is_in).count() % 2 == 1,
-            (_, 7) => is_in.contains(&true),
+        match (others.len(), operation) {
+            (0 | 1, _) => operation.contains(first, others.contains(&true)),
+            (_, SetOperation::Intersection) => !is_in.contains(&false),
+            (_, SetOperation::Difference) => first && !others.contains(&true),
+            (_, SetOperation::SymmetricDifference) => is_in.iter().filter(|is_in| **is_in).count() % 2 == 1,
+            (_, SetOperation::Union) => is_in.contains(&true),
             _ => false,
         }
     }
 
     fn check(self, files: usize) -> Result<()> {
-        let is_for_many = |number: u8| matches!(number.min(15 - number), 0 | 1 | 2 | 6 | 7);
+        let is_for_many = |operation: SetOperation| {
+            matches!(operation.index().min(operation.complement().index()), 0 | 1 | 2 | 6 | 7)
+        };
         match self {
-            OverlayOperation::Set(number) if files > 2 && !is_for_many(number) => {
+            OverlayOperation::Set(operation) if files > 2 && !is_for_many(operation) => {
                 Err(Error::invalid("files", files.to_string(), "one or two for this operation"))
             }
             _ if files == 0 => Err(Error::invalid("files", "none", "at least one")),

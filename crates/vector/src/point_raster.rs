@@ -4,8 +4,8 @@ use std::str::FromStr;
 
 use spinney_base::io::Output;
 use spinney_base::space::{Bounds, Code, Dimension};
-use spinney_base::value::{Kind, Rule, SampleType, ValueType};
-use spinney_base::{Error, Form, Progress, Result, Uncounted};
+use spinney_base::value::{DataKind, Rule, SampleType, ValueType};
+use spinney_base::{Error, Progress, Result, SilentProgress, TreeType};
 use spinney_container::Metadata;
 use spinney_crs::Frame;
 use spinney_engine::store::{BuildOptions, Packing, Slab, Slabs, build_slabs, depth_for};
@@ -179,7 +179,7 @@ impl Blocks<'_> {
         let conditions = self.raster.conditions.clone();
         let selection = Selection { region: PointRegion::Box([least, most]), level: None, conditions };
         let wanted: Vec<usize> = self.attribute.into_iter().collect();
-        self.tree.select(&selection, Some(&wanted), &Uncounted(self.progress), &mut |points| {
+        self.tree.select(&selection, Some(&wanted), &SilentProgress(self.progress), &mut |points| {
             for point in 0..points.len() {
                 let place = self.tree.grid().to_world(points.place(point));
                 let (Some(column), Some(row)) = (self.grid.column(place[0]), self.grid.row(place[1])) else {
@@ -266,14 +266,14 @@ pub fn rasterize_points(
     provenance.push(format!("raster of points: {name}, cells of {}", raster.cell));
     let tags = tree.metadata().tags.clone();
     let metadata = Metadata { frame, band_names: vec![name], provenance, tags, ..Metadata::default() };
-    let options = BuildOptions::new(Kind::Continuous, depth)
+    let options = BuildOptions::new(DataKind::Continuous, depth)
         .rule(Rule::Mean)
         .memory(memory)
         .metadata(metadata)
         .packing(packing);
     let open = vec![Code::root(Dimension::Quad)];
     let mut blocks = Blocks { tree, raster, grid, attribute, sample, depth, open, progress };
-    let form = Form::new(Dimension::Quad, ValueType::new(sample, 1));
+    let form = TreeType::new(Dimension::Quad, ValueType::new(sample, 1));
     build_slabs(form, &mut blocks, None, &options, output, progress)?;
     Ok([extent[0], extent[1]])
 }

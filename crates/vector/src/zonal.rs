@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crate::import::zones::{PolygonLayer, PolygonReader};
 use spinney_base::{Error, Progress, Result};
-use spinney_crs::{Coordinates, Places};
+use spinney_crs::{CellLocator, Coordinates};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::query::{ZonalRequest, ZoneStatistics};
 
@@ -18,7 +18,7 @@ pub struct FeatureZones<'a> {
     same: Vec<usize>,
     /// The numbers of these, ascending, and places in their cells, to which polygons are brought once.
     grids: Vec<usize>,
-    places: Vec<(Places, [u64; 3])>,
+    places: Vec<(CellLocator, [u64; 3])>,
     /// Whether some polygons reach into a tree; or why those of the first batch do not.
     is_met: bool,
     outside: Option<Error>,
@@ -54,7 +54,7 @@ impl<'a> FeatureZones<'a> {
         let grids: Vec<usize> = (0..trees.len()).filter(|number| same[*number] == *number).collect();
         let places = grids.iter().map(|grid| {
             let (header, frame) = (trees[*grid].header(), &trees[*grid].metadata().frame);
-            let places = Places::new(coordinates, frame, header.extent)?;
+            let places = CellLocator::new(coordinates, frame, header.extent)?;
             // (What is to be said of a system is said once.)
             if *grid == 0 {
                 places.remarks().iter().for_each(|remark| progress.warn(&path, remark));

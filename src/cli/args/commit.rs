@@ -2,7 +2,7 @@
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use spinney::store::autumnal::Note;
+use spinney::edit::Note;
 
 use super::Memory;
 

@@ -2,8 +2,7 @@
 
 use anyhow::Result;
 use clap::Args;
-use spinney::dataset::Dataset;
-use spinney::space::{Coordinates, Places};
+use spinney::{CellLocator, Coordinates, Dataset};
 
 use super::super::report::warn;
 use super::parse_crs;
@@ -38,9 +37,9 @@ impl CoordinatesOption {
     }
 
     /// The way from these coordinates to cells, from others if none were given; remarks on how well it is known are printed.
-    pub(crate) fn places(&self, tree: &Dataset, usual: Coordinates) -> Result<Places> {
+    pub(crate) fn places(&self, tree: &Dataset, usual: Coordinates) -> Result<CellLocator> {
         let coordinates = self.given.as_ref().unwrap_or(&usual);
-        let places = Places::new(coordinates, &tree.metadata().frame, tree.header().extent)?;
+        let places = CellLocator::new(coordinates, &tree.metadata().frame, tree.header().extent)?;
         for remark in places.remarks() {
             warn(&remark);
         }

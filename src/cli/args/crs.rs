@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use spinney::space::Crs;
+use spinney::Crs;
 
 /// Bytes of a file that are read; definitions are shorter.
 const MOST: u64 = 2 << 20;

@@ -38,10 +38,10 @@ impl Global {
     /// If the folder for what is kept of files elsewhere cannot be used.
     pub(crate) fn start(&self) -> spinney::Result<()> {
         if self.positioned {
-            spinney::io::prefer_positioned_reads();
+            spinney::raw::io::prefer_positioned_reads();
         }
         if let Some(bytes) = self.cache_memory {
-            spinney::io::RangeCache::unpacked().set_limit(bytes);
+            spinney::raw::io::RangeCache::unpacked().set_limit(bytes);
         }
         if let Some(threads) = self.threads {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.min(MAX_THREADS).into());
@@ -61,7 +61,7 @@ impl Global {
     /// Tells how files elsewhere were read, if that was asked for.
     pub(crate) fn finish(&self) {
         if self.verbose {
-            eprintln!("{}", spinney::io::rounds::traffic());
+            eprintln!("{}", spinney::raw::io::batch::traffic());
         }
     }
 }

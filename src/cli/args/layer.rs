@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use spinney::ops::{layer_paths, only_layer};
-use spinney::store::FilePlace;
+use spinney::raw::ops::{layer_paths, only_layer};
+use spinney::raw::store::FileReference;
 
 /// A layer of a file that has several, or some of them.
 #[derive(Args, Clone, Debug, Default)]
@@ -21,9 +21,9 @@ impl LayerOption {
     pub(crate) fn paths(&self, file: &Path) -> spinney::Result<Vec<PathBuf>> {
         let all = layer_paths(file)?;
         let Some(names) = &self.names else { return Ok(all) };
-        let place = FilePlace::of(file);
+        let place = FileReference::of(file);
         // (A name may have commas.)
-        let is_name = all.iter().any(|path| FilePlace::of(path).layer.as_ref() == Some(names));
+        let is_name = all.iter().any(|path| FileReference::of(path).layer.as_ref() == Some(names));
         let named = |name: &str| place.of_layer(name);
         Ok(if is_name {
             vec![named(names)]

@@ -22,7 +22,7 @@ use std::fmt::Display;
 use std::str::FromStr;
 
 use anyhow::{Result, ensure};
-use spinney::dataset::Dataset;
+use spinney::Dataset;
 
 pub(crate) use commit::CommitOptions;
 pub(crate) use coordinates::CoordinatesOption;

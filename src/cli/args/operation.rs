@@ -1,6 +1,7 @@
 //! Names of operations on several trees.
 
-use spinney::ops::{Operation, Prefer};
+use spinney::CombineOperation;
+use spinney::raw::ops::Prefer;
 
 /// The name of an operation, as it was written.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,8 +19,8 @@ impl OperationName {
     }
 
     /// The operation of that name; `None` if it makes no tree.
-    pub(crate) fn operation(&self, prefer: Prefer) -> Option<Operation> {
-        Operation::named(&self.0, prefer)
+    pub(crate) fn operation(&self, prefer: Prefer) -> Option<CombineOperation> {
+        CombineOperation::named(&self.0, prefer)
     }
 }
 

@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
-use spinney::export::image::{Format, format_of};
-use spinney::export::vector::VectorFormat;
-use spinney::io::Output;
-use spinney::store::{create_tree_file, file_of};
+use spinney::Output;
+use spinney::export::VectorFormat;
+use spinney::raw::export::image::{Format, format_of};
+use spinney::raw::store::{create_tree_file, file_of};
 
 use super::memory::parse_bytes;
 

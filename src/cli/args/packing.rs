@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use anyhow::Result;
-use spinney::store::{self, Codec, WriteOptions};
+use spinney::raw::store;
+use spinney::{Codec, WriteOptions};
 
 use super::super::exact;
 use super::Memory;

@@ -2,8 +2,7 @@
 
 use anyhow::{Result, bail, ensure};
 use clap::Args;
-use spinney::dataset::Dataset;
-use spinney::space::{Bounds, Coordinates};
+use spinney::{Bounds, Coordinates, Dataset};
 
 use super::{CoordinatesOption, numbers};
 

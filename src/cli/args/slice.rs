@@ -1,7 +1,7 @@
 //! Slices of octrees as people give them, by cells or in the world.
 
 use anyhow::{Result, bail, ensure};
-use spinney::dataset::Dataset;
+use spinney::Dataset;
 
 /// A slice: the axis that it lies across, and its coordinate on that axis.
 #[derive(Clone, Copy, Debug, PartialEq)]

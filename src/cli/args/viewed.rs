@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use spinney::brep::ModelView;
-use spinney::dataset::Dataset;
-use spinney::ops::{Calculation, LayerInfo, Step, WarpTarget};
-use spinney::store::FilePlace;
+use spinney::raw::brep::ModelView;
+use spinney::raw::ops::{Calculation, LayerInfo, WarpTarget};
+use spinney::raw::store::FileReference;
+use spinney::{Dataset, ViewStep};
 
 use super::super::{Global, exact, open};
 use super::{LayerOption, parse_crs};
@@ -20,7 +20,7 @@ pub(crate) struct ViewedTree {
     /// made beforehand. (Exact models are seen through any affine map where numbers are asked for, and drawn and exported through
     /// translate= and scale= with one factor)
     #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
-    steps: Vec<Step>,
+    steps: Vec<ViewStep>,
     #[command(flatten)]
     layer: LayerOption,
 }
@@ -51,7 +51,7 @@ impl ViewedTree {
 
     /// Whether the steps make one tree of all layers.
     fn is_calculated(&self) -> bool {
-        !self.layer.is_given() && self.steps.iter().any(|step| matches!(step, Step::Calculation(_)))
+        !self.layer.is_given() && self.steps.iter().any(|step| matches!(step, ViewStep::Calculation(_)))
     }
 
     /// Opens the only layer that is meant, once, with or without steps.
@@ -80,7 +80,7 @@ impl ViewedTree {
         let file = open(&paths[0])?;
         let layers = file.layers()?;
         let info = |path: &PathBuf| {
-            let number = FilePlace::of(path).layer_number(layers.iter().map(|layer| &*layer.name))?;
+            let number = FileReference::of(path).layer_number(layers.iter().map(|layer| &*layer.name))?;
             Ok(&layers[number])
         };
         let named: Vec<&LayerInfo> = paths.iter().map(info).collect::<spinney::Result<_>>()?;
@@ -88,8 +88,8 @@ impl ViewedTree {
         // On the cells of the one that has the smallest.
         let depth = named.iter().map(|layer| layer.header.depth()).max();
         let finest = named.iter().find(|layer| Some(layer.header.depth()) == depth).map(|layer| &layer.name);
-        let composite = Step::Calculation(Box::new(Calculation::composite(&names)?));
-        let steps: Vec<Step> = [composite].into_iter().chain(self.steps.iter().cloned()).collect();
+        let composite = ViewStep::Calculation(Box::new(Calculation::composite(&names)?));
+        let steps: Vec<ViewStep> = [composite].into_iter().chain(self.steps.iter().cloned()).collect();
         Ok(file.layer(finest.unwrap_or(&names[0]))?.view(&steps)?)
     }
 
@@ -102,7 +102,7 @@ impl ViewedTree {
         // (The file is opened once, whatever the number of its layers.)
         let first = open(&paths[0])?;
         let others = paths[1..].iter().map(|path| {
-            let name = FilePlace::of(path).layer.unwrap_or_default();
+            let name = FileReference::of(path).layer.unwrap_or_default();
             self.through(first.layer(&name)?)
         });
         let others = others.collect::<anyhow::Result<Vec<Dataset>>>()?;
@@ -118,13 +118,13 @@ impl ViewedTree {
 }
 
 /// Reads a step; a coordinate system may stand in a file.
-pub(crate) fn parse_step(text: &str) -> Result<Step, String> {
+pub(crate) fn parse_step(text: &str) -> Result<ViewStep, String> {
     if let Some(definition) = text.strip_prefix("crs=") {
-        return parse_crs(definition).map(Step::Crs);
+        return parse_crs(definition).map(ViewStep::Crs);
     }
     if let Some(target) = text.strip_prefix("warp=") {
         let (definition, cell, resampling) = WarpTarget::split(target).map_err(|error| error.to_string())?;
-        return parse_crs(definition).map(|crs| Step::Warp(WarpTarget { crs, cell, resampling }));
+        return parse_crs(definition).map(|crs| ViewStep::Warp(WarpTarget { crs, cell, resampling }));
     }
     text.parse().map_err(|error: spinney::Error| error.to_string())
 }

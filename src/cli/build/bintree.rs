@@ -3,12 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use spinney::Progress;
-use spinney::io::Output;
-use spinney::partitions::Bintree;
-use spinney::store::{BuildOptions, build_source};
-use spinney::tree::Source;
-use spinney::value::Kind;
+use spinney::raw::partitions::Bintree;
+use spinney::tree::{Source, build_source};
+use spinney::{BuildOptions, DataKind, Output, Progress};
 
 use super::pictures::PictureArgs;
 use super::{Common, Lines};
@@ -49,7 +46,7 @@ impl BintreeImport {
         let tree = Bintree::read(input, common.memory.bytes)?;
         let (kind, rule) = pictures.kind_and_rule();
         let mut options =
-            BuildOptions::new(kind.unwrap_or(Kind::Continuous), tree.depth()).memory(common.memory.bytes);
+            BuildOptions::new(kind.unwrap_or(DataKind::Continuous), tree.depth()).memory(common.memory.bytes);
         options.rule = rule.unwrap_or(options.rule);
         (options.share, options.time) = (common.share, common.time);
         options.packing = common.packing.choice();

@@ -3,9 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use spinney::Progress;
-use spinney::csg::{Csg, CsgExactOptions, CsgExactReport, CsgImport, import_exact_csg};
-use spinney::io::Output;
+use spinney::raw::csg::{Csg, CsgExactOptions, CsgExactReport, CsgImport, import_exact_csg};
+use spinney::{Output, Progress};
 
 use super::pictures::PictureArgs;
 use super::solids::SolidArgs;

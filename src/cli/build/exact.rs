@@ -4,11 +4,12 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
-use spinney::Progress;
-use spinney::brep::Repair;
-use spinney::import::feature::{FeatureFilter, choose_objects};
-use spinney::import::mesh::{self, ExactOptions, ExactReport, Model};
-use spinney::io::Output;
+use spinney::import::feature::FeatureFilter;
+use spinney::import::mesh::ExactOptions;
+use spinney::raw::brep::Repair;
+use spinney::raw::import::feature::choose_objects;
+use spinney::raw::import::mesh::{self, ExactReport, Model};
+use spinney::{Output, Progress};
 
 use super::solids::SolidArgs;
 use super::{Common, Lines};
@@ -31,7 +32,7 @@ impl ExactImport {
         if solids.deviation.is_some() {
             bail!("--deviation is for the curved surfaces of primitives (.csg); models have planar faces");
         }
-        let models = mesh::open_all(inputs, common.memory.bytes)?;
+        let models = spinney::import::mesh::open_all(inputs, common.memory.bytes)?;
         let mut options = ExactOptions::new();
         options.snap = solids.snap;
         options.close = solids.close;
@@ -60,7 +61,7 @@ impl ExactImport {
 
     /// Builds the file; returns lines about it.
     pub(super) fn build(self, output: Output, stats: bool, progress: &dyn Progress) -> Result<Lines> {
-        Ok(lines(&mesh::import_exact(self.models, &self.options, output, progress)?, stats))
+        Ok(lines(&spinney::import::mesh::import_exact(self.models, &self.options, output, progress)?, stats))
     }
 }
 

@@ -3,10 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use spinney::import::feature::{FeatureFilter, FeatureOptions, is_feature_file};
-use spinney::import::rasterize::{
-    FeatureGrid, FeatureImport, FeatureValue, LineWidth, Overlaps, RasterizeOptions, plan_features,
+use spinney::import::feature::{
+    FeatureFilter, FeatureImport, FeatureOptions, FeatureValue, RasterizeOptions, plan_features,
 };
+use spinney::raw::import::feature::is_feature_file;
+use spinney::raw::import::rasterize::{FeatureGrid, LineWidth, Overlaps};
 
 use super::super::{args::check_output, open};
 use super::pictures::PictureArgs;

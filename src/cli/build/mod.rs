@@ -17,20 +17,19 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Result, bail};
-use spinney::Progress;
-use spinney::csg::Csg;
-use spinney::dataset::Dataset;
-use spinney::import::mesh::{self, SolidImport};
-use spinney::import::raster::{self, TargetGrid};
-use spinney::import::rasterize::FeatureImport;
+use spinney::import::feature::FeatureImport;
+use spinney::import::mesh::SolidImport;
 use spinney::import::volume::VolumeImport;
+use spinney::raw::csg::Csg;
+use spinney::raw::import::mesh;
+use spinney::raw::import::raster::{self, TargetGrid};
+use spinney::{Dataset, Progress};
 
-use spinney::io::Output;
-use spinney::ops::{WarpGrid, WarpOptions};
 use spinney::points::PointImport;
-use spinney::reconstruction::{ReconstructionImport, is_views_name};
-use spinney::space::Crs;
-use spinney::store::{check_tree_name, file_is_tree};
+use spinney::raw::ops::WarpGrid;
+use spinney::raw::reconstruction::{ReconstructionImport, is_views_name};
+use spinney::raw::store::{check_tree_name, file_is_tree};
+use spinney::{Crs, Output, WarpOptions};
 
 use self::bintree::BintreeImport;
 use self::csg::PrimitivesImport;
@@ -208,11 +207,11 @@ const NOT_OF_MODELS: &str = "--kind, --rule, --band, --nodata, --transform, --la
 
 /// Inputs that are open and understood, ready to be built.
 enum Import {
-    Pictures(Box<raster::RasterImport>),
+    Pictures(Box<spinney::import::raster::RasterImport>),
     /// Pictures on another grid than their own.
-    Warped(Box<raster::RasterImport>, TargetGrid, WarpOptions),
+    Warped(Box<spinney::import::raster::RasterImport>, TargetGrid, WarpOptions),
     /// Pictures beside each other.
-    Stack(Box<raster::Stack>),
+    Stack(Box<spinney::import::raster::Stack>),
     Volume(Box<VolumeImport>),
     Solid(Box<SolidImport>),
     Exact(Box<ExactImport>),
@@ -420,10 +419,10 @@ impl Args {
             return Ok(Import::Volume(Box::new(import)));
         }
         if let Some(options) = pictures.stack_options(common)? {
-            return Ok(Import::Stack(Box::new(raster::plan_stack(inputs, &options)?)));
+            return Ok(Import::Stack(Box::new(spinney::import::raster::plan_stack(inputs, &options)?)));
         }
         let options = pictures.import_options(common)?;
-        let import = || raster::plan(inputs, &options).map(Box::new);
+        let import = || spinney::import::raster::plan(inputs, &options).map(Box::new);
         let target = match &common.grid {
             Some(Grid::Xyz) if common.depth.is_some() => {
                 bail!("--depth: with --grid xyz say --max-zoom, the depth less 8")

@@ -4,10 +4,11 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use anyhow::{Result, bail};
-use spinney::import::raster::{Band, ImportOptions, StackOptions};
-use spinney::import::volume::{RawLayout, VolumeInput, VolumeOptions, is_volume};
-use spinney::ops::{Resampling, WarpOptions};
-use spinney::value::{Kind, Number, Rule, SampleType};
+use spinney::import::raster::{ImportOptions, StackOptions};
+use spinney::import::volume::VolumeOptions;
+use spinney::raw::import::raster::Band;
+use spinney::raw::import::volume::{RawLayout, VolumeInput, is_volume};
+use spinney::{DataKind, Number, Resampling, Rule, SampleType, WarpOptions};
 
 use super::super::args::numbers;
 use super::Common;
@@ -21,7 +22,7 @@ pub(in crate::cli) struct PictureArgs {
     /// Meaning of the values: categorical (classes, counted) or continuous (amounts, averaged) [default: from
     /// the file]
     #[arg(long)]
-    pub(super) kind: Option<Kind>,
+    pub(super) kind: Option<DataKind>,
     /// Rule for the value that stands for many at coarse detail: mean, majority, dominant, min, max or nearest
     /// [default: mean of amounts, majority of classes]
     #[arg(long)]
@@ -222,7 +223,7 @@ impl PictureArgs {
     }
 
     /// Kind of the values and rule for coarser cells, where they are said.
-    pub(super) fn kind_and_rule(&self) -> (Option<Kind>, Option<Rule>) {
+    pub(super) fn kind_and_rule(&self) -> (Option<DataKind>, Option<Rule>) {
         (self.kind, self.rule)
     }
 

@@ -3,9 +3,11 @@
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
-use spinney::import::feature::{FeatureFilter, is_feature_file, plan_point_files};
-use spinney::points::{PointBuildOptions, PointImport, PointImportOptions, has_points, is_las_file};
-use spinney::shards::JobSpec;
+use spinney::import::feature::FeatureFilter;
+use spinney::points::{PointImport, PointImportOptions};
+use spinney::raw::import::feature::{is_feature_file, plan_point_files};
+use spinney::raw::points::{PointBuildOptions, has_points, is_las_file};
+use spinney::raw::shards::JobSpec;
 
 use super::Common;
 use super::features::{FeatureArgs, Index};

@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use spinney::import::feature::is_feature_file;
-use spinney::reconstruction::{ReconstructionImport, plan_outlines, plan_views};
+use spinney::raw::import::feature::is_feature_file;
+use spinney::raw::reconstruction::{ReconstructionImport, plan_outlines, plan_views};
 
 use super::features::FeatureArgs;
 use super::pictures::PictureArgs;

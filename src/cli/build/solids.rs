@@ -3,11 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
-use spinney::brep::InsideRule;
-use spinney::geometry::Stages;
-use spinney::import::mesh::{self, InsideTest, Resolution, SolidImport, SolidOptions, SolidReport};
-use spinney::shards::JobSpec;
-use spinney::space::{EdgeRule, Up};
+use spinney::import::mesh::{Resolution, SolidImport, SolidOptions};
+use spinney::query::EdgeRule;
+use spinney::raw::brep::InsideRule;
+use spinney::raw::geometry::Stages;
+use spinney::raw::import::mesh::{InsideTest, SolidReport};
+use spinney::raw::shards::JobSpec;
+use spinney::raw::space::Up;
 
 use super::super::args::{UNITS, check_output};
 use super::super::open;
@@ -201,9 +203,9 @@ impl SolidArgs {
 
     /// Opens models, and plans how they become one solid.
     pub(super) fn plan(&self, inputs: &[PathBuf], output: &Path, common: &Common) -> Result<SolidImport> {
-        let models = mesh::open_all(inputs, common.memory.bytes)?;
+        let models = spinney::import::mesh::open_all(inputs, common.memory.bytes)?;
         let unit = models.iter().find_map(|model| model.info().unit.clone());
-        Ok(mesh::plan_models(models, &self.options(unit.as_deref(), output, common)?)?)
+        Ok(spinney::import::mesh::plan_models(models, &self.options(unit.as_deref(), output, common)?)?)
     }
 
     /// The job of a solid of models.
@@ -222,7 +224,7 @@ impl SolidArgs {
         if let Some(option) = given.or(self.of_exact_models()) {
             bail!("{option} is not for shards, which make cells of closed models: `spinney build` has it");
         }
-        let models = mesh::open_all(&inputs, common.memory.bytes)?;
+        let models = spinney::import::mesh::open_all(&inputs, common.memory.bytes)?;
         let unit = models.iter().find_map(|model| model.info().unit.clone());
         let options = self.options(unit.as_deref(), job, common)?;
         Ok(JobSpec::Solid { inputs, options })

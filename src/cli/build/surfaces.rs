@@ -3,14 +3,14 @@
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
-use spinney::Progress;
-use spinney::import::feature::{FeatureOptions, is_feature_file};
-use spinney::io::Output;
-use spinney::store::Packing;
-use spinney::tin::{
+use spinney::import::feature::FeatureOptions;
+use spinney::raw::import::feature::is_feature_file;
+use spinney::raw::store::Packing;
+use spinney::raw::tin::{
     Duplicates, LayerInput, LayerOptions, LayerSurface, SurfaceFiles, SurfaceInput, SurfacePoints,
-    SurfaceReport, build_layers, read_surfaces, triangulate, write_surface,
+    SurfaceRaster, SurfaceReport, build_layers, read_surfaces, triangulate, write_surface,
 };
+use spinney::{Output, Progress};
 
 use super::features::FeatureArgs;
 use super::pictures::PictureArgs;
@@ -160,15 +160,9 @@ impl SurfaceImport {
                 let points = points.into_iter().next().unwrap_or_default();
                 let input = SurfaceInput { points, breaklines, outlines, duplicates };
                 let (tin, report) = triangulate(&input)?;
-                let name = names.first().map_or("", String::as_str);
-                let [columns, rows] = write_surface(
-                    (&tin, name),
-                    (cell, crs),
-                    provenance,
-                    (memory, packing),
-                    output,
-                    progress,
-                )?;
+                let name = names.into_iter().next().unwrap_or_default();
+                let raster = SurfaceRaster { cell, name, crs, provenance, memory, packing };
+                let [columns, rows] = write_surface(&tin, raster, output, progress)?;
                 let mut lines = told(&report);
                 lines.push((
                     "surface",

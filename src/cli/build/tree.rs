@@ -3,13 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use spinney::Progress;
-use spinney::dataset::{Dataset, Rebuild};
-use spinney::io::Output;
-use spinney::ops::only_layer;
-use spinney::shards::JobSpec;
-use spinney::space::Frame;
-use spinney::store::BuildOptions;
+use spinney::raw::dataset::Rebuild;
+use spinney::raw::ops::only_layer;
+use spinney::raw::shards::JobSpec;
+use spinney::{BuildOptions, Dataset, Frame, Output, Progress};
 
 use super::super::open;
 use super::pictures::{PictureArgs, Transform};

@@ -3,9 +3,10 @@
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
-use spinney::dataset::Dataset;
-use spinney::export::mesh::{MeshFormat, export_isosurfaces};
+use spinney::Dataset;
+use spinney::export::MeshFormat;
 use spinney::query::ContourRequest;
+use spinney::raw::export::mesh::export_isosurfaces;
 
 use super::args::Args;
 use crate::cli::Global;

@@ -7,9 +7,11 @@ mod surface;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use spinney::export::vector::{ContourFeatures, export_contours};
-use spinney::import::mesh::is_model;
-use spinney::query::{ContourEnds, ContourLevels, ContourRequest};
+use spinney::export::export_contours;
+use spinney::query::{ContourLevels, ContourRequest};
+use spinney::raw::export::vector::ContourFeatures;
+use spinney::raw::import::mesh::is_model;
+use spinney::raw::query::ContourEnds;
 
 pub(crate) use self::args::Args;
 use self::args::Ends;

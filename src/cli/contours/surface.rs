@@ -3,10 +3,11 @@
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
-use spinney::export::vector::ContourFeatures;
-use spinney::import::mesh::{DEFAULT_MEMORY, open_all};
+use spinney::import::mesh::open_all;
 use spinney::query::ContourLevels;
-use spinney::tin::{Tin, export_isolines};
+use spinney::raw::export::vector::ContourFeatures;
+use spinney::raw::import::mesh::DEFAULT_MEMORY;
+use spinney::raw::tin::{Tin, export_isolines};
 
 use super::args::{Args, Ends};
 use crate::cli::Global;
@@ -47,7 +48,7 @@ pub(super) fn run(args: &Args, levels: &ContourLevels, global: &Global, start: I
     let (lines, points) = args
         .limit
         .create(&args.output)
-        .and_then(|output| export_isolines((&tin, crs), levels, &features, output, format, &work))
+        .and_then(|output| export_isolines(&tin, crs, levels, &features, output, format, &work))
         .with_context(|| format!("cannot write {}", args.output.display()))?;
     work.finish();
     global.report(

@@ -5,9 +5,8 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Result, bail, ensure};
-use spinney::brep::{CombineReport, ExactModel, boundary_parts};
-use spinney::ops::Operation;
-use spinney::store::Codec;
+use spinney::raw::brep::{CombineReport, boundary_parts};
+use spinney::{Codec, CombineOperation, ExactModel, SetOperation};
 
 use super::super::Global;
 use super::super::args::OutputLimit;
@@ -16,7 +15,7 @@ use super::{open, tell_result};
 
 /// Makes a model of several by a set operation.
 pub(in crate::cli) fn combine(
-    operation: Operation,
+    operation: CombineOperation,
     files: &[PathBuf],
     (path, limit): (&Path, &OutputLimit),
     codec: Codec,
@@ -24,7 +23,7 @@ pub(in crate::cli) fn combine(
     global: &Global,
 ) -> Result<()> {
     let start = Instant::now();
-    let Operation::Set { number, .. } = operation else {
+    let CombineOperation::Set { operation, .. } = operation else {
         bail!(
             "{}: is an exact model, which has no values: set operations (0 to 15) are for it",
             files[0].display()
@@ -36,23 +35,23 @@ pub(in crate::cli) fn combine(
     let work = Work::start(global, "faces")?;
     let output = limit.create_tree(path)?;
     let models = models.iter().collect::<Vec<_>>();
-    let report = spinney::brep::combine(number, &models, output, codec, memory, &work)?;
+    let report = spinney::brep::combine(operation, &models, output, codec, memory, &work)?;
     work.finish();
     tell(&report, files, global);
     report_output(global, path, start);
-    if explain { print_text(&table(number)?) } else { Ok(()) }
+    if explain { print_text(&table(operation)?) } else { Ok(()) }
 }
 
 /// The parts of the surfaces of two models with their indices, and what an operation makes of them.
-fn table(number: u8) -> Result<String> {
+fn table(operation: SetOperation) -> Result<String> {
     const SETS: [&str; 4] = ["both", "A only", "B only", "neither"];
-    let has = |set: usize| if number >> set & 1 == 1 { "in" } else { "out" };
-    let mut text = format!("operation {number}\nindex  set      result\n");
+    let has = |set: usize| if operation.index() >> set & 1 == 1 { "in" } else { "out" };
+    let mut text = format!("operation {}\nindex  set      result\n", operation.index());
     for (index, name) in SETS.iter().enumerate() {
         writeln!(text, "{index:5}  {name:7}  {}", has(index))?;
     }
     text.push_str("index  boundary                               behind   front    bits  taken\n");
-    for part in boundary_parts(number)? {
+    for part in boundary_parts(operation) {
         let [behind, front] = part.sets.map(|set| SETS[usize::from(set)]);
         let [a, b] = part.is_inside.map(u8::from);
         let taken = match (part.is_taken(), part.is_turned()) {
@@ -98,5 +97,5 @@ fn tell(report: &CombineReport, files: &[PathBuf], global: &Global) {
 
 /// Whether any of some files is an exact model.
 pub(in crate::cli) fn any_model(files: &[PathBuf]) -> bool {
-    files.iter().any(|file| spinney::brep::is_model_file(Path::new(file)))
+    files.iter().any(|file| spinney::raw::brep::is_model_file(Path::new(file)))
 }

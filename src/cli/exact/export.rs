@@ -4,11 +4,12 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use spinney::brep::{ChosenParts, ExactModel, Faces, Triangulated};
-use spinney::export::mesh::{MeshFormat, export_exact};
+use spinney::brep::Faces;
+use spinney::export::{MeshFormat, export_exact};
 use spinney::import::feature::FeatureFilter;
-use spinney::io::Output;
-use spinney::store::Tag;
+use spinney::raw::brep::{ChosenParts, Triangulated};
+use spinney::raw::store::Tag;
+use spinney::{ExactModel, Output};
 
 use super::super::Global;
 use super::super::args::check_output;

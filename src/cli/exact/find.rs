@@ -2,8 +2,9 @@
 
 use anyhow::Result;
 use serde_json::json;
-use spinney::brep::{ExactModel, Faces, ModelNode, ModelNodeState, NodeKind};
-use spinney::space::{Code, Dimension};
+use spinney::brep::Faces;
+use spinney::raw::brep::{ModelNode, ModelNodeState, NodeKind};
+use spinney::{Code, Dimension, ExactModel};
 
 use super::super::report::Found;
 

@@ -4,8 +4,9 @@ use std::fmt::Write as _;
 
 use anyhow::Result;
 use serde_json::json;
-use spinney::brep::{ExactModel, Faces};
-use spinney::store::Tag;
+use spinney::ExactModel;
+use spinney::brep::Faces;
+use spinney::raw::store::Tag;
 
 use super::super::report::{print_json, print_text, shortened};
 use super::{list, space, unit};

@@ -13,10 +13,12 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use anyhow::{Result, bail};
-use spinney::brep::{BuildReport, ExactModel, Faces, ModelView, is_model_file};
-use spinney::import::feature::{FeatureFilter, choose_objects};
-use spinney::ops::Step;
-use spinney::store::{OpenOptions, Tag};
+use spinney::brep::Faces;
+use spinney::import::feature::FeatureFilter;
+use spinney::raw::brep::{BuildReport, ModelView, is_model_file};
+use spinney::raw::import::feature::choose_objects;
+use spinney::raw::store::Tag;
+use spinney::{ExactModel, OpenOptions, ViewStep};
 
 use super::Global;
 
@@ -38,7 +40,7 @@ pub(super) fn open(path: &Path) -> Result<Option<ExactModel>> {
 }
 
 /// The exact model in a file as it is seen through steps; `None` if the file has anything else.
-pub(super) fn open_viewed(path: &Path, steps: &[Step], global: &Global) -> Result<Option<ModelView>> {
+pub(super) fn open_viewed(path: &Path, steps: &[ViewStep], global: &Global) -> Result<Option<ModelView>> {
     let Some(model) = open(path)? else { return Ok(None) };
     if steps.is_empty() {
         return Ok(Some(model.into()));

@@ -4,9 +4,10 @@ use std::path::Path;
 
 use anyhow::{Result, bail};
 use serde_json::{Value, json};
-use spinney::brep::query::PartMeasures;
-use spinney::brep::{Faces, ModelView, ObjectContact};
-use spinney::import::mesh;
+use spinney::brep::Faces;
+use spinney::raw::brep::query::PartMeasures;
+use spinney::raw::brep::{ModelView, ObjectContact};
+use spinney::raw::import::mesh;
 
 use super::super::Global;
 use super::super::report::{Found, Work};
@@ -110,8 +111,8 @@ pub(crate) fn find_contacts(
         let name = |part: u32| view.file().parts().get(part as usize).map_or("", String::as_str);
         view.object_contacts(memory, &work, &mut |contact| take(contact, contact.parts.map(name)))?;
     } else if mesh::is_model(file) {
-        let models = mesh::open_all(&[file.to_path_buf()], memory)?;
-        let mut options = mesh::ExactOptions::new();
+        let models = spinney::import::mesh::open_all(&[file.to_path_buf()], memory)?;
+        let mut options = spinney::import::mesh::ExactOptions::new();
         (options.snap, options.memory) = (snap, memory);
         let work = Work::start(global, "objects")?;
         mesh::model_contacts(models, &options, &work, &mut |found| {

@@ -4,8 +4,8 @@ use std::io::{self, BufRead as _, Write};
 
 use anyhow::{Context as _, Result, anyhow};
 use rayon::prelude::*;
-use spinney::brep::query::Location;
-use spinney::brep::{FaceBuffer, Faces, ModelView};
+use spinney::brep::{FaceBuffer, Faces, Location};
+use spinney::raw::brep::ModelView;
 
 /// Points that are answered at a time.
 const BATCH: usize = 1 << 16;

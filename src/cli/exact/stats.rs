@@ -6,13 +6,14 @@ use std::time::Instant;
 
 use anyhow::Result;
 use serde_json::json;
-use spinney::brep::query::MassProperties;
-use spinney::brep::topology::{Euler, Topology, TopologyOptions};
-use spinney::brep::{ExactModel, Faces, ModelView};
-use spinney::export::vector::{VectorFormat, export_objects};
+use spinney::brep::{Faces, MassProperties};
+use spinney::export::VectorFormat;
 use spinney::import::feature::FeatureFilter;
-use spinney::io::Output;
-use spinney::store::Tag;
+use spinney::raw::brep::ModelView;
+use spinney::raw::brep::topology::{Euler, Topology, TopologyOptions};
+use spinney::raw::export::vector::export_objects;
+use spinney::raw::store::Tag;
+use spinney::{ExactModel, Output};
 
 use super::super::Global;
 use super::super::args::{DEFAULT_MEMORY, check_output, vector_format};

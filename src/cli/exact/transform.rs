@@ -4,8 +4,10 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::Result;
-use spinney::brep::{ExactModel, Faces, Motion, TransformOptions, TransformReport};
-use spinney::ops::{AffineMap, Step};
+use spinney::brep::{Faces, Motion, TransformOptions};
+use spinney::raw::brep::TransformReport;
+use spinney::raw::ops::AffineMap;
+use spinney::{ExactModel, ViewStep};
 
 use super::super::Global;
 use super::super::args::OutputLimit;
@@ -15,7 +17,7 @@ use super::{tell_result, unit};
 /// A model that is moved, and how.
 pub(in crate::cli) struct Moving<'a> {
     pub(in crate::cli) model: &'a ExactModel,
-    pub(in crate::cli) steps: &'a [Step],
+    pub(in crate::cli) steps: &'a [ViewStep],
     pub(in crate::cli) options: TransformOptions,
 }
 
@@ -31,12 +33,12 @@ pub(in crate::cli) fn transform(
     let mut maps = Vec::new();
     for step in steps {
         match step {
-            Step::Crs(crs) => options.crs = Some(crs.clone()),
+            ViewStep::Crs(crs) => options.crs = Some(crs.clone()),
             step => maps.push(step.clone()),
         }
     }
     let motion = motion(&maps)?;
-    let texts: Vec<String> = steps.iter().map(Step::to_string).collect();
+    let texts: Vec<String> = steps.iter().map(ViewStep::to_string).collect();
     options.note = (!texts.is_empty()).then(|| texts.join(", "));
     let work = Work::start(global, "faces")?;
     let output = limit.create_tree(path)?;
@@ -50,7 +52,7 @@ pub(in crate::cli) fn transform(
 }
 
 /// Steps, one after the other, as a map of the world.
-pub(super) fn motion(steps: &[Step]) -> Result<Motion> {
+pub(super) fn motion(steps: &[ViewStep]) -> Result<Motion> {
     let map =
         steps.iter().try_fold(AffineMap::IDENTITY, |map, step| step.as_map().map(|next| map.then(&next)))?;
     Ok(Motion::from_rows(map.to_rows())?)

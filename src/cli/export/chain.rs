@@ -4,12 +4,10 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
-use spinney::Progress as _;
-use spinney::dataset::Dataset;
-use spinney::export::{ChainDirections, ChainWriter, export_chain_code};
-use spinney::import::feature::{FeatureGeometry, FeatureOptions, open_features};
-use spinney::io::Output;
-use spinney::space::{Coordinates, Places};
+use spinney::import::feature::FeatureOptions;
+use spinney::raw::export::{ChainDirections, ChainWriter, export_chain_code};
+use spinney::raw::import::feature::{FeatureGeometry, open_features};
+use spinney::{CellLocator, Coordinates, Dataset, Output, Progress as _};
 
 use super::super::args::{check_output, level_of};
 use super::super::features::check_features;
@@ -86,7 +84,7 @@ fn write_lines(
     // (Where one of both does not tell where it is, they are taken to be in the same place.)
     let told = reader.schema().crs.clone().filter(|_| frame.crs.is_some());
     let coordinates = told.map_or(Coordinates::World, Coordinates::System);
-    let places = Places::new(&coordinates, &frame, tree.extent_at(level).max)?;
+    let places = CellLocator::new(&coordinates, &frame, tree.extent_at(level).max)?;
     let work = Work::start(global, "features")?;
     places.remarks().iter().for_each(|remark| work.warn(file, remark));
     let mut writer = writer(&work)?;

@@ -5,8 +5,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result};
 use clap::ValueEnum;
 use spinney::export::{CogCompression, CogRequest, export_cog};
-use spinney::io::Output;
-use spinney::value::Number;
+use spinney::{Number, Output};
 
 use super::super::args::check_output;
 use super::super::report::{Work, report_output};

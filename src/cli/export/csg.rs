@@ -4,8 +4,8 @@ use std::io::Write as _;
 use std::time::Instant;
 
 use anyhow::{Result, bail};
-use spinney::io::Output;
-use spinney::store::{Metadata, Tag};
+use spinney::raw::store::Tag;
+use spinney::{Metadata, Output};
 
 use super::super::Global;
 use super::super::args::check_output;

@@ -4,9 +4,9 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
-use spinney::dataset::Dataset;
-use spinney::export::mesh::{GltfOptions, MeshRequest, export_glb, export_tileset};
-use spinney::io::{Output, OutputFolder};
+use spinney::export::{GltfOptions, MeshRequest, export_glb, export_tileset};
+use spinney::raw::io::OutputFolder;
+use spinney::{Dataset, Output};
 
 use super::super::args::check_output;
 use super::super::report::{Work, report_output};

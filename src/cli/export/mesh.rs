@@ -3,9 +3,9 @@
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
-use spinney::export::mesh::{MeshFormat, MeshRequest, export_mesh};
+use spinney::Output;
+use spinney::export::{MeshFormat, MeshRequest, export_mesh};
 use spinney::import::feature::FeatureFilter;
-use spinney::io::Output;
 
 use super::super::args::check_output;
 use super::super::report::{Work, report_output};

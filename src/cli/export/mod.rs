@@ -15,8 +15,8 @@ use std::path::Path;
 use std::str::FromStr;
 
 use anyhow::{Result, bail};
-use spinney::export::mesh::MeshFormat;
-use spinney::export::tiles::TileTarget;
+use spinney::export::MeshFormat;
+use spinney::raw::export::tiles::TileTarget;
 
 use super::Global;
 use super::args::{OutputFile, PartOptions, ViewedTree};

@@ -3,8 +3,9 @@
 use std::time::Instant;
 
 use anyhow::{Result, bail};
-use spinney::export::page::{PageFile, PageRequest, PageStart, export_page};
-use spinney::store::FilePlace;
+use spinney::export::{PageFile, PageRequest, export_page};
+use spinney::raw::export::page::PageStart;
+use spinney::raw::store::FileReference;
 
 use super::super::Global;
 use super::super::args::check_output;
@@ -39,7 +40,7 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     if args.tree.open_model(global)?.is_none() {
         args.tree.open_any_layer()?;
     }
-    let place = FilePlace::of(file);
+    let place = FileReference::of(file);
     let layer = args.tree.layer_text().map(str::to_owned).or(place.layer);
     let style = args.archive.style().map(|style| style.json().to_owned());
     let files = vec![PageFile {

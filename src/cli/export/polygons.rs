@@ -3,11 +3,10 @@
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
-use spinney::export::vector::export_polygons;
-use spinney::io::Output;
-use spinney::ops::Connectivity;
+use spinney::export::export_polygons;
 use spinney::query::PolygonRequest;
-use spinney::value::Number;
+use spinney::raw::ops::Connectivity;
+use spinney::{Number, Output};
 
 use super::super::args::{check_output, level_of, vector_format};
 use super::super::report::{Work, report_output};

@@ -5,13 +5,10 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
-use spinney::dataset::Dataset;
-use spinney::export::tiles::{
-    TileEncoding, TileFormat, TilePart, TileRequest, TileTarget, UpdateOptions, degrees_of, draw_tiles,
-    tile_source,
-};
-use spinney::ops::{Resampling, WarpOptions};
+use spinney::export::{TileEncoding, TileFormat, TileRequest};
+use spinney::raw::export::tiles::{TilePart, TileTarget, UpdateOptions, degrees_of, draw_tiles, tile_source};
 use spinney::style::Style;
+use spinney::{Dataset, Resampling, WarpOptions};
 
 use super::super::Global;
 use super::super::args::{check_output, expand_lists, parse_style};

@@ -3,9 +3,10 @@
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
-use spinney::export::mesh::{MeshFormat, SurfaceMesh, export_triangles};
-use spinney::io::Output;
-use spinney::tin::{approximate, read_heights};
+use spinney::Output;
+use spinney::export::MeshFormat;
+use spinney::raw::export::mesh::{SurfaceMesh, export_triangles};
+use spinney::raw::tin::{approximate, read_heights};
 
 use super::super::args::{check_output, level_of};
 use super::super::report::{Work, report_output};
@@ -38,7 +39,7 @@ pub(super) fn run(args: &Args, most: f64, format: MeshFormat, global: &Global) -
     let tin = approximate(&read_heights(&tree, level)?, most, &work)?;
     let mesh = SurfaceMesh { vertices: tin.vertices().collect(), triangles: tin.triangles().to_vec() };
     let summary = Output::create(args.output.path())
-        .and_then(|output| export_triangles((&mesh, tree.metadata()), output, format, &work))
+        .and_then(|output| export_triangles(&mesh, tree.metadata(), output, format, &work))
         .with_context(|| format!("cannot write {}", args.output.path().display()))?;
     work.finish();
     global.report("surface", format_args!("{} triangles, {} vertices", summary.faces, summary.vertices));

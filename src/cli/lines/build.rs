@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
-use spinney::Progress;
-use spinney::import::feature::{FeatureLines, FeatureOptions, is_feature_file, open_feature_lines};
-use spinney::io::Output;
-use spinney::lines::{LineBuildOptions, LineSource as _, build};
-use spinney::store::Metadata;
+use spinney::import::feature::FeatureOptions;
+use spinney::lines::{LineBuildOptions, build};
+use spinney::raw::import::feature::{FeatureLines, is_feature_file, open_feature_lines};
+use spinney::raw::lines::LineSource as _;
+use spinney::{Metadata, Output, Progress};
 
 use super::super::report::warn;
 
@@ -25,7 +25,7 @@ impl LineImport {
     pub(crate) fn plan(
         inputs: &[PathBuf],
         features: &FeatureOptions,
-        crs: Option<spinney::space::Crs>,
+        crs: Option<spinney::Crs>,
         options: LineBuildOptions,
     ) -> Result<LineImport> {
         let [input] = inputs else {

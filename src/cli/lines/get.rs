@@ -4,8 +4,9 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use spinney::io::Output;
-use spinney::lines::{LineTree, export_lines, join_crossing_lines};
+use spinney::Output;
+use spinney::lines::LineTree;
+use spinney::raw::lines::{export_lines, join_crossing_lines};
 
 use super::super::Global;
 use super::super::args::{PartOptions, check_output, vector_format};
@@ -39,7 +40,7 @@ pub(crate) fn get(
         (None, None) => None,
     };
     let work = Work::start(global, "features")?;
-    let written = export_lines(tree, numbers.as_deref(), names.as_deref(), (output, format), &work)?;
+    let written = export_lines(tree, numbers.as_deref(), names.as_deref(), output, format, &work)?;
     work.finish();
     global.report("features", format_args!("{written} of {}", tree.len()));
     report_output(global, path, start);

@@ -4,7 +4,8 @@ use std::fmt::Write as _;
 
 use anyhow::Result;
 use serde_json::json;
-use spinney::lines::{LevelTotals, LineTree};
+use spinney::lines::LineTree;
+use spinney::raw::lines::LevelTotals;
 
 use super::super::report::{print_json, print_text};
 

@@ -9,9 +9,9 @@ mod stats;
 use std::path::Path;
 
 use anyhow::{Result, bail};
-use spinney::lines::{LineTree, is_line_file};
-use spinney::space::Coordinates;
-use spinney::store::OpenOptions;
+use spinney::lines::LineTree;
+use spinney::raw::lines::is_line_file;
+use spinney::{Coordinates, OpenOptions};
 
 use super::args::PartOptions;
 

@@ -5,8 +5,9 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use serde_json::json;
-use spinney::io::Output;
-use spinney::lines::{LineTree, join_crossing_lines, join_nearest_lines};
+use spinney::Output;
+use spinney::lines::LineTree;
+use spinney::raw::lines::{join_crossing_lines, join_nearest_lines};
 
 use super::super::Global;
 use super::super::args::{check_output, vector_format};
@@ -68,7 +69,7 @@ pub(crate) fn join(
         Join::Nearest(points, within) => {
             let work = Work::start(global, "points")?;
             let found =
-                join_nearest_lines(tree, points, (within, names), target, &work).with_context(failed)?;
+                join_nearest_lines(tree, points, within, names, target, &work).with_context(failed)?;
             work.finish();
             let mean = if found.joined > 0 { found.sum / found.joined as f64 } else { 0.0 };
             let (points, joined, most) = (found.points, found.joined, found.most);

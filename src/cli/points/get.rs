@@ -4,8 +4,9 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use spinney::io::Output;
-use spinney::points::{PointFormat, PointTree, Selection, export_points, position};
+use spinney::Output;
+use spinney::points::{PointTree, Selection};
+use spinney::raw::points::{PointFormat, export_points, position};
 
 use super::super::Global;
 use super::super::args::check_output;
@@ -33,7 +34,7 @@ pub(crate) fn get(
     });
     let chosen = chosen.transpose()?;
     let work = Work::start(global, "blocks")?;
-    let written = export_points(tree, selection, chosen.as_deref(), (Output::create(path)?, format), &work)?;
+    let written = export_points(tree, selection, chosen.as_deref(), Output::create(path)?, format, &work)?;
     work.finish();
     global.report("points", format_args!("{written} of {}", tree.len()));
     report_output(global, path, start);

@@ -4,7 +4,8 @@ use std::fmt::Write as _;
 
 use anyhow::Result;
 use serde_json::json;
-use spinney::points::{PointStatistics, PointTree, Selection};
+use spinney::points::{PointTree, Selection};
+use spinney::raw::points::PointStatistics;
 
 use super::super::report::{print_json, print_text};
 

@@ -8,10 +8,11 @@ mod stats;
 use std::path::Path;
 
 use anyhow::{Result, bail};
-use spinney::import::feature::{FeatureFilter, FeatureOptions, open_features};
-use spinney::points::{PointRegion, PointTree, is_point_file};
-use spinney::space::Coordinates;
-use spinney::store::OpenOptions;
+use spinney::import::feature::{FeatureFilter, FeatureOptions};
+use spinney::points::{PointRegion, PointTree};
+use spinney::raw::import::feature::open_features;
+use spinney::raw::points::is_point_file;
+use spinney::{Coordinates, OpenOptions};
 
 use super::args::PartOptions;
 
@@ -104,7 +105,7 @@ fn polygons(path: &Path, tree: &PointTree) -> Result<Vec<Vec<Vec<[f64; 2]>>>> {
     let mut parts = Vec::new();
     while let Some(feature) = reader.next()? {
         match feature.geometry {
-            Some(spinney::import::feature::FeatureGeometry::Polygons(own)) => parts.extend(own),
+            Some(spinney::raw::import::feature::FeatureGeometry::Polygons(own)) => parts.extend(own),
             None => {}
             Some(_) => bail!("{}: has features that are no polygons", path.display()),
         }

@@ -18,7 +18,7 @@ pub(crate) fn nearest(
 ) -> Result<()> {
     let places = args::places(places)?;
     let work = Work::start(global, "places")?;
-    let found = tree.nearest(&places, (most, within), DEFAULT_MEMORY, &work)?;
+    let found = tree.nearest(&places, most, within, DEFAULT_MEMORY, &work)?;
     work.finish();
     let mut out = io::BufWriter::with_capacity(1 << 20, io::stdout().lock());
     for (number, found) in found.iter().enumerate() {

@@ -1,6 +1,6 @@
 //! Commits, for people and for programs.
 
-use spinney::store::autumnal::Commit;
+use spinney::edit::Commit;
 
 use super::super::Global;
 use super::quantity;

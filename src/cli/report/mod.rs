@@ -15,8 +15,8 @@ use std::io::{self, Write};
 use std::process::ExitCode;
 
 use anyhow::Result;
-use spinney::dataset::Dataset;
-use spinney::report::printable_json;
+use spinney::Dataset;
+use spinney::raw::report::printable_json;
 
 pub(crate) use found::Found;
 pub(crate) use output::{report_built, report_output};

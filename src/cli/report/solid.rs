@@ -3,8 +3,8 @@
 use super::unit::{behind_number, unit};
 use anyhow::Result;
 use serde_json::json;
-use spinney::dataset::Dataset;
-use spinney::query::{SolidStatistics, SolidSurface};
+use spinney::Dataset;
+use spinney::raw::query::{SolidStatistics, SolidSurface};
 
 /// Words for a unit that nobody told.
 const UNKNOWN: &str = "the model's unit, which nobody told (`build --unit` does)";

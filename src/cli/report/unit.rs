@@ -1,7 +1,7 @@
 //! Units of the world, as people and programs are told them.
 
-use spinney::dataset::Dataset;
-use spinney::store::Tag;
+use spinney::Dataset;
+use spinney::raw::store::Tag;
 
 /// The unit of a tree's world: that of the model, or of the coordinate system; cells where nothing places them. `None` if
 /// nobody told.

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Result;
-use spinney::shards::Job;
+use spinney::raw::shards::Job;
 
 use super::super::Global;
 use super::super::args::Memory;

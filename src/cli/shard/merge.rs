@@ -4,9 +4,9 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Result, bail};
-use spinney::shards::Job;
-use spinney::store::TreeFormat;
-use spinney::store::goblin::MergeOutput;
+use spinney::raw::shards::Job;
+use spinney::raw::store::TreeFormat;
+use spinney::raw::store::goblin::MergeOutput;
 
 use super::super::Global;
 use super::super::args::{Memory, OutputLimit};

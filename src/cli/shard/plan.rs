@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use spinney::csg::Csg;
 use spinney::import::feature::FeatureFilter;
-use spinney::import::mesh;
-use spinney::points::is_las_file;
-use spinney::reconstruction::is_views_name;
-use spinney::shards::{JobSpec, plan};
-use spinney::store::{TreeFormat, file_is_tree};
+use spinney::raw::csg::Csg;
+use spinney::raw::import::mesh;
+use spinney::raw::points::is_las_file;
+use spinney::raw::reconstruction::is_views_name;
+use spinney::raw::shards::{JobSpec, plan};
+use spinney::raw::store::{TreeFormat, file_is_tree};
 
 use super::super::args::{Packing, check_output, expand_lists};
 use super::super::build::{Common, PictureArgs, SolidArgs, points as scans, tree_spec};

@@ -7,12 +7,10 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail, ensure};
 use serde_json::json;
-use spinney::dataset::Dataset;
-use spinney::io::Output;
-use spinney::ops::Connectivity;
-use spinney::query::{Label, LabelRequest};
-use spinney::report::{cell_area, class_as_json, class_name, printable_json};
-use spinney::value::Number;
+use spinney::raw::ops::Connectivity;
+use spinney::raw::query::{Label, LabelRequest};
+use spinney::raw::report::{cell_area, class_as_json, class_name, printable_json};
+use spinney::{Dataset, Number, Output};
 
 use super::super::args::check_output;
 use super::super::report::{Work, print_text, report_output};
@@ -40,7 +38,7 @@ pub(super) struct LabelOptions {
 }
 
 /// Bytes of text that are held.
-const MOST_TEXT: usize = 1 << 20;
+const MAX_TEXT: usize = 1 << 20;
 
 /// Writes the table of a tree.
 pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
@@ -239,7 +237,7 @@ impl Table<'_> {
     }
 
     fn write_some(&mut self) -> Result<()> {
-        if self.text.len() < MOST_TEXT { Ok(()) } else { self.write() }
+        if self.text.len() < MAX_TEXT { Ok(()) } else { self.write() }
     }
 
     fn write(&mut self) -> Result<()> {

@@ -7,13 +7,12 @@ use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 use serde_json::json;
-use spinney::dataset::Dataset;
 use spinney::import::feature::FeatureFilter;
 use spinney::query::Statistics;
-use spinney::report::{
+use spinney::raw::report::{
     JsonNumbers, bins_with, cell_area, class_name, statistics_as_json, statistics_of, void_share,
 };
-use spinney::value::Rule;
+use spinney::{Dataset, Rule};
 
 use super::args::{PartOptions, ViewedTree, level_of};
 use super::lines;

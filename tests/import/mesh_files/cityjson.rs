@@ -1,8 +1,9 @@
 //! CityJSON and CityJSONSeq.
 
 use super::mesh_files::*;
-use spinney::import::mesh::{SolidOptions, open, plan_models};
-use spinney::space::Crs;
+use spinney::Crs;
+use spinney::import::mesh::{SolidOptions, plan_models};
+use spinney::raw::import::mesh::open;
 
 /// The sides as a list of surfaces.
 fn surfaces() -> String {

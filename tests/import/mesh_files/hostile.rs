@@ -3,7 +3,7 @@
 use super::mesh_files::*;
 use super::{cityjson, obj, off, ply, stl};
 use spinney::Error;
-use spinney::import::mesh::open;
+use spinney::raw::import::mesh::open;
 
 #[test]
 fn the_same_cube_in_all_formats() {

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::import::mesh::{MeshFace, Model, ModelInfo, open};
+use spinney::raw::import::mesh::{MeshFace, Model, ModelInfo, open};
 use spinney::{Error, Result};
 
 /// Memory for readers that have enough of it.

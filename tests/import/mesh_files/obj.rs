@@ -1,7 +1,7 @@
 //! OBJ: read whole and streamed.
 
 use super::mesh_files::*;
-use spinney::import::mesh::{Model, open};
+use spinney::raw::import::mesh::{Model, open};
 
 /// So little memory that a file is streamed.
 const LITTLE: u64 = 1;

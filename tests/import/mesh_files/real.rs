@@ -1,7 +1,7 @@
 //! Meshes of public projects, against what another program makes of them.
 
 use super::mesh_files::*;
-use spinney::import::mesh::open;
+use spinney::raw::import::mesh::open;
 
 #[test]
 fn real_meshes_have_the_expected_figures() {

@@ -4,10 +4,8 @@ mod tree;
 
 use std::path::Path;
 
-use spinney::io::Output;
-use spinney::store::{build_slabs, build_source};
-use spinney::tree::MemTree;
-use spinney::value::{Kind, Rule, Value};
+use spinney::tree::{MemTree, build_slabs, build_source};
+use spinney::{DataKind, Output, Rule, Value};
 
 use self::tree::{PredictedSource, PredictiveTree};
 use crate::common::{CLASSIC, Cells, QUAD, byte, bytes_of, cells_of, made, options, quad, value};
@@ -19,7 +17,7 @@ fn predicted(cells: &Cells) -> PredictedSource<Option<Value>> {
 }
 
 /// The file that the builder makes of slabs of rows is the one that it makes of the predicted tree, and all nodes of this are needed.
-fn is_that_of_the_builder(cells: &Cells, rule: Rule, kind: Kind) {
+fn is_that_of_the_builder(cells: &Cells, rule: Rule, kind: DataKind) {
     let source = predicted(cells);
     let needed = MemTree::from_source(&source, Rule::Nearest).unwrap().inner_nodes();
     assert_eq!(source.tree.len(), 1 + 4 * needed, "{:?}", cells.size);
@@ -41,12 +39,12 @@ fn is_that_of_the_builder(cells: &Cells, rule: Rule, kind: Kind) {
 fn item_16_picture_of_the_tables() {
     let cells = made(QUAD, [8, 8, 1], |[x, y, _]| Some(byte(CLASSIC[y as usize][x as usize])));
     assert_eq!(predicted(&cells).tree.len(), 10 + 31);
-    is_that_of_the_builder(&cells, Rule::Dominant, Kind::Categorical);
+    is_that_of_the_builder(&cells, Rule::Dominant, DataKind::Categorical);
 }
 
 #[test]
 fn item_16_random_pictures() {
-    use spinney::value::SampleType::{F32, U8, U16};
+    use spinney::SampleType::{F32, U8, U16};
     for seed in 0..60 {
         let side = [9, 70, 300][seed as usize % 3];
         let size = [1 + seed * 37 % side, 1 + seed * 53 % side, 1];
@@ -56,7 +54,7 @@ fn item_16_random_pictures() {
             _ => Cells::random(form, seed, size, 1 + seed % 4, seed % 2 == 0),
         };
         let (rule, kind) =
-            [(Rule::Majority, Kind::Categorical), (Rule::Mean, Kind::Continuous)][seed as usize % 2];
+            [(Rule::Majority, DataKind::Categorical), (Rule::Mean, DataKind::Continuous)][seed as usize % 2];
         is_that_of_the_builder(&cells, rule, kind);
     }
 }

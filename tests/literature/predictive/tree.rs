@@ -5,9 +5,9 @@
 //! cell's value. All that is divided on the way has its own first cell behind it, of the value from before, so that it is no leaf in the end either: no node is
 //! made that does not stay, and none is merged. Beside the tree this takes a list of the active nodes: for each column, the node that was there last.
 
-use spinney::space::Code;
-use spinney::tree::{CellBlock, Child, Children, Form, Source};
-use spinney::value::Value;
+use spinney::raw::tree::CellBlock;
+use spinney::tree::{Child, Children, Source};
+use spinney::{Code, TreeType, Value};
 
 /// A quadtree of cells of any kind, with all nodes in memory: the root, and then the children of each node that was divided, four by four.
 pub(crate) struct PredictiveTree<T> {
@@ -109,7 +109,7 @@ fn leading<T: Copy + Eq>(cells: &[T], value: T) -> usize {
 /// A tree by prediction, as what others are built of. (What stores a tree averages it anew.)
 pub(crate) struct PredictedSource<T> {
     pub(crate) tree: PredictiveTree<T>,
-    pub(crate) form: Form,
+    pub(crate) form: TreeType,
     /// The value of a cell; `None` is VOID.
     pub(crate) value: fn(T) -> Option<Value>,
 }
@@ -157,7 +157,7 @@ impl<T: Copy + Eq + Sync> PredictedSource<T> {
 impl<T: Copy + Eq + Sync> Source for PredictedSource<T> {
     type Node = Code;
 
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         self.form
     }
 

@@ -84,7 +84,7 @@ impl RangeCache {
     }
 
     /// The bytes of a range of a file, if they are held.
-    pub fn get(&self, file: u64, range: &Range<u64>) -> Option<HeldBytes> {
+    pub fn get(&self, file: u64, range: &Range<u64>) -> Option<CachedBytes> {
         let mut state = self.state();
         let State { time, ranges, by_time, .. } = &mut *state;
         let (place, cached) = ranges.range_mut((file, 0)..=(file, range.start)).next_back()?;
@@ -97,7 +97,7 @@ impl RangeCache {
         by_time.insert(*time, *place);
         cached.last_use = *time;
         *time += 1;
-        Some(HeldBytes { bytes: cached.bytes.clone(), range: start..end })
+        Some(CachedBytes { bytes: cached.bytes.clone(), range: start..end })
     }
 
     /// Bytes that are held.
@@ -158,12 +158,12 @@ impl State {
 
 /// Bytes that a cache holds, or held: they stay as long as somebody has them.
 #[derive(Clone)]
-pub struct HeldBytes {
+pub struct CachedBytes {
     bytes: Arc<Vec<u8>>,
     range: Range<usize>,
 }
 
-impl HeldBytes {
+impl CachedBytes {
     /// All bytes of the range that they are of.
     pub fn whole(&self) -> &Arc<Vec<u8>> {
         &self.bytes
@@ -171,21 +171,21 @@ impl HeldBytes {
 
     /// A part of them, which must lie within.
     #[must_use]
-    pub fn part(self, part: Range<usize>) -> HeldBytes {
+    pub fn part(self, part: Range<usize>) -> CachedBytes {
         let start = self.range.start;
         debug_assert!(start + part.end <= self.range.end);
-        HeldBytes { bytes: self.bytes, range: start + part.start..start + part.end }
+        CachedBytes { bytes: self.bytes, range: start + part.start..start + part.end }
     }
 }
 
-impl From<Arc<Vec<u8>>> for HeldBytes {
-    fn from(bytes: Arc<Vec<u8>>) -> HeldBytes {
+impl From<Arc<Vec<u8>>> for CachedBytes {
+    fn from(bytes: Arc<Vec<u8>>) -> CachedBytes {
         let range = 0..bytes.len();
-        HeldBytes { bytes, range }
+        CachedBytes { bytes, range }
     }
 }
 
-impl Deref for HeldBytes {
+impl Deref for CachedBytes {
     type Target = [u8];
 
     #[inline]

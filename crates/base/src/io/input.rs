@@ -59,7 +59,7 @@ impl InputFile {
     /// Those of [`InputFile::open`].
     pub fn find_beside(path: &Path) -> Result<Option<InputFile>> {
         match InputFile::find(path) {
-            Err(error) if is_hidden(path, &error) => Ok(None),
+            Err(error) if is_access_denied(path, &error) => Ok(None),
             found => found,
         }
     }
@@ -117,13 +117,13 @@ impl InputFile {
     }
 
     /// Whether the file is elsewhere, so that each read of something else takes a request.
-    pub fn is_elsewhere(&self) -> bool {
+    pub fn is_remote(&self) -> bool {
         matches!(self.bytes, Bytes::Elsewhere(_))
     }
 }
 
 /// Whether an error says of a file elsewhere that nobody may look at it.
-pub(super) fn is_hidden(path: &Path, error: &Error) -> bool {
+pub(super) fn is_access_denied(path: &Path, error: &Error) -> bool {
     let is_denied =
         matches!(error, Error::Io { cause, .. } if cause.kind() == io::ErrorKind::PermissionDenied);
     is_denied && url_of(path).is_some()
@@ -210,7 +210,9 @@ mod tests {
         let changed = Error::Changed { path: "s3://b/x".into(), what: "was overwritten" };
         assert!(matches!(back(changed), Error::Changed { .. }));
         let denied = Error::io("s3://b/x", "open")(io::ErrorKind::PermissionDenied.into());
-        assert!(is_hidden(Path::new("s3://b/x"), &denied) && !is_hidden(Path::new("x"), &denied));
+        assert!(
+            is_access_denied(Path::new("s3://b/x"), &denied) && !is_access_denied(Path::new("x"), &denied)
+        );
         assert!(matches!(back(denied), Error::Io { doing: "open", .. }));
     }
 

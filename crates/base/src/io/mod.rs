@@ -1,13 +1,13 @@
 //! Files: read where they are mapped, at positions, or in ranges from elsewhere, written whole or not at all, locked, sorted beyond
 //! memory.
 
+pub mod batch;
 mod cache;
 mod faults;
 mod file_id;
 mod input;
 mod lock;
 mod lock_file;
-mod look;
 mod open;
 mod output;
 mod output_folder;
@@ -15,26 +15,25 @@ pub mod platform;
 mod ranges;
 mod read;
 mod regular;
-pub mod rounds;
 mod sorter;
 pub mod spill;
 mod spool;
+mod stat;
 mod unpacked;
 mod write;
 
-pub use cache::{HeldBytes, RangeCache, with_cache};
+pub use cache::{CachedBytes, RangeCache, with_cache};
 pub use faults::Faults;
 pub use file_id::FileId;
 pub use input::{InputFile, beside};
 pub use lock::{LockedFile, ReplaceLock};
 pub use lock_file::LockFile;
-pub use look::{FileState, FileVersion, remove_files};
 pub use open::{
     RemoteFiles, RemoteWriter, local_path, open_file, set_remote_files, split_query, url_of, without_query,
 };
 pub use output::Output;
 pub use output::folder;
-pub use output::{Unfinished, must_be_new_error, partial_of, sidecar_of, sync_folder};
+pub use output::{Unfinished, already_exists_error, partial_of, sidecar_of, sync_folder};
 pub use output_folder::OutputFolder;
 pub use ranges::{DEFAULT_GAP, Fetch, RangeFile};
 pub use read::FileBytes;
@@ -43,6 +42,7 @@ pub use read::{Mapped, Positioned, ReadBackend, Stamp, open_input, prefer_positi
 pub use regular::{ClosedFolder, open_regular};
 pub use sorter::Sorter;
 pub use spool::{Spool, SpooledWords, WordSpooler};
+pub use stat::{FileStat, FileVersion, remove_files};
 pub use unpacked::Unpacked;
 pub use write::FileBackend;
 pub use write::WriteBackend;

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use super::file_id::FileId;
-use super::look::FileState;
 use super::read::{Mapped, Positioned, ReadBackend, open_input};
+use super::stat::FileStat;
 use crate::{Error, Result};
 
 /// The way to files that are elsewhere.
@@ -22,7 +22,7 @@ pub trait RemoteFiles: Send + Sync {
     ///
     /// # Errors
     /// On interruption. Of each file, if its host does not tell.
-    fn look(&self, urls: &[&str]) -> Result<Vec<Result<Option<FileState>>>>;
+    fn stat(&self, urls: &[&str]) -> Result<Vec<Result<Option<FileStat>>>>;
 
     /// Starts a file, which appears whole or not at all.
     ///
@@ -46,7 +46,7 @@ pub trait RemoteWriter: Write + Send {
     ///
     /// # Errors
     /// If that fails; nothing is left there then.
-    fn commit(self: Box<Self>, must_be_new: bool) -> Result<()>;
+    fn commit(self: Box<Self>, create_new: bool) -> Result<()>;
 }
 
 static REMOTE_FILES: OnceLock<Box<dyn RemoteFiles>> = OnceLock::new();

@@ -37,10 +37,10 @@ enum Sink {
         /// Whether the place is elsewhere: the file is copied there in the end, and what is named here is beside the temporary file.
         is_remote: bool,
         /// Whether a file that is there by the end is an error.
-        must_be_new: bool,
+        create_new: bool,
     },
     /// A file elsewhere, which goes there while it is written.
-    Elsewhere { file: Box<dyn RemoteWriter>, must_be_new: bool },
+    Elsewhere { file: Box<dyn RemoteWriter>, create_new: bool },
     /// Standard output, a device or a pipe: there is nothing to take the place of.
     Stream(BufWriter<Box<dyn Write + Send>>),
 }
@@ -96,7 +96,7 @@ impl Output {
                 file: BufWriter::with_capacity(BUFFER, TemporaryFile { file, faults: MayFail::default() }),
                 target,
                 is_remote,
-                must_be_new: false,
+                create_new: false,
             }
         };
         Ok(Output { path: path.to_path_buf(), sink, written: 0, most: u64::MAX })
@@ -109,7 +109,7 @@ impl Output {
     /// Those of [`Output::create`].
     pub fn append_only(path: &Path) -> Result<Output> {
         let Some(url) = url_of(path) else { return Output::create(path) };
-        let sink = Sink::Elsewhere { file: remote_files(path)?.write(url)?, must_be_new: false };
+        let sink = Sink::Elsewhere { file: remote_files(path)?.write(url)?, create_new: false };
         Ok(Output { path: path.to_path_buf(), sink, written: 0, most: u64::MAX })
     }
 
@@ -163,7 +163,7 @@ impl Output {
             file: BufWriter::with_capacity(BUFFER, TemporaryFile { file, faults: MayFail::default() }),
             target,
             is_remote: false,
-            must_be_new: false,
+            create_new: false,
         };
         Ok((Output { path: path.to_path_buf(), sink, written: there, most: u64::MAX }, there))
     }
@@ -208,7 +208,13 @@ impl Output {
         let no_room = |limit, whose| {
             let advice =
                 "nothing was written; write a part of it, or a coarser tree (see `spinney transform`)";
-            Err(Error::NoRoom { path: self.path.clone(), needed, limit, whose, advice: advice.into() })
+            Err(Error::InsufficientSpace {
+                path: self.path.clone(),
+                needed,
+                limit,
+                whose,
+                advice: advice.into(),
+            })
         };
         if needed > self.most {
             return no_room(self.most, "are allowed");
@@ -259,8 +265,8 @@ impl Output {
 
     /// Makes [`Output::commit`] fail if by then there is a file of that name, instead of replacing it.
     pub fn keep_existing(&mut self) {
-        if let Sink::File { must_be_new, .. } | Sink::Elsewhere { must_be_new, .. } = &mut self.sink {
-            *must_be_new = true;
+        if let Sink::File { create_new, .. } | Sink::Elsewhere { create_new, .. } = &mut self.sink {
+            *create_new = true;
         }
     }
 
@@ -284,8 +290,8 @@ impl Output {
         let path = self.path;
         match self.sink {
             Sink::Stream(mut out) => out.flush().map_err(Error::io(path, "write")),
-            Sink::Elsewhere { file, must_be_new } => file.commit(must_be_new),
-            Sink::File { file, target, is_remote, must_be_new, _unfinished } => {
+            Sink::Elsewhere { file, create_new } => file.commit(create_new),
+            Sink::File { file, target, is_remote, create_new, _unfinished } => {
                 let file = file.into_inner().map_err(|e| Error::io(&path, "write")(e.into_error()))?;
                 let TemporaryFile { file, faults } = file;
                 if is_remote {
@@ -294,7 +300,7 @@ impl Output {
                     let mut whole = File::open(file.path()).map_err(failed())?;
                     far.expect(whole.metadata().map_err(failed())?.len());
                     io::copy(&mut whole, &mut far).map_err(failed())?;
-                    return far.commit(must_be_new);
+                    return far.commit(create_new);
                 }
                 set_output_permissions(file.as_file(), &path)
                     .map_err(Error::io(&path, "set the permissions"))?;
@@ -303,10 +309,10 @@ impl Output {
                 faults.sync().and_then(|()| file.as_file().sync_all()).map_err(Error::io(&path, "sync"))?;
                 // (One step, so that no file can appear between a look and the renaming.)
                 let persisted =
-                    if must_be_new { file.persist_noclobber(&target) } else { file.persist(&target) };
+                    if create_new { file.persist_noclobber(&target) } else { file.persist(&target) };
                 let file = persisted.map_err(|failed| match failed.error {
-                    cause if must_be_new && cause.kind() == io::ErrorKind::AlreadyExists => {
-                        must_be_new_error(&path)
+                    cause if create_new && cause.kind() == io::ErrorKind::AlreadyExists => {
+                        already_exists_error(&path)
                     }
                     cause => Error::io(&path, "put in place")(cause),
                 })?;
@@ -320,7 +326,7 @@ impl Output {
 }
 
 /// The error for a file that must be new, and is there.
-pub fn must_be_new_error(path: &Path) -> Error {
+pub fn already_exists_error(path: &Path) -> Error {
     let advice = "nothing was written; choose another name, or remove that file first";
     Error::unsupported(path, "replacing a file that has appeared meanwhile", advice)
 }

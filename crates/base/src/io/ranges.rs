@@ -6,9 +6,9 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 
-use super::cache::{HeldBytes, RangeCache};
+use super::batch;
+use super::cache::{CachedBytes, RangeCache};
 use super::read::{FileBytes, ReadBackend};
-use super::rounds;
 use crate::{Error, Result};
 
 /// The way to a file's bytes.
@@ -32,7 +32,7 @@ pub trait Fetch: Send + Sync {
 pub const DEFAULT_GAP: u64 = 32 << 10;
 
 /// Bytes that are fetched with one request at most, unless a single range has more.
-const MOST_JOINED: u64 = 8 << 20;
+const MAX_JOINED: u64 = 8 << 20;
 
 /// A file whose bytes are fetched from elsewhere, and held by a cache. Copies are of the same file.
 #[derive(Clone)]
@@ -68,7 +68,7 @@ struct Stream {
 const STREAMS: usize = 4;
 
 /// Bytes that a read may leave out and still follow another one.
-const MOST_LEFT_OUT: u64 = 1 << 20;
+const MAX_LEFT_OUT: u64 = 1 << 20;
 
 /// Bytes that are read ahead, at first and at most.
 const FIRST_AHEAD: u64 = 256 << 10;
@@ -83,7 +83,7 @@ impl RangeFile {
         (cache, number): (Arc<RangeCache>, u64),
         gap: u64,
     ) -> RangeFile {
-        rounds::need();
+        batch::need();
         let (streams, under_way, arrived) = (Mutex::default(), Mutex::default(), Condvar::new());
         RangeFile(Arc::new(Shared {
             number,
@@ -182,7 +182,7 @@ impl RangeFile {
             let (found, expected) = (format!("{} parts", came.len()), format!("{}", wanted.len()));
             return Err(Error::corrupt(self.path(), "answer of the host", found, expected));
         }
-        rounds::count_traffic(wanted.len() as u64, came.iter().map(|bytes| bytes.len() as u64).sum());
+        batch::count_traffic(wanted.len() as u64, came.iter().map(|bytes| bytes.len() as u64).sum());
         let mut found = Vec::with_capacity(ranges.len());
         for ((whole, count), bytes) in joined.into_iter().zip(came) {
             let length = whole.end - whole.start;
@@ -205,9 +205,9 @@ impl RangeFile {
     /// A range that is read outside of rounds, with what is behind it if such ranges come one after the other.
     fn with_next(&self, range: &Range<u64>) -> Range<u64> {
         let mut streams = self.0.streams.lock().unwrap_or_else(PoisonError::into_inner);
-        let follows = |stream: &Stream| (stream.end..=stream.end + MOST_LEFT_OUT).contains(&range.start);
+        let follows = |stream: &Stream| (stream.end..=stream.end + MAX_LEFT_OUT).contains(&range.start);
         let known = streams.iter().position(follows).map(|at| streams.remove(at));
-        let bytes = known.map_or(0, |stream| (2 * stream.bytes).clamp(FIRST_AHEAD, MOST_JOINED));
+        let bytes = known.map_or(0, |stream| (2 * stream.bytes).clamp(FIRST_AHEAD, MAX_JOINED));
         let room = bytes.min(self.0.cache.limit() / 8);
         let end = range.end.max(range.start + room).min(self.0.length);
         streams.push(Stream { end, bytes });
@@ -241,7 +241,7 @@ fn join(ranges: &[Range<u64>], gap: u64) -> Vec<(Range<u64>, usize)> {
         match joined.last_mut() {
             Some((whole, count))
                 if range.start <= whole.end.saturating_add(gap)
-                    && range.end.saturating_sub(whole.start) <= MOST_JOINED =>
+                    && range.end.saturating_sub(whole.start) <= MAX_JOINED =>
             {
                 whole.end = whole.end.max(range.end);
                 *count += 1;
@@ -273,12 +273,12 @@ impl ReadBackend for RangeFile {
         if let Some(held) = self.0.cache.get(self.0.number, &range) {
             return Ok(FileBytes::Held(held));
         }
-        if rounds::note(self, &range) {
-            return Err(Error::Unread);
+        if batch::note(self, &range) {
+            return Err(Error::NotFetched);
         }
         let with_next = self.with_next(&range);
         let bytes = self.fetch(std::slice::from_ref(&with_next))?.pop().expect("as many as were asked for");
-        Ok(FileBytes::Held(HeldBytes::from(bytes).part(0..length)))
+        Ok(FileBytes::Held(CachedBytes::from(bytes).part(0..length)))
     }
 
     fn has_cache(&self) -> bool {
@@ -294,8 +294,8 @@ impl ReadBackend for RangeFile {
             return Ok(());
         }
         // (In a round each of them is noted.)
-        if wanted.iter().filter(|range| rounds::note(self, range)).count() > 0 {
-            return Err(Error::Unread);
+        if wanted.iter().filter(|range| batch::note(self, range)).count() > 0 {
+            return Err(Error::NotFetched);
         }
         self.fetch(&wanted).map(drop)
     }
@@ -304,7 +304,7 @@ impl ReadBackend for RangeFile {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::rounds::{all_read, ask, go_on};
+    use crate::io::batch::{defer_missing, finish_deferred, run_batched};
     use crate::parallel;
     use std::sync::Mutex;
 
@@ -337,13 +337,13 @@ mod tests {
         let mut is_unread = false;
         let mut sum = 0;
         for branch in 0..50u64 {
-            let first = go_on(file.share(branch * 1000, 4), &mut is_unread)?;
+            let first = defer_missing(file.share(branch * 1000, 4), &mut is_unread)?;
             let Some(first) = first else { continue };
             let next = u64::from(first[0]) * 300 + 7;
-            let bytes = go_on(file.share(next, 100), &mut is_unread)?;
+            let bytes = defer_missing(file.share(next, 100), &mut is_unread)?;
             sum += bytes.map_or(0, |bytes| bytes.iter().map(|byte| u64::from(*byte)).sum());
         }
-        all_read(is_unread).map(|()| sum)
+        finish_deferred(is_unread).map(|()| sum)
     }
 
     #[test]
@@ -353,15 +353,15 @@ mod tests {
         // (Outside of rounds every read waits.)
         assert!(rounds.lock().unwrap().len() >= 2);
         let (far, rounds) = file(1 << 20);
-        assert_eq!(ask(|| question(&far)).unwrap(), expected);
+        assert_eq!(run_batched(|| question(&far)).unwrap(), expected);
         assert_eq!(rounds.lock().unwrap().len(), 2);
         assert_eq!(rounds.lock().unwrap()[0].len(), 50);
         // What is held is not fetched again.
-        assert_eq!(ask(|| question(&far)).unwrap(), expected);
+        assert_eq!(run_batched(|| question(&far)).unwrap(), expected);
         assert_eq!(rounds.lock().unwrap().len(), 2);
         // Where there is no room for all of it, the answer comes in more rounds.
         let (far, rounds) = file(600);
-        assert_eq!(ask(|| question(&far)).unwrap(), expected);
+        assert_eq!(run_batched(|| question(&far)).unwrap(), expected);
         assert!(rounds.lock().unwrap().len() >= 2);
     }
 
@@ -369,7 +369,7 @@ mod tests {
     fn threads_are_in_the_round_of_their_question() {
         let (far, rounds) = file(1 << 20);
         let places: Vec<u64> = (0..64).map(|at| at * 1500).collect();
-        let sum = ask(|| {
+        let sum = run_batched(|| {
             let found = parallel::map(&places, |place| far.share(*place, 1).map(|bytes| u64::from(bytes[0])));
             found.into_iter().sum::<Result<u64>>()
         });
@@ -384,7 +384,7 @@ mod tests {
         std::thread::scope(|scope| {
             for _ in 0..8 {
                 scope.spawn(|| assert_eq!(question(&far).unwrap(), question(&far).unwrap()));
-                scope.spawn(|| ask(|| question(&far)).unwrap());
+                scope.spawn(|| run_batched(|| question(&far)).unwrap());
             }
         });
         let rounds = rounds.lock().unwrap();
@@ -399,8 +399,8 @@ mod tests {
     #[test]
     fn what_another_thread_got_meanwhile_is_not_fetched_again() {
         let (far, rounds) = file(1 << 20);
-        let mut other = Some(|| ask(|| question(&far)).unwrap());
-        ask(|| {
+        let mut other = Some(|| run_batched(|| question(&far)).unwrap());
+        run_batched(|| {
             let missing = question(&far);
             // (Between what is found missing and its fetching.)
             if let Some(other) = other.take() {
@@ -442,7 +442,7 @@ mod tests {
         // Each pass wants a place that nobody has seen.
         let (far, _) = file(1 << 20);
         let mut place = 0;
-        let end = ask(|| {
+        let end = run_batched(|| {
             place += 100;
             far.share(place, 1).map(|bytes| bytes[0])
         });

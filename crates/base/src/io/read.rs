@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::SystemTime;
 
-use super::cache::HeldBytes;
+use super::cache::CachedBytes;
 use super::platform::read_exact_at;
 use crate::{Error, Result};
 
@@ -234,7 +234,7 @@ pub enum FileBytes<'a> {
     /// Bytes of the mapping.
     Mapped(&'a [u8]),
     /// Bytes that were read.
-    Held(HeldBytes),
+    Held(CachedBytes),
 }
 
 impl FileBytes<'_> {

@@ -10,7 +10,7 @@ use super::platform::{read_exact_at, write_all_at};
 use crate::{Error, Result};
 
 /// Most words that are written at a time.
-const MOST_WORDS: usize = 16_896;
+const MAX_WORDS: usize = 16_896;
 
 /// A temporary file without a name, in chunks that are used again when their list is dropped.
 #[derive(Debug)]
@@ -36,7 +36,7 @@ impl Spool {
     /// If the file cannot be made.
     pub fn create(folder: &Path, record: usize) -> Result<Arc<Spool>> {
         let file = tempfile::tempfile_in(folder).map_err(Error::io(folder, "make a temporary file"))?;
-        let chunk = MOST_WORDS / record * record;
+        let chunk = MAX_WORDS / record * record;
         Ok(Arc::new(Spool { file, chunk, folder: folder.to_path_buf(), chunks: Mutex::default() }))
     }
 

@@ -3,7 +3,7 @@
 use std::cell::RefCell;
 use std::sync::{Arc, Weak};
 
-use super::{HeldBytes, RangeCache};
+use super::{CachedBytes, RangeCache};
 
 /// The pieces of an open file that were unpacked lately, by their numbers.
 pub struct Unpacked {
@@ -36,7 +36,7 @@ impl Unpacked {
     }
 
     /// The bytes of a piece, if they are held.
-    pub fn get(&self, index: u64) -> Option<HeldBytes> {
+    pub fn get(&self, index: u64) -> Option<CachedBytes> {
         let way = RECENT.with_borrow(|recent| {
             let way = &recent[self.way(index)];
             if (way.number, way.index) == (self.number, index) { way.bytes.upgrade() } else { None }
@@ -52,7 +52,7 @@ impl Unpacked {
     }
 
     /// Holds the bytes of a piece.
-    pub fn put(&self, index: u64, bytes: Arc<Vec<u8>>) -> HeldBytes {
+    pub fn put(&self, index: u64, bytes: Arc<Vec<u8>>) -> CachedBytes {
         self.remember(index, &bytes);
         RangeCache::unpacked().put(self.number, index << self.bits, bytes.clone());
         bytes.into()

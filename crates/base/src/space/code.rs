@@ -16,7 +16,7 @@ pub type Cell = [u32; 3];
 /// needed because a path of zeros does not tell its own length.
 ///
 /// ```
-/// use spinney::space::{Code, Dimension};
+/// use spinney::{Code, Dimension};
 /// let node = Code::root(Dimension::Quad).child(1).child(0).child(2).child(3);
 /// assert_eq!((node.path(), node.level(), node.to_string().as_str()), (75, 4, "/1023"));
 /// assert!(node.parent().unwrap() < node);

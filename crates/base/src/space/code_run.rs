@@ -10,7 +10,8 @@ const LEVEL: u64 = 31;
 /// All nodes whose subtrees' codes lie from one number to another: a part of the space that is cut along the order of files.
 ///
 /// ```
-/// use spinney::space::{Code, CodeRun, Dimension};
+/// use spinney::{Code, Dimension};
+/// use spinney::raw::space::CodeRun;
 /// let root = Code::root(Dimension::Quad);
 /// let run = CodeRun::of(root.child(1), root.child(2).child(0)).unwrap();
 /// assert!(run.contains(root.child(1).child(3)) && !run.contains(root.child(2)));

@@ -14,7 +14,7 @@ use super::value_type::{SampleType, ValueType};
 /// A value as its bytes on disk, little-endian, followed by zeros.
 ///
 /// ```
-/// use spinney::value::{SampleType, Value, ValueType};
+/// use spinney::{SampleType, Value, ValueType};
 /// let rgb = ValueType::new(SampleType::U8, 3);
 /// let orange = Value::from([255u8, 165, 0]);
 /// assert_eq!(rgb.samples(orange)[..], [255.0, 165.0, 0.0]);

@@ -14,7 +14,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 /// is equal to none. The order is total, as `f64::total_cmp`: -0.0 comes before 0.
 ///
 /// ```
-/// use spinney::value::Number;
+/// use spinney::Number;
 /// let large: Number = "9223372036854775811".parse()?;
 /// assert_eq!(large.to_string(), "9223372036854775811");
 /// assert!(large > Number::from(9_223_372_036_854_775_810u64));

@@ -60,42 +60,42 @@ impl FromStr for Rule {
 
 /// The meaning of the values, which decides the default rule and what can be asked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub enum Kind {
+pub enum DataKind {
     /// Names of things: land cover, parts. They are counted, never averaged.
     Categorical,
     /// Amounts: brightness, height.
     Continuous,
 }
 
-impl Kind {
+impl DataKind {
     /// The rule that fits when the user says nothing.
     pub fn default_rule(self) -> Rule {
         match self {
-            Kind::Categorical => Rule::Majority,
-            Kind::Continuous => Rule::Mean,
+            DataKind::Categorical => Rule::Majority,
+            DataKind::Continuous => Rule::Mean,
         }
     }
 
     /// The kind's name on the command line.
     pub fn name(self) -> &'static str {
         match self {
-            Kind::Categorical => "categorical",
-            Kind::Continuous => "continuous",
+            DataKind::Categorical => "categorical",
+            DataKind::Continuous => "continuous",
         }
     }
 }
 
-impl fmt::Display for Kind {
+impl fmt::Display for DataKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())
     }
 }
 
-impl FromStr for Kind {
+impl FromStr for DataKind {
     type Err = Error;
 
-    fn from_str(name: &str) -> Result<Kind, Error> {
-        [Kind::Categorical, Kind::Continuous]
+    fn from_str(name: &str) -> Result<DataKind, Error> {
+        [DataKind::Categorical, DataKind::Continuous]
             .into_iter()
             .find(|kind| kind.name() == name)
             .ok_or_else(|| Error::invalid("kind", format!("`{name}`"), "categorical or continuous"))

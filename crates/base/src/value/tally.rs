@@ -10,10 +10,10 @@ use super::value_type::ValueType;
 /// Counts, extremes and sums over cells that are not VOID; those of a node are its zone statistics.
 ///
 /// For floating samples (and for the squares of integers of 64 bits) the sums are double-double and depend on the order of adding, which
-/// is therefore part of the definition: pairwise in Z order ([`Tally::merge`]), so that a uniform block has exactly the sum of its
+/// is therefore part of the definition: pairwise in Z order ([`ZoneStats::merge`]), so that a uniform block has exactly the sum of its
 /// cells and trees built in any way agree in every bit.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Tally {
+pub struct ZoneStats {
     /// Type of the values.
     pub value_type: ValueType,
     /// Cells that are not VOID.
@@ -34,9 +34,9 @@ pub struct Tally {
 
 /// Classes that files list of a zone at most. A list is then no longer than a third of the records of the smallest segment that
 /// has one, and an edit writes no more than some kilobytes of them on each level.
-const MOST_CLASSES: usize = 1024;
+const MAX_CLASSES: usize = 1024;
 
-impl Tally {
+impl ZoneStats {
     /// Whether there are cells, but nothing is known of their values.
     pub fn lacks_classes(&self) -> bool {
         self.classes.is_empty() && self.cells > 0
@@ -44,7 +44,7 @@ impl Tally {
 
     /// The classes as files list them; `None` if there are too many, or they were not counted.
     pub fn listed_classes(&self) -> Option<&[(Value, u64)]> {
-        (self.classes.len() <= MOST_CLASSES && !self.lacks_classes()).then_some(&self.classes)
+        (self.classes.len() <= MAX_CLASSES && !self.lacks_classes()).then_some(&self.classes)
     }
 
     /// Forgets classes that no file lists, unless representatives are made of their counts.
@@ -56,20 +56,20 @@ impl Tally {
 
     /// The tally of no cells.
     #[inline]
-    pub fn void(value_type: ValueType) -> Tally {
+    pub fn void(value_type: ValueType) -> ZoneStats {
         let (sum, squares) = (Sums::zero(value_type.sample), Sums::zero_squares(value_type.sample));
         let (min, max) = (Value::ZERO, Value::ZERO);
         let present = [0; 4];
-        Tally { value_type, cells: 0, present, min, max, sum, squares, classes: Vec::new() }
+        ZoneStats { value_type, cells: 0, present, min, max, sum, squares, classes: Vec::new() }
     }
 
     /// The tally of `cells` cells of one value.
-    pub fn leaf(value_type: ValueType, value: Value, cells: u64, count_classes: bool) -> Tally {
+    pub fn leaf(value_type: ValueType, value: Value, cells: u64, count_classes: bool) -> ZoneStats {
         let present = value_type.present(value).map(|is_there| if is_there { cells } else { 0 });
         let classes = if count_classes { vec![(value, cells)] } else { Vec::new() };
         let value = value_type.with_zeros(value);
         let (sum, squares) = with_native_type!(value_type, V => leaf_sums::<V>(value, cells));
-        Tally { value_type, cells, present, min: value, max: value, sum, squares, classes }
+        ZoneStats { value_type, cells, present, min: value, max: value, sum, squares, classes }
     }
 
     /// The tally of the cells of all the parts; their number must be a power of two for the sums of floating
@@ -77,21 +77,21 @@ impl Tally {
     ///
     /// # Panics
     /// If there are no parts.
-    pub fn merge(parts: &[&Tally]) -> Tally {
+    pub fn merge(parts: &[&ZoneStats]) -> ZoneStats {
         match parts {
             [] => unreachable!("a node has children"),
             [one] => (*one).clone(),
             _ => {
                 // By halves, not one after the other: floating sums are defined as pairwise in Z order.
                 let (a, b) = parts.split_at(parts.len() / 2);
-                Tally::add(&Tally::merge(a), &Tally::merge(b))
+                ZoneStats::add(&ZoneStats::merge(a), &ZoneStats::merge(b))
             }
         }
     }
 
-    fn add(a: &Tally, b: &Tally) -> Tally {
+    fn add(a: &ZoneStats, b: &ZoneStats) -> ZoneStats {
         let value_type = a.value_type;
-        let mut tally = Tally {
+        let mut tally = ZoneStats {
             sum: a.sum.add(&b.sum),
             squares: a.squares.add(&b.squares),
             // (What is not known of a part is not known of the whole.)
@@ -192,7 +192,12 @@ pub fn erase<V: Native>(value: V) -> Value {
 
 /// The representative of an inner node of so many cells from its children (`None` is VOID; the flag says
 /// INNER) and from the tally of what is below it.
-pub fn representative(rule: Rule, children: &[Option<(Value, bool)>], tally: &Tally, cells: u64) -> Value {
+pub fn representative(
+    rule: Rule,
+    children: &[Option<(Value, bool)>],
+    tally: &ZoneStats,
+    cells: u64,
+) -> Value {
     let value_type = tally.value_type;
     let values = || children.iter().flatten().map(|(value, _)| *value);
     let value = match rule {

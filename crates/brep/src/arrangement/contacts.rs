@@ -9,7 +9,7 @@ use super::polygons::{Common, common};
 use super::surface::{Surface, too_large};
 use crate::boxes::touch;
 use crate::{Faces, show_place};
-use spinney_base::{Error, Progress, Result, Uncounted, parallel, sort};
+use spinney_base::{Error, Progress, Result, SilentProgress, parallel, sort};
 
 /// Kinds of contacts that are looked for.
 #[derive(Clone, Copy, PartialEq)]
@@ -76,7 +76,7 @@ impl Surface<'_> {
             let at = self.faces.list.grid().to_world(face.points[0]);
             format!("a face that meets {count} others at {} (face {})", show_place(at), face.source)
         };
-        Error::NoBody {
+        Error::NotASolid {
             path: self.path.to_path_buf(),
             what: format!(
                 "its {} faces meet in more than {} pairs: what is inside is a guess",
@@ -130,7 +130,7 @@ impl Surface<'_> {
         while !open.is_empty() {
             let faces = std::mem::take(&mut open);
             let same = |one, other| one != other && self.operand(one) == self.operand(other);
-            self.pairs(&faces, &same, &Uncounted(progress), &mut |mut found| {
+            self.pairs(&faces, &same, &SilentProgress(progress), &mut |mut found| {
                 found.retain(|contact| {
                     let [one, other] = contact.faces;
                     seen.insert([one.min(other), one.max(other)])

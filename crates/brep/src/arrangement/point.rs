@@ -301,7 +301,7 @@ pub(super) fn sign<const N: usize>(number: &bnum::Int<N>) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::exact::bounds::{MOST_BITS, NORMAL_BITS, POINT_ERROR};
+    use crate::exact::bounds::{MAX_BITS, NORMAL_BITS, POINT_ERROR};
     use crate::exact::normal::ring_normal;
 
     fn random(seed: u64) -> impl FnMut(i32) -> i32 {
@@ -365,7 +365,7 @@ mod tests {
     /// would panic).
     #[test]
     fn the_widest_numbers_fit() {
-        let (far, most) = ((1 << MOST_BITS) - 1, (1i64 << NORMAL_BITS) - 1);
+        let (far, most) = ((1 << MAX_BITS) - 1, (1i64 << NORMAL_BITS) - 1);
         let normals =
             [[1, 1, -1], [1, -1, 1], [-1, 1, 1], [1, 1, 1]].map(|normal| normal.map(|part: i64| part * most));
         let corner = |bits: usize| [0, 1, 2].map(|axis| if bits >> axis & 1 == 1 { far } else { 0 });

@@ -69,8 +69,8 @@ impl Rounder {
         let low = [0, 1, 2].map(least);
         let extent = self.near.iter().flat_map(|point| (0..3).map(|axis| point[axis] - low[axis]));
         // (Of a face that is a point nothing is left by any scale.)
-        const LEAST_EXTENT: f64 = 1e-9;
-        let extent = extent.fold(LEAST_EXTENT, f64::max);
+        const MIN_EXTENT: f64 = 1e-9;
+        let extent = extent.fold(MIN_EXTENT, f64::max);
         let scale = f64::from(1 << 30) / extent;
         let fine =
             |point: &[f64; 3]| [0, 1, 2].map(|axis| ((point[axis] - low[axis]) * scale).round() as i64);

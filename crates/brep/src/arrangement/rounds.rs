@@ -13,7 +13,7 @@ use super::surface::{Kept, OFTEN, Operands, OtherFaces, Resolved, crossings, res
 use crate::exact::normal::ring_normal;
 use crate::planar::PlanarFaces;
 use crate::{Face, FaceList, Faces};
-use spinney_base::{Error, Progress, Result, Uncounted, sort};
+use spinney_base::{Error, Progress, Result, SilentProgress, sort};
 
 /// Returns the faces that bound what is inside of some closed surfaces, exactly. `path` is for errors. Progress counts faces, each
 /// twice.
@@ -68,7 +68,7 @@ pub(crate) struct Rounded {
     /// Planar faces with corners on the grid.
     pub(crate) faces: FaceList,
     /// Whether each of them stands for parts of others.
-    pub(crate) stands_in: Vec<bool>,
+    pub(crate) is_proxy: Vec<bool>,
     /// These others.
     pub(crate) exact: Vec<ExactFace>,
     /// Whether each face is new, and may pass through others.
@@ -88,10 +88,10 @@ pub(crate) struct Rounded {
 pub(crate) fn round(exact: ExactFaces, progress: &dyn Progress) -> Result<Rounded> {
     let mut rounder = Rounder::default();
     let ExactFaces { list, exact: mut beside } = exact;
-    let stands_in: Vec<bool> = (0..list.len() as u32).map(|number| beside.contains_key(&number)).collect();
+    let is_proxy: Vec<bool> = (0..list.len() as u32).map(|number| beside.contains_key(&number)).collect();
     let whole = Rounded {
         faces: list,
-        stands_in,
+        is_proxy,
         exact: Vec::new(),
         changed: Vec::new(),
         moved: Vec::new(),
@@ -158,7 +158,7 @@ impl Rounded {
         let width = self.reach.max(surroundings.reach);
         seams.close(width, self.faces.is_coloured(), &mut |face| {
             self.faces.push(face);
-            self.stands_in.push(true);
+            self.is_proxy.push(true);
             self.changed.push(true);
             Ok(())
         })?;
@@ -169,7 +169,7 @@ impl Rounded {
         let mut exact = mem::take(&mut self.exact);
         let mut made = match self.clone().mended(crossings, surroundings, path, memory, progress) {
             Ok((mended, true)) => mended,
-            Ok(_) | Err(Error::NoBody { .. } | Error::TooLarge { .. }) => self,
+            Ok(_) | Err(Error::NotASolid { .. } | Error::TooLarge { .. }) => self,
             Err(error) => return Err(error),
         };
         exact.append(&mut made.exact);
@@ -190,7 +190,7 @@ impl Rounded {
         progress: &dyn Progress,
     ) -> Result<(Rounded, bool)> {
         /// Times that faces are divided anew.
-        const MOST_ROUNDS: u32 = 4;
+        const MAX_ROUNDS: u32 = 4;
         // (Where crossings become many more, it gets worse.)
         let most_contacts = 4 * crossings + 1000;
         let mut rounds = 0;
@@ -206,7 +206,7 @@ impl Rounded {
             let mut rounder = Rounder::default();
             let (next, Resolved { divided, removed, .. }) = state.again(|faces, each| {
                 let mut turner = Turner::default();
-                resolve(faces, &operands, path, memory, &Uncounted(progress), &mut |kept| match kept {
+                resolve(faces, &operands, path, memory, &SilentProgress(progress), &mut |kept| match kept {
                     Kept::Face { face, is_turned: false } => each(&face, false),
                     Kept::Face { face, is_turned: true } => each(&turner.turn(&face), true),
                     Kept::PlaneRegion { face, exact } => {
@@ -218,7 +218,7 @@ impl Rounded {
             state.take(rounder);
             state.reach = state.reach.saturating_add(1);
             let first = *first.get_or_insert(divided.max(50));
-            if divided + removed == 0 || rounds == MOST_ROUNDS || divided > 2 * first {
+            if divided + removed == 0 || rounds == MAX_ROUNDS || divided > 2 * first {
                 let mut now = Seams::default();
                 now.add_all(&state.faces, progress)?;
                 let is_done = divided + removed == 0 && now.are_those_of(&border);
@@ -240,7 +240,7 @@ impl Rounded {
         self,
         make: impl FnOnce(&ExactFaces, &mut EachFace<'_>) -> Result<R>,
     ) -> Result<(Rounded, R)> {
-        let Rounded { faces, stands_in, mut exact, moved, displacement, reach, .. } = self;
+        let Rounded { faces, is_proxy, mut exact, moved, displacement, reach, .. } = self;
         let faces = ExactFaces::of_grid(faces);
         let old = &faces.list;
         let mut list = FaceList::new(old.grid().clone(), old.parts().to_vec());
@@ -248,20 +248,20 @@ impl Rounded {
         planar.is_coloured = old.is_coloured();
         let (mut changed, mut still) = (Vec::new(), Vec::new());
         // Whether each comes back as it was.
-        let mut is_back = vec![false; stands_in.len()];
+        let mut is_back = vec![false; is_proxy.len()];
         let made = make(&faces, &mut |face, is_new| {
             let number = face.number as usize;
             planar.face(face, &mut |face| {
                 let is_same = !is_new && face.points == old.get(number).points;
                 list.push(face);
                 changed.push(is_new);
-                still.push(is_same && !stands_in[number]);
+                still.push(is_same && !is_proxy[number]);
                 is_back[number] |= is_same;
                 Ok(())
             })
         })?;
         for (number, _) in
-            is_back.iter().enumerate().filter(|(number, is_back)| !**is_back && !stands_in[*number])
+            is_back.iter().enumerate().filter(|(number, is_back)| !**is_back && !is_proxy[*number])
         {
             let face = old.get(number);
             let normal = ring_normal(face.rings().next().unwrap_or_default());
@@ -269,12 +269,12 @@ impl Rounded {
                 exact.push(ExactFace::of_grid(&face, &ExactPlane::through(face.points[0], normal)));
             }
         }
-        // Invariant: of each face of the list there is an entry in `changed` and in `stands_in`, in order.
+        // Invariant: of each face of the list there is an entry in `changed` and in `is_proxy`, in order.
         // (All three are appended to together.) Combining numbers those that stand for others by their
         // places.
         debug_assert!(changed.len() == list.len() as usize && still.len() == changed.len());
-        let stands_in = still.into_iter().map(|still| !still).collect();
-        Ok((Rounded { faces: list, stands_in, exact, changed, moved, displacement, reach }, made))
+        let is_proxy = still.into_iter().map(|still| !still).collect();
+        Ok((Rounded { faces: list, is_proxy, exact, changed, moved, displacement, reach }, made))
     }
 }
 

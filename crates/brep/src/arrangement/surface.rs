@@ -23,7 +23,7 @@ use crate::geometry::Triangulator;
 use crate::piece::Piece;
 use crate::{Face, Faces};
 use spinney_base::parallel;
-use spinney_base::{Error, PartOfWork, Progress, Result, Uncounted, sort};
+use spinney_base::{Error, Progress, Result, SilentProgress, SubProgress, sort};
 
 /// Counts of what was done to a surface.
 #[derive(Clone, Debug, PartialEq)]
@@ -105,7 +105,7 @@ pub(super) fn resolve(
 ) -> Result<Resolved> {
     let total = 2 * faces.list.len();
     let mut surface = Surface::new(faces, operands, path, memory, progress)?;
-    let contacts = surface.contacts(memory, &PartOfWork::new(progress, faces.list.len(), total))?;
+    let contacts = surface.contacts(memory, &SubProgress::new(progress, faces.list.len(), total))?;
     let turned =
         if operands.turns_roots { surface.turn_roots(&contacts, progress)? } else { Turned::default() };
     let mut of_face: HashMap<u32, Vec<u32>> = HashMap::new();
@@ -199,7 +199,7 @@ pub(super) fn crossings(
     progress: &dyn Progress,
 ) -> Result<u64> {
     let surface = Surface::of(faces, operands, path, faces.list.len() * FACE + faces.bytes(), progress)?;
-    Ok(surface.contacts(memory, &Uncounted(progress))?.len() as u64)
+    Ok(surface.contacts(memory, &SilentProgress(progress))?.len() as u64)
 }
 
 pub(super) fn too_large(path: &Path, needed: u64, limit: u64) -> Error {

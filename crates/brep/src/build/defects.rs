@@ -41,7 +41,7 @@ pub enum DefectKind {
 impl BuildReport {
     /// The error of a surface with these defects, of a model in a file.
     pub fn error(&self, path: &Path, what: &str, advice: &str) -> Error {
-        Error::NoBody {
+        Error::NotASolid {
             path: path.to_path_buf(),
             what: what.into(),
             places: self.defects.iter().map(Defect::to_string).collect(),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::division::{Division, Reach};
 use super::run::{FaceWords, Run, TRIANGLE_WORDS};
-use crate::MOST_BITS;
+use crate::MAX_BITS;
 use crate::exact::crossing::{FinePoint, Outline};
 use crate::exact::normal::ring_normal;
 use crate::exact::rank::PlaneAt;
@@ -104,7 +104,7 @@ impl Items {
     pub(super) fn with(run: Run, large: &mut LargePolygons) -> Result<Items> {
         let words = run.into_words()?;
         // Spreading has room for 21 bits of each coordinate; the lowest ones do not matter for being near.
-        let spread = |at: i32| morton_encode(Dimension::Oct, at as u32 >> (MOST_BITS - 21));
+        let spread = |at: i32| morton_encode(Dimension::Oct, at as u32 >> (MAX_BITS - 21));
         let code = |[low, high]: [[i32; 3]; 2]| {
             let [x, y, z] = [0, 1, 2].map(|axis| spread((low[axis] + high[axis]) / 2));
             x | y << 1 | z << 2
@@ -265,7 +265,7 @@ fn sample([a, b, c]: &[[i32; 3]; 3]) -> FinePoint {
             // Invariant: half of the step between two points of the grid is more than two differences of coordinates
             // there, in units of so many bits: so near to a corner there is no wall. (Of corners that are all
             // multiples of 16, many points above lie on walls.)
-            const BITS: u32 = MOST_BITS as u32 + 2;
+            const BITS: u32 = MAX_BITS as u32 + 2;
             let at = [0, 1, 2].map(|axis| {
                 let [a, b, c] = [a, b, c].map(|corner| i64::from(corner[axis]));
                 (a << BITS) + (b - a) + (c - a)
@@ -315,7 +315,7 @@ mod tests {
             let coarse = round % 25;
             let corners: [[i32; 3]; 3] = [(); 3].map(|()| {
                 [(); 3].map(|()| {
-                    (below(1 << (u32::from(MOST_BITS) - coarse).min(6 + round % 21)) as i32) << coarse
+                    (below(1 << (u32::from(MAX_BITS) - coarse).min(6 + round % 21)) as i32) << coarse
                 })
             });
             let FinePoint { at, bits } = sample(&corners);

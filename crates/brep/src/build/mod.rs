@@ -30,7 +30,7 @@ use super::store::exact::ExactBlock;
 use super::store::objects::{ColumnNames, ObjectWriter};
 use super::store::segment::CUT;
 use super::store::summary::{NodeCounts, Summary};
-use super::store::table::{FIRST_NAMED, MOST_BYTES, MOST_NAMED, TableWriter};
+use super::store::table::{FIRST_NAMED, MAX_BYTES, MAX_NAMED, TableWriter};
 use super::store::writer::{List, ModelWriter};
 use super::{Face, Faces, Grid};
 use crate::arrangement::{ExactFace, Rounded};
@@ -98,7 +98,7 @@ pub type ColumnValues = Vec<(String, String)>;
 
 impl ModelBuilder {
     /// Most columns of values of faces.
-    pub(crate) const MOST_COLUMNS: usize = MOST_NAMED as usize;
+    pub(crate) const MAX_COLUMNS: usize = MAX_NAMED as usize;
 
     /// Starts a file; about `memory` bytes are used.
     ///
@@ -206,8 +206,8 @@ impl ModelBuilder {
     }
 
     /// Adds a face as [`ModelBuilder::push`] does, which may stand in for faces with corners beside the grid.
-    pub(super) fn push_face(&mut self, face: &Face<'_>, stands_in: bool) -> Result<()> {
-        let Some(number) = self.write_face(face, stands_in)? else { return Ok(()) };
+    pub(super) fn push_face(&mut self, face: &Face<'_>, is_proxy: bool) -> Result<()> {
+        let Some(number) = self.write_face(face, is_proxy)? else { return Ok(()) };
         self.wide += 1;
         self.words.clear();
         FaceWords::write(number, face.points, face.ring_ends, &mut self.words);
@@ -216,8 +216,8 @@ impl ModelBuilder {
 
     /// Adds a face as [`ModelBuilder::push_face`] does that stays as it is in the base: these come first, in the order
     /// that they have there.
-    pub(super) fn push_kept(&mut self, face: &Face<'_>, stands_in: bool) -> Result<()> {
-        self.write_face(face, stands_in).map(|_| ())
+    pub(super) fn push_kept(&mut self, face: &Face<'_>, is_proxy: bool) -> Result<()> {
+        self.write_face(face, is_proxy).map(|_| ())
     }
 
     /// Adds a block of faces with corners beside the grid of the base that all stay, of parts of which none has a number above `last_part`.
@@ -247,7 +247,7 @@ impl ModelBuilder {
     }
 
     /// Writes a face; returns its number if it has an area.
-    fn write_face(&mut self, face: &Face<'_>, stands_in: bool) -> Result<Option<u32>> {
+    fn write_face(&mut self, face: &Face<'_>, is_proxy: bool) -> Result<Option<u32>> {
         let Ok(number) = u32::try_from(self.faces) else {
             return Err(Error::TooLarge {
                 path: self.writer.path().to_path_buf(),
@@ -261,9 +261,9 @@ impl ModelBuilder {
             Error::invalid(format!("face {}", face.number), found, expected)
         })?;
         self.faces += 1;
-        self.stand_ins += u64::from(stands_in);
+        self.stand_ins += u64::from(is_proxy);
         self.last_part = self.last_part.max(face.part);
-        self.writer.face(&Face { number: number.into(), ..*face }, stands_in)?;
+        self.writer.face(&Face { number: number.into(), ..*face }, is_proxy)?;
         // (Several faces may be of one source.)
         let values = self.values_by_source.get(&face.source).cloned().unwrap_or_default();
         values.iter().try_for_each(|(column, json)| self.face_value(column, json))?;
@@ -275,13 +275,13 @@ impl ModelBuilder {
         /// Faces between two looks at whether to go on.
         const OFTEN: u64 = 1 << 12;
         self = self.reach(rounded.reach);
-        let Rounded { faces, stands_in, exact, .. } = rounded;
+        let Rounded { faces, is_proxy, exact, .. } = rounded;
         faces.each(&mut |face| {
             if face.number.is_multiple_of(OFTEN) {
                 progress.check()?;
                 progress.advance(OFTEN.min(faces.len() - face.number), faces.len());
             }
-            self.push_face(face, stands_in[face.number as usize])
+            self.push_face(face, is_proxy[face.number as usize])
         })?;
         for (number, face) in (0..).zip(exact) {
             if u64::is_multiple_of(number, OFTEN) {
@@ -345,14 +345,14 @@ impl ModelBuilder {
     }
 
     fn check_length(&self, text: &str, what: &str) -> Result<()> {
-        if text.len() <= MOST_BYTES {
+        if text.len() <= MAX_BYTES {
             return Ok(());
         }
         Err(Error::TooLarge {
             path: self.writer.path().to_path_buf(),
             what: what.into(),
             needed: text.len() as u64,
-            limit: MOST_BYTES as u64,
+            limit: MAX_BYTES as u64,
             advice: "leave out some of it".into(),
         })
     }

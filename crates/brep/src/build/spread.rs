@@ -16,7 +16,7 @@ pub(super) struct Spread {
 }
 
 /// Times that faces may come to be listed, until their number must have been halved.
-const MOST_TIMES: f64 = 8.0;
+const MAX_TIMES: f64 = 8.0;
 
 /// Faces of a cell that is divided in any case where cells are divided until their planes have a point in common, as in the literature.
 const FEW: usize = 48;
@@ -37,7 +37,7 @@ impl Spread {
         let times = self.times * listed as f64 / faces as f64;
         let with_all = children.iter().filter(|count| **count == faces).count();
         let is_useless = with_all > 1 && listed == with_all as u64 * faces;
-        let is_too_much = is_useless || times > MOST_TIMES;
+        let is_too_much = is_useless || times > MAX_TIMES;
         (!is_too_much || faces <= self.few).then_some(Spread { times, ..self })
     }
 

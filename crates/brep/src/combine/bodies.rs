@@ -14,7 +14,7 @@ use crate::closure::SurfaceClosure;
 use crate::exact::normal::ring_normal;
 use crate::face_set::{FaceSet, Renumbering};
 use crate::{ExactModel, Face, FaceList, Faces, ModelBuilder};
-use spinney_base::{Error, Progress, Result};
+use spinney_base::{Error, Progress, Result, SetOperation};
 use spinney_container::Tag;
 
 /// Models whose faces are read one after the other, as those of one.
@@ -63,7 +63,7 @@ pub(super) enum Use {
 }
 
 /// Takes a face, whether it stands in for others, and what becomes of it.
-type TakeFace<'f> = dyn FnMut(&Face<'_>, bool, Use) -> Result<()> + 'f;
+type FaceVisitor<'f> = dyn FnMut(&Face<'_>, bool, Use) -> Result<()> + 'f;
 
 /// Faces that are near other bodies, and what belongs to them.
 pub(super) struct Near<'a> {
@@ -159,7 +159,7 @@ impl<'a> Bodies<'a> {
                 progress.check()?;
             }
             self.models[number].face(face.into(), &mut buffer)?;
-            if buffer.stands_in {
+            if buffer.is_proxy {
                 self.overlaps[number].faces.settle(face.into(), Fate::Kept);
                 self.replaced[number].sources.insert((buffer.part, buffer.source));
             }
@@ -191,14 +191,14 @@ impl<'a> Bodies<'a> {
             let mut stays = [model.len(), model.exact_faces().0]
                 .map(|count| FaceSet::new(if is_base { count } else { 0 }));
             let list = &mut found.faces.list;
-            self.each(number, progress, &mut |face, stands_in, becomes| {
+            self.each(number, progress, &mut |face, is_proxy, becomes| {
                 sources = sources.max(face.source.saturating_add(1));
                 if matches!(becomes, Use::Settled(Fate::Kept)) {
                     stays[0].set(face.number, true);
                     return Ok(());
                 }
                 if let Some((builder, surface, _)) = result.as_mut().filter(|_| is_base) {
-                    surface.remove(face, stands_in);
+                    surface.remove(face, is_proxy);
                     builder.remove(face)?;
                 }
                 match becomes {
@@ -269,8 +269,8 @@ impl<'a> Bodies<'a> {
         each: &mut dyn FnMut(usize, &Face<'_>, bool, bool) -> Result<()>,
     ) -> Result<()> {
         if let Some(base) = self.base {
-            self.each(base, progress, &mut |face, stands_in, becomes| match becomes {
-                Use::Settled(Fate::Kept) => each(base, face, stands_in, true),
+            self.each(base, progress, &mut |face, is_proxy, becomes| match becomes {
+                Use::Settled(Fate::Kept) => each(base, face, is_proxy, true),
                 _ => Ok(()),
             })?;
         }
@@ -280,9 +280,9 @@ impl<'a> Bodies<'a> {
             if is_base && !self.overlaps[number].faces.are_some_turned() {
                 continue;
             }
-            self.each(number, progress, &mut |face, stands_in, becomes| match becomes {
-                Use::Settled(Fate::Kept) if !is_base => each(number, face, stands_in, false),
-                Use::Settled(Fate::Turned) => each(number, &turner.turn(face), stands_in, false),
+            self.each(number, progress, &mut |face, is_proxy, becomes| match becomes {
+                Use::Settled(Fate::Kept) if !is_base => each(number, face, is_proxy, false),
+                Use::Settled(Fate::Turned) => each(number, &turner.turn(face), is_proxy, false),
                 _ => Ok(()),
             })?;
         }
@@ -355,10 +355,10 @@ impl<'a> Bodies<'a> {
     }
 
     /// The use of a face of a model's octree, which may stand in for others.
-    pub(super) fn becomes(&self, number: usize, face: &Face<'_>, stands_in: bool) -> Use {
+    pub(super) fn becomes(&self, number: usize, face: &Face<'_>, is_proxy: bool) -> Use {
         let (fate, replaced) = (self.overlaps[number].faces.of(face.number), &self.replaced[number]);
         // (What has no area is in no cell.)
-        match (stands_in, fate) {
+        match (is_proxy, fate) {
             (true, None) => Use::Replaced,
             (true, _) if replaced.has(face.part, face.source) || !has_area(face) => Use::Replaced,
             (_, Some(fate)) if has_area(face) => Use::Settled(fate),
@@ -367,24 +367,24 @@ impl<'a> Bodies<'a> {
     }
 
     /// Hands out the faces of a model's octree on the common grid, with whether they stand in for others, and what becomes of them.
-    fn each(&self, number: usize, progress: &dyn Progress, each: &mut TakeFace<'_>) -> Result<()> {
+    fn each(&self, number: usize, progress: &dyn Progress, each: &mut FaceVisitor<'_>) -> Result<()> {
         let model = self.models[number];
         let (first_part, first_source) = self.first[number];
         let (mut points, mut white) = (Vec::new(), Vec::new());
-        model.each_face(&mut |face, stands_in| {
+        model.each_face(&mut |face, is_proxy| {
             if face.number.is_multiple_of(1 << 12) {
                 progress.check()?;
             }
-            let becomes = self.becomes(number, face, stands_in);
+            let becomes = self.becomes(number, face, is_proxy);
             if matches!(becomes, Use::Settled(Fate::Dropped)) {
-                return each(face, stands_in, becomes);
+                return each(face, is_proxy, becomes);
             }
             self.put(number, face.number, face.points, &mut points)?;
             white.resize(if self.is_coloured { points.len() } else { 0 }, [255; 3]);
             let colours = if face.colours.is_empty() { &white[..] } else { face.colours };
             let (part, source) =
                 (face.part.saturating_add(first_part), face.source.saturating_add(first_source));
-            each(&Face { points: &points, colours, part, source, ..*face }, stands_in, becomes)
+            each(&Face { points: &points, colours, part, source, ..*face }, is_proxy, becomes)
         })
     }
 
@@ -459,7 +459,8 @@ impl NearFaces {
     pub(crate) fn of(models: [&ExactModel; 2], memory: u64, progress: &dyn Progress) -> Result<NearFaces> {
         let placed = Placed::of(&models)?;
         // (Which operation does not matter for faces that are near.)
-        let mut bodies = Bodies::new(&models, &placed, OperationTable::new(1, 2)?, progress)?;
+        let mut bodies =
+            Bodies::new(&models, &placed, OperationTable::new(SetOperation::Intersection, 2)?, progress)?;
         let near: usize = (0..2).map(|body| bodies.near_of(body).len()).sum();
         if near as u64 * FACE > memory {
             bodies.drop_apart(memory, progress)?;

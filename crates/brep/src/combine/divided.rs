@@ -3,11 +3,8 @@
 use super::{CombineReport, Origin, combined};
 use crate::ExactModel;
 use spinney_base::io::Output;
-use spinney_base::{Progress, Result};
+use spinney_base::{Progress, Result, SetOperation};
 use spinney_container::Codec;
-
-/// The number of the operation that keeps the first of two bodies as it is.
-const FIRST: u8 = 3;
 
 /// Writes a model with its faces divided along the lines in which the surface of another one passes through them, and around the areas in which both lie on each
 /// other: these lines are edges then. It bounds the same body; parts, attributes and values of faces are kept, and all parts of a face have its values. (Lines in which surfaces only touch divide
@@ -16,10 +13,11 @@ const FIRST: u8 = 3;
 /// New corners are exact, as those of set operations are ([`combine`](super::combine())), and so is what grids and memory have to be.
 ///
 /// ```
-/// use spinney::brep::{ExactModel, Faces, divide_faces};
+/// use spinney::ExactModel;
+/// use spinney::brep::Faces;
+/// use spinney::raw::brep::divide_faces;
 /// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
-/// # use spinney::io::Output;
-/// # use spinney::store::Codec;
+/// # use spinney::{Codec, Output};
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = |name: &str| folder.path().join(name);
 /// # let made = |name: &str, z: i32| -> spinney::Result<ExactModel> {
@@ -52,5 +50,5 @@ pub fn divide_faces(
     let mut provenance = model.metadata().provenance.clone();
     provenance.push(format!("{} divided where {} meets it", model.path().display(), by.path().display()));
     let origin = Origin { formula: model.formula()?.unwrap_or_default(), provenance, tags: Vec::new() };
-    combined((FIRST, Some(&origin), true), &[model, by], (output, codec), memory, progress)
+    combined((SetOperation::First, Some(&origin), true), &[model, by], (output, codec), memory, progress)
 }

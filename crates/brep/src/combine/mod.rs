@@ -41,7 +41,7 @@ use super::store::formula::formula;
 use super::{BuildReport, ExactModel, Faces, Grid, ModelBuilder};
 use crate::closure::SurfaceClosure;
 use spinney_base::io::Output;
-use spinney_base::{Error, PartOfWork, Progress, Result};
+use spinney_base::{Error, Progress, Result, SetOperation, SubProgress};
 use spinney_container::{Codec, Metadata, Tag};
 
 /// Counts of a set operation on bodies.
@@ -86,17 +86,16 @@ pub struct CombineReport {
 /// other bodies, and 300 for each whose box touches theirs, half of `memory` at most; and 96 for each face with corners beside the grid.
 ///
 /// ```
-/// use spinney::brep::{ExactModel, combine};
+/// use spinney::{Codec, ExactModel, Output, SetOperation};
+/// use spinney::brep::combine;
 /// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
-/// use spinney::io::Output;
-/// use spinney::store::Codec;
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = |name: &str| folder.path().join(name);
 /// # let text = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
 /// # std::fs::write(path("a.off"), text).unwrap();
 /// # import_exact(open_all(&[path("a.off")], 64 << 20)?, &ExactOptions::new(), Output::create(&path("a.goblin"))?, &())?;
 /// let a = ExactModel::open(&path("a.goblin"), &Default::default())?;
-/// let report = combine(2, &[&a, &a], Output::create(&path("nothing.goblin"))?, Codec::Plain, 64 << 20, &())?;
+/// let report = combine(SetOperation::Difference, &[&a, &a], Output::create(&path("nothing.goblin"))?, Codec::Plain, 64 << 20, &())?;
 /// assert_eq!((report.after, report.is_unbounded), (0, false));
 /// # Ok::<(), spinney::Error>(())
 /// ```
@@ -108,7 +107,7 @@ pub struct CombineReport {
 /// If there is no such operation of so many bodies, if grids, coordinate systems or units do not fit together, if the memory is not
 /// enough, if a model is no body, if files cannot be read or written, or on interruption. There is no file then.
 pub fn combine(
-    operation: u8,
+    operation: SetOperation,
     models: &[&ExactModel],
     output: Output,
     codec: Codec,
@@ -134,7 +133,7 @@ pub struct Origin {
 /// # Errors
 /// Those of [`combine`].
 pub fn combine_as(
-    operation: u8,
+    operation: SetOperation,
     models: &[&ExactModel],
     origin: &Origin,
     output: Output,
@@ -146,7 +145,7 @@ pub fn combine_as(
 }
 
 fn combined(
-    (operation, origin, keeps_apart): (u8, Option<&Origin>, bool),
+    (operation, origin, keeps_apart): (SetOperation, Option<&Origin>, bool),
     models: &[&ExactModel],
     (output, codec): (Output, Codec),
     memory: u64,
@@ -173,7 +172,7 @@ fn combined(
     match make() {
         Ok(report) => Ok(CombineReport { before, ..report }),
         // What is no body may have been taken for one.
-        Err(error @ (Error::NoBody { .. } | Error::Invalid { .. })) => {
+        Err(error @ (Error::NotASolid { .. } | Error::Invalid { .. })) => {
             Err(suspect(&models, memory, progress)?.unwrap_or(error))
         }
         Err(error) => Err(error),
@@ -186,7 +185,7 @@ fn suspect(models: &[&ExactModel], memory: u64, progress: &dyn Progress) -> Resu
         let findings = model.verify(memory, progress)?;
         if !findings.is_empty() {
             let places = findings.iter().map(|finding| format!("{}: {}", finding.place, finding.problem));
-            return Ok(Some(Error::NoBody {
+            return Ok(Some(Error::NotASolid {
                 path: model.path().to_path_buf(),
                 what: "the model is no body, or its octree is not that of its faces".into(),
                 places: places.collect(),
@@ -200,7 +199,7 @@ fn suspect(models: &[&ExactModel], memory: u64, progress: &dyn Progress) -> Resu
 
 /// Makes the body of an operation on the bodies that it depends on.
 fn made(
-    (operation, origin, keeps_apart): (u8, Option<&Origin>, bool),
+    (operation, origin, keeps_apart): (SetOperation, Option<&Origin>, bool),
     models: &[&ExactModel],
     placed: &Placed,
     table: OperationTable,
@@ -238,7 +237,7 @@ fn made(
     };
     let near = faces.list.len();
     let all = models.iter().map(|model| model.len()).sum::<u64>();
-    let part = |share: u64| PartOfWork::new(progress, share, near + all);
+    let part = |share: u64| SubProgress::new(progress, share, near + all);
     let (mut exact, done) = divide(&faces, &operands, path, memory / 2, &part(near))?;
     drop(faces);
     let Resolved { pairs, divided, .. } = done;
@@ -253,24 +252,24 @@ fn made(
     if rounded.reach != bodies.reach() {
         builder = builder.reach(rounded.reach);
     }
-    let Rounded { faces, stands_in, exact, displacement, reach, .. } = rounded;
+    let Rounded { faces, is_proxy, exact, displacement, reach, .. } = rounded;
     let displacement = displacement * grid.width();
     let mut settled = 0u64;
-    bodies.settled(progress, &mut |number, face, stands_in, is_base| {
+    bodies.settled(progress, &mut |number, face, is_proxy, is_base| {
         settled += 1;
         seams.add_watched(face);
         if is_base && base.is_some() {
-            builder.push_kept(face, stands_in)?;
+            builder.push_kept(face, is_proxy)?;
         } else {
-            surface.add(face, stands_in);
-            builder.push_face(face, stands_in)?;
+            surface.add(face, is_proxy);
+            builder.push_face(face, is_proxy)?;
         }
         values.copy(number, face.number, &mut builder)
     })?;
     faces.each(&mut |face| {
-        let stands_in = stands_in[face.number as usize];
-        surface.add(face, stands_in);
-        builder.push_face(face, stands_in)?;
+        let is_proxy = is_proxy[face.number as usize];
+        surface.add(face, is_proxy);
+        builder.push_face(face, is_proxy)?;
         values.give(face, &mut builder)
     })?;
     let mut after = settled + faces.len();
@@ -291,7 +290,7 @@ fn made(
     bodies.settled_exact(base.is_some(), progress, &mut push_exact)?;
     exact.into_iter().try_for_each(&mut push_exact)?;
     if let Some(flaw) = surface.flaw() {
-        return Err(Error::NoBody {
+        return Err(Error::NotASolid {
             path: path.to_path_buf(),
             what: format!("the result would be no body, and so at least one of the models is none: {flaw}"),
             places: Vec::new(),
@@ -332,7 +331,7 @@ fn made(
     }
     let FaceValues { lost_columns, lost_values, .. } = values;
     if lost_columns > 0 {
-        let most = ModelBuilder::MOST_COLUMNS;
+        let most = ModelBuilder::MAX_COLUMNS;
         let text = format!(
             "{lost_columns} columns of values of faces are not kept, as there would be more than {most}"
         );
@@ -390,12 +389,12 @@ fn on_grid(
 }
 
 /// Unit, place and provenance of the result.
-fn metadata(operation: u8, models: &[&ExactModel], grid: &Grid) -> Metadata {
+fn metadata(operation: SetOperation, models: &[&ExactModel], grid: &Grid) -> Metadata {
     let crs = models.iter().find_map(|model| model.crs().cloned());
     let mut metadata = Metadata { frame: grid.frame(crs), ..Metadata::default() };
     metadata.provenance = models.iter().flat_map(|model| model.metadata().provenance.clone()).collect();
     let paths: Vec<String> = models.iter().map(|model| model.path().display().to_string()).collect();
-    metadata.provenance.push(format!("operation {operation} of {}", paths.join(" ")));
+    metadata.provenance.push(format!("operation {} of {}", operation.index(), paths.join(" ")));
     if let Some(unit) = models.iter().find_map(|model| model.metadata().tag(Tag::Unit)) {
         metadata.set_tag(Tag::Unit, unit);
     }

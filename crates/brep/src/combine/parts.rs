@@ -1,10 +1,6 @@
 //! Parts of the boundaries of two bodies, by what is in front of them and behind them: N. A. Tyukachev's indices of sets and of boundaries.
 
-use super::table::OperationTable;
-use spinney_base::Result;
-
-/// Places of two bodies: both, the first alone, the second alone, neither.
-const PLACES: [[i32; 2]; 4] = [[1, 1], [1, 0], [0, 1], [0, 0]];
+use spinney_base::SetOperation;
 
 /// Part of the boundaries of two bodies, and what a set operation makes of it.
 ///
@@ -42,21 +38,17 @@ impl BoundaryPart {
 /// The six parts of the boundaries of two bodies, and what a set operation makes of them: see [`combine`](super::combine()).
 ///
 /// ```
-/// use spinney::brep::boundary_parts;
+/// use spinney::SetOperation;
+/// use spinney::raw::brep::boundary_parts;
 ///
 /// // The difference: the first body's faces outside of the second one, and the backs of the second one's inside of the first.
-/// let taken = boundary_parts(2)?.into_iter().filter(|part| part.is_taken());
+/// let taken = boundary_parts(SetOperation::Difference).into_iter().filter(|part| part.is_taken());
 /// let found: Vec<_> = taken.map(|part| (part.index(), part.is_turned(), part.name)).collect();
 /// assert_eq!(found[0], (4, false, "A's faces outside of B"));
 /// assert_eq!(found[1], (1, true, "B's faces inside of A"));
 /// assert_eq!(found[2], (3, false, "faces of both that look at each other"));
-/// # Ok::<(), spinney::Error>(())
 /// ```
-///
-/// # Errors
-/// If there is no such operation.
-pub fn boundary_parts(operation: u8) -> Result<[BoundaryPart; 6]> {
-    let table = OperationTable::new(operation, 2)?;
+pub fn boundary_parts(operation: SetOperation) -> [BoundaryPart; 6] {
     let parts = [
         ("A's faces outside of B", [1, 3]),
         ("A's faces inside of B", [0, 2]),
@@ -65,9 +57,9 @@ pub fn boundary_parts(operation: u8) -> Result<[BoundaryPart; 6]> {
         ("faces of both that look the same way", [0, 3]),
         ("faces of both that look at each other", [1, 2]),
     ];
-    Ok(parts.map(|(name, sets)| BoundaryPart {
+    parts.map(|(name, sets)| BoundaryPart {
         name,
         sets,
-        is_inside: sets.map(|set| table.is_inside(&PLACES[usize::from(set)])),
-    }))
+        is_inside: sets.map(|set| operation.index() >> set & 1 == 1),
+    })
 }

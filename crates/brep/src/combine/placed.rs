@@ -2,7 +2,7 @@
 
 use crate::arrangement::{Corner, ExactFace, ExactPoint};
 use crate::query::half_of;
-use crate::{ExactModel, Faces, Grid, MOST_BITS, ModelNode, ModelNodeState};
+use crate::{ExactModel, Faces, Grid, MAX_BITS, ModelNode, ModelNodeState};
 use spinney_base::{Error, Result};
 use spinney_container::Tag;
 use spinney_crs::Crs;
@@ -75,7 +75,7 @@ impl Placed {
             let extent = (0..3).map(|axis| most[axis].saturating_sub(least[axis]).max(0)).max().unwrap_or(0);
             bits = (64 - extent.leading_zeros() as u8).max(1);
         }
-        if bits > MOST_BITS || origin.iter().any(|at| at.unsigned_abs() > 1 << 53) {
+        if bits > MAX_BITS || origin.iter().any(|at| at.unsigned_abs() > 1 << 53) {
             return Err(too_far(&grids));
         }
         let grid = Grid { bits, origin, step: finest.step, divisor: finest.divisor };

@@ -1,14 +1,13 @@
 //! Tables of set operations: which places belong to the result.
 
-use spinney_base::{Error, Result};
+use spinney_base::{Error, Result, SetOperation};
 
-/// Set operations, by their numbers: bit 0 says that what is in both bodies belongs to the result, bit 1 what is in the
-/// first alone, bit 2 what is in the second alone, bit 3 what is in neither. Of more than two bodies there are 0, 1 (what is in
-/// all), 2 (in the first alone), 6 (in an odd number of them), 7 (in any) and the complements of these; of one, all that
-/// depend on no second: 0, 3, 12 and 15.
+/// A set operation on a number of bodies. On more than two bodies, the intersection is what is in all, the difference what is in
+/// the first alone, the symmetric difference what is in an odd number of them, the union what is in any; these and the empty
+/// set have complements. On one body there are the operations that depend on no second.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct OperationTable {
-    number: u8,
+    operation: SetOperation,
     count: usize,
 }
 
@@ -21,18 +20,18 @@ pub(super) enum Fate {
 }
 
 impl OperationTable {
-    pub(super) fn new(number: u8, count: usize) -> Result<OperationTable> {
-        let (bodies, are_right) = match number {
+    pub(super) fn new(operation: SetOperation, count: usize) -> Result<OperationTable> {
+        let (bodies, are_right) = match operation.index() {
             0 | 3 | 12 | 15 if count == 1 => ("one body or more", true),
             0 | 1 | 2 | 6 | 7 | 8 | 9 | 13 | 14 | 15 => ("two bodies or more", count >= 2),
             3 | 12 => ("one body or two", count <= 2 && count > 0),
             _ => ("two bodies", count == 2),
         };
-        if number > 15 || !are_right {
-            let found = format!("operation {number} of {count}");
-            return Err(Error::invalid("bodies", found, format!("{bodies} for an operation from 0 to 15")));
+        if !are_right {
+            let found = format!("{count} for the operation {operation}");
+            return Err(Error::invalid("bodies", found, bodies));
         }
-        Ok(OperationTable { number, count })
+        Ok(OperationTable { operation, count })
     }
 
     /// The fate of a face of a body where it is in other bodies, or not; the body's own place does not matter.
@@ -51,12 +50,12 @@ impl OperationTable {
 
     /// The bodies that the result depends on, and the operation on them.
     pub(super) fn on_those_that_matter(self) -> (Vec<usize>, OperationTable) {
-        let of_one = |number| OperationTable { number, count: 1 };
-        match (self.number, self.count) {
-            (0 | 15, _) => (Vec::new(), of_one(self.number)),
-            (3 | 12, _) => (vec![0], of_one(self.number)),
-            (5, 2) => (vec![1], of_one(3)),
-            (10, 2) => (vec![1], of_one(12)),
+        let of_one = |operation| OperationTable { operation, count: 1 };
+        match (self.operation, self.count) {
+            (SetOperation::Empty | SetOperation::Everything, _) => (Vec::new(), of_one(self.operation)),
+            (SetOperation::First | SetOperation::Complement, _) => (vec![0], of_one(self.operation)),
+            (SetOperation::Second, 2) => (vec![1], of_one(SetOperation::First)),
+            (SetOperation::NotSecond, 2) => (vec![1], of_one(SetOperation::Complement)),
             (_, count) => ((0..count).collect(), self),
         }
     }
@@ -65,22 +64,14 @@ impl OperationTable {
     pub(super) fn is_inside(self, bodies: &[i32]) -> bool {
         let is_in = |body: usize| bodies.get(body).is_some_and(|winding| *winding > 0);
         if self.count <= 2 {
-            let index = match (is_in(0), is_in(1)) {
-                (true, true) => 0,
-                (true, false) => 1,
-                (false, true) => 2,
-                (false, false) => 3,
-            };
-            return self.number >> index & 1 == 1;
+            return self.operation.contains(is_in(0), is_in(1));
         }
-        // (Of two bodies these are the same as the table.)
-        let (turned, base) =
-            if self.number & 8 != 0 { (true, 15 - self.number) } else { (false, self.number) };
-        let inside = match base {
-            1 => (0..self.count).all(is_in),
-            2 => is_in(0) && !(1..self.count).any(is_in),
-            6 => (0..self.count).filter(|body| is_in(*body)).count() % 2 == 1,
-            7 => (0..self.count).any(is_in),
+        let turned = self.operation.is_unbounded();
+        let inside = match if turned { self.operation.complement() } else { self.operation } {
+            SetOperation::Intersection => (0..self.count).all(is_in),
+            SetOperation::Difference => is_in(0) && !(1..self.count).any(is_in),
+            SetOperation::SymmetricDifference => (0..self.count).filter(|body| is_in(*body)).count() % 2 == 1,
+            SetOperation::Union => (0..self.count).any(is_in),
             _ => false,
         };
         inside != turned
@@ -95,28 +86,27 @@ mod tests {
     #[test]
     fn tables_are_those_of_the_literature() {
         let places = [[1, 1], [1, 0], [0, 1], [0, 0]];
-        for number in 0..16 {
-            let table = OperationTable::new(number, 2).unwrap();
+        for operation in SetOperation::ALL {
+            let table = OperationTable::new(operation, 2).unwrap();
             let found: u8 =
                 (0..).zip(places).map(|(bit, place)| u8::from(table.is_inside(&place)) << bit).sum();
-            assert_eq!(found, number);
+            assert_eq!(found, operation.index());
             // Those of many are the same for two, and go on with the third where that is in nothing, or in what was there.
-            let Ok(of_three) = OperationTable::new(number, 3) else { continue };
+            let Ok(of_three) = OperationTable::new(operation, 3) else { continue };
             for [a, b] in places {
                 let nothing = of_three.is_inside(&[a, b, 0]);
-                if matches!(number, 0 | 2 | 6 | 7 | 8 | 9 | 13 | 15) {
-                    assert_eq!(nothing, table.is_inside(&[a, b]), "{number}");
+                if matches!(operation.index(), 0 | 2 | 6 | 7 | 8 | 9 | 13 | 15) {
+                    assert_eq!(nothing, table.is_inside(&[a, b]), "{operation}");
                 }
             }
         }
         assert!(
-            OperationTable::new(16, 2).is_err()
-                && OperationTable::new(7, 0).is_err()
-                && OperationTable::new(4, 3).is_err()
+            OperationTable::new(SetOperation::Union, 0).is_err()
+                && OperationTable::new(SetOperation::ReverseDifference, 3).is_err()
         );
         assert!(
-            OperationTable::new(12, 1).unwrap().is_inside(&[0])
-                && !OperationTable::new(12, 1).unwrap().is_inside(&[1])
+            OperationTable::new(SetOperation::Complement, 1).unwrap().is_inside(&[0])
+                && !OperationTable::new(SetOperation::Complement, 1).unwrap().is_inside(&[1])
         );
     }
 }

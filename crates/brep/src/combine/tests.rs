@@ -67,10 +67,15 @@ fn combined(operation: u8, models: &[&ExactModel]) -> ExactModel {
     model
 }
 
+/// The operation with an index.
+fn set(index: u8) -> SetOperation {
+    SetOperation::from_index(index).unwrap()
+}
+
 fn result(operation: u8, models: &[&ExactModel]) -> ExactModel {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.goblin");
-    combine(operation, models, Output::create(&path).unwrap(), Codec::Plain, 64 << 20, &())
+    combine(set(operation), models, Output::create(&path).unwrap(), Codec::Plain, 64 << 20, &())
         .unwrap_or_else(|error| panic!("{operation}: {error}"));
     ExactModel::from_bytes(std::fs::read(path).unwrap()).unwrap()
 }
@@ -105,8 +110,8 @@ fn six_volumes(model: &ExactModel) -> i128 {
         }
     };
     model
-        .each_face(&mut |face, stands_in| {
-            if !stands_in {
+        .each_face(&mut |face, is_proxy| {
+            if !is_proxy {
                 for ring in face.rings() {
                     add(&ring.iter().map(|point| point.map(i128::from)).collect::<Vec<_>>());
                 }
@@ -320,7 +325,8 @@ fn only_what_is_near_is_arranged() {
         // (Less than the faces of the whole would take to be divided again.)
         let memory = 512 << 10;
         let report =
-            combine(2, &[&all, &other], Output::create(&path).unwrap(), Codec::Plain, memory, &()).unwrap();
+            combine(set(2), &[&all, &other], Output::create(&path).unwrap(), Codec::Plain, memory, &())
+                .unwrap();
         // (The last one is within the body, where all its faces are turned.)
         let expected = if step < 3 { 5..60 } else { 0..1 };
         assert!(expected.contains(&report.near), "{step}: {} of {}", report.near, report.after);
@@ -348,8 +354,7 @@ fn numbers_of_faces_that_stay_are_those_of_leaves() {
     let other = model(&around(1000, 3000));
     for operation in 0..16 {
         let of_both = combined(operation, &[&all, &other]);
-        let swapped = operation & 0b1001 | operation >> 1 & 0b10 | operation << 1 & 0b100;
-        let of_swapped = combined(swapped, &[&other, &all]);
+        let of_swapped = combined(set(operation).exchanged().index(), &[&other, &all]);
         assert_eq!(of_both.len(), of_swapped.len(), "{operation}");
     }
 }
@@ -431,7 +436,7 @@ fn cells_are_as_the_tables_say() {
             buffer.points
         };
         for operation in BOTH {
-            let table = OperationTable::new(operation, 2).unwrap();
+            let table = OperationTable::new(set(operation), 2).unwrap();
             let result = result(operation, &[&bodies[0], &bodies[1]]);
             let mut faces: HashSet<Vec<[i32; 3]>> = Default::default();
             result

@@ -34,7 +34,7 @@ impl<'a> FaceValues<'a> {
                 let Some(name) = name.into_iter().next().filter(|name| taken.insert(name.clone())) else {
                     continue;
                 };
-                if !names.contains(&name) && names.len() == ModelBuilder::MOST_COLUMNS {
+                if !names.contains(&name) && names.len() == ModelBuilder::MAX_COLUMNS {
                     lost_columns += 1;
                     continue;
                 }

@@ -46,7 +46,7 @@ pub(super) fn winding(
             continue;
         }
         model.face(face, &mut buffer)?;
-        if buffer.stands_in {
+        if buffer.is_proxy {
             continue;
         }
         points.clear();
@@ -84,7 +84,7 @@ pub(super) fn settled_above(bodies: &Bodies<'_>, sample: &SamplePoint<'_>) -> Re
         known.clear();
         for face in line.faces.into_iter().filter(|face| known.insert(*face)) {
             model.face(face, &mut buffer)?;
-            let way = match bodies.becomes(number, &buffer.face(), buffer.stands_in) {
+            let way = match bodies.becomes(number, &buffer.face(), buffer.is_proxy) {
                 Use::Settled(Fate::Kept) => 1,
                 Use::Settled(Fate::Turned) => -1,
                 _ => continue,

@@ -6,7 +6,7 @@
 
 /// Most bits of a coordinate of a model's grid. Whatever is decided about faces with such coordinates fits into 256
 /// bits, and no grid with one bit more has that: see `SIDE_BITS`.
-pub const MOST_BITS: u8 = 26;
+pub const MAX_BITS: u8 = 26;
 
 /// Bits of a coordinate in the space of the solids' grid, cells and fraction together; another grid than that of
 /// models, which has fewer: cells are told apart by [`lattice`](super::lattice) in 64 bits, and never by points of
@@ -27,7 +27,7 @@ const _: () = assert!(3 * (1i64 << SOLID_BITS) < 1 << 31, "coordinates in 32 bit
 /// such vectors, a sum of six products of their parts: to `48 L^3`.
 pub(crate) const LINE_BITS: u8 = 40;
 
-const _: () = assert!(LINE_BITS > MOST_BITS);
+const _: () = assert!(LINE_BITS > MAX_BITS);
 const _: () = assert!(3 * LINE_BITS + 6 < 127, "48 is less than 2^6");
 
 /// Bits of a coordinate of a point that is asked for, behind the point.
@@ -35,16 +35,16 @@ pub(crate) const FINE_BITS: u32 = 32;
 
 // Crossings along an axis: the way to such a point has a bit more than the grid before its point, and times a normal of
 // 62 bits, or an edge's gradient, is added up three times.
-const _: () = assert!(MOST_BITS as u32 + 1 + FINE_BITS < 63);
-const _: () = assert!(62 + MOST_BITS as u32 + 1 + FINE_BITS + 2 < 127);
+const _: () = assert!(MAX_BITS as u32 + 1 + FINE_BITS < 63);
+const _: () = assert!(62 + MAX_BITS as u32 + 1 + FINE_BITS + 2 < 127);
 
 /// Bits of the components of a normal. A ring that goes around everything once has a component of twice the square of
 /// the grid's side: `2 B^2`. Three bits more are for rings that do so up to eight times. (Files with normals that are
 /// larger are refused where [`SIDE_BITS`] depends on it.)
-pub(crate) const NORMAL_BITS: u32 = 2 * MOST_BITS as u32 + 4;
+pub(crate) const NORMAL_BITS: u32 = 2 * MAX_BITS as u32 + 4;
 
 /// Bits of a plane's offset: of three products of a normal's component and a coordinate, `3 N B`.
-pub(crate) const OFFSET_BITS: u32 = NORMAL_BITS + MOST_BITS as u32 + 2;
+pub(crate) const OFFSET_BITS: u32 = NORMAL_BITS + MAX_BITS as u32 + 2;
 
 /// Bits of the components of the direction of the line of two planes: two products of normals' components, `2 N^2`.
 const DIRECTION_BITS: u32 = 2 * NORMAL_BITS + 1;
@@ -53,20 +53,20 @@ const DIRECTION_BITS: u32 = 2 * NORMAL_BITS + 1;
 pub(crate) const WEIGHT_BITS: u32 = 3 * NORMAL_BITS + 3;
 
 /// Bits of the products of a point's coordinates with its weight.
-const POINT_BITS: u32 = WEIGHT_BITS + MOST_BITS as u32;
+const POINT_BITS: u32 = WEIGHT_BITS + MAX_BITS as u32;
 
 /// Bits that a test takes on which side of a plane a point of three planes lies: `9 b + 21` for coordinates of `b` bits.
 ///
 /// It is the weight times the scalar product of the normal and the way from a point of the plane, of which each
 /// component is `B` at most: `6 N^3` times `3 N B`. As it is added up, offset first, what is still missing stands for
 /// that component of the way, so that no part of the sum is more. (18 is less than 2^5.)
-const SIDE_BITS: u32 = 4 * NORMAL_BITS + MOST_BITS as u32 + 5;
+const SIDE_BITS: u32 = 4 * NORMAL_BITS + MAX_BITS as u32 + 5;
 
-const _: () = assert!(SIDE_BITS == 9 * MOST_BITS as u32 + 21);
+const _: () = assert!(SIDE_BITS == 9 * MAX_BITS as u32 + 21);
 const _: () = assert!(SIDE_BITS <= 255, "sides in 256 bits with the sign");
 const _: () = assert!(SIDE_BITS + 9 > 255, "no grid with one bit more has that");
 // As a point of three planes is added up, from three products of an offset and a direction: `18 N^3 B`.
-const _: () = assert!(3 * NORMAL_BITS + MOST_BITS as u32 + 5 <= 255);
+const _: () = assert!(3 * NORMAL_BITS + MAX_BITS as u32 + 5 <= 255);
 // Normals in 64 bits; offsets, directions, and the components that these are made of, in 128.
 const _: () = assert!(NORMAL_BITS <= 63 && OFFSET_BITS <= 127 && DIRECTION_BITS <= 127);
 // The vectors of half-planes around a segment, products of a normal and a direction, and the scalar product of two of
@@ -78,7 +78,7 @@ const _: () = assert!(POINT_BITS + WEIGHT_BITS <= 511);
 
 /// Bits of the weight of the mean of three points, three times the product of theirs, and of the coordinates times it.
 const MEAN_WEIGHT_BITS: u32 = 3 * WEIGHT_BITS + 2;
-const MEAN_BITS: u32 = MEAN_WEIGHT_BITS + MOST_BITS as u32;
+const MEAN_BITS: u32 = MEAN_WEIGHT_BITS + MAX_BITS as u32;
 
 // Turns around such means, sums of three products of a minor of two points and the weight of the third.
 const _: () = assert!(2 * POINT_BITS + 1 + MEAN_WEIGHT_BITS + 2 <= 1023);
@@ -90,7 +90,7 @@ const _: () = assert!(2 * POINT_BITS + 1 + 2 * WEIGHT_BITS + 2 <= 1023);
 const _: () = assert!(2 * NORMAL_BITS + MEAN_BITS + 4 <= 1023);
 
 /// Bits of the determinant of four planes, of which each row is a normal of 62 bits and an offset: `4 * 3 N B * 6 N^3`.
-pub(crate) const DETERMINANT_BITS: u32 = 4 * 62 + MOST_BITS as u32 + 7;
+pub(crate) const DETERMINANT_BITS: u32 = 4 * 62 + MAX_BITS as u32 + 7;
 
 /// The most that a double is rounded by, as a share of it.
 const ROUNDOFF: f64 = f64::EPSILON / 2.0;
@@ -118,7 +118,7 @@ pub(crate) const HEIGHT_ROUNDING: f64 = after_roundings(5);
 pub(crate) const TRIANGLE_HEIGHT_ROUNDING: f64 = after_roundings(3);
 
 // A triangle's normal is `B^2` at most, and is made of products of this size.
-const _: () = assert!(2 * MOST_BITS as u32 <= f64::MANTISSA_DIGITS);
+const _: () = assert!(2 * MAX_BITS as u32 <= f64::MANTISSA_DIGITS);
 
 /// For how much farther a plane is from a cube's centre than the cube reaches: as the height of a corner with
 /// differences that are doubles (a normal's component becomes one, a product, two additions) less as much again.
@@ -147,7 +147,7 @@ pub(crate) const LATTICE_ROUNDING: f64 = 2.0 * after_roundings(9);
 /// Invariant: such doubles are off by less than this, since points lie within the grid. All that is decided by them
 /// first (`ExactPlane::side`, `ExactPoint::compare`, `turn`) compares with some times this, and believes what is
 /// farther apart: beyond the grid the answers would be wrong, and not just slow.
-pub(crate) const POINT_ERROR: f64 = 8.0 * ROUNDOFF * (1u64 << MOST_BITS) as f64;
+pub(crate) const POINT_ERROR: f64 = 8.0 * ROUNDOFF * (1u64 << MAX_BITS) as f64;
 
 const _: () = assert!(POINT_ERROR == 1.0 / (1 << 24) as f64);
 
@@ -222,7 +222,7 @@ mod tests {
             let weight: I256 =
                 (0..4).fold(I256::default(), |all, _| (all << 63u32) + (next() >> 1).as_::<I256>());
             let weight = (weight >> (252 - bits)) + 1.as_::<I256>();
-            let side: I256 = (1u64 << MOST_BITS).as_();
+            let side: I256 = (1u64 << MAX_BITS).as_();
             // Just below a whole number near the grid's end, and anywhere.
             let at = [0, 1, 2].map(|axis| {
                 let low: I256 = (next() % 1024).as_();
@@ -250,7 +250,7 @@ mod tests {
     #[test]
     fn heights_are_those_of_whole_numbers() {
         let mut next = random(7);
-        let far = (1i32 << MOST_BITS) - 1;
+        let far = (1i32 << MAX_BITS) - 1;
         let mut sides = [0; 3];
         for _ in 0..20_000 {
             let mut coordinate = || match next() % 4 {

@@ -28,7 +28,7 @@ pub fn triangle_normal([a, b, c]: &[[i32; 3]; 3]) -> [i64; 3] {
     cross(u, v)
 }
 
-/// The normal of a ring with coordinates of at most [`MOST_BITS`](super::bounds::MOST_BITS), after Newell: its length
+/// The normal of a ring with coordinates of at most [`MAX_BITS`](super::bounds::MAX_BITS), after Newell: its length
 /// is twice the area.
 ///
 /// Of rings with many corners it may have more than 64 bits; it is divided by powers of two until it fits, which does
@@ -46,17 +46,17 @@ pub(crate) fn ring_normal(ring: &[[i32; 3]]) -> [i64; 3] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::bounds::{MOST_BITS, NORMAL_BITS};
+    use super::super::bounds::{MAX_BITS, NORMAL_BITS};
     use super::*;
 
     /// The largest rings have normals with as many bits as are planned for.
     #[test]
     fn the_largest_normals_have_the_bits_that_are_planned_for() {
-        let far = (1 << MOST_BITS) - 1;
+        let far = (1 << MAX_BITS) - 1;
         let square = [[0, 0, 0], [far, 0, far], [far, far, far], [0, far, 0]];
         let area = i64::from(far).pow(2);
         assert_eq!(ring_normal(&square), [-2 * area, 0, 2 * area]);
-        assert!(2 * area < 1 << (2 * MOST_BITS + 1) && 2 * area >= 1 << (2 * MOST_BITS));
+        assert!(2 * area < 1 << (2 * MAX_BITS + 1) && 2 * area >= 1 << (2 * MAX_BITS));
         assert_eq!(ring_normal(&square[..3]), [-area, 0, area]);
         // Around a square eight times.
         let turns = square.repeat(8);

@@ -175,7 +175,7 @@ impl Rows {
 /// plane, 2 if they have a line in common, 3 if they have a point in common, 4 if they have none. Common lines and
 /// points may be infinitely far away.
 ///
-/// Coordinates are those of rings on the grid ([`MOST_BITS`](super::bounds::MOST_BITS)), and normals those of
+/// Coordinates are those of rings on the grid ([`MAX_BITS`](super::bounds::MAX_BITS)), and normals those of
 /// [`ring_normal`](super::normal::ring_normal).
 pub(crate) fn rank_of_at_most(planes: impl Iterator<Item = PlaneAt> + Clone, most: usize) -> usize {
     clear_rank(planes.clone(), most).unwrap_or_else(|| {

@@ -10,7 +10,7 @@ use crate::exact::vector::{main_axis, others};
 use spinney_base::sort;
 
 /// Most ways that are tried for bridges of a face beyond the nearest few for each hole.
-const MOST_TRIES: usize = 1 << 16;
+const MAX_TRIES: usize = 1 << 16;
 
 /// Corners that are tried first for a bridge.
 const NEAREST: usize = 16;
@@ -85,7 +85,7 @@ impl<'a> Bridges<'a> {
         let edges = edges.collect();
         let (mut taken, mut shared) = (HashSet::new(), HashSet::new());
         shared.extend(flat.iter().copied().filter(|point| !taken.insert(*point)));
-        Bridges { flat, ears: Ears::new(flat), ring, holes, edges, shared, tries: Cell::new(MOST_TRIES) }
+        Bridges { flat, ears: Ears::new(flat), ring, holes, edges, shared, tries: Cell::new(MAX_TRIES) }
     }
 
     fn join(mut self) -> Vec<u32> {

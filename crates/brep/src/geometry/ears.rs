@@ -8,7 +8,7 @@ use super::turn::turn;
 use spinney_base::sort;
 
 /// Corners looked at for each corner of a face, before that is given up.
-const MOST_LOOKS: u64 = 4096;
+const MAX_VISITS: u64 = 4096;
 
 /// Cuts flat rings into triangles that turn counterclockwise.
 pub(super) struct Ears<'a> {
@@ -43,7 +43,7 @@ impl<'a> Ears<'a> {
     /// Counts corners that are looked at, and says whether it is time to give up.
     fn is_too_much(&self, corners: usize) -> bool {
         self.looks.set(self.looks.get() + corners as u64);
-        self.looks.get() > MOST_LOOKS * self.flat.len() as u64
+        self.looks.get() > MAX_VISITS * self.flat.len() as u64
     }
 
     fn at(&self, corner: u32) -> [i64; 2] {

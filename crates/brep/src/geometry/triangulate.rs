@@ -10,7 +10,7 @@ use crate::exact::vector::others;
 use spinney_base::sort;
 
 /// Most corners of faces that are cut by clipping ears: their number's square and more is what that may take.
-const MOST_EARS: usize = 512;
+const MAX_EARS: usize = 512;
 
 /// Cuts faces into triangles; keeps its buffers from face to face.
 ///
@@ -74,7 +74,7 @@ impl Triangulator {
         self.weld(points);
         let rings = self.rings(ring_ends);
         let start = out.len();
-        if points.len() <= MOST_EARS {
+        if points.len() <= MAX_EARS {
             // The crate calculates in floating point and leaves out corners on straight lines. It proposes, and
             // what it proposes is taken if it is exactly right; the slower way of our own keeps all corners.
             self.propose(ring_ends, out);
@@ -286,7 +286,7 @@ mod tests {
                 let mut triangulator = Triangulator::new();
                 assert_eq!(triangulate(&rings, &mut triangulator), None);
                 let count = rings.concat().len() as u64;
-                let most = if count > MOST_EARS as u64 { 64 } else { 4096 + 512 + 64 };
+                let most = if count > MAX_EARS as u64 { 64 } else { 4096 + 512 + 64 };
                 assert!(triangulator.looks() <= most * count, "{corners}: {}", triangulator.looks());
             }
         }

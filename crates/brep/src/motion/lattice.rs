@@ -2,7 +2,7 @@
 
 use super::map::{Motion, Symmetry};
 use crate::arrangement::{Corner, ExactFace, ExactPlane, ExactPoint};
-use crate::{ExactModel, Faces, Grid, MOST_BITS};
+use crate::{ExactModel, Faces, Grid, MAX_BITS};
 use spinney_base::{Error, Result};
 
 /// A motion of whole grids: axes become others and may be turned round, steps have another width, and the origin another place.
@@ -20,7 +20,7 @@ pub(super) struct Lattice {
 }
 
 /// Most steps that one is divided into so that a shift becomes a whole number of them.
-const MOST_TIMES: i64 = 1000;
+const MAX_TIMES: i64 = 1000;
 
 /// The part of a number of steps beyond a whole number; 0 if some roundings make as much.
 fn part(steps: f64) -> f64 {
@@ -44,10 +44,10 @@ impl Lattice {
         let shift = motion.shift();
         let last = (1i64 << old.bits) - 1;
         // (What stands in for faces beside the grid is half a step beside them, of this grid.)
-        let room = if model.is_beside_grid() { 1 } else { ((1 << MOST_BITS) - 1) / last };
+        let room = if model.is_beside_grid() { 1 } else { ((1 << MAX_BITS) - 1) / last };
         let steps = |grid: &Grid| shift.map(|at| at * grid.divisor / grid.step);
         let mut found = None;
-        for times in 1..=room.min(MOST_TIMES) {
+        for times in 1..=room.min(MAX_TIMES) {
             let grid = scaled(old, scale, times)?;
             let is_whole = steps(&grid).iter().all(|at| part(*at) == 0.0);
             if is_whole || found.is_none() {

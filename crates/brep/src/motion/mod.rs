@@ -19,7 +19,7 @@ use super::query::MassSums;
 use super::store::formula::moved_formula;
 use super::{BuildReport, ExactModel, Face, Faces, Grid, ModelBuilder};
 use spinney_base::io::Output;
-use spinney_base::{Error, PartOfWork, Progress, Result};
+use spinney_base::{Error, Progress, Result, SubProgress};
 use spinney_container::{Codec, Metadata, Tag};
 use spinney_crs::Crs;
 
@@ -86,9 +86,9 @@ pub struct TransformReport {
 /// bounded, but that faces with corners beside the grid are held. Progress counts faces, each in several passes.
 ///
 /// ```
-/// use spinney::brep::{ExactModel, Faces, Motion, TransformOptions, transform};
+/// use spinney::{ExactModel, Output};
+/// use spinney::brep::{Faces, Motion, TransformOptions, transform};
 /// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
-/// use spinney::io::Output;
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = |name: &str| folder.path().join(name);
 /// # let text = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
@@ -103,7 +103,7 @@ pub struct TransformReport {
 /// ```
 ///
 /// # Errors
-/// If the model is no body, if the result is none ([`Error::NoBody`], with the places: it passes through itself on the grid) or does not fit on a grid, if the memory
+/// If the model is no body, if the result is none ([`Error::NotASolid`], with the places: it passes through itself on the grid) or does not fit on a grid, if the memory
 /// is not enough, if files cannot be read or written, or on interruption. There is no file then.
 pub fn transform(
     model: &ExactModel,
@@ -147,12 +147,12 @@ impl Work<'_> {
             })
         })?;
         let (mut points, mut turner) = (Vec::new(), Turner::default());
-        self.model.each_face(&mut |face, stands_in| {
+        self.model.each_face(&mut |face, is_proxy| {
             points.clear();
             points.extend(face.points.iter().map(|point| lattice.point(*point)));
             let moved = Face { points: &points, ..*face };
             let moved = if is_mirrored { turner.turn(&moved) } else { moved };
-            target.push(&moved, stands_in, face.number)
+            target.push(&moved, is_proxy, face.number)
         })?;
         target.finish(Rounding { displacement: lattice.displacement, ..Rounding::default() })
     }
@@ -176,7 +176,7 @@ impl Work<'_> {
             (!closure.is_closed()).then(|| "some edges have a face on one side only".into())
         };
         if let Some(what) = flaw {
-            return Err(Error::NoBody {
+            return Err(Error::NotASolid {
                 path: self.model.path().to_path_buf(),
                 what: format!("the result would be no body: {what}"),
                 places: Vec::new(),
@@ -233,7 +233,7 @@ struct Target<'a> {
     columns: Vec<String>,
     after: u64,
     /// The first third of the work.
-    moving: PartOfWork<'a>,
+    moving: SubProgress<'a>,
 }
 
 impl<'a> Target<'a> {
@@ -245,12 +245,12 @@ impl<'a> Target<'a> {
             .reach(work.model.reach());
         let columns = work.model.value_columns()?;
         let count = work.model.len();
-        let moving = PartOfWork::new(work.progress, count, 3 * count);
+        let moving = SubProgress::new(work.progress, count, 3 * count);
         Ok(Target { work, grid: grid.clone(), builder, columns, after: 0, moving })
     }
 
     /// Adds a face that came of the model's of a number, with the values of that.
-    fn push(&mut self, face: &Face<'_>, stands_in: bool, number: u64) -> Result<()> {
+    fn push(&mut self, face: &Face<'_>, is_proxy: bool, number: u64) -> Result<()> {
         /// Faces between two looks at whether to go on.
         const OFTEN: u64 = 1 << 12;
         if number.is_multiple_of(OFTEN) {
@@ -258,7 +258,7 @@ impl<'a> Target<'a> {
             self.moving.advance(OFTEN, self.work.model.len());
         }
         self.after += 1;
-        self.builder.push_face(face, stands_in)?;
+        self.builder.push_face(face, is_proxy)?;
         for (column, name) in (0..).zip(&self.columns) {
             // (Models have fewer than 2^32 faces.)
             if let Some(value) = self.work.model.face_value(column, number as u32)? {
@@ -280,7 +280,7 @@ impl<'a> Target<'a> {
         let is_exact = rounding.counts.is_none();
         let is_rounded = model.is_beside_grid() && is_exact;
         let mut metadata = work.metadata(&grid, &rounding);
-        let building = PartOfWork::new(progress, 2 * model.len(), 3 * model.len());
+        let building = SubProgress::new(progress, 2 * model.len(), 3 * model.len());
         let built = builder.finish(&mut metadata, &building, &mut |metadata, built| {
             if built.defect_count > 0 {
                 metadata.set_tag(Tag::ModelThinPlaces, built.defect_count.to_string());

@@ -13,18 +13,20 @@ use super::numbers;
 use crate::exact::normal::ring_normal;
 use crate::exact::vector::dot;
 use crate::query::{
-    BoxPlace, CuttingPlane, Hit, Location, MassProperties, ModelRays, PartMeasures, SectionPolygon,
-    SurfacePoint, TakeSection,
+    BoxLocation, CuttingPlane, Hit, Location, MassProperties, ModelRays, PartMeasures, SectionPolygon,
+    SectionVisitor, SurfacePoint,
 };
-use crate::{ExactModel, Faces, ObjectContact, TakeContact};
+use crate::{ContactVisitor, ExactModel, Faces, ObjectContact};
 use spinney_base::{Error, Progress, Result};
 
 /// An exact model that is seen through an affine map: questions tell of what it would be if it were moved, and no file is made.
 ///
 /// ```
-/// use spinney::brep::{ExactModel, ModelView, Motion};
+/// use spinney::ExactModel;
+/// use spinney::brep::Motion;
+/// use spinney::raw::brep::ModelView;
 /// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
-/// # use spinney::io::Output;
+/// # use spinney::Output;
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = |name: &str| folder.path().join(name);
 /// # let text = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
@@ -210,15 +212,15 @@ impl ModelView {
         ViewRays { rest: self.rest.as_ref(), rays: self.model.rays() }
     }
 
-    /// [`ExactModel::place_of_box`].
+    /// [`ExactModel::locate_box`].
     ///
     /// # Errors
-    /// If the sides of the box do not lie along the model's axes, or those of [`ExactModel::place_of_box`].
-    pub fn place_of_box(&self, min: [f64; 3], max: [f64; 3]) -> Result<BoxPlace> {
+    /// If the sides of the box do not lie along the model's axes, or those of [`ExactModel::locate_box`].
+    pub fn locate_box(&self, min: [f64; 3], max: [f64; 3]) -> Result<BoxLocation> {
         let is_box = (0..3).all(|axis| min[axis] <= max[axis]);
         // (What is no box is refused by the model.)
         let Some(rest) = self.rest.as_ref().filter(|_| is_box) else {
-            return Ok(self.model.place_of_box(min, max)?.0);
+            return Ok(self.model.locate_box(min, max)?.0);
         };
         if !rest.keeps_axes() {
             return Err(self.refused(
@@ -228,7 +230,7 @@ impl ModelView {
             ));
         }
         let [min, max] = around([min, max].map(|corner| rest.back.apply(corner)));
-        Ok(self.model.place_of_box(min, max)?.0)
+        Ok(self.model.locate_box(min, max)?.0)
     }
 
     /// [`ExactModel::bounds`]. (Where the view turns by no quarters, all faces are read.)
@@ -336,7 +338,7 @@ impl ModelView {
         normal: [f64; 3],
         distances: &mut dyn ExactSizeIterator<Item = f64>,
         progress: &dyn Progress,
-        each: &mut TakeSection<'_>,
+        each: &mut SectionVisitor<'_>,
     ) -> Result<()> {
         let Some(rest) = &self.rest else {
             return self.model.plane_sections(normal, distances, progress, each);
@@ -357,7 +359,7 @@ impl ModelView {
         &self,
         memory: u64,
         progress: &dyn Progress,
-        each: &mut TakeContact<'_>,
+        each: &mut ContactVisitor<'_>,
     ) -> Result<Vec<u32>> {
         let Some(rest) = &self.rest else { return self.model.object_contacts(memory, progress, each) };
         let factor = self.factor(rest, "areas of walls that objects have in common")?;

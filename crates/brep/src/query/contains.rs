@@ -6,7 +6,7 @@ use crate::exact::normal::ring_normal;
 use crate::store::segment::LeafRule;
 use crate::{ExactModel, FaceBuffer, Faces, ModelNode, ModelNodeState};
 use spinney_base::Result;
-use spinney_base::io::rounds::{all_read, ask, go_on};
+use spinney_base::io::batch::{defer_missing, finish_deferred, run_batched};
 
 /// Location of a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,7 +35,7 @@ impl ExactModel {
     /// # Errors
     /// If the file is damaged or cannot be read.
     pub fn locate(&self, point: [f64; 3]) -> Result<Location> {
-        ask(|| self.locate_with(point, &mut FaceBuffer::default()))
+        run_batched(|| self.locate_with(point, &mut FaceBuffer::default()))
     }
 
     /// Where many points of the world lie, as [`ExactModel::locate`] says it.
@@ -45,14 +45,14 @@ impl ExactModel {
     pub fn locate_all(&self, points: &[[f64; 3]], locations: &mut Vec<Location>) -> Result<()> {
         let mut buffer = FaceBuffer::default();
         let before = locations.len();
-        let found = ask(|| {
+        let found = run_batched(|| {
             locations.truncate(before);
             let mut is_unread = false;
             for point in points {
-                let found = go_on(self.locate_with(*point, &mut buffer), &mut is_unread)?;
+                let found = defer_missing(self.locate_with(*point, &mut buffer), &mut is_unread)?;
                 locations.push(found.unwrap_or(Location::Outside));
             }
-            all_read(is_unread)
+            finish_deferred(is_unread)
         });
         if found.is_err() {
             locations.truncate(before);

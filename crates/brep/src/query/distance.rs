@@ -9,7 +9,7 @@ use super::visited::{Recent, Visited, half_of};
 use crate::exact::bounds::DISTANCE_ROUNDING;
 use crate::{ExactModel, FaceBuffer, Faces, ModelNode, ModelNodeState};
 use spinney_base::Result;
-use spinney_base::io::rounds::ask;
+use spinney_base::io::batch::run_batched;
 
 /// A point of a model's surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,7 +62,7 @@ impl ExactModel {
         if from.iter().any(|at| !at.is_finite()) {
             return Ok(None);
         }
-        ask(|| self.nearest_from(from, most))
+        run_batched(|| self.nearest_from(from, most))
     }
 
     /// The nearest point of the surface to a place of the grid, if it is no farther than so much in the world.

@@ -308,7 +308,7 @@ mod tests {
 
     use super::super::testing::{Body, Random, cuboid, tetrahedron};
     use super::*;
-    use crate::{FaceList, Faces, MOST_BITS};
+    use crate::{FaceList, Faces, MAX_BITS};
 
     fn crossings(list: &FaceList, line: &Line) -> Vec<Crossing> {
         let mut all: Vec<Crossing> =
@@ -432,7 +432,7 @@ mod tests {
     /// are not crossed, nearly all are found by doubles.
     #[test]
     fn triangles_that_are_missed_have_no_crossing() {
-        for (bits, size) in [(4, 12), (20, 1 << 20), (MOST_BITS, (1 << MOST_BITS) - 1)] {
+        for (bits, size) in [(4, 12), (20, 1 << 20), (MAX_BITS, (1 << MAX_BITS) - 1)] {
             let grid = Grid { bits, origin: [0; 3], step: 1.0, divisor: 1.0 };
             let mut random = Random(6);
             let mut counts = [0; 3];
@@ -467,8 +467,8 @@ mod tests {
     /// crossings lie within those of the face's box.
     #[test]
     fn the_widest_numbers_fit() {
-        let far = (1i32 << MOST_BITS) - 1;
-        let grid = Grid { bits: MOST_BITS, origin: [0; 3], step: 1.0, divisor: 1.0 };
+        let far = (1i32 << MAX_BITS) - 1;
+        let grid = Grid { bits: MAX_BITS, origin: [0; 3], step: 1.0, divisor: 1.0 };
         let mut random = Random(5);
         let wide = |point: &[i64; 3]| point.map(|at| -> I256 { at.as_() });
         let (mut turns, mut met) = ([0; 3], 0);

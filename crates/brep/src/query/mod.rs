@@ -4,10 +4,10 @@
 //! numbers; lengths and volumes are rounded, and each says how much.
 //!
 //! ```
-//! use spinney::brep::ExactModel;
-//! use spinney::brep::query::{BoxPlace, MassProperties};
+//! use spinney::ExactModel;
+//! use spinney::brep::{BoxLocation, MassProperties};
 //! # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
-//! # use spinney::io::Output;
+//! # use spinney::Output;
 //! # let folder = tempfile::tempdir().unwrap();
 //! # let [mesh, path] = ["tetrahedron.off", "tetrahedron.goblin"].map(|name| folder.path().join(name));
 //! # let text = "OFF\n4 4 0\n0 0 0\n6 0 0\n0 6 0\n0 0 6\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
@@ -20,7 +20,7 @@
 //! assert_eq!(model.signed_distance([1.0, 1.0, 0.5])?, -0.5);
 //! let (hit, _) = model.ray([1.0, 1.0, 9.0], [0.0, 0.0, -1.0])?;
 //! assert_eq!(hit.unwrap().point, [1.0, 1.0, 4.0]);
-//! assert_eq!(model.place_of_box([0.5; 3], [1.5; 3])?.0, BoxPlace::Inside);
+//! assert_eq!(model.locate_box([0.5; 3], [1.5; 3])?.0, BoxLocation::Inside);
 //! # Ok::<(), spinney::Error>(())
 //! ```
 
@@ -52,7 +52,7 @@ pub use mass::{MassProperties, MassSums};
 pub use nearest::{Nearest, nearest_on_face};
 pub use parts::PartMeasures;
 pub use ray::{Hit, ModelRays};
-pub use region::BoxPlace;
-pub use section::{CuttingPlane, SectionPolygon, TakeSection};
+pub use region::BoxLocation;
+pub use section::{CuttingPlane, SectionPolygon, SectionVisitor};
 pub use visited::Visited;
 pub(crate) use visited::half_of;

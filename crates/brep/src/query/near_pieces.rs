@@ -10,7 +10,7 @@ use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Result};
 
 /// Corners of a face that is remembered, at most: others are read again.
-const MOST_CORNERS: usize = 64;
+const MAX_CORNERS: usize = 64;
 /// Faces that are most often in one block.
 const FACES_OF_BLOCK: u64 = 1 << 10;
 
@@ -131,7 +131,7 @@ impl<'a> NearPieces<'a> {
         model.face(number, &mut large.buffer)?;
         large.plane = Plane::of(&large.buffer.face());
         large.number = Some(number);
-        if large.buffer.points.len() > MOST_CORNERS {
+        if large.buffer.points.len() > MAX_CORNERS {
             return Ok(large);
         }
         std::mem::swap(&mut faces[slot], large);

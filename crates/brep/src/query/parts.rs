@@ -60,10 +60,10 @@ impl ExactModel {
             add(sums.entry(part).or_insert_with(none));
             Ok(())
         };
-        self.each_face(&mut |face, stands_in| {
+        self.each_face(&mut |face, is_proxy| {
             sums_of(face.part, &mut |sums| {
                 sums.mass.add_face(face);
-                match stands_in {
+                match is_proxy {
                     true => sums.beside -= face.six_volumes() as f64,
                     false => sums.closure.add(face),
                 }

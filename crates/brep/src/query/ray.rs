@@ -5,7 +5,7 @@ use super::near_pieces::NearPieces;
 use super::visited::{Recent, Visited};
 use crate::store::segment::{CUT, INNER, LEAF, ModelSegment};
 use crate::{ExactModel, Face, Faces};
-use spinney_base::io::rounds::ask;
+use spinney_base::io::batch::run_batched;
 use spinney_base::{Result, sort};
 
 /// A place where a line passes through the surface of a model.
@@ -69,7 +69,7 @@ impl ExactModel {
 
     fn all_hits(&self, line: Option<Line>) -> Result<Vec<Hit>> {
         let Some(line) = line else { return Ok(Vec::new()) };
-        ask(|| {
+        run_batched(|| {
             let mut pieces = NearPieces::new(self, 1);
             let mut walk = Walk::new(line, false, &mut pieces);
             walk.root()?;
@@ -86,7 +86,7 @@ impl ExactModel {
 
     fn first_hit(&self, line: Option<Line>) -> Result<(Option<Hit>, Visited)> {
         let Some(line) = line else { return Ok((None, Visited::default())) };
-        ask(|| {
+        run_batched(|| {
             let mut pieces = NearPieces::new(self, 1);
             let mut walk = Walk::new(line, true, &mut pieces);
             walk.root()?;

@@ -6,14 +6,14 @@ use crate::geometry::{Box3, GridPolygon, Triangulator, triangle};
 use crate::{ExactModel, Face, FaceBuffer, Faces, ModelNode, ModelNodeState};
 use spinney_base::{Error, Result};
 
-/// Place of a box with regard to a body.
+/// Location of a box relative to a solid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum BoxPlace {
-    /// Nothing of the body is in the box.
+pub enum BoxLocation {
+    /// The box is disjoint from the solid.
     Outside,
-    /// All of the box is in the body.
+    /// The solid contains the box.
     Inside,
-    /// The surface passes through the box.
+    /// The surface intersects the box.
     Cut,
 }
 
@@ -25,7 +25,7 @@ impl ExactModel {
     ///
     /// # Errors
     /// If the file is damaged or cannot be read, or if the box is none.
-    pub fn place_of_box(&self, min: [f64; 3], max: [f64; 3]) -> Result<(BoxPlace, Visited)> {
+    pub fn locate_box(&self, min: [f64; 3], max: [f64; 3]) -> Result<(BoxLocation, Visited)> {
         let grid = self.grid();
         let bits = 31 - grid.bits;
         let scale = (1u64 << bits) as f64;
@@ -61,12 +61,12 @@ impl ExactModel {
         let is_met = walk.bounds.inside_meets(&walk.fine(&root.bounds(grid)));
         let is_cut = is_met && walk.node(&root)?;
         let place = match (is_cut, walk.outside) {
-            (true, _) => BoxPlace::Cut,
-            (false, true) => BoxPlace::Outside,
-            (false, false) if walk.inside => BoxPlace::Inside,
+            (true, _) => BoxLocation::Cut,
+            (false, true) => BoxLocation::Outside,
+            (false, false) if walk.inside => BoxLocation::Inside,
             // Only parts of leaves, and no face in any: they are alike.
-            (false, false) if walk.uncut == Some(true) => BoxPlace::Inside,
-            (false, false) => BoxPlace::Outside,
+            (false, false) if walk.uncut == Some(true) => BoxLocation::Inside,
+            (false, false) => BoxLocation::Outside,
         };
         Ok((place, walk.visited))
     }

@@ -10,7 +10,7 @@ use super::plane::Plane;
 use super::visited::half_of;
 use crate::exact::vector::{cross, dot};
 use crate::{ExactModel, Face, FaceBuffer, Faces, Grid, ModelNode, ModelNodeState, show_place};
-use spinney_base::io::rounds::{all_read, ask, go_on};
+use spinney_base::io::batch::{defer_missing, finish_deferred, run_batched};
 use spinney_base::{Error, Progress, Result, parallel, sort};
 
 /// A plane of the world: the points whose product with the normal is `distance`.
@@ -64,10 +64,10 @@ impl ExactModel {
     /// there.
     ///
     /// ```
-    /// use spinney::brep::ExactModel;
-    /// use spinney::brep::query::CuttingPlane;
+    /// use spinney::ExactModel;
+    /// use spinney::brep::CuttingPlane;
     /// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
-    /// # use spinney::io::Output;
+    /// # use spinney::Output;
     /// # let folder = tempfile::tempdir().unwrap();
     /// # let [mesh, path] = ["tetrahedron.off", "tetrahedron.goblin"].map(|name| folder.path().join(name));
     /// # let text = "OFF\n4 4 0\n0 0 0\n6 0 0\n0 6 0\n0 0 6\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
@@ -114,7 +114,7 @@ impl ExactModel {
         distances: &[f64],
         progress: &dyn Progress,
     ) -> Result<Vec<Vec<SectionPolygon>>> {
-        let mut cut = ask(|| {
+        let mut cut = run_batched(|| {
             let mut cut = PlaneCut::new(self.grid(), normal, distances);
             let (known, buffer) = (HashSet::new(), FaceBuffer::default());
             Walk { model: self, progress, cut: &mut cut, known, buffer }.node(&self.root()?)?;
@@ -124,7 +124,7 @@ impl ExactModel {
         let mut found = Vec::with_capacity(distances.len());
         for (plane, distance) in distances.iter().enumerate() {
             progress.check()?;
-            let rings = cut.rings(plane).map_err(|end| Error::NoBody {
+            let rings = cut.rings(plane).map_err(|end| Error::NotASolid {
                 path: self.path().to_path_buf(),
                 what: "the outline of the section is not closed, and so the surface is not".into(),
                 places: vec![format!("it ends at {}", show_place(world(&end)))],
@@ -139,7 +139,7 @@ impl ExactModel {
 }
 
 /// Takes the polygons in each of several planes, with the plane's number.
-pub type TakeSection<'a> = dyn FnMut(usize, &[SectionPolygon]) -> Result<()> + 'a;
+pub type SectionVisitor<'a> = dyn FnMut(usize, &[SectionPolygon]) -> Result<()> + 'a;
 
 impl ExactModel {
     /// Cuts the body by many parallel planes, which have these distances, ascending, and hands out what is in each, in their order: as
@@ -152,7 +152,7 @@ impl ExactModel {
         normal: [f64; 3],
         distances: &mut dyn ExactSizeIterator<Item = f64>,
         progress: &dyn Progress,
-        each: &mut TakeSection<'_>,
+        each: &mut SectionVisitor<'_>,
     ) -> Result<()> {
         /// Planes that are looked for at once, and those at a time.
         const TASK: usize = 64;
@@ -203,7 +203,7 @@ impl Walk<'_> {
                 for child in 0..8 {
                     if self.cut.may_meet(&half_of(&bounds, child)) {
                         let child = self.model.child(node, child);
-                        go_on(child.and_then(|child| self.node(&child)), &mut is_unread)?;
+                        defer_missing(child.and_then(|child| self.node(&child)), &mut is_unread)?;
                     }
                 }
             }
@@ -211,14 +211,14 @@ impl Walk<'_> {
                 for number in node.faces() {
                     if self.known.insert(number) {
                         let read = self.model.face(number, &mut self.buffer);
-                        if go_on(read, &mut is_unread)?.is_some() {
+                        if defer_missing(read, &mut is_unread)?.is_some() {
                             self.cut.face(&self.buffer.face());
                         }
                     }
                 }
             }
         }
-        all_read(is_unread)
+        finish_deferred(is_unread)
     }
 }
 

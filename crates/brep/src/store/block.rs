@@ -6,7 +6,7 @@ use crate::Face;
 use spinney_base::io::FileBytes;
 
 /// Most faces of a block.
-pub(crate) const MOST_FACES: usize = 1024;
+pub(crate) const MAX_FACES: usize = 1024;
 /// A block with so many corners takes no more faces.
 const MANY_CORNERS: usize = 4096;
 
@@ -40,7 +40,7 @@ pub(crate) struct BlockBuilder {
 impl BlockBuilder {
     /// Whether there is no room for more.
     pub(crate) fn is_full(&self) -> bool {
-        self.parts.len() >= MOST_FACES || self.corners.len() >= MANY_CORNERS
+        self.parts.len() >= MAX_FACES || self.corners.len() >= MANY_CORNERS
     }
 
     pub(crate) fn is_empty(&self) -> bool {
@@ -48,7 +48,7 @@ impl BlockBuilder {
     }
 
     /// Adds a face, which may stand in for others that have corners beside the grid.
-    pub(crate) fn push(&mut self, face: &Face<'_>, stands_in: bool) {
+    pub(crate) fn push(&mut self, face: &Face<'_>, is_proxy: bool) {
         if self.parts.is_empty() {
             self.first = face.number;
         }
@@ -78,7 +78,7 @@ impl BlockBuilder {
         self.face_ends.push(self.ring_ends.len() as u32);
         self.parts.push(face.part);
         self.sources.push(face.source);
-        self.stand_ins.push(stands_in);
+        self.stand_ins.push(is_proxy);
     }
 
     /// The number of the first face, and the block's bytes; the builder is empty after that.
@@ -225,7 +225,7 @@ pub struct FaceBuffer {
     /// Number of the face in the file that the model was built from.
     pub source: u64,
     /// Whether the face stands in for others, which have corners beside the grid.
-    pub(crate) stands_in: bool,
+    pub(crate) is_proxy: bool,
 }
 
 impl FaceBuffer {
@@ -324,7 +324,7 @@ impl<'a> Block<'a> {
     }
 
     /// Whether a face stands in for others.
-    fn stands_in(&self, face: usize) -> bool {
+    fn is_proxy(&self, face: usize) -> bool {
         let byte = self.bytes.get(self.layout.stand_ins + face / 8).filter(|_| self.has_stand_ins());
         byte.is_some_and(|byte| byte >> (face % 8) & 1 == 1)
     }
@@ -366,7 +366,7 @@ impl<'a> Block<'a> {
         }
         buffer.number = self.first + face as u64;
         buffer.part = self.part(face);
-        buffer.stands_in = self.stands_in(face);
+        buffer.is_proxy = self.is_proxy(face);
         buffer.source = if layout.has(SOURCES) {
             let at = layout.sources + 8 * face;
             u64::from(word(&self.bytes, at)) | u64::from(word(&self.bytes, at + 4)) << 32
@@ -412,7 +412,7 @@ mod tests {
             for (index, face) in faces.iter().enumerate() {
                 block.read(index, &mut buffer);
                 assert_eq!(&buffer.face(), face);
-                assert_eq!(buffer.stands_in, index == 1 && face.part == 1);
+                assert_eq!(buffer.is_proxy, index == 1 && face.part == 1);
             }
             // No change of a byte does more harm than to be found, or to give other faces.
             for at in 0..bytes.len() {

@@ -14,7 +14,7 @@ use spinney_base::io::FileBytes;
 pub(crate) const EXACT: [u8; 4] = *b"EXAC";
 
 /// Most faces of a block.
-const MOST_FACES: usize = 512;
+const MAX_FACES: usize = 512;
 /// A block with so many corners takes no more faces.
 const MANY_CORNERS: usize = 2048;
 
@@ -27,7 +27,7 @@ pub(super) const PARTS: u32 = 4;
 const GRID_VERTEX: usize = 12;
 
 /// Most bytes of a part of a normal, of its product with a point, of a coordinate and of a weight.
-const MOST_WIDTHS: [usize; 4] = [8, 16, 25, 22];
+const MAX_WIDTHS: [usize; 4] = [8, 16, 25, 22];
 
 /// Faces that are becoming a block, one after the other.
 #[derive(Default)]
@@ -46,7 +46,7 @@ impl ExactBlockBuilder {
 
     /// Whether the block takes no more faces.
     pub(crate) fn is_full(&self) -> bool {
-        self.faces.len() >= MOST_FACES || self.corners >= MANY_CORNERS
+        self.faces.len() >= MAX_FACES || self.corners >= MANY_CORNERS
     }
 
     /// Whether the block has no face yet.
@@ -226,7 +226,7 @@ impl ExactLayout {
         let [faces, planes, grid_points, vertices, rings, corners] = counts;
         let flags = word(6);
         let widths = [28, 29, 30, 31].map(|at| usize::from(head[at]));
-        let fits = widths.iter().zip(MOST_WIDTHS).all(|(width, most)| (1..=most).contains(width));
+        let fits = widths.iter().zip(MAX_WIDTHS).all(|(width, most)| (1..=most).contains(width));
         if !fits || flags > (COLOURED | WIDE | PARTS) {
             return None;
         }

@@ -1,15 +1,15 @@
 //! The formula that a model was made by: a text of names of operations and files.
 
 use super::reader::ExactModel;
-use spinney_base::Result;
+use spinney_base::{Result, SetOperation};
 
 /// Tag of the section.
 pub(crate) const FORMULA: [u8; 4] = *b"FORM";
 /// Most bytes of a formula.
-pub(crate) const MOST_FORMULA: u64 = 1 << 20;
+pub(crate) const MAX_FORMULA: u64 = 1 << 20;
 
 /// Most bytes of the formula of a model that becomes part of another one: with more, its name stands there instead.
-const MOST_NESTED: usize = 1 << 12;
+const MAX_NESTED: usize = 1 << 12;
 
 impl ExactModel {
     /// The formula that the model was made by, if it is told: in the end, of files.
@@ -34,17 +34,17 @@ pub(crate) fn moved_formula(numbers: &str, model: &ExactModel) -> Result<String>
 
 /// The operand that a model is in the formula of another one: its own formula, or its name.
 fn operand(model: &ExactModel) -> Result<String> {
-    let own = model.formula()?.filter(|own| own.len() <= MOST_NESTED);
+    let own = model.formula()?.filter(|own| own.len() <= MAX_NESTED);
     Ok(own.unwrap_or_else(|| serde_json::Value::from(model.path().display().to_string()).to_string()))
 }
 
 /// The formula of an operation, of the models that it was done to.
-pub(crate) fn formula(operation: u8, models: &[&ExactModel]) -> Result<String> {
-    let mut text = format!("(op{operation}");
+pub(crate) fn formula(operation: SetOperation, models: &[&ExactModel]) -> Result<String> {
+    let mut text = format!("(op{}", operation.index());
     for model in models {
         text.push(' ');
         text.push_str(&operand(model)?);
-        if text.len() as u64 >= MOST_FORMULA - 1 {
+        if text.len() as u64 >= MAX_FORMULA - 1 {
             // (Of so many models, a formula says nothing to anybody.)
             return Ok(String::new());
         }

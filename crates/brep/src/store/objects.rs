@@ -9,7 +9,7 @@ use serde_json::value::RawValue;
 use super::pieces::Pieces;
 use super::reader::ExactModel;
 use super::segment::{push_number, take_number};
-use super::table::{COLUMN_NAMES, FIRST_NAMED, MOST_NAMED, TableWriter, TakePiece};
+use super::table::{COLUMN_NAMES, FIRST_NAMED, MAX_NAMED, PieceVisitor, TableWriter};
 use crate::attributes::each_member;
 use spinney_base::sort;
 use spinney_base::{Progress, Result};
@@ -32,7 +32,7 @@ const WHOLE: u32 = 5;
 const FILES: u32 = 6;
 
 /// Most lists of columns.
-const MOST_SHAPES: usize = 4096;
+const MAX_SHAPES: usize = 4096;
 
 /// The member of objects whose own members have columns.
 const ATTRIBUTES: &str = "attributes";
@@ -62,7 +62,7 @@ impl ColumnNames {
             return Some(*number);
         }
         let number = self.list.len() as u32;
-        (number < MOST_NAMED).then(|| {
+        (number < MAX_NAMED).then(|| {
             self.numbers.insert(name.into(), number);
             self.list.push(name.into());
             number
@@ -70,7 +70,7 @@ impl ColumnNames {
     }
 
     /// Writes the names.
-    pub(crate) fn write(&self, table: &mut TableWriter, take: &mut TakePiece<'_>) -> Result<()> {
+    pub(crate) fn write(&self, table: &mut TableWriter, take: &mut PieceVisitor<'_>) -> Result<()> {
         let mut names = (0..).zip(&self.list);
         names.try_for_each(|(row, name)| table.push(COLUMN_NAMES, row, name.as_bytes(), take))
     }
@@ -82,7 +82,7 @@ impl ObjectWriter {
         &mut self,
         name: &str,
         attributes: Option<&str>,
-        take: &mut TakePiece<'_>,
+        take: &mut PieceVisitor<'_>,
     ) -> Result<()> {
         let part = self.names.len() as u32;
         self.names.push(name.into());
@@ -107,20 +107,20 @@ impl ObjectWriter {
         let values: Vec<(u32, &'a str)> = members.into_iter().map(numbered).collect::<Option<_>>()?;
         let shape: Vec<u32> = values.iter().map(|(column, _)| *column).collect();
         let next = self.shapes.len();
-        if next == MOST_SHAPES && !self.shapes.contains_key(&shape) {
+        if next == MAX_SHAPES && !self.shapes.contains_key(&shape) {
             return None;
         }
         Some((*self.shapes.entry(shape).or_insert(next as u32), values))
     }
 
     /// Adds what is said of a file.
-    pub(crate) fn file(&mut self, text: &str, take: &mut TakePiece<'_>) -> Result<()> {
+    pub(crate) fn file(&mut self, text: &str, take: &mut PieceVisitor<'_>) -> Result<()> {
         self.files += 1;
         self.table.push(FILES, self.files - 1, text.as_bytes(), take)
     }
 
     /// Hands out what is left; returns the number of parts.
-    pub(crate) fn finish(self, take: &mut TakePiece<'_>) -> Result<u64> {
+    pub(crate) fn finish(self, take: &mut PieceVisitor<'_>) -> Result<u64> {
         let ObjectWriter { mut table, names, has_attributes, columns, shapes, files } = self;
         if !has_attributes && files == 0 && (names.is_empty() || names == [ONLY_PART]) {
             return Ok(1);
@@ -249,7 +249,7 @@ impl ExactModel {
         if let Some(schema) = self.schema.get() {
             return Ok(schema);
         }
-        let names = self.list_of_texts(&self.objects, COLUMN_NAMES, MOST_NAMED.into())?;
+        let names = self.list_of_texts(&self.objects, COLUMN_NAMES, MAX_NAMED.into())?;
         let named =
             |name: &String| ColumnName::of(name).ok_or_else(|| self.wrong_objects("a column without a name"));
         let columns: Vec<ColumnName> = names.iter().map(named).collect::<Result<_>>()?;
@@ -263,7 +263,7 @@ impl ExactModel {
                 let column = column.filter(|column| taken.insert(*column));
                 shape.push(column.ok_or_else(|| self.wrong_objects("a list of columns that are not there"))?);
             }
-            if row as usize != shapes.len() || shapes.len() == MOST_SHAPES {
+            if row as usize != shapes.len() || shapes.len() == MAX_SHAPES {
                 return Err(self.wrong_objects(format!("list of columns {row} behind {}", shapes.len())));
             }
             shapes.push(shape);
@@ -360,7 +360,7 @@ impl ExactModel {
     }
 
     fn column_names(&self, table: &Pieces) -> Result<Vec<Vec<String>>> {
-        let names = self.list_of_texts(table, COLUMN_NAMES, MOST_NAMED.into())?;
+        let names = self.list_of_texts(table, COLUMN_NAMES, MAX_NAMED.into())?;
         let decoded = |name: &String| {
             serde_json::from_str(name).map_err(|_| self.wrong_objects("a column without a name"))
         };

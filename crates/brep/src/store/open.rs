@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::exact::EXACT;
-use super::formula::{FORMULA, MOST_FORMULA};
+use super::formula::{FORMULA, MAX_FORMULA};
 use super::objects::{FACE_VALUES, OBJECTS, SchemaCell};
 use super::pieces::{ENTRY, List, Pieces};
 use super::reader::ExactModel;
@@ -26,9 +26,10 @@ impl ExactModel {
     /// Opens a file.
     ///
     /// ```
-    /// use spinney::brep::{ExactModel, Faces};
+    /// use spinney::ExactModel;
+    /// use spinney::brep::Faces;
     /// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
-    /// # use spinney::io::Output;
+    /// # use spinney::Output;
     /// # let folder = tempfile::tempdir().unwrap();
     /// # let [mesh, path] = ["tetrahedron.off", "tetrahedron.goblin"].map(|name| folder.path().join(name));
     /// # let text = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
@@ -123,9 +124,9 @@ impl ExactModel {
             return Err(Error::unsupported(path, "a model with templates", advice));
         }
         let formula = trailer.section(FORMULA);
-        if formula.length > MOST_FORMULA {
+        if formula.length > MAX_FORMULA {
             let found = format!("{} bytes", formula.length);
-            return Err(Error::corrupt(path, "formula", found, format!("at most {MOST_FORMULA}")));
+            return Err(Error::corrupt(path, "formula", found, format!("at most {MAX_FORMULA}")));
         }
         let mut model = ExactModel {
             path: path.to_path_buf(),

@@ -12,7 +12,7 @@ use super::segment::{
 };
 use super::summary::{NodeCounts, Summary};
 use crate::arrangement::ExactFace;
-use crate::{Face, Faces, Grid, TakeFaceWithValues};
+use crate::{AttributedFaceVisitor, Face, Faces, Grid};
 use spinney_base::io::{ReadBackend, Stamp};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Result};
@@ -283,7 +283,7 @@ impl ExactModel {
             let block = self.block(index)?;
             for face in 0..block.len() {
                 block.read(face, &mut buffer);
-                each(&buffer.face(), buffer.stands_in)?;
+                each(&buffer.face(), buffer.is_proxy)?;
             }
         }
         Ok(())
@@ -296,7 +296,7 @@ impl ExactModel {
             let block = self.block(index)?;
             for face in 0..if block.has_stand_ins() { block.len() } else { 0 } {
                 block.read(face, &mut buffer);
-                if buffer.stands_in {
+                if buffer.is_proxy {
                     each(&buffer.face())?;
                 }
             }
@@ -568,7 +568,7 @@ impl Faces for ExactModel {
         self.each_face(&mut |face, _| each(face))
     }
 
-    fn each_with_values(&self, columns: &[&str], each: &mut TakeFaceWithValues<'_>) -> Result<()> {
+    fn each_with_values(&self, columns: &[&str], each: &mut AttributedFaceVisitor<'_>) -> Result<()> {
         let names = self.value_columns()?;
         let numbers: Vec<Option<usize>> =
             columns.iter().map(|column| names.iter().position(|name| name == column)).collect();

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::segment::NodeKind;
-use crate::{Grid, MOST_BITS};
+use crate::{Grid, MAX_BITS};
 use spinney_base::{Error, Result};
 use spinney_container::Codec;
 
@@ -127,7 +127,7 @@ impl Summary {
             step: f64::from_le_bytes(eight(32)),
             divisor: f64::from_le_bytes(eight(40)),
         };
-        let is_grid = (1..=MOST_BITS).contains(&grid.bits)
+        let is_grid = (1..=MAX_BITS).contains(&grid.bits)
             && grid.origin.iter().all(|at| at.unsigned_abs() <= 1 << 53)
             && [grid.step, grid.divisor].iter().all(|number| number.is_normal() && *number > 0.0)
             && grid.width().is_normal();

@@ -28,7 +28,7 @@ impl ExactModel {
         if closure.is_closed() && (!self.is_beside_grid() || self.is_exactly_closed(seed, progress)?) {
             return Ok(());
         }
-        Err(Error::NoBody {
+        Err(Error::NotASolid {
             path: self.path.clone(),
             what: "the faces bound no body: some edges have a face on one side only".into(),
             places: Vec::new(),
@@ -60,11 +60,11 @@ impl ExactModel {
     /// Whether the exact surface is closed: faces with corners beside the grid, and those that stand in for nothing.
     pub(super) fn is_exactly_closed(&self, seed: Seed, progress: &dyn Progress) -> Result<bool> {
         let mut closure = ExactClosure::new(seed);
-        self.each_face(&mut |face, stands_in| {
+        self.each_face(&mut |face, is_proxy| {
             if face.number.is_multiple_of(1 << 12) {
                 progress.check()?;
             }
-            if !stands_in {
+            if !is_proxy {
                 closure.add(face);
             }
             Ok(())

@@ -13,10 +13,10 @@ pub(super) const COLUMN_NAMES: u32 = 2;
 /// The first column that has a name.
 pub(crate) const FIRST_NAMED: u32 = 16;
 /// Most columns that have names.
-pub(crate) const MOST_NAMED: u32 = 4096;
+pub(crate) const MAX_NAMED: u32 = 4096;
 
 /// Most bytes of a value.
-pub(crate) const MOST_BYTES: usize = 16 << 20;
+pub(crate) const MAX_BYTES: usize = 16 << 20;
 
 /// Bytes of a piece before its lists.
 const HEAD: usize = 8;
@@ -29,7 +29,7 @@ fn key(column: u32, row: u32) -> u64 {
 }
 
 /// Takes a piece with its key.
-pub(crate) type TakePiece<'a> = dyn FnMut(u64, &[u8]) -> Result<()> + 'a;
+pub(crate) type PieceVisitor<'a> = dyn FnMut(u64, &[u8]) -> Result<()> + 'a;
 
 /// Collects the values of a table, column by column, and hands out pieces.
 #[derive(Default)]
@@ -79,20 +79,20 @@ impl TableWriter {
     /// Bytes of all pieces that are not complete. Not an option: files would depend on it.
     const HELD: usize = 8 << 20;
 
-    /// Adds a value of at most [`MOST_BYTES`] to a column, whose rows come ascending.
+    /// Adds a value of at most [`MAX_BYTES`] to a column, whose rows come ascending.
     pub(crate) fn push(
         &mut self,
         column: u32,
         row: u32,
         value: &[u8],
-        take: &mut TakePiece<'_>,
+        take: &mut PieceVisitor<'_>,
     ) -> Result<()> {
         let size = HEAD + 6 + value.len();
         if self.open.get(&column).is_some_and(|piece| piece.size() + size > Self::PIECE) {
             self.finish_piece(column, take)?;
         }
         let piece = self.open.entry(column).or_default();
-        debug_assert!(piece.rows.last().is_none_or(|last| *last < row) && value.len() <= MOST_BYTES);
+        debug_assert!(piece.rows.last().is_none_or(|last| *last < row) && value.len() <= MAX_BYTES);
         piece.rows.push(row);
         piece.bytes.extend_from_slice(value);
         piece.ends.push(piece.bytes.len() as u32);
@@ -105,14 +105,14 @@ impl TableWriter {
         Ok(())
     }
 
-    fn finish_piece(&mut self, column: u32, take: &mut TakePiece<'_>) -> Result<()> {
+    fn finish_piece(&mut self, column: u32, take: &mut PieceVisitor<'_>) -> Result<()> {
         let Some(piece) = self.open.remove(&column) else { return Ok(()) };
         self.held -= piece.size() - HEAD;
         take(key(column, piece.rows[0]), &piece.to_bytes())
     }
 
     /// Hands out what is left.
-    pub(crate) fn finish(mut self, take: &mut TakePiece<'_>) -> Result<()> {
+    pub(crate) fn finish(mut self, take: &mut PieceVisitor<'_>) -> Result<()> {
         while let Some(column) = self.open.keys().next().copied() {
             self.finish_piece(column, take)?;
         }
@@ -146,7 +146,7 @@ impl<'a> Values<'a> {
         let mut end = 0;
         for index in 0..self.count {
             let next = self.end(index);
-            if next < end || next - end > MOST_BYTES {
+            if next < end || next - end > MAX_BYTES {
                 return Err(format!("a value from byte {end} to {next}"));
             }
             end = next;

@@ -108,7 +108,7 @@ impl ExactModel {
             for place in 0..block.len() {
                 block.read(place, &mut buffer);
                 let face = buffer.face();
-                stand_ins += u64::from(buffer.stands_in);
+                stand_ins += u64::from(buffer.is_proxy);
                 closure.add(&face);
                 match check.has_area(&face) {
                     Ok(true) => octree.push(&face)?,

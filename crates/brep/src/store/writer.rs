@@ -93,8 +93,8 @@ impl ModelWriter {
     }
 
     /// Adds a face, which may stand in for others that have corners beside the grid.
-    pub(crate) fn face(&mut self, face: &Face<'_>, stands_in: bool) -> Result<()> {
-        self.block.push(face, stands_in);
+    pub(crate) fn face(&mut self, face: &Face<'_>, is_proxy: bool) -> Result<()> {
+        self.block.push(face, is_proxy);
         if self.block.is_full() { self.finish_block() } else { Ok(()) }
     }
 

@@ -95,10 +95,10 @@ pub struct SurfaceIntersection {
 /// have points in common.
 ///
 /// ```
-/// use spinney::brep::ExactModel;
-/// use spinney::brep::surface_intersection::{LineKind, surface_intersection};
+/// use spinney::ExactModel;
+/// use spinney::raw::brep::surface_intersection::{LineKind, surface_intersection};
 /// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
-/// # use spinney::io::Output;
+/// # use spinney::Output;
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let made = |name: &str, [x, y, z]: [i32; 3]| -> spinney::Result<ExactModel> {
 /// #     let [mesh, path] = ["off", "goblin"].map(|ending| folder.path().join(name).with_extension(ending));

@@ -38,11 +38,11 @@ impl Topology {
     /// If it is not; the message tells how many edges lack a face, and where the first of them are, on the model's
     /// grid.
     pub fn check_closed(&self, path: &Path) -> Result<()> {
-        const MOST_SHOWN: usize = 8;
+        const MAX_SHOWN: usize = 8;
         let Some(chain) = self.boundaries().next() else { return Ok(()) };
         let lone = self.edges.iter().filter(|[_, second]| *second == NONE).count();
-        let points: Vec<_> = chain.iter().take(MOST_SHOWN).map(|&at| self.point(self.origin(at))).collect();
-        let more = if chain.len() > MOST_SHOWN { " and on" } else { "" };
+        let points: Vec<_> = chain.iter().take(MAX_SHOWN).map(|&at| self.point(self.origin(at))).collect();
+        let more = if chain.len() > MAX_SHOWN { " and on" } else { "" };
         let found = format!(
             "{lone} edges with a face on one side only, in {} chains; the first has {} edges and goes through {points:?}{more}",
             self.boundaries().count(),

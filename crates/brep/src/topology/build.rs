@@ -284,7 +284,7 @@ fn pair_radially(
 }
 
 /// Most slivers that a surface is followed through.
-const MOST_SLIVERS: usize = 64;
+const MAX_SLIVERS: usize = 64;
 
 impl Topology {
     /// Makes an edge of two half-edges, or of one that has no other.
@@ -301,7 +301,7 @@ impl Topology {
     /// face to which it leads on, over edges in the direction of the half-edge that are settled already.
     fn leading_normal(&self, half_edge: u32, normals: &mut HashMap<u32, [i128; 3]>) -> [i128; 3] {
         let mut at = half_edge;
-        for _ in 0..MOST_SLIVERS {
+        for _ in 0..MAX_SLIVERS {
             let normal = self.face_normal(self.face(at), normals);
             if normal != [0; 3] {
                 return normal;

@@ -150,8 +150,9 @@ impl Topology {
     /// The topology of a model, of which all faces are read twice.
     ///
     /// ```
-    /// use spinney::brep::{Face, FaceList, Grid};
-    /// use spinney::brep::topology::{Topology, TopologyOptions};
+    /// use spinney::brep::{Face, Grid};
+    /// use spinney::raw::brep::FaceList;
+    /// use spinney::raw::brep::topology::{Topology, TopologyOptions};
     ///
     /// // A tetrahedron.
     /// let corners = [[0, 0, 0], [4, 0, 0], [0, 4, 0], [0, 0, 4]];

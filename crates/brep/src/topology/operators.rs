@@ -60,7 +60,7 @@ enum Inverse {
 /// After every operator `V - E + F - R = 2 (S - G)`.
 ///
 /// ```
-/// use spinney::brep::topology::{EulerBody, EulerCorner};
+/// use spinney::raw::brep::topology::{EulerBody, EulerCorner};
 ///
 /// // A triangle, from a point: two edges one after the other, and one that closes them.
 /// let mut body = EulerBody::default();

@@ -8,8 +8,9 @@ impl Topology {
     /// for a cavity, whose faces look inwards. Of an open shell it means nothing.
     ///
     /// ```
-    /// # use spinney::brep::{Face, FaceList, Grid};
-    /// # use spinney::brep::topology::{Topology, TopologyOptions};
+    /// # use spinney::brep::{Face, Grid};
+    /// # use spinney::raw::brep::FaceList;
+    /// # use spinney::raw::brep::topology::{Topology, TopologyOptions};
     /// let corners = [[0, 0, 0], [4, 0, 0], [0, 4, 0], [0, 0, 4]];
     /// let mut faces = FaceList::new(Grid::over([[0.0; 3], [4.0; 3]], Some(1.0))?, vec!["solid".into()]);
     /// for [a, b, c] in [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]] {

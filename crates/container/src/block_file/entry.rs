@@ -1,8 +1,8 @@
 //! Entries of lists of blocks.
 
-/// A block's place in its file, and how much is in it.
+/// Location of a block in its file, its checksum and its number of items.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct BlockPlace {
+pub struct BlockLocation {
     /// The code of the node whose block this is, or another number by which the list is sorted.
     pub key: u64,
     /// First byte in the file.
@@ -15,15 +15,21 @@ pub struct BlockPlace {
     pub count: u32,
 }
 
-impl BlockPlace {
+impl BlockLocation {
     /// Bytes of a place, with which an entry begins.
     const BYTES: usize = 28;
 
     /// The place of some bytes, in place of which there are zeros where they are too few: a mapped file was cut short since.
-    pub(crate) fn from_bytes(bytes: &[u8]) -> BlockPlace {
+    pub(crate) fn from_bytes(bytes: &[u8]) -> BlockLocation {
         let four = |at| u32::from_le_bytes(four_at(bytes, at));
         let eight = |at| u64::from(four(at)) | u64::from(four(at + 4)) << 32;
-        BlockPlace { key: eight(0), offset: eight(8), length: four(16), checksum: four(20), count: four(24) }
+        BlockLocation {
+            key: eight(0),
+            offset: eight(8),
+            length: four(16),
+            checksum: four(20),
+            count: four(24),
+        }
     }
 }
 
@@ -36,18 +42,18 @@ fn four_at(bytes: &[u8], at: usize) -> [u8; 4] {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BlockEntry<const AXES: usize> {
     /// The block.
-    pub block: BlockPlace,
+    pub block: BlockLocation,
     /// Least and greatest place of what is in it, on the grid.
     pub bounds: [[i32; AXES]; 2],
 }
 
 impl<const AXES: usize> BlockEntry<AXES> {
     /// Bytes of an entry.
-    pub const BYTES: usize = BlockPlace::BYTES + 8 * AXES;
+    pub const BYTES: usize = BlockLocation::BYTES + 8 * AXES;
 
     /// The entry's bytes.
     pub fn to_bytes(self) -> Vec<u8> {
-        let BlockPlace { key, offset, length, checksum, count } = self.block;
+        let BlockLocation { key, offset, length, checksum, count } = self.block;
         let mut bytes = Vec::with_capacity(Self::BYTES);
         bytes.extend_from_slice(&key.to_le_bytes());
         bytes.extend_from_slice(&offset.to_le_bytes());
@@ -60,7 +66,7 @@ impl<const AXES: usize> BlockEntry<AXES> {
     pub fn from_bytes(bytes: &[u8]) -> Self {
         let corner =
             |at: usize| std::array::from_fn(|axis| i32::from_le_bytes(four_at(bytes, at + 4 * axis)));
-        let bounds = [corner(BlockPlace::BYTES), corner(BlockPlace::BYTES + 4 * AXES)];
-        BlockEntry { block: BlockPlace::from_bytes(bytes), bounds }
+        let bounds = [corner(BlockLocation::BYTES), corner(BlockLocation::BYTES + 4 * AXES)];
+        BlockEntry { block: BlockLocation::from_bytes(bytes), bounds }
     }
 }

@@ -5,7 +5,7 @@ mod entry;
 mod reader;
 mod writer;
 
-pub use entry::{BlockEntry, BlockPlace};
+pub use entry::{BlockEntry, BlockLocation};
 pub use reader::BlockFile;
 pub use writer::BlockWriter;
 

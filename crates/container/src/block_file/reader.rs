@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use super::{BlockPlace, METADATA};
+use super::{BlockLocation, METADATA};
 use crate::{Content, FileHeader, HEADER_SIZE, List, Metadata, OpenOptions, TAIL, Trailer};
 use spinney_base::io::{FileBytes, ReadBackend, open_file, with_cache};
 use spinney_base::space::{Code, Dimension};
@@ -160,7 +160,7 @@ impl BlockFile {
         let mut sum = 0u64;
         for (name, list, most) in lists {
             for index in 0..list.len() {
-                let entry = BlockPlace::from_bytes(self.entry(list, index));
+                let entry = BlockLocation::from_bytes(self.entry(list, index));
                 let last = entry.offset.checked_add(entry.length.into());
                 let is_inside = last.is_some_and(|last| entry.offset >= HEADER_SIZE as u64 && last <= end);
                 if !is_inside || !(1..=*most as u32).contains(&entry.count) {
@@ -214,7 +214,7 @@ impl BlockFile {
     ///
     /// # Errors
     /// If they cannot be read, or have another one.
-    pub fn block(&self, place: &str, entry: &BlockPlace) -> Result<FileBytes<'_>> {
+    pub fn block(&self, place: &str, entry: &BlockLocation) -> Result<FileBytes<'_>> {
         if entry.offset + u64::from(entry.length) > self.backend.len() {
             return Err(self.corrupt(place, "no bytes", "a file that nobody cuts short"));
         }

@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use super::{BlockPlace, METADATA};
+use super::{BlockLocation, METADATA};
 use crate::{FileHeader, Metadata, SectionWriter, Trailer, TreeFormat, check_tree_name};
 use spinney_base::io::{Output, Sorter};
 use spinney_base::{Error, Result};
@@ -48,7 +48,7 @@ impl BlockWriter {
     ///
     /// # Errors
     /// If it has 4 GiB or more, or cannot be written.
-    pub fn block(&mut self, key: u64, bytes: &[u8], count: u32) -> Result<BlockPlace> {
+    pub fn block(&mut self, key: u64, bytes: &[u8], count: u32) -> Result<BlockLocation> {
         let offset = self.position;
         let length = u32::try_from(bytes.len()).map_err(|_| Error::TooLarge {
             path: self.path.clone(),
@@ -58,7 +58,7 @@ impl BlockWriter {
             advice: "leave out what is largest with --where".into(),
         })?;
         self.write(bytes, "write a block")?;
-        Ok(BlockPlace { key, offset, length, checksum: crc32c::crc32c(bytes), count })
+        Ok(BlockLocation { key, offset, length, checksum: crc32c::crc32c(bytes), count })
     }
 
     /// Writes lists and the other sections, metadata and trailer behind the blocks, and puts the file in its place.

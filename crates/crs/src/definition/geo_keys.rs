@@ -63,7 +63,7 @@ const DOUBLES_TAG: u16 = 34736;
 const TEXTS_TAG: u16 = 34737;
 
 /// Keys that are looked at; the specification has fewer than a hundred.
-const MOST_KEYS: usize = 1024;
+const MAX_KEYS: usize = 1024;
 /// Doubles and bytes of text that keys may have in all.
 const BUDGET: usize = 1 << 18;
 
@@ -133,7 +133,7 @@ impl GeoKeys {
         const REACH: usize = 2 * (u16::MAX as usize);
         let (entries, _) = directory.as_chunks::<4>();
         let ([version, revision, minor, count], entries) = entries.split_first()?;
-        let entries = entries.iter().take(usize::from(*count).min(MOST_KEYS));
+        let entries = entries.iter().take(usize::from(*count).min(MAX_KEYS));
         let entries = entries.filter(|[number, ..]| *number != key::RASTER_TYPE).copied().collect();
         let end = texts.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1);
         let keys = GeoKeys {
@@ -167,7 +167,7 @@ impl GeoKeys {
 
     /// The value of the tag GeoKeyDirectory, with a key for the raster type.
     pub fn directory(&self, raster_type: u16) -> Vec<u16> {
-        let mut entries: Vec<_> = self.entries.iter().take(MOST_KEYS).copied().collect();
+        let mut entries: Vec<_> = self.entries.iter().take(MAX_KEYS).copied().collect();
         let place =
             entries.iter().position(|[number, ..]| *number > key::RASTER_TYPE).unwrap_or(entries.len());
         entries.insert(place, [key::RASTER_TYPE, 0, 1, raster_type]);
@@ -190,7 +190,7 @@ impl GeoKeys {
     fn values(&self) -> impl Iterator<Item = (u16, KeyValue<'_>)> {
         // (No more than a real file has, should keys share their values over and over.)
         let mut budget = BUDGET;
-        self.entries.iter().take(MOST_KEYS).map(move |entry| {
+        self.entries.iter().take(MAX_KEYS).map(move |entry| {
             let [number, _, count, _] = *entry;
             let value = match self.value(entry) {
                 value @ KeyValue::Number(_) => value,
@@ -222,7 +222,7 @@ impl GeoKeys {
 
     /// The first entry of a key with a value of a kind, as readers take it.
     fn find<'a, T>(&'a self, wanted: u16, kind: impl Fn(KeyValue<'a>) -> Option<T>) -> Option<T> {
-        let mut entries = self.entries.iter().take(MOST_KEYS).filter(|entry| entry[0] == wanted);
+        let mut entries = self.entries.iter().take(MAX_KEYS).filter(|entry| entry[0] == wanted);
         entries.find_map(|entry| kind(self.value(entry)))
     }
 

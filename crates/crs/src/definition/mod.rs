@@ -94,7 +94,7 @@ impl Crs {
     /// registry that this was compared with.)
     ///
     /// ```
-    /// use spinney::space::Crs;
+    /// use spinney::Crs;
     /// assert!(Crs::epsg(3035).check_registered().is_ok());
     /// assert!(Crs::epsg(999_999).check_registered().is_err());
     /// ```

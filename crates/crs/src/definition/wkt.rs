@@ -3,7 +3,7 @@
 use super::{Epsg, MOST, number_text, unit_of_angle, unit_of_length};
 
 /// Levels of brackets; real definitions have a dozen.
-const MOST_LEVELS: usize = 64;
+const MAX_LEVELS: usize = 64;
 
 /// Keywords of coordinate systems: of lengths, of longitude and latitude, of those that consist of others, and bound to another one.
 const LINEAR: [&str; 12] = [
@@ -98,8 +98,8 @@ impl Parser<'_> {
     }
 
     fn item(&mut self, level: usize) -> Result<Item, String> {
-        if level > MOST_LEVELS {
-            return Err(format!("brackets on more than {MOST_LEVELS} levels"));
+        if level > MAX_LEVELS {
+            return Err(format!("brackets on more than {MAX_LEVELS} levels"));
         }
         match self.peek() {
             Some('"') => self.quoted().map(Item::Text),

@@ -17,7 +17,7 @@ impl Crs {
     /// The system in well-known text of version 2 (ISO 19162:2019). A text that came so stays as it is.
     ///
     /// ```
-    /// use spinney::space::Crs;
+    /// use spinney::Crs;
     /// let text = Crs::parse("+proj=laea +lat_0=52 +lon_0=10 +ellps=bessel")?.to_wkt2()?;
     /// assert!(text.starts_with("PROJCRS[\"unknown\",BASEGEOGCRS["));
     /// # Ok::<(), spinney::Error>(())

@@ -28,7 +28,7 @@ pub(crate) struct Method {
     words: &'static str,
     /// Names in definitions; none where another method is read in its place.
     names: &'static [&'static str],
-    form: Form,
+    form: TreeType,
     roles: &'static [&'static [Role]],
     /// Name in WKT 2, and number in the EPSG registry, or 0.
     pub(crate) name: &'static str,
@@ -65,7 +65,7 @@ enum Need {
 
 /// The way a method becomes PROJ's words.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Form {
+enum TreeType {
     /// As it is.
     Plain,
     /// Method with the axes turned round.

@@ -1,7 +1,7 @@
 //! Methods of definitions.
 
-use super::Form::*;
 use super::Need::*;
+use super::TreeType::*;
 use super::table::METHODS;
 use super::{Method, Role, Values};
 use crate::projection::axis::Axis;

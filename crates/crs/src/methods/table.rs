@@ -1,8 +1,8 @@
 //! The table of methods.
 
-use super::Form::*;
 use super::Measure::*;
 use super::Need::*;
+use super::TreeType::*;
 use super::{EsriName, Measure, Method, Need, ParameterKey, ParameterName, Role};
 
 const fn role(word: &'static str, measure: Measure, need: Need, names: &'static [&'static str]) -> Role {
@@ -129,7 +129,7 @@ impl Method {
     const fn read(
         self,
         names: &'static [&'static str],
-        form: super::Form,
+        form: super::TreeType,
         roles: &'static [&'static [Role]],
     ) -> Method {
         Method { names, form, roles, ..self }

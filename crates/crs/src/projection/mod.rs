@@ -66,7 +66,8 @@ impl Projection {
     /// which may be off by some hundred metres.
     ///
     /// ```
-    /// use spinney::space::{Crs, Projection};
+    /// use spinney::Crs;
+    /// use spinney::raw::space::Projection;
     /// let lambert = Projection::new(&Crs::epsg(3034), false)?;
     /// let [x, y] = lambert.forward([10.0, 52.0]).unwrap();
     /// assert!((x - 4_000_000.0).abs() < 1e-6 && (y - 2_800_000.0).abs() < 1e-6);

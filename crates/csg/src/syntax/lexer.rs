@@ -31,8 +31,8 @@ impl Token<'_> {
 
 /// The beginning of a text that may be long.
 pub(super) fn shortened(text: &str) -> String {
-    const MOST_SHOWN: usize = 40;
-    match text.char_indices().nth(MOST_SHOWN) {
+    const MAX_SHOWN: usize = 40;
+    match text.char_indices().nth(MAX_SHOWN) {
         Some((end, _)) => format!("{}...", &text[..end]),
         None => text.into(),
     }

@@ -10,9 +10,9 @@ use crate::model::{Builder, Csg, Solid};
 use spinney_base::{Error, Result};
 
 /// Most bytes of a text.
-const MOST_BYTES: u64 = 8 << 20;
+const MAX_BYTES: u64 = 8 << 20;
 /// Most calls within each other.
-const MOST_DEPTH: usize = 1 << 12;
+const MAX_DEPTH: usize = 1 << 12;
 
 /// An argument of a call.
 #[derive(Clone, Debug)]
@@ -42,12 +42,12 @@ enum Statement<'a> {
 
 /// Reads a text.
 pub(crate) fn parse(path: &Path, text: &str) -> Result<Csg> {
-    if text.len() as u64 > MOST_BYTES {
+    if text.len() as u64 > MAX_BYTES {
         return Err(Error::TooLarge {
             path: path.to_path_buf(),
             what: "the text of a solid".into(),
             needed: text.len() as u64,
-            limit: MOST_BYTES,
+            limit: MAX_BYTES,
             advice: "divide it into several files, and combine what is built of them".into(),
         });
     }
@@ -204,9 +204,9 @@ impl<'a> Parser<'a> {
                 if token != Token::Sign('(') {
                     return Err(wrong(self.path, token_at, token.text(), format!("`(` behind {word}")));
                 }
-                if calls.len() == MOST_DEPTH {
-                    let found = format!("{} calls within each other", MOST_DEPTH + 1);
-                    let expected = format!("{MOST_DEPTH} at most; give parts names with let");
+                if calls.len() == MAX_DEPTH {
+                    let found = format!("{} calls within each other", MAX_DEPTH + 1);
+                    let expected = format!("{MAX_DEPTH} at most; give parts names with let");
                     return Err(wrong(self.path, at, found, expected));
                 }
                 calls.push(Call { word, at, arguments: Vec::new() });

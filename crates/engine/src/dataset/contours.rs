@@ -2,12 +2,12 @@
 
 use super::{Dataset, Tree};
 use crate::query::{
-    ContourGround, ContourRequest, ContourSummary, Extremes, Relief, TakeContour, check_level, file_extremes,
-    source_extremes, trace_contours,
+    ContourGround, ContourRequest, ContourSummary, ContourVisitor, Extremes, Relief, check_level,
+    file_extremes, source_extremes, trace_contours,
 };
 use crate::tree::Child;
 use spinney_base::space::{Bounds, Code};
-use spinney_base::value::{Kind, Rule};
+use spinney_base::value::{DataKind, Rule};
 use spinney_base::{Error, Progress, Result};
 
 impl Dataset {
@@ -50,7 +50,7 @@ impl Dataset {
         &self,
         request: &ContourRequest,
         progress: &dyn Progress,
-        each: &mut TakeContour<'_>,
+        each: &mut ContourVisitor<'_>,
     ) -> Result<ContourSummary> {
         self.trace(request, false, progress, each)
     }
@@ -69,7 +69,7 @@ impl Dataset {
         &self,
         request: &ContourRequest,
         progress: &dyn Progress,
-        each: &mut TakeContour<'_>,
+        each: &mut ContourVisitor<'_>,
     ) -> Result<ContourSummary> {
         self.trace(request, true, progress, each)
     }
@@ -79,7 +79,7 @@ impl Dataset {
         request: &ContourRequest,
         is_bands: bool,
         progress: &dyn Progress,
-        each: &mut TakeContour<'_>,
+        each: &mut ContourVisitor<'_>,
     ) -> Result<ContourSummary> {
         if self.header().form.axes() != 2 {
             let advice = "it has isosurfaces: `spinney contours` with -o surface.ply, or export_isosurfaces";
@@ -108,7 +108,7 @@ impl Dataset {
     /// # Errors
     /// If it is one.
     pub fn check_amounts(&self, what: &str) -> Result<()> {
-        if self.header().kind != Kind::Categorical {
+        if self.header().kind != DataKind::Categorical {
             return Ok(());
         }
         let tree = self.name().display();

@@ -1,7 +1,7 @@
 //! Tables of labels of any dataset.
 
 use super::{Dataset, Tree};
-use crate::ops::{LabelRequest, LabelSummary, TakeLabel, TreeFile, View, find_labels};
+use crate::ops::{LabelRequest, LabelSummary, LabelVisitor, TreeFile, View, find_labels};
 use spinney_base::{Progress, Result};
 
 impl Dataset {
@@ -13,7 +13,7 @@ impl Dataset {
     ///
     /// ```
     /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-    /// use spinney::query::LabelRequest;
+    /// use spinney::raw::query::LabelRequest;
     ///
     /// let map = spinney::open("fixtures/v1/classes.goblin")?;
     /// let mut request = LabelRequest::new();
@@ -38,7 +38,7 @@ impl Dataset {
         &self,
         request: &LabelRequest,
         progress: &dyn Progress,
-        each: &mut TakeLabel<'_>,
+        each: &mut LabelVisitor<'_>,
     ) -> Result<LabelSummary> {
         let view = match &self.tree {
             Tree::Goblin(file) => View::whole(TreeFile::Goblin(file.clone()).into())?,

@@ -17,13 +17,13 @@ use std::sync::Arc;
 
 pub use self::rebuild::Rebuild;
 use self::viewed::Viewed;
-use crate::ops::{Chain, LayerInfo, Sampling, Step, TreeFile, View, ViewSource, WarpGrid, data_box};
+use crate::ops::{FileView, LayerInfo, Sampling, TreeFile, View, ViewSource, ViewStep, WarpGrid, data_box};
 use crate::store::autumnal::{Autumnal, Commit};
 use crate::store::goblin::Goblin;
 use crate::tree::Source;
 use spinney_base::space::Bounds;
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{FilePlace, Finding, Header, Metadata, OpenOptions, TreeFormat};
+use spinney_container::{FileReference, Finding, Header, Metadata, OpenOptions, TreeFormat};
 
 /// A tree file of any form and either format, or a view of one, open for questions; may be shared by any
 /// number of threads.
@@ -33,9 +33,8 @@ use spinney_container::{FilePlace, Finding, Header, Metadata, OpenOptions, TreeF
 /// y, z, the last 0 in quadtrees.
 ///
 /// ```no_run
-/// use spinney::dataset;
-/// use spinney::space::Bounds;
-/// use spinney::store::OpenOptions;
+/// use spinney::raw::dataset;
+/// use spinney::{Bounds, OpenOptions};
 ///
 /// let map = dataset::open("world.goblin".as_ref(), &OpenOptions::default())?;
 /// let tile = Bounds { min: [0; 3], max: [256, 256, 1] };
@@ -71,7 +70,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
 ///
 /// # Errors
 /// If the file cannot be read, or a step cannot be done.
-pub fn open_view(chain: &Chain) -> Result<Dataset> {
+pub fn open_view(chain: &FileView) -> Result<Dataset> {
     Ok(Dataset::of_view(Viewed::new(chain.open()?, chain.moves)))
 }
 
@@ -104,7 +103,7 @@ impl Dataset {
     ///
     /// # Errors
     /// If a step cannot be done.
-    pub fn view(self, steps: &[Step]) -> Result<Dataset> {
+    pub fn view(self, steps: &[ViewStep]) -> Result<Dataset> {
         let rule = self.header().rule;
         let file = match self.tree {
             Tree::Goblin(file) => TreeFile::Goblin(file),
@@ -239,7 +238,7 @@ impl Dataset {
             return Err(Error::unsupported(self.name(), "a view, which has no layers,", advice));
         };
         let layers = file.layers()?;
-        let place = FilePlace { file: self.name().into(), commit: None, layer: Some(name.into()) };
+        let place = FileReference { file: self.name().into(), commit: None, layer: Some(name.into()) };
         let number = place.layer_number(layers.iter().map(|layer| &*layer.name))?;
         Dataset::of(file.open_layer(number)?.into())
     }
@@ -331,7 +330,7 @@ impl Dataset {
         Bounds::picture(self.header().extent.map(|cells| cells.div_ceil(1 << shift)))
     }
 
-    /// Whether numbers of a level are approximate: those of a [calculation](Step::Calculation) above its cells, made of what
+    /// Whether numbers of a level are approximate: those of a [calculation](ViewStep::Calculation) above its cells, made of what
     /// its operands have at that level. Windows and single cells are so; statistics, zones, histograms, searches, and sizes that are asked for
     /// exactly go down to the cells.
     pub fn is_approximate(&self, level: u8) -> bool {

@@ -2,11 +2,11 @@
 
 use super::Dataset;
 use crate::query::{
-    ClassCells, ClassGround, PolygonRequest, PolygonSummary, TakeRegion, check_level, find_regions,
+    ClassCells, ClassGround, PolygonRequest, PolygonSummary, RegionVisitor, check_level, find_regions,
 };
 use crate::tree::Child;
 use spinney_base::space::{Bounds, Code};
-use spinney_base::value::Kind;
+use spinney_base::value::DataKind;
 use spinney_base::{Error, Progress, Result};
 
 impl Dataset {
@@ -44,7 +44,7 @@ impl Dataset {
         &self,
         request: &PolygonRequest,
         progress: &dyn Progress,
-        each: &mut TakeRegion<'_>,
+        each: &mut RegionVisitor<'_>,
     ) -> Result<PolygonSummary> {
         self.check_polygons()?;
         let level = request.level.unwrap_or(self.depth());
@@ -79,7 +79,7 @@ impl Dataset {
             );
             return refuse("polygons of an octree", advice);
         }
-        if self.header().kind != Kind::Categorical {
+        if self.header().kind != DataKind::Categorical {
             let advice = format!(
                 "areas between some values: `spinney contours {tree} --at V,... --filled -o areas.gpkg`. If the values are classes: \
                  `spinney build {tree} --kind categorical -o CLASSES.goblin`"

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::{Dataset, Tree};
-use crate::ops::{Combined, Operation, Prefer, TreeFile, View, ViewSource};
+use crate::ops::{CombineOperation, Combined, TreeFile, View, ViewSource};
 use crate::query::{
     Condition, FoundBlock, PointSamples, Statistics, StoredRows, autumnal_histogram, autumnal_statistics,
     check_level, source_find, source_histogram, source_statistics, values_one_by_one,
@@ -11,10 +11,10 @@ use crate::query::{
 use crate::query::{PixelGrid, PixelSums};
 use crate::store::goblin::LevelBytes;
 use crate::tree::{Child, Source, no_children};
-use spinney_base::io::rounds::ask;
+use spinney_base::io::batch::run_batched;
 use spinney_base::space::{Bounds, Cell, Code};
 use spinney_base::value::{Number, Value};
-use spinney_base::{Progress, Result};
+use spinney_base::{Progress, Result, SetOperation};
 use spinney_container::LevelCounts;
 
 impl Dataset {
@@ -24,7 +24,7 @@ impl Dataset {
     /// # Errors
     /// If the file is damaged there; of a view also if it has no such level.
     pub fn point(&self, cell: [u64; 3], level: u8, value: &mut [Number; 4]) -> Result<bool> {
-        let found = ask(|| match &self.tree {
+        let found = run_batched(|| match &self.tree {
             Tree::View(viewed) => {
                 let mut found = [None];
                 viewed.values_at(level, &[cell], &mut found)?;
@@ -58,7 +58,7 @@ impl Dataset {
                 let dimension = self.header().form.dimension;
                 values_one_by_one((dimension, level, false), &plain(), values, &|code| file.value_at(code))
             }
-            Tree::View(viewed) => ask(|| viewed.values_at(level, cells, values)),
+            Tree::View(viewed) => run_batched(|| viewed.values_at(level, cells, values)),
         }
     }
 
@@ -68,7 +68,7 @@ impl Dataset {
     ///
     /// ```
     /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-    /// use spinney::space::{Code, Dimension};
+    /// use spinney::{Code, Dimension};
     /// use spinney::tree::NodeState;
     ///
     /// let map = spinney::open("fixtures/v1/classes.goblin")?;
@@ -80,7 +80,7 @@ impl Dataset {
     /// If the file is damaged there, or the node is deeper than the tree.
     pub fn node(&self, code: Code) -> Result<Child<()>> {
         check_level(code.level(), self.depth())?;
-        ask(|| match &self.tree {
+        run_batched(|| match &self.tree {
             Tree::Goblin(file) => Ok(file.locate(code)?.map_node(drop)),
             Tree::Autumnal(file) => source_node(&**file, code),
             Tree::View(viewed) => source_node(viewed.view(), code),
@@ -120,7 +120,7 @@ impl Dataset {
         mut valid: Option<&mut [bool]>,
     ) -> Result<()> {
         let fill: Value = self.header().form.value.nearest_numbers(|_| fill);
-        ask(|| {
+        run_batched(|| {
             let valid = valid.as_deref_mut();
             match &self.tree {
                 Tree::Goblin(file) => file.window(level, bounds, fill, bytes, valid).map(|_| ()),
@@ -147,7 +147,7 @@ impl Dataset {
     /// # Errors
     /// If the file is damaged there, or on interruption.
     pub fn statistics(&self, bounds: Option<Bounds>, progress: &dyn Progress) -> Result<Statistics> {
-        ask(|| match &self.tree {
+        run_batched(|| match &self.tree {
             Tree::View(viewed) => {
                 let counts_classes = self.header().counts_classes();
                 let within = self.header().within_picture(bounds);
@@ -165,7 +165,7 @@ impl Dataset {
     /// Statistics without classes; of a view those of what it stands on.
     fn totals(&self, bounds: Option<Bounds>) -> Result<Statistics> {
         let within = self.header().within_picture(bounds);
-        ask(|| match &self.tree {
+        run_batched(|| match &self.tree {
             Tree::Goblin(file) => file.statistics_with(Some(within), false, &()),
             Tree::Autumnal(file) => autumnal_statistics(file, &within, false, &()),
             Tree::View(viewed) => viewed.source().totals(bounds),
@@ -183,7 +183,7 @@ impl Dataset {
         base: Value,
         progress: &'a dyn Progress,
     ) -> Result<PixelSums<'a>> {
-        ask(|| match &self.tree {
+        run_batched(|| match &self.tree {
             Tree::Goblin(file) => PixelSums::of_file(file, bounds, grid, base, progress),
             Tree::Autumnal(file) => PixelSums::of_source(&**file, bounds, grid, base, progress),
             Tree::View(viewed) => PixelSums::of_source(viewed.view(), bounds, grid, base, progress),
@@ -210,7 +210,9 @@ impl Dataset {
     /// If the directory is damaged.
     pub fn level_bytes(&self, most: usize) -> Result<Option<Vec<LevelBytes>>> {
         match self.file() {
-            Some(TreeFile::Goblin(file)) if file.segments() <= most => ask(|| file.level_bytes()).map(Some),
+            Some(TreeFile::Goblin(file)) if file.segments() <= most => {
+                run_batched(|| file.level_bytes()).map(Some)
+            }
             _ => Ok(None),
         }
     }
@@ -221,7 +223,7 @@ impl Dataset {
     /// If the file is damaged there.
     pub fn may_have_void(&self, bounds: Bounds) -> Result<bool> {
         match &self.tree {
-            Tree::View(viewed) => ask(|| viewed.may_have_void(&bounds)),
+            Tree::View(viewed) => run_batched(|| viewed.may_have_void(&bounds)),
             _ => {
                 // (What reaches out of the picture needs no look at the box, whose border can be long, nor does a picture without VOID.)
                 let picture = self.header().picture();
@@ -265,7 +267,7 @@ impl Dataset {
         bins: usize,
         progress: &dyn Progress,
     ) -> Result<Vec<u64>> {
-        ask(|| match &self.tree {
+        run_batched(|| match &self.tree {
             Tree::Goblin(file) => file.histogram(bounds, low, high, bins, progress),
             Tree::Autumnal(file) => autumnal_histogram(file, bounds, (low, high), bins, progress),
             Tree::View(viewed) => source_histogram(viewed.view(), bounds, (low, high), bins, progress),
@@ -309,7 +311,7 @@ impl Dataset {
             Tree::Autumnal(file) => View::whole(TreeFile::Autumnal(file.clone()).into())?,
             Tree::View(viewed) => viewed.view().clone(),
         };
-        let both = Operation::Set { number: 1, prefer: Prefer::First };
+        let both = CombineOperation::set(SetOperation::Intersection);
         let extent = view.extent();
         let views = vec![view, View::new(zones.clone(), extent)?];
         let inside = Combined::new(views, both, extent)?;
@@ -319,15 +321,15 @@ impl Dataset {
 }
 
 /// Takes blocks that were found.
-type TakeBlock<'a> = dyn FnMut(FoundBlock) -> Result<bool> + 'a;
+type BlockVisitor<'a> = dyn FnMut(FoundBlock) -> Result<bool> + 'a;
 
 /// Searches in rounds: a search that is asked again finds the same blocks in the same order, and each is handed out once.
 fn find_in_rounds(
-    found: &mut TakeBlock<'_>,
-    search: &mut dyn FnMut(&mut TakeBlock<'_>) -> Result<()>,
+    found: &mut BlockVisitor<'_>,
+    search: &mut dyn FnMut(&mut BlockVisitor<'_>) -> Result<()>,
 ) -> Result<()> {
     let mut handed_out = 0u64;
-    ask(|| {
+    run_batched(|| {
         let mut number = 0;
         search(&mut |block| {
             number += 1;

@@ -5,7 +5,7 @@ use crate::ops::{TreeFile, View, ViewSource, build_again};
 use crate::store::{BuildOptions, TreeTarget};
 use serde::{Deserialize, Serialize};
 use spinney_base::io::Output;
-use spinney_base::value::{Kind, Rule};
+use spinney_base::value::{DataKind, Rule};
 use spinney_base::{Error, Progress, Result};
 use spinney_crs::Crs;
 
@@ -14,7 +14,7 @@ use spinney_crs::Crs;
 #[serde(deny_unknown_fields)]
 pub struct Rebuild {
     /// Kind of the values; with another one, the rule is the usual one for it.
-    pub kind: Option<Kind>,
+    pub kind: Option<DataKind>,
     /// Rule of coarser levels, which are made anew if it is another.
     pub rule: Option<Rule>,
     /// Levels of the tree.
@@ -63,8 +63,7 @@ impl Dataset {
     ///
     /// ```
     /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-    /// use spinney::io::Output;
-    /// use spinney::value::Rule;
+    /// use spinney::{Output, Rule};
     ///
     /// # let folder = tempfile::tempdir().unwrap();
     /// # let path = folder.path().join("largest.goblin");

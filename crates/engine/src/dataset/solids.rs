@@ -1,7 +1,7 @@
 //! Questions about octrees as solids.
 
 use super::{Dataset, Tree};
-use crate::query::cell_blocks::{Carry, CellBlocks, SourceBlocks};
+use crate::query::cell_blocks::{BlockAttribute, CellBlocks, SourceBlocks};
 use crate::query::{
     Field, Filling, OccupancyLevel, Rays, SolidStatistics, SolidSurface, measure, measure_surface,
 };
@@ -67,7 +67,7 @@ impl Dataset {
     ///
     /// # Errors
     /// If the tree is a quadtree or has no such level, or its values cannot be carried.
-    pub fn cell_blocks(&self, level: u8, carry: Carry) -> Result<Box<dyn CellBlocks + Send + '_>> {
+    pub fn cell_blocks(&self, level: u8, carry: BlockAttribute) -> Result<Box<dyn CellBlocks + Send + '_>> {
         let rule = self.header().rule;
         Ok(match &self.tree {
             Tree::Goblin(file) => Box::new(SourceBlocks::new(&**file, level, rule, carry)?),

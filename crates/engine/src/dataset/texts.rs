@@ -4,7 +4,7 @@ use super::{Dataset, Tree};
 use crate::query::dump;
 use crate::tree::{MemTree, df};
 use spinney_base::space::Dimension;
-use spinney_base::value::Kind;
+use spinney_base::value::DataKind;
 use spinney_base::{Error, Result};
 
 impl Dataset {
@@ -52,7 +52,7 @@ impl Dataset {
     /// If the file is damaged, or the tree has more than `most` nodes.
     pub fn df_text(&self, most: u64) -> Result<String> {
         let header = self.header();
-        let is_solid = header.kind == Kind::Continuous && header.form.dimension == Dimension::Oct;
+        let is_solid = header.kind == DataKind::Continuous && header.form.dimension == Dimension::Oct;
         let full = if is_solid { header.form.value.splat(255.0) } else { None };
         df::to_text(&self.in_memory(most)?, full)
     }

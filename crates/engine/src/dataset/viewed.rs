@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::ops::{Step, View, ViewSource, WarpGrid};
+use crate::ops::{View, ViewSource, ViewStep, WarpGrid};
 use crate::query::{Canvas, check_level};
 use crate::tree::{Child, Source, no_children};
 use spinney_base::Result;
@@ -30,7 +30,7 @@ impl Viewed {
     }
 
     /// The view with more steps applied to it.
-    pub(super) fn through(self, steps: &[Step]) -> Result<Viewed> {
+    pub(super) fn through(self, steps: &[ViewStep]) -> Result<Viewed> {
         Ok(Viewed::new(self.view.through(steps)?, self.moves))
     }
 

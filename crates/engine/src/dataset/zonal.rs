@@ -12,8 +12,7 @@ impl Dataset {
     ///
     /// ```
     /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-    /// use spinney::space::EdgeRule;
-    /// use spinney::space::Polygon;
+    /// use spinney::query::{EdgeRule, Polygon};
     ///
     /// let map = spinney::open("fixtures/v1/classes.goblin")?;
     /// let triangle = Polygon::new(&[vec![[40.0, 40.0], [180.0, 60.0], [90.0, 170.0]]])?;

@@ -10,9 +10,9 @@ use crate::store::builder::ReusableSource;
 use crate::store::{BuildOptions, WriteOptions, build};
 use crate::tree::{Child, Children, Source, no_children};
 use spinney_base::io::Output;
-use spinney_base::value::{Kind, Rule, SampleType, Value, ValueType};
-use spinney_base::{Error, Form, Progress, Result};
-use spinney_container::{FilePlace, Metadata, OpenOptions, Tag};
+use spinney_base::value::{DataKind, Rule, SampleType, Value, ValueType};
+use spinney_base::{Error, Progress, Result, TreeType};
+use spinney_container::{FileReference, Metadata, OpenOptions, Tag};
 
 /// Writes a tree of the numbers of the commits that changed each cell of an Autumnal file last, from its first commit to the newest
 /// or, of `FILE@N`, to that one; cells that no commit has given a value are VOID. Coarse cells have the newest commit below them.
@@ -22,7 +22,8 @@ use spinney_container::{FilePlace, Metadata, OpenOptions, Tag};
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::{io::Output, ops, store::WriteOptions};
+/// use spinney::{Output, WriteOptions};
+/// use spinney::raw::ops;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("age.goblin");
@@ -41,7 +42,7 @@ pub fn blame(path: &Path, output: Output, how: WriteOptions, progress: &dyn Prog
         return Err(Error::invalid("file to blame", format!("{}, a Goblin file", path.display()), expected));
     };
     let last = commit.commit().number;
-    let place = FilePlace::of(path);
+    let place = FileReference::of(path);
     let history = History::open(&place.file, &OpenOptions::default())?;
     let depth = asked.depth();
     let mut commits = Vec::new();
@@ -49,7 +50,7 @@ pub fn blame(path: &Path, output: Output, how: WriteOptions, progress: &dyn Prog
         let number = commit?.number;
         if number <= last {
             progress.check()?;
-            let place = FilePlace { commit: Some(number), ..place.clone() };
+            let place = FileReference { commit: Some(number), ..place.clone() };
             let other = TreeFile::at(&place, &OpenOptions::default())?;
             // (Trees of other depths have nothing in common.)
             if other.depth() != depth {
@@ -61,9 +62,9 @@ pub fn blame(path: &Path, output: Output, how: WriteOptions, progress: &dyn Prog
         }
     }
     commits.reverse();
-    let form = Form::new(asked.form().dimension, ValueType::new(SampleType::U32, 1));
+    let form = TreeType::new(asked.form().dimension, ValueType::new(SampleType::U32, 1));
     // (Records are where they are in the file, whichever commit leads to them.)
-    let file = TreeFile::at(&FilePlace { commit: None, ..place }, &OpenOptions::default())?;
+    let file = TreeFile::at(&FileReference { commit: None, ..place }, &OpenOptions::default())?;
     let ages = Ages { file, commits, form, depth };
     let own = asked.metadata();
     let provenance = vec![format!("commits that changed the cells of {} last", path.display())];
@@ -78,7 +79,8 @@ pub fn blame(path: &Path, output: Output, how: WriteOptions, progress: &dyn Prog
     if let Some(unit) = own.tag(Tag::Unit) {
         metadata.set_tag(Tag::Unit, unit);
     }
-    let options = BuildOptions::new(Kind::Continuous, depth).rule(Rule::Max).written(how).metadata(metadata);
+    let options =
+        BuildOptions::new(DataKind::Continuous, depth).rule(Rule::Max).written(how).metadata(metadata);
     build(&ages, asked.header().extent, &options, output, progress)?;
     history.check_unchanged()
 }
@@ -88,7 +90,7 @@ struct Ages {
     file: TreeFile,
     /// Numbers and roots, the oldest first.
     commits: Vec<(u64, Child<TreeFileNode>)>,
-    form: Form,
+    form: TreeType,
     depth: u8,
 }
 
@@ -135,7 +137,7 @@ impl Ages {
 impl Source for Ages {
     type Node = States;
 
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         self.form
     }
 

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use crate::tree::{Child, Children, NodeState};
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::Value;
-use spinney_base::{Form, Result};
+use spinney_base::{Result, TreeType};
 
 /// Levels below a block of a quadtree, and of an octree.
 pub(super) const BLOCK_LEVELS: [u8; 2] = [8, 5];
@@ -33,7 +33,7 @@ struct BlockLevel {
 impl Block {
     /// The cells of a node with so many levels below it, and all between: cells decide what is uniform, the numbers of each level make
     /// representatives.
-    pub(super) fn new(form: Form, (code, height): (Code, u8), draw: &mut DrawLevel<'_>) -> Result<Block> {
+    pub(super) fn new(form: TreeType, (code, height): (Code, u8), draw: &mut DrawLevel<'_>) -> Result<Block> {
         let (axes, width) = (form.axes(), form.width());
         let mut block = Block { levels: Vec::with_capacity(usize::from(height)), axes, width };
         for above in 0..height {

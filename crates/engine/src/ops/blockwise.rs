@@ -6,7 +6,7 @@ use super::blocks::{BLOCK_LEVELS, Block, Blocks};
 use crate::store::builder::ReusableSource;
 use crate::tree::{CellBlock, Child, Children, Source};
 use spinney_base::space::{Bounds, Code, Dimension};
-use spinney_base::{Form, Result};
+use spinney_base::{Result, TreeType};
 use spinney_container::{Header, Metadata};
 
 /// Maker of the cells of a quadtree.
@@ -83,7 +83,7 @@ impl ReusableSource for Blockwise {}
 impl Source for Blockwise {
     type Node = Code;
 
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         self.header.form
     }
 

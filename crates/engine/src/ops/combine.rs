@@ -4,16 +4,16 @@ use smallvec::SmallVec;
 
 use super::affine::{View, ViewNode};
 use super::coverage;
-use super::operation::{Operation, UNION};
+use super::operation::CombineOperation;
 use super::view_source::{ViewSource, check_form};
 use crate::store::BuildOptions;
 use crate::store::builder::{Join, MergeAction, Merging, Overlay, RecordRef, ReusableSource, StoredNode};
 use crate::tree::{CellBlock, Child, Children, Source, no_children};
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::io::Output;
 use spinney_base::space::{Bounds, Code};
-use spinney_base::value::{SampleType, Tally, Value};
-use spinney_base::{Error, Progress, Result};
+use spinney_base::value::{SampleType, Value, ZoneStats};
+use spinney_base::{Error, Progress, Result, SetOperation};
 
 /// A node of the result, as far as the trees' nodes there determine it.
 enum Resolution {
@@ -25,7 +25,7 @@ enum Resolution {
     Split,
 }
 
-/// Several views of one form merged into one tree by an [`Operation`].
+/// Several views of one form merged into one tree by a [`CombineOperation`].
 ///
 /// Views are walked side by side; where one side decides, the others' detail is not read, and what is stored
 /// below is handed through. Time is proportional to the nodes that are visited, at most the sum over all
@@ -33,9 +33,9 @@ enum Resolution {
 #[derive(Clone, Debug)]
 pub struct Combined {
     views: Vec<View>,
-    form: Form,
-    operation: Operation,
-    /// The ways to merge two trees: see [`Operation::mergings`].
+    form: TreeType,
+    operation: CombineOperation,
+    /// The ways to merge two trees: see [`CombineOperation::mergings`].
     mergings: [Merging; 3],
     /// The value of cells that are present in neither tree.
     fill: Value,
@@ -105,12 +105,7 @@ impl Combined {
     ///
     /// # Errors
     /// If forms or depths differ, or the operation takes another number of trees.
-    pub fn new(views: Vec<View>, operation: Operation, extent: [u64; 3]) -> Result<Combined> {
-        if let Operation::Set { number, .. } = operation
-            && number > 15
-        {
-            return Err(Error::invalid("set operation", number.to_string(), "0 to 15"));
-        }
+    pub fn new(views: Vec<View>, operation: CombineOperation, extent: [u64; 3]) -> Result<Combined> {
         let takes = operation.takes();
         if !takes.contains(&views.len()) {
             let expected = if *takes.end() == 2 { "two" } else { "at least one" };
@@ -160,8 +155,9 @@ impl Combined {
 
     /// Whether the result is what any of the trees has, so that those without anything do not matter.
     fn is_union(&self) -> bool {
-        self.operation == Operation::Over
-            || self.views.len() > 2 && matches!(self.operation, Operation::Set { number: UNION, .. })
+        self.operation == CombineOperation::Over
+            || self.views.len() > 2
+                && matches!(self.operation, CombineOperation::Set { operation: SetOperation::Union, .. })
     }
 
     /// The views.
@@ -187,13 +183,18 @@ impl Combined {
     /// Resolves a node whose subtree is the same in both trees, if the operation allows it.
     fn resolve_same(&self) -> Option<Resolution> {
         match self.operation {
-            // Cells are in both trees or in neither: bit 0 of the number says whether the former belong to
-            // the result, bit 3 whether the latter do; those cannot be taken over, because they have to be
-            // filled.
-            Operation::Set { number, .. } if number & 9 == 1 => Some(Resolution::Take(0)),
-            Operation::Set { number, .. } if number & 9 == 0 => Some(Resolution::Void),
-            Operation::Over | Operation::Min | Operation::Max | Operation::Equal => Some(Resolution::Take(0)),
-            Operation::Changed => Some(Resolution::Void),
+            // Cells are in both trees or in neither; the latter cannot be copied if they belong to the result, because they
+            // have to be filled.
+            CombineOperation::Set { operation, .. } if operation.is_unbounded() => None,
+            CombineOperation::Set { operation, .. } if operation.contains(true, true) => {
+                Some(Resolution::Take(0))
+            }
+            CombineOperation::Set { .. } => Some(Resolution::Void),
+            CombineOperation::Over
+            | CombineOperation::Min
+            | CombineOperation::Max
+            | CombineOperation::Equal => Some(Resolution::Take(0)),
+            CombineOperation::Changed => Some(Resolution::Void),
             _ => None,
         }
     }
@@ -214,11 +215,11 @@ impl Combined {
                 [_] => Resolution::Take(0),
                 _ => Resolution::Split,
             },
-            (Operation::Set { .. }, []) => Resolution::Void,
+            (CombineOperation::Set { .. }, []) => Resolution::Void,
             // A complement may have no second tree.
-            (Operation::Set { .. }, [first]) => self.resolve_two(code, first.1, &Child::Void),
+            (CombineOperation::Set { .. }, [first]) => self.resolve_two(code, first.1, &Child::Void),
             (_, [first, second]) => self.resolve_two(code, first.1, second.1),
-            (Operation::Set { .. }, nodes) => self.resolve_many(self.mergings[0].join, nodes),
+            (CombineOperation::Set { .. }, nodes) => self.resolve_many(self.mergings[0].join, nodes),
             (operation, nodes) => {
                 operation.join().map_or(Resolution::Split, |join| self.resolve_many(join, nodes))
             }
@@ -229,11 +230,13 @@ impl Combined {
     fn resolve_two(&self, code: Code, first: &Child<ViewNode>, second: &Child<ViewNode>) -> Resolution {
         // Only complements reach beyond what the trees have.
         let part = match self.operation {
-            Operation::Set { number, .. } if number & 8 != 0 => match self.inside_and_outside(code) {
-                (true, false) => 0,
-                (false, _) => 1,
-                (true, true) => 2,
-            },
+            CombineOperation::Set { .. } if self.operation.needs_universe() => {
+                match self.inside_and_outside(code) {
+                    (true, false) => 0,
+                    (false, _) => 1,
+                    (true, true) => 2,
+                }
+            }
             _ => 0,
         };
         let merging = &self.mergings[part];
@@ -309,7 +312,7 @@ impl Combined {
     fn merged_cells(&self, open: &OpenNode, levels: u8) -> Result<Option<CellBlock>> {
         let is_made = |tree: usize| matches!(**self.views[tree].source(), ViewSource::Blockwise(_));
         // (Complements depend on the place of a cell, too.)
-        if matches!(self.operation, Operation::Set { number: 8.., .. }) {
+        if self.operation.needs_universe() {
             return Ok(None);
         }
         let made = open.nodes.iter().enumerate().find_map(|(number, (tree, child))| match child {
@@ -392,7 +395,7 @@ impl Combined {
 impl Source for Combined {
     type Node = CombinedNode;
 
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         self.form
     }
 
@@ -456,7 +459,7 @@ impl Source for Combined {
         }
     }
 
-    fn tally(&self, node: &CombinedNode) -> Result<Option<Tally>> {
+    fn tally(&self, node: &CombinedNode) -> Result<Option<ZoneStats>> {
         match node {
             CombinedNode::Same(tree, node) => self.views[*tree].tally(node),
             CombinedNode::Open(..) => Ok(None),
@@ -481,7 +484,7 @@ impl ReusableSource for Combined {
 
     fn overlay(&self, node: &CombinedNode) -> Option<Overlay<'_>> {
         // Complements depend on the extent, too, not on the two nodes' states alone.
-        let has_table = !matches!(self.operation, Operation::Set { number: 8.., .. });
+        let has_table = !self.operation.needs_universe();
         // Nor do those of samples that may be missing.
         let is_masked =
             self.form.value.is_masked() && self.operation.join().is_some_and(|join| join.computes_samples());
@@ -513,6 +516,6 @@ pub fn build(
     options: &BuildOptions,
     output: Output,
     progress: &dyn Progress,
-) -> Result<Tally> {
+) -> Result<ZoneStats> {
     crate::store::build(source, source.extent, options, output, progress)
 }

@@ -17,12 +17,13 @@ use spinney_container::OpenOptions;
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::{io::Output, ops, store::WriteOptions};
+/// use spinney::{Output, WriteOptions};
+/// use spinney::raw::ops;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("published.goblin");
 /// let history = "fixtures/v1/history.autumn@1";
-/// ops::convert(history.as_ref(), false, Output::create(&path)?, WriteOptions::new(64 << 20), &())?;
+/// spinney::convert(history.as_ref(), false, Output::create(&path)?, WriteOptions::new(64 << 20), &())?;
 /// # Ok::<(), spinney::Error>(())
 /// ```
 ///

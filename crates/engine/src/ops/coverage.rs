@@ -3,27 +3,27 @@
 use crate::store::builder::{
     FULL_COVERAGE, Join, MergeAction, MergeState, MergeTable, Merging, joined_coverage,
 };
-use spinney_base::Form;
 use spinney_base::value::{Rule, SampleType, Value};
+use spinney_base::{SetOperation, TreeType};
 
 /// The value of a full cell in trees whose cells tell coverage; `None` of other trees.
-pub(super) fn full(form: Form, rule: Rule) -> Option<Value> {
+pub(super) fn full(form: TreeType, rule: Rule) -> Option<Value> {
     let is_coverage =
         rule == Rule::Occupancy && form.value.sample == SampleType::U8 && !form.value.is_masked();
     is_coverage.then(|| form.value.nearest(|_| FULL_COVERAGE.into()))
 }
 
 /// The ways to merge two trees by a set operation inside the universe, outside, and across its border.
-pub(super) fn mergings(number: u8) -> [Merging; 3] {
+pub(super) fn mergings(operation: SetOperation) -> [Merging; 3] {
     // Outside there is nothing to fill.
-    let without = number & 7;
+    let without = operation.bounded();
     let across = |states| {
-        let (inside, outside) = (action(number, states), action(without, states));
+        let (inside, outside) = (action(operation, states), action(without, states));
         if inside == outside && inside != MergeAction::Join { inside } else { MergeAction::Split }
     };
-    let merging = |actions, number| Merging { actions, join: Join::Coverage(number), full: None };
+    let merging = |actions, operation| Merging { actions, join: Join::Coverage(operation), full: None };
     [
-        merging(MergeTable::new(|states| action(number, states)), number),
+        merging(MergeTable::new(|states| action(operation, states)), operation),
         merging(MergeTable::new(|states| action(without, states)), without),
         // (Single cells are on one side of the border: nobody asks for joined values there.)
         merging(MergeTable::new(across), without),
@@ -31,7 +31,7 @@ pub(super) fn mergings(number: u8) -> [Merging; 3] {
 }
 
 /// The action for a pair of nodes: what holds for all coverages that cells there can have.
-fn action(number: u8, states: [MergeState; 2]) -> MergeAction {
+fn action(operation: SetOperation, states: [MergeState; 2]) -> MergeAction {
     /// Enough of them: the result is linear in both between empty, equal and full.
     const ANY: [u8; 5] = [0, 60, 128, 200, FULL_COVERAGE];
     let [first, second] = states.map(|state| match state {
@@ -40,7 +40,7 @@ fn action(number: u8, states: [MergeState; 2]) -> MergeAction {
         MergeState::Partial | MergeState::Inner => &ANY,
     });
     let always = |is: fn(u8, [u8; 2]) -> bool| {
-        let holds = |a: u8, b: u8| is(joined_coverage(number, a, b), [a, b]);
+        let holds = |a: u8, b: u8| is(joined_coverage(operation, a, b), [a, b]);
         first.iter().all(|a| second.iter().all(|b| holds(*a, *b)))
     };
     match states {

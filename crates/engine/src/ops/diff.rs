@@ -218,7 +218,7 @@ pub struct FdRange {
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// let [first, second] = ["fixtures/v1/history.autumn@1", "fixtures/v1/history.autumn@2"];
-/// let differences = spinney::ops::diff_files(first.as_ref(), second.as_ref(), &(), &mut |_| Ok(()))?;
+/// let differences = spinney::raw::ops::diff_files(first.as_ref(), second.as_ref(), &(), &mut |_| Ok(()))?;
 /// assert_eq!(differences.blocks, 9);
 /// # Ok::<(), spinney::Error>(())
 /// ```

@@ -7,8 +7,8 @@ use glam::DVec3;
 
 use super::affine::{AffineMap, View, align};
 use super::combine::Combined;
-use super::files::Chain;
-use super::operation::Operation;
+use super::files::FileView;
+use super::operation::CombineOperation;
 use super::patch::{CellPatch, FillPatch, FillRegion, Patch};
 use super::patched::Patched;
 use super::tree_file::TreeFile;
@@ -27,7 +27,7 @@ pub enum Edit {
     /// Puts another tree over a part of it.
     Paste {
         /// The other tree: a file and the steps done to it.
-        patch: Chain,
+        patch: FileView,
         /// The cell that its first one goes to; where it lies in the world if none is given.
         at: Option<[i64; 3]>,
         /// Only where the other tree is not VOID.
@@ -38,11 +38,11 @@ pub enum Edit {
     /// Gives single cells new values.
     Set(Vec<CellValue>),
     /// Makes it what an operation makes of it and another tree, which lies where it lies in the world.
-    Apply(Operation, PathBuf),
+    Apply(CombineOperation, PathBuf),
     /// Puts a tree on the same cells over it, where that has something.
     Cover(Arc<ViewSource>),
     /// Makes it what an operation makes of it and a tree on the same cells.
-    Merge(Operation, Arc<ViewSource>),
+    Merge(CombineOperation, Arc<ViewSource>),
     /// Makes it what it was in another commit.
     Revert(u64),
 }
@@ -54,14 +54,14 @@ pub type CellValue = ([u64; 3], Option<Vec<Number>>);
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::ops::{self, Edit};
-/// use spinney::store::autumnal::Note;
+/// use spinney::edit::{Edit, Note};
+/// use spinney::raw::ops;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("history.autumn");
 /// # std::fs::copy("fixtures/v1/history.autumn", &path).unwrap();
 /// let edits = [Edit::Set(vec![([0, 0, 0], Some(vec![7.into()]))])];
-/// let commit = ops::edit(&path, edits.map(Ok), Note::default(), 64 << 20, &())?;
+/// let commit = spinney::edit::edit(&path, edits.map(Ok), Note::default(), 64 << 20, &())?;
 /// assert!(commit.is_some());
 /// # Ok::<(), spinney::Error>(())
 /// ```
@@ -117,14 +117,19 @@ fn changed(tree: Arc<Autumnal>, edit: Edit) -> Result<Combined> {
         Edit::Revert(_) => unreachable!("is no new tree"),
         Edit::Fill(region, value) => {
             let value = value_or_void(value_type, &value)?.filter(|value| !value_type.is_nan(*value));
-            (Operation::Over, vec![patched(&tree, Arc::new(FillPatch::new(region, extent, value)?))?])
+            (CombineOperation::Over, vec![patched(&tree, Arc::new(FillPatch::new(region, extent, value)?))?])
         }
         Edit::Set(cells) => {
             let cells = cells.iter().map(|(cell, value)| Ok((*cell, value_or_void(value_type, value)?)));
             let cells = cells.collect::<Result<Vec<_>>>()?;
-            (Operation::Over, vec![patched(&tree, Arc::new(CellPatch::new(form, depth, extent, cells)?))?])
+            (
+                CombineOperation::Over,
+                vec![patched(&tree, Arc::new(CellPatch::new(form, depth, extent, cells)?))?],
+            )
         }
-        Edit::Paste { patch, at, where_valid } => (Operation::Over, pasted(&tree, &patch, at, where_valid)?),
+        Edit::Paste { patch, at, where_valid } => {
+            (CombineOperation::Over, pasted(&tree, &patch, at, where_valid)?)
+        }
         Edit::Apply(operation, path) => {
             let file = TreeFile::open_only(&path, &OpenOptions::default())?;
             check_form((&path, file.form()), (tree.path(), form))?;
@@ -133,7 +138,9 @@ fn changed(tree: Arc<Autumnal>, edit: Edit) -> Result<Combined> {
             check_place(&bounds, extent, &path)?;
             (operation, vec![View::whole(tree.into())?.opaque()?, view.deepened(depth)?.opaque()?])
         }
-        Edit::Cover(other) => (Operation::Over, vec![View::new(other, extent)?, View::whole(tree.into())?]),
+        Edit::Cover(other) => {
+            (CombineOperation::Over, vec![View::new(other, extent)?, View::whole(tree.into())?])
+        }
         Edit::Merge(operation, other) => {
             (operation, vec![View::whole(tree.into())?.opaque()?, View::new(other, extent)?.opaque()?])
         }
@@ -147,7 +154,12 @@ fn patched(tree: &Arc<Autumnal>, patch: Arc<dyn Patch>) -> Result<View> {
 }
 
 /// Views for a paste: the pasted tree first, then the tree that it goes over.
-fn pasted(tree: &Arc<Autumnal>, patch: &Chain, at: Option<[i64; 3]>, where_valid: bool) -> Result<Vec<View>> {
+fn pasted(
+    tree: &Arc<Autumnal>,
+    patch: &FileView,
+    at: Option<[i64; 3]>,
+    where_valid: bool,
+) -> Result<Vec<View>> {
     let (depth, extent) = (tree.header().depth(), tree.header().extent);
     let view = patch.open()?;
     check_form((&patch.path, view.form()), (tree.path(), tree.header().form))?;

@@ -6,11 +6,11 @@ use super::affine::{Sampling, View, align};
 use super::combine::Combined;
 use super::crosstab::crosstab;
 use super::layers::layer_paths;
-use super::operation::Operation;
+use super::operation::CombineOperation;
 use super::regions::Passes;
-use super::step::Step;
+use super::step::ViewStep;
 use super::tree_file::TreeFile;
-use super::universe::Universe;
+use super::universe::{CombineOptions, Universe};
 use super::view_source::{ViewSource, check_form};
 use super::warp::{Resampling, WarpOptions};
 use crate::store::{BuildOptions, TreeTarget, TreeWriter, WriteOptions, check_room};
@@ -18,16 +18,16 @@ use crate::tree::Source;
 use spinney_base::io::Output;
 use spinney_base::space::Bounds;
 use spinney_base::value::{Number, Value};
-use spinney_base::{Error, Form, PartOfWork, Progress, Result};
-use spinney_container::{FilePlace, Header, Metadata, OpenOptions, Shape};
+use spinney_base::{Error, Progress, Result, SubProgress, TreeType};
+use spinney_container::{FileReference, Header, Metadata, OpenOptions, Shape};
 
-/// A file and the steps to apply to it.
+/// A view of a file: operations that are applied to it, such as crop, scale or warp.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Chain {
+pub struct FileView {
     /// The file.
     pub path: PathBuf,
-    /// Steps, first to last.
-    pub steps: Vec<Step>,
+    /// Operations, first to last.
+    pub steps: Vec<ViewStep>,
     /// Moves the picture in the world as its cells are moved, instead of leaving everything where it is.
     pub moves: bool,
     /// Options for steps to other grids. [`Resampling::Nearest`] holds for all steps: new cells have the value at their centre, also
@@ -60,10 +60,10 @@ const WHOLE: u64 = 1 << 32;
 /// channel.
 pub type PairOfSamples = (Option<Vec<Number>>, Option<Vec<Number>>, u64);
 
-impl Chain {
+impl FileView {
     /// A file with nothing done to it yet.
-    pub fn of(path: &Path) -> Chain {
-        Chain { path: path.into(), ..Chain::default() }
+    pub fn of(path: &Path) -> FileView {
+        FileView { path: path.into(), ..FileView::default() }
     }
 
     /// Opens the file, and does the steps to all of it.
@@ -74,9 +74,11 @@ impl Chain {
         self.open_with(&mut |view, step| step.apply(view))
     }
 
-    fn open_with(&self, apply: &mut dyn FnMut(View, &Step) -> Result<View>) -> Result<View> {
+    fn open_with(&self, apply: &mut dyn FnMut(View, &ViewStep) -> Result<View>) -> Result<View> {
         let file = TreeFile::open(&self.path, &OpenOptions::default())?;
-        let is_grid = |step: &Step| matches!(step, Step::Like(_) | Step::Warp(_) | Step::WebMercator(_));
+        let is_grid = |step: &ViewStep| {
+            matches!(step, ViewStep::Like(_) | ViewStep::Warp(_) | ViewStep::WebMercator(_))
+        };
         let is_nearest = self.warp.resampling == Some(Resampling::Nearest);
         if let (Some(way), false, false) = (self.warp.resampling, is_nearest, self.steps.iter().any(is_grid))
         {
@@ -92,7 +94,7 @@ impl Chain {
 
     /// A line for the result's provenance.
     fn provenance(&self) -> String {
-        let steps: Vec<String> = self.steps.iter().map(Step::to_string).collect();
+        let steps: Vec<String> = self.steps.iter().map(ViewStep::to_string).collect();
         let colon = if steps.is_empty() { "" } else { ": " };
         format!("view of {}{colon}{}", self.path.display(), steps.join(", "))
     }
@@ -102,13 +104,13 @@ impl Chain {
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::{io::Output, ops, store::WriteOptions};
+/// use spinney::{CombineOperation, CombineOptions, Output, WriteOptions, combine};
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("turned.goblin");
-/// let mut chain = ops::Chain::of("fixtures/v1/classes.goblin".as_ref());
+/// let mut chain = spinney::FileView::of("fixtures/v1/classes.goblin".as_ref());
 /// chain.steps = vec!["rotate=90".parse()?, "crop".parse()?];
-/// let outcome = ops::transform(&chain, Output::create(&path)?, WriteOptions::new(64 << 20), &())?;
+/// let outcome = spinney::transform(&chain, Output::create(&path)?, WriteOptions::new(64 << 20), &())?;
 /// assert_eq!(outcome.before, [outcome.after]);
 /// # Ok::<(), spinney::Error>(())
 /// ```
@@ -116,7 +118,7 @@ impl Chain {
 /// # Errors
 /// If the file cannot be read, a step cannot be done, the output not be written, or on interruption.
 pub fn transform(
-    chain: &Chain,
+    chain: &FileView,
     output: Output,
     how: WriteOptions,
     progress: &dyn Progress,
@@ -129,7 +131,7 @@ pub fn transform(
 /// # Errors
 /// Those of [`transform`]; also if a part of what takes going through all cells first is asked for, such as components.
 pub fn transform_to(
-    chain: &Chain,
+    chain: &FileView,
     target: TreeTarget,
     how: WriteOptions,
     progress: &dyn Progress,
@@ -147,20 +149,21 @@ pub fn transform_to(
     let mut derivations = Vec::new();
     let mut expected = Some(0.0);
     // (What is calculated with the layers of a file is one tree.)
-    let is_calculated = chain.steps.iter().any(|step| matches!(step, Step::Calculation(_)));
+    let is_calculated = chain.steps.iter().any(|step| matches!(step, ViewStep::Calculation(_)));
     let paths = if is_calculated { vec![chain.path.clone()] } else { layer_paths(&chain.path)? };
-    let passes = 1 + chain.steps.iter().map(Step::passes).sum::<u64>();
+    let passes = 1 + chain.steps.iter().map(ViewStep::passes).sum::<u64>();
     let total = WHOLE * passes * paths.len() as u64;
     let layers = paths.len() as u64;
     let temporary = target.temporary();
     for path in paths {
-        let chain = Chain { path, ..chain.clone() };
+        let chain = FileView { path, ..chain.clone() };
         let view = chain.open_with(&mut |view, step| {
-            let part = PartOfWork::new(progress, WHOLE * step.passes(), total);
+            let part = SubProgress::new(progress, WHOLE * step.passes(), total);
             // (What it finds out stays in memory until all is written.)
             let memory = how.memory / layers;
             // (Labels differ wherever values do, so that there are no fewer nodes of them.)
-            if let (Step::Components(_), Some(output), false) = (step, target.whole(), view.has_windows()) {
+            if let (ViewStep::Components(_), Some(output), false) = (step, target.whole(), view.has_windows())
+            {
                 check_room(output, view.form(), false, expected_records(&view)?)?;
             }
             step.apply_whole(view, &Passes { memory, folder: &temporary, progress: &part })
@@ -176,33 +179,31 @@ pub fn transform_to(
         derivations.push(Derivation {
             least,
             views: vec![view],
-            operation: Operation::Over,
+            operation: CombineOperation::Over,
             fill: None,
             universe: Universe::Usual,
             moves: chain.moves,
             provenance: chain.provenance(),
         });
     }
-    let part = PartOfWork::new(progress, WHOLE * layers, total);
+    let part = SubProgress::new(progress, WHOLE * layers, total);
     let progress = if passes > 1 { &part as &dyn Progress } else { progress };
     Ok(Outcome { expected, ..store_all(derivations, target, how, progress)? })
 }
 
-/// Merges files into one; those over other areas or with coarser cells are aligned with the finest. `fill` is
-/// the number for [`Combined::filled_with`], and `universe` where it is used: see
-/// [`Operation::needs_universe`].
+/// Merges files into one; those over other areas or with coarser cells are aligned with the finest.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::{io::Output, ops, store::WriteOptions};
+/// use spinney::{CombineOperation, CombineOptions, Output, WriteOptions, combine};
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("nothing.goblin");
 /// let map = "fixtures/v1/classes.goblin".into();
 /// let trees = [map, "fixtures/v1/classes.goblin".into()];
 /// let output = Output::create(&path)?;
-/// let usual = ops::Universe::Usual;
-/// let changes = ops::combine(ops::Operation::Changed, None, usual, &trees, output, WriteOptions::new(64 << 20), &())?;
+/// let options = CombineOptions::default();
+/// let changes = combine(CombineOperation::Changed, options, &trees, output, WriteOptions::new(64 << 20), &())?;
 /// assert_eq!(changes.after, 0);
 /// # Ok::<(), spinney::Error>(())
 /// ```
@@ -210,15 +211,14 @@ pub fn transform_to(
 /// # Errors
 /// As [`transform`]; also if types differ or grids cannot be matched.
 pub fn combine(
-    operation: Operation,
-    fill: Option<Number>,
-    universe: Universe,
+    operation: impl Into<CombineOperation>,
+    options: CombineOptions,
     paths: &[PathBuf],
     output: Output,
     how: WriteOptions,
     progress: &dyn Progress,
 ) -> Result<Outcome> {
-    combine_with(operation, (fill, universe), paths, &[], output.into(), how, progress)
+    combine_with(operation.into(), options, paths, &[], output.into(), how, progress)
 }
 
 /// A tree that is made on the cells of others: its place among those that are combined, its name, and what makes it of the header and
@@ -238,8 +238,8 @@ pub struct MadeOperand<'a> {
 /// # Errors
 /// Those of [`combine`], and those of making trees.
 pub fn combine_with(
-    operation: Operation,
-    (fill, universe): (Option<Number>, Universe),
+    operation: CombineOperation,
+    options: CombineOptions,
     paths: &[PathBuf],
     made: &[MadeOperand<'_>],
     target: TreeTarget,
@@ -267,8 +267,8 @@ pub fn combine_with(
             least,
             views,
             operation,
-            fill,
-            universe,
+            fill: options.fill,
+            universe: options.universe,
             moves: false,
             provenance: format!("{operation} of {}", names.join(" ")),
         });
@@ -280,7 +280,7 @@ pub fn combine_with(
 /// file, goes with each.
 fn layers_in_pairs(paths: &[PathBuf]) -> Result<Vec<Vec<PathBuf>>> {
     let mut layers = paths.iter().map(|path| layer_paths(path)).collect::<Result<Vec<_>>>()?;
-    let name = |path: &PathBuf| FilePlace::of(path).layer;
+    let name = |path: &PathBuf| FileReference::of(path).layer;
     let Some(most) = layers.iter().find(|layers| layers.len() > 1) else {
         return Ok(vec![layers.into_iter().flatten().collect()]);
     };
@@ -388,12 +388,12 @@ fn list(numbers: &[u64]) -> String {
 /// A tree to derive from views, with the header and metadata of the first one's file.
 struct Derivation {
     views: Vec<View>,
-    operation: Operation,
+    operation: CombineOperation,
     /// Value of cells that the operation makes of nothing.
     fill: Option<Number>,
     /// Where it does.
     universe: Universe,
-    /// See [`Chain::moves`].
+    /// See [`FileView::moves`].
     moves: bool,
     /// INNER nodes that the result has at least, about, as far as is known.
     least: u64,
@@ -413,7 +413,7 @@ struct Prepared {
 }
 
 impl Derivation {
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         self.views[0].source().header().form
     }
 

@@ -2,14 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use super::files::Chain;
+use super::files::FileView;
 use super::tree_file::TreeFile;
 use crate::store::autumnal::{Commit, Editor, Note};
 use crate::store::{BuildOptions, TreeWriter, WriteOptions};
 use crate::tree::Source;
 use spinney_base::io::{Output, ReplaceLock};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{FilePlace, Header, Metadata, OpenOptions};
+use spinney_container::{FileReference, Header, Metadata, OpenOptions};
 use spinney_crs::Frame;
 
 /// Paths of the layers that a path means: all of a file, or the one that it names. A file of one layer is meant as it is.
@@ -17,14 +17,14 @@ use spinney_crs::Frame;
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// let map = "fixtures/v1/classes.goblin".as_ref();
-/// assert_eq!(spinney::ops::layer_paths(map)?, [map]);
+/// assert_eq!(spinney::raw::ops::layer_paths(map)?, [map]);
 /// # Ok::<(), spinney::Error>(())
 /// ```
 ///
 /// # Errors
 /// If the file cannot be read.
 pub fn layer_paths(path: &Path) -> Result<Vec<PathBuf>> {
-    let place = FilePlace::of(path);
+    let place = FileReference::of(path);
     if place.layer.is_some() {
         return Ok(vec![path.into()]);
     }
@@ -56,7 +56,7 @@ pub(super) fn file_depth<'h>(headers: impl IntoIterator<Item = &'h Header>) -> u
 pub fn add_layer(
     path: &Path,
     name: &str,
-    chain: &Chain,
+    chain: &FileView,
     note: Note,
     how: WriteOptions,
     progress: &dyn Progress,
@@ -93,10 +93,10 @@ pub fn add_layer(
     let (extent, header) = (view.extent(), view.source().header().clone());
     let view = view.deepened(layer_depth)?;
     let options = BuildOptions { depth: layer_depth, metadata, ..BuildOptions::written_like(&header, how) };
-    let source = super::combine::Combined::new(vec![view], super::operation::Operation::Over, extent)?;
+    let source = super::combine::Combined::new(vec![view], super::operation::CombineOperation::Over, extent)?;
     match &file {
         TreeFile::Autumnal(_) => {
-            let mut editor = Editor::open(&FilePlace::of(path).file, how.memory)?;
+            let mut editor = Editor::open(&FileReference::of(path).file, how.memory)?;
             let header = options.header(header.form, extent)?;
             editor.name_layer(&stem(path))?;
             let mut metadata = options.metadata;
@@ -107,7 +107,7 @@ pub fn add_layer(
         }
         TreeFile::Goblin(_) => {
             let dimension = header.form.dimension;
-            let output = Output::create(&FilePlace::of(path).file)?;
+            let output = Output::create(&FileReference::of(path).file)?;
             let mut writer = TreeWriter::create(output, (dimension, depth), layers.len() as u32 + 1)?;
             copy_layers(&file, &mut writer, progress, &|_| true, &stem(path))?;
             writer.source(&source, extent, &options, progress)?;
@@ -131,7 +131,7 @@ pub fn drop_layer(
 ) -> Result<Option<Commit>> {
     let (file, _lock) = open_to_change(path)?;
     let layers = file.layers()?;
-    let place = FilePlace { layer: Some(name.into()), ..FilePlace::of(path) };
+    let place = FileReference { layer: Some(name.into()), ..FileReference::of(path) };
     let dropped = place.layer_number(layers.iter().map(|layer| &*layer.name))?;
     if layers.len() == 1 {
         return Err(Error::unsupported(path, "dropping the only layer", "remove the file instead"));
@@ -167,7 +167,7 @@ fn only_listed(path: &Path) -> Error {
 fn open_to_change(path: &Path) -> Result<(TreeFile, Option<ReplaceLock>)> {
     match TreeFile::open(path, &OpenOptions::default())? {
         TreeFile::Goblin(_) => {
-            let lock = ReplaceLock::take(&FilePlace::of(path).file)?;
+            let lock = ReplaceLock::take(&FileReference::of(path).file)?;
             Ok((TreeFile::open(path, &OpenOptions::default())?, Some(lock)))
         }
         file @ TreeFile::Autumnal(_) => Ok((file, None)),
@@ -177,7 +177,7 @@ fn open_to_change(path: &Path) -> Result<(TreeFile, Option<ReplaceLock>)> {
 
 /// The name that a file's only layer gets when there are others beside it, if it has none.
 fn stem(path: &Path) -> String {
-    let file = FilePlace::of(path).file;
+    let file = FileReference::of(path).file;
     file.file_stem().map_or_else(|| "layer".into(), |stem| stem.to_string_lossy().into_owned())
 }
 

@@ -44,21 +44,21 @@ pub use data_box::data_box;
 pub use diff::{Difference, Differences, FdRange, diff, diff_files, diff_nodes, differences};
 pub use edit::{CellValue, Edit, apply_edits, edit};
 pub use files::{
-    Chain, MadeOperand, Outcome, PairOfSamples, combine, combine_with, crosstab_files, transform,
+    FileView, MadeOperand, Outcome, PairOfSamples, combine, combine_with, crosstab_files, transform,
     transform_to,
 };
 pub use layers::{add_layer, drop_layer, layer_paths, only_layer};
 pub use mosaic::{Mosaic, MosaicNode, list_files};
 pub use opaque::Opaque;
-pub use operation::{Operation, Prefer};
+pub use operation::{CombineOperation, Prefer};
 pub use patch::{CellPatch, Change, FillPatch, FillRegion, Patch};
 pub use patched::{Patched, PatchedNode};
 pub(crate) use regions::find_labels;
 pub use regions::{
-    Connectivity, Label, LabelNeighbour, LabelRequest, LabelSummary, Regions, Sieve, TakeLabel,
+    Connectivity, Label, LabelNeighbour, LabelRequest, LabelSummary, LabelVisitor, Regions, Sieve,
 };
-pub use step::{Step, Turn};
+pub use step::{Turn, ViewStep};
 pub use tree_file::{LayerInfo, TreeFile, TreeFileNode};
-pub use universe::Universe;
+pub use universe::{CombineOptions, Universe};
 pub use view_source::{MemoryTree, ViewSource, ViewSourceNode};
 pub use warp::{MAX_ZOOM, Resampling, WarpGrid, WarpOptions, WarpTarget, Warped, warp};

@@ -6,7 +6,7 @@ use super::affine::View;
 use super::view_source::{ViewSource, ViewSourceNode};
 use crate::tree::{Child, Children, Source};
 use spinney_base::value::{Mask, ValueType};
-use spinney_base::{Form, Result};
+use spinney_base::{Result, TreeType};
 
 /// A source whose transparent cells are VOID. Levels above the cells are what they are: nothing that is transparent is in them.
 pub struct Opaque {
@@ -31,7 +31,7 @@ impl Opaque {
 impl Source for Opaque {
     type Node = ViewSourceNode;
 
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         self.source.form()
     }
 

@@ -5,6 +5,7 @@ use std::fmt;
 use super::coverage;
 use crate::store::builder::{Join, MergeAction, MergeState, MergeTable, Merging};
 use serde::{Deserialize, Serialize};
+use spinney_base::SetOperation;
 use spinney_base::value::{Rule, Value};
 
 /// Choice of the value where both trees have one.
@@ -20,18 +21,16 @@ pub enum Prefer {
 /// An operation that merges trees into one, cell by cell; a cell is present if it is not VOID.
 ///
 /// ```
-/// use spinney::ops::{Operation, Prefer};
-/// let union = Operation::named("or", Prefer::First);
-/// assert_eq!(union, Some(Operation::Set { number: 7, prefer: Prefer::First }));
+/// use spinney::{CombineOperation, SetOperation};
+/// use spinney::raw::ops::Prefer;
+/// let union = CombineOperation::named("or", Prefer::First);
+/// assert_eq!(union, Some(CombineOperation::set(SetOperation::Union)));
 /// assert_eq!(union.unwrap().to_string(), "union");
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Operation {
-    /// One of the sixteen set operations on presence (Tyukachev): bit 0 of the number says that cells of both
-    /// belong to the result, bit 1 those of the first alone, bit 2 those of the second alone, bit 3 those of
-    /// neither. So 1 is the intersection, 2 and 4 the differences, 6 the symmetric difference, 7 the union
-    /// (of any number of trees), 12 the complement of the first, which needs no second.
+pub enum CombineOperation {
+    /// A set operation on presence. The union takes any number of trees, the complement needs no second one.
     ///
     /// Trees of bytes with [`Rule::Occupancy`](spinney_base::value::Rule::Occupancy) tell how far bodies cover cells, 255
     /// being full; there the operations are on the bodies, which are taken to overlap as far as they can: see
@@ -39,8 +38,8 @@ pub enum Operation {
     /// the intersection is at most half a cell too large and the union as much too small; everywhere else they are
     /// exact.
     Set {
-        /// The number, 0 to 15.
-        number: u8,
+        /// The operation.
+        operation: SetOperation,
         /// Choice of the value where both are present.
         prefer: Prefer,
     },
@@ -60,86 +59,67 @@ pub enum Operation {
     Changed,
 }
 
-/// The number of the union among set operations.
-pub(super) const UNION: u8 = 7;
-
-impl Operation {
+impl CombineOperation {
     /// Whether all cells of the first tree belong to the result with their values, so that it has about as many nodes at
     /// least.
     pub(super) fn keeps_first(self, rule: Rule) -> bool {
         match self {
             // (Bodies that are joined may hide each other.)
-            Operation::Set { number, prefer } => {
-                number & 3 == 3 && prefer == Prefer::First && rule != Rule::Occupancy
+            CombineOperation::Set { operation, prefer } => {
+                let keeps = operation.contains(true, true) && operation.contains(true, false);
+                keeps && prefer == Prefer::First && rule != Rule::Occupancy
             }
-            Operation::Over => true,
+            CombineOperation::Over => true,
             _ => false,
         }
     }
 
     /// Whether cells that are in none of the trees belong to the result: there must then be a universe.
     pub fn needs_universe(self) -> bool {
-        matches!(self, Operation::Set { number, .. } if number & 8 != 0)
+        matches!(self, CombineOperation::Set { operation, .. } if operation.is_unbounded())
     }
 }
 
-/// The sixteen set operations by number: their names, the usual one first.
-const SETS: [&[&str]; 16] = [
-    &["none"],
-    &["intersection", "and"],
-    &["a-b", "difference"],
-    &["a"],
-    &["b-a"],
-    &["b"],
-    &["xor"],
-    &["union", "or"],
-    &["nor"],
-    &["xnor"],
-    &["not-b"],
-    &["a|!b"],
-    &["not", "not-a", "complement"],
-    &["b|!a"],
-    &["nand"],
-    &["all"],
-];
-
 /// The other operations with their names.
-const OTHERS: [(&str, Operation); 7] = [
-    ("over", Operation::Over),
-    ("min", Operation::Min),
-    ("max", Operation::Max),
-    ("add", Operation::Add),
-    ("subtract", Operation::Subtract),
-    ("equal", Operation::Equal),
-    ("changed", Operation::Changed),
+const OTHERS: [(&str, CombineOperation); 7] = [
+    ("over", CombineOperation::Over),
+    ("min", CombineOperation::Min),
+    ("max", CombineOperation::Max),
+    ("add", CombineOperation::Add),
+    ("subtract", CombineOperation::Subtract),
+    ("equal", CombineOperation::Equal),
+    ("changed", CombineOperation::Changed),
 ];
 
-impl Operation {
-    /// The operation with a name (or with a number, 0 to 15), as people write it: `union`, `a-b`, `min`;
+impl CombineOperation {
+    /// A set operation, with the first tree's value where both have one.
+    pub const fn set(operation: SetOperation) -> CombineOperation {
+        CombineOperation::Set { operation, prefer: Prefer::First }
+    }
+
+    /// The operation with a name (or with an index, 0 to 15), as people write it: `union`, `a-b`, `min`;
     /// `prefer` is for set operations. `mask` is the intersection with the first tree's values. `None` if
     /// there is none of that name.
-    pub fn named(name: &str, prefer: Prefer) -> Option<Operation> {
+    pub fn named(name: &str, prefer: Prefer) -> Option<CombineOperation> {
         if name == "mask" {
-            return Some(Operation::Set { number: 1, prefer: Prefer::First });
+            return Some(CombineOperation::set(SetOperation::Intersection));
         }
-        let by_number = name.parse().ok().filter(|number| *number < SETS.len());
-        let number = by_number.or_else(|| SETS.iter().position(|names| names.contains(&name)));
-        match number {
-            Some(number) => Some(Operation::Set { number: number as u8, prefer }),
-            None => OTHERS.iter().find(|(other, _)| *other == name).map(|(_, operation)| *operation),
+        match name.parse() {
+            Ok(operation) => Some(CombineOperation::Set { operation, prefer }),
+            Err(_) => OTHERS.iter().find(|(other, _)| *other == name).map(|(_, operation)| *operation),
         }
     }
 
     /// The join of values where both trees have one, if the operation computes with values.
     pub(super) fn join(self) -> Option<Join> {
         match self {
-            Operation::Min => Some(Join::Min),
-            Operation::Max => Some(Join::Max),
-            Operation::Add => Some(Join::Add),
-            Operation::Subtract => Some(Join::Subtract),
-            Operation::Equal => Some(Join::Equal),
-            Operation::Changed => Some(Join::Changed),
-            Operation::Set { .. } | Operation::Over => None,
+            CombineOperation::Min => Some(Join::Min),
+            CombineOperation::Max => Some(Join::Max),
+            CombineOperation::Add => Some(Join::Add),
+            CombineOperation::Subtract => Some(Join::Subtract),
+            CombineOperation::Equal => Some(Join::Equal),
+            CombineOperation::Changed => Some(Join::Changed),
+            CombineOperation::Set { .. } | CombineOperation::Over => None,
         }
     }
 
@@ -148,19 +128,20 @@ impl Operation {
     pub(super) fn mergings(self, full: Option<Value>) -> [Merging; 3] {
         let of = |actions, join| Merging { actions, join, full: None };
         match (self, full) {
-            (Operation::Set { number, .. }, Some(_)) => {
-                coverage::mergings(number).map(|merging| Merging { full, ..merging })
+            (CombineOperation::Set { operation, .. }, Some(_)) => {
+                coverage::mergings(operation).map(|merging| Merging { full, ..merging })
             }
             // (Without values to be joined, nobody asks how.)
-            (Operation::Set { number, prefer }, None) => {
-                merge_tables(number, prefer).map(|actions| of(actions, Join::Equal))
+            (CombineOperation::Set { operation, prefer }, None) => {
+                merge_tables(operation, prefer).map(|actions| of(actions, Join::Equal))
             }
             // Of two trees the first that is present is the union.
-            (Operation::Over, _) => {
-                merge_tables(UNION, Prefer::First).map(|actions| of(actions, Join::Equal))
+            (CombineOperation::Over, _) => {
+                merge_tables(SetOperation::Union, Prefer::First).map(|actions| of(actions, Join::Equal))
             }
             _ => {
-                let actions = MergeTable::new(|states| join_action(self == Operation::Changed, states));
+                let actions =
+                    MergeTable::new(|states| join_action(self == CombineOperation::Changed, states));
                 [of(actions, self.join().unwrap_or(Join::Equal)); 3]
             }
         }
@@ -169,28 +150,35 @@ impl Operation {
     /// Numbers of trees that it takes.
     pub(super) fn takes(self) -> std::ops::RangeInclusive<usize> {
         match self {
-            Operation::Set { number: 12, .. } => 1..=2,
-            Operation::Set { number: UNION, prefer: Prefer::First } => 1..=usize::MAX,
-            Operation::Set { .. } | Operation::Equal | Operation::Changed => 2..=2,
+            CombineOperation::Set { operation: SetOperation::Complement, .. } => 1..=2,
+            CombineOperation::Set { operation: SetOperation::Union, prefer: Prefer::First } => 1..=usize::MAX,
+            CombineOperation::Set { .. } | CombineOperation::Equal | CombineOperation::Changed => 2..=2,
             _ => 1..=usize::MAX,
         }
     }
 }
 
-/// The name that people write, as [`Operation::named`] takes it, and whose values are taken if not the first
+impl From<SetOperation> for CombineOperation {
+    fn from(operation: SetOperation) -> CombineOperation {
+        CombineOperation::set(operation)
+    }
+}
+
+/// The name that people write, as [`CombineOperation::named`] takes it, and whose values are taken if not the first
 /// tree's.
-impl fmt::Display for Operation {
+impl fmt::Display for CombineOperation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Operation::Set { number, prefer } = *self else {
+        let CombineOperation::Set { operation, prefer } = *self else {
             let name = OTHERS.iter().find(|(_, operation)| operation == self).map_or("", |(name, _)| name);
             return f.write_str(name);
         };
-        match SETS.get(usize::from(number)) {
-            Some(names) => f.write_str(names[0])?,
-            None => write!(f, "{number}")?,
-        }
+        f.write_str(operation.name())?;
         // Where both have a value and none of them stays, nobody asks whose.
-        if prefer == Prefer::Second && number & 1 != 0 { f.write_str(" --values b") } else { Ok(()) }
+        if prefer == Prefer::Second && operation.contains(true, true) {
+            f.write_str(" --values b")
+        } else {
+            Ok(())
+        }
     }
 }
 
@@ -224,15 +212,15 @@ impl Possible {
 }
 
 /// A set operation's actions for nodes inside the extent, outside, and across its border.
-fn merge_tables(number: u8, prefer: Prefer) -> [MergeTable; 3] {
+fn merge_tables(operation: SetOperation, prefer: Prefer) -> [MergeTable; 3] {
     let parts = [(true, false), (false, true), (true, true)];
-    parts.map(|part| MergeTable::new(|states| merge_action(number, prefer, states, part)))
+    parts.map(|part| MergeTable::new(|states| merge_action(operation, prefer, states, part)))
 }
 
 /// The action for a node, some of whose cells are inside the extent, or outside: tries all combinations of
 /// presence that are possible below it.
 fn merge_action(
-    number: u8,
+    operation: SetOperation,
     prefer: Prefer,
     states: [MergeState; 2],
     (inside, outside): (bool, bool),
@@ -250,13 +238,13 @@ fn merge_action(
         if !possible {
             continue;
         }
-        let (bit, whose) = match (a, b) {
-            (true, true) => (0, Some(if prefer == Prefer::First { 0 } else { 1 })),
-            (true, false) => (1, Some(0)),
-            (false, true) => (2, Some(1)),
-            (false, false) => (3, None),
+        let whose = match (a, b) {
+            (true, true) => Some(if prefer == Prefer::First { 0 } else { 1 }),
+            (true, false) => Some(0),
+            (false, true) => Some(1),
+            (false, false) => None,
         };
-        let belongs = number >> bit & 1 != 0;
+        let belongs = operation.contains(a, b);
         match whose {
             Some(whose) if belongs => of[whose] = true,
             None if belongs => {

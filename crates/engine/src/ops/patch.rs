@@ -1,6 +1,6 @@
 //! Changes to parts of a tree: boxes, polygons, nodes, single cells.
 
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::space::{Bounds, Code, Cover, Polygon};
 use spinney_base::value::Value;
 use spinney_base::{Error, Result, sort};
@@ -39,7 +39,7 @@ impl CellPatch {
     ///
     /// # Errors
     /// If a cell is outside the extent.
-    pub fn new(form: Form, depth: u8, extent: [u64; 3], cells: Vec<NewCell>) -> Result<CellPatch> {
+    pub fn new(form: TreeType, depth: u8, extent: [u64; 3], cells: Vec<NewCell>) -> Result<CellPatch> {
         let code = |cell: [u64; 3]| {
             let inside = (0..3).all(|axis| cell[axis] < extent[axis]);
             let code = inside

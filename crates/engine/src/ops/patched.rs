@@ -6,10 +6,10 @@ use super::patch::{Change, Patch};
 use crate::store::autumnal::{Autumnal, AutumnalNode};
 use crate::store::builder::{RecordRef, ReusableSource, StoredNode};
 use crate::tree::{CellBlock, Child, Children, Source, no_children};
-use spinney_base::Form;
 use spinney_base::Result;
+use spinney_base::TreeType;
 use spinney_base::space::Code;
-use spinney_base::value::{Tally, Value};
+use spinney_base::value::{Value, ZoneStats};
 
 /// A commit with a patch on it. Where nothing changes it is the commit, with all that is stored below.
 #[derive(Clone)]
@@ -60,7 +60,7 @@ impl Patched {
 impl Source for Patched {
     type Node = PatchedNode;
 
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         self.file.form()
     }
 
@@ -104,7 +104,7 @@ impl Source for Patched {
         self.file.check_unchanged()
     }
 
-    fn tally(&self, node: &PatchedNode) -> Result<Option<Tally>> {
+    fn tally(&self, node: &PatchedNode) -> Result<Option<ZoneStats>> {
         match node {
             PatchedNode::Same(node) => self.file.tally(node),
             PatchedNode::Uniform(..) | PatchedNode::Changed(..) => Ok(None),

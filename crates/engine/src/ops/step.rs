@@ -14,11 +14,11 @@ use crate::tree::Source;
 use spinney_base::space::Code;
 use spinney_base::{Error, Result};
 use spinney_container::OpenOptions;
-use spinney_crs::{Coordinates, Crs, Places};
+use spinney_crs::{CellLocator, Coordinates, Crs};
 
 /// One step of a chain. Its text is that of the command line: `window=0,0,512,512`, `rotate=30`.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Step {
+pub enum ViewStep {
     /// `window=COL,ROW,W,H` or `window=X,Y,Z,W,H,D`: a box of cells, which may stick out.
     Window([i64; 3], [u64; 3]),
     /// `window=W,S,E,N,in=world` or `window=X,Y,Z,X,Y,Z,in=world`: the cells in a box of other coordinates (`world`, `lonlat` or a
@@ -78,12 +78,12 @@ impl View {
     ///
     /// # Errors
     /// If a step cannot be done.
-    pub fn through(self, steps: &[Step]) -> Result<View> {
+    pub fn through(self, steps: &[ViewStep]) -> Result<View> {
         steps.iter().try_fold(self, |view, step| step.apply(view))
     }
 }
 
-impl Step {
+impl ViewStep {
     /// Applies the step to a view.
     ///
     /// # Errors
@@ -91,28 +91,28 @@ impl Step {
     /// read.
     pub fn apply(&self, view: View) -> Result<View> {
         match self {
-            Step::Window(min, size) => window(view, *min, *size),
-            Step::WindowIn(coordinates, low, high) => window_in(view, coordinates, *low, *high),
-            Step::Crop => crop(view),
-            Step::Translate(by) => view.translate(*by),
-            Step::Scale(factors) => scale(view, factors),
-            Step::Rotate(degrees, turn, centre) => rotate(view, *degrees, *turn, *centre),
-            Step::AffineMap(map) => view.transform(map),
-            Step::Opaque => view.opaque(),
-            Step::Depth(depth) => view.resample(*depth),
-            Step::TreeDepth(depth) => view.deepened(*depth),
-            Step::Subtree(code) => subtree(view, code),
-            Step::Embed(code) => embed(view, code),
-            Step::Crs(crs) => Ok(view.in_system(crs.clone())),
-            Step::Like(path) => like(view, path),
-            Step::Warp(target) => warp(view, target),
-            Step::WebMercator(zoom) => {
+            ViewStep::Window(min, size) => window(view, *min, *size),
+            ViewStep::WindowIn(coordinates, low, high) => window_in(view, coordinates, *low, *high),
+            ViewStep::Crop => crop(view),
+            ViewStep::Translate(by) => view.translate(*by),
+            ViewStep::Scale(factors) => scale(view, factors),
+            ViewStep::Rotate(degrees, turn, centre) => rotate(view, *degrees, *turn, *centre),
+            ViewStep::AffineMap(map) => view.transform(map),
+            ViewStep::Opaque => view.opaque(),
+            ViewStep::Depth(depth) => view.resample(*depth),
+            ViewStep::TreeDepth(depth) => view.deepened(*depth),
+            ViewStep::Subtree(code) => subtree(view, code),
+            ViewStep::Embed(code) => embed(view, code),
+            ViewStep::Crs(crs) => Ok(view.in_system(crs.clone())),
+            ViewStep::Like(path) => like(view, path),
+            ViewStep::Warp(target) => warp(view, target),
+            ViewStep::WebMercator(zoom) => {
                 let grid =
                     WarpGrid::web_mercator(*zoom, &view.frame(false), view.extent(), view.allows_ballpark())?;
                 view.warped(&grid)
             }
-            Step::Calculation(calculation) => calculation.apply(view),
-            Step::Components(_) | Step::Sieve(_) => Err(Error::unsupported(
+            ViewStep::Calculation(calculation) => calculation.apply(view),
+            ViewStep::Components(_) | ViewStep::Sieve(_) => Err(Error::unsupported(
                 view.source().name(),
                 format!("{self} in a view"),
                 "it goes through all cells before it has the first: make a file of it with `spinney transform`",
@@ -123,13 +123,13 @@ impl Step {
     /// Applies the step to a view, also if that takes going through all of its cells.
     ///
     /// # Errors
-    /// As [`Step::apply`]; also if a temporary file cannot be used, or on interruption.
+    /// As [`ViewStep::apply`]; also if a temporary file cannot be used, or on interruption.
     pub(super) fn apply_whole(&self, view: View, passes: &Passes<'_>) -> Result<View> {
         match self {
-            Step::Components(connect) => {
+            ViewStep::Components(connect) => {
                 View::of_made(Regions::components(&view, *connect, passes)?.into(), &view)
             }
-            Step::Sieve(sieve) => View::of_made(Regions::sieved(&view, sieve, passes)?.into(), &view),
+            ViewStep::Sieve(sieve) => View::of_made(Regions::sieved(&view, sieve, passes)?.into(), &view),
             _ => self.apply(view),
         }
     }
@@ -137,8 +137,8 @@ impl Step {
     /// Times that the step goes through all cells before the first is handed out.
     pub(super) fn passes(&self) -> u64 {
         match self {
-            Step::Components(_) => 1,
-            Step::Sieve(_) => 2,
+            ViewStep::Components(_) => 1,
+            ViewStep::Sieve(_) => 2,
             _ => 0,
         }
     }
@@ -149,20 +149,20 @@ impl Step {
     /// If it is no such map.
     pub fn as_map(&self) -> Result<AffineMap> {
         match self {
-            Step::Translate(by) => Ok(AffineMap::translation(*by)),
-            Step::Scale(factors) => {
+            ViewStep::Translate(by) => Ok(AffineMap::translation(*by)),
+            ViewStep::Scale(factors) => {
                 Ok(AffineMap::scaling(std::array::from_fn(|axis| match (&factors[..], axis) {
                     ([factor], _) => *factor,
                     (factors, axis) => factors.get(axis).copied().unwrap_or(1.0),
                 })))
             }
-            Step::Rotate(degrees, Turn::About(axis), centre) => {
+            ViewStep::Rotate(degrees, Turn::About(axis), centre) => {
                 Ok(AffineMap::rotation(*axis, *degrees, centre.unwrap_or_default()))
             }
-            Step::Rotate(degrees, Turn::AboutLine(direction), centre) => {
+            ViewStep::Rotate(degrees, Turn::AboutLine(direction), centre) => {
                 AffineMap::rotation_about(*direction, *degrees, centre.unwrap_or_default())
             }
-            Step::AffineMap(map) => Ok(*map),
+            ViewStep::AffineMap(map) => Ok(*map),
             _ => {
                 let expected = "translate=, scale=, rotate=, mirror=, transpose, axes= or affine=, which move coordinates";
                 Err(Error::invalid("step", format!("`{self}`"), expected))
@@ -173,22 +173,24 @@ impl Step {
     /// The files that the step reads, besides that of the view.
     pub fn files(&self) -> Vec<&Path> {
         match self {
-            Step::Like(path) => vec![path],
-            Step::Calculation(calculation) => calculation.files().map(PathBuf::as_path).collect(),
+            ViewStep::Like(path) => vec![path],
+            ViewStep::Calculation(calculation) => calculation.files().map(PathBuf::as_path).collect(),
             _ => Vec::new(),
         }
     }
 }
 
-impl Step {
-    /// The step with other names of its [files](Step::files).
+impl ViewStep {
+    /// The step with other names of its [files](ViewStep::files).
     ///
     /// # Errors
     /// Those of finding names.
-    pub fn with_files(&self, name: &dyn Fn(&Path) -> Result<PathBuf>) -> Result<Step> {
+    pub fn with_files(&self, name: &dyn Fn(&Path) -> Result<PathBuf>) -> Result<ViewStep> {
         Ok(match self {
-            Step::Like(path) => Step::Like(name(path)?),
-            Step::Calculation(calculation) => Step::Calculation(Box::new(calculation.with_files(name)?)),
+            ViewStep::Like(path) => ViewStep::Like(name(path)?),
+            ViewStep::Calculation(calculation) => {
+                ViewStep::Calculation(Box::new(calculation.with_files(name)?))
+            }
             step => step.clone(),
         })
     }
@@ -211,7 +213,7 @@ fn window(view: View, min: [i64; 3], mut size: [u64; 3]) -> Result<View> {
 }
 
 fn window_in(view: View, coordinates: &Coordinates, low: [f64; 3], high: [f64; 3]) -> Result<View> {
-    let places = Places::new(coordinates, &view.frame(false), view.extent())?;
+    let places = CellLocator::new(coordinates, &view.frame(false), view.extent())?;
     match *places.boxes(low, high)? {
         [bounds] => view.window(bounds.min.map(|cell| cell as i64), bounds.size()),
         [] => {

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use super::affine::{AffineMap, Axis};
 use super::calc::Calculation;
-use super::step::{Step, Turn};
+use super::step::{Turn, ViewStep};
 use spinney_base::{Error, Result};
 use spinney_crs::{Coordinates, Crs};
 
@@ -14,34 +14,34 @@ const STEPS: &str = "window=, crop, translate=, scale=, rotate=, mirror=, transp
                      tree-depth=, subtree=, embed=, crs=, like=, warp=, grid=, opaque, calc=, reduce=, \
                      composite=, components= or sieve=";
 
-impl FromStr for Step {
+impl FromStr for ViewStep {
     type Err = Error;
 
-    fn from_str(text: &str) -> Result<Step> {
+    fn from_str(text: &str) -> Result<ViewStep> {
         if let Some(definition) = text.strip_prefix("crs=") {
             let crs = Crs::parse(definition)?;
-            return crs.check_registered().map(|()| Step::Crs(crs));
+            return crs.check_registered().map(|()| ViewStep::Crs(crs));
         }
         if let Some(target) = text.strip_prefix("warp=") {
-            return target.parse().map(Step::Warp);
+            return target.parse().map(ViewStep::Warp);
         }
         if let Some(calculation) = text.strip_prefix("calc=") {
             return Calculation::parse(calculation)
-                .map(|calculation| Step::Calculation(Box::new(calculation)));
+                .map(|calculation| ViewStep::Calculation(Box::new(calculation)));
         }
         if let Some(reduction) = text.strip_prefix("reduce=") {
             let calculation = Calculation::parse_reduction(reduction)?;
-            return Ok(Step::Calculation(Box::new(calculation)));
+            return Ok(ViewStep::Calculation(Box::new(calculation)));
         }
         if let Some(names) = text.strip_prefix("composite=") {
             let calculation = Calculation::parse_composite(names)?;
-            return Ok(Step::Calculation(Box::new(calculation)));
+            return Ok(ViewStep::Calculation(Box::new(calculation)));
         }
         if let Some(neighbours) = text.strip_prefix("components=") {
-            return neighbours.parse().map(Step::Components);
+            return neighbours.parse().map(ViewStep::Components);
         }
         if let Some(sieve) = text.strip_prefix("sieve=") {
-            return sieve.parse().map(Step::Sieve);
+            return sieve.parse().map(ViewStep::Sieve);
         }
         if let Some((window, coordinates)) = text.split_once(",in=")
             && window.starts_with("window=")
@@ -51,20 +51,20 @@ impl FromStr for Step {
         let step = StepText::new(text)?;
         match step.name {
             "window" => step.window(),
-            "crop" if step.arguments.is_empty() => Ok(Step::Crop),
+            "crop" if step.arguments.is_empty() => Ok(ViewStep::Crop),
             "translate" => step.translate(),
-            "opaque" if step.arguments.is_empty() => Ok(Step::Opaque),
+            "opaque" if step.arguments.is_empty() => Ok(ViewStep::Opaque),
             "scale" => step.scale(),
             "rotate" => step.rotate(),
             "mirror" => step.mirror(),
             "transpose" if step.arguments.is_empty() => symmetry([Axis::Y, Axis::X, Axis::Z], [false; 3]),
             "axes" => step.axes(),
             "affine" => step.affine(),
-            "depth" => step.level(Step::Depth, "depth=N, a number of levels"),
-            "tree-depth" => step.level(Step::TreeDepth, "tree-depth=N, a number of levels"),
-            "subtree" => step.node(Step::Subtree),
-            "embed" => step.node(Step::Embed),
-            "like" if !step.arguments.is_empty() => Ok(Step::Like(step.arguments.into())),
+            "depth" => step.level(ViewStep::Depth, "depth=N, a number of levels"),
+            "tree-depth" => step.level(ViewStep::TreeDepth, "tree-depth=N, a number of levels"),
+            "subtree" => step.node(ViewStep::Subtree),
+            "embed" => step.node(ViewStep::Embed),
+            "like" if !step.arguments.is_empty() => Ok(ViewStep::Like(step.arguments.into())),
             "grid" => step.grid(),
             _ => Err(step.wrong(STEPS)),
         }
@@ -104,7 +104,7 @@ impl<'a> StepText<'a> {
         Error::invalid("step", format!("`{}`", self.whole), expected)
     }
 
-    fn window(&self) -> Result<Step> {
+    fn window(&self) -> Result<ViewStep> {
         let whole = |number: &f64| (number.fract() == 0.0 && number.abs() < 1e15).then_some(*number as i64);
         let Some(numbers) = &self.numbers else { return Err(self.wrong(STEPS)) };
         let numbers: Option<Vec<i64>> = numbers.iter().map(whole).collect();
@@ -116,10 +116,10 @@ impl<'a> StepText<'a> {
         if size.iter().any(|cells| *cells < 1) {
             return Err(self.wrong("a window of at least one cell"));
         }
-        Ok(Step::Window(min, size.map(|cells| cells as u64)))
+        Ok(ViewStep::Window(min, size.map(|cells| cells as u64)))
     }
 
-    fn window_in(&self, coordinates: Coordinates) -> Result<Step> {
+    fn window_in(&self, coordinates: Coordinates) -> Result<ViewStep> {
         if coordinates == Coordinates::Cells {
             return self.window();
         }
@@ -130,27 +130,27 @@ impl<'a> StepText<'a> {
             Some(&[a, b, c, d, e, f]) => [[a, b, c], [d, e, f]],
             _ => return Err(self.wrong("window=W,S,E,N,in=world, or least and then greatest x, y, z")),
         };
-        Ok(Step::WindowIn(coordinates, low, high))
+        Ok(ViewStep::WindowIn(coordinates, low, high))
     }
 
-    fn translate(&self) -> Result<Step> {
+    fn translate(&self) -> Result<ViewStep> {
         match self.numbers.as_deref() {
-            Some(&[x, y]) => Ok(Step::Translate([x, y, 0.0])),
-            Some(&[x, y, z]) => Ok(Step::Translate([x, y, z])),
+            Some(&[x, y]) => Ok(ViewStep::Translate([x, y, 0.0])),
+            Some(&[x, y, z]) => Ok(ViewStep::Translate([x, y, z])),
             _ => Err(self.wrong("translate=DX,DY or translate=DX,DY,DZ")),
         }
     }
 
-    fn scale(&self) -> Result<Step> {
+    fn scale(&self) -> Result<ViewStep> {
         match &self.numbers {
             Some(factors) if factors.len() <= 3 && factors.iter().all(|factor| *factor > 0.0) => {
-                Ok(Step::Scale(factors.clone()))
+                Ok(ViewStep::Scale(factors.clone()))
             }
             _ => Err(self.wrong("scale=F or a factor for each axis, as in scale=2,0.5; all above 0")),
         }
     }
 
-    fn rotate(&self) -> Result<Step> {
+    fn rotate(&self) -> Result<ViewStep> {
         let wrong = || self.wrong("rotate=DEGREES, rotate=DEGREES@COL,ROW or rotate=DEGREES,AXIS@X,Y,Z");
         let centre = match self.centre.map(numbers) {
             None => None,
@@ -167,10 +167,10 @@ impl<'a> StepText<'a> {
             _ => return Err(wrong()),
         };
         let degrees = degrees.trim().parse().ok().filter(|degrees: &f64| degrees.is_finite());
-        Ok(Step::Rotate(degrees.ok_or_else(wrong)?, turn, centre))
+        Ok(ViewStep::Rotate(degrees.ok_or_else(wrong)?, turn, centre))
     }
 
-    fn mirror(&self) -> Result<Step> {
+    fn mirror(&self) -> Result<ViewStep> {
         let axes = [Axis::X, Axis::Y, Axis::Z];
         match axis(self.arguments) {
             Some(axis) => symmetry(axes, axes.map(|other| other == axis)),
@@ -178,7 +178,7 @@ impl<'a> StepText<'a> {
         }
     }
 
-    fn axes(&self) -> Result<Step> {
+    fn axes(&self) -> Result<ViewStep> {
         let wrong = || self.wrong("axes=+y,-x,+z: where the new x, y and z come from, - is mirrored");
         let signed = |part: &str| {
             let part = part.trim();
@@ -197,7 +197,7 @@ impl<'a> StepText<'a> {
         symmetry(parts.map(|(axis, _)| axis), parts.map(|(_, mirrored)| mirrored))
     }
 
-    fn affine(&self) -> Result<Step> {
+    fn affine(&self) -> Result<ViewStep> {
         let map = match self.numbers.as_deref() {
             Some(&[a, b, c, d, e, f]) => {
                 AffineMap::from_rows([[a, b, 0.0, c], [d, e, 0.0, f], [0.0, 0.0, 1.0, 0.0]])
@@ -208,22 +208,23 @@ impl<'a> StepText<'a> {
             }
             _ => return Err(self.wrong("affine=a,b,c,d,e,f or 12 numbers, row by row")),
         };
-        Ok(Step::AffineMap(map))
+        Ok(ViewStep::AffineMap(map))
     }
 
-    fn grid(&self) -> Result<Step> {
+    fn grid(&self) -> Result<ViewStep> {
         let zoom = match self.arguments.split_once(',') {
-            None if self.arguments == "xyz" => return Ok(Step::WebMercator(None)),
+            None if self.arguments == "xyz" => return Ok(ViewStep::WebMercator(None)),
             Some(("xyz", zoom)) => zoom.trim().parse().ok(),
             _ => None,
         };
-        zoom.map(|zoom| Step::WebMercator(Some(zoom))).ok_or_else(|| self.wrong("grid=xyz or grid=xyz,ZOOM"))
+        zoom.map(|zoom| ViewStep::WebMercator(Some(zoom)))
+            .ok_or_else(|| self.wrong("grid=xyz or grid=xyz,ZOOM"))
     }
-    fn level(&self, step: fn(u8) -> Step, expected: &str) -> Result<Step> {
+    fn level(&self, step: fn(u8) -> ViewStep, expected: &str) -> Result<ViewStep> {
         self.arguments.parse().map(step).map_err(|_| self.wrong(expected))
     }
 
-    fn node(&self, step: fn(String) -> Step) -> Result<Step> {
+    fn node(&self, step: fn(String) -> ViewStep) -> Result<ViewStep> {
         let digits = self.arguments.strip_prefix('/');
         if digits.is_some_and(|digits| digits.bytes().all(|digit| (b'0'..b'8').contains(&digit))) {
             Ok(step(self.arguments.to_string()))
@@ -249,17 +250,17 @@ fn axis(name: &str) -> Option<Axis> {
     }
 }
 
-fn symmetry(from: [Axis; 3], mirror: [bool; 3]) -> Result<Step> {
-    AffineMap::symmetry(from, mirror).map(Step::AffineMap)
+fn symmetry(from: [Axis; 3], mirror: [bool; 3]) -> Result<ViewStep> {
+    AffineMap::symmetry(from, mirror).map(ViewStep::AffineMap)
 }
 
 /// The notation that [`FromStr`] reads; reading it gives the same step.
-impl fmt::Display for Step {
+impl fmt::Display for ViewStep {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Step::Window([x, y, 0], [w, h, 1]) => write!(f, "window={x},{y},{w},{h}"),
-            Step::Window(min, size) => write!(f, "window={},{}", List(min), List(size)),
-            Step::WindowIn(coordinates, low, high) => {
+            ViewStep::Window([x, y, 0], [w, h, 1]) => write!(f, "window={x},{y},{w},{h}"),
+            ViewStep::Window(min, size) => write!(f, "window={},{}", List(min), List(size)),
+            ViewStep::WindowIn(coordinates, low, high) => {
                 // (What is infinite is not said.)
                 let axes = if low[2].is_finite() && high[2].is_finite() { 3 } else { 2 };
                 write!(f, "window={},{},in=", List(&low[..axes]), List(&high[..axes]))?;
@@ -268,11 +269,11 @@ impl fmt::Display for Step {
                     _ => coordinates.fmt(f),
                 }
             }
-            Step::Crop => f.write_str("crop"),
-            Step::Opaque => f.write_str("opaque"),
-            Step::Translate(by) => write!(f, "translate={}", List(planar(by))),
-            Step::Scale(factors) => write!(f, "scale={}", List(factors)),
-            Step::Rotate(degrees, turn, centre) => {
+            ViewStep::Crop => f.write_str("crop"),
+            ViewStep::Opaque => f.write_str("opaque"),
+            ViewStep::Translate(by) => write!(f, "translate={}", List(planar(by))),
+            ViewStep::Scale(factors) => write!(f, "scale={}", List(factors)),
+            ViewStep::Rotate(degrees, turn, centre) => {
                 write!(f, "rotate={degrees}")?;
                 match turn {
                     Turn::About(Axis::Z) => {}
@@ -281,20 +282,20 @@ impl fmt::Display for Step {
                 }
                 centre.map_or(Ok(()), |centre| write!(f, "@{}", List(planar(&centre))))
             }
-            Step::AffineMap(map) => write_map(f, map),
-            Step::Depth(depth) => write!(f, "depth={depth}"),
-            Step::TreeDepth(depth) => write!(f, "tree-depth={depth}"),
-            Step::Subtree(code) => write!(f, "subtree={code}"),
-            Step::Embed(code) => write!(f, "embed={code}"),
+            ViewStep::AffineMap(map) => write_map(f, map),
+            ViewStep::Depth(depth) => write!(f, "depth={depth}"),
+            ViewStep::TreeDepth(depth) => write!(f, "tree-depth={depth}"),
+            ViewStep::Subtree(code) => write!(f, "subtree={code}"),
+            ViewStep::Embed(code) => write!(f, "embed={code}"),
             // (In one line, as a part of the provenance; a break means no more than a space.)
-            Step::Crs(crs) => write!(f, "crs={}", crs.definition().replace(['\n', '\r'], " ")),
-            Step::Like(path) => write!(f, "like={}", path.display()),
-            Step::Warp(target) => write!(f, "warp={target}"),
-            Step::WebMercator(None) => write!(f, "grid=xyz"),
-            Step::WebMercator(Some(zoom)) => write!(f, "grid=xyz,{zoom}"),
-            Step::Calculation(calculation) => calculation.fmt(f),
-            Step::Components(connect) => write!(f, "components={connect}"),
-            Step::Sieve(sieve) => sieve.fmt(f),
+            ViewStep::Crs(crs) => write!(f, "crs={}", crs.definition().replace(['\n', '\r'], " ")),
+            ViewStep::Like(path) => write!(f, "like={}", path.display()),
+            ViewStep::Warp(target) => write!(f, "warp={target}"),
+            ViewStep::WebMercator(None) => write!(f, "grid=xyz"),
+            ViewStep::WebMercator(Some(zoom)) => write!(f, "grid=xyz,{zoom}"),
+            ViewStep::Calculation(calculation) => calculation.fmt(f),
+            ViewStep::Components(connect) => write!(f, "components={connect}"),
+            ViewStep::Sieve(sieve) => sieve.fmt(f),
         }
     }
 }
@@ -405,7 +406,7 @@ mod tests {
             "reduce=median,a=x.goblin,type=u16",
             "composite=B08,\"a,b\",B03",
         ] {
-            let step: Step = text.parse().unwrap();
+            let step: ViewStep = text.parse().unwrap();
             assert_eq!(step.to_string(), text);
         }
     }
@@ -419,16 +420,16 @@ mod tests {
             ("rotate= 30,z@1,2,0", "rotate=30@1,2"),
             ("window=1,2,0,3,4,1", "window=1,2,3,4"),
         ] {
-            let step: Step = text.parse().unwrap();
+            let step: ViewStep = text.parse().unwrap();
             assert_eq!(step.to_string(), usual);
-            assert_eq!(usual.parse::<Step>().unwrap(), step);
+            assert_eq!(usual.parse::<ViewStep>().unwrap(), step);
         }
     }
 
     #[test]
     fn old_names_are_refused_with_the_new_ones() {
         for text in ["room=7", "root=/0", "nest=/0", "spin=3"] {
-            let error = text.parse::<Step>().unwrap_err().to_string();
+            let error = text.parse::<ViewStep>().unwrap_err().to_string();
             assert!(
                 error.contains(text)
                     && error.contains(

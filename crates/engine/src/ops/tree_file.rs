@@ -11,10 +11,10 @@ use crate::store::builder::{RecordRef, ReusableSource, StoredNode};
 use crate::store::goblin::{Goblin, GoblinNode};
 use crate::tree::{CellBlock, Child, Children, Source};
 use spinney_base::space::Bounds;
-use spinney_base::value::{Tally, Value};
-use spinney_base::{Error, Form, Progress, Result};
+use spinney_base::value::{Value, ZoneStats};
+use spinney_base::{Error, Progress, Result, TreeType};
 use spinney_container::{
-    FIRST_BYTES, FileHeader, FilePlace, Finding, Header, Layer, MAX_FINDINGS, Metadata, OpenOptions,
+    FIRST_BYTES, FileHeader, FileReference, Finding, Header, Layer, MAX_FINDINGS, Metadata, OpenOptions,
     TreeFormat,
 };
 use spinney_manifest::{Manifest, is_manifest};
@@ -53,12 +53,12 @@ pub enum TreeFileNode {
 }
 
 impl TreeFile {
-    /// Opens a file, or a commit or a layer of one: see [`FilePlace`].
+    /// Opens a file, or a commit or a layer of one: see [`FileReference`].
     ///
     /// # Errors
     /// If it cannot be read, is no tree file, or is damaged.
     pub fn open(path: &Path, options: &OpenOptions) -> Result<TreeFile> {
-        let place = FilePlace::of(path);
+        let place = FileReference::of(path);
         match place.commit {
             // There are no commits in a Goblin file: only one whose name is all of the path can be meant.
             Some(_)
@@ -75,7 +75,7 @@ impl TreeFile {
     ///
     /// # Errors
     /// Those of [`TreeFile::open`].
-    pub fn at(place: &FilePlace<'_>, options: &OpenOptions) -> Result<TreeFile> {
+    pub fn at(place: &FileReference<'_>, options: &OpenOptions) -> Result<TreeFile> {
         let opened = options.open_with_id(&place.file)?;
         let first = opened.0.read(0, opened.0.len().min(FIRST_BYTES as u64) as usize)?;
         if is_manifest(&first) {
@@ -103,12 +103,12 @@ impl TreeFile {
     pub(crate) fn open_only(path: &Path, options: &OpenOptions) -> Result<TreeFile> {
         let file = TreeFile::open(path, options)?;
         let layers = file.layers()?;
-        if layers.len() == 1 || FilePlace::of(path).layer.is_some() {
+        if layers.len() == 1 || FileReference::of(path).layer.is_some() {
             return Ok(file);
         }
         let names: Vec<&str> = layers.iter().take(20).map(|layer| &*layer.name).collect();
         let more = if layers.len() > names.len() { ", ..." } else { "" };
-        let place = FilePlace::of(path).of_layer(names[0]);
+        let place = FileReference::of(path).of_layer(names[0]);
         let advice = format!("name one, as in {} (it has {}{more})", place.display(), names.join(", "));
         Err(Error::unsupported(
             path,
@@ -431,7 +431,7 @@ impl fmt::Debug for TreeFile {
 impl Source for TreeFile {
     type Node = TreeFileNode;
 
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         self.header().form
     }
 
@@ -472,7 +472,7 @@ impl Source for TreeFile {
         }
     }
 
-    fn tally(&self, node: &TreeFileNode) -> Result<Option<Tally>> {
+    fn tally(&self, node: &TreeFileNode) -> Result<Option<ZoneStats>> {
         match (self, node) {
             (TreeFile::Autumnal(file), TreeFileNode::Autumnal(node)) => file.tally(node),
             (TreeFile::Mosaic(tree), TreeFileNode::Mosaic(node)) => tree.tally(node),

@@ -7,8 +7,20 @@ use super::affine::{AffineMap, View};
 use crate::store::depth_for;
 use crate::tree::Source;
 use spinney_base::space::Bounds;
+use spinney_base::value::Number;
 use spinney_base::{Error, Result};
 use spinney_crs::Frame;
+
+/// Options of combining trees: what becomes of cells that none of them has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CombineOptions {
+    /// Value of the cells that a set operation makes of nothing, for each channel; `None` for 255 in trees of bytes, else 1.
+    #[serde(with = "spinney_base::text_fields")]
+    pub fill: Option<Number>,
+    /// Region in which it makes them: see [`CombineOperation::needs_universe`](super::CombineOperation::needs_universe).
+    pub universe: Universe,
+}
 
 /// The universe of operations that fill what is in none of their trees.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -18,8 +18,8 @@ use crate::store::builder::{RecordRef, ReusableSource, StoredNode};
 use crate::store::goblin::Goblin;
 use crate::tree::{CellBlock, Child, Children, MemTree, Source, no_children};
 use spinney_base::space::{Bounds, Code};
-use spinney_base::value::{Kind, Rule, Tally, Value};
-use spinney_base::{Error, Form, Progress, Result};
+use spinney_base::value::{DataKind, Rule, Value, ZoneStats};
+use spinney_base::{Error, Progress, Result, TreeType};
 use spinney_container::{Codec, Header, Metadata, Shape};
 use spinney_container::{HEAVY_THRESHOLD, STRIDE, reach};
 
@@ -76,7 +76,7 @@ impl MemoryTree {
         let header = Header {
             form,
             rule: Rule::Mean,
-            kind: Kind::Continuous,
+            kind: DataKind::Continuous,
             codec: Codec::Plain,
             shape: Shape {
                 depth,
@@ -346,7 +346,10 @@ impl ViewSource {
 }
 
 /// Fails unless a tree is of the same form as another one; the names are for the message.
-pub(super) fn check_form((name, form): (&Path, Form), (other, expected): (&Path, Form)) -> Result<()> {
+pub(super) fn check_form(
+    (name, form): (&Path, TreeType),
+    (other, expected): (&Path, TreeType),
+) -> Result<()> {
     // (Missing samples stay what they are: numbers, for whoever joins them with others.)
     if form.without_mask() == expected.without_mask() {
         return Ok(());
@@ -441,7 +444,7 @@ impl fmt::Debug for ViewSource {
 impl Source for ViewSource {
     type Node = ViewSourceNode;
 
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         self.header().form
     }
 
@@ -503,7 +506,7 @@ impl Source for ViewSource {
         }
     }
 
-    fn tally(&self, node: &ViewSourceNode) -> Result<Option<Tally>> {
+    fn tally(&self, node: &ViewSourceNode) -> Result<Option<ZoneStats>> {
         match (self, node) {
             (ViewSource::File(file), ViewSourceNode::File(node)) => file.tally(node),
             (ViewSource::Patched(tree), ViewSourceNode::Patched(node)) => tree.tally(node),

@@ -19,20 +19,20 @@ const LEVELS: u8 = 5;
 /// Rows of a block.
 const ROWS: usize = (SIDE * SIDE) as usize;
 
-/// An attribute that is carried with each cell, besides whether it is solid.
+/// Attribute of each cell of a block, in addition to whether it is solid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Carry {
+pub enum BlockAttribute {
     /// Nothing.
     Nothing,
     /// Occupancy of the cell, 0 to 255; in trees with other rules than [`Rule::Occupancy`] it is 0 or 255.
     Coverage,
-    /// The cell's value: see [`can_carry_value`].
+    /// The cell's value: see [`can_be_block_attribute`].
     Value,
 }
 
-/// Whether values of a type can be carried: one channel of u8 or u16 as that number; three or four of u8 as
+/// Whether values of a type can be the attribute: one channel of u8 or u16 as that number; three or four of u8 as
 /// `red << 16 | green << 8 | blue`.
-pub fn can_carry_value(value: ValueType) -> bool {
+pub fn can_be_block_attribute(value: ValueType) -> bool {
     matches!((value.sample, value.channels), (SampleType::U8 | SampleType::U16, 1) | (SampleType::U8, 3 | 4))
 }
 
@@ -51,24 +51,24 @@ pub struct Block {
     /// Solid cells: bit x of row `z * SIDE + y`.
     pub solid: Box<[u32]>,
     /// The cells' attribute.
-    pub carried: Carried,
+    pub carried: BlockAttributeValues,
 }
 
-/// The attribute of the cells of a block.
+/// Values of the attribute of a block's cells.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Carried {
+pub enum BlockAttributeValues {
     /// One for all cells.
     Same(u32),
-    /// One for each, if it is [`Carry::Coverage`]: x runs fastest, then y, then z.
+    /// One for each, if it is [`BlockAttribute::Coverage`]: x runs fastest, then y, then z.
     Coverage(Box<[u8]>),
-    /// One for each, if it is [`Carry::Value`]: in the same order.
+    /// One for each, if it is [`BlockAttribute::Value`]: in the same order.
     Values(Box<[u32]>),
 }
 
 impl Block {
     fn uniform(solid: bool, attribute: u32) -> Block {
         let rows = vec![if solid { u32::MAX } else { 0 }; ROWS];
-        Block { solid: rows.into(), carried: Carried::Same(attribute) }
+        Block { solid: rows.into(), carried: BlockAttributeValues::Same(attribute) }
     }
 
     /// Whether a cell, in cells of the block, is solid.
@@ -81,17 +81,17 @@ impl Block {
     #[inline]
     pub fn attribute(&self, [x, y, z]: [u32; 3]) -> u32 {
         match &self.carried {
-            Carried::Same(attribute) => *attribute,
-            Carried::Coverage(coverage) => coverage[((z * SIDE + y) * SIDE + x) as usize].into(),
-            Carried::Values(values) => values[((z * SIDE + y) * SIDE + x) as usize],
+            BlockAttributeValues::Same(attribute) => *attribute,
+            BlockAttributeValues::Coverage(coverage) => coverage[((z * SIDE + y) * SIDE + x) as usize].into(),
+            BlockAttributeValues::Values(values) => values[((z * SIDE + y) * SIDE + x) as usize],
         }
     }
 
     fn bytes(&self) -> usize {
         let carried = match &self.carried {
-            Carried::Same(_) => 0,
-            Carried::Coverage(coverage) => coverage.len(),
-            Carried::Values(values) => values.len() * 4,
+            BlockAttributeValues::Same(_) => 0,
+            BlockAttributeValues::Coverage(coverage) => coverage.len(),
+            BlockAttributeValues::Values(values) => values.len() * 4,
         };
         ROWS * 4 + carried
     }
@@ -103,7 +103,7 @@ pub trait CellBlocks {
     fn level(&self) -> u8;
 
     /// The attribute that is carried with each cell.
-    fn carry(&self) -> Carry;
+    fn carry(&self) -> BlockAttribute;
 
     /// The level of the blocks: [`SIDE`] cells along each axis, or all there are.
     fn block_level(&self) -> u8 {
@@ -166,11 +166,11 @@ impl<P: Deref<Target: Source>> SourceBlocks<P> {
     ///
     /// # Errors
     /// If the source is a quadtree or has no such level, or if values cannot be carried.
-    pub fn new(source: P, level: u8, rule: Rule, carry: Carry) -> Result<SourceBlocks<P>> {
+    pub fn new(source: P, level: u8, rule: Rule, carry: BlockAttribute) -> Result<SourceBlocks<P>> {
         let form = source.form();
         check_octree(form)?;
         check_level(level, source.depth())?;
-        if carry == Carry::Value && !can_carry_value(form.value) {
+        if carry == BlockAttribute::Value && !can_be_block_attribute(form.value) {
             let expected = "u8, u16, or three or four channels of u8";
             return Err(Error::invalid("values to carry", form.value.to_string(), expected));
         }
@@ -218,9 +218,9 @@ impl<P: Deref<Target: Source>> SourceBlocks<P> {
             });
         }
         let carried = match self.cells.carry {
-            Carry::Nothing => Carried::Same(0),
-            Carry::Coverage => Carried::Coverage(vec![0; ROWS * SIDE as usize].into()),
-            Carry::Value => Carried::Values(vec![0; ROWS * SIDE as usize].into()),
+            BlockAttribute::Nothing => BlockAttributeValues::Same(0),
+            BlockAttribute::Coverage => BlockAttributeValues::Coverage(vec![0; ROWS * SIDE as usize].into()),
+            BlockAttribute::Value => BlockAttributeValues::Values(vec![0; ROWS * SIDE as usize].into()),
         };
         let mut block = Block { solid: vec![0; ROWS].into(), carried };
         self.fill(&node, height, [0; 3], &mut block)?;
@@ -258,7 +258,7 @@ impl<P: Deref<Target: Source>> CellBlocks for SourceBlocks<P> {
         self.source.check_unchanged()
     }
 
-    fn carry(&self) -> Carry {
+    fn carry(&self) -> BlockAttribute {
         self.cells.carry
     }
 
@@ -307,7 +307,7 @@ fn code_of(level: u8, node: [i64; 3]) -> Option<Code> {
 struct Cells {
     value_type: ValueType,
     filling: Filling,
-    carry: Carry,
+    carry: BlockAttribute,
 }
 
 impl Cells {
@@ -316,14 +316,14 @@ impl Cells {
     fn cell(self, value: Option<Value>) -> (bool, u32) {
         let fill = self.filling.fill(value);
         let attribute = match (self.carry, value) {
-            (Carry::Nothing, _) | (_, None) => 0,
-            (Carry::Coverage, _) => fill.into(),
-            (Carry::Value, Some(value)) => self.number(value),
+            (BlockAttribute::Nothing, _) | (_, None) => 0,
+            (BlockAttribute::Coverage, _) => fill.into(),
+            (BlockAttribute::Value, Some(value)) => self.number(value),
         };
         (fill >= HALF, attribute)
     }
 
-    /// A value as one number: see [`can_carry_value`].
+    /// A value as one number: see [`can_be_block_attribute`].
     #[inline]
     fn number(self, value: Value) -> u32 {
         let [a, b, c, ..] = value.to_bytes();
@@ -352,9 +352,9 @@ impl Cells {
                 let start = ((z * SIDE + y) * SIDE + at[0]) as usize;
                 let row = start..start + side as usize;
                 match &mut block.carried {
-                    Carried::Same(_) => {}
-                    Carried::Coverage(coverage) => coverage[row].fill(attribute as u8),
-                    Carried::Values(values) => values[row].fill(attribute),
+                    BlockAttributeValues::Same(_) => {}
+                    BlockAttributeValues::Coverage(coverage) => coverage[row].fill(attribute as u8),
+                    BlockAttributeValues::Values(values) => values[row].fill(attribute),
                 }
             }
         }

@@ -7,18 +7,18 @@ use super::walk::Zone;
 use crate::store::records::dense::{DenseBlock, DenseRows};
 use crate::store::records::subtree::{BadSkip, each_leaf};
 use crate::store::records::{Record, RecordLayout, with_record_type};
-use spinney_base::Form;
 use spinney_base::Result;
+use spinney_base::TreeType;
 use spinney_base::sort;
-use spinney_base::value::{Tally, Value, ValueType};
+use spinney_base::value::{Value, ValueType, ZoneStats};
 
 /// The tally of cells of each value, which come by ascending value.
-pub(super) fn tally_of_classes(value_type: ValueType, classes: Vec<(Value, u64)>) -> Tally {
-    let mut tally = Tally::void(value_type);
+pub(super) fn tally_of_classes(value_type: ValueType, classes: Vec<(Value, u64)>) -> ZoneStats {
+    let mut tally = ZoneStats::void(value_type);
     for (value, cells) in &classes {
-        tally = Tally::merge(&[&tally, &Tally::leaf(value_type, *value, *cells, false)]);
+        tally = ZoneStats::merge(&[&tally, &ZoneStats::leaf(value_type, *value, *cells, false)]);
     }
-    Tally { classes, ..tally }
+    ZoneStats { classes, ..tally }
 }
 
 /// Cells of each value; remembers the last one because neighbours are alike.
@@ -38,7 +38,7 @@ pub(super) struct Classes {
 }
 
 /// Entries that are pending at most, unless there are more classes.
-const MOST_PENDING: usize = 1 << 12;
+const MAX_PENDING: usize = 1 << 12;
 
 struct Class {
     /// See [`ValueType::order_key`].
@@ -49,7 +49,7 @@ struct Class {
 
 impl Classes {
     /// An empty count, for trees of a form.
-    pub(super) fn new(form: Form) -> Classes {
+    pub(super) fn new(form: TreeType) -> Classes {
         Classes {
             value_type: form.value,
             counts: Vec::new(),
@@ -89,7 +89,7 @@ impl Classes {
             Some(last) => last.cells += cells,
             None => self.pending.push(Class { key, value, cells }),
         }
-        if self.pending.len() > MOST_PENDING.max(self.counts.len()) {
+        if self.pending.len() > MAX_PENDING.max(self.counts.len()) {
             self.sort_in();
         }
     }
@@ -139,7 +139,7 @@ impl Count for Classes {
         (self.dense)(self, block, part);
     }
 
-    fn finish(mut self: Box<Self>) -> Tally {
+    fn finish(mut self: Box<Self>) -> ZoneStats {
         for byte in 0..=u8::MAX {
             let cells = self.bytes[usize::from(byte)];
             if cells > 0 {

@@ -10,9 +10,11 @@ use super::walk::Zone;
 use crate::store::records::dense::{DenseBlock, DenseRows};
 use crate::store::records::subtree::{BadSkip, LeafOrBlock, each_leaf, each_leaf_or_block};
 use crate::store::records::{Record, RecordLayout, with_form_type, with_record_type};
-use spinney_base::Form;
 use spinney_base::Result;
-use spinney_base::value::{Native, Number, Sample, Tally, Value, ValueType, erase, native, with_sample_type};
+use spinney_base::TreeType;
+use spinney_base::value::{
+    Native, Number, Sample, Value, ValueType, ZoneStats, erase, native, with_sample_type,
+};
 
 /// A kernel that goes through all leaves of a subtree of so many levels, given its records, and shows them to
 /// a `T`.
@@ -42,14 +44,14 @@ pub(super) trait Count {
     /// Counts the cells of a dense block in a box: its first place, and places along each axis.
     fn dense(&mut self, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3]));
     /// Statistics of everything that was counted.
-    fn finish(self: Box<Self>) -> Tally;
+    fn finish(self: Box<Self>) -> ZoneStats;
 }
 
 /// A counter for trees of a form, which has counted nothing and does not count classes.
-pub(super) fn counter_of(form: Form) -> Box<dyn Count> {
+pub(super) fn counter_of(form: TreeType) -> Box<dyn Count> {
     if form.value.is_masked() {
         let subtree = with_record_type!(RecordLayout::new(form), R => count_masked_subtree::<R>);
-        return Box::new(MaskedCounter { form, tally: Tally::void(form.value), subtree });
+        return Box::new(MaskedCounter { form, tally: ZoneStats::void(form.value), subtree });
     }
     with_form_type!(form, V, R => Box::new(Counter::<V> {
         cells: 0,
@@ -62,7 +64,7 @@ pub(super) fn counter_of(form: Form) -> Box<dyn Count> {
     }))
 }
 
-/// A [`Tally`] of values of a known type.
+/// A [`ZoneStats`] of values of a known type.
 struct Counter<V: Native> {
     cells: u64,
     min: V,
@@ -139,8 +141,8 @@ impl<V: Native> Count for Counter<V> {
         (self.dense)(self, block, part);
     }
 
-    fn finish(self: Box<Self>) -> Tally {
-        Tally {
+    fn finish(self: Box<Self>) -> ZoneStats {
+        ZoneStats {
             value_type: V::TYPE,
             cells: self.cells,
             present: [self.cells; 4],
@@ -186,20 +188,21 @@ fn count_subtree<V: Native, R: Record>(
     })
 }
 
-/// A [`Tally`] of values in which samples can be missing.
+/// A [`ZoneStats`] of values in which samples can be missing.
 struct MaskedCounter {
-    form: Form,
-    tally: Tally,
+    form: TreeType,
+    tally: ZoneStats,
     subtree: CountSubtree<MaskedCounter>,
 }
 
 impl Count for MaskedCounter {
     fn block(&mut self, value: Value, cells: u64) {
-        self.tally = Tally::merge(&[&self.tally, &Tally::leaf(self.tally.value_type, value, cells, false)]);
+        self.tally =
+            ZoneStats::merge(&[&self.tally, &ZoneStats::leaf(self.tally.value_type, value, cells, false)]);
     }
 
     fn zone(&mut self, zone: &dyn Zone) -> Result<bool> {
-        self.tally = Tally::merge(&[&self.tally, &Tally { classes: Vec::new(), ..zone.tally()? }]);
+        self.tally = ZoneStats::merge(&[&self.tally, &ZoneStats { classes: Vec::new(), ..zone.tally()? }]);
         Ok(true)
     }
 
@@ -213,7 +216,7 @@ impl Count for MaskedCounter {
         });
     }
 
-    fn finish(self: Box<Self>) -> Tally {
+    fn finish(self: Box<Self>) -> ZoneStats {
         self.tally
     }
 }

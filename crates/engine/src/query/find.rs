@@ -2,9 +2,9 @@
 
 use crate::store::goblin::Goblin;
 use crate::tree::Source;
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::space::{Bounds, Code};
-use spinney_base::value::{Number, Tally, Value};
+use spinney_base::value::{Number, Value, ZoneStats};
 use spinney_base::{Progress, Result};
 
 use super::count::exact_number_of;
@@ -102,7 +102,7 @@ pub(crate) fn source_find<S: Source>(
 }
 
 struct Search<'a> {
-    form: Form,
+    form: TreeType,
     depth: u8,
     condition: Condition,
     /// The first sample of a value.
@@ -118,7 +118,7 @@ struct Search<'a> {
 
 impl<'a> Search<'a> {
     fn new(
-        form: Form,
+        form: TreeType,
         depth: u8,
         condition: Condition,
         progress: &'a dyn Progress,
@@ -173,7 +173,7 @@ impl<'a> Search<'a> {
 
 impl Visitor for Search<'_> {
     fn zone(&mut self, code: Code, zone: &dyn Zone) -> Walked<bool> {
-        let Tally { present: [cells, ..], min, max, .. } = zone.tally()?;
+        let ZoneStats { present: [cells, ..], min, max, .. } = zone.tally()?;
         let full = cells == self.form.dimension.cells(self.depth - code.level());
         if cells == 0 {
             self.miss()?;

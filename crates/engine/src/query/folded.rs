@@ -6,7 +6,7 @@ use crate::store::autumnal::{Autumnal, AutumnalNode, Occurring};
 use crate::tree::Source;
 use spinney_base::Result;
 use spinney_base::space::{Bounds, Code};
-use spinney_base::value::{Tally, Value};
+use spinney_base::value::{Value, ZoneStats};
 
 /// Walks all of `bounds` (cells of the deepest level) for a visitor that counts cells, wherever they are: the codes that
 /// it is told mean nothing. Time is that of the records, not of the nodes.
@@ -44,13 +44,13 @@ fn unhalted(walked: Walked<bool>) -> Result<bool> {
 
 /// The zone of a node that occurs several times: the cells of all of them.
 struct Repeated {
-    tally: Tally,
+    tally: ZoneStats,
     times: u64,
 }
 
 impl Zone for Repeated {
-    fn tally(&self) -> Result<Tally> {
-        Ok(repeated(&Tally { classes: Vec::new(), ..self.tally }, self.times))
+    fn tally(&self) -> Result<ZoneStats> {
+        Ok(repeated(&ZoneStats { classes: Vec::new(), ..self.tally }, self.times))
     }
 
     fn classes(&self) -> Result<Vec<(Value, u64)>> {
@@ -59,11 +59,11 @@ impl Zone for Repeated {
 }
 
 /// The tally of so many parts that are alike, added up by twos, as siblings are.
-fn repeated(part: &Tally, times: u64) -> Tally {
+fn repeated(part: &ZoneStats, times: u64) -> ZoneStats {
     if times == 0 {
-        return Tally::void(part.value_type);
+        return ZoneStats::void(part.value_type);
     }
     let half = repeated(part, times / 2);
-    let twice = Tally::merge(&[&half, &half]);
-    if times.is_multiple_of(2) { twice } else { Tally::merge(&[&twice, part]) }
+    let twice = ZoneStats::merge(&[&half, &half]);
+    if times.is_multiple_of(2) { twice } else { ZoneStats::merge(&[&twice, part]) }
 }

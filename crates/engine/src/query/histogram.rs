@@ -11,7 +11,7 @@ use crate::store::records::dense::{DenseBlock, DenseRows};
 use crate::store::records::subtree::{BadSkip, each_leaf};
 use crate::store::records::{Record, RecordLayout, with_form_type, with_record_type};
 use crate::tree::Source;
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::{Native, Sample, Value, ValueType};
 use spinney_base::{Progress, Result};
@@ -97,7 +97,7 @@ impl Bins {
 }
 
 struct Histogram<'a> {
-    form: Form,
+    form: TreeType,
     bins: Bins,
     /// The first sample of a value.
     number: fn(Value) -> f64,
@@ -106,7 +106,7 @@ struct Histogram<'a> {
 }
 
 impl Histogram<'_> {
-    fn new(form: Form, (low, high): (f64, f64), bins: usize, progress: &dyn Progress) -> Histogram<'_> {
+    fn new(form: TreeType, (low, high): (f64, f64), bins: usize, progress: &dyn Progress) -> Histogram<'_> {
         let cells = vec![0; bins.max(1)];
         let masked = Some(form.value).filter(|value_type| value_type.is_masked());
         Histogram {

@@ -27,7 +27,7 @@ mod window;
 mod zonal;
 
 pub(crate) use contours::ContourGround;
-pub use contours::{Contour, ContourEnds, ContourLevels, ContourRequest, ContourSummary, TakeContour};
+pub use contours::{Contour, ContourEnds, ContourLevels, ContourRequest, ContourSummary, ContourVisitor};
 pub use contours::{Extremes, Relief};
 pub use contours::{Levels, level_share};
 pub(crate) use contours::{file_extremes, source_extremes, trace_contours};
@@ -41,7 +41,7 @@ pub(crate) use pixels::PixelSums;
 pub use points::PointSamples;
 pub(crate) use points::values_one_by_one;
 pub(crate) use polygonize::{ClassCells, ClassGround, find_regions};
-pub use polygonize::{ClassRegion, PolygonRequest, PolygonSummary, TakeRegion};
+pub use polygonize::{ClassRegion, PolygonRequest, PolygonSummary, RegionVisitor};
 pub use ray::{CellHit, Ray, Rays, SurfaceHit};
 pub use solid::SolidStatistics;
 pub(crate) use solid::measure;

@@ -5,7 +5,7 @@ use std::ops::Deref;
 
 use super::check_level;
 use crate::tree::{Child, Children, Source, no_children};
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::space::Dimension;
 use spinney_base::value::{Rule, SampleType, Value, ValueType};
 use spinney_base::{Error, Result};
@@ -206,7 +206,7 @@ impl<P: Deref<Target: Source> + Send> Occupancy for OccupancyLevel<P> {
 ///
 /// # Errors
 /// If it is a quadtree.
-pub(super) fn check_octree(form: Form) -> Result<()> {
+pub(super) fn check_octree(form: TreeType) -> Result<()> {
     if form.dimension == Dimension::Oct {
         return Ok(());
     }

@@ -12,7 +12,7 @@ use crate::store::goblin::{Goblin, GoblinNode, Segment};
 use crate::store::records::dense::dense_block;
 use crate::store::records::{Record, RecordLayout, child_record, with_record_type};
 use crate::tree::{Child, Source, no_children};
-use spinney_base::io::rounds;
+use spinney_base::io::batch;
 use spinney_base::sort;
 use spinney_base::space::{Cell, Code, Dimension};
 use spinney_base::value::{Numbers, Value, ValueType};
@@ -154,17 +154,19 @@ pub(crate) fn values_one_by_one(
     if in_order {
         sort::by_key(&mut order, |at| code_of(*at).map_or(u64::MAX, Code::bits));
     }
-    rounds::ask(|| {
+    batch::run_batched(|| {
         let mut is_unread = false;
         for at in &order {
             if is_known[*at] {
                 continue;
             }
-            if let Some(found) = rounds::go_on(code_of(*at).map_or(Ok(None), value_at), &mut is_unread)? {
+            if let Some(found) =
+                batch::defer_missing(code_of(*at).map_or(Ok(None), value_at), &mut is_unread)?
+            {
                 (values[*at], is_known[*at]) = (found, true);
             }
         }
-        rounds::all_read(is_unread)
+        batch::finish_deferred(is_unread)
     })
 }
 

@@ -8,9 +8,9 @@ use crate::store::goblin::Goblin;
 use crate::store::records::dense::DenseBlock;
 use crate::store::records::subtree::BadSkip;
 use crate::tree::{Child, Source};
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::space::{Bounds, Code};
-use spinney_base::value::{Number, Sums, Tally, Value};
+use spinney_base::value::{Number, Sums, Value, ZoneStats};
 use spinney_base::{Progress, Result};
 
 use super::classes::{Classes, tally_of_classes};
@@ -165,19 +165,19 @@ pub(crate) fn autumnal_statistics(
 ///
 /// # Errors
 /// If the file is damaged there.
-pub(crate) fn tally_of(file: &Goblin, bounds: &Bounds, count_classes: bool) -> Result<Tally> {
+pub(crate) fn tally_of(file: &Goblin, bounds: &Bounds, count_classes: bool) -> Result<ZoneStats> {
     let mut gather = Gather::new(file.header().form, count_classes, &());
     ended(walk(file, bounds, &mut gather))?;
     Ok(gather.count.finish())
 }
 
 /// Statistics of all cells of a tally, of a box of so many cells.
-fn tally_statistics(tally: Tally, volume: u64, count_classes: bool) -> Statistics {
+fn tally_statistics(tally: ZoneStats, volume: u64, count_classes: bool) -> Statistics {
     let tally = if count_classes { tally_of_classes(tally.value_type, tally.classes) } else { tally };
     summary(&tally, volume, 0)
 }
 
-pub(super) fn summary(tally: &Tally, volume: u64, segments_read: u64) -> Statistics {
+pub(super) fn summary(tally: &ZoneStats, volume: u64, segments_read: u64) -> Statistics {
     let value_type = tally.value_type;
     let (min, max) = (value_type.numbers(tally.min), value_type.numbers(tally.max));
     let channel = |channel: usize| {
@@ -216,7 +216,7 @@ struct Gather<'a> {
 }
 
 impl Gather<'_> {
-    fn new(form: Form, count_classes: bool, progress: &dyn Progress) -> Gather<'_> {
+    fn new(form: TreeType, count_classes: bool, progress: &dyn Progress) -> Gather<'_> {
         // If classes are counted, everything else follows from the counts.
         let count = if count_classes { Box::new(Classes::new(form)) } else { counter_of(form) };
         Gather { count, segments: 0, progress }

@@ -6,17 +6,17 @@ use crate::store::records::dense::{DenseBlock, DenseRows, DenseStates};
 use crate::store::records::subtree::BadSkip;
 use crate::store::records::{RunChild, RunChildren, RunNode, Runs, with_record_type};
 use crate::tree::{CellBlock, Child, Source, no_children};
-use spinney_base::Form;
-use spinney_base::io::rounds::all_read;
+use spinney_base::TreeType;
+use spinney_base::io::batch::finish_deferred;
 use spinney_base::space::{Bounds, Code, Cover};
-use spinney_base::value::{Tally, Value};
+use spinney_base::value::{Value, ZoneStats};
 use spinney_base::{Error, Result};
 use spinney_container::{CUT, INNER, LEAF, Shape, VOID};
 
 /// Statistics of all the cells below a node, read when somebody asks.
 pub(super) trait Zone {
     /// Everything but the class counts.
-    fn tally(&self) -> Result<Tally>;
+    fn tally(&self) -> Result<ZoneStats>;
     /// Cells of each value.
     fn classes(&self) -> Result<Vec<(Value, u64)>>;
 }
@@ -28,7 +28,7 @@ struct SegmentZone<'a> {
 }
 
 impl Zone for SegmentZone<'_> {
-    fn tally(&self) -> Result<Tally> {
+    fn tally(&self) -> Result<ZoneStats> {
         Ok(self.tree.entry(self.index)?.zone)
     }
 
@@ -38,10 +38,10 @@ impl Zone for SegmentZone<'_> {
 }
 
 /// A tally that a source knows.
-struct KnownTally(Tally);
+struct KnownTally(ZoneStats);
 
 impl Zone for KnownTally {
-    fn tally(&self) -> Result<Tally> {
+    fn tally(&self) -> Result<ZoneStats> {
         Ok(self.0.clone())
     }
 
@@ -138,12 +138,12 @@ pub(super) trait Visitor {
 
 /// Lets a walk go on where a part lacks bytes.
 ///
-/// Invariant: a node below which a part was missed fails in the end (`all_read`) and is not left, so that no visitor takes what it has seen of
+/// Invariant: a node below which a part was missed fails in the end (`finish_deferred`) and is not left, so that no visitor takes what it has seen of
 /// it for the whole, and the walk as such fails, too.
 #[inline]
-fn go_on(walked: Walked, visitor: &mut impl Visitor, is_unread: &mut bool) -> Walked {
+fn defer_missing(walked: Walked, visitor: &mut impl Visitor, is_unread: &mut bool) -> Walked {
     match walked {
-        Err(Halt::Failed(Error::Unread)) => {
+        Err(Halt::Failed(Error::NotFetched)) => {
             visitor.miss_part();
             *is_unread = true;
             Ok(())
@@ -272,9 +272,9 @@ fn source_node<S: Source>(
         let space = space.map(|space| space.child(dimension, step));
         let selected = Selected::of(space, selection);
         let walked = source_node(source, code.child(step), child, (selected, selection), visitor);
-        go_on(walked, visitor, &mut is_unread)?;
+        defer_missing(walked, visitor, &mut is_unread)?;
     }
-    all_read(is_unread)?;
+    finish_deferred(is_unread)?;
     visitor.leave(code)
 }
 
@@ -284,7 +284,7 @@ const BLOCK_BITS: u8 = 16;
 /// The cells below a node that has so many levels.
 struct Cells<'a> {
     block: &'a CellBlock,
-    form: Form,
+    form: TreeType,
     levels: u8,
 }
 
@@ -376,7 +376,7 @@ impl<S: Selection> Walk<'_, S> {
         }
         visitor.enter_segment();
         let segment = self.tree.segment(index);
-        if let (Err(Error::Unread), Some(space)) = (&segment, &space) {
+        if let (Err(Error::NotFetched), Some(space)) = (&segment, &space) {
             self.miss_below(code, space, visitor);
         }
         let segment = segment?;
@@ -467,11 +467,11 @@ impl<S: Selection> Walk<'_, S> {
                     }
                     let node = Node { at: *at, code: child, space: selected.space(), inline };
                     let walked = self.child(segment, records, (node, state, candidates), visitor);
-                    go_on(walked, visitor, &mut is_unread)?;
+                    defer_missing(walked, visitor, &mut is_unread)?;
                 }
             }
         }
-        all_read(is_unread)?;
+        finish_deferred(is_unread)?;
         visitor.leave(code)
     }
 

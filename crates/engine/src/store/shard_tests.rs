@@ -10,18 +10,18 @@ use super::{BuildOptions, Slab, Slabs, TreeWriter};
 use crate::tree::{Child, Children, Source};
 use spinney_base::io::Output;
 use spinney_base::space::{Code, CodeRun, Dimension};
-use spinney_base::value::{Kind, Mask, Number, Rule, SampleType, Value, ValueType};
-use spinney_base::{Error, Form, Result};
+use spinney_base::value::{DataKind, Mask, Number, Rule, SampleType, Value, ValueType};
+use spinney_base::{Error, Result, TreeType};
 use spinney_container::{Codec, Metadata};
 
 use crate::store::builder::ReusableSource;
 
 /// A layer of a test: what it is, and whether it comes as slabs or as a source.
 struct Layer {
-    form: Form,
+    form: TreeType,
     extent: [u64; 3],
     depth: u8,
-    kind: Kind,
+    kind: DataKind,
     rule: Rule,
     packing: Packing,
     /// Numbers of different values.
@@ -30,8 +30,8 @@ struct Layer {
 }
 
 fn layer(dimension: Dimension, depth: u8, extent: [u64; 3]) -> Layer {
-    let form = Form::new(dimension, ValueType::new(SampleType::U8, 1));
-    let (kind, rule, packing) = (Kind::Continuous, Rule::Mean, Packing::default());
+    let form = TreeType::new(dimension, ValueType::new(SampleType::U8, 1));
+    let (kind, rule, packing) = (DataKind::Continuous, Rule::Mean, Packing::default());
     Layer { form, extent, depth, kind, rule, packing, values: 200, from_source: false }
 }
 
@@ -158,7 +158,7 @@ impl Sparse<'_> {
 impl Source for Sparse<'_> {
     type Node = Code;
 
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         self.0.form
     }
 
@@ -302,7 +302,7 @@ fn shards_count_more_classes_than_files_list() {
     for rule in [Rule::Majority, Rule::Dominant] {
         let mut layer = layer(Dimension::Quad, 11, [1050, 520, 1]);
         layer.form.value = ValueType::new(SampleType::U16, 1);
-        (layer.kind, layer.rule, layer.values) = (Kind::Categorical, rule, 5000);
+        (layer.kind, layer.rule, layer.values) = (DataKind::Categorical, rule, 5000);
         compare(&[layer], &[1, 7, 64]);
     }
 }
@@ -338,7 +338,7 @@ fn shards_of_sources_and_of_layers_of_several_depths() {
 /// A job of two shards of few bytes.
 fn small_job(folder: &Path) -> (std::path::PathBuf, Vec<Shard>) {
     let mut layer = layer(Dimension::Quad, 10, [1024, 1024, 1]);
-    (layer.from_source, layer.kind, layer.rule) = (true, Kind::Categorical, Rule::Majority);
+    (layer.from_source, layer.kind, layer.rule) = (true, DataKind::Categorical, Rule::Majority);
     let layers = [layer];
     let head = folder.join("head.goblin");
     write(TreeWriter::head(Output::create(&head).unwrap(), (Dimension::Quad, 10), 1).unwrap(), &layers)
@@ -441,7 +441,7 @@ fn shards_that_do_not_fit_are_refused() {
     refused(&[other, shards[1].clone()], "another job");
     // Another tree than the head's.
     let mut layer = layer(Dimension::Quad, 10, [1024, 1023, 1]);
-    (layer.from_source, layer.kind, layer.rule) = (true, Kind::Categorical, Rule::Majority);
+    (layer.from_source, layer.kind, layer.rule) = (true, DataKind::Categorical, Rule::Majority);
     let error =
         write(TreeWriter::shard(&head, shards[0].clone()).unwrap(), &[layer]).unwrap_err().to_string();
     assert!(error.contains("was planned"), "{error}");

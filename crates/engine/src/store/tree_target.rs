@@ -11,15 +11,15 @@ use spinney_base::space::Dimension;
 /// The file that trees are written to, or the part of one.
 ///
 /// ```
-/// use spinney::io::Output;
-/// use spinney::ops::{Chain, transform_to};
-/// use spinney::store::goblin::{Shard, ShardPiece};
-/// use spinney::store::{TreeTarget, WriteOptions};
-/// use spinney::space::CodeRun;
+/// use spinney::{FileView, Output, WriteOptions};
+/// use spinney::raw::ops::transform_to;
+/// use spinney::raw::store::goblin::{Shard, ShardPiece};
+/// use spinney::raw::store::TreeTarget;
+/// use spinney::raw::space::CodeRun;
 ///
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// # let folder = tempfile::tempdir().unwrap();
-/// let (map, how) = (Chain::of("fixtures/v1/classes.goblin".as_ref()), WriteOptions::new(64 << 20));
+/// let (map, how) = (FileView::of("fixtures/v1/classes.goblin".as_ref()), WriteOptions::new(64 << 20));
 /// let head = folder.path().join("head.goblin");
 /// transform_to(&map, TreeTarget::Head(Output::create(&head)?), how, &())?;
 /// let shard = Shard {

@@ -8,11 +8,11 @@ use super::builder::{BuildOptions, Builder, Fill, Part, ReusableSource, Slab, Sl
 use super::goblin::{FileWriter, Goblin, Shard, ShardWriter};
 use super::tree_target::ShardCheck;
 use crate::tree::MemTree;
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::io::Output;
 use spinney_base::parallel;
 use spinney_base::space::{Bounds, Code, CodeRun, Dimension};
-use spinney_base::value::{Tally, Value};
+use spinney_base::value::{Value, ZoneStats};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{
     Content, FileHeader, LevelCounts, Metadata, OpenOptions, Shape, TreeFormat, check_tree_name,
@@ -23,11 +23,9 @@ use spinney_container::{
 /// Layers are trees of one space; those of larger cells have fewer levels than the file. What is not finished leaves nothing behind.
 ///
 /// ```
-/// use spinney::io::Output;
-/// use spinney::space::Dimension;
-/// use spinney::store::{BuildOptions, Metadata, Slab, Slabs, TreeWriter};
-/// use spinney::tree::Form;
-/// use spinney::value::{Kind, SampleType, ValueType};
+/// use spinney::{BuildOptions, DataKind, Dimension, Metadata, Output, SampleType, TreeType, ValueType};
+/// use spinney::raw::store::TreeWriter;
+/// use spinney::tree::{Slab, Slabs};
 ///
 /// /// One picture of 4 x 4 pixels of a grey.
 /// struct Grey(u8);
@@ -46,11 +44,11 @@ use spinney_container::{
 /// # fn main() -> spinney::Result<()> {
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("bands.goblin");
-/// let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+/// let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
 /// let mut file = TreeWriter::create(Output::create(&path)?, (Dimension::Quad, 2), 2)?;
 /// for (name, grey) in [("dark", 10), ("light", 200)] {
 ///     let metadata = Metadata { name: name.into(), ..Metadata::default() };
-///     let options = BuildOptions::new(Kind::Continuous, 2).metadata(metadata);
+///     let options = BuildOptions::new(DataKind::Continuous, 2).metadata(metadata);
 ///     file.slabs(form, &mut Grey(grey), None, &options, &())?;
 /// }
 /// file.finish()?;
@@ -122,20 +120,19 @@ impl TreeWriter {
     /// cells in the shard's runs are asked for; [`merge_shards`](super::goblin::merge_shards) puts shards together.
     ///
     /// ```
-    /// use spinney::io::Output;
-    /// use spinney::space::{CodeRun, Dimension};
-    /// use spinney::store::goblin::{Shard, ShardPiece, merge_shards};
-    /// use spinney::store::{BuildOptions, TreeWriter};
-    /// use spinney::tree::{Form, MemTree};
-    /// use spinney::value::{Kind, Rule, SampleType, ValueType};
+    /// use spinney::{BuildOptions, DataKind, Dimension, Output, Rule, SampleType, TreeType, ValueType};
+    /// use spinney::raw::space::CodeRun;
+    /// use spinney::raw::store::goblin::{Shard, ShardPiece, merge_shards};
+    /// use spinney::raw::store::TreeWriter;
+    /// use spinney::tree::MemTree;
     ///
     /// # fn main() -> spinney::Result<()> {
     /// # let folder = tempfile::tempdir().unwrap();
     /// # let folder = folder.path();
-    /// let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+    /// let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
     /// let tree = MemTree::from_cells(form, 1, Rule::Mean, &|cell| Some([cell[0] as u8].into()));
     /// let write = |mut file: TreeWriter| {
-    ///     file.tree(&tree, [2, 2, 1], &BuildOptions::new(Kind::Continuous, 1), &())?;
+    ///     file.tree(&tree, [2, 2, 1], &BuildOptions::new(DataKind::Continuous, 1), &())?;
     ///     file.finish()
     /// };
     /// write(TreeWriter::create(Output::create(&folder.join("whole.goblin"))?, (Dimension::Quad, 1), 1)?)?;
@@ -187,7 +184,7 @@ impl TreeWriter {
     ///
     /// # Errors
     /// Those of [`TreeWriter::slabs`]; also if there are cells that are asked for.
-    pub fn tell(&mut self, form: Form, extent: [u64; 3], options: &BuildOptions) -> Result<()> {
+    pub fn tell(&mut self, form: TreeType, extent: [u64; 3], options: &BuildOptions) -> Result<()> {
         if self.run().is_some() {
             return Err(Error::invalid("layer", "no cells", "all that are asked for"));
         }
@@ -195,7 +192,7 @@ impl TreeWriter {
     }
 
     /// Makes sure that a layer may come next.
-    fn check(&mut self, form: Form, depth: u8, name: &str) -> Result<()> {
+    fn check(&mut self, form: TreeType, depth: u8, name: &str) -> Result<()> {
         let wrong = |found: String, expected: String| Err(Error::invalid("layer", found, expected));
         if form.dimension != self.dimension || depth > self.depth {
             let found = format!("a {} of depth {depth}", form.dimension.tree_name());
@@ -215,12 +212,12 @@ impl TreeWriter {
     /// come (what is outside is VOID), and whether they come in FD order. The layer's name is that of the metadata.
     pub(super) fn layer(
         &mut self,
-        form: Form,
+        form: TreeType,
         options: &BuildOptions,
         (extent, covered, in_order): (&[u64; 3], [u64; 3], bool),
         fill: &mut Fill<'_>,
         complete: &mut dyn FnMut(&mut Metadata),
-    ) -> Result<Tally> {
+    ) -> Result<ZoneStats> {
         let header = options.header(form, *extent)?;
         self.check(form, header.depth(), &options.metadata.name)?;
         let mut complete = |metadata: &mut Metadata| {
@@ -246,7 +243,7 @@ impl TreeWriter {
             File::Shard(shard) => {
                 shard.layer(options, &header, (covered, in_order), fill, &mut complete)?;
                 // (Nobody knows it before all shards are there.)
-                Ok(Tally::void(form.value))
+                Ok(ZoneStats::void(form.value))
             }
         }
     }
@@ -257,7 +254,7 @@ impl TreeWriter {
     /// Those of [`build_slabs`](super::build_slabs); also if a layer of that name is there already.
     pub fn slabs(
         &mut self,
-        form: Form,
+        form: TreeType,
         slabs: &mut dyn Slabs,
         nodata: Option<Value>,
         options: &BuildOptions,
@@ -297,7 +294,7 @@ impl TreeWriter {
         extent: [u64; 3],
         options: &BuildOptions,
         progress: &dyn Progress,
-    ) -> Result<Tally> {
+    ) -> Result<ZoneStats> {
         self.source(tree, extent, options, progress)
     }
 
@@ -308,7 +305,7 @@ impl TreeWriter {
         extent: [u64; 3],
         options: &BuildOptions,
         progress: &dyn Progress,
-    ) -> Result<Tally> {
+    ) -> Result<ZoneStats> {
         self.source_with(source, extent, options, progress, &mut |_| {})
     }
 
@@ -323,7 +320,7 @@ impl TreeWriter {
         options: &BuildOptions,
         progress: &dyn Progress,
         complete: &mut dyn FnMut(&mut Metadata),
-    ) -> Result<Tally> {
+    ) -> Result<ZoneStats> {
         let run = self.run();
         let mut fill = |sink: &mut dyn TreeSink, shape| match run {
             Some(run) => walk(source, options, (shape, run), true, sink, progress),

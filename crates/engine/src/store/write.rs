@@ -5,10 +5,10 @@ use super::tree_target::TreeTarget;
 use super::tree_writer::TreeWriter;
 use crate::store::records::RecordLayout;
 use crate::tree::{CellBlock, Child, Children, MemTree, Source};
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::io::Output;
 use spinney_base::space::Code;
-use spinney_base::value::{Tally, Value};
+use spinney_base::value::{Value, ZoneStats};
 use spinney_base::{Progress, Result};
 use spinney_container::Metadata;
 
@@ -21,7 +21,7 @@ use spinney_container::Metadata;
 /// If the input cannot be read, the output not be written, the depth does not hold the extent, or on
 /// interruption; nothing is left behind then.
 pub fn build_slabs(
-    form: Form,
+    form: TreeType,
     slabs: &mut dyn Slabs,
     nodata: Option<Value>,
     options: &BuildOptions,
@@ -46,7 +46,7 @@ pub fn build<S: ReusableSource>(
     options: &BuildOptions,
     output: Output,
     progress: &dyn Progress,
-) -> Result<Tally> {
+) -> Result<ZoneStats> {
     build_with(source, extent, options, output.into(), progress, &mut |_| {})
 }
 
@@ -54,11 +54,8 @@ pub fn build<S: ReusableSource>(
 /// kinds. Memory is bounded as in [`build_slabs`], whatever the source's size.
 ///
 /// ```
-/// use spinney::io::Output;
-/// use spinney::space::{Code, Dimension};
-/// use spinney::store::{BuildOptions, build_source};
-/// use spinney::tree::{Child, Children, Form, Source};
-/// use spinney::value::{Kind, SampleType, Value, ValueType};
+/// use spinney::{BuildOptions, Code, DataKind, Dimension, Output, SampleType, TreeType, Value, ValueType};
+/// use spinney::tree::{Child, Children, Source, build_source};
 ///
 /// /// A triangle: all cells whose column is less than their row.
 /// struct Triangle;
@@ -79,8 +76,8 @@ pub fn build<S: ReusableSource>(
 /// impl Source for Triangle {
 ///     type Node = Code;
 ///
-///     fn form(&self) -> Form {
-///         Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1))
+///     fn form(&self) -> TreeType {
+///         TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1))
 ///     }
 ///     fn depth(&self) -> u8 {
 ///         10
@@ -99,7 +96,7 @@ pub fn build<S: ReusableSource>(
 /// # fn main() -> spinney::Result<()> {
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("triangle.goblin");
-/// let options = BuildOptions::new(Kind::Continuous, 10);
+/// let options = BuildOptions::new(DataKind::Continuous, 10);
 /// let tally = build_source(&Triangle, [1024, 1024, 1], &options, Output::create(&path)?, &())?;
 /// assert_eq!(tally.cells, 1024 * 1023 / 2);
 /// # Ok(())
@@ -114,7 +111,7 @@ pub fn build_source(
     options: &BuildOptions,
     output: Output,
     progress: &dyn Progress,
-) -> Result<Tally> {
+) -> Result<ZoneStats> {
     build(&CodedSource(source), extent, options, output, progress)
 }
 
@@ -122,7 +119,7 @@ pub fn build_source(
 ///
 /// # Errors
 /// If there is none: see [`Output::check_room`].
-pub fn check_room(output: &Output, form: Form, share: bool, records: u64) -> Result<()> {
+pub fn check_room(output: &Output, form: TreeType, share: bool, records: u64) -> Result<()> {
     // Of what stores equal subtrees once nothing is known.
     let least = if share { 0 } else { RecordLayout::new(form).least_node() };
     output.check_room(records.saturating_mul(least))
@@ -134,7 +131,7 @@ struct CodedSource<'a>(&'a dyn Source<Node = Code>);
 impl Source for CodedSource<'_> {
     type Node = Code;
 
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         self.0.form()
     }
 
@@ -167,7 +164,7 @@ pub fn build_tree(
     options: &BuildOptions,
     output: Output,
     progress: &dyn Progress,
-) -> Result<Tally> {
+) -> Result<ZoneStats> {
     build(tree, extent, options, output, progress)
 }
 
@@ -182,7 +179,7 @@ pub fn build_with<S: ReusableSource>(
     target: TreeTarget,
     progress: &dyn Progress,
     complete: &mut dyn FnMut(&mut Metadata),
-) -> Result<Tally> {
+) -> Result<ZoneStats> {
     let mut file = target.start((source.form().dimension, options.depth), 1)?;
     let tally = file.source_with(source, extent, options, progress, complete)?;
     file.finish()?;

@@ -13,7 +13,7 @@ use spinney_base::{Error, Result};
 
 use super::memory::MemTree;
 use super::source::{Child, NodeState, Source, no_children};
-use spinney_base::Form;
+use spinney_base::TreeType;
 
 /// The numbers of states in packed expressions.
 const VOID: u8 = NodeState::Void as u8;
@@ -72,7 +72,7 @@ pub fn write_value(text: &mut String, value_type: ValueType, value: Value) {
 ///
 /// # Errors
 /// If the text has a symbol that is none, ends too early, goes on after the end, or is deeper than `depth`.
-pub fn from_text(form: Form, text: &str, depth: u8, full: Value, rule: Rule) -> Result<MemTree> {
+pub fn from_text(form: TreeType, text: &str, depth: u8, full: Value, rule: Rule) -> Result<MemTree> {
     let bad = |position: usize, found: &str, expected: &str| {
         Error::invalid(format!("DF-expression, byte {position}"), format!("`{found}`"), expected)
     };
@@ -158,7 +158,7 @@ pub fn to_packed(source: &MemTree) -> Result<Packed> {
 ///
 /// # Errors
 /// If the bits or the values do not make one tree of at most `depth` levels.
-pub fn from_packed(form: Form, packed: &Packed, depth: u8, rule: Rule) -> Result<MemTree> {
+pub fn from_packed(form: TreeType, packed: &Packed, depth: u8, rule: Rule) -> Result<MemTree> {
     let bad = |found: String, expected: &str| Error::invalid("packed DF-expression", found, expected);
     if packed.bits.len() != packed.symbols.div_ceil(4) {
         let found = format!("{} bytes for {} symbols", packed.bits.len(), packed.symbols);
@@ -201,7 +201,7 @@ fn walk(source: &MemTree, symbol: &mut dyn FnMut(Symbol)) -> Result<()> {
     Ok(())
 }
 
-fn assemble(form: Form, symbols: &[Symbol], depth: u8, rule: Rule) -> Result<MemTree> {
+fn assemble(form: TreeType, symbols: &[Symbol], depth: u8, rule: Rule) -> Result<MemTree> {
     let most = form.dimension.max_depth();
     if depth > most {
         return Err(Error::invalid("depth", depth.to_string(), format!("at most {most}")));

@@ -1,16 +1,16 @@
 //! The tree in memory: for small trees, and the referee of the tests.
 
 use super::source::{Child, Children, Source, no_children};
-use spinney_base::Form;
 use spinney_base::Result;
+use spinney_base::TreeType;
 use spinney_base::space::{Cell, Code};
-use spinney_base::value::{Rule, Tally, Value, representative};
+use spinney_base::value::{Rule, Value, ZoneStats, representative};
 
 /// A tree whose nodes all lie in memory; always condensed (no INNER node has equal LEAF or only VOID
 /// children).
 #[derive(Clone, Debug)]
 pub struct MemTree {
-    pub(super) form: Form,
+    pub(super) form: TreeType,
     pub(super) depth: u8,
     pub(super) root: Child<usize>,
     /// Inner nodes, children before parents.
@@ -22,7 +22,12 @@ impl MemTree {
     ///
     /// # Panics
     /// If `depth` is more than the dimension allows.
-    pub fn from_cells(form: Form, depth: u8, rule: Rule, cell: &dyn Fn(Cell) -> Option<Value>) -> MemTree {
+    pub fn from_cells(
+        form: TreeType,
+        depth: u8,
+        rule: Rule,
+        cell: &dyn Fn(Cell) -> Option<Value>,
+    ) -> MemTree {
         assert!(depth <= form.dimension.max_depth());
         let mut builder = Builder { form, rule, inner: Vec::new() };
         let (root, _) = builder.cells(Code::root(form.dimension), depth, cell);
@@ -61,7 +66,7 @@ impl MemTree {
 impl Source for MemTree {
     type Node = usize;
 
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         self.form
     }
 
@@ -81,12 +86,12 @@ impl Source for MemTree {
 
 /// Condenses and averages bottom-up.
 struct Builder {
-    form: Form,
+    form: TreeType,
     rule: Rule,
     inner: Vec<Children<usize>>,
 }
 
-type Built = (Child<usize>, Tally);
+type Built = (Child<usize>, ZoneStats);
 
 impl Builder {
     fn cells(&mut self, code: Code, depth: u8, cell: &dyn Fn(Cell) -> Option<Value>) -> Built {
@@ -111,14 +116,14 @@ impl Builder {
 
     fn uniform(&self, value: Option<Value>, cells: u64) -> Built {
         let tally = match value {
-            None => Tally::void(self.form.value),
-            Some(value) => Tally::leaf(self.form.value, value, cells, self.rule == Rule::Majority),
+            None => ZoneStats::void(self.form.value),
+            Some(value) => ZoneStats::leaf(self.form.value, value, cells, self.rule == Rule::Majority),
         };
         (Child::uniform(value), tally)
     }
 
     fn join(&mut self, parts: Vec<Built>, height: u8) -> Built {
-        let tally = Tally::merge(&parts.iter().map(|(_, tally)| tally).collect::<Vec<_>>());
+        let tally = ZoneStats::merge(&parts.iter().map(|(_, tally)| tally).collect::<Vec<_>>());
         let mut children = no_children();
         for (child, (part, _)) in children.iter_mut().zip(&parts) {
             *child = *part;

@@ -1,9 +1,9 @@
 //! Sources: everything that can be walked from the root down.
 
-use spinney_base::Form;
 use spinney_base::Result;
+use spinney_base::TreeType;
 use spinney_base::space::Bounds;
-use spinney_base::value::{Tally, Value};
+use spinney_base::value::{Value, ZoneStats};
 
 /// A node without its descendants: VOID, LEAF, or INNER with a representative and a handle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -114,7 +114,7 @@ pub trait Source: Sync {
     type Node: Clone + Send + Sync;
 
     /// Quadtree or octree, and the type of the values.
-    fn form(&self) -> Form;
+    fn form(&self) -> TreeType;
 
     /// Number of levels below the root; nodes at this level are single cells and never INNER.
     fn depth(&self) -> u8;
@@ -162,7 +162,7 @@ pub trait Source: Sync {
     ///
     /// # Errors
     /// If the source fails.
-    fn tally(&self, _: &Self::Node) -> Result<Option<Tally>> {
+    fn tally(&self, _: &Self::Node) -> Result<Option<ZoneStats>> {
         Ok(None)
     }
 }

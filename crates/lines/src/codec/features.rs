@@ -7,11 +7,11 @@ use crate::attribute::LineValue;
 use crate::source::LineFeature;
 
 /// Features of a block at most.
-pub(crate) const MOST_FEATURES: usize = 1 << 12;
+pub(crate) const MAX_FEATURES: usize = 1 << 12;
 /// Vertices of a block at most; those of a feature are in one block.
-pub(crate) const MOST_VERTICES: usize = 1 << 24;
+pub(crate) const MAX_VERTICES: usize = 1 << 24;
 /// Bytes of all texts of a feature at most, and of those of an attribute in a block.
-pub(crate) const MOST_TEXT: usize = 1 << 24;
+pub(crate) const MAX_TEXT: usize = 1 << 24;
 
 /// Bytes of the texts of a feature.
 pub(crate) fn text_bytes(feature: &LineFeature) -> usize {
@@ -115,14 +115,14 @@ fn write_values(values: &[&LineValue], bytes: &mut Vec<u8>) {
 
 /// Reads so many features with so many attributes; `None` if it is not what somebody wrote.
 pub(crate) fn decode_features(bytes: &[u8], count: usize, attributes: usize) -> Option<Vec<LineFeature>> {
-    if count > MOST_FEATURES {
+    if count > MAX_FEATURES {
         return None;
     }
     let mut reader = Reader::new(bytes);
     let sum = |numbers: &[i64]| -> Option<usize> {
         let sum =
             numbers.iter().try_fold(0u64, |sum, number| sum.checked_add(u64::try_from(*number).ok()?))?;
-        usize::try_from(sum).ok().filter(|sum| *sum <= MOST_VERTICES)
+        usize::try_from(sum).ok().filter(|sum| *sum <= MAX_VERTICES)
     };
     let lines = reader.numbers(count, &[])?;
     let vertices = reader.numbers(sum(&lines)?, &[])?;
@@ -176,7 +176,7 @@ fn read_values(reader: &mut Reader<'_>, count: usize) -> Option<Vec<LineValue>> 
         let lengths = reader.numbers(known, &[])?;
         let mut all = 0usize;
         for length in &lengths {
-            all = all.checked_add(usize::try_from(*length).ok()?).filter(|all| *all <= MOST_TEXT)?;
+            all = all.checked_add(usize::try_from(*length).ok()?).filter(|all| *all <= MAX_TEXT)?;
         }
         let letters = reader.numbers(all, &[])?;
         let letters = letters.into_iter().map(u8::try_from).collect::<Result<Vec<u8>, _>>().ok()?;

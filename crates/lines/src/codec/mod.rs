@@ -5,6 +5,6 @@ mod numbers;
 mod segments;
 
 pub(crate) use features::{
-    MOST_FEATURES, MOST_TEXT, MOST_VERTICES, decode_features, encode_features, text_bytes, weight,
+    MAX_FEATURES, MAX_TEXT, MAX_VERTICES, decode_features, encode_features, text_bytes, weight,
 };
-pub(crate) use segments::{MOST_SEGMENTS, Piece, decode_segments, encode_segments};
+pub(crate) use segments::{MAX_SEGMENTS, Piece, decode_segments, encode_segments};

@@ -5,7 +5,7 @@ use crate::geometry::Segment;
 use spinney_base::sort;
 
 /// Pieces of a block at most.
-pub(crate) const MOST_SEGMENTS: usize = 1 << 16;
+pub(crate) const MAX_SEGMENTS: usize = 1 << 16;
 
 /// A piece of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,7 +52,7 @@ pub(crate) fn encode_segments(pieces: &mut [Piece]) -> Vec<u8> {
 
 /// Reads so many pieces; `None` if it is not what somebody wrote.
 pub(crate) fn decode_segments(bytes: &[u8], count: usize) -> Option<Vec<Piece>> {
-    if count > MOST_SEGMENTS {
+    if count > MAX_SEGMENTS {
         return None;
     }
     let mut reader = Reader::new(bytes);

@@ -65,10 +65,11 @@ impl LineTree {
     pub fn nearest(
         &self,
         places: &[[f64; 2]],
-        terms: (usize, f64),
+        most: usize,
+        within: f64,
         progress: &dyn Progress,
     ) -> Result<Vec<Vec<NearLine>>> {
-        NearestLines::new(self, MEMORY)?.find(places, terms, progress)
+        NearestLines::new(self, MEMORY)?.find(places, most, within, progress)
     }
 }
 
@@ -107,7 +108,8 @@ impl<'t> NearestLines<'t> {
     pub fn find(
         &self,
         places: &[[f64; 2]],
-        (most, within): (usize, f64),
+        most: usize,
+        within: f64,
         progress: &dyn Progress,
     ) -> Result<Vec<Vec<NearLine>>> {
         let grid = self.tree.grid();

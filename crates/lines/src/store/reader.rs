@@ -5,13 +5,13 @@ use std::path::Path;
 use super::summary::Summary;
 use super::writer::{BLOCKS, Entry, FEATURES, NODE_ENTRY, NODES, SUMMARY};
 use crate::attribute::LineAttribute;
-use crate::codec::{MOST_FEATURES, MOST_SEGMENTS, Piece, decode_features, decode_segments};
+use crate::codec::{MAX_FEATURES, MAX_SEGMENTS, Piece, decode_features, decode_segments};
 use crate::grid::LineGrid;
 use crate::source::LineFeature;
 use spinney_base::Result;
 use spinney_base::io::ReadBackend;
 use spinney_base::space::{Code, Dimension};
-use spinney_container::{BlockFile, BlockPlace, Content, List, Metadata, OpenOptions};
+use spinney_container::{BlockFile, BlockLocation, Content, List, Metadata, OpenOptions};
 
 /// A tree of lines in a file.
 pub struct LineTree {
@@ -78,7 +78,7 @@ impl LineTree {
         let features = file.list(FEATURES, "list of features", Entry::BYTES)?;
         file.check_nodes(&nodes, (Dimension::Quad, grid.deepest()))?;
         file.check_keys(&blocks, &nodes)?;
-        let lists = [("block", &blocks, MOST_SEGMENTS), ("block of features", &features, MOST_FEATURES)];
+        let lists = [("block", &blocks, MAX_SEGMENTS), ("block of features", &features, MAX_FEATURES)];
         file.check_blocks(&lists, file.end(BLOCKS))?;
         let tree = LineTree { file, summary, grid, attributes, blocks, nodes, features };
         tree.check_feature_numbers()?;
@@ -89,7 +89,7 @@ impl LineTree {
     fn check_feature_numbers(&self) -> Result<()> {
         let mut next = 0u64;
         for index in 0..self.features.len() {
-            let BlockPlace { key, count, .. } = self.feature_entry(index).block;
+            let BlockLocation { key, count, .. } = self.feature_entry(index).block;
             if key != next {
                 let (place, found) = (format!("block of features {index}"), format!("feature {key}"));
                 return Err(self.file.corrupt(place, found, "numbers that follow each other"));

@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::attribute::{LineAttribute, ValueKind};
-use crate::codec::MOST_SEGMENTS;
+use crate::codec::MAX_SEGMENTS;
 use crate::grid::LineGrid;
 use spinney_base::{Error, Result};
 use spinney_container::VersionedSection;
@@ -14,7 +14,7 @@ use spinney_container::VersionedSection;
 const LIMIT: usize = 1 << 20;
 const SECTION: VersionedSection<LIMIT> = VersionedSection { name: "lines", version: 1 };
 /// Attributes of features at most.
-const MOST_ATTRIBUTES: usize = 4096;
+const MAX_ATTRIBUTES: usize = 4096;
 
 /// Description of the lines of a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -48,7 +48,7 @@ impl Summary {
 
     /// The section's bytes.
     pub(crate) fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
-        let bytes = SECTION.encode(self).filter(|_| self.attributes.len() <= MOST_ATTRIBUTES);
+        let bytes = SECTION.encode(self).filter(|_| self.attributes.len() <= MAX_ATTRIBUTES);
         bytes.ok_or_else(|| Error::TooLarge {
             path: path.to_path_buf(),
             what: "the description of the attributes".into(),
@@ -67,13 +67,13 @@ impl Summary {
             let found = format!("scale {scale}, offset {offset:?}");
             return Err(corrupt(found, "finite numbers, and a scale above 0"));
         }
-        if bits > 32 || summary.attributes.len() > MOST_ATTRIBUTES {
+        if bits > 32 || summary.attributes.len() > MAX_ATTRIBUTES {
             let found = format!("{bits} bits, {} attributes", summary.attributes.len());
-            return Err(corrupt(found, &format!("at most 32, and {MOST_ATTRIBUTES}")));
+            return Err(corrupt(found, &format!("at most 32, and {MAX_ATTRIBUTES}")));
         }
-        if !(1..=MOST_SEGMENTS).contains(&(leaf_size as usize)) {
+        if !(1..=MAX_SEGMENTS).contains(&(leaf_size as usize)) {
             let found = format!("{leaf_size} pieces in a leaf");
-            return Err(corrupt(found, &format!("1 to {MOST_SEGMENTS}")));
+            return Err(corrupt(found, &format!("1 to {MAX_SEGMENTS}")));
         }
         let attribute = |(name, kind): &(String, u8)| {
             let kind = ValueKind::ALL.get(usize::from(*kind)).copied();

@@ -9,7 +9,7 @@ use super::rings::{Rectangle, ring, triangulate};
 use super::sink::{Mesh, Vertex};
 use super::visit::{FACES, Reach, visit};
 use spinney_base::{Progress, Result};
-use spinney_engine::query::cell_blocks::{Block, BlockState, Carried, CellBlocks, SIDE};
+use spinney_engine::query::cell_blocks::{Block, BlockAttributeValues, BlockState, CellBlocks, SIDE};
 
 /// The outer faces of a block's solid cells, merged.
 struct Merged {
@@ -243,7 +243,7 @@ fn merge_slice(
         (cell[normal], cell[along], cell[across]) = (u32::from(slice), bit, row as u32);
         block.attribute(cell)
     };
-    let all_same = matches!(block.carried, Carried::Same(_));
+    let all_same = matches!(block.carried, BlockAttributeValues::Same(_));
     for first_row in 0..CELLS {
         while rows[first_row] != 0 {
             let first = rows[first_row].trailing_zeros();

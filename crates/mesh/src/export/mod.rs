@@ -44,11 +44,11 @@ use std::path::Path;
 use std::str::FromStr;
 
 use spinney_base::io::Output;
-use spinney_base::value::{Kind, Rule, SampleType};
+use spinney_base::value::{DataKind, Rule, SampleType};
 use spinney_base::{Error, Progress, Result};
 use spinney_crs::Frame;
 use spinney_engine::dataset::Dataset;
-use spinney_engine::query::cell_blocks::{Carry, CellBlocks, can_carry_value};
+use spinney_engine::query::cell_blocks::{BlockAttribute, CellBlocks, can_be_block_attribute};
 
 pub use arrays::SurfaceMesh;
 pub use exact::{ExactSummary, export_exact};
@@ -134,8 +134,8 @@ pub struct MeshSummary {
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::export::mesh::{MeshFormat, MeshRequest, export_mesh};
-/// use spinney::io::Output;
+/// use spinney::export::{MeshFormat, MeshRequest, export_mesh};
+/// use spinney::Output;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("ball.ply");
@@ -162,14 +162,16 @@ pub fn export_mesh(
             FaceAttribute::Colour
         }
         _ if format != MeshFormat::Ply => FaceAttribute::None,
-        _ if header.kind != Kind::Categorical || !can_carry_value(header.form.value) => FaceAttribute::None,
+        _ if header.kind != DataKind::Categorical || !can_be_block_attribute(header.form.value) => {
+            FaceAttribute::None
+        }
         (SampleType::U8, _) => FaceAttribute::Byte,
         _ => FaceAttribute::Short,
     };
     let carry = match attribute {
-        FaceAttribute::None if request.smooth && header.rule == Rule::Occupancy => Carry::Coverage,
-        FaceAttribute::None => Carry::Nothing,
-        _ => Carry::Value,
+        FaceAttribute::None if request.smooth && header.rule == Rule::Occupancy => BlockAttribute::Coverage,
+        FaceAttribute::None => BlockAttribute::Nothing,
+        _ => BlockAttribute::Value,
     };
     let mut blocks = tree.cell_blocks(level, carry)?;
     let metadata = tree.metadata();
@@ -200,7 +202,8 @@ pub fn export_mesh(
 pub fn surface_mesh(tree: &Dataset, request: &MeshRequest, progress: &dyn Progress) -> Result<SurfaceMesh> {
     let level = request.level.unwrap_or(tree.depth());
     let is_occupancy = tree.header().rule == Rule::Occupancy;
-    let carry = if request.smooth && is_occupancy { Carry::Coverage } else { Carry::Nothing };
+    let carry =
+        if request.smooth && is_occupancy { BlockAttribute::Coverage } else { BlockAttribute::Nothing };
     let mut blocks = tree.cell_blocks(level, carry)?;
     let frame = tree.metadata().frame.coarser(tree.depth() - level);
     let margin = Precision::of(&frame, level)?.margin(MeshFormat::Obj);
@@ -211,7 +214,7 @@ pub fn surface_mesh(tree: &Dataset, request: &MeshRequest, progress: &dyn Progre
 }
 
 /// Writes the surface of the cells that any source has in blocks; `frame` is that of these cells, and
-/// [`MeshRequest::level`] does not matter. An attribute needs blocks that carry [`Carry::Value`].
+/// [`MeshRequest::level`] does not matter. An attribute needs blocks that carry [`BlockAttribute::Value`].
 ///
 /// # Errors
 /// As [`export_mesh`].
@@ -226,7 +229,7 @@ pub fn export_blocks(
 ) -> Result<MeshSummary> {
     let precision = Precision::of(frame, blocks.level())?;
     let carry = blocks.carry();
-    let attribute = if carry == Carry::Value { attribute } else { FaceAttribute::None };
+    let attribute = if carry == BlockAttribute::Value { attribute } else { FaceAttribute::None };
     let margin = precision.margin(format);
     let sink = sink_of(output, format, attribute, precision, !request.smooth)?;
     let triangles = request.triangles || format == MeshFormat::Stl;

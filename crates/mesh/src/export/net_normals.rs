@@ -6,7 +6,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use spinney_base::Result;
-use spinney_engine::query::cell_blocks::{Block, Carried, CellBlocks, SIDE};
+use spinney_engine::query::cell_blocks::{Block, BlockAttributeValues, CellBlocks, SIDE};
 
 const CELLS: i64 = SIDE as i64;
 /// Cells along an edge of a block, the two before them, and the one behind.
@@ -44,10 +44,10 @@ impl NetNormals {
                 let first = 3 * block_y + 9 * block_z;
                 for (block, cells) in around[first..first + 3].iter().zip([30..32, 0..32, 0..1]) {
                     match &block.carried {
-                        Carried::Coverage(coverages) if has_coverage => {
+                        BlockAttributeValues::Coverage(coverages) if has_coverage => {
                             coverage.extend_from_slice(&coverages[row * SIDE as usize..][cells]);
                         }
-                        Carried::Same(same) if has_coverage => {
+                        BlockAttributeValues::Same(same) if has_coverage => {
                             coverage.extend(std::iter::repeat_n(*same as u8, cells.len()));
                         }
                         _ => {

@@ -16,7 +16,7 @@ use super::sheets::Sheets;
 use super::sink::{Mesh, Vertex};
 use super::visit::{Reach, visit};
 use spinney_base::{Error, Progress, Result};
-use spinney_engine::query::cell_blocks::{Block, Carry, CellBlocks, SIDE};
+use spinney_engine::query::cell_blocks::{Block, BlockAttribute, CellBlocks, SIDE};
 
 /// Cells along an edge of a block, as an index.
 const CELLS: usize = SIDE as usize;
@@ -37,7 +37,7 @@ pub(super) fn write(
 ) -> Result<()> {
     let mut nets = Nets {
         mesh,
-        has_coverage: blocks.carry() == Carry::Coverage,
+        has_coverage: blocks.carry() == BlockAttribute::Coverage,
         margin,
         sheets: Sheets::all(),
         shared: Shared::default(),

@@ -13,7 +13,8 @@ use spinney_container::Metadata;
 /// # Errors
 /// If the format has another precision or needs bodies, a number of a vertex is none, the output cannot be written, or on interruption.
 pub fn export_triangles(
-    (mesh, made_of): (&SurfaceMesh, &Metadata),
+    mesh: &SurfaceMesh,
+    made_of: &Metadata,
     output: Output,
     format: MeshFormat,
     progress: &dyn Progress,

@@ -14,7 +14,7 @@ use spinney_engine::tree::{Child, Source, no_children};
 use super::{Bintree, Halving, growing};
 
 /// Most cells of spaces for which the fewest nodes are looked for: a picture of 1024 x 1024, a volume of 64 x 64 x 64.
-pub const MOST_CELLS: u64 = 1 << 20;
+pub const MAX_CELLS: u64 = 1 << 20;
 
 /// The mark of blocks with one value all over, whose number is in the other bits; others have their number of nodes.
 const UNIFORM: u32 = 1 << 31;
@@ -69,7 +69,7 @@ impl Blocks {
 }
 
 impl Bintree {
-    /// The bintree with the fewest nodes of any that halves each block along some axis, of a source of at most [`MOST_CELLS`] cells, with
+    /// The bintree with the fewest nodes of any that halves each block along some axis, of a source of at most [`MAX_CELLS`] cells, with
     /// those around the picture.
     ///
     /// # Errors
@@ -77,7 +77,7 @@ impl Bintree {
     pub fn adaptive<S: Source>(source: &S, extent: [u64; 3]) -> Result<Bintree> {
         let (form, depth) = (source.form(), source.depth());
         let cells = form.dimension.cells(depth);
-        if cells > MOST_CELLS {
+        if cells > MAX_CELLS {
             let found = format!("{} of {depth} levels", form.dimension.tree_name());
             let most = if form.axes() == 2 {
                 "10 levels, 1024 x 1024 cells"

@@ -6,13 +6,13 @@
 mod adaptive;
 mod text;
 
-pub use adaptive::MOST_CELLS;
+pub use adaptive::MAX_CELLS;
 
 use std::ops::ControlFlow;
 
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::Value;
-use spinney_base::{Error, Form, Result};
+use spinney_base::{Error, Result, TreeType};
 use spinney_engine::tree::{CellBlock, Child, Children, Source, no_children};
 
 use crate::preorder::{BinaryNode, Growing};
@@ -33,12 +33,11 @@ pub type BintreeNode = BinaryNode<u8, Option<Value>>;
 /// A bintree in memory; always condensed (no node has two halves of one value all over).
 ///
 /// ```
-/// use spinney::partitions::Bintree;
-/// use spinney::tree::{Form, df};
-/// use spinney::space::Dimension;
-/// use spinney::value::{Rule, SampleType, Value, ValueType};
+/// use spinney::raw::partitions::Bintree;
+/// use spinney::{Dimension, Rule, SampleType, TreeType, Value, ValueType};
+/// use spinney::raw::tree::df;
 ///
-/// let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+/// let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
 /// let quadtree = df::from_text(form, "G B W B G W W W B", 2, Value::from([255u8]), Rule::Mean)?;
 /// let bintree = Bintree::alternating(&quadtree, [4, 4, 1], 1000)?;
 /// assert_eq!(bintree.to_text(), "bintree:alternating:xy:2:u8:4x4 GBGWGWGWB");
@@ -49,7 +48,7 @@ pub type BintreeNode = BinaryNode<u8, Option<Value>>;
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bintree {
-    form: Form,
+    form: TreeType,
     depth: u8,
     halving: Halving,
     extent: [u64; 3],
@@ -97,7 +96,7 @@ impl Bintree {
     }
 
     /// Dimension and type of the values.
-    pub fn form(&self) -> Form {
+    pub fn form(&self) -> TreeType {
         self.form
     }
 
@@ -164,7 +163,7 @@ impl Bintree {
 impl Source for Bintree {
     type Node = Code;
 
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         self.form
     }
 

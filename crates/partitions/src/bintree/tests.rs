@@ -5,8 +5,8 @@ use spinney_engine::tree::MemTree;
 
 use super::*;
 
-fn form(axes: u8, value: ValueType) -> Form {
-    Form::new(Dimension::from_axes(axes).unwrap(), value)
+fn form(axes: u8, value: ValueType) -> TreeType {
+    TreeType::new(Dimension::from_axes(axes).unwrap(), value)
 }
 
 fn byte_tree(axes: u8, depth: u8, cells: &[Option<u8>]) -> MemTree {

@@ -20,7 +20,7 @@ use std::path::Path;
 
 use spinney_base::space::{Bounds, Dimension};
 use spinney_base::value::{Mask, Number, SampleType, Value, ValueType};
-use spinney_base::{Error, Form, Result};
+use spinney_base::{Error, Result, TreeType};
 use spinney_engine::tree::df;
 
 use super::{Bintree, BintreeNode, Halving, growing, halves, too_many};
@@ -32,7 +32,7 @@ const NAME: &str = "bintree";
 impl Bintree {
     /// The tree as a DF-expression, without a line break at the end.
     pub fn to_text(&self) -> String {
-        let Form { dimension, value } = self.form;
+        let TreeType { dimension, value } = self.form;
         let (halving, axes, [void, black, inner]) = match (self.halving, dimension) {
             (Halving::Alternating, Dimension::Quad) => ("alternating", "xy", ['W', 'B', 'G']),
             (Halving::Alternating, Dimension::Oct) => ("alternating", "xyz", ['V', 'F', 'M']),
@@ -154,7 +154,7 @@ impl Parser<'_> {
         };
         let known = depth.parse().ok().filter(|depth| *depth <= dimension.max_depth());
         let depth: u8 = known.ok_or_else(|| bad(depth))?;
-        let form = Form::new(dimension, parse_values(values).ok_or_else(|| bad(values))?);
+        let form = TreeType::new(dimension, parse_values(values).ok_or_else(|| bad(values))?);
         let sizes: Option<Vec<u64>> = extent.split('x').map(|size| size.parse().ok()).collect();
         let sizes = sizes.filter(|sizes| {
             sizes.len() == dimension.axes() && sizes.iter().all(|size| (1..=1 << depth).contains(size))
@@ -169,7 +169,7 @@ impl Parser<'_> {
     /// The whole tree, of at most so many nodes.
     fn tree(&self, most: usize) -> Result<Bintree> {
         let (mut tree, mut at) = self.head()?;
-        let Form { dimension, value } = tree.form;
+        let TreeType { dimension, value } = tree.form;
         let (axes, full, picture) =
             (dimension.axes() as u8, value.splat(255u8), Bounds::picture(tree.extent));
         let mut made = growing();

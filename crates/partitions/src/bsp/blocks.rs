@@ -2,8 +2,8 @@
 
 use spinney_base::space::Code;
 use spinney_base::value::{SampleType, Value, ValueType};
-use spinney_base::{Error, Form, Result};
-use spinney_brep::MOST_BITS;
+use spinney_base::{Error, Result, TreeType};
+use spinney_brep::MAX_BITS;
 use spinney_engine::tree::{Child, Children, Source};
 
 use super::Bsp;
@@ -24,7 +24,7 @@ impl Bsp {
     /// # Errors
     /// If that are more levels than such trees have, or than the grid.
     pub fn blocks(&self, depth: u8) -> Result<BspBlocks<'_>> {
-        let most = self.dimension.max_depth().min(MOST_BITS);
+        let most = self.dimension.max_depth().min(MAX_BITS);
         match depth <= most {
             true => Ok(BspBlocks { tree: self, depth }),
             false => Err(Error::invalid("depth", depth.to_string(), format!("at most {most}"))),
@@ -67,8 +67,8 @@ impl BspBlocks<'_> {
 impl Source for BspBlocks<'_> {
     type Node = Code;
 
-    fn form(&self) -> Form {
-        Form::new(self.tree.dimension, ValueType::new(SampleType::U8, 1))
+    fn form(&self) -> TreeType {
+        TreeType::new(self.tree.dimension, ValueType::new(SampleType::U8, 1))
     }
 
     fn depth(&self) -> u8 {

@@ -4,14 +4,14 @@ use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 use spinney_brep::exact::normal::triangle_normal;
 use spinney_brep::geometry::Triangulator;
-use spinney_brep::{ExactPlane, MOST_BITS};
+use spinney_brep::{ExactPlane, MAX_BITS};
 
 use super::facet::{Facet, sides};
 use super::{Bsp, BspPiece, Division};
 use crate::preorder::Growing;
 
 /// Most pieces that segments or faces may be cut into.
-pub const MOST_PIECES: usize = 1 << 20;
+pub const MAX_PIECES: usize = 1 << 20;
 
 /// Planes that are tried at each node.
 const TRIED: usize = 8;
@@ -23,7 +23,7 @@ impl Bsp {
     /// The tree of the plane that has these segments in its lines, each directed so that what is on its right is in front; no cell is inside.
     ///
     /// # Errors
-    /// If a segment is a point or leaves the grid, or they are cut into more than [`MOST_PIECES`].
+    /// If a segment is a point or leaves the grid, or they are cut into more than [`MAX_PIECES`].
     pub fn of_segments(segments: &[[[i32; 2]; 2]]) -> Result<Bsp> {
         let pieces = segments.iter().enumerate();
         let pieces = pieces.map(|(source, segment)| piece_of_segment(source, *segment));
@@ -33,7 +33,7 @@ impl Bsp {
     /// The tree of the plane that is inside of these polygons: each an outer ring, and holes, whichever way they turn. Rings may touch in points.
     ///
     /// # Errors
-    /// If a corner is outside of the grid, rings cross or have edges in common, or they are cut into more than [`MOST_PIECES`].
+    /// If a corner is outside of the grid, rings cross or have edges in common, or they are cut into more than [`MAX_PIECES`].
     pub fn of_polygons(polygons: &[Vec<Vec<[i32; 2]>>]) -> Result<Bsp> {
         let mut pieces = Vec::new();
         for (source, polygon) in polygons.iter().enumerate() {
@@ -56,7 +56,7 @@ impl Bsp {
     ///
     /// # Errors
     /// If a corner is outside of the grid, a face cannot be cut into triangles, the surface is open or crosses itself, or it is cut into more than
-    /// [`MOST_PIECES`].
+    /// [`MAX_PIECES`].
     pub fn of_faces(faces: &[Vec<Vec<[i32; 3]>>]) -> Result<Bsp> {
         let (mut pieces, mut triangulator) = (Vec::new(), Triangulator::new());
         for (source, rings) in faces.iter().enumerate() {
@@ -93,7 +93,7 @@ impl Bsp {
     /// need not be closed, and may touch and pass through each other. Those without an area are left out.
     ///
     /// # Errors
-    /// If a corner is outside of the grid, or they are cut into more than [`MOST_PIECES`].
+    /// If a corner is outside of the grid, or they are cut into more than [`MAX_PIECES`].
     pub fn of_triangles(triangles: &[[[i32; 3]; 3]]) -> Result<Bsp> {
         let mut pieces = Vec::new();
         for (source, corners) in triangles.iter().enumerate() {
@@ -113,7 +113,7 @@ fn ring_edges(ring: &[[i32; 2]]) -> impl Iterator<Item = [[i32; 2]; 2]> {
 }
 
 fn check(source: usize, corner: [i32; 3]) -> Result<()> {
-    match corner.iter().all(|at| (0..1 << MOST_BITS).contains(at)) {
+    match corner.iter().all(|at| (0..1 << MAX_BITS).contains(at)) {
         true => Ok(()),
         false => Err(Error::invalid(
             format!("shape {source}"),
@@ -151,9 +151,9 @@ fn grow(dimension: Dimension, pieces: Vec<BspPiece>, is_solid: bool) -> Result<B
     // Pieces in cells that are to come, with what a cell without any is.
     let mut pending = vec![(pieces, false)];
     while let Some((pieces, is_inside)) = pending.pop() {
-        if count > MOST_PIECES {
-            let found = format!("more than {MOST_PIECES} pieces of segments or faces");
-            return Err(Error::invalid("BSP tree", found, format!("at most {MOST_PIECES}")));
+        if count > MAX_PIECES {
+            let found = format!("more than {MAX_PIECES} pieces of segments or faces");
+            return Err(Error::invalid("BSP tree", found, format!("at most {MAX_PIECES}")));
         }
         if pieces.is_empty() {
             made.leaf(is_inside);

@@ -3,26 +3,22 @@
 //! The merged tree divides as the first one does, and in its cells as the second one. A tree that is divided by a line or plane of the other is
 //! not copied into two: who goes down into a part of space leaves out the nodes that do not cut it.
 
-use spinney_base::{Error, Result};
+use spinney_base::{Error, Result, SetOperation};
 
 use super::region::Region;
 use super::{Bsp, BspNode, Division};
 use crate::preorder::{BinaryNode, Growing};
 
 impl Bsp {
-    /// The set operation of a number, 0 to 15, on two trees: bit 0 says that what is inside of both is inside of the result, bit 1 what is inside of this
-    /// one alone, bit 2 of the other alone, bit 3 of neither. So 1 is the intersection, 2 and 4 are the differences, 6 the symmetric one, 7 the union.
+    /// A set operation on this tree and another one.
     ///
     /// # Errors
-    /// If there is no such operation, or one is of the plane and the other of space.
-    pub fn combine(&self, other: &Bsp, number: u8) -> Result<Bsp> {
-        if number > 15 {
-            return Err(Error::invalid("set operation", number.to_string(), "a number from 0 to 15"));
-        }
+    /// If one is of the plane and the other of space.
+    pub fn combine(&self, other: &Bsp, operation: SetOperation) -> Result<Bsp> {
         if self.dimension != other.dimension {
             return Err(Error::invalid("BSP trees", "one of the plane and one of space", "two of one kind"));
         }
-        let result = |a: bool, b: bool| number >> (2 * u8::from(!a) + u8::from(!b)) & 1 == 1;
+        let result = |a: bool, b: bool| operation.contains(a, b);
         let mut made = Growing::new(|_: &Division| false);
         let mut pending = vec![(0, 0, Region::space(self.dimension))];
         while let Some((a, b, region)) = pending.pop() {

@@ -15,7 +15,7 @@ mod region;
 mod sections;
 
 pub use blocks::BspBlocks;
-pub use build::MOST_PIECES;
+pub use build::MAX_PIECES;
 
 use spinney_base::space::Dimension;
 use spinney_brep::ExactPlane;
@@ -68,12 +68,13 @@ pub enum Seen<'a> {
 /// A BSP tree of the plane or of space, in memory.
 ///
 /// ```
-/// use spinney::partitions::Bsp;
+/// use spinney::SetOperation;
+/// use spinney::raw::partitions::Bsp;
 ///
 /// let square = |from: i32, to: i32| vec![[from, from], [to, from], [to, to], [from, to]];
 /// let frame = Bsp::of_polygons(&[vec![square(0, 9), square(3, 6)]])?;
 /// assert!(frame.is_inside([1, 4, 0]) && !frame.is_inside([4, 4, 0]));
-/// let corner = frame.combine(&Bsp::of_polygons(&[vec![square(2, 5)]])?, 1)?;
+/// let corner = frame.combine(&Bsp::of_polygons(&[vec![square(2, 5)]])?, SetOperation::Intersection)?;
 /// assert_eq!(corner.outlines()?, [[[3.0, 3.0], [3.0, 5.0], [2.0, 5.0], [2.0, 2.0], [5.0, 2.0], [5.0, 3.0]]]);
 /// # Ok::<(), spinney::Error>(())
 /// ```

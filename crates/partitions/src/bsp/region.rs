@@ -1,7 +1,7 @@
 //! Convex parts of space: the cells into which a BSP tree divides it.
 
 use spinney_base::space::Dimension;
-use spinney_brep::{ExactPlane, ExactPoint, MOST_BITS};
+use spinney_brep::{ExactPlane, ExactPoint, MAX_BITS};
 
 use super::facet::{Edge, Facet, sides};
 
@@ -15,7 +15,7 @@ pub(super) struct Region {
 impl Region {
     /// All that trees are true of: the grid, and a step more on every side.
     pub(super) fn space(dimension: Dimension) -> Region {
-        let far = 1 << MOST_BITS;
+        let far = 1 << MAX_BITS;
         let ([low, high], z) = ([-1, far], if dimension == Dimension::Quad { [0, 1] } else { [-1, far] });
         Region::of_box([low, low, z[0]], [high, high, z[1]])
     }

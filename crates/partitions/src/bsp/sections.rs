@@ -14,11 +14,11 @@ pub(super) struct Boundary {
 }
 
 /// Takes what a node divides by, the nodes on its two sides, and the part of its plane in its cell.
-type TakeSection<'a> = dyn FnMut(&Division, [usize; 2], Facet) -> Result<()> + 'a;
+type SectionVisitor<'a> = dyn FnMut(&Division, [usize; 2], Facet) -> Result<()> + 'a;
 
 impl Bsp {
     /// Hands out the nodes that divide, with the parts of their planes in their cells.
-    pub(super) fn each_section(&self, take: &mut TakeSection<'_>) -> Result<()> {
+    pub(super) fn each_section(&self, take: &mut SectionVisitor<'_>) -> Result<()> {
         let mut pending = vec![(0, Region::space(self.dimension))];
         while let Some((at, region)) = pending.pop() {
             let BinaryNode::Divided { by, second } = &self.nodes[at] else { continue };

@@ -1,5 +1,6 @@
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
+use spinney_base::SetOperation;
 use spinney_base::space::Code;
 use spinney_engine::tree::{Child, Source};
 
@@ -111,11 +112,10 @@ proptest! {
         for (place, in_a, in_b) in &known {
             prop_assert_eq!([has(&trees[0], *place), has(&trees[1], *place)], [*in_a, *in_b], "{:?}", place);
         }
-        for number in 0..16u8 {
-            let made = trees[0].combine(&trees[1], number).unwrap();
+        for operation in SetOperation::ALL {
+            let made = trees[0].combine(&trees[1], operation).unwrap();
             for (place, in_a, in_b) in &known {
-                let expected = number >> (3 - 2 * u8::from(*in_a) - u8::from(*in_b)) & 1 == 1;
-                prop_assert_eq!(has(&made, *place), expected, "{} {:?}", number, place);
+                prop_assert_eq!(has(&made, *place), operation.contains(*in_a, *in_b), "{} {:?}", operation, place);
             }
             prop_assert_eq!(has(&made.complement(), known[0].0), !has(&made, known[0].0));
         }
@@ -134,7 +134,8 @@ proptest! {
             }).sum();
             prop_assert_eq!(area(outlines), twice);
         }
-        let joined = [7, 1, 2, 4].map(|number| trees[0].combine(&trees[1], number).unwrap().outlines().unwrap());
+        let operations = [SetOperation::Union, SetOperation::Intersection, SetOperation::Difference, SetOperation::ReverseDifference];
+        let joined = operations.map(|operation| trees[0].combine(&trees[1], operation).unwrap().outlines().unwrap());
         for ring in joined.iter().flatten() {
             let points: std::collections::HashSet<_> = ring.iter().map(|corner| corner.map(f64::to_bits)).collect();
             prop_assert_eq!(points.len(), ring.len(), "a ring that touches itself");
@@ -268,8 +269,8 @@ fn bodies_are_inside_where_they_are() {
     };
     // (Centres of cells lie on no face: sums of three odd numbers are odd.)
     let in_octahedron = |at: [i32; 3]| at.iter().map(|at| (at - 16).abs()).sum::<i32>() < 12;
-    for number in 0..16u8 {
-        let made = frame.combine(&octahedron, number).unwrap();
+    for operation in SetOperation::ALL {
+        let made = frame.combine(&octahedron, operation).unwrap();
         let blocks = made.blocks(4).unwrap();
         let whole =
             spinney_engine::tree::MemTree::from_source(&blocks, spinney_base::value::Rule::Nearest).unwrap();
@@ -277,9 +278,9 @@ fn bodies_are_inside_where_they_are() {
             let cell = [cell & 15, cell >> 4 & 15, cell >> 8];
             let centre = cell.map(|at| 2 * at as i32 + 1);
             let (a, b) = (in_frame(centre), in_octahedron(centre));
-            let expected = number >> (3 - 2 * u8::from(a) - u8::from(b)) & 1 == 1;
+            let expected = operation.contains(a, b);
             let code = Code::from_cell(Dimension::Oct, 4, cell).unwrap();
-            assert_eq!(whole.value_at(code).is_some(), expected, "{number} {cell:?}");
+            assert_eq!(whole.value_at(code).is_some(), expected, "{operation} {cell:?}");
         }
     }
     assert!(frame.is_inside([2, 2, 2]) && !frame.is_inside([5, 6, 4]) && !frame.is_inside([0, 0, 0]));
@@ -350,7 +351,7 @@ fn what_bounds_nothing_is_refused() {
     let flat = vec![vec![[0, 0, 0], [1, 1, 1], [2, 2, 2], [3, 3, 3]]];
     assert!(error(Bsp::of_faces(&[flat])).contains("face 0"));
     let (plane, space) = (Bsp::of_segments(&[]).unwrap(), Bsp::of_faces(&[]).unwrap());
-    assert!(plane.combine(&space, 7).is_err() && plane.combine(&plane, 16).is_err());
+    assert!(plane.combine(&space, SetOperation::Union).is_err());
     assert!(space.outlines().is_err() && plane.complement().outlines().unwrap().is_empty());
     assert!(plane.blocks(27).is_err() && space.blocks(20).is_err());
 }

@@ -33,4 +33,4 @@ pub(crate) trait PieceSink {
 /// Bytes behind each row that tell which point it was of all that came in.
 pub(crate) const NUMBER_BYTES: usize = 5;
 /// Points that such numbers tell apart.
-pub(crate) const MOST_NUMBERS: u64 = 1 << (8 * NUMBER_BYTES);
+pub(crate) const MAX_NUMBERS: u64 = 1 << (8 * NUMBER_BYTES);

@@ -2,13 +2,13 @@
 
 use std::path::Path;
 
-use super::MOST_NUMBERS;
+use super::MAX_NUMBERS;
 use super::assembler::{Assembler, write_pieces, write_root};
 use super::buckets::{BucketedRows, Buckets};
 use super::encoder::Encoder;
 use super::work::{Plan, Work};
 use crate::attribute::place_of;
-use crate::codec::MOST_POINTS;
+use crate::codec::MAX_POINTS;
 use crate::grid::PointGrid;
 use crate::source::{PointSchema, PointSource};
 use crate::store::{PointWriter, Summary};
@@ -38,10 +38,10 @@ impl Default for PointBuildOptions {
 impl PointBuildOptions {
     /// Makes sure that the leaf size is one.
     pub(crate) fn check(&self) -> Result<()> {
-        if (1..=MOST_POINTS).contains(&self.leaf_size) {
+        if (1..=MAX_POINTS).contains(&self.leaf_size) {
             return Ok(());
         }
-        let expected = format!("1 to {MOST_POINTS} points");
+        let expected = format!("1 to {MAX_POINTS} points");
         Err(Error::invalid("leaf size", self.leaf_size.to_string(), expected))
     }
 }
@@ -139,9 +139,9 @@ fn read(
             buckets.push(code, point, bytes.first_chunk().expect("fewer than eight"))?;
             number += 1;
         }
-        if number >= MOST_NUMBERS {
+        if number >= MAX_NUMBERS {
             let found = format!("{number} points and more");
-            return Err(Error::invalid("points", found, format!("at most {MOST_NUMBERS} in a file")));
+            return Err(Error::invalid("points", found, format!("at most {MAX_NUMBERS} in a file")));
         }
         progress.advance(count as u64, 2 * total.max(number));
     }

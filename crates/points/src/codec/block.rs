@@ -3,10 +3,10 @@
 use super::prediction::{Clock, Prediction, errors_of, numbers_of};
 use crate::attribute::{RowLayout, place_of};
 use spinney_base::value::SampleType;
-use spinney_packing::{LOG_BITS, MOST_CONTEXTS, log2, pack_numbers, unpack_numbers};
+use spinney_packing::{LOG_BITS, MAX_CONTEXTS, log2, pack_numbers, unpack_numbers};
 
 /// Points of a block at most.
-pub(crate) const MOST_POINTS: usize = 1 << 20;
+pub(crate) const MAX_POINTS: usize = 1 << 20;
 
 /// The columns of a block.
 #[derive(Clone, Debug, PartialEq)]
@@ -97,7 +97,7 @@ const TRIED: usize = 1024;
 /// About the bits, in parts of 2^[`LOG_BITS`], that numbers take: those that tell how large each is, by how often that size comes in its context,
 /// and the rest.
 fn cost(numbers: &[i64], contexts: &[u8]) -> u64 {
-    let mut counts = [[0u64; 65]; MOST_CONTEXTS];
+    let mut counts = [[0u64; 65]; MAX_CONTEXTS];
     let mut bits = 0;
     let mut count = |number: i64, context: u8| {
         let folded = (number << 1 ^ number >> 63) as u64;
@@ -190,7 +190,7 @@ pub(crate) fn encode(columns: &[Vec<i64>], layout: &BlockLayout) -> Vec<u8> {
         if Some(*column) == layout.clock {
             clock = Clock::new(Some(numbers));
         }
-        let is_label = layout.labels().contains(&place) && place < MOST_LABEL;
+        let is_label = layout.labels().contains(&place) && place < MAX_LABEL;
         if is_label {
             labels.push((place, contexts_of(numbers, &clock)));
         }
@@ -200,7 +200,7 @@ pub(crate) fn encode(columns: &[Vec<i64>], layout: &BlockLayout) -> Vec<u8> {
 }
 
 /// Labels stand before this place in the order of coding.
-const MOST_LABEL: usize = 255;
+const MAX_LABEL: usize = 255;
 
 /// Reads the columns of a block that are asked for; the others are empty. `None` if it is not what somebody wrote.
 pub(crate) fn decode(

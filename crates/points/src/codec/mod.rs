@@ -3,4 +3,4 @@
 mod block;
 mod prediction;
 
-pub(crate) use block::{BlockLayout, MOST_POINTS, columns_of, decode, encode};
+pub(crate) use block::{BlockLayout, MAX_POINTS, columns_of, decode, encode};

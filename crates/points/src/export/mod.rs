@@ -60,7 +60,8 @@ pub fn export_points(
     tree: &PointTree,
     selection: &Selection,
     attributes: Option<&[usize]>,
-    (output, format): (Output, PointFormat),
+    output: Output,
+    format: PointFormat,
     progress: &dyn Progress,
 ) -> Result<u64> {
     let all: Vec<usize> = (0..tree.attributes().len()).collect();

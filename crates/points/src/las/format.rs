@@ -4,7 +4,7 @@ use crate::attribute::{PointAttribute, RowField, RowLayout};
 use spinney_base::value::SampleType;
 
 /// The greatest number of a point format.
-pub(crate) const MOST_FORMAT: u8 = 10;
+pub(crate) const MAX_FORMAT: u8 = 10;
 
 /// Collects the attributes of a record.
 struct Record(Vec<(PointAttribute, RowField)>);
@@ -196,7 +196,7 @@ mod tests {
 
     #[test]
     fn records_of_all_formats_are_full() {
-        for format in 0..=MOST_FORMAT {
+        for format in 0..=MAX_FORMAT {
             let size = record_bytes(format).unwrap();
             let layout = record_layout(format, size, &[]);
             let mut bits = vec![0u32; size];

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use las::raw;
 
-use super::format::{MOST_FORMAT, record_bytes, record_layout};
+use super::format::{MAX_FORMAT, record_bytes, record_layout};
 use crate::attribute::RowLayout;
 use spinney_base::guard::guard;
 use spinney_base::io::open_input;
@@ -29,10 +29,10 @@ pub(crate) struct LasHeader {
 }
 
 /// Bytes of a record of variable length that are read at most, and records.
-const MOST_RECORD: u64 = 1 << 20;
-const MOST_RECORDS: u64 = 1 << 12;
+const MAX_RECORD: u64 = 1 << 20;
+const MAX_RECORDS: u64 = 1 << 12;
 /// Bytes of records that are kept, though they mean nothing here.
-const MOST_KEPT: usize = 64 << 10;
+const MAX_CACHED: usize = 64 << 10;
 
 /// A record of variable length.
 struct VariableRecord {
@@ -62,7 +62,7 @@ impl LasHeader {
         let corrupt = |found: String, expected: &str| Error::corrupt(path, "header", found, expected);
         // (The two highest bits say that points are packed.)
         let format = header.point_data_record_format & 0x3f;
-        let own = record_bytes(format).filter(|_| format <= MOST_FORMAT);
+        let own = record_bytes(format).filter(|_| format <= MAX_FORMAT);
         let Some(own) = own else {
             let advice = "write it anew with a program that knows its point format";
             return Err(Error::unsupported(path, format!("point format {format}"), advice));
@@ -147,7 +147,7 @@ fn variable_records(
     let near = (u64::from(header.header_size), u64::from(header.number_of_variable_length_records), false);
     let far = header.evlr.map(|evlr| (evlr.start_of_first_evlr, u64::from(evlr.number_of_evlrs), true));
     for (mut at, count, is_far) in [near].into_iter().chain(far) {
-        for _ in 0..count.min(MOST_RECORDS) {
+        for _ in 0..count.min(MAX_RECORDS) {
             let mut head = [0; 60];
             let head = if is_far { &mut head[..60] } else { &mut head[..54] };
             file.seek(SeekFrom::Start(at)).map_err(Error::io(path, "read"))?;
@@ -164,7 +164,7 @@ fn variable_records(
             let number = u16::from_le_bytes([head[18], head[19]]);
             let user = text(&head[2..18]);
             at = end;
-            let mut data = vec![0; if bytes > MOST_RECORD { 0 } else { bytes as usize }];
+            let mut data = vec![0; if bytes > MAX_RECORD { 0 } else { bytes as usize }];
             file.read_exact(&mut data).map_err(Error::io(path, "read"))?;
             records.push(VariableRecord { user, number, length: bytes, data });
         }
@@ -229,7 +229,7 @@ fn keep_records(
     crs_is_lost: bool,
     tags: &mut BTreeMap<String, String>,
 ) -> Vec<String> {
-    let mut left = MOST_KEPT;
+    let mut left = MAX_CACHED;
     let mut losses = Vec::new();
     if crs_is_lost {
         losses.push("tells its coordinate system in a way that cannot be read; say it with --crs".into());

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::read::LasReader;
-use crate::attribute::{PLACE_BYTES, PointAttribute, RowLayout, place_of};
+use crate::attribute::{POSITION_BYTES, PointAttribute, RowLayout, place_of};
 use crate::source::{PointPart, PointSchema, PointSource, both_bounds};
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
@@ -209,7 +209,7 @@ fn convert(rows: &[u8], (from, to): (&PointSchema, &PointSchema), made: &mut Vec
     made.resize(before + all().len() * size, 0);
     for (own, row) in made[before..].chunks_exact_mut(size).zip(all()) {
         let place = moved(from, to, place_of(row))?;
-        for (bytes, step) in own[..PLACE_BYTES].chunks_exact_mut(4).zip(place) {
+        for (bytes, step) in own[..POSITION_BYTES].chunks_exact_mut(4).zip(place) {
             bytes.copy_from_slice(&step.to_le_bytes());
         }
     }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use las::{Version, raw};
 
-use super::format::{MOST_FORMAT, describe_extra, record_bytes};
+use super::format::{MAX_FORMAT, describe_extra, record_bytes};
 use super::{LasFiles, LasReader};
 use crate::attribute::PointAttribute;
 use crate::export::{PointFormat, export_points};
@@ -110,7 +110,7 @@ fn records_of_all_formats_come_back() {
             ..PointAttribute::new("width", SampleType::I16)
         },
     ];
-    for format in 0..=MOST_FORMAT {
+    for format in 0..=MAX_FORMAT {
         for extra in [&[][..], &extra] {
             let more = extra.iter().map(|attribute| attribute.sample.size()).sum();
             let path = folder.path().join("in.las");
@@ -124,7 +124,8 @@ fn records_of_all_formats_come_back() {
                     &tree,
                     &Selection::default(),
                     None,
-                    (Output::create(&out).unwrap(), kind),
+                    Output::create(&out).unwrap(),
+                    kind,
                     &(),
                 )
                 .unwrap();
@@ -180,7 +181,7 @@ fn several_files_have_all_attributes_on_the_finest_grid() {
         std::array::from_fn(|axis| f64::from(place[axis]) * schema.scale[axis] + schema.offset[axis])
     };
     for path in &paths {
-        let nearest = tree.nearest(&[place(path)], (1, 1.0), 1 << 20, &()).unwrap();
+        let nearest = tree.nearest(&[place(path)], 1, 1.0, 1 << 20, &()).unwrap();
         assert!(nearest[0][0].distance < 1e-9);
     }
 }
@@ -196,7 +197,8 @@ fn files_that_lie_are_errors() {
         &tree,
         &Selection::default(),
         None,
-        (Output::create(&packed).unwrap(), PointFormat::Laz),
+        Output::create(&packed).unwrap(),
+        PointFormat::Laz,
         &(),
     )
     .unwrap();
@@ -232,8 +234,8 @@ fn layers_are_no_longer_than_their_file() {
     for format in [6, 7, 8] {
         std::fs::write(&plain, las_bytes(format, &records(format, 3, 1500), &[], 0.01)).unwrap();
         let tree = tree_of(std::slice::from_ref(&plain), folder.path()).unwrap();
-        let output = (Output::create(&packed).unwrap(), PointFormat::Laz);
-        export_points(&tree, &Selection::default(), None, output, &()).unwrap();
+        let output = Output::create(&packed).unwrap();
+        export_points(&tree, &Selection::default(), None, output, PointFormat::Laz, &()).unwrap();
         let good = std::fs::read(&packed).unwrap();
         let start = u32::from_le_bytes(good[96..100].try_into().unwrap()) as usize;
         let size = usize::from(u16::from_le_bytes(good[105..107].try_into().unwrap()));

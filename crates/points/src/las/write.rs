@@ -5,7 +5,7 @@ use std::path::Path;
 
 use las::{Version, raw};
 
-use super::format::{MOST_FORMAT, describe_extra, record_bytes, record_layout};
+use super::format::{MAX_FORMAT, describe_extra, record_bytes, record_layout};
 use crate::attribute::{PointAttribute, RowLayout};
 use crate::grid::PointGrid;
 use crate::source::{both_bounds, bounds_of};
@@ -89,7 +89,7 @@ impl Written<'_> {
 
 /// The format of records that has the most of some attributes; of several the one that the points came in, or the smallest.
 fn best_format(attributes: &[Written<'_>], came_in: Option<u8>) -> u8 {
-    let candidates: Vec<u8> = came_in.into_iter().chain(6..=MOST_FORMAT).collect();
+    let candidates: Vec<u8> = came_in.into_iter().chain(6..=MAX_FORMAT).collect();
     let room = |format: &u8| {
         let layout = record_layout(*format, record_bytes(*format).unwrap_or(0), &[]);
         attributes.iter().filter(|attribute| attribute.place(&layout).is_some()).count()
@@ -144,7 +144,7 @@ impl LasFile {
         let attributes: Vec<Written<'_>> = chosen.iter().map(written).collect();
         let came_in = tag(metadata, "point_format")
             .and_then(|text| text.parse().ok())
-            .filter(|format| *format <= MOST_FORMAT);
+            .filter(|format| *format <= MAX_FORMAT);
         let format = best_format(&attributes, came_in);
         let own = record_bytes(format).unwrap_or(0);
         let standard = record_layout(format, own, &[]);

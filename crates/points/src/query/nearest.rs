@@ -58,7 +58,8 @@ impl PointTree {
     pub fn nearest(
         &self,
         places: &[[f64; 3]],
-        (most, within): (usize, f64),
+        most: usize,
+        within: f64,
         memory: u64,
         progress: &dyn Progress,
     ) -> Result<Vec<Vec<NearPoint>>> {

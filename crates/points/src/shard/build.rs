@@ -96,7 +96,7 @@ fn check_planned(import: &PointImport, encoder: &Encoder, head: &Path) -> Result
     };
     let (path, expected) = (head.to_path_buf(), format!("{:?}", planned.summary()));
     let advice = "the inputs or the program have changed since: plan another job in another folder";
-    Err(Error::NotPlanned { path, found, expected, advice })
+    Err(Error::PlanMismatch { path, found, expected, advice })
 }
 
 /// Reads the points of a run; tells how many were looked at.

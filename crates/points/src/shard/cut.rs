@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::{PointShard, deepest_units};
-use crate::build::{MOST_NUMBERS, encoder_of};
+use crate::build::{MAX_NUMBERS, encoder_of};
 use crate::grid::PointGrid;
 use crate::import::PointImport;
 use crate::source::PointPart;
@@ -13,7 +13,7 @@ use spinney_base::{Error, Result};
 /// Units for each shard, about, so that shards can be alike; more would hand up more points.
 const UNITS: u64 = 8;
 /// Units that have points, at most, unless a shard needs more.
-const MOST_UNITS: u64 = 1 << 16;
+const MAX_UNITS: u64 = 1 << 16;
 /// Part of a file's side by which its points may lie beyond the bounds that its header tells, as a power of two, and steps.
 const MARGIN: (u32, i64) = (7, 16);
 
@@ -41,8 +41,8 @@ pub fn cut(import: &PointImport, shards: u32) -> Result<PointCut> {
         return Err(Error::unsupported(path, "points whose places are known when all are read", advice));
     }
     let points = source.parts().iter().fold(0, |sum: u64, part| sum.saturating_add(part.count));
-    if points >= MOST_NUMBERS {
-        let expected = format!("fewer than {MOST_NUMBERS} in a file");
+    if points >= MAX_NUMBERS {
+        let expected = format!("fewer than {MAX_NUMBERS} in a file");
         return Err(Error::invalid("points", points.to_string(), expected));
     }
     let grid = encoder_of(source.schema()).grid;
@@ -53,7 +53,7 @@ pub fn cut(import: &PointImport, shards: u32) -> Result<PointCut> {
     }
     // Invariant: units are no deeper than the spacing of the root's points, so that the first point of each goes to the root whatever came before, and shards
     // need not know each other. As few units as will do: the deeper these are, the more points go up.
-    let wanted = (u64::from(shards) * UNITS).min(MOST_UNITS);
+    let wanted = (u64::from(shards) * UNITS).min(MAX_UNITS);
     let (mut level, mut weights) = (0, weights_of(&grid, source.parts(), 0));
     while level < deepest_units(&grid) && (weights.len() as u64) < wanted && shards > 1 {
         level += 1;

@@ -7,10 +7,10 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::light_rows::{LightRows, MOST_ROWS};
+use super::light_rows::{LightRows, MAX_ROWS};
 use super::{PointShard, postorder};
-use crate::build::{Assembled, Closed, Encoder, MOST_NUMBERS, Pending};
-use crate::codec::MOST_POINTS;
+use crate::build::{Assembled, Closed, Encoder, MAX_NUMBERS, Pending};
+use crate::codec::MAX_POINTS;
 use crate::grid::spacing_levels;
 use crate::statistics::{Statistics, statistics_bytes};
 use crate::store::Entry;
@@ -89,7 +89,7 @@ impl LightSummary {
 
     fn from_bytes(path: &Path, bytes: &[u8]) -> Result<LightSummary> {
         let (summary, used): (LightSummary, usize) = SECTION.decode(path, bytes)?;
-        match used == bytes.len() && summary.points <= MOST_NUMBERS && summary.duplicates <= summary.points {
+        match used == bytes.len() && summary.points <= MAX_NUMBERS && summary.duplicates <= summary.points {
             true => Ok(summary),
             false => {
                 let found = format!("{summary:?} in {} bytes", bytes.len());
@@ -189,7 +189,7 @@ impl<'a> LightUnits<'a> {
         let blocks = file.list(BLOCKS, "list of blocks", Entry::BYTES)?;
         let nodes = file.list(NODES, "list of nodes", 8 + statistics_bytes(encoder.block.columns))?;
         let rows = file.list(ROWS, "list of rows", RowEntry::BYTES)?;
-        file.check_blocks(&[("rows", &rows, MOST_ROWS)], file.end(UNITS))?;
+        file.check_blocks(&[("rows", &rows, MAX_ROWS)], file.end(UNITS))?;
         let (lists, codec) = ([units, blocks, nodes, rows], LightRows::new(encoder));
         Ok(LightUnits {
             light,
@@ -299,7 +299,7 @@ impl<'a> LightUnits<'a> {
                 code.filter(|code| unit.contains(*code) && code.level() <= self.encoder.grid.deepest());
             let order = code.map(postorder);
             let fits =
-                (1..=MOST_POINTS as u32).contains(&entry.block.count) && entry.block.offset == self.run_bytes;
+                (1..=MAX_POINTS as u32).contains(&entry.block.count) && entry.block.offset == self.run_bytes;
             if order.is_none() || before > order || !fits {
                 return Err(
                     self.corrupt(format!("{entry:?}"), "blocks of nodes in postorder, one behind the other")
@@ -330,9 +330,9 @@ impl<'a> LightUnits<'a> {
             let statistics = Statistics::read(&entry[8..]);
             // (So that sums stay numbers.)
             let most = statistics.columns.iter().map(|column| column.count).max().unwrap_or(0);
-            if statistics.points > MOST_NUMBERS || most > statistics.points {
+            if statistics.points > MAX_NUMBERS || most > statistics.points {
                 let found = format!("{} points, {most} of which are numbers", statistics.points);
-                return Err(self.corrupt(found, format!("at most {MOST_NUMBERS}, and as many")));
+                return Err(self.corrupt(found, format!("at most {MAX_NUMBERS}, and as many")));
             }
             before = order;
             self.taken[2] += 1;

@@ -1,12 +1,12 @@
 //! Rows of points in light files: blocks of columns, as in trees, with two more: which point it was of all, and the level of its node.
 
-use crate::attribute::{PLACE_BYTES, PointAttribute, RowLayout};
-use crate::build::{Encoder, MOST_NUMBERS, NUMBER_BYTES};
+use crate::attribute::{POSITION_BYTES, PointAttribute, RowLayout};
+use crate::build::{Encoder, MAX_NUMBERS, NUMBER_BYTES};
 use crate::codec::{BlockLayout, columns_of, decode, encode};
 use spinney_base::value::SampleType;
 
 /// Points of a block at most.
-pub(super) const MOST_ROWS: usize = 1 << 16;
+pub(super) const MAX_ROWS: usize = 1 << 16;
 
 /// The way from rows with their numbers and levels to bytes, and back.
 pub(super) struct LightRows<'a> {
@@ -24,7 +24,7 @@ impl<'a> LightRows<'a> {
         LightRows { encoder, block: BlockLayout::of(&RowLayout::packed(attributes)) }
     }
 
-    /// The bytes of rows, at most [`MOST_ROWS`], and their levels.
+    /// The bytes of rows, at most [`MAX_ROWS`], and their levels.
     pub(super) fn encode(&self, rows: &[u8], levels: &[u8]) -> Vec<u8> {
         let Encoder { layout, .. } = self.encoder;
         let all = rows.chunks_exact(self.encoder.stride());
@@ -51,12 +51,12 @@ impl<'a> LightRows<'a> {
                 place[axis] = i32::try_from(columns[axis][point]).ok()?;
             }
             grid.code(place)?;
-            let number = u64::try_from(rest[0][point]).ok().filter(|number| *number < MOST_NUMBERS)?;
+            let number = u64::try_from(rest[0][point]).ok().filter(|number| *number < MAX_NUMBERS)?;
             levels.push(rest[1][point].try_into().ok()?);
             let first = rows.len();
             rows.resize(first + self.encoder.stride(), 0);
             let (row, behind) = rows[first..].split_at_mut(layout.size);
-            for (bytes, step) in row[..PLACE_BYTES].chunks_exact_mut(4).zip(place) {
+            for (bytes, step) in row[..POSITION_BYTES].chunks_exact_mut(4).zip(place) {
                 bytes.copy_from_slice(&step.to_le_bytes());
             }
             for (attribute, column) in attributes.iter().enumerate() {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::light::{LightFile, LightUnit, LightUnits};
 use super::{PointShard, deepest_units};
-use crate::build::{Assembler, BuildSummary, Encoder, MOST_NUMBERS, PieceSink, write_pieces, write_root};
+use crate::build::{Assembler, BuildSummary, Encoder, MAX_NUMBERS, PieceSink, write_pieces, write_root};
 use crate::store::{Entry, PointTree, PointWriter, Summary};
 use spinney_base::io::{Output, open_input};
 use spinney_base::space::{Code, CodeRun};
@@ -46,9 +46,9 @@ pub fn merge_shards(
         while let Some(unit) = units.next()? {
             progress.check()?;
             summary.points = summary.points.saturating_add(unit.points);
-            if summary.points > MOST_NUMBERS {
+            if summary.points > MAX_NUMBERS {
                 let found = format!("{} points and more", summary.points);
-                return Err(light.file.corrupt("units", found, format!("at most {MOST_NUMBERS} in a file")));
+                return Err(light.file.corrupt("units", found, format!("at most {MAX_NUMBERS} in a file")));
             }
             let LightUnit { code, assembled, blocks, nodes, .. } = unit;
             assembler.reach(code, &assembled.closed);

@@ -357,11 +357,11 @@ fn other_inputs_than_planned_are_refused() {
     let paths = scans(folder.path());
     let import = |leaf_size| plan_files(&paths, &mut |_| Ok(vec![]), &options(leaf_size, 1 << 20)).unwrap();
     let job = Job::plan(&import(100), 2);
-    assert!(matches!(job.build(&import(101), 0), Err(Error::NotPlanned { .. })));
+    assert!(matches!(job.build(&import(101), 0), Err(Error::PlanMismatch { .. })));
     // Another place changes the grid; other points in the same box, with another count, do not.
     let bytes = fs::read(&paths[4]).unwrap();
     fs::write(&paths[4], las_bytes(6, &records(6, 0, 3000), &[], 0.01)).unwrap();
-    assert!(matches!(job.build(&import(100), 0), Err(Error::NotPlanned { .. })));
+    assert!(matches!(job.build(&import(100), 0), Err(Error::PlanMismatch { .. })));
     fs::write(&paths[4], &bytes).unwrap();
     // A header that is wrong about where points are: some would be in no shard.
     let mut wrong = bytes.clone();

@@ -5,14 +5,14 @@ use std::path::PathBuf;
 
 use super::PointShard;
 use super::light::{BLOCKS, LIGHT, LightSummary, NODES, ROWS, RowEntry, UNITS, Unit};
-use super::light_rows::{LightRows, MOST_ROWS};
+use super::light_rows::{LightRows, MAX_ROWS};
 use crate::build::{Assembled, Closed, Encoder, PieceSink};
 use crate::statistics::{Statistics, statistics_bytes};
 use crate::store::{Entry, node_entry};
 use spinney_base::io::{Output, Sorter};
 use spinney_base::space::Code;
 use spinney_base::{Error, Result};
-use spinney_container::{BlockPlace, BlockWriter, Content, FileHeader, Metadata, TreeFormat};
+use spinney_container::{BlockLocation, BlockWriter, Content, FileHeader, Metadata, TreeFormat};
 
 /// A shard being written. It is made when [`ShardWriter::finish`] returns; until then nobody takes what is there for it.
 pub(super) struct ShardWriter<'a> {
@@ -68,7 +68,7 @@ impl<'a> ShardWriter<'a> {
             }
         }
         self.summary.points += levels.len() as u64;
-        for (rows, levels) in above.chunks(MOST_ROWS * stride).zip(levels.chunks(MOST_ROWS)) {
+        for (rows, levels) in above.chunks(MAX_ROWS * stride).zip(levels.chunks(MAX_ROWS)) {
             let bytes = self.rows.encode(rows, levels);
             let block = self.light.block(code.bits(), &bytes, levels.len() as u32)?;
             self.row_blocks.push(block.offset, RowEntry { block, bounds: [[]; 2] }.to_bytes())?;
@@ -96,7 +96,7 @@ impl PieceSink for ShardWriter<'_> {
             none => none.insert(Output::create(&self.run_path)?),
         };
         run.write_all(bytes).map_err(Error::io(&self.run_path, "write a block"))?;
-        let block = BlockPlace {
+        let block = BlockLocation {
             key: code.bits(),
             offset: self.summary.run_bytes,
             length: bytes.len() as u32,

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::{PointPart, PointSchema, PointSource};
-use crate::attribute::{PLACE_BYTES, RowLayout};
+use crate::attribute::{POSITION_BYTES, RowLayout};
 use crate::query::PointCondition;
 use spinney_base::Result;
 
@@ -71,7 +71,7 @@ impl PointSource for ChosenPoints {
                     rows.resize(before + keep.iter().filter(|keep| **keep).count() * size, 0);
                     let mut made: Vec<&mut [u8]> = rows[before..].chunks_exact_mut(size).collect();
                     for (own, row) in made.iter_mut().zip(chosen()) {
-                        own[..PLACE_BYTES].copy_from_slice(&row[..PLACE_BYTES]);
+                        own[..POSITION_BYTES].copy_from_slice(&row[..POSITION_BYTES]);
                     }
                     for (attribute, from) in kept.iter().enumerate() {
                         let numbers = layout.numbers(*from, chosen());

@@ -6,7 +6,7 @@ mod world;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::attribute::{PLACE_BYTES, RowLayout, place_of};
+use crate::attribute::{POSITION_BYTES, RowLayout, place_of};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
@@ -126,12 +126,12 @@ impl PointRows {
     /// ```
     pub fn new(mut schema: PointSchema, rows: Vec<u8>) -> Result<PointRows> {
         let size = schema.layout.size;
-        if size < PLACE_BYTES || !rows.len().is_multiple_of(size) {
+        if size < POSITION_BYTES || !rows.len().is_multiple_of(size) {
             let found = format!("{} bytes", rows.len());
             return Err(Error::invalid(
                 "rows of points",
                 found,
-                format!("rows of {size} bytes, of {PLACE_BYTES} or more"),
+                format!("rows of {size} bytes, of {POSITION_BYTES} or more"),
             ));
         }
         schema.bounds = bounds_of(&rows, size).unwrap_or([[0; 3]; 2]);

@@ -40,16 +40,16 @@ pub trait WorldPoints {
 struct Axis {
     least: f64,
     most: f64,
-    /// Digits behind the decimal point that all have at most; `None` if more than [`MOST_DIGITS`].
+    /// Digits behind the decimal point that all have at most; `None` if more than [`MAX_DIGITS`].
     digits: Option<i32>,
     /// Bits behind the binary point that all have at most.
     bits: i32,
 }
 
 /// Digits behind the point of decimal grids at most.
-const MOST_DIGITS: i32 = 9;
+const MAX_DIGITS: i32 = 9;
 /// Steps of a grid from 0 on.
-const MOST_STEPS: f64 = (1u64 << 31) as f64 - 1.0;
+const MAX_STEPS: f64 = (1u64 << 31) as f64 - 1.0;
 
 impl Axis {
     const NONE: Axis = Axis { least: f64::INFINITY, most: f64::NEG_INFINITY, digits: Some(0), bits: 0 };
@@ -60,7 +60,7 @@ impl Axis {
         while let Some(digits) = self.digits
             && !has_digits(number, digits)
         {
-            self.digits = Some(digits + 1).filter(|digits| *digits <= MOST_DIGITS);
+            self.digits = Some(digits + 1).filter(|digits| *digits <= MAX_DIGITS);
         }
         self.bits = self.bits.max(bits_behind(number));
     }
@@ -73,8 +73,8 @@ impl Axis {
         // (Whole, so that steps are those of the coordinates.)
         let reach = self.least.abs().max(self.most.abs());
         let fits = |scale: f64| {
-            let offset = if reach / scale <= MOST_STEPS { 0.0 } else { self.least.floor() };
-            ((self.most - offset) / scale <= MOST_STEPS).then_some(offset)
+            let offset = if reach / scale <= MAX_STEPS { 0.0 } else { self.least.floor() };
+            ((self.most - offset) / scale <= MAX_STEPS).then_some(offset)
         };
         let decimal = self.digits.map(|digits| 10f64.powi(-digits));
         let binary = (self.bits <= 40).then(|| 2f64.powi(-self.bits));

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::summary::Summary;
 use super::writer::{BLOCKS, Entry, NODES, SUMMARY};
 use crate::attribute::{PointAttribute, RowLayout};
-use crate::codec::{BlockLayout, MOST_POINTS, decode};
+use crate::codec::{BlockLayout, MAX_POINTS, decode};
 use crate::grid::PointGrid;
 use crate::statistics::{Statistics, statistics_bytes};
 use spinney_base::Result;
@@ -72,7 +72,7 @@ impl PointTree {
         let nodes = file.list(NODES, "list of nodes", 8 + statistics_bytes(block.columns))?;
         file.check_nodes(&nodes, (grid.dimension, grid.deepest()))?;
         file.check_keys(&blocks, &nodes)?;
-        file.check_blocks(&[("block", &blocks, MOST_POINTS)], file.end(BLOCKS))?;
+        file.check_blocks(&[("block", &blocks, MAX_POINTS)], file.end(BLOCKS))?;
         Ok(PointTree { file, summary, grid, layout, block, blocks, nodes })
     }
 

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::attribute::{PointAttribute, RowLayout};
 use crate::build::BuildSummary;
 use crate::build::Encoder;
-use crate::codec::MOST_POINTS;
+use crate::codec::MAX_POINTS;
 use crate::grid::PointGrid;
 use spinney_base::space::Dimension;
 use spinney_base::value::SampleType;
@@ -18,7 +18,7 @@ use spinney_container::VersionedSection;
 const LIMIT: usize = 1 << 20;
 const SECTION: VersionedSection<LIMIT> = VersionedSection { name: "points", version: 1 };
 /// Attributes of points at most.
-pub(crate) const MOST_ATTRIBUTES: usize = 4096;
+pub(crate) const MAX_ATTRIBUTES: usize = 4096;
 
 /// Description of the points of a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -69,7 +69,7 @@ impl Summary {
 
     /// The section's bytes.
     pub(crate) fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
-        let bytes = SECTION.encode(self).filter(|_| self.attributes.len() <= MOST_ATTRIBUTES);
+        let bytes = SECTION.encode(self).filter(|_| self.attributes.len() <= MAX_ATTRIBUTES);
         bytes.ok_or_else(|| Error::TooLarge {
             path: path.to_path_buf(),
             what: "the description of the attributes".into(),
@@ -94,14 +94,14 @@ impl Summary {
             let found = format!("scale {:?}, offset {:?}", summary.scale, summary.offset);
             return Err(corrupt(found, "finite numbers, and scales above 0"));
         }
-        if summary.bits > 32 || summary.attributes.len() > MOST_ATTRIBUTES {
+        if summary.bits > 32 || summary.attributes.len() > MAX_ATTRIBUTES {
             let found = format!("{} bits, {} attributes", summary.bits, summary.attributes.len());
-            return Err(corrupt(found, &format!("at most 32, and {MOST_ATTRIBUTES}")));
+            return Err(corrupt(found, &format!("at most 32, and {MAX_ATTRIBUTES}")));
         }
-        if !(1..=MOST_POINTS).contains(&(summary.leaf_size as usize)) {
+        if !(1..=MAX_POINTS).contains(&(summary.leaf_size as usize)) {
             return Err(corrupt(
                 format!("{} points in a leaf", summary.leaf_size),
-                &format!("1 to {MOST_POINTS}"),
+                &format!("1 to {MAX_POINTS}"),
             ));
         }
         let attribute = |stored: &StoredAttribute| {

@@ -13,7 +13,7 @@ use spinney_crs::{Crs, Frame};
 /// Words that begin a chain, or end the text.
 const BODY: [&str; 5] = ["region", "part", "hole", "line", "end"];
 /// Colours that a palette has at most.
-const MOST_COLOURS: usize = 1 << 16;
+const MAX_COLOURS: usize = 1 << 16;
 
 /// The head of a text, before its chains.
 pub(super) struct Head {
@@ -138,8 +138,8 @@ fn palette(text: &mut Text) -> Result<Palette> {
         let digits = word.strip_prefix('#').filter(|digits| digits.len() == 8);
         let colour = digits.and_then(|digits| u32::from_str_radix(digits, 16).ok());
         match colour {
-            Some(colour) if colours.len() < MOST_COLOURS => colours.push(colour.to_be_bytes()),
-            Some(_) => return Err(text.wrong("more colours", &format!("at most {MOST_COLOURS} colours"))),
+            Some(colour) if colours.len() < MAX_COLOURS => colours.push(colour.to_be_bytes()),
+            Some(_) => return Err(text.wrong("more colours", &format!("at most {MAX_COLOURS} colours"))),
             None => return Err(text.wrong(&shown(word.as_bytes()), "colours, as in #ff8000ff")),
         }
     }
@@ -147,14 +147,14 @@ fn palette(text: &mut Text) -> Result<Palette> {
 }
 
 /// Takes crossings as they come.
-pub(super) type TakeCrossing<'a> = dyn FnMut(Crossing) -> Result<()> + 'a;
+pub(super) type CrossingVisitor<'a> = dyn FnMut(Crossing) -> Result<()> + 'a;
 
 impl Body {
     /// Goes through all chains.
     ///
     /// # Errors
     /// If the text cannot be read, breaks the rules or goes beyond the picture, or `take` fails.
-    pub(super) fn each(self, head: &Head, take: &mut TakeCrossing<'_>) -> Result<()> {
+    pub(super) fn each(self, head: &Head, take: &mut CrossingVisitor<'_>) -> Result<()> {
         let Body { mut text, first } = self;
         let value = ValueType::new(head.sample, 1);
         let class_expected = format!("a class, a number that {} can be", head.sample.name());
@@ -221,7 +221,7 @@ struct Owner {
 }
 
 /// Reads where a chain begins, and its steps.
-fn chain(text: &mut Text, head: &Head, owner: &Owner, take: &mut TakeCrossing<'_>) -> Result<()> {
+fn chain(text: &mut Text, head: &Head, owner: &Owner, take: &mut CrossingVisitor<'_>) -> Result<()> {
     let most = 1u64 << Dimension::Quad.max_depth();
     let is_crack = head.directions == ChainDirections::Four;
     // Corners are on the last side of the picture, too.
@@ -276,7 +276,7 @@ impl ChainWalk<'_> {
     ///
     /// Invariant: a row is crossed where the walk goes below it or comes from there, by the upper end of the step. Cells of the chain itself are its own whatever is
     /// counted, and all others beside a step are on one side of it: so a cell that is not on a chain is inside if an odd number of crossings is at or before it.
-    fn go(&mut self, to: [i64; 2], take: &mut TakeCrossing<'_>) -> Result<()> {
+    fn go(&mut self, to: [i64; 2], take: &mut CrossingVisitor<'_>) -> Result<()> {
         let from = std::mem::replace(&mut self.at, to);
         if from[1] == to[1] {
             self.run = [self.run[0].min(to[0]), self.run[1].max(to[0])];
@@ -294,16 +294,16 @@ impl ChainWalk<'_> {
     }
 
     /// Ends the chain.
-    fn end(self, take: &mut TakeCrossing<'_>) -> Result<()> {
+    fn end(self, take: &mut CrossingVisitor<'_>) -> Result<()> {
         if self.is_crack { Ok(()) } else { self.take_run(self.at[1], take) }
     }
 
-    fn take_run(&self, row: i64, take: &mut TakeCrossing<'_>) -> Result<()> {
+    fn take_run(&self, row: i64, take: &mut CrossingVisitor<'_>) -> Result<()> {
         self.take(row, self.run[0], Change::Begin, take)?;
         self.take(row, self.run[1] + 1, Change::End, take)
     }
 
-    fn take(&self, row: i64, column: i64, change: Change, take: &mut TakeCrossing<'_>) -> Result<()> {
+    fn take(&self, row: i64, column: i64, change: Change, take: &mut CrossingVisitor<'_>) -> Result<()> {
         let Owner { number, class, .. } = *self.owner;
         // (Both are between 0 and 2^29.)
         take(Crossing { row: row as u32, column: column as u32, owner: number, change, class })

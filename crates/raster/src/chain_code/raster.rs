@@ -7,7 +7,7 @@ use super::crossings::{Change, Crossings, Sorted};
 use super::parse::{self, Body, Head};
 use crate::import::{Order, Pixels, Raster, RasterInfo, RasterOptions};
 use spinney_base::space::Region;
-use spinney_base::value::Kind;
+use spinney_base::value::DataKind;
 use spinney_base::{Error, Result};
 
 /// A text of chains as a picture.
@@ -47,7 +47,7 @@ pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
         nodata: head.nodata,
         palette: head.palette.clone(),
         class_names: head.names.clone(),
-        kind: Some(Kind::Categorical),
+        kind: Some(DataKind::Categorical),
         layout: format!("chain code of {} directions", head.directions.count()),
         order: Order::Bands,
         ..RasterInfo::plain(size, head.sample, 1)

@@ -5,7 +5,7 @@ use spinney_base::Result;
 use spinney_engine::query::ClassRegion;
 
 /// Takes steps: a code, and how often it comes.
-pub(super) type TakeSteps<'a> = dyn FnMut(u8, u64) -> Result<()> + 'a;
+pub(super) type StepSink<'a> = dyn FnMut(u8, u64) -> Result<()> + 'a;
 
 /// The chain of a ring: where it begins, which is the first corner in the first row, or the cell on the left of it.
 pub(super) struct RingChain<'a> {
@@ -52,7 +52,7 @@ impl<'a> RingChain<'a> {
     ///
     /// # Errors
     /// If a temporary file cannot be read, or `take` fails.
-    pub(super) fn each(&self, take: &mut TakeSteps<'_>) -> Result<()> {
+    pub(super) fn each(&self, take: &mut StepSink<'_>) -> Result<()> {
         let count = self.region.count(self.part);
         let mut walk = Walk { at: self.corner, cell: self.start, directions: self.directions };
         // From the first corner to the last, and from there to the first; the last point is that with number 0 again.
@@ -82,7 +82,7 @@ struct Walk {
 
 impl Walk {
     /// Goes to a corner in the same row or column.
-    fn go(&mut self, to: [i64; 2], take: &mut TakeSteps<'_>) -> Result<()> {
+    fn go(&mut self, to: [i64; 2], take: &mut StepSink<'_>) -> Result<()> {
         let [across, down] = [to[0] - self.at[0], to[1] - self.at[1]];
         let steps = (across.abs() + down.abs()) as u64;
         let unit = [across.signum(), down.signum()];
@@ -110,7 +110,7 @@ impl Walk {
     }
 
     /// Goes to a cell around the one on the left.
-    fn move_to(&mut self, cell: [i64; 2], take: &mut TakeSteps<'_>) -> Result<()> {
+    fn move_to(&mut self, cell: [i64; 2], take: &mut StepSink<'_>) -> Result<()> {
         let step = [cell[0] - self.cell[0], cell[1] - self.cell[1]];
         if self.directions == ChainDirections::Four || step == [0; 2] {
             return Ok(());

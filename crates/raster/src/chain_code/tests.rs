@@ -5,8 +5,8 @@ use super::*;
 use crate::import::{self, Pixels, RasterOptions};
 use spinney_base::io::Output;
 use spinney_base::space::{Dimension, Region};
-use spinney_base::value::{Kind, SampleType, ValueType};
-use spinney_base::{Form, Result};
+use spinney_base::value::{DataKind, SampleType, ValueType};
+use spinney_base::{Result, TreeType};
 use spinney_engine::dataset::{self, Dataset};
 use spinney_engine::query::PolygonRequest;
 use spinney_engine::store::{BuildOptions, Slab, Slabs, build_slabs, depth_for};
@@ -56,8 +56,8 @@ impl Picture {
     fn tree(&self, folder: &Path) -> Dataset {
         let path = folder.join("picture.goblin");
         let extent = [self.size[0], self.size[1], 1];
-        let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
-        let options = BuildOptions::new(Kind::Categorical, depth_for(extent));
+        let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+        let options = BuildOptions::new(DataKind::Categorical, depth_for(extent));
         let mut slabs = OneSlab(Some(self.clone()), extent);
         let void = form.value.splat(0);
         build_slabs(form, &mut slabs, void, &options, Output::create(&path).unwrap(), &()).unwrap();

@@ -26,8 +26,8 @@ const PART: usize = 1 << 16;
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::export::{ChainDirections, export_chain_code};
-/// use spinney::io::Output;
+/// use spinney::raw::export::{ChainDirections, export_chain_code};
+/// use spinney::Output;
 /// use spinney::query::PolygonRequest;
 ///
 /// # let folder = tempfile::tempdir().unwrap();

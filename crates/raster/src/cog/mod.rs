@@ -17,8 +17,8 @@ use super::image::tiff_tags::word;
 use super::image::{Format, ImageSpec, write_sidecar};
 use super::window::{DEFAULT_MEMORY, Detail, OutputGrid, VoidCells, WindowRequest, image_spec};
 use spinney_base::io::Output;
-use spinney_base::io::rounds;
-use spinney_base::value::{Kind, Number};
+use spinney_base::io::batch;
+use spinney_base::value::{DataKind, Number};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Metadata, TagScope};
 use spinney_engine::dataset::Dataset;
@@ -84,7 +84,7 @@ pub struct CogSummary {
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// use spinney::export::{CogRequest, export_cog};
-/// use spinney::io::Output;
+/// use spinney::Output;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("map.tif");
@@ -133,7 +133,7 @@ pub fn export_cog(
         CogCompression::Zstd => Coder::Zstd { level: 6 },
         CogCompression::None => Coder::Stored,
     };
-    let has_labels = spec.metadata.palette.is_some() || tree.header().kind == Kind::Categorical;
+    let has_labels = spec.metadata.palette.is_some() || tree.header().kind == DataKind::Categorical;
     let coding = Coding::new(value, side as usize * value.size(), has_labels, coder);
     let levels = levels(tree, side);
     let tiles: u64 = levels.iter().map(LevelTiles::count).sum();
@@ -244,7 +244,7 @@ impl Writer<'_> {
         let mut stored_tiles = StoredTiles::new(level);
         for first in (0..level.count()).step_by(self.batch as usize) {
             let numbers: Vec<u64> = (first..level.count().min(first + self.batch)).collect();
-            let tiles: Vec<Option<EncodedTile>> = rounds::map(&numbers, |number| {
+            let tiles: Vec<Option<EncodedTile>> = batch::map(&numbers, |number| {
                 self.progress.check()?;
                 // Where the level above has nothing, there is nothing below.
                 let may_be = above.is_none_or(|above| above.is_above(level, *number));

@@ -8,7 +8,7 @@ use std::str::FromStr;
 use super::{Pixels, Raster, RasterInfo};
 use serde::{Deserialize, Serialize};
 use spinney_base::space::Region;
-use spinney_base::value::{Kind, Number, Palette, SampleType, ValueType};
+use spinney_base::value::{DataKind, Number, Palette, SampleType, ValueType};
 use spinney_base::{Error, Result};
 use spinney_container::{ScopedTags, TagScope};
 
@@ -158,7 +158,7 @@ impl RasterInfo {
         if let [band] = &self.bands[..] {
             self.palette = band.palette.clone();
             // Colours are for classes.
-            self.kind = self.palette.as_ref().map(|_| Kind::Categorical).or(self.kind);
+            self.kind = self.palette.as_ref().map(|_| DataKind::Categorical).or(self.kind);
         }
     }
 }
@@ -364,7 +364,7 @@ mod tests {
             (of(&[2]).sample, of(&[2]).nodata, of(&[2]).kind),
             (SampleType::I16, Some((-5).into()), None)
         );
-        assert_eq!((of(&[1]).nodata, of(&[1]).kind), (Some(1.into()), Some(Kind::Categorical)));
+        assert_eq!((of(&[1]).nodata, of(&[1]).kind), (Some(1.into()), Some(DataKind::Categorical)));
         assert_eq!((of(&[2, 1]).sample, of(&[2, 1]).nodata), (SampleType::I32, Some((-5).into())));
         assert_eq!((of(&[1, 0]).sample, of(&[1, 0]).palette), (SampleType::U16, None));
         assert_eq!(common_type([SampleType::U32, SampleType::I16].into_iter()), SampleType::F64);

@@ -8,10 +8,10 @@ use super::slabs::BLOCK;
 use super::spill::spill_wanted;
 use super::{Order, Raster, RasterInfo, RasterSlabs};
 
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::io::{Output, folder};
 use spinney_base::space::Dimension;
-use spinney_base::{Error, PartOfWork, Progress, Result};
+use spinney_base::{Error, Progress, Result, SubProgress};
 use spinney_container::{OpenOptions, check_tree_name};
 use spinney_engine::ops::{Resampling, TreeFile, WarpGrid, WarpOptions, Warped, warp};
 use spinney_engine::store::{Packing, TreeWriter, WantedCells, depth_for};
@@ -40,7 +40,7 @@ impl RasterImport {
     /// Those of [`RasterImport::build`].
     pub fn write(self, file: &mut TreeWriter, beside: &Path, progress: &dyn Progress) -> Result<()> {
         self.remarks.iter().for_each(|(path, remark)| progress.warn(path, remark));
-        let form = Form::new(Dimension::Quad, self.value);
+        let form = TreeType::new(Dimension::Quad, self.value);
         if file.run().is_none() {
             let RasterInfo { width, height, .. } = self.raster.info();
             return file.tell(form, [*width, *height, 1], &self.options);
@@ -83,11 +83,11 @@ impl RasterImport {
         let native = temporary.path().join("native.goblin");
         // (What is written for a while is neither packed nor rounded.)
         (self.options.share, self.options.packing) = (false, Packing::default());
-        self.build(Output::create(&native)?, &PartOfWork::new(progress, cells, 2 * cells))?;
+        self.build(Output::create(&native)?, &SubProgress::new(progress, cells, 2 * cells))?;
         let file = TreeFile::open(&native, &OpenOptions::default())?;
         let warped = Warped::new(Arc::new(file.into()), &frame, &grid, options)?;
         let resampling = warped.resampling();
-        warp(warped, &how, output, &PartOfWork::new(progress, cells, 2 * cells))?;
+        warp(warped, &how, output, &SubProgress::new(progress, cells, 2 * cells))?;
         Ok(WarpedBuilt { depth: depth_for(grid.extent), resampling })
     }
 }
@@ -189,12 +189,12 @@ mod tests {
     use super::super::fake::Fake;
     use super::super::{DEFAULT_MEMORY, spill};
     use super::*;
-    use spinney_base::value::{Kind, SampleType, ValueType};
+    use spinney_base::value::{DataKind, SampleType, ValueType};
     use spinney_engine::store::{BuildOptions, build_slabs};
 
     fn bytes_of(raster: Box<dyn Raster>, memory: u64, path: &Path) -> Vec<u8> {
-        let options = BuildOptions::new(Kind::Continuous, 11).memory(memory);
-        let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+        let options = BuildOptions::new(DataKind::Continuous, 11).memory(memory);
+        let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
         let output = Output::create(path).unwrap();
         build_slabs(form, &mut RasterSlabs::new(raster, memory), None, &options, output, &()).unwrap();
         std::fs::read(path).unwrap()

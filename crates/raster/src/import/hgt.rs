@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::{Pixels, Raster, RasterInfo};
 use spinney_base::io::{InputFile, without_query};
 use spinney_base::space::Region;
-use spinney_base::value::{Kind, SampleType};
+use spinney_base::value::{DataKind, SampleType};
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, Frame};
 
@@ -42,7 +42,7 @@ pub(super) fn open(path: &Path) -> Result<Box<dyn Raster>> {
     let info = RasterInfo {
         frame,
         nodata: Some((-32768).into()),
-        kind: Some(Kind::Continuous),
+        kind: Some(DataKind::Continuous),
         layout: "SRTM .hgt, rows".into(),
         ..RasterInfo::plain([side, side], SampleType::I16, 1)
     };

@@ -12,7 +12,7 @@ use spinney_base::{Error, Result};
 
 /// Files of formats that can only be read from the top down, which stay open beyond a pool's number: opening one of them again
 /// means to read all that is above.
-const MOST_SEQUENTIAL: usize = 128;
+const MAX_SEQUENTIAL: usize = 128;
 /// Rows of those that are skipped at once.
 const SKIPPED: u64 = 64;
 
@@ -44,7 +44,7 @@ impl Pool {
 
     fn put(&self, id: u64, opened: Opened) {
         let sequential = !opened.raster.reads_anywhere();
-        let most = if sequential { MOST_SEQUENTIAL } else { self.most };
+        let most = if sequential { MAX_SEQUENTIAL } else { self.most };
         let mut open = self.open.lock().expect("no panic while held");
         open.push_back((id, opened));
         let alike = |(_, other): &(u64, Opened)| other.raster.reads_anywhere() != sequential;

@@ -42,7 +42,7 @@ pub(super) use self::validity::as_stored;
 use crate::chain_code;
 use spinney_base::io::{InputFile, without_query};
 use spinney_base::space::Region;
-use spinney_base::value::{Kind, Number, Palette, SampleType};
+use spinney_base::value::{DataKind, Number, Palette, SampleType};
 use spinney_base::{Error, Result};
 use spinney_container::{FIRST_BYTES, OtherFormat, ScopedTags};
 use spinney_crs::{ControlPoints, Frame};
@@ -98,7 +98,7 @@ pub struct RasterInfo {
     /// Unit per channel of what scale and offset make; empty where the file does not tell.
     pub units: Vec<String>,
     /// Kind of the samples, continuous or categorical, where the file tells.
-    pub kind: Option<Kind>,
+    pub kind: Option<DataKind>,
     /// The format and how the pixels lie in the file, in words: "GeoTIFF, 512x512 tiles, zstd".
     pub layout: String,
     /// Other things worth keeping, by name.

@@ -10,7 +10,7 @@ use super::validity::as_stored;
 use super::{Band, Raster, RasterInfo, RasterOptions, Transparent, bands, mosaic, open};
 use serde::{Deserialize, Serialize};
 use spinney_base::space::Dimension;
-use spinney_base::value::{Kind, Number, Rule, SampleType, ValueType};
+use spinney_base::value::{DataKind, Number, Rule, SampleType, ValueType};
 use spinney_base::{Error, Result};
 use spinney_container::{Header, Metadata};
 use spinney_crs::{Crs, Frame};
@@ -20,7 +20,7 @@ use spinney_engine::store::{BuildOptions, Packing, depth_for};
 pub const DEFAULT_MEMORY: u64 = 256 << 20;
 
 /// Files that are open at once; of more, each is opened when it is read from.
-pub(super) const MOST_OPEN: usize = 16;
+pub(super) const MAX_OPEN: usize = 16;
 
 /// Options for an import; the files decide those that are `None`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -28,7 +28,7 @@ pub(super) const MOST_OPEN: usize = 16;
 #[non_exhaustive]
 pub struct ImportOptions {
     /// Kind of the samples: continuous or categorical.
-    pub kind: Option<Kind>,
+    pub kind: Option<DataKind>,
     /// Rule for the representatives of inner nodes.
     pub rule: Option<Rule>,
     /// Channels to take, by number or name.
@@ -129,7 +129,7 @@ impl RasterImport {
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// use spinney::import::raster::{ImportOptions, plan};
-/// use spinney::io::Output;
+/// use spinney::Output;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("island.goblin");
@@ -229,7 +229,7 @@ fn open_inputs(
     overruled: &mut Option<Crs>,
 ) -> Result<Vec<Box<dyn Raster>>> {
     // Readers rarely need their share, but all that are open together must not need more than half of the memory.
-    let at_once = inputs.len().clamp(1, MOST_OPEN);
+    let at_once = inputs.len().clamp(1, MAX_OPEN);
     let share = memory / 2 / at_once as u64;
     let open_options = RasterOptions {
         memory: share,
@@ -237,9 +237,9 @@ fn open_inputs(
         page: options.page,
         ..RasterOptions::default()
     };
-    let pool = Pool::new(MOST_OPEN);
+    let pool = Pool::new(MAX_OPEN);
     let open_one = |path: &PathBuf| -> Result<Box<dyn Raster>> {
-        let raster: Box<dyn Raster> = if inputs.len() > MOST_OPEN {
+        let raster: Box<dyn Raster> = if inputs.len() > MAX_OPEN {
             Box::new(Lazy::open(path, &open_options, &pool)?)
         } else {
             open(path, &open_options)?
@@ -299,7 +299,7 @@ pub(super) fn check_pages(raster: &dyn Raster) -> Result<()> {
 /// Properties of the tree that follow from the raster and the options.
 struct Choices {
     value: ValueType,
-    kind: Kind,
+    kind: DataKind,
     /// Reason for the kind, in words.
     kind_reason: &'static str,
     rule: Rule,
@@ -409,16 +409,16 @@ fn frame(info: &RasterInfo, options: &ImportOptions) -> Result<Frame> {
     Ok(frame)
 }
 
-pub(super) fn kind(info: &RasterInfo, options: &ImportOptions) -> (Kind, &'static str) {
+pub(super) fn kind(info: &RasterInfo, options: &ImportOptions) -> (DataKind, &'static str) {
     let small = matches!(info.sample, SampleType::U8) && info.channels == 1;
     let has_classes = info.channels == 1 && !info.sample.is_float() && !info.class_names.is_empty();
     match (options.kind, info.kind) {
         (Some(kind), _) => (kind, "as you said"),
-        (None, Some(kind @ Kind::Categorical)) if info.palette.is_some() => (kind, "it has a palette"),
-        (None, _) if has_classes => (Kind::Categorical, "its values have names"),
+        (None, Some(kind @ DataKind::Categorical)) if info.palette.is_some() => (kind, "it has a palette"),
+        (None, _) if has_classes => (DataKind::Categorical, "its values have names"),
         (None, Some(kind)) => (kind, "as the file's samples tell"),
-        (None, None) if small => (Kind::Continuous, "8-bit grey; for classes say --kind categorical"),
-        (None, None) => (Kind::Continuous, "the usual for such samples"),
+        (None, None) if small => (DataKind::Continuous, "8-bit grey; for classes say --kind categorical"),
+        (None, None) => (DataKind::Continuous, "the usual for such samples"),
     }
 }
 

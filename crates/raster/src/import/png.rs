@@ -10,7 +10,7 @@ use super::{Order, Pixels, Raster, RasterInfo, RasterOptions};
 use spinney_base::guard::guard;
 use spinney_base::io::InputFile;
 use spinney_base::space::Region;
-use spinney_base::value::{Kind, Palette, SampleType};
+use spinney_base::value::{DataKind, Palette, SampleType};
 use spinney_base::{Error, Result};
 
 struct Png {
@@ -71,7 +71,7 @@ fn describe(header: &Info) -> RasterInfo {
     let (tags, left_out) = texts(header);
     let without = match left_out {
         0 => String::new(),
-        count => format!(", without texts that are damaged or longer than {} MiB: {count}", MOST_TEXT >> 20),
+        count => format!(", without texts that are damaged or longer than {} MiB: {count}", MAX_TEXT >> 20),
     };
     let rows = if header.interlaced { "interlaced" } else { "rows" };
     RasterInfo {
@@ -84,7 +84,7 @@ fn describe(header: &Info) -> RasterInfo {
             ColorType::Rgba => Some(3),
             _ => None,
         },
-        kind: palette.is_some().then_some(Kind::Categorical),
+        kind: palette.is_some().then_some(DataKind::Categorical),
         palette,
         layout: format!("PNG, {rows}{without}"),
         tags,
@@ -95,14 +95,14 @@ fn describe(header: &Info) -> RasterInfo {
 }
 
 /// Bytes of all texts together: half of what a tree's metadata may have.
-const MOST_TEXT: usize = 8 << 20;
+const MAX_TEXT: usize = 8 << 20;
 
 /// A text out of its chunk.
 type Unpacked = std::result::Result<String, DecodingError>;
 
 /// Texts by their keywords, and how many cannot be unpacked or are too long: a few bytes may stand for gigabytes.
 fn texts(header: &Info) -> (BTreeMap<String, String>, usize) {
-    let (mut texts, mut left_out, mut room) = (BTreeMap::new(), 0, MOST_TEXT);
+    let (mut texts, mut left_out, mut room) = (BTreeMap::new(), 0, MAX_TEXT);
     let mut add = |name: &str, unpack: &dyn Fn(usize) -> Unpacked| match unpack(room) {
         Ok(text) if text.len() <= room => {
             room -= text.len();

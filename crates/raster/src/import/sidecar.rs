@@ -7,7 +7,7 @@ use super::xml::XmlElement;
 use super::{Pixels, Raster, RasterInfo, gdal, worldfile};
 use spinney_base::io::{InputFile, beside, sidecar_of};
 use spinney_base::space::Region;
-use spinney_base::value::{Kind, Number, Palette};
+use spinney_base::value::{DataKind, Number, Palette};
 use spinney_base::{Error, Result};
 use spinney_crs::{ControlPoint, ControlPoints, Frame};
 
@@ -119,7 +119,7 @@ fn apply_band(band: &XmlElement<'_>, channel: usize, info: &mut RasterInfo) {
             "ColorTable" => match palette(&element) {
                 // Colours are for classes, as in a picture that has them in itself.
                 Some(palette) if !several => {
-                    (info.palette, info.kind) = (Some(palette), Some(Kind::Categorical));
+                    (info.palette, info.kind) = (Some(palette), Some(DataKind::Categorical));
                 }
                 palette if several => info.bands_mut()[channel].palette = palette,
                 _ => {}
@@ -283,7 +283,7 @@ mod tests {
             1,
         );
         assert_eq!(info.palette, Some(Palette { colours: vec![[1, 2, 3, 255], [4, 5, 6, 255]] }));
-        assert_eq!(info.kind, Some(Kind::Categorical));
+        assert_eq!(info.kind, Some(DataKind::Categorical));
         assert_eq!(info.class_names, [((-7).into(), "minus seven".into()), (u64::MAX.into(), "most".into())]);
     }
 }

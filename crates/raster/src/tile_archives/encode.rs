@@ -103,7 +103,7 @@ pub(super) struct TileEncoder<'a> {
 }
 
 /// Values whose tiles are remembered.
-const MOST_UNIFORM: usize = 4096;
+const MAX_UNIFORM: usize = 4096;
 
 struct Scratch {
     samples: TileSamples,
@@ -148,7 +148,7 @@ impl<'a> TileEncoder<'a> {
             self.file(tile, scratch)
         })?);
         let mut remembered = self.remembered();
-        if remembered.len() < MOST_UNIFORM {
+        if remembered.len() < MAX_UNIFORM {
             remembered.insert(value, made.clone());
         }
         Ok(Some(made))

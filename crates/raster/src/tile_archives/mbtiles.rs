@@ -7,8 +7,8 @@ use rusqlite::{Connection, OpenFlags, OptionalExtension, params};
 
 use super::encode::Encoded;
 use super::journal::{not_ours, other_export};
-use super::making::{About, Digest, Own};
-use super::sink::{Stored, TileEdit, TileSink};
+use super::provenance::{About, Digest, Own};
+use super::sink::{TileArchiveSummary, TileEdit, TileSink};
 use super::walk::TileRun;
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
@@ -59,8 +59,8 @@ fn failed(path: &Path, doing: &'static str) -> impl FnOnce(rusqlite::Error) -> E
 }
 
 impl MbtilesSink {
-    /// Starts an archive of an export that `making` describes, or goes on with one that was interrupted.
-    pub(super) fn create(path: &Path, making: &str, resume: bool) -> Result<MbtilesSink> {
+    /// Starts an archive of an export that `provenance` describes, or goes on with one that was interrupted.
+    pub(super) fn create(path: &Path, provenance: &str, resume: bool) -> Result<MbtilesSink> {
         let output = if resume { Output::resumable(path)?.0 } else { Output::create(path)? };
         let Some(place) = output.unfinished_path().map(Path::to_path_buf) else {
             let advice = "give the name of a file: it is a database";
@@ -83,7 +83,7 @@ impl MbtilesSink {
         let tables: i64 = sink.ask("SELECT count(*) FROM sqlite_master")?;
         if tables == 0 {
             sink.run(&format!("BEGIN; {SCHEMA}"))?;
-            sink.insert_metadata(PARTIAL, making)?;
+            sink.insert_metadata(PARTIAL, provenance)?;
             sink.run("COMMIT")?;
         } else {
             let found: Option<String> = sink
@@ -91,7 +91,7 @@ impl MbtilesSink {
                 .query_row("SELECT value FROM metadata WHERE name = ?1", [PARTIAL], |row| row.get(0))
                 .optional()
                 .map_err(failed(&sink.path, "read"))?;
-            if found.as_deref() != Some(making) {
+            if found.as_deref() != Some(provenance) {
                 return Err(other_export(&sink.path));
             }
             sink.runs = sink.ask::<i64>("PRAGMA user_version")?.max(0) as u64;
@@ -198,8 +198,8 @@ impl TileSink for MbtilesSink {
         self.run(&format!("PRAGMA user_version = {runs}; COMMIT; BEGIN"))
     }
 
-    fn finish(self: Box<Self>, about: &About) -> Result<Stored> {
-        let (mut stored, mut digest) = (Stored::default(), Digest::default());
+    fn finish(self: Box<Self>, about: &About) -> Result<TileArchiveSummary> {
+        let (mut stored, mut digest) = (TileArchiveSummary::default(), Digest::default());
         each_tile(
             &self.connection,
             |number, hash| {
@@ -279,7 +279,7 @@ impl TileEdit for MbtilesEdit {
         Ok(())
     }
 
-    fn finish(self: Box<Self>, about: &About, _: &dyn Progress) -> Result<Stored> {
+    fn finish(self: Box<Self>, about: &About, _: &dyn Progress) -> Result<TileArchiveSummary> {
         let wrong = || failed(&self.path, "write");
         let run = |statements: &str| self.connection.execute_batch(statements).map_err(wrong());
         // (Contents that no tile has any more.)
@@ -294,7 +294,7 @@ impl TileEdit for MbtilesEdit {
             .query_row("SELECT count(*) FROM images", [], |row| row.get(0))
             .map_err(failed(&self.path, "read"))?;
         let bytes = std::fs::metadata(&self.path).map_err(Error::io(&self.path, "read"))?.len();
-        Ok(Stored { tiles: self.own.tiles, contents: contents.max(0) as u64, bytes, copied: 0 })
+        Ok(TileArchiveSummary { tiles: self.own.tiles, contents: contents.max(0) as u64, bytes, copied: 0 })
     }
 }
 
@@ -312,7 +312,7 @@ fn own(connection: &Connection, path: &Path) -> Result<Own> {
 }
 
 /// Findings that are listed at most.
-const MOST_FINDINGS: usize = 100;
+const MAX_FINDINGS: usize = 100;
 
 /// Checks the database, that all tiles are there, and that contents have the hashes that are their names.
 ///
@@ -328,7 +328,7 @@ pub(super) fn verify(path: &Path, progress: &dyn Progress) -> Result<Vec<Finding
     let own = own(&connection, path)?;
     let mut findings = Vec::new();
     let mut tell = |place: String, problem: String| {
-        if findings.len() < MOST_FINDINGS {
+        if findings.len() < MAX_FINDINGS {
             findings.push(Finding { place, problem });
         }
     };

@@ -6,9 +6,10 @@
 //!
 //! ```
 //! # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-//! use spinney::export::tiles::{Pmtiles, TileId, TilePainter, TileRequest, TileTarget, WarpedTiles, export_tiles};
+//! use spinney::export::{TileRequest, export_tiles};
+//! use spinney::raw::export::tiles::{Pmtiles, TileId, TilePainter, TileTarget, WarpedTiles};
 //! use spinney::import::raster::{ImportOptions, plan};
-//! use spinney::io::Output;
+//! use spinney::Output;
 //! use spinney::style::Style;
 //!
 //! # let folder = tempfile::tempdir().unwrap();
@@ -27,12 +28,12 @@
 mod encode;
 mod folder;
 mod journal;
-mod making;
 #[cfg(feature = "mbtiles")]
 mod mbtiles;
 mod parts;
 mod pmtiles;
 mod png;
+mod provenance;
 mod sink;
 mod target;
 mod tiff;
@@ -49,17 +50,17 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 pub use encode::{TileEncoding, TileFormat, encode_tile};
 pub use folder::{TileFolder, is_tile_folder};
-pub use making::{Making, SourceState};
 pub use parts::TilePart;
 pub use pmtiles::Pmtiles;
-pub use sink::Stored;
+pub use provenance::{SourceState, TileProvenance};
+pub use sink::TileArchiveSummary;
 pub use target::TileTarget;
 pub use update::{TileUpdate, UpdateOptions, draw_tiles};
 
 use self::encode::{Encoded, TileEncoder};
-use self::making::About;
 use self::parts::Parts;
 use self::pmtiles::PmtilesSink;
+use self::provenance::About;
 use self::sink::TileSink;
 use self::walk::{TileExtent, TileRun, TileWalk};
 use spinney_base::io::Output;
@@ -68,7 +69,7 @@ use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Finding;
 use spinney_engine::dataset::Dataset;
-use spinney_tiles::{DataPlace, MAX_ZOOM, TilePainter, TileSource, check_degrees};
+use spinney_tiles::{GeographicExtent, MAX_ZOOM, TilePainter, TileSource, check_degrees};
 
 /// Request for an export: its extent, and the metadata.
 #[derive(Clone, Debug)]
@@ -175,7 +176,7 @@ pub fn export_tiles(
     request: &TileRequest,
     target: &TileTarget,
     progress: &dyn Progress,
-) -> Result<Stored> {
+) -> Result<TileArchiveSummary> {
     let (mut extent, mut about, encoder) = plan(source, painter, request)?;
     let parts = Parts::open(&request.parts, &about)?;
     if let Some(part) = request.part {
@@ -201,7 +202,7 @@ pub fn export_pmtiles(
     request: &TileRequest,
     output: Output,
     progress: &dyn Progress,
-) -> Result<Stored> {
+) -> Result<TileArchiveSummary> {
     if request.resume || request.part.is_some() || !request.parts.is_empty() {
         return Err(Error::invalid("resume, or parts", "an output", "a target, which has a name"));
     }
@@ -251,7 +252,7 @@ fn plan<'a>(
             let [west, south, east, north] = degrees;
             let common = [west.max(w), south.max(s), east.min(e), north.min(n)];
             let is_some = common[0] < common[2] && common[1] < common[3];
-            DataPlace::of_bounds(if is_some { common } else { degrees })
+            GeographicExtent::of_bounds(if is_some { common } else { degrees })
         }
     };
     let encoder = TileEncoder::new(source, painter, request.encoding, side, request.void)?;
@@ -280,7 +281,7 @@ fn plan<'a>(
         description: request.description.clone(),
         attribution: request.attribution.clone(),
         legend: request.legend.clone(),
-        making: Making { source: request.source.clone(), options, colours },
+        provenance: TileProvenance { source: request.source.clone(), options, colours },
     };
     let has_places = format == TileFormat::Tiff;
     Ok((
@@ -307,7 +308,7 @@ fn write(
     about: &About,
     total: u64,
     progress: &dyn Progress,
-) -> Result<Stored> {
+) -> Result<TileArchiveSummary> {
     let mut walk = TileWalk::new(source, extent);
     let mut runs = sink.done();
     for _ in 0..runs {
@@ -352,5 +353,5 @@ fn write(
     source.check_unchanged()?;
     progress.check()?;
     let stored = sink.finish(about)?;
-    Ok(Stored { copied: copies.into_inner(), ..stored })
+    Ok(TileArchiveSummary { copied: copies.into_inner(), ..stored })
 }

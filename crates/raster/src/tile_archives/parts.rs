@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 use super::Made;
 use super::encode::Encoded;
-use super::making::{About, Own};
 use super::pmtiles::Pmtiles;
+use super::provenance::{About, Own};
 use super::walk::{TileExtent, TileRun, TileWalk};
 use spinney_base::{Error, Progress, Result};
 use spinney_tiles::{TileId, TileSource};
@@ -50,7 +50,7 @@ impl TilePart {
         let (_, runs) = TileWalk::new(source, extent).count(progress)?;
         let end = |part: u32| (u128::from(runs) * u128::from(part) / u128::from(self.of)) as u64;
         extent.runs = end(self.number)..end(self.number + 1);
-        about.making.options.insert(OPTION.into(), self.to_string());
+        about.provenance.options.insert(OPTION.into(), self.to_string());
         Ok(())
     }
 }
@@ -90,12 +90,12 @@ impl Parts {
                 let advice = "make it again, with the same options and of the same file";
                 Error::unsupported(path, found, advice)
             };
-            let Some(Own { mut making, .. }) = archive.own() else {
+            let Some(Own { mut provenance, .. }) = archive.own() else {
                 return Err(wrong("a part of an export by another program"));
             };
-            let part = making.options.remove(OPTION).and_then(|part| part.parse::<TilePart>().ok());
+            let part = provenance.options.remove(OPTION).and_then(|part| part.parse::<TilePart>().ok());
             let Some(TilePart { number, of }) = part else { return Err(wrong("a whole archive as a part")) };
-            if making != about.making {
+            if provenance != about.provenance {
                 return Err(wrong("a part of another export"));
             }
             match known.get_mut(number as usize) {

@@ -1,7 +1,7 @@
 //! Takers of tiles: archives, and folders.
 
 use super::encode::Encoded;
-use super::making::{About, Own};
+use super::provenance::{About, Own};
 use super::walk::TileRun;
 use spinney_base::{Progress, Result};
 use spinney_tiles::TileId;
@@ -18,7 +18,7 @@ pub(super) trait TileSink: Send {
     fn checkpoint(&mut self) -> Result<()>;
 
     /// Completes the archive and puts it in its place.
-    fn finish(self: Box<Self>, about: &About) -> Result<Stored>;
+    fn finish(self: Box<Self>, about: &About) -> Result<TileArchiveSummary>;
 }
 
 /// Archive or folder whose tiles are replaced in place.
@@ -30,18 +30,18 @@ pub(super) trait TileEdit {
     fn replace(&mut self, tile: TileId, made: Option<&Encoded>) -> Result<()>;
 
     /// Completes the change.
-    fn finish(self: Box<Self>, about: &About, progress: &dyn Progress) -> Result<Stored>;
+    fn finish(self: Box<Self>, about: &About, progress: &dyn Progress) -> Result<TileArchiveSummary>;
 }
 
-/// Totals of an archive.
+/// Totals of a tile archive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Stored {
+pub struct TileArchiveSummary {
     /// Tiles that are not empty.
     pub tiles: u64,
     /// Contents of tiles that are stored.
     pub contents: u64,
     /// Bytes of the archive.
     pub bytes: u64,
-    /// Tiles that were taken over from an older archive without being drawn.
+    /// Tiles that were copied from an older archive without being drawn.
     pub copied: u64,
 }

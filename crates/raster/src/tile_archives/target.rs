@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use super::encode::TileFormat;
 use super::folder::{FolderSink, TileFolder};
-use super::making::About;
 #[cfg(feature = "mbtiles")]
 use super::mbtiles::MbtilesSink;
 use super::pmtiles::PmtilesSink;
+use super::provenance::About;
 use super::sink::TileSink;
 use spinney_base::io::Output;
 use spinney_base::{Error, Result};
@@ -62,16 +62,16 @@ impl TileTarget {
     }
 
     pub(super) fn sink(&self, about: &About, resume: bool) -> Result<Box<dyn TileSink>> {
-        let making = serde_json::to_string(&about.making)
+        let provenance = serde_json::to_string(&about.provenance)
             .map_err(|error| Error::invalid("options", error.to_string(), "options that are texts"))?;
         Ok(match self {
             TileTarget::Pmtiles(path) => {
-                Box::new(PmtilesSink::create(Output::create(path)?, resume.then_some(making.as_str()))?)
+                Box::new(PmtilesSink::create(Output::create(path)?, resume.then_some(provenance.as_str()))?)
             }
             #[cfg(feature = "mbtiles")]
-            TileTarget::Mbtiles(path) => Box::new(MbtilesSink::create(path, &making, resume)?),
+            TileTarget::Mbtiles(path) => Box::new(MbtilesSink::create(path, &provenance, resume)?),
             TileTarget::Folder(folder) => {
-                Box::new(FolderSink::create(folder, resume.then_some(making.as_str()))?)
+                Box::new(FolderSink::create(folder, resume.then_some(provenance.as_str()))?)
             }
         })
     }

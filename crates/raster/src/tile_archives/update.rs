@@ -5,11 +5,11 @@ use std::sync::Arc;
 
 use super::encode::{Encoded, TileEncoder};
 use super::folder::FolderEdit;
-use super::making::{Making, Own, SourceState};
 #[cfg(feature = "mbtiles")]
 use super::mbtiles::MbtilesEdit;
 use super::pmtiles::Pmtiles;
-use super::sink::{Stored, TileEdit};
+use super::provenance::{Own, SourceState, TileProvenance};
+use super::sink::{TileArchiveSummary, TileEdit};
 use super::target::TileTarget;
 use super::touched::{TouchedBlocks, TouchedTiles};
 use super::walk::{TileExtent, TileRun, TileWalk, settled};
@@ -147,7 +147,7 @@ impl TileUpdate {
     /// Those of [`TilePainter::new`]; if the tiles were made with another style, or the tree's palette or units have changed.
     pub fn painter(&self, style: &Style, tree: &Dataset, progress: &dyn Progress) -> Result<TilePainter> {
         let now = TilePainter::new(style, tree, progress)?;
-        let Some(old) = &self.own.making.colours else { return Ok(now) };
+        let Some(old) = &self.own.provenance.colours else { return Ok(now) };
         let redraw = "or --restyle, which draws all tiles anew";
         if old.style != style.json() {
             let expected = format!("that which the tiles were made with, {}, {redraw}", old.style);
@@ -178,22 +178,22 @@ impl TileUpdate {
         request: &TileRequest,
         options: &UpdateOptions,
         progress: &dyn Progress,
-    ) -> Result<Stored> {
+    ) -> Result<TileArchiveSummary> {
         let (extent, about, encoder) = plan(source, painter, request)?;
-        let making = &self.own.making;
-        making.check_options(&about.making)?;
+        let provenance = &self.own.provenance;
+        provenance.check_options(&about.provenance)?;
         let mut touched = TouchedBlocks::new(source, extent.zooms.clone(), extent.degrees, extent.margin);
         let since = options.since.as_deref();
         let level = extent.zooms.clone().map(|zoom| source.block_level(zoom)).max().unwrap_or(0);
         let level = level.min(tree.depth());
         if !options.restyle {
-            self.check_colours(&about.making)?;
-            changes(tree, &making.source, since, level, progress, &mut |code| touched.add(code))?;
+            self.check_colours(&about.provenance)?;
+            changes(tree, &provenance.source, since, level, progress, &mut |code| touched.add(code))?;
         } else if let Old::Pmtiles(_) = self.old {
             touched.add_all();
         } else {
             // (What is no longer there must be removed: where nobody knows what that is, every tile is looked for.)
-            match changes(tree, &making.source, since, level, progress, &mut |code| touched.add(code)) {
+            match changes(tree, &provenance.source, since, level, progress, &mut |code| touched.add(code)) {
                 Err(Error::Unsupported { .. }) => touched.add_all(),
                 other => other?,
             }
@@ -226,8 +226,8 @@ impl TileUpdate {
     }
 
     /// Fails if the colours of the tiles are others now.
-    fn check_colours(&self, now: &Making) -> Result<()> {
-        let (Some(old), Some(new)) = (&self.own.making.colours, &now.colours) else { return Ok(()) };
+    fn check_colours(&self, now: &TileProvenance) -> Result<()> {
+        let (Some(old), Some(new)) = (&self.own.provenance.colours, &now.colours) else { return Ok(()) };
         if old == new {
             return Ok(());
         }
@@ -249,7 +249,8 @@ impl TileUpdate {
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::export::tiles::{TileRequest, TileTarget, UpdateOptions, draw_tiles, tile_source};
+/// use spinney::export::TileRequest;
+/// use spinney::raw::export::tiles::{TileTarget, UpdateOptions, draw_tiles, tile_source};
 /// use spinney::style::Style;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
@@ -278,7 +279,7 @@ pub fn draw_tiles(
     target: &TileTarget,
     update: Option<&UpdateOptions>,
     progress: &dyn Progress,
-) -> Result<Stored> {
+) -> Result<TileArchiveSummary> {
     let opened = match update {
         None => None,
         Some(how) => Some((TileUpdate::open(target, how.old.as_deref(), progress)?, how)),

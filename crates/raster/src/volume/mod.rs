@@ -21,10 +21,10 @@ pub use self::raw::RawLayout;
 use self::sections::Sections;
 use crate::import::{DEFAULT_MEMORY, as_stored, depth_of, listed, nodata_text};
 use serde::{Deserialize, Serialize};
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::io::{Output, folder};
 use spinney_base::space::{Bounds, Dimension};
-use spinney_base::value::{Kind, Number, Rule, ValueType};
+use spinney_base::value::{DataKind, Number, Rule, ValueType};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Metadata;
 use spinney_crs::{Crs, Frame};
@@ -37,7 +37,7 @@ use spinney_records::npy::MAGIC;
 #[non_exhaustive]
 pub struct VolumeOptions {
     /// Kind of the samples; continuous if not said.
-    pub kind: Option<Kind>,
+    pub kind: Option<DataKind>,
     /// Rule for the representatives of inner nodes; the usual one for the kind if not said.
     pub rule: Option<Rule>,
     /// The number that means VOID. NaN always does.
@@ -96,7 +96,7 @@ struct Told {
     stored: String,
     layout: ArrayLayout,
     metadata: Metadata,
-    kind: Option<Kind>,
+    kind: Option<DataKind>,
     samples: Samples,
 }
 
@@ -117,7 +117,7 @@ pub fn is_volume(path: &Path) -> bool {
 ///
 /// ```
 /// use spinney::import::volume::{VolumeOptions, plan};
-/// use spinney::io::Output;
+/// use spinney::Output;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let (array, path) = (folder.path().join("volume.npy"), folder.path().join("volume.goblin"));
@@ -145,9 +145,9 @@ pub fn plan(path: &Path, options: &VolumeOptions) -> Result<VolumeImport> {
 /// Opens a file of samples alone, and decides how its octree is built.
 ///
 /// ```
-/// use spinney::import::volume::{RawLayout, VolumeOptions, plan_raw};
-/// use spinney::io::Output;
-/// use spinney::value::SampleType;
+/// use spinney::import::volume::VolumeOptions;
+/// use spinney::raw::import::volume::{RawLayout, plan_raw};
+/// use spinney::{Output, SampleType};
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let (raw, path) = (folder.path().join("volume.raw"), folder.path().join("volume.goblin"));
@@ -195,7 +195,7 @@ pub fn plan_sections(inputs: &[PathBuf], options: &VolumeOptions) -> Result<Volu
             tags: info.tags,
             ..Metadata::default()
         },
-        kind: info.kind.filter(|kind| *kind == Kind::Categorical),
+        kind: info.kind.filter(|kind| *kind == DataKind::Categorical),
         samples: Samples::Sections(Box::new(sections)),
     };
     planned(&files, told, options)
@@ -213,7 +213,7 @@ fn planned(paths: &[PathBuf], told: Told, options: &VolumeOptions) -> Result<Vol
     let (kind, kind_reason) = match (options.kind, told_kind) {
         (Some(kind), _) => (kind, "as you said"),
         (None, Some(kind)) => (kind, "as the file's samples tell"),
-        (None, None) => (Kind::Continuous, "the usual for volumes; for classes say --kind categorical"),
+        (None, None) => (DataKind::Continuous, "the usual for volumes; for classes say --kind categorical"),
     };
     let rule = options.rule.unwrap_or(kind.default_rule());
     let provenance = vec![format!("volume {} ({words})", listed(paths))];
@@ -294,7 +294,7 @@ impl VolumeImport {
     /// Those of [`VolumeImport::build`].
     pub fn write(self, file: &mut TreeWriter, beside: &Path, progress: &dyn Progress) -> Result<()> {
         let VolumeImport { samples, size, value, options, memory, .. } = self;
-        let form = Form::new(Dimension::Oct, value);
+        let form = TreeType::new(Dimension::Oct, value);
         let Some(run) = file.run() else { return file.tell(form, size, &options) };
         let cells = run.bounds(form.dimension, options.depth, &Bounds::picture(size));
         let array = match samples {

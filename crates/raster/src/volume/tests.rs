@@ -7,7 +7,7 @@ use super::{RawLayout, VolumeImport, VolumeInput, VolumeOptions, plan_raw};
 use spinney_base::Result;
 use spinney_base::io::Output;
 use spinney_base::space::{Code, CodeRun, Dimension};
-use spinney_base::value::{Kind, SampleType};
+use spinney_base::value::{DataKind, SampleType};
 use spinney_engine::store::goblin::{Shard, ShardPiece, merge_shards};
 use spinney_engine::store::{Packing, TreeWriter};
 
@@ -113,7 +113,7 @@ fn shards_of_what_comes_from_the_front_make_the_bytes_of_a_build() {
     let folder = folder.path();
     let bytes: Vec<u8> = samples().iter().flat_map(|sample| sample.to_le_bytes()).collect();
     let mut options = VolumeOptions::new();
-    options.kind = Some(Kind::Categorical);
+    options.kind = Some(DataKind::Categorical);
     let (head, data) = (folder.join("a.nhdr"), folder.join("a.raw.gz"));
     let mut packed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
     packed.write_all(&[&[0; 5][..], &bytes].concat()).unwrap();

@@ -3,7 +3,7 @@
 use super::span::Span;
 use super::{Detail, WindowRequest};
 use spinney_base::space::Bounds;
-use spinney_base::value::{Kind, Rule, ValueType};
+use spinney_base::value::{DataKind, Rule, ValueType};
 use spinney_base::{Error, Result};
 use spinney_engine::dataset::Dataset;
 
@@ -141,7 +141,7 @@ impl OutputGrid {
 /// Whether pixels of any size are means of the cells that they cover; else they are the cells at their centres.
 pub(super) fn is_averaged(tree: &Dataset) -> bool {
     let header = tree.header();
-    matches!(header.rule, Rule::Mean | Rule::Occupancy) && header.kind == Kind::Continuous
+    matches!(header.rule, Rule::Mean | Rule::Occupancy) && header.kind == DataKind::Continuous
 }
 
 /// Cells of the level that is averaged along each side of a pixel, at least.

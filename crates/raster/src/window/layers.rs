@@ -12,16 +12,17 @@ use spinney_base::{Error, Progress, Result};
 use spinney_engine::dataset::Dataset;
 
 /// Bands of a picture at most.
-const MOST_BANDS: usize = 255;
+const MAX_BANDS: usize = 255;
 
 /// Writes a window of several layers to a picture or array file, one band for each of their channels. Samples must be of one type; the window is in
 /// cells of the first layer, and the others must lie on its grid ([`Dataset::aligned_layer`]).
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::export::image::Format;
-/// use spinney::export::{Detail, WindowRequest, export_layers};
-/// use spinney::{io::Output, space::Bounds};
+/// use spinney::raw::export::image::Format;
+/// use spinney::export::{Detail, WindowRequest};
+/// use spinney::raw::export::export_layers;
+/// use spinney::{Bounds, Output};
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("part.tif");
@@ -50,7 +51,7 @@ pub fn export_layers(
         }
     }
     let channels: usize = layers.iter().map(|layer| usize::from(layer.header().form.value.channels)).sum();
-    if channels > MOST_BANDS {
+    if channels > MAX_BANDS {
         let found = format!("{channels} bands in one picture");
         return Err(Error::unsupported(first.name(), found, "name some of the layers (--layer A,B)"));
     }

@@ -98,9 +98,9 @@ pub enum Detail {
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::export::image::Format;
+/// use spinney::raw::export::image::Format;
 /// use spinney::export::{Detail, WindowRequest, export_window};
-/// use spinney::{io::Output, space::Bounds};
+/// use spinney::{Bounds, Output};
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("part.png");
@@ -178,7 +178,7 @@ fn has_png_channels(tree: &Dataset) -> bool {
 }
 
 /// A function that takes pixels, and whether each has a value.
-pub type TakeRows<'a> = dyn FnMut(&[u8], &[bool]) -> Result<()> + 'a;
+pub type RowSink<'a> = dyn FnMut(&[u8], &[bool]) -> Result<()> + 'a;
 
 /// Hands out a window's pixels as [`export_window`] writes them to arrays, in bands of whole rows from the first on, with
 /// a flag per pixel that is `false` where it is VOID. [`WindowRequest::style`] does not matter.
@@ -189,7 +189,7 @@ pub fn window_rows(
     tree: &Dataset,
     request: &WindowRequest,
     progress: &dyn Progress,
-    each: &mut TakeRows<'_>,
+    each: &mut RowSink<'_>,
 ) -> Result<()> {
     let grid = OutputGrid::of(tree, request)?;
     let rows = rows_at_a_time(tree, request, &grid)?;

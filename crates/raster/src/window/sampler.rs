@@ -1,6 +1,6 @@
 //! Rows of a window: cells as they are, means of what pixels cover, or the cells at their centres.
 
-use super::TakeRows;
+use super::RowSink;
 use super::grid::{OutputGrid, PixelContent, is_averaged};
 use super::means::{Cells, Columns, Means};
 use super::span::Span;
@@ -28,7 +28,7 @@ impl Sampler<'_> {
         rows: u64,
         is_upright: bool,
         progress: &dyn Progress,
-        each: &mut TakeRows<'_>,
+        each: &mut RowSink<'_>,
     ) -> Result<()> {
         let OutputGrid { width, height, .. } = self.grid;
         let mut row = 0;

@@ -2,7 +2,7 @@
 
 /// Share of a cell that counts where rounding leaves nothing of one that is in a span: more than 0, and less than what adding the
 /// shares of all cells of a pixel can tell.
-const LEAST_SHARE: f64 = 1e-12;
+const MIN_SHARE: f64 = 1e-12;
 
 /// The cells that an output pixel covers along one axis.
 pub(super) struct Span {
@@ -27,6 +27,6 @@ impl Span {
         }
         // Rounding may leave a cell that is in the span by its number without any of its length: it still has
         // to have a weight, or a pixel of such cells alone would be VOID.
-        (self.to.min(cell as f64 + 1.0) - self.from.max(cell as f64)).max(LEAST_SHARE)
+        (self.to.min(cell as f64 + 1.0) - self.from.max(cell as f64)).max(MIN_SHARE)
     }
 }

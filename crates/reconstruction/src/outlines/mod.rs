@@ -23,8 +23,8 @@ const ALONG: usize = 8;
 ///
 /// ```
 /// use spinney::import::mesh::{Resolution, SolidOptions};
-/// use spinney::io::Output;
-/// use spinney::reconstruction::plan_outlines;
+/// use spinney::Output;
+/// use spinney::raw::reconstruction::plan_outlines;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = |name: &str| folder.path().join(name);

@@ -25,8 +25,8 @@ pub fn is_views_name(path: &Path) -> bool {
 ///
 /// ```
 /// use spinney::import::mesh::{Resolution, SolidOptions};
-/// use spinney::io::Output;
-/// use spinney::reconstruction::plan_views;
+/// use spinney::Output;
+/// use spinney::raw::reconstruction::plan_views;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = |name: &str| folder.path().join(name);

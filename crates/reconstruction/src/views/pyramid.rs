@@ -1,7 +1,7 @@
 //! Summaries of rectangles of a picture, by nodes of 2 x 2, 4 x 4 and so on pixels.
 
 /// Nodes along a side of a rectangle that are looked at, at most.
-const MOST_ALONG: u64 = 4;
+const MAX_ALONG: u64 = 4;
 
 /// Nodes over pixels; what a node has is joined of what its pixels have.
 pub(super) struct Pyramid<N> {
@@ -69,7 +69,7 @@ impl<N: Copy> Pyramid<N> {
     ) -> N {
         // (The finest level of which few nodes reach over the rectangle: nodes at its border reach beyond it, which makes the answer less sharp, and never wrong.)
         let is_small =
-            |level: &usize| (0..2).all(|axis| (last[axis] >> level) - (first[axis] >> level) < MOST_ALONG);
+            |level: &usize| (0..2).all(|axis| (last[axis] >> level) - (first[axis] >> level) < MAX_ALONG);
         let level = (0..=self.levels.len()).find(is_small).unwrap_or(self.levels.len());
         let columns = size_at(self.size, level)[0];
         let at = |column: u64, row: u64| match level {
@@ -108,7 +108,7 @@ mod tests {
                     let all = (left..=right).flat_map(|column| (0..size[1]).map(move |row| (column, row)));
                     let exact = all.map(|(column, row)| pixel(column, row)).reduce(join).unwrap();
                     assert!(least <= exact[0] && most >= exact[1]);
-                    let is_small = right - left < MOST_ALONG && size[1] <= MOST_ALONG;
+                    let is_small = right - left < MAX_ALONG && size[1] <= MAX_ALONG;
                     assert!(!is_small || [least, most] == exact);
                 }
             }

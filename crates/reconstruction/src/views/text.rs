@@ -9,11 +9,11 @@ use serde_json::value::RawValue;
 use spinney_base::{Error, Result};
 
 /// Most bytes of a text.
-const MOST_BYTES: u64 = 8 << 20;
+const MAX_BYTES: u64 = 8 << 20;
 
 /// Sine of the least angle between the direction of a view and what is up in its picture. Vectors of length one are right to about 2^-51: at this sine the picture is turned by
 /// 4e-7 (radians) at most, half a pixel of 2^20.
-const LEAST_SINE: f64 = 1e-9;
+const MIN_SINE: f64 = 1e-9;
 
 /// Units that lengths may have.
 const UNITS: [&str; 6] = ["mm", "cm", "m", "km", "in", "ft"];
@@ -79,10 +79,10 @@ impl Text {
         let mut bytes = Vec::new();
         let file = File::open(path).map_err(Error::io(path, "open"))?;
         // (One more than a text may have tells that it is too long.)
-        file.take(MOST_BYTES + 1).read_to_end(&mut bytes).map_err(Error::io(path, "read"))?;
-        if bytes.len() as u64 > MOST_BYTES {
+        file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(Error::io(path, "read"))?;
+        if bytes.len() as u64 > MAX_BYTES {
             let advice = "divide the views over several texts, and combine the solids with `combine and`";
-            return Err(Error::unsupported(path, format!("a text of more than {MOST_BYTES} bytes"), advice));
+            return Err(Error::unsupported(path, format!("a text of more than {MAX_BYTES} bytes"), advice));
         }
         Text::parse(path, &bytes)
     }
@@ -177,7 +177,7 @@ fn axes_along(direction: [f64; 3], up: [f64; 3], name: &str) -> Result<[[f64; 3]
         return wrong("direction", direction, "a vector towards the viewer that has a length");
     };
     let Some(sky) = unit(up) else { return wrong("up", up, "a vector that has a length") };
-    let right = Some(cross(sky, towards)).filter(|right| length(*right) > LEAST_SINE).and_then(unit);
+    let right = Some(cross(sky, towards)).filter(|right| length(*right) > MIN_SINE).and_then(unit);
     let Some(right) = right else {
         return wrong(
             "up",

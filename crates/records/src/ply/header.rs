@@ -131,7 +131,7 @@ pub struct PlyHeader {
 }
 
 /// Longest header; with it the elements and properties are bounded.
-const MOST_BYTES: usize = 1 << 20;
+const MAX_BYTES: usize = 1 << 20;
 
 impl PlyHeader {
     /// Reads the header of a file, whose bytes are given.
@@ -139,7 +139,7 @@ impl PlyHeader {
     /// # Errors
     /// If it is damaged, of another version, or tells of more than the file has.
     pub fn read(bytes: &[u8], path: &Path) -> Result<PlyHeader> {
-        let start = &bytes[..bytes.len().min(MOST_BYTES)];
+        let start = &bytes[..bytes.len().min(MAX_BYTES)];
         let mut lines = Lines::new(start, 0);
         lines.next();
         let mut encoding = None;

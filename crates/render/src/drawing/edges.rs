@@ -7,7 +7,7 @@ use spinney_brep::exact::normal::triangle_normal;
 use spinney_brep::{ExactModel, Faces as _, Triangulated};
 
 /// Triangles that a drawing may have: what is cut of them in a BSP tree takes about 2 KB each.
-const MOST_TRIANGLES: usize = 1 << 17;
+const MAX_TRIANGLES: usize = 1 << 17;
 
 /// Triangles between two looks at whether to go on.
 const OFTEN: usize = 1 << 12;
@@ -31,11 +31,11 @@ impl Triangles {
     /// If there are too many, the file is damaged, or on interruption.
     pub(super) fn of(model: &ExactModel, progress: &dyn Progress) -> Result<Triangles> {
         let too_many = |count: u64| {
-            let found = format!("a drawing of {count} faces or more (at most {MOST_TRIANGLES} triangles)");
+            let found = format!("a drawing of {count} faces or more (at most {MAX_TRIANGLES} triangles)");
             let advice = "draw a shaded picture, without --drawing, or the blocks of the octree, with --drawing octants";
             Error::unsupported(model.path(), found, advice)
         };
-        if model.len() > MOST_TRIANGLES as u64 {
+        if model.len() > MAX_TRIANGLES as u64 {
             return Err(too_many(model.len()));
         }
         let mut found = Triangles {
@@ -48,7 +48,7 @@ impl Triangles {
         Triangulated::of(model)?.each(&mut |face| {
             let &[a, b, c] = face.points else { return Ok(()) };
             let number = found.corners.len();
-            if number == MOST_TRIANGLES {
+            if number == MAX_TRIANGLES {
                 return Err(too_many(number as u64));
             }
             if number.is_multiple_of(OFTEN) {

@@ -20,7 +20,7 @@ use spinney_engine::tree::Child;
 use spinney_style::to_srgb;
 
 /// Blocks that a drawing may have.
-const MOST_BLOCKS: usize = 1 << 18;
+const MAX_BLOCKS: usize = 1 << 18;
 
 /// Blocks along the longest side of a solid, at least, where no level is asked for.
 const ALONG: f64 = 32.0;
@@ -151,8 +151,8 @@ impl<'a> Blocks<'a> {
     }
 
     fn add(&mut self, level: u8, position: [u32; 3], colour: DVec3) -> Result<()> {
-        if self.list.len() == MOST_BLOCKS {
-            let found = format!("a drawing of more than {MOST_BLOCKS} blocks");
+        if self.list.len() == MAX_BLOCKS {
+            let found = format!("a drawing of more than {MAX_BLOCKS} blocks");
             return Err(Error::unsupported(
                 self.name,
                 found,

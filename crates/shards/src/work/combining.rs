@@ -4,10 +4,9 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use spinney_base::io::Output;
-use spinney_base::value::Number;
-use spinney_base::{Error, Progress, Result};
+use spinney_base::{Progress, Result};
 use spinney_container::Header;
-use spinney_engine::ops::{Operation, Outcome, Universe, combine_with};
+use spinney_engine::ops::{CombineOperation, CombineOptions, Outcome, combine_with};
 use spinney_engine::store::{Packing, TreeTarget, WriteOptions};
 
 use super::trees::{LITTLE, description, files_of};
@@ -17,21 +16,14 @@ use super::{PartOfJob, PlannedWork, Told, Work};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Combining {
-    operation: Operation,
-    #[serde(with = "spinney_base::text_fields")]
-    fill: Option<Number>,
-    universe: Universe,
+    operation: CombineOperation,
+    options: CombineOptions,
     packing: Packing,
 }
 
 impl Combining {
-    pub(super) fn of(
-        operation: Operation,
-        fill: Option<Number>,
-        universe: Universe,
-        packing: Packing,
-    ) -> Combining {
-        Combining { operation, fill, universe, packing }
+    pub(super) fn of(operation: CombineOperation, options: CombineOptions, packing: Packing) -> Combining {
+        Combining { operation, options, packing }
     }
 
     fn run(
@@ -41,8 +33,8 @@ impl Combining {
         memory: u64,
         progress: &dyn Progress,
     ) -> Result<Outcome> {
-        let (universe, how) = ((self.fill, self.universe), WriteOptions::new(memory).packing(self.packing));
-        combine_with(self.operation, universe, paths, &[], target, how, progress)
+        let how = WriteOptions::new(memory).packing(self.packing);
+        combine_with(self.operation, self.options, paths, &[], target, how, progress)
     }
 }
 
@@ -64,12 +56,7 @@ impl Work for Combining {
     }
 
     fn check(&self, _: usize, _: &[Header]) -> Result<()> {
-        match self.operation {
-            Operation::Set { number, .. } if number > 15 => {
-                Err(Error::invalid("operation", number.to_string(), "a number from 0 to 15"))
-            }
-            _ => Ok(()),
-        }
+        Ok(())
     }
 
     fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
@@ -80,23 +67,32 @@ impl Work for Combining {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use spinney_engine::ops::Prefer;
+    use spinney_base::SetOperation;
+    use spinney_base::value::Number;
+    use spinney_engine::ops::{Prefer, Universe};
 
     #[test]
     fn operations_come_back() {
-        let xor = Operation::Set { number: 9, prefer: Prefer::Second };
+        let xor = CombineOperation::Set { operation: SetOperation::Equivalence, prefer: Prefer::Second };
         let within = Universe::Within([0.1, -1e-9, 0.0], [1.0 / 3.0, 7.0, 0.0]);
+        let of = |fill, universe| CombineOptions { fill, universe };
         for how in [
-            (xor, Some(Number::from(3)), within),
-            (Operation::Changed, None, Universe::Usual),
-            (Operation::Set { number: 12, prefer: Prefer::First }, None, Universe::Margin(4)),
+            (xor, of(Some(Number::from(3)), within)),
+            (CombineOperation::Changed, CombineOptions::default()),
+            (CombineOperation::set(SetOperation::Complement), of(None, Universe::Margin(4))),
         ] {
-            let (operation, fill, universe) = how;
-            let planned = Combining::of(operation, fill, universe, Packing::default());
+            let (operation, options) = how;
+            let planned = Combining::of(operation, options, Packing::default());
             let text = serde_json::to_string(&planned).unwrap();
             assert_eq!(serde_json::from_str::<Combining>(&text).unwrap(), planned);
         }
-        let too_large = Operation::Set { number: 16, prefer: Prefer::First };
-        Combining::of(too_large, None, Universe::Usual, Packing::default()).check(2, &[]).unwrap_err();
+        let unknown = serde_json::to_string(&Combining::of(
+            CombineOperation::set(SetOperation::Complement),
+            CombineOptions::default(),
+            Packing::default(),
+        ))
+        .unwrap()
+        .replace("complement", "complements");
+        assert!(serde_json::from_str::<Combining>(&unknown).is_err());
     }
 }

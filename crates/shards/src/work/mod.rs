@@ -16,11 +16,10 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use spinney_base::io::{Output, url_of};
 use spinney_base::space::{Bounds, CodeRun};
-use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
 use spinney_engine::dataset::Rebuild;
-use spinney_engine::ops::{Chain, Operation, Universe};
+use spinney_engine::ops::{CombineOperation, CombineOptions, FileView};
 use spinney_engine::store::goblin::{Goblin, LightFile, MergeOutput, Shard, ShardPiece, merge_shards};
 use spinney_engine::store::{Packing, ShardCheck, TreeTarget, TreeWriter};
 use spinney_mesh::import::SolidOptions;
@@ -92,7 +91,7 @@ pub enum JobSpec {
     /// A tree with steps done to it: see [`transform`](spinney_engine::ops::transform).
     Transform {
         /// The tree, and the steps.
-        chain: Chain,
+        chain: FileView,
         /// The way in which segments are packed.
         packing: Packing,
     },
@@ -101,11 +100,9 @@ pub enum JobSpec {
         /// The trees.
         inputs: Vec<PathBuf>,
         /// The way in which they are merged.
-        operation: Operation,
-        /// Value of cells that the operation makes of nothing.
-        fill: Option<Number>,
-        /// The place where it does that.
-        universe: Universe,
+        operation: CombineOperation,
+        /// What becomes of cells that none of them has.
+        options: CombineOptions,
         /// The way in which segments are packed.
         packing: Packing,
     },
@@ -153,9 +150,8 @@ impl JobSpec {
             JobSpec::Transform { chain, packing } => {
                 transforming::write_head(chain, *packing, head, progress)
             }
-            JobSpec::Combine { inputs: paths, operation, fill, universe, packing } => {
-                let work = Combining::of(*operation, *fill, *universe, *packing);
-                combining::write_head(paths, work, head, progress)
+            JobSpec::Combine { inputs: paths, operation, options, packing } => {
+                combining::write_head(paths, Combining::of(*operation, *options, *packing), head, progress)
             }
         }
     }
@@ -210,8 +206,8 @@ impl PlannedWork {
             JobSpec::Transform { chain, packing } => {
                 PlannedWork::Transform(Transforming::of(chain, *packing)?)
             }
-            JobSpec::Combine { operation, fill, universe, packing, .. } => {
-                PlannedWork::Combine(Combining::of(*operation, *fill, *universe, *packing))
+            JobSpec::Combine { operation, options, packing, .. } => {
+                PlannedWork::Combine(Combining::of(*operation, *options, *packing))
             }
         })
     }

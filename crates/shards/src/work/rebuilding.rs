@@ -78,13 +78,13 @@ impl Work for Rebuilding {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use spinney_base::value::{Kind, Rule};
+    use spinney_base::value::{DataKind, Rule};
     use spinney_crs::Crs;
 
     #[test]
     fn what_is_other_comes_back() {
         let matrix = [[0.1, 0.0, 0.0, 1e-300], [0.0, -1.0 / 3.0, 0.0, 5.0], [0.0, 0.0, 1.0, 0.0]];
-        let (kind, rule) = (Some(Kind::Categorical), Some(Rule::Max));
+        let (kind, rule) = (Some(DataKind::Categorical), Some(Rule::Max));
         let other = Rebuild { kind, rule, depth: Some(12), matrix: Some(matrix), crs: Some(Crs::epsg(4326)) };
         for other in [other, Rebuild::default()] {
             let text = serde_json::to_string(&Rebuilding::of(&other, Packing::default())).unwrap();

@@ -18,7 +18,7 @@ use crate::balance::level_of_cuts;
 use crate::job::PlannedInput;
 
 /// Faces that go around a point, at most: far more than there are, and far fewer than are counted.
-const MOST_AROUND: u32 = 1 << 30;
+const MAX_AROUND: u32 = 1 << 30;
 
 /// The solid of some models.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -69,7 +69,7 @@ impl Survey {
         let node = |Node(code, surfaces): &Node| {
             let bits = u64::from_str_radix(code, 16).ok();
             let code = bits.and_then(|bits| Code::from_bits(Dimension::Oct, bits))?;
-            let is_sound = surfaces.iter().all(|(_, winding, _)| winding.unsigned_abs() <= MOST_AROUND);
+            let is_sound = surfaces.iter().all(|(_, winding, _)| winding.unsigned_abs() <= MAX_AROUND);
             is_sound.then(|| SurveyedNode {
                 code,
                 triangles: 0,

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
-use spinney_engine::ops::{Chain, Step, WarpOptions, transform_to};
+use spinney_engine::ops::{FileView, ViewStep, WarpOptions, transform_to};
 use spinney_engine::store::{Packing, TreeTarget, WriteOptions};
 
 use super::trees::{LITTLE, description, files_of};
@@ -25,17 +25,17 @@ pub(crate) struct Transforming {
 }
 
 /// The files of a chain: its tree, and those of its steps.
-pub(super) fn files(chain: &Chain) -> Vec<PathBuf> {
-    let of_steps = chain.steps.iter().flat_map(Step::files);
+pub(super) fn files(chain: &FileView) -> Vec<PathBuf> {
+    let of_steps = chain.steps.iter().flat_map(ViewStep::files);
     [&*chain.path].into_iter().chain(of_steps).map(Path::to_path_buf).collect()
 }
 
 impl Transforming {
-    pub(super) fn of(chain: &Chain, packing: Packing) -> Result<Transforming> {
-        let step = |step: &Step| {
+    pub(super) fn of(chain: &FileView, packing: Packing) -> Result<Transforming> {
+        let step = |step: &ViewStep| {
             let step = step.with_files(&absolute)?;
             let text = step.to_string();
-            if text.parse::<Step>().ok().as_ref() != Some(&step) {
+            if text.parse::<ViewStep>().ok().as_ref() != Some(&step) {
                 let advice = "do this step in one go, and the others in shards";
                 return Err(Error::unsupported(
                     &chain.path,
@@ -54,15 +54,15 @@ impl Transforming {
     }
 
     /// The chain on a tree.
-    fn chain(&self, path: &Path) -> Result<Chain> {
+    fn chain(&self, path: &Path) -> Result<FileView> {
         let steps = self.steps.iter().map(|step| step.parse()).collect::<Result<_>>()?;
-        Ok(Chain { path: path.into(), steps, moves: self.moves, warp: self.warp })
+        Ok(FileView { path: path.into(), steps, moves: self.moves, warp: self.warp })
     }
 }
 
 /// Writes a file that tells of the layers.
 pub(super) fn write_head(
-    chain: &Chain,
+    chain: &FileView,
     packing: Packing,
     head: Output,
     progress: &dyn Progress,
@@ -99,7 +99,7 @@ mod tests {
 
     #[test]
     fn chains_come_back() {
-        let mut chain = Chain::of(Path::new("/a/b.goblin"));
+        let mut chain = FileView::of(Path::new("/a/b.goblin"));
         let steps = ["rotate=0.1@2.5,3e-7", "like=/x, y.goblin", "calc=(a-b1)/3,a=\"/c, d.goblin\",type=f64"];
         chain.steps = steps.iter().map(|step| step.parse().unwrap()).collect();
         chain.moves = true;

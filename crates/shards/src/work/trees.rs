@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use spinney_base::Result;
-use spinney_container::FilePlace;
+use spinney_container::FileReference;
 use spinney_engine::ops::Outcome;
 use spinney_manifest::{Manifest, is_manifest_file};
 
@@ -12,7 +12,7 @@ pub(super) const LITTLE: u64 = 1 << 20;
 
 /// The files that reading a tree looks at: its own, and those that a manifest lists.
 pub(super) fn files_of(input: &Path) -> Result<Vec<PathBuf>> {
-    let file = FilePlace::of(input).file.into_owned();
+    let file = FileReference::of(input).file.into_owned();
     if !is_manifest_file(&file) {
         return Ok(vec![file]);
     }

@@ -106,7 +106,7 @@ impl Work for Volume {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use spinney_base::value::{Kind, Number, Rule, SampleType};
+    use spinney_base::value::{DataKind, Number, Rule, SampleType};
     use spinney_crs::Crs;
     use spinney_engine::store::Packing;
 
@@ -122,7 +122,7 @@ mod tests {
         assert_eq!(planned.options, options);
         assert_eq!(planned.input(sections.paths()).unwrap(), sections);
         planned.check(2, &[]).unwrap();
-        (options.kind, options.rule) = (Some(Kind::Categorical), Some(Rule::Majority));
+        (options.kind, options.rule) = (Some(DataKind::Categorical), Some(Rule::Majority));
         (options.nodata, options.depth) = (Some(Number::Float(0.1)), Some(9));
         options.transform =
             Some([[0.1, 0.0, 1e-300, 1e17], [0.0, 1.0 / 3.0, 0.0, -0.0], [0.0, 0.0, 7.0, 1.0]]);

@@ -9,7 +9,7 @@ const LEVELS_BELOW = 6;
 /** A part is divided if it takes more than so much of the picture's height. */
 const SHARE = 0.9;
 /** Parts that are drawn at most. */
-const MOST_PARTS = 160;
+const MAX_PARTS = 160;
 
 export async function show({ dataset, place, assetUrl }) {
   const { header } = dataset;
@@ -92,7 +92,7 @@ export async function show({ dataset, place, assetUrl }) {
       const distance = Math.max(part.box.distanceToPoint(view.camera.position), size / 100);
       const share = size / distance / (2 * Math.tan((view.camera.fov * Math.PI) / 360));
       if (part.state === "new") wanted.push([share, part]);
-      const isDivided = part.drawn < header.depth && share > SHARE * 2 && count < MOST_PARTS;
+      const isDivided = part.drawn < header.depth && share > SHARE * 2 && count < MAX_PARTS;
       if (isDivided) {
         const parts = part.divide();
         const isReady = parts.every(({ state, box }) => state === "ready" || !frustum.intersectsBox(box));

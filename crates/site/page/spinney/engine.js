@@ -11,7 +11,7 @@ const MOST = 2 ** 30;
 /** Rounds behind which single ranges are fetched with what is behind them, and the bytes of that, at first and at most. */
 const ALONE = 6;
 const FIRST_AHEAD = 2 ** 18;
-const MOST_AHEAD = 2 ** 23;
+const MAX_AHEAD = 2 ** 23;
 
 const isNode = typeof process !== "undefined" && Boolean(process.versions?.node) && typeof document === "undefined";
 
@@ -178,7 +178,7 @@ export async function ask(source, question, { places = NONE, signal, progress, b
       }
       // (What asks for one range after the other goes through the file: what is behind it comes with it, ever more.)
       if (ranges.length === 1 && total.rounds >= ALONE) {
-        ahead = Math.min(Math.max(2 * ahead, FIRST_AHEAD), MOST_AHEAD);
+        ahead = Math.min(Math.max(2 * ahead, FIRST_AHEAD), MAX_AHEAD);
         const [range] = ranges;
         const end = source.aheadOf(range[1], range[1] + ahead);
         needed += Math.max(end - range[1], 0);

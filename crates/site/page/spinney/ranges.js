@@ -3,10 +3,10 @@
 /** Bytes between two ranges up to which these are fetched as one. */
 const GAP = 32 * 1024;
 /** Bytes that are fetched with one request, unless a single range has more. */
-const MOST_JOINED = 8 * 2 ** 20;
+const MAX_JOINED = 8 * 2 ** 20;
 
 /** Joins ranges that are near each other, to no more than so many bytes. */
-export function join(ranges, gap = GAP, most = MOST_JOINED) {
+export function join(ranges, gap = GAP, most = MAX_JOINED) {
   const joined = [];
   for (const [start, end] of [...ranges].sort((a, b) => a[0] - b[0] || b[1] - a[1])) {
     const last = joined.at(-1);

@@ -7,14 +7,14 @@ import { between, each, join } from "./ranges.js";
 /** Requests at the same time. */
 const PARALLEL = 8;
 /** Bytes of a file that is read whole where its host does not serve ranges. */
-const MOST_WHOLE = 64 * 2 ** 20;
+const MAX_WHOLE = 64 * 2 ** 20;
 /** Bytes of a file of which all that is left is read when the half of it has been. */
 const MODERATE = 2 ** 23;
 /** Bytes of the beginning and of the end that are fetched when a file is opened. */
 const FIRST = 4096;
 const LAST = 65536;
 /** Times that everything else goes first, as long as more is asked meanwhile, before ranges are fetched. */
-const MOST_TURNS = 32;
+const MAX_TURNS = 32;
 /** Times that a request is repeated if the host is busy or the connection breaks. */
 const REPEATS = 3;
 
@@ -96,7 +96,7 @@ class Source {
     const { signal } = batch.control;
     batch.done = this.#before.then(async () => {
       // (Whoever has been asked something is heard first: what several questions lack at the beginning comes together, too.)
-      for (let [gathered, time] = [0, 0]; gathered < batch.ranges.length && time < MOST_TURNS; time += 1) {
+      for (let [gathered, time] = [0, 0]; gathered < batch.ranges.length && time < MAX_TURNS; time += 1) {
         gathered = batch.ranges.length;
         await turn();
       }
@@ -386,14 +386,14 @@ class HttpSource extends Source {
       const advice = "put it on a host that serves ranges and does not compress it";
       return new SpinneyError({
         code: "unsupported",
-        message: `${this.name}: ${why}, and ${bytes} bytes are too many to read all of it (at most ${MOST_WHOLE}); ${advice}`,
+        message: `${this.name}: ${why}, and ${bytes} bytes are too many to read all of it (at most ${MAX_WHOLE}); ${advice}`,
         file: this.name,
         found: why,
         advice,
       });
     };
     const told = Number(found.headers.get("content-length"));
-    if (told > MOST_WHOLE) {
+    if (told > MAX_WHOLE) {
       await found.body?.cancel().catch(() => {});
       throw refuse(told);
     }
@@ -404,9 +404,9 @@ class HttpSource extends Source {
       const { done, value } = await reader.read();
       if (done) break;
       length += value.length;
-      if (length > MOST_WHOLE) {
+      if (length > MAX_WHOLE) {
         await reader.cancel().catch(() => {});
-        throw refuse(`more than ${MOST_WHOLE}`);
+        throw refuse(`more than ${MAX_WHOLE}`);
       }
       parts.push(value);
     }

@@ -80,10 +80,10 @@ pub struct Tick {
 }
 
 /// Classes that a legend tells at most, and colours of a band.
-const MOST_CLASSES: usize = 256;
+const MAX_CLASSES: usize = 256;
 const BAND: usize = 256;
 /// Steps that are told one by one.
-const MOST_STEPS: usize = 16;
+const MAX_STEPS: usize = 16;
 
 impl Legend {
     /// The legend of what a painter paints of its tree.
@@ -187,7 +187,7 @@ fn section(coat: &Coat, tree: &Dataset) -> Result<LegendSection> {
 fn scale_key(scale: &Scale, told: &dyn Fn(f64) -> f64) -> Key {
     let stops: Vec<(f64, [u8; 4])> = scale.stops().collect();
     let (low, high) = (stops[0].0, stops[stops.len() - 1].0);
-    if scale.steps().is_some() && stops.len() <= MOST_STEPS {
+    if scale.steps().is_some() && stops.len() <= MAX_STEPS {
         let number = |number: f64| ticks::number(told(number));
         let label = |i: usize| match (i, stops.get(i + 1)) {
             (0, Some(next)) => format!("below {}", number(next.0)),
@@ -208,20 +208,20 @@ fn scale_key(scale: &Scale, told: &dyn Fn(f64) -> f64) -> Key {
 fn named(classes: &Classes, tree: &Dataset) -> Result<Vec<LegendClass>> {
     let names = &tree.metadata().class_names;
     if !classes.names.is_empty() {
-        let told = classes.sparse.iter().zip(&classes.names).take(MOST_CLASSES);
+        let told = classes.sparse.iter().zip(&classes.names).take(MAX_CLASSES);
         return Ok(told.map(|(class, name)| LegendClass::of_value(class.0, class.1, name)).collect());
     }
     let of_tree = |value: f64, name: &str| LegendClass::of_value(value, classes.colour(value), name);
     if !names.is_empty() {
-        let told = names.iter().filter(|(_, name)| !name.is_empty()).take(MOST_CLASSES);
+        let told = names.iter().filter(|(_, name)| !name.is_empty()).take(MAX_CLASSES);
         return Ok(told.map(|(value, name)| of_tree(value.to_f64(), name)).collect());
     }
     let header = tree.header();
     if header.counts_classes() && header.form.value.channels == 1 {
         let occurring = tree.statistics(None, &())?.classes;
-        let told = occurring.iter().take(MOST_CLASSES);
+        let told = occurring.iter().take(MAX_CLASSES);
         return Ok(told.map(|(value, _)| of_tree(value.to_f64(), &value.to_string())).collect());
     }
-    let told = classes.dense.iter().enumerate().take(MOST_CLASSES);
+    let told = classes.dense.iter().enumerate().take(MAX_CLASSES);
     Ok(told.map(|(value, code)| LegendClass::of_value(value as f64, *code, "")).collect())
 }

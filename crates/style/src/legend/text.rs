@@ -5,7 +5,7 @@ use ab_glyph::{Font, FontRef, OutlinedGlyph, PxScale, ScaleFont, point};
 /// Height of a line of letters, from the highest ascender to the lowest descender, in pixels at scale 1.
 const HEIGHT: f32 = 11.5;
 /// Letters of a line; what is beyond is cut off, and three dots say so.
-const MOST_LETTERS: usize = 80;
+const MAX_LETTERS: usize = 80;
 
 /// Letters of one size.
 pub(super) struct Letters {
@@ -30,8 +30,8 @@ impl Letters {
     /// A line of text, its letters side by side.
     pub(super) fn line(&self, text: &str) -> Line {
         let font = self.font.as_scaled(self.scale);
-        let is_long = text.chars().nth(MOST_LETTERS).is_some();
-        let letters = text.chars().take(if is_long { MOST_LETTERS - 1 } else { MOST_LETTERS });
+        let is_long = text.chars().nth(MAX_LETTERS).is_some();
+        let letters = text.chars().take(if is_long { MAX_LETTERS - 1 } else { MAX_LETTERS });
         let (mut at, mut before, mut glyphs) = (0.0, None, Vec::new());
         for letter in letters.chain(is_long.then_some('…')).filter(|letter| !letter.is_control()) {
             let id = font.glyph_id(letter);

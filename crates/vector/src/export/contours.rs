@@ -31,8 +31,9 @@ impl ContourFeatures {
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::export::vector::{ContourFeatures, VectorFormat, export_contours};
-/// use spinney::io::Output;
+/// use spinney::export::{VectorFormat, export_contours};
+/// use spinney::raw::export::vector::ContourFeatures;
+/// use spinney::Output;
 /// use spinney::query::{ContourLevels, ContourRequest};
 ///
 /// # let folder = tempfile::tempdir().unwrap();

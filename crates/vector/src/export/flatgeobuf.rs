@@ -23,7 +23,7 @@ use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
 /// Points of a feature, which is put together in memory.
-const MOST_POINTS: u64 = 1 << 22;
+const MAX_POINTS: u64 = 1 << 22;
 
 /// Children of a node of the index.
 const NODE_SIZE: u64 = 16;
@@ -299,7 +299,7 @@ impl FormatWriter for FlatGeobuf {
         attributes: &[AttributeValue<'_>],
     ) -> Result<()> {
         let points = shape.map_or(0, Shape::count);
-        if points > MOST_POINTS {
+        if points > MAX_POINTS {
             let advice = "choose GeoPackage, which needs no memory for them";
             let found = format!("a feature of {points} points");
             return Err(Error::unsupported(self.output.path(), found, advice));

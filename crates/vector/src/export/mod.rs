@@ -4,8 +4,9 @@
 //! held, up to a mebibyte of it; for Shapefile a part of a feature; for FlatGeobuf a feature.
 //!
 //! ```
-//! use spinney::export::vector::{AttributeType, AttributeValue, GeometryKind, VectorFormat, VectorLayer, VectorWriter};
-//! use spinney::io::Output;
+//! use spinney::export::VectorFormat;
+//! use spinney::raw::export::vector::{AttributeType, AttributeValue, GeometryKind, VectorLayer, VectorWriter};
+//! use spinney::Output;
 //!
 //! # let folder = tempfile::tempdir().unwrap();
 //! # let path = folder.path().join("paths.geojson");

@@ -50,8 +50,8 @@ impl Geometry for Region<'_> {
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::export::vector::{VectorFormat, export_polygons};
-/// use spinney::io::Output;
+/// use spinney::export::{VectorFormat, export_polygons};
+/// use spinney::Output;
 /// use spinney::query::PolygonRequest;
 ///
 /// # let folder = tempfile::tempdir().unwrap();

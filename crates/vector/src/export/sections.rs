@@ -12,7 +12,7 @@ use spinney_brep::{Faces, ModelView};
 /// `plane=NX,NY,NZ,D` with a normal and its product with the plane's points.
 ///
 /// ```
-/// use spinney::export::vector::SectionPlanes;
+/// use spinney::raw::export::vector::SectionPlanes;
 ///
 /// let planes: SectionPlanes = "z=0..50/0.2".parse()?;
 /// assert_eq!(planes.count(), 251);
@@ -100,9 +100,9 @@ pub struct SectionSummary {
 /// given, z and x where y is, x and y where z is; a drawing (SVG) always is. Only what one plane cuts is held.
 ///
 /// ```
-/// use spinney::brep::ExactModel;
-/// use spinney::export::vector::{VectorFormat, export_section};
-/// use spinney::io::Output;
+/// use spinney::{ExactModel, Output};
+/// use spinney::export::VectorFormat;
+/// use spinney::raw::export::vector::export_section;
 /// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let [mesh, path, out] = ["tetrahedron.off", "tetrahedron.goblin", "slices.csv"].map(|name| folder.path().join(name));

@@ -20,7 +20,7 @@ use spinney_engine::dataset::Dataset;
 use spinney_engine::query::{ZonalRequest, ZoneMeasure, ZoneStatistics};
 
 /// Classes that have columns of their own, in all layers together.
-const MOST_CLASSES: usize = 1000;
+const MAX_CLASSES: usize = 1000;
 
 /// A column of answers.
 struct Column {
@@ -50,10 +50,12 @@ enum Answer {
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::export::vector::{VectorFormat, export_zones};
-/// use spinney::import::feature::{FeatureOptions, PolygonReader};
-/// use spinney::io::Output;
-/// use spinney::space::{Coordinates, EdgeRule};
+/// use spinney::export::VectorFormat;
+/// use spinney::raw::export::vector::export_zones;
+/// use spinney::import::feature::FeatureOptions;
+/// use spinney::raw::import::feature::PolygonReader;
+/// use spinney::{Coordinates, Output};
+/// use spinney::query::EdgeRule;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let (path, table) = (folder.path().join("parcels.geojson"), folder.path().join("parcels.csv"));
@@ -168,7 +170,7 @@ impl ZoneWriter {
                 push(format!("{prefix}{name}"), column.kind);
                 columns.push(column);
             }
-            if columns.len() > MOST_CLASSES + 64 * trees.len() {
+            if columns.len() > MAX_CLASSES + 64 * trees.len() {
                 let found = format!("{} columns of answers", columns.len());
                 return Err(Error::unsupported(
                     &path,
@@ -321,7 +323,7 @@ fn columns_of(
         let area = tree.metadata().frame.cell_square_metres();
         let (name, area) = area.map_or(("cells", 1.0), |area| ("area", area));
         let classes = tree.statistics(None, progress)?.classes;
-        if classes.len() > MOST_CLASSES {
+        if classes.len() > MAX_CLASSES {
             let advice = "choose measures without classes, or print JSON";
             return Err(Error::unsupported(
                 tree.name(),

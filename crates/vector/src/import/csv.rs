@@ -20,7 +20,7 @@ const DEGREES: [[&str; 2]; 4] = [["lon", "lat"], ["longitude", "latitude"], ["ln
 const PLANE: [&str; 2] = ["x", "y"];
 
 /// Columns of a table.
-const MOST_COLUMNS: usize = 4096;
+const MAX_COLUMNS: usize = 4096;
 
 /// Where geometries are.
 #[derive(Clone, Copy)]
@@ -51,7 +51,7 @@ impl Csv {
         let mut rows = Rows::open(file, path, options.memory)?;
         rows.step(1)?;
         let width = rows.len();
-        if width > MOST_COLUMNS {
+        if width > MAX_COLUMNS {
             return Err(Error::unsupported(path, format!("a table of {width} columns"), "leave some out"));
         }
         let heading = |index: usize| rows.field(index).0.trim_start_matches('\u{feff}').trim().to_owned();

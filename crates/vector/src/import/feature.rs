@@ -2,7 +2,8 @@
 //!
 //! ```
 //! use std::path::Path;
-//! use spinney::import::feature::{FeatureAttribute, FeatureGeometry, FeatureOptions, open_features};
+//! use spinney::import::feature::FeatureOptions;
+//! use spinney::raw::import::feature::{FeatureAttribute, FeatureGeometry, open_features};
 //!
 //! # let folder = tempfile::tempdir().unwrap();
 //! # let path = folder.path().join("places.geojson");
@@ -271,7 +272,7 @@ pub(super) struct Wanted {
 }
 
 /// Names that are told to somebody who asked for another one.
-const MOST_KNOWN: usize = 200;
+const MAX_REMEMBERED: usize = 200;
 
 impl Wanted {
     pub(super) fn new(options: &FeatureOptions, more: Option<&str>) -> Wanted {
@@ -284,7 +285,7 @@ impl Wanted {
 
     /// Whether an attribute that features have is to be read.
     pub(super) fn takes(&mut self, name: &str) -> bool {
-        if self.known.len() < MOST_KNOWN && !self.known.contains(name) {
+        if self.known.len() < MAX_REMEMBERED && !self.known.contains(name) {
             self.known.insert(name.chars().take(100).collect());
         }
         self.names.as_ref().is_none_or(|names| names.contains(name))

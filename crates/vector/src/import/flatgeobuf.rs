@@ -13,13 +13,13 @@ use super::feature::{
     Wanted,
 };
 use super::heights::Heights;
-use super::wkb::MOST_DEPTH;
+use super::wkb::MAX_DEPTH;
 use crate::export::GeometryKind;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
 /// Bytes of a header.
-const MOST_HEADER: u64 = 10 << 20;
+const MAX_HEADER: u64 = 10 << 20;
 
 /// Bytes of a node of the index: a box and a place.
 const NODE: u64 = 40;
@@ -65,7 +65,7 @@ impl FlatGeobuf {
         let mut head = [0; 12];
         input.read_exact(&mut head).map_err(Error::io(path, "read the header"))?;
         let bytes = u64::from(u32::from_le_bytes([head[8], head[9], head[10], head[11]]));
-        if bytes > MOST_HEADER || bytes > length - 12 || bytes < 8 {
+        if bytes > MAX_HEADER || bytes > length - 12 || bytes < 8 {
             return Err(wrong(format!("a header of {bytes} bytes in a file of {length}")));
         }
         // (Numbers are aligned from the size on.)
@@ -301,7 +301,7 @@ fn geometry_of(
 ) -> Parsed<Option<FeatureGeometry>> {
     let kind = if own.type_() == GeometryType::Unknown { kind } else { own.type_() };
     let members = || own.parts().into_iter().flatten();
-    if own.parts().is_some() && depth == MOST_DEPTH {
+    if own.parts().is_some() && depth == MAX_DEPTH {
         return Err(format!("geometries in each other, {depth} deep"));
     }
     let mut take = |count: usize| {

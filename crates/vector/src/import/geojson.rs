@@ -22,10 +22,10 @@ use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
 /// Names of attributes: a feature has a value of each.
-const MOST_NAMES: usize = 4096;
+const MAX_NAMES: usize = 4096;
 
 /// Geometries in each other.
-const MOST_DEPTH: usize = 16;
+const MAX_DEPTH: usize = 16;
 
 pub(super) struct GeoJson {
     scanner: Scanner,
@@ -200,14 +200,14 @@ impl Columns {
             None => {
                 let place = wanted.takes(name).then_some(self.attributes.len());
                 if place.is_some() {
-                    if self.attributes.len() == MOST_NAMES {
+                    if self.attributes.len() == MAX_NAMES {
                         return Err(format!(
-                            "more than {MOST_NAMES} names of attributes, of which some can be chosen"
+                            "more than {MAX_NAMES} names of attributes, of which some can be chosen"
                         ));
                     }
                     self.attributes.push((name.into(), None));
                 }
-                if place.is_some() || self.places.len() < 2 * MOST_NAMES {
+                if place.is_some() || self.places.len() < 2 * MAX_NAMES {
                     self.places.insert(name.into(), place);
                 }
                 place
@@ -325,7 +325,7 @@ fn geometry(
             let parts: Vec<Vec<Vec<Position>>> = parsed(coordinates()?)?;
             Ok(FeatureGeometry::Polygons(parts.into_iter().map(|part| lines(part, heights)).collect()))
         }
-        "GeometryCollection" if depth == MOST_DEPTH => Err(format!("geometries in each other, {depth} deep")),
+        "GeometryCollection" if depth == MAX_DEPTH => Err(format!("geometries in each other, {depth} deep")),
         "GeometryCollection" => {
             let members: Vec<&RawValue> = parsed(geometries.ok_or("no array `geometries`")?)?;
             let members = members.into_iter().map(|member| geometry_of(member.get(), depth + 1, heights));

@@ -144,7 +144,7 @@ impl GeoPackage {
 /// The table of a layer, or of the only one.
 fn table_of(connection: &Connection, path: &Path, layer: Option<&str>, memory: u64) -> Result<String> {
     /// Names that are told to somebody who has to choose.
-    const MOST_TOLD: usize = 100;
+    const MAX_NAMES_LISTED: usize = 100;
     let find = || {
         let query = "SELECT table_name FROM gpkg_contents WHERE lower(data_type) = 'features' ORDER BY table_name LIMIT 10000";
         let mut statement = connection.prepare(query)?;
@@ -152,8 +152,9 @@ fn table_of(connection: &Connection, path: &Path, layer: Option<&str>, memory: u
         names.collect::<rusqlite::Result<Vec<_>>>()
     };
     let mut names = find().map_err(failed(path, "gpkg_contents".into(), memory))?;
-    let told =
-        |names: &[String]| names.iter().take(MOST_TOLD).map(String::as_str).collect::<Vec<_>>().join(", ");
+    let told = |names: &[String]| {
+        names.iter().take(MAX_NAMES_LISTED).map(String::as_str).collect::<Vec<_>>().join(", ")
+    };
     match (layer, names.len()) {
         (_, 0) => Err(Error::unsupported(
             path,

@@ -5,7 +5,7 @@ use spinney_crs::PolygonParts;
 type Ring = Vec<[f64; 2]>;
 
 /// Steps that a shape may take: boxes and edges that are looked at.
-const MOST_STEPS: u64 = 1 << 30;
+const MAX_STEPS: u64 = 1 << 30;
 
 /// Parts of rings in any order. Outer rings go clockwise, holes the other way, each behind the ring around it (Esri, 1998); where that does not seem
 /// to be so, it counts which lie in each other.
@@ -51,7 +51,7 @@ fn in_order(rings: &[Ring]) -> (Option<Vec<bool>>, bool) {
             around = Some((ring, own));
         } else if let Some((other, _)) = around.filter(|_| is_in_box) {
             steps += other.len() as u64;
-            if steps < MOST_STEPS / 4 && !is_within(ring, other) {
+            if steps < MAX_STEPS / 4 && !is_within(ring, other) {
                 return (None, false);
             }
         } else {
@@ -117,7 +117,7 @@ fn nested(rings: &[Ring]) -> Option<PolygonParts> {
                     break;
                 }
             }
-            if steps > MOST_STEPS {
+            if steps > MAX_STEPS {
                 return None;
             }
         }

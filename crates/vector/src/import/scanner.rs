@@ -15,7 +15,7 @@ const MEMBERS: [&str; 8] =
     ["type", "id", "properties", "geometry", "coordinates", "geometries", "crs", "name"];
 
 /// Depth of values in each other.
-const MOST_DEPTH: usize = 100;
+const MAX_DEPTH: usize = 100;
 
 /// Bytes of memory for what stands between two marks (a comma, a colon, the beginning of a list), at most: a third of a point and of the room that
 /// lists have to grow.
@@ -286,7 +286,7 @@ impl Scanner {
                     b'{' | b'[' => {
                         depth += 1;
                         marks += 1;
-                        if depth > MOST_DEPTH {
+                        if depth > MAX_DEPTH {
                             return Err(self.wrong(&format!("values in each other, {depth} deep"), "fewer"));
                         }
                     }

@@ -4,7 +4,7 @@ use super::feature::FeatureGeometry;
 use super::heights::Heights;
 
 /// Geometries in each other.
-pub(super) const MOST_DEPTH: usize = 16;
+pub(super) const MAX_DEPTH: usize = 16;
 
 type Parsed<T> = Result<T, String>;
 
@@ -176,7 +176,7 @@ impl Reader<'_> {
             }
             5 => Ok(FeatureGeometry::Lines(self.members(2, Reader::points)?)),
             6 => Ok(FeatureGeometry::Polygons(self.members(3, Reader::rings)?)),
-            7 if depth == MOST_DEPTH => Err(format!("geometries in each other, {depth} deep")),
+            7 if depth == MAX_DEPTH => Err(format!("geometries in each other, {depth} deep")),
             7 => {
                 let count = self.count(9)?;
                 let members = (0..count).map(|_| self.geometry(&mut None, depth + 1));

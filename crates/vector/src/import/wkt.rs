@@ -2,7 +2,7 @@
 
 use super::feature::FeatureGeometry;
 use super::heights::Heights;
-use super::wkb::{MOST_DEPTH, Read};
+use super::wkb::{MAX_DEPTH, Read};
 
 type Parsed<T> = Result<T, String>;
 
@@ -166,7 +166,7 @@ impl<'t> Reader<'t> {
             }
             "MULTILINESTRING" => Ok(FeatureGeometry::Lines(self.lines()?)),
             "MULTIPOLYGON" => Ok(FeatureGeometry::Polygons(self.list(Reader::lines)?)),
-            "GEOMETRYCOLLECTION" if depth == MOST_DEPTH => {
+            "GEOMETRYCOLLECTION" if depth == MAX_DEPTH => {
                 Err(format!("geometries in each other, {depth} deep"))
             }
             "GEOMETRYCOLLECTION" => {

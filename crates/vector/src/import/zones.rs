@@ -14,7 +14,7 @@ use super::filter::FeatureFilter;
 use super::geojson::GeoJson;
 use spinney_base::space::Polygon;
 use spinney_base::{Error, Result};
-use spinney_crs::{Coordinates, Crs, Places, PolygonParts, corners_text};
+use spinney_crs::{CellLocator, Coordinates, Crs, PolygonParts, corners_text};
 
 /// Polygons with the coordinate system that they are in.
 #[derive(Clone, Debug, PartialEq)]
@@ -62,7 +62,7 @@ pub(crate) fn take_polygons(geometry: FeatureGeometry, parts: &mut PolygonParts)
 }
 
 /// The polygon in cells of a tree; `None` if it lies outside of it, or has no parts.
-fn in_cells(feature: &Feature, places: &Places) -> Result<Option<Polygon>> {
+fn in_cells(feature: &Feature, places: &CellLocator) -> Result<Option<Polygon>> {
     let parts = parts_of(feature);
     if parts.is_empty() {
         return Ok(None);
@@ -110,7 +110,7 @@ impl PolygonLayer {
     /// Keeps the features of some layers for which all of a filter's conditions hold.
     ///
     /// ```
-    /// use spinney::import::feature::{PolygonLayer, parse_polygons};
+    /// use spinney::raw::import::feature::{PolygonLayer, parse_polygons};
     ///
     /// let ring = "[[[0, 0], [1, 0], [1, 1], [0, 0]]]";
     /// let feature = |kind: &str| {
@@ -134,7 +134,7 @@ impl PolygonLayer {
         if let Some(name) = filter.names().find(unknown) {
             let names = layers.iter().flat_map(|layer| &layer.attributes).map(|(name, _)| name.as_str());
             let names: std::collections::BTreeSet<&str> = names.collect();
-            let known: Vec<&str> = names.into_iter().take(MOST_KNOWN).collect();
+            let known: Vec<&str> = names.into_iter().take(MAX_REMEMBERED).collect();
             return Err(unknown_attribute(name, &known.join(", ")));
         }
         for layer in layers.iter_mut() {
@@ -156,7 +156,7 @@ impl PolygonLayer {
     /// # Errors
     /// If a ring has too few corners, or one that is nowhere, with the feature's number; if there are polygons and all of them lie outside of
     /// the tree.
-    pub fn in_cells(&self, places: &Places, extent: [u64; 3]) -> Result<Vec<Option<Polygon>>> {
+    pub fn in_cells(&self, places: &CellLocator, extent: [u64; 3]) -> Result<Vec<Option<Polygon>>> {
         let polygons = self.polygons(places)?;
         if self.meets(&polygons, extent) { Ok(polygons) } else { Err(self.outside(places)) }
     }
@@ -165,14 +165,14 @@ impl PolygonLayer {
     ///
     /// # Errors
     /// If a ring has too few corners, or one that is nowhere, with the feature's number.
-    pub fn in_cells_of(&self, trees: &[(Places, [u64; 3])]) -> Result<FoundPolygons> {
+    pub fn in_cells_of(&self, trees: &[(CellLocator, [u64; 3])]) -> Result<FoundPolygons> {
         let all = trees.iter().map(|(places, _)| self.polygons(places)).collect::<Result<Vec<_>>>()?;
         let is_met = trees.iter().zip(&all).any(|((_, extent), polygons)| self.meets(polygons, *extent));
         let outside = trees.first().filter(|_| !is_met).map(|(places, _)| self.outside(places));
         Ok(FoundPolygons { trees: all, outside })
     }
 
-    fn polygons(&self, places: &Places) -> Result<Vec<Option<Polygon>>> {
+    fn polygons(&self, places: &CellLocator) -> Result<Vec<Option<Polygon>>> {
         let numbered = |(number, feature): (u64, &Feature)| {
             in_cells(feature, places).map_err(|error| match error {
                 Error::Invalid { what, found, expected } => {
@@ -198,7 +198,7 @@ impl PolygonLayer {
     }
 
     /// The error that all polygons lie outside of a tree.
-    fn outside(&self, places: &Places) -> Error {
+    fn outside(&self, places: &CellLocator) -> Error {
         let (mut least, mut most) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let mut swapped = false;
         for [x, y] in self.features.iter().map(parts_of).flat_map(|parts| parts.concat().concat()) {
@@ -217,7 +217,7 @@ impl PolygonLayer {
 }
 
 /// Names that are told to somebody who asked for another one.
-const MOST_KNOWN: usize = 200;
+const MAX_REMEMBERED: usize = 200;
 
 fn none_with(filter: &FeatureFilter) -> Error {
     Error::invalid("features", format!("none with {filter}"), "values that a feature has")
@@ -454,7 +454,7 @@ mod tests {
         );
         assert_eq!(parts_of(&found[0])[1].len(), 2);
         let frame = Frame::planar([2.0, 0.0, 100.0, 0.0, -2.0, 50.0]);
-        let places = Places::new(&Coordinates::World, &frame, [10, 10, 1]).unwrap();
+        let places = CellLocator::new(&Coordinates::World, &frame, [10, 10, 1]).unwrap();
         let cells = in_cells(&found[1], &places).unwrap().unwrap();
         assert_eq!(cells.corners(), [[-50.0, 23.0], [-48.0, 25.0]]);
         assert!(in_cells(&found[2], &places).unwrap().is_none());
@@ -493,7 +493,7 @@ mod tests {
     fn a_layer_that_touches_nothing_is_told() {
         let frame = Frame { crs: Some(Crs::epsg(4326)), ..Frame::planar([1.0, 0.0, 40.0, 0.0, -1.0, 5.0]) };
         let extent = [10, 10, 1];
-        let places = Places::new(&Coordinates::LONLAT, &frame, extent).unwrap();
+        let places = CellLocator::new(&Coordinates::LONLAT, &frame, extent).unwrap();
         let layer = |text: &str| {
             parse_polygons(&format!(r#"{{"type":"Polygon","coordinates":[{text}]}}"#))
                 .unwrap()

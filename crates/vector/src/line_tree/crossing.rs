@@ -7,7 +7,7 @@ use super::joined::{Joined, JoinedPoint, check_system};
 use crate::export::{AttributeType, AttributeValue, VectorFormat};
 use crate::import::feature::{Feature, FeatureGeometry, FeatureOptions, open_features};
 use spinney_base::io::Output;
-use spinney_base::{Error, Progress, Result, Uncounted};
+use spinney_base::{Error, Progress, Result, SilentProgress};
 use spinney_lines::LineTree;
 
 /// Crossings of lines.
@@ -61,7 +61,7 @@ pub fn join_crossing_lines(
         if features.is_empty() {
             break;
         }
-        let found = tree.crossings(&all, &Uncounted(progress))?;
+        let found = tree.crossings(&all, &SilentProgress(progress))?;
         summary.crossings += found.len() as u64;
         crossed.extend(found.iter().map(|crossing| crossing.feature));
         let point = |crossing: &spinney_lines::LineCrossing| JoinedPoint {

@@ -68,7 +68,8 @@ pub fn export_lines(
     tree: &LineTree,
     numbers: Option<&[u64]>,
     names: Option<&[String]>,
-    (output, format): (Output, VectorFormat),
+    output: Output,
+    format: VectorFormat,
     progress: &dyn Progress,
 ) -> Result<u64> {
     let chosen = chosen_of(tree, names)?;

@@ -6,7 +6,7 @@ use super::joined::{Joined, JoinedPoint, check_system};
 use crate::export::{AttributeType, AttributeValue, VectorFormat, bounds_of};
 use crate::import::feature::{Feature, FeatureGeometry, FeatureOptions, open_features};
 use spinney_base::io::Output;
-use spinney_base::{Error, Progress, Result, Uncounted};
+use spinney_base::{Error, Progress, Result, SilentProgress};
 use spinney_lines::{LineTree, NearLine, NearestLines};
 
 /// Outcome of joining points with lines.
@@ -35,7 +35,8 @@ const MEMORY: u64 = 256 << 20;
 pub fn join_nearest_lines(
     tree: &LineTree,
     points: &Path,
-    (within, names): (f64, Option<&[String]>),
+    within: f64,
+    names: Option<&[String]>,
     output: Option<(Output, VectorFormat)>,
     progress: &dyn Progress,
 ) -> Result<JoinSummary> {
@@ -61,7 +62,7 @@ pub fn join_nearest_lines(
         if features.is_empty() {
             break;
         }
-        let found = nearest.find(&places, (1, within), &Uncounted(progress))?;
+        let found = nearest.find(&places, 1, within, &SilentProgress(progress))?;
         let mut found = found.into_iter().map(|near| near.first().copied());
         let near: Vec<Option<NearLine>> = features
             .iter()

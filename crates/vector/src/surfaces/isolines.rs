@@ -16,7 +16,8 @@ use spinney_tin::Tin;
 /// # Errors
 /// If levels are none or far too many, areas are asked for, the output cannot be written, or on interruption.
 pub fn export_isolines(
-    (tin, crs): (&Tin, Option<Crs>),
+    tin: &Tin,
+    crs: Option<Crs>,
     levels: &ContourLevels,
     features: &ContourFeatures,
     output: Output,

@@ -5,5 +5,5 @@ mod raster;
 mod read;
 
 pub use isolines::export_isolines;
-pub use raster::{read_heights, write_surface};
+pub use raster::{SurfaceRaster, read_heights, write_surface};
 pub use read::{SurfaceFiles, SurfacePoints, read_surfaces};

@@ -2,8 +2,8 @@
 
 use spinney_base::io::Output;
 use spinney_base::space::{Bounds, Dimension};
-use spinney_base::value::{Kind, Rule, SampleType, ValueType};
-use spinney_base::{Error, Form, Progress, Result};
+use spinney_base::value::{DataKind, Rule, SampleType, ValueType};
+use spinney_base::{Error, Progress, Result, TreeType};
 use spinney_container::Metadata;
 use spinney_crs::{Crs, Frame};
 use spinney_engine::dataset::Dataset;
@@ -68,19 +68,35 @@ impl Slabs for Rows<'_> {
     }
 }
 
+/// A raster of a surface.
+#[derive(Clone, Debug)]
+pub struct SurfaceRaster {
+    /// Width of the cells.
+    pub cell: f64,
+    /// Name of the band.
+    pub name: String,
+    /// Coordinate system of the surface.
+    pub crs: Option<Crs>,
+    /// Line for the provenance.
+    pub provenance: String,
+    /// Bytes of memory.
+    pub memory: u64,
+    /// Codec of the file.
+    pub packing: Packing,
+}
+
 /// Writes a surface as a quadtree of f32: its heights at the centres of cells of a width, linear in triangles; VOID beside it. North is up, and
 /// borders of cells are at multiples of their width. Returns columns and rows, which are in memory.
 ///
 /// # Errors
 /// If the width is no number above zero, there would be too many cells, the output cannot be written, or on interruption.
 pub fn write_surface(
-    (tin, name): (&Tin, &str),
-    (cell, crs): (f64, Option<Crs>),
-    provenance: String,
-    (memory, packing): (u64, Packing),
+    tin: &Tin,
+    raster: SurfaceRaster,
     output: Output,
     progress: &dyn Progress,
 ) -> Result<[u64; 2]> {
+    let SurfaceRaster { cell, name, crs, provenance, memory, packing } = raster;
     if !(cell > 0.0 && cell.is_finite()) {
         return Err(Error::invalid("cell", cell.to_string(), "a width above zero"));
     }
@@ -99,19 +115,15 @@ pub fn write_surface(
     let extent = [size[0] as u64, size[1] as u64, 1];
     let mut frame = Frame::planar(transform);
     frame.crs = crs;
-    let metadata = Metadata {
-        frame,
-        band_names: vec![name.into()],
-        provenance: vec![provenance],
-        ..Metadata::default()
-    };
-    let options = BuildOptions::new(Kind::Continuous, depth_for(extent))
+    let metadata =
+        Metadata { frame, band_names: vec![name], provenance: vec![provenance], ..Metadata::default() };
+    let options = BuildOptions::new(DataKind::Continuous, depth_for(extent))
         .rule(Rule::Mean)
         .memory(memory)
         .metadata(metadata)
         .packing(packing);
     let mut rows = Rows { grid: &grid, next: 0, progress };
-    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::F32, 1));
+    let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::F32, 1));
     build_slabs(form, &mut rows, None, &options, output, progress)?;
     Ok([extent[0], extent[1]])
 }

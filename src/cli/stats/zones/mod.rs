@@ -6,14 +6,11 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::Result;
-use spinney::dataset::Dataset;
-use spinney::export::vector::export_zones;
-use spinney::import::feature::{
-    AttributeCondition, FeatureFilter, FeatureOptions, FeatureZones, PolygonReader,
-};
-use spinney::io::Output;
-use spinney::query::{ZonalRequest, ZoneMeasure};
-use spinney::space::{Coordinates, EdgeRule};
+use spinney::import::feature::{FeatureFilter, FeatureOptions};
+use spinney::query::{EdgeRule, ZonalRequest, ZoneMeasure};
+use spinney::raw::export::vector::export_zones;
+use spinney::raw::import::feature::{AttributeCondition, FeatureZones, PolygonReader};
+use spinney::{Coordinates, Dataset, Output};
 
 use super::super::Global;
 use super::super::args::{Memory, check_output, vector_format};

@@ -3,13 +3,12 @@
 use std::fmt::Write;
 
 use anyhow::Result;
-use spinney::dataset::Dataset;
-use spinney::export::vector::quantile_name;
-use spinney::import::feature::PolygonLayer;
-use spinney::query::{ZoneChannel, ZoneMeasure, ZoneStatistics};
-use spinney::report::{JsonNumbers, ZoneForm, ZoneReport, cell_area, class_name};
-use spinney::store::Metadata;
-use spinney::value::Number;
+use spinney::query::{ZoneMeasure, ZoneStatistics};
+use spinney::raw::export::vector::quantile_name;
+use spinney::raw::import::feature::PolygonLayer;
+use spinney::raw::query::ZoneChannel;
+use spinney::raw::report::{JsonNumbers, ZoneForm, ZoneReport, cell_area, class_name};
+use spinney::{Dataset, Metadata, Number};
 
 use super::super::super::report::print_text;
 use super::super::row_of;
@@ -36,7 +35,7 @@ pub(super) struct Report<'a> {
 }
 
 /// Bytes of text that are held: more is printed before the end, so that memory does not grow with polygons times layers.
-const MOST_TEXT: usize = 32 << 20;
+const MAX_TEXT: usize = 32 << 20;
 
 impl<'a> Report<'a> {
     /// The text before all features.
@@ -104,7 +103,7 @@ impl<'a> Report<'a> {
                 }
             }
         }
-        if self.text.len().max(self.json.held()) > MOST_TEXT { self.print() } else { Ok(()) }
+        if self.text.len().max(self.json.held()) > MAX_TEXT { self.print() } else { Ok(()) }
     }
 }
 

@@ -4,11 +4,11 @@ use spinney_packing::Columns;
 
 /// Contexts of bits: whether a byte is the expected one, by how many before it were; and its bits, by the byte before it.
 const EXPECTED: usize = 0;
-const BYTE: usize = EXPECTED + MOST_LENGTH + 1;
+const BYTE: usize = EXPECTED + MAX_LENGTH + 1;
 pub(super) const CONTEXTS: (usize, usize) = (BYTE + 256 * 256, 0);
 
 /// Bytes that are alike, at most, as far as that matters.
-const MOST_LENGTH: usize = 31;
+const MAX_LENGTH: usize = 31;
 /// Bytes that tell where to look for what follows.
 const KEY: usize = 4;
 /// Bits of the numbers of keys.
@@ -32,7 +32,7 @@ pub(super) fn code(columns: &mut Columns<'_>, length: usize, plain: &[u8]) -> Ve
         if place > 0 {
             let is_expected = columns.bit(EXPECTED + alike, byte == bytes[place]);
             if is_expected {
-                alike = (alike + 1).min(MOST_LENGTH);
+                alike = (alike + 1).min(MAX_LENGTH);
                 bytes.push(bytes[place]);
                 place += 1;
                 continue;

@@ -27,11 +27,11 @@ pub(super) const PACKED: u8 = 1;
 const HEAD: usize = 9;
 
 /// Bytes of a table's piece, or of a block of exact faces, that are packed: their numbers take much more room while they are coded.
-const MOST_BYTES: u64 = 1 << 20;
+const MAX_BYTES: u64 = 1 << 20;
 
 /// Whether a piece of so many bytes may be packed into so many.
 fn may_be_packed(list: List, packed: u64, plain: u64) -> bool {
-    let is_short = matches!(list, List::Faces | List::Segments) || plain <= MOST_BYTES;
+    let is_short = matches!(list, List::Faces | List::Segments) || plain <= MAX_BYTES;
     is_short && may_unpack(packed, plain)
 }
 

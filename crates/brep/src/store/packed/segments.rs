@@ -12,7 +12,7 @@ use super::{lists, words::Words};
 const NEIGHBOURS: usize = 6;
 const NONE: usize = 5;
 /// Levels below the segment's own, at most: more than there are.
-const MOST_LEVELS: u32 = 20;
+const MAX_LEVELS: u32 = 20;
 
 /// Contexts of bits and of numbers.
 mod contexts {
@@ -86,7 +86,7 @@ impl<'p> Segment<'p> {
 
     /// Codes all nodes, in preorder.
     fn nodes(&mut self, columns: &mut Columns<'_>) -> Option<()> {
-        let cell = Cell { at: [0; 3], width: 1 << MOST_LEVELS };
+        let cell = Cell { at: [0; 3], width: 1 << MAX_LEVELS };
         self.node(columns, 0, &cell, [NONE; 3])?;
         let mut path = Vec::new();
         let record = |word: u32, cell: Cell| (word & 7 == INNER).then_some(((word >> 3) as usize, 0, cell));

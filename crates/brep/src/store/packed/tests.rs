@@ -6,7 +6,7 @@ use super::*;
 use crate::query::Location;
 use crate::{ExactModel, Face, Faces as _, Grid, ModelBuilder, combine};
 use spinney_base::io::Output;
-use spinney_base::{Error, Result};
+use spinney_base::{Error, Result, SetOperation};
 use spinney_container::{Codec, Metadata};
 
 fn random(seed: u64) -> impl FnMut(u64) -> u64 {
@@ -77,7 +77,8 @@ fn bitten(codec: Codec) -> Vec<u8> {
         .map(|(middle, radius)| opened(&built(&ball(middle, radius), codec)));
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.goblin");
-    combine(2, &[&a, &b], Output::create(&path).unwrap(), codec, 64 << 20, &()).unwrap();
+    combine(SetOperation::Difference, &[&a, &b], Output::create(&path).unwrap(), codec, 64 << 20, &())
+        .unwrap();
     std::fs::read(path).unwrap()
 }
 

@@ -5,14 +5,14 @@ use glam::DVec3;
 use super::view::TINY;
 use crate::ops::view_source::{ViewSource, ViewSourceNode};
 use crate::tree::{Child, Source, no_children};
-use spinney_base::Form;
 use spinney_base::Result;
+use spinney_base::TreeType;
 use spinney_base::value::{Rule, Value, ValueType};
 
 /// Adds up what lies in a box of the source.
 pub(super) struct Area<'a> {
     source: &'a ViewSource,
-    form: Form,
+    form: TreeType,
     rule: Rule,
     /// The box, in cells of the source.
     min: DVec3,
@@ -38,7 +38,7 @@ pub(super) struct Area<'a> {
 impl<'a> Area<'a> {
     pub(super) fn new(
         source: &'a ViewSource,
-        form: Form,
+        form: TreeType,
         rule: Rule,
         (min, max): (DVec3, DVec3),
     ) -> Area<'a> {

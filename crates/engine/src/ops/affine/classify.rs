@@ -7,11 +7,11 @@ use super::view::{Lookup, Sampling, TINY, View};
 use crate::ops::view_source::ViewSourceNode;
 use crate::store::builder::{RecordRef, ReusableSource, StoredNode};
 use crate::tree::{CellBlock, Child, Children, Source, no_children};
-use spinney_base::Form;
 use spinney_base::Result;
-use spinney_base::io::rounds::{all_read, go_on};
+use spinney_base::TreeType;
+use spinney_base::io::batch::{defer_missing, finish_deferred};
 use spinney_base::space::{Code, Dimension};
-use spinney_base::value::{Rule, Tally, Value};
+use spinney_base::value::{Rule, Value, ZoneStats};
 
 /// An INNER node of a view.
 #[derive(Clone, Debug)]
@@ -128,10 +128,10 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
     fn children<N>(&mut self, children: &mut Children<N>, node_of: impl Fn(ViewNode) -> N) -> Result<()> {
         let mut is_unread = false;
         for (step, child) in children[..1 << AXES].iter_mut().enumerate() {
-            let found = go_on(self.classify(self.around.code.child(step)), &mut is_unread)?;
+            let found = defer_missing(self.classify(self.around.code.child(step)), &mut is_unread)?;
             *child = found.unwrap_or(Child::Void).map_node(&node_of);
         }
-        all_read(is_unread)
+        finish_deferred(is_unread)
     }
 
     /// The view's node at a code below the node that the source nodes are around.
@@ -257,7 +257,7 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
             if (0..AXES).any(|axis| at[axis] > last[axis]) {
                 continue;
             }
-            let Some(child) = go_on(self.source_node(at, size), &mut is_unread)? else { continue };
+            let Some(child) = defer_missing(self.source_node(at, size), &mut is_unread)? else { continue };
             void &= matches!(child, Child::Void);
             match (child, uniform) {
                 (Child::Leaf(value), None) => uniform = Some(value),
@@ -266,7 +266,7 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
             }
             around.nodes[index] = child;
         }
-        all_read(is_unread)?;
+        finish_deferred(is_unread)?;
         Ok(match uniform {
             _ if void => Common::Void,
             Some(value) if same => Common::Leaf(value),
@@ -335,9 +335,9 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         let mut is_unread = false;
         for (index, child) in around.nodes.iter().enumerate() {
             let at = around.coordinates(index).map(|at| at << around.size);
-            go_on(area.add(child, at, around.size), &mut is_unread)?;
+            defer_missing(area.add(child, at, around.size), &mut is_unread)?;
         }
-        all_read(is_unread)?;
+        finish_deferred(is_unread)?;
         Ok(area.value())
     }
 }
@@ -368,7 +368,7 @@ impl View {
 impl Source for View {
     type Node = ViewNode;
 
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         self.form
     }
 
@@ -402,7 +402,7 @@ impl Source for View {
         self.source.check_unchanged()
     }
 
-    fn tally(&self, node: &ViewNode) -> Result<Option<Tally>> {
+    fn tally(&self, node: &ViewNode) -> Result<Option<ZoneStats>> {
         match node {
             ViewNode::Same(node) => self.source.tally(node),
             ViewNode::Around(_) => Ok(None),

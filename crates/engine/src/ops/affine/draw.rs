@@ -10,11 +10,11 @@ use crate::store::records::{Record, RecordLayout, with_record_type};
 use crate::tree::{CellBlock, Source};
 use spinney_base::Result;
 use spinney_base::space::{Bounds, Code};
-use spinney_base::value::Kind;
+use spinney_base::value::DataKind;
 
 /// Source cells that are drawn for each cell of a block, at most; where a view shows much more of the source,
 /// deciding node by node skips what does not count.
-const MOST_DRAWN: u64 = 6;
+const MAX_DRAWN: u64 = 6;
 
 /// Cells of a small block, as a power of two: 32 x 32, or 8 x 8 x 8.
 const SMALL_BITS: u8 = 10;
@@ -34,7 +34,7 @@ impl View {
     pub(super) fn draw_block(&self, code: Code, levels: u8) -> Result<Option<CellBlock>> {
         let size = levels * self.form.axes() as u8;
         // (Large blocks only where cells are copied, and hardly two are alike: others have parts that need no look at each cell.)
-        let is_continuous = self.source.header().kind == Kind::Continuous;
+        let is_continuous = self.source.header().kind == DataKind::Continuous;
         let is_worth_it = size == SMALL_BITS - SMALL_BITS % self.form.axes() as u8
             || size > SMALL_BITS && is_continuous && self.lookup.to_source.keeps_cells();
         if !is_worth_it || self.lookup.by_area || !self.lookup.askew.is_empty() {
@@ -44,7 +44,7 @@ impl View {
         let bounds = self.source_box(&shown);
         let cells = self.form.dimension.cells(levels);
         let drawn = bounds.volume();
-        if drawn == 0 || drawn > MOST_DRAWN * cells {
+        if drawn == 0 || drawn > MAX_DRAWN * cells {
             return Ok(None);
         }
         let width = self.form.width();

@@ -9,7 +9,7 @@ use crate::ops::view_source::ViewSource;
 use crate::ops::warp::{Resampling, WarpGrid, WarpOptions, Warped};
 use crate::store::depth_for;
 use crate::tree::Source;
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::value::Rule;
 use spinney_base::{Error, Result};
 use spinney_container::Metadata;
@@ -37,12 +37,11 @@ pub enum Sampling {
 ///
 /// ```
 /// use std::sync::Arc;
-/// use spinney::ops::{Axis, AffineMap, View};
-/// use spinney::space::Dimension;
-/// use spinney::tree::{Form, MemTree, Source};
-/// use spinney::value::{Rule, SampleType, Value, ValueType};
+/// use spinney::raw::ops::{AffineMap, Axis, View};
+/// use spinney::{Dimension, Rule, SampleType, TreeType, Value, ValueType};
+/// use spinney::tree::{MemTree, Source};
 ///
-/// let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+/// let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
 /// let columns = MemTree::from_cells(form, 2, Rule::Mean, &|[x, _, _]| Some(Value::from([x as u8])));
 /// let view = View::new(Arc::new(columns.into()), [4, 3, 1])?;
 /// let turned = view.window([1, 0, 0], [3, 3, 1])?.transform(&AffineMap::rotation(Axis::Z, 90.0, [0.0; 3]))?;
@@ -53,7 +52,7 @@ pub enum Sampling {
 pub struct View {
     pub(super) source: Arc<ViewSource>,
     /// The source's, at hand: every node asks for it.
-    pub(super) form: Form,
+    pub(super) form: TreeType,
     /// Cells of the source along each axis; the rest is VOID.
     pub(super) source_extent: [u64; 3],
     /// AffineMap from source cells to the grid in which the view has its first cell at `origin`.

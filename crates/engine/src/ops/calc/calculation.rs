@@ -31,7 +31,7 @@ pub(super) enum Formula {
 }
 
 /// Channels that values can have.
-const MOST_CHANNELS: usize = 4;
+const MAX_CHANNELS: usize = 4;
 
 impl Calculation {
     /// Reads an expression with what follows it, as it stands behind `calc=`.
@@ -61,7 +61,7 @@ impl Calculation {
     /// # Errors
     /// If they are not two to four.
     pub fn composite(names: &[String]) -> Result<Calculation> {
-        if !(2..=MOST_CHANNELS).contains(&names.len()) {
+        if !(2..=MAX_CHANNELS).contains(&names.len()) {
             let found = format!("{} layers", names.len());
             return Err(Error::invalid(
                 "composite",

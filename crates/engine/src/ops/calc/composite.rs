@@ -3,7 +3,7 @@
 use super::operands::Operands;
 use crate::ops::affine::View;
 use crate::tree::Source;
-use spinney_base::value::{Kind, Number, Rule, SampleType, ValueType};
+use spinney_base::value::{DataKind, Number, Rule, SampleType, ValueType};
 use spinney_base::{Error, Result};
 use spinney_container::{Metadata, Tag};
 
@@ -11,7 +11,7 @@ use spinney_container::{Metadata, Tag};
 ///
 /// # Errors
 /// If the layers' samples differ in type, trees cannot have several of that type, or a layer is damaged.
-pub(super) fn values(operands: &Operands) -> Result<(ValueType, Kind, Rule)> {
+pub(super) fn values(operands: &Operands) -> Result<(ValueType, DataKind, Rule)> {
     let headers = || operands.read().map(|tree| tree.source().header());
     let name =
         |tree: &View| format!("`{}` of {}", tree.source().metadata().name, tree.form().value.sample.name());
@@ -26,9 +26,9 @@ pub(super) fn values(operands: &Operands) -> Result<(ValueType, Kind, Rule)> {
     }
     // Where all are averaged in one way, so is what is made of them.
     let alike = |rule: Rule| headers().all(|header| header.rule == rule);
-    let kind = match headers().all(|header| header.kind == Kind::Categorical) {
-        true => Kind::Categorical,
-        false => Kind::Continuous,
+    let kind = match headers().all(|header| header.kind == DataKind::Categorical) {
+        true => DataKind::Categorical,
+        false => DataKind::Continuous,
     };
     let first = operands.trees[0].source().header().rule;
     let rule = if alike(first) && first != Rule::Occupancy { first } else { kind.default_rule() };

@@ -98,7 +98,7 @@ impl Op {
 }
 
 /// Operands and steps that a program has at most: each takes time and memory for every cell.
-pub(super) const MOST_STEPS: usize = 8192;
+pub(super) const MAX_STEPS: usize = 8192;
 
 /// A program: its operands' names, and its steps in postfix order.
 ///
@@ -118,9 +118,9 @@ impl Expression {
     /// # Errors
     /// If there are too many.
     pub(super) fn new(names: Vec<Name>, ops: Vec<Op>) -> Result<Expression> {
-        if ops.len() > MOST_STEPS || names.len() > MOST_STEPS {
+        if ops.len() > MAX_STEPS || names.len() > MAX_STEPS {
             let found = format!("{} operations on {} operands", ops.len(), names.len());
-            return Err(Error::invalid("calculation", found, format!("at most {MOST_STEPS} of either")));
+            return Err(Error::invalid("calculation", found, format!("at most {MAX_STEPS} of either")));
         }
         let (mut height, mut stack) = (0usize, 0usize);
         for op in &ops {
@@ -137,8 +137,8 @@ impl Expression {
     /// # Errors
     /// If there are none, or too many.
     pub(super) fn reduction(reducer: Reducer, operands: usize) -> Result<Expression> {
-        if operands == 0 || operands >= MOST_STEPS {
-            let expected = format!("1 to {}", MOST_STEPS - 1);
+        if operands == 0 || operands >= MAX_STEPS {
+            let expected = format!("1 to {}", MAX_STEPS - 1);
             return Err(Error::invalid("operands", operands.to_string(), expected));
         }
         let mut ops: Vec<Op> = (0..operands).map(Op::Operand).collect();

@@ -3,7 +3,7 @@
 use std::iter::Peekable;
 use std::vec::IntoIter;
 
-use super::expression::{Binary, Expression, MOST_STEPS, Name, Op, Reducer, Unary};
+use super::expression::{Binary, Expression, MAX_STEPS, Name, Op, Reducer, Unary};
 use spinney_base::{Error, Result};
 
 /// Bytes of a text at most.
@@ -88,8 +88,8 @@ fn tokens(text: &str) -> Result<Vec<(usize, Token)>> {
             (sign.len(), Token::Sign(sign))
         };
         // (What follows the last step that fits is not looked at.)
-        if tokens.len() > 4 * MOST_STEPS {
-            return Err(wrong(text, at, format!("at most {MOST_STEPS} operations")));
+        if tokens.len() > 4 * MAX_STEPS {
+            return Err(wrong(text, at, format!("at most {MAX_STEPS} operations")));
         }
         tokens.push((at, token));
         at += length;

@@ -8,9 +8,9 @@ use crate::ops::affine::View;
 use crate::ops::blocks::{BLOCK_LEVELS, Block, Blocks};
 use crate::ops::view_source::ViewSource;
 use crate::tree::{CellBlock, Child, Children, Source, no_children};
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::space::{Bounds, Code, Dimension};
-use spinney_base::value::{Kind, Rule, SampleType, Value, ValueType};
+use spinney_base::value::{DataKind, Rule, SampleType, Value, ValueType};
 use spinney_base::{Progress, Result};
 use spinney_container::{Codec, Header, Metadata, Shape};
 
@@ -35,7 +35,7 @@ const PIECE_BYTES: u64 = 2 << 20;
 /// Cells that are read at a time, at most and at least, whatever they take.
 const PIECE_CELLS: [u64; 2] = [1 << 16, 1 << 10];
 /// Levels below the blocks that are handed out as cells, in quadtrees and octrees: those that files are built of.
-const MOST_LEVELS: [u8; 2] = [8, 6];
+const MAX_LEVELS: [u8; 2] = [8, 6];
 
 fn of_dimension(dimension: Dimension, of: [u8; 2]) -> u8 {
     of[usize::from(dimension == Dimension::Oct)]
@@ -56,7 +56,7 @@ impl Calculated {
             false => one_channel(calculation.sample, &operands),
         };
         let header = Header {
-            form: Form::new(first.form().dimension, value),
+            form: TreeType::new(first.form().dimension, value),
             rule,
             kind,
             codec: Codec::Plain,
@@ -200,12 +200,12 @@ impl Calculated {
 }
 
 /// The type, kind and rule of values of one channel that are calculated.
-fn one_channel(sample: Option<SampleType>, operands: &Operands) -> (ValueType, Kind, Rule) {
+fn one_channel(sample: Option<SampleType>, operands: &Operands) -> (ValueType, DataKind, Rule) {
     let sample = sample.unwrap_or(SampleType::F32);
     // Whole numbers made of nothing but classes are classes.
-    let is_class = |view: &View| view.source().header().kind == Kind::Categorical;
+    let is_class = |view: &View| view.source().header().kind == DataKind::Categorical;
     let is_classes = !sample.is_float() && operands.read().next().is_some() && operands.read().all(is_class);
-    let kind = if is_classes { Kind::Categorical } else { Kind::Continuous };
+    let kind = if is_classes { DataKind::Categorical } else { DataKind::Continuous };
     let rule = match operands.trees[0].source().header().rule {
         rule @ (Rule::Min | Rule::Max | Rule::Nearest) if !is_classes => rule,
         _ => kind.default_rule(),
@@ -317,7 +317,7 @@ impl Painter<'_> {
 impl Source for Calculated {
     type Node = Code;
 
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         self.header.form
     }
 
@@ -362,7 +362,7 @@ impl Source for Calculated {
     }
 
     fn cells(&self, node: &Code, levels: u8) -> Result<Option<CellBlock>> {
-        if levels > of_dimension(self.header.form.dimension, MOST_LEVELS) {
+        if levels > of_dimension(self.header.form.dimension, MAX_LEVELS) {
             return Ok(None);
         }
         let bounds = node.bounds(self.header.depth());

@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::store::goblin::Goblin;
-use spinney_base::io::rounds::apart;
+use spinney_base::io::batch::outside_batch;
 use spinney_base::{Error, Result};
-use spinney_container::{FileHeader, FilePlace, Header, OpenOptions, TreeFormat};
+use spinney_container::{FileHeader, FileReference, Header, OpenOptions, TreeFormat};
 use spinney_manifest::{FileTag, ListedFile};
 
 /// Files that are kept open at most.
-pub(super) const MOST_OPEN: usize = 64;
+pub(super) const MAX_OPEN: usize = 64;
 
 /// Files that were used last.
 #[derive(Default)]
@@ -24,9 +24,9 @@ impl OpenFiles {
         }
         // (Without the lock: others may go on, and at worst two open the same.)
         // (And apart from the round of the question, which would open it anew each time.)
-        let file = Arc::new(apart(open)?);
+        let file = Arc::new(outside_batch(open)?);
         let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if kept.len() >= MOST_OPEN {
+        if kept.len() >= MAX_OPEN {
             kept.remove(0);
         }
         kept.push((number, file.clone()));
@@ -61,7 +61,7 @@ pub(super) fn open_goblin(
     }
     let tag = FileTag::of(&*backend)?;
     let first = Goblin::from_backend(file, backend, options)?;
-    let place = FilePlace { file: file.into(), commit: None, layer: layer.map(Into::into) };
+    let place = FileReference { file: file.into(), commit: None, layer: layer.map(Into::into) };
     let number = place.layer_number(first.layers().iter().map(|layer| &*layer.name))?;
     Ok((if number == 0 { first } else { first.open_layer(number)? }, tag))
 }

@@ -3,7 +3,7 @@
 use super::Mosaic;
 use spinney_base::Result;
 use spinney_base::space::{Bounds, Code};
-use spinney_base::value::{Rule, Tally, Value, representative};
+use spinney_base::value::{Rule, Value, ZoneStats, representative};
 
 /// Levels between a node that a file begins within and the file's own nodes that it is made of.
 const FINER: u8 = 2;
@@ -210,14 +210,14 @@ impl Mosaic {
     }
 
     /// The tally of some cells.
-    pub(super) fn count(&self, values: &[Value]) -> Tally {
+    pub(super) fn count(&self, values: &[Value]) -> ZoneStats {
         let value_type = self.header.form.value;
         match values {
-            [] => Tally::void(value_type),
-            [value] => Tally::leaf(value_type, *value, 1, self.counts_classes()),
+            [] => ZoneStats::void(value_type),
+            [value] => ZoneStats::leaf(value_type, *value, 1, self.counts_classes()),
             _ => {
                 let (first, last) = values.split_at(values.len() / 2);
-                Tally::merge(&[&self.count(first), &self.count(last)])
+                ZoneStats::merge(&[&self.count(first), &self.count(last)])
             }
         }
     }
@@ -229,7 +229,7 @@ impl Mosaic {
 }
 
 /// The value of a node of so many cells by a rule. (Rules that go by children have the class of most cells.)
-fn value_of(rule: Rule, tally: &Tally, cells: u64) -> Value {
+fn value_of(rule: Rule, tally: &ZoneStats, cells: u64) -> Value {
     match rule {
         Rule::Min => tally.min,
         Rule::Max => tally.max,

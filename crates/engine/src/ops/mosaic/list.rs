@@ -8,9 +8,11 @@ use crate::ops::affine::{AffineMap, align};
 use crate::ops::view_source::check_form;
 use spinney_base::io::{local_path, url_of};
 use spinney_base::space::Bounds;
-use spinney_base::value::Kind;
+use spinney_base::value::DataKind;
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{FilePlace, HEAVY_THRESHOLD, Header, Metadata, OpenOptions, STRIDE, Shape, reach};
+use spinney_container::{
+    FileReference, HEAVY_THRESHOLD, Header, Metadata, OpenOptions, STRIDE, Shape, reach,
+};
 use spinney_crs::Frame;
 use spinney_manifest::{ListedFile, Manifest};
 
@@ -95,7 +97,7 @@ fn remove(path: &Path, manifest: &mut Manifest, removed: &[String]) -> Result<()
 
 /// Opens a file and tells what is to be listed of it; where it lies is found later.
 fn look_at(manifest: &Path, path: &Path) -> Result<Listed> {
-    let place = FilePlace::of(path);
+    let place = FileReference::of(path);
     let (file, tag) = open_goblin(&place.file, place.layer.as_deref(), &OpenOptions::default())?;
     if place.layer.is_none() && file.layers().len() > 1 {
         let example = place.of_layer(&file.layers()[0].name);
@@ -231,7 +233,7 @@ fn share(path: &Path, common: &mut Metadata, file: &Listed, left: &mut BTreeSet<
     let own = &file.metadata;
     for (class, name) in &own.class_names {
         let known = common.class_names.entry(*class).or_insert_with(|| name.clone());
-        if known != name && file.header.kind == Kind::Categorical {
+        if known != name && file.header.kind == DataKind::Categorical {
             let expected = format!("`{known}`, as in {}", path.display());
             return Err(Error::invalid(
                 format!("{}: class {class}", file.name),

@@ -66,7 +66,7 @@ impl Mosaic {
         let index = Index::new(boxes, header.form.dimension, header.depth());
         // (What stays in memory of files that are read at positions is what would stay of one.)
         let mut each = options.clone();
-        each.cache /= files::MOST_OPEN as u64;
+        each.cache /= files::MAX_OPEN as u64;
         // (What they were made of stands in each of them.)
         let count = entries.len();
         let files = if count == 1 { "file" } else { "files" };
@@ -108,13 +108,13 @@ impl Mosaic {
 
     /// Whether files overlap; of very many that are near each other it is taken for granted.
     fn has_overlaps(&self) -> bool {
-        const MOST_LOOKED_AT: usize = 1 << 22;
+        const MAX_CHECKED: usize = 1 << 22;
         let mut looked_at = 0;
         self.entries.iter().enumerate().any(|(number, entry)| {
             let near = self.index.near(&entry.bounds);
             looked_at += near.len();
             let meets = |other: &u32| !self.entry(*other).bounds.intersect(&entry.bounds).is_empty();
-            looked_at > MOST_LOOKED_AT || near.iter().any(|other| *other as usize != number && meets(other))
+            looked_at > MAX_CHECKED || near.iter().any(|other| *other as usize != number && meets(other))
         })
     }
 

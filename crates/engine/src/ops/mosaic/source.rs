@@ -6,8 +6,8 @@ use crate::ops::tree_file::other_node;
 use crate::query::tally_of;
 use crate::tree::{CellBlock, Child, Children, Source, no_children};
 use spinney_base::space::{Bounds, Code, Dimension};
-use spinney_base::value::{Tally, Value};
-use spinney_base::{Form, Result};
+use spinney_base::value::{Value, ZoneStats};
+use spinney_base::{Result, TreeType};
 
 impl Mosaic {
     fn block_level(&self) -> u8 {
@@ -75,7 +75,7 @@ impl Mosaic {
 impl Source for Mosaic {
     type Node = MosaicNode;
 
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         self.header.form
     }
 
@@ -142,7 +142,7 @@ impl Source for Mosaic {
         Mosaic::check_unchanged(self)
     }
 
-    fn tally(&self, node: &MosaicNode) -> Result<Option<Tally>> {
+    fn tally(&self, node: &MosaicNode) -> Result<Option<ZoneStats>> {
         match node {
             MosaicNode::Several(code) => self.exact_tally(*code),
             MosaicNode::File(number, node) => {

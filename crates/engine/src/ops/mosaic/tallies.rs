@@ -8,7 +8,7 @@ use super::level::places;
 use crate::query::tally_of;
 use spinney_base::Result;
 use spinney_base::space::{Bounds, Code};
-use spinney_base::value::Tally;
+use spinney_base::value::ZoneStats;
 
 /// Cells of a node that are counted one by one where files overlap.
 const COUNTED: u64 = 1 << 12;
@@ -17,20 +17,20 @@ const EXACT: u64 = 1 << 16;
 /// Files whose boxes are compared with each other.
 const COMPARED: usize = 64;
 /// Boxes that the part of a node that nothing has hidden so far is kept as.
-const MOST_BOXES: usize = 32;
+const MAX_BOXES: usize = 32;
 /// Tallies that are kept.
 const KEPT: usize = 1 << 10;
 
 /// Tallies that were made last.
 #[derive(Default)]
-pub(super) struct Tallies(Mutex<HashMap<Code, Arc<Tally>>>);
+pub(super) struct Tallies(Mutex<HashMap<Code, Arc<ZoneStats>>>);
 
 impl Mosaic {
     /// The tally of a node; where files overlap in a large one, hidden cells may count.
     ///
     /// # Errors
     /// If a file is damaged there.
-    pub(super) fn tally_of(&self, code: Code) -> Result<Arc<Tally>> {
+    pub(super) fn tally_of(&self, code: Code) -> Result<Arc<ZoneStats>> {
         let kept = self.tallies.0.lock().unwrap_or_else(PoisonError::into_inner).get(&code).cloned();
         if let Some(tally) = kept {
             return Ok(tally);
@@ -52,13 +52,13 @@ impl Mosaic {
     ///
     /// # Errors
     /// If a file is damaged there.
-    pub(super) fn exact_tally(&self, code: Code) -> Result<Option<Tally>> {
+    pub(super) fn exact_tally(&self, code: Code) -> Result<Option<ZoneStats>> {
         let cells = code.bounds(self.header.depth());
         let numbers = self.meeting(&cells);
         let is_stack = numbers.len() > COMPARED || self.overlap(&numbers, &cells);
         if !is_stack {
             let tallies = numbers.iter().map(|number| self.part_tally(*number, &cells));
-            let tallies = tallies.collect::<Result<Vec<Tally>>>()?;
+            let tallies = tallies.collect::<Result<Vec<ZoneStats>>>()?;
             return Ok(Some(self.sum(&tallies)));
         }
         if cells.volume() <= COUNTED {
@@ -80,7 +80,7 @@ impl Mosaic {
     }
 
     /// The tally of a large node in which files overlap. What a file has all cells of hides what is below; elsewhere both count.
-    fn stacked_tally(&self, code: Code) -> Result<Tally> {
+    fn stacked_tally(&self, code: Code) -> Result<ZoneStats> {
         let cells = code.bounds(self.header.depth());
         let numbers = self.meeting(&cells);
         let largest = numbers.iter().map(|number| self.entry(*number).depth).max().unwrap_or(0);
@@ -101,7 +101,7 @@ impl Mosaic {
                     continue;
                 }
                 let tally = self.part_tally(number, &own)?;
-                match tally.cells == own.volume() && open.len() < MOST_BOXES {
+                match tally.cells == own.volume() && open.len() < MAX_BOXES {
                     true => open.extend(without(part, &own)),
                     false => open.push(part),
                 }
@@ -113,17 +113,17 @@ impl Mosaic {
     }
 
     /// The tally of a file's cells in a box.
-    fn part_tally(&self, number: u32, cells: &Bounds) -> Result<Tally> {
+    fn part_tally(&self, number: u32, cells: &Bounds) -> Result<ZoneStats> {
         let bounds = self.entry(number).bounds;
         let own = cells.intersect(&bounds).within(&bounds);
         tally_of(&*self.file(number)?, &own, self.header.counts_classes())
     }
 
-    fn sum(&self, tallies: &[Tally]) -> Tally {
+    fn sum(&self, tallies: &[ZoneStats]) -> ZoneStats {
         if tallies.is_empty() {
-            return Tally::void(self.header.form.value);
+            return ZoneStats::void(self.header.form.value);
         }
-        Tally::merge(&tallies.iter().collect::<Vec<_>>())
+        ZoneStats::merge(&tallies.iter().collect::<Vec<_>>())
     }
 
     /// Whether boxes of some files have cells of a box in common.

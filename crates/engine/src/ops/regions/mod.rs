@@ -21,4 +21,4 @@ pub(super) use source::Passes;
 pub use source::Regions;
 pub use step::{Connectivity, Sieve};
 pub(crate) use table::find_labels;
-pub use table::{Label, LabelNeighbour, LabelRequest, LabelSummary, TakeLabel};
+pub use table::{Label, LabelNeighbour, LabelRequest, LabelSummary, LabelVisitor};

@@ -13,15 +13,15 @@ use crate::ops::affine::View;
 use crate::ops::view_source::ViewSource;
 use crate::tree::{CellBlock, Child, Children, Source};
 use spinney_base::space::{Bounds, Code};
-use spinney_base::value::{Kind, Rule, SampleType, Value, ValueType};
-use spinney_base::{Form, Progress, Result};
+use spinney_base::value::{DataKind, Rule, SampleType, Value, ValueType};
+use spinney_base::{Progress, Result, TreeType};
 use spinney_container::{Codec, Header, Metadata, Shape};
 
 /// Blocks that are kept for those who go through nodes.
 const KEPT: usize = 16;
 
 /// Labels that are u32; what has more has labels of u64. (The greatest is left free.)
-const MOST_NARROW: u64 = u32::MAX as u64 - 1;
+const MAX_NARROW: u64 = u32::MAX as u64 - 1;
 
 /// Room and progress of steps that go through all cells before the first is handed out.
 #[derive(Clone, Copy)]
@@ -60,7 +60,7 @@ impl Regions {
         passes: &Passes<'_>,
     ) -> Result<Regions> {
         let cells = Cells::bodies(view.clone(), connect.reach(view.form().dimension)?);
-        Regions::labelled(cells, MOST_NARROW, passes)
+        Regions::labelled(cells, MAX_NARROW, passes)
     }
 
     /// Labels of some cells, of u64 if there are more than a number of them.
@@ -78,9 +78,9 @@ impl Regions {
             ..Metadata::default()
         };
         let header = Header {
-            form: Form::new(view.form().dimension, ValueType::new(sample, 1)),
+            form: TreeType::new(view.form().dimension, ValueType::new(sample, 1)),
             rule: Rule::Nearest,
-            kind: Kind::Categorical,
+            kind: DataKind::Categorical,
             ..header_of(view)
         };
         Ok(Regions { cells, made: Made::Labels(labels), header, metadata, kept: Mutex::default() })
@@ -339,7 +339,7 @@ fn node_of(block: &CellBlock, bounds: &Bounds, side: u64, width: usize, code: Co
 impl Source for Regions {
     type Node = Code;
 
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         self.header.form
     }
 

@@ -7,7 +7,7 @@ use crate::query::{Filling, HALF};
 use crate::tree::{Child, Source, no_children};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::value::{Rule, Value};
-use spinney_base::{Form, Progress, Result, parallel};
+use spinney_base::{Progress, Result, TreeType, parallel};
 
 /// Levels below a block of a quadtree, and of an octree.
 const BLOCK_LEVELS: [u8; 2] = [8, 6];
@@ -66,7 +66,7 @@ impl Cells {
         Cells { filling, ..Cells::values(view, reach) }
     }
 
-    pub(super) fn form(&self) -> Form {
+    pub(super) fn form(&self) -> TreeType {
         self.view.form()
     }
 

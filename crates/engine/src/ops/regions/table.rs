@@ -12,7 +12,7 @@ use crate::tree::Source;
 use spinney_base::sort::float_key;
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::{Number, Numbers, SampleType, Value, ValueType};
-use spinney_base::{Error, PartOfWork, Progress, Result};
+use spinney_base::{Error, Progress, Result, SubProgress};
 use zerocopy::{FromBytes, Immutable, IntoBytes};
 
 /// Units of a pass over all cells, for the progress.
@@ -117,7 +117,7 @@ impl Label<'_> {
 }
 
 /// Takes labels as they come.
-pub type TakeLabel<'a> = dyn FnMut(&mut Label<'_>) -> Result<()> + 'a;
+pub type LabelVisitor<'a> = dyn FnMut(&mut Label<'_>) -> Result<()> + 'a;
 
 /// Meaning of the numbers by which labels are told apart and sorted.
 #[derive(Clone, Copy)]
@@ -293,7 +293,7 @@ pub(crate) fn find_labels(
     view: &View,
     request: &LabelRequest,
     progress: &dyn Progress,
-    each: &mut TakeLabel<'_>,
+    each: &mut LabelVisitor<'_>,
 ) -> Result<LabelSummary> {
     let form = view.form();
     let cells = match request.connect {
@@ -313,12 +313,12 @@ pub(super) fn table_of(
     cells: &Cells,
     request: &LabelRequest,
     progress: &dyn Progress,
-    each: &mut TakeLabel<'_>,
+    each: &mut LabelVisitor<'_>,
 ) -> Result<LabelSummary> {
     let folder = request.folder.clone().unwrap_or_else(std::env::temp_dir);
     let folder: &Path = &folder;
     let passes = 1 + u64::from(request.connect.is_some());
-    let part = || PartOfWork::new(progress, PASS, passes * PASS);
+    let part = || SubProgress::new(progress, PASS, passes * PASS);
     let labels = match request.connect {
         Some(_) => Some(Labels::of(cells, 0, (folder, request.memory), &part())?),
         None => None,

@@ -9,13 +9,13 @@ use super::source::{Passes, Regions};
 use super::sweep::Cells;
 use super::words::Words;
 use crate::ops::affine::View;
-use crate::ops::{Chain, transform};
+use crate::ops::{FileView, transform};
 use crate::store::{BuildOptions, WriteOptions, build_tree};
 use crate::tree::{MemTree, Source};
 use spinney_base::io::Output;
 use spinney_base::space::{Code, Dimension};
-use spinney_base::value::{Kind, Rule, SampleType, Value, ValueType};
-use spinney_base::{Error, Form, Progress};
+use spinney_base::value::{DataKind, Rule, SampleType, Value, ValueType};
+use spinney_base::{Error, Progress, TreeType};
 
 struct Random(u64);
 
@@ -28,20 +28,20 @@ impl Random {
 
 /// A tree and its cells in Z order.
 struct Model {
-    form: Form,
+    form: TreeType,
     depth: u8,
     cells: Vec<Option<Value>>,
 }
 
 impl Model {
-    fn new(form: Form, depth: u8, cell: &mut dyn FnMut([u32; 3]) -> Option<Value>) -> Model {
+    fn new(form: TreeType, depth: u8, cell: &mut dyn FnMut([u32; 3]) -> Option<Value>) -> Model {
         let count = form.dimension.cells(depth);
         let code = |path| Code::from_path(form.dimension, depth, path).unwrap();
         Model { form, depth, cells: (0..count).map(|path| cell(code(path).cell())).collect() }
     }
 
     /// Patches, single cells and VOID.
-    fn random(form: Form, depth: u8, random: &mut Random) -> Model {
+    fn random(form: TreeType, depth: u8, random: &mut Random) -> Model {
         let (patch, noise, classes) = (random.below(3), random.below(6), 1 + random.below(4));
         let seed = random.below(1 << 20);
         Model::new(form, depth, &mut |cell| {
@@ -167,8 +167,8 @@ fn check_labels(model: &Model, reach: u32, block_levels: u8, most_narrow: u64) {
 
 const QUAD: Dimension = Dimension::Quad;
 
-fn form(dimension: Dimension, sample: SampleType) -> Form {
-    Form::new(dimension, ValueType::new(sample, 1))
+fn form(dimension: Dimension, sample: SampleType) -> TreeType {
+    TreeType::new(dimension, ValueType::new(sample, 1))
 }
 
 #[test]
@@ -181,7 +181,7 @@ fn labels_are_those_of_a_flood() {
         let most_narrow = [u64::MAX, 3][round % 2];
         check_labels(&model, round as u32 / 3 % 2, random.below(5) as u8, most_narrow);
     }
-    let colours = Form::new(QUAD, ValueType::new(SampleType::U16, 3));
+    let colours = TreeType::new(QUAD, ValueType::new(SampleType::U16, 3));
     check_labels(&Model::random(colours, 5, &mut random), 1, 3, 9);
 }
 
@@ -233,13 +233,13 @@ fn noisy_file(folder: &Path, name: &str) -> std::path::PathBuf {
     };
     let tree = MemTree::from_cells(byte, 10, Rule::Majority, &noise);
     let path = folder.join(name);
-    let options = BuildOptions::new(Kind::Categorical, 10);
+    let options = BuildOptions::new(DataKind::Categorical, 10);
     build_tree(&tree, [600, 600, 1], &options, Output::create(&path).unwrap(), &()).unwrap();
     path
 }
 
 fn made(path: &Path, steps: &[&str], memory: u64) -> Vec<u8> {
-    let mut chain = Chain::of(path);
+    let mut chain = FileView::of(path);
     chain.steps = steps.iter().map(|step| step.parse().unwrap()).collect();
     let out = path.with_file_name("made.goblin");
     transform(&chain, Output::create(&out).unwrap(), WriteOptions::new(memory), &()).unwrap();
@@ -310,7 +310,7 @@ fn what_is_interrupted_leaves_nothing() {
     let path = noisy_file(folder.path(), "noise.goblin");
     for step in ["components=4", "sieve=50"] {
         for after in [0, 1, 2, 3, 5, 8] {
-            let mut chain = Chain::of(&path);
+            let mut chain = FileView::of(&path);
             chain.steps = vec![step.parse().unwrap()];
             let out = folder.path().join("out.goblin");
             let stops = Stops(Default::default(), after);
@@ -331,7 +331,7 @@ fn what_cannot_be_done_is_said() {
     assert!(error("components=4").contains("spinney transform"));
     assert!(error("sieve=4").contains("spinney transform"));
     let whole = |step: &str| {
-        let step: crate::ops::Step = step.parse().unwrap();
+        let step: crate::ops::ViewStep = step.parse().unwrap();
         step.apply_whole(view(), &passes(1 << 20)).map(|_| ()).unwrap_err().to_string()
     };
     assert!(whole("components=6").contains("4 or 8"));
@@ -346,7 +346,7 @@ fn what_cannot_be_done_is_said() {
         "sieve=nan m2",
         "sieve=4,x",
     ] {
-        assert!(wrong.parse::<crate::ops::Step>().is_err(), "{wrong}");
+        assert!(wrong.parse::<crate::ops::ViewStep>().is_err(), "{wrong}");
     }
     // More components than there is memory for.
     let model = Model::random(form(QUAD, SampleType::U8), 8, &mut random);
@@ -371,9 +371,9 @@ fn solids_are_labelled_by_what_is_half_full() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("solid.goblin");
     let tree = model.tree();
-    let options = BuildOptions::new(Kind::Continuous, 3).rule(Rule::Occupancy);
+    let options = BuildOptions::new(DataKind::Continuous, 3).rule(Rule::Occupancy);
     build_tree(&tree, [8, 8, 8], &options, Output::create(&path).unwrap(), &()).unwrap();
-    let view = Chain::of(&path).open().unwrap();
+    let view = FileView::of(&path).open().unwrap();
     let tree = Regions::components(&view, "26".parse().unwrap(), &passes(1 << 20)).unwrap();
     let value = |label: u64| (label > 0).then(|| Value::from([label as u32]));
     let expected: Vec<Option<Value>> = full.labels(1).into_iter().map(value).collect();

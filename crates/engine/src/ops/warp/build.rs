@@ -4,7 +4,7 @@ use super::source::Warped;
 use crate::ops::view_source::ViewSource;
 use crate::store::{BuildOptions, build};
 use spinney_base::io::Output;
-use spinney_base::value::Tally;
+use spinney_base::value::ZoneStats;
 use spinney_base::{Progress, Result};
 
 /// Writes a warped tree to a file, in the format that the output's name asks for; returns the tally of its cells. Of `how`
@@ -12,7 +12,12 @@ use spinney_base::{Progress, Result};
 ///
 /// # Errors
 /// If the source is damaged, the output cannot be written, or on interruption.
-pub fn warp(warped: Warped, how: &BuildOptions, output: Output, progress: &dyn Progress) -> Result<Tally> {
+pub fn warp(
+    warped: Warped,
+    how: &BuildOptions,
+    output: Output,
+    progress: &dyn Progress,
+) -> Result<ZoneStats> {
     let tree = ViewSource::from(warped);
     tree.tell_remark(progress);
     let (header, metadata) = (tree.header().clone(), tree.metadata().clone());

@@ -6,10 +6,16 @@ use super::lattice::Lattice;
 use super::window::{Window, floor};
 use crate::store::records::{Record, RecordLayout, with_record_type};
 use crate::tree::CellBlock;
-use spinney_base::Form;
+use spinney_base::TreeType;
 
 /// Picks the cells at the places of a lattice.
-pub(super) fn pick(form: Form, window: &Window, lattice: &Lattice, size: [usize; 2], block: &mut CellBlock) {
+pub(super) fn pick(
+    form: TreeType,
+    window: &Window,
+    lattice: &Lattice,
+    size: [usize; 2],
+    block: &mut CellBlock,
+) {
     with_record_type!(RecordLayout::new(form), R => pick_values::<R>(window, lattice, size, block));
 }
 

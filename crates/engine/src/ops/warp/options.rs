@@ -4,7 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
-use spinney_base::value::Kind;
+use spinney_base::value::DataKind;
 use spinney_base::{Error, Result};
 
 /// The way a cell of the target gets its value from the cells of the source around it.
@@ -39,21 +39,21 @@ impl Resampling {
 
     /// The usual way, where a cell of the target has `ratio` cells of the source along a side: for few the nearest class or
     /// bilinear amounts, for more the majority or the mean of the area.
-    pub(super) fn usual(kind: Kind, ratio: f64) -> Resampling {
+    pub(super) fn usual(kind: DataKind, ratio: f64) -> Resampling {
         /// Beyond, cells of the source would be left out.
         const FEW: f64 = 1.5;
         match (kind, ratio <= FEW) {
-            (Kind::Categorical, true) => Resampling::Nearest,
-            (Kind::Categorical, false) => Resampling::Majority,
-            (Kind::Continuous, true) => Resampling::Bilinear,
-            (Kind::Continuous, false) => Resampling::Area,
+            (DataKind::Categorical, true) => Resampling::Nearest,
+            (DataKind::Categorical, false) => Resampling::Majority,
+            (DataKind::Continuous, true) => Resampling::Bilinear,
+            (DataKind::Continuous, false) => Resampling::Area,
         }
     }
 
     /// Fails if the way makes numbers of classes.
-    pub(super) fn check(self, kind: Kind) -> Result<()> {
+    pub(super) fn check(self, kind: DataKind) -> Result<()> {
         let makes_numbers = matches!(self, Resampling::Bilinear | Resampling::Cubic | Resampling::Area);
-        if kind == Kind::Categorical && makes_numbers {
+        if kind == DataKind::Categorical && makes_numbers {
             let found = format!("{self}, which makes new numbers, of classes");
             return Err(Error::invalid("resampling", found, "nearest or majority"));
         }

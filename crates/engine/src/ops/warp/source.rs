@@ -11,8 +11,8 @@ use super::{area, interpolate, nearest};
 use crate::ops::view_source::ViewSource;
 use crate::store::depth_for;
 use crate::tree::{CellBlock, Child, Children, Source};
-use spinney_base::Form;
-use spinney_base::io::rounds::{all_read, go_on};
+use spinney_base::TreeType;
+use spinney_base::io::batch::{defer_missing, finish_deferred};
 use spinney_base::space::{Bounds, Code, Dimension};
 use spinney_base::value::{Rule, Value};
 use spinney_base::{Error, Result};
@@ -53,7 +53,7 @@ pub struct Warped {
 /// Levels below the blocks that are drawn at once: 256 x 256 cells.
 const BLOCK_LEVELS: u8 = 8;
 /// Source samples that are read at a time, at most; for a single cell of the target, source cells.
-const MOST_READ: u64 = 1 << 20;
+const MAX_READ: u64 = 1 << 20;
 /// How far polynomials of blocks may be off that only tell where to look, in parts of the image's size.
 const COARSE: f64 = 0.02;
 
@@ -310,7 +310,7 @@ impl Warped {
         let size = [columns.1 - columns.0, rows.1 - rows.0].map(|cells| cells as u64);
         let is_cell = width * height == 1;
         let samples_each = if is_cell { 1 } else { u64::from(self.header.form.value.channels) };
-        if size[0].saturating_mul(size[1]) > MOST_READ / samples_each {
+        if size[0].saturating_mul(size[1]) > MAX_READ / samples_each {
             if is_cell {
                 return self.draw_large((low, high), shift, at[1] * stride + at[0], block);
             }
@@ -319,10 +319,13 @@ impl Warped {
                 let part = cells.child(Dimension::Quad, child);
                 if !part.is_empty() {
                     let from = [0, 1].map(|axis| at[axis] + (part.min[axis] - cells.min[axis]) as usize);
-                    go_on(self.draw_part((whole, &part), shift, from, stride, block), &mut is_unread)?;
+                    defer_missing(
+                        self.draw_part((whole, &part), shift, from, stride, block),
+                        &mut is_unread,
+                    )?;
                 }
             }
-            return all_read(is_unread);
+            return finish_deferred(is_unread);
         }
         let source = WindowSource { file: &self.source, level: self.level(shift), extent, turn };
         let window = Window::read(&source, [columns.0, rows.0], size.map(|cells| cells as usize))?;
@@ -435,7 +438,7 @@ fn reached(map: &CellMap, (from, to): ([f64; 2], [f64; 2]), steps: usize, target
 impl Source for Warped {
     type Node = Code;
 
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         self.header.form
     }
 
@@ -493,9 +496,9 @@ impl Warped {
                 let part = whole.intersect(&inside);
                 let at = [0, 1].map(|axis| (part.min[axis] - bounds.min[axis]) as usize);
                 let drawn = self.draw_part((&whole, &part), self.coarser_for(&whole), at, stride, block);
-                go_on(drawn, &mut is_unread)?;
+                defer_missing(drawn, &mut is_unread)?;
             }
         }
-        all_read(is_unread)
+        finish_deferred(is_unread)
     }
 }

@@ -7,7 +7,7 @@ use super::mapping::CellMap;
 use super::*;
 use crate::ops::view_source::ViewSource;
 use crate::tree::{CellBlock, Child, MemTree, Source};
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::space::{Bounds, Cell, Dimension};
 use spinney_base::value::{Rule, SampleType, Value, ValueType};
 use spinney_crs::{Crs, Frame, web_mercator};
@@ -37,7 +37,7 @@ impl Raster {
     }
 
     fn tree(&self) -> Arc<ViewSource> {
-        let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+        let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
         let cell = |[x, y, _]: Cell| (self.cell)(x.into(), y.into()).map(|value| Value::from([value]));
         Arc::new(MemTree::from_cells(form, 6, Rule::Mean, &cell).into())
     }
@@ -264,7 +264,8 @@ fn channels_are_interpolated_each_by_itself() {
         let frame = Frame { crs: Some(Crs::epsg(epsg)), ..Frame::planar(affine) };
         for resampling in [Resampling::Bilinear, Resampling::Cubic] {
             let drawn = |channels: &[i64]| {
-                let form = Form::new(Dimension::Quad, ValueType::new(SampleType::F32, channels.len() as u8));
+                let form =
+                    TreeType::new(Dimension::Quad, ValueType::new(SampleType::F32, channels.len() as u8));
                 let cell = |[x, y, _]: Cell| {
                     let numbers = channels.iter().map(|channel| number(x.into(), y.into(), *channel));
                     let numbers: Vec<f32> = numbers.collect();
@@ -383,7 +384,7 @@ fn the_grid_of_web_maps_is_as_fine_as_the_raster() {
 fn classes_are_not_interpolated() {
     for way in [Resampling::Bilinear, Resampling::Cubic, Resampling::Area] {
         assert!(
-            way.check(spinney_base::value::Kind::Categorical)
+            way.check(spinney_base::value::DataKind::Categorical)
                 .unwrap_err()
                 .to_string()
                 .contains("nearest or majority")

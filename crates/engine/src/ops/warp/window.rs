@@ -2,7 +2,7 @@
 
 use crate::ops::view_source::ViewSource;
 use spinney_base::Result;
-use spinney_base::io::rounds::{all_read, go_on};
+use spinney_base::io::batch::{defer_missing, finish_deferred};
 use spinney_base::space::Bounds;
 use spinney_base::value::ValueType;
 
@@ -56,10 +56,10 @@ impl Window {
             if columns.0 < columns.1 {
                 let first = (columns.0 + shift - origin[0], rows.0 - origin[1]);
                 let painted = window.paint(source, columns, rows, (first.0 as usize, first.1 as usize));
-                go_on(painted, &mut is_unread)?;
+                defer_missing(painted, &mut is_unread)?;
             }
         }
-        all_read(is_unread).map(|()| window)
+        finish_deferred(is_unread).map(|()| window)
     }
 
     /// Reads cells that the source has to a place of the window.

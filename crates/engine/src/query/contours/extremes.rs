@@ -6,7 +6,7 @@ use crate::store::goblin::Goblin;
 use crate::tree::{Child, Source, no_children};
 use spinney_base::Result;
 use spinney_base::space::{Bounds, Code};
-use spinney_base::value::Tally;
+use spinney_base::value::ZoneStats;
 
 /// Bounds of the values of some cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,7 +31,7 @@ impl Extremes {
         Extremes { least: f64::NEG_INFINITY, greatest: f64::INFINITY, has_values: true, has_void: true };
 
     /// Those of a box of which a tally has all values.
-    fn of(tally: &Tally, cells: u64) -> Extremes {
+    fn of(tally: &ZoneStats, cells: u64) -> Extremes {
         let number = |value| tally.value_type.first_sample(value);
         let count = tally.present[0];
         if count == 0 {

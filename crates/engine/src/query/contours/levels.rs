@@ -61,13 +61,13 @@ impl Levels {
     /// # Errors
     /// If there are far too many.
     pub fn reached(&self, (least, greatest): (f64, f64)) -> Result<Vec<f64>> {
-        const MOST_REACHED: i32 = 1 << 16;
+        const MAX_REACHED: i32 = 1 << 16;
         let numbers = match &self.0 {
             ContourLevels::Every { .. } => self.rank(least)..self.rank(greatest),
             ContourLevels::At(values) => 0..values.len() as i32,
         };
-        if numbers.end.saturating_sub(numbers.start) > MOST_REACHED {
-            let found = format!("more than {MOST_REACHED} of them");
+        if numbers.end.saturating_sub(numbers.start) > MAX_REACHED {
+            let found = format!("more than {MAX_REACHED} of them");
             return Err(Error::invalid("contour levels", found, "levels farther apart"));
         }
         Ok(numbers.map(|number| self.value(number)).collect())

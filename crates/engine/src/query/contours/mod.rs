@@ -32,7 +32,7 @@ use self::polygons::Polygons;
 use self::rows::TileRows;
 use self::tile::{LinePiece, trace};
 use crate::tree::Child;
-use spinney_base::io::rounds;
+use spinney_base::io::batch;
 use spinney_base::space::{Bounds, Code};
 use spinney_base::{Progress, Result};
 use spinney_crs::Frame;
@@ -140,7 +140,7 @@ impl Contour<'_> {
 }
 
 /// Takes contours as they come.
-pub type TakeContour<'a> = dyn FnMut(&Contour<'_>) -> Result<()> + 'a;
+pub type ContourVisitor<'a> = dyn FnMut(&Contour<'_>) -> Result<()> + 'a;
 
 /// Cells that contours and isosurfaces are traced on: those of a level of a tree.
 pub trait Relief: Sync {
@@ -179,7 +179,7 @@ pub(crate) fn trace_contours(
     request: &ContourRequest,
     is_bands: bool,
     progress: &dyn Progress,
-    each: &mut TakeContour<'_>,
+    each: &mut ContourVisitor<'_>,
 ) -> Result<ContourSummary> {
     let levels = Levels::new(&request.levels)?;
     let tracing = match request.ends {
@@ -213,7 +213,7 @@ pub(crate) fn trace_contours(
         let wanted = rows.next(row)?;
         tracer.summary.tiles_read += wanted.len() as u64;
         for columns in wanted.chunks(batch) {
-            let traced = rounds::map(columns, |column| {
+            let traced = batch::map(columns, |column| {
                 progress.check()?;
                 trace(&read_tile(ground, &levels, tiles, [*column, row])?, &levels, tracing, is_reversed)
             })?;
@@ -265,7 +265,7 @@ struct Tracer<'a, 'e> {
     joiner: Joiner,
     polygons: Polygons,
     is_bands: bool,
-    each: &'a mut TakeContour<'e>,
+    each: &'a mut ContourVisitor<'e>,
     summary: ContourSummary,
 }
 

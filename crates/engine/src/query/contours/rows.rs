@@ -5,7 +5,7 @@ use super::nodes::Tracing;
 use super::{Extremes, Relief};
 use crate::tree::Child;
 use spinney_base::Result;
-use spinney_base::io::rounds;
+use spinney_base::io::batch;
 use spinney_base::space::{Code, Dimension};
 
 /// Neighbouring tiles of a row, up to but without `end`, whose cells have the same extremes.
@@ -98,7 +98,7 @@ impl<'a> TileRows<'a> {
         self.visit(Code::root(Dimension::Quad), row, &mut runs)?;
         let unknown: Vec<u64> =
             runs.iter().filter(|(_, extremes)| extremes.is_none()).map(|(column, _)| *column).collect();
-        let found = rounds::map(&unknown, |column| {
+        let found = batch::map(&unknown, |column| {
             let code = Code::from_cell(Dimension::Quad, self.level, [*column as u32, row as u32, 0]);
             code.map_or(Ok(Extremes::NONE), |code| self.relief.extremes(code))
         })?;

@@ -144,7 +144,7 @@ impl ClassRegion<'_> {
 }
 
 /// Takes regions as they come.
-pub type TakeRegion<'a> = dyn FnMut(&ClassRegion<'_>) -> Result<()> + 'a;
+pub type RegionVisitor<'a> = dyn FnMut(&ClassRegion<'_>) -> Result<()> + 'a;
 
 /// Cells of a level of a tree.
 pub(crate) trait ClassCells: Sync {
@@ -194,7 +194,7 @@ pub(crate) fn find_regions(
     ground: &mut ClassGround<'_>,
     request: &PolygonRequest,
     progress: &dyn Progress,
-    each: &mut TakeRegion<'_>,
+    each: &mut RegionVisitor<'_>,
 ) -> Result<PolygonSummary> {
     let wanted = match &request.classes {
         None => None,
@@ -277,7 +277,7 @@ struct Tracer<'a, 'e> {
     wanted: Option<Vec<u64>>,
     rules: RingRules,
     progress: &'a dyn Progress,
-    each: &'a mut TakeRegion<'e>,
+    each: &'a mut RegionVisitor<'e>,
     summary: PolygonSummary,
 }
 

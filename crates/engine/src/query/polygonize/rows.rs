@@ -3,7 +3,7 @@
 use super::ClassGround;
 use crate::tree::Child;
 use spinney_base::Result;
-use spinney_base::io::rounds;
+use spinney_base::io::batch;
 use spinney_base::space::{Bounds, Code, Dimension};
 
 /// A class, by the bytes of its value as a number. What is VOID comes before all others.
@@ -121,7 +121,7 @@ pub(super) fn read_strip(ground: &ClassGround<'_>, first: u32, rows: u32) -> Res
             (column * width, end, *class)
         })
         .collect();
-    let tiles = rounds::map(&all, |(start, end, class)| {
+    let tiles = batch::map(&all, |(start, end, class)| {
         let cells = match class {
             Some(class) => TileCells::Same(*class),
             None => {

@@ -9,14 +9,14 @@ use crate::query::check_level;
 use crate::store::goblin::{Goblin, Located, Segment};
 use crate::store::records::{Record, with_record_type};
 use crate::tree::Child;
-use spinney_base::io::rounds::{all_read, go_on};
+use spinney_base::io::batch::{defer_missing, finish_deferred};
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::Value;
 use spinney_base::{Error, Result};
 use spinney_container::{CUT, INNER, VOID};
 
 /// Nodes along an axis that a part of a window is divided by at most.
-const MOST_DIVIDED: u64 = 3;
+const MAX_DIVIDED: u64 = 3;
 
 impl Goblin {
     /// Writes the values of a box of cells of `level` to `values`, as they stand on disk: x fastest, then y,
@@ -103,14 +103,14 @@ impl<'a> Window<'a> {
         let below = self.level - level;
         let nodes = |axis: usize| ((part.max[axis] - 1) >> below) - (part.min[axis] >> below) + 1;
         let code = self.node_around(part);
-        if code.level() >= level || (0..3).any(|axis| nodes(axis) > MOST_DIVIDED) {
+        if code.level() >= level || (0..3).any(|axis| nodes(axis) > MAX_DIVIDED) {
             return Ok(None);
         }
         let index = match self.tree.find_segment(code) {
             Ok(Some(index)) => index,
             Ok(None) => return Ok(None),
             // (Divided or not, the parts tell what they lack.)
-            Err(Error::Unread) => return Ok(Some(level)),
+            Err(Error::NotFetched) => return Ok(Some(level)),
             Err(error) => return Err(error),
         };
         let own = self.tree.segment_level(index)?;
@@ -169,11 +169,11 @@ impl<R: Record> Drawing<'_, '_, R> {
                     // (A quadtree has no nodes along z but one.)
                     let min = [x, y, z].map(|node| node * side);
                     let node = Bounds { min, max: min.map(|min| min + side) };
-                    go_on(self.draw_down(&node.intersect(part)), &mut is_unread)?;
+                    defer_missing(self.draw_down(&node.intersect(part)), &mut is_unread)?;
                 }
             }
         }
-        all_read(is_unread)
+        finish_deferred(is_unread)
     }
 
     /// Draws a part of the window, starting from the deepest segment that has all of it.
@@ -249,24 +249,24 @@ impl<R: Record> Drawing<'_, '_, R> {
                         std::array::from_fn(|axis| min[axis] + ((child as u64 >> axis & 1) << below));
                     if state == INNER && !jump {
                         let drawn = self.node(segment, records, under, level + 1, child_min);
-                        go_on(drawn, &mut is_unread)?;
+                        defer_missing(drawn, &mut is_unread)?;
                         continue;
                     }
                     let cell = child_min.map(|cell| (cell >> below) as u32);
                     let code = Code::from_cell(R::DIMENSION, level + 1, cell);
                     let deeper = if state == CUT { self.window.has_deeper(segment, code) } else { Ok(true) };
-                    let Some(deeper) = go_on(deeper, &mut is_unread)? else { continue };
+                    let Some(deeper) = defer_missing(deeper, &mut is_unread)? else { continue };
                     if !deeper {
                         return Err(tree.bad_cut(code.unwrap_or(Code::root(R::DIMENSION))));
                     }
                     let side = |axis: usize| if axis < R::AXES { 1 << below } else { 1 };
                     let max = std::array::from_fn(|axis| child_min[axis] + side(axis));
                     let part = Bounds { min: child_min, max }.intersect(&self.window.bounds);
-                    go_on(self.draw(&part), &mut is_unread)?;
+                    defer_missing(self.draw(&part), &mut is_unread)?;
                 }
                 _ => self.painter.fill(start, size, Some(record.values()[child])),
             }
         }
-        all_read(is_unread)
+        finish_deferred(is_unread)
     }
 }

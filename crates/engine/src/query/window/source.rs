@@ -2,15 +2,15 @@
 
 use super::check_buffers;
 use crate::tree::{CellBlock, Child, Source, no_children};
-use spinney_base::Form;
 use spinney_base::Result;
-use spinney_base::io::rounds::{all_read, go_on};
+use spinney_base::TreeType;
+use spinney_base::io::batch::{defer_missing, finish_deferred};
 use spinney_base::space::Bounds;
 use spinney_base::value::Value;
 
 /// A box of cells to draw on.
 pub struct Canvas<'a> {
-    form: Form,
+    form: TreeType,
     bounds: Bounds,
     /// Growth of the index of a cell's value from a cell to the next along each axis.
     strides: [usize; 3],
@@ -50,7 +50,7 @@ impl<'a> Canvas<'a> {
     /// # Errors
     /// If there are not the bytes of one value, and one flag, for each of its cells.
     pub fn new(
-        form: Form,
+        form: TreeType,
         bounds: &Bounds,
         fill: Value,
         values: &'a mut [u8],
@@ -102,9 +102,9 @@ impl<'a> Canvas<'a> {
                 source.children(node, &mut children)?;
                 for (step, child) in children[..self.form.children()].iter().enumerate() {
                     let space = space.child(self.form.dimension, step);
-                    go_on(self.node(source, child, space, levels - 1), &mut is_unread)?;
+                    defer_missing(self.node(source, child, space, levels - 1), &mut is_unread)?;
                 }
-                all_read(is_unread)?;
+                finish_deferred(is_unread)?;
             }
             // (VOID is there already.)
             node => {

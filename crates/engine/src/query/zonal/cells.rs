@@ -31,7 +31,7 @@ pub(super) struct FoundCells {
 type Span = (u64, Range<u64>, f64);
 
 /// Entries of each kind that are remembered.
-const MOST_FOUND: usize = 1 << 16;
+const MAX_FOUND: usize = 1 << 16;
 
 /// A node's place among what was found.
 fn area_of(bounds: &Bounds) -> [u64; 4] {
@@ -53,7 +53,7 @@ impl ZoneCells<'_> {
             return *found;
         }
         let found = find();
-        let (mut known, room) = (known.borrow_mut(), MOST_FOUND);
+        let (mut known, room) = (known.borrow_mut(), MAX_FOUND);
         let of_kind = kind(&mut known);
         if of_kind.len() < room {
             of_kind.insert(area, found);
@@ -106,7 +106,7 @@ impl ZoneCells<'_> {
         if let Some(known) = found.spans.get(&area) {
             return known.iter().for_each(|(row, span, share)| each(*row, span.clone(), *share));
         }
-        if found.count >= MOST_FOUND {
+        if found.count >= MAX_FOUND {
             return spans(each);
         }
         let mut list = Vec::new();

@@ -19,8 +19,8 @@ use crate::tree::Source;
 use cells::{FoundCells, ZoneCells};
 use gather::Gather;
 pub use request::{ZonalRequest, ZoneChannel, ZoneMeasure, ZoneStatistics, ZoneValues};
-use spinney_base::Form;
-use spinney_base::io::rounds;
+use spinney_base::TreeType;
+use spinney_base::io::batch;
 use spinney_base::parallel;
 use spinney_base::space::{Bounds, Polygon};
 use spinney_base::{Progress, Result};
@@ -31,7 +31,7 @@ const AREA_ROUNDING: f64 = 1e-9;
 
 /// A tree that is asked for the cells in polygons.
 pub(crate) struct ZonalTree<'a> {
-    form: Form,
+    form: TreeType,
     depth: u8,
     counts_classes: bool,
     /// Cells that can be other than VOID.
@@ -69,11 +69,11 @@ pub(crate) struct ZonalGroup<'a> {
 }
 
 /// Statistics of all trees in a polygon, in their order.
-type TakeZone<'a> = dyn FnMut(Vec<ZoneStatistics>) -> Result<()> + 'a;
+type ZoneSink<'a> = dyn FnMut(Vec<ZoneStatistics>) -> Result<()> + 'a;
 
 /// Polygons that are worked on before somebody is told of it, and answers that are held at most, unless there are more trees.
 const BATCH: usize = 64;
-const MOST_HELD: usize = 1 << 16;
+const MAX_HELD: usize = 1 << 16;
 
 /// Hands out the statistics of the cells in each of some polygons, of all trees; time goes with the nodes along their borders. Which
 /// cells are in a polygon is found once for all trees of a grid.
@@ -84,20 +84,20 @@ pub(crate) fn zonal(
     groups: &[ZonalGroup<'_>],
     request: &ZonalRequest,
     progress: &dyn Progress,
-    take: &mut TakeZone<'_>,
+    take: &mut ZoneSink<'_>,
 ) -> Result<()> {
     request.check()?;
     let memory = request.memory / parallel::threads() as u64;
     let trees: usize = groups.iter().map(|group| group.trees.len()).sum();
     let polygons = groups.iter().map(|group| group.polygons.len()).max().unwrap_or(0);
     let numbers: Vec<usize> = (0..polygons).collect();
-    for batch in numbers.chunks((MOST_HELD / trees.max(1)).clamp(1, BATCH)) {
+    for batch in numbers.chunks((MAX_HELD / trees.max(1)).clamp(1, BATCH)) {
         let zone_of = |number: &usize| {
             let mut all = vec![ZoneStatistics::default(); trees];
             groups.iter().try_for_each(|group| group.zone(*number, (request, memory), progress, &mut all))?;
             Ok(all)
         };
-        rounds::map(batch, zone_of)?.into_iter().try_for_each(&mut *take)?;
+        batch::map(batch, zone_of)?.into_iter().try_for_each(&mut *take)?;
         progress.check()?;
         progress.advance((batch.len() * trees) as u64, (polygons * trees) as u64);
     }

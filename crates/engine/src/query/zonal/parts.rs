@@ -9,8 +9,8 @@ use super::request::{ZoneChannel, ZoneStatistics};
 use super::{AREA_ROUNDING, AddDense};
 use crate::store::records::dense::{DenseBlock, DenseRows};
 use crate::store::records::{Record, RecordLayout, with_record_type};
-use spinney_base::Form;
-use spinney_base::value::{Number, Sample, Tally, Value, ValueType, with_sample_type};
+use spinney_base::TreeType;
+use spinney_base::value::{Number, Sample, Value, ValueType, ZoneStats, with_sample_type};
 
 /// Statistics of parts of cells.
 pub(super) struct Parts {
@@ -89,7 +89,7 @@ impl Moments {
 
 impl Parts {
     /// Nothing yet, of trees of a form.
-    pub(super) fn new(form: Form, counts_classes: bool) -> Parts {
+    pub(super) fn new(form: TreeType, counts_classes: bool) -> Parts {
         let value_type = form.value;
         let classes = match (counts_classes, value_type.size()) {
             (false, _) => PartsOfClasses::None,
@@ -145,7 +145,7 @@ impl Parts {
     }
 
     /// These parts and whole cells together, of a zone of so many cells within the picture.
-    pub(super) fn with(mut self, whole: &Tally, all: f64) -> ZoneStatistics {
+    pub(super) fn with(mut self, whole: &ZoneStats, all: f64) -> ZoneStatistics {
         let value_type = self.value_type;
         let classes: Vec<(Value, f64)> = match std::mem::replace(&mut self.classes, PartsOfClasses::None) {
             PartsOfClasses::None => Vec::new(),

@@ -10,8 +10,7 @@ use spinney_base::{Error, Result};
 /// A question about the cells in polygons.
 ///
 /// ```
-/// use spinney::query::ZonalRequest;
-/// use spinney::space::{EdgeRule, Polygon};
+/// use spinney::query::{EdgeRule, Polygon, ZonalRequest};
 ///
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// let map = spinney::open("fixtures/v1/classes.goblin")?;
@@ -64,9 +63,9 @@ impl ZonalRequest {
 
     /// Fails if a quantile is none.
     pub(super) fn check(&self) -> Result<()> {
-        if self.quantiles.len() > MOST_QUANTILES {
+        if self.quantiles.len() > MAX_QUANTILES {
             let found = format!("{} of them", self.quantiles.len());
-            return Err(Error::invalid("quantiles", found, format!("at most {MOST_QUANTILES}")));
+            return Err(Error::invalid("quantiles", found, format!("at most {MAX_QUANTILES}")));
         }
         match self.quantiles.iter().find(|quantile| !(0.0..=1.0).contains(*quantile)) {
             Some(wrong) => Err(Error::invalid("quantile", wrong.to_string(), "a number from 0 to 1")),
@@ -76,7 +75,7 @@ impl ZonalRequest {
 }
 
 /// Quantiles that are computed at once, at most.
-const MOST_QUANTILES: usize = 1000;
+const MAX_QUANTILES: usize = 1000;
 
 /// A number that is told of a zone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -9,8 +9,8 @@ use crate::store::records::subtree::{BadSkip, each_leaf};
 use crate::store::records::{Record, RecordLayout, with_record_type};
 use spinney_base::io::Sorter;
 use spinney_base::sort;
-use spinney_base::value::{Number, Sample, Tally, Value, ValueType, with_sample_type};
-use spinney_base::{Form, Result};
+use spinney_base::value::{Number, Sample, Value, ValueType, ZoneStats, with_sample_type};
+use spinney_base::{Result, TreeType};
 
 /// Cells of each sample of each channel of a zone.
 pub(super) struct Values {
@@ -49,7 +49,7 @@ const FEW: usize = 1 << 12;
 
 impl Values {
     /// No cells yet, of trees of a form; for `memory` bytes.
-    pub(super) fn new(form: Form, memory: u64) -> Values {
+    pub(super) fn new(form: TreeType, memory: u64) -> Values {
         let value_type = form.value;
         let bits = 8 * value_type.sample.size();
         let channels = u64::from(value_type.channels);
@@ -79,7 +79,7 @@ impl Values {
     }
 
     /// Adds all cells of a zone; `false` if its tally does not tell enough.
-    pub(super) fn zone(&mut self, tally: &Tally) -> bool {
+    pub(super) fn zone(&mut self, tally: &ZoneStats) -> bool {
         let is_one = tally.min == tally.max && !self.value_type.is_masked();
         if is_one && tally.cells > 0 {
             self.block(tally.min, tally.cells as f64);

@@ -5,7 +5,7 @@ use std::mem;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::commit::{Commit, Written};
+use super::commit::{Commit, WriteSummary};
 use super::extents::{ByteAccess, EXTENT_MAGIC, ExtentKind, Extents, FULL_EXTENT, HEAD_SIZE, head};
 use super::layout::{PointeredLayout, Pointers};
 use super::meta::Meta;
@@ -44,7 +44,7 @@ pub(super) struct Appender {
     buffer: Vec<u8>,
     /// Start in the buffer, and kind, of the extent that is being made.
     extent: Option<(usize, ExtentKind)>,
-    pub(super) written: Written,
+    pub(super) written: WriteSummary,
     dedup: Option<DedupTable>,
     /// The bytes that have been written, for comparing with what is to be written; read anew when there are
     /// more.
@@ -77,7 +77,7 @@ impl Appender {
             start: end.next_multiple_of(PAGE),
             buffer: Vec::new(),
             extent: None,
-            written: Written::default(),
+            written: WriteSummary::default(),
             dedup,
             reader: None,
             extents: None,
@@ -417,7 +417,7 @@ impl Appender {
         // Invariant: no page of a commit is written again. A torn write of the next one would damage what is
         // durable.
         self.start = self.start.next_multiple_of(PAGE);
-        self.written = Written::default();
+        self.written = WriteSummary::default();
         Ok(meta)
     }
 }

@@ -16,8 +16,8 @@ use crate::store::builder::{BuildOptions, BuiltBlock, Part, RecordRef, Siblings,
 use crate::store::records::subtree::RECORDS_ARE_CHECKED;
 use crate::store::records::{RecordLayout, RunChildren, RunNode, Runs};
 use crate::tree::{Child, Source};
-use spinney_base::Form;
 use spinney_base::Result;
+use spinney_base::TreeType;
 use spinney_base::space::Code;
 use spinney_base::value::{Rule, Value};
 use spinney_container::{Finding, INNER, LevelCounts};
@@ -64,7 +64,7 @@ const COPIED: u64 = 8 << 20;
 
 /// Merges parts whose siblings are complete, and writes the records that are new.
 pub(super) struct RecordBuilder<'a> {
-    form: Form,
+    form: TreeType,
     heights: Heights,
     rule: Rule,
     depth: u8,

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::extents::{ExtentKind, Extents};
 use spinney_base::{Error, Result};
-use spinney_container::MOST_LAYERS;
+use spinney_container::MAX_LAYERS;
 
 /// A note on a commit by whoever makes it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -19,9 +19,9 @@ pub struct Note {
     pub message: String,
 }
 
-/// The account of what a commit wrote.
+/// Numbers of records and bytes that a commit wrote, and that it shares with earlier ones.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Written {
+pub struct WriteSummary {
     /// Records that were written.
     pub records: u64,
     /// Their bytes, and those of extents' heads, of the metadata, and of alignment.
@@ -32,10 +32,10 @@ pub struct Written {
     pub spared: u64,
 }
 
-impl Written {
+impl WriteSummary {
     /// Both together.
-    pub(super) fn and(self, other: Written) -> Written {
-        Written {
+    pub(super) fn and(self, other: WriteSummary) -> WriteSummary {
+        WriteSummary {
             records: self.records + other.records,
             bytes: self.bytes + other.bytes,
             shared: self.shared + other.shared,
@@ -83,7 +83,7 @@ pub struct Commit {
     /// INNER nodes of all layers; those of shared subtrees as often as they occur.
     pub records: u64,
     /// The account of what it wrote.
-    pub written: Written,
+    pub written: WriteSummary,
     /// Number of commits in the file up to this one.
     pub(super) sequence: u64,
     pub(super) layers: Vec<CommitLayer>,
@@ -145,7 +145,7 @@ impl Commit {
     /// Tells what is wrong with the list of layers.
     fn check_layers(&self) -> std::result::Result<(), String> {
         let count = self.layers.len();
-        if count == 0 || count > MOST_LAYERS as usize {
+        if count == 0 || count > MAX_LAYERS as usize {
             return Err(format!("{count} layers"));
         }
         let mut seen = HashSet::new();

@@ -74,8 +74,8 @@ impl<'k> CompactOptions<'k> {
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::io::Output;
-/// use spinney::store::autumnal::{CompactOptions, Keep, compact};
+/// use spinney::Output;
+/// use spinney::raw::store::autumnal::{CompactOptions, Keep, compact};
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("archive.autumn");

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use super::append::Appender;
 use super::archive::{Archive, OpenFile, RecordsForm, first_page};
 use super::builder::{Mode, RecordBuilder};
-use super::commit::{Commit, CommitLayer, Note, Root, Written};
+use super::commit::{Commit, CommitLayer, Note, Root, WriteSummary};
 use super::extents::{ExtentKind, Extents};
 use super::layout::run_levels;
 use super::meta::Meta;
@@ -20,9 +20,9 @@ use crate::store::builder::{BuildOptions, Fill, Packing, ReusableSource, TreeSin
 use crate::tree::Source;
 use spinney_base::io::{FileBackend, LockedFile, WriteBackend};
 use spinney_base::space::CodeRun;
-use spinney_base::value::Tally;
+use spinney_base::value::ZoneStats;
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{Content, FileHeader, FilePlace, Header, Metadata, TreeFormat, VOID};
+use spinney_container::{Content, FileHeader, FileReference, Header, Metadata, TreeFormat, VOID};
 
 /// A file that is being edited by this process and by nobody else, until this is dropped.
 ///
@@ -54,7 +54,7 @@ impl Editor {
     /// # Errors
     /// If another process edits the file, it cannot be written, or as [`Autumnal::open`].
     pub fn open(path: &Path, memory: u64) -> Result<Editor> {
-        let FilePlace { file: path, layer, .. } = FilePlace::of(path);
+        let FileReference { file: path, layer, .. } = FileReference::of(path);
         let path = &*path;
         let file = File::options().read(true).write(true).open(path).map_err(Error::io(path, "open"))?;
         let file = FileBackend::new(file, path);
@@ -131,7 +131,7 @@ impl Editor {
             note: Note::default(),
             cells: 0,
             records: 0,
-            written: Written::default(),
+            written: WriteSummary::default(),
             sequence: 0,
             layers: vec![void_layer(header, &options.metadata.name)],
             previous: 0,
@@ -158,7 +158,7 @@ impl Editor {
     /// If there is none of that name, or it is damaged.
     pub fn select(&mut self, name: &str) -> Result<()> {
         let commit = &self.draft.commit;
-        let place = FilePlace { file: self.draft.path().into(), commit: None, layer: Some(name.into()) };
+        let place = FileReference { file: self.draft.path().into(), commit: None, layer: Some(name.into()) };
         let number = place.layer_number(commit.layers.iter().map(|layer| &*layer.name))?;
         if number == self.draft.number {
             return Ok(());
@@ -338,7 +338,7 @@ impl Editor {
         options: &BuildOptions,
         twin: Option<&Autumnal>,
         fill: &mut Fill<'_>,
-    ) -> Result<Tally> {
+    ) -> Result<ZoneStats> {
         let base = self.draft.clone();
         // Invariant: records are appended, and what a commit has stays as it is: the tree that is edited is
         // read from the same file while its new records are written behind it. So a source made of this tree
@@ -416,7 +416,7 @@ impl Editor {
         if self.newest.as_ref().is_some_and(is_newest) {
             return Ok(None);
         }
-        self.write_commit(number, note, Written::default()).map(Some)
+        self.write_commit(number, note, WriteSummary::default()).map(Some)
     }
 
     /// Makes all edits so far a commit, whether they differ from the newest one or not, with any number that is larger
@@ -426,7 +426,7 @@ impl Editor {
     /// Those of [`Editor::commit`].
     pub(super) fn commit_as(&mut self, number: u64, note: Note) -> Result<Commit> {
         self.keep_metadata()?;
-        self.write_commit(number, note, Written::default())
+        self.write_commit(number, note, WriteSummary::default())
     }
 
     /// Packs all records that are written from now on in a file that may have such.
@@ -444,7 +444,7 @@ impl Editor {
         self.keep_metadata()?;
         let written = self.written();
         self.begin = self.appender.position();
-        self.appender.written = Written::default();
+        self.appender.written = WriteSummary::default();
         let state = Commit { written, ..self.draft.commit.clone() };
         self.state = Some(state.clone());
         Ok(state)
@@ -463,8 +463,8 @@ impl Editor {
     }
 
     /// The account of what was written for no commit or state yet.
-    fn written(&self) -> Written {
-        Written { bytes: self.appender.position() - self.begin, ..self.appender.written }
+    fn written(&self) -> WriteSummary {
+        WriteSummary { bytes: self.appender.position() - self.begin, ..self.appender.written }
     }
 
     /// The number after one that the file has.
@@ -476,7 +476,7 @@ impl Editor {
     }
 
     /// Writes a commit, for which something was written earlier.
-    fn write_commit(&mut self, number: u64, note: Note, earlier: Written) -> Result<Commit> {
+    fn write_commit(&mut self, number: u64, note: Note, earlier: WriteSummary) -> Result<Commit> {
         let draft = self.draft.clone();
         let previous = self.newest.as_ref().map_or(0, |_| self.meta.commit);
         let jump =

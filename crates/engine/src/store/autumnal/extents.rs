@@ -12,7 +12,7 @@ use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 use super::meta::{Slot, slots};
 use super::packed::PackedExtents;
 use super::pages::{FIRST_EXTENT, PAGE, SECTOR};
-use super::sectors::{MOST_BYTES, Sectors};
+use super::sectors::{MAX_BYTES, Sectors};
 use spinney_base::io::{FileBytes, ReadBackend, Stamp};
 use spinney_base::{Error, Result};
 
@@ -26,7 +26,7 @@ const MAX_WHOLE: u64 = 16 << 20;
 /// Bytes behind the start of an extent that is read as a whole which have most of those.
 const WHOLE_READ: u64 = 16 << 10;
 /// Extents of a file that is not mapped whose places are remembered.
-const MOST_READ: usize = 1 << 16;
+const MAX_READ: usize = 1 << 16;
 /// Bytes that are read at a time where only their checksum is wanted.
 const CHECK_BYTES: u64 = 1 << 20;
 
@@ -181,9 +181,9 @@ impl Extents {
     /// # Errors
     /// If that is further than any file reaches.
     pub(super) fn new(path: &Path, backend: Box<dyn ReadBackend>, end: u64, check: bool) -> Result<Extents> {
-        if end > MOST_BYTES {
+        if end > MAX_BYTES {
             let found = format!("a commit that ends at byte {end}");
-            return Err(Error::unsupported(path, found, format!("files may have {MOST_BYTES} bytes")));
+            return Err(Error::unsupported(path, found, format!("files may have {MAX_BYTES} bytes")));
         }
         let verified = Sectors::new(end);
         Ok(Extents {
@@ -272,7 +272,7 @@ impl Extents {
         let extent = self.extent_of(address)?;
         let mut read = read();
         // (Which of them are forgotten does not matter: finding one again costs a look.)
-        if read.len() >= MOST_READ {
+        if read.len() >= MAX_READ {
             read.clear();
         }
         read.insert(extent.start, extent);

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::archive::Archive;
 use super::commit::Commit;
 use spinney_base::Result;
-use spinney_container::{FilePlace, OpenOptions};
+use spinney_container::{FileReference, OpenOptions};
 
 /// The commits of a file, up to the one that was the newest when it was opened.
 pub struct History {
@@ -18,7 +18,7 @@ impl History {
     /// # Errors
     /// If it cannot be read, is no Autumnal file, or is damaged.
     pub fn open(path: &Path, options: &OpenOptions) -> Result<History> {
-        let path = &*FilePlace::of(path).file;
+        let path = &*FileReference::of(path).file;
         Ok(History { archive: Archive::open(path, &|| options.open_with_id(path), options.check)? })
     }
 

@@ -8,7 +8,7 @@
 use std::ops::RangeInclusive;
 
 use crate::store::records::{Descend, RecordLayout, descend_in};
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::space::Dimension;
 use spinney_base::value::Value;
 use spinney_container::Shape;
@@ -88,7 +88,7 @@ const MAX_POINTER: usize = 8;
 #[derive(Clone)]
 pub(super) struct PointeredLayout {
     /// Quadtree or octree, and the type of the values.
-    pub(super) form: Form,
+    pub(super) form: TreeType,
     pub(super) heights: Heights,
     /// Layout of the records of runs.
     pub(super) run: RecordLayout,
@@ -129,7 +129,7 @@ pub(super) enum BadRecord {
 
 impl PointeredLayout {
     /// The layout for trees of a form and a depth, in runs of so many levels.
-    pub(super) fn new(form: Form, run_levels: u8, depth: u8) -> PointeredLayout {
+    pub(super) fn new(form: TreeType, run_levels: u8, depth: u8) -> PointeredLayout {
         let (heights, run) = (Heights::new(form.dimension, run_levels, depth), RecordLayout::new(form));
         PointeredLayout { form, heights, run, descend: descend_in(run) }
     }
@@ -279,7 +279,7 @@ mod tests {
         for dimension in [Dimension::Quad, Dimension::Oct] {
             for value in [ValueType::new(SampleType::U8, 3), ValueType::new(SampleType::F32, 4)] {
                 let layout =
-                    PointeredLayout::new(Form::new(dimension, value), *run_levels(dimension).end(), 19);
+                    PointeredLayout::new(TreeType::new(dimension, value), *run_levels(dimension).end(), 19);
                 let representative = Value::from_bytes(&vec![9; value.size()]);
                 let mut run = vec![0; 2 * layout.run.size];
                 let values = vec![7; layout.run.children() * layout.width()];

@@ -35,7 +35,7 @@ mod verify;
 mod write;
 mod zone;
 
-pub use commit::{Commit, CommitLayer, Note, Written};
+pub use commit::{Commit, CommitLayer, Note, WriteSummary};
 pub use compact::{CompactOptions, Keep, compact};
 pub(crate) use distinct::Occurring;
 pub use editor::Editor;

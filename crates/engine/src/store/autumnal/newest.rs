@@ -70,7 +70,7 @@ pub(super) fn find_newest(path: &Path, bytes: Box<dyn ReadBackend>) -> Result<Lo
                 found = Some(meta);
                 break;
             }
-            Err(error @ (Error::Io { .. } | Error::Unread)) => return Err(error),
+            Err(error @ (Error::Io { .. } | Error::NotFetched)) => return Err(error),
             Err(error) => damage = damage.or(Some(texts(error))),
         }
     }
@@ -98,7 +98,7 @@ pub(super) fn find_newest(path: &Path, bytes: Box<dyn ReadBackend>) -> Result<Lo
         Ok(Some(next)) => Look::Found(backend, next, Newest::BehindSlot),
         // It was the older slot that was lost.
         Ok(None) => Look::Found(backend, meta, Newest::Good),
-        Err(error @ (Error::Io { .. } | Error::Unread)) => return Err(error),
+        Err(error @ (Error::Io { .. } | Error::NotFetched)) => return Err(error),
         Err(error) => Look::Found(backend, meta, Newest::Damaged(texts(error))),
     })
 }

@@ -10,7 +10,7 @@ use super::extents::{FULL_EXTENT, HEAD_SIZE};
 use super::layout::{PointeredLayout, Pointers};
 use super::pages::SECTOR;
 use super::zone::{get_signed, get_u64, put, put_signed};
-use spinney_base::io::{HeldBytes, Unpacked};
+use spinney_base::io::{CachedBytes, Unpacked};
 use spinney_base::value::Value;
 use spinney_container::{FileHeader, Header};
 use spinney_packing::{Damage, Run, RunForm, UnpackedRuns, may_unpack, pack_runs, unpack_runs};
@@ -18,10 +18,10 @@ use spinney_packing::{Damage, Run, RunForm, UnpackedRuns, may_unpack, pack_runs,
 /// Bits of the bytes of a packed extent's records, when they are unpacked.
 const PLAIN_BITS: u32 = 21;
 /// Bytes of these at most.
-const MOST_PLAIN: usize = 1 << (PLAIN_BITS - 1);
+const MAX_PLAIN: usize = 1 << (PLAIN_BITS - 1);
 /// Records of an extent at most. Invariant: all their addresses lie in the sector that the extent's head is in, so that nothing among
 /// packed bytes is ever taken for a head.
-const MOST_RECORDS: usize = SECTOR as usize - HEAD_SIZE;
+const MAX_RECORDS: usize = SECTOR as usize - HEAD_SIZE;
 
 /// Bytes before the records: how many they are when they are unpacked, how many records, whether they are packed, and the header of
 /// their tree.
@@ -45,7 +45,12 @@ impl PackedExtents {
 
     /// The bytes from a record on, up to the end of its extent, which starts at `start` and has these bytes behind its head. What is wrong is
     /// told in words.
-    pub(super) fn record(&self, start: u64, address: u64, payload: &[u8]) -> Result<HeldBytes, &'static str> {
+    pub(super) fn record(
+        &self,
+        start: u64,
+        address: u64,
+        payload: &[u8],
+    ) -> Result<CachedBytes, &'static str> {
         let head = PackedHead::read(payload).ok_or("the head of packed records")?;
         let index = start / SECTOR;
         let held = match self.unpacked.get(index).filter(|held| held.len() == head.all()) {
@@ -130,7 +135,7 @@ impl PackedHead {
         } else {
             rest.len() == head.all()
         };
-        let is_good = start[6] < 2 && plain <= MOST_PLAIN && (1..=MOST_RECORDS).contains(&records) && fits;
+        let is_good = start[6] < 2 && plain <= MAX_PLAIN && (1..=MAX_RECORDS).contains(&records) && fits;
         is_good.then_some(head)
     }
 
@@ -211,7 +216,7 @@ impl PackedWriter {
 
     /// Whether the next record is to be in another extent.
     pub(super) fn is_full(&self) -> bool {
-        self.records.bytes.len() > FULL_EXTENT || self.heights.len() == MOST_RECORDS
+        self.records.bytes.len() > FULL_EXTENT || self.heights.len() == MAX_RECORDS
     }
 
     /// Adds a record to the extent, which starts at `start`, and tells its address.

@@ -5,7 +5,7 @@ use super::node::AutumnalNode;
 use super::reader::Autumnal;
 use crate::store::records::{RunChildren, RunNode, Runs};
 use crate::tree::Child;
-use spinney_base::io::rounds::{all_read, go_on};
+use spinney_base::io::batch::{defer_missing, finish_deferred};
 use spinney_base::space::Bounds;
 use spinney_base::value::Value;
 use spinney_base::{Error, Result};
@@ -82,12 +82,12 @@ impl Autumnal {
                         let next = next.ok_or_else(|| self.no_pointer(node.address))?;
                         let below =
                             self.pieces_below(access, (next, levels - stride), &space, (bounds, each));
-                        go_on(below, &mut is_unread)?;
+                        defer_missing(below, &mut is_unread)?;
                     }
                 }
             }
             open = deeper;
         }
-        all_read(is_unread)
+        finish_deferred(is_unread)
     }
 }

@@ -19,7 +19,7 @@ use spinney_base::io::{FileBytes, FileId};
 use spinney_base::space::Code;
 use spinney_base::value::Value;
 use spinney_base::{Error, Result};
-use spinney_container::{Codec, FilePlace, Header, INNER, LEAF, Metadata, OpenOptions, VOID};
+use spinney_container::{Codec, FileReference, Header, INNER, LEAF, Metadata, OpenOptions, VOID};
 
 /// A layer in one commit of an Autumnal file, open for reading; may be shared by any number of threads.
 ///
@@ -80,7 +80,7 @@ impl Autumnal {
     /// # Errors
     /// If it cannot be read, is no Autumnal file, is damaged, or has no such commit.
     pub fn open(path: &Path, options: &OpenOptions) -> Result<Autumnal> {
-        let place = FilePlace::of(path);
+        let place = FileReference::of(path);
         Autumnal::of_opened(&place, options.open_with_id(&place.file)?, options)
     }
 
@@ -89,11 +89,11 @@ impl Autumnal {
     /// # Errors
     /// Those of [`Autumnal::open`].
     pub(crate) fn of_opened(
-        place: &FilePlace<'_>,
+        place: &FileReference<'_>,
         opened: OpenFile,
         options: &OpenOptions,
     ) -> Result<Autumnal> {
-        let FilePlace { file: path, commit: number, .. } = place;
+        let FileReference { file: path, commit: number, .. } = place;
         // If a writer was too fast, the file is opened again by its name.
         let first = Cell::new(Some(opened));
         let open = || first.take().map_or_else(|| options.open_with_id(path), Ok);
@@ -207,7 +207,7 @@ impl Autumnal {
         if is_whole && whole(&slots).first().is_some_and(|newest| is_same(*newest, current)) {
             return Ok(false);
         }
-        let place = FilePlace { file: path.into(), commit: None, layer: None };
+        let place = FileReference { file: path.into(), commit: None, layer: None };
         let mut new = Autumnal::of_opened(&place, options.open_with_id(path)?, options)?;
         let name = &self.layer().name;
         // (By its name alone: a name may look like the number of another layer.)

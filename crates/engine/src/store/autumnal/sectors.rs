@@ -11,7 +11,7 @@ const REGION: u64 = 1 << 15;
 const ROW: u64 = 1 << 13;
 
 /// Bytes of a file that can be told apart: 2^50.
-pub(super) const MOST_BYTES: u64 = SECTOR * REGION * ROW * ROW;
+pub(super) const MAX_BYTES: u64 = SECTOR * REGION * ROW * ROW;
 
 /// The bits of a region.
 type Region = Box<[AtomicU64]>;
@@ -25,9 +25,9 @@ pub(super) struct Sectors {
 }
 
 impl Sectors {
-    /// The empty set, for files of up to so many bytes, no more than [`MOST_BYTES`].
+    /// The empty set, for files of up to so many bytes, no more than [`MAX_BYTES`].
     pub(super) fn new(bytes: u64) -> Sectors {
-        let rows = bytes.min(MOST_BYTES).div_ceil(SECTOR * REGION * ROW);
+        let rows = bytes.min(MAX_BYTES).div_ceil(SECTOR * REGION * ROW);
         Sectors { rows: (0..rows).map(|_| OnceLock::new()).collect() }
     }
 
@@ -57,9 +57,8 @@ mod tests {
 
     #[test]
     fn sectors_are_told_apart_and_take_room_where_they_are() {
-        let sectors = Sectors::new(MOST_BYTES);
-        let some =
-            [0, 1, 63, 64, REGION - 1, REGION, REGION * ROW - 1, REGION * ROW, MOST_BYTES / SECTOR - 1];
+        let sectors = Sectors::new(MAX_BYTES);
+        let some = [0, 1, 63, 64, REGION - 1, REGION, REGION * ROW - 1, REGION * ROW, MAX_BYTES / SECTOR - 1];
         for (index, sector) in some.iter().enumerate() {
             assert!(some[index..].iter().all(|sector| !sectors.contains(*sector)), "{sector}");
             sectors.insert(*sector);

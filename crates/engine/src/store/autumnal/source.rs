@@ -7,8 +7,8 @@ use crate::store::builder::{RecordRef, ReusableSource, RunFile, StoredNode, Subt
 use crate::store::records::dense::DenseRows;
 use crate::store::records::{RunChildren, Runs};
 use crate::tree::{CellBlock, Child, Children, Source};
-use spinney_base::Form;
-use spinney_base::value::Tally;
+use spinney_base::TreeType;
+use spinney_base::value::ZoneStats;
 use spinney_base::{Error, Result};
 use spinney_container::{Header, INNER, LEAF, VOID};
 
@@ -70,7 +70,7 @@ impl Source for Autumnal {
     type Node = AutumnalNode;
 
     #[inline]
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         self.layout().form
     }
 
@@ -109,7 +109,7 @@ impl Source for Autumnal {
         Autumnal::check_unchanged(self)
     }
 
-    fn tally(&self, node: &AutumnalNode) -> Result<Option<Tally>> {
+    fn tally(&self, node: &AutumnalNode) -> Result<Option<ZoneStats>> {
         Ok(self.zone(*node)?.map(|zone| zone.tally))
     }
 }

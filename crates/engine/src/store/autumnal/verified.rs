@@ -7,9 +7,9 @@ use super::reader::Autumnal;
 use super::remembered::Remembered;
 use crate::store::builder::{RecordRef, ReusableSource};
 use crate::tree::{CellBlock, Child, Children, Source};
-use spinney_base::Form;
 use spinney_base::Result;
-use spinney_base::value::Tally;
+use spinney_base::TreeType;
+use spinney_base::value::ZoneStats;
 
 /// Nodes with zones that were looked at, with all that is below them. Those for which there is no room are looked at again.
 pub(super) struct Verified(Mutex<Remembered<u64, ()>>);
@@ -41,7 +41,7 @@ pub(super) struct Unverified<'a> {
 impl Source for Unverified<'_> {
     type Node = AutumnalNode;
 
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         self.tree.form()
     }
 
@@ -66,7 +66,7 @@ impl Source for Unverified<'_> {
         self.tree.check_unchanged()
     }
 
-    fn tally(&self, node: &AutumnalNode) -> Result<Option<Tally>> {
+    fn tally(&self, node: &AutumnalNode) -> Result<Option<ZoneStats>> {
         self.tree.tally(node)
     }
 }

@@ -6,7 +6,7 @@ use super::commit::Note;
 use super::editor::Editor;
 use crate::store::builder::{BuildOptions, Fill, no_segments};
 use spinney_base::io::{FileBackend, Output};
-use spinney_base::value::Tally;
+use spinney_base::value::ZoneStats;
 use spinney_base::{Error, Result};
 use spinney_container::{Codec, Header, LevelCounts, Metadata};
 
@@ -36,7 +36,7 @@ impl NewFile {
         covered: [u64; 3],
         fill: &mut Fill<'_>,
         complete: &mut dyn FnMut(&mut Metadata),
-    ) -> Result<Tally> {
+    ) -> Result<ZoneStats> {
         check_plain(header, self.output.path())?;
         let editor = match &mut self.editor {
             Some(editor) => {

@@ -3,8 +3,8 @@
 //! A zone stands behind the records of large nodes. Numbers are LEB128: seven bits a byte, the lowest first; sums are zigzag-coded 128-bit numbers (those of floating samples are the bits of
 //! two f64).
 
-use spinney_base::Form;
-use spinney_base::value::{Tally, Value};
+use spinney_base::TreeType;
+use spinney_base::value::{Value, ZoneStats};
 
 /// Number of classes of a zone that has too many to list them.
 const NOT_COUNTED: u64 = u32::MAX as u64;
@@ -14,7 +14,7 @@ const NOT_COUNTED: u64 = u32::MAX as u64;
 pub(super) struct Zone {
     /// INNER nodes of the subtree, its root included; those of shared subtrees as often as they occur.
     pub(super) records: u64,
-    pub(super) tally: Tally,
+    pub(super) tally: ZoneStats,
 }
 
 /// Reason why bytes are no zone.
@@ -58,7 +58,7 @@ impl Zone {
     /// Reads the zone of a node of `height` levels from the start of some bytes.
     pub(super) fn from_bytes(
         bytes: &[u8],
-        form: Form,
+        form: TreeType,
         height: u8,
         with_classes: bool,
     ) -> Result<Zone, BadZone> {
@@ -69,7 +69,7 @@ impl Zone {
         if cells > form.dimension.cells(height) {
             return Err(BadZone::Wrong);
         }
-        let mut tally = Tally { cells, present: [cells; 4], ..Tally::void(form.value) };
+        let mut tally = ZoneStats { cells, present: [cells; 4], ..ZoneStats::void(form.value) };
         if form.value.is_masked() {
             for present in tally.present.iter_mut().take(usize::from(form.value.channels)) {
                 *present = get_u64(rest)?;
@@ -185,25 +185,29 @@ mod tests {
     fn zones_come_back() {
         let (short, float) = (ValueType::new(SampleType::I16, 1), ValueType::new(SampleType::F32, 1));
         let (low, high) = (Value::from([-3i16]), Value::from([7i16]));
-        let tally = Tally::merge(&[&Tally::leaf(short, low, 5, true), &Tally::leaf(short, high, 90, true)]);
+        let tally = ZoneStats::merge(&[
+            &ZoneStats::leaf(short, low, 5, true),
+            &ZoneStats::leaf(short, high, 90, true),
+        ]);
         let zone = Zone { records: 17, tally };
         let bytes = zone.to_bytes(true);
-        let form = Form::new(Dimension::Quad, short);
+        let form = TreeType::new(Dimension::Quad, short);
         assert_eq!(Zone::from_bytes(&bytes, form, 6, true).as_ref(), Ok(&zone));
         assert_eq!(Zone::from_bytes(&bytes[..bytes.len() - 1], form, 6, true), Err(BadZone::Short));
         assert_eq!(Zone::from_bytes(&bytes, form, 3, true), Err(BadZone::Wrong));
         let rgb = ValueType::new(SampleType::U8, 3).with_missing(9.0);
-        let parts = [[9u8, 5, 9], [200, 9, 9]].map(|value| Tally::leaf(rgb, Value::from(value), 16, false));
-        let zone = Zone { records: 2, tally: Tally::merge(&[&parts[0], &parts[1]]) };
+        let parts =
+            [[9u8, 5, 9], [200, 9, 9]].map(|value| ZoneStats::leaf(rgb, Value::from(value), 16, false));
+        let zone = Zone { records: 2, tally: ZoneStats::merge(&[&parts[0], &parts[1]]) };
         assert_eq!(zone.tally.present, [16, 16, 0, 32]);
-        let (mut bytes, form) = (zone.to_bytes(false), Form::new(Dimension::Quad, rgb));
+        let (mut bytes, form) = (zone.to_bytes(false), TreeType::new(Dimension::Quad, rgb));
         let found = Zone::from_bytes(&bytes, form, 6, false).unwrap();
         assert_eq!((found.to_bytes(false), found.tally.present), (bytes.clone(), [16, 16, 0, 32]));
         // More cells with a sample than there are.
         bytes[4] = 33;
         assert_eq!(Zone::from_bytes(&bytes, form, 6, false), Err(BadZone::Wrong));
-        let form = Form::new(Dimension::Quad, float);
-        let floats = Zone { records: 1, tally: Tally::leaf(float, Value::from([-0.25f32]), 64, false) };
+        let form = TreeType::new(Dimension::Quad, float);
+        let floats = Zone { records: 1, tally: ZoneStats::leaf(float, Value::from([-0.25f32]), 64, false) };
         assert_eq!(Zone::from_bytes(&floats.to_bytes(false), form, 6, false), Ok(floats));
     }
 }

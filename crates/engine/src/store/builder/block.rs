@@ -7,13 +7,13 @@ use super::reused::{ReusedNode, ReusedRecords};
 use crate::store::records::subtree::{RECORDS_ARE_CHECKED, each_leaf};
 use crate::store::records::{Record, RecordLayout};
 use crate::tree::Child;
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::space::Code;
 use spinney_container::{INNER, LEAF, LevelCounts, VOID};
 
 /// The nodes of a block, from its root down to its cells or to the leaves where a source had them.
 pub(super) struct Block {
-    pub(super) form: Form,
+    pub(super) form: TreeType,
     pub(super) code: Code,
     /// Levels from the block's root to the cells.
     pub(super) height: u8,
@@ -25,12 +25,24 @@ pub(super) struct Block {
 
 impl Block {
     /// A block from the levels that a source had.
-    pub(super) fn new(form: Form, code: Code, height: u8, levels: Vec<Level>, reused: ReusedRecords) -> Self {
+    pub(super) fn new(
+        form: TreeType,
+        code: Code,
+        height: u8,
+        levels: Vec<Level>,
+        reused: ReusedRecords,
+    ) -> Self {
         Block { form, code, height, levels, reused, counts: LevelCounts::default() }
     }
 
     /// The block under `code`, of `height` levels, from all its cells in Z order.
-    pub(super) fn from_cells(form: Form, code: Code, height: u8, states: Vec<u8>, values: Vec<u8>) -> Self {
+    pub(super) fn from_cells(
+        form: TreeType,
+        code: Code,
+        height: u8,
+        states: Vec<u8>,
+        values: Vec<u8>,
+    ) -> Self {
         debug_assert_eq!(states.len() as u64, form.dimension.cells(height));
         let mut levels: Vec<Level> =
             (0..height).map(|level| Level::new(form, form.dimension.cells(level) as usize)).collect();
@@ -39,7 +51,7 @@ impl Block {
         Block { form, code, height, levels, reused, counts: LevelCounts::default() }
     }
 
-    pub(super) fn form(&self) -> Form {
+    pub(super) fn form(&self) -> TreeType {
         self.form
     }
 

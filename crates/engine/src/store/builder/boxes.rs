@@ -39,8 +39,9 @@ impl WantedCells {
 /// cut off. Of a run they are those that have something of it.
 ///
 /// ```
-/// use spinney::space::{CodeRun, Dimension};
-/// use spinney::store::{SlabBoxes, WantedCells};
+/// use spinney::Dimension;
+/// use spinney::raw::space::CodeRun;
+/// use spinney::raw::store::{SlabBoxes, WantedCells};
 ///
 /// let all = WantedCells { dimension: Dimension::Quad, depth: 10, run: CodeRun::ALL };
 /// let boxes = SlabBoxes::new([700, 300, 1], all, 512);

@@ -13,8 +13,8 @@ use super::stored_node::StoredNode;
 use crate::store::records::dense::from_z_order;
 use crate::store::records::{Record, RecordLayout, with_record_type};
 use crate::tree::{CellBlock, Child, no_children};
-use spinney_base::Form;
 use spinney_base::Result;
+use spinney_base::TreeType;
 use spinney_base::space::Code;
 use spinney_base::value::Value;
 
@@ -134,7 +134,7 @@ pub(super) struct DrawnCells {
 }
 
 /// The cells of a small block in Z order.
-fn in_z_order(form: Form, levels: u8, rows: &CellBlock) -> DrawnCells {
+fn in_z_order(form: TreeType, levels: u8, rows: &CellBlock) -> DrawnCells {
     let mut cells =
         DrawnCells { present: vec![false; rows.present.len()], values: vec![0; rows.values.len()] };
     with_record_type!(RecordLayout::new(form), R => {
@@ -151,7 +151,7 @@ fn in_z_order(form: Form, levels: u8, rows: &CellBlock) -> DrawnCells {
 /// The children of a node of drawn cells, whose first cell is `start`: uniform ones become leaves of the
 /// level, the first at index `first`, all others are opened, by what `open` makes of their first cells.
 pub(super) fn cell_children<D>(
-    form: Form,
+    form: TreeType,
     cells: &DrawnCells,
     start: u32,
     below: u8,

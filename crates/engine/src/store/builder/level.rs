@@ -4,7 +4,7 @@ use zerocopy::FromBytes;
 
 use super::reused::ReusedNode;
 use crate::store::records::Record;
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::value::Value;
 use spinney_container::{INNER, LEAF, VOID};
 
@@ -27,7 +27,7 @@ pub(super) struct Level {
 
 impl Level {
     /// A level of so many VOID nodes.
-    pub(super) fn new(form: Form, nodes: usize) -> Level {
+    pub(super) fn new(form: TreeType, nodes: usize) -> Level {
         Level {
             states: vec![VOID; nodes],
             values: vec![0; nodes * form.width()],
@@ -37,7 +37,7 @@ impl Level {
     }
 
     /// The level of a block's root, which is INNER as far as is known.
-    pub(super) fn root(form: Form) -> Level {
+    pub(super) fn root(form: TreeType) -> Level {
         Level { expanded: Some(vec![0]), ..Level::new(form, 1) }
     }
 
@@ -49,13 +49,13 @@ impl Level {
 
     /// A node's value.
     #[inline]
-    pub(super) fn value(&self, form: Form, index: usize) -> Value {
+    pub(super) fn value(&self, form: TreeType, index: usize) -> Value {
         Value::read(&self.values[index * form.width()..], form.width()).expect("a value per node")
     }
 
     /// Makes a node a LEAF.
     #[inline]
-    pub(super) fn put_leaf(&mut self, form: Form, index: usize, value: Value) {
+    pub(super) fn put_leaf(&mut self, form: TreeType, index: usize, value: Value) {
         // (NaN is VOID.)
         if !form.value.is_nan(value) {
             self.states[index] = LEAF;
@@ -64,7 +64,7 @@ impl Level {
     }
 
     /// Makes a node one whose records are taken over.
-    pub(super) fn put_reused(&mut self, form: Form, representative: Value, node: ReusedNode) {
+    pub(super) fn put_reused(&mut self, form: TreeType, representative: Value, node: ReusedNode) {
         let index = node.index as usize;
         self.states[index] = INNER;
         representative.write(&mut self.values[index * form.width()..][..form.width()]);

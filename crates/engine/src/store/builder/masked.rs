@@ -12,7 +12,7 @@ use super::block::{Block, for_leaves};
 use super::fold::fold;
 use super::sums::pairwise_sums;
 use crate::store::records::Record;
-use spinney_base::value::{Native, Tally, Value, ValueType, erase};
+use spinney_base::value::{Native, Value, ValueType, ZoneStats, erase};
 use spinney_container::{INNER, LEAF};
 
 /// A value with another one's samples in the channels in which it has none.
@@ -118,10 +118,10 @@ impl<V: Native, R: Record> Averaging<R> for MaskedMeans<V> {
 }
 
 /// The tally of all the cells of a block, but for its classes.
-pub(super) fn tally<V: Native, R: Record>(block: &Block) -> Tally {
+pub(super) fn tally<V: Native, R: Record>(block: &Block) -> ZoneStats {
     let value_type = block.form().value;
     let is_exact = const { V::TYPE.sample.has_exact_squares() };
-    let mut tally = Tally::void(value_type);
+    let mut tally = ZoneStats::void(value_type);
     let (mut min, mut max) = (V::default(), V::default());
     let mut sums = V::BlockSums::default();
     let mut squares = V::BlockSquares::default();

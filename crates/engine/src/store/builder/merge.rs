@@ -2,6 +2,7 @@
 
 use super::stored_node::StoredNode;
 use crate::tree::{Child, NodeState};
+use spinney_base::SetOperation;
 use spinney_base::value::{Native, Value, ValueType, erase, native, with_native_type};
 
 /// Action at a pair of nodes when two trees are merged into one.
@@ -34,35 +35,36 @@ pub enum Join {
     Equal,
     /// The second value, if it is not the same as the first; else VOID.
     Changed,
-    /// The set operation of this number on coverages in bytes, a VOID one being 0: see [`joined_coverage`].
-    Coverage(u8),
+    /// The set operation on coverages in bytes, a VOID one being 0: see [`joined_coverage`].
+    Coverage(SetOperation),
 }
 
 /// Coverage that is full.
 pub const FULL_COVERAGE: u8 = u8::MAX;
 
-/// The coverage of what a set operation makes of two bodies in a cell, from theirs: the sum of the minterms that the bits of
-/// its number choose (both, the first alone, the second alone, neither).
+/// The coverage of what a set operation makes of two bodies in a cell, from theirs: the sum of the minterms (both, the first alone, the second alone,
+/// neither) that the bits of its [index](SetOperation::index) choose.
 ///
 /// The bodies are taken to overlap as far as they can. Nothing else makes a body without itself empty, and whatever the
 /// overlap is, what two bodies have together and what each has alone adds up to the two.
-pub fn joined_coverage(number: u8, a: u8, b: u8) -> u8 {
+pub fn joined_coverage(operation: SetOperation, a: u8, b: u8) -> u8 {
     let both = a.min(b);
     let minterms = [both, a - both, b - both, FULL_COVERAGE - a.max(b)];
     // Invariant: the four minterms add up to full coverage, whatever the two are: where they overlap as far
     // as they can, what both have and what each has alone is the greater one. So no sum is more than a byte
     // holds, and an operation and its complement make up the whole. With any other overlap for one of them,
     // sums would wrap round.
-    (0..4).filter(|bit| number >> bit & 1 != 0).map(|bit| minterms[bit]).sum()
+    let index = operation.index();
+    (0..4).filter(|bit| index >> bit & 1 != 0).map(|bit| minterms[bit]).sum()
 }
 
 impl Join {
     /// Joins two values; `None` is VOID. What is computed with samples is missing where one of them is.
     pub fn values(self, value_type: ValueType, a: Value, b: Value) -> Option<Value> {
         match self {
-            Join::Coverage(number) => {
+            Join::Coverage(operation) => {
                 let (mut bytes, other) = (a.to_bytes(), b.to_bytes());
-                let is_there = join_coverages(number, &mut bytes[..value_type.size()], &other);
+                let is_there = join_coverages(operation, &mut bytes[..value_type.size()], &other);
                 is_there.then(|| Value::from_bytes(&bytes[..value_type.size()]))
             }
             _ => self.samples(value_type, a, b),
@@ -102,9 +104,9 @@ impl Join {
 
 /// Joins coverages channel by channel into the first; tells whether there is any left.
 #[inline]
-pub(super) fn join_coverages(number: u8, coverages: &mut [u8], others: &[u8]) -> bool {
+pub(super) fn join_coverages(operation: SetOperation, coverages: &mut [u8], others: &[u8]) -> bool {
     for (a, b) in coverages.iter_mut().zip(others) {
-        *a = joined_coverage(number, *a, *b);
+        *a = joined_coverage(operation, *a, *b);
     }
     coverages.iter().any(|coverage| *coverage != 0)
 }

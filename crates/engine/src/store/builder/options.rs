@@ -1,8 +1,8 @@
 //! Options of building.
 
 use super::packing::Packing;
-use spinney_base::Form;
-use spinney_base::value::{Kind, Rule};
+use spinney_base::TreeType;
+use spinney_base::value::{DataKind, Rule};
 use spinney_base::{Error, Result};
 use spinney_container::{HEAVY_THRESHOLD, Header, Metadata, STRIDE, Shape, reach};
 
@@ -14,7 +14,7 @@ pub struct BuildOptions {
     /// Rule of the representatives.
     pub rule: Rule,
     /// The meaning of the values; classes are counted per zone for categorical ones.
-    pub kind: Kind,
+    pub kind: DataKind,
     /// Levels below the root.
     pub depth: u8,
     /// Bytes that building may use, beyond what the input itself holds.
@@ -58,7 +58,7 @@ const DEFAULT_MEMORY: u64 = 256 << 20;
 impl BuildOptions {
     /// A tree of so many levels; the rule is the usual one for values of this kind, nothing is told about the
     /// data.
-    pub fn new(kind: Kind, depth: u8) -> BuildOptions {
+    pub fn new(kind: DataKind, depth: u8) -> BuildOptions {
         let metadata = Metadata::default();
         BuildOptions {
             rule: kind.default_rule(),
@@ -127,14 +127,14 @@ impl BuildOptions {
     }
 
     pub(in crate::store) fn count_classes(&self) -> bool {
-        self.kind == Kind::Categorical || self.rule == Rule::Majority
+        self.kind == DataKind::Categorical || self.rule == Rule::Majority
     }
 
     /// The header of the file, which a Goblin file has as it is.
     ///
     /// # Errors
     /// If trees cannot be so deep, or have no room for so many cells; or if cells are to be rounded that cannot be.
-    pub fn header(&self, form: Form, extent: [u64; 3]) -> Result<Header> {
+    pub fn header(&self, form: TreeType, extent: [u64; 3]) -> Result<Header> {
         let dimension = form.dimension;
         if self.depth > dimension.max_depth() {
             let expected = format!("at most {} for {}s", dimension.max_depth(), dimension.tree_name());

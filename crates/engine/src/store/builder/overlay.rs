@@ -12,8 +12,8 @@ use super::stored_node::{StoredNode, Subtree};
 use crate::store::records::dense::{DenseBlock, DenseRows, dense_block, from_z_order};
 use crate::store::records::{Record, RecordLayout, with_form_type};
 use crate::tree::{Child, NodeState};
-use spinney_base::Form;
 use spinney_base::Result;
+use spinney_base::TreeType;
 use spinney_base::space::Code;
 use spinney_base::value::{Native, Value};
 use spinney_container::{INNER, LEAF, VOID};
@@ -22,7 +22,7 @@ impl Block {
     /// The block under `code` of two stored subtrees, merged: what set operations spend most of their time
     /// on. `None` if records contradict each other; going through them the usual way tells what is wrong.
     pub(super) fn from_overlay(
-        form: Form,
+        form: TreeType,
         overlay: &Overlay<'_>,
         code: Code,
         height: u8,
@@ -94,9 +94,9 @@ type JoinValues<B> = fn(Join, B, B) -> Option<B>;
 
 /// [`Join::native`] of values' bytes; what is not a number is VOID.
 fn join_values<V: Native, R: Record>(join: Join, a: R::Bytes, b: R::Bytes) -> Option<R::Bytes> {
-    if let Join::Coverage(number) = join {
+    if let Join::Coverage(operation) = join {
         let mut coverages = a;
-        return join_coverages(number, coverages.as_mut_bytes(), b.as_bytes()).then_some(coverages);
+        return join_coverages(operation, coverages.as_mut_bytes(), b.as_bytes()).then_some(coverages);
     }
     let value = join.native::<V>(decode::<R, V>(a), decode::<R, V>(b))?;
     (!value.is_nan()).then(|| encode::<R, V>(value))
@@ -104,7 +104,7 @@ fn join_values<V: Native, R: Record>(join: Join, a: R::Bytes, b: R::Bytes) -> Op
 
 /// Two subtrees of records, and the way to merge them.
 struct Merger<'a, R: Record> {
-    form: Form,
+    form: TreeType,
     overlay: &'a Overlay<'a>,
     records: [&'a [R]; 2],
     join_values: JoinValues<R::Bytes>,
@@ -114,7 +114,7 @@ struct Merger<'a, R: Record> {
 
 impl<'a, R: Record> Merger<'a, R> {
     fn new(
-        form: Form,
+        form: TreeType,
         overlay: &'a Overlay<'a>,
         records: [&'a [u8]; 2],
         join_values: JoinValues<R::Bytes>,

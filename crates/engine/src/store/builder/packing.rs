@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::rounding::Rounding;
 use serde::{Deserialize, Serialize};
-use spinney_base::value::{Kind, ValueType};
+use spinney_base::value::{DataKind, ValueType};
 use spinney_base::{Error, Result};
 use spinney_container::{Codec, Metadata, TreeFormat};
 
@@ -56,10 +56,10 @@ impl Packing {
     ///
     /// # Errors
     /// If values are names, which cannot be rounded, or the greatest error is no number above 0.
-    pub(in crate::store) fn rounding(&self, value: ValueType, kind: Kind) -> Result<Option<Rounding>> {
+    pub(in crate::store) fn rounding(&self, value: ValueType, kind: DataKind) -> Result<Option<Rounding>> {
         match self.max_error {
             None => Ok(None),
-            Some(most) if kind == Kind::Categorical => {
+            Some(most) if kind == DataKind::Categorical => {
                 let found = format!("{most} for classes");
                 Err(Error::invalid("greatest error", found, "values that are amounts, or no greatest error"))
             }

@@ -4,9 +4,9 @@ use super::upper::upper_levels;
 use crate::store::records::subtree::BadSkip;
 use crate::store::records::{RecordHead, RecordLayout};
 use crate::tree::Child;
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::space::Code;
-use spinney_base::value::{Rule, Tally, Value, ValueType, representative};
+use spinney_base::value::{Rule, Value, ValueType, ZoneStats, representative};
 use spinney_container::{CUT, LevelCounts, Shape};
 
 /// A number of records that makes a node heavy in a file of any shape.
@@ -22,14 +22,14 @@ pub(in crate::store) struct Part {
     pub(in crate::store) total: u64,
     /// Records in preorder: all of them, or those above a cut.
     pub(in crate::store) records: Vec<u8>,
-    pub(in crate::store) tally: Tally,
+    pub(in crate::store) tally: ZoneStats,
 }
 
 /// A segment ready to be written.
 pub(in crate::store) struct SealedSegment {
     pub(in crate::store) code: Code,
     pub(in crate::store) records: Vec<u8>,
-    pub(in crate::store) tally: Tally,
+    pub(in crate::store) tally: ZoneStats,
     /// Records and class counts in fewer bytes, where these are to be written instead.
     pub(in crate::store) packed: Option<Vec<u8>>,
 }
@@ -49,7 +49,7 @@ fn uniform_children<N>(mut children: impl Iterator<Item = Child<N>>) -> Option<C
 fn representative_of<N>(
     rule: Rule,
     children: impl Iterator<Item = Child<N>>,
-    tally: &Tally,
+    tally: &ZoneStats,
     cells: u64,
 ) -> Value {
     let mut values = [None; 8];
@@ -70,15 +70,15 @@ impl Part {
     ) -> Self {
         let cells = code.dimension().cells(depth - code.level());
         let tally = match value {
-            None => Tally::void(value_type),
-            Some(value) => Tally::leaf(value_type, value, cells, count_classes),
+            None => ZoneStats::void(value_type),
+            Some(value) => ZoneStats::leaf(value_type, value, cells, count_classes),
         };
         Part { code, child: Child::uniform(value), total: 0, records: Vec::new(), tally }
     }
 
     /// The form of the tree.
-    fn form(&self) -> Form {
-        Form::new(self.code.dimension(), self.tally.value_type)
+    fn form(&self) -> TreeType {
+        TreeType::new(self.code.dimension(), self.tally.value_type)
     }
 
     /// The parent of these parts, which are all its children in order.
@@ -89,7 +89,7 @@ impl Part {
         rule: Rule,
         counts: &mut LevelCounts,
     ) -> Self {
-        let mut tally = Tally::merge(&parts.iter().map(|part| &part.tally).collect::<Vec<_>>());
+        let mut tally = ZoneStats::merge(&parts.iter().map(|part| &part.tally).collect::<Vec<_>>());
         let children = || parts.iter().map(|part| part.child);
         if let Some(child) = uniform_children(children()) {
             return Part { code, child, total: 0, records: Vec::new(), tally };

@@ -10,8 +10,8 @@ use super::rounding::Rounding;
 use super::rows::RowBlock;
 use crate::store::records::{Record, with_form_type};
 use crate::tree::CellBlock;
-use spinney_base::Form;
 use spinney_base::Result;
+use spinney_base::TreeType;
 use spinney_base::space::{Code, morton_encode};
 use spinney_base::value::{Mask, Native, Value};
 use spinney_container::{LEAF, VOID};
@@ -84,7 +84,7 @@ struct BlockCells {
 
 impl Slab {
     /// The cells of one block.
-    pub(super) fn of_block(form: Form, code: Code, height: u8, cells: CellBlock) -> Slab {
+    pub(super) fn of_block(form: TreeType, code: Code, height: u8, cells: CellBlock) -> Slab {
         let side = |axis: usize| if axis < form.axes() { 1u64 << height } else { 1 };
         let cell = code.cell();
         Slab {
@@ -99,7 +99,7 @@ impl Slab {
     /// none is VOID. `nodata` is the value that means VOID; NaN always does.
     pub(super) fn classify(
         &self,
-        form: Form,
+        form: TreeType,
         code: Code,
         height: u8,
         nodata: Option<Value>,
@@ -135,7 +135,7 @@ impl Slab {
     }
 
     /// Whether some cells of a block are transparent.
-    fn has_transparent(&self, form: Form, part: &BlockCells) -> bool {
+    fn has_transparent(&self, form: TreeType, part: &BlockCells) -> bool {
         let (mask, size, width) = (form.value.mask, form.value.sample.size(), form.width());
         let is_transparent = |value: &[u8]| !mask.present(size, value)[0];
         mask == Mask::Alpha

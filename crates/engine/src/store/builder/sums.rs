@@ -20,7 +20,7 @@ fn add_both<V: Native>(a: SumsAndSquares<V>, b: SumsAndSquares<V>) -> SumsAndSqu
     (V::add_sums(a.0, b.0), V::add_squares(a.1, b.1))
 }
 
-/// Adds samples and squares of what counts of every leaf, pairwise in Z order: see [`Tally`].
+/// Adds samples and squares of what counts of every leaf, pairwise in Z order: see [`ZoneStats`].
 pub(super) fn pairwise_sums<V: Native, R: Record>(block: &Block, counted: &impl Fn(V) -> V) -> (Sums, Sums) {
     let mut below: Vec<SumsAndSquares<V>> = Vec::new();
     for (index, level) in block.levels.iter().enumerate().rev() {

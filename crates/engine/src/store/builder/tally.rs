@@ -7,11 +7,11 @@ use super::block::{Block, for_leaves};
 use super::masked;
 use super::sums::pairwise_sums;
 use crate::store::records::{Record, with_form_type};
-use spinney_base::value::{Native, Tally, Value, ValueType, erase};
+use spinney_base::value::{Native, Value, ValueType, ZoneStats, erase};
 use spinney_container::LEAF;
 
 /// The tally of all the cells of a block; from class counts where they are known and sums are exact.
-pub(super) fn of_block(block: &Block, classes: Option<Vec<(Value, u64)>>) -> Tally {
+pub(super) fn of_block(block: &Block, classes: Option<Vec<(Value, u64)>>) -> ZoneStats {
     let form = block.form();
     let mut tally = match &classes {
         Some(classes) if form.value.sample.has_exact_squares() => sum_of_classes(form.value, classes),
@@ -25,17 +25,17 @@ pub(super) fn of_block(block: &Block, classes: Option<Vec<(Value, u64)>>) -> Tal
 }
 
 /// The tally of cells of which there are so many of each value, in ascending order; sums must be exact.
-pub(super) fn of_classes(value_type: ValueType, classes: Vec<(Value, u64)>) -> Tally {
+pub(super) fn of_classes(value_type: ValueType, classes: Vec<(Value, u64)>) -> ZoneStats {
     let tally = sum_of_classes(value_type, &classes);
-    Tally { classes, ..tally }
+    ZoneStats { classes, ..tally }
 }
 
-fn sum_of_classes(value_type: ValueType, classes: &[(Value, u64)]) -> Tally {
-    let classes = classes.iter().map(|(value, cells)| Tally::leaf(value_type, *value, *cells, false));
-    classes.fold(Tally::void(value_type), |sum, class| Tally::merge(&[&sum, &class]))
+fn sum_of_classes(value_type: ValueType, classes: &[(Value, u64)]) -> ZoneStats {
+    let classes = classes.iter().map(|(value, cells)| ZoneStats::leaf(value_type, *value, *cells, false));
+    classes.fold(ZoneStats::void(value_type), |sum, class| ZoneStats::merge(&[&sum, &class]))
 }
 
-fn of_leaves<V: Native, R: Record>(block: &Block) -> Tally {
+fn of_leaves<V: Native, R: Record>(block: &Block) -> ZoneStats {
     // (So that sums are compiled one way for each type.)
     let is_exact = const { V::TYPE.sample.has_exact_squares() };
     let mut cells = 0u64;
@@ -60,7 +60,7 @@ fn of_leaves<V: Native, R: Record>(block: &Block) -> Tally {
     } else {
         pairwise_sums::<V, R>(block, &|value| value)
     };
-    Tally {
+    ZoneStats {
         value_type: V::TYPE,
         cells,
         present: [cells; 4],

@@ -5,7 +5,7 @@ use super::level::Level;
 use super::reused::ReusedRecords;
 use crate::store::records::subtree::BadSkip;
 use crate::store::records::{RecordLayout, RunChildren, RunNode, Runs, with_record_type};
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_container::MAX_DENSE_LEVELS;
 use spinney_container::{CUT, INNER, VOID};
 
@@ -13,7 +13,7 @@ use spinney_container::{CUT, INNER, VOID};
 ///
 /// # Errors
 /// If skips lead out of the node, or to the same records more than once: then they would make many of few.
-pub(in crate::store) fn upper_levels(form: Form, records: &[u8], levels: u8) -> Result<Vec<u8>, BadSkip> {
+pub(in crate::store) fn upper_levels(form: TreeType, records: &[u8], levels: u8) -> Result<Vec<u8>, BadSkip> {
     let layout = RecordLayout::new(form);
     // The run's own extent.
     let head = layout.head(records, 0).ok_or(BadSkip)?;
@@ -79,7 +79,7 @@ mod tests {
 
     #[test]
     fn upper_levels_are_cut_off_and_checked() {
-        let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+        let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
         let upper = |records: &[(u32, u32)], levels| {
             let bytes: Vec<Byte> = records
                 .iter()

@@ -14,8 +14,8 @@ use super::stored_node::StoredNode;
 use crate::store::records::RecordLayout;
 use crate::store::records::subtree::RECORDS_ARE_CHECKED;
 use crate::tree::{Child, no_children};
-use spinney_base::Form;
-use spinney_base::io::rounds;
+use spinney_base::TreeType;
+use spinney_base::io::batch;
 use spinney_base::parallel;
 use spinney_base::sort;
 use spinney_base::space::{Bounds, Code, CodeRun};
@@ -102,7 +102,7 @@ const SHARING_BATCH: u64 = 16;
 /// Plan for building blocks.
 #[derive(Clone, Copy)]
 struct Plan {
-    form: Form,
+    form: TreeType,
     shape: Shape,
     rule: Rule,
     count_classes: bool,
@@ -212,7 +212,7 @@ pub(in crate::store) struct Builder<'a> {
 
 impl<'a> Builder<'a> {
     pub(in crate::store) fn new(
-        form: Form,
+        form: TreeType,
         options: &BuildOptions,
         (shape, run): (Shape, CodeRun),
         sink: &'a mut dyn TreeSink,
@@ -330,7 +330,7 @@ impl<'a> Builder<'a> {
                 }
             }
         };
-        self.sink.push_all(rounds::map(&batch, build)?)?;
+        self.sink.push_all(batch::map(&batch, build)?)?;
         progress.advance(batch.iter().map(|(code, _)| self.cells(*code)).sum(), total);
         Ok(())
     }

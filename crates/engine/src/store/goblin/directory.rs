@@ -5,9 +5,9 @@ use std::path::Path;
 use zerocopy::little_endian::{U16, U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::space::Code;
-use spinney_base::value::{DoubleDouble, MAX_VALUE_SIZE, Sums, Tally, Value, ValueType};
+use spinney_base::value::{DoubleDouble, MAX_VALUE_SIZE, Sums, Value, ValueType, ZoneStats};
 use spinney_base::{Error, Result};
 use spinney_container::Codec;
 
@@ -29,7 +29,7 @@ pub struct Entry {
     /// CRC-32C of its bytes in the file.
     pub checksum: u32,
     /// Zone statistics, but for the class counts, which stand in the segment.
-    pub zone: Tally,
+    pub zone: ZoneStats,
 }
 
 /// Number of class counts of a segment that has none because there would be too many.
@@ -119,7 +119,7 @@ impl Entry {
             cells: self.zone.cells.into(),
         };
         let mut bytes = raw.as_bytes().to_vec();
-        let Tally { value_type, min, max, sum, squares, .. } = &self.zone;
+        let ZoneStats { value_type, min, max, sum, squares, .. } = &self.zone;
         let (width, extremes) = (value_type.sample.size(), [min.to_bytes(), max.to_bytes()]);
         for channel in 0..usize::from(value_type.channels) {
             extremes.iter().for_each(|samples| bytes.extend_from_slice(&samples[channel * width..][..width]));
@@ -134,7 +134,7 @@ impl Entry {
     }
 
     /// Checks and understands the `index`-th entry of a file of some form; `bytes` are this entry's.
-    pub(super) fn from_bytes(path: &Path, index: usize, bytes: &[u8], form: Form) -> Result<Entry> {
+    pub(super) fn from_bytes(path: &Path, index: usize, bytes: &[u8], form: TreeType) -> Result<Entry> {
         let corrupt = |found: String, expected: String| {
             Error::corrupt(path, format!("directory entry {index}"), found, expected)
         };
@@ -147,7 +147,7 @@ impl Entry {
         let short = || corrupt(format!("{} bytes", bytes.len()), "statistics per channel".into());
         let (channels, rest) = rest.split_at_checked(count * channel_size(form.value)).ok_or_else(short)?;
         let cells = raw.cells.get();
-        let mut zone = Tally { cells, present: [cells; 4], ..Tally::void(form.value) };
+        let mut zone = ZoneStats { cells, present: [cells; 4], ..ZoneStats::void(form.value) };
         if form.value.is_masked() {
             let present = <[U64]>::ref_from_bytes_with_elems(rest, count).map_err(|_| short())?;
             zone.present.iter_mut().zip(present).for_each(|(cells, raw)| *cells = raw.get());

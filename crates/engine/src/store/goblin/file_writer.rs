@@ -9,7 +9,7 @@ use super::segment_builder::{ALL_HAS_COME, SegmentBuilder};
 use crate::store::builder::{BuildOptions, Fill};
 use spinney_base::io::Output;
 use spinney_base::parallel;
-use spinney_base::value::Tally;
+use spinney_base::value::ZoneStats;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{
     Codec, FileHeader, HEADER_SIZE, Header, Layer, LayerTable, LevelCounts, Metadata, Section, Trailer,
@@ -85,7 +85,7 @@ impl FileWriter {
         (covered, in_order): ([u64; 3], bool),
         fill: &mut Fill<'_>,
         complete: &mut dyn FnMut(&mut Metadata),
-    ) -> Result<Tally> {
+    ) -> Result<ZoneStats> {
         let mut writer = LayerWriter::new(self, header, in_order, options.memory / 8);
         let mut builder = SegmentBuilder::new(header, covered, &mut writer);
         fill(&mut builder, header.shape)?;

@@ -5,7 +5,7 @@ use std::ops::{Deref, Range};
 use zerocopy::FromBytes;
 
 use super::pages::{
-    CheckedPage, HEAD_SIZE, INDEX_ENTRIES, INDEX_SIZE, IndexEntry, MOST_COPIES, PAGE_ENTRIES, PageHead,
+    CheckedPage, HEAD_SIZE, INDEX_ENTRIES, INDEX_SIZE, IndexEntry, MAX_COPIES, PAGE_ENTRIES, PageHead,
     PageSlots, index_levels, page_slots,
 };
 use super::reader::Goblin;
@@ -28,7 +28,7 @@ pub(super) struct Directory {
 }
 
 /// Bytes of a level of the index that are asked for at once at most.
-const MOST_PREFETCHED: u64 = 256 << 10;
+const MAX_PREFETCHED: u64 = 256 << 10;
 
 /// A level of the index, but for the top.
 struct IndexLevel {
@@ -168,7 +168,7 @@ impl Goblin {
                 };
                 let (copies, own) = (usize::from(head.copies.get()), u64::from(head.entries.get()));
                 let size = self.directory.entry_size;
-                let fits = copies <= MOST_COPIES
+                let fits = copies <= MAX_COPIES
                     && own == self.directory.page_entries(page)
                     && rest.len() == copies * (8 + size) + own as usize * size;
                 if !fits {
@@ -208,7 +208,7 @@ impl Goblin {
         if start >= layer.directory
             && end <= layer.run.length
             && (start..end).contains(&start)
-            && end - start <= MOST_PREFETCHED
+            && end - start <= MAX_PREFETCHED
         {
             let range = layer.run.offset + start..layer.run.offset + end;
             self.file.backend.prefetch(std::slice::from_ref(&range))?;

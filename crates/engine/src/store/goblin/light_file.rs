@@ -12,7 +12,7 @@ use zerocopy::little_endian::{U32, U64, U128};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use super::shard::{Shard, ShardPiece};
-use spinney_base::io::{FileState, InputFile, Output};
+use spinney_base::io::{FileStat, InputFile, Output};
 use spinney_base::parallel;
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Result};
@@ -22,9 +22,9 @@ use spinney_container::LevelCounts;
 const MAGIC: [u8; 8] = *b"\x93Shard\r\n";
 const VERSION: u32 = 1;
 /// Bytes that the table has at most.
-const MOST_TABLE: u64 = 64 << 20;
+const MAX_TABLE: u64 = 64 << 20;
 /// Levels that are counted at most.
-const MOST_LEVELS: usize = 32;
+const MAX_LEVELS: usize = 32;
 
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
 #[repr(C)]
@@ -192,7 +192,7 @@ impl LightFile {
             runs.extend(told.map(|light| (number, shard.run_path(light.piece.layer), light.run_bytes)));
         }
         let paths: Vec<&Path> = runs.iter().map(|(_, path, _)| &**path).collect();
-        for ((number, _, bytes), state) in runs.iter().zip(FileState::of_all(&paths)?) {
+        for ((number, _, bytes), state) in runs.iter().zip(FileStat::of_all(&paths)?) {
             match state {
                 Ok(Some(state)) if state.length == *bytes => {}
                 Ok(_) if all[*number].is_ok() => all[*number] = Ok(None),
@@ -247,8 +247,7 @@ impl LightFile {
         file.seek(SeekFrom::Start(length - END)).and_then(|_| file.read_exact(&mut end)).map_err(io())?;
         let end: End = zerocopy::transmute!(end);
         let table_at = end.table.get();
-        let size =
-            (length - END).checked_sub(table_at).filter(|size| table_at >= HEAD && *size <= MOST_TABLE);
+        let size = (length - END).checked_sub(table_at).filter(|size| table_at >= HEAD && *size <= MAX_TABLE);
         let Some(size) = size else {
             return Err(corrupt("end", format!("a table at byte {table_at}"), "a place in the file"));
         };
@@ -281,7 +280,7 @@ fn read_table(mut table: &[u8], table_at: u64, count: u32) -> Option<Vec<LightPi
         let layer = raw.layer.get();
         let run = CodeRun::new(raw.first.get(), raw.last.get())?;
         let follows = pieces.last().is_none_or(|before| before.piece.layer < layer);
-        if levels > MOST_LEVELS || !follows {
+        if levels > MAX_LEVELS || !follows {
             return None;
         }
         let mut counts = LevelCounts::default();

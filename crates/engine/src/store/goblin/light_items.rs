@@ -14,7 +14,7 @@ use crate::store::records::{RecordLayout, RunChildren, RunNode, Runs};
 use crate::tree::{Child, NodeState};
 use spinney_base::Result;
 use spinney_base::space::{Bounds, Code, CodeRun};
-use spinney_base::value::{Tally, Value, ValueType};
+use spinney_base::value::{Value, ValueType, ZoneStats};
 use spinney_container::{Codec, Header, INNER, LEAF, Shape, VOID};
 use spinney_packing::{Damage, SegmentForm, may_unpack, pack, unpack};
 
@@ -114,7 +114,7 @@ pub(super) fn write_top(light: &mut LightWriter, part: &Part, header: &Header) -
         records: (records.len() as u64).into(),
         stored: (stored.len() as u64).into(),
     };
-    let (code, zone) = (*code, Tally { classes: Vec::new(), ..tally.clone() });
+    let (code, zone) = (*code, ZoneStats { classes: Vec::new(), ..tally.clone() });
     let entry =
         Entry { code, offset: 0, length: 0, records: 0, classes: 0, codec: Codec::Plain, checksum: 0, zone };
     let mut bytes = [&[TOP], raw.as_bytes(), &entry.to_bytes()].concat();
@@ -327,7 +327,7 @@ fn class_of(class: &[u8], width: usize) -> (Value, u64) {
 }
 
 /// Whether these can be the classes of a zone.
-fn are_classes(classes: &[(Value, u64)], zone: &Tally, are_counted: bool) -> bool {
+fn are_classes(classes: &[(Value, u64)], zone: &ZoneStats, are_counted: bool) -> bool {
     let order = |value_type: ValueType, pair: &[(Value, u64)]| value_type.order(pair[0].0, pair[1].0).is_lt();
     let ascend = classes.windows(2).all(|pair| order(zone.value_type, pair));
     let sum = classes.iter().try_fold(0u64, |sum, (_, cells)| sum.checked_add(*cells));

@@ -5,7 +5,7 @@ use super::segment::COUNT_SIZE;
 use crate::store::builder::SealedSegment;
 use crate::store::records::RecordLayout;
 use spinney_base::space::Code;
-use spinney_base::value::Tally;
+use spinney_base::value::ZoneStats;
 use spinney_container::Header;
 use spinney_packing::{SegmentForm, may_unpack, pack};
 
@@ -42,7 +42,7 @@ pub(super) fn pack_sealed(header: &Header, segment: &SealedSegment) -> Option<Ve
 
 /// The class counts that follow a segment's records: their number as the directory has it, and their bytes, of each the value's, then
 /// the cells.
-pub(super) fn class_counts(header: &Header, tally: &Tally) -> (u16, Vec<u8>) {
+pub(super) fn class_counts(header: &Header, tally: &ZoneStats) -> (u16, Vec<u8>) {
     let listed = if header.counts_classes() { tally.listed_classes() } else { Some(&[][..]) };
     let Some(classes) = listed else { return (NOT_COUNTED, Vec::new()) };
     let width = header.form.width();

@@ -14,7 +14,7 @@ pub(super) const PAGE_ENTRIES: u64 = 128;
 /// Entries of a page of the index. All pages of a level but the last have as many.
 pub(super) const INDEX_ENTRIES: u64 = 256;
 /// Copies at a page's beginning at most: nodes that can own segments on the way down.
-pub(super) const MOST_COPIES: usize = 31;
+pub(super) const MAX_COPIES: usize = 31;
 
 /// The beginning of a page of the directory. The numbers of the segments whose entries are copied follow, as `u64` each, then the
 /// copies, then the page's own entries.

@@ -9,7 +9,7 @@ use super::index::Directory;
 use crate::store::records::{Descend, RecordLayout};
 use crate::tree::Child;
 use spinney_base::io::{ReadBackend, Stamp, Unpacked};
-use spinney_base::value::Tally;
+use spinney_base::value::ZoneStats;
 use spinney_base::{Error, Result};
 use spinney_container::{Codec, HEADER_SIZE, Header, Layer, Metadata, Section};
 
@@ -169,7 +169,7 @@ impl Goblin {
         let entry = Entry::from_bytes(&self.file.path, index, &self.entry_bytes(index)?, form)?;
         let height = self.header.depth().checked_sub(entry.code.level());
         let cells = height.map_or(0, |height| form.dimension.cells(height));
-        let Tally { cells: counted, present, sum, squares, .. } = &entry.zone;
+        let ZoneStats { cells: counted, present, sum, squares, .. } = &entry.zone;
         let has_more = present.iter().any(|present| present > counted);
         // Sums of zones that are possible can be added up without overflow.
         if *counted > cells || has_more || !sum.are_possible(*counted) || !squares.are_possible(*counted) {
@@ -188,7 +188,7 @@ impl Goblin {
     ///
     /// # Panics
     /// If there is no such segment.
-    pub fn zone(&self, index: usize) -> Result<Tally> {
+    pub fn zone(&self, index: usize) -> Result<ZoneStats> {
         let mut zone = self.entry(index)?.zone;
         zone.classes = self.segment(index)?.classes();
         Ok(zone)

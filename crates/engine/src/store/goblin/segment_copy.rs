@@ -12,8 +12,8 @@ use crate::store::builder::{ALWAYS_HEAVY, Part, StoredNode, upper_levels};
 use crate::store::records::subtree::{BadSkip, count_nodes};
 use crate::store::records::{RunChildren, RunNode, Runs};
 use crate::tree::Child;
-use spinney_base::Form;
 use spinney_base::Result;
+use spinney_base::TreeType;
 use spinney_base::io::FileBytes;
 use spinney_base::parallel;
 use spinney_base::space::Code;
@@ -58,7 +58,7 @@ impl<'a> SegmentCopy<'a> {
     pub(super) fn is_possible(
         node: &StoredNode<'_>,
         to: Code,
-        (form, shape): (Form, &Shape),
+        (form, shape): (TreeType, &Shape),
         needs_classes: bool,
     ) -> Result<bool> {
         let Some(file) = file_of(node) else { return Ok(false) };

@@ -99,7 +99,7 @@ impl ShardWriter {
             None => (format!("there would be a layer {layer}"), format!("a file of {}", self.planned.len())),
         };
         let advice = "the inputs or the program have changed since: plan another job in another folder";
-        Err(Error::NotPlanned { path: self.head.clone(), found, expected, advice })
+        Err(Error::PlanMismatch { path: self.head.clone(), found, expected, advice })
     }
 
     /// Says that the shard is made.

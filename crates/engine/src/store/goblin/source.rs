@@ -5,9 +5,9 @@ use crate::store::builder::{ReusableSource, RunFile, StoredNode, Subtree};
 use crate::store::records::dense::DenseRows;
 use crate::store::records::{RunChild, RunChildren, RunNode, Runs};
 use crate::tree::{CellBlock, Child, Children, Source};
-use spinney_base::Form;
 use spinney_base::Result;
-use spinney_base::io::rounds::{all_read, go_on};
+use spinney_base::TreeType;
+use spinney_base::io::batch::{defer_missing, finish_deferred};
 use spinney_base::space::Code;
 use spinney_container::{CUT, Header, LEAF, VOID};
 
@@ -26,7 +26,7 @@ pub struct GoblinNode {
 impl Source for Goblin {
     type Node = GoblinNode;
 
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         self.header.form
     }
 
@@ -90,7 +90,7 @@ impl Goblin {
                         return Err(self.corrupt(format!("node {code}"), "INNER", "a cell, VOID or LEAF"));
                     }
                     let own = if candidates { self.find_segment(code) } else { Ok(None) };
-                    let Some(own) = go_on(own, &mut is_unread)? else { continue };
+                    let Some(own) = defer_missing(own, &mut is_unread)? else { continue };
                     let node = match own {
                         // What is found may be the segment of an ancestor.
                         Some(own) if own != segment.index() && self.segment_code(own)? == Some(code) => {
@@ -103,7 +103,7 @@ impl Goblin {
                 }
             };
         }
-        all_read(is_unread)
+        finish_deferred(is_unread)
     }
 
     /// The cells below a node that is a dense block down to the cells, which are so many levels below it.

@@ -12,7 +12,7 @@ use super::segment_sink::SegmentSink;
 use crate::store::builder::{BuildOptions, SealedSegment, walk};
 use crate::tree::Child;
 use spinney_base::space::CodeRun;
-use spinney_base::value::{Sums, Tally, ValueType};
+use spinney_base::value::{Sums, ValueType, ZoneStats};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Codec, Finding, MAX_FINDINGS};
 
@@ -226,7 +226,7 @@ impl SegmentSink for Checker<'_> {
 
 /// Whether the tally of a file is what another one of the same type of values is on disk: sums that are not a number are one like
 /// the other, zeros of different signs are not.
-fn are_same(a: &Tally, b: &Tally) -> bool {
+fn are_same(a: &ZoneStats, b: &ZoneStats) -> bool {
     let channels = 0..usize::from(a.value_type.channels);
     let same_sums =
         |a: &Sums, b: &Sums| channels.clone().all(|channel| a.to_bytes(channel) == b.to_bytes(channel));
@@ -250,8 +250,8 @@ fn show_child(value_type: ValueType, child: Child<()>) -> String {
 }
 
 /// Statistics as text.
-fn show_tally(tally: &Tally) -> String {
-    let Tally { value_type, cells, present, min, max, sum, squares, classes } = tally;
+fn show_tally(tally: &ZoneStats) -> String {
+    let ZoneStats { value_type, cells, present, min, max, sum, squares, classes } = tally;
     let [min, max] = [min, max].map(|value| value_type.show(*value));
     let [sum, squares] = [sum, squares].map(|sums| show_sums(sums, value_type.channels));
     let class = |(value, cells): &(_, u64)| format!("({}, {cells})", value_type.show(*value));
@@ -261,6 +261,6 @@ fn show_tally(tally: &Tally) -> String {
         false => String::new(),
     };
     format!(
-        "Tally {{ cells: {cells}{present}, min: {min}, max: {max}, sum: {sum}, squares: {squares}, classes: [{classes}] }}"
+        "ZoneStats {{ cells: {cells}{present}, min: {min}, max: {max}, sum: {sum}, squares: {squares}, classes: [{classes}] }}"
     )
 }

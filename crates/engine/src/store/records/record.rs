@@ -212,12 +212,12 @@ macro_rules! with_record_type {
 
 pub(crate) use with_record_type;
 
-/// Evaluates an expression with names bound to the type of a [`Form`]'s values
+/// Evaluates an expression with names bound to the type of a [`TreeType`]'s values
 /// ([`Native`](spinney_base::value::Native)) and to that of its records: the way into kernels that go over very many
 /// records.
 macro_rules! with_form_type {
     ($form:expr, $V:ident, $R:ident => $body:expr) => {{
-        let form: spinney_base::Form = $form;
+        let form: spinney_base::TreeType = $form;
         spinney_base::value::with_native_type!(form.value, $V => match form.dimension {
             spinney_base::space::Dimension::Quad => {
                 type $R = $crate::store::records::record::QuadRecord<{ size_of::<$V>() }>;
@@ -236,7 +236,7 @@ pub(crate) use with_form_type;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use spinney_base::Form;
+    use spinney_base::TreeType;
     use spinney_base::value::{SampleType, Value, ValueType};
 
     #[test]
@@ -248,7 +248,7 @@ mod tests {
                     if !value.is_supported() {
                         continue;
                     }
-                    let layout = RecordLayout::new(Form::new(dimension, value));
+                    let layout = RecordLayout::new(TreeType::new(dimension, value));
                     with_record_type!(layout, R => {
                         assert_eq!(<R as Record>::RECORD_LAYOUT, layout);
                         let mut values = Vec::new();

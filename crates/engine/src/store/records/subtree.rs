@@ -236,7 +236,7 @@ mod tests {
     use super::*;
     use crate::store::records::RecordHead;
     use crate::store::records::record::QuadRecord;
-    use spinney_base::Form;
+    use spinney_base::TreeType;
     use spinney_base::space::Dimension;
     use spinney_base::value::{SampleType, ValueType};
 
@@ -274,7 +274,7 @@ mod tests {
         let states = [0b1001_1010, 0b01_01_01_00, 0b01, 0];
         let records: [Byte; 4] = [(0, 4), (1, 1), (2, 1), (3, 1)].map(|(i, skip)| record(states[i], skip, 0));
         let mut counts = LevelCounts::default();
-        let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+        let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
         count_nodes(RecordLayout::new(form), records.as_bytes(), 2, 5, &mut counts).unwrap();
         assert_eq!(counts.levels()[5..], [[0; 3], [0, 1, 3], [8, 4, 0]]);
     }

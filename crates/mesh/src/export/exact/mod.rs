@@ -18,7 +18,7 @@ use super::MeshFormat;
 use super::losses::Losses;
 use spinney_base::io::Output;
 use spinney_base::{Progress, Result};
-use spinney_brep::{Face, Faces, TakeFaceWithValues};
+use spinney_brep::{AttributedFaceVisitor, Face, Faces};
 
 /// Size of a written model, and what its format had no room for.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -72,9 +72,10 @@ pub struct ExactSummary {
 /// twice get a number behind them. In OBJ names, what would end the line or the name is replaced by `_`.
 ///
 /// ```
-/// use spinney::brep::{Face, FaceList, Grid};
-/// use spinney::export::mesh::{MeshFormat, export_exact};
-/// use spinney::io::Output;
+/// use spinney::brep::{Face, Grid};
+/// use spinney::raw::brep::FaceList;
+/// use spinney::export::{MeshFormat, export_exact};
+/// use spinney::Output;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("triangle.ply");
@@ -136,7 +137,7 @@ impl Job<'_> {
     }
 
     /// Reads all faces once, with their values in some columns.
-    fn each_with_values(&self, columns: &[&str], each: &mut TakeFaceWithValues<'_>) -> Result<()> {
+    fn each_with_values(&self, columns: &[&str], each: &mut AttributedFaceVisitor<'_>) -> Result<()> {
         /// Faces between two looks at whether to go on.
         const OFTEN: u64 = 1024;
         let total = self.faces.len() * self.passes;

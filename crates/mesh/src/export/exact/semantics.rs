@@ -10,7 +10,7 @@ use spinney_brep::attributes::each_member;
 pub(super) const COLUMNS: [&str; 4] = [SURFACE, TYPE, PARENT, ATTRIBUTES];
 
 /// Bytes of what is held of the semantics of a part.
-const MOST_BYTES: usize = 8 << 20;
+const MAX_BYTES: usize = 8 << 20;
 
 /// Semantics of the part at hand, numbered as they come: faces with the same values have the same. Of a part that has very many, or that comes
 /// again, they may be there twice, and what is a part of what is told only within those that are held together.
@@ -54,7 +54,7 @@ impl Semantics {
 
     /// Whether no more should be held.
     pub(super) fn is_full(&self) -> bool {
-        self.bytes > MOST_BYTES
+        self.bytes > MAX_BYTES
     }
 
     /// Number of faces, and of members of semantics, that are left out.

@@ -11,7 +11,7 @@ use spinney_base::{Error, Result};
 use spinney_brep::Face;
 
 /// Bytes after which a run ends.
-const MOST_BYTES: u64 = 1 << 20;
+const MAX_BYTES: u64 = 1 << 20;
 
 /// Bytes of memory in which runs of texts of one list are sorted.
 const MEMORY: u64 = 64 << 20;
@@ -66,7 +66,7 @@ impl Surfaces {
     /// Adds a surface whose corners have such numbers, with its values in the columns of semantics, if there are any in the model.
     pub(super) fn push(&mut self, face: &Face<'_>, numbers: &[u64], values: &[Option<String>]) -> Result<()> {
         let is_other = self.part != Some(face.part);
-        if is_other || self.at - self.start > MOST_BYTES || self.semantics.is_full() {
+        if is_other || self.at - self.start > MAX_BYTES || self.semantics.is_full() {
             self.end_run(is_other)?;
             self.part = Some(face.part);
         }

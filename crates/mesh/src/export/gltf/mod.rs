@@ -61,8 +61,8 @@ const BATCH: usize = 256;
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::export::mesh::{GltfOptions, MeshRequest, export_glb};
-/// use spinney::io::Output;
+/// use spinney::export::{GltfOptions, MeshRequest, export_glb};
+/// use spinney::Output;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("ball.glb");

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use spinney_base::Result;
-use spinney_engine::query::cell_blocks::{Block, BlockState, Carry, CellBlocks};
+use spinney_engine::query::cell_blocks::{Block, BlockAttribute, BlockState, CellBlocks};
 
 /// The cells below one node.
 pub(super) struct TileCells<'a> {
@@ -25,7 +25,7 @@ impl CellBlocks for TileCells<'_> {
         self.blocks.level() - self.level
     }
 
-    fn carry(&self) -> Carry {
+    fn carry(&self) -> BlockAttribute {
         self.blocks.carry()
     }
 

@@ -7,12 +7,12 @@ use super::glb::{Glb, TileAttribute};
 use super::tile_cells::TileCells;
 use super::tile_mesh::TileMesh;
 use spinney_base::parallel::Pool;
-use spinney_base::value::{Kind, Rule, SampleType};
+use spinney_base::value::{DataKind, Rule, SampleType};
 use spinney_base::{Progress, Result};
 use spinney_container::Tag;
 use spinney_crs::Frame;
 use spinney_engine::dataset::Dataset;
-use spinney_engine::query::cell_blocks::{Carry, CellBlocks, can_carry_value};
+use spinney_engine::query::cell_blocks::{BlockAttribute, CellBlocks, can_be_block_attribute};
 use spinney_engine::query::check_level;
 
 /// Levels between a tile and its cells.
@@ -51,7 +51,7 @@ pub(super) struct TileMaker<'a> {
     frame: Frame,
     smooth: bool,
     attribute: TileAttribute,
-    carry: Carry,
+    carry: BlockAttribute,
 }
 
 impl<'a> TileMaker<'a> {
@@ -61,7 +61,7 @@ impl<'a> TileMaker<'a> {
         check_level(level, tree.depth())?;
         let frame = tree.metadata().frame.coarser(tree.depth() - level);
         Precision::of(&frame, level)?;
-        let is_class = header.kind == Kind::Categorical && can_carry_value(header.form.value);
+        let is_class = header.kind == DataKind::Categorical && can_be_block_attribute(header.form.value);
         let attribute = match (header.form.value.sample, header.form.value.channels) {
             _ if header.rule == Rule::Occupancy => TileAttribute::None,
             (SampleType::U8, 3 | 4) => TileAttribute::Colour,
@@ -69,9 +69,11 @@ impl<'a> TileMaker<'a> {
             _ => TileAttribute::None,
         };
         let carry = match attribute {
-            TileAttribute::None if request.smooth && header.rule == Rule::Occupancy => Carry::Coverage,
-            TileAttribute::None => Carry::Nothing,
-            _ => Carry::Value,
+            TileAttribute::None if request.smooth && header.rule == Rule::Occupancy => {
+                BlockAttribute::Coverage
+            }
+            TileAttribute::None => BlockAttribute::Nothing,
+            _ => BlockAttribute::Value,
         };
         Ok(TileMaker { tree, level, frame, smooth: request.smooth, attribute, carry })
     }
@@ -156,7 +158,7 @@ impl<'a> TileMaker<'a> {
 
     /// Cells of which only the shape is asked, for [`TileMaker::wants`].
     pub(super) fn shape(&self) -> Result<Blocks<'a>> {
-        self.tree.cell_blocks(self.level, Carry::Nothing)
+        self.tree.cell_blocks(self.level, BlockAttribute::Nothing)
     }
 
     /// Whether a surface may pass through a tile.

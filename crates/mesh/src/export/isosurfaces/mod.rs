@@ -9,7 +9,7 @@ pub(super) mod cube;
 mod tile;
 mod walk;
 
-use self::tile::{MOST_SURFACE_BYTES, TILE_BYTES, TileCells, TileSurface};
+use self::tile::{MAX_SURFACE_BYTES, TILE_BYTES, TileCells, TileSurface};
 use self::walk::{IsosurfaceGround, TILE, TileWalk};
 use super::arrays::Arrays;
 use super::losses::Losses;
@@ -57,9 +57,11 @@ pub struct IsosurfaceSummary {
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::export::mesh::{MeshFormat, export_isosurfaces};
-/// use spinney::io::Output;
-/// use spinney::query::{ContourLevels, ContourEnds, ContourRequest};
+/// use spinney::export::MeshFormat;
+/// use spinney::raw::export::mesh::export_isosurfaces;
+/// use spinney::Output;
+/// use spinney::query::{ContourLevels, ContourRequest};
+/// use spinney::raw::query::ContourEnds;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("ball.ply");
@@ -169,7 +171,7 @@ fn write(
     let tiles = ground.tiles().iter().fold(surfaces, |all, tiles| all.saturating_mul(*tiles));
     let total = ground.cells(0, [0; 3]).saturating_mul(surfaces);
     // What is known of the first is that it may be anything; then, that neighbours are much alike.
-    let mut surface_bytes = MOST_SURFACE_BYTES;
+    let mut surface_bytes = MAX_SURFACE_BYTES;
     let mut writer = Writer { mesh, name: None, shared: Default::default(), attribute: 0 };
     let mut tiles_read = 0;
     for value in values {

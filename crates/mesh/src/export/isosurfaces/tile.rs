@@ -10,7 +10,7 @@ use spinney_engine::query::level_share;
 pub(super) const TILE_BYTES: u64 = 8 << 20;
 
 /// Bytes of a surface that goes through every cube.
-pub(super) const MOST_SURFACE_BYTES: u64 = 64 << 20;
+pub(super) const MAX_SURFACE_BYTES: u64 = 64 << 20;
 
 /// The numbers of a tile's cells.
 pub(super) struct TileCells {

@@ -4,7 +4,7 @@ use super::super::Model;
 use super::objects::Objects;
 use super::snap::Snapper;
 use super::{ExactOptions, check_room, grid_of, read};
-use spinney_base::{Error, Progress, Result, Uncounted};
+use spinney_base::{Error, Progress, Result, SilentProgress};
 use spinney_brep::{Face, FaceList, ObjectContact, object_contacts};
 
 /// Two objects of mesh files that have places in common.
@@ -37,7 +37,7 @@ pub fn model_contacts(
     let objects = Objects::of(&models, options.parts.as_ref())?;
     let mut faces = FaceList::new(grid.clone(), objects.names());
     let mut snapper = Snapper::new(grid, options.up);
-    read(&mut models, &objects, &mut snapper, &Uncounted(progress), &mut |face, _| {
+    read(&mut models, &objects, &mut snapper, &SilentProgress(progress), &mut |face, _| {
         faces.push(&Face { part: objects.object(face.part), ..*face });
         check_room(
             &path,

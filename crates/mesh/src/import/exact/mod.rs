@@ -16,7 +16,7 @@ use super::solid::{bounds, common_crs, flat_faces, provenance};
 use super::{Model, ModelInfo};
 use spinney_base::io::{Output, folder};
 use spinney_base::space::Up;
-use spinney_base::{Error, PartOfWork, Progress, Result, Uncounted};
+use spinney_base::{Error, Progress, Result, SilentProgress, SubProgress};
 use spinney_brep::show_place;
 use spinney_brep::{
     BuildReport, ColumnValues, Face, FaceList, Grid, InsideRule, LEAF_SIZE, ModelBuilder, REPAIR_PASSES,
@@ -123,7 +123,7 @@ pub struct ExactReport {
 ///
 /// ```
 /// use spinney::import::mesh::{ExactOptions, import_exact, open_all};
-/// use spinney::io::Output;
+/// use spinney::Output;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let [mesh, path] = ["tetrahedron.off", "tetrahedron.goblin"].map(|name| folder.path().join(name));
@@ -136,7 +136,7 @@ pub struct ExactReport {
 /// ```
 ///
 /// # Errors
-/// [`Error::NoBody`] if the surface is open, passes through itself or is inside out; and if the models cannot be
+/// [`Error::NotASolid`] if the surface is open, passes through itself or is inside out; and if the models cannot be
 /// read, the file cannot be written, or on interruption. There is no file then.
 pub fn import_exact(
     mut models: Vec<Box<dyn Model>>,
@@ -178,7 +178,7 @@ pub fn import_exact(
     if closures.values().any(|closure| !closure.is_closed()) {
         let mut boundary = Boundary::new(&place, options.memory / 4);
         let mut again = Snapper::new(grid.clone(), options.up);
-        read(&mut models, &objects, &mut again, &Uncounted(progress), &mut |face, _| {
+        read(&mut models, &objects, &mut again, &SilentProgress(progress), &mut |face, _| {
             boundary.add_face(face, object(face))
         })?;
         let loops = boundary.loops(&path, options.memory / 4, progress)?;
@@ -287,8 +287,8 @@ impl<'a> Passes<'a> {
     }
 
     /// Work that counts as so many passes.
-    fn part(&self, passes: u64) -> PartOfWork<'a> {
-        PartOfWork::new(self.progress, passes * self.faces, self.total)
+    fn part(&self, passes: u64) -> SubProgress<'a> {
+        SubProgress::new(self.progress, passes * self.faces, self.total)
     }
 }
 
@@ -302,14 +302,14 @@ fn faces_of(models: &[Box<dyn Model>]) -> u64 {
 /// Lines for the provenance: which objects are not in the model, and what was done to its surface.
 fn history(options: &ExactOptions, skipped: &[SkippedObject], repaired: Option<&Repair>) -> Vec<String> {
     /// Names that are told; a city may have any number.
-    const MOST_NAMES: usize = 100;
+    const MAX_NAMES: usize = 100;
     let mut lines = Vec::new();
     if let Some(parts) = &options.parts {
         lines.push(format!("{} parts were chosen", parts.len()));
     }
     if !skipped.is_empty() {
-        let names: Vec<&str> = skipped.iter().take(MOST_NAMES).map(|object| object.name.as_str()).collect();
-        let more = if skipped.len() > MOST_NAMES { ", ..." } else { "" };
+        let names: Vec<&str> = skipped.iter().take(MAX_NAMES).map(|object| object.name.as_str()).collect();
+        let more = if skipped.len() > MAX_NAMES { ", ..." } else { "" };
         lines.push(format!(
             "left out {} objects that are no bodies: {}{more}",
             skipped.len(),
@@ -418,7 +418,7 @@ fn skip_bad(
 ) -> Result<Vec<SkippedObject>> {
     let path = models[0].info().path.clone();
     let all = faces_of(models);
-    let part = || PartOfWork::new(progress, all, SKIPPING_PASSES * all);
+    let part = || SubProgress::new(progress, all, SKIPPING_PASSES * all);
     let mut faces = FaceList::new(grid.clone(), Vec::new());
     read(models, objects, &mut Snapper::new(grid.clone(), options.up), &part(), &mut |face, _| {
         faces.push(face);
@@ -466,15 +466,15 @@ impl Wrong<'_> {
         progress: &dyn Progress,
     ) -> Result<Error> {
         let Wrong { built, objects, closing, is_repaired } = *self;
-        let Error::NoBody { path, what, mut places, count, advice } = error else { return Ok(error) };
+        let Error::NotASolid { path, what, mut places, count, advice } = error else { return Ok(error) };
         if is_repaired || objects.count() < 2 {
-            return Ok(Error::NoBody { path, what, places, count, advice });
+            return Ok(Error::NotASolid { path, what, places, count, advice });
         }
         let wanted: BTreeSet<u64> =
             built.defects.iter().flat_map(|defect| defect.faces.iter().copied()).collect();
         let mut part_of = BTreeMap::new();
         let mut again = Snapper::new(snapper.grid.clone(), snapper.up);
-        read(models, objects, &mut again, &Uncounted(progress), &mut |face, _| {
+        read(models, objects, &mut again, &SilentProgress(progress), &mut |face, _| {
             if wanted.contains(&face.number) {
                 part_of.insert(face.number, face.part);
             }
@@ -494,12 +494,12 @@ impl Wrong<'_> {
             }
         }
         let advice = format!("{advice}; --skip-bad leaves out objects that are no bodies by themselves");
-        Ok(Error::NoBody { path, what, places, count, advice })
+        Ok(Error::NotASolid { path, what, places, count, advice })
     }
 }
 
 /// Takes a face on the grid, with its values.
-type TakeFace<'a> = dyn FnMut(&Face<'_>, &[(&str, &str)]) -> Result<()> + 'a;
+type FaceVisitor<'a> = dyn FnMut(&Face<'_>, &[(&str, &str)]) -> Result<()> + 'a;
 
 /// Reads all faces of the objects of all models, and hands them out as they are on the grid, with their values. Progress counts faces.
 fn read(
@@ -507,7 +507,7 @@ fn read(
     objects: &Objects,
     snapper: &mut Snapper,
     progress: &dyn Progress,
-    each: &mut TakeFace<'_>,
+    each: &mut FaceVisitor<'_>,
 ) -> Result<()> {
     /// Faces between two looks at whether to go on.
     const OFTEN: u64 = 1 << 12;
@@ -545,7 +545,7 @@ fn open_surface(path: &Path, grid: &Grid, objects: &Objects, loops: &[Loop]) -> 
         let name = objects.name(hole.part).map_or(String::new(), |name| format!(", of {name}"));
         format!("a boundary of {} edges from {}{name}", hole.points.len(), show_place(first))
     };
-    Error::NoBody {
+    Error::NotASolid {
         path: path.to_path_buf(),
         what: "the surface is open: it bounds no body".into(),
         places: loops.iter().take(100).map(place).collect(),

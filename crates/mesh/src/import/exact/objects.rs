@@ -130,7 +130,7 @@ impl Objects {
         }
         if skipped.len() == runs.len() {
             let places = skipped.iter().take(100).map(|object| format!("{}: {}", object.name, object.why));
-            return Err(Error::NoBody {
+            return Err(Error::NotASolid {
                 path: path.to_path_buf(),
                 what: "none of its objects is a body".into(),
                 places: places.collect(),

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::corners::{Corners, MOST_CORNERS};
+use super::corners::{Corners, MAX_CORNERS};
 use super::vertices::VertexBounds;
 use super::{MeshFace, Model, ModelInfo};
 use spinney_base::{Error, Result};
@@ -12,8 +12,9 @@ use spinney_brep::attributes::{ObjectText, each_member};
 /// A mesh in memory. What is empty is not there.
 ///
 /// ```
-/// use spinney::import::mesh::{ExactOptions, MeshArrays, import_exact};
-/// use spinney::io::Output;
+/// use spinney::import::mesh::{ExactOptions, import_exact};
+/// use spinney::raw::import::mesh::MeshArrays;
+/// use spinney::Output;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("wedge.goblin");
@@ -177,9 +178,9 @@ impl MeshArrays {
         for face in 0..self.faces() {
             let (first, end) = self.rings(face);
             let corners = self.ring(end - 1).1 - self.ring(first).0;
-            if corners > MOST_CORNERS {
+            if corners > MAX_CORNERS {
                 let found = format!("face {face} of {corners} corners");
-                return Err(Error::invalid("faces", found, format!("{MOST_CORNERS} or fewer")));
+                return Err(Error::invalid("faces", found, format!("{MAX_CORNERS} or fewer")));
             }
         }
         Ok(())
@@ -387,7 +388,7 @@ mod tests {
             "in those of part 0, expected a JSON object",
         );
         let mut large = line(3);
-        large.corners = [0, 1, 2].into_iter().cycle().take(MOST_CORNERS + 1).collect();
+        large.corners = [0, 1, 2].into_iter().cycle().take(MAX_CORNERS + 1).collect();
         large.ring_ends = vec![large.corners.len()];
         assert!(handed_out(large).unwrap_err().to_string().contains("1048576 or fewer"));
     }

@@ -52,7 +52,7 @@ pub(super) struct Geometries<'a> {
 }
 
 /// Most geometries of an object with the same level of detail.
-const MOST_GEOMETRIES: usize = 1 << 16;
+const MAX_GEOMETRIES: usize = 1 << 16;
 
 impl<'a> Geometry<'a> {
     /// The surfaces, if it has any.
@@ -86,7 +86,7 @@ impl<'a> Geometry<'a> {
 impl<'a> Geometries<'a> {
     fn add<E: serde::de::Error>(&mut self, geometry: Geometry<'a>) -> Result<(), E> {
         if geometry.kind == "GeometryInstance" {
-            if self.instances.len() == MOST_GEOMETRIES {
+            if self.instances.len() == MAX_GEOMETRIES {
                 return Err(E::custom("more than 65536 geometries of an object"));
             }
             self.instances.push(Instance::of(&geometry)?);
@@ -104,7 +104,7 @@ impl<'a> Geometries<'a> {
             if depth > 3 && deepest == 3 {
                 self.surfaces.clear();
             }
-            if self.surfaces.len() == MOST_GEOMETRIES {
+            if self.surfaces.len() == MAX_GEOMETRIES {
                 return Err(E::custom("more than 65536 geometries of an object"));
             }
             self.surfaces.extend(geometry.surfaces());

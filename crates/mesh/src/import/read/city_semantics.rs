@@ -18,10 +18,10 @@ pub(crate) const ATTRIBUTES: &str = "attributes";
 
 /// Most bytes of a type, and of attributes of a surface. Each face of a surface has them, so that files grow by as much with each number of two
 /// bytes.
-const MOST_BYTES: usize = 4096;
+const MAX_BYTES: usize = 4096;
 
 /// Most surfaces of a geometry that have semantics: a few bytes of a file make a hundred in memory.
-const MOST_SURFACES: usize = 1 << 20;
+const MAX_SURFACES: usize = 1 << 20;
 
 /// Semantics of a geometry's surfaces. Their numbers, lists as the boundaries have them, are gone through beside these, without building
 /// anything of them.
@@ -70,7 +70,7 @@ impl<'de: 'a, 'a> Deserialize<'de> for SurfaceList<'a> {
             fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<SurfaceList<'de>, A::Error> {
                 let mut surfaces = Vec::new();
                 while let Some(surface) = list.next_element()? {
-                    if surfaces.len() == MOST_SURFACES {
+                    if surfaces.len() == MAX_SURFACES {
                         return Err(de::Error::custom("more than 2^20 surfaces"));
                     }
                     surfaces.push(surface);
@@ -257,14 +257,14 @@ impl Surface {
         let mut lost = 0;
         let known = each_member(text, |key, value| match key {
             "parent" | "children" => {}
-            "type" if value.len() <= MOST_BYTES => surface.kind = Some(value.into()),
+            "type" if value.len() <= MAX_BYTES => surface.kind = Some(value.into()),
             "type" => lost += 1,
             _ => others.push(key, value),
         });
         let others = Some(others).filter(|others| !others.is_empty()).map(|others| others.to_string());
-        lost += u64::from(known.is_err())
-            + u64::from(others.as_ref().is_some_and(|text| text.len() > MOST_BYTES));
-        surface.attributes = others.filter(|text| text.len() <= MOST_BYTES);
+        lost +=
+            u64::from(known.is_err()) + u64::from(others.as_ref().is_some_and(|text| text.len() > MAX_BYTES));
+        surface.attributes = others.filter(|text| text.len() <= MAX_BYTES);
         (surface, lost)
     }
 }
@@ -317,7 +317,7 @@ mod tests {
 
     #[test]
     fn surfaces_say_what_they_are() {
-        let long = "x".repeat(MOST_BYTES);
+        let long = "x".repeat(MAX_BYTES);
         let text = format!(
             "{{\"surfaces\":[{{\"type\":\"Wall\",\"children\":[1,9]}},{{\"slope\": 1.50,\"type\":\"Window\"}},\
              {{\"parent\":1,\"long\":\"{long}\"}},7],\"values\":[0,1,2,3]}}"
@@ -335,9 +335,9 @@ mod tests {
         assert_eq!(semantics.lost(), 3);
         let surfaces =
             |count: usize| format!("{{\"surfaces\":[{}{{}}],\"values\":[0]}}", "{},".repeat(count - 1));
-        let most = surfaces(MOST_SURFACES);
-        assert_eq!(Semantics::of(Some(serde_json::from_str(&most).unwrap()), 0).len(), MOST_SURFACES as u64);
-        for wrong in [&*surfaces(MOST_SURFACES + 1), "7", "[]", "{\"surfaces\":{}}"] {
+        let most = surfaces(MAX_SURFACES);
+        assert_eq!(Semantics::of(Some(serde_json::from_str(&most).unwrap()), 0).len(), MAX_SURFACES as u64);
+        for wrong in [&*surfaces(MAX_SURFACES + 1), "7", "[]", "{\"surfaces\":{}}"] {
             let mut semantics = Semantics::of(Some(serde_json::from_str(wrong).unwrap()), 0);
             semantics.begin_list();
             assert_eq!((semantics.next_face().len(), semantics.lost()), (0, 1));

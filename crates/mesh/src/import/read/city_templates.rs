@@ -11,7 +11,7 @@ use spinney_base::Result;
 use spinney_records::text::shown;
 
 /// Templates at most.
-const MOST_TEMPLATES: usize = 1 << 20;
+const MAX_TEMPLATES: usize = 1 << 20;
 
 /// The templates of a file.
 #[derive(Default)]
@@ -80,7 +80,7 @@ impl<'a> Templates<'a> {
     pub(super) fn of(source: &ModelFile, text: &'a RawValue, memory: u64) -> Result<Templates<'a>> {
         let found: Document<'a> =
             serde_json::from_str(text.get()).map_err(|error| not_json_there(source, text, &error))?;
-        if found.templates.len() > MOST_TEMPLATES {
+        if found.templates.len() > MAX_TEMPLATES {
             let count = found.templates.len();
             return Err(source.corrupt("geometry-templates", format!("{count} templates"), "at most 2^20"));
         }

@@ -12,7 +12,7 @@ use serde_json::value::RawValue;
 use super::city_geometry::Geometries;
 use super::city_semantics::Semantics;
 use super::city_templates::{Placement, Templates};
-use super::corners::{Corners, MOST_CORNERS};
+use super::corners::{Corners, MAX_CORNERS};
 use super::model_file::ModelFile;
 use super::parts::Parts;
 use super::vertices::{Coordinates, Table, VertexBounds, Vertices, VerticesBuilder};
@@ -376,7 +376,7 @@ impl<'de> Visitor<'de> for Boundaries<'_, '_> {
         if self.level == 1 {
             while let Some(index) = list.next_element::<u64>()? {
                 let place = || format!("object {}", shown(self.name.as_bytes()));
-                if index >= self.vertices.len() || self.corners.len() >= MOST_CORNERS {
+                if index >= self.vertices.len() || self.corners.len() >= MAX_CORNERS {
                     let found = format!("vertex {index} of {} in a face", self.vertices.len());
                     let expected = "at most 2^20 corners that are in the list of vertices";
                     keep(self.failure, Err(self.source.corrupt(place(), found, expected)))?;

@@ -4,7 +4,7 @@ use super::MeshFace;
 use spinney_base::Result;
 
 /// Most corners of a face.
-pub(super) const MOST_CORNERS: usize = 1 << 20;
+pub(super) const MAX_CORNERS: usize = 1 << 20;
 
 /// Colour of faces without one in a file where others have one.
 pub(super) const WHITE: [u8; 3] = [255; 3];

@@ -1,6 +1,6 @@
 //! OFF: numbered vertices and polygons over them as text, either of them coloured.
 
-use super::corners::{Corners, MOST_CORNERS, WHITE};
+use super::corners::{Corners, MAX_CORNERS, WHITE};
 use super::model_file::ModelFile;
 use super::vertices::{Coordinates, VertexBounds, Vertices, VerticesBuilder};
 use super::{MeshFace, Model, ModelInfo};
@@ -160,7 +160,7 @@ impl<'a> Words<'a> {
     fn of(line: &'a [u8]) -> Option<Words<'a>> {
         let mut corners = words(line);
         let count =
-            usize::try_from(corners.next().and_then(whole)?).ok().filter(|count| *count <= MOST_CORNERS)?;
+            usize::try_from(corners.next().and_then(whole)?).ok().filter(|count| *count <= MAX_CORNERS)?;
         let rest: Vec<&[u8]> = corners.clone().skip(count).take(4).collect();
         Some(Words { corners, count, colour: colour(&rest) })
     }

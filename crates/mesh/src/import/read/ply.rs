@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::corners::{Corners, MOST_CORNERS};
+use super::corners::{Corners, MAX_CORNERS};
 use super::model_file::ModelFile;
 use super::vertices::{Coordinates, Table, VertexBounds, VertexLayout, Vertices, VerticesBuilder};
 use super::{MeshFace, Model, ModelInfo};
@@ -312,7 +312,7 @@ fn read_corners<B: Body>(
     corners: &mut Corners,
 ) -> Read<()> {
     let length = body.length(length)?;
-    if length > MOST_CORNERS as u64 {
+    if length > MAX_CORNERS as u64 {
         return Err(body.fault(format!("a face of {length} corners"), "at most 2^20"));
     }
     for _ in 0..length {

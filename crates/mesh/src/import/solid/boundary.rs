@@ -13,9 +13,9 @@ use spinney_brep::exact::vector::{cross, dot, subtract};
 use spinney_brep::geometry::clipped::{ClippedPolygon, Point, clip, range};
 
 /// Triangles that are compared with each other at most.
-const MOST_TRIANGLES: usize = 48;
+const MAX_TRIANGLES: usize = 48;
 /// Parts of a cell's faces at most.
-const MOST_PARTS: usize = 2048;
+const MAX_PARTS: usize = 2048;
 /// Crossings of a line that are nearer to each other than this many grid steps are at one point: faces of bodies that
 /// touch, which were moved to the grid by less than a step each, and not by the same.
 const AT_ONE_POINT: f64 = 1e-3;
@@ -118,7 +118,7 @@ impl Neighbourhood<'_> {
 
     /// Sums over the parts of faces that bound the inside; `None` if there are too many of them.
     pub(super) fn bounding_faces(&self, inside: &Inside) -> Option<FaceSums> {
-        if self.triangles.len() > MOST_TRIANGLES {
+        if self.triangles.len() > MAX_TRIANGLES {
             return None;
         }
         let mut parts = Vec::with_capacity(self.triangles.len());
@@ -134,7 +134,7 @@ impl Neighbourhood<'_> {
         for part in &parts {
             let cut = self.cut(part, &parts)?;
             count += cut.len();
-            if count > MOST_PARTS {
+            if count > MAX_PARTS {
                 return None;
             }
             for polygon in &cut {
@@ -242,5 +242,5 @@ fn split(polygons: Vec<ClippedPolygon>, plane: &Plane) -> Option<Vec<ClippedPoly
             cut.push(polygon);
         }
     }
-    (cut.len() <= MOST_PARTS).then_some(cut)
+    (cut.len() <= MAX_PARTS).then_some(cut)
 }

@@ -13,10 +13,10 @@ use super::source::{Part, Solid, Surface};
 use super::triangles::{Collector, Triangles};
 use super::units::Units;
 use crate::import::{MeshFace, ModelInfo};
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::io::{Output, folder};
 use spinney_base::space::Dimension;
-use spinney_base::value::{Kind, Rule, SampleType, Value, ValueType};
+use spinney_base::value::{DataKind, Rule, SampleType, Value, ValueType};
 use spinney_base::{Error, Progress, Result};
 use spinney_brep::geometry::{Stages, Triangulator};
 use spinney_container::{Metadata, Tag};
@@ -190,7 +190,7 @@ impl SolidImport {
     /// The solid of surfaces, or a part of it.
     pub(super) fn solid<'a>(
         &self,
-        form: Form,
+        form: TreeType,
         surfaces: Vec<Surface>,
         part: Option<Part>,
         progress: &'a dyn Progress,
@@ -210,11 +210,11 @@ impl SolidImport {
     }
 
     /// Form of the tree, and options for building it, with what is known before cells are made.
-    pub(super) fn tree(&self, report: &SolidReport) -> (Form, BuildOptions) {
+    pub(super) fn tree(&self, report: &SolidReport) -> (TreeType, BuildOptions) {
         let (kind, rule) = match self.options.attribute {
-            Attribute::Occupancy => (Kind::Continuous, Rule::Occupancy),
-            Attribute::Colour => (Kind::Continuous, Rule::Mean),
-            Attribute::Part => (Kind::Categorical, Rule::Majority),
+            Attribute::Occupancy => (DataKind::Continuous, Rule::Occupancy),
+            Attribute::Colour => (DataKind::Continuous, Rule::Mean),
+            Attribute::Part => (DataKind::Categorical, Rule::Majority),
         };
         let mut metadata = Metadata { frame: self.grid.frame.clone(), ..Metadata::default() };
         let parts = self.parts();
@@ -232,7 +232,7 @@ impl SolidImport {
             .share(self.options.share)
             .time(self.options.time)
             .packing(self.options.packing);
-        (Form::new(Dimension::Oct, value), options)
+        (TreeType::new(Dimension::Oct, value), options)
     }
 
     /// Names of the parts of all models; their numbers begin at 1.

@@ -19,7 +19,7 @@ use super::windings::change;
 use spinney_base::{Progress, Result};
 
 /// Least distance of a dipole, in cells: nearer ones are triangles that a point may lie on.
-const LEAST_DISTANCE: f64 = 0.125;
+const MIN_DISTANCE: f64 = 0.125;
 
 impl WindingField {
     /// The field in a cube with this middle and half width, of cells of some width.
@@ -202,11 +202,11 @@ impl<'a> LocalField<'a> {
         let (Some(least), Some(most)) = (extreme(DVec3::min), extreme(DVec3::max)) else { return };
         let (middle, half) = (least.midpoint(most), (most - least) / 2.0);
         let cell = f64::from(self.cell);
-        let mut around = Surroundings::new(half.length() / cell + LEAST_DISTANCE);
+        let mut around = Surroundings::new(half.length() / cell + MIN_DISTANCE);
         let (mut open, mut near) = (self.open.clone(), Vec::new());
         while let Some(group) = open.pop() {
             let distance = ((group.centre - middle).abs() - half).max(DVec3::ZERO).length();
-            if group.is_dipole(distance) && distance > LEAST_DISTANCE * cell {
+            if group.is_dipole(distance) && distance > MIN_DISTANCE * cell {
                 around.push_far(self.far(&group, middle));
             } else if group.is_triangle() {
                 around.push_near(self.corners(group.first, middle));

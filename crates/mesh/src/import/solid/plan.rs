@@ -9,7 +9,7 @@ use crate::import::Model;
 use serde::{Deserialize, Serialize};
 use spinney_base::space::EdgeRule;
 use spinney_base::space::{Dimension, Up};
-use spinney_base::value::{Kind, Rule};
+use spinney_base::value::{DataKind, Rule};
 use spinney_base::{Error, Result};
 use spinney_brep::exact::lattice::Lattice;
 use spinney_container::{Metadata, Tag};
@@ -137,7 +137,7 @@ impl SolidImport {
 ///
 /// ```
 /// use spinney::import::mesh::{Resolution, SolidOptions, open_all, plan_models};
-/// use spinney::io::Output;
+/// use spinney::Output;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let [model, tree] = ["tetrahedron.off", "tetrahedron.goblin"].map(|name| folder.path().join(name));
@@ -270,7 +270,7 @@ impl FittedCells {
         if let Some(unit) = &options.unit {
             metadata.set_tag(Tag::Unit, unit);
         }
-        BuildOptions::new(Kind::Continuous, self.depth)
+        BuildOptions::new(DataKind::Continuous, self.depth)
             .rule(Rule::Occupancy)
             .memory(options.memory / 4)
             .metadata(metadata)

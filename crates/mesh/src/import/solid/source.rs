@@ -15,8 +15,8 @@ use super::open;
 use super::survey::{SolidSurvey, SurfaceAtPoint, SurveyedNode};
 use super::triangles::{OctantSorter, Triangles};
 use super::union::{Overlaps, Piece};
-use spinney_base::Form;
 use spinney_base::Result;
+use spinney_base::TreeType;
 use spinney_base::sort;
 use spinney_base::space::{Code, CodeRun, Dimension, EdgeRule};
 use spinney_base::value::Value;
@@ -55,7 +55,7 @@ pub(super) struct Part {
 
 /// A solid, or its surface, of values made from attributes.
 pub(super) struct Solid<'a> {
-    form: Form,
+    form: TreeType,
     pub(super) fill: FillOptions<'a>,
     /// Tests of the surfaces.
     tests: Vec<Inside>,
@@ -127,7 +127,7 @@ const BLOCK: u8 = 6;
 impl<'a> Solid<'a> {
     /// The solid of these surfaces; up to `held` triangles are taken to memory at once.
     pub(super) fn new(
-        form: Form,
+        form: TreeType,
         fill: FillOptions<'a>,
         (surfaces, part): (Vec<Surface>, Option<Part>),
         held: usize,
@@ -391,7 +391,7 @@ impl<'a> Solid<'a> {
 impl Source for Solid<'_> {
     type Node = Node;
 
-    fn form(&self) -> Form {
+    fn form(&self) -> TreeType {
         self.form
     }
 

@@ -9,7 +9,7 @@ const TOLERANCE: f64 = 0.01;
 /// The finest cells that a pixel may be wide.
 const MOST: f64 = (1 << 24) as f64;
 /// Cells that a pixel may become along a side.
-const MOST_REPEATED: u64 = 1000;
+const MAX_REPEATED: u64 = 1000;
 
 /// Width of a picture's pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,7 +79,7 @@ fn is_same_system(a: &Picture, b: &Picture) -> bool {
 
 fn refused(picture: &Picture, found: String, finest: &Picture) -> Error {
     let expected = format!(
-        "pixels as large as those of {}, or a whole number of times (the odd part at most {MOST_REPEATED}), from the same corner; \
+        "pixels as large as those of {}, or a whole number of times (the odd part at most {MAX_REPEATED}), from the same corner; \
          --resampling warps others to the grid",
         finest.path.display()
     );
@@ -116,7 +116,7 @@ fn factor(finest: &Picture, picture: &Picture) -> Result<u64> {
     });
     if fits && (1.0..=MOST).contains(&factor) {
         let factor = factor as u64;
-        if factor >> factor.trailing_zeros() > MOST_REPEATED {
+        if factor >> factor.trailing_zeros() > MAX_REPEATED {
             let found = format!("pixels of {factor} x {factor} of its cells");
             return Err(refused(picture, found, finest));
         }

@@ -12,8 +12,8 @@ use super::grid::Place;
 use super::raster::{Masked, OfTree, Repeated};
 use super::{Picture, StackOptions};
 use spinney_base::io::Output;
-use spinney_base::value::{Kind, Number, Rule, ValueType};
-use spinney_base::{Error, PartOfWork, Progress, Result};
+use spinney_base::value::{DataKind, Number, Rule, ValueType};
+use spinney_base::{Error, Progress, Result, SubProgress};
 use spinney_container::{Metadata, OpenOptions};
 use spinney_crs::Frame;
 use spinney_engine::dataset;
@@ -33,7 +33,7 @@ pub struct StackLayer {
     /// Type of the values.
     pub value: ValueType,
     /// Kind of the values.
-    pub kind: Kind,
+    pub kind: DataKind,
     /// Rule for the representatives of inner nodes.
     pub rule: Rule,
     /// The number that means VOID.
@@ -268,7 +268,7 @@ impl StackLayer {
         let target = TargetGrid::Cells(Box::new(grid.clone()));
         // (The cells are counted when they are written to the layer.)
         let output = Output::create(&path)?;
-        import.build_warped(&target, options, output, &PartOfWork::new(progress, 0, cells))?;
+        import.build_warped(&target, options, output, &SubProgress::new(progress, 0, cells))?;
         let tree = dataset::open(&path, &OpenOptions::default())?;
         Ok(Box::new(OfTree::new(tree, temporary, &self.path, self.nodata)))
     }

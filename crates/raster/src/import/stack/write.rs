@@ -6,7 +6,7 @@ use super::super::build::Asked;
 use super::{Stack, StackLayer};
 use spinney_base::io::{Output, folder};
 use spinney_base::space::Dimension;
-use spinney_base::{Form, PartOfWork, Progress, Result};
+use spinney_base::{Progress, Result, SubProgress, TreeType};
 use spinney_container::Metadata;
 use spinney_engine::store::{BuildOptions, TreeWriter};
 
@@ -37,7 +37,7 @@ pub fn write_layers(
         |layer: &StackLayer| layer.extent.iter().fold(1u64, |cells, side| cells.saturating_mul(*side));
     let total = stack.layers.iter().fold(0, |total: u64, layer| total.saturating_add(cells(layer)));
     for layer in &stack.layers {
-        let progress = &PartOfWork::new(progress, cells(layer), total);
+        let progress = &SubProgress::new(progress, cells(layer), total);
         // (An only layer needs no name.)
         let name = if stack.layers.len() > 1 { layer.name.clone() } else { String::new() };
         let metadata = Metadata {
@@ -52,7 +52,7 @@ pub fn write_layers(
             .share(stack.share)
             .time(stack.time)
             .packing(stack.packing);
-        let form = Form::new(Dimension::Quad, layer.value);
+        let form = TreeType::new(Dimension::Quad, layer.value);
         if file.run().is_none() {
             file.tell(form, layer.extent, &options)?;
             continue;

@@ -95,8 +95,8 @@ impl Input {
     }
 
     /// Whether each read of something else takes a request.
-    pub(super) fn is_elsewhere(&self) -> bool {
-        self.file.is_elsewhere()
+    pub(super) fn is_remote(&self) -> bool {
+        self.file.is_remote()
     }
 
     /// Fetches ranges that will be read, those of them that are in the file.

@@ -154,7 +154,7 @@ impl Image {
     /// Reads some channels of a region within the image into `out`, which has just room for them.
     pub(super) fn read(&self, input: &Input, region: Region, chosen: &[usize], out: &mut [u8]) -> Result<()> {
         let mut jobs = self.jobs(region, chosen, out);
-        while input.is_elsewhere() && !jobs.is_empty() {
+        while input.is_remote() && !jobs.is_empty() {
             let fetched = self.fetch(input, &mut jobs)?;
             self.run_all(input, fetched)?;
         }

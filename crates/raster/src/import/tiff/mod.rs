@@ -24,7 +24,7 @@ use self::spec::{photometric, tag};
 use super::validity::sample_bytes;
 use super::{Order, Pixels, Raster, RasterInfo, RasterOptions, gdal};
 use spinney_base::space::Region;
-use spinney_base::value::{Kind, Palette};
+use spinney_base::value::{DataKind, Palette};
 use spinney_base::{Error, Result};
 
 /// Opens a TIFF file, of which one page counts.
@@ -162,8 +162,8 @@ fn info(directory: &Directory<'_>, image: &Image) -> Result<RasterInfo> {
         directory.text(tag::GDAL_NODATA)?.and_then(|text| gdal::nodata(&text, sample_format.sample()));
     let colours = if *channels == 1 { colour_map(directory, *sample_format)? } else { None };
     let kind = match (sample_format, image.photometric) {
-        _ if colours.is_some() => Some(Kind::Categorical),
-        (SampleFormat::Uint(1), _) => Some(Kind::Categorical),
+        _ if colours.is_some() => Some(DataKind::Categorical),
+        (SampleFormat::Uint(1), _) => Some(DataKind::Categorical),
         (
             SampleFormat::Uint(2..=8) | SampleFormat::Int(8),
             photometric::WHITE_IS_ZERO
@@ -171,7 +171,7 @@ fn info(directory: &Directory<'_>, image: &Image) -> Result<RasterInfo> {
             | photometric::RGB_PALETTE
             | photometric::TRANSPARENCY_MASK,
         ) => None,
-        _ => Some(Kind::Continuous),
+        _ => Some(DataKind::Continuous),
     };
     let mut palette = colours.or_else(|| ramp(image));
     if let (Some(palette), Some(nodata)) = (&mut palette, nodata)

@@ -14,9 +14,9 @@ use spinney_base::value::{SampleType, ValueType};
 use spinney_base::{Error, Result};
 
 /// Virtual rasters that are sources of each other, one in the other.
-const MOST_NESTED: u8 = 4;
+const MAX_NESTED: u8 = 4;
 /// Sources of a virtual raster, with those of the virtual rasters among them, each time that they are used.
-const MOST_SOURCES: u64 = 1 << 20;
+const MAX_SOURCES: u64 = 1 << 20;
 
 /// Where a file stands among virtual rasters that are sources of each other.
 #[derive(Clone, Debug)]
@@ -28,7 +28,7 @@ pub(crate) struct Nesting {
 
 impl Default for Nesting {
     fn default() -> Nesting {
-        Nesting { depth: 0, left: Arc::new(AtomicU64::new(MOST_SOURCES)) }
+        Nesting { depth: 0, left: Arc::new(AtomicU64::new(MAX_SOURCES)) }
     }
 }
 
@@ -36,9 +36,9 @@ impl Nesting {
     /// The place of a source, of which there is room for as many as `left` says.
     fn inside(&self, path: &Path) -> Result<Nesting> {
         let depth = self.depth + 1;
-        if depth > MOST_NESTED {
+        if depth > MAX_NESTED {
             let found =
-                format!("virtual rasters of each other, more than {MOST_NESTED} deep, or of themselves");
+                format!("virtual rasters of each other, more than {MAX_NESTED} deep, or of themselves");
             return Err(unsupported(path, found));
         }
         Ok(Nesting { depth, left: Arc::clone(&self.left) })
@@ -56,7 +56,7 @@ impl Nesting {
     /// Counts sources.
     fn spend(&self, path: &Path, sources: u64) -> Result<()> {
         let left = self.left().checked_sub(sources).ok_or_else(|| {
-            let found = format!("more than {MOST_SOURCES} sources, with those of virtual rasters among them");
+            let found = format!("more than {MAX_SOURCES} sources, with those of virtual rasters among them");
             unsupported(path, found)
         })?;
         self.left.store(left, Ordering::Relaxed);

@@ -7,25 +7,25 @@ use std::sync::Arc;
 
 use super::super::bands::{BandInfo, common_type};
 use super::super::lazy::{Lazy, Pool};
-use super::super::plan::MOST_OPEN;
+use super::super::plan::MAX_OPEN;
 use super::super::validity::{as_stored, sample_bytes};
 use super::super::xml::XmlElement;
 use super::super::{Raster, RasterInfo, RasterOptions, gdal, sidecar, worldfile};
 use super::{Band, Missing, Nesting, Plane, Source, Vrt, order, unsupported};
 use spinney_base::io::InputFile;
 use spinney_base::space::Region;
-use spinney_base::value::{Kind, SampleType};
+use spinney_base::value::{DataKind, SampleType};
 use spinney_base::{Error, Result};
 
 /// Pixels along a side, at most, as in GDAL.
-const MOST_PIXELS: u64 = i32::MAX as u64;
+const MAX_PIXELS: u64 = i32::MAX as u64;
 /// Pixels of a band that nothing may make, whatever there is; more need sources of a share of them.
-const MOST_EMPTY: u64 = 1 << 32;
-const MOST_EMPTY_PER_PIXEL: u64 = 1 << 16;
+const MAX_EMPTY: u64 = 1 << 32;
+const MAX_EMPTY_PER_PIXEL: u64 = 1 << 16;
 /// Bands of a raster, as in TIFF.
-const MOST_BANDS: usize = 65535;
+const MAX_BANDS: usize = 65535;
 /// Pixels that a pixel of a source becomes along a side.
-const MOST_REPEATED: f64 = 1000.0;
+const MAX_REPEATED: f64 = 1000.0;
 /// How far rectangles may be from whole pixels.
 const TOLERANCE: f64 = 0.01;
 
@@ -59,15 +59,15 @@ pub(super) fn read(path: &Path, options: &RasterOptions) -> Result<Vrt> {
         ));
     };
     let side = |name: &str| match root.attribute(name).map(|text| text.trim().parse::<u64>()) {
-        Some(Ok(side @ 1..=MOST_PIXELS)) => Ok(side),
+        Some(Ok(side @ 1..=MAX_PIXELS)) => Ok(side),
         found => {
             let found = found.map_or("nothing".into(), |_| root.attribute(name).unwrap_or_default());
-            Err(Error::corrupt(path, name, found, format!("1 to {MOST_PIXELS}")))
+            Err(Error::corrupt(path, name, found, format!("1 to {MAX_PIXELS}")))
         }
     };
     let nesting = options.nesting.inside(path)?;
     // (Those of virtual rasters within others are few, since they multiply.)
-    let most = if options.nesting.depth == 0 { MOST_OPEN } else { 2 };
+    let most = if options.nesting.depth == 0 { MAX_OPEN } else { 2 };
     let mut reader = Reader {
         path,
         size: [side("rasterXSize")?, side("rasterYSize")?],
@@ -92,10 +92,10 @@ impl Reader<'_> {
         if let Some(class) = root.attribute("subClass") {
             return self.refuse(format!("a virtual raster of class {class}"));
         }
-        let elements: Vec<XmlElement<'_>> = root.named("VRTRasterBand").take(MOST_BANDS + 1).collect();
-        if elements.is_empty() || elements.len() > MOST_BANDS {
+        let elements: Vec<XmlElement<'_>> = root.named("VRTRasterBand").take(MAX_BANDS + 1).collect();
+        if elements.is_empty() || elements.len() > MAX_BANDS {
             let found = format!("{} bands", elements.len());
-            return Err(Error::corrupt(self.path, "VRTDataset", found, format!("1 to {MOST_BANDS} bands")));
+            return Err(Error::corrupt(self.path, "VRTDataset", found, format!("1 to {MAX_BANDS} bands")));
         }
         let types = elements.iter().map(|band| self.sample(band)).collect::<Result<Vec<_>>>()?;
         let mut info = RasterInfo::plain(
@@ -165,7 +165,7 @@ impl Reader<'_> {
             .iter()
             .flat_map(|band| &band.sources)
             .fold(0, |sum: u64, source| sum.saturating_add(source.region.area()));
-        if area <= made.saturating_mul(MOST_EMPTY_PER_PIXEL).max(MOST_EMPTY) {
+        if area <= made.saturating_mul(MAX_EMPTY_PER_PIXEL).max(MAX_EMPTY) {
             return Ok(());
         }
         let [width, height] = self.size;
@@ -215,7 +215,7 @@ impl Reader<'_> {
         }
         info.bands[channel].nodata = nodata.filter(|_| !hidden);
         if info.bands[channel].palette.is_some() && info.channels == 1 {
-            info.kind = Some(Kind::Categorical);
+            info.kind = Some(DataKind::Categorical);
         }
         let hole = nodata.and_then(|number| sample_bytes(number, sample)).unwrap_or(vec![0; sample.size()]);
         Ok(Band { sample, hole, sources })
@@ -359,7 +359,7 @@ fn along(
         return Err("rectangles without pixels");
     }
     let factor = long / wide;
-    if factor.fract() != 0.0 || !(1.0..=MOST_REPEATED).contains(&factor) {
+    if factor.fract() != 0.0 || !(1.0..=MAX_REPEATED).contains(&factor) {
         return Err("rectangles whose sizes are not 1 to 1000 times, as whole numbers, those of the source");
     }
     let [from, wide, to, factor] = [from, wide, to, factor].map(|number| number as i64);

@@ -3,10 +3,10 @@
 use std::fs;
 
 use super::pending::{Changes, Pending, UPDATE};
-use super::{LOCK, MOST_TILE, TileFolder};
+use super::{LOCK, MAX_TILE, TileFolder};
 use crate::tile_archives::encode::Encoded;
-use crate::tile_archives::making::{About, Digest, Own};
-use crate::tile_archives::sink::{Stored, TileEdit};
+use crate::tile_archives::provenance::{About, Digest, Own};
+use crate::tile_archives::sink::{TileArchiveSummary, TileEdit};
 use spinney_base::io::{ClosedFolder, LockFile, Unfinished};
 use spinney_base::{Error, Progress, Result};
 use spinney_tiles::TileId;
@@ -61,7 +61,7 @@ impl TileEdit for FolderEdit {
     }
 
     fn replace(&mut self, tile: TileId, made: Option<&Encoded>) -> Result<()> {
-        let old = self.tiles.read(&self.folder.name(tile), MOST_TILE)?;
+        let old = self.tiles.read(&self.folder.name(tile), MAX_TILE)?;
         let old = old.map(|bytes| xxhash_rust::xxh3::xxh3_128(&bytes));
         if old == made.map(|made| made.hash) {
             return Ok(());
@@ -77,15 +77,19 @@ impl TileEdit for FolderEdit {
         self.changes()?.push(tile, made.map(|made| made.bytes.as_slice()))
     }
 
-    fn finish(mut self: Box<Self>, about: &About, progress: &dyn Progress) -> Result<Stored> {
-        let stored = Stored { tiles: self.own.tiles, contents: self.own.tiles, ..Stored::default() };
+    fn finish(mut self: Box<Self>, about: &About, progress: &dyn Progress) -> Result<TileArchiveSummary> {
+        let stored = TileArchiveSummary {
+            tiles: self.own.tiles,
+            contents: self.own.tiles,
+            ..TileArchiveSummary::default()
+        };
         let document = about.tile_json(&self.folder.pattern, self.own.tiles, self.digest);
-        let from = self.own.making.source.clone();
+        let from = self.own.provenance.source.clone();
         self.changes()?;
         let changes = self.changes.take().expect("they have begun");
         // From here on, what is beside the tiles stays until it is in its place, or was taken back in order.
         self.unfinished = None;
-        changes.seal(&from, &about.making.source, &document, progress)?.apply(progress)?;
+        changes.seal(&from, &about.provenance.source, &document, progress)?.apply(progress)?;
         Ok(stored)
     }
 }

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 pub(super) use self::edit::FolderEdit;
 pub(super) use self::sink::FolderSink;
 pub(super) use self::verify::verify;
-use super::making::Own;
+use super::provenance::Own;
 use spinney_base::io::ClosedFolder;
 use spinney_base::{Error, Result};
 use spinney_tiles::TileId;
@@ -19,9 +19,9 @@ use spinney_tiles::TileId;
 /// The document about all tiles.
 const DOCUMENT: &str = "tiles.json";
 /// Bytes that the document may have.
-const MOST_DOCUMENT: u64 = 16 << 20;
+const MAX_DOCUMENT: u64 = 16 << 20;
 /// Bytes that a tile may have.
-const MOST_TILE: u64 = 256 << 20;
+const MAX_TILE: u64 = 256 << 20;
 /// The lock of whoever updates the folder.
 const LOCK: &str = ".lock";
 
@@ -78,7 +78,7 @@ impl TileFolder {
         let corrupt = |found: &str| {
             Error::corrupt(path.as_path(), "document", found, "the TileJSON of an export of this version")
         };
-        let text = ClosedFolder::new(base).read(DOCUMENT, MOST_DOCUMENT)?;
+        let text = ClosedFolder::new(base).read(DOCUMENT, MAX_DOCUMENT)?;
         let text = text.ok_or_else(|| Error::io(&path, "read")(ErrorKind::NotFound.into()))?;
         let json: serde_json::Value = serde_json::from_slice(&text).map_err(|_| corrupt("no JSON"))?;
         let own = json.get("spinney").and_then(|own| serde_json::from_value(own.clone()).ok());

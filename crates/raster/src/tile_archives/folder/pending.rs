@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::{DOCUMENT, TileFolder};
-use crate::tile_archives::making::SourceState;
+use crate::tile_archives::provenance::SourceState;
 use spinney_base::io::{ClosedFolder, open_regular, platform, sync_folder};
 use spinney_base::{Error, Progress, Result};
 use spinney_tiles::TileId;
@@ -23,7 +23,7 @@ const JOURNAL: &str = "journal";
 /// The journal as long as it is being written.
 const NEW_JOURNAL: &str = "journal.new";
 /// Bytes that the journal may have.
-const MOST_JOURNAL: u64 = 1 << 20;
+const MAX_JOURNAL: u64 = 1 << 20;
 
 /// Marks the number of a tile that is removed.
 const REMOVED: u64 = 1 << 63;
@@ -142,7 +142,7 @@ impl Pending {
     /// The changes of a folder that an update has left unfinished.
     pub(super) fn of(base: &Path) -> Result<Option<Pending>> {
         let name = format!("{UPDATE}/{JOURNAL}");
-        let Some(text) = ClosedFolder::new(base).read(&name, MOST_JOURNAL)? else { return Ok(None) };
+        let Some(text) = ClosedFolder::new(base).read(&name, MAX_JOURNAL)? else { return Ok(None) };
         let wrong = || Error::corrupt(base.join(&name), "journal", "another text", "that of an update");
         let journal: Journal = serde_json::from_slice(&text).map_err(|_| wrong())?;
         let folder = TileFolder::below(base, &journal.pattern).ok_or_else(wrong)?;

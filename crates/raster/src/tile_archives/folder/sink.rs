@@ -7,8 +7,8 @@ use std::path::Path;
 use super::{DOCUMENT, TileFolder};
 use crate::tile_archives::encode::Encoded;
 use crate::tile_archives::journal::{Checkpoint, Entry, Journal, not_ours};
-use crate::tile_archives::making::{About, Digest};
-use crate::tile_archives::sink::{Stored, TileSink};
+use crate::tile_archives::provenance::{About, Digest};
+use crate::tile_archives::sink::{TileArchiveSummary, TileSink};
 use crate::tile_archives::walk::TileRun;
 use spinney_base::io::{ClosedFolder, LockFile, Unfinished, folder, partial_of, sync_folder};
 use spinney_base::{Error, Result};
@@ -32,22 +32,25 @@ pub(in crate::tile_archives) struct FolderSink {
 }
 
 impl FolderSink {
-    /// Starts a folder; with `making`, which describes the export, goes on with one that was interrupted.
-    pub(in crate::tile_archives) fn create(target: &TileFolder, making: Option<&str>) -> Result<FolderSink> {
+    /// Starts a folder; with `provenance`, which describes the export, goes on with one that was interrupted.
+    pub(in crate::tile_archives) fn create(
+        target: &TileFolder,
+        provenance: Option<&str>,
+    ) -> Result<FolderSink> {
         let base = target.base();
         check_free(base)?;
         let above = folder(base);
         fs::create_dir_all(above).map_err(Error::io(above, "make the folder"))?;
         let prefix = format!(".{}.", base.file_name().unwrap_or_default().to_string_lossy());
         let mut lock = None;
-        let (place, journal, at) = match making {
-            Some(making) => {
+        let (place, journal, at) = match provenance {
+            Some(provenance) => {
                 lock = Some(LockFile::take(&above.join(format!("{prefix}lock")), base)?);
                 // (Whoever had the lock may have finished it.)
                 check_free(base)?;
                 let place = partial_of(base);
                 check_own(&place)?;
-                let (journal, at) = Journal::resumable(&place.join(JOURNAL), making, false, &mut |_| {})?;
+                let (journal, at) = Journal::resumable(&place.join(JOURNAL), provenance, false, &mut |_| {})?;
                 (place, journal, at)
             }
             None => {
@@ -60,7 +63,7 @@ impl FolderSink {
                 (place, Journal::temporary(above)?, Checkpoint::default())
             }
         };
-        let is_kept = making.is_some();
+        let is_kept = provenance.is_some();
         let unfinished = (!is_kept).then(|| Unfinished::new(&place));
         Ok(FolderSink {
             folder: target.clone(),
@@ -106,8 +109,8 @@ impl TileSink for FolderSink {
         self.journal.checkpoint(self.at)
     }
 
-    fn finish(mut self: Box<Self>, about: &About) -> Result<Stored> {
-        let (mut stored, mut digest) = (Stored::default(), Digest::default());
+    fn finish(mut self: Box<Self>, about: &About) -> Result<TileArchiveSummary> {
+        let (mut stored, mut digest) = (TileArchiveSummary::default(), Digest::default());
         self.journal.entries(|entry| {
             stored.tiles += entry.count;
             (entry.first..entry.first + entry.count).for_each(|number| digest.add(number, 1, entry.hash));

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::pending::{Pending, UPDATE};
 use super::{DOCUMENT, LOCK, TileFolder};
-use crate::tile_archives::making::Digest;
+use crate::tile_archives::provenance::Digest;
 use spinney_base::io::LockFile;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Finding;

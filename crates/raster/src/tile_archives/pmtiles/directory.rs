@@ -19,7 +19,7 @@ pub(super) struct DirectoryEntry {
 }
 
 /// Bytes that a decoded directory may have, and entries: a hostile archive must not ask for more.
-const MOST_BYTES: u64 = 64 << 20;
+const MAX_BYTES: u64 = 64 << 20;
 
 /// The gzipped bytes of a directory.
 pub(super) fn to_bytes(entries: &[DirectoryEntry]) -> Vec<u8> {
@@ -44,7 +44,7 @@ pub(super) fn to_bytes(entries: &[DirectoryEntry]) -> Vec<u8> {
 /// The entries of a directory, or what is wrong with it.
 pub(super) fn from_bytes(bytes: &[u8]) -> Result<Vec<DirectoryEntry>, &'static str> {
     let bytes =
-        gunzip(bytes, MOST_BYTES).ok_or("a directory that cannot be unpacked, or has more than 64 MiB")?;
+        gunzip(bytes, MAX_BYTES).ok_or("a directory that cannot be unpacked, or has more than 64 MiB")?;
     let mut rest = bytes.as_slice();
     let mut number = || pull(&mut rest).ok_or("a directory that ends too early");
     let count = number()?;

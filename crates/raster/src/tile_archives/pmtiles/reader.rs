@@ -8,7 +8,7 @@ use std::sync::Mutex;
 use super::directory::{self, DirectoryEntry, gunzip};
 use super::header::{ByteRange, HEADER, Header};
 use crate::tile_archives::encode::TileFormat;
-use crate::tile_archives::making::{Digest, Own};
+use crate::tile_archives::provenance::{Digest, Own};
 use spinney_base::io::open_input;
 use spinney_base::io::platform::read_exact_at;
 use spinney_base::{Error, Progress, Result};
@@ -28,13 +28,13 @@ pub struct Pmtiles {
 }
 
 /// Bytes that the JSON metadata may have.
-const MOST_METADATA: u64 = 16 << 20;
+const MAX_METADATA: u64 = 16 << 20;
 /// Bytes that a tile may have.
-const MOST_TILE: u32 = 64 << 20;
+const MAX_TILE: u32 = 64 << 20;
 /// Bytes of a directory as it is stored.
-const MOST_DIRECTORY: u64 = 16 << 20;
+const MAX_DIRECTORY: u64 = 16 << 20;
 /// Directories above each other.
-const MOST_STEPS: usize = 4;
+const MAX_STEPS: usize = 4;
 
 impl Pmtiles {
     /// Opens an archive of version 3 and reads its header, root directory and metadata.
@@ -65,8 +65,8 @@ impl Pmtiles {
             metadata: serde_json::Value::Null,
         };
         archive.root = archive.directory(header.root)?;
-        let part = archive.part(header.metadata, MOST_METADATA, "metadata")?;
-        let text = archive.unpacked(&part, MOST_METADATA, "metadata")?;
+        let part = archive.part(header.metadata, MAX_METADATA, "metadata")?;
+        let text = archive.unpacked(&part, MAX_METADATA, "metadata")?;
         archive.metadata = serde_json::from_slice(&text)
             .map_err(|error| archive.bad("metadata", error.to_string(), "JSON"))?;
         Ok(archive)
@@ -98,7 +98,7 @@ impl Pmtiles {
     }
 
     fn directory(&self, part: ByteRange) -> Result<Vec<DirectoryEntry>> {
-        let bytes = self.part(part, MOST_DIRECTORY, "directory")?;
+        let bytes = self.part(part, MAX_DIRECTORY, "directory")?;
         // (Without compression there is nothing to unpack, and few such archives.)
         let bytes = if self.header.compression == 1 { directory::gzip(&bytes) } else { bytes };
         directory::from_bytes(&bytes)
@@ -125,7 +125,7 @@ impl Pmtiles {
             ));
         }
         let offset = self.header.tiles.offset.saturating_add(entry.offset);
-        self.part(ByteRange { offset, length: entry.length.into() }, MOST_TILE.into(), "tile")
+        self.part(ByteRange { offset, length: entry.length.into() }, MAX_TILE.into(), "tile")
     }
 
     /// The bytes of a tile; `None` if it is not there.
@@ -135,7 +135,7 @@ impl Pmtiles {
     pub fn tile(&self, tile: TileId) -> Result<Option<Vec<u8>>> {
         let number = tile.number();
         let Some(mut entry) = found(&self.root, number) else { return Ok(None) };
-        for _ in 0..MOST_STEPS {
+        for _ in 0..MAX_STEPS {
             if entry.run > 0 {
                 let is_in_run = number - entry.first < entry.run.into();
                 return if is_in_run { self.content(&entry).map(Some) } else { Ok(None) };
@@ -212,14 +212,14 @@ struct Check<'a> {
 }
 
 /// Contents whose hashes are remembered.
-const MOST_KNOWN: usize = 1 << 16;
+const MAX_REMEMBERED: usize = 1 << 16;
 
 /// Findings that are listed at most.
-const MOST_FINDINGS: usize = 100;
+const MAX_FINDINGS: usize = 100;
 
 impl Check<'_> {
     fn tell(&mut self, place: String, problem: &str) {
-        if self.findings.len() < MOST_FINDINGS {
+        if self.findings.len() < MAX_FINDINGS {
             self.findings.push(Finding { place, problem: problem.into() });
         }
     }
@@ -239,7 +239,7 @@ impl Check<'_> {
     fn directory(&mut self, entries: &[DirectoryEntry], step: usize, progress: &dyn Progress) -> Result<()> {
         for entry in entries {
             if entry.run == 0 {
-                if step >= MOST_STEPS {
+                if step >= MAX_STEPS {
                     self.tell(
                         format!("tile {}", entry.first),
                         "directories below directories without an end",
@@ -255,7 +255,7 @@ impl Check<'_> {
                     Err(error) => return Err(error),
                 }
                 // Damage that repeats need not be read to its end.
-                if self.findings.len() >= MOST_FINDINGS {
+                if self.findings.len() >= MAX_FINDINGS {
                     return Ok(());
                 }
                 continue;
@@ -305,7 +305,7 @@ impl Check<'_> {
                 Err(error) => return Err(error),
             },
         };
-        if self.known.len() < MOST_KNOWN {
+        if self.known.len() < MAX_REMEMBERED {
             self.known.insert(at, hash);
         }
         self.digest.add(entry.first, entry.run.into(), hash);

@@ -8,8 +8,8 @@ use super::directory::{self, DirectoryEntry};
 use super::header::{ByteRange, HEADER, Header, START, tile_type};
 use crate::tile_archives::encode::Encoded;
 use crate::tile_archives::journal::{Checkpoint, Entry, Journal, not_ours, other_export};
-use crate::tile_archives::making::{About, Digest};
-use crate::tile_archives::sink::{Stored, TileSink};
+use crate::tile_archives::provenance::{About, Digest};
+use crate::tile_archives::sink::{TileArchiveSummary, TileSink};
 use crate::tile_archives::walk::TileRun;
 use spinney_base::io::{Output, folder, partial_of};
 use spinney_base::{Error, Result};
@@ -24,21 +24,21 @@ pub(in crate::tile_archives) struct PmtilesSink {
 }
 
 /// Contents that are remembered, of which those that come again are stored once.
-const MOST_KNOWN: usize = 1 << 19;
+const MAX_REMEMBERED: usize = 1 << 19;
 
 /// Entries of the first leaf directories that are tried.
 const LEAF: usize = 4096;
 
 impl PmtilesSink {
-    /// Starts an archive; with `making`, which describes the export, goes on with one that was interrupted.
-    pub(in crate::tile_archives) fn create(output: Output, making: Option<&str>) -> Result<PmtilesSink> {
+    /// Starts an archive; with `provenance`, which describes the export, goes on with one that was interrupted.
+    pub(in crate::tile_archives) fn create(output: Output, provenance: Option<&str>) -> Result<PmtilesSink> {
         let path = output.path().to_path_buf();
         if !output.is_file() {
             let advice = "give the name of a file: the start of an archive is written last";
             return Err(Error::unsupported(path, "writing an archive of tiles to a stream", advice));
         }
         let mut known = HashMap::new();
-        let Some(making) = making else {
+        let Some(provenance) = provenance else {
             let journal = Journal::temporary(folder(&path))?;
             let mut sink = PmtilesSink { output, journal, at: Checkpoint::default(), known };
             sink.start()?;
@@ -50,7 +50,7 @@ impl PmtilesSink {
         let mut name = partial.clone().into_os_string();
         name.push(".journal");
         let mut remember = |entry: Entry| {
-            if known.len() < MOST_KNOWN {
+            if known.len() < MAX_REMEMBERED {
                 known.entry(entry.hash).or_insert((entry.offset, entry.length));
             }
         };
@@ -59,7 +59,7 @@ impl PmtilesSink {
             return Err(not_ours(&partial));
         }
         // (A journal without an archive is of one that was finished, or removed.)
-        let (journal, at) = Journal::resumable(name, making, there == 0, &mut remember)?;
+        let (journal, at) = Journal::resumable(name, provenance, there == 0, &mut remember)?;
         let needed = if at.runs == 0 { 0 } else { START as u64 + at.bytes };
         if there < needed {
             return Err(other_export(&partial));
@@ -162,7 +162,7 @@ impl TileSink for PmtilesSink {
                 let place = (self.at.bytes, tile.bytes.len() as u32);
                 self.write(&tile.bytes)?;
                 self.at.bytes += tile.bytes.len() as u64;
-                if self.known.len() < MOST_KNOWN {
+                if self.known.len() < MAX_REMEMBERED {
                     self.known.insert(tile.hash, place);
                 }
                 place
@@ -176,8 +176,8 @@ impl TileSink for PmtilesSink {
         self.journal.checkpoint(self.at)
     }
 
-    fn finish(mut self: Box<Self>, about: &About) -> Result<Stored> {
-        let mut stored = Stored::default();
+    fn finish(mut self: Box<Self>, about: &About) -> Result<TileArchiveSummary> {
+        let mut stored = TileArchiveSummary::default();
         let mut digest = Digest::default();
         let (mut entries, mut few, mut next) = (0u64, Vec::new(), 0);
         self.merged(|entry, hash| {

@@ -20,7 +20,7 @@ pub(super) const DOMAIN: &str = "NRRD";
 
 /// Where samples are.
 #[derive(Debug, PartialEq)]
-pub(super) enum DataPlace {
+pub(super) enum DataLocation {
     /// Behind the head.
     Here,
     /// In a file, by its path from the head's folder.
@@ -38,7 +38,7 @@ pub(super) enum Encoding {
 pub(super) struct Header {
     pub(super) layout: ArrayLayout,
     pub(super) encoding: Encoding,
-    pub(super) data: DataPlace,
+    pub(super) data: DataLocation,
     /// Lines before the samples.
     pub(super) line_skip: u64,
     /// Bytes before the samples; `None` if these stand at the end.
@@ -82,8 +82,8 @@ impl Header {
     /// The file of the samples, if these are not behind the head, which is in a file of this name.
     pub(super) fn data_beside(&self, path: &Path) -> Option<PathBuf> {
         match &self.data {
-            DataPlace::Here => None,
-            DataPlace::File(name) => Some(path.parent().unwrap_or(Path::new("")).join(name)),
+            DataLocation::Here => None,
+            DataLocation::File(name) => Some(path.parent().unwrap_or(Path::new("")).join(name)),
         }
     }
 
@@ -164,7 +164,7 @@ impl Header {
             }
         };
         let data = match fields.take(&["data file", "datafile"]) {
-            None => DataPlace::Here,
+            None => DataLocation::Here,
             // (A list of files, or a pattern of names with a first number and a last.)
             Some((_, text)) if text == "LIST" || text.starts_with("LIST ") || text.contains('%') => {
                 let advice = "join them to one: `unu save -f nrrd -i IN.nhdr -o OUT.nrrd`";
@@ -173,7 +173,7 @@ impl Header {
             Some((line, text)) if text.is_empty() => {
                 return Err(fields.wrong(line, &text, "the name of a file"));
             }
-            Some((_, text)) => DataPlace::File(text),
+            Some((_, text)) => DataLocation::File(text),
         };
         let line_skip = match fields.take(&["line skip", "lineskip"]) {
             None => 0,

@@ -26,7 +26,7 @@ use spinney_base::{Error, Progress, Result};
 pub(super) const MAGIC: &[u8] = b"NRRD000";
 
 /// Bytes that one byte of a compressed stream can become at most.
-const MOST_GROWTH: u64 = 1032;
+const MAX_GROWTH: u64 = 1032;
 /// Bytes that are unpacked at a time.
 const PART: usize = 1 << 20;
 
@@ -88,7 +88,7 @@ pub(super) fn open(path: &Path) -> Result<Told> {
         }
         Encoding::Gzip => {
             let skip = header.byte_skip.unwrap_or(0);
-            if bytes.checked_add(skip).is_none_or(|whole| whole / MOST_GROWTH > there) {
+            if bytes.checked_add(skip).is_none_or(|whole| whole / MAX_GROWTH > there) {
                 let found = format!("{there} compressed bytes");
                 let expected = format!("enough for {bytes} bytes of {text}, and {skip} before them");
                 return Err(Error::corrupt(&data, "the samples", found, expected));

@@ -10,7 +10,7 @@ use std::cmp::Ordering;
 pub(super) const PARTS: i64 = 1 << 16;
 
 /// The farthest a corner may lie from the tree's corner, in cells: products of three such differences are less than 2^127.
-pub(super) const MOST_CELLS: f64 = (1u64 << 44) as f64;
+pub(super) const MAX_CELLS: f64 = (1u64 << 44) as f64;
 
 /// A point in parts of cells.
 pub(super) type Point = [i64; 2];

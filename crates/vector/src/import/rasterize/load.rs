@@ -3,15 +3,15 @@
 use std::cmp::Ordering;
 
 use spinney_base::value::Number;
-use spinney_crs::Places;
+use spinney_crs::CellLocator;
 
-use super::edge::{Edge, MOST_CELLS, PARTS, Point};
+use super::edge::{Edge, MAX_CELLS, PARTS, Point};
 use super::shapes::{ShapeKind, Shapes};
 use crate::import::feature::FeatureGeometry;
 
 /// Shapes as they are read.
 pub(super) struct Loader {
-    places: Places,
+    places: CellLocator,
     pub(super) shapes: Shapes,
     /// The value of each number that shapes have.
     pub(super) values: Vec<Number>,
@@ -26,7 +26,7 @@ pub(super) struct Loader {
 
 impl Loader {
     /// No shapes yet, of features whose places are in the tree's cells by some way.
-    pub(super) fn new(places: Places, extent: [u64; 3]) -> Loader {
+    pub(super) fn new(places: CellLocator, extent: [u64; 3]) -> Loader {
         let (shapes, values) = (Shapes::default(), Vec::new());
         Loader { places, shapes, values, lost: 0, extent, beyond: 0, outside: 0 }
     }
@@ -106,7 +106,7 @@ impl Loader {
 
 /// A point on the grid of parts of cells.
 fn rounded(cell: [f64; 2]) -> Result<Point, String> {
-    match cell.iter().find(|at| at.abs() > MOST_CELLS) {
+    match cell.iter().find(|at| at.abs() > MAX_CELLS) {
         Some(at) => Err(format!("a corner {at:e} cells from the tree's")),
         None => Ok(cell.map(|at| (at * PARTS as f64).round() as i64)),
     }

@@ -4,7 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use spinney_base::space::{Dimension, EdgeRule};
-use spinney_base::value::{Kind, Number, Rule};
+use spinney_base::value::{DataKind, Number, Rule};
 use spinney_base::{Error, Result};
 use spinney_container::{Header, Metadata};
 use spinney_crs::{Coordinates, Crs, web_mercator};
@@ -178,7 +178,7 @@ pub struct RasterizeOptions {
     /// The cells.
     pub grid: FeatureGrid,
     /// Kind of the values; whole numbers and texts are classes if nothing is said.
-    pub kind: Option<Kind>,
+    pub kind: Option<DataKind>,
     /// Rule for coarser cells; the kind's if nothing is said.
     pub rule: Option<Rule>,
     /// Levels of the tree; as few as hold the cells if nothing is said.

@@ -4,16 +4,16 @@ use std::path::{Path, PathBuf};
 
 use spinney_base::io::Output;
 use spinney_base::space::{Dimension, EdgeRule};
-use spinney_base::value::{Kind, Number, Palette, ValueType};
-use spinney_base::{Error, Form, Progress, Result};
+use spinney_base::value::{DataKind, Number, Palette, ValueType};
+use spinney_base::{Error, Progress, Result, TreeType};
 use spinney_container::Metadata;
-use spinney_crs::{Coordinates, Crs, Frame, Places};
+use spinney_crs::{CellLocator, Coordinates, Crs, Frame};
 use spinney_engine::ops::{Blockwise, ViewSource};
 use spinney_engine::store::builder::BuildOptions;
 use spinney_engine::store::{build, depth_for};
 
 use super::colours;
-use super::edge::{MOST_CELLS, PARTS};
+use super::edge::{MAX_CELLS, PARTS};
 use super::ladder::Ladder;
 use super::load::Loader;
 use super::options::{FeatureGrid, FeatureValue, LineWidth, Overlaps, RasterizeOptions};
@@ -34,7 +34,7 @@ pub struct FeatureImport {
     crs: Option<Crs>,
     values: Values,
     value_type: ValueType,
-    kind: Kind,
+    kind: DataKind,
     survey: Survey,
     description: Vec<(&'static str, String)>,
 }
@@ -254,15 +254,16 @@ impl FeatureImport {
             .share(*share)
             .time(*time)
             .packing(*packing);
-        let header = options.header(Form::new(Dimension::Quad, self.value_type), self.extent)?;
+        let header = options.header(TreeType::new(Dimension::Quad, self.value_type), self.extent)?;
         let tree = Blockwise::new(Box::new(tree), &self.inputs[0], header, metadata);
         build(&tree, self.extent, &options, output, progress).map(|_| ())
     }
 
     /// Colours of the classes that texts become, where cells have these.
     fn palette(&self) -> Option<Palette> {
-        let has_classes =
-            self.kind == Kind::Categorical && !self.options.fractions && !self.options.overlaps.is_computed();
+        let has_classes = self.kind == DataKind::Categorical
+            && !self.options.fractions
+            && !self.options.overlaps.is_computed();
         colours::palette(if has_classes { self.values.class_names().count() } else { 0 })
     }
 
@@ -301,7 +302,7 @@ impl FeatureImport {
         let own = if self.frame.crs.is_none() { Coordinates::World } else { own };
         let asked = self.options.ground.as_ref().and_then(|ground| ground.coordinates.clone());
         let coordinates = asked.unwrap_or(own);
-        let places = Places::new(&coordinates, &self.frame, self.extent)?;
+        let places = CellLocator::new(&coordinates, &self.frame, self.extent)?;
         places.remarks().iter().for_each(|remark| progress.warn(&self.inputs[0], remark));
         let mut loader = Loader::new(places, self.extent);
         for input in &self.inputs {
@@ -397,7 +398,7 @@ impl FeatureImport {
             return Err(Error::invalid("width", "one, on cells that are not square", expected));
         }
         let cells = half / side;
-        if cells > MOST_CELLS / 4.0 {
+        if cells > MAX_CELLS / 4.0 {
             return Err(Error::invalid("width", format!("one of {:e} cells", 2.0 * cells), "a smaller one"));
         }
         Ok((cells * PARTS as f64).round() as i64)

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use spinney_base::value::{Kind, Number, SampleType, ValueType};
+use spinney_base::value::{DataKind, Number, SampleType, ValueType};
 use spinney_base::{Error, Result};
 
 use super::options::{FeatureValue, Overlaps, RasterizeOptions};
@@ -24,7 +24,7 @@ pub(super) struct Values {
 }
 
 /// Classes with names, at most: as many as metadata have room for.
-const MOST_CLASSES: usize = 1 << 18;
+const MAX_CLASSES: usize = 1 << 18;
 
 impl Values {
     /// Takes the value of an attribute into account. Texts beside numbers are classes, numbers too.
@@ -49,8 +49,8 @@ impl Values {
                 if !self.texts.contains_key(text) {
                     self.texts.insert(text.clone(), Number::default());
                 }
-                if self.texts.len() > MOST_CLASSES {
-                    let found = format!("more than {MOST_CLASSES} different texts");
+                if self.texts.len() > MAX_CLASSES {
+                    let found = format!("more than {MAX_CLASSES} different texts");
                     return Err(Error::invalid("value", found, "an attribute with fewer, or with numbers"));
                 }
             }
@@ -123,21 +123,21 @@ impl Values {
     }
 
     /// Type and kind of the cells.
-    pub(super) fn form(&self, options: &RasterizeOptions) -> (ValueType, Kind) {
+    pub(super) fn form(&self, options: &RasterizeOptions) -> (ValueType, DataKind) {
         if let Some(ground) = &options.ground {
             return (ground.header.form.value, ground.header.kind);
         }
         let (sample, kind) = match options {
-            options if options.fractions => (SampleType::F32, Kind::Continuous),
-            options if options.overlaps == Overlaps::Count => (SampleType::U32, Kind::Continuous),
-            options if options.overlaps.is_computed() => (SampleType::F64, Kind::Continuous),
+            options if options.fractions => (SampleType::F32, DataKind::Continuous),
+            options if options.overlaps == Overlaps::Count => (SampleType::U32, DataKind::Continuous),
+            options if options.overlaps.is_computed() => (SampleType::F64, DataKind::Continuous),
             RasterizeOptions { value: FeatureValue::Number(number), .. } => match number.to_integer() {
-                Some(number) => (of_range([number; 2]), Kind::Categorical),
-                None => (float(f64::from(number.to_f64() as f32) != number.to_f64()), Kind::Continuous),
+                Some(number) => (of_range([number; 2]), DataKind::Categorical),
+                None => (float(f64::from(number.to_f64() as f32) != number.to_f64()), DataKind::Continuous),
             },
-            _ if !self.texts.is_empty() => (of_range([0, self.texts.len() as i128]), Kind::Categorical),
-            _ if self.has_fractions => (float(self.has_doubles), Kind::Continuous),
-            _ => (of_range(self.range.unwrap_or_default()), Kind::Categorical),
+            _ if !self.texts.is_empty() => (of_range([0, self.texts.len() as i128]), DataKind::Categorical),
+            _ if self.has_fractions => (float(self.has_doubles), DataKind::Continuous),
+            _ => (of_range(self.range.unwrap_or_default()), DataKind::Categorical),
         };
         (ValueType::new(sample, 1), options.kind.unwrap_or(kind))
     }
@@ -152,11 +152,11 @@ fn number_of(whole: i128) -> Number {
 }
 
 /// Names of classes that are told to somebody who asked for another one.
-const MOST_KNOWN: usize = 20;
+const MAX_REMEMBERED: usize = 20;
 
 fn unknown_class(text: &str, classes: &BTreeMap<Number, String>) -> Error {
-    let mut known: Vec<&str> = classes.values().take(MOST_KNOWN).map(String::as_str).collect();
-    if classes.len() > MOST_KNOWN {
+    let mut known: Vec<&str> = classes.values().take(MAX_REMEMBERED).map(String::as_str).collect();
+    if classes.len() > MAX_REMEMBERED {
         known.push("...");
     }
     let expected = match &known[..] {

@@ -142,7 +142,7 @@ fn labels_without_neighbours_and_neighbours_nobody_asks_for() {
 
 #[test]
 fn what_has_no_table_is_said() {
-    let colours = Form::new(QUAD, ValueType::new(SampleType::U8, 3));
+    let colours = TreeType::new(QUAD, ValueType::new(SampleType::U8, 3));
     let view = || Model::random(colours, 3, &mut Random(4)).view();
     let mut request = LabelRequest::new();
     let error = find_labels(&view(), &request, &(), &mut |_| Ok(())).unwrap_err().to_string();

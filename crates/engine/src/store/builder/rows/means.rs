@@ -5,13 +5,13 @@
 use zerocopy::FromBytes;
 
 use super::{RowBlock, child_pairs, reduce};
-use spinney_base::value::{Native, Tally, erase};
+use spinney_base::value::{Native, ZoneStats, erase};
 
 /// Cells of a node whose sums are narrow, as a power of two: see [`Native::NarrowSums`].
 const NARROW_BITS: usize = 15;
 
 /// Gives all nodes of a block their means, and tallies its cells.
-pub(super) fn means<V: Native>(block: &mut RowBlock) -> Tally {
+pub(super) fn means<V: Native>(block: &mut RowBlock) -> ZoneStats {
     let (axes, height) = (block.form.axes(), block.height);
     let mut narrow: Vec<V::NarrowSums> = Vec::new();
     let mut up = 1;
@@ -72,7 +72,7 @@ fn put_means<V: Native, S: Copy>(block: &mut RowBlock, sums: &[S], mean: impl Fn
 }
 
 /// Statistics of all cells, whose sums are known.
-fn tally<V: Native>(block: &RowBlock, sums: V::BlockSums) -> Tally {
+fn tally<V: Native>(block: &RowBlock, sums: V::BlockSums) -> ZoneStats {
     let values = values::<V>(&block.levels[0].values);
     let cells = values.len() as u64;
     let mut min = V::from_wire(values[0]);
@@ -86,7 +86,7 @@ fn tally<V: Native>(block: &RowBlock, sums: V::BlockSums) -> Tally {
     } else {
         pairwise_squares::<V>(block)
     };
-    Tally {
+    ZoneStats {
         value_type: block.form.value,
         cells,
         present: [cells; 4],
@@ -107,7 +107,7 @@ fn squares<V: Native>(values: &[V::Wire]) -> V::BlockSquares {
     values.chunks(1 << NARROW_BITS).map(narrow).fold(V::BlockSquares::default(), V::add_block_squares)
 }
 
-/// The sum of squares where it depends on the order of adding: see [`Tally`].
+/// The sum of squares where it depends on the order of adding: see [`ZoneStats`].
 fn pairwise_squares<V: Native>(block: &RowBlock) -> V::BlockSquares {
     let axes = block.form.axes();
     let cells = values::<V>(&block.levels[0].values);

@@ -19,14 +19,14 @@ use super::sink::BuiltBlock;
 use super::tally;
 use crate::store::records::{Record, RecordLayout, with_record_type};
 use crate::tree::Child;
-use spinney_base::Form;
+use spinney_base::TreeType;
 use spinney_base::space::Code;
 use spinney_base::value::{Mask, Rule, SampleType, Value, ValueType, with_native_type};
 use spinney_container::{LevelCounts, Shape};
 
 /// A block without VOID.
 pub(super) struct RowBlock {
-    form: Form,
+    form: TreeType,
     code: Code,
     /// Levels from the cells to the block's root.
     height: usize,
@@ -55,7 +55,7 @@ impl RowLevel {
 
 impl RowBlock {
     /// Whether blocks without VOID and transparent cells can be built in rows by a rule.
-    pub(super) fn supports(form: Form, rule: Rule, count_classes: bool) -> bool {
+    pub(super) fn supports(form: TreeType, rule: Rule, count_classes: bool) -> bool {
         match rule {
             // (Without VOID occupancy is the mean. And nothing is transparent.)
             Rule::Mean | Rule::Occupancy => !matches!(form.value.mask, Mask::Missing(_)) && !count_classes,
@@ -67,7 +67,7 @@ impl RowBlock {
     }
 
     /// The block under `code`, of `height` levels, from all its cells in rows.
-    pub(super) fn new(form: Form, code: Code, height: u8, cells: Vec<u8>) -> RowBlock {
+    pub(super) fn new(form: TreeType, code: Code, height: u8, cells: Vec<u8>) -> RowBlock {
         let uniform = vec![1; form.dimension.cells(height) as usize];
         debug_assert_eq!(cells.len(), uniform.len() * form.width());
         RowBlock { form, code, height: height.into(), levels: vec![RowLevel { values: cells, uniform }] }

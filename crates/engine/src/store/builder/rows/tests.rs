@@ -17,7 +17,7 @@ fn random(state: &mut u64) -> u64 {
 }
 
 /// A slab of one block, whose cells are like neighbours' here and there.
-fn slab(form: Form, first: [u64; 3], side: u64, spread: u64) -> Slab {
+fn slab(form: TreeType, first: [u64; 3], side: u64, spread: u64) -> Slab {
     let size = std::array::from_fn(|axis| if axis < form.axes() { side } else { 1 });
     let mut state = spread;
     let mut bytes = Vec::new();
@@ -78,7 +78,7 @@ fn blocks_in_rows_are_those_in_z_order() {
         for (dimension, reach, stride) in
             [(Dimension::Quad, 8, 2), (Dimension::Quad, 2, 1), (Dimension::Oct, 6, 2), (Dimension::Oct, 2, 1)]
         {
-            let form = Form::new(dimension, value);
+            let form = TreeType::new(dimension, value);
             let shape = Shape { depth: DEPTH, reach, stride, heavy_threshold: 20 };
             let level = shape.block_level();
             let code = Code::from_cell(dimension, level, [1, 0, 0]).unwrap();
@@ -129,7 +129,7 @@ fn blocks_in_rows_are_those_in_z_order() {
 
 #[test]
 fn cells_that_are_void_are_found() {
-    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::F32, 1));
+    let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::F32, 1));
     let content = |slab: &Slab, nodata| {
         let code = Code::from_cell(form.dimension, DEPTH - 2, [0; 3]).unwrap();
         matches!(slab.classify(form, code, 2, nodata, true), BlockContent::Full(_))

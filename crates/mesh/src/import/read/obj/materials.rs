@@ -31,7 +31,7 @@ pub(in super::super) fn libraries(source: &ModelFile) -> Vec<PathBuf> {
 }
 
 /// Longest file of materials that is read.
-const MOST_BYTES: u64 = 4 << 20;
+const MAX_BYTES: u64 = 4 << 20;
 
 impl Materials {
     /// Reads the libraries that a file names. They are in the model's directory or below it. A missing or
@@ -49,7 +49,7 @@ impl Materials {
 
     fn add(&mut self, path: &Path) {
         let Ok(file) = File::open(path) else { return };
-        let mut reader = BufReader::new(file.take(MOST_BYTES));
+        let mut reader = BufReader::new(file.take(MAX_BYTES));
         if reader.fill_buf().is_ok_and(|bytes| bytes.starts_with(BYTE_ORDER_MARK)) {
             reader.consume(BYTE_ORDER_MARK.len());
         }

@@ -17,7 +17,7 @@ use self::faces::{FaceHead, FaceList, FaceListBuilder};
 use self::materials::Materials;
 pub(super) use self::materials::libraries;
 use self::statements::{Statement, Statements, vertex};
-use super::corners::{Corners, MOST_CORNERS, WHITE};
+use super::corners::{Corners, MAX_CORNERS, WHITE};
 use super::model_file::ModelFile;
 use super::parts::Parts;
 use super::vertices::{Coordinates, VertexBounds, Vertices, VerticesBuilder};
@@ -150,7 +150,7 @@ fn read_corners<'w>(
 ) -> std::result::Result<(), &'w [u8]> {
     corners.clear();
     for word in words {
-        let index = index(word, known).filter(|index| *index < count && corners.len() < MOST_CORNERS);
+        let index = index(word, known).filter(|index| *index < count && corners.len() < MAX_CORNERS);
         corners.push(index.ok_or(word)?);
     }
     Ok(())

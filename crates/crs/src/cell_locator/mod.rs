@@ -1,4 +1,4 @@
-//! Places in any coordinates as cells of a raster or a solid.
+//! From coordinates in any system to cells of a raster or a solid.
 
 use crate::coordinates::Coordinates;
 use crate::{Frame, Transformation};
@@ -10,20 +10,20 @@ mod clip;
 /// A polygon's parts, each an outer ring and its holes, of corners x, y.
 pub type PolygonParts = Vec<Vec<Vec<[f64; 2]>>>;
 
-/// The way from coordinates in which places are given to cells of the deepest level.
+/// Maps coordinates in any system to cells of the deepest level.
 ///
-/// Longitudes that differ by a whole turn are one place: what lies across the 180th meridian, or is counted from 0 to 360, is found.
+/// Longitudes that differ by 360 degrees are the same: boxes across the 180th meridian, and longitudes from 0 to 360, are found.
 ///
 /// ```
-/// use spinney::space::{Coordinates, Crs, Frame, Places};
+/// use spinney::{CellLocator, Coordinates, Crs, Frame};
 /// // Five degrees west and five east of the 180th meridian.
 /// let frame = Frame { crs: Some(Crs::epsg(4326)), ..Frame::planar([0.5, 0.0, 175.0, 0.0, -0.5, 10.0]) };
-/// let places = Places::new(&Coordinates::LONLAT, &frame, [20, 20, 1])?;
-/// assert_eq!(places.cell([-179.0, 9.0, 0.0]), Some([12.0, 2.0, 0.0]));
-/// assert_eq!(places.boxes([179.0, 8.0, 0.0], [-179.0, 9.0, 0.0])?[0].size(), [4, 2, 1]);
+/// let locator = CellLocator::new(&Coordinates::LONLAT, &frame, [20, 20, 1])?;
+/// assert_eq!(locator.cell([-179.0, 9.0, 0.0]), Some([12.0, 2.0, 0.0]));
+/// assert_eq!(locator.boxes([179.0, 8.0, 0.0], [-179.0, 9.0, 0.0])?[0].size(), [4, 2, 1]);
 /// # Ok::<(), spinney::Error>(())
 /// ```
-pub struct Places {
+pub struct CellLocator {
     frame: Frame,
     extent: [u64; 3],
     way: Way,
@@ -57,13 +57,13 @@ const ROUNDING: f64 = 1e-6;
 /// Steps along each side of the tree's picture that tell where it lies.
 const STEPS: usize = 64;
 
-impl Places {
+impl CellLocator {
     /// The way from coordinates to the cells of a tree with this frame and so many cells along each axis. Datums whose shift to WGS 84
-    /// is not known are taken for it, with a remark: see [`Places::remarks`].
+    /// is not known are taken for it, with a remark: see [`CellLocator::remarks`].
     ///
     /// # Errors
     /// If the frame has no inverse, or no coordinate system where one is needed; if one of the two systems cannot be computed.
-    pub fn new(coordinates: &Coordinates, frame: &Frame, extent: [u64; 3]) -> Result<Places> {
+    pub fn new(coordinates: &Coordinates, frame: &Frame, extent: [u64; 3]) -> Result<CellLocator> {
         let way = match coordinates {
             Coordinates::Cells => Way::Cells,
             Coordinates::World => Way::in_world(None, frame, extent)?,
@@ -75,7 +75,7 @@ impl Places {
                 Way::in_world(Some(Transformation::new(crs, own, true)?), frame, extent)?
             }
         };
-        Ok(Places { frame: frame.clone(), extent, way })
+        Ok(CellLocator { frame: frame.clone(), extent, way })
     }
 
     /// Remarks on how well the two systems are known.

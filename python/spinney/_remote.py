@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 # Options of the store; then the length of a file that Python reads, what reads it, and what it was given as.
-Elsewhere = tuple[list[tuple[str, str]], tuple[int, Callable[[list[int], list[int]], list[bytes]], Any] | None]
+RemoteAccess = tuple[list[tuple[str, str]], tuple[int, Callable[[list[int], list[int]], list[bytes]], Any] | None]
 
 
-def elsewhere_of(path: Any, storage_options: Mapping[str, Any] | None) -> tuple[str, Elsewhere]:
+def remote_access_of(path: Any, storage_options: Mapping[str, Any] | None) -> tuple[str, RemoteAccess]:
     """The name of a file, and how it is read if it is not on this machine."""
     storage = [(str(key), _text(value)) for key, value in (storage_options or {}).items()]
     system, name = getattr(path, "fs", None), getattr(path, "path", None)

@@ -6,7 +6,7 @@ use futures_util::StreamExt;
 use futures_util::stream;
 use object_store::{Error as StoreError, GetOptions, GetRange, ObjectMeta, ObjectStore, ObjectStoreExt};
 use spinney_base::Result;
-use spinney_base::io::{FileState, FileVersion, rounds};
+use spinney_base::io::{FileStat, FileVersion, batch};
 
 use super::store::Place;
 use super::{RemoteOptions, error, runtime};
@@ -15,16 +15,16 @@ use super::{RemoteOptions, error, runtime};
 const AT_ONCE: usize = 32;
 
 /// The state that a host tells of a file. Hosts without tags tell the time of the last change.
-pub(super) fn state(meta: &ObjectMeta) -> FileState {
+pub(super) fn state(meta: &ObjectMeta) -> FileStat {
     let tag = meta.e_tag.clone().unwrap_or_else(|| format!("{} ms", meta.last_modified.timestamp_millis()));
-    FileState { length: meta.size, version: FileVersion::Tag(tag) }
+    FileStat { length: meta.size, version: FileVersion::Tag(tag) }
 }
 
 /// States of files, in their order; nothing of those that are not there.
 ///
 /// # Errors
 /// On interruption. Of each file, if its host does not tell.
-pub(super) fn look(urls: &[&str], options: &RemoteOptions) -> Result<Vec<Result<Option<FileState>>>> {
+pub(super) fn stat(urls: &[&str], options: &RemoteOptions) -> Result<Vec<Result<Option<FileStat>>>> {
     let one = |url: &str| {
         let place = Place::of(url, &[], options);
         let path = Path::new(url).to_path_buf();
@@ -39,7 +39,7 @@ pub(super) fn look(urls: &[&str], options: &RemoteOptions) -> Result<Vec<Result<
     let Some(first) = urls.first() else { return Ok(Vec::new()) };
     let all = stream::iter(urls.iter().map(|url| one(url))).buffered(AT_ONCE).collect::<Vec<_>>();
     let found = runtime::wait(Path::new(first), options.is_stopped, all)?;
-    rounds::count_traffic(urls.len() as u64, 0);
+    batch::count_traffic(urls.len() as u64, 0);
     Ok(found)
 }
 
@@ -74,6 +74,6 @@ pub(super) fn remove(urls: &[&str], options: &RemoteOptions) -> Result<()> {
     let Some(first) = urls.first() else { return Ok(()) };
     let all = stream::iter(urls.iter().map(|url| one(url))).buffered(AT_ONCE).collect::<Vec<_>>();
     let done = runtime::wait(Path::new(first), options.is_stopped, all)?;
-    rounds::count_traffic(urls.len() as u64, 0);
+    batch::count_traffic(urls.len() as u64, 0);
     done.into_iter().collect()
 }

@@ -6,9 +6,9 @@ use std::sync::Arc;
 
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyTuple};
-use spinney::io::{DEFAULT_GAP, Fetch, RangeCache, RangeFile};
-use spinney::store::{ByteSource, OpenOptions};
-use spinney::{Error, Result};
+use spinney::raw::io::{DEFAULT_GAP, Fetch, RangeCache, RangeFile};
+use spinney::raw::store::ByteSource;
+use spinney::{Error, OpenOptions, Result};
 
 /// The name of a file for Python: a path, or the text of a URL, of which a path would not keep both slashes.
 pub(crate) fn path_object<'py>(py: Python<'py>, path: &Path) -> PyResult<Bound<'py, PyAny>> {
@@ -20,7 +20,7 @@ pub(crate) fn path_object<'py>(py: Python<'py>, path: &Path) -> PyResult<Bound<'
 
 /// How a file elsewhere is opened.
 #[derive(Default)]
-pub(crate) struct Elsewhere {
+pub(crate) struct RemoteAccess {
     /// Options of the store.
     storage: Vec<(String, String)>,
     /// A file that Python reads, and who reads it.
@@ -39,19 +39,19 @@ struct PythonFile {
 type GivenFile = (u64, Py<PyAny>, Py<PyAny>);
 
 /// Storage options; then nothing, or the length of a file, the function that reads it, and what a copy of it is made of.
-impl<'py> FromPyObject<'_, 'py> for Elsewhere {
+impl<'py> FromPyObject<'_, 'py> for RemoteAccess {
     type Error = PyErr;
 
-    fn extract(given: Borrowed<'_, 'py, PyAny>) -> PyResult<Elsewhere> {
+    fn extract(given: Borrowed<'_, 'py, PyAny>) -> PyResult<RemoteAccess> {
         let (storage, file): (Vec<(String, String)>, Option<GivenFile>) = given.extract()?;
         let file = file.map(|(length, fetch, whole)| {
             (Arc::new(PythonFile { fetch, length, number: RangeCache::file_number() }), whole)
         });
-        Ok(Elsewhere { storage, file })
+        Ok(RemoteAccess { storage, file })
     }
 }
 
-impl<'py> IntoPyObject<'py> for &Elsewhere {
+impl<'py> IntoPyObject<'py> for &RemoteAccess {
     type Target = PyTuple;
     type Output = Bound<'py, PyTuple>;
     type Error = PyErr;
@@ -63,10 +63,10 @@ impl<'py> IntoPyObject<'py> for &Elsewhere {
     }
 }
 
-impl Elsewhere {
-    pub(crate) fn clone_ref(&self, py: Python<'_>) -> Elsewhere {
+impl RemoteAccess {
+    pub(crate) fn clone_ref(&self, py: Python<'_>) -> RemoteAccess {
         let file = self.file.as_ref().map(|(file, whole)| (file.clone(), whole.clone_ref(py)));
-        Elsewhere { storage: self.storage.clone(), file }
+        RemoteAccess { storage: self.storage.clone(), file }
     }
 
     /// The options to open the file with.

@@ -1,48 +1,48 @@
-//! Whether files are there, in which state, and their removal, wherever they are.
+//! Existence, length and version of files, and their removal, local and remote.
 
 use std::io::ErrorKind;
 use std::path::Path;
 use std::time::UNIX_EPOCH;
 
-use super::input::is_hidden;
+use super::input::is_access_denied;
 use super::open::{local_path, remote_files, url_of};
 use crate::{Error, Result};
 
-/// State of a file: where it is the same, its bytes are.
+/// Identity of a file version: equal values imply equal contents.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct FileState {
+pub struct FileStat {
     /// Bytes.
     pub length: u64,
-    /// Mark of this state among all states of the file.
+    /// Version of the file.
     pub version: FileVersion,
 }
 
-/// Mark of a state of a file.
+/// Version of a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FileVersion {
-    /// The time of the last change of a file of this machine, in nanoseconds since the beginning of 1970.
+    /// Modification time of a local file, in nanoseconds since 1970-01-01T00:00:00Z.
     Modified(i64),
-    /// The tag (ETag) that a host gives the state of a file, or what it says instead.
+    /// The entity tag (ETag) of a remote file, or what its host sends instead.
     Tag(String),
 }
 
-impl FileState {
-    /// The state of a file; nothing if there is none.
+impl FileStat {
+    /// Stats a file; `None` if there is none.
     ///
     /// # Errors
-    /// If it cannot be looked at.
-    pub fn of(path: &Path) -> Result<Option<FileState>> {
-        FileState::of_all(&[path])?.pop().expect("as many as were asked for")
+    /// If its host or the file system refuses.
+    pub fn of(path: &Path) -> Result<Option<FileStat>> {
+        FileStat::of_all(&[path])?.pop().expect("as many as were asked for")
     }
 
-    /// States of files, in their order; nothing of those that are not there. Those elsewhere are asked for all at once.
+    /// Stats files, in their order; `None` for missing ones. Remote files are queried all at once.
     ///
     /// # Errors
-    /// If nobody can be asked, or on interruption. Of each file, if it cannot be looked at.
-    pub fn of_all(paths: &[&Path]) -> Result<Vec<Result<Option<FileState>>>> {
+    /// If remote files are not enabled, or on cancellation. Of each file, if its host or the file system refuses.
+    pub fn of_all(paths: &[&Path]) -> Result<Vec<Result<Option<FileStat>>>> {
         let urls: Vec<&str> = paths.iter().filter_map(|path| url_of(path)).collect();
         let mut far = match urls.first() {
-            Some(first) => remote_files(Path::new(first))?.look(&urls)?.into_iter(),
+            Some(first) => remote_files(Path::new(first))?.stat(&urls)?.into_iter(),
             None => Vec::new().into_iter(),
         };
         let state = |path: &&Path| match url_of(path) {
@@ -52,21 +52,21 @@ impl FileState {
         Ok(paths.iter().map(state).collect())
     }
 
-    /// States of files that may stand beside others, which could be read: see [`InputFile::find_beside`](super::InputFile::find_beside).
+    /// Stats files that may accompany others, which could be read: see [`InputFile::find_beside`](super::InputFile::find_beside).
     ///
     /// # Errors
     /// If one cannot be looked at.
-    pub fn of_all_beside(paths: &[&Path]) -> Result<Vec<Option<FileState>>> {
-        let found = paths.iter().zip(FileState::of_all(paths)?);
+    pub fn of_all_beside(paths: &[&Path]) -> Result<Vec<Option<FileStat>>> {
+        let found = paths.iter().zip(FileStat::of_all(paths)?);
         let found = found.map(|(path, found)| match found {
-            Err(error) if is_hidden(path, &error) => Ok(None),
+            Err(error) if is_access_denied(path, &error) => Ok(None),
             found => found,
         });
         found.collect()
     }
 }
 
-fn here(path: &Path) -> Result<Option<FileState>> {
+fn here(path: &Path) -> Result<Option<FileStat>> {
     let about = || Error::io(path, "look at");
     let found = match std::fs::metadata(path) {
         Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
@@ -79,7 +79,7 @@ fn here(path: &Path) -> Result<Option<FileState>> {
         Ok(since) => i64::try_from(since.as_nanos()).unwrap_or(i64::MAX),
         Err(before) => i64::try_from(before.duration().as_nanos()).map_or(i64::MIN, |nanos| -nanos),
     };
-    Ok(Some(FileState { length: found.len(), version: FileVersion::Modified(modified) }))
+    Ok(Some(FileStat { length: found.len(), version: FileVersion::Modified(modified) }))
 }
 
 /// Removes files. One that is not there is removed already.
@@ -110,20 +110,20 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let [one, none] = ["one", "one/none"].map(|name| folder.path().join(name));
         std::fs::write(&one, "123").unwrap();
-        let found = FileState::of_all(&[&none, &one]).unwrap();
+        let found = FileStat::of_all(&[&none, &one]).unwrap();
         assert!(matches!(&found[0], Ok(None)));
         let state = found[1].as_ref().unwrap().clone().unwrap();
         assert!(state.length == 3 && matches!(state.version, FileVersion::Modified(time) if time > 0));
-        assert_eq!(FileState::of(&one).unwrap(), Some(state));
+        assert_eq!(FileStat::of(&one).unwrap(), Some(state));
         remove_files(&[&none, &one, &one]).unwrap();
-        assert_eq!(FileState::of(&one).unwrap(), None);
+        assert_eq!(FileStat::of(&one).unwrap(), None);
         assert!(remove_files(&[folder.path()]).is_err());
     }
 
     #[test]
     fn who_knows_no_hosts_says_so() {
         assert!(
-            FileState::of(Path::new("s3://b/x")).is_err() && remove_files(&[Path::new("s3://b/x")]).is_err()
+            FileStat::of(Path::new("s3://b/x")).is_err() && remove_files(&[Path::new("s3://b/x")]).is_err()
         );
     }
 }

@@ -27,7 +27,7 @@ fn counted(rings: &[Vec<[f64; 2]>], frame: &Frame, extent: [u64; 3]) -> u64 {
 }
 
 fn counted_in_cells(rings: &[Vec<[f64; 2]>], frame: &Frame, extent: [u64; 3]) -> u64 {
-    let places = Places::new(&Coordinates::LONLAT, frame, extent).unwrap();
+    let places = CellLocator::new(&Coordinates::LONLAT, frame, extent).unwrap();
     let parts = places.parts(&[rings.to_vec()]);
     if parts.is_empty() {
         return 0;
@@ -85,12 +85,12 @@ fn polygons_in_degrees_have_the_cells_whose_places_are_inside() {
 fn boxes_lie_across_the_seam() {
     let world = framed(4326, [0.5, 0.0, -180.0, 0.0, -0.5, 90.0]);
     let extent = [720, 360, 1];
-    let boxes = |places: &Places, [w, s, e, n]: [f64; 4]| -> Vec<[u64; 4]> {
+    let boxes = |places: &CellLocator, [w, s, e, n]: [f64; 4]| -> Vec<[u64; 4]> {
         let boxes = places.boxes([w, s, 0.0], [e, n, 0.0]).unwrap();
         boxes.iter().map(|b| [b.min[0], b.min[1], b.max[0], b.max[1]]).collect()
     };
     for coordinates in [Coordinates::LONLAT, Coordinates::World] {
-        let places = Places::new(&coordinates, &world, extent).unwrap();
+        let places = CellLocator::new(&coordinates, &world, extent).unwrap();
         assert_eq!(boxes(&places, [175.0, -1.0, -175.0, 1.0]), [[710, 178, 720, 182], [0, 178, 10, 182]]);
         assert_eq!(boxes(&places, [-185.0, -1.0, -175.0, 1.0]), [[710, 178, 720, 182], [0, 178, 10, 182]]);
         assert_eq!(boxes(&places, [-10.0, -1.0, 10.0, 1.0]), [[340, 178, 380, 182]]);
@@ -100,16 +100,16 @@ fn boxes_lie_across_the_seam() {
         assert!(places.boxes([0.0, 1.0, 0.0], [1.0, 1.0, 0.0]).is_err());
     }
     let pacific = framed(4326, [0.5, 0.0, 170.0, 0.0, -0.5, 10.0]);
-    let places = Places::new(&Coordinates::LONLAT, &pacific, [40, 40, 1]).unwrap();
+    let places = CellLocator::new(&Coordinates::LONLAT, &pacific, [40, 40, 1]).unwrap();
     assert_eq!(boxes(&places, [175.0, -1.0, -175.0, 1.0]), [[10, 18, 30, 22]]);
     assert_eq!(boxes(&places, [-176.0, -1.0, -175.0, 1.0]), [[28, 18, 30, 22]]);
     assert_eq!(places.cell([-175.0, 0.25, 0.0]), Some([30.0, 19.5, 0.0]));
     assert!(boxes(&places, [0.0, -1.0, 5.0, 1.0]).is_empty());
     // The picture of web maps comes again, too; that of a pole has no seam.
-    let places = Places::new(&Coordinates::LONLAT, &web_mercator(8), [256, 256, 1]).unwrap();
+    let places = CellLocator::new(&Coordinates::LONLAT, &web_mercator(8), [256, 256, 1]).unwrap();
     assert_eq!(boxes(&places, [178.6, -1.0, -178.6, 1.0]), [[255, 127, 256, 129], [0, 127, 1, 129]]);
     let pole = framed(3413, [100_000.0, 0.0, -4_000_000.0, 0.0, -100_000.0, 4_000_000.0]);
-    let places = Places::new(&Coordinates::LONLAT, &pole, [80, 80, 1]).unwrap();
+    let places = CellLocator::new(&Coordinates::LONLAT, &pole, [80, 80, 1]).unwrap();
     assert_eq!(boxes(&places, [170.0, 80.0, -170.0, 85.0]).len(), 1);
     assert_eq!(boxes(&places, [-180.0, 60.0, 180.0, 90.0]).len(), 1);
 }
@@ -118,16 +118,16 @@ fn boxes_lie_across_the_seam() {
 fn the_box_of_a_place_is_found_in_cells_and_in_the_world() {
     let frame = framed(32632, [10.0, 0.0, 500_000.0, 0.0, -10.0, 5_000_000.0]);
     let extent = [100, 50, 1];
-    let cells = Places::new(&Coordinates::Cells, &frame, extent).unwrap();
+    let cells = CellLocator::new(&Coordinates::Cells, &frame, extent).unwrap();
     let found = cells.boxes([3.0, 4.0, 0.0], [7.0, 9.0, 0.0]).unwrap();
     assert_eq!((found[0].min, found[0].max), ([3, 4, 0], [7, 9, 1]));
-    let world = Places::new(&Coordinates::World, &frame, extent).unwrap();
+    let world = CellLocator::new(&Coordinates::World, &frame, extent).unwrap();
     let found = world.boxes([500_030.0, 4_999_910.0, 0.0], [500_070.0, 4_999_960.0, 0.0]).unwrap();
     assert_eq!((found[0].min, found[0].max), ([3, 4, 0], [7, 9, 1]));
     assert!(world.is_inside(world.cell([500_030.0, 4_999_910.0, 0.0]).unwrap()));
     assert!(!world.is_inside(world.cell([499_999.0, 4_999_910.0, 0.0]).unwrap()));
     let nowhere = Frame { crs: None, ..frame };
-    assert!(Places::new(&Coordinates::LONLAT, &nowhere, extent).is_err());
+    assert!(CellLocator::new(&Coordinates::LONLAT, &nowhere, extent).is_err());
     for (text, coordinates) in
         [("cells", Coordinates::Cells), ("world", Coordinates::World), ("lonlat", Coordinates::LONLAT)]
     {

@@ -10,7 +10,7 @@ use super::encode::TileFormat;
 use spinney_base::{Error, Result};
 use spinney_container::OpenOptions;
 use spinney_engine::dataset::Dataset;
-use spinney_tiles::{DataPlace, TileColours};
+use spinney_tiles::{GeographicExtent, TileColours};
 
 /// The tree from which an archive was made, in one state.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -62,9 +62,9 @@ fn hashed(bytes: &[u8]) -> String {
     format!("{:032x}", xxhash_rust::xxh3::xxh3_128(bytes))
 }
 
-/// How an archive was made: what must be the same for an export to go on, or to be updated.
+/// Source and options of a tile archive: they must be equal for an export to resume, or to update the archive.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Making {
+pub struct TileProvenance {
     /// The tree.
     pub source: SourceState,
     /// The options, in words, by their names.
@@ -73,9 +73,9 @@ pub struct Making {
     pub(super) colours: Option<TileColours>,
 }
 
-impl Making {
+impl TileProvenance {
     /// Fails if another export, which is to change what this one has made, has other options.
-    pub(super) fn check_options(&self, now: &Making) -> Result<()> {
+    pub(super) fn check_options(&self, now: &TileProvenance) -> Result<()> {
         let differs = |name: &&String| self.options.get(*name) != now.options.get(*name);
         let names: BTreeSet<&String> =
             self.options.keys().chain(now.options.keys()).filter(differs).collect();
@@ -126,20 +126,21 @@ impl Digest {
 pub(super) struct About {
     pub(super) format: TileFormat,
     pub(super) zooms: [u8; 2],
-    pub(super) place: DataPlace,
+    pub(super) place: GeographicExtent,
     pub(super) side: usize,
     pub(super) name: String,
     pub(super) description: String,
     pub(super) attribution: String,
     /// Meaning of the colours, as text or HTML.
     pub(super) legend: String,
-    pub(super) making: Making,
+    pub(super) provenance: TileProvenance,
 }
 
 /// The part of an archive's metadata that is ours.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Own {
-    pub(super) making: Making,
+    #[serde(rename = "making")]
+    pub(super) provenance: TileProvenance,
     pub(super) tiles: u64,
     pub(super) digest: String,
 }
@@ -151,7 +152,7 @@ impl About {
 
     /// Our own part, as JSON.
     pub(super) fn own(&self, tiles: u64, digest: Digest) -> Own {
-        Own { making: self.making.clone(), tiles, digest: digest.text() }
+        Own { provenance: self.provenance.clone(), tiles, digest: digest.text() }
     }
 
     /// Texts of maps, those that are not empty.
@@ -211,7 +212,7 @@ impl About {
         ];
         // (A name must be there.)
         if self.name.is_empty() {
-            rows.push(("name".into(), self.making.source.file.clone()));
+            rows.push(("name".into(), self.provenance.source.file.clone()));
         }
         let text = |text: Json| text.as_str().unwrap_or_default().to_owned();
         rows.extend(self.texts().into_iter().map(|(name, value)| (name, text(value))));

@@ -13,7 +13,7 @@ from ._options import packing_of, refuse
 from ._progress import memory_of
 from ._stack import GivenLayers, layers_of, one_layer, stack_layers
 from ._times import text_of_time
-from ._told import crs_text
+from ._metadata import crs_text
 
 #: Options of `spinney.build` for arrays, and what they are if nothing is said.
 _OPTIONS: dict[str, Any] = {

@@ -1,12 +1,12 @@
-//! Questions about files that come in ranges from elsewhere, answered in rounds.
+//! Restartable, batched queries of remote files (as in Haxl).
 //!
-//! A question is code that reads. Where bytes are far away, one read after the other costs a way there and back for each. So a
-//! question is asked in *rounds*: what is not here yet is noted, the read fails with [`Error::Unread`], and the walk goes on
-//! with other branches, which may lack something, too. Then all that was noted is fetched at once, and the question is asked again, until
-//! it lacks nothing. A walk down a tree takes about as many rounds as it has steps that depend on each other, however wide it is.
+//! A query is code that reads. Over a network, consecutive reads cost a round trip each. So a query runs in *batches*: a read of bytes
+//! that are not cached records their range and fails with [`Error::NotFetched`], and the traversal continues with other branches, which may
+//! miss bytes, too. Then all recorded ranges are fetched at once, and the query is restarted, until it misses nothing. A traversal of a
+//! tree takes about as many batches as it has levels that depend on each other, however wide it is.
 //!
-//! Nothing in here waits for a network: [`attempt`] is one pass, so that others, such as a browser, can do the fetching in their own way.
-//! Files that are mapped, or read at positions, lack nothing, and their questions are asked once.
+//! Nothing in here waits for a network: [`try_once`] is one pass, so that a browser can fetch in its own way.
+//! Files that are mapped, or read at positions, miss nothing, and their queries run once.
 
 use std::cell::RefCell;
 use std::cmp::Reverse;
@@ -20,24 +20,24 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::ranges::RangeFile;
 use crate::{Error, Result, parallel};
 
-/// Rounds of a question at most. A tree has 29 levels, and few of them depend on each other, but of very many points some are answered in each round;
-/// what needs more is read range by range.
-const MOST_ROUNDS: usize = 256;
+/// Maximum number of batches of a query. A tree has 29 levels, and few of them depend on each other, but of very many points some are found in each batch;
+/// a query that needs more reads range by range.
+const MAX_BATCHES: usize = 256;
 
-/// Part of the cache that a round's ranges may take: while they arrive they are there twice.
-const ROUND_SHARE: u64 = 4;
+/// Share of the cache that the ranges of a batch may take: while they arrive they are in memory twice.
+const BATCH_SHARE: u64 = 4;
 
 /// Whether there may be files that come in ranges.
 static IS_NEEDED: AtomicBool = AtomicBool::new(false);
 
 thread_local! {
-    /// The round in which this thread is at work.
-    static CURRENT: RefCell<Option<Round>> = const { RefCell::new(None) };
+    /// The batch that this thread works on.
+    static CURRENT: RefCell<Option<Batch>> = const { RefCell::new(None) };
 }
 
-/// Ranges that a pass of a question has found missing, of all threads that are at work on it.
+/// Ranges that a pass of a query has missed, in all threads that work on it.
 #[derive(Clone, Default)]
-pub(crate) struct Round(Arc<Mutex<Vec<MissingRange>>>);
+pub(crate) struct Batch(Arc<Mutex<Vec<MissingRange>>>);
 
 /// A range of a file that is to be fetched.
 #[derive(Clone)]
@@ -48,14 +48,14 @@ pub struct MissingRange {
     pub range: Range<u64>,
 }
 
-/// Work with files that come in ranges, of this process so far.
+/// Requests for ranges of files, of this process so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Traffic {
-    /// Times that something was waited for.
+    /// Batches that were waited for.
     pub rounds: u64,
     /// Requests.
     pub requests: u64,
-    /// Bytes that came.
+    /// Bytes that were received.
     pub bytes: u64,
 }
 
@@ -70,53 +70,53 @@ static ROUNDS: AtomicU64 = AtomicU64::new(0);
 static REQUESTS: AtomicU64 = AtomicU64::new(0);
 static BYTES: AtomicU64 = AtomicU64::new(0);
 
-/// Work with files that come in ranges, of this process so far.
+/// Requests for ranges of files, of this process so far.
 pub fn traffic() -> Traffic {
     let [rounds, requests, bytes] =
         [&ROUNDS, &REQUESTS, &BYTES].map(|counter| counter.load(Ordering::Relaxed));
     Traffic { rounds, requests, bytes }
 }
 
-/// Counts a round of so many requests and bytes.
+/// Counts a batch of so many requests and bytes.
 pub fn count_traffic(requests: u64, bytes: u64) {
     for (counter, count) in [(&ROUNDS, 1), (&REQUESTS, requests), (&BYTES, bytes)] {
         counter.fetch_add(count, Ordering::Relaxed);
     }
 }
 
-/// Says that there are files that come in ranges.
+/// Notes that there are files that are read in ranges.
 pub(super) fn need() {
     IS_NEEDED.store(true, Ordering::Relaxed);
 }
 
-/// The round that this thread is at work in.
-pub(crate) fn current() -> Option<Round> {
+/// The batch that this thread works on.
+pub(crate) fn current() -> Option<Batch> {
     CURRENT.with_borrow(Clone::clone)
 }
 
-/// Does some work in a round, or in none.
-pub(crate) fn with<R>(round: Option<Round>, work: impl FnOnce() -> R) -> R {
-    /// The round that the thread goes back to, even if the work panics.
-    struct Before(Option<Round>);
+/// Does some work in a batch, or in none.
+pub(crate) fn with<R>(batch: Option<Batch>, work: impl FnOnce() -> R) -> R {
+    /// The batch that the thread returns to, even if the work panics.
+    struct Before(Option<Batch>);
     impl Drop for Before {
         fn drop(&mut self) {
             CURRENT.set(self.0.take());
         }
     }
-    let _before = Before(CURRENT.replace(round));
+    let _before = Before(CURRENT.replace(batch));
     work()
 }
 
-/// Does some work outside of the round that this thread is at work in: what it reads is waited for. For what a question opens on its way, which would
-/// be opened anew in each round.
-pub fn apart<R>(work: impl FnOnce() -> R) -> R {
+/// Does some work outside of the batch that this thread works on: its reads wait. For files that a query opens, which each batch would otherwise
+/// open again.
+pub fn outside_batch<R>(work: impl FnOnce() -> R) -> R {
     with(None, work)
 }
 
-/// Notes a range that is not here, if this thread is in a round.
+/// Records a missing range, if this thread works on a batch.
 pub(super) fn note(file: &RangeFile, range: &Range<u64>) -> bool {
-    CURRENT.with_borrow(|round| match round {
-        Some(Round(missing)) => {
+    CURRENT.with_borrow(|batch| match batch {
+        Some(Batch(missing)) => {
             let mut missing = missing.lock().unwrap_or_else(PoisonError::into_inner);
             missing.push(MissingRange { file: file.clone(), range: range.clone() });
             true
@@ -125,16 +125,16 @@ pub(super) fn note(file: &RangeFile, range: &Range<u64>) -> bool {
     })
 }
 
-/// Lets a walk go on with other branches where one lacks bytes: gives `None` then, and sets `is_unread`. The walk must end with
-/// [`all_read`], since what it has found is not all.
+/// Lets a traversal continue with other branches where one misses bytes: returns `None` then, and sets `is_unread`. The traversal must end with
+/// [`finish_deferred`], since its result is incomplete.
 ///
 /// # Errors
 /// All others.
 #[inline]
-pub fn go_on<T>(result: Result<T>, is_unread: &mut bool) -> Result<Option<T>> {
+pub fn defer_missing<T>(result: Result<T>, is_unread: &mut bool) -> Result<Option<T>> {
     match result {
         Ok(value) => Ok(Some(value)),
-        Err(Error::Unread) => {
+        Err(Error::NotFetched) => {
             *is_unread = true;
             Ok(None)
         }
@@ -142,21 +142,21 @@ pub fn go_on<T>(result: Result<T>, is_unread: &mut bool) -> Result<Option<T>> {
     }
 }
 
-/// The end of a walk that has [gone on](go_on).
+/// Ends a traversal that used [`defer_missing`].
 ///
 /// # Errors
-/// [`Error::Unread`] if a branch lacked bytes.
+/// [`Error::NotFetched`] if a branch missed bytes.
 #[inline]
-pub fn all_read(is_unread: bool) -> Result<()> {
-    if is_unread { Err(Error::Unread) } else { Ok(()) }
+pub fn finish_deferred(is_unread: bool) -> Result<()> {
+    if is_unread { Err(Error::NotFetched) } else { Ok(()) }
 }
 
-/// Asks a question once, with what is here. Its answer counts only if nothing is missing; else it is to be asked again when those ranges were
+/// Runs a query once, with the bytes that are cached. Its result is valid only if nothing is missing; otherwise run it again when those ranges have been
 /// [supplied](RangeFile::supply).
-pub fn attempt(question: &mut dyn FnMut() -> Result<()>) -> (Result<()>, Vec<MissingRange>) {
-    let round = Round::default();
-    let result = with(Some(round.clone()), question);
-    let mut missing = std::mem::take(&mut *round.0.lock().unwrap_or_else(PoisonError::into_inner));
+pub fn try_once(query: &mut dyn FnMut() -> Result<()>) -> (Result<()>, Vec<MissingRange>) {
+    let batch = Batch::default();
+    let result = with(Some(batch.clone()), query);
+    let mut missing = std::mem::take(&mut *batch.0.lock().unwrap_or_else(PoisonError::into_inner));
     let order =
         |missing: &MissingRange| (missing.file.number(), missing.range.start, Reverse(missing.range.end));
     crate::sort::by(&mut missing, &mut |a, b| order(a).cmp(&order(b)));
@@ -166,15 +166,14 @@ pub fn attempt(question: &mut dyn FnMut() -> Result<()>) -> (Result<()>, Vec<Mis
     (result, missing)
 }
 
-/// Asks a question in rounds, until it lacks nothing; within a round, and where no file comes in ranges, once. It must not do twice what may be
-/// done only once.
+/// Runs a query in batches, until it misses nothing; within another batch, and where no file is read in ranges, once. The query must be repeatable.
 ///
 /// ```
 /// # use std::{ops::Range, path::Path, sync::Arc};
-/// use spinney::io::rounds::{all_read, ask, go_on};
-/// use spinney::io::{Fetch, RangeCache, RangeFile, ReadBackend};
+/// use spinney::raw::io::batch::{defer_missing, finish_deferred, run_batched};
+/// use spinney::raw::io::{Fetch, RangeCache, RangeFile, ReadBackend};
 ///
-/// /// A host that is far away.
+/// /// A remote host.
 /// struct Host;
 ///
 /// impl Fetch for Host {
@@ -186,62 +185,62 @@ pub fn attempt(question: &mut dyn FnMut() -> Result<()>) -> (Result<()>, Vec<Mis
 /// let cache = (Arc::new(RangeCache::new(1 << 20)), RangeCache::file_number());
 /// let file = RangeFile::new(Path::new("https://host/file"), 200, Box::new(Host), cache, 0);
 /// // The four bytes are fetched at the same time.
-/// let sum = ask(|| {
+/// let sum = run_batched(|| {
 ///     let (mut sum, mut is_unread) = (0, false);
 ///     for at in [10, 70, 130, 190] {
-///         let byte = go_on(file.read(at, 1), &mut is_unread)?;
+///         let byte = defer_missing(file.read(at, 1), &mut is_unread)?;
 ///         sum += byte.map_or(0, |byte| u32::from(byte[0]));
 ///     }
-///     all_read(is_unread).map(|()| sum)
+///     finish_deferred(is_unread).map(|()| sum)
 /// })?;
 /// assert_eq!(sum, 400);
 /// # Ok::<(), spinney::Error>(())
 /// ```
 ///
 /// # Errors
-/// Those of the question, and of fetching.
-pub fn ask<T>(mut question: impl FnMut() -> Result<T>) -> Result<T> {
+/// Those of the query, and of fetching.
+pub fn run_batched<T>(mut query: impl FnMut() -> Result<T>) -> Result<T> {
     if !IS_NEEDED.load(Ordering::Relaxed) {
-        return question();
+        return query();
     }
-    let mut answer = None;
-    ask_again(&mut || {
-        answer = Some(question()?);
+    let mut result = None;
+    run_again(&mut || {
+        result = Some(query()?);
         Ok(())
     })?;
-    Ok(answer.expect("a question without an error has an answer"))
+    Ok(result.expect("a query without an error has a result"))
 }
 
-/// Applies a function to each item with all threads, in rounds: what is done is kept, and not asked again where others lack bytes. The results have
-/// the items' order.
+/// Applies a function to each item with all threads, in batches: results are kept, and not computed again where other items miss bytes. They have
+/// the order of the items.
 ///
 /// # Errors
 /// That of the first item whose function fails.
 pub fn map<T: Sync, R: Send>(items: &[T], make: impl Fn(&T) -> Result<R> + Sync) -> Result<Vec<R>> {
     let mut done: Vec<Option<R>> = items.iter().map(|_| None).collect();
-    ask(|| {
+    run_batched(|| {
         let left: Vec<usize> = (0..items.len()).filter(|index| done[*index].is_none()).collect();
         let mut is_unread = false;
         for (index, made) in left.iter().zip(parallel::map(&left, |index| make(&items[*index]))) {
-            done[*index] = go_on(made, &mut is_unread)?;
+            done[*index] = defer_missing(made, &mut is_unread)?;
         }
-        all_read(is_unread)
+        finish_deferred(is_unread)
     })?;
     Ok(done.into_iter().flatten().collect())
 }
 
-fn ask_again(question: &mut dyn FnMut() -> Result<()>) -> Result<()> {
+fn run_again(query: &mut dyn FnMut() -> Result<()>) -> Result<()> {
     if current().is_some() {
-        return question();
+        return query();
     }
     let mut fetched = HashSet::new();
-    for _ in 0..MOST_ROUNDS {
-        // Invariant: a read in a round either has its bytes, or is noted. So an answer, or an error, counts if nothing is noted, and only then:
-        // whoever has passed over a failed read has passed over bytes that were there to be had.
-        let (result, missing) = attempt(question);
+    for _ in 0..MAX_BATCHES {
+        // Invariant: a read in a batch either has its bytes, or is recorded. So a result, or an error, is valid if and only if nothing is
+        // recorded: a query that ignored a failed read has ignored bytes that exist.
+        let (result, missing) = try_once(query);
         match result {
             Err(Error::Interrupted) => return result,
-            Err(Error::Unread) if missing.is_empty() => break,
+            Err(Error::NotFetched) if missing.is_empty() => break,
             result if missing.is_empty() => return result,
             _ => {}
         }
@@ -249,19 +248,19 @@ fn ask_again(question: &mut dyn FnMut() -> Result<()>) -> Result<()> {
             break;
         }
     }
-    // There is not enough room for all that the question needs at once, or something lets it go round in circles: range by range it comes to
-    // an end, as it would if the file were mapped.
-    question()
+    // The cache is too small for all that the query needs at once, or the query makes no progress: reading range by range it ends, as it
+    // would if the file were mapped.
+    query()
 }
 
-/// Ranges that a question has got: number of the file, and first byte.
+/// Ranges that were fetched for a query: number of the file, and first byte.
 type Fetched = HashSet<(u64, u64)>;
 
-/// Fetches ranges, as many as caches have room for, those of all files at the same time; returns how many. None if one was fetched for the same question
-/// before, and has given way since.
+/// Fetches ranges, as many as fit into the caches, those of all files at the same time; returns how many. None if one was fetched for the same query
+/// before, and has been evicted since.
 fn fetch(missing: Vec<MissingRange>, fetched: &mut Fetched) -> Result<usize> {
     let mut files: BTreeMap<u64, (RangeFile, Vec<Range<u64>>)> = BTreeMap::new();
-    let mut room = missing.iter().map(|missing| missing.file.cache_limit()).min().unwrap_or(0) / ROUND_SHARE;
+    let mut room = missing.iter().map(|missing| missing.file.cache_limit()).min().unwrap_or(0) / BATCH_SHARE;
     let mut count = 0;
     for MissingRange { file, range } in missing {
         let length = range.end - range.start;

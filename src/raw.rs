@@ -1,0 +1,370 @@
+//! Building blocks without a promise: all that the program, the bindings and the tests of Spinney use and that is not part of the interface of the
+//! library. Names in here may change with any version.
+
+/// Codes and boxes of nodes, and where the cells lie in the world.
+pub mod space {
+    pub use spinney_base::space::{Cell, CodeRun, Cover, Up};
+    pub use spinney_crs::{
+        ControlPoint, ControlPoints, Epsg, GeoKeys, PROJECTION_METHODS, PolygonParts, Projection,
+        WEB_MERCATOR, WEB_MERCATOR_HALF, WEB_MERCATOR_LATITUDE, web_mercator, web_mercator_depth,
+    };
+}
+
+/// Values of cells: samples, values whose type is known at run time, what many cells add up to, and how coarse levels get theirs.
+pub mod value {
+    pub use spinney_base::value::{DoubleDouble, Mask, Numbers, Palette, Sample, Samples, Sums, ZoneStats};
+}
+
+/// Files: read where they are mapped, at positions, or in ranges from elsewhere, written whole or not at all.
+pub mod io {
+    pub use spinney_base::io::{
+        CachedBytes, DEFAULT_GAP, Faults, Fetch, FileBytes, FileId, FileStat, FileVersion, Mapped,
+        OutputFolder, Positioned, RangeCache, RangeFile, ReadBackend, Stamp, WriteBackend,
+        prefer_positioned_reads, url_of,
+    };
+
+    /// Restartable, batched queries of remote files.
+    pub mod batch {
+        pub use spinney_base::io::batch::{
+            MissingRange, Traffic, defer_missing, finish_deferred, map, run_batched, traffic, try_once,
+        };
+    }
+}
+
+/// Sources: everything that can be walked from the root down; the tree in memory.
+pub mod tree {
+    pub use spinney_engine::tree::{CellBlock, no_children};
+
+    /// DF-expressions: trees as text and as bits.
+    pub mod df {
+        pub use spinney_engine::tree::df::{Packed, from_packed, from_text, to_packed, to_text};
+    }
+}
+
+/// Trees on disk: the two formats, what they have in common, and how trees are built.
+pub mod store {
+    pub use spinney_container::{
+        ByteSource, FileReference, Finding, LevelCounts, ScopedTags, Shape, Tag, TagScope, TreeFormat,
+        check_tree_name, create_tree_file, file_is_tree, file_of,
+    };
+    pub use spinney_engine::store::{
+        Packing, ShardCheck, SlabBoxes, TreeTarget, TreeWriter, WantedCells, build_tree, depth_for,
+    };
+
+    /// The compact, read-only format.
+    pub mod goblin {
+        pub use spinney_engine::store::goblin::{
+            Entry, Goblin, GoblinNode, LevelBytes, LightFile, MergeOutput, Segment, Shard, ShardPiece,
+            merge_shards,
+        };
+    }
+
+    /// The pointered format, which is edited and has a history.
+    pub mod autumnal {
+        pub use spinney_engine::store::autumnal::{
+            Autumnal, AutumnalNode, CommitLayer, CompactOptions, History, Keep, WriteSummary, compact,
+            recover,
+        };
+    }
+
+    /// Stored records that a source may offer to builders besides its cells.
+    pub mod builder {
+        pub use spinney_engine::store::builder::{
+            FULL_COVERAGE, Join, MergeAction, MergeState, MergeTable, Merging, Overlay, RecordRef,
+            ReusableSource, RunFile, StoredNode, Subtree, joined_coverage,
+        };
+    }
+
+    /// Records of segments, as they stand in files.
+    pub mod records {
+        pub use spinney_container::{CUT, INNER, LEAF, VOID};
+        pub use spinney_engine::store::records::{RecordHead, RecordLayout};
+    }
+}
+
+/// Trees that are built in shards, by many processes.
+#[cfg(feature = "shards")]
+pub mod shards {
+    pub use spinney_shards::{Built, GivenLayers, Job, JobSpec, Planned, plan, plan_given};
+}
+
+/// Questions to trees: what is asked, and what is answered.
+pub mod query {
+    pub use spinney_engine::ops::{Label, LabelNeighbour, LabelRequest, LabelSummary, LabelVisitor};
+    pub use spinney_engine::query::{
+        CellHit, ContourEnds, ContourSummary, ContourVisitor, PolygonSummary, RegionVisitor, SolidStatistics,
+        SolidSurface, StoredRows, ZoneChannel, ZoneValues,
+    };
+
+    /// Cells of a level, block by block, with those around them.
+    pub mod cell_blocks {
+        pub use spinney_engine::query::cell_blocks::{
+            Block, BlockAttribute, BlockAttributeValues, BlockState, CellBlocks, SIDE, SourceBlocks,
+            can_be_block_attribute,
+        };
+    }
+}
+
+/// Operations as sources, and from files to files: views, other coordinate systems, set operations, edits, conversions.
+pub mod ops {
+    pub use spinney_engine::ops::{
+        AffineMap, Alignment, Around, Axis, BlockSource, Blockwise, Calculated, Calculation, CellPatch,
+        Change, Combined, CombinedNode, Connectivity, Difference, Differences, FdRange, FillPatch, LayerInfo,
+        MAX_ZOOM, MadeOperand, MemoryTree, Opaque, Outcome, Pair, PairOfSamples, Patch, Patched, PatchedNode,
+        Prefer, Regions, Sampling, Sieve, TreeFile, TreeFileNode, Turn, View, ViewNode, ViewSource,
+        ViewSourceNode, WarpGrid, WarpTarget, Warped, add_layer, align, apply_edits, blame, build,
+        combine_with, crosstab, crosstab_files, data_box, diff, diff_files, differences, drop_layer,
+        layer_paths, only_layer, transform_to, warp,
+    };
+}
+
+/// Manifests: many files as one.
+pub mod manifest {
+    pub use spinney_engine::ops::{Mosaic, MosaicNode, list_files};
+    pub use spinney_manifest::{FileTag, ListedFile, Manifest, is_manifest};
+}
+
+/// A file, or a view of one, with every question.
+pub mod dataset {
+    pub use spinney_engine::dataset::{Rebuild, open, open_view};
+}
+
+/// Exact models: boundary representations on an integer grid, kept as they are and not as cells.
+#[cfg(feature = "brep")]
+pub mod brep {
+    pub use spinney_brep::{
+        AttributedFaceVisitor, Attributes, BoundaryPart, BuildReport, ChosenParts, ColumnValues,
+        CombineReport, ContactKind, ContactVisitor, Defect, DefectKind, FaceList, InsideRule, LEAF_SIZE,
+        LeafRule, MAX_BITS, ModelBuilder, ModelNode, ModelNodeState, ModelView, NodeCounts, NodeKind,
+        ObjectContact, Repair, TransformReport, Triangulated, ViewRays, boundary_parts, divide_faces,
+        is_model_file, object_contacts,
+    };
+
+    /// Answers of exact models.
+    pub mod query {
+        pub use spinney_brep::query::{
+            CellCoverage, Coverage, CoverageSums, Crossing, Cube, Line, MassSums, ModelRays, Nearest,
+            PartMeasures, SectionPolygon, SectionVisitor, Visited, nearest_on_face,
+        };
+    }
+
+    /// Lines, points and areas that the surfaces of two models have in common.
+    pub mod surface_intersection {
+        pub use spinney_brep::surface_intersection::{
+            IntersectionArea, IntersectionLine, IntersectionPoint, LineKind, SurfaceIntersection,
+            surface_intersection,
+        };
+    }
+
+    /// How faces hang together.
+    pub mod topology {
+        pub use spinney_brep::topology::{Counts, Euler, EulerBody, EulerCorner, Topology, TopologyOptions};
+    }
+}
+
+/// Trees of points: each once, in the coarsest node whose spacing it keeps, with attributes; LAS and LAZ in and out.
+#[cfg(feature = "points")]
+pub mod points {
+    pub use spinney_points::las::{LasFiles, LasReader};
+    pub use spinney_points::{
+        BuildSummary, ChosenPoints, ColumnSummary, GriddedPoints, NearPoint, POSITION_BYTES, PointAttribute,
+        PointBuildOptions, PointColumns, PointCondition, PointFormat, PointGrid, PointPart, PointRows,
+        PointSchema, PointSource, PointStatistics, Relation, RowField, RowLayout, WorldPoints, build,
+        export_points, has_points, is_las_file, is_point_file, ordered_number, plan_points, position,
+    };
+    #[cfg(feature = "vector")]
+    pub use spinney_vector::{CellRule, PointRaster, rasterize_points};
+}
+
+/// Trees of lines: each piece of a line once, in the deepest node that is no smaller than it and has its middle, and the features with their attributes.
+#[cfg(feature = "lines")]
+pub mod lines {
+    pub use spinney_lines::{
+        LevelTotals, LineAttribute, LineBuildSummary, LineCrossing, LineGrid, LineSchema, LineSource,
+        LineValue, NearLine, NearestLines, ValueKind, is_line_file,
+    };
+    #[cfg(feature = "vector")]
+    pub use spinney_vector::{
+        CrossingSummary, JoinSummary, export_lines, join_crossing_lines, join_nearest_lines,
+    };
+}
+
+/// Solids of primitives that are moved and combined, as a text tells them: octrees, and exact models.
+#[cfg(feature = "csg")]
+pub mod csg {
+    pub use spinney_csg::{Csg, CsgExactOptions, CsgExactReport, CsgImport, import_exact_csg};
+}
+
+/// Solids of what was seen of them: octrees that are carved by pictures from known directions, and of outlines at heights.
+#[cfg(feature = "reconstruction")]
+pub mod reconstruction {
+    pub use spinney_reconstruction::{ReconstructionImport, is_views_name, plan_outlines, plan_views};
+}
+
+/// Polygons with holes on an integer grid: against octants, into triangles, and as single rings. Exact, in integers.
+#[cfg(feature = "brep")]
+pub mod geometry {
+    pub use spinney_brep::geometry::{
+        Box3, Flaw, GridPolygon, Intersection, Stage, Stages, Triangulator, join_rings, split_bridges,
+    };
+}
+
+/// Trees that divide space in two: bintrees, which halve blocks of cells, and BSP trees of the plane and of space.
+#[cfg(feature = "brep")]
+pub mod partitions {
+    pub use spinney_partitions::bintree::{Bintree, BintreeNode, Halving, MAX_CELLS};
+    pub use spinney_partitions::bsp::{Bsp, BspBlocks, BspNode, BspPiece, Division, MAX_PIECES, Seen};
+    pub use spinney_partitions::preorder::BinaryNode;
+}
+
+/// Surfaces over the plane as triangulated irregular networks (TIN), and the layers between them.
+#[cfg(feature = "vector")]
+pub mod tin {
+    pub use spinney_tin::{
+        Duplicates, HeightGrid, Isoline, LayerInput, LayerMeasure, LayerOptions, LayerReport, LayerSurface,
+        SurfaceInput, SurfaceReport, Tin, approximate, build_layers, triangulate,
+    };
+    pub use spinney_vector::{
+        SurfaceFiles, SurfacePoints, SurfaceRaster, export_isolines, read_heights, read_surfaces,
+        write_surface,
+    };
+}
+
+/// How values become colours, whatever is drawn.
+#[cfg(feature = "raster")]
+pub mod style {
+    pub use spinney_style::{
+        Ground, Key, LegendClass, LegendImage, LegendSection, SampleBlock, StylePainter, Tick,
+    };
+}
+
+/// Readers of other programs' files.
+pub mod import {
+    /// Lists of cells and their values.
+    #[cfg(feature = "raster")]
+    pub mod cells {
+        pub use spinney_raster::cells::CellList;
+    }
+
+    /// Features: points, lines and polygons with attributes.
+    #[cfg(feature = "vector")]
+    pub mod feature {
+        pub use spinney_vector::import::feature::{
+            Feature, FeatureAttribute, FeatureGeometry, FeatureReader, FeatureSchema, Heights,
+            is_feature_file, open_features,
+        };
+        pub use spinney_vector::import::filter::{AttributeCondition, Relation};
+        pub use spinney_vector::import::zones::{
+            FoundPolygons, PolygonLayer, PolygonReader, parse_polygons, read_polygons,
+        };
+        pub use spinney_vector::import::{FeatureLines, open_feature_lines, plan_point_files};
+        pub use spinney_vector::objects::choose_objects;
+        pub use spinney_vector::zonal::FeatureZones;
+    }
+
+    /// Meshes: solids of cells, and exact models.
+    #[cfg(feature = "mesh")]
+    pub mod mesh {
+        pub use spinney_mesh::import::{
+            Attribute, DEFAULT_MEMORY, ExactReport, InsideTest, MeshArrays, MeshColours, MeshFace, Model,
+            ModelContact, ModelInfo, SkippedObject, SolidReport, SolidSurvey, SurfaceAtPoint, SurveyedNode,
+            is_model, model_contacts, open, parts_of, plan_part,
+        };
+    }
+
+    /// Picture files.
+    #[cfg(feature = "raster")]
+    pub mod raster {
+        pub use spinney_raster::import::{
+            Band, BandInfo, DEFAULT_MEMORY, Order, Pixels, Raster, RasterInfo, RasterOptions, RasterSlabs,
+            StackLayer, TargetGrid, WarpedBuilt, mosaic, open, select, spill, value_type, write_stack,
+        };
+    }
+
+    /// Rasterization: quadtrees of features.
+    #[cfg(feature = "vector")]
+    pub mod rasterize {
+        pub use spinney_vector::import::rasterize::{FeatureGrid, FeatureTree, LineWidth, Overlaps};
+    }
+
+    /// Volumes.
+    #[cfg(feature = "raster")]
+    pub mod volume {
+        pub use spinney_raster::volume::{RawLayout, VolumeInput, is_volume, plan_raw, plan_sections};
+    }
+}
+
+/// Writers of other programs' files.
+pub mod export {
+    #[cfg(feature = "raster")]
+    pub use spinney_raster::{
+        ChainDirections, ChainWriter, CogSummary, LegendFormat, RowSink, export_chain_code, export_layers,
+        export_legend, fill_for, void_number, window_rows,
+    };
+    #[cfg(feature = "render")]
+    pub use spinney_render::{CameraProjection, DrawingFormat, DrawingStyle, draw_cells, draw_exact};
+
+    /// Pictures and arrays, written row by row.
+    #[cfg(feature = "raster")]
+    pub mod image {
+        pub use spinney_raster::image::{Format, ImageSpec, RowWriter, create, format_of};
+    }
+
+    /// Surfaces of trees and of exact models.
+    #[cfg(feature = "mesh")]
+    pub mod mesh {
+        pub use spinney_mesh::export::{
+            ExactSummary, FaceAttribute, IsosurfaceSummary, MeshSummary, SurfaceMesh, TilesetSummary,
+            export_blocks, export_isosurfaces, export_triangles, isosurface_mesh, surface_mesh,
+        };
+    }
+
+    /// Pages that show files in a browser.
+    #[cfg(feature = "site")]
+    pub mod page {
+        pub use spinney_site::{PageConfiguration, PageSource, PageStart, PageSummary, inline_page};
+    }
+
+    /// Tiles of maps.
+    #[cfg(feature = "raster")]
+    pub mod tiles {
+        pub use spinney_raster::tile_archives::{
+            Pmtiles, SourceState, TileArchiveSummary, TileFolder, TilePart, TileProvenance, TileTarget,
+            TileUpdate, UpdateOptions, draw_tiles, encode_tile, is_tile_archive, is_tile_folder,
+            verify_tiles,
+        };
+        pub use spinney_tiles::{
+            GeographicExtent, MAX_ZOOM, TileContent, TileId, TilePainter, TileRange, TileSamples, TileSource,
+            TreeTiles, WarpedTiles, degrees_of, draw_tile, tile_source,
+        };
+    }
+
+    /// Lines and polygons.
+    #[cfg(feature = "vector")]
+    pub mod vector {
+        pub use spinney_vector::export::{
+            AttributeType, AttributeValue, ContourFeatures, FeatureParts, Geometry, GeometryKind,
+            IntersectionSummary, SectionPlanes, SectionSummary, Smoothed, VectorFeature, VectorLayer,
+            VectorWriter, export_intersection, export_objects, export_section, export_zones, quantile_name,
+        };
+    }
+}
+
+/// Answers as JSON, as the program prints them and the server sends them.
+#[cfg(feature = "report")]
+pub mod report {
+    pub use spinney_report::{
+        Bins, JsonNumbers, OUTSIDE, PointLayers, PointReport, ZoneForm, ZoneReport, bins_as_json, bins_of,
+        bins_with, cell_area, channels_as_json, class_as_json, class_name, commit_as_json, printable_json,
+        statistics_as_json, statistics_of, void_share, write_number,
+    };
+}
+
+/// Set operations of polygons.
+#[cfg(feature = "vector")]
+pub mod overlay {
+    pub use spinney_vector::overlay::{
+        OverlayOperation, OverlayReport, OverlayRequest, OverlaySummary, overlay_features,
+        read_polygon_layers,
+    };
+}
