@@ -19,13 +19,13 @@ digest() {
         *) directories+=("../crates/${name#spinney-}") ;;
         esac
     done
-    find "${directories[@]}" ../Cargo.toml Cargo.toml Cargo.lock build.sh rustc.sh -type f \
+    find "${directories[@]}" ../Cargo.toml Cargo.toml Cargo.lock -type f \
         ! -path '*/tests/*' ! -name 'tests.rs' -print0 |
         LC_ALL=C sort -z | xargs -0 sha256sum | sha256sum | cut -d ' ' -f 1
 }
 
 if [ "${1:-}" = --check ]; then
-    if ! grep -qx "sources $(digest)" "$package/module.sources"; then
+    if ! grep -qsx "sources $(digest)" "$package/module.sources"; then
         echo "-- note: sources of the browser module have changed since it was built: wasm/build.sh rebuilds it"
     fi
     exit 0
@@ -33,14 +33,12 @@ fi
 
 # Nothing in the module depends on where the sources, Cargo's files and the standard library's sources are.
 commit=$(rustc -vV | sed -n 's/^commit-hash: //p')
-remap() { printf -- '--remap-path-prefix=%s=%s' "$1" "$2"; }
-flags=(
-    "$(remap "$(realpath ..)" /spinney)"
-    "$(remap "${CARGO_HOME:-$HOME/.cargo}" /cargo)"
-    "$(remap "$(rustc --print sysroot)/lib/rustlib/src/rust" "/rustc/$commit")"
-)
+SPINNEY_RUSTC_ARGUMENTS=$(printf -- '--remap-path-prefix=%s\n' "$(realpath ..)=/spinney" "${CARGO_HOME:-$HOME/.cargo}=/cargo" \
+    "$(rustc --print sysroot)/lib/rustlib/src/rust=/rustc/$commit")
+export SPINNEY_RUSTC_ARGUMENTS
 target=${CARGO_TARGET_DIR:-target}
-CARGO_ENCODED_RUSTFLAGS=$(IFS=$'\x1f' && echo "${flags[*]}") RUSTC_WRAPPER=$PWD/rustc.sh \
+# (Set, but empty: flags of the user do not apply.)
+CARGO_ENCODED_RUSTFLAGS='' RUSTC_WRAPPER=$PWD/rustc.sh \
     cargo build --quiet --locked --release --target wasm32-unknown-unknown -p spinney-wasm
 cargo run --quiet --locked -p spinney-bindgen -- "$target/wasm32-unknown-unknown/release/spinney_wasm.wasm" "$target/glue"
 cp "$target"/glue/module.js "$target"/glue/module_bg.wasm "$package/"

@@ -1,9 +1,13 @@
 #!/usr/bin/env bash
-# rustc as `build.sh` runs it. Cargo derives the metadata of path dependencies from their directories, and symbols, thus the order of
-# functions in the module, from the metadata. So that this is the same everywhere, the project's crates have metadata by name.
+# rustc as `build.sh` runs it, so that the module does not depend on the directory of the checkout.
+#
+# - Arguments in SPINNEY_RUSTC_ARGUMENTS (one per line) are added here, because Cargo hashes RUSTFLAGS into names of files,
+#   by which link-time optimization sorts versions of a crate.
+# - Cargo derives the metadata of path dependencies from their directories, and rustc derives symbols from the metadata. So the
+#   project's crates get theirs from their names.
 compiler=$1
 shift
-arguments=()
+mapfile -t arguments <<< "$SPINNEY_RUSTC_ARGUMENTS"
 for argument; do
     case ${CARGO_PKG_NAME:-}/$argument in
     spinney-*/metadata=*) argument=metadata=$CARGO_PKG_NAME-$CARGO_CRATE_NAME ;;
