@@ -262,6 +262,25 @@ fn pictures(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
     ] {
         put(target, name.split('.').next().unwrap(), &fs::read(made.join(name)).unwrap());
     }
+    for (target, name) in [
+        ("bmp", "bits.bmp"),
+        ("bmp", "palette.bmp"),
+        ("bmp", "rgb.bmp"),
+        ("gif", "frames.gif"),
+        ("gif", "interlaced.gif"),
+        ("pnm", "bits.pbm"),
+        ("pnm", "deep.pgm"),
+        ("pnm", "rgb.ppm"),
+        ("qoi", "rgba.qoi"),
+        ("tga", "gray_alpha.tga"),
+        ("tga", "palette.tga"),
+        ("tga", "rgba.tga"),
+    ] {
+        put(target, name.split('.').next().unwrap(), &fs::read(made.join("whole").join(name)).unwrap());
+    }
+    put("pnm", "text", b"P2 # gray\n3 1\n15\n0 15 7\n");
+    put("pnm", "pam", b"P7\nWIDTH 1\nHEIGHT 1\nDEPTH 2\nMAXVAL 100\nTUPLTYPE GRAYSCALE_ALPHA\nENDHDR\n\x05\x32");
+    put("hdr", "flat", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2\n\n-Y 1 +X 2\n\x01\x82\x03\x80\x04\x85\x06\x7f");
     put("hgt", "tile", b"N46E008.hgt\x01\x02\x80\0\x03\x04");
     let sidecar = "<PAMDataset><SRS>EPSG:4326</SRS><GeoTransform>1,2,0,3,0,-2</GeoTransform>\
         <GCPList Projection=\"EPSG:2056\"><GCP Pixel=\"1\" Line=\"2\" X=\"3\" Y=\"4\" Z=\"5\"/></GCPList>\

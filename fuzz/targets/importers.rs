@@ -33,7 +33,10 @@ macro_rules! pictures {
     };
 }
 
-pictures!(tiff "a.tif", png "a.png", exr "a.exr", jpeg "a.jpg", webp "a.webp", chain_code "a.chain");
+pictures!(
+    tiff "a.tif", png "a.png", exr "a.exr", jpeg "a.jpg", webp "a.webp", chain_code "a.chain", bmp "a.bmp", gif "a.gif", hdr "a.hdr", pnm "a.pgm",
+    qoi "a.qoi", tga "a.tga"
+);
 
 /// The name of an SRTM tile and what it starts with; the rest, to the length that such files have, is zeros.
 pub fn hgt(bytes: &[u8]) {

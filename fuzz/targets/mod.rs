@@ -19,8 +19,8 @@ pub mod trees;
 pub use edits::{autumnal_edit, autumnal_file};
 pub use features::{feature_table, flatgeobuf, geojson, geopackage, shapefile, shapefile_table};
 pub use importers::{
-    cells, chain_code, cityjson, exr, hgt, jpeg, npy, nrrd, obj, off, ply, png, sidecar, stl, tiff, vrt,
-    webp, world_file,
+    bmp, cells, chain_code, cityjson, exr, gif, hdr, hgt, jpeg, npy, nrrd, obj, off, ply, png, pnm, qoi,
+    sidecar, stl, tga, tiff, vrt, webp, world_file,
 };
 pub use layers::{autumnal_layers, goblin_layers};
 pub use lines::lines_read;
@@ -33,12 +33,13 @@ pub use trees::{autumnal_read, goblin_read};
 pub type Target = fn(&[u8]);
 
 /// All targets with their names, which are those of their folders in `fuzz/corpus/`.
-pub const TARGETS: [(&str, Target); 38] = [
+pub const TARGETS: [(&str, Target); 44] = [
     ("autumnal_edit", autumnal_edit),
     ("autumnal_file", autumnal_file),
     ("autumnal_layers", autumnal_layers),
     ("autumnal_read", autumnal_read),
     ("bintree_text", bintree_text),
+    ("bmp", bmp),
     ("calculation_text", calculation_text),
     ("cells", cells),
     ("chain_code", chain_code),
@@ -50,8 +51,10 @@ pub const TARGETS: [(&str, Target); 38] = [
     ("flatgeobuf", flatgeobuf),
     ("geojson", geojson),
     ("geopackage", geopackage),
+    ("gif", gif),
     ("goblin_layers", goblin_layers),
     ("goblin_read", goblin_read),
+    ("hdr", hdr),
     ("hgt", hgt),
     ("jpeg", jpeg),
     ("lines_read", lines_read),
@@ -62,12 +65,15 @@ pub const TARGETS: [(&str, Target); 38] = [
     ("off", off),
     ("ply", ply),
     ("png", png),
+    ("pnm", pnm),
+    ("qoi", qoi),
     ("rounds", rounds),
     ("shapefile", shapefile),
     ("shapefile_table", shapefile_table),
     ("sidecar", sidecar),
     ("step_text", step_text),
     ("stl", stl),
+    ("tga", tga),
     ("tiff", tiff),
     ("vrt", vrt),
     ("webp", webp),

@@ -93,8 +93,8 @@ def build(
       units, names of bands and classes, kind and rule itself, as rioxarray, the CF conventions and this package's engine have
       them. What is said here counts. Of one with an axis `time` each time becomes a layer, which tells it; with `stack` each band.
     - an iterator of arrays, one below the other, which together have `shape` and `dtype`.
-    - the path of a picture file, or several of one grid (the last lies on top); `bands` (by number or name), `layer` (of OpenEXR),
-      `pages` (of TIFF, the number of one from 0) and `keep_transparent` are for these, and `grid`: "xyz" (with `max_zoom`) or a tree file, to whose cells they are warped (`resampling`, `allow_ballpark`).
+    - the path of a raster file (TIFF, PNG, JPEG, WebP, OpenEXR, BMP, GIF, PNM, TGA, QOI, Radiance HDR, SRTM `.hgt`), or several of one grid (the last
+      lies on top); `bands` (by number or name), `layer` (of OpenEXR), `pages` (of TIFF, the number of one from 0) and `keep_transparent` are for these, and `grid`: "xyz" (with `max_zoom`) or a tree file, to whose cells they are warped (`resampling`, `allow_ballpark`).
     - with `stack`, paths whose bands become layers beside each other, as `spinney build --stack` has them: `names` and `times` are theirs, and those on
       other grids are warped (`resampling`, `allow_ballpark`). `pages="layers"` makes a layer of each page, `pages="z"` a volume.
     - a mapping of names to arrays (or DataArrays, or all to paths), each of which becomes a layer with a type and a mask of its own.

@@ -79,3 +79,5 @@ mod volumes;
 #[cfg(feature = "raster")]
 mod vrt;
 mod warped_tiles;
+#[cfg(feature = "raster")]
+mod whole_images;

@@ -286,3 +286,54 @@ fn pictures_of_any_size_are_averages_of_what_they_cover() {
         assert!(exact < 0.0001, "{width} x {height}, exact: {exact}");
     }
 }
+
+/// A gray image of each format that is decoded as a whole, besides the PNG that it was.
+fn in_all_formats(folder: &Path) -> Vec<String> {
+    let gray = image::GrayImage::from_fn(40, 30, |x, y| image::Luma([(x * 5 + y) as u8]));
+    let gray = image::DynamicImage::from(gray);
+    let write = |name: &str, image: &image::DynamicImage| {
+        let path = folder.join(name).to_str().unwrap().to_string();
+        image.save(&path).unwrap();
+        path
+    };
+    let rgb = gray.to_rgb8().into();
+    let mut names = vec![write("a.pgm", &gray), write("a.tga", &gray)];
+    names.extend(["a.bmp", "a.ppm", "a.qoi", "a.webp", "b.tga"].map(|name| write(name, &rgb)));
+    names.push(write("a.gif", &gray.to_rgba8().into()));
+    names.push(write("a.hdr", &gray.to_rgb32f().into()));
+    names
+}
+
+#[test]
+fn images_that_are_decoded_as_a_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (tree, out) = (name("t.goblin"), name("x.tif"));
+    for file in in_all_formats(folder.path()) {
+        command(&["-q", "build", &file, "-o", &tree]).assert().success().stderr("");
+        command(&["-q", "get", &tree, &out]).assert().success();
+        assert!(samples(&out) == samples(&file), "{file}");
+        // No tree, and no name for one.
+        assert!(complaint(&["info", &file], 1).contains("spinney build"), "{file}");
+        assert!(complaint(&["build", &file, "-o", &name("t.bmp")], 1).contains("t.goblin"));
+        if !file.ends_with(".webp") {
+            assert!(complaint(&["get", &tree, &file], 1).contains("unknown format"), "{file}");
+        }
+    }
+    // Mosaics of several formats, on a grid by their world files.
+    for (number, file) in ["a.bmp", "a.ppm", "a.qoi"].iter().enumerate() {
+        let world = format!("1\n0\n0\n-1\n{}.5\n99.5\n", 40 * number);
+        std::fs::write(folder.path().join(file).with_extension(["bpw", "pmw", "qoiw"][number]), world)
+            .unwrap();
+    }
+    let inputs = [name("a.bmp"), name("a.ppm"), name("a.qoi")];
+    let inputs: Vec<&str> = inputs.iter().map(String::as_str).collect();
+    command(&[&["-q", "build", "-o", &tree][..], &inputs].concat()).assert().success();
+    command(&["-q", "get", &tree, &out, "--window", "80,0,40,30"]).assert().success();
+    assert!(samples(&out) == samples(inputs[2]));
+    command(&["-q", "build", "--stack", "-o", &tree, &name("a.pgm"), &name("b.tga")]).assert().success();
+    // A warning says what is not read.
+    let frames = "tests/import/pictures/whole/frames.gif";
+    let said = stderr(command(&["build", frames, "-o", &tree]).assert().success());
+    assert!(said.contains("frames after the first of 2 are not read"), "{said}");
+}

@@ -112,6 +112,7 @@ fn shards_of_pictures_make_the_bytes_of_a_build() {
     let webp = place.picture("c.webp", [0, 0], [1000, 600]);
     place.compare(&[&webp], &[], &[5]);
     place.compare(&["tests/import/pictures/rgb.jpg"], &[], &[2]);
+    place.compare(&["tests/import/pictures/whole/rgb.bmp"], &[], &[2]);
     place.compare(&["fixtures/island_rgb.png"], &["--band", "2"], &[2]);
     place.compare(&["fixtures/island_classes.tif"], &[], &[64]);
 }

@@ -83,6 +83,13 @@ static FORMATS: &[OtherFormat] = &[
     format("a PNG picture", &["png"], &[At(0, b"\x89PNG")], Source),
     format("a JPEG picture", &["jpg", "jpeg", "jpe"], &[At(0, b"\xff\xd8\xff")], Source),
     format("a WebP picture", &["webp"], &[At(8, b"WEBP")], Source),
+    format("a BMP image", &["bmp", "dib"], &[], Source),
+    format("a GIF image", &["gif"], &[At(0, b"GIF8")], Source),
+    // (The extension .hdr is that of ENVI's headers.)
+    format("a Radiance HDR image", &["rgbe"], &[At(0, b"#?RADIANCE"), At(0, b"#?RGBE")], Source),
+    format("a PNM image", &["pbm", "pgm", "ppm", "pnm", "pam"], &[], Source),
+    format("a QOI image", &["qoi"], &[At(0, b"qoif")], Source),
+    format("a TGA image", &["tga"], &[], Source),
     format("an OpenEXR picture", &["exr"], &[At(0, b"\x76\x2f\x31\x01")], Source),
     format("an SRTM elevation model", &["hgt"], &[], Source),
     format("a GDAL virtual raster (VRT)", &["vrt"], &[Within("<VRTDataset")], Source),
@@ -154,8 +161,6 @@ static FORMATS: &[OtherFormat] = &[
         Refused(PICTURE),
     ),
     format("an AVIF picture", &["avif"], &[At(4, b"ftypavi")], Refused(PICTURE)),
-    format("a GIF picture", &["gif"], &[At(0, b"GIF8")], Refused(PICTURE)),
-    format("a BMP picture", &["bmp"], &[], Refused(PICTURE)),
     format("a Photoshop picture", &["psd"], &[At(0, b"8BPS")], Refused(PICTURE)),
     format(
         "an SVG drawing",
@@ -235,7 +240,7 @@ static FORMATS: &[OtherFormat] = &[
 ];
 
 /// What is read, for whoever has something else.
-const WHAT_IS_READ: &str = "TIFF, PNG, JPEG, WebP, OpenEXR, .hgt and NPY are read, and PLY, OBJ, STL, OFF, CityJSON and CityJSONSeq; \
+const WHAT_IS_READ: &str = "TIFF, PNG, JPEG, WebP, OpenEXR, BMP, GIF, PNM, TGA, QOI, Radiance HDR, .hgt and NPY are read, and PLY, OBJ, STL, OFF, CityJSON and CityJSONSeq; \
     GDAL converts most other rasters (`gdal_translate IN OUT.tif`)";
 
 impl OtherFormat {

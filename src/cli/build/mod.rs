@@ -47,7 +47,8 @@ use super::{Global, open};
 
 /// Make a tree of a picture, or of several on one grid, of a volume, of models of solids, of features, of points, or of lines.
 ///
-/// Reads TIFF and GeoTIFF, PNG, JPEG, WebP, OpenEXR and SRTM .hgt files of any size and writes one file that
+/// Reads TIFF and GeoTIFF, PNG, OpenEXR and SRTM .hgt files of any size, and JPEG, WebP, BMP, GIF, PNM, TGA, QOI and
+/// Radiance HDR files that fit in --memory, and writes one file that
 /// holds them at every level of detail: a .goblin file, compact and read-only, or an .autumn file, which can
 /// be edited. What the files say about their pixels (coordinates, nodata, palette, names) is kept; options
 /// overrule it.

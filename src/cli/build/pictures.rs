@@ -16,7 +16,7 @@ use super::Common;
 /// Options for pictures, some of them for volumes, too.
 #[derive(clap::Args, Clone, Debug)]
 #[command(
-    next_help_heading = "Pictures (TIFF, PNG, JPEG, WebP, OpenEXR, HGT, chain codes) and volumes (NPY)"
+    next_help_heading = "Rasters (TIFF, PNG, JPEG, WebP, OpenEXR, BMP, GIF, PNM, TGA, QOI, Radiance HDR, HGT, chain codes) and volumes (NPY)"
 )]
 pub(in crate::cli) struct PictureArgs {
     /// Meaning of the values: categorical (classes, counted) or continuous (amounts, averaged) [default: from

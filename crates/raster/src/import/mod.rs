@@ -9,9 +9,9 @@ mod files;
 mod gdal;
 mod hgt;
 mod info;
+mod jpeg;
 mod lazy;
 mod mosaic;
-mod picture;
 mod plan;
 mod png;
 mod sidecar;
@@ -21,6 +21,7 @@ mod stack;
 mod tiff;
 mod validity;
 mod vrt;
+mod whole_image;
 mod worldfile;
 mod xml;
 
@@ -198,8 +199,8 @@ impl RasterOptions {
     }
 }
 
-/// Opens a raster file, whose format is recognised by its first bytes (`.hgt` files from their name), with what a
-/// sidecar (`.aux.xml`) beside it tells.
+/// Opens a raster file with the metadata of its sidecar (`.aux.xml`). The format is recognized by the first bytes,
+/// that of `.hgt` and `.tga` files, which have no signature, by the name.
 ///
 /// # Errors
 /// If the file cannot be read, is of no format we know, is damaged, or uses something unsupported.
@@ -208,15 +209,17 @@ pub fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     let raster = match magic.as_slice() {
         [b'I', b'I', b'*' | b'+', 0, ..] | [b'M', b'M', 0, b'*' | b'+', ..] => tiff::open(path, options),
         [0x89, b'P', b'N', b'G', ..] => png::open(path, options),
-        [0xff, 0xd8, 0xff, ..] => picture::open_jpeg(path, options),
-        [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', ..] => picture::open_webp(path, options),
+        [0xff, 0xd8, 0xff, ..] => jpeg::open(path, options),
         [0x76, 0x2f, 0x31, 0x01, ..] => exr::open(path, options),
         start if start.starts_with(chain_code::MAGIC.as_bytes()) => chain_code::open(path, options),
         start if vrt::is_vrt(start) => vrt::open(path, options),
         _ if without_query(path).extension().is_some_and(|e| e.eq_ignore_ascii_case("hgt")) => {
             hgt::open(path)
         }
-        _ => Err(OtherFormat::refuse_source(path, &magic)),
+        start => match whole_image::format_of(path, start) {
+            Some(format) => whole_image::open(path, format, start, options),
+            None => Err(OtherFormat::refuse_source(path, start)),
+        },
     };
     sidecar::describe(raster?)
 }

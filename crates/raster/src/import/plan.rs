@@ -16,7 +16,7 @@ use spinney_container::{Header, Metadata};
 use spinney_crs::{Crs, Frame};
 use spinney_engine::store::{BuildOptions, Packing, depth_for};
 
-/// Bytes of memory used if nothing is said: what it takes for whole JPEG and WebP pictures of a usual size.
+/// Bytes of memory used if nothing is said: enough for images of a usual size that are decoded as a whole.
 pub const DEFAULT_MEMORY: u64 = 256 << 20;
 
 /// Files that are open at once; of more, each is opened when it is read from.

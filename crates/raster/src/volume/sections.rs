@@ -14,7 +14,10 @@ use spinney_base::{Error, Progress, Result, sort};
 const ROWS: u64 = 256;
 
 /// Endings of pictures' names, which a folder of sections has.
-const ENDINGS: [&str; 7] = ["exr", "jpeg", "jpg", "png", "tif", "tiff", "webp"];
+const ENDINGS: [&str; 17] = [
+    "bmp", "exr", "gif", "hdr", "jpeg", "jpg", "pam", "pbm", "pgm", "png", "pnm", "ppm", "qoi", "tga", "tif",
+    "tiff", "webp",
+];
 
 /// A plane: a file, and the number and the directory of its page, if it has several.
 struct Section {
@@ -101,6 +104,9 @@ impl Sections {
             let mut raster = section(path, *page, self.memory)?;
             if about(raster.info()) != about(&self.info) {
                 return Err(Error::corrupt(path, "the whole file", about(raster.info()), about(&self.info)));
+            }
+            if let Some(remark) = &raster.info().remark {
+                progress.warn(path, remark);
             }
             let ([left, top, _], [right, bottom, _]) = match raster.reads_anywhere() {
                 true => (cells.min, cells.max),
