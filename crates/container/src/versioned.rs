@@ -1,4 +1,4 @@
-//! Structs of sections, which are stored behind the number of their version.
+//! Structs of sections, which are stored after their version number.
 
 use std::path::Path;
 
