@@ -128,8 +128,11 @@ fn rgba(seed: u64) -> RgbaImage {
     })
 }
 
-/// A file of each kind, with the samples that it has.
-fn files(seed: u64) -> Vec<(&'static str, Vec<u8>, SampleType, usize, Vec<u8>)> {
+/// A file (name, bytes) with the samples that it has: their type, the number of channels, their bytes.
+type ImageCase = (&'static str, Vec<u8>, SampleType, usize, Vec<u8>);
+
+/// A file of each kind.
+fn files(seed: u64) -> Vec<ImageCase> {
     let mut noise = Random(seed);
     let pixels = WIDTH * HEIGHT;
     let gray = random_bytes(&mut noise, pixels);

@@ -3,7 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::io::url_of;
+use crate::url::url_of;
 
 /// Result of anything in this library that can fail.
 pub type Result<T, E = Error> = std::result::Result<T, E>;

@@ -10,6 +10,7 @@ mod set_operation;
 pub mod sort;
 pub mod space;
 pub mod text_fields;
+mod url;
 pub mod value;
 
 pub use error::{Error, Result};

@@ -1,11 +1,37 @@
 //! Work for several threads. The thread pool's own code is compiled once, for plain functions, and not anew
 //! wherever it is used for each of the many types of trees.
 
-use std::sync::Mutex;
+use std::any::Any;
+use std::cell::RefCell;
+use std::sync::{Arc, Mutex};
 
 use rayon::prelude::*;
 
-use crate::io::batch;
+/// State of the work that a thread does, which the threads that it shares this work with inherit: the batch of reads that they
+/// belong to.
+pub(crate) type Context = Arc<dyn Any + Send + Sync>;
+
+thread_local! {
+    static CONTEXT: RefCell<Option<Context>> = const { RefCell::new(None) };
+}
+
+/// The context of this thread's work.
+pub(crate) fn context() -> Option<Context> {
+    CONTEXT.with_borrow(Clone::clone)
+}
+
+/// Does some work in a context, or in none.
+pub(crate) fn with_context<R>(context: Option<Context>, work: impl FnOnce() -> R) -> R {
+    /// The context that the thread returns to, even if the work panics.
+    struct Before(Option<Context>);
+    impl Drop for Before {
+        fn drop(&mut self) {
+            CONTEXT.set(self.0.take());
+        }
+    }
+    let _before = Before(CONTEXT.replace(context));
+    work()
+}
 
 /// Applies a function to each item with the threads of the current rayon pool; the results have the items'
 /// order.
@@ -27,8 +53,8 @@ pub fn threads() -> usize {
 
 fn for_each(count: usize, visit: &(dyn Fn(usize) + Sync)) {
     // (A thread that waits for others may take up work of another question.)
-    let round = batch::current();
-    (0..count).into_par_iter().for_each(|index| batch::with(round.clone(), || visit(index)));
+    let context = context();
+    (0..count).into_par_iter().for_each(|index| with_context(context.clone(), || visit(index)));
 }
 
 /// Runs two functions, at the same time where a thread is free, and returns both results.
@@ -40,8 +66,8 @@ pub fn join<A: Send, B: Send>(first: impl FnOnce() -> A + Send, second: impl FnO
 }
 
 fn run_both(first: &mut (dyn FnMut() + Send), second: &mut (dyn FnMut() + Send)) {
-    let round = batch::current();
-    rayon::join(|| batch::with(round.clone(), first), || batch::with(round.clone(), second));
+    let context = context();
+    rayon::join(|| with_context(context.clone(), first), || with_context(context.clone(), second));
 }
 
 /// Things that threads take to work with and put back: what one job has read serves another.

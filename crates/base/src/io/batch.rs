@@ -8,7 +8,6 @@
 //! Nothing in here waits for a network: [`try_once`] is one pass, so that a browser can fetch in its own way.
 //! Files that are mapped, or read at positions, miss nothing, and their queries run once.
 
-use std::cell::RefCell;
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, HashSet};
 use std::fmt;
@@ -30,14 +29,9 @@ const BATCH_SHARE: u64 = 4;
 /// Whether there may be files that come in ranges.
 static IS_NEEDED: AtomicBool = AtomicBool::new(false);
 
-thread_local! {
-    /// The batch that this thread works on.
-    static CURRENT: RefCell<Option<Batch>> = const { RefCell::new(None) };
-}
-
-/// Ranges that a pass of a query has missed, in all threads that work on it.
-#[derive(Clone, Default)]
-pub(crate) struct Batch(Arc<Mutex<Vec<MissingRange>>>);
+/// Ranges that a pass of a query has missed, in all threads that work on it: the [context](parallel::context) of their work.
+#[derive(Default)]
+struct Batch(Mutex<Vec<MissingRange>>);
 
 /// A range of a file that is to be fetched.
 #[derive(Clone)]
@@ -89,40 +83,25 @@ pub(super) fn need() {
     IS_NEEDED.store(true, Ordering::Relaxed);
 }
 
-/// The batch that this thread works on.
-pub(crate) fn current() -> Option<Batch> {
-    CURRENT.with_borrow(Clone::clone)
-}
-
-/// Does some work in a batch, or in none.
-pub(crate) fn with<R>(batch: Option<Batch>, work: impl FnOnce() -> R) -> R {
-    /// The batch that the thread returns to, even if the work panics.
-    struct Before(Option<Batch>);
-    impl Drop for Before {
-        fn drop(&mut self) {
-            CURRENT.set(self.0.take());
-        }
-    }
-    let _before = Before(CURRENT.replace(batch));
-    work()
+/// Whether this thread works on a batch.
+fn is_in_batch() -> bool {
+    parallel::context().is_some()
 }
 
 /// Does some work outside of the batch that this thread works on: its reads wait. For files that a query opens, which each batch would otherwise
 /// open again.
 pub fn outside_batch<R>(work: impl FnOnce() -> R) -> R {
-    with(None, work)
+    parallel::with_context(None, work)
 }
 
 /// Records a missing range, if this thread works on a batch.
 pub(super) fn note(file: &RangeFile, range: &Range<u64>) -> bool {
-    CURRENT.with_borrow(|batch| match batch {
-        Some(Batch(missing)) => {
-            let mut missing = missing.lock().unwrap_or_else(PoisonError::into_inner);
-            missing.push(MissingRange { file: file.clone(), range: range.clone() });
-            true
-        }
-        None => false,
-    })
+    let Some(batch) = parallel::context().and_then(|context| context.downcast::<Batch>().ok()) else {
+        return false;
+    };
+    let mut missing = batch.0.lock().unwrap_or_else(PoisonError::into_inner);
+    missing.push(MissingRange { file: file.clone(), range: range.clone() });
+    true
 }
 
 /// Lets a traversal continue with other branches where one misses bytes: returns `None` then, and sets `is_unread`. The traversal must end with
@@ -154,8 +133,8 @@ pub fn finish_deferred(is_unread: bool) -> Result<()> {
 /// Runs a query once, with the bytes that are cached. Its result is valid only if nothing is missing; otherwise run it again when those ranges have been
 /// [supplied](RangeFile::supply).
 pub fn try_once(query: &mut dyn FnMut() -> Result<()>) -> (Result<()>, Vec<MissingRange>) {
-    let batch = Batch::default();
-    let result = with(Some(batch.clone()), query);
+    let batch = Arc::new(Batch::default());
+    let result = parallel::with_context(Some(batch.clone()), query);
     let mut missing = std::mem::take(&mut *batch.0.lock().unwrap_or_else(PoisonError::into_inner));
     let order =
         |missing: &MissingRange| (missing.file.number(), missing.range.start, Reverse(missing.range.end));
@@ -230,7 +209,7 @@ pub fn map<T: Sync, R: Send>(items: &[T], make: impl Fn(&T) -> Result<R> + Sync)
 }
 
 fn run_again(query: &mut dyn FnMut() -> Result<()>) -> Result<()> {
-    if current().is_some() {
+    if is_in_batch() {
         return query();
     }
     let mut fetched = HashSet::new();

@@ -5,9 +5,10 @@ use std::io::{self, Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use super::open::{local_path, remote_files, split_query, url_of, without_query};
+use super::open::remote_files;
 use super::platform::read_exact_at;
 use super::read::{ReadBackend, open_input};
+use crate::url::{local_path, split_query, url_of, without_query};
 use crate::{Error, Result};
 
 /// A file of this machine or elsewhere that is read from its beginning on, from another place on, or at places by several threads.

@@ -22,15 +22,14 @@ mod stat;
 mod unpacked;
 mod write;
 
+pub use crate::url::{local_path, split_query, url_of, without_query};
 pub use cache::{CachedBytes, RangeCache, with_cache};
 pub use faults::Faults;
 pub use file_id::FileId;
 pub use input::{InputFile, beside};
 pub use lock::{LockedFile, ReplaceLock};
 pub use lock_file::LockFile;
-pub use open::{
-    RemoteFiles, RemoteWriter, local_path, open_file, set_remote_files, split_query, url_of, without_query,
-};
+pub use open::{RemoteFiles, RemoteWriter, open_file, set_remote_files};
 pub use output::Output;
 pub use output::folder;
 pub use output::{Unfinished, already_exists_error, partial_of, sidecar_of, sync_folder};

@@ -7,10 +7,11 @@ use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use super::faults::{Faults, MayFail};
 use super::file_id::FileId;
-use super::open::{RemoteWriter, local_path, remote_files, url_of};
+use super::open::{RemoteWriter, remote_files};
 use super::platform::{free_space, set_output_permissions};
 use super::regular::open_regular;
 use super::write::{FileBackend, check_limit};
+use crate::url::{local_path, url_of};
 use crate::{Error, Result};
 
 /// Destination of output: a new file that appears whole or not at all, or standard output.

@@ -5,7 +5,8 @@ use std::path::Path;
 use std::time::UNIX_EPOCH;
 
 use super::input::is_access_denied;
-use super::open::{local_path, remote_files, url_of};
+use super::open::remote_files;
+use crate::url::{local_path, url_of};
 use crate::{Error, Result};
 
 /// Identity of a file version: equal values imply equal contents.
