@@ -104,7 +104,7 @@ pub use spinney_engine::ops::{
 };
 pub use spinney_engine::store::{BuildOptions, WriteOptions};
 
-/// Requests to a [`Dataset`](crate::Dataset), and their results.
+/// Requests to a [`Dataset`], and their results.
 pub mod query {
     pub use spinney_base::space::{EdgeRule, Polygon};
     pub use spinney_engine::query::{
