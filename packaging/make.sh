@@ -83,8 +83,7 @@ c() {
 }
 
 javascript() {
-    [ -e wasm/dist/package.json ] || wasm/build.sh
-    (cd wasm/dist && npm pack --silent --pack-destination "$out")
+    (cd crates/site/page/spinney && npm pack --silent --pack-destination "$out")
 }
 
 browser

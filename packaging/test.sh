@@ -14,10 +14,11 @@ trap 'rm -rf "$work"' EXIT
 fixtures=$PWD/fixtures
 packaging/make.sh "$work" program wheel c
 du --bytes "$work"/*.whl "$work"/*.tar.gz | awk '{ sub(/.*\//, "", $2); printf "%s: %.1f MB (profile '"$PROFILE"')\n", $2, $1 / 1e6 }'
-if ! command -v npm > /dev/null || [ ! -e wasm/dist/package.json ]; then
-    echo 'skipped: the npm package, without npm or wasm/dist (wasm/build.sh)'
+packaging/crates.sh
+if ! command -v npm > /dev/null; then
+    echo 'skipped: the npm package, without npm'
 else
-    (cd wasm/dist && npm pack --dry-run) > "$work/npm.txt" 2>&1
+    (cd crates/site/page/spinney && npm pack --dry-run) > "$work/npm.txt" 2>&1
     grep -q ' module_bg\.wasm$' "$work/npm.txt"
     sed -n 's/^npm notice package size: /npm: /p' "$work/npm.txt"
 fi
