@@ -331,7 +331,7 @@ fn images_that_are_decoded_as_a_whole() {
     command(&[&["-q", "build", "-o", &tree][..], &inputs].concat()).assert().success();
     command(&["-q", "get", &tree, &out, "--window", "80,0,40,30"]).assert().success();
     assert!(samples(&out) == samples(inputs[2]));
-    command(&["-q", "build", "--stack", "-o", &tree, &name("a.pgm"), &name("b.tga")]).assert().success();
+    command(&["-q", "build", "--stack", "-o", &tree, &name("a.gif"), &name("b.tga")]).assert().success();
     // A warning says what is not read.
     let frames = "tests/import/pictures/whole/frames.gif";
     let said = stderr(command(&["build", frames, "-o", &tree]).assert().success());

@@ -389,7 +389,7 @@ fn plans_that_are_damaged_are_refused() {
         ("/shards", "[]", "once"),
         ("/head/bytes", "1", "head.goblin"),
         ("/head/xxh3", "\"\"", "head.goblin"),
-        ("/work/pictures/options/kind", "\"odd\"", "kind"),
+        ("/work/pictures/options/kind", "\"odd\"", "`odd`, expected `Categorical`"),
         ("/work/pictures/options/depth", "200", "depth"),
         ("/work/pictures/options/transform", "[\"nan\",\"0\",\"0\",\"0\",\"0\",\"0\"]", "transform"),
         ("/inputs", "[]", "at least one"),
@@ -400,7 +400,7 @@ fn plans_that_are_damaged_are_refused() {
             "{\"size\": [9, 9], \"nodata\": null, \"flag_all\": false, \"regions\": [[0, 0, 9, 9]]}",
             "in it",
         ),
-        ("/work/pictures/options/rule", "\"max\"", "was planned"),
+        ("/work/pictures/options/rule", "\"Max\"", "was planned"),
     ] {
         let bad = changed(&|json| *json.pointer_mut(pointer).unwrap() = serde_json::from_str(value).unwrap());
         refused(&bad, word);
