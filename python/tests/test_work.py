@@ -316,7 +316,7 @@ LONG: dict[str, Work] = {
     "contains": lambda place, _: spinney.open_brep(place / "model.goblin").contains(points(2_000_000, 3, 160)),
     "distance": lambda place, _: spinney.open_brep(place / "model.goblin").distance(points(20_000, 3, 160)),
     "nearest": lambda place, _: spinney.open_brep(place / "model.goblin").nearest(points(20_000, 3, 160)),
-    "rays to a model": lambda place, _: spinney.open_brep(place / "model.goblin").rays(points(60_000, 3, 160), (1, 2, 3)),
+    "rays to a model": lambda place, _: spinney.open_brep(place / "model.goblin").rays(points(240_000, 3, 160), (1, 2, 3)),
     "section": lambda place, to: spinney.open_brep(place / "model.goblin").section(to / "s.csv", "z=30..130/0.1"),
     "build_brep": lambda place, to: spinney.build_brep(tree(place / "ball.goblin").mesh(), to / "m.goblin"),
     "combine of models": lambda place, to: spinney.combine("union", [place / "model.goblin"] * 2, to / "u.goblin"),

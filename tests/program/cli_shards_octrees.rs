@@ -240,15 +240,15 @@ fn plans_of_octrees_that_are_damaged_are_refused() {
     let plan = place.path("job/plan.json");
     let json: serde_json::Value = serde_json::from_slice(&fs::read(&plan).unwrap()).unwrap();
     for (pointer, value, word) in [
-        ("/work/solid/survey/bounds", r#"["1"]"#, "bounds"),
-        ("/work/solid/survey/bounds/0", r#""1e99""#, "bounds"),
-        ("/work/solid/survey/bounds/0", r#""nan""#, "bounds"),
+        ("/work/solid/survey/bounds", r#"["1"]"#, "expected a sequence"),
+        ("/work/solid/survey/bounds/0/0", r#""1e99""#, "bounds"),
+        ("/work/solid/survey/bounds/0/0", r#""nan""#, "bounds"),
         ("/work/solid/survey/inside/0/0", r#""x""#, "codes that ascend"),
         ("/work/solid/survey/inside/0/0", r#""7fffffffffffffe5""#, "codes that ascend"),
-        ("/work/solid/resolution", r#"{"along": 0}"#, "cells along"),
-        ("/work/solid/edge", r#""odd""#, "odd"),
+        ("/work/solid/options/resolution", r#"{"cells": 0}"#, "cells along"),
+        ("/work/solid/options/edge", r#""odd""#, "odd"),
         ("/work/solid/survey/is_divided", "null", "plan"),
-        ("/work/solid/survey/bounds/0", r#""-0.5""#, "was planned"),
+        ("/work/solid/survey/bounds/0/0", r#""-0.5""#, "was planned"),
     ] {
         let mut bad = json.clone();
         *bad.pointer_mut(pointer).unwrap_or_else(|| panic!("{pointer} in {json}")) =

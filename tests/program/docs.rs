@@ -14,7 +14,8 @@ use crate::common::command::command;
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 /// Pages that have no commands of their own.
-const WITHOUT: [&str; 8] = [
+const WITHOUT: [&str; 9] = [
+    "glossary.md",
     "c.md",
     "how-it-works.md",
     "javascript.md",
