@@ -34,7 +34,7 @@ pub enum SetOperation {
     ReverseDifference,
     /// B, whatever A is.
     Second,
-    /// What is in exactly one of the two.
+    /// Elements of exactly one of the two.
     SymmetricDifference,
     /// A or B.
     Union,
@@ -119,7 +119,7 @@ impl SetOperation {
         self.index() & 8 != 0
     }
 
-    /// The same operation without what is in neither set.
+    /// This operation without elements that are in neither set.
     pub const fn bounded(self) -> SetOperation {
         SetOperation::ALL[(self.index() & 7) as usize]
     }

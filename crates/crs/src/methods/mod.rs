@@ -86,9 +86,9 @@ enum TreeType {
 
 /// PROJ's word for a parameter, or a number that it always has, its name in WKT 2, and its number in the EPSG registry, or 0.
 type ParameterName = (&'static str, &'static str, u16);
-/// The same word or number, and Esri's name.
+/// Its word or number, and Esri's name.
 type EsriName = (&'static str, &'static str);
-/// The same, and the number of a GeoTIFF key.
+/// Its words, and the number of a GeoTIFF key.
 type ParameterKey = (&'static str, u16);
 
 impl Method {

@@ -101,7 +101,7 @@ pub enum JobSpec {
         inputs: Vec<PathBuf>,
         /// The way in which they are merged.
         operation: CombineOperation,
-        /// What becomes of cells that none of them has.
+        /// Handling of cells that no input has.
         options: CombineOptions,
         /// The way in which segments are packed.
         packing: Packing,

@@ -96,7 +96,7 @@ impl Solid {
     }
 }
 
-/// The same options with so many bytes of memory.
+/// These options with this many bytes of memory.
 fn with_memory(options: &SolidOptions, memory: u64) -> SolidOptions {
     let mut options = options.clone();
     options.memory = memory;

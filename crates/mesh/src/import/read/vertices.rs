@@ -126,7 +126,7 @@ impl Vertices {
         Table::new(self.bytes.bytes(), self.layout)
     }
 
-    /// The same vertices without their colours.
+    /// These vertices without their colours.
     pub(super) fn without_colours(mut self) -> Vertices {
         self.layout.colour = None;
         self

@@ -123,7 +123,7 @@ impl Header {
     /// range of the type.
     ///
     /// # Errors
-    /// What was found, if a sample is larger.
+    /// Description of the first sample above the maximum, if any.
     pub(super) fn check_samples(&self, mut samples: Vec<u8>, info: &RasterInfo) -> Result<Vec<u8>, String> {
         let full = if info.sample == SampleType::U8 { 0xff } else { 0xffff };
         if self.has_bits || self.maximum == full {
