@@ -1,5 +1,6 @@
 //! The base of all of Spinney: errors, files, space, values, work for several threads.
 
+pub mod array;
 mod error;
 mod form;
 pub mod guard;

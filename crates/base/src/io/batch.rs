@@ -196,16 +196,26 @@ pub fn run_batched<T>(mut query: impl FnMut() -> Result<T>) -> Result<T> {
 /// # Errors
 /// That of the first item whose function fails.
 pub fn map<T: Sync, R: Send>(items: &[T], make: impl Fn(&T) -> Result<R> + Sync) -> Result<Vec<R>> {
-    let mut done: Vec<Option<R>> = items.iter().map(|_| None).collect();
+    // (Plain loops: this is compiled for very many types.)
+    let mut done: Vec<Option<R>> = Vec::with_capacity(items.len());
+    let mut left = Vec::with_capacity(items.len());
+    for index in 0..items.len() {
+        done.push(None);
+        left.push(index);
+    }
     run_batched(|| {
-        let left: Vec<usize> = (0..items.len()).filter(|index| done[*index].is_none()).collect();
+        left.retain(|index| done[*index].is_none());
         let mut is_unread = false;
         for (index, made) in left.iter().zip(parallel::map(&left, |index| make(&items[*index]))) {
             done[*index] = defer_missing(made, &mut is_unread)?;
         }
         finish_deferred(is_unread)
     })?;
-    Ok(done.into_iter().flatten().collect())
+    let mut results = Vec::with_capacity(items.len());
+    for result in done {
+        results.push(result.expect("a query without an error misses nothing"));
+    }
+    Ok(results)
 }
 
 fn run_again(query: &mut dyn FnMut() -> Result<()>) -> Result<()> {

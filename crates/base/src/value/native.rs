@@ -8,6 +8,7 @@ use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 use super::sample::{Arithmetic, Sample, TotalSum};
 use super::sums::Sums;
 use super::value_type::ValueType;
+use crate::array;
 
 /// A value whose type is known at compile time: one to four samples of one type. Only kernels know such
 /// types; they are chosen once per block or file by [`with_native_type`](super::with_native_type).
@@ -115,83 +116,83 @@ macro_rules! native_values {
 
             #[inline]
             fn from_wire(wire: Self::Wire) -> Self {
-                wire.map(S::from_wire)
+                array::map(wire, S::from_wire)
             }
             #[inline]
             fn to_wire(self) -> Self::Wire {
-                self.map(S::to_wire)
+                array::map(self, S::to_wire)
             }
             #[inline]
             fn narrow_sums(self) -> Self::NarrowSums {
-                self.map(S::narrow_sum)
+                array::map(self, S::narrow_sum)
             }
             #[inline]
             fn add_narrow_sums(a: Self::NarrowSums, b: Self::NarrowSums) -> Self::NarrowSums {
-                std::array::from_fn(|c| a[c] + b[c])
+                array::from_fn(|c| a[c] + b[c])
             }
             #[inline]
             fn narrow_squares(self) -> Self::NarrowSquares {
-                self.map(S::narrow_square)
+                array::map(self, S::narrow_square)
             }
             #[inline]
             fn add_narrow_squares(a: Self::NarrowSquares, b: Self::NarrowSquares) -> Self::NarrowSquares {
-                std::array::from_fn(|c| a[c] + b[c])
+                array::from_fn(|c| a[c] + b[c])
             }
             #[inline]
             fn widen_narrow_squares(squares: Self::NarrowSquares) -> Self::BlockSquares {
-                squares.map(Into::into)
+                array::map(squares, Into::into)
             }
             #[inline]
             fn narrow_mean(sums: Self::NarrowSums, bits: u32) -> Self {
-                sums.map(|sum| S::narrow_mean(sum, bits))
+                array::map(sums, |sum| S::narrow_mean(sum, bits))
             }
             #[inline]
             fn widen_narrow(sums: Self::NarrowSums) -> Self::BlockSums {
-                sums.map(Into::into)
+                array::map(sums, Into::into)
             }
             #[inline]
             fn block_sums(self, cells: u32) -> Self::BlockSums {
-                self.map(|sample| sample.block_sum(cells))
+                array::map(self, |sample| sample.block_sum(cells))
             }
             #[inline]
             fn add_block_sums(a: Self::BlockSums, b: Self::BlockSums) -> Self::BlockSums {
-                std::array::from_fn(|c| a[c] + b[c])
+                array::from_fn(|c| a[c] + b[c])
             }
             #[inline]
             fn block_squares(self, cells: u32) -> Self::BlockSquares {
-                self.map(|sample| sample.block_square(cells))
+                array::map(self, |sample| sample.block_square(cells))
             }
             #[inline]
             fn add_block_squares(a: Self::BlockSquares, b: Self::BlockSquares) -> Self::BlockSquares {
-                std::array::from_fn(|c| a[c] + b[c])
+                array::from_fn(|c| a[c] + b[c])
             }
             #[inline]
             fn widen(sums: Self::BlockSums) -> Self::TotalSums {
-                sums.map(Into::into)
+                array::map(sums, Into::into)
             }
             #[inline]
             fn widen_squares(squares: Self::BlockSquares) -> Self::TotalSquares {
-                squares.map(Into::into)
+                array::map(squares, Into::into)
             }
             #[inline]
             fn block_mean(sums: Self::BlockSums, cells: u32) -> Self {
-                sums.map(|sum| S::block_mean(sum, cells))
+                array::map(sums, |sum| S::block_mean(sum, cells))
             }
             #[inline]
             fn total_sums(self, cells: u64) -> Self::TotalSums {
-                self.map(|sample| sample.total_sum(cells))
+                array::map(self, |sample| sample.total_sum(cells))
             }
             #[inline]
             fn total_squares(self, cells: u64) -> Self::TotalSquares {
-                self.map(|sample| sample.total_square(cells))
+                array::map(self, |sample| sample.total_square(cells))
             }
             #[inline]
             fn add_sums(a: Self::TotalSums, b: Self::TotalSums) -> Self::TotalSums {
-                std::array::from_fn(|c| a[c] + b[c])
+                array::from_fn(|c| a[c] + b[c])
             }
             #[inline]
             fn add_squares(a: Self::TotalSquares, b: Self::TotalSquares) -> Self::TotalSquares {
-                std::array::from_fn(|c| a[c] + b[c])
+                array::from_fn(|c| a[c] + b[c])
             }
             fn erase(sums: Self::TotalSums) -> Sums {
                 S::TotalSum::to_sums(&sums)
@@ -201,27 +202,33 @@ macro_rules! native_values {
             }
             fn typed_sums(sums: &Sums) -> Self::TotalSums {
                 let sums = S::TotalSum::from_sums(sums);
-                std::array::from_fn(|channel| sums[channel])
+                array::from_fn(|channel| sums[channel])
             }
             fn typed_squares(squares: &Sums) -> Self::TotalSquares {
                 let squares = S::TotalSquare::from_sums(squares);
-                std::array::from_fn(|channel| squares[channel])
+                array::from_fn(|channel| squares[channel])
             }
             fn mean(sums: &Sums, cells: u64) -> Self {
                 let sums = S::TotalSum::from_sums(sums);
-                std::array::from_fn(|channel| S::mean(sums[channel], cells))
+                array::from_fn(|channel| S::mean(sums[channel], cells))
             }
             #[inline]
             fn order(self, other: Self) -> Ordering {
-                (0..$channels).map(|c| self[c].order(other[c])).find(|order| order.is_ne()).unwrap_or(Ordering::Equal)
+                let mut order = Ordering::Equal;
+                let mut c = 0;
+                while c < $channels && order.is_eq() {
+                    order = self[c].order(other[c]);
+                    c += 1;
+                }
+                order
             }
             #[inline]
             fn min(self, other: Self) -> Self {
-                std::array::from_fn(|c| if other[c].order(self[c]).is_lt() { other[c] } else { self[c] })
+                array::from_fn(|c| if other[c].order(self[c]).is_lt() { other[c] } else { self[c] })
             }
             #[inline]
             fn max(self, other: Self) -> Self {
-                std::array::from_fn(|c| if other[c].order(self[c]).is_gt() { other[c] } else { self[c] })
+                array::from_fn(|c| if other[c].order(self[c]).is_gt() { other[c] } else { self[c] })
             }
             #[inline]
             fn same(self, other: Self) -> bool {
@@ -229,11 +236,11 @@ macro_rules! native_values {
             }
             #[inline]
             fn plus(self, other: Self) -> Self {
-                std::array::from_fn(|c| self[c].plus(other[c]))
+                array::from_fn(|c| self[c].plus(other[c]))
             }
             #[inline]
             fn minus(self, other: Self) -> Self {
-                std::array::from_fn(|c| self[c].minus(other[c]))
+                array::from_fn(|c| self[c].minus(other[c]))
             }
             #[inline]
             fn is_nan(self) -> bool {

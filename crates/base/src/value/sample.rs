@@ -72,7 +72,16 @@ pub trait Sample: Copy + Debug + Default + PartialEq + PartialOrd + Send + Sync 
 /// Wire form, sums and means of samples, for kernels.
 pub trait Arithmetic: Sample {
     /// Form on disk: little-endian at any address.
-    type Wire: FromBytes + IntoBytes + Unaligned + Immutable + KnownLayout + Copy + Debug + Send + Sync;
+    type Wire: FromBytes
+        + IntoBytes
+        + Unaligned
+        + Immutable
+        + KnownLayout
+        + Copy
+        + Debug
+        + Default
+        + Send
+        + Sync;
     /// Sum over at most 2^15 cells, without overflow, in as few bytes as possible.
     type NarrowSum: Copy
         + Debug

@@ -12,6 +12,7 @@ use crate::store::goblin::{Goblin, GoblinNode, Segment};
 use crate::store::records::dense::dense_block;
 use crate::store::records::{Record, RecordLayout, child_record, with_record_type};
 use crate::tree::{Child, Source, no_children};
+use spinney_base::array;
 use spinney_base::io::batch;
 use spinney_base::sort;
 use spinney_base::space::{Cell, Code, Dimension};
@@ -173,8 +174,10 @@ pub(crate) fn values_one_by_one(
 impl Points<'_> {
     /// Writes the values of cells of the level.
     fn values<R: Record>(&self, cells: &[Cell], values: &mut [Option<Value>]) -> Result<()> {
-        let runs = self.segments.iter();
-        let runs: Vec<(&[R], u8)> = runs.map(|(run, below)| (R::of(run.records()), *below)).collect();
+        let mut runs: Vec<(&[R], u8)> = Vec::with_capacity(self.segments.len());
+        for (run, below) in &self.segments {
+            runs.push((R::of(run.records()), *below));
+        }
         let side = 1u32 << self.level;
         for (cell, value) in cells.iter().zip(values) {
             let inside = (0..3).all(|axis| cell[axis] < if axis < R::AXES { side } else { 1 });
@@ -194,7 +197,7 @@ impl Points<'_> {
     #[inline]
     fn value_below<R: Record>(&self, runs: &[(&[R], u8)], entry: Entry, cell: Cell) -> Result<Option<Value>> {
         let (records, below) = runs[entry.segment as usize];
-        let [x, y, z] = cell.map(|cell| cell as usize);
+        let [x, y, z] = array::map(cell, |cell| cell as usize);
         let mut at = entry.record as usize;
         for bit in (0..self.level - self.top).rev() {
             // (In quadtrees z is 0.)
@@ -237,7 +240,7 @@ impl Points<'_> {
     #[inline]
     fn entry_index(&self, cell: Cell, up: u8) -> usize {
         // (In quadtrees z is 0.)
-        let [x, y, z] = cell.map(|cell| cell as usize >> up);
+        let [x, y, z] = array::map(cell, |cell| cell as usize >> up);
         x | y << self.top | z << (2 * self.top)
     }
 
@@ -291,7 +294,7 @@ impl Points<'_> {
         let axes = self.layout.dimension.axes();
         let size = 1u32 << (self.top - code.level());
         let extent = |axis: usize| if axis < axes { size } else { 1 };
-        let min: [u32; 3] = std::array::from_fn(|axis| code.cell()[axis] * extent(axis));
+        let min: [u32; 3] = array::from_fn(|axis| code.cell()[axis] * extent(axis));
         for z in min[2]..min[2] + extent(2) {
             for y in min[1]..min[1] + extent(1) {
                 let start = self.entry_index([min[0], y, z], 0);

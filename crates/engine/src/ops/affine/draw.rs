@@ -9,6 +9,7 @@ use super::view::{TINY, View};
 use crate::store::records::{Record, RecordLayout, with_record_type};
 use crate::tree::{CellBlock, Source};
 use spinney_base::Result;
+use spinney_base::array;
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::DataKind;
 
@@ -66,9 +67,9 @@ impl View {
         let axes = self.form.axes();
         let side = 1i64 << levels;
         let cell = code.cell().map(|cell| i64::from(cell) << levels);
-        let first: [i64; 3] = std::array::from_fn(|axis| if axis < axes { cell[axis] } else { 0 });
-        let start = std::array::from_fn(|axis| first[axis].max(self.lookup.shown.0[axis] as i64));
-        let end = std::array::from_fn(|axis| {
+        let first: [i64; 3] = array::from_fn(|axis| if axis < axes { cell[axis] } else { 0 });
+        let start = array::from_fn(|axis| first[axis].max(self.lookup.shown.0[axis] as i64));
+        let end = array::from_fn(|axis| {
             let end = if axis < axes { first[axis] + side } else { 1 };
             end.min(self.lookup.shown.1[axis] as i64)
         });
@@ -93,7 +94,7 @@ impl View {
 
 /// The centre of a cell.
 fn centre(cell: [i64; 3]) -> DVec3 {
-    DVec3::from(cell.map(|cell| cell as f64)) + DVec3::splat(0.5)
+    DVec3::from(array::map(cell, |cell| cell as f64)) + DVec3::splat(0.5)
 }
 
 /// Copies the source cells at the centres of the cells that are shown; what falls outside of the drawn ones
@@ -109,8 +110,8 @@ fn pick_cells<R: Record>(
     let to = <[R::Bytes]>::mut_from_bytes(&mut block.values).expect("a value for each cell");
     let valid = &drawn.valid[..from.len()];
     let present = &mut block.present[..to.len()];
-    let size = drawn.bounds.size().map(|size| size as i64);
-    let origin = drawn.bounds.min.map(|cell| cell as i64);
+    let size = array::map(drawn.bounds.size(), |size| size as i64);
+    let origin = array::map(drawn.bounds.min, |cell| cell as i64);
     let strides = [1, size[0], size[0] * size[1]];
     let matrix = &to_source.0;
     let along_x = matrix.matrix3.x_axis;
@@ -122,8 +123,8 @@ fn pick_cells<R: Record>(
     // The index of the drawn cell that a point lies in.
     let index_of = |point: DVec3| -> Option<i64> {
         let mut index = 0;
-        for (axis, number) in point.to_array().into_iter().enumerate().take(R::AXES) {
-            let cell = floor(number) - origin[axis];
+        for axis in 0..R::AXES {
+            let cell = floor(point[axis]) - origin[axis];
             // (What is negative is too large, too.)
             if cell as u64 >= size[axis] as u64 {
                 return None;

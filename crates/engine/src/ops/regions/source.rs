@@ -276,14 +276,11 @@ fn header_of(view: &View) -> Header {
 
 /// Gives the cells of a block the values of their components. A mover: compiled for each width of values.
 fn fill<const WIDTH: usize>(block: &mut CellBlock, pattern: &Pattern, values: &[Value]) {
-    let values: Vec<[u8; WIDTH]> = values
-        .iter()
-        .map(|value| {
-            let mut bytes = [0; WIDTH];
-            value.write(&mut bytes);
-            bytes
-        })
-        .collect();
+    let mut bytes = vec![[0; WIDTH]; values.len()];
+    for (bytes, value) in bytes.iter_mut().zip(values) {
+        value.write(bytes);
+    }
+    let values = bytes;
     let (cells, _) = block.values.as_chunks_mut::<WIDTH>();
     pattern.each_run(|run, component| {
         block.present[run.clone()].fill(true);

@@ -29,13 +29,9 @@ fn pick_values<R: Record>(
     let to = <[R::Bytes]>::mut_from_bytes(&mut block.values).expect("a value for each cell");
     let valid = &window.valid[..from.len()];
     if let Lattice::Separable { columns, rows } = lattice {
-        let place = |number: f64, axis: usize| {
-            let cell = floor(number) - window.origin[axis];
-            (number.is_finite() && (cell as u64) < window.size[axis] as u64).then_some(cell as usize)
-        };
-        let columns: Vec<Option<usize>> = columns.iter().map(|column| place(*column, 0)).collect();
-        for (y, row) in rows.iter().enumerate() {
-            let Some(row) = place(*row, 1) else { continue };
+        let columns = cells_at(window, 0, columns);
+        for (y, row) in cells_at(window, 1, rows).into_iter().enumerate() {
+            let Some(row) = row else { continue };
             let first = row * window.size[0];
             let (from, valid) = (&from[first..first + window.size[0]], &valid[first..first + window.size[0]]);
             let cells = y * width..(y + 1) * width;
@@ -59,4 +55,13 @@ fn pick_values<R: Record>(
             }
         }
     }
+}
+
+/// The cells of a window that some positions along an axis lie in.
+fn cells_at(window: &Window, axis: usize, positions: &[f64]) -> Vec<Option<usize>> {
+    let cell_at = |number: &f64| {
+        let cell = floor(*number) - window.origin[axis];
+        (number.is_finite() && (cell as u64) < window.size[axis] as u64).then_some(cell as usize)
+    };
+    positions.iter().map(cell_at).collect()
 }

@@ -9,6 +9,7 @@ use crate::query::check_level;
 use crate::store::goblin::{Goblin, Located, Segment};
 use crate::store::records::{Record, with_record_type};
 use crate::tree::Child;
+use spinney_base::array;
 use spinney_base::io::batch::{defer_missing, finish_deferred};
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::Value;
@@ -83,7 +84,8 @@ impl<'a> Window<'a> {
     fn node_around(&self, part: &Bounds) -> Code {
         let dimension = self.tree.header().form.dimension;
         let corner = |cell: [u64; 3]| {
-            Code::from_cell(dimension, self.level, cell.map(|cell| cell as u32)).expect("inside the space")
+            Code::from_cell(dimension, self.level, array::map(cell, |cell| cell as u32))
+                .expect("inside the space")
         };
         // The codes of all cells of a box lie between those of its two extreme corners in Z order: the
         // ancestor of these two is that of all.
@@ -167,8 +169,8 @@ impl<R: Record> Drawing<'_, '_, R> {
             for y in nodes(1) {
                 for x in nodes(0) {
                     // (A quadtree has no nodes along z but one.)
-                    let min = [x, y, z].map(|node| node * side);
-                    let node = Bounds { min, max: min.map(|min| min + side) };
+                    let min = array::map([x, y, z], |node| node * side);
+                    let node = Bounds { min, max: array::map(min, |min| min + side) };
                     defer_missing(self.draw_down(&node.intersect(part)), &mut is_unread)?;
                 }
             }
@@ -236,8 +238,8 @@ impl<R: Record> Drawing<'_, '_, R> {
                 }
                 next += skip;
             }
-            let spans: [AxisSpan; 3] = std::array::from_fn(|axis| halves[axis][child >> axis & 1]);
-            let size = spans.map(|span| span.cells);
+            let spans: [AxisSpan; 3] = array::from_fn(|axis| halves[axis][child >> axis & 1]);
+            let size = array::map(spans, |span| span.cells);
             if size.contains(&0) {
                 continue;
             }
@@ -245,14 +247,13 @@ impl<R: Record> Drawing<'_, '_, R> {
             match state {
                 VOID => self.painter.fill(start, size, None),
                 INNER | CUT if below > 0 => {
-                    let child_min =
-                        std::array::from_fn(|axis| min[axis] + ((child as u64 >> axis & 1) << below));
+                    let child_min = array::from_fn(|axis| min[axis] + ((child as u64 >> axis & 1) << below));
                     if state == INNER && !jump {
                         let drawn = self.node(segment, records, under, level + 1, child_min);
                         defer_missing(drawn, &mut is_unread)?;
                         continue;
                     }
-                    let cell = child_min.map(|cell| (cell >> below) as u32);
+                    let cell = array::map(child_min, |cell| (cell >> below) as u32);
                     let code = Code::from_cell(R::DIMENSION, level + 1, cell);
                     let deeper = if state == CUT { self.window.has_deeper(segment, code) } else { Ok(true) };
                     let Some(deeper) = defer_missing(deeper, &mut is_unread)? else { continue };
@@ -260,7 +261,7 @@ impl<R: Record> Drawing<'_, '_, R> {
                         return Err(tree.bad_cut(code.unwrap_or(Code::root(R::DIMENSION))));
                     }
                     let side = |axis: usize| if axis < R::AXES { 1 << below } else { 1 };
-                    let max = std::array::from_fn(|axis| child_min[axis] + side(axis));
+                    let max = array::from_fn(|axis| child_min[axis] + side(axis));
                     let part = Bounds { min: child_min, max }.intersect(&self.window.bounds);
                     defer_missing(self.draw(&part), &mut is_unread)?;
                 }

@@ -8,6 +8,7 @@ use zerocopy::FromBytes;
 use crate::store::records::Record;
 use crate::store::records::dense::{DenseBlock, DenseRows, dense_block};
 use crate::store::records::record::LOW_STATE_BITS;
+use spinney_base::array;
 use spinney_base::space::Bounds;
 use spinney_base::value::Value;
 use spinney_container::{CUT, INNER, VOID};
@@ -25,7 +26,7 @@ pub(super) enum BadRun {
 pub(super) type Drawn = Result<(), BadRun>;
 
 /// Cells of a node, or of its lower or upper half, that lie in a window, along one axis.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 pub(super) struct AxisSpan {
     /// Summand of the first of them in the index of a cell's value; undefined if there are none.
     pub(super) offset: usize,
@@ -58,7 +59,7 @@ impl<'a, R: Record> Painter<'a, R> {
         values: &'a mut [u8],
         valid: Option<&'a mut [bool]>,
     ) -> Painter<'a, R> {
-        let [width, height, _] = bounds.size().map(|size| size as usize);
+        let [width, height, _] = array::map(bounds.size(), |size| size as usize);
         let values = <[R::Bytes]>::mut_from_bytes(values).expect("a whole number of values, as was checked");
         let strides = [1, width, width * height];
         Painter { bounds, strides, fill: bytes_of::<R>(fill), values, valid }
@@ -88,7 +89,7 @@ impl<'a, R: Record> Painter<'a, R> {
         let mut halves = [[AxisSpan { offset: 0, cells: 1 }; 2]; 3];
         for (axis, halves) in halves[..R::AXES].iter_mut().enumerate() {
             let side = 1 << below;
-            *halves = [min[axis], min[axis] + side].map(|start| self.span(axis, start, side));
+            *halves = [self.span(axis, min[axis], side), self.span(axis, min[axis] + side, side)];
         }
         halves
     }
@@ -124,8 +125,8 @@ impl<'a, R: Record> Painter<'a, R> {
                 }
                 next += skip;
             }
-            let spans: [AxisSpan; 3] = std::array::from_fn(|axis| halves[axis][child >> axis & 1]);
-            let size = spans.map(|span| span.cells);
+            let spans: [AxisSpan; 3] = array::from_fn(|axis| halves[axis][child >> axis & 1]);
+            let size = array::map(spans, |span| span.cells);
             if size.contains(&0) {
                 continue;
             }
@@ -133,7 +134,7 @@ impl<'a, R: Record> Painter<'a, R> {
             match state {
                 VOID => self.fill(start, size, None),
                 INNER if below > 0 => {
-                    let min = std::array::from_fn(|axis| min[axis] + ((child as u64 >> axis & 1) << below));
+                    let min = array::from_fn(|axis| min[axis] + ((child as u64 >> axis & 1) << below));
                     self.run(records, under, below - 1, min)?;
                 }
                 CUT if below > 0 => return Err(BadRun::Cut),
@@ -221,17 +222,17 @@ impl<'a, R: Record> Painter<'a, R> {
     fn dense(&mut self, records: &[R], at: usize, below: u8, min: [u64; 3]) -> Drawn {
         let block = Self::dense_rows(records, at, below)?;
         let level = below + 1;
-        let spans: [AxisSpan; 3] = std::array::from_fn(|axis| {
+        let spans: [AxisSpan; 3] = array::from_fn(|axis| {
             let side = if axis < R::AXES { 1 << level } else { 1 };
             self.span(axis, min[axis], side)
         });
-        let size = spans.map(|span| span.cells);
+        let size = array::map(spans, |span| span.cells);
         if size.contains(&0) {
             return Ok(());
         }
         let start = spans[0].offset + spans[1].offset + spans[2].offset;
         let bounds = &self.bounds;
-        let first = std::array::from_fn(|axis| bounds.min[axis].saturating_sub(min[axis]) as usize);
+        let first = array::from_fn(|axis| bounds.min[axis].saturating_sub(min[axis]) as usize);
         if !block.is_full() || self.valid.is_some() {
             self.dense_and_void(&block, level, (first, size), start);
             return Ok(());
@@ -339,9 +340,10 @@ impl<'a, R: Record> Painter<'a, R> {
     fn cells_and_void(&mut self, values: &[R::Bytes], some: u32, start: usize) {
         for (pair, values) in values[..R::CHILDREN].as_chunks::<2>().0.iter().enumerate() {
             let index = self.pair_index(pair, start);
-            let flags = [0, 1].map(|child| some >> (4 * pair + 2 * child) & 1 != 0);
-            self.values[index..index + 2]
-                .copy_from_slice(&[0, 1].map(|child| if flags[child] { values[child] } else { self.fill }));
+            let flags = array::map([0, 1], |child| some >> (4 * pair + 2 * child) & 1 != 0);
+            for child in 0..2 {
+                self.values[index + child] = if flags[child] { values[child] } else { self.fill };
+            }
             if let Some(valid) = &mut self.valid {
                 valid[index..index + 2].copy_from_slice(&flags);
             }
@@ -370,7 +372,7 @@ impl<'a, R: Record> Painter<'a, R> {
 
     /// Gives all cells of a part one value; `None` is VOID.
     pub(super) fn paint(&mut self, part: &Bounds, value: Option<R::Bytes>) {
-        self.fill(self.index_of(part.min), part.size().map(|size| size as usize), value);
+        self.fill(self.index_of(part.min), array::map(part.size(), |size| size as usize), value);
     }
 
     /// Gives one value to a block of so many cells along each axis, the first of which has an index.

@@ -6,6 +6,7 @@
 use std::cmp::Ordering;
 use std::marker::PhantomData;
 
+use smallvec::SmallVec;
 use zerocopy::{FromBytes, IntoBytes};
 
 use super::fold::fold;
@@ -173,13 +174,16 @@ impl<R: Record> Majorities<R> {
     /// Sorts the arena's last list, which begins at `start`, and makes one entry of equal values.
     fn sum_from(&mut self, start: usize) {
         // Sorted as plain numbers, so that sorting is compiled once for all types.
-        let value = |bytes: &R::Bytes| Value::from_bytes(bytes.as_bytes());
-        let list = self.arena.drain(start..);
-        let mut list: Vec<(u128, Value, u64)> = list
-            .map(|(bytes, cells)| (self.value_type.order_key(value(&bytes)), value(&bytes), cells))
-            .collect();
+        let mut list = Vec::with_capacity(self.arena.len() - start);
+        for (bytes, cells) in &self.arena[start..] {
+            let value = Value::from_bytes(bytes.as_bytes());
+            list.push((self.value_type.order_key(value), value, *cells));
+        }
         sum_by_key(&mut list);
-        self.arena.extend(list.into_iter().map(|(_, value, cells)| (from_value::<R>(value), cells)));
+        self.arena.truncate(start);
+        for (_, value, cells) in list {
+            self.arena.push((from_value::<R>(value), cells));
+        }
     }
 }
 
@@ -276,10 +280,17 @@ impl<R: Record> Averaging<R> for Local<R> {
     fn reused(&mut self, _: &[R], _: u8) {}
 }
 
-/// The values of children that are not VOID, with their states.
-#[inline]
-fn some_of<'a, B: Copy>(states: &'a [u8], values: &'a [B]) -> impl Iterator<Item = (u8, B)> + Clone + 'a {
-    states.iter().copied().zip(values.iter().copied()).filter(|(state, _)| *state != VOID)
+/// The values of the children of a node that are not VOID, and whether the children are INNER.
+type SomeChildren = SmallVec<[(Value, bool); 8]>;
+
+fn some_of<R: Record>(states: &[u8], values: &[R::Bytes]) -> SomeChildren {
+    let mut some = SomeChildren::new();
+    for (state, value) in states.iter().zip(values) {
+        if *state != VOID {
+            some.push((Value::from_bytes(value.as_bytes()), *state == INNER));
+        }
+    }
+    some
 }
 
 /// [`Rule::Min`] and [`Rule::Max`].
@@ -288,8 +299,19 @@ fn choose_extreme<V: Native, R: Record, const IS_MIN: bool>(
     states: &[u8],
     values: &[R::Bytes],
 ) -> R::Bytes {
-    let numbers = some_of(states, values).map(|(_, value)| decode::<R, V>(value));
-    numbers.reduce(if IS_MIN { Native::min } else { Native::max }).map_or(R::ZERO, encode::<R, V>)
+    // (Plain loops: this is compiled for each type twice.)
+    let mut extreme: Option<V> = None;
+    for (state, value) in states.iter().zip(values) {
+        if *state != VOID {
+            let value = decode::<R, V>(*value);
+            extreme = Some(match extreme {
+                None => value,
+                Some(other) if IS_MIN => other.min(value),
+                Some(other) => other.max(value),
+            });
+        }
+    }
+    extreme.map_or(R::ZERO, encode::<R, V>)
 }
 
 /// [`Rule::Min`] and [`Rule::Max`] of the samples that are there.
@@ -299,21 +321,28 @@ fn choose_present<R: Record, const IS_MIN: bool>(
     values: &[R::Bytes],
 ) -> R::Bytes {
     let join = if IS_MIN { ValueType::min } else { ValueType::max };
-    let some = some_of(states, values).map(|(_, value)| Value::from_bytes(value.as_bytes()));
-    from_value::<R>(local.value_type.join_all(some, join).unwrap_or_default())
+    from_value::<R>(join_present(local.value_type, &some_of::<R>(states, values), join))
+}
+
+fn join_present(
+    value_type: ValueType,
+    some: &SomeChildren,
+    join: fn(ValueType, Value, Value) -> Value,
+) -> Value {
+    value_type.join_all(some.iter().map(|(value, _)| *value), join).unwrap_or_default()
 }
 
 /// [`Rule::Dominant`].
 fn choose_dominant<R: Record>(_: &Local<R>, states: &[u8], values: &[R::Bytes]) -> R::Bytes {
-    let some = some_of(states, values);
-    from_value::<R>(dominant(
-        some.map(|(state, value)| (Value::from_bytes(value.as_bytes()), state == INNER)),
-    ))
+    from_value::<R>(dominant(some_of::<R>(states, values).iter().copied()))
 }
 
 /// [`Rule::Nearest`], and what leaves the choice open.
 fn choose_first<R: Record>(_: &Local<R>, states: &[u8], values: &[R::Bytes]) -> R::Bytes {
-    some_of(states, values).next().map_or(R::ZERO, |(_, value)| value)
+    match states.iter().position(|state| *state != VOID) {
+        Some(first) => values[first],
+        None => R::ZERO,
+    }
 }
 
 /// Adds neighbours, then neighbours of those, and so on: the order that defines sums of floating samples.

@@ -84,22 +84,28 @@ pub(super) fn for_leaves<R: Record>(block: &Block, leaf: &mut impl FnMut(R::Byte
         let cells = block.cells_at(index);
         for node in &level.reused {
             let reused = block.reused_records::<R>(node);
-            reused_leaves(reused, block.height - index as u8, &mut |value, cells| leaf(value, cells));
+            reused_leaves(reused, block.height - index as u8, leaf);
         }
         let values = level.values_of::<R>();
         let leaves = level.states.iter().zip(values);
         match &level.expanded {
             Some(expanded) => {
-                let mut expanded = expanded.iter().map(|index| *index as usize).peekable();
+                let mut expanded = expanded.iter().peekable();
                 for (index, (state, value)) in leaves.enumerate() {
-                    if expanded.next_if_eq(&index).is_none() && *state == LEAF {
+                    if expanded.next_if_eq(&&(index as u32)).is_none() && *state == LEAF {
                         leaf(*value, cells);
                     }
                 }
             }
             None if index + 1 < block.levels.len() => {}
             // The level of the cells.
-            None => leaves.filter(|(state, _)| **state == LEAF).for_each(|(_, value)| leaf(*value, 1)),
+            None => {
+                for (state, value) in leaves {
+                    if *state == LEAF {
+                        leaf(*value, 1);
+                    }
+                }
+            }
         }
     }
 }
@@ -115,15 +121,18 @@ pub(super) fn for_nodes<R: Record>(block: &Block, leaf: &mut impl FnMut(R::Bytes
         let cells = block.cells_at(index);
         for node in &level.reused {
             let reused = block.reused_records::<R>(node);
-            reused_leaves(reused, block.height - index as u8, &mut |value, cells| leaf(value, cells));
+            reused_leaves(reused, block.height - index as u8, leaf);
         }
         let Some(above) = index.checked_sub(1).map(|above| &block.levels[above]) else { continue };
         let values = level.values_of::<R>().chunks_exact(R::CHILDREN);
         for (group, (states, values)) in level.states.chunks_exact(R::CHILDREN).zip(values).enumerate() {
             // (Those of parents that are uniform are leaves no more.)
             if above.states[above.parent(group)] == INNER {
-                let leaves = states.iter().zip(values).filter(|(state, _)| **state == LEAF);
-                leaves.for_each(|(_, value)| leaf(*value, cells));
+                for (state, value) in states.iter().zip(values) {
+                    if *state == LEAF {
+                        leaf(*value, cells);
+                    }
+                }
             }
         }
     }

@@ -1,5 +1,6 @@
 //! Boxes of cells, in the order in which trees are built of them.
 
+use spinney_base::array;
 use spinney_base::space::{Code, CodeRun, Dimension};
 
 /// The cells of a tree that are asked for: those of nodes in a run. See [`TreeWriter::run`](crate::store::TreeWriter::run).
@@ -92,13 +93,13 @@ impl Iterator for SlabBoxes {
             // Invariant: a box has nothing that is not wanted, unless it is as small as a block, so that what a shard reads is bounded by what it makes.
             let is_whole = self.wanted.contains(first, side);
             if side <= self.side && (is_whole || side <= SlabBoxes::least_side(dimension)) {
-                let size = std::array::from_fn(|axis| side.min(self.extent[axis] - first[axis]));
+                let size = array::from_fn(|axis| side.min(self.extent[axis] - first[axis]));
                 return Some((first, size));
             }
             let half = side / 2;
             let child = |step: u64| {
                 let along = |axis: usize| if axis < axes { half * (step >> axis & 1) } else { 0 };
-                std::array::from_fn(|axis| first[axis] + along(axis))
+                array::from_fn(|axis| first[axis] + along(axis))
             };
             // In reverse, since the last one is taken first.
             self.pending.extend((0..1 << axes).rev().map(|step| (child(step), half)));

@@ -13,6 +13,7 @@ use super::reused::{ReusedNode, ReusedRecords};
 use crate::store::records::dense::from_z_order;
 use crate::store::records::subtree::RECORDS_ARE_CHECKED;
 use crate::store::records::{Record, RecordHead, RunChildren, RunNode, Runs};
+use spinney_base::array;
 use spinney_container::{CUT, DenseKind, INNER, LEAF, MAX_DENSE_LEVELS, VOID, dense_levels};
 
 /// Places that a node's subtree takes (0 unless it is INNER), how, and which states its bottom nodes have.
@@ -30,6 +31,11 @@ impl Places {
     pub(super) fn of_state(state: u8) -> Places {
         let state = if state == INNER { CUT } else { state };
         Places(1 << (Self::STATES_AT + u32::from(state)))
+    }
+
+    /// Nodes at the bottom, or uniform ones above it.
+    fn of_states(states: &[u8]) -> Vec<Places> {
+        states.iter().map(|state| Places::of_state(*state)).collect()
     }
 
     /// A node whose records were taken over.
@@ -87,7 +93,7 @@ pub(super) type DenseSizes = [u32; 16];
 
 /// The sizes of dense blocks with so many levels below their root, of which `most` are allowed.
 pub(super) fn dense_sizes<R: Record>(levels: u8, most: u8) -> DenseSizes {
-    std::array::from_fn(|states| match DenseKind::of_states(states as u8) {
+    array::from_fn(|states| match DenseKind::of_states(states as u8) {
         Some(kind) if levels <= most && dense_levels(R::DIMENSION).contains(&levels) => {
             1 + R::RECORD_LAYOUT.dense_places(kind, levels) as u32
         }
@@ -150,7 +156,7 @@ impl<R: Record> Encoder<'_, R> {
             debug_assert!(level.reused.is_sorted_by_key(|node| node.index));
             debug_assert!(level.expanded.as_ref().is_none_or(|expanded| expanded.is_sorted()));
             let sizes = dense_sizes::<R>((self.height - index) as u8, self.most_dense);
-            let mut here: Vec<Places> = level.states.iter().map(|state| Places::of_state(*state)).collect();
+            let mut here = Places::of_states(&level.states);
             for node in &level.reused {
                 here[node.index as usize] = Places::of_reused(node);
             }
@@ -162,11 +168,14 @@ impl<R: Record> Encoder<'_, R> {
                         continue;
                     }
                     let first = group * R::CHILDREN;
-                    let together = match known {
-                        Some(known) => known[first..first + R::CHILDREN].iter().copied().reduce(Places::join),
-                        None => states.iter().map(|state| Places::of_state(*state)).reduce(Places::join),
-                    };
-                    here[parent] = together.expect("nodes have children").parent(&sizes);
+                    let mut together = Places(0);
+                    for child in 0..R::CHILDREN {
+                        together = together.join(match known {
+                            Some(known) => known[first + child],
+                            None => Places::of_state(states[child]),
+                        });
+                    }
+                    here[parent] = together.parent(&sizes);
                 }
             }
             places.push(here);
@@ -291,7 +300,7 @@ impl Level {
 /// The place of a child.
 #[inline]
 fn child_at(at: [usize; 3], step: usize) -> [usize; 3] {
-    std::array::from_fn(|axis| at[axis] << 1 | step >> axis & 1)
+    array::from_fn(|axis| at[axis] << 1 | step >> axis & 1)
 }
 
 /// The payload of a dense block that is being made.

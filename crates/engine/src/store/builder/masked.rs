@@ -12,6 +12,7 @@ use super::block::{Block, for_leaves};
 use super::fold::fold;
 use super::sums::pairwise_sums;
 use crate::store::records::Record;
+use spinney_base::array;
 use spinney_base::value::{Native, Value, ValueType, ZoneStats, erase};
 use spinney_container::{INNER, LEAF};
 
@@ -68,7 +69,7 @@ impl<V: Native> MaskedMeans<V> {
 }
 
 fn add(a: [u32; 4], b: [u32; 4]) -> [u32; 4] {
-    std::array::from_fn(|channel| a[channel] + b[channel])
+    array::from_fn(|channel| a[channel] + b[channel])
 }
 
 impl<V: Native, R: Record> Averaging<R> for MaskedMeans<V> {
@@ -128,7 +129,7 @@ pub(super) fn tally<V: Native, R: Record>(block: &Block) -> ZoneStats {
     for_leaves::<R>(block, &mut |bytes, cells| {
         let (value, there) = present::<V, R>(value_type, bytes);
         // Extremes of a channel begin with its first sample.
-        let seen = tally.present.map(|cells| cells > 0);
+        let seen = array::map(tally.present, |cells| cells > 0);
         if seen != [true; 4] {
             min = filled::<V, R>(encode::<R, V>(min), seen, value);
             max = filled::<V, R>(encode::<R, V>(max), seen, value);

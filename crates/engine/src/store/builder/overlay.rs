@@ -14,6 +14,7 @@ use crate::store::records::{Record, RecordLayout, with_form_type};
 use crate::tree::{Child, NodeState};
 use spinney_base::Result;
 use spinney_base::TreeType;
+use spinney_base::array;
 use spinney_base::space::Code;
 use spinney_base::value::{Native, Value};
 use spinney_container::{INNER, LEAF, VOID};
@@ -31,22 +32,17 @@ impl Block {
         let (first, second) = (subtree(&overlay.nodes[0])?, subtree(&overlay.nodes[1])?);
         let records = [&first, &second].map(|subtree| subtree.as_ref().map_or(&[][..], Subtree::records));
         let layout = RecordLayout::new(form);
-        let mut reused = ReusedRecords::new(layout, height);
+        let reused = ReusedRecords::new(layout, height);
         Ok(with_form_type!(form, V, R => {
             // (A pointer, so that merging is compiled for widths and not for types.)
-            let merger = Merger::<R>::new(form, overlay, records, join_values::<V, R>);
-            let root = merger.root();
-            match merger.cells(&root, height) {
-                Some(DrawnCells { present, values }) => {
-                    let states = present.into_iter().map(|present| if present { LEAF } else { VOID });
-                    Some(Block::from_cells(form, code, height, states.collect(), values))
-                }
-                None => merger
-                    .levels(root, height, &mut reused)
-                    .map(|levels| Block::new(form, code, height, levels, reused)),
-            }
+            Merger::<R>::new(form, overlay, records, join_values::<V, R>).block(code, height, reused)
         }))
     }
+}
+
+/// The states of cells.
+fn states_of(present: &[bool]) -> Vec<u8> {
+    present.iter().map(|present| if *present { LEAF } else { VOID }).collect()
 }
 
 /// The records of an INNER node and of all below it.
@@ -131,9 +127,20 @@ impl<'a, R: Record> Merger<'a, R> {
         [root(&self.overlay.nodes[0]), root(&self.overlay.nodes[1])]
     }
 
+    /// The block at a node; `None` if records contradict each other.
+    fn block(&self, code: Code, height: u8, mut reused: ReusedRecords) -> Option<Block> {
+        let root = self.root();
+        if let Some(DrawnCells { present, values }) = self.cells(&root, height) {
+            return Some(Block::from_cells(self.form, code, height, states_of(&present), values));
+        }
+        let levels = self.levels(root, height, &mut reused)?;
+        Some(Block::new(self.form, code, height, levels, reused))
+    }
+
     #[inline]
     fn action(&self, pair: [MergeNode<R::Bytes>; 2]) -> MergeAction {
-        self.overlay.merging.actions.get(pair.map(|node| merge_state(node, self.full)))
+        let [first, second] = pair;
+        self.overlay.merging.actions.get([merge_state(first, self.full), merge_state(second, self.full)])
     }
 
     /// The levels of the two subtrees, merged; `None` if records contradict each other.
@@ -194,7 +201,8 @@ impl<'a, R: Record> Merger<'a, R> {
                             }
                         }
                         MergeAction::Join => {
-                            let [first, second] = pair.map(|node| value_or_zero::<R>(&node));
+                            let (first, second) =
+                                (value_or_zero::<R>(&pair[0]), value_or_zero::<R>(&pair[1]));
                             if let Some(value) = (self.join_values)(self.overlay.merging.join, first, second)
                             {
                                 level.states[index] = LEAF;
@@ -248,7 +256,7 @@ impl<'a, R: Record> Merger<'a, R> {
                     Some(pair[tree].value).filter(|_| pair[tree].state == NodeState::Leaf)
                 }
                 MergeAction::Join => {
-                    let [first, second] = pair.map(|node| value_or_zero::<R>(&node));
+                    let (first, second) = (value_or_zero::<R>(&pair[0]), value_or_zero::<R>(&pair[1]));
                     (self.join_values)(self.overlay.merging.join, first, second)
                 }
                 MergeAction::Void => None,
@@ -337,14 +345,14 @@ fn paint<R: Record>(
         }
         for (index, value) in block.values_of::<R>(levels).iter().enumerate() {
             let place = block.place(levels, index);
-            let [x, y, z] = std::array::from_fn(|axis| at[axis] + place[axis]);
+            let [x, y, z] = array::from_fn(|axis| at[axis] + place[axis]);
             let state = if block.bottom_state(index) == LEAF { NodeState::Leaf } else { NodeState::Void };
             cells[((z << whole | y) << whole) + x] = MergeNode { state, value: *value, record: 0 };
         }
         return Some(());
     }
     for (step, child) in merge_children(records, node)?[..R::CHILDREN].iter().enumerate() {
-        let at = std::array::from_fn(|axis| at[axis] + (step >> axis & 1) * side / 2);
+        let at = array::from_fn(|axis| at[axis] + (step >> axis & 1) * side / 2);
         paint(records, child, levels - 1, (at, whole), cells)?;
     }
     Some(())

@@ -134,14 +134,12 @@ fn reduce_level<R: Record, A: Averaging<R>>(
     let groups = children.states.chunks_exact(R::CHILDREN).zip(values.chunks_exact(R::CHILDREN));
     let (mut nodes, mut void, mut inner) = (0, 0, 0);
     for (group, (child_states, child_values)) in groups.enumerate() {
-        let parent = expanded.as_ref().map_or(group, |expanded| expanded[group] as usize);
+        let parent = match &expanded {
+            Some(expanded) => expanded[group] as usize,
+            None => group,
+        };
         let first = child_states[0];
-        // (Without ways out in the middle, so that several are looked at a time.)
-        let uniform = first != INNER
-            && child_states.iter().fold(true, |alike, state| alike & (*state == first))
-            && (first == VOID
-                || child_values.iter().fold(true, |alike, value| alike & (*value == child_values[0])));
-        if uniform {
+        if first != INNER && are_alike(child_states) && (first == VOID || are_alike(child_values)) {
             states[parent] = first;
             representatives[parent] = child_values[0];
             continue;
@@ -153,9 +151,21 @@ fn reduce_level<R: Record, A: Averaging<R>>(
         states[parent] = INNER;
         representatives[parent] = representative;
         nodes += R::CHILDREN as u64;
-        void += child_states.iter().map(|state| u64::from(*state == VOID)).sum::<u64>();
-        inner += child_states.iter().map(|state| u64::from(*state == INNER)).sum::<u64>();
+        for state in child_states {
+            void += u64::from(*state == VOID);
+            inner += u64::from(*state == INNER);
+        }
     }
     parents.expanded = expanded;
     [void, nodes - void - inner, inner]
+}
+
+/// Whether all of some siblings equal the first. (Without an early exit, so that several are compared at a time.)
+#[inline]
+fn are_alike<T: PartialEq>(siblings: &[T]) -> bool {
+    let mut alike = true;
+    for sibling in siblings {
+        alike &= *sibling == siblings[0];
+    }
+    alike
 }

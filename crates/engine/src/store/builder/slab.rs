@@ -12,7 +12,7 @@ use crate::store::records::{Record, with_form_type};
 use crate::tree::CellBlock;
 use spinney_base::Result;
 use spinney_base::TreeType;
-use spinney_base::space::{Code, morton_encode};
+use spinney_base::space::{Code, Dimension, morton_encode};
 use spinney_base::value::{Mask, Native, Value};
 use spinney_container::{LEAF, VOID};
 
@@ -164,15 +164,20 @@ impl Slab {
         }
         let cells = <[R::Bytes]>::ref_from_bytes(&self.bytes).expect("whole values");
         let nodata = nodata.map(from_value::<R>);
-        self.rows(part).any(|(_, _, row)| {
-            let is_valid =
-                self.valid.as_ref().is_none_or(|valid| valid[row.clone()].iter().all(|flag| *flag));
+        for (_, _, row) in self.rows(part) {
+            if self.valid.as_ref().is_some_and(|valid| valid[row.clone()].contains(&false)) {
+                return true;
+            }
             // Without a way out in the middle, so that many are looked at a time.
-            let void = |void: bool, bytes: &R::Bytes| {
-                void | decode::<R, V>(*bytes).is_nan() | nodata.is_some_and(|nodata| nodata == *bytes)
-            };
-            !is_valid || cells[row].iter().fold(false, void)
-        })
+            let mut is_void = false;
+            for bytes in &cells[row] {
+                is_void |= decode::<R, V>(*bytes).is_nan() | (nodata == Some(*bytes));
+            }
+            if is_void {
+                return true;
+            }
+        }
+        false
     }
 
     /// States and values of the cells of a block in Z order. A kernel: compiled for each type.
@@ -188,21 +193,19 @@ impl Slab {
         let never_void = self.valid.is_none() && nodata.is_none() && !V::TYPE.sample.is_float();
         let by_flags_alone = nodata.is_none()
             && !V::TYPE.sample.is_float()
-            && part.size.iter().take(R::AXES).all(|cells| *cells == 1 << height);
+            && part.size[..R::AXES] == [1 << height; 3][..R::AXES];
         let cells_in_block = 1 << (R::AXES * height as usize);
-        let is_whole = never_void && part.size.iter().product::<usize>() == cells_in_block;
+        let is_whole = never_void && part.size[0] * part.size[1] * part.size[2] == cells_in_block;
         let mut states = vec![if is_whole { LEAF } else { VOID }; cells_in_block];
         let mut bytes = vec![0; cells_in_block * size_of::<R::Bytes>()];
         let values = <[R::Bytes]>::mut_from_bytes(&mut bytes).expect("whole values");
-        let encoded: Vec<usize> = (0..1 << height).map(|x| morton_encode(R::DIMENSION, x) as usize).collect();
-        // Those of pairs along x, which stay together in Z order.
-        let firsts: Vec<usize> = encoded.iter().copied().step_by(2).collect();
+        let encoded = z_order_of_axis(R::DIMENSION, height);
         for (y, z, row) in self.rows(part) {
             let row_index = encoded[y] << 1 | if R::AXES > 2 { encoded[z] << 2 } else { 0 };
-            let pairs = firsts.iter().map(|x| row_index | x);
+            // Pairs along x stay together in Z order.
             if is_whole {
-                for (index, pair) in pairs.zip(cells[row].chunks(2)) {
-                    for (value, cell) in values[index..].iter_mut().zip(pair) {
+                for (i, pair) in cells[row].chunks(2).enumerate() {
+                    for (value, cell) in values[row_index | encoded[2 * i]..].iter_mut().zip(pair) {
                         *value = *cell;
                     }
                 }
@@ -211,7 +214,8 @@ impl Slab {
             let valid = self.valid.as_ref().map(|valid| &valid[row.clone()]);
             if let (Some(valid), true) = (valid, by_flags_alone) {
                 let (cells, valid) = (cells[row].as_chunks::<2>().0, valid.as_chunks::<2>().0);
-                for ((index, cells), valid) in pairs.zip(cells).zip(valid) {
+                for (i, (cells, valid)) in cells.iter().zip(valid).enumerate() {
+                    let index = row_index | encoded[2 * i];
                     let (values, states) = (&mut values[index..index + 2], &mut states[index..index + 2]);
                     for j in 0..2 {
                         values[j] = if valid[j] { cells[j] } else { R::ZERO };
@@ -220,7 +224,8 @@ impl Slab {
                 }
                 continue;
             }
-            for (i, (index, pair)) in pairs.zip(cells[row].chunks(2)).enumerate() {
+            for (i, pair) in cells[row].chunks(2).enumerate() {
+                let index = row_index | encoded[2 * i];
                 for (j, cell) in pair.iter().enumerate() {
                     if never_void || valid.is_none_or(|valid| valid[2 * i + j]) && !is_void(*cell) {
                         values[index + j] = *cell;
@@ -256,4 +261,9 @@ impl Slab {
         }
         first.is_some()
     }
+}
+
+/// The numbers in Z order of the cells along the x axis of a block.
+fn z_order_of_axis(dimension: Dimension, height: u8) -> Vec<usize> {
+    (0..1 << height).map(|x| morton_encode(dimension, x) as usize).collect()
 }

@@ -15,19 +15,17 @@ pub(in crate::store) const RECORDS_ARE_CHECKED: &str = "records are checked befo
 /// Levels of the deepest trees.
 const MAX_LEVELS: usize = 32;
 
+/// What is done with the records of a subtree: with a run of one level, and with the dense block of a run that is one record.
+type ShowRecords<'a, R> = &'a mut dyn FnMut(u8, &[R], Option<&DenseBlock<'_>>);
+
 /// Shows all records of a subtree of so many levels, in preorder, with their levels below its root, and with their dense
-/// blocks where they have some.
+/// blocks where they have some. Siblings of the last level, which have most of the records, are shown together.
 ///
-/// (A kernel: compiled for each width and fan-out, and for what is done with the records.)
+/// (A kernel: compiled for each width and fan-out. What is done with the records is a pointer: it is another function for each type, too.)
 ///
 /// # Errors
 /// If skips or states do not make a tree that is complete here; some records have been shown then.
-#[inline]
-pub(crate) fn each_record<R: Record>(
-    records: &[R],
-    levels: u8,
-    mut show: impl FnMut(u8, &R, Option<&DenseBlock<'_>>),
-) -> Result<(), BadSkip> {
+fn each_record<R: Record>(records: &[R], levels: u8, show: ShowRecords<'_, R>) -> Result<(), BadSkip> {
     // Of the nodes that the record is in: where the subtree ends, and how many children have not come yet.
     let mut ends = [0; MAX_LEVELS + 1];
     let mut missing = [0; MAX_LEVELS + 1];
@@ -53,7 +51,7 @@ pub(crate) fn each_record<R: Record>(
         shown += 1;
         if record.is_dense() {
             let block = dense_to_cells(records, i, levels - level).ok_or(BadSkip)?;
-            show(level as u8, record, Some(&block));
+            show(level as u8, &records[i..=i], Some(&block));
             i = end;
             continue;
         }
@@ -62,7 +60,7 @@ pub(crate) fn each_record<R: Record>(
             return Err(BadSkip);
         }
         inner += children;
-        show(level as u8, record, None);
+        show(level as u8, &records[i..=i], None);
         i += 1;
         level += 1;
         ends[level] = end as u32;
@@ -78,7 +76,7 @@ pub(crate) fn each_record<R: Record>(
                 return Err(BadSkip);
             }
             shown += children;
-            last.iter().for_each(|record| show(level as u8, record, None));
+            show(level as u8, last, None);
             i = end;
         }
     }
@@ -175,16 +173,18 @@ pub(crate) fn each_leaf_or_block<R: Record>(
     levels: u8,
     mut show: impl FnMut(LeafOrBlock<'_, '_, R>),
 ) -> Result<(), BadSkip> {
-    each_record(records, levels, |level, record: &R, block| {
+    each_record(records, levels, &mut |level, run: &[R], block| {
         if let Some(block) = block {
             show(LeafOrBlock::Block(block));
             return;
         }
         let cells = 1u64 << (R::AXES * usize::from(levels - level - 1));
-        let states = record.states();
-        for child in 0..R::CHILDREN {
-            if state_of(states, child) == LEAF {
-                show(LeafOrBlock::Leaf(record.values()[child], cells));
+        for record in run {
+            let states = record.states();
+            for child in 0..R::CHILDREN {
+                if state_of(states, child) == LEAF {
+                    show(LeafOrBlock::Leaf(record.values()[child], cells));
+                }
             }
         }
     })
@@ -218,8 +218,8 @@ pub(in crate::store) fn count_nodes(
 /// LEAF children (in the lower half) and INNER ones (in the upper half) of the nodes of each level.
 fn nodes_per_level<R: Record>(records: &[R], levels: u8) -> Result<[u64; MAX_LEVELS + 1], BadSkip> {
     let mut sums = [0u64; MAX_LEVELS + 1];
-    each_record(records, levels, |level, record, block| match block {
-        None => sums[usize::from(level)] += leaf_inner_counts(record),
+    each_record(records, levels, &mut |level, run: &[R], block| match block {
+        None => run.iter().for_each(|record| sums[usize::from(level)] += leaf_inner_counts(record)),
         Some(block) => {
             for (below, nodes) in (0..).zip(block.states::<R>().nodes_per_level()).skip(1) {
                 sums[usize::from(level) + below as usize - 1] += nodes;
@@ -249,7 +249,9 @@ mod tests {
     fn show(records: &[(u32, u32)], levels: u8) -> Option<Vec<u8>> {
         let records: Vec<Byte> = records.iter().map(|(states, skip)| record(*states, *skip, 0)).collect();
         let mut shown = Vec::new();
-        each_record(&records, levels, |level, _: &Byte, _| shown.push(level)).ok().map(|()| shown)
+        let show =
+            &mut |level, run: &[Byte], _: Option<&DenseBlock<'_>>| shown.extend(run.iter().map(|_| level));
+        each_record(&records, levels, show).ok().map(|()| shown)
     }
 
     #[test]

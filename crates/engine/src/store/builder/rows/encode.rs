@@ -5,6 +5,7 @@ use zerocopy::{FromBytes, IntoBytes};
 use super::super::encode::{Places, dense_sizes};
 use super::{RowLevel, reduce};
 use crate::store::records::{Record, RecordHead};
+use spinney_base::array;
 use spinney_container::DenseKind;
 use spinney_container::{CUT, INNER, LEAF};
 
@@ -95,7 +96,7 @@ impl<R: Record> Encoder<'_, R> {
         let mut values = [R::ZERO; 8];
         let (mut next, mut states) = (1, 0);
         for (step, value) in values[..R::CHILDREN].iter_mut().enumerate() {
-            let child = std::array::from_fn(|axis| at[axis] << 1 | step >> axis & 1);
+            let child = array::from_fn(|axis| at[axis] << 1 | step >> axis & 1);
             let index = self.index(up - 1, child);
             *value = below.values_of::<R>()[index];
             let state = match below.uniform[index] {

@@ -177,7 +177,8 @@ fn child_rows<T>(axes: usize, side: usize, children: &[T], row: usize) -> [&[T];
 /// [`child_rows`] as pairs of neighbours.
 #[inline]
 fn child_pairs<T>(axes: usize, side: usize, children: &[T], row: usize) -> [&[[T; 2]]; 4] {
-    child_rows(axes, side, children, row).map(|row| row.as_chunks().0)
+    let [a, b, c, d] = child_rows(axes, side, children, row);
+    [a.as_chunks().0, b.as_chunks().0, c.as_chunks().0, d.as_chunks().0]
 }
 
 /// Neighbours in a row of bytes, as numbers of two bytes whose lower ones are the first: to join them one is moved to the
