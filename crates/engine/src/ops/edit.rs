@@ -19,7 +19,6 @@ use crate::tree::Source;
 use spinney_base::space::Bounds;
 use spinney_base::value::{Number, Value, ValueType};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::OpenOptions;
 
 /// A change to a tree.
 #[derive(Clone, Debug)]
@@ -131,7 +130,7 @@ fn changed(tree: Arc<Autumnal>, edit: Edit) -> Result<Combined> {
             (CombineOperation::Over, pasted(&tree, &patch, at, where_valid)?)
         }
         Edit::Apply(operation, path) => {
-            let file = TreeFile::open_only(&path, &OpenOptions::default())?;
+            let file = TreeFile::open_only(&path, &tree.access().into())?;
             check_form((&path, file.form()), (tree.path(), form))?;
             let whole_file = View::whole(file.into())?;
             let (view, bounds) = aligned(whole_file, &tree, &path)?;
