@@ -41,7 +41,7 @@ fn converted(bytes: &[u8], how: WriteOptions) -> Vec<u8> {
     std::fs::read(&to).unwrap()
 }
 
-fn packed(bytes: &[u8]) -> Vec<u8> {
+pub(super) fn packed(bytes: &[u8]) -> Vec<u8> {
     converted(bytes, packing())
 }
 

@@ -14,7 +14,7 @@ fn picture(name: &str) -> Vec<u8> {
 }
 
 fn is_there(url: &str) -> bool {
-    access().stat_beside(&[Path::new(url)]).unwrap()[0].is_some()
+    access().stat_companions(&[Path::new(url)]).unwrap()[0].is_some()
 }
 
 fn spec(url: &str) -> JobSpec {
@@ -57,7 +57,7 @@ fn jobs_elsewhere_make_the_same_bytes_and_are_removed() {
         assert!(make(&job, folder.path()).unwrap() == expected);
         assert!(Job::open_with(&job, &access()).unwrap().missing().unwrap().is_empty());
         let plan: PathBuf = job.join("plan.json");
-        let is_planned = || access().stat_beside(&[&plan]).unwrap()[0].is_some();
+        let is_planned = || access().stat_companions(&[&plan]).unwrap()[0].is_some();
         assert!(is_planned());
         Job::open_with(&job, &access()).unwrap().remove().unwrap();
         assert!(Job::find(&job, &access()).unwrap().is_none() && !is_planned());

@@ -61,12 +61,12 @@ impl Default for RemoteOptions {
 /// opened, and outputs that are created, with a [`FileAccess`] that [has it](FileAccess::remote) may be any of these.
 ///
 /// ```no_run
-/// use spinney::remote::{RemoteOptions, client};
-/// use spinney::{FileAccess, OpenOptions};
+/// # use spinney_base::io::FileAccess;
+/// use spinney_remote::{RemoteOptions, client};
 ///
 /// let access = FileAccess::new().remote(client(RemoteOptions::default())?);
-/// let map = spinney::open_with("https://example.org/map.goblin", &OpenOptions::new().access(access))?;
-/// # Ok::<(), spinney::Error>(())
+/// let file = access.input("https://example.org/map.tif".as_ref())?;
+/// # Ok::<(), spinney_base::Error>(())
 /// ```
 ///
 /// # Errors

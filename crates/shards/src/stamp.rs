@@ -70,7 +70,7 @@ pub(crate) fn absolute(path: &Path) -> Result<PathBuf> {
 pub(crate) fn look(files: Vec<Vec<PathBuf>>, access: &FileAccess) -> Result<Vec<Vec<PlannedFile>>> {
     let once: Vec<Vec<&Path>> = files.iter().map(|files| once(files)).collect();
     // (Those of all inputs together, since files elsewhere are asked for all at once.)
-    let mut states = access.stat_beside(&once.concat())?.into_iter();
+    let mut states = access.stat_companions(&once.concat())?.into_iter();
     let mut planned = |path: &&Path| Some(PlannedFile::of(path, states.next().flatten()?));
     Ok(once.iter().map(|paths| paths.iter().filter_map(&mut planned).collect()).collect())
 }
@@ -108,7 +108,7 @@ pub(crate) fn check(inputs: &[&PlannedInput], work: &dyn Work, access: &FileAcce
             .extend(work.files_of(&input.path, access)?.into_iter().filter(|path| !known.contains(&**path)));
     }
     let paths: Vec<&Path> = others.iter().map(|path| &**path).collect();
-    for (path, state) in paths.iter().zip(access.stat_beside(&paths)?) {
+    for (path, state) in paths.iter().zip(access.stat_companions(&paths)?) {
         if let Some(state) = state {
             return Err(differs(path, Some(PlannedFile::of(path, state)), "no such file".into()));
         }

@@ -9,9 +9,9 @@ use super::batch::Traffic;
 use super::cache::{RangeCache, with_cache};
 use super::file_id::FileId;
 use super::input::{InputFile, is_access_denied};
-use super::open::RemoteFiles;
 use super::output::Output;
 use super::read::{Mapped, Positioned, ReadBackend, open_input};
+use super::remote::RemoteFiles;
 use super::stat::{FileStat, remove_local, stat_local};
 use crate::url::{local_path, url_of};
 use crate::{Error, Result};
@@ -27,14 +27,15 @@ const SEGMENTS: u64 = 64 << 20;
 
 /// How files are opened, created and removed: mapped or at positions, the limits of caches, and the client for remote files.
 ///
-/// Every opened file keeps its access, and opens the files that it names with it: members of manifests and mosaics, sidecars, textures.
-/// Clones are cheap, and share the caches. A change of a clone leaves the original as it is.
+/// Every opened file keeps its access, and opens the files that it names with it: members of manifests, sources of virtual rasters,
+/// sidecars. (Models, features and other volumes than images are local files, whatever the access.) Clones are cheap, and share the caches. A change of a clone leaves the original as it is.
 ///
 /// The default maps files and has no client for remote files. All defaults share one pair of caches, so that a process that opens
 /// thousands of files with default options has one limit for them all. An access with a [client](FileAccess::remote) has a cache of
 /// ranges of its own, and thus its own [`traffic`](FileAccess::traffic).
 ///
 /// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// use spinney::{FileAccess, OpenOptions};
 ///
 /// let access = FileAccess::new().positioned(1 << 20).unpacked_cache(8 << 20);
@@ -232,7 +233,7 @@ impl FileAccess {
     ///
     /// # Errors
     /// Those of [`FileAccess::input`].
-    pub fn find_beside(&self, path: &Path) -> Result<Option<InputFile>> {
+    pub fn find_companion(&self, path: &Path) -> Result<Option<InputFile>> {
         match self.find(path) {
             Err(error) if is_access_denied(path, &error) => Ok(None),
             found => found,
@@ -268,11 +269,11 @@ impl FileAccess {
         Ok(paths.iter().map(stat).collect())
     }
 
-    /// Stats files that may accompany others, which could be read: see [`FileAccess::find_beside`].
+    /// Stats files that may accompany others, which could be read: see [`FileAccess::find_companion`].
     ///
     /// # Errors
     /// If the state of one cannot be read.
-    pub fn stat_beside(&self, paths: &[&Path]) -> Result<Vec<Option<FileStat>>> {
+    pub fn stat_companions(&self, paths: &[&Path]) -> Result<Vec<Option<FileStat>>> {
         let found = paths.iter().zip(self.stat(paths)?);
         let found = found.map(|(path, found)| match found {
             Err(error) if is_access_denied(path, &error) => Ok(None),

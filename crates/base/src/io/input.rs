@@ -166,7 +166,7 @@ mod tests {
         assert_eq!(access.read_whole(&path, 200).unwrap(), Some(bytes));
         assert!(access.read_whole(&path, 199).is_err());
         assert_eq!(access.read_whole(&folder.path().join("y"), 9).unwrap(), None);
-        assert!(access.find_beside(&folder.path().join("y")).unwrap().is_none());
+        assert!(access.find_companion(&folder.path().join("y")).unwrap().is_none());
     }
 
     #[test]

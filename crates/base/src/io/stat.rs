@@ -64,9 +64,9 @@ mod tests {
         assert!(matches!(&found[0], Ok(None)));
         let state = found[1].as_ref().unwrap().clone().unwrap();
         assert!(state.length == 3 && matches!(state.version, FileVersion::Modified(time) if time > 0));
-        assert_eq!(access.stat_beside(&[&one]).unwrap(), [Some(state)]);
+        assert_eq!(access.stat_companions(&[&one]).unwrap(), [Some(state)]);
         access.remove(&[&none, &one, &one]).unwrap();
-        assert_eq!(access.stat_beside(&[&one]).unwrap(), [None]);
+        assert_eq!(access.stat_companions(&[&one]).unwrap(), [None]);
         assert!(access.remove(&[folder.path()]).is_err());
     }
 }

@@ -49,7 +49,8 @@ pub enum Edit {
 /// A cell and its value: a sample per channel, or VOID.
 pub type CellValue = ([u64; 3], Option<Vec<Number>>);
 
-/// Does some edits, one after the other, and makes them one commit; `None` if nothing has changed.
+/// Does some edits, one after the other, and makes them one commit; `None` if nothing has changed. [`Editor::open_with`] and
+/// [`apply_edits`] do the same with another access to files than the default.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();

@@ -58,7 +58,7 @@ pub(super) fn describe(raster: Box<dyn Raster>, access: &FileAccess) -> Result<B
 
 /// Takes over what a sidecar says, if it is there.
 fn apply_sidecar(path: PathBuf, access: &FileAccess, info: &mut RasterInfo) -> Result<()> {
-    let Some(file) = access.find_beside(&path)? else { return Ok(()) };
+    let Some(file) = access.find_companion(&path)? else { return Ok(()) };
     let mut bytes = Vec::new();
     file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(Error::io(&path, "read"))?;
     let found = if bytes.len() as u64 > MAX_BYTES { "more than 16 MiB" } else { "something else" };

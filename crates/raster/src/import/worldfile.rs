@@ -27,7 +27,7 @@ pub(super) fn place(picture: &Path, access: &FileAccess, frame: &mut Frame) -> R
 
 /// The text of a file, if there is one, and its path.
 fn read(path: PathBuf, access: &FileAccess) -> Result<Option<(PathBuf, String)>> {
-    let Some(file) = access.find_beside(&path)? else { return Ok(None) };
+    let Some(file) = access.find_companion(&path)? else { return Ok(None) };
     let mut text = Vec::new();
     file.take(MOST).read_to_end(&mut text).map_err(Error::io(&path, "read"))?;
     Ok(Some((path, String::from_utf8_lossy(&text).into_owned())))
@@ -47,7 +47,7 @@ pub(super) fn crs(path: &Path, definition: &str) -> Result<Option<Crs>> {
 /// The frame of a picture from the world file beside it, if there is one.
 fn frame_beside(picture: &Path, access: &FileAccess) -> Result<Option<Frame>> {
     for path in candidates(picture) {
-        if let Some(file) = access.find_beside(&path)? {
+        if let Some(file) = access.find_companion(&path)? {
             let mut text = Vec::new();
             file.take(4096).read_to_end(&mut text).map_err(Error::io(&path, "read"))?;
             return parse(&path, &text).map(Some);

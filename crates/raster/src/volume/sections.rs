@@ -34,12 +34,12 @@ pub(super) struct Sections {
     /// Facts of the first, which hold for all but for their words.
     pub(super) info: RasterInfo,
     pub(super) layout: ArrayLayout,
-    /// How pictures are opened: with as much memory as may be used for one.
+    /// How images are opened, with as much memory as may be used for one.
     options: RasterOptions,
 }
 
 impl Sections {
-    /// Reads the headers of all pictures.
+    /// Reads the headers of all images.
     pub(super) fn open(inputs: &[PathBuf], options: RasterOptions) -> Result<Sections> {
         let (files, others) = pictures_of(inputs)?;
         let mut sections: Vec<Section> = Vec::new();

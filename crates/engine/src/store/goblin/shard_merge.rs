@@ -52,7 +52,7 @@ impl MergeOutput {
             return Err(Error::unsupported(path, "removing shards whose bytes go to a stream", advice));
         }
         let (output, there) = Output::resumable(path)?;
-        Ok(MergeOutput::Remove(output.with_limit(limit), there))
+        Ok(MergeOutput::Remove(output.with_limit(limit).with_access(access), there))
     }
 
     /// How the file is read and written.
