@@ -16,10 +16,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use measuring::{Outcome, Random, median, quantile, seconds};
-use spinney::raw::io::RangeCache;
 use spinney::raw::store::autumnal::Autumnal;
 use spinney::raw::store::goblin::Goblin;
-use spinney::{Bounds, Code, Dimension, Header, OpenOptions, Value};
+use spinney::{Bounds, Code, Dimension, FileAccess, Header, OpenOptions, Value};
 
 const SIDE: u64 = 256;
 const WINDOWS: usize = 4000;
@@ -87,7 +86,8 @@ struct Drawn<'a> {
 
 /// Forgets all that was unpacked of packed files.
 fn forget_unpacked() {
-    let cache = RangeCache::unpacked();
+    let access = FileAccess::default();
+    let cache = access.unpacked();
     let limit = cache.limit();
     // (What was put last is held in any case.)
     cache.set_limit(0);

@@ -89,6 +89,7 @@
 
 pub mod raw;
 
+pub use spinney_base::io::FileAccess;
 pub use spinney_base::io::Output;
 pub use spinney_base::space::{Bounds, Code, Dimension, Region};
 pub use spinney_base::value::{DataKind, Number, Rule, SampleType, Value, ValueType};
@@ -214,7 +215,7 @@ pub mod lines {
 /// Files on web servers and in buckets.
 #[cfg(feature = "remote")]
 pub mod remote {
-    pub use spinney_remote::{RemoteOptions, enable};
+    pub use spinney_remote::{RemoteOptions, client};
 }
 
 /// A server of files, tiles and queries.
@@ -250,20 +251,20 @@ pub fn build(input: impl AsRef<Path>, output: impl AsRef<Path>) -> Result<()> {
 #[cfg(feature = "raster")]
 fn build_tree(input: &Path, output: &Path) -> Result<()> {
     use spinney_container::{create_tree_file, file_is_tree};
-    if file_is_tree(input) {
+    if file_is_tree(input, &FileAccess::default()) {
         let tree = open(input)?;
         return tree.build(
             &tree.build_options(spinney_raster::import::DEFAULT_MEMORY),
-            create_tree_file(output)?,
+            create_tree_file(output, &FileAccess::default())?,
             &(),
         );
     }
     if spinney_raster::volume::is_volume(input) {
         let volume = import::volume::plan(input, &import::volume::VolumeOptions::new())?;
-        return volume.build(create_tree_file(output)?, &());
+        return volume.build(create_tree_file(output, &FileAccess::default())?, &());
     }
     let raster = import::raster::plan(&[input.to_path_buf()], &import::raster::ImportOptions::new())?;
-    raster.build(create_tree_file(output)?, &())
+    raster.build(create_tree_file(output, &FileAccess::default())?, &())
 }
 
 /// Opens a tree file of either format and any type, or a commit of one: `map.autumn@12` is commit 12 of `map.autumn`.

@@ -19,14 +19,14 @@ pub mod value {
 pub mod io {
     pub use spinney_base::io::{
         CachedBytes, DEFAULT_GAP, Faults, Fetch, FileBytes, FileId, FileStat, FileVersion, Mapped,
-        OutputFolder, Positioned, RangeCache, RangeFile, ReadBackend, Stamp, WriteBackend,
-        prefer_positioned_reads, url_of,
+        OutputFolder, Positioned, RangeCache, RangeFile, ReadBackend, RemoteFiles, RemoteWriter, Stamp,
+        WriteBackend, url_of,
     };
 
     /// Restartable, batched queries of remote files.
     pub mod batch {
         pub use spinney_base::io::batch::{
-            MissingRange, Traffic, defer_missing, finish_deferred, map, run_batched, traffic, try_once,
+            MissingRange, Traffic, defer_missing, finish_deferred, map, run_batched, try_once,
         };
     }
 }
@@ -268,7 +268,7 @@ pub mod import {
         pub use spinney_mesh::import::{
             Attribute, DEFAULT_MEMORY, ExactReport, InsideTest, MeshArrays, MeshColours, MeshFace, Model,
             ModelContact, ModelInfo, SkippedObject, SolidReport, SolidSurvey, SurfaceAtPoint, SurveyedNode,
-            is_model, model_contacts, open, parts_of, plan_part,
+            is_model, model_contacts, open, open_all_with, open_with, parts_of, plan_part,
         };
     }
 

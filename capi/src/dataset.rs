@@ -5,9 +5,8 @@ use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use engine::raw::dataset;
-use engine::raw::io::RangeCache;
 use engine::raw::store::TreeFormat;
-use engine::{DataKind, Dataset, OpenOptions, SampleType, ViewStep};
+use engine::{DataKind, Dataset, FileAccess, OpenOptions, SampleType, ViewStep};
 
 use crate::metadata;
 use crate::status::{Failure, guarded, spinney_status, text_of};
@@ -117,7 +116,7 @@ pub struct spinney_info {
 /// Changes how many bytes of packed segments, unpacked, all open files together keep in memory for the next use: 64 MiB if nothing is said.
 #[unsafe(no_mangle)]
 pub extern "C" fn spinney_set_cache_memory(bytes: u64) {
-    RangeCache::unpacked().set_limit(bytes);
+    FileAccess::default().unpacked().set_limit(bytes);
 }
 
 /// Opens a tree file of either format and any type. `map.autumn@12` is commit 12 of `map.autumn`, `stack.goblin:B08` the layer `B08`
@@ -148,7 +147,9 @@ pub unsafe extern "C" fn spinney_open(
         // SAFETY: the caller passes a zero-terminated text.
         let path = path_of(unsafe { CStr::from_ptr(path) })?;
         let mut options = OpenOptions::new();
-        options.positioned |= flags & SPINNEY_POSITIONED != 0;
+        if flags & SPINNEY_POSITIONED != 0 {
+            options.access = options.access.positioned(None);
+        }
         let mut opened = dataset::open(&path, &options)?;
         let mut chain: Vec<ViewStep> = Vec::new();
         for step in 0..step_count {

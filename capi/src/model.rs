@@ -96,7 +96,9 @@ pub unsafe extern "C" fn spinney_model_open(
         // SAFETY: the caller passes a zero-terminated text.
         let path = path_of(unsafe { CStr::from_ptr(path) })?;
         let mut options = OpenOptions::new();
-        options.positioned |= flags & SPINNEY_POSITIONED != 0;
+        if flags & SPINNEY_POSITIONED != 0 {
+            options.access = options.access.positioned(None);
+        }
         let handle = Box::new(spinney_model { model: ExactModel::open(&path, &options)? });
         // SAFETY: it is not NULL, and the caller has a pointer there.
         unsafe { model.write(Box::into_raw(handle)) };

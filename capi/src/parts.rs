@@ -8,7 +8,7 @@ use std::sync::Arc;
 use engine::raw::dataset;
 use engine::raw::io::{DEFAULT_GAP, Fetch, RangeCache, RangeFile};
 use engine::raw::store::ByteSource;
-use engine::{Error, OpenOptions, Result};
+use engine::{Error, FileAccess, OpenOptions, Result};
 
 use crate::dataset::{path_of, spinney_dataset};
 use crate::status::{Failure, guarded, spinney_status};
@@ -100,7 +100,7 @@ pub unsafe extern "C" fn spinney_open_parts(
         let number = RangeCache::file_number();
         let file = Arc::new(CallersFile { user, fetch, release, path: path.clone(), length, number });
         let source = ByteSource::new(move |path: &Path| {
-            let cache = (RangeCache::shared(), file.number);
+            let cache = (FileAccess::default().ranges().clone(), file.number);
             Ok(Box::new(RangeFile::new(
                 path,
                 file.length,

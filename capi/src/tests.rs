@@ -347,7 +347,7 @@ fn what_makes_no_sense_is_a_code_with_a_text() {
     assert!(error().contains("on purpose"));
     assert!(!unsafe { CStr::from_ptr(spinney_version()) }.is_empty());
     spinney_set_cache_memory(1 << 20);
-    assert_eq!(engine::raw::io::RangeCache::unpacked().limit(), 1 << 20);
+    assert_eq!(engine::FileAccess::default().unpacked().limit(), 1 << 20);
 }
 
 #[test]

@@ -156,7 +156,7 @@ pub fn autumnal_file(bytes: &[u8]) {
             history.commits().take(100).for_each(drop);
             let _ = history.commit(script[0].into());
         }
-        if recover(path, (script[0] % 8).into(), &()).is_ok() {
+        if recover(path, (script[0] % 8).into(), &Default::default(), &()).is_ok() {
             Autumnal::open(path, &OpenOptions::new()).unwrap();
         }
         if !is_small {

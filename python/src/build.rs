@@ -26,7 +26,7 @@ use spinney::{
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
-use crate::jobs::{self, Terms, Work};
+use crate::jobs::{self, Terms, Work, access};
 use crate::meshes::{arrays_of, models_of};
 use crate::numbers::{PyNumber, names_of};
 use crate::packing::Packing;
@@ -338,6 +338,7 @@ pub(crate) struct FileOptions {
 impl FileOptions {
     pub(crate) fn pictures(&self) -> PyResult<ImportOptions> {
         let mut options = ImportOptions::new();
+        options.access = access().clone();
         options.kind = self.kind.as_ref().map(|name| name.parse()).transpose().or_raise()?;
         options.rule = self.rule.as_ref().map(|name| name.parse()).transpose().or_raise()?;
         options.crs = self.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
@@ -400,6 +401,7 @@ impl FileOptions {
             return Err(invalid(text));
         }
         let mut options = VolumeOptions::new();
+        options.access = access().clone();
         options.kind = self.kind.as_ref().map(|name| name.parse()).transpose().or_raise()?;
         options.rule = self.rule.as_ref().map(|name| name.parse()).transpose().or_raise()?;
         options.crs = self.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
@@ -422,7 +424,7 @@ impl FileOptions {
         if path.as_os_str() == "xyz" {
             return Ok(Some(TargetGrid::WebMercator(self.max_zoom)));
         }
-        let tree = dataset::open(path, &Default::default()).or_raise()?;
+        let tree = dataset::open(path, &access().into()).or_raise()?;
         if tree.header().form.axes() != 2 || self.max_zoom.is_some() {
             let text = "is an octree, a quadtree is needed; max_zoom is for xyz";
             return Err(invalid(format!("grid: {} {text}", path.display())));
@@ -438,7 +440,7 @@ impl FileOptions {
             (Some(cells), None, None, None) => Resolution::Cells(cells),
             (None, Some(width), None, None) => Resolution::Cell(width),
             (None, None, Some(path), None) => {
-                let tree = dataset::open(path, &Default::default()).or_raise()?;
+                let tree = dataset::open(path, &access().into()).or_raise()?;
                 if tree.header().form.axes() != 3 {
                     return Err(invalid(format!(
                         "grid: {} is a quadtree, an octree is needed",
@@ -490,10 +492,10 @@ pub(crate) fn build_files(
     if options.has_feature_options() {
         return Err(invalid("value, overlaps, width, fractions and where are for features"));
     }
-    if !meshes.is_empty() || paths.iter().any(|path| mesh::is_model(path)) {
+    if !meshes.is_empty() || paths.iter().any(|path| mesh::is_model(path, access())) {
         let (mut solid, meshes) = (options.solids()?, arrays_of(&meshes)?);
         return jobs::run(py, terms, |work| {
-            let mut models = spinney::import::mesh::open_all(&paths, options.memory)?;
+            let mut models = spinney::raw::import::mesh::open_all_with(&paths, options.memory, access())?;
             models.extend(models_of(meshes)?);
             let told = models.iter().find_map(|model| model.info().unit.clone());
             solid.unit = options.unit.clone().or(told);

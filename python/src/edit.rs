@@ -16,7 +16,7 @@ use spinney::{CellLocator, Code, CombineOperation, Coordinates, Dataset, FileVie
 use crate::error::{OrRaise, invalid};
 use crate::features_over::FeatureTerms;
 use crate::files::{commit_facts, is_same_file, named};
-use crate::jobs::{self, Terms};
+use crate::jobs::{self, Terms, access};
 use crate::numbers::PyNumber;
 use crate::part::{coordinates_of, part_of};
 
@@ -63,7 +63,7 @@ impl Editor {
 impl Editor {
     #[new]
     fn new(py: Python<'_>, path: PathBuf, memory: u64) -> PyResult<Editor> {
-        let editor = py.detach(|| spinney::edit::Editor::open(&path, memory)).or_raise()?;
+        let editor = py.detach(|| spinney::edit::Editor::open_with(&path, memory, access())).or_raise()?;
         Ok(Editor { editor: Mutex::new(Some(editor)), path })
     }
 
@@ -85,7 +85,7 @@ impl Editor {
             Some(&[x, y, z]) => Some([x, y, z]),
             Some(_) => return Err(invalid("at: expected (column, row), or (x, y, z) in octrees")),
         };
-        let chain = FileView { steps, ..FileView::of(&patch) };
+        let chain = FileView { steps, access: access().clone(), ..FileView::of(&patch) };
         if let Some(at) = at {
             let (size, extent) = (chain.open().or_raise()?.extent(), self.tree()?.header().extent);
             let sticks_out = |axis: usize| {

@@ -18,13 +18,13 @@ use spinney::raw::points::is_point_file;
 use spinney::raw::store::autumnal::{self, CompactOptions, History, Keep};
 use spinney::raw::store::file_of;
 use spinney::{
-    Codec, CombineOperation, CombineOptions, ExactModel, FileView, Header, Metadata, Number, OpenOptions,
-    Progress as _, Universe, ViewStep, WarpOptions,
+    Codec, CombineOperation, CombineOptions, ExactModel, FileView, Header, Metadata, Number, Progress as _,
+    Universe, ViewStep, WarpOptions,
 };
 
 use crate::error::{OrRaise, invalid};
 use crate::features_over::{FeatureTerms, operand};
-use crate::jobs::{self, Terms};
+use crate::jobs::{self, Terms, access};
 use crate::numbers::{PyNumber, plain};
 use crate::packing::Packing;
 
@@ -81,7 +81,7 @@ pub(crate) fn chain_of(
     let mut warp = WarpOptions::default();
     warp.resampling = resampling.map(str::parse).transpose().or_raise()?;
     warp.allow_ballpark = allow_ballpark;
-    Ok(FileView { steps, moves, warp, ..FileView::of(path) })
+    Ok(FileView { steps, moves, warp, access: access().clone(), ..FileView::of(path) })
 }
 
 /// The place that an operation fills, by a box of the world, or cells around the pictures.
@@ -124,7 +124,7 @@ pub(crate) fn transform<'py>(
     let others = steps.iter().flat_map(ViewStep::files).map(Path::to_path_buf);
     let inputs: Vec<PathBuf> = others.chain([path.clone()]).collect();
     check_output(&inputs, &out)?;
-    if is_model_file(&path) {
+    if is_model_file(&path, access()) {
         if resampling.is_some() || allow_ballpark || moves {
             return Err(invalid("resampling, allow_ballpark and move mean nothing for exact models"));
         }
@@ -161,7 +161,7 @@ fn transform_exact<'py>(
     }
     let motion = Motion::from_rows(map.to_rows()).or_raise()?;
     let made = jobs::run(py, terms, |work| {
-        let model = ExactModel::open(path, &OpenOptions::new())?;
+        let model = ExactModel::open(path, &access().into())?;
         spinney::brep::transform(&model, &motion, &options, work.create_tree(out)?, work)
     })?;
     let facts = PyDict::new(py);
@@ -197,7 +197,7 @@ pub(crate) fn combine<'py>(
     let operation = named(operation, prefer)?;
     let universe = universe_of(operation, within.as_deref(), margin)?;
     check_output(&paths, &out)?;
-    if paths.iter().any(|path| is_model_file(path)) {
+    if paths.iter().any(|path| is_model_file(path, access())) {
         if !features.is_empty() {
             return Err(invalid("features are laid over trees of cells, not over exact models"));
         }
@@ -255,7 +255,7 @@ fn combine_exact<'py>(
         return Err(invalid("operation: exact models have no values, but set operations (0 to 15)"));
     };
     let made = jobs::run(py, terms, |work| {
-        let models = paths.iter().map(|path| ExactModel::open(path, &OpenOptions::new()));
+        let models = paths.iter().map(|path| ExactModel::open(path, &access().into()));
         let models = models.collect::<spinney::Result<Vec<_>>>()?;
         let models: Vec<&ExactModel> = models.iter().collect();
         spinney::brep::combine(operation, &models, work.create_tree(out)?, codec, memory, work)
@@ -283,7 +283,7 @@ type Pairs<'py> = Vec<(Option<Vec<Bound<'py, PyAny>>>, Option<Vec<Bound<'py, PyA
 /// Counts which values of one file meet which of another.
 #[pyfunction]
 pub(crate) fn cross(py: Python<'_>, first: PathBuf, second: PathBuf, terms: Terms) -> PyResult<Pairs<'_>> {
-    let pairs = jobs::run(py, terms, |work| ops::crosstab_files(&first, &second, work))?;
+    let pairs = jobs::run(py, terms, |work| ops::crosstab_files(&first, &second, access(), work))?;
     let value = |samples: Option<Vec<Number>>| {
         samples.map(|samples| samples.into_iter().map(|sample| plain(py, sample)).collect()).transpose()
     };
@@ -305,9 +305,9 @@ pub(crate) fn diff<'py>(
     let mut runs: Vec<FdRange> = Vec::new();
     let found = jobs::run(py, terms, |work| {
         if !ranges {
-            return ops::differences(&first, &second, work);
+            return ops::differences(&first, &second, access(), work);
         }
-        ops::diff_files(&first, &second, work, &mut |range| {
+        ops::diff_files(&first, &second, access(), work, &mut |range| {
             runs.push(range);
             Ok(())
         })
@@ -327,16 +327,16 @@ pub(crate) fn verify(
     terms: Terms,
 ) -> PyResult<Vec<(String, String)>> {
     let findings = jobs::run(py, terms, |work| {
-        if is_model_file(&path) {
-            return ExactModel::open(&path, &OpenOptions::new())?.verify(memory, work);
+        if is_model_file(&path, access()) {
+            return ExactModel::open(&path, &access().into())?.verify(memory, work);
         }
-        if is_point_file(&path) {
-            return PointTree::open(&path, &OpenOptions::new())?.verify(work);
+        if is_point_file(&path, access()) {
+            return PointTree::open(&path, &access().into())?.verify(work);
         }
-        if is_line_file(&path) {
-            return LineTree::open(&path, &OpenOptions::new())?.verify(memory, work);
+        if is_line_file(&path, access()) {
+            return LineTree::open(&path, &access().into())?.verify(memory, work);
         }
-        let tree = dataset::open(&path, &OpenOptions::new())?;
+        let tree = dataset::open(&path, &access().into())?;
         if quick { tree.verify_quickly(memory, work) } else { tree.verify(memory, work) }
     })?;
     Ok(findings.into_iter().map(|finding| (finding.place, finding.problem)).collect())
@@ -373,7 +373,7 @@ pub(crate) fn add_layer(
     terms: Terms,
 ) -> PyResult<Option<u64>> {
     let steps = steps.iter().map(|step| step.parse().or_raise()).collect::<PyResult<Vec<ViewStep>>>()?;
-    let (chain, note) = (FileView { steps, ..FileView::of(&tree) }, note_of(note));
+    let (chain, note) = (FileView { steps, access: access().clone(), ..FileView::of(&tree) }, note_of(note));
     jobs::run(py, terms, |work| {
         let commit = ops::add_layer(&path, &name, &chain, note, packing.with(memory), work)?;
         Ok(commit.map(|commit| commit.number))
@@ -392,7 +392,7 @@ pub(crate) fn drop_layer(
 ) -> PyResult<Option<u64>> {
     let note = note_of(note);
     jobs::run(py, terms, |work| {
-        let commit = ops::drop_layer(&path, &name, note, memory, work)?;
+        let commit = ops::drop_layer(&path, &name, note, memory, access(), work)?;
         Ok(commit.map(|commit| commit.number))
     })
 }
@@ -446,7 +446,7 @@ pub(crate) fn recover<'py>(
     to: u64,
     terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let commit = jobs::run(py, terms, |work| autumnal::recover(&path, to, work))?;
+    let commit = jobs::run(py, terms, |work| autumnal::recover(&path, to, access(), work))?;
     commit_facts(py, &commit)
 }
 
@@ -454,7 +454,7 @@ pub(crate) fn recover<'py>(
 #[pyfunction]
 pub(crate) fn log<'py>(py: Python<'py>, path: PathBuf) -> PyResult<Vec<Bound<'py, PyDict>>> {
     let commits = jobs::run(py, Terms::default(), |work| {
-        let history = History::open(&path, &OpenOptions::new())?;
+        let history = History::open(&path, &access().into())?;
         let mut commits: Vec<Commit> = Vec::new();
         for commit in history.commits() {
             work.check()?;

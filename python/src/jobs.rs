@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -14,8 +14,8 @@ use pyo3::exceptions::{PyRuntimeError, PyUserWarning};
 use pyo3::prelude::*;
 use rayon::ThreadPoolBuilder;
 use spinney::raw::store::create_tree_file;
-use spinney::remote::{RemoteOptions, enable};
-use spinney::{Error, Output, Progress};
+use spinney::remote::{RemoteOptions, client};
+use spinney::{Error, FileAccess, Output, Progress};
 
 use crate::error::raised;
 
@@ -27,15 +27,23 @@ thread_local! {
     static STOP: RefCell<Option<Arc<AtomicBool>>> = const { RefCell::new(None) };
 }
 
-/// Makes files elsewhere be read. Who waits for one gives up when the work should stop, or where Python has a signal for this thread.
-pub(crate) fn enable_remote() {
+/// How the module opens and creates files. A thread that waits for a remote file is cancelled when its work should stop, or where Python has
+/// a signal for it.
+static ACCESS: LazyLock<FileAccess> = LazyLock::new(|| {
     let mut options = RemoteOptions::default();
     options.is_stopped = || match STOP.with_borrow(Clone::clone) {
         Some(stop) => stop.load(Ordering::Relaxed),
         None => Python::attach(|py| py.check_signals().is_err()),
     };
-    // (It fails where there is no folder for what is kept, and none is asked for.)
-    let _ = enable(options);
+    // (Caches of its own: `set_cache_memory` changes their limit, and not that of other users of the library.)
+    let access = FileAccess::new().unpacked_cache(FileAccess::new().unpacked().limit());
+    // (It fails where there is no directory for what is kept, and none is asked for.)
+    client(options).map_or(access.clone(), |client| access.remote(client))
+});
+
+/// How the module opens and creates files.
+pub(crate) fn access() -> &'static FileAccess {
+    &ACCESS
 }
 
 /// The process that has the usual pool of threads.
@@ -87,7 +95,7 @@ pub(crate) struct Work {
 impl Work {
     /// Starts a file, with the bytes that it may have.
     pub(crate) fn create(&self, path: &Path) -> spinney::Result<Output> {
-        Output::create(path).map(|output| output.with_limit(self.max_bytes))
+        access().create(path).map(|output| output.with_limit(self.max_bytes))
     }
 
     /// Bytes that the output may have.
@@ -97,7 +105,7 @@ impl Work {
 
     /// Starts a tree's file.
     pub(crate) fn create_tree(&self, path: &Path) -> spinney::Result<Output> {
-        create_tree_file(path).map(|output| output.with_limit(self.max_bytes))
+        create_tree_file(path, access()).map(|output| output.with_limit(self.max_bytes))
     }
 
     /// Notes an exception, and gives the error that ends the work.

@@ -87,7 +87,6 @@ mod _native {
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         super::jobs::remember_process();
-        super::jobs::enable_remote();
         module.add("version", env!("CARGO_PKG_VERSION"))
     }
 }

@@ -68,8 +68,8 @@ impl Lines {
     fn new(py: Python<'_>, path: PathBuf, positioned: bool, remote: RemoteAccess) -> PyResult<Lines> {
         let mut options = remote.options();
         if positioned {
-            let cache = options.cache;
-            options = options.positioned(cache);
+            let access = options.access.clone().positioned(None);
+            options = options.access(access);
         }
         let tree = py.detach(|| LineTree::open(&path, &options)).or_raise()?;
         Ok(Lines { opened: RwLock::new(Some(Arc::new(tree))), path, positioned, remote })

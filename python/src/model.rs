@@ -22,7 +22,7 @@ use spinney::{Crs, ExactModel, Progress, Result, ViewStep};
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
-use crate::jobs::{self, Terms};
+use crate::jobs::{self, Terms, access};
 use crate::meshes::{arrays_of, models_of};
 use crate::packing::Packing;
 use crate::remote::{RemoteAccess, path_object};
@@ -100,8 +100,8 @@ impl Model {
         let steps: Vec<ViewStep> = steps.iter().map(|step| step.parse()).collect::<Result<_>>().or_raise()?;
         let mut options = remote.options();
         if positioned {
-            let cache = options.cache;
-            options = options.positioned(cache);
+            let access = options.access.clone().positioned(None);
+            options = options.access(access);
         }
         let open = || -> Result<ModelView> {
             let model = ExactModel::open(&path, &options)?;
@@ -368,7 +368,7 @@ pub(crate) fn build_brep<'py>(
     exact.unit = options.unit;
     exact.crs = options.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
     let report = jobs::run(py, terms, |work| {
-        let mut models = spinney::import::mesh::open_all(&paths, exact.memory)?;
+        let mut models = spinney::raw::import::mesh::open_all_with(&paths, exact.memory, access())?;
         models.extend(models_of(meshes)?);
         if let Some(filter) = &filter {
             let (names, about) = mesh::parts_of(&models);

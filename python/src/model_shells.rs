@@ -12,7 +12,7 @@ use spinney::raw::brep::ObjectContact;
 use spinney::raw::brep::topology::{Topology, TopologyOptions};
 use spinney::raw::import::mesh;
 
-use crate::jobs::{self, Terms};
+use crate::jobs::{self, Terms, access};
 use crate::model::Model;
 
 /// Measures of an object: whether it is closed, its volume, area, and least and greatest coordinates.
@@ -44,7 +44,7 @@ pub(crate) fn object_contacts(
     jobs::run(py, terms, |work| {
         let mut all = Vec::new();
         mesh::model_contacts(
-            spinney::import::mesh::open_all(&paths, memory)?,
+            spinney::raw::import::mesh::open_all_with(&paths, memory, access())?,
             &options,
             work,
             &mut |found| {

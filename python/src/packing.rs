@@ -1,11 +1,11 @@
 //! Packing of trees that are written, and the cache of what is unpacked.
 
 use pyo3::prelude::*;
-use spinney::raw::io::RangeCache;
 use spinney::raw::store;
 use spinney::{Codec, WriteOptions};
 
 use crate::error::{OrRaise, invalid};
+use crate::jobs::access;
 
 /// Packing of segments: the name of the codec, and the maximum error, if there is one.
 #[derive(Clone, Copy)]
@@ -42,5 +42,5 @@ impl Packing {
 /// Changes how many bytes of packed segments, unpacked, are kept for the next use.
 #[pyfunction]
 pub(crate) fn set_cache_memory(bytes: u64) {
-    RangeCache::unpacked().set_limit(bytes);
+    access().unpacked().set_limit(bytes);
 }

@@ -19,14 +19,14 @@ use spinney::{Crs, Dimension, Progress as _, Result, SampleType};
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
-use crate::jobs::{self, Terms};
+use crate::jobs::{self, Terms, access};
 use crate::remote::{RemoteAccess, path_object};
 use crate::tree::crs_text;
 
 /// Whether a file is a tree of points.
 #[pyfunction]
 pub(crate) fn is_points(path: PathBuf) -> bool {
-    is_point_file(&path)
+    is_point_file(&path, access())
 }
 
 /// Polygons: parts, each of an outer ring and its holes.
@@ -88,8 +88,8 @@ impl Points {
     fn new(py: Python<'_>, path: PathBuf, positioned: bool, remote: RemoteAccess) -> PyResult<Points> {
         let mut options = remote.options();
         if positioned {
-            let cache = options.cache;
-            options = options.positioned(cache);
+            let access = options.access.clone().positioned(None);
+            options = options.access(access);
         }
         let tree = py.detach(|| PointTree::open(&path, &options)).or_raise()?;
         Ok(Points { opened: RwLock::new(Some(Arc::new(tree))), path, positioned, remote })

@@ -11,7 +11,7 @@ use spinney::{BuildOptions, Crs, DataKind};
 use crate::build::matrix_of;
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
-use crate::jobs::{self, Terms};
+use crate::jobs::{self, Terms, access};
 use crate::numbers::{PyNumber, names_of};
 use crate::packing::Packing;
 use crate::tree::Tree;
@@ -96,5 +96,5 @@ impl Tree {
 #[pyfunction]
 #[pyo3(name = "is_tree")]
 pub(crate) fn is_tree(py: Python<'_>, path: PathBuf) -> bool {
-    py.detach(|| file_is_tree(&path))
+    py.detach(|| file_is_tree(&path, access()))
 }

@@ -10,6 +10,8 @@ use spinney::raw::io::{DEFAULT_GAP, Fetch, RangeCache, RangeFile};
 use spinney::raw::store::ByteSource;
 use spinney::{Error, OpenOptions, Result};
 
+use crate::jobs::access;
+
 /// The name of a file for Python: a path, or the text of a URL, of which a path would not keep both slashes.
 pub(crate) fn path_object<'py>(py: Python<'py>, path: &Path) -> PyResult<Bound<'py, PyAny>> {
     match path.to_str().filter(|text| text.contains("://") || text.contains("::")) {
@@ -71,11 +73,11 @@ impl RemoteAccess {
 
     /// The options to open the file with.
     pub(crate) fn options(&self) -> OpenOptions {
-        let options = OpenOptions::new().storage(self.storage.iter().cloned());
+        let options = OpenOptions::from(access()).storage(self.storage.iter().cloned());
         let Some((file, _)) = &self.file else { return options };
         let file = file.clone();
         options.source(ByteSource::new(move |path| {
-            let cache = (RangeCache::shared(), file.number);
+            let cache = (access().ranges().clone(), file.number);
             let fetch = Box::new(Reader { file: file.clone(), path: path.to_path_buf() });
             Ok(Box::new(RangeFile::new(path, file.length, fetch, cache, DEFAULT_GAP)))
         }))

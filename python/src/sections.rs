@@ -5,15 +5,15 @@ use std::sync::Arc;
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use spinney::ExactModel;
 use spinney::export::VectorFormat;
 use spinney::raw::brep::ModelView;
 use spinney::raw::brep::surface_intersection::surface_intersection;
 use spinney::raw::export::vector::{SectionPlanes, export_intersection, export_section};
-use spinney::{ExactModel, OpenOptions};
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
-use crate::jobs::{self, Terms};
+use crate::jobs::{self, Terms, access};
 use crate::model::Model;
 
 /// Planes and models that a model is cut by.
@@ -39,7 +39,7 @@ impl Cutters {
                 continue;
             }
             let path: PathBuf = cutter.extract()?;
-            let model = py.detach(|| ExactModel::open(&path, &OpenOptions::new())).or_raise()?;
+            let model = py.detach(|| ExactModel::open(&path, &access().into())).or_raise()?;
             cutters.models.push(Arc::new(model.into()));
         }
         Ok(cutters)

@@ -11,7 +11,7 @@ use spinney::raw::store::goblin::MergeOutput;
 use crate::build::FileOptions;
 use crate::error::{OrRaise, invalid};
 use crate::files::{chain_of, check_output, named, steps_of, universe_of};
-use crate::jobs::{self, Terms};
+use crate::jobs::{self, Terms, access};
 use crate::numbers::PyNumber;
 use crate::packing::Packing;
 
@@ -29,7 +29,7 @@ pub(crate) fn plan_shards(
         Some(options) => JobSpec::Stack { inputs, options },
         None => JobSpec::Pictures { inputs, options: options.pictures()? },
     };
-    jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, work)?.was_there))
+    jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, access(), work)?.was_there))
 }
 
 /// Plans a job of a file and the steps done to it; returns whether the same one was there already.
@@ -49,7 +49,7 @@ pub(crate) fn plan_transform(
 ) -> PyResult<bool> {
     let chain = chain_of(&path, steps_of(&steps)?, (resampling.as_deref(), allow_ballpark), moves)?;
     let spec = JobSpec::Transform { chain, packing: packing.0 };
-    jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, work)?.was_there))
+    jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, access(), work)?.was_there))
 }
 
 /// Plans a job of one tree of several; returns whether the same one was there already.
@@ -74,26 +74,26 @@ pub(crate) fn plan_combine(
     let fill = fill.map(|number| number.0);
     let options = CombineOptions { fill, universe };
     let spec = JobSpec::Combine { inputs, operation, options, packing: packing.0 };
-    jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, work)?.was_there))
+    jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, access(), work)?.was_there))
 }
 
 /// A job: shards, those of them of which something is to be built, and bytes of input.
 #[pyfunction]
 pub(crate) fn look_at_job(py: Python<'_>, job: PathBuf) -> PyResult<(u32, u32, u64)> {
-    let job = py.detach(|| Job::open(&job)).or_raise()?;
+    let job = py.detach(|| Job::open_with(&job, access())).or_raise()?;
     Ok((job.shards(), job.busy_shards(), job.input_bytes()))
 }
 
 /// Whether there is a job in a folder.
 #[pyfunction]
 pub(crate) fn is_job(py: Python<'_>, job: PathBuf) -> PyResult<bool> {
-    Ok(py.detach(|| Job::find(&job)).or_raise()?.is_some())
+    Ok(py.detach(|| Job::find(&job, access())).or_raise()?.is_some())
 }
 
 /// Removes a job.
 #[pyfunction]
 pub(crate) fn remove_job(py: Python<'_>, job: PathBuf) -> PyResult<()> {
-    py.detach(|| Job::open(&job)?.remove()).or_raise()
+    py.detach(|| Job::open_with(&job, access())?.remove()).or_raise()
 }
 
 /// Builds a shard, unless it is made already; returns whether it was, and the bytes of its segments.
@@ -106,7 +106,7 @@ pub(crate) fn build_shard(
     terms: Terms,
 ) -> PyResult<(bool, u64)> {
     jobs::run(py, terms, |work| {
-        let built = Job::open(&job)?.build(number, memory, work)?;
+        let built = Job::open_with(&job, access())?.build(number, memory, work)?;
         Ok((built.was_there, built.bytes))
     })
 }
@@ -114,7 +114,7 @@ pub(crate) fn build_shard(
 /// Numbers of the shards that are not made.
 #[pyfunction]
 pub(crate) fn missing_shards(py: Python<'_>, job: PathBuf) -> PyResult<Vec<u32>> {
-    py.detach(|| Job::open(&job)?.missing()).or_raise()
+    py.detach(|| Job::open_with(&job, access())?.missing()).or_raise()
 }
 
 /// Puts the shards of a job together, and removes it if that is asked for.
@@ -132,8 +132,8 @@ pub(crate) fn merge_shards(
     }
     check_output(std::slice::from_ref(&job), &out)?;
     jobs::run(py, terms, |work| {
-        let job = Job::open(&job)?;
-        job.merge(MergeOutput::create(&out, work.max_bytes(), removes)?, memory, work)?;
+        let job = Job::open_with(&job, access())?;
+        job.merge(MergeOutput::create(&out, work.max_bytes(), removes, access())?, memory, work)?;
         if removes { job.remove() } else { Ok(()) }
     })
 }

@@ -9,7 +9,7 @@ use spinney::{Dimension, Progress};
 
 use crate::build::{ArrayOptions, ArrayTree};
 use crate::error::invalid;
-use crate::jobs::{self, Terms, Work};
+use crate::jobs::{self, Terms, Work, access};
 use crate::packing::Packing;
 
 /// An array that becomes a layer.
@@ -134,7 +134,7 @@ pub(crate) fn plan_layers(
     let layers = PlannedLayers::new(layers, depth)?;
     jobs::run(py, terms, |work| {
         let given = GivenLayers { token: &token, packing: packing.0, bytes: layers.bytes() };
-        Ok(plan_given(given, &job, shards, &mut |target| layers.write(target, work))?.was_there)
+        Ok(plan_given(given, &job, shards, access(), &mut |target| layers.write(target, work))?.was_there)
     })
 }
 
@@ -152,7 +152,7 @@ pub(crate) fn build_layers_shard(
     let layers = PlannedLayers::new(layers, depth)?;
     jobs::run(py, terms, |work| {
         let mut write = |target| layers.write(target, work);
-        let built = Job::open(&job)?.build_given(number, &token, &mut write)?;
+        let built = Job::open_with(&job, access())?.build_given(number, &token, &mut write)?;
         Ok((built.was_there, built.bytes))
     })
 }

@@ -184,8 +184,8 @@ impl Tree {
     fn open_file(&self, commit: Option<u64>) -> spinney::Result<Dataset> {
         let mut options = self.remote.options();
         if self.positioned {
-            let cache = options.cache;
-            options = options.positioned(cache);
+            let access = options.access.clone().positioned(None);
+            options = options.access(access);
         }
         let path = match commit {
             Some(number) => {

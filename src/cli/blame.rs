@@ -40,7 +40,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     check_output([args.file.as_path()], output)?;
     let how = args.packing.with(args.memory);
     let work = Work::start(global, "cells")?;
-    ops::blame(&args.file, args.limit.create_tree(output)?, how, &work)?;
+    ops::blame(&args.file, args.limit.create_tree(output, global)?, how, &work)?;
     work.finish();
     report_output(global, output, start);
     Ok(())

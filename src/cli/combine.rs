@@ -99,14 +99,14 @@ impl MergingArgs {
     }
 
     /// The job of combining trees of cells alone.
-    pub(crate) fn spec(&self, packing: spinney::raw::store::Packing) -> Result<JobSpec> {
+    pub(crate) fn spec(&self, packing: spinney::raw::store::Packing, global: &Global) -> Result<JobSpec> {
         let name = &self.operation.0;
         ensure!(!self.operation.is_table(), "{name} prints a table: `spinney combine {name}`");
         if let Some(file) = self.files.iter().find(|file| is_feature_file(file)) {
             bail!("{}: features are not combined in shards: `spinney combine {name}`", file.display())
         }
         ensure!(
-            !exact::any_model(&self.files),
+            !exact::any_model(&self.files, global),
             "exact models are not combined in shards: `spinney combine {name}`"
         );
         let (operation, universe) = self.on_trees()?;
@@ -182,10 +182,10 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let Args { merging, output, snap, explain, json, memory, packing, limit, features } = args;
     let MergingArgs { operation: name, files, values, fill, within, margin } = &merging;
     let fill = *fill;
-    ensure!(!explain || exact::any_model(files), "--explain is for exact models (`build --brep`)");
+    ensure!(!explain || exact::any_model(files, global), "--explain is for exact models (`build --brep`)");
     if name.is_table() {
         ensure!(output.is_none(), "cross prints a table: leave out --output");
-        return table(files, json);
+        return table(files, json, global);
     }
     ensure!(!json, "--json is for the table of cross");
     if files.iter().all(|file| is_feature_file(file)) {
@@ -207,7 +207,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let (operation, universe) = merging.on_trees()?;
     let path = output.context("--output is missing: where should the result go?")?;
     check_output(files.iter().map(PathBuf::as_path), &path)?;
-    if exact::any_model(files) {
+    if exact::any_model(files, global) {
         let given = [
             ("--values", *values != "a"),
             ("--fill", fill.is_some()),
@@ -220,7 +220,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let how = packing.with(memory);
     let options = CombineOptions { fill, universe };
     let work = Work::start(global, "cells")?;
-    let output = limit.create_tree(&path)?;
+    let output = limit.create_tree(&path, global)?;
     let (outcome, counts) = if are_mixed(files) {
         features.combine(operation, options, files, output, how, &work)?
     } else {
@@ -244,9 +244,9 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
 }
 
 /// Prints the table of pairs.
-fn table(files: &[PathBuf], json: bool) -> Result<()> {
+fn table(files: &[PathBuf], json: bool, global: &Global) -> Result<()> {
     let [first, second] = files else { bail!("cross takes two files, not {}", files.len()) };
-    let pairs = ops::crosstab_files(first, second, &())?;
+    let pairs = ops::crosstab_files(first, second, global.access(), &())?;
     if json {
         let samples = |value: &Option<Vec<Number>>| {
             let value = value.as_ref();

@@ -51,7 +51,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     check_output([Path::new(&args.file)], &args.output)?;
     let keep = args.commits.clone().map_or(Keep::Last(args.keep), Keep::Numbers);
     let work = Work::start(global, "cells")?;
-    let output = args.limit.create_tree(&args.output)?;
+    let output = args.limit.create_tree(&args.output, global)?;
     let options = CompactOptions::new(&keep, args.memory.bytes).share(args.share).pack(args.pack);
     let commits = autumnal::compact(&args.file, &options, output, &work)?;
     work.finish();

@@ -46,7 +46,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     check_output([Path::new(&args.file)], output)?;
     let how = args.packing.with(args.memory);
     let work = Work::start(global, "cells")?;
-    spinney::convert(&args.file, args.share, args.limit.create_tree(output)?, how, &work)?;
+    spinney::convert(&args.file, args.share, args.limit.create_tree(output, global)?, how, &work)?;
     work.finish();
     report_output(global, output, start);
     Ok(())

@@ -52,13 +52,13 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let paths = [args.first.as_path(), &args.second];
     let sum = if args.ranges {
         let mut out = std::io::BufWriter::new(std::io::stdout().lock());
-        let sum = ops::diff_files(paths[0], paths[1], &(), &mut |range| {
+        let sum = ops::diff_files(paths[0], paths[1], global.access(), &(), &mut |range| {
             writeln!(out, "{} {}", range.first, range.last).map_err(Error::io("-", "write"))
         })?;
         out.flush()?;
         sum
     } else {
-        ops::differences(paths[0], paths[1], &())?
+        ops::differences(paths[0], paths[1], global.access(), &())?
     };
     let ops::Differences { added, removed, changed, blocks, runs } = sum;
     if args.json {
@@ -79,7 +79,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         CombineOperation::Changed,
         CombineOptions::default(),
         &files,
-        args.limit.create_tree(output)?,
+        args.limit.create_tree(output, global)?,
         how,
         &work,
     )?;

@@ -3,6 +3,7 @@
 use anyhow::Result;
 use spinney::raw::partitions::Bintree;
 
+use super::Global;
 use super::args::ViewedTree;
 use super::report::print_text;
 
@@ -35,8 +36,8 @@ pub(crate) struct Args {
     limit: u64,
 }
 
-pub(crate) fn run(args: &Args) -> Result<()> {
-    let tree = args.tree.open()?;
+pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
+    let tree = args.tree.open(global)?;
     let mut text = if args.df {
         tree.df_text(args.limit)?
     } else if args.codes {

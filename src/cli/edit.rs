@@ -13,7 +13,8 @@ use spinney::raw::import::rasterize::Overlaps;
 use spinney::raw::ops::{Prefer, add_layer, apply_edits, drop_layer, only_layer};
 use spinney::raw::store::{FileReference, TreeFormat, file_is_tree};
 use spinney::{
-    Bounds, Code, CombineOperation, Coordinates, Dataset, FileView, Number, Output, SetOperation, ViewStep,
+    Bounds, Code, CombineOperation, Coordinates, Dataset, FileAccess, FileView, Number, SetOperation,
+    ViewStep,
 };
 
 use super::args::{
@@ -171,19 +172,20 @@ fn change_layers(file: &Path, change: &Change, global: &Global) -> Result<()> {
             let place = FileReference::of(tree);
             let stem = place.file.file_stem().map(|stem| stem.to_string_lossy().into_owned());
             let name = name.clone().or(place.layer.clone()).or(stem).unwrap_or_default();
-            let chain = FileView { steps: steps.clone(), ..FileView::of(tree) };
-            only_layer(tree)?;
+            let chain =
+                FileView { steps: steps.clone(), access: global.access().clone(), ..FileView::of(tree) };
+            only_layer(tree, global.access())?;
             let note = options.note(format!("Add layer {name} of {}", tree.display()));
             add_layer(file, &name, &chain, note, packing.with(options.memory), &work)?
         }
         Change::DropLayer(DropLayer { name, .. }) => {
             let note = options.note(format!("Drop layer {name}"));
-            drop_layer(file, name, note, options.memory.bytes, &work)?
+            drop_layer(file, name, note, options.memory.bytes, global.access(), &work)?
         }
         _ => None,
     };
     work.finish();
-    match (&commit, open(file)?.format()) {
+    match (&commit, open(file, global.access())?.format()) {
         (None, TreeFormat::Goblin) => global.report("output", format_args!("{}", file.display())),
         _ => report_commit(global, commit.as_ref()),
     }
@@ -195,7 +197,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     if matches!(change, Change::AddLayer(_) | Change::DropLayer(_)) {
         return change_layers(&file, &change, global);
     }
-    only_layer(&file)?;
+    only_layer(&file, global.access())?;
     let options = change.options().clone();
     let memory = options.memory.bytes;
     ensure!(
@@ -207,13 +209,13 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let work = Work::start(global, "cells")?;
     // A picture becomes a tree before the file is locked: others can edit it meanwhile.
     let picture = match &change {
-        Change::Paste(paste) if !file_is_tree(&paste.patch) => {
-            Some(PastedPicture::import(&paste.patch, &file, memory, &work)?)
+        Change::Paste(paste) if !file_is_tree(&paste.patch, global.access()) => {
+            Some(PastedPicture::import(&paste.patch, &file, memory, global.access(), &work)?)
         }
         _ => None,
     };
     let patch = change.other().map(Path::to_path_buf);
-    let mut editor = Editor::open(&file, memory)?;
+    let mut editor = Editor::open_with(&file, memory, global.access())?;
     let tree = Dataset::of(editor.tree().into())?;
     let (mut edits, message) = change.edits(&tree, picture.as_ref(), memory, &work)?;
     drop(tree);
@@ -265,7 +267,7 @@ impl Change {
         let (edit, message) = match self {
             Change::Paste(Paste { patch, at, steps, where_valid, .. }) => {
                 let path = picture.map_or(patch.as_path(), |picture| &picture.tree);
-                let chain = FileView { steps, ..FileView::of(path) };
+                let chain = FileView { steps, access: tree.access(), ..FileView::of(path) };
                 (Edit::Paste { patch: chain, at, where_valid }, format!("Paste {}", patch.display()))
             }
             Change::Fill(fill) if fill.zones.is_some() => fill.features(tree, memory, work)?,
@@ -318,8 +320,14 @@ impl PastedPicture {
     }
 
     /// Makes a tree like that in a file of a picture.
-    fn import(path: &Path, file: &Path, memory: u64, work: &Work) -> Result<PastedPicture> {
-        let like = open(file)?;
+    fn import(
+        path: &Path,
+        file: &Path,
+        memory: u64,
+        access: &FileAccess,
+        work: &Work,
+    ) -> Result<PastedPicture> {
+        let like = open(file, access)?;
         let header = like.header();
         ensure!(
             header.form.axes() == 2,
@@ -327,6 +335,7 @@ impl PastedPicture {
             path.display()
         );
         let mut options = ImportOptions::new();
+        options.access = access.clone();
         options.kind = Some(header.kind);
         options.rule = Some(header.rule);
         options.memory = Some(memory);
@@ -334,8 +343,7 @@ impl PastedPicture {
         let folder =
             tempfile::Builder::new().prefix("spinney-").tempdir_in(beside.unwrap_or(Path::new(".")))?;
         let tree = folder.path().join("patch.goblin");
-        spinney::import::raster::plan(&[path.to_path_buf()], &options)?
-            .build(Output::create(&tree)?, work)?;
+        spinney::import::raster::plan(&[path.to_path_buf()], &options)?.build(access.create(&tree)?, work)?;
         Ok(PastedPicture { tree, _folder: folder })
     }
 }

@@ -129,7 +129,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         found.finish()?;
         return Ok(view.file().check_unchanged()?);
     }
-    let tree = args.tree.open()?;
+    let tree = args.tree.open(global)?;
     let boxes = args.part.boxes(&tree)?;
     let condition = match (*above, *below, *class) {
         (Some(bound), _, _) => Condition::Above(bound),

@@ -10,7 +10,7 @@ use spinney::raw::export::image::Format;
 use spinney::raw::ops::WarpGrid;
 use spinney::raw::space::web_mercator_depth;
 use spinney::style::Style;
-use spinney::{Bounds, Dataset, Number, Output, SampleType};
+use spinney::{Bounds, Dataset, Number, SampleType};
 
 use super::Global;
 use super::args::{
@@ -109,7 +109,7 @@ fn parse_range(text: &str) -> Result<[f64; 2], String> {
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let path = args.output.path();
-    if let Some(tree) = lines::open(&args.tree.file)? {
+    if let Some(tree) = lines::open(&args.tree.file, global)? {
         let given = [
             ("--level", args.level.is_some()),
             ("--size", args.size.is_some()),
@@ -128,7 +128,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         return lines::get(&tree, places, (path, format), args.attribute.as_deref(), global);
     }
     ensure!(args.crossing.is_none(), "--crossing is for trees of lines");
-    if let Some(tree) = points::open(&args.tree.file)? {
+    if let Some(tree) = points::open(&args.tree.file, global)? {
         let given = [
             ("--size", args.size.is_some()),
             ("--slice", args.slice.is_some()),
@@ -155,8 +155,9 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     // What is drawn has layers as colours; what has values has them as bands.
     let is_drawn = args.style.is_some() || args.range.is_some() || args.slice.is_some();
     let is_drawn = is_drawn || matches!(format, Ok(Format::Png | Format::Webp | Format::Exr));
-    let is_composite = is_drawn && args.tree.is_composite()?;
-    let trees = if is_composite { vec![args.tree.open_drawn()?] } else { args.tree.open_all()? };
+    let is_composite = is_drawn && args.tree.is_composite(global)?;
+    let trees =
+        if is_composite { vec![args.tree.open_drawn(global)?] } else { args.tree.open_all(global)? };
     let format = format?;
     check_output([args.tree.file.as_path()], path)?;
     let tree = match <[Dataset; 1]>::try_from(trees) {
@@ -220,7 +221,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     }
     request.style = style.or(default.filter(|_| is_composite));
     global.report_approximate(&tree, request.level(&tree)?);
-    let output = Output::create(path)?;
+    let output = global.access().create(path)?;
     export_window(&tree, &request, output, format, &progress)
         .with_context(|| format!("cannot write {}", path.display()))?;
     progress.finish();
@@ -271,7 +272,7 @@ fn layers(args: &Args, trees: Vec<Dataset>, format: Format, global: &Global, sta
     let mut request = WindowRequest::new(bounds, detail);
     request.nodata = args.nodata;
     let progress = Work::start(global, "pixels")?;
-    export_layers(&trees, &request, Output::create(path)?, format, &progress)
+    export_layers(&trees, &request, global.access().create(path)?, format, &progress)
         .with_context(|| format!("cannot write {}", path.display()))?;
     progress.finish();
     global.report("layers", format_args!("{}", names.join(", ")));
@@ -327,7 +328,7 @@ fn array(args: &Args, tree: &Dataset, format: Format, global: &Global, start: In
     request.nodata = args.nodata;
     global.report_approximate(tree, level);
     let progress = Work::start(global, "cells")?;
-    let output = Output::create(path)?;
+    let output = global.access().create(path)?;
     export_array(tree, &request, output, format, &progress)
         .with_context(|| format!("cannot write {}", path.display()))?;
     progress.finish();

@@ -6,7 +6,6 @@ use std::path::PathBuf;
 use anyhow::Result;
 use serde_json::json;
 use spinney::query::ChannelStatistics;
-use spinney::raw::io::batch::traffic;
 use spinney::raw::io::url_of;
 use spinney::raw::manifest::ListedFile;
 use spinney::raw::ops::{LayerInfo, TreeFile};
@@ -18,7 +17,7 @@ use spinney::{Codec, Crs, Dataset, Frame, Metadata};
 use super::args::LayerOption;
 use super::report::unit::{behind_number, unit};
 use super::report::{commit, print_json, print_text, shortened};
-use super::{exact, lines, open, points};
+use super::{Global, exact, lines, open, points};
 
 const EXAMPLES: &str = "Examples:
   spinney info world.goblin
@@ -40,28 +39,28 @@ pub(crate) struct Args {
     json: bool,
 }
 
-pub(crate) fn run(args: &Args) -> Result<()> {
-    describe(args)?;
+pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
+    describe(args, global)?;
     if url_of(&args.file).is_some() && !args.json {
-        print_text(&format!("fetched     {}\n", traffic()))?;
+        print_text(&format!("fetched     {}\n", global.access().traffic()))?;
     }
     Ok(())
 }
 
-fn describe(args: &Args) -> Result<()> {
-    if let Some(model) = exact::open(&args.file)? {
+fn describe(args: &Args, global: &Global) -> Result<()> {
+    if let Some(model) = exact::open(&args.file, global)? {
         exact::refuse(&args.file, &[("--levels", args.levels)])?;
         exact::info(&model, args.json)?;
         return Ok(model.check_unchanged()?);
     }
-    if let Some(tree) = lines::open(&args.file)? {
+    if let Some(tree) = lines::open(&args.file, global)? {
         return lines::info(&tree, args.levels, args.json);
     }
-    if let Some(tree) = points::open(&args.file)? {
+    if let Some(tree) = points::open(&args.file, global)? {
         points::refuse(&args.file, &[("--levels", args.levels)])?;
         return points::info(&tree, args.json);
     }
-    let tree = open(&args.layer.paths(&args.file)?[0])?;
+    let tree = open(&args.layer.paths(&args.file, global)?[0], global.access())?;
     let layers = tree.layers()?;
     if layers.len() > 1 && !args.layer.is_given() && FileReference::of(&args.file).layer.is_none() {
         match args.json {

@@ -1,7 +1,6 @@
 //! `spinney legend`: what the colours of a style mean.
 
 use anyhow::{Context as _, Result, bail};
-use spinney::Output;
 use spinney::raw::export::{LegendFormat, export_legend};
 use spinney::raw::style::StylePainter;
 use spinney::style::Style;
@@ -35,7 +34,7 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
-    let tree = args.tree.open_drawn()?;
+    let tree = args.tree.open_drawn(global)?;
     let path = args.output.path();
     check_output([args.tree.file.as_path()], path)?;
     let extension = path.extension().and_then(|extension| extension.to_str());
@@ -47,6 +46,6 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let progress = Work::start(global, "cells")?;
     let legend = StylePainter::new(&style, &tree, &progress)?.legend(&tree)?;
     tree.check_unchanged()?;
-    export_legend(&legend, Output::create(path)?, format)
+    export_legend(&legend, global.access().create(path)?, format)
         .with_context(|| format!("cannot write {}", path.display()))
 }

@@ -6,6 +6,7 @@ use anyhow::Result;
 use spinney::raw::report::{JsonNumbers, commit_as_json};
 use spinney::raw::store::autumnal::History;
 
+use super::Global;
 use super::report::{commit, print_json, print_text, warn};
 
 const EXAMPLES: &str = "Examples:
@@ -27,8 +28,8 @@ pub(crate) struct Args {
     json: bool,
 }
 
-pub(crate) fn run(args: &Args) -> Result<()> {
-    let file = History::open(&args.file, &Default::default())?;
+pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
+    let file = History::open(&args.file, &global.access().into())?;
     if let Some(remark) = file.remark() {
         warn(&format!("{}: {remark}", args.file.display()));
     }

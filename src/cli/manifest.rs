@@ -45,7 +45,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     );
     let work = Work::start(global, "files")?;
     let files = if is_update { &args.add } else { &args.files };
-    let manifest = list_files(&args.output, is_update, files, &args.remove, &work)?;
+    let manifest = list_files(&args.output, is_update, files, &args.remove, global.access(), &work)?;
     work.finish();
     global.report("files", manifest.entries.len());
     Ok(())

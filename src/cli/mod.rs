@@ -47,6 +47,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::{FromArgMatches as _, Parser, Subcommand};
 use spinney::Dataset;
+use spinney::FileAccess;
 
 use self::args::{Global, words};
 use self::report::exit::{BROKEN_PIPE, exit_code};
@@ -116,7 +117,7 @@ impl Command {
             Command::Shard(args) => shard::run(args, global),
             Command::Show(args) => show::run(&args, global),
             Command::Blame(args) => blame::run(&args, global),
-            Command::Info(args) => info::run(&args),
+            Command::Info(args) => info::run(&args, global),
             Command::Get(args) => get::run(&args, global),
             Command::Point(args) => point::run(&args, global),
             Command::Stats(args) => stats::run(&args, global),
@@ -125,13 +126,13 @@ impl Command {
             Command::Section(args) => section::run(&args, global),
             Command::Render(args) => render::run(&args, global),
             Command::Legend(args) => legend::run(&args, global),
-            Command::Dump(args) => dump::run(&args),
+            Command::Dump(args) => dump::run(&args, global),
             Command::Export(args) => export::run(&args, global),
             Command::Transform(args) => transform::run(args, global),
             Command::Combine(args) => combine::run(args, global),
             Command::Manifest(args) => manifest::run(&args, global),
             Command::Edit(args) => edit::run(args, global),
-            Command::Log(args) => log::run(&args),
+            Command::Log(args) => log::run(&args, global),
             Command::Diff(args) => diff::run(&args, global),
             Command::Revert(args) => revert::run(&args, global),
             Command::Recover(args) => recover::run(&args, global),
@@ -146,8 +147,8 @@ impl Command {
 }
 
 /// Opens a tree file of any type, and tells what is to be known about it.
-fn open(path: &Path) -> Result<Dataset> {
-    let tree = spinney::raw::dataset::open(path, &Default::default())?;
+fn open(path: &Path, access: &FileAccess) -> Result<Dataset> {
+    let tree = spinney::raw::dataset::open(path, &access.into())?;
     if let Some(remark) = tree.remark() {
         report::warn(&format!("{}: {remark}", path.display()));
     }
@@ -157,7 +158,7 @@ fn open(path: &Path) -> Result<Dataset> {
 /// Runs the program with the arguments that it was given.
 pub(crate) fn main() -> ExitCode {
     let parsed = tasks::program().try_get_matches_from(words());
-    let Cli { global, command } = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
+    let Cli { mut global, command } = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
         Ok(cli) => cli,
         Err(error) => return report::explain_usage(&error),
     };

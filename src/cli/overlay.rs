@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use spinney::Output;
 use spinney::import::feature::{FeatureFilter, FeatureOptions};
 use spinney::raw::import::feature::read_polygons;
 use spinney::raw::overlay::{
@@ -55,7 +54,7 @@ pub(super) fn run(question: &Question<'_>, path: &Path, global: &Global) -> Resu
         }
         None => {}
     }
-    let report = overlay_features(layers, &request, Output::create(path)?, format, &work)
+    let report = overlay_features(layers, &request, global.access().create(path)?, format, &work)
         .with_context(|| format!("cannot make {}", path.display()))?;
     work.finish();
     for (file, count) in files.iter().zip(counts) {

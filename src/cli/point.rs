@@ -105,12 +105,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
             None => exact::points(&view, &args.points, args.question()),
         };
     }
-    if let Some(tree) = lines::open(&args.tree.file)? {
+    if let Some(tree) = lines::open(&args.tree.file, global)? {
         lines::refuse(&args.tree.file, &args.of_cells())?;
         let within = args.radius.unwrap_or(f64::INFINITY);
         return lines::nearest(&tree, &args.points, (args.nearest.unwrap_or(1), within), global);
     }
-    if let Some(tree) = points::open(&args.tree.file)? {
+    if let Some(tree) = points::open(&args.tree.file, global)? {
         points::refuse(&args.tree.file, &args.of_cells())?;
         let within = args.radius.unwrap_or(f64::INFINITY);
         return points::nearest(&tree, &args.points, (args.nearest.unwrap_or(1), within), global);
@@ -121,7 +121,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     );
     let is_of_models = args.distance || args.object || args.rays.is_some();
     ensure!(!is_of_models, "--object, --distance and --rays are for exact models");
-    let trees = args.tree.open_all()?;
+    let trees = args.tree.open_all(global)?;
     // Places are those of the layer with the smallest cells.
     let finest = trees.iter().max_by_key(|tree| tree.depth()).expect("a file has a layer");
     let level = level_of(finest, args.level)?;

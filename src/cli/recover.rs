@@ -29,7 +29,7 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let work = Work::start(global, "bytes")?;
-    let commit = recover(&args.file, args.to, &work)?;
+    let commit = recover(&args.file, args.to, global.access(), &work)?;
     work.finish();
     global.report("newest", format_args!("commit {}; what came behind it is given up", commit.number));
     Ok(())

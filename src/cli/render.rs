@@ -4,12 +4,12 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
+use spinney::Dataset;
 use spinney::brep::Faces as _;
 use spinney::export::{RenderRequest, render, render_exact};
 use spinney::raw::brep::ModelView;
 use spinney::raw::export::{CameraProjection, DrawingFormat, DrawingStyle, draw_cells, draw_exact};
 use spinney::raw::space::Up;
-use spinney::{Dataset, Output};
 
 use super::args::{OutputFile, Size, ViewedTree, check_output, numbers, parse_size, picture_format};
 use super::report::{Work, report_output};
@@ -131,7 +131,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
             view.as_model("pictures")?;
             Scene::Model(Box::new(view))
         }
-        None => Scene::Cells(args.tree.open_drawn()?),
+        None => Scene::Cells(args.tree.open_drawn(global)?),
     };
     if let Scene::Cells(tree) = &scene {
         ensure!(tree.header().form.axes() == 3, "{}: is a quadtree; use `spinney get`", file.display());
@@ -146,7 +146,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     check_output([file], path)?;
     let request = args.request();
     let work = Work::start(global, if args.drawing.is_some() { "parts" } else { "pixels" })?;
-    let output = Output::create(path)?;
+    let output = global.access().create(path)?;
     let level = match (&scene, args.drawing, format) {
         (Scene::Model(view), None, DrawingFormat::Picture(format)) => view
             .as_model("pictures")

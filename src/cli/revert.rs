@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use spinney::edit::{Edit, edit};
+use spinney::edit::{Edit, Editor};
+use spinney::raw::ops::apply_edits;
 
 use super::Global;
 use super::args::CommitOptions;
@@ -29,7 +30,9 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let note = args.options.note(format!("Revert to commit {}", args.commit));
     let work = Work::start(global, "cells")?;
-    let commit = edit(&args.file, [Ok(Edit::Revert(args.commit))], note, args.options.memory.bytes, &work)?;
+    let mut editor = Editor::open_with(&args.file, args.options.memory.bytes, global.access())?;
+    apply_edits(&mut editor, &mut [Ok(Edit::Revert(args.commit))].into_iter(), &work)?;
+    let commit = editor.commit(note)?;
     work.finish();
     report_commit(global, commit.as_ref());
     Ok(())

@@ -149,7 +149,7 @@ fn split(args: &Args, output: &Path, model: &ExactModel, by: &ExactModel, global
     let work = Work::start(global, "faces")?;
     let report = args
         .limit
-        .create_tree(output)
+        .create_tree(output, global)
         .and_then(|file| divide_faces(model, by, file, model.codec(), args.memory.bytes, &work))
         .with_context(|| format!("cannot write {}", output.display()))?;
     work.finish();
@@ -178,7 +178,7 @@ fn cut(
     let work = Work::start(global, "planes")?;
     let made = args
         .limit
-        .create(output)
+        .create(output, global)
         .and_then(|file| export_section(view, planes, args.flat, file, format, &work))
         .with_context(|| format!("cannot write {}", output.display()))?;
     work.finish();
@@ -200,7 +200,7 @@ fn intersect(
     let found = surface_intersection(models[0], models[1], args.memory.bytes, &work)?;
     let made = args
         .limit
-        .create(output)
+        .create(output, global)
         .and_then(|file| export_intersection(&found, models, file, format, &work))
         .with_context(|| format!("cannot write {}", output.display()))?;
     work.finish();
@@ -221,7 +221,7 @@ fn open(path: &Path, steps: &[ViewStep], global: &Global) -> Result<ModelView> {
         Some(view) => Ok(view),
         None => {
             // (What is no tree at all is told as such.)
-            super::open(path)?;
+            super::open(path, global.access())?;
             bail!(
                 "{}: is no exact model; sections are of those (`spinney build MODEL --brep`)",
                 path.display()

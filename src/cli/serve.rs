@@ -72,6 +72,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         args.path.display()
     );
     let mut options = ServeOptions::default();
+    options.access = global.access().clone();
     (options.host, options.port) = (args.host, args.port);
     options.timeout = Duration::from_secs_f64(args.timeout);
     (options.max_cells, options.max_body) = (args.max_cells, args.max_body);

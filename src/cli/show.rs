@@ -5,10 +5,10 @@ use std::fmt::Write as _;
 use std::io::{self, IsTerminal, Write as _};
 
 use anyhow::{Context as _, Result, ensure};
+use spinney::Dataset;
 use spinney::export::{Detail, RenderRequest, WindowRequest, export_window, render, render_exact};
 use spinney::raw::export::image::Format;
 use spinney::style::Style;
-use spinney::{Dataset, Output};
 
 use super::args::{Size, ViewedTree, parse_size, parse_style};
 use super::get::picture;
@@ -89,13 +89,19 @@ fn drawn(args: &Args, room: [u64; 2], global: &Global) -> Result<Picture> {
     };
     let size = if let Some(view) = args.tree.open_model(global)? {
         exact::refuse(file, &[("--style", args.style.is_some())])?;
-        render_exact(view.as_model("pictures")?, &request(room), Output::create(&path)?, Format::Raw, &work)?;
+        render_exact(
+            view.as_model("pictures")?,
+            &request(room),
+            global.access().create(&path)?,
+            Format::Raw,
+            &work,
+        )?;
         room
     } else {
-        let tree = args.tree.open_drawn()?;
+        let tree = args.tree.open_drawn(global)?;
         if tree.header().form.axes() == 3 {
             ensure!(args.style.is_none(), "--style: {} is an octree, whose solid is drawn", file.display());
-            render(&tree, &request(room), Output::create(&path)?, Format::Raw, &work)?;
+            render(&tree, &request(room), global.access().create(&path)?, Format::Raw, &work)?;
             room
         } else {
             map(&tree, args.style.as_ref(), room, &path, (&work, global))?
@@ -128,7 +134,7 @@ fn map(
     let size = [columns.min(room[0]), rows.min(room[1])];
     let mut request = WindowRequest::new(bounds, Detail::Size(size[0], size[1]));
     request.style = Some(style.cloned().unwrap_or_else(|| Style::default_for(tree)));
-    export_window(tree, &request, Output::create(path)?, Format::Raw, work)?;
+    export_window(tree, &request, global.access().create(path)?, Format::Raw, work)?;
     Ok(size)
 }
 

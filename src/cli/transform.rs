@@ -84,14 +84,20 @@ impl ChainArgs {
     }
 
     /// The chain of steps on a tree of cells.
-    pub(crate) fn chain(&self) -> Result<FileView> {
+    pub(crate) fn chain(&self, global: &Global) -> Result<FileView> {
         let (steps, rasters) = self.steps();
         if !rasters.is_empty() {
             bail!("{}: is no tree of points, which raster= is for", self.file.display());
         }
         let mut warp = WarpOptions::default();
         (warp.resampling, warp.allow_ballpark) = (self.resampling, self.allow_ballpark);
-        Ok(FileView { path: self.file.clone(), steps, moves: self.moves, warp })
+        Ok(FileView {
+            path: self.file.clone(),
+            steps,
+            moves: self.moves,
+            warp,
+            access: global.access().clone(),
+        })
     }
 }
 
@@ -181,7 +187,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let (resampling, allow_ballpark, moves) = (*resampling, *allow_ballpark, *moves);
     let (steps, rasters) = chain.steps();
     check_output([&**file].into_iter().chain(steps.iter().flat_map(ViewStep::files)), &path)?;
-    if let Some(tree) = points::open(file)? {
+    if let Some(tree) = points::open(file, global)? {
         let [raster] = &rasters[..] else {
             bail!(
                 "{}: is a tree of points, of which one step makes cells: raster=mean,cell=1",
@@ -196,14 +202,15 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         points::refuse(file, &given)?;
         let work = Work::start(global, "cells")?;
         let memory = (memory.bytes, packing.choice());
-        let [columns, rows] = rasterize_points(&tree, raster, memory, limit.create_tree(&path)?, &work)?;
+        let [columns, rows] =
+            rasterize_points(&tree, raster, memory, limit.create_tree(&path, global)?, &work)?;
         work.finish();
         global.report("size", format_args!("{columns} x {rows} cells"));
         report_output(global, &path, start);
         return Ok(());
     }
-    let cells = chain.chain()?;
-    if let Some(model) = exact::open(file)? {
+    let cells = chain.chain(global)?;
+    if let Some(model) = exact::open(file, global)? {
         let given =
             [("--resampling", resampling.is_some()), ("--allow-ballpark", allow_ballpark), ("--move", moves)];
         exact::refuse(file, &given)?;
@@ -218,7 +225,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     }
     let how = packing.with(memory);
     let work = Work::start(global, "cells")?;
-    let outcome = spinney::transform(&cells, limit.create_tree(&path)?, how, &work)?;
+    let outcome = spinney::transform(&cells, limit.create_tree(&path, global)?, how, &work)?;
     work.finish();
     let [width, height, depth] = outcome.extent;
     let size =

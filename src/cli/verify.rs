@@ -46,14 +46,15 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<ExitCode> {
     for file in &args.files {
         let verified = if is_tile_archive(file) {
             verify_tiles(file, &work)
-        } else if is_model_file(file) {
-            ExactModel::open(file, &Default::default()).and_then(|model| model.verify(DEFAULT_MEMORY, &work))
-        } else if is_line_file(file) {
-            LineTree::open(file, &Default::default()).and_then(|tree| tree.verify(DEFAULT_MEMORY, &work))
-        } else if is_point_file(file) {
-            PointTree::open(file, &Default::default()).and_then(|tree| tree.verify(&work))
+        } else if is_model_file(file, global.access()) {
+            ExactModel::open(file, &global.access().into())
+                .and_then(|model| model.verify(DEFAULT_MEMORY, &work))
+        } else if is_line_file(file, global.access()) {
+            LineTree::open(file, &global.access().into()).and_then(|tree| tree.verify(DEFAULT_MEMORY, &work))
+        } else if is_point_file(file, global.access()) {
+            PointTree::open(file, &global.access().into()).and_then(|tree| tree.verify(&work))
         } else {
-            let tree = spinney::raw::dataset::open(file, &Default::default());
+            let tree = spinney::raw::dataset::open(file, &global.access().into());
             tree.and_then(|tree| match args.quick {
                 true => tree.verify_quickly(DEFAULT_MEMORY, &work),
                 false => tree.verify(DEFAULT_MEMORY, &work),

@@ -132,7 +132,10 @@ fn an_editor_mends_a_slot_and_goes_on_from_the_newest_commit() {
 fn a_damaged_commit_stops_editors_until_somebody_chooses() {
     for slots_are_lost in [false, true] {
         let (_folder, path) = file(4);
-        assert!(matches!(recover(&path, 2, &()), Err(Error::Unsupported { .. })), "nothing is damaged");
+        assert!(
+            matches!(recover(&path, 2, &Default::default(), &()), Err(Error::Unsupported { .. })),
+            "nothing is damaged"
+        );
         let mut bytes = std::fs::read(&path).unwrap();
         let (commit, _) = newest(&bytes);
         bytes[commit + 40] ^= 1;
@@ -143,8 +146,11 @@ fn a_damaged_commit_stops_editors_until_somebody_chooses() {
         assert!(open(&path).is_err());
         assert!(edit(&path, [Ok(fill(9.0))], Note::default(), 1 << 20, &()).is_err());
         assert_eq!(std::fs::read(&path).unwrap(), bytes, "an edit that is refused writes nothing");
-        assert!(matches!(recover(&path, 4, &()), Err(Error::Corrupt { .. } | Error::Invalid { .. })));
-        assert_eq!(recover(&path, 2, &()).unwrap().number, 2);
+        assert!(matches!(
+            recover(&path, 4, &Default::default(), &()),
+            Err(Error::Corrupt { .. } | Error::Invalid { .. })
+        ));
+        assert_eq!(recover(&path, 2, &Default::default(), &()).unwrap().number, 2);
         let tree = open(&path).unwrap();
         assert_eq!((tree.commit().number, tree.verify(1 << 20, &()).unwrap()), (2, vec![]));
         edit(&path, [Ok(fill(9.0))], Note::default(), 1 << 20, &()).unwrap();
@@ -179,7 +185,7 @@ fn what_an_edit_that_was_given_up_has_left_is_passed_over() {
     assert_eq!((tree.commit().number, tree.verify(1 << 20, &()).unwrap()), (2, vec![]));
     SLOTS.into_iter().for_each(|slot| bytes[slot] ^= 1);
     std::fs::write(&path, &bytes).unwrap();
-    assert_eq!(recover(&path, 2, &()).unwrap().number, 2);
+    assert_eq!(recover(&path, 2, &Default::default(), &()).unwrap().number, 2);
     assert_eq!(open(&path).unwrap().verify(1 << 20, &()).unwrap(), []);
 }
 

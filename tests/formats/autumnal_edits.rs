@@ -202,7 +202,7 @@ fn script(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataKind,
     let (a, b) = (random.below(last) as usize, random.below(last) as usize);
     let name = |i: usize| format!("{}@{}", path.display(), i + 1);
     let mut cells_in_runs = 0;
-    let found = diff_files(name(a).as_ref(), name(b).as_ref(), &(), &mut |range| {
+    let found = diff_files(name(a).as_ref(), name(b).as_ref(), &Default::default(), &(), &mut |range| {
         cells_in_runs += range.last - range.first + 1;
         Ok(())
     })

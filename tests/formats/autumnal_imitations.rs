@@ -76,8 +76,8 @@ fn messages_that_imitate_heads_are_messages() {
     damaged[SLOTS[1]] ^= 1;
     damaged[start] ^= 1;
     std::fs::write(&path, &damaged).unwrap();
-    assert!(recover(&path, 2, &()).is_err());
-    assert_eq!(recover(&path, 1, &()).unwrap().number, 1);
+    assert!(recover(&path, 2, &Default::default(), &()).is_err());
+    assert_eq!(recover(&path, 1, &Default::default(), &()).unwrap().number, 1);
     assert_eq!(open(&path).verify(MEMORY, &()).unwrap(), []);
 }
 
@@ -267,9 +267,9 @@ fn values_that_imitate_commits_are_values() {
             }
             std::fs::write(&path, &bytes).unwrap();
             if number == 3 {
-                assert!(recover(&path, 3, &()).is_err(), "there is no such commit");
+                assert!(recover(&path, 3, &Default::default(), &()).is_err(), "there is no such commit");
             }
-            assert_eq!(recover(&path, 2, &()).unwrap().records, 585);
+            assert_eq!(recover(&path, 2, &Default::default(), &()).unwrap().records, 585);
             if !is_damaged {
                 assert_same(&cells_of(&open(&path), cells.size), &cells, "recovered");
             }

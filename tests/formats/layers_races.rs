@@ -145,7 +145,10 @@ fn who_edits_one_layer_edits_the_file() {
         add_layer(&path, "d", &chain, Note::default(), WriteOptions::new(MEMORY), &()),
         Err(Error::Locked { .. })
     ));
-    assert!(matches!(drop_layer(&path, "b", Note::default(), MEMORY, &()), Err(Error::Locked { .. })));
+    assert!(matches!(
+        drop_layer(&path, "b", Note::default(), MEMORY, &Default::default(), &()),
+        Err(Error::Locked { .. })
+    ));
     let (of_layer, other) = (format!("{text}:b"), other.display().to_string());
     for arguments in [
         &["edit", &of_layer, "fill", "--window", "0,0,9,9", "--value", "1"][..],
@@ -204,7 +207,10 @@ fn nobody_loses_a_layer_that_another_one_adds() {
                         let file = open(path, &OpenOptions::new()).unwrap();
                         assert!(file.layer(&name).is_ok(), "{name} is lost");
                         if round % 2 == 0 {
-                            until_done(&|| drop_layer(path, &name, Note::default(), MEMORY, &()).map(drop));
+                            until_done(&|| {
+                                drop_layer(path, &name, Note::default(), MEMORY, &Default::default(), &())
+                                    .map(drop)
+                            });
                         }
                     }
                 });
@@ -263,7 +269,8 @@ fn readers_of_an_old_commit_go_on() {
             1 => {
                 let layers = open(&path, &OpenOptions::new()).unwrap().layers().unwrap();
                 if let Some(layer) = layers.iter().find(|layer| layer.name.starts_with("other")) {
-                    drop_layer(&path, &layer.name, Note::default(), MEMORY, &()).unwrap();
+                    drop_layer(&path, &layer.name, Note::default(), MEMORY, &Default::default(), &())
+                        .unwrap();
                 }
             }
             2 => {
@@ -288,7 +295,7 @@ fn readers_of_an_old_commit_go_on() {
     // Who moves on is at the same layer of what is there now; where it is gone, it stays, and says so.
     add_layer(&path, "before", &FileView::of(&other), Note::default(), WriteOptions::new(MEMORY), &())
         .unwrap();
-    drop_layer(&path, "b", Note::default(), MEMORY, &()).unwrap();
+    drop_layer(&path, "b", Note::default(), MEMORY, &Default::default(), &()).unwrap();
     let newest = open(&path, &OpenOptions::new()).unwrap();
     for (layer, (name, ..)) in old.iter_mut().zip(LAYERS) {
         if name == "b" {
@@ -309,7 +316,7 @@ fn moving_on_is_by_name() {
     add_layer(&path, "1", &FileView::of(&other), Note::default(), WriteOptions::new(MEMORY), &()).unwrap();
     let mut layer = open(&FileReference::of(&path).of_layer("1"), &OpenOptions::new()).unwrap();
     assert_eq!(layer.layer_number(), 3);
-    drop_layer(&path, "1", Note::default(), MEMORY, &()).unwrap();
+    drop_layer(&path, "1", Note::default(), MEMORY, &Default::default(), &()).unwrap();
     assert!(layer.refresh().is_err());
     assert_eq!((layer.layer_number(), layer.metadata().name.as_str()), (3, "1"));
 }

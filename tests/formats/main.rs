@@ -10,6 +10,7 @@ mod island;
 #[path = "../../fuzz/targets/mod.rs"]
 mod targets;
 
+mod access;
 mod alpha;
 mod attack_autumnal;
 mod attack_exact_faces;

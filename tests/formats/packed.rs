@@ -1,12 +1,11 @@
 //! Packed segments: the same trees and the same answers in fewer bytes, and errors where these are damaged.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, LazyLock};
 use std::time::{Duration, Instant};
 
 use spinney::edit::Note;
 use spinney::query::{ContourLevels, ContourRequest, PointSamples, PolygonRequest};
-use spinney::raw::io::RangeCache;
 use spinney::raw::query::LabelRequest;
 use spinney::raw::store::Packing;
 use spinney::raw::store::goblin::{Goblin, LevelBytes};
@@ -14,7 +13,7 @@ use spinney::raw::{dataset, ops};
 use spinney::tree::build_slabs;
 use spinney::{
     Bounds, BuildOptions, Codec, CombineOperation, CombineOptions, DataKind, Dataset, Dimension, Error,
-    FileView, OpenOptions, Output, Rule, SampleType, TreeType, WriteOptions,
+    FileAccess, FileView, OpenOptions, Output, Rule, SampleType, TreeType, WriteOptions,
 };
 
 use super::attack_goblin::{TREE_FIELDS, changed, fields};
@@ -42,7 +41,7 @@ fn converted(bytes: &[u8], how: WriteOptions) -> Vec<u8> {
     std::fs::read(&to).unwrap()
 }
 
-fn packed(bytes: &[u8]) -> Vec<u8> {
+pub(super) fn packed(bytes: &[u8]) -> Vec<u8> {
     converted(bytes, packing())
 }
 
@@ -328,7 +327,7 @@ fn layers_are_copied_as_they_are() {
     spinney::convert(&path("a.goblin"), false, Output::create(&path("c.goblin")).unwrap(), how, &()).unwrap();
     let all = dataset::open(&path("c.goblin"), &OpenOptions::new()).unwrap();
     assert!(all.layers().unwrap().iter().all(|layer| layer.header.codec == Codec::Plain));
-    ops::drop_layer(&path("a.goblin"), "plain", Note::default(), MEMORY, &()).unwrap();
+    ops::drop_layer(&path("a.goblin"), "plain", Note::default(), MEMORY, &Default::default(), &()).unwrap();
     let all = dataset::open(&path("a.goblin"), &OpenOptions::new()).unwrap();
     assert!(all.layers().unwrap().iter().all(|layer| layer.header.codec == Codec::Packed));
 }
@@ -464,10 +463,11 @@ fn open_goblin(file: Goblin) -> Dataset {
 fn threads_share_what_is_unpacked() {
     let bytes =
         goblin_bytes(&Cells::random(QUAD, 8, [2100, 1500, 1], 200, false), Rule::Mean, DataKind::Continuous);
-    let (tree, expected) = (open(&packed(&bytes)), open(&bytes));
-    let cache = RangeCache::unpacked();
-    let limit = cache.limit();
-    cache.set_limit(2 << 20);
+    let access = FileAccess::new().unpacked_cache(2 << 20);
+    let options = OpenOptions::new().access(access.clone());
+    let tree = Goblin::from_backend(Path::new("t"), Box::new(packed(&bytes)), &options);
+    let (tree, expected) = (open_goblin(tree.unwrap()), open(&bytes));
+    let cache = access.unpacked();
     std::thread::scope(|scope| {
         for thread in 0..8u64 {
             let (tree, expected) = (&tree, &expected);
@@ -492,5 +492,4 @@ fn threads_share_what_is_unpacked() {
             });
         }
     });
-    cache.set_limit(limit);
 }

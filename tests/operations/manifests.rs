@@ -60,7 +60,7 @@ impl Mosaic {
         });
         write_goblin(&folder.path().join("whole.goblin"), &whole, (rule, kind), frame([0; 3]));
         let manifest = folder.path().join("all.manifest.json");
-        list_files(&manifest, false, &names, &[], &()).unwrap();
+        list_files(&manifest, false, &names, &[], &Default::default(), &()).unwrap();
         Mosaic { folder, whole, manifest }
     }
 
@@ -191,7 +191,7 @@ fn ten_thousand_files_are_listed_without_being_opened() {
     let cells = Cells::random(quad(SampleType::U8, 1), 1, [64, 64, 1], 9, false);
     write_goblin(&first, &cells, CLASSES, frame([0; 3]));
     let path = folder.path().join("all.manifest.json");
-    let mut manifest = list_files(&path, false, &[first], &[], &()).unwrap();
+    let mut manifest = list_files(&path, false, &[first], &[], &Default::default(), &()).unwrap();
     let entry = manifest.entries[0].clone();
     manifest.entries = (0..10_000)
         .map(|number| ListedFile {
@@ -202,7 +202,7 @@ fn ten_thousand_files_are_listed_without_being_opened() {
         .collect();
     (manifest.header.extent, manifest.header.shape.depth) = ([6400, 6400, 1], 13);
     std::fs::write(&path, manifest.to_text()).unwrap();
-    assert_eq!(Manifest::open(&path).unwrap(), manifest);
+    assert_eq!(Manifest::open(&path, &Default::default()).unwrap(), manifest);
     // Only the first is there: a question that touches it alone is answered, another one names the file that is missing.
     let tree = open(&path);
     let (bytes, _) = Mosaic::window(&tree, 13, &part([3, 5], [20, 30]));
@@ -223,9 +223,9 @@ fn files_that_changed_or_are_others_are_named() {
     let error = tree.statistics(None, &()).unwrap_err().to_string();
     assert!(error.contains("part1.goblin") && error.contains("--add"), "{error}");
     // Listed anew it is part of it, in its place.
-    list_files(&mosaic.manifest, true, std::slice::from_ref(&other), &[], &()).unwrap();
+    list_files(&mosaic.manifest, true, std::slice::from_ref(&other), &[], &Default::default(), &()).unwrap();
     assert!(open(&mosaic.manifest).statistics(None, &()).unwrap().cells > 0);
-    assert_eq!(Manifest::open(&mosaic.manifest).unwrap().entries.len(), 2);
+    assert_eq!(Manifest::open(&mosaic.manifest, &Default::default()).unwrap().entries.len(), 2);
     // Files of another form, or on another grid, or that are no trees.
     let wide = mosaic.folder.path().join("wide.goblin");
     write_goblin(
@@ -242,7 +242,9 @@ fn files_that_changed_or_are_others_are_named() {
     write_goblin(&coarse, &cells, CLASSES, frame([0; 3]).coarser(1));
     let before = std::fs::read(&mosaic.manifest).unwrap();
     for bad in [wide, askew, coarse, mosaic.manifest.clone()] {
-        let error = list_files(&mosaic.manifest, true, std::slice::from_ref(&bad), &[], &()).unwrap_err();
+        let error =
+            list_files(&mosaic.manifest, true, std::slice::from_ref(&bad), &[], &Default::default(), &())
+                .unwrap_err();
         let name = bad.file_name().unwrap().to_str().unwrap();
         assert!(error.to_string().contains(name), "{error}");
         assert_eq!(std::fs::read(&mosaic.manifest).unwrap(), before);
@@ -261,16 +263,16 @@ fn files_come_and_go() {
     let west = mosaic.folder.path().join("west.goblin");
     let cells = Cells::random(quad(SampleType::U8, 1), 1, [64, 64, 1], 9, false);
     write_goblin(&west, &cells, CLASSES, frame([0; 3]));
-    list_files(&mosaic.manifest, true, &[west], &[], &()).unwrap();
+    list_files(&mosaic.manifest, true, &[west], &[], &Default::default(), &()).unwrap();
     let tree = open(&mosaic.manifest);
     assert_eq!((tree.header().extent, &tree.metadata().frame), ([192, 128, 1], &frame([0; 3])));
     let gone = mosaic.folder.path().join("part1.goblin").to_str().unwrap().to_string();
-    list_files(&mosaic.manifest, true, &[], std::slice::from_ref(&gone), &()).unwrap();
+    list_files(&mosaic.manifest, true, &[], std::slice::from_ref(&gone), &Default::default(), &()).unwrap();
     assert_eq!(open(&mosaic.manifest).header().extent, [128, 128, 1]);
-    assert!(list_files(&mosaic.manifest, true, &[], &[gone], &()).is_err());
+    assert!(list_files(&mosaic.manifest, true, &[], &[gone], &Default::default(), &()).is_err());
     // Nobody changes it while somebody else does.
-    let inner = Manifest::update(&mosaic.manifest, true, &mut |manifest| {
-        let other = list_files(&mosaic.manifest, true, &[], &[], &());
+    let inner = Manifest::update(&mosaic.manifest, true, &Default::default(), &mut |manifest| {
+        let other = list_files(&mosaic.manifest, true, &[], &[], &Default::default(), &());
         assert!(matches!(other, Err(Error::Locked { .. })));
         Ok(manifest.unwrap())
     });

@@ -10,23 +10,31 @@ use std::time::{Duration, Instant};
 use assert_cmd::Command;
 use server::{Fault, Server};
 use spinney::raw::dataset::open;
-use spinney::remote::{RemoteOptions, enable};
-use spinney::{Bounds, Dataset, Error, Output, Result, WriteOptions};
+use spinney::remote::{RemoteOptions, client};
+use spinney::{Bounds, Dataset, Error, FileAccess, Output, Result, WriteOptions};
 
 /// The server, for one test at a time, with files of all kinds.
 fn server() -> MutexGuard<'static, Server> {
-    static SERVER: LazyLock<Mutex<Server>> = LazyLock::new(|| {
-        let mut options = RemoteOptions::default();
-        options.timeout = Duration::from_secs(5);
-        options.retries = 3;
-        options.folder_bytes = 1 << 30;
-        enable(options).unwrap();
-        Mutex::new(Server::start())
-    });
+    static SERVER: LazyLock<Mutex<Server>> = LazyLock::new(|| Mutex::new(Server::start()));
     let server = SERVER.lock().unwrap_or_else(PoisonError::into_inner);
     server.set_fault(Fault::None);
     server.take_counts();
     server
+}
+
+/// The access of all tests but those that make their own.
+fn access() -> FileAccess {
+    static ACCESS: LazyLock<FileAccess> = LazyLock::new(new_access);
+    ACCESS.clone()
+}
+
+/// An access with a client, and caches, of its own.
+fn new_access() -> FileAccess {
+    let mut options = RemoteOptions::default();
+    options.timeout = Duration::from_secs(5);
+    options.retries = 3;
+    options.folder_bytes = 1 << 30;
+    FileAccess::new().remote(client(options).unwrap())
 }
 
 /// Puts a frozen file on the server, by a name of the test's own: what was opened lately counts as open.
@@ -39,7 +47,7 @@ fn fixture(name: &str) -> String {
 }
 
 fn opened(url: &str) -> Result<Dataset> {
-    open(Path::new(url), &Default::default())
+    open(Path::new(url), &access().into())
 }
 
 /// All cells of a picture.
@@ -72,7 +80,7 @@ fn files_of_all_kinds_are_read() {
         }
     }
     let path = put(&server, "models", "chapel.goblin");
-    let far = spinney::ExactModel::open(Path::new(&path), &Default::default()).unwrap();
+    let far = spinney::ExactModel::open(Path::new(&path), &access().into()).unwrap();
     let near = spinney::ExactModel::open(Path::new(&fixture("chapel.goblin")), &Default::default()).unwrap();
     let point = [1.0, 1.0, 1.0];
     assert_eq!(far.locate(point).unwrap(), near.locate(point).unwrap());
@@ -188,21 +196,21 @@ fn what_was_read_is_held() {
 fn outputs_are_uploaded_whole_or_not_at_all() {
     let _server = server();
     let url = "memory:///folder/copy.goblin";
-    let output = Output::create(Path::new(url)).unwrap();
+    let output = access().create(Path::new(url)).unwrap();
     spinney::convert(Path::new(&fixture("segments.goblin")), false, output, WriteOptions::new(64 << 20), &())
         .unwrap();
     let copy = opened(url).unwrap();
     assert!(cells(&copy).unwrap() == cells(&opened(&fixture("segments.goblin")).unwrap()).unwrap());
     // One that is dropped has never been.
     let url = "memory:///folder/dropped.goblin";
-    let mut output = Output::create(Path::new(url)).unwrap();
+    let mut output = access().create(Path::new(url)).unwrap();
     std::io::Write::write_all(&mut output, b"half").unwrap();
     drop(output);
     assert!(opened(url).is_err());
     // A history is begun once.
     let url = "memory:///folder/map.autumn";
     let made = |url: &str| {
-        let mut output = Output::create(Path::new(url)).unwrap();
+        let mut output = access().create(Path::new(url)).unwrap();
         output.keep_existing();
         spinney::convert(
             Path::new(&fixture("classes.goblin")),

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use super::file_header::FileHeader;
-use spinney_base::io::{local_path, open_file, split_query, url_of};
+use spinney_base::io::{FileAccess, local_path, split_query, url_of};
 use spinney_base::{Error, Result};
 
 /// The formats of tree files.
@@ -169,9 +169,8 @@ pub fn file_of(path: &Path) -> Cow<'_, Path> {
 }
 
 /// Whether a file, or one of its commits, is a tree of either format, whatever its name.
-pub fn file_is_tree(path: &Path) -> bool {
-    let file = open_file(&file_of(path), true, &[]);
-    file.and_then(|(file, _)| FileHeader::read_cells(path, &*file)).is_ok()
+pub fn file_is_tree(path: &Path, access: &FileAccess) -> bool {
+    access.peek(&file_of(path)).and_then(|file| FileHeader::read_cells(path, &*file)).is_ok()
 }
 
 #[cfg(test)]

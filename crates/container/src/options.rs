@@ -5,17 +5,14 @@ use std::path::Path;
 use std::sync::Arc;
 
 use spinney_base::Result;
-use spinney_base::io::{FileId, ReadBackend, open_file, positioned_reads_are_preferred, with_cache};
+use spinney_base::io::{FileAccess, FileId, ReadBackend};
 
 /// Options of reading a file.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct OpenOptions {
-    /// Read with positioned reads instead of mapping the file: for network folders and files that somebody
-    /// may truncate meanwhile.
-    pub positioned: bool,
-    /// Bytes of segments kept in memory when reading with positioned reads. (Files elsewhere share one cache.)
-    pub cache: u64,
+    /// How the file, and each one that it names, is read: mapped or at positions, its caches, and the client for remote files.
+    pub access: FileAccess,
     /// Check each segment's checksum the first time it is used.
     pub check: bool,
     /// Options of the store of a file elsewhere, as its programs name them: `aws_region`, `aws_access_key_id`, `endpoint`, ...
@@ -45,27 +42,38 @@ impl fmt::Debug for ByteSource {
 
 impl Default for OpenOptions {
     fn default() -> Self {
-        OpenOptions {
-            positioned: positioned_reads_are_preferred(),
-            cache: 64 << 20,
-            check: true,
-            storage: Vec::new(),
-            source: None,
-        }
+        OpenOptions { access: FileAccess::default(), check: true, storage: Vec::new(), source: None }
+    }
+}
+
+impl From<FileAccess> for OpenOptions {
+    fn from(access: FileAccess) -> OpenOptions {
+        OpenOptions { access, ..OpenOptions::default() }
+    }
+}
+
+impl From<&FileAccess> for OpenOptions {
+    fn from(access: &FileAccess) -> OpenOptions {
+        access.clone().into()
     }
 }
 
 impl OpenOptions {
-    /// The usual way: mapped, with checks; or what [`prefer_positioned_reads`](spinney_base::io::prefer_positioned_reads)
-    /// has chosen.
+    /// The default: mapped, with checks, no remote files.
     pub fn new() -> OpenOptions {
         OpenOptions::default()
     }
 
-    /// Chooses positioned reads instead of mapping the file, and the bytes that are kept in memory.
+    /// Sets how the file, and each one that it names, is read: see [`OpenOptions::access`](field@OpenOptions::access).
+    #[must_use]
+    pub fn access(self, access: FileAccess) -> OpenOptions {
+        OpenOptions { access, ..self }
+    }
+
+    /// Reads at positions instead of mapping the file, with a cache of `cache` bytes for each file.
     #[must_use]
     pub fn positioned(self, cache: u64) -> OpenOptions {
-        OpenOptions { positioned: true, cache, ..self }
+        OpenOptions { access: self.access.positioned(cache), ..self }
     }
 
     /// Chooses whether checksums are checked the first time that something is used.
@@ -100,10 +108,9 @@ impl OpenOptions {
     /// # Errors
     /// If the file cannot be opened.
     pub fn open_with_id(&self, path: &Path) -> Result<(Box<dyn ReadBackend>, FileId)> {
-        let (backend, id) = match &self.source {
-            Some(ByteSource(open)) => (open(path)?, FileId::unique()),
-            None => open_file(path, self.positioned, &self.storage)?,
-        };
-        Ok((with_cache(backend, self.cache), id))
+        match &self.source {
+            Some(ByteSource(open)) => Ok((self.access.cached(open(path)?), FileId::unique())),
+            None => self.access.open(path, &self.storage),
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use spinney_base::io::Output;
+use spinney_base::io::{FileAccess, Output};
 use spinney_base::{Error, Result};
 
 use crate::format::TreeFormat;
@@ -326,16 +326,16 @@ pub fn check_tree_name(path: &Path) -> Result<()> {
     Err(Error::unsupported(path, format!("a tree with the name of {}", format.name), advice))
 }
 
-/// Starts the file of a tree, as [`Output::create`] does.
+/// Starts the file of a tree, as [`FileAccess::create`] does.
 ///
 /// # Errors
-/// If the name is one of files of another format; else those of [`Output::create`].
-pub fn create_tree_file(path: &Path) -> Result<Output> {
+/// If the name is one of files of another format; else those of [`FileAccess::create`].
+pub fn create_tree_file(path: &Path, access: &FileAccess) -> Result<Output> {
     check_tree_name(path)?;
     match TreeFormat::of(path) {
         // (Those of this format alone are written from the beginning to the end.)
-        TreeFormat::Goblin => Output::append_only(path),
-        TreeFormat::Autumnal => Output::create(path),
+        TreeFormat::Goblin => access.append_only(path),
+        TreeFormat::Autumnal => access.create(path),
     }
 }
 

@@ -120,6 +120,7 @@ pub fn import_exact_csg(
         within,
         snap: 0.0,
         place,
+        open: output.access().into(),
         files: 0,
         facets: 0,
         displacement: 0.0,
@@ -127,7 +128,7 @@ pub fn import_exact_csg(
     };
     maker.snap = Grid::over(maker.bounds(), options.snap)?.width();
     let root = maker.evaluate()?;
-    let model = root.open()?;
+    let model = root.open(&maker.open)?;
     let formula = Some(csg.text()).filter(|text| text.len() <= MAX_FORMULA);
     let origin = Origin {
         formula: formula.map_or(String::new(), |text| format!("(csg {})", json_text(text))),
@@ -178,8 +179,8 @@ struct Body {
 }
 
 impl Body {
-    fn open(&self) -> Result<ExactModel> {
-        ExactModel::open(&self.path, &OpenOptions::default())
+    fn open(&self, options: &OpenOptions) -> Result<ExactModel> {
+        ExactModel::open(&self.path, options)
     }
 }
 
@@ -202,6 +203,8 @@ struct Maker<'a> {
     /// Width of the steps of all grids.
     snap: f64,
     place: TempDir,
+    /// How these files are opened.
+    open: OpenOptions,
     files: u64,
     facets: u64,
     displacement: f64,
@@ -325,7 +328,7 @@ impl Maker<'_> {
     /// The result of an operation, whose operands go.
     fn combined(&mut self, operation: SetOperation, parts: &[PathBuf]) -> Result<PathBuf> {
         let path = self.file();
-        let open = |path: &PathBuf| ExactModel::open(path, &OpenOptions::default());
+        let open = |path: &PathBuf| ExactModel::open(path, &self.open);
         let models = parts.iter().map(open).collect::<Result<Vec<_>>>()?;
         let models: Vec<&ExactModel> = models.iter().collect();
         let output = Output::create(&path)?;

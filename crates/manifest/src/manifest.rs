@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::document;
 use super::listed_file::ListedFile;
-use spinney_base::io::{LockFile, Output, ReadBackend, open_file, url_of};
+use spinney_base::io::{FileAccess, LockFile, ReadBackend, url_of};
 use spinney_base::space::Bounds;
 use spinney_base::{Error, Result};
 use spinney_container::{FIRST_BYTES, Header, Metadata};
@@ -38,14 +38,14 @@ pub fn is_manifest(first: &[u8]) -> bool {
     rest.strip_prefix(b"\"").is_some_and(|rest| rest.starts_with(MARK.as_bytes()))
 }
 
-/// Whether a file of this machine is a manifest, by its name and its first bytes.
-pub fn is_manifest_file(path: &Path) -> bool {
+/// Whether a file is a manifest, by its name and its first bytes.
+pub fn is_manifest_file(path: &Path, access: &FileAccess) -> bool {
     let is_text = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
     let first = |file: &dyn ReadBackend| {
         let length = file.len().min(FIRST_BYTES as u64) as usize;
         Ok::<_, Error>(is_manifest(&file.read(0, length)?))
     };
-    is_text && open_file(path, true, &[]).and_then(|(file, _)| first(&*file)).unwrap_or(false)
+    is_text && access.peek(path).and_then(|file| first(&*file)).unwrap_or(false)
 }
 
 impl Manifest {
@@ -74,8 +74,8 @@ impl Manifest {
     ///
     /// # Errors
     /// Those of [`Manifest::from_bytes`], and if the file cannot be read.
-    pub fn open(path: &Path) -> Result<Manifest> {
-        let (file, _) = open_file(path, true, &[])?;
+    pub fn open(path: &Path, access: &FileAccess) -> Result<Manifest> {
+        let file = access.peek(path)?;
         Manifest::check_length(path, file.len())?;
         let bytes = file.read(0, file.len() as usize)?;
         if !is_manifest(&bytes) {
@@ -98,6 +98,7 @@ impl Manifest {
     pub fn update(
         path: &Path,
         is_update: bool,
+        access: &FileAccess,
         change: &mut dyn FnMut(Option<Manifest>) -> Result<Manifest>,
     ) -> Result<Manifest> {
         if url_of(path).is_some() {
@@ -107,9 +108,9 @@ impl Manifest {
         let mut name = path.file_name().unwrap_or_default().to_os_string();
         name.push(".lock");
         let _lock = LockFile::take(&path.with_file_name(name), path)?;
-        let before = if is_update { Some(Manifest::open(path)?) } else { None };
+        let before = if is_update { Some(Manifest::open(path, access)?) } else { None };
         let after = change(before)?.fitted(path)?;
-        let mut output = Output::create(path)?;
+        let mut output = access.create(path)?;
         let written = std::io::Write::write_all(&mut output, after.to_text().as_bytes());
         written.map_err(Error::io(path, "write the manifest"))?;
         output.commit()?;

@@ -7,12 +7,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 use futures_util::StreamExt;
 use futures_util::stream;
 use object_store::{Attribute, GetOptions, GetRange, GetResult, ObjectMeta};
-use spinney_base::io::{Fetch, FileStat, RangeCache, RangeFile, batch};
+use spinney_base::io::{Fetch, FileAccess, FileStat, RangeFile};
 use spinney_base::{Error, Result};
 
+use super::connections::Connections;
 use super::disk_cache::{DiskCache, KeptFile};
 use super::store::Place;
-use super::{RemoteOptions, Stores, error, runtime, stat};
+use super::{Stores, error, stat};
 
 /// Bytes at a file's beginning and at its end that are fetched to open it: header and meta pages, trailer, metadata and the top of the index.
 /// Of small files these would otherwise be most of what a question takes.
@@ -32,7 +33,7 @@ struct RemoteFile {
     /// The place, and the process whose connections it has: a forked one makes its own.
     place: Mutex<(u32, Place)>,
     storage: Vec<(String, String)>,
-    options: RemoteOptions,
+    connections: Arc<Connections>,
     path: PathBuf,
     state: FileStat,
     kept: Option<KeptFile>,
@@ -42,16 +43,21 @@ struct RemoteFile {
 ///
 /// # Errors
 /// If it is not there, may not be read, or does not come in ranges.
-pub(super) fn open(url: &str, storage: &[(String, String)], stores: &Stores) -> Result<RangeFile> {
+pub(super) fn open(
+    url: &str,
+    storage: &[(String, String)],
+    stores: &Stores,
+    access: &FileAccess,
+) -> Result<RangeFile> {
     let path = Path::new(url);
-    let RemoteOptions { gap, is_stopped, .. } = stores.options;
-    let place = Place::of(url, storage, &stores.options)?;
+    let connections = &stores.connections;
+    let place = Place::of(url, storage, connections)?;
     let ends = [GetRange::Bounded(0..HEAD), GetRange::Suffix(TAIL)];
     let both = async {
         let [head, tail] = ends.map(|range| get(&place, range));
         futures_util::future::join(head, tail).await
     };
-    let (head, tail) = runtime::wait(path, is_stopped, both)?;
+    let (head, tail) = connections.wait(path, both)?;
     let head = head.map_err(|cause| cause.of_file(path, "open"))?;
     let state = stat::state(&head.meta);
     let mut came = vec![head];
@@ -61,14 +67,14 @@ pub(super) fn open(url: &str, storage: &[(String, String)], stores: &Stores) -> 
         // Azure knows no ranges from the end.
         Err(Failed::Store(object_store::Error::NotSupported { .. })) if state.length > HEAD => {
             let range = GetRange::Bounded(state.length.saturating_sub(TAIL).max(HEAD)..state.length);
-            let tail = runtime::wait(path, is_stopped, get(&place, range))?;
+            let tail = connections.wait(path, get(&place, range))?;
             came.push(tail.map_err(|cause| cause.of_file(path, "open"))?);
             requests += 1;
         }
         Err(Failed::Store(object_store::Error::NotSupported { .. })) => {}
         Err(failed) => return Err(failed.of_file(path, "open")),
     }
-    batch::count_traffic(requests, came.iter().map(|part| part.bytes.len() as u64).sum());
+    access.ranges().count_traffic(requests, came.iter().map(|part| part.bytes.len() as u64).sum());
     let key = key(url, &state);
     let kept = stores.folder.as_ref().map(|folder: &Arc<DiskCache>| folder.file(&key));
     let number = stores.number(&key);
@@ -76,13 +82,14 @@ pub(super) fn open(url: &str, storage: &[(String, String)], stores: &Stores) -> 
     let remote = RemoteFile {
         place: Mutex::new((std::process::id(), place)),
         storage: storage.to_vec(),
-        options: stores.options.clone(),
+        connections: connections.clone(),
         path: path.to_path_buf(),
         state,
         kept,
     };
     came.iter().try_for_each(|part| remote.check(part))?;
-    let file = RangeFile::new(path, length, Box::new(remote), (RangeCache::shared(), number), gap);
+    let (cache, gap) = (access.ranges().clone(), connections.options.gap);
+    let file = RangeFile::new(path, length, Box::new(remote), (cache, number), gap);
     for part in came {
         file.supply(part.range.start, part.bytes);
     }
@@ -141,7 +148,7 @@ impl RemoteFile {
         let mut place = self.place.lock().unwrap_or_else(PoisonError::into_inner);
         if place.0 != std::process::id() {
             let url = self.path.to_str().unwrap_or_default();
-            *place = (std::process::id(), Place::of(url, &self.storage, &self.options)?);
+            *place = (std::process::id(), Place::of(url, &self.storage, &self.connections)?);
         }
         Ok(place.1.clone())
     }
@@ -166,7 +173,7 @@ impl Fetch for RemoteFile {
         let place = self.place()?;
         let parts = ranges.iter().map(|range| get(&place, GetRange::Bounded(range.clone())));
         let all = stream::iter(parts).buffered(AT_ONCE).collect::<Vec<_>>();
-        let came = runtime::wait(&self.path, self.options.is_stopped, all)?;
+        let came = self.connections.wait(&self.path, all)?;
         let one = |(part, range): (std::result::Result<Part, Failed>, &Range<u64>)| {
             let part = part.map_err(|cause| cause.of_file(&self.path, "fetch a part"))?;
             self.check(&part)?;

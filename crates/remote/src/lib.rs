@@ -1,13 +1,13 @@
 //! Files on web servers and in buckets: reading in ranges, writing by upload.
 //!
-//! Requests, retries, credentials and proxies are [`object_store`]'s. What is read stands in one cache of the process, and on disk if
-//! a folder is named.
+//! Requests, retries, credentials and proxies are [`object_store`]'s. What is read stays in the cache of the
+//! [`FileAccess`] that a file is opened with, and on disk if a directory is named.
 
+mod connections;
 mod disk_cache;
 mod error;
 mod file;
 mod profile;
-mod runtime;
 mod stat;
 mod store;
 mod upload;
@@ -17,15 +17,16 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use connections::Connections;
 use disk_cache::DiskCache;
 use spinney_base::Result;
 use spinney_base::io::{
-    DEFAULT_GAP, FileStat, RangeCache, RangeFile, ReadBackend, RemoteFiles, RemoteWriter, set_remote_files,
+    DEFAULT_GAP, FileAccess, FileStat, RangeCache, RangeFile, ReadBackend, RemoteFiles, RemoteWriter,
 };
 use upload::Upload;
 
-/// Options of files elsewhere, for all of a process. How much of them is held in memory is said to
-/// [`RangeCache::shared`].
+/// Options of a client for remote files. The limit of what is held in memory is that of the [`FileAccess`] that uses the client: see
+/// [`FileAccess::range_cache`].
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct RemoteOptions {
@@ -56,23 +57,30 @@ impl Default for RemoteOptions {
     }
 }
 
-/// Makes files on web servers (`https://`), in S3 (`s3://`), Google Cloud Storage (`gs://`) and Azure (`az://`) be read wherever a file is, and
-/// written wherever an output is. To be called once, before any is opened; what is called later changes nothing.
+/// Makes a client for files on web servers (`https://`), in S3 (`s3://`), Google Cloud Storage (`gs://`) and Azure (`az://`). Files that are
+/// opened, and outputs that are created, with a [`FileAccess`] that [has it](FileAccess::remote) may be any of these.
+///
+/// ```no_run
+/// # use spinney_base::io::FileAccess;
+/// use spinney_remote::{RemoteOptions, client};
+///
+/// let access = FileAccess::new().remote(client(RemoteOptions::default())?);
+/// let file = access.input("https://example.org/map.tif".as_ref())?;
+/// # Ok::<(), spinney_base::Error>(())
+/// ```
 ///
 /// # Errors
-/// If the folder for what is kept cannot be used.
-pub fn enable(options: RemoteOptions) -> Result<()> {
+/// If the directory for what is kept cannot be used.
+pub fn client(options: RemoteOptions) -> Result<Arc<dyn RemoteFiles>> {
     // (A program that embeds the library may have installed a provider: that one is used.)
     let _ = rustls::crypto::ring::default_provider().install_default();
     let folder = options.folder.as_deref().map(|folder| DiskCache::new(folder, options.folder_bytes));
-    let stores = Stores {
+    Ok(Arc::new(Stores {
         folder: folder.transpose()?.map(Arc::new),
-        options,
+        connections: Arc::new(Connections::new(options)),
         opened: Mutex::default(),
         numbers: Mutex::default(),
-    };
-    set_remote_files(Box::new(stores));
-    Ok(())
+    }))
 }
 
 /// Time for which a file that was opened is the same for whoever opens it again: finding out what a file is and reading it are one thing to
@@ -82,9 +90,9 @@ const SAME_FOR: Duration = Duration::from_secs(1);
 /// The options of a store, and the URL of a file in it.
 type StoredAt = (String, Vec<(String, String)>);
 
-/// Files elsewhere that this process reads.
+/// The client.
 struct Stores {
-    options: RemoteOptions,
+    connections: Arc<Connections>,
     folder: Option<Arc<DiskCache>>,
     /// Files that were opened lately, and when.
     opened: Mutex<HashMap<StoredAt, (Instant, RangeFile)>>,
@@ -93,15 +101,21 @@ struct Stores {
 }
 
 impl RemoteFiles for Stores {
-    fn open(&self, url: &str, storage: &[(String, String)]) -> Result<Box<dyn ReadBackend>> {
+    fn open(
+        &self,
+        url: &str,
+        storage: &[(String, String)],
+        access: &FileAccess,
+    ) -> Result<Box<dyn ReadBackend>> {
         let at = (url.to_string(), storage.to_vec());
         let lately = |opened: &HashMap<StoredAt, (Instant, RangeFile)>| {
-            opened.get(&at).filter(|(when, _)| when.elapsed() < SAME_FOR).map(|(_, opened)| opened.clone())
+            let known = opened.get(&at).filter(|(when, _)| when.elapsed() < SAME_FOR);
+            known.filter(|(_, file)| file.uses(access.ranges())).map(|(_, file)| file.clone())
         };
         if let Some(opened) = lately(&self.opened.lock().unwrap_or_else(PoisonError::into_inner)) {
             return Ok(Box::new(opened));
         }
-        let opened = file::open(url, storage, self)?;
+        let opened = file::open(url, storage, self, access)?;
         let mut all = self.opened.lock().unwrap_or_else(PoisonError::into_inner);
         all.retain(|_, (when, _)| when.elapsed() < SAME_FOR);
         all.insert(at, (Instant::now(), opened.clone()));
@@ -109,17 +123,17 @@ impl RemoteFiles for Stores {
     }
 
     fn stat(&self, urls: &[&str]) -> Result<Vec<Result<Option<FileStat>>>> {
-        stat::stat(urls, &self.options)
+        stat::stat(urls, &self.connections)
     }
 
-    fn write(&self, url: &str) -> Result<Box<dyn RemoteWriter>> {
+    fn write(&self, url: &str, access: &FileAccess) -> Result<Box<dyn RemoteWriter>> {
         self.forget(&[url]);
-        Ok(Box::new(Upload::new(url, &self.options)?))
+        Ok(Box::new(Upload::new(url, &self.connections, access)?))
     }
 
     fn remove(&self, urls: &[&str]) -> Result<()> {
         self.forget(urls);
-        stat::remove(urls, &self.options)
+        stat::remove(urls, &self.connections)
     }
 }
 

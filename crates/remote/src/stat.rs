@@ -6,10 +6,11 @@ use futures_util::StreamExt;
 use futures_util::stream;
 use object_store::{Error as StoreError, GetOptions, GetRange, ObjectMeta, ObjectStore, ObjectStoreExt};
 use spinney_base::Result;
-use spinney_base::io::{FileStat, FileVersion, batch};
+use spinney_base::io::{FileStat, FileVersion};
 
+use super::connections::Connections;
+use super::error;
 use super::store::Place;
-use super::{RemoteOptions, error, runtime};
 
 /// Files that are looked at, or removed, at the same time.
 const AT_ONCE: usize = 32;
@@ -24,9 +25,9 @@ pub(super) fn state(meta: &ObjectMeta) -> FileStat {
 ///
 /// # Errors
 /// On interruption. Of each file, if its host does not tell.
-pub(super) fn stat(urls: &[&str], options: &RemoteOptions) -> Result<Vec<Result<Option<FileStat>>>> {
+pub(super) fn stat(urls: &[&str], connections: &Connections) -> Result<Vec<Result<Option<FileStat>>>> {
     let one = |url: &str| {
-        let place = Place::of(url, &[], options);
+        let place = Place::of(url, &[], connections);
         let path = Path::new(url).to_path_buf();
         async move {
             match head(&place?).await {
@@ -38,9 +39,7 @@ pub(super) fn stat(urls: &[&str], options: &RemoteOptions) -> Result<Vec<Result<
     };
     let Some(first) = urls.first() else { return Ok(Vec::new()) };
     let all = stream::iter(urls.iter().map(|url| one(url))).buffered(AT_ONCE).collect::<Vec<_>>();
-    let found = runtime::wait(Path::new(first), options.is_stopped, all)?;
-    batch::count_traffic(urls.len() as u64, 0);
-    Ok(found)
+    connections.wait(Path::new(first), all)
 }
 
 /// Answer of a host about a file.
@@ -59,9 +58,9 @@ async fn head(place: &Place) -> object_store::Result<ObjectMeta> {
 ///
 /// # Errors
 /// If one cannot be removed, or on interruption; others may be removed then.
-pub(super) fn remove(urls: &[&str], options: &RemoteOptions) -> Result<()> {
+pub(super) fn remove(urls: &[&str], connections: &Connections) -> Result<()> {
     let one = |url: &str| {
-        let place = Place::of(url, &[], options);
+        let place = Place::of(url, &[], connections);
         let path = Path::new(url).to_path_buf();
         async move {
             let place = place?;
@@ -73,7 +72,6 @@ pub(super) fn remove(urls: &[&str], options: &RemoteOptions) -> Result<()> {
     };
     let Some(first) = urls.first() else { return Ok(()) };
     let all = stream::iter(urls.iter().map(|url| one(url))).buffered(AT_ONCE).collect::<Vec<_>>();
-    let done = runtime::wait(Path::new(first), options.is_stopped, all)?;
-    batch::count_traffic(urls.len() as u64, 0);
+    let done = connections.wait(Path::new(first), all)?;
     done.into_iter().collect()
 }

@@ -1,21 +1,20 @@
 //! The store that a URL leads to, as users and their environment have set it up.
 
-use std::collections::HashMap;
 use std::path::Path;
-use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 use object_store::aws::{AmazonS3Builder, AmazonS3ConfigKey};
 use object_store::azure::{AzureConfigKey, MicrosoftAzureBuilder};
 use object_store::gcp::{GoogleCloudStorageBuilder, GoogleConfigKey};
 use object_store::http::HttpBuilder;
-use object_store::memory::InMemory;
 use object_store::path::Path as StorePath;
 use object_store::{BackoffConfig, ClientConfigKey, ClientOptions, ObjectStore, RetryConfig};
 use spinney_base::{Error, Result};
 use url::Url;
 
-use super::{RemoteOptions, error, profile};
+use super::connections::Connections;
+use super::{error, profile};
 
 /// A store, and the name of a file in it.
 #[derive(Clone)]
@@ -23,9 +22,6 @@ pub(super) struct Place {
     pub(super) store: Arc<dyn ObjectStore>,
     pub(super) name: StorePath,
 }
-
-/// Buckets whose connections are kept.
-const MAX_BUCKETS: usize = 64;
 
 /// Time for which a request is repeated at most.
 const RETRY_FOR: Duration = Duration::from_secs(120);
@@ -35,7 +31,8 @@ impl Place {
     ///
     /// # Errors
     /// If the URL leads nowhere, or an option makes no sense.
-    pub(super) fn of(url: &str, storage: &[(String, String)], options: &RemoteOptions) -> Result<Place> {
+    pub(super) fn of(url: &str, storage: &[(String, String)], connections: &Connections) -> Result<Place> {
+        let options = &connections.options;
         let path = Path::new(url);
         let parsed = Url::parse(url).map_err(|cause| {
             Error::invalid("URL", format!("`{url}` ({cause})"), "scheme://host/path of a file")
@@ -56,7 +53,7 @@ impl Place {
             "s3" | "s3a" => ("AWS_", profile::settings()),
             "gs" | "gcs" => ("GOOGLE_", Vec::new()),
             "az" | "adl" | "azure" | "abfs" | "abfss" => ("AZURE_", Vec::new()),
-            "memory" => return Ok(Place { store: memory(), name }),
+            "memory" => return Ok(Place { store: connections.memory.clone(), name }),
             _ => {
                 // The URL as it is, with a query that may have a signature: the name below it is empty.
                 let mut client = client;
@@ -72,68 +69,53 @@ impl Place {
             own.into_iter().chain(environment(prefix)).chain(storage.iter().cloned()).collect();
         let bucket = bucket(&parsed);
         let key = (std::process::id(), bucket.clone(), settings.clone(), profile::is_unsigned());
-        if let Some(store) = buckets().get(&key) {
-            return Ok(Place { store: store.clone(), name });
-        }
-        let store: Arc<dyn ObjectStore> = match prefix {
-            "AWS_" => {
-                let mut builder =
-                    AmazonS3Builder::new().with_url(bucket).with_retry(retry).with_client_options(client);
-                for (key, value) in settings {
-                    builder = builder.with_config(known::<AmazonS3ConfigKey>(&key)?, value);
+        let make = || -> Result<Arc<dyn ObjectStore>> {
+            match prefix {
+                "AWS_" => {
+                    let mut builder =
+                        AmazonS3Builder::new().with_url(bucket).with_retry(retry).with_client_options(client);
+                    for (key, value) in settings {
+                        builder = builder.with_config(known::<AmazonS3ConfigKey>(&key)?, value);
+                    }
+                    // (Nobody is asked for credentials that an anonymous reader does not need.)
+                    let has_any = [
+                        AmazonS3ConfigKey::AccessKeyId,
+                        AmazonS3ConfigKey::WebIdentityTokenFile,
+                        AmazonS3ConfigKey::ContainerCredentialsRelativeUri,
+                        AmazonS3ConfigKey::ContainerCredentialsFullUri,
+                    ];
+                    let is_anonymous = has_any.iter().all(|key| builder.get_config_value(key).is_none())
+                        && builder.get_config_value(&AmazonS3ConfigKey::SkipSignature).is_none()
+                        && profile::is_unsigned();
+                    if is_anonymous {
+                        builder = builder.with_skip_signature(true);
+                    }
+                    Ok(Arc::new(builder.build().map_err(bad)?))
                 }
-                // (Nobody is asked for credentials that an anonymous reader does not need.)
-                let has_any = [
-                    AmazonS3ConfigKey::AccessKeyId,
-                    AmazonS3ConfigKey::WebIdentityTokenFile,
-                    AmazonS3ConfigKey::ContainerCredentialsRelativeUri,
-                    AmazonS3ConfigKey::ContainerCredentialsFullUri,
-                ];
-                let is_anonymous = has_any.iter().all(|key| builder.get_config_value(key).is_none())
-                    && builder.get_config_value(&AmazonS3ConfigKey::SkipSignature).is_none()
-                    && profile::is_unsigned();
-                if is_anonymous {
-                    builder = builder.with_skip_signature(true);
+                "GOOGLE_" => {
+                    let mut builder = GoogleCloudStorageBuilder::new()
+                        .with_url(bucket.replacen("gcs://", "gs://", 1))
+                        .with_retry(retry)
+                        .with_client_options(client);
+                    for (key, value) in settings {
+                        builder = builder.with_config(known::<GoogleConfigKey>(&key)?, value);
+                    }
+                    Ok(Arc::new(builder.build().map_err(bad)?))
                 }
-                Arc::new(builder.build().map_err(bad)?)
-            }
-            "GOOGLE_" => {
-                let mut builder = GoogleCloudStorageBuilder::new()
-                    .with_url(bucket.replacen("gcs://", "gs://", 1))
-                    .with_retry(retry)
-                    .with_client_options(client);
-                for (key, value) in settings {
-                    builder = builder.with_config(known::<GoogleConfigKey>(&key)?, value);
+                _ => {
+                    let mut builder = MicrosoftAzureBuilder::new()
+                        .with_url(bucket)
+                        .with_retry(retry)
+                        .with_client_options(client);
+                    for (key, value) in settings {
+                        builder = builder.with_config(known::<AzureConfigKey>(&key)?, value);
+                    }
+                    Ok(Arc::new(builder.build().map_err(bad)?))
                 }
-                Arc::new(builder.build().map_err(bad)?)
-            }
-            _ => {
-                let mut builder = MicrosoftAzureBuilder::new()
-                    .with_url(bucket)
-                    .with_retry(retry)
-                    .with_client_options(client);
-                for (key, value) in settings {
-                    builder = builder.with_config(known::<AzureConfigKey>(&key)?, value);
-                }
-                Arc::new(builder.build().map_err(bad)?)
             }
         };
-        let mut known = buckets();
-        if known.len() >= MAX_BUCKETS {
-            known.clear();
-        }
-        known.insert(key, store.clone());
-        Ok(Place { store, name })
+        Ok(Place { store: connections.bucket(key, make)?, name })
     }
-}
-
-/// The way to a bucket: the process, the bucket, its settings, and whether the environment says that requests are not signed.
-type BucketKey = (u32, String, Vec<(String, String)>, bool);
-
-/// Buckets that this process has talked to: the next request uses their connections. (A forked process has connections of its own.)
-fn buckets() -> MutexGuard<'static, HashMap<BucketKey, Arc<dyn ObjectStore>>> {
-    static BUCKETS: LazyLock<Mutex<HashMap<BucketKey, Arc<dyn ObjectStore>>>> = LazyLock::new(Mutex::default);
-    BUCKETS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The bucket's part of a URL, with what stands before it.
@@ -162,10 +144,4 @@ fn environment(prefix: &str) -> Vec<(String, String)> {
         all.filter(|(key, value)| key.starts_with(prefix) && is_known(key) && !value.is_empty()).collect();
     spinney_base::sort::by(&mut settings, &mut Ord::cmp);
     settings
-}
-
-/// The store in memory that all of this process share, for tests.
-fn memory() -> Arc<dyn ObjectStore> {
-    static STORE: LazyLock<Arc<InMemory>> = LazyLock::new(Default::default);
-    STORE.clone()
 }

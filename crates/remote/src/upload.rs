@@ -3,15 +3,17 @@
 use std::collections::VecDeque;
 use std::io::{self, Write};
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use object_store::{Error as StoreError, MultipartUpload, ObjectStore, ObjectStoreExt, PutMode, PutPayload};
-use spinney_base::io::{RemoteWriter, already_exists_error, batch};
+use spinney_base::io::{FileAccess, RangeCache, RemoteWriter, already_exists_error};
 use spinney_base::{Error, Result};
 use tokio::task::JoinHandle;
 
+use super::connections::Connections;
+use super::error;
 use super::stat::stat;
 use super::store::Place;
-use super::{RemoteOptions, error, runtime};
 
 /// Bytes of a part, at least; stores want 5 MiB.
 const PART: usize = 8 << 20;
@@ -30,7 +32,9 @@ const MAX_IN_FLIGHT: usize = 64 << 20;
 pub(super) struct Upload {
     path: PathBuf,
     place: Place,
-    options: RemoteOptions,
+    connections: Arc<Connections>,
+    /// Cache of the access that the file is written with, which counts requests.
+    ranges: Arc<RangeCache>,
     /// Bytes of a part at first, and the number of parts after which they are twice as many.
     part: usize,
     doubled: usize,
@@ -48,11 +52,12 @@ impl Upload {
     ///
     /// # Errors
     /// If the URL leads nowhere.
-    pub(super) fn new(url: &str, options: &RemoteOptions) -> Result<Upload> {
+    pub(super) fn new(url: &str, connections: &Arc<Connections>, access: &FileAccess) -> Result<Upload> {
         Ok(Upload {
             path: url.into(),
-            place: Place::of(url, &[], options)?,
-            options: options.clone(),
+            place: Place::of(url, &[], connections)?,
+            connections: connections.clone(),
+            ranges: access.ranges().clone(),
             part: PART,
             doubled: DOUBLED,
             bytes: Vec::new(),
@@ -77,16 +82,16 @@ impl Upload {
             Some(parts) => parts,
             None => {
                 let begin = self.place.store.put_multipart(&self.place.name);
-                let begun = runtime::wait(&self.path, self.options.is_stopped, begin)?;
+                let begun = self.connections.wait(&self.path, begin)?;
                 begun.map_err(|cause| self.failed(cause))?
             }
         };
         let size = self.bytes.len();
         let part = parts.put_part(PutPayload::from(std::mem::take(&mut self.bytes)));
         self.parts = Some(parts);
-        self.under_way.push_back(runtime::spawn(&self.path, part)?);
+        self.under_way.push_back(self.connections.spawn(&self.path, part)?);
         self.sent += 1;
-        batch::count_traffic(1, 0);
+        self.ranges.count_traffic(1, 0);
         let most = (MAX_IN_FLIGHT / size.max(1)).clamp(1, AT_ONCE);
         while self.under_way.len() >= most {
             self.wait_for_one()?;
@@ -97,7 +102,7 @@ impl Upload {
     /// Waits for the oldest part on its way, if there is one.
     fn wait_for_one(&mut self) -> Result<()> {
         let Some(mut part) = self.under_way.pop_front() else { return Ok(()) };
-        match runtime::wait(&self.path, self.options.is_stopped, &mut part) {
+        match self.connections.wait(&self.path, &mut part) {
             Ok(Ok(done)) => done.map_err(|cause| self.failed(cause)),
             Ok(Err(cause)) => Err(Error::io(&self.path, "upload")(io::Error::other(cause))),
             Err(stopped) => {
@@ -113,8 +118,8 @@ impl Upload {
         let bytes = PutPayload::from(std::mem::take(&mut self.bytes));
         let put = |mode: PutMode| {
             let put = self.place.store.put_opts(&self.place.name, bytes.clone(), mode.into());
-            batch::count_traffic(1, 0);
-            runtime::wait(&self.path, self.options.is_stopped, put)
+            self.ranges.count_traffic(1, 0);
+            self.connections.wait(&self.path, put)
         };
         let done = match create_new {
             false => put(PutMode::Overwrite)?,
@@ -133,7 +138,8 @@ impl Upload {
     /// Makes sure that there is no file of this name, where the store does not do that by itself: before it is put there, another one may appear.
     fn check_new(&self) -> Result<()> {
         let url = self.path.to_str().unwrap_or_default();
-        match stat(&[url], &self.options)?.pop() {
+        self.ranges.count_traffic(1, 0);
+        match stat(&[url], &self.connections)?.pop() {
             Some(Ok(None)) | None => Ok(()),
             Some(Ok(Some(_))) => Err(already_exists_error(&self.path)),
             Some(Err(error)) => Err(error),
@@ -179,7 +185,7 @@ impl RemoteWriter for Upload {
         }
         let Some(mut parts) = self.parts.take() else { return Ok(()) };
         // (While the store puts them together nobody can tell whether it has.)
-        let done = runtime::wait(&self.path, || false, parts.complete())?;
+        let done = self.connections.finish(&self.path, parts.complete())?;
         done.map(drop).map_err(|cause| {
             self.parts = Some(parts);
             self.failed(cause)
@@ -193,9 +199,9 @@ impl Drop for Upload {
         for part in std::mem::take(&mut self.under_way) {
             part.abort();
             // (What arrives after all others were given up might stay.)
-            let _ = runtime::wait(&self.path, || false, part);
+            let _ = self.connections.finish(&self.path, part);
         }
         // What has arrived would cost its room for good. (If the host cannot be told, there is nobody else to tell.)
-        let _ = runtime::wait(&self.path, || false, parts.abort());
+        let _ = self.connections.finish(&self.path, parts.abort());
     }
 }

@@ -4,8 +4,9 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
+use spinney_base::io::FileAccess;
 use spinney_base::{Error, Result};
-use spinney_container::{FileReference, OpenOptions};
+use spinney_container::FileReference;
 use spinney_engine::dataset::{self, Dataset};
 use spinney_engine::ops::{Calculation, TreeFile, ViewStep};
 
@@ -27,8 +28,8 @@ pub(crate) struct OpenTree {
 const MAX_DRAWN: usize = 16;
 
 impl OpenTree {
-    fn open(path: &Path, version: FileVersion) -> Result<OpenTree> {
-        let first = Arc::new(dataset::open(path, &OpenOptions::new().positioned(CACHE))?);
+    fn open(path: &Path, version: FileVersion, access: &FileAccess) -> Result<OpenTree> {
+        let first = Arc::new(dataset::open(path, &access.into())?);
         let names = first.layers()?.into_iter().map(|layer| layer.name).collect();
         Ok(OpenTree { version, first, names, layers: OnceLock::new(), drawn: Mutex::default() })
     }
@@ -122,6 +123,7 @@ type Key = (PathBuf, Option<u64>);
 pub(crate) struct OpenTrees {
     /// Whether a manifest may be opened, whose files may lie anywhere: the one file that is served may be one, and none of a folder.
     allows_manifests: bool,
+    access: FileAccess,
     trees: Mutex<HashMap<Key, Arc<OpenTree>>>,
     /// One file is opened at a time: all who ask for the same one then have the same.
     opening: Mutex<()>,
@@ -137,8 +139,9 @@ const CACHE: u64 = 1 << 20;
 const TIMES: usize = 20;
 
 impl OpenTrees {
-    pub(crate) fn new(allows_manifests: bool) -> OpenTrees {
-        OpenTrees { allows_manifests, trees: Mutex::default(), opening: Mutex::default() }
+    pub(crate) fn new(allows_manifests: bool, access: &FileAccess) -> OpenTrees {
+        let access = access.clone().positioned(CACHE);
+        OpenTrees { allows_manifests, access, trees: Mutex::default(), opening: Mutex::default() }
     }
 
     /// A file, or a commit of it, in its present state.
@@ -164,7 +167,7 @@ impl OpenTrees {
             if let Some(tree) = self.known(&key, version) {
                 return Ok(tree);
             }
-            let opened = OpenTree::open(&place, version);
+            let opened = OpenTree::open(&place, version, &self.access);
             // What was opened may be another file than that which was looked at.
             if FileVersion::at(path)? != version {
                 continue;

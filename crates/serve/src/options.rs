@@ -3,6 +3,8 @@
 use std::net::{IpAddr, Ipv4Addr};
 use std::time::Duration;
 
+use spinney_base::io::FileAccess;
+
 /// Address of a server, and its limits.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
@@ -19,6 +21,8 @@ pub struct ServeOptions {
     pub max_body: u64,
     /// Most connections at the same time.
     pub connections: usize,
+    /// How the files that a served manifest lists are opened.
+    pub access: FileAccess,
 }
 
 impl Default for ServeOptions {
@@ -30,6 +34,7 @@ impl Default for ServeOptions {
             max_cells: 4 << 20,
             max_body: 8 << 20,
             connections: 256,
+            access: FileAccess::default(),
         }
     }
 }

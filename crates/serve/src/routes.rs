@@ -46,7 +46,7 @@ impl App {
         [work, reading]: [usize; 2],
     ) -> Arc<App> {
         let [work, reading] = [work, reading].map(|places| Work::new(places, options.timeout));
-        let trees = OpenTrees::new(matches!(catalog, Catalog::File(_)));
+        let trees = OpenTrees::new(matches!(catalog, Catalog::File(_)), &options.access);
         Arc::new(App { catalog, work, reading, options, address, trees, answers: AnswerCache::default() })
     }
 

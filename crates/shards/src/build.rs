@@ -37,9 +37,10 @@ impl Job {
         let touched = work.work().touched(planned.len(), &shard, &self.layers);
         let touched: Vec<_> = touched.iter().map(|input| (*input, planned[*input].clone())).collect();
         let inputs = touched.iter().map(|(number, input)| (*number, input.path.clone())).collect();
+        let access = self.access.clone();
         let check = move || {
             let touched: Vec<_> = touched.iter().map(|(_, input)| input).collect();
-            check(&touched, work.work())
+            check(&touched, work.work(), &access)
         };
         // Once more before it counts as made, since it has to be of one state of them.
         check()?;

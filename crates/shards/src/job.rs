@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use spinney_base::io::{InputFile, remove_files, url_of};
+use spinney_base::io::{FileAccess, url_of};
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
@@ -123,6 +123,8 @@ pub struct Job {
     /// Headers of the layers.
     pub(crate) layers: Vec<Header>,
     pieces: Vec<Vec<ShardPiece>>,
+    /// How its files and its inputs are opened.
+    pub(crate) access: FileAccess,
 }
 
 impl Job {
@@ -131,7 +133,15 @@ impl Job {
     /// # Errors
     /// If there is none, if it is damaged, or if another version of the program has planned it.
     pub fn open(folder: &Path) -> Result<Job> {
-        Job::find(folder)?.ok_or_else(|| {
+        Job::open_with(folder, &FileAccess::default())
+    }
+
+    /// Opens the job in a directory. Its files and its inputs are opened with `access`.
+    ///
+    /// # Errors
+    /// Those of [`Job::open`].
+    pub fn open_with(folder: &Path, access: &FileAccess) -> Result<Job> {
+        Job::find(folder, access)?.ok_or_else(|| {
             let advice = "`spinney shard plan` makes one, and says so when it is whole";
             Error::unsupported(folder, "a folder without a job", advice)
         })
@@ -141,9 +151,9 @@ impl Job {
     ///
     /// # Errors
     /// If it is damaged, or if another version of the program has planned it.
-    pub fn find(folder: &Path) -> Result<Option<Job>> {
+    pub fn find(folder: &Path, access: &FileAccess) -> Result<Option<Job>> {
         let path = folder.join(PLAN);
-        let Some(text) = InputFile::read_whole(&path, MOST)? else { return Ok(None) };
+        let Some(text) = access.read_whole(&path, MOST)? else { return Ok(None) };
         let corrupt = |found: String, expected: &str| Error::corrupt(&path, "plan", found, expected);
         let plan: Plan =
             serde_json::from_slice(&text).map_err(|error| corrupt(error.to_string(), "a plan"))?;
@@ -165,12 +175,13 @@ impl Job {
         }
         let id = xxhash_rust::xxh3::xxh3_128(&text);
         let work = plan.work.work();
-        let layers = work.layers(planned_head(folder, &plan.head)?)?;
+        let layers = work.layers(planned_head(folder, &plan.head, access)?)?;
         if !work.are_all(&known, &layers) || pieces.is_empty() {
             return Err(corrupt("runs with gaps, or that overlap".into(), "all of each layer, once"));
         }
         work.check(plan.inputs.len(), &layers)?;
-        Ok(Some(Job { folder: folder.to_path_buf(), plan, id, layers, pieces }))
+        let (folder, access) = (folder.to_path_buf(), access.clone());
+        Ok(Some(Job { folder, plan, id, layers, pieces, access }))
     }
 
     /// The work of shards.
@@ -212,7 +223,13 @@ impl Job {
             let expected = format!("0 to {}", self.shards() - 1);
             return Err(Error::invalid("shard", number.to_string(), expected));
         };
-        Ok(Shard { folder: self.folder.join(SHARDS), job: self.id, number, pieces: pieces.clone() })
+        Ok(Shard {
+            folder: self.folder.join(SHARDS),
+            job: self.id,
+            number,
+            pieces: pieces.clone(),
+            access: self.access.clone(),
+        })
     }
 
     /// Numbers of the shards that are not made, or of which something is not there any more.
@@ -235,14 +252,14 @@ impl Job {
     pub fn remove(self) -> Result<()> {
         let files: Vec<PathBuf> = self.all_shards()?.iter().flat_map(Shard::files).collect();
         let files: Vec<&Path> = files.iter().map(|file| &**file).collect();
-        remove_files(&files)?;
+        self.access.remove(&files)?;
         let shards = shards_path(&self.folder);
         if url_of(&shards).is_none() {
             // (With what shards have left that were cut off.)
             std::fs::remove_dir_all(&shards).map_err(Error::io(shards, "remove"))?;
         }
-        remove_files(&[&head_path(&self.folder)])?;
-        remove_files(&[&plan_path(&self.folder)])?;
+        self.access.remove(&[&head_path(&self.folder)])?;
+        self.access.remove(&[&plan_path(&self.folder)])?;
         match url_of(&self.folder) {
             Some(_) => {}
             None => std::fs::remove_dir(&self.folder).unwrap_or_default(),
@@ -270,14 +287,14 @@ impl Job {
         }
         let mark = output.claim(self.id)?;
         self.work().merge(&self.head_path(), &shards, (output, memory), progress)?;
-        mark.map_or(Ok(()), |mark| remove_files(&[&mark]))
+        mark.map_or(Ok(()), |mark| self.access.remove(&[&mark]))
     }
 }
 
 /// The bytes of a job's head, if it is the planned one.
-fn planned_head(folder: &Path, planned: &PlannedHead) -> Result<Vec<u8>> {
+fn planned_head(folder: &Path, planned: &PlannedHead, access: &FileAccess) -> Result<Vec<u8>> {
     let path = head_path(folder);
-    let found = InputFile::read_whole(&path, MOST)?.filter(|bytes| head_of(bytes) == *planned);
+    let found = access.read_whole(&path, MOST)?.filter(|bytes| head_of(bytes) == *planned);
     found.ok_or_else(|| {
         let expected = format!("{} bytes with hash {}", planned.bytes, planned.xxh3);
         Error::corrupt(path, "the whole file", "other bytes", expected)

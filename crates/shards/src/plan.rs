@@ -6,7 +6,7 @@ use std::mem;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use spinney_base::io::{InputFile, Output, url_of};
+use spinney_base::io::{FileAccess, Output, url_of};
 use spinney_base::space::Bounds;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
@@ -40,25 +40,33 @@ pub struct Planned {
 /// # Errors
 /// If the inputs cannot be read or do not fit together, if they are to be built in a way that shards do not have, if the folder has
 /// another plan or something else, or if it cannot be written.
-pub fn plan(spec: &JobSpec, folder: &Path, shards: Option<u32>, progress: &dyn Progress) -> Result<Planned> {
+///
+/// The files of the job and its inputs are opened with `access`, whatever the options of the specification have.
+pub fn plan(
+    spec: &JobSpec,
+    folder: &Path,
+    shards: Option<u32>,
+    access: &FileAccess,
+    progress: &dyn Progress,
+) -> Result<Planned> {
     check_folder(folder, shards)?;
     // (What was looked at before the headers are read cannot be of a later state than these.)
     let work = PlannedWork::of(spec)?;
     let name = |input: &PathBuf| {
         let path = absolute(input)?;
-        let files = work.work().files_of(&path)?;
+        let files = work.work().files_of(&path, access)?;
         progress.check()?;
         Ok((path, files))
     };
     let (paths, files): (Vec<_>, Vec<_>) =
         spec.inputs().iter().map(name).collect::<Result<Vec<_>>>()?.into_iter().unzip();
-    let files = look(files)?;
+    let files = look(files, access)?;
     let inputs = paths.into_iter().zip(files).map(|(path, files)| PlannedInput { path, files });
     let inputs: Vec<_> = inputs.collect();
     let bytes = inputs.iter().fold(0, |sum: u64, input| sum.saturating_add(input.bytes()));
     let shards = number_of(shards, bytes);
-    let (head, told) = head_of(folder, |head| spec.write_head((&inputs, shards), head, progress))?;
-    write_plan(folder, (shards, bytes), &head, (inputs, told))
+    let (head, told) = head_of((folder, access), |head| spec.write_head((&inputs, shards), head, progress))?;
+    write_plan((folder, access), (shards, bytes), &head, (inputs, told))
 }
 
 /// Layers whose cells only the caller has.
@@ -80,14 +88,15 @@ pub fn plan_given(
     layers: GivenLayers<'_>,
     folder: &Path,
     shards: Option<u32>,
+    access: &FileAccess,
     write: &mut dyn FnMut(TreeTarget) -> Result<()>,
 ) -> Result<Planned> {
     let GivenLayers { token, packing, bytes } = layers;
     check_folder(folder, shards)?;
-    let (head, ()) = head_of(folder, |head| write(TreeTarget::Head(head)))?;
+    let (head, ()) = head_of((folder, access), |head| write(TreeTarget::Head(head)))?;
     let work = PlannedWork::Given(Given::of(token, packing));
     let told = Told { work, loads: Vec::new(), pieces: None, description: Vec::new() };
-    write_plan(folder, (number_of(shards, bytes), bytes), &head, (Vec::new(), told))
+    write_plan((folder, access), (number_of(shards, bytes), bytes), &head, (Vec::new(), told))
 }
 
 /// Shards of so many bytes of input, if nobody says how many there are to be.
@@ -96,16 +105,20 @@ fn number_of(shards: Option<u32>, bytes: u64) -> u32 {
 }
 
 /// Bytes of the file that tells of the layers, and what is known when it is written.
-fn head_of<T>(folder: &Path, write: impl FnOnce(Output) -> Result<T>) -> Result<(Vec<u8>, T)> {
+fn head_of<T>(
+    (folder, access): (&Path, &FileAccess),
+    write: impl FnOnce(Output) -> Result<T>,
+) -> Result<(Vec<u8>, T)> {
     let kept = Kept::default();
-    let told = write(Output::to_writer(&head_path(folder), Box::new(kept.clone())))?;
+    let head = Output::to_writer(&head_path(folder), Box::new(kept.clone()));
+    let told = write(head.with_access(access))?;
     let bytes = mem::take(&mut *kept.0.lock().unwrap_or_else(PoisonError::into_inner));
     Ok((bytes, told))
 }
 
 /// Cuts layers into shards, and puts the job into its folder.
 fn write_plan(
-    folder: &Path,
+    (folder, access): (&Path, &FileAccess),
     (shards, bytes): (u32, u64),
     head: &[u8],
     (inputs, told): (Vec<PlannedInput>, Told),
@@ -118,13 +131,13 @@ fn write_plan(
     let pieces = pieces.unwrap_or_else(|| cut(&layers, &loads, shards));
     let plan = Plan::new(head, work, inputs, &pieces);
     let text = plan.to_text(folder)?;
-    let was_there = is_planned(folder, &text)? || !write_job(folder, head, &text)?;
-    Ok(Planned { job: Job::open(folder)?, was_there, description })
+    let was_there = is_planned(folder, &text, access)? || !write_job((folder, access), head, &text)?;
+    Ok(Planned { job: Job::open_with(folder, access)?, was_there, description })
 }
 
 /// Whether a folder has this plan, and no other one.
-fn is_planned(folder: &Path, text: &str) -> Result<bool> {
-    match InputFile::read_whole(&plan_path(folder), MOST)? {
+fn is_planned(folder: &Path, text: &str, access: &FileAccess) -> Result<bool> {
+    match access.read_whole(&plan_path(folder), MOST)? {
         None => Ok(false),
         Some(there) if there == text.as_bytes() => Ok(true),
         Some(_) => Err(Error::PlanMismatch {
@@ -137,15 +150,17 @@ fn is_planned(folder: &Path, text: &str) -> Result<bool> {
 }
 
 /// Writes a job. Returns `false` if somebody else has planned the same meanwhile.
-fn write_job(folder: &Path, head: &[u8], text: &str) -> Result<bool> {
+fn write_job((folder, access): (&Path, &FileAccess), head: &[u8], text: &str) -> Result<bool> {
     let shards = shards_path(folder);
     if url_of(folder).is_none() {
         fs::create_dir_all(&shards).map_err(Error::io(&shards, "make a folder"))?;
     }
-    write_file(&head_path(folder), head, false)?;
+    write_file(access.create(&head_path(folder))?, head)?;
     // Last, since a job is what has a plan; and only if there is none, since somebody else may plan another one at the same time.
-    match write_file(&plan_path(folder), text.as_bytes(), true) {
-        Err(error) if !is_planned(folder, text)? => Err(error),
+    let mut plan = access.create(&plan_path(folder))?;
+    plan.keep_existing();
+    match write_file(plan, text.as_bytes()) {
+        Err(error) if !is_planned(folder, text, access)? => Err(error),
         done => Ok(done.is_ok()),
     }
 }
@@ -197,12 +212,9 @@ fn check_folder(folder: &Path, shards: Option<u32>) -> Result<()> {
     Ok(())
 }
 
-fn write_file(path: &Path, bytes: &[u8], create_new: bool) -> Result<()> {
-    let mut output = Output::create(path)?;
-    if create_new {
-        output.keep_existing();
-    }
-    output.write_all(bytes).map_err(Error::io(path, "write"))?;
+fn write_file(mut output: Output, bytes: &[u8]) -> Result<()> {
+    let written = output.write_all(bytes);
+    written.map_err(Error::io(output.path(), "write"))?;
     output.commit()
 }
 

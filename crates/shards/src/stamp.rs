@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use spinney_base::io::{FileStat, FileVersion, local_path, url_of};
+use spinney_base::io::{FileAccess, FileStat, FileVersion, local_path, url_of};
 use spinney_base::{Error, Result};
 
 use crate::job::PlannedInput;
@@ -67,10 +67,10 @@ pub(crate) fn absolute(path: &Path) -> Result<PathBuf> {
 ///
 /// # Errors
 /// If one cannot be looked at.
-pub(crate) fn look(files: Vec<Vec<PathBuf>>) -> Result<Vec<Vec<PlannedFile>>> {
+pub(crate) fn look(files: Vec<Vec<PathBuf>>, access: &FileAccess) -> Result<Vec<Vec<PlannedFile>>> {
     let once: Vec<Vec<&Path>> = files.iter().map(|files| once(files)).collect();
     // (Those of all inputs together, since files elsewhere are asked for all at once.)
-    let mut states = FileStat::of_all_beside(&once.concat())?.into_iter();
+    let mut states = access.stat_companions(&once.concat())?.into_iter();
     let mut planned = |path: &&Path| Some(PlannedFile::of(path, states.next().flatten()?));
     Ok(once.iter().map(|paths| paths.iter().filter_map(&mut planned).collect()).collect())
 }
@@ -85,7 +85,7 @@ fn once(files: &[PathBuf]) -> Vec<&Path> {
 ///
 /// # Errors
 /// If a file has changed, has gone or has come.
-pub(crate) fn check(inputs: &[&PlannedInput], work: &dyn Work) -> Result<()> {
+pub(crate) fn check(inputs: &[&PlannedInput], work: &dyn Work, access: &FileAccess) -> Result<()> {
     let differs = |path: &Path, found: Option<PlannedFile>, expected: String| Error::PlanMismatch {
         path: path.to_path_buf(),
         found: found.map_or("there is no such file".into(), |found| format!("has {}", found.described())),
@@ -95,7 +95,7 @@ pub(crate) fn check(inputs: &[&PlannedInput], work: &dyn Work) -> Result<()> {
     // (Before the files are read to know what else belongs to them.)
     let files: Vec<&PlannedFile> = inputs.iter().flat_map(|input| &input.files).collect();
     let paths: Vec<&Path> = files.iter().map(|file| &*file.path).collect();
-    for (file, state) in files.iter().zip(FileStat::of_all(&paths)?) {
+    for (file, state) in files.iter().zip(access.stat(&paths)?) {
         let found = state?.map(|state| PlannedFile::of(&file.path, state));
         if found.as_ref() != Some(*file) {
             return Err(differs(&file.path, found, file.described()));
@@ -104,10 +104,11 @@ pub(crate) fn check(inputs: &[&PlannedInput], work: &dyn Work) -> Result<()> {
     let mut others = Vec::new();
     for input in inputs {
         let known: HashSet<&Path> = input.files.iter().map(|file| &*file.path).collect();
-        others.extend(work.files_of(&input.path)?.into_iter().filter(|path| !known.contains(&**path)));
+        others
+            .extend(work.files_of(&input.path, access)?.into_iter().filter(|path| !known.contains(&**path)));
     }
     let paths: Vec<&Path> = others.iter().map(|path| &**path).collect();
-    for (path, state) in paths.iter().zip(FileStat::of_all_beside(&paths)?) {
+    for (path, state) in paths.iter().zip(access.stat_companions(&paths)?) {
         if let Some(state) = state {
             return Err(differs(path, Some(PlannedFile::of(path, state)), "no such file".into()));
         }

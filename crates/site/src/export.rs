@@ -10,7 +10,7 @@ use base64::write::EncoderWriter;
 use super::asset::{bytes, names};
 use super::configuration::{PageConfiguration, PageSource, PageStart, index, page_of};
 use super::inline;
-use spinney_base::io::{Output, open_file, split_query, url_of};
+use spinney_base::io::{FileAccess, Output, split_query, url_of};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Content, FileHeader};
@@ -185,8 +185,9 @@ pub fn is_map(path: &Path) -> bool {
         .is_ok_and(|header| header.content == Content::Cells && header.dimension == Dimension::Quad)
 }
 
+/// The header of a local file.
 fn header_of(path: &Path) -> Result<FileHeader> {
-    FileHeader::read(path, &*open_file(path, true, &[])?.0)
+    FileHeader::read(path, &*FileAccess::default().peek(path)?)
 }
 
 /// A name as addresses have it (RFC 3986).

@@ -1,5 +1,7 @@
 //! Options of all subcommands.
 
+use spinney::FileAccess;
+
 /// Options of all subcommands.
 #[derive(clap::Args)]
 pub(crate) struct Global {
@@ -25,6 +27,9 @@ pub(crate) struct Global {
     /// Tell how files elsewhere were read: rounds of requests, requests and bytes
     #[arg(short, long, global = true)]
     verbose: bool,
+    /// How files are opened and created, once the program has [started](Global::start).
+    #[arg(skip)]
+    access: FileAccess,
 }
 
 /// Threads that are started at most, whatever is asked for: more only take memory.
@@ -36,12 +41,13 @@ impl Global {
     ///
     /// # Errors
     /// If the folder for what is kept of files elsewhere cannot be used.
-    pub(crate) fn start(&self) -> spinney::Result<()> {
+    pub(crate) fn start(&mut self) -> spinney::Result<()> {
+        let mut access = FileAccess::new();
         if self.positioned {
-            spinney::raw::io::prefer_positioned_reads();
+            access = access.positioned(None);
         }
         if let Some(bytes) = self.cache_memory {
-            spinney::raw::io::RangeCache::unpacked().set_limit(bytes);
+            access = access.unpacked_cache(bytes);
         }
         if let Some(threads) = self.threads {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.min(MAX_THREADS).into());
@@ -53,15 +59,21 @@ impl Global {
             options.folder.clone_from(&self.cache);
             options.gap = self.request_gap.unwrap_or(options.gap);
             options.is_stopped = crate::cli::signals::stop_is_wanted;
-            spinney::remote::enable(options)?;
+            access = access.remote(spinney::remote::client(options)?);
         }
+        self.access = access;
         Ok(())
+    }
+
+    /// How files are opened and created.
+    pub(crate) fn access(&self) -> &FileAccess {
+        &self.access
     }
 
     /// Tells how files elsewhere were read, if that was asked for.
     pub(crate) fn finish(&self) {
         if self.verbose {
-            eprintln!("{}", spinney::raw::io::batch::traffic());
+            eprintln!("{}", self.access.traffic());
         }
     }
 }

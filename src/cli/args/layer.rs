@@ -6,6 +6,8 @@ use clap::Args;
 use spinney::raw::ops::{layer_paths, only_layer};
 use spinney::raw::store::FileReference;
 
+use super::Global;
+
 /// A layer of a file that has several, or some of them.
 #[derive(Args, Clone, Debug, Default)]
 pub(crate) struct LayerOption {
@@ -18,8 +20,8 @@ pub(crate) struct LayerOption {
 
 impl LayerOption {
     /// The layers of a file that are meant, as paths; all of them if none is named.
-    pub(crate) fn paths(&self, file: &Path) -> spinney::Result<Vec<PathBuf>> {
-        let all = layer_paths(file)?;
+    pub(crate) fn paths(&self, file: &Path, global: &Global) -> spinney::Result<Vec<PathBuf>> {
+        let all = layer_paths(file, global.access())?;
         let Some(names) = &self.names else { return Ok(all) };
         let place = FileReference::of(file);
         // (A name may have commas.)
@@ -33,8 +35,8 @@ impl LayerOption {
     }
 
     /// The only layer that is meant, as a path.
-    pub(crate) fn path(&self, file: &Path) -> spinney::Result<PathBuf> {
-        match &self.paths(file)?[..] {
+    pub(crate) fn path(&self, file: &Path, global: &Global) -> spinney::Result<PathBuf> {
+        match &self.paths(file, global)?[..] {
             [path] => Ok(path.clone()),
             _ if self.is_given() => Err(spinney::Error::unsupported(
                 file,
@@ -42,7 +44,7 @@ impl LayerOption {
                 "name one: --layer NAME",
             )),
             _ => {
-                only_layer(file)?;
+                only_layer(file, global.access())?;
                 Ok(file.into())
             }
         }

@@ -8,6 +8,7 @@ use spinney::export::VectorFormat;
 use spinney::raw::export::image::{Format, format_of};
 use spinney::raw::store::{create_tree_file, file_of};
 
+use super::Global;
 use super::memory::parse_bytes;
 
 /// The file that is written: behind `-o`, or the last argument.
@@ -50,13 +51,13 @@ impl OutputLimit {
     }
 
     /// Starts a file.
-    pub(crate) fn create(&self, path: &Path) -> spinney::Result<Output> {
-        Output::create(path).map(|output| output.with_limit(self.max_bytes))
+    pub(crate) fn create(&self, path: &Path, global: &Global) -> spinney::Result<Output> {
+        global.access().create(path).map(|output| output.with_limit(self.max_bytes))
     }
 
     /// Starts a tree's file.
-    pub(crate) fn create_tree(&self, path: &Path) -> spinney::Result<Output> {
-        create_tree_file(path).map(|output| output.with_limit(self.max_bytes))
+    pub(crate) fn create_tree(&self, path: &Path, global: &Global) -> spinney::Result<Output> {
+        create_tree_file(path, global.access()).map(|output| output.with_limit(self.max_bytes))
     }
 }
 

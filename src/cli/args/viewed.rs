@@ -55,29 +55,30 @@ impl ViewedTree {
     }
 
     /// Opens the only layer that is meant, once, with or without steps.
-    pub(crate) fn open(&self) -> anyhow::Result<Dataset> {
-        let path = if self.is_calculated() { self.file.clone() } else { self.layer.path(&self.file)? };
-        self.through(open(&path)?)
+    pub(crate) fn open(&self, global: &Global) -> anyhow::Result<Dataset> {
+        let path =
+            if self.is_calculated() { self.file.clone() } else { self.layer.path(&self.file, global)? };
+        self.through(open(&path, global.access())?)
     }
 
     /// Opens the first of the layers that are meant, of however many.
-    pub(crate) fn open_any_layer(&self) -> anyhow::Result<Dataset> {
-        let layers = self.layer.paths(&self.file)?;
-        self.through(open(layers.first().unwrap_or(&self.file))?)
+    pub(crate) fn open_any_layer(&self, global: &Global) -> anyhow::Result<Dataset> {
+        let layers = self.layer.paths(&self.file, global)?;
+        self.through(open(layers.first().unwrap_or(&self.file), global.access())?)
     }
 
     /// Whether several layers are named, which pictures have as channels.
-    pub(crate) fn is_composite(&self) -> spinney::Result<bool> {
-        Ok(self.layer.is_given() && self.layer.paths(&self.file)?.len() > 1)
+    pub(crate) fn is_composite(&self, global: &Global) -> spinney::Result<bool> {
+        Ok(self.layer.is_given() && self.layer.paths(&self.file, global)?.len() > 1)
     }
 
     /// Opens what is meant as one tree, to be drawn: the only layer, or two to four that are named as its channels.
-    pub(crate) fn open_drawn(&self) -> anyhow::Result<Dataset> {
-        if !self.is_composite()? {
-            return self.open();
+    pub(crate) fn open_drawn(&self, global: &Global) -> anyhow::Result<Dataset> {
+        if !self.is_composite(global)? {
+            return self.open(global);
         }
-        let paths = self.layer.paths(&self.file)?;
-        let file = open(&paths[0])?;
+        let paths = self.layer.paths(&self.file, global)?;
+        let file = open(&paths[0], global.access())?;
         let layers = file.layers()?;
         let info = |path: &PathBuf| {
             let number = FileReference::of(path).layer_number(layers.iter().map(|layer| &*layer.name))?;
@@ -94,13 +95,13 @@ impl ViewedTree {
     }
 
     /// Opens all layers that are meant, each with or without steps.
-    pub(crate) fn open_all(&self) -> anyhow::Result<Vec<Dataset>> {
+    pub(crate) fn open_all(&self, global: &Global) -> anyhow::Result<Vec<Dataset>> {
         if self.is_calculated() {
-            return Ok(vec![self.open()?]);
+            return Ok(vec![self.open(global)?]);
         }
-        let paths = self.layer.paths(&self.file)?;
+        let paths = self.layer.paths(&self.file, global)?;
         // (The file is opened once, whatever the number of its layers.)
-        let first = open(&paths[0])?;
+        let first = open(&paths[0], global.access())?;
         let others = paths[1..].iter().map(|path| {
             let name = FileReference::of(path).layer.unwrap_or_default();
             self.through(first.layer(&name)?)

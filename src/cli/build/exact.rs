@@ -32,7 +32,7 @@ impl ExactImport {
         if solids.deviation.is_some() {
             bail!("--deviation is for the curved surfaces of primitives (.csg); models have planar faces");
         }
-        let models = spinney::import::mesh::open_all(inputs, common.memory.bytes)?;
+        let models = spinney::raw::import::mesh::open_all_with(inputs, common.memory.bytes, &common.access)?;
         let mut options = ExactOptions::new();
         options.snap = solids.snap;
         options.close = solids.close;

@@ -23,7 +23,7 @@ use spinney::import::volume::VolumeImport;
 use spinney::raw::csg::Csg;
 use spinney::raw::import::mesh;
 use spinney::raw::import::raster::{self, TargetGrid};
-use spinney::{Dataset, Progress};
+use spinney::{Dataset, FileAccess, Progress};
 
 use spinney::points::PointImport;
 use spinney::raw::ops::WarpGrid;
@@ -139,6 +139,9 @@ pub(super) struct Common {
     /// stands for its own cells, so that both can be combined. Pictures are warped, by way of a temporary file beside the output
     #[arg(long, value_name = "xyz|TREE")]
     grid: Option<Grid>,
+    /// How files are opened: that of the [program](Global::access).
+    #[arg(skip)]
+    pub(super) access: FileAccess,
 }
 
 impl Common {
@@ -361,7 +364,7 @@ impl Args {
             let import = features.plan(inputs, output, (common, pictures, solids))?;
             return Ok(Import::Features(Box::new(import)));
         }
-        let are_exact = solids.brep && inputs.iter().all(|input| mesh::is_model(input));
+        let are_exact = solids.brep && inputs.iter().all(|input| mesh::is_model(input, &common.access));
         if let Some(option) = features.given().filter(|option| !(are_exact && *option == "--where")) {
             bail!(
                 "{option} is for features (GeoJSON, FlatGeobuf, GeoPackage, shapefiles, CSV), {} has none",
@@ -382,13 +385,13 @@ impl Args {
             let import = reconstruction::views(inputs, output, (common, pictures, solids))?;
             return Ok(Import::Reconstruction(Box::new(import)));
         }
-        if let Some(tree) = inputs.iter().find(|input| file_is_tree(input)) {
+        if let Some(tree) = inputs.iter().find(|input| file_is_tree(input, &common.access)) {
             if solids.are_given() {
                 bail!("{}: is a tree of cells; the options for solids are for models", tree.display());
             }
             return Ok(Import::Tree(Box::new(TreeImport::plan(inputs, pictures, common)?)));
         }
-        if inputs.iter().any(|input| mesh::is_model(input)) {
+        if inputs.iter().any(|input| mesh::is_model(input, &common.access)) {
             if pictures.are_given() {
                 bail!("{NOT_OF_MODELS}");
             }
@@ -432,7 +435,7 @@ impl Args {
             Some(Grid::Like(_)) if pictures.max_zoom.is_some() => bail!("--max-zoom is for --grid xyz"),
             Some(Grid::Like(path)) => {
                 check_output([path.as_path()], output)?;
-                TargetGrid::Cells(Box::new(grid_of(&open(path)?, 2, path)?))
+                TargetGrid::Cells(Box::new(grid_of(&open(path, &common.access)?, 2, path)?))
             }
             None => match pictures.of_warping() {
                 Some(option) => bail!("{option} is for --grid"),
@@ -446,6 +449,7 @@ impl Args {
 pub(crate) fn run(mut args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     args.inputs = expand_lists(args.inputs)?;
+    args.common.access = global.access().clone();
     let import = args.plan()?;
     for (heading, text) in import.description() {
         global.report(heading, text);
@@ -457,7 +461,7 @@ pub(crate) fn run(mut args: Args, global: &Global) -> Result<()> {
         .map(|input| std::fs::metadata(input).map_or(Some(0), |file| file.is_file().then_some(file.len())));
     let input = sizes.sum();
     let work = Work::start(global, import.unit())?;
-    let output = args.common.limit.create_tree(&args.output)?;
+    let output = args.common.limit.create_tree(&args.output, global)?;
     let next = import.next();
     let lines = import.build(output, &args.solids, &work)?;
     work.finish();

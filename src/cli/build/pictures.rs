@@ -250,6 +250,7 @@ impl PictureArgs {
             self.clone();
         let Common { depth, crs, memory, share, time, .. } = common;
         let mut options = ImportOptions::new();
+        options.access = common.access.clone();
         (options.kind, options.rule, options.bands, options.nodata) = (kind, rule, band, nodata);
         (options.depth, options.crs, options.share, options.time) = (*depth, crs.clone(), *share, *time);
         options.layer = layer;
@@ -306,6 +307,7 @@ impl PictureArgs {
             );
         }
         let mut options = VolumeOptions::new();
+        options.access = common.access.clone();
         (options.kind, options.rule, options.nodata) = (*kind, *rule, *nodata);
         (options.depth, options.crs, options.share, options.time) = (*depth, crs.clone(), *share, *time);
         options.transform = match *transform {

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
+use spinney::FileAccess;
 use spinney::import::mesh::{Resolution, SolidImport, SolidOptions};
 use spinney::query::EdgeRule;
 use spinney::raw::brep::InsideRule;
@@ -203,7 +204,7 @@ impl SolidArgs {
 
     /// Opens models, and plans how they become one solid.
     pub(super) fn plan(&self, inputs: &[PathBuf], output: &Path, common: &Common) -> Result<SolidImport> {
-        let models = spinney::import::mesh::open_all(inputs, common.memory.bytes)?;
+        let models = spinney::raw::import::mesh::open_all_with(inputs, common.memory.bytes, &common.access)?;
         let unit = models.iter().find_map(|model| model.info().unit.clone());
         Ok(spinney::import::mesh::plan_models(models, &self.options(unit.as_deref(), output, common)?)?)
     }
@@ -224,7 +225,7 @@ impl SolidArgs {
         if let Some(option) = given.or(self.of_exact_models()) {
             bail!("{option} is not for shards, which make cells of closed models: `spinney build` has it");
         }
-        let models = spinney::import::mesh::open_all(&inputs, common.memory.bytes)?;
+        let models = spinney::raw::import::mesh::open_all_with(&inputs, common.memory.bytes, &common.access)?;
         let unit = models.iter().find_map(|model| model.info().unit.clone());
         let options = self.options(unit.as_deref(), job, common)?;
         Ok(JobSpec::Solid { inputs, options })
@@ -239,7 +240,7 @@ impl SolidArgs {
         };
         check_output(like, output)?;
         let mut options = SolidOptions::new();
-        options.resolution = self.resolution(*depth, like, unit)?;
+        options.resolution = self.resolution(*depth, (like, &common.access), unit)?;
         options.edge = self.edge.unwrap_or_default();
         options.attribute = self.attribute.as_deref().map(str::parse).transpose()?.unwrap_or_default();
         options.shell = self.shell;
@@ -256,7 +257,12 @@ impl SolidArgs {
     }
 
     /// The resolution that is asked for; `depth` is that of the tree, and `unit` the models' own unit.
-    fn resolution(&self, depth: Option<u8>, like: Option<&Path>, unit: Option<&str>) -> Result<Resolution> {
+    fn resolution(
+        &self,
+        depth: Option<u8>,
+        (like, access): (Option<&Path>, &FileAccess),
+        unit: Option<&str>,
+    ) -> Result<Resolution> {
         if let Some(Width(width, given)) = &self.cell {
             let Some(given) = given else { return Ok(Resolution::Cell(*width)) };
             let unit = self.unit.as_deref().or(unit);
@@ -265,7 +271,7 @@ impl SolidArgs {
             return Ok(Resolution::Cell(width * of(given)? / of(unit)?));
         }
         if let Some(path) = like {
-            let tree = open(path)?;
+            let tree = open(path, access)?;
             return Ok(Resolution::Like(grid_of(&tree, 3, path)?.frame, tree.depth()));
         }
         Ok(depth.map_or(Resolution::Cells(self.cells.unwrap_or(256)), Resolution::Depth))

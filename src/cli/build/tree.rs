@@ -22,7 +22,7 @@ pub(super) struct TreeImport {
 /// A job of a tree, which has to be the only input.
 pub(in super::super) fn spec(inputs: &[PathBuf], pictures: &PictureArgs, common: &Common) -> Result<JobSpec> {
     let input = only_tree(inputs, pictures, common)?;
-    let other = rebuild(input, open(input)?.header().form.axes(), pictures, common)?;
+    let other = rebuild(input, open(input, &common.access)?.header().form.axes(), pictures, common)?;
     Ok(JobSpec::Rebuild { input: input.into(), other, packing: common.packing.choice() })
 }
 
@@ -38,7 +38,7 @@ fn only_tree<'a>(inputs: &'a [PathBuf], pictures: &PictureArgs, common: &Common)
     if common.grid.is_some() || pictures.of_warping().is_some() {
         bail!("--grid: {name} is a tree; `spinney transform {name} grid=xyz -o OUT` or `like=TREE` warps it")
     }
-    only_layer(input)?;
+    only_layer(input, &common.access)?;
     Ok(input)
 }
 
@@ -61,7 +61,7 @@ impl TreeImport {
     pub(super) fn plan(inputs: &[PathBuf], pictures: &PictureArgs, common: &Common) -> Result<TreeImport> {
         let input = only_tree(inputs, pictures, common)?;
         let name = input.display();
-        let tree = open(input)?;
+        let tree = open(input, &common.access)?;
         let other = rebuild(input, tree.header().form.axes(), pictures, common)?;
         let mut options = tree.rebuild_options(&other, common.memory.bytes)?;
         (options.share, options.time) = (common.share, common.time);

@@ -28,7 +28,7 @@ pub(super) fn run(
     let work = Work::start(global, "cells")?;
     let summary = args
         .limit
-        .create(&args.output)
+        .create(&args.output, global)
         .and_then(|output| export_isosurfaces(tree, request, output, format, &work))
         .with_context(|| format!("cannot write {}", args.output.display()))?;
     work.finish();

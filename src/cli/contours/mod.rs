@@ -25,13 +25,13 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         (Some(step), _) => ContourLevels::Every { step, base: args.base },
         (None, levels) => ContourLevels::At(levels.clone().unwrap_or_default()),
     };
-    if exact::open(&args.tree.file)?.is_some() {
+    if exact::open(&args.tree.file, global)?.is_some() {
         exact::refuse(&args.tree.file, &[("contours", true)])?;
     }
-    if is_model(&args.tree.file) {
+    if is_model(&args.tree.file, global.access()) {
         return surface::run(args, &levels, global, start);
     }
-    let tree = args.tree.open()?;
+    let tree = args.tree.open(global)?;
     check_output([args.tree.file.as_path()], &args.output)?;
     let mut request = ContourRequest::new(levels);
     let level = level_of(&tree, args.level)?;
@@ -52,7 +52,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let work = Work::start(global, "cells")?;
     let summary = args
         .limit
-        .create(&args.output)
+        .create(&args.output, global)
         .and_then(|output| export_contours(&tree, &request, &features, output, format, &work))
         .with_context(|| format!("cannot write {}", args.output.display()))?;
     work.finish();

@@ -47,7 +47,7 @@ pub(super) fn run(args: &Args, levels: &ContourLevels, global: &Global, start: I
     (features.smooth, features.has_z) = (args.smooth, args.has_z);
     let (lines, points) = args
         .limit
-        .create(&args.output)
+        .create(&args.output, global)
         .and_then(|output| export_isolines(&tin, crs, levels, &features, output, format, &work))
         .with_context(|| format!("cannot write {}", args.output.display()))?;
     work.finish();

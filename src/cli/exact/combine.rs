@@ -29,11 +29,11 @@ pub(in crate::cli) fn combine(
             files[0].display()
         );
     };
-    let models = models(files)?;
+    let models = models(files, global)?;
     ensure!(!explain || models.len() == 2, "--explain is for two models, not for {}", models.len());
     ensure!(!explain || path != Path::new("-"), "--explain prints a table: name a file with --output");
     let work = Work::start(global, "faces")?;
-    let output = limit.create_tree(path)?;
+    let output = limit.create_tree(path, global)?;
     let models = models.iter().collect::<Vec<_>>();
     let report = spinney::brep::combine(operation, &models, output, codec, memory, &work)?;
     work.finish();
@@ -65,10 +65,10 @@ fn table(operation: SetOperation) -> Result<String> {
 }
 
 /// Opens files, all of which must be exact models.
-fn models(files: &[PathBuf]) -> Result<Vec<ExactModel>> {
+fn models(files: &[PathBuf], global: &Global) -> Result<Vec<ExactModel>> {
     let mut models = Vec::new();
     for file in files {
-        match open(file)? {
+        match open(file, global)? {
             Some(model) => models.push(model),
             // (What cannot be read is told as such.)
             None if !file.exists() => bail!("{}: no such file", file.display()),
@@ -96,6 +96,6 @@ fn tell(report: &CombineReport, files: &[PathBuf], global: &Global) {
 }
 
 /// Whether any of some files is an exact model.
-pub(in crate::cli) fn any_model(files: &[PathBuf]) -> bool {
-    files.iter().any(|file| spinney::raw::brep::is_model_file(Path::new(file)))
+pub(in crate::cli) fn any_model(files: &[PathBuf], global: &Global) -> bool {
+    files.iter().any(|file| spinney::raw::brep::is_model_file(Path::new(file), global.access()))
 }

@@ -4,12 +4,12 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
+use spinney::ExactModel;
 use spinney::brep::Faces;
 use spinney::export::{MeshFormat, export_exact};
 use spinney::import::feature::FeatureFilter;
 use spinney::raw::brep::{ChosenParts, Triangulated};
 use spinney::raw::store::Tag;
-use spinney::{ExactModel, Output};
 
 use super::super::Global;
 use super::super::args::check_output;
@@ -35,7 +35,7 @@ pub(crate) fn export(
     let cut = if triangles { Some(Triangulated::of(whole)?) } else { None };
     let faces: &dyn Faces = cut.as_ref().map_or(whole, |cut| cut);
     let work = Work::start(global, "faces")?;
-    let output = Output::create(path)?;
+    let output = global.access().create(path)?;
     let summary = export_exact(faces, format, output, &work)
         .with_context(|| format!("cannot write {}", path.display()))?;
     work.finish();

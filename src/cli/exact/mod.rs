@@ -18,7 +18,7 @@ use spinney::import::feature::FeatureFilter;
 use spinney::raw::brep::{BuildReport, ModelView, is_model_file};
 use spinney::raw::import::feature::choose_objects;
 use spinney::raw::store::Tag;
-use spinney::{ExactModel, OpenOptions, ViewStep};
+use spinney::{ExactModel, ViewStep};
 
 use super::Global;
 
@@ -32,16 +32,16 @@ pub(super) use stats::{each, stats};
 pub(super) use transform::{Moving, transform};
 
 /// The exact model in a file; `None` if it has anything else.
-pub(super) fn open(path: &Path) -> Result<Option<ExactModel>> {
-    if !is_model_file(path) {
+pub(super) fn open(path: &Path, global: &Global) -> Result<Option<ExactModel>> {
+    if !is_model_file(path, global.access()) {
         return Ok(None);
     }
-    Ok(Some(ExactModel::open(path, &OpenOptions::new())?))
+    Ok(Some(ExactModel::open(path, &global.access().into())?))
 }
 
 /// The exact model in a file as it is seen through steps; `None` if the file has anything else.
 pub(super) fn open_viewed(path: &Path, steps: &[ViewStep], global: &Global) -> Result<Option<ModelView>> {
-    let Some(model) = open(path)? else { return Ok(None) };
+    let Some(model) = open(path, global)? else { return Ok(None) };
     if steps.is_empty() {
         return Ok(Some(model.into()));
     }

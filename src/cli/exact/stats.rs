@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use anyhow::Result;
 use serde_json::json;
+use spinney::ExactModel;
 use spinney::brep::{Faces, MassProperties};
 use spinney::export::VectorFormat;
 use spinney::import::feature::FeatureFilter;
@@ -13,7 +14,6 @@ use spinney::raw::brep::ModelView;
 use spinney::raw::brep::topology::{Euler, Topology, TopologyOptions};
 use spinney::raw::export::vector::export_objects;
 use spinney::raw::store::Tag;
-use spinney::{ExactModel, Output};
 
 use super::super::Global;
 use super::super::args::{DEFAULT_MEMORY, check_output, vector_format};
@@ -60,7 +60,7 @@ pub(crate) fn each(
     };
     check_output([model.path()], path)?;
     let work = Work::start(global, "faces")?;
-    let count = export_objects(view, objects.as_ref(), Output::create(path)?, format, memory, &work)?;
+    let count = export_objects(view, objects.as_ref(), global.access().create(path)?, format, memory, &work)?;
     work.finish();
     global.report("objects", format_args!("{count} of {}", model.parts().len()));
     if path != Path::new("-") {

@@ -41,7 +41,7 @@ pub(in crate::cli) fn transform(
     let texts: Vec<String> = steps.iter().map(ViewStep::to_string).collect();
     options.note = (!texts.is_empty()).then(|| texts.join(", "));
     let work = Work::start(global, "faces")?;
-    let output = limit.create_tree(path)?;
+    let output = limit.create_tree(path, global)?;
     let report = spinney::brep::transform(model, &motion, &options, output, &work)?;
     work.finish();
     global.report("input", format_args!("{}: {} faces", model.path().display(), report.before));

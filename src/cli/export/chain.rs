@@ -7,7 +7,7 @@ use anyhow::{Context as _, Result, ensure};
 use spinney::import::feature::FeatureOptions;
 use spinney::raw::export::{ChainDirections, ChainWriter, export_chain_code};
 use spinney::raw::import::feature::{FeatureGeometry, open_features};
-use spinney::{CellLocator, Coordinates, Dataset, Output, Progress as _};
+use spinney::{CellLocator, Coordinates, Dataset, Progress as _};
 
 use super::super::args::{check_output, level_of};
 use super::super::features::check_features;
@@ -38,10 +38,10 @@ impl ChainOptions {
 /// Writes the chains.
 pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
-    if exact::open(&args.tree.file)?.is_some() {
+    if exact::open(&args.tree.file, global)?.is_some() {
         exact::refuse(&args.tree.file, &[("a chain code", true)])?;
     }
-    let tree = args.tree.open()?;
+    let tree = args.tree.open(global)?;
     let ChainOptions { directions, lines } = &args.chain;
     let inputs = [Some(&args.tree.file), lines.as_ref()];
     check_output(inputs.into_iter().flatten().map(PathBuf::as_path), args.output.path())?;
@@ -49,7 +49,7 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     if let Some(file) = lines {
         ensure!(args.polygons.given().is_none(), "--class and --connect are for regions, not for --lines");
         let writer = |work: &Work| -> Result<ChainWriter> {
-            let output = Output::create(args.output.path())?;
+            let output = global.access().create(args.output.path())?;
             let directions = directions.unwrap_or(ChainDirections::Eight);
             Ok(ChainWriter::create(output, &tree, level, directions, work)?)
         };
@@ -58,7 +58,7 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     } else {
         let request = args.polygons.request(level)?;
         let work = Work::start(global, "cells")?;
-        let output = Output::create(args.output.path())?;
+        let output = global.access().create(args.output.path())?;
         let directions = directions.unwrap_or(ChainDirections::Four);
         let summary = export_chain_code(&tree, &request, directions, output, &work)
             .with_context(|| format!("cannot write {}", args.output.path().display()))?;

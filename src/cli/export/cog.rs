@@ -4,8 +4,8 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use clap::ValueEnum;
+use spinney::Number;
 use spinney::export::{CogCompression, CogRequest, export_cog};
-use spinney::{Number, Output};
 
 use super::super::args::check_output;
 use super::super::report::{Work, report_output};
@@ -44,10 +44,10 @@ impl CogOptions {
 /// Writes the file.
 pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
-    if exact::open(&args.tree.file)?.is_some() {
+    if exact::open(&args.tree.file, global)?.is_some() {
         exact::refuse(&args.tree.file, &[(".tif", true)])?;
     }
-    let tree = args.tree.open_drawn()?;
+    let tree = args.tree.open_drawn(global)?;
     global.report_overviews(&tree);
     check_output([args.tree.file.as_path()], args.output.path())?;
     let mut request = CogRequest::new();
@@ -59,7 +59,7 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
         Some(Compression::None) => CogCompression::None,
     };
     let work = Work::start(global, "cells")?;
-    let output = Output::create(args.output.path())?;
+    let output = global.access().create(args.output.path())?;
     let summary = export_cog(&tree, &request, output, &work)
         .with_context(|| format!("cannot write {}", args.output.path().display()))?;
     work.finish();

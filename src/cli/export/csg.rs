@@ -4,8 +4,8 @@ use std::io::Write as _;
 use std::time::Instant;
 
 use anyhow::{Result, bail};
+use spinney::Metadata;
 use spinney::raw::store::Tag;
-use spinney::{Metadata, Output};
 
 use super::super::Global;
 use super::super::args::check_output;
@@ -24,7 +24,7 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
         let Some(text) = metadata.tag(Tag::Csg) else {
             bail!("{}: was not built of a text of primitives (.csg)", file.display());
         };
-        let mut output = Output::create(path)?;
+        let mut output = global.access().create(path)?;
         output.write_all(text.as_bytes()).map_err(spinney::Error::io(path, "write the text"))?;
         output.commit()?;
         // (Operations and edits leave tags as they are, and say what they did.)
@@ -41,7 +41,7 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     };
     match args.tree.open_model(global)? {
         Some(view) => write(view.as_model("the text")?.metadata())?,
-        None => write(args.tree.open()?.metadata())?,
+        None => write(args.tree.open(global)?.metadata())?,
     }
     report_output(global, path, start);
     Ok(())

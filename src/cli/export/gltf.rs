@@ -4,9 +4,9 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
+use spinney::Dataset;
 use spinney::export::{GltfOptions, MeshRequest, export_glb, export_tileset};
 use spinney::raw::io::OutputFolder;
-use spinney::{Dataset, Output};
 
 use super::super::args::check_output;
 use super::super::report::{Work, report_output};
@@ -37,11 +37,11 @@ impl GltfArgs {
 
 /// The tree, what is asked of it, and the work to show.
 fn start(args: &Args, what: &str, global: &Global) -> Result<(Dataset, MeshRequest, Work)> {
-    if exact::open(&args.tree.file)?.is_some() {
+    if exact::open(&args.tree.file, global)?.is_some() {
         exact::refuse(&args.tree.file, &[(what, true)])?;
     }
     ensure!(!args.mesh.triangles, "{what} has triangles anyway: leave out --triangles");
-    let tree = args.tree.open()?;
+    let tree = args.tree.open(global)?;
     check_output([args.tree.file.as_path()], args.output.path())?;
     let mut request = MeshRequest::new();
     (request.level, request.smooth) = (args.mesh.level, args.mesh.smooth);
@@ -79,7 +79,7 @@ pub(super) fn write_tileset(args: &Args, global: &Global) -> Result<()> {
 pub(super) fn write_glb(args: &Args, global: &Global) -> Result<()> {
     let begin = Instant::now();
     let (tree, request, work) = start(args, ".glb", global)?;
-    let output = Output::create(args.output.path())?;
+    let output = global.access().create(args.output.path())?;
     let triangles = export_glb(&tree, &request, &args.gltf.options(), output, &work)
         .with_context(|| format!("cannot write {}", args.output.path().display()))?;
     work.finish();

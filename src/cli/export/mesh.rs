@@ -3,7 +3,6 @@
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
-use spinney::Output;
 use spinney::export::{MeshFormat, MeshRequest, export_mesh};
 use spinney::import::feature::FeatureFilter;
 
@@ -62,12 +61,12 @@ pub(super) fn run(args: &Args, format: MeshFormat, global: &Global) -> Result<()
         );
     }
     ensure!(filter.is_none(), "--where is for exact models, which have objects");
-    let tree = args.tree.open()?;
+    let tree = args.tree.open(global)?;
     check_output([args.tree.file.as_path()], args.output.path())?;
     let mut request = MeshRequest::new();
     (request.level, request.smooth, request.triangles) = (level, smooth, triangles);
     let work = Work::start(global, "cells")?;
-    let output = Output::create(args.output.path())?;
+    let output = global.access().create(args.output.path())?;
     let summary = export_mesh(&tree, &request, output, format, &work)
         .with_context(|| format!("cannot write {}", args.output.path().display()))?;
     work.finish();

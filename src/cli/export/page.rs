@@ -38,7 +38,7 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     check_output([file.as_path()], path)?;
     // (So that what is damaged is told of here, and not by the page.)
     if args.tree.open_model(global)?.is_none() {
-        args.tree.open_any_layer()?;
+        args.tree.open_any_layer(global)?;
     }
     let place = FileReference::of(file);
     let layer = args.tree.layer_text().map(str::to_owned).or(place.layer);

@@ -3,10 +3,10 @@
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
+use spinney::Number;
 use spinney::export::export_polygons;
 use spinney::query::PolygonRequest;
 use spinney::raw::ops::Connectivity;
-use spinney::{Number, Output};
 
 use super::super::args::{check_output, level_of, vector_format};
 use super::super::report::{Work, report_output};
@@ -60,15 +60,15 @@ impl PolygonOptions {
 /// Writes the polygons.
 pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
-    if exact::open(&args.tree.file)?.is_some() {
+    if exact::open(&args.tree.file, global)?.is_some() {
         exact::refuse(&args.tree.file, &[("--polygons", true)])?;
     }
-    let tree = args.tree.open()?;
+    let tree = args.tree.open(global)?;
     check_output([args.tree.file.as_path()], args.output.path())?;
     let format = vector_format(None, args.output.path())?;
     let request = args.polygons.request(level_of(&tree, args.mesh.level)?)?;
     let work = Work::start(global, "cells")?;
-    let output = Output::create(args.output.path())?;
+    let output = global.access().create(args.output.path())?;
     let summary = export_polygons(&tree, &request, output, format, &work)
         .with_context(|| format!("cannot write {}", args.output.path().display()))?;
     work.finish();

@@ -126,7 +126,7 @@ fn degrees(args: &Args, tree: &Dataset) -> Result<Option<[f64; 4]>> {
 pub(super) fn run(args: &Args, target: &TileTarget, global: &Global) -> Result<()> {
     let start = Instant::now();
     let options = &args.archive;
-    let tree = args.tree.open_drawn()?;
+    let tree = args.tree.open_drawn(global)?;
     global.report_overviews(&tree);
     check_output([args.tree.file.as_path()], target.path())?;
     let mut request = TileRequest::new(&tree)?;
@@ -154,7 +154,9 @@ pub(super) fn run(args: &Args, target: &TileTarget, global: &Global) -> Result<(
     let update = match &options.update {
         None => None,
         Some(_) if args.tree.is_viewed() => bail!("--update: of a view, make the archive anew"),
-        Some(_) if args.tree.is_composite()? => bail!("--update: of several layers, make the archive anew"),
+        Some(_) if args.tree.is_composite(global)? => {
+            bail!("--update: of several layers, make the archive anew")
+        }
         Some(old) => {
             let mut how = UpdateOptions::default();
             (how.old, how.since, how.restyle) = (old.clone(), options.since.clone(), options.restyle);

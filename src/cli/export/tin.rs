@@ -3,7 +3,6 @@
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
-use spinney::Output;
 use spinney::export::MeshFormat;
 use spinney::raw::export::mesh::{SurfaceMesh, export_triangles};
 use spinney::raw::tin::{approximate, read_heights};
@@ -25,20 +24,22 @@ pub(super) struct TinOptions {
 /// Writes the surface.
 pub(super) fn run(args: &Args, most: f64, format: MeshFormat, global: &Global) -> Result<()> {
     let start = Instant::now();
-    if exact::open(&args.tree.file)?.is_some() {
+    if exact::open(&args.tree.file, global)?.is_some() {
         exact::refuse(&args.tree.file, &[("--tin", true)])?;
     }
     if let Some(option) = args.mesh.given().filter(|option| *option != "--level") {
         bail!("{option} is for solids; a surface of a raster has --tin and --level");
     }
-    let tree = args.tree.open()?;
+    let tree = args.tree.open(global)?;
     check_output([args.tree.file.as_path()], args.output.path())?;
     let level = level_of(&tree, args.mesh.level)?;
     global.report_approximate(&tree, level);
     let work = Work::start(global, "cells")?;
     let tin = approximate(&read_heights(&tree, level)?, most, &work)?;
     let mesh = SurfaceMesh { vertices: tin.vertices().collect(), triangles: tin.triangles().to_vec() };
-    let summary = Output::create(args.output.path())
+    let summary = global
+        .access()
+        .create(args.output.path())
         .and_then(|output| export_triangles(&mesh, tree.metadata(), output, format, &work))
         .with_context(|| format!("cannot write {}", args.output.path().display()))?;
     work.finish();

@@ -4,7 +4,6 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use spinney::Output;
 use spinney::lines::LineTree;
 use spinney::raw::lines::{export_lines, join_crossing_lines};
 
@@ -25,7 +24,7 @@ pub(crate) fn get(
     check_output([tree.path()].into_iter().chain(crossing), path)?;
     let window = super::window(part)?;
     let names = super::names(attributes);
-    let output = Output::create(path)?;
+    let output = global.access().create(path)?;
     let numbers = match (window, crossing) {
         (Some(window), _) => {
             let work = Work::start(global, "blocks")?;

@@ -9,10 +9,11 @@ mod stats;
 use std::path::Path;
 
 use anyhow::{Result, bail};
+use spinney::Coordinates;
 use spinney::lines::LineTree;
 use spinney::raw::lines::is_line_file;
-use spinney::{Coordinates, OpenOptions};
 
+use super::Global;
 use super::args::PartOptions;
 
 pub(super) use build::LineImport;
@@ -22,11 +23,11 @@ pub(super) use nearest::nearest;
 pub(super) use stats::{Join, join, stats};
 
 /// The tree of lines in a file; `None` if it has anything else.
-pub(super) fn open(path: &Path) -> Result<Option<LineTree>> {
-    if !is_line_file(path) {
+pub(super) fn open(path: &Path, global: &Global) -> Result<Option<LineTree>> {
+    if !is_line_file(path, global.access()) {
         return Ok(None);
     }
-    Ok(Some(LineTree::open(path, &OpenOptions::new())?))
+    Ok(Some(LineTree::open(path, &global.access().into())?))
 }
 
 /// Fails if options were given that mean nothing for trees of lines.

@@ -5,7 +5,6 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use serde_json::json;
-use spinney::Output;
 use spinney::lines::LineTree;
 use spinney::raw::lines::{join_crossing_lines, join_nearest_lines};
 
@@ -61,7 +60,7 @@ pub(crate) fn join(
         Some(path) => {
             check_output([tree.path(), input], path)?;
             let format = vector_format(None, path)?;
-            Some((Output::create(path)?, format))
+            Some((global.access().create(path)?, format))
         }
     };
     let failed = || format!("cannot join {}", input.display());

@@ -4,7 +4,6 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use spinney::Output;
 use spinney::points::{PointTree, Selection};
 use spinney::raw::points::{PointFormat, export_points, position};
 
@@ -34,7 +33,8 @@ pub(crate) fn get(
     });
     let chosen = chosen.transpose()?;
     let work = Work::start(global, "blocks")?;
-    let written = export_points(tree, selection, chosen.as_deref(), Output::create(path)?, format, &work)?;
+    let written =
+        export_points(tree, selection, chosen.as_deref(), global.access().create(path)?, format, &work)?;
     work.finish();
     global.report("points", format_args!("{written} of {}", tree.len()));
     report_output(global, path, start);

@@ -8,12 +8,13 @@ mod stats;
 use std::path::Path;
 
 use anyhow::{Result, bail};
+use spinney::Coordinates;
 use spinney::import::feature::{FeatureFilter, FeatureOptions};
 use spinney::points::{PointRegion, PointTree};
 use spinney::raw::import::feature::open_features;
 use spinney::raw::points::is_point_file;
-use spinney::{Coordinates, OpenOptions};
 
+use super::Global;
 use super::args::PartOptions;
 
 pub(super) use get::get;
@@ -22,11 +23,11 @@ pub(super) use nearest::nearest;
 pub(super) use stats::stats;
 
 /// The tree of points in a file; `None` if it has anything else.
-pub(super) fn open(path: &Path) -> Result<Option<PointTree>> {
-    if !is_point_file(path) {
+pub(super) fn open(path: &Path, global: &Global) -> Result<Option<PointTree>> {
+    if !is_point_file(path, global.access()) {
         return Ok(None);
     }
-    Ok(Some(PointTree::open(path, &OpenOptions::new())?))
+    Ok(Some(PointTree::open(path, &global.access().into())?))
 }
 
 /// Fails if options were given that mean nothing for trees of points.

@@ -3,8 +3,6 @@
 use std::path::Path;
 use std::time::Instant;
 
-use spinney::raw::io::FileStat;
-
 use super::super::Global;
 use super::quantity;
 
@@ -16,7 +14,8 @@ pub(crate) fn report_output(global: &Global, path: &Path, start: Instant) {
 /// Does the same, and compares the file's size with that of the input's files.
 pub(crate) fn report_built(global: &Global, path: &Path, start: Instant, input: Option<u64>) {
     let time = format!("{:.1} s", start.elapsed().as_secs_f64());
-    let there = if path == Path::new("-") { None } else { FileStat::of(path).ok().flatten() };
+    let stat = || global.access().stat(&[path]).ok()?.pop()?.ok()?;
+    let there = if path == Path::new("-") { None } else { stat() };
     let Some(file) = there else {
         return global.report("output", format_args!("standard output, in {time}"));
     };

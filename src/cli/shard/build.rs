@@ -27,7 +27,7 @@ pub(super) struct Args {
 
 pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
-    let job = Job::open(&args.job)?;
+    let job = Job::open_with(&args.job, global.access())?;
     let work = Work::start(global, "cells")?;
     let built = job.build(args.number, args.memory.bytes, &work)?;
     work.finish();

@@ -41,9 +41,9 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
             args.output.display()
         )
     }
-    let job = Job::open(&args.job)?;
+    let job = Job::open_with(&args.job, global.access())?;
     let work = Work::start(global, "bytes")?;
-    let output = MergeOutput::create(&args.output, args.limit.bytes(), args.remove_shards)?;
+    let output = MergeOutput::create(&args.output, args.limit.bytes(), args.remove_shards, global.access())?;
     job.merge(output, args.memory.bytes, &work)?;
     work.finish();
     let bytes = job.input_bytes();

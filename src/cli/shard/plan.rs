@@ -83,8 +83,9 @@ fn other_kind(input: &Path) -> Option<&'static str> {
     kinds.into_iter().find(|(_, is_one)| *is_one).map(|(kind, _)| kind)
 }
 
-pub(super) fn run(args: Args, global: &Global) -> Result<()> {
+pub(super) fn run(mut args: Args, global: &Global) -> Result<()> {
     let inputs = expand_lists(args.inputs)?;
+    args.common.access = global.access().clone();
     let (job, common, pictures, solids) = (&args.job, &args.common, &args.pictures, &args.solids);
     if let Some(option) = common.not_of_shards() {
         bail!("{option} is not for shards: `spinney build` has it")
@@ -101,7 +102,7 @@ pub(super) fn run(args: Args, global: &Global) -> Result<()> {
     if args.filter.is_some() {
         bail!("{}: has no points; --where is for LAS and LAZ files", inputs[0].display())
     }
-    if inputs.iter().any(|input| mesh::is_model(input)) {
+    if inputs.iter().any(|input| mesh::is_model(input, global.access())) {
         return job.plan(&solids.job(inputs, &job.output, pictures, common)?, global);
     }
     if solids.are_given() {
@@ -110,7 +111,7 @@ pub(super) fn run(args: Args, global: &Global) -> Result<()> {
             inputs[0].display()
         )
     }
-    if inputs.iter().any(|input| file_is_tree(input)) {
+    if inputs.iter().any(|input| file_is_tree(input, global.access())) {
         return job.plan(&tree_spec(&inputs, pictures, common)?, global);
     }
     if let Some(input) = pictures.volume_input(&inputs)? {
@@ -130,12 +131,12 @@ pub(super) fn run(args: Args, global: &Global) -> Result<()> {
 
 pub(super) fn transform(args: &TransformArgs, global: &Global) -> Result<()> {
     let TransformArgs { chain, job, packing } = args;
-    let (chain, packing) = (chain.chain()?, packing.choice());
+    let (chain, packing) = (chain.chain(global)?, packing.choice());
     let name = chain.path.display();
-    if points::open(&chain.path)?.is_some() {
+    if points::open(&chain.path, global)?.is_some() {
         bail!("{name}: is a tree of points, which is not transformed in shards")
     }
-    if exact::open(&chain.path)?.is_some() {
+    if exact::open(&chain.path, global)?.is_some() {
         bail!("{name}: is an exact model, which is not transformed in shards")
     }
     job.plan(&JobSpec::Transform { chain, packing }, global)
@@ -143,7 +144,7 @@ pub(super) fn transform(args: &TransformArgs, global: &Global) -> Result<()> {
 
 pub(super) fn combine(args: &CombineArgs, global: &Global) -> Result<()> {
     let CombineArgs { merging, job, packing } = args;
-    job.plan(&merging.spec(packing.choice())?, global)
+    job.plan(&merging.spec(packing.choice(), global)?, global)
 }
 
 impl JobArgs {
@@ -159,7 +160,7 @@ impl JobArgs {
         }
         check_output(spec.inputs().iter().map(PathBuf::as_path), folder)?;
         let work = Work::start(global, "files")?;
-        let planned = plan(spec, folder, self.shards, &work)?;
+        let planned = plan(spec, folder, self.shards, global.access(), &work)?;
         work.finish();
         for (heading, text) in &planned.description {
             global.report(heading, text);

@@ -44,7 +44,7 @@ const MAX_TEXT: usize = 1 << 20;
 pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let options = &args.label_options;
-    let tree = args.tree.open()?;
+    let tree = args.tree.open(global)?;
     let is_json = match &options.output {
         _ if args.json => true,
         Some(path) => match path.extension().and_then(|extension| extension.to_str()) {
@@ -55,7 +55,7 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
         },
         None => false,
     };
-    let classes = options.classes.as_deref().map(|path| classes_of(path, &tree)).transpose()?;
+    let classes = options.classes.as_deref().map(|path| classes_of(path, &tree, global)).transpose()?;
     if let Some(path) = &options.output {
         check_output([&args.tree.file].into_iter().chain(&options.classes).map(PathBuf::as_path), path)?;
     }
@@ -63,7 +63,7 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     request.connect = options.connect;
     request.memory = args.zone_options.memory.bytes;
     let work = Work::start(global, "cells")?;
-    let output = options.output.as_deref().map(Output::create).transpose()?;
+    let output = options.output.as_deref().map(|path| global.access().create(path)).transpose()?;
     // (Temporary files go where the table goes.)
     request.folder = options.output.as_deref().and_then(Path::parent).map(|folder| match folder {
         none if none == Path::new("") => ".".into(),
@@ -94,8 +94,8 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
 }
 
 /// Opens the tree that tells classes.
-fn classes_of(path: &Path, labels: &Dataset) -> Result<Dataset> {
-    let classes = open(path)?;
+fn classes_of(path: &Path, labels: &Dataset, global: &Global) -> Result<Dataset> {
+    let classes = open(path, global.access())?;
     let [own, other] = [labels, &classes].map(|tree| (tree.header().extent, tree.depth()));
     ensure!(
         Dataset::same_cells(&[labels, &classes]) == [0, 0],

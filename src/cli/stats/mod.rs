@@ -136,7 +136,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         exact::stats(&view, args.json, global)?;
         return Ok(view.file().check_unchanged()?);
     }
-    if let Some(tree) = lines::open(&args.tree.file)? {
+    if let Some(tree) = lines::open(&args.tree.file, global)? {
         let given = [
             ("--each", args.each),
             ("--zones", args.zones.is_some()),
@@ -161,7 +161,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         args.nearest.is_none() && args.crossing.is_none(),
         "--nearest and --crossing are for trees of lines"
     );
-    if let Some(tree) = points::open(&args.tree.file)? {
+    if let Some(tree) = points::open(&args.tree.file, global)? {
         let given = [
             ("--each", args.each),
             ("--zones", args.zones.is_some()),
@@ -176,7 +176,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     if args.label_options.labels {
         return labels::run(args, global);
     }
-    let trees = args.tree.open_all()?;
+    let trees = args.tree.open_all(global)?;
     if args.zones.is_some() {
         return zones_of(args, &trees, global);
     }

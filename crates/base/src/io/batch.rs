@@ -13,7 +13,7 @@ use std::collections::{BTreeMap, HashSet};
 use std::fmt;
 use std::ops::Range;
 use std::panic::resume_unwind;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::ranges::RangeFile;
@@ -26,7 +26,7 @@ const MAX_BATCHES: usize = 256;
 /// Share of the cache that the ranges of a batch may take: while they arrive they are in memory twice.
 const BATCH_SHARE: u64 = 4;
 
-/// Whether there may be files that come in ranges.
+/// Whether there may be files that come in ranges. (A shortcut, and no setting: queries of a process that has only local files need no batches.)
 static IS_NEEDED: AtomicBool = AtomicBool::new(false);
 
 /// Ranges that a pass of a query has missed, in all threads that work on it: the [context](parallel::context) of their work.
@@ -42,7 +42,7 @@ pub struct MissingRange {
     pub range: Range<u64>,
 }
 
-/// Requests for ranges of files, of this process so far.
+/// Requests for remote files.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Traffic {
     /// Batches that were waited for.
@@ -57,24 +57,6 @@ impl fmt::Display for Traffic {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Traffic { rounds, requests, bytes } = self;
         write!(f, "{rounds} rounds, {requests} requests, {bytes} bytes")
-    }
-}
-
-static ROUNDS: AtomicU64 = AtomicU64::new(0);
-static REQUESTS: AtomicU64 = AtomicU64::new(0);
-static BYTES: AtomicU64 = AtomicU64::new(0);
-
-/// Requests for ranges of files, of this process so far.
-pub fn traffic() -> Traffic {
-    let [rounds, requests, bytes] =
-        [&ROUNDS, &REQUESTS, &BYTES].map(|counter| counter.load(Ordering::Relaxed));
-    Traffic { rounds, requests, bytes }
-}
-
-/// Counts a batch of so many requests and bytes.
-pub fn count_traffic(requests: u64, bytes: u64) {
-    for (counter, count) in [(&ROUNDS, 1), (&REQUESTS, requests), (&BYTES, bytes)] {
-        counter.fetch_add(count, Ordering::Relaxed);
     }
 }
 

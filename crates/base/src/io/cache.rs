@@ -4,8 +4,9 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::ops::{Deref, Range};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use super::batch::Traffic;
 use super::read::{FileBytes, ReadBackend, Stamp};
 use crate::Result;
 
@@ -16,13 +17,9 @@ pub struct RangeCache {
     /// Bytes that may be held.
     limit: AtomicU64,
     state: Mutex<State>,
+    /// Batches, requests and bytes that were fetched for it.
+    traffic: [AtomicU64; 3],
 }
-
-/// Bytes that the cache of all files elsewhere may hold, if nobody says otherwise.
-const SHARED: u64 = 32 << 20;
-
-/// Bytes that the cache of what was unpacked may hold, if nobody says otherwise.
-const UNPACKED: u64 = 64 << 20;
 
 /// Number of a file in a cache, and the first byte of a range.
 type Place = (u64, u64);
@@ -48,19 +45,7 @@ struct Cached {
 impl RangeCache {
     /// Holds at most so many bytes, but always the range that was put last.
     pub fn new(limit: u64) -> RangeCache {
-        RangeCache { limit: limit.into(), state: Mutex::default() }
-    }
-
-    /// The cache of all files elsewhere that this process reads, in whatever way.
-    pub fn shared() -> Arc<RangeCache> {
-        static CACHE: LazyLock<Arc<RangeCache>> = LazyLock::new(|| Arc::new(RangeCache::new(SHARED)));
-        CACHE.clone()
-    }
-
-    /// The cache of what was unpacked of all files that this process reads.
-    pub fn unpacked() -> &'static RangeCache {
-        static CACHE: LazyLock<RangeCache> = LazyLock::new(|| RangeCache::new(UNPACKED));
-        &CACHE
+        RangeCache { limit: limit.into(), state: Mutex::default(), traffic: Default::default() }
     }
 
     /// Bytes that may be held.
@@ -77,6 +62,19 @@ impl RangeCache {
     pub fn file_number() -> u64 {
         static NEXT: AtomicU64 = AtomicU64::new(0);
         NEXT.fetch_add(1, Ordering::Relaxed)
+    }
+
+    /// Requests for files whose ranges it holds, so far.
+    pub fn traffic(&self) -> Traffic {
+        let [rounds, requests, bytes] = self.traffic.each_ref().map(|count| count.load(Ordering::Relaxed));
+        Traffic { rounds, requests, bytes }
+    }
+
+    /// Counts a batch of so many requests and bytes.
+    pub fn count_traffic(&self, requests: u64, bytes: u64) {
+        for (counter, count) in self.traffic.iter().zip([1, requests, bytes]) {
+            counter.fetch_add(count, Ordering::Relaxed);
+        }
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -204,7 +202,7 @@ struct CachedReads {
 const ONLY: u64 = 0;
 
 /// Gives a cache of so many bytes to a backend, unless its bytes are mapped, or it has one.
-pub fn with_cache(backend: Box<dyn ReadBackend>, limit: u64) -> Box<dyn ReadBackend> {
+pub(super) fn with_cache(backend: Box<dyn ReadBackend>, limit: u64) -> Box<dyn ReadBackend> {
     if backend.bytes().is_some() || backend.has_cache() {
         return backend;
     }

@@ -5,10 +5,9 @@ use std::io::{self, Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use super::open::remote_files;
 use super::platform::read_exact_at;
 use super::read::{ReadBackend, open_input};
-use crate::url::{local_path, split_query, url_of, without_query};
+use crate::url::{split_query, url_of, without_query};
 use crate::{Error, Result};
 
 /// A file of this machine or elsewhere that is read from its beginning on, from another place on, or at places by several threads.
@@ -27,58 +26,28 @@ enum Bytes {
 }
 
 impl InputFile {
-    /// Opens a file.
-    ///
-    /// # Errors
-    /// If it is not there, may not be read, or is a pipe or a device.
-    pub fn open(path: &Path) -> Result<InputFile> {
-        if let Some(url) = url_of(path) {
-            let file = remote_files(path)?.open(url, &[])?;
-            return Ok(InputFile { length: file.len(), bytes: Bytes::Elsewhere(file), at: 0 });
-        }
-        let path = &*local_path(path);
+    /// Opens a local file.
+    pub(super) fn local(path: &Path) -> Result<InputFile> {
         let file = open_input(path)?;
         let length = file.metadata().map_err(Error::io(path, "read the size of"))?.len();
         Ok(InputFile { bytes: Bytes::Here(file), length, at: 0 })
     }
 
-    /// Opens a file, if it is there.
-    ///
-    /// # Errors
-    /// Those of [`InputFile::open`].
-    pub fn find(path: &Path) -> Result<Option<InputFile>> {
-        match InputFile::open(path) {
-            Err(Error::Io { cause, .. }) if cause.kind() == io::ErrorKind::NotFound => Ok(None),
-            found => found.map(Some),
-        }
+    /// Reads a remote file.
+    pub(super) fn remote(file: Box<dyn ReadBackend>) -> InputFile {
+        InputFile { length: file.len(), bytes: Bytes::Elsewhere(file), at: 0 }
     }
 
-    /// Opens a file that may stand beside another one, which could be read, if it is there. Elsewhere one that nobody may read is one that is
-    /// not there: stores tell that of it to those who may not list what there is.
-    ///
-    /// # Errors
-    /// Those of [`InputFile::open`].
-    pub fn find_beside(path: &Path) -> Result<Option<InputFile>> {
-        match InputFile::find(path) {
-            Err(error) if is_access_denied(path, &error) => Ok(None),
-            found => found,
-        }
-    }
-
-    /// All bytes of a file of at most so many; `None` if it is not there.
-    ///
-    /// # Errors
-    /// Those of [`InputFile::open`]; also if it has more.
-    pub fn read_whole(path: &Path, most: u64) -> Result<Option<Vec<u8>>> {
-        let Some(mut file) = InputFile::find(path)? else { return Ok(None) };
+    /// Reads all bytes, of which there may be so many; the path is for messages.
+    pub(super) fn into_bytes(mut self, path: &Path, limit: u64) -> Result<Vec<u8>> {
         let mut bytes = Vec::new();
         // (Others may be writing it.)
-        let read = file.by_ref().take(most.saturating_add(1)).read_to_end(&mut bytes);
+        let read = self.by_ref().take(limit.saturating_add(1)).read_to_end(&mut bytes);
         read.map_err(Error::io(path, "read"))?;
-        if bytes.len() as u64 > most {
-            return Err(Error::corrupt(path, "length", format!("more than {most} bytes"), "fewer"));
+        if bytes.len() as u64 > limit {
+            return Err(Error::corrupt(path, "length", format!("more than {limit} bytes"), "fewer"));
         }
-        Ok(Some(bytes))
+        Ok(bytes)
     }
 
     /// Number of bytes.
@@ -167,12 +136,7 @@ pub fn beside(path: &Path, name: impl FnOnce(&Path) -> PathBuf) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// A file elsewhere of some bytes.
-    fn elsewhere(bytes: &[u8]) -> InputFile {
-        let length = bytes.len() as u64;
-        InputFile { bytes: Bytes::Elsewhere(Box::new(bytes.to_vec())), length, at: 0 }
-    }
+    use crate::io::FileAccess;
 
     #[test]
     fn files_here_and_elsewhere_are_read_alike() {
@@ -180,7 +144,8 @@ mod tests {
         let path = folder.path().join("x");
         let bytes: Vec<u8> = (0..200).collect();
         std::fs::write(&path, &bytes).unwrap();
-        for mut file in [InputFile::open(&path).unwrap(), elsewhere(&bytes)] {
+        let access = FileAccess::new();
+        for mut file in [access.input(&path).unwrap(), InputFile::remote(Box::new(bytes.clone()))] {
             assert_eq!(file.len(), 200);
             let mut some = [0; 7];
             file.read_exact(&mut some).unwrap();
@@ -198,10 +163,10 @@ mod tests {
             assert!(file.seek(SeekFrom::Current(-301)).is_err());
             assert!(file.prefetch(&[0..20, 100..200]).is_ok());
         }
-        assert_eq!(InputFile::read_whole(&path, 200).unwrap(), Some(bytes));
-        assert!(InputFile::read_whole(&path, 199).is_err());
-        assert_eq!(InputFile::read_whole(&folder.path().join("y"), 9).unwrap(), None);
-        assert!(InputFile::find_beside(&folder.path().join("y")).unwrap().is_none());
+        assert_eq!(access.read_whole(&path, 200).unwrap(), Some(bytes));
+        assert!(access.read_whole(&path, 199).is_err());
+        assert_eq!(access.read_whole(&folder.path().join("y"), 9).unwrap(), None);
+        assert!(access.find_companion(&folder.path().join("y")).unwrap().is_none());
     }
 
     #[test]

@@ -4,6 +4,7 @@ use std::fs::{File, TryLockError};
 use std::io::{self, Read};
 use std::path::Path;
 
+use super::access::FileAccess;
 use super::file_id::FileId;
 use super::platform::path_of;
 use super::read::ReadBackend;
@@ -100,6 +101,10 @@ impl WriteBackend for LockedFile {
 
     fn reader(&self) -> Result<Box<dyn ReadBackend>> {
         self.0.reader()
+    }
+
+    fn access(&self) -> FileAccess {
+        self.0.access()
     }
 
     fn id(&self) -> FileId {

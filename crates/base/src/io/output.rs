@@ -5,11 +5,12 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
+use super::access::FileAccess;
 use super::faults::{Faults, MayFail};
 use super::file_id::FileId;
-use super::open::{RemoteWriter, remote_files};
 use super::platform::{free_space, set_output_permissions};
 use super::regular::open_regular;
+use super::remote::RemoteWriter;
 use super::write::{FileBackend, check_limit};
 use crate::url::{local_path, url_of};
 use crate::{Error, Result};
@@ -26,6 +27,7 @@ pub struct Output {
     /// Bytes written to the end so far, and how many there may be.
     written: u64,
     most: u64,
+    access: FileAccess,
 }
 
 enum Sink {
@@ -66,12 +68,21 @@ impl Write for TemporaryFile {
 const BUFFER: usize = 1 << 16;
 
 impl Output {
-    /// Starts a file at `path`; `-` is standard output. Devices and named pipes are written to as they are. A file elsewhere, which is
-    /// given by its URL, is written to the system's folder for temporary files first, and uploaded when it is whole.
+    /// Starts a local file at `path`; `-` is standard output. Devices and named pipes are written to as they are.
+    /// [`FileAccess::create`] also creates remote files.
     ///
     /// # Errors
     /// If `path` is a folder, or no file can be made in its folder.
     pub fn create(path: &Path) -> Result<Output> {
+        FileAccess::default().create(path)
+    }
+
+    fn new(path: &Path, sink: Sink, access: &FileAccess) -> Output {
+        Output { path: path.to_path_buf(), sink, written: 0, most: u64::MAX, access: access.clone() }
+    }
+
+    /// Starts a file at `path`, local or remote.
+    pub(super) fn open(path: &Path, access: &FileAccess) -> Result<Output> {
         let path = &*local_path(path);
         let sink = if path == Path::new("-") {
             Sink::Stream(BufWriter::with_capacity(BUFFER, Box::new(io::stdout())))
@@ -85,7 +96,7 @@ impl Output {
             let is_remote = url_of(path).is_some();
             let target = if is_remote {
                 // (Known to be reached before anything is made.)
-                remote_files(path)?;
+                access.client(path)?;
                 folder(path).join("spinney-upload")
             } else {
                 follow_links(path).map_err(Error::io(path, "follow the symbolic link"))?
@@ -100,18 +111,23 @@ impl Output {
                 create_new: false,
             }
         };
-        Ok(Output { path: path.to_path_buf(), sink, written: 0, most: u64::MAX })
+        Ok(Output::new(path, sink, access))
     }
 
-    /// Does the same for one who goes from the beginning to the end, and never back: a file elsewhere goes there while it is written, in parts,
-    /// and takes no room on this machine.
-    ///
-    /// # Errors
-    /// Those of [`Output::create`].
-    pub fn append_only(path: &Path) -> Result<Output> {
-        let Some(url) = url_of(path) else { return Output::create(path) };
-        let sink = Sink::Elsewhere { file: remote_files(path)?.write(url)?, create_new: false };
-        Ok(Output { path: path.to_path_buf(), sink, written: 0, most: u64::MAX })
+    /// Writes to a remote file while it is uploaded.
+    pub(super) fn remote(path: &Path, file: Box<dyn RemoteWriter>, access: &FileAccess) -> Output {
+        Output::new(path, Sink::Elsewhere { file, create_new: false }, access)
+    }
+
+    /// Sets how files that accompany the output are created, and how those that an operation makes it of are opened.
+    #[must_use]
+    pub fn with_access(self, access: &FileAccess) -> Output {
+        Output { access: access.clone(), ..self }
+    }
+
+    /// How the output, and files that accompany it, are created; operations that make it of files open these with it, too.
+    pub fn access(&self) -> &FileAccess {
+        &self.access
     }
 
     /// Says how many bytes there will be, about, where that is known before the first one: parts of a file elsewhere are as large as they have to
@@ -125,7 +141,7 @@ impl Output {
     /// Output to whatever takes bytes, such as memory; the name is for messages, and for formats that are told by it.
     pub fn to_writer(name: &Path, writer: Box<dyn Write + Send>) -> Output {
         let sink = Sink::Stream(BufWriter::with_capacity(BUFFER, writer));
-        Output { path: name.to_path_buf(), sink, written: 0, most: u64::MAX }
+        Output::new(name, sink, &FileAccess::default())
     }
 
     /// Starts a file at `path`, or goes on with one that was not finished: what is written stays as `path` with `.partial`
@@ -166,7 +182,7 @@ impl Output {
             is_remote: false,
             create_new: false,
         };
-        Ok((Output { path: path.to_path_buf(), sink, written: there, most: u64::MAX }, there))
+        Ok((Output { written: there, ..Output::new(path, sink, &FileAccess::default()) }, there))
     }
 
     /// The file as it is before it is in its place.
@@ -261,7 +277,11 @@ impl Output {
         let Sink::File { file, .. } = &self.sink else { return None };
         let TemporaryFile { file, faults } = file.get_ref();
         let copy = file.as_file().try_clone();
-        Some(copy.map(|copy| FileBackend::of_output(copy, &self.path, faults.clone(), self.most)))
+        Some(
+            copy.map(|copy| {
+                FileBackend::of_output(copy, &self.path, (faults.clone(), self.most), &self.access)
+            }),
+        )
     }
 
     /// Makes [`Output::commit`] fail if by then there is a file of that name, instead of replacing it.
@@ -296,12 +316,15 @@ impl Output {
                 let file = file.into_inner().map_err(|e| Error::io(&path, "write")(e.into_error()))?;
                 let TemporaryFile { file, faults } = file;
                 if is_remote {
-                    let mut far = remote_files(&path)?.write(url_of(&path).unwrap_or_default())?;
+                    let mut far = self.access.append_only(&path)?;
                     let failed = || Error::io(file.path(), "upload");
                     let mut whole = File::open(file.path()).map_err(failed())?;
                     far.expect(whole.metadata().map_err(failed())?.len());
                     io::copy(&mut whole, &mut far).map_err(failed())?;
-                    return far.commit(create_new);
+                    if create_new {
+                        far.keep_existing();
+                    }
+                    return far.commit();
                 }
                 set_output_permissions(file.as_file(), &path)
                     .map_err(Error::io(&path, "set the permissions"))?;

@@ -103,6 +103,11 @@ impl RangeFile {
         self.0.number
     }
 
+    /// Whether its ranges go to a cache.
+    pub fn uses(&self, cache: &Arc<RangeCache>) -> bool {
+        Arc::ptr_eq(&self.0.cache, cache)
+    }
+
     /// The path for messages.
     pub fn path(&self) -> &Path {
         &self.0.path
@@ -182,7 +187,7 @@ impl RangeFile {
             let (found, expected) = (format!("{} parts", came.len()), format!("{}", wanted.len()));
             return Err(Error::corrupt(self.path(), "answer of the host", found, expected));
         }
-        batch::count_traffic(wanted.len() as u64, came.iter().map(|bytes| bytes.len() as u64).sum());
+        self.0.cache.count_traffic(wanted.len() as u64, came.iter().map(|bytes| bytes.len() as u64).sum());
         let mut found = Vec::with_capacity(ranges.len());
         for ((whole, count), bytes) in joined.into_iter().zip(came) {
             let length = whole.end - whole.start;

@@ -5,7 +5,6 @@ use std::fs::File;
 use std::ops::{Deref, Range};
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::SystemTime;
 
 use super::cache::CachedBytes;
@@ -81,20 +80,6 @@ impl Stamp {
             .and_then(|metadata| Ok(Stamp { length: metadata.len(), modified: metadata.modified()? }));
         stamp.map(Some).map_err(Error::io(path, "look at the file"))
     }
-}
-
-/// Whether files are read by positioned reads where nobody says how.
-static POSITIONED: AtomicBool = AtomicBool::new(false);
-
-/// Makes positioned reads the default of this process, instead of mapping files: for programs whose files are on
-/// network folders, or may be cut short by others.
-pub fn prefer_positioned_reads() {
-    POSITIONED.store(true, Ordering::Relaxed);
-}
-
-/// Whether files are read by positioned reads where nobody says how.
-pub fn positioned_reads_are_preferred() -> bool {
-    POSITIONED.load(Ordering::Relaxed)
 }
 
 impl ReadBackend for Vec<u8> {

@@ -1,9 +1,9 @@
-//! Packed bytes as plain ones, in a cache that all open files of the process share.
+//! Unpacked bytes of packed segments, in the cache of the access that opened the file.
 
 use std::cell::RefCell;
 use std::sync::{Arc, Weak};
 
-use super::{CachedBytes, RangeCache};
+use super::{CachedBytes, FileAccess, RangeCache};
 
 /// The pieces of an open file that were unpacked lately, by their numbers.
 pub struct Unpacked {
@@ -11,6 +11,7 @@ pub struct Unpacked {
     number: u64,
     /// Bits of the bytes of a piece: places in the cache are as far apart as it can be long.
     bits: u32,
+    cache: Arc<RangeCache>,
 }
 
 /// Ways past the cache that a thread knows: 8 KiB of its memory.
@@ -30,9 +31,9 @@ thread_local! {
 }
 
 impl Unpacked {
-    /// None yet, of pieces that become fewer than two to the power of `bits` bytes; their numbers have no more than the other bits of 64.
-    pub fn new(bits: u32) -> Unpacked {
-        Unpacked { number: RangeCache::file_number(), bits }
+    /// No pieces yet, which are held by the cache of an access. Each has fewer than two to the power of `bits` bytes unpacked, and a number of no more than the other bits of 64.
+    pub fn new(access: &FileAccess, bits: u32) -> Unpacked {
+        Unpacked { number: RangeCache::file_number(), bits, cache: access.unpacked().clone() }
     }
 
     /// The bytes of a piece, if they are held.
@@ -46,7 +47,7 @@ impl Unpacked {
         }
         // (Nothing of it, which leads to all of it.)
         let first = index << self.bits;
-        let held = RangeCache::unpacked().get(self.number, &(first..first))?;
+        let held = self.cache.get(self.number, &(first..first))?;
         self.remember(index, held.whole());
         Some(held.whole().clone().into())
     }
@@ -54,7 +55,7 @@ impl Unpacked {
     /// Holds the bytes of a piece.
     pub fn put(&self, index: u64, bytes: Arc<Vec<u8>>) -> CachedBytes {
         self.remember(index, &bytes);
-        RangeCache::unpacked().put(self.number, index << self.bits, bytes.clone());
+        self.cache.put(self.number, index << self.bits, bytes.clone());
         bytes.into()
     }
 
@@ -71,6 +72,6 @@ impl Unpacked {
 
 impl Drop for Unpacked {
     fn drop(&mut self) {
-        RangeCache::unpacked().forget(self.number);
+        self.cache.forget(self.number);
     }
 }

@@ -4,9 +4,10 @@ use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use super::access::FileAccess;
 use super::faults::MayFail;
 use super::file_id::FileId;
-use super::read::{Mapped, Positioned, ReadBackend, positioned_reads_are_preferred};
+use super::read::{Mapped, Positioned, ReadBackend};
 use crate::{Error, Result};
 
 /// Storage that is written at any offset and made durable: a file, or a stand-in of tests.
@@ -34,6 +35,11 @@ pub trait WriteBackend: Send {
     /// The identity of the file.
     fn id(&self) -> FileId;
 
+    /// How the file is read.
+    fn access(&self) -> FileAccess {
+        FileAccess::default()
+    }
+
     /// Makes sure that readers find what was written: that the file is still at its path.
     ///
     /// # Errors
@@ -52,17 +58,24 @@ pub struct FileBackend {
     faults: MayFail,
     /// Bytes that the file may have.
     most: u64,
+    /// How readers read it.
+    access: FileAccess,
 }
 
 impl FileBackend {
-    /// Writes to an open file.
-    pub fn new(file: File, path: &Path) -> FileBackend {
-        FileBackend::of_output(file, path, MayFail::default(), u64::MAX)
+    /// Writes to an open file, whose readers read it as `access` says.
+    pub fn new(file: File, path: &Path, access: &FileAccess) -> FileBackend {
+        FileBackend::of_output(file, path, (MayFail::default(), u64::MAX), access)
     }
 
     /// The file of an output that may have so many bytes.
-    pub(super) fn of_output(file: File, path: &Path, faults: MayFail, most: u64) -> FileBackend {
-        FileBackend { file, path: path.to_path_buf(), faults, most }
+    pub(super) fn of_output(
+        file: File,
+        path: &Path,
+        (faults, most): (MayFail, u64),
+        access: &FileAccess,
+    ) -> FileBackend {
+        FileBackend { file, path: path.to_path_buf(), faults, most, access: access.clone() }
     }
 }
 
@@ -78,11 +91,15 @@ impl WriteBackend for FileBackend {
     }
 
     fn reader(&self) -> Result<Box<dyn ReadBackend>> {
-        if positioned_reads_are_preferred() {
+        if self.access.is_positioned() {
             let file = self.file.try_clone().map_err(Error::io(&self.path, "open"))?;
             return Ok(Box::new(Positioned::of(file, &self.path)?));
         }
         Ok(Box::new(Mapped::of(&self.file, &self.path)?))
+    }
+
+    fn access(&self) -> FileAccess {
+        self.access.clone()
     }
 
     fn id(&self) -> FileId {

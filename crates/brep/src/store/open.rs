@@ -8,7 +8,7 @@ use super::objects::{FACE_VALUES, OBJECTS, SchemaCell};
 use super::pieces::{ENTRY, List, Pieces};
 use super::reader::ExactModel;
 use super::summary::{DIRECTORY, FACES, METADATA, SUMMARY, Summary};
-use spinney_base::io::{ReadBackend, open_file, with_cache};
+use spinney_base::io::{FileAccess, ReadBackend};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 use spinney_container::OpenOptions;
@@ -18,8 +18,8 @@ const INSTANCES: [u8; 4] = *b"INST";
 use spinney_container::{Content, FileHeader, HEADER_SIZE, Metadata, Section, TAIL, Trailer};
 
 /// Whether a file is an exact model, whatever its name.
-pub fn is_model_file(path: &Path) -> bool {
-    open_file(path, true, &[]).and_then(|(file, _)| model_depth(path, &*file)).is_ok()
+pub fn is_model_file(path: &Path, access: &FileAccess) -> bool {
+    access.peek(path).and_then(|file| model_depth(path, &*file)).is_ok()
 }
 
 impl ExactModel {
@@ -63,7 +63,7 @@ impl ExactModel {
         backend: Box<dyn ReadBackend>,
         options: &OpenOptions,
     ) -> Result<ExactModel> {
-        let backend = with_cache(backend, options.cache);
+        let backend = options.access.cached(backend);
         // Before anything is read.
         let stamp = backend.stamp()?;
         let depth = model_depth(path, &*backend)?;
@@ -102,7 +102,7 @@ impl ExactModel {
                 None => Some(section.read(path, &*backend, list.piece())?.into_owned()),
             };
             let place = (section.offset, section.length);
-            Ok(Pieces::new(list, summary.codec, place, held, end, options.check))
+            Ok(Pieces::new(list, summary.codec, place, held, end, options))
         };
         let segments = pieces(List::Segments, trailer.section(DIRECTORY), Some(true))?;
         let blocks = pieces(List::Faces, trailer.section(FACES), Some(summary.faces > 0))?;

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use super::packed::{Damage, PLAIN, unpack};
 use spinney_base::io::{FileBytes, ReadBackend, Unpacked};
 use spinney_base::{Error, Result};
-use spinney_container::Codec;
+use spinney_container::{Codec, OpenOptions};
 use spinney_packing::PLAIN_BITS;
 
 /// The lists of a file, in the order in which they stand there.
@@ -97,13 +97,13 @@ impl Pieces {
         (offset, length): (u64, u64),
         held: Option<Vec<u8>>,
         end: u64,
-        check: bool,
+        options: &OpenOptions,
     ) -> Pieces {
         let len = length as usize / ENTRY;
         let checked = (0..len.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
         let list = held.map_or(ListBytes::Mapped(offset as usize), ListBytes::Held);
-        let unpacked = (codec == Codec::Packed).then(|| Unpacked::new(PLAIN_BITS));
-        Pieces { kind, list, len, end, checked, check, unpacked }
+        let unpacked = (codec == Codec::Packed).then(|| Unpacked::new(&options.access, PLAIN_BITS));
+        Pieces { kind, list, len, end, checked, check: options.check, unpacked }
     }
 
     /// Name of a piece, for messages.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::{BlockLocation, METADATA};
 use crate::{Content, FileHeader, HEADER_SIZE, List, Metadata, OpenOptions, TAIL, Trailer};
-use spinney_base::io::{FileBytes, ReadBackend, open_file, with_cache};
+use spinney_base::io::{FileAccess, FileBytes, ReadBackend};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Result};
 
@@ -22,8 +22,8 @@ pub struct BlockFile {
 
 impl BlockFile {
     /// Whether a file has some content, whatever its name.
-    pub fn has_content(path: &Path, content: Content) -> bool {
-        let header = open_file(path, true, &[]).and_then(|(file, _)| FileHeader::read(path, &*file));
+    pub fn has_content(path: &Path, content: Content, access: &FileAccess) -> bool {
+        let header = access.peek(path).and_then(|file| FileHeader::read(path, &*file));
         header.is_ok_and(|header| header.content == content)
     }
 
@@ -37,7 +37,7 @@ impl BlockFile {
         (content, noun): (Content, &str),
         options: &OpenOptions,
     ) -> Result<BlockFile> {
-        let backend = with_cache(backend, options.cache);
+        let backend = options.access.cached(backend);
         let header = FileHeader::read(path, &*backend)?;
         if header.content != content {
             return Err(Error::corrupt(path, "header", "a file of other content", noun));

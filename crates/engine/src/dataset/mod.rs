@@ -21,6 +21,7 @@ use crate::ops::{FileView, LayerInfo, Sampling, TreeFile, View, ViewSource, View
 use crate::store::autumnal::{Autumnal, Commit};
 use crate::store::goblin::Goblin;
 use crate::tree::Source;
+use spinney_base::io::FileAccess;
 use spinney_base::space::Bounds;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{FileReference, Finding, Header, Metadata, OpenOptions, TreeFormat};
@@ -285,6 +286,15 @@ impl Dataset {
             Tree::Goblin(file) => Some(file.path()),
             Tree::Autumnal(file) => Some(file.path()),
             Tree::View(viewed) => viewed.source().path(),
+        }
+    }
+
+    /// How the file was opened.
+    pub fn access(&self) -> FileAccess {
+        match &self.tree {
+            Tree::Goblin(file) => file.access().clone(),
+            Tree::Autumnal(file) => file.access().clone(),
+            Tree::View(viewed) => viewed.source().access(),
         }
     }
 

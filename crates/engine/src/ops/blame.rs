@@ -12,7 +12,7 @@ use crate::tree::{Child, Children, Source, no_children};
 use spinney_base::io::Output;
 use spinney_base::value::{DataKind, Rule, SampleType, Value, ValueType};
 use spinney_base::{Error, Progress, Result, TreeType};
-use spinney_container::{FileReference, Metadata, OpenOptions, Tag};
+use spinney_container::{FileReference, Metadata, Tag};
 
 /// Writes a tree of the numbers of the commits that changed each cell of an Autumnal file last, from its first commit to the newest
 /// or, of `FILE@N`, to that one; cells that no commit has given a value are VOID. Coarse cells have the newest commit below them.
@@ -32,18 +32,21 @@ use spinney_container::{FileReference, Metadata, OpenOptions, Tag};
 /// # Ok::<(), spinney::Error>(())
 /// ```
 ///
+/// The file is opened with the [access](Output::access) of the output.
+///
 /// # Errors
 /// If it is no Autumnal file, cannot be read, has a commit whose number is 2^32 or more, the output cannot be written, or on
 /// interruption.
 pub fn blame(path: &Path, output: Output, how: WriteOptions, progress: &dyn Progress) -> Result<()> {
-    let asked = TreeFile::open_only(path, &OpenOptions::default())?;
+    let options = output.access().into();
+    let asked = TreeFile::open_only(path, &options)?;
     let TreeFile::Autumnal(commit) = &asked else {
         let expected = "an Autumnal file, which has commits";
         return Err(Error::invalid("file to blame", format!("{}, a Goblin file", path.display()), expected));
     };
     let last = commit.commit().number;
     let place = FileReference::of(path);
-    let history = History::open(&place.file, &OpenOptions::default())?;
+    let history = History::open(&place.file, &options)?;
     let depth = asked.depth();
     let mut commits = Vec::new();
     for commit in history.commits() {
@@ -51,7 +54,7 @@ pub fn blame(path: &Path, output: Output, how: WriteOptions, progress: &dyn Prog
         if number <= last {
             progress.check()?;
             let place = FileReference { commit: Some(number), ..place.clone() };
-            let other = TreeFile::at(&place, &OpenOptions::default())?;
+            let other = TreeFile::at(&place, &options)?;
             // (Trees of other depths have nothing in common.)
             if other.depth() != depth {
                 let found = format!("{} levels at commit {number}", other.depth());
@@ -64,7 +67,7 @@ pub fn blame(path: &Path, output: Output, how: WriteOptions, progress: &dyn Prog
     commits.reverse();
     let form = TreeType::new(asked.form().dimension, ValueType::new(SampleType::U32, 1));
     // (Records are where they are in the file, whichever commit leads to them.)
-    let file = TreeFile::at(&FileReference { commit: None, ..place }, &OpenOptions::default())?;
+    let file = TreeFile::at(&FileReference { commit: None, ..place }, &options)?;
     let ages = Ages { file, commits, form, depth };
     let own = asked.metadata();
     let provenance = vec![format!("commits that changed the cells of {} last", path.display())];

@@ -9,11 +9,11 @@ use crate::store::builder::ReusableSource;
 use crate::store::{BuildOptions, TreeTarget, TreeWriter, WriteOptions, build_with, check_room};
 use spinney_base::io::Output;
 use spinney_base::{Progress, Result};
-use spinney_container::OpenOptions;
 
 /// Writes a tree, or all layers of a file, as they are, in the format that the output's name asks for: an Autumnal tree (or one of its
 /// commits) to be published, or a published one to be edited. From Goblin to Autumnal and back the bytes stay
-/// the same. Segments are packed as is asked for, whatever those of the file are.
+/// the same. Segments are packed as is asked for, whatever those of the file are. The file is opened with the [access](Output::access) of the
+/// output.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -36,8 +36,8 @@ pub fn convert(
     how: WriteOptions,
     progress: &dyn Progress,
 ) -> Result<()> {
-    let paths = layer_paths(path)?;
-    let files = paths.iter().map(|path| TreeFile::open(path, &OpenOptions::default()));
+    let paths = layer_paths(path, output.access())?;
+    let files = paths.iter().map(|path| TreeFile::open(path, &output.access().into()));
     let files = files.collect::<Result<Vec<TreeFile>>>()?;
     let first = files[0].header();
     let mut needed = Vec::with_capacity(files.len());

@@ -7,10 +7,10 @@ use super::view_source::check_form;
 use crate::store::autumnal::{self, Remembered};
 use crate::store::builder::ReusableSource;
 use crate::tree::{Child, Children, Source, no_children};
+use spinney_base::io::FileAccess;
 use spinney_base::space::{Code, Dimension};
 use spinney_base::value::Value;
 use spinney_base::{Error, Progress, Result};
-use spinney_container::OpenOptions;
 use spinney_crs::Crs;
 
 /// A block in which two trees differ, uniform in both.
@@ -218,7 +218,7 @@ pub struct FdRange {
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// let [first, second] = ["fixtures/v1/history.autumn@1", "fixtures/v1/history.autumn@2"];
-/// let differences = spinney::raw::ops::diff_files(first.as_ref(), second.as_ref(), &(), &mut |_| Ok(()))?;
+/// let differences = spinney::raw::ops::diff_files(first.as_ref(), second.as_ref(), &Default::default(), &(), &mut |_| Ok(()))?;
 /// assert_eq!(differences.blocks, 9);
 /// # Ok::<(), spinney::Error>(())
 /// ```
@@ -228,10 +228,11 @@ pub struct FdRange {
 pub fn diff_files(
     first: &Path,
     second: &Path,
+    access: &FileAccess,
     progress: &dyn Progress,
     range: &mut dyn FnMut(FdRange) -> Result<()>,
 ) -> Result<Differences> {
-    let (first, second) = open_both(first, second)?;
+    let (first, second) = open_both(first, second, access)?;
     let (axes, depth) = (first.form().axes(), first.depth());
     let mut sum = Differences::default();
     let mut run: Option<FdRange> = None;
@@ -257,8 +258,8 @@ pub fn diff_files(
 }
 
 /// Opens two trees of one coordinate system.
-fn open_both(first: &Path, second: &Path) -> Result<(TreeFile, TreeFile)> {
-    let options = OpenOptions::default();
+fn open_both(first: &Path, second: &Path, access: &FileAccess) -> Result<(TreeFile, TreeFile)> {
+    let options = access.into();
     let (first, second) = (TreeFile::open_only(first, &options)?, TreeFile::open_only(second, &options)?);
     let [here, there] = [&first, &second].map(|file| file.path().display().to_string());
     let [a, b] = [&first, &second].map(|file| file.metadata().frame.crs.as_ref());
@@ -271,8 +272,13 @@ fn open_both(first: &Path, second: &Path) -> Result<(TreeFile, TreeFile)> {
 ///
 /// # Errors
 /// If they cannot be read, are of different forms or in different coordinate systems, or on interruption.
-pub fn differences(first: &Path, second: &Path, progress: &dyn Progress) -> Result<Differences> {
-    let (first, second) = open_both(first, second)?;
+pub fn differences(
+    first: &Path,
+    second: &Path,
+    access: &FileAccess,
+    progress: &dyn Progress,
+) -> Result<Differences> {
+    let (first, second) = open_both(first, second, access)?;
     check_alike(&first, &second)?;
     let dimension = first.form().dimension;
     let known = Remembered::new(KNOWN_PAIRS);

@@ -19,7 +19,6 @@ use crate::tree::Source;
 use spinney_base::space::Bounds;
 use spinney_base::value::{Number, Value, ValueType};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::OpenOptions;
 
 /// A change to a tree.
 #[derive(Clone, Debug)]
@@ -50,7 +49,8 @@ pub enum Edit {
 /// A cell and its value: a sample per channel, or VOID.
 pub type CellValue = ([u64; 3], Option<Vec<Number>>);
 
-/// Does some edits, one after the other, and makes them one commit; `None` if nothing has changed.
+/// Does some edits, one after the other, and makes them one commit; `None` if nothing has changed. [`Editor::open_with`] and
+/// [`apply_edits`] do the same with another access to files than the default.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -131,7 +131,7 @@ fn changed(tree: Arc<Autumnal>, edit: Edit) -> Result<Combined> {
             (CombineOperation::Over, pasted(&tree, &patch, at, where_valid)?)
         }
         Edit::Apply(operation, path) => {
-            let file = TreeFile::open_only(&path, &OpenOptions::default())?;
+            let file = TreeFile::open_only(&path, &tree.access().into())?;
             check_form((&path, file.form()), (tree.path(), form))?;
             let whole_file = View::whole(file.into())?;
             let (view, bounds) = aligned(whole_file, &tree, &path)?;

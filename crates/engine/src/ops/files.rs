@@ -15,17 +15,19 @@ use super::view_source::{ViewSource, check_form};
 use super::warp::{Resampling, WarpOptions};
 use crate::store::{BuildOptions, TreeTarget, TreeWriter, WriteOptions, check_room};
 use crate::tree::Source;
-use spinney_base::io::Output;
+use spinney_base::io::{FileAccess, Output};
 use spinney_base::space::Bounds;
 use spinney_base::value::{Number, Value};
 use spinney_base::{Error, Progress, Result, SubProgress, TreeType};
-use spinney_container::{FileReference, Header, Metadata, OpenOptions, Shape};
+use spinney_container::{FileReference, Header, Metadata, Shape};
 
 /// A view of a file: operations that are applied to it, such as crop, scale or warp.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FileView {
     /// The file.
     pub path: PathBuf,
+    /// How the file, and those that operations name, are opened.
+    pub access: FileAccess,
     /// Operations, first to last.
     pub steps: Vec<ViewStep>,
     /// Moves the picture in the world as its cells are moved, instead of leaving everything where it is.
@@ -75,7 +77,7 @@ impl FileView {
     }
 
     fn open_with(&self, apply: &mut dyn FnMut(View, &ViewStep) -> Result<View>) -> Result<View> {
-        let file = TreeFile::open(&self.path, &OpenOptions::default())?;
+        let file = TreeFile::open(&self.path, &(&self.access).into())?;
         let is_grid = |step: &ViewStep| {
             matches!(step, ViewStep::Like(_) | ViewStep::Warp(_) | ViewStep::WebMercator(_))
         };
@@ -150,7 +152,8 @@ pub fn transform_to(
     let mut expected = Some(0.0);
     // (What is calculated with the layers of a file is one tree.)
     let is_calculated = chain.steps.iter().any(|step| matches!(step, ViewStep::Calculation(_)));
-    let paths = if is_calculated { vec![chain.path.clone()] } else { layer_paths(&chain.path)? };
+    let paths =
+        if is_calculated { vec![chain.path.clone()] } else { layer_paths(&chain.path, &chain.access)? };
     let passes = 1 + chain.steps.iter().map(ViewStep::passes).sum::<u64>();
     let total = WHOLE * passes * paths.len() as u64;
     let layers = paths.len() as u64;
@@ -191,7 +194,8 @@ pub fn transform_to(
     Ok(Outcome { expected, ..store_all(derivations, target, how, progress)? })
 }
 
-/// Merges files into one; those over other areas or with coarser cells are aligned with the finest.
+/// Merges files into one; those over other areas or with coarser cells are aligned with the finest. They are opened with the
+/// [access](Output::access) of the output.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -247,9 +251,10 @@ pub fn combine_with(
     progress: &dyn Progress,
 ) -> Result<Outcome> {
     let mut derivations = Vec::new();
-    for paths in layers_in_pairs(paths)? {
+    let access = target.access().clone();
+    for paths in layers_in_pairs(paths, &access)? {
         let mut names: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
-        let mut views = aligned(open_alike(&paths)?)?;
+        let mut views = aligned(open_alike(&paths, &access)?)?;
         let (first, depth, extent) = (views[0].source(), views[0].depth(), views[0].extent());
         let shape = Shape { depth, ..first.header().shape };
         let header = Header { extent, shape, ..first.header().clone() };
@@ -278,8 +283,8 @@ pub fn combine_with(
 
 /// The layers of some files that belong together: of files of several layers those of the same names. One that is named, or the only one of its
 /// file, goes with each.
-fn layers_in_pairs(paths: &[PathBuf]) -> Result<Vec<Vec<PathBuf>>> {
-    let mut layers = paths.iter().map(|path| layer_paths(path)).collect::<Result<Vec<_>>>()?;
+fn layers_in_pairs(paths: &[PathBuf], access: &FileAccess) -> Result<Vec<Vec<PathBuf>>> {
+    let mut layers = paths.iter().map(|path| layer_paths(path, access)).collect::<Result<Vec<_>>>()?;
     let name = |path: &PathBuf| FileReference::of(path).layer;
     let Some(most) = layers.iter().find(|layers| layers.len() > 1) else {
         return Ok(vec![layers.into_iter().flatten().collect()]);
@@ -331,8 +336,13 @@ fn store_all(
 ///
 /// # Errors
 /// As [`combine`]; also if there are too many pairs.
-pub fn crosstab_files(first: &Path, second: &Path, progress: &dyn Progress) -> Result<Vec<PairOfSamples>> {
-    let views = aligned(open_alike(&[first.into(), second.into()])?)?;
+pub fn crosstab_files(
+    first: &Path,
+    second: &Path,
+    access: &FileAccess,
+    progress: &dyn Progress,
+) -> Result<Vec<PairOfSamples>> {
+    let views = aligned(open_alike(&[first.into(), second.into()], access)?)?;
     let value_type = views[0].form().value;
     let samples = |value: Option<Value>| value.map(|value| value_type.numbers(value).to_vec());
     let pairs = crosstab(&views[0], &views[1], progress)?;
@@ -340,10 +350,10 @@ pub fn crosstab_files(first: &Path, second: &Path, progress: &dyn Progress) -> R
 }
 
 /// Opens files, all of which must be of one form.
-fn open_alike(paths: &[PathBuf]) -> Result<Vec<TreeFile>> {
+fn open_alike(paths: &[PathBuf], access: &FileAccess) -> Result<Vec<TreeFile>> {
     let mut files: Vec<TreeFile> = Vec::new();
     for path in paths {
-        let file = TreeFile::open_only(path, &OpenOptions::default())?;
+        let file = TreeFile::open_only(path, &access.into())?;
         if let Some(first) = files.first() {
             check_form((path, file.form()), (&paths[0], first.form()))?;
         }

@@ -7,9 +7,9 @@ use super::tree_file::TreeFile;
 use crate::store::autumnal::{Commit, Editor, Note};
 use crate::store::{BuildOptions, TreeWriter, WriteOptions};
 use crate::tree::Source;
-use spinney_base::io::{Output, ReplaceLock};
+use spinney_base::io::{FileAccess, ReplaceLock};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{FileReference, Header, Metadata, OpenOptions};
+use spinney_container::{FileReference, Header, Metadata};
 use spinney_crs::Frame;
 
 /// Paths of the layers that a path means: all of a file, or the one that it names. A file of one layer is meant as it is.
@@ -17,18 +17,18 @@ use spinney_crs::Frame;
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// let map = "fixtures/v1/classes.goblin".as_ref();
-/// assert_eq!(spinney::raw::ops::layer_paths(map)?, [map]);
+/// assert_eq!(spinney::raw::ops::layer_paths(map, &Default::default())?, [map]);
 /// # Ok::<(), spinney::Error>(())
 /// ```
 ///
 /// # Errors
 /// If the file cannot be read.
-pub fn layer_paths(path: &Path) -> Result<Vec<PathBuf>> {
+pub fn layer_paths(path: &Path, access: &FileAccess) -> Result<Vec<PathBuf>> {
     let place = FileReference::of(path);
     if place.layer.is_some() {
         return Ok(vec![path.into()]);
     }
-    let layers = TreeFile::open(path, &OpenOptions::default())?.layers()?;
+    let layers = TreeFile::open(path, &access.into())?.layers()?;
     Ok(match &layers[..] {
         [_] => vec![path.into()],
         layers => layers.iter().map(|layer| place.of_layer(&layer.name)).collect(),
@@ -39,8 +39,8 @@ pub fn layer_paths(path: &Path) -> Result<Vec<PathBuf>> {
 ///
 /// # Errors
 /// If it means a file of several without naming one, or the file cannot be read.
-pub fn only_layer(path: &Path) -> Result<()> {
-    TreeFile::open_only(path, &OpenOptions::default()).map(|_| ())
+pub fn only_layer(path: &Path, access: &FileAccess) -> Result<()> {
+    TreeFile::open_only(path, &access.into()).map(|_| ())
 }
 
 /// The largest depth of some trees: that of a file which has them as layers.
@@ -49,7 +49,7 @@ pub(super) fn file_depth<'h>(headers: impl IntoIterator<Item = &'h Header>) -> u
 }
 
 /// Adds what is seen of a tree to a file as a layer. A Goblin file is written anew, its other layers' bytes as they are; an Autumnal
-/// file gets a commit, which is returned.
+/// file gets a commit, which is returned. It is opened with the access of the view.
 ///
 /// # Errors
 /// If the tree does not lie in the file's space, a layer of that name is there, the file cannot be written, or on interruption.
@@ -61,7 +61,8 @@ pub fn add_layer(
     how: WriteOptions,
     progress: &dyn Progress,
 ) -> Result<Option<Commit>> {
-    let (file, _lock) = open_to_change(path)?;
+    let access = &chain.access;
+    let (file, _lock) = open_to_change(path, access)?;
     let layers = file.layers()?;
     if name.is_empty() || layers.iter().any(|layer| layer.name == name) {
         return Err(Error::invalid("layer's name", format!("`{name}`"), "one that no other layer has"));
@@ -96,7 +97,7 @@ pub fn add_layer(
     let source = super::combine::Combined::new(vec![view], super::operation::CombineOperation::Over, extent)?;
     match &file {
         TreeFile::Autumnal(_) => {
-            let mut editor = Editor::open(&FileReference::of(path).file, how.memory)?;
+            let mut editor = Editor::open_with(&FileReference::of(path).file, how.memory, access)?;
             let header = options.header(header.form, extent)?;
             editor.name_layer(&stem(path))?;
             let mut metadata = options.metadata;
@@ -107,7 +108,7 @@ pub fn add_layer(
         }
         TreeFile::Goblin(_) => {
             let dimension = header.form.dimension;
-            let output = Output::create(&FileReference::of(path).file)?;
+            let output = access.create(&FileReference::of(path).file)?;
             let mut writer = TreeWriter::create(output, (dimension, depth), layers.len() as u32 + 1)?;
             copy_layers(&file, &mut writer, progress, &|_| true, &stem(path))?;
             writer.source(&source, extent, &options, progress)?;
@@ -127,9 +128,10 @@ pub fn drop_layer(
     name: &str,
     note: Note,
     memory: u64,
+    access: &FileAccess,
     progress: &dyn Progress,
 ) -> Result<Option<Commit>> {
-    let (file, _lock) = open_to_change(path)?;
+    let (file, _lock) = open_to_change(path, access)?;
     let layers = file.layers()?;
     let place = FileReference { layer: Some(name.into()), ..FileReference::of(path) };
     let dropped = place.layer_number(layers.iter().map(|layer| &*layer.name))?;
@@ -138,14 +140,14 @@ pub fn drop_layer(
     }
     match &file {
         TreeFile::Autumnal(_) => {
-            let mut editor = Editor::open(&place.file, memory)?;
+            let mut editor = Editor::open_with(&place.file, memory, access)?;
             editor.drop_layer(&layers[dropped].name)?;
             editor.commit(note)
         }
         TreeFile::Goblin(_) => {
             let depth = file_depth(layers.iter().map(|layer| &layer.header));
             let dimension = layers[0].header.form.dimension;
-            let output = Output::create(&place.file)?;
+            let output = access.create(&place.file)?;
             let mut writer = TreeWriter::create(output, (dimension, depth), layers.len() as u32 - 1)?;
             copy_layers(&file, &mut writer, progress, &|number| number != dropped, &stem(path))?;
             writer.finish()?;
@@ -164,11 +166,11 @@ fn only_listed(path: &Path) -> Error {
 
 /// Opens a file whose layers are to change. A Goblin file, which is written anew, has a lock that is given back when what stands beside it is
 /// dropped: what others do to the file between reading and replacing it would be undone. (An Autumnal file is locked by its editor.)
-fn open_to_change(path: &Path) -> Result<(TreeFile, Option<ReplaceLock>)> {
-    match TreeFile::open(path, &OpenOptions::default())? {
+fn open_to_change(path: &Path, access: &FileAccess) -> Result<(TreeFile, Option<ReplaceLock>)> {
+    match TreeFile::open(path, &access.into())? {
         TreeFile::Goblin(_) => {
             let lock = ReplaceLock::take(&FileReference::of(path).file)?;
-            Ok((TreeFile::open(path, &OpenOptions::default())?, Some(lock)))
+            Ok((TreeFile::open(path, &access.into())?, Some(lock)))
         }
         file @ TreeFile::Autumnal(_) => Ok((file, None)),
         TreeFile::Mosaic(_) => Err(only_listed(path)),

@@ -13,7 +13,6 @@ use super::warp::{WarpGrid, WarpTarget};
 use crate::tree::Source;
 use spinney_base::space::Code;
 use spinney_base::{Error, Result};
-use spinney_container::OpenOptions;
 use spinney_crs::{CellLocator, Coordinates, Crs};
 
 /// One step of a chain. Its text is that of the command line: `window=0,0,512,512`, `rotate=30`.
@@ -289,7 +288,7 @@ fn warp(view: View, target: &WarpTarget) -> Result<View> {
 }
 
 fn like(view: View, path: &Path) -> Result<View> {
-    let other = TreeFile::open(path, &OpenOptions::default())?;
+    let other = TreeFile::open(path, &view.source().access().into())?;
     let (there, extent) = (&other.metadata().frame, other.header().extent);
     let here = view.frame(false);
     let name = format!("the tree to be like, {}", path.display());

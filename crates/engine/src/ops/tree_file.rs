@@ -10,6 +10,7 @@ use crate::store::autumnal::{Autumnal, AutumnalNode, Commit};
 use crate::store::builder::{RecordRef, ReusableSource, StoredNode};
 use crate::store::goblin::{Goblin, GoblinNode};
 use crate::tree::{CellBlock, Child, Children, Source};
+use spinney_base::io::FileAccess;
 use spinney_base::space::Bounds;
 use spinney_base::value::{Value, ZoneStats};
 use spinney_base::{Error, Progress, Result, TreeType};
@@ -172,6 +173,15 @@ impl TreeFile {
             TreeFile::Goblin(file) => file.path(),
             TreeFile::Autumnal(file) => file.path(),
             TreeFile::Mosaic(tree) => tree.path(),
+        }
+    }
+
+    /// How the file was opened; those that it names are opened in the same way.
+    pub fn access(&self) -> &FileAccess {
+        match self {
+            TreeFile::Goblin(file) => file.access(),
+            TreeFile::Autumnal(file) => file.access(),
+            TreeFile::Mosaic(tree) => tree.access(),
         }
     }
 

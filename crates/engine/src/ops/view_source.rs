@@ -17,6 +17,7 @@ use crate::store::autumnal::{Autumnal, Commit};
 use crate::store::builder::{RecordRef, ReusableSource, StoredNode};
 use crate::store::goblin::Goblin;
 use crate::tree::{CellBlock, Child, Children, MemTree, Source, no_children};
+use spinney_base::io::FileAccess;
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::{DataKind, Rule, Value, ZoneStats};
 use spinney_base::{Error, Progress, Result, TreeType};
@@ -106,6 +107,19 @@ impl ViewSource {
             ViewSource::Opaque(tree) => tree.source().path(),
             ViewSource::Regions(tree) => tree.source().path(),
             ViewSource::Memory(_) | ViewSource::Blockwise(_) => None,
+        }
+    }
+
+    /// How the file that all comes from was opened.
+    pub fn access(&self) -> FileAccess {
+        match self {
+            ViewSource::File(file) => file.access().clone(),
+            ViewSource::Patched(tree) => tree.file().access().clone(),
+            ViewSource::Warped(tree) => tree.source().access(),
+            ViewSource::Calculated(tree) => tree.source().access(),
+            ViewSource::Opaque(tree) => tree.source().access(),
+            ViewSource::Regions(tree) => tree.source().access(),
+            ViewSource::Memory(_) | ViewSource::Blockwise(_) => FileAccess::default(),
         }
     }
 

@@ -211,7 +211,8 @@ fn cut(folder: &Path, layers: &[Layer], count: u64, seed: u64) -> Vec<Shard> {
             }
             before += count;
         }
-        Shard { folder: folder.into(), job: u128::from(seed) << 64 | 5, number: number as u32, pieces }
+        let (job, access) = (u128::from(seed) << 64 | 5, Default::default());
+        Shard { folder: folder.into(), job, number: number as u32, pieces, access }
     };
     cuts.windows(2).enumerate().map(shard).collect()
 }
@@ -346,7 +347,8 @@ fn small_job(folder: &Path) -> (std::path::PathBuf, Vec<Shard>) {
     let node = |path| Code::from_path(Dimension::Quad, 2, path).unwrap();
     let shard = |(number, first, last)| {
         let run = CodeRun::of(node(first), node(last)).unwrap();
-        Shard { folder: folder.into(), job: 77, number, pieces: vec![ShardPiece { layer: 0, run }] }
+        let (pieces, access) = (vec![ShardPiece { layer: 0, run }], Default::default());
+        Shard { folder: folder.into(), job: 77, number, pieces, access }
     };
     let shards: Vec<Shard> = [(0, 0, 5), (1, 6, 15)].map(shard).into();
     for shard in &shards {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use super::goblin::Shard;
 use super::tree_writer::TreeWriter;
 use spinney_base::Result;
-use spinney_base::io::{Output, folder};
+use spinney_base::io::{FileAccess, Output, folder};
 use spinney_base::space::Dimension;
 
 /// The file that trees are written to, or the part of one.
@@ -27,6 +27,7 @@ use spinney_base::space::Dimension;
 ///     job: 1,
 ///     number: 0,
 ///     pieces: vec![ShardPiece { layer: 0, run: CodeRun::ALL }],
+///     access: Default::default(),
 /// };
 /// transform_to(&map, TreeTarget::Shard { head, shard, check: Box::new(|| Ok(())) }, how, &())?;
 /// assert!(folder.path().join("0000.light").exists());
@@ -75,6 +76,14 @@ impl TreeTarget {
         match self {
             TreeTarget::File(output) => Some(output),
             TreeTarget::Head(_) | TreeTarget::Shard { .. } => None,
+        }
+    }
+
+    /// How it is written.
+    pub fn access(&self) -> &FileAccess {
+        match self {
+            TreeTarget::File(output) | TreeTarget::Head(output) => output.access(),
+            TreeTarget::Shard { shard, .. } => &shard.access,
         }
     }
 

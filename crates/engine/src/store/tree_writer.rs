@@ -14,9 +14,7 @@ use spinney_base::parallel;
 use spinney_base::space::{Bounds, Code, CodeRun, Dimension};
 use spinney_base::value::{Value, ZoneStats};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{
-    Content, FileHeader, LevelCounts, Metadata, OpenOptions, Shape, TreeFormat, check_tree_name,
-};
+use spinney_container::{Content, FileHeader, LevelCounts, Metadata, Shape, TreeFormat, check_tree_name};
 
 /// A tree file that is being written: one or more layers, one after the other, in the format that its name asks for.
 ///
@@ -141,7 +139,7 @@ impl TreeWriter {
     /// write(TreeWriter::head(Output::create(&head)?, (Dimension::Quad, 1), 1)?)?;
     /// // A tree as small as this has one node at its crown's level, the root.
     /// let pieces = vec![ShardPiece { layer: 0, run: CodeRun::ALL }];
-    /// let shard = Shard { folder: folder.into(), job: 1, number: 0, pieces };
+    /// let shard = Shard { folder: folder.into(), job: 1, number: 0, pieces, access: Default::default() };
     /// write(TreeWriter::shard(&head, shard.clone())?)?;
     /// let merged = folder.join("merged.goblin");
     /// merge_shards(&head, &[shard], Output::create(&merged)?.into(), 1 << 20, &())?;
@@ -153,7 +151,7 @@ impl TreeWriter {
     /// # Errors
     /// If the head cannot be read, or the shard's files not be written.
     pub fn shard(head: &Path, shard: Shard) -> Result<TreeWriter> {
-        let planned = Goblin::open(head, &OpenOptions::default())?;
+        let planned = Goblin::open(head, &(&shard.access).into())?;
         let (dimension, layers) = (planned.header().form.dimension, planned.layers().len() as u32);
         let depth = planned.layers().iter().map(|layer| layer.header.depth()).max().unwrap_or(0);
         let file = File::Shard(Box::new(ShardWriter::new(&planned, shard)?));

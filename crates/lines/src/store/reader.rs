@@ -9,7 +9,7 @@ use crate::codec::{MAX_FEATURES, MAX_SEGMENTS, Piece, decode_features, decode_se
 use crate::grid::LineGrid;
 use crate::source::LineFeature;
 use spinney_base::Result;
-use spinney_base::io::ReadBackend;
+use spinney_base::io::{FileAccess, ReadBackend};
 use spinney_base::space::{Code, Dimension};
 use spinney_container::{BlockFile, BlockLocation, Content, List, Metadata, OpenOptions};
 
@@ -25,8 +25,8 @@ pub struct LineTree {
 }
 
 /// Whether a file is a tree of lines, whatever its name.
-pub fn is_line_file(path: &Path) -> bool {
-    BlockFile::has_content(path, Content::Lines)
+pub fn is_line_file(path: &Path, access: &FileAccess) -> bool {
+    BlockFile::has_content(path, Content::Lines, access)
 }
 
 /// A node of a tree of lines.

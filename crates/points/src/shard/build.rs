@@ -12,10 +12,10 @@ use crate::build::{
 use crate::import::PointImport;
 use crate::source::PointPart;
 use crate::store::{PointTree, PointWriter, Summary};
-use spinney_base::io::Output;
+use spinney_base::io::{FileAccess, Output};
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{Metadata, OpenOptions};
+use spinney_container::Metadata;
 
 /// Writes a tree without points, which tells all else of that which is built of files: shards are held to it, and merging knows no more.
 ///
@@ -46,7 +46,7 @@ pub fn build_shard(
     import.options.check()?;
     let encoder = encoder_of(import.source.schema());
     let memory = import.options.memory;
-    check_planned(import, &encoder, head)?;
+    check_planned(import, &encoder, (head, &shard.access))?;
     if shard.level > deepest_units(&encoder.grid) {
         let expected = format!("at most {}", deepest_units(&encoder.grid));
         return Err(Error::invalid("level of shards", shard.level.to_string(), expected));
@@ -77,14 +77,18 @@ pub fn build_shard(
 /// # Errors
 /// If the head cannot be read, or the shard not be written.
 pub fn build_empty_shard(head: &Path, shard: &PointShard) -> Result<()> {
-    let planned = PointTree::open(head, &OpenOptions::default())?;
+    let planned = PointTree::open(head, &(&shard.access).into())?;
     let encoder = Encoder::new(planned.layout().clone(), planned.grid().clone());
     ShardWriter::new(shard, &encoder, 0)?.finish(0)
 }
 
 /// Makes sure that the tree would be what its head tells, but for where its files are.
-fn check_planned(import: &PointImport, encoder: &Encoder, head: &Path) -> Result<()> {
-    let planned = PointTree::open(head, &OpenOptions::default())?;
+fn check_planned(
+    import: &PointImport,
+    encoder: &Encoder,
+    (head, access): (&Path, &FileAccess),
+) -> Result<()> {
+    let planned = PointTree::open(head, &access.into())?;
     // (As bytes, in which numbers that are none are like themselves.)
     let told = |metadata: &Metadata| Metadata { provenance: Vec::new(), ..metadata.clone() }.to_bytes(head);
     let summary = summary_of(import, encoder);

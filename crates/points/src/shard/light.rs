@@ -124,7 +124,7 @@ impl LightFile {
         if length_of(&path)?.is_none() {
             return Ok(None);
         }
-        let options = OpenOptions::default();
+        let options: OpenOptions = (&shard.access).into();
         let file = BlockFile::open(&path, options.open(&path)?, (Content::Points, "a light file"), &options)?;
         let summary = LightSummary::from_bytes(&path, &file.section(LIGHT, "shard")?)?;
         let LightSummary { run_bytes, points, duplicates, .. } = summary;

@@ -11,7 +11,6 @@ use crate::store::{Entry, PointTree, PointWriter, Summary};
 use spinney_base::io::{Output, open_input};
 use spinney_base::space::{Code, CodeRun};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::OpenOptions;
 
 /// Puts a tree together whose shards are all made: the bytes are those of a file that was built in one go. `head` tells of the tree. Blocks are
 /// checked and copied, and no points are read but those of nodes above; about `memory` bytes hold each list before it goes to a temporary file. `points` is
@@ -27,7 +26,8 @@ pub fn merge_shards(
     (output, memory): (Output, u64),
     progress: &dyn Progress,
 ) -> Result<BuildSummary> {
-    let planned = PointTree::open(head, &OpenOptions::default())?;
+    let access = shards.first().map_or(output.access(), |shard| &shard.access);
+    let planned = PointTree::open(head, &access.into())?;
     let encoder = Encoder::new(planned.layout().clone(), planned.grid().clone());
     let leaf_size = planned.summary().leaf_size as usize;
     check_cover(head, shards, &encoder)?;

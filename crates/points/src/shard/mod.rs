@@ -19,6 +19,7 @@ use std::path::PathBuf;
 
 use crate::build::levels_below;
 use crate::grid::{PointGrid, spacing_levels};
+use spinney_base::io::FileAccess;
 use spinney_base::space::{Code, CodeRun, Dimension};
 
 pub use build::{build_empty_shard, build_shard, write_head};
@@ -39,6 +40,8 @@ pub struct PointShard {
     pub level: u8,
     /// Its part of the space, cut at units; nothing if none is left for it.
     pub run: Option<CodeRun>,
+    /// How its files are read and written.
+    pub access: FileAccess,
 }
 
 impl PointShard {

@@ -16,7 +16,7 @@ use crate::query::{PointCondition, Relation};
 use crate::source::{PointPart, PointSchema, PointSource, both_bounds, bounds_of};
 use crate::store::{PointTree, is_point_file};
 use crate::tests::{all_places, clumped_places, layout, random, rows};
-use spinney_base::io::{Output, Sorter};
+use spinney_base::io::{FileAccess, Output, Sorter};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 use spinney_container::{BlockFile, BlockWriter, Content, Metadata, OpenOptions};
@@ -132,6 +132,7 @@ impl Job {
             number: number as u32,
             level: cut.level,
             run: *run,
+            access: FileAccess::default(),
         };
         let shards = cut.runs.iter().enumerate().map(shard).collect();
         Job { folder, cut, shards }
@@ -347,7 +348,10 @@ fn shards_that_are_missing_or_damaged_or_others_are_refused() {
     assert!(gap.unwrap_err().to_string().contains("shards of"));
     let output = Kept::default().output(Path::new("few.goblin"));
     assert!(merge_shards(&job.head(), &job.shards, Some(1), (output, 0), &()).is_err());
-    assert!(!is_point_file(&light) || PointTree::open(&light, &OpenOptions::default()).is_err());
+    assert!(
+        !is_point_file(&light, &FileAccess::default())
+            || PointTree::open(&light, &OpenOptions::default()).is_err()
+    );
     assert!(job.merge().unwrap() == expected);
 }
 

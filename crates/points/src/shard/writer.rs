@@ -9,7 +9,7 @@ use super::light_rows::{LightRows, MAX_ROWS};
 use crate::build::{Assembled, Closed, Encoder, PieceSink};
 use crate::statistics::{Statistics, statistics_bytes};
 use crate::store::{Entry, node_entry};
-use spinney_base::io::{Output, Sorter};
+use spinney_base::io::{FileAccess, Output, Sorter};
 use spinney_base::space::Code;
 use spinney_base::{Error, Result};
 use spinney_container::{BlockLocation, BlockWriter, Content, FileHeader, Metadata, TreeFormat};
@@ -19,6 +19,7 @@ pub(super) struct ShardWriter<'a> {
     encoder: &'a Encoder,
     rows: LightRows<'a>,
     run_path: PathBuf,
+    access: FileAccess,
     /// The run file, as soon as there is a block.
     run: Option<Output>,
     light: BlockWriter,
@@ -44,8 +45,9 @@ impl<'a> ShardWriter<'a> {
             encoder,
             rows: LightRows::new(encoder),
             run_path: shard.run_path(),
+            access: shard.access.clone(),
             run: None,
-            light: BlockWriter::new(Output::create(&shard.light_path())?, header, "shards")?,
+            light: BlockWriter::new(shard.access.create(&shard.light_path())?, header, "shards")?,
             summary: LightSummary::new(shard),
             unit: Unit::default(),
             units: list(Unit::BYTES),
@@ -93,7 +95,7 @@ impl PieceSink for ShardWriter<'_> {
     fn block(&mut self, code: Code, bytes: &[u8], statistics: &Statistics) -> Result<()> {
         let run = match &mut self.run {
             Some(run) => run,
-            none => none.insert(Output::create(&self.run_path)?),
+            none => none.insert(self.access.create(&self.run_path)?),
         };
         run.write_all(bytes).map_err(Error::io(&self.run_path, "write a block"))?;
         let block = BlockLocation {

@@ -9,7 +9,7 @@ use crate::codec::{BlockLayout, MAX_POINTS, decode};
 use crate::grid::PointGrid;
 use crate::statistics::{Statistics, statistics_bytes};
 use spinney_base::Result;
-use spinney_base::io::ReadBackend;
+use spinney_base::io::{FileAccess, ReadBackend};
 use spinney_base::space::{Code, Dimension};
 use spinney_container::{BlockFile, Content, List, Metadata, OpenOptions};
 
@@ -25,8 +25,8 @@ pub struct PointTree {
 }
 
 /// Whether a file is a tree of points, whatever its name.
-pub fn is_point_file(path: &Path) -> bool {
-    BlockFile::has_content(path, Content::Points)
+pub fn is_point_file(path: &Path, access: &FileAccess) -> bool {
+    BlockFile::has_content(path, Content::Points, access)
 }
 
 /// A node of a tree of points.

@@ -5,6 +5,7 @@ use std::path::Path;
 use super::crossings::{Change, Crossing};
 use super::text::{Text, shown};
 use super::{ChainDirections, MAGIC, VERSION};
+use spinney_base::io::FileAccess;
 use spinney_base::space::Dimension;
 use spinney_base::value::{Number, Palette, SampleType, ValueType};
 use spinney_base::{Error, Result};
@@ -38,8 +39,8 @@ pub(super) struct Body {
 ///
 /// # Errors
 /// If it cannot be read, or the head breaks the rules.
-pub(super) fn open(path: &Path) -> Result<(Head, Body)> {
-    let mut text = Text::open(path)?;
+pub(super) fn open(path: &Path, access: &FileAccess) -> Result<(Head, Body)> {
+    let mut text = Text::open(path, access)?;
     if text.word()?.as_deref() != Some(MAGIC) {
         return Err(text.wrong("another word", &format!("`{MAGIC} {VERSION}`")));
     }
@@ -314,8 +315,8 @@ impl ChainWalk<'_> {
 ///
 /// # Errors
 /// If it cannot be read, breaks the rules, or has no cells.
-pub(super) fn measure(path: &Path) -> Result<[u64; 2]> {
-    let (head, body) = open(path)?;
+pub(super) fn measure(path: &Path, access: &FileAccess) -> Result<[u64; 2]> {
+    let (head, body) = open(path, access)?;
     let mut size = [0u64; 2];
     body.each(&head, &mut |crossing| {
         size = [size[0].max(crossing.column.into()), size[1].max(u64::from(crossing.row) + 1)];

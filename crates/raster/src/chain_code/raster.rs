@@ -34,10 +34,10 @@ enum State {
 /// # Errors
 /// If it cannot be read, or breaks the rules.
 pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
-    let (head, body) = parse::open(path)?;
+    let (head, body) = parse::open(path, &options.access)?;
     let size = match head.size {
         Some(size) => size,
-        None => parse::measure(path)?,
+        None => parse::measure(path, &options.access)?,
     };
     // (A few words may tell of any size.)
     let row = size[0].saturating_mul(head.sample.size() as u64 + 1);

@@ -3,7 +3,7 @@
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use spinney_base::io::InputFile;
+use spinney_base::io::{FileAccess, InputFile};
 use spinney_base::{Error, Result};
 
 /// Bytes that are read at a time.
@@ -28,8 +28,8 @@ impl Text {
     ///
     /// # Errors
     /// If it cannot be opened.
-    pub(super) fn open(path: &Path) -> Result<Text> {
-        Ok(Text { path: path.into(), file: InputFile::open(path)?, part: Vec::new(), at: 0, line: 1 })
+    pub(super) fn open(path: &Path, access: &FileAccess) -> Result<Text> {
+        Ok(Text { path: path.into(), file: access.input(path)?, part: Vec::new(), at: 0, line: 1 })
     }
 
     /// The next byte, which stays the next.

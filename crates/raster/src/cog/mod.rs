@@ -140,7 +140,7 @@ pub fn export_cog(
     let most = tiles.saturating_mul(tile_bytes + tile_bytes / 64 + side * side / 8 + 4096);
     let file = lay_out(&spec, &coding, &levels, request.tile_size, has_masks, most > BIG_BYTES);
     output.check_room(file.end)?;
-    let path = output.path().to_path_buf();
+    let (path, access) = (output.path().to_path_buf(), output.access().clone());
     let mut writer = Writer {
         output: Seekable::new(output)?,
         big: file.big,
@@ -159,7 +159,7 @@ pub fn export_cog(
     tree.check_unchanged()?;
     let stored = writer.stored;
     writer.output.commit()?;
-    write_sidecar(&path, Format::Tiff, &spec.metadata, progress)?;
+    write_sidecar((&path, &access), Format::Tiff, &spec.metadata, progress)?;
     let overviews = levels.len() - 1;
     Ok(CogSummary { overviews, tiles: stored, sparse_tiles: tiles - stored, has_masks })
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::tiff_tags::geo_keys;
 use super::{Format, gdal_xml};
-use spinney_base::io::{Output, sidecar_of};
+use spinney_base::io::{FileAccess, sidecar_of};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Metadata;
 
@@ -16,7 +16,7 @@ use spinney_container::Metadata;
 /// # Errors
 /// If it cannot be written.
 pub(crate) fn write(
-    picture: &Path,
+    (picture, access): (&Path, &FileAccess),
     format: Format,
     metadata: &Metadata,
     progress: &dyn Progress,
@@ -45,7 +45,7 @@ pub(crate) fn write(
         }
         return Ok(());
     };
-    let mut output = Output::create(&path)?;
+    let mut output = access.create(&path)?;
     output.write_all(xml.as_bytes()).map_err(Error::io(&path, "write"))?;
     output.commit()?;
     if crs.is_some() {

@@ -12,7 +12,7 @@ use spinney_base::TreeType;
 use spinney_base::io::{Output, folder};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Progress, Result, SubProgress};
-use spinney_container::{OpenOptions, check_tree_name};
+use spinney_container::check_tree_name;
 use spinney_engine::ops::{Resampling, TreeFile, WarpGrid, WarpOptions, Warped, warp};
 use spinney_engine::store::{Packing, TreeWriter, WantedCells, depth_for};
 
@@ -83,8 +83,9 @@ impl RasterImport {
         let native = temporary.path().join("native.goblin");
         // (What is written for a while is neither packed nor rounded.)
         (self.options.share, self.options.packing) = (false, Packing::default());
-        self.build(Output::create(&native)?, &SubProgress::new(progress, cells, 2 * cells))?;
-        let file = TreeFile::open(&native, &OpenOptions::default())?;
+        let access = output.access().clone();
+        self.build(access.create(&native)?, &SubProgress::new(progress, cells, 2 * cells))?;
+        let file = TreeFile::open(&native, &access.into())?;
         let warped = Warped::new(Arc::new(file.into()), &frame, &grid, options)?;
         let resampling = warped.resampling();
         warp(warped, &how, output, &SubProgress::new(progress, cells, 2 * cells))?;

@@ -46,7 +46,7 @@ struct Exr {
 }
 
 pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
-    let mut file = BufReader::new(InputFile::open(path)?);
+    let mut file = BufReader::new(options.access.input(path)?);
     let meta = guard(path, "EXR header", || {
         let fail = |error| exr_error(path, "EXR header", error);
         let meta = MetaData::read_from_buffered(&mut file, false).map_err(fail)?;

@@ -15,7 +15,7 @@ pub fn files_of(path: &Path, options: &RasterOptions) -> Result<Vec<PathBuf>> {
     let mut files = vec![path.to_path_buf(), beside(path, sidecar_of)];
     files.extend(worldfile::candidates(path));
     files.push(worldfile::prj(path));
-    if vrt::is_vrt(&first_bytes(path)?) {
+    if vrt::is_vrt(&first_bytes(path, &options.access)?) {
         for (source, options) in vrt::sources(path, options)? {
             files.extend(files_of(&source, &options)?);
         }

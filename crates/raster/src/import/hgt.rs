@@ -3,7 +3,7 @@
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-use super::{Pixels, Raster, RasterInfo};
+use super::{Pixels, Raster, RasterInfo, RasterOptions};
 use spinney_base::io::{InputFile, without_query};
 use spinney_base::space::Region;
 use spinney_base::value::{DataKind, SampleType};
@@ -16,8 +16,8 @@ struct Hgt {
     info: RasterInfo,
 }
 
-pub(super) fn open(path: &Path) -> Result<Box<dyn Raster>> {
-    let file = InputFile::open(path)?;
+pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
+    let file = options.access.input(path)?;
     let bytes = file.len();
     let side = match bytes {
         25_934_402 => 3601,

@@ -12,14 +12,14 @@ use zune_jpeg::errors::DecodeErrors;
 use super::whole_image::WholeImage;
 use super::{Raster, RasterInfo, RasterOptions};
 use spinney_base::guard::guard;
-use spinney_base::io::InputFile;
+use spinney_base::io::FileAccess;
 use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 
 pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
-    let bytes = InputFile::open(path)?.len();
+    let bytes = options.access.input(path)?.len();
     options.check_memory(path, "the compressed picture", bytes)?;
-    let info = with_jpeg(path, |bytes, decoder| {
+    let info = with_jpeg((path, &options.access), |bytes, decoder| {
         let progressive = check_complete(path, bytes)?;
         let image = decoder.info().ok_or_else(|| damaged(path, "no frame header"))?;
         let channels = if decoder.input_colorspace() == Some(ColorSpace::Luma) { 1 } else { 3 };
@@ -28,9 +28,9 @@ pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
         let info = RasterInfo::plain(size, SampleType::U8, channels).in_colour();
         Ok(RasterInfo { layout: layout.into(), ..info })
     })?;
-    let file = path.to_path_buf();
+    let (file, access) = (path.to_path_buf(), options.access.clone());
     WholeImage::open(path, options, info, move |info| {
-        with_jpeg(&file, |_, decoder| {
+        with_jpeg((&file, &access), |_, decoder| {
             let mut decoded = vec![0; (info.width * info.height) as usize * info.channels];
             decoder.decode_into(&mut decoded).map_err(|error| jpeg_error(&file, &error))?;
             Ok(decoded)
@@ -40,11 +40,11 @@ pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
 
 /// Runs `then` with a JPEG file's bytes and a decoder that knows its headers and gives grey or RGB.
 fn with_jpeg<T>(
-    path: &Path,
+    (path, access): (&Path, &FileAccess),
     then: impl FnOnce(&[u8], &mut JpegDecoder<ZCursor<&[u8]>>) -> Result<T>,
 ) -> Result<T> {
     let mut bytes = Vec::new();
-    InputFile::open(path)?.read_to_end(&mut bytes).map_err(Error::io(path, "read"))?;
+    access.input(path)?.read_to_end(&mut bytes).map_err(Error::io(path, "read"))?;
     guard(path, "JPEG data", || {
         // Strict, or damage would become grey pixels without a word.
         let options = DecoderOptions::new_fast()

@@ -41,7 +41,7 @@ pub use self::stack::{Stack, StackLayer, StackOptions, plan_stack, write_layers,
 pub(super) use self::tiff::{SampleFormat, page_directories};
 pub(super) use self::validity::as_stored;
 use crate::chain_code;
-use spinney_base::io::{InputFile, without_query};
+use spinney_base::io::{FileAccess, without_query};
 use spinney_base::space::Region;
 use spinney_base::value::{DataKind, Number, Palette, SampleType};
 use spinney_base::{Error, Result};
@@ -175,6 +175,8 @@ pub struct RasterOptions {
     pub layer: Option<String>,
     /// The page of a TIFF file to read, by its number from 0; the first one if not given.
     pub page: Option<usize>,
+    /// How the file, and those that it names or that accompany it, are opened.
+    pub access: FileAccess,
     pub(crate) nesting: vrt::Nesting,
     /// The directory of the page in a TIFF file, if that is known.
     pub(crate) directory: Option<u64>,
@@ -186,6 +188,7 @@ impl Default for RasterOptions {
             memory: 192 << 20,
             layer: None,
             page: None,
+            access: FileAccess::default(),
             nesting: Default::default(),
             directory: None,
         }
@@ -205,7 +208,7 @@ impl RasterOptions {
 /// # Errors
 /// If the file cannot be read, is of no format we know, is damaged, or uses something unsupported.
 pub fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
-    let magic = first_bytes(path)?;
+    let magic = first_bytes(path, &options.access)?;
     let raster = match magic.as_slice() {
         [b'I', b'I', b'*' | b'+', 0, ..] | [b'M', b'M', 0, b'*' | b'+', ..] => tiff::open(path, options),
         [0x89, b'P', b'N', b'G', ..] => png::open(path, options),
@@ -214,18 +217,18 @@ pub fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
         start if start.starts_with(chain_code::MAGIC.as_bytes()) => chain_code::open(path, options),
         start if vrt::is_vrt(start) => vrt::open(path, options),
         _ if without_query(path).extension().is_some_and(|e| e.eq_ignore_ascii_case("hgt")) => {
-            hgt::open(path)
+            hgt::open(path, options)
         }
         start => match whole_image::format_of(path, start) {
             Some(format) => whole_image::open(path, format, start, options),
             None => Err(OtherFormat::refuse_source(path, start)),
         },
     };
-    sidecar::describe(raster?)
+    sidecar::describe(raster?, &options.access)
 }
 
 /// Enough of a file's start to tell its format.
-fn first_bytes(path: &Path) -> Result<Vec<u8>> {
+fn first_bytes(path: &Path, access: &FileAccess) -> Result<Vec<u8>> {
     if path.is_dir() {
         // (Some formats are folders.)
         if OtherFormat::of(path, &[]).is_some() {
@@ -233,7 +236,7 @@ fn first_bytes(path: &Path) -> Result<Vec<u8>> {
         }
         return Err(Error::io(path, "open")(io::Error::from(io::ErrorKind::IsADirectory)));
     }
-    let file = InputFile::open(path)?;
+    let file = access.input(path)?;
     let mut magic = Vec::new();
     file.take(FIRST_BYTES as u64).read_to_end(&mut magic).map_err(Error::io(path, "read"))?;
     if magic.is_empty() {

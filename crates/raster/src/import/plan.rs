@@ -9,6 +9,7 @@ use super::sidecar::Described;
 use super::validity::as_stored;
 use super::{Band, Raster, RasterInfo, RasterOptions, Transparent, bands, mosaic, open};
 use serde::{Deserialize, Serialize};
+use spinney_base::io::FileAccess;
 use spinney_base::space::Dimension;
 use spinney_base::value::{DataKind, Number, Rule, SampleType, ValueType};
 use spinney_base::{Error, Result};
@@ -61,6 +62,9 @@ pub struct ImportOptions {
     pub time: Option<i64>,
     /// How few bytes the file is to take, and what it may lose for that.
     pub packing: Packing,
+    /// How the files, and those that they name or that accompany them, are opened.
+    #[serde(skip)]
+    pub access: FileAccess,
 }
 
 impl ImportOptions {
@@ -235,6 +239,7 @@ fn open_inputs(
         memory: share,
         layer: options.layer.clone(),
         page: options.page,
+        access: options.access.clone(),
         ..RasterOptions::default()
     };
     let pool = Pool::new(MAX_OPEN);

@@ -35,7 +35,7 @@ enum Void {
 }
 
 pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
-    let file = InputFile::open(path)?;
+    let file = options.access.input(path)?;
     let (reader, row_bytes) = guard(path, "PNG header", || {
         let limits = Limits { bytes: usize::try_from(options.memory).unwrap_or(usize::MAX) };
         let mut decoder = Decoder::new_with_limits(BufReader::with_capacity(1 << 16, file), limits);

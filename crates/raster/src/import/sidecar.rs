@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::xml::XmlElement;
 use super::{Pixels, Raster, RasterInfo, gdal, worldfile};
-use spinney_base::io::{InputFile, beside, sidecar_of};
+use spinney_base::io::{FileAccess, beside, sidecar_of};
 use spinney_base::space::Region;
 use spinney_base::value::{DataKind, Number, Palette};
 use spinney_base::{Error, Result};
@@ -49,16 +49,16 @@ impl Raster for Described {
 /// The raster with what files beside it say, if there are any. What a sidecar says goes before what the file itself
 /// says, as for GDAL, which writes sidecars of files that it cannot change; but for its place, which a sidecar or a
 /// world file tells where the file itself does not.
-pub(super) fn describe(raster: Box<dyn Raster>) -> Result<Box<dyn Raster>> {
+pub(super) fn describe(raster: Box<dyn Raster>, access: &FileAccess) -> Result<Box<dyn Raster>> {
     let mut info = raster.info().clone();
-    apply_sidecar(beside(raster.path(), sidecar_of), &mut info)?;
-    worldfile::place(raster.path(), &mut info.frame)?;
+    apply_sidecar(beside(raster.path(), sidecar_of), access, &mut info)?;
+    worldfile::place(raster.path(), access, &mut info.frame)?;
     Ok(Box::new(Described { raster, info }))
 }
 
 /// Takes over what a sidecar says, if it is there.
-fn apply_sidecar(path: PathBuf, info: &mut RasterInfo) -> Result<()> {
-    let Some(file) = InputFile::find_beside(&path)? else { return Ok(()) };
+fn apply_sidecar(path: PathBuf, access: &FileAccess, info: &mut RasterInfo) -> Result<()> {
+    let Some(file) = access.find_companion(&path)? else { return Ok(()) };
     let mut bytes = Vec::new();
     file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(Error::io(&path, "read"))?;
     let found = if bytes.len() as u64 > MAX_BYTES { "more than 16 MiB" } else { "something else" };

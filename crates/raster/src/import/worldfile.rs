@@ -3,7 +3,7 @@
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use spinney_base::io::{InputFile, beside, without_query};
+use spinney_base::io::{FileAccess, beside, without_query};
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, Frame};
 
@@ -11,14 +11,14 @@ use spinney_crs::{Crs, Frame};
 const MOST: u64 = 4 << 20;
 
 /// Completes a picture's frame: its map from a world file, its coordinate system from the `.prj` file beside that.
-pub(super) fn place(picture: &Path, frame: &mut Frame) -> Result<()> {
+pub(super) fn place(picture: &Path, access: &FileAccess, frame: &mut Frame) -> Result<()> {
     if !frame.is_identity() {
         return Ok(());
     }
-    let Some(world) = frame_beside(picture)? else { return Ok(()) };
+    let Some(world) = frame_beside(picture, access)? else { return Ok(()) };
     frame.matrix = world.matrix;
     if frame.crs.is_none()
-        && let Some((path, text)) = read(prj(picture))?
+        && let Some((path, text)) = read(prj(picture), access)?
     {
         frame.crs = crs(&path, &text)?;
     }
@@ -26,8 +26,8 @@ pub(super) fn place(picture: &Path, frame: &mut Frame) -> Result<()> {
 }
 
 /// The text of a file, if there is one, and its path.
-fn read(path: PathBuf) -> Result<Option<(PathBuf, String)>> {
-    let Some(file) = InputFile::find_beside(&path)? else { return Ok(None) };
+fn read(path: PathBuf, access: &FileAccess) -> Result<Option<(PathBuf, String)>> {
+    let Some(file) = access.find_companion(&path)? else { return Ok(None) };
     let mut text = Vec::new();
     file.take(MOST).read_to_end(&mut text).map_err(Error::io(&path, "read"))?;
     Ok(Some((path, String::from_utf8_lossy(&text).into_owned())))
@@ -45,9 +45,9 @@ pub(super) fn crs(path: &Path, definition: &str) -> Result<Option<Crs>> {
 }
 
 /// The frame of a picture from the world file beside it, if there is one.
-fn frame_beside(picture: &Path) -> Result<Option<Frame>> {
+fn frame_beside(picture: &Path, access: &FileAccess) -> Result<Option<Frame>> {
     for path in candidates(picture) {
-        if let Some(file) = InputFile::find_beside(&path)? {
+        if let Some(file) = access.find_companion(&path)? {
             let mut text = Vec::new();
             file.take(4096).read_to_end(&mut text).map_err(Error::io(&path, "read"))?;
             return parse(&path, &text).map(Some);

@@ -10,7 +10,7 @@ use super::journal::{not_ours, other_export};
 use super::provenance::{About, Digest, Own};
 use super::sink::{TileArchiveSummary, TileEdit, TileSink};
 use super::walk::TileRun;
-use spinney_base::io::Output;
+use spinney_base::io::{FileAccess, Output};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Finding;
 use spinney_tiles::{MAX_ZOOM, TileId};
@@ -60,8 +60,12 @@ fn failed(path: &Path, doing: &'static str) -> impl FnOnce(rusqlite::Error) -> E
 
 impl MbtilesSink {
     /// Starts an archive of an export that `provenance` describes, or goes on with one that was interrupted.
-    pub(super) fn create(path: &Path, provenance: &str, resume: bool) -> Result<MbtilesSink> {
-        let output = if resume { Output::resumable(path)?.0 } else { Output::create(path)? };
+    pub(super) fn create(
+        path: &Path,
+        provenance: &str,
+        (resume, access): (bool, &FileAccess),
+    ) -> Result<MbtilesSink> {
+        let output = if resume { Output::resumable(path)?.0 } else { access.create(path)? };
         let Some(place) = output.unfinished_path().map(Path::to_path_buf) else {
             let advice = "give the name of a file: it is a database";
             return Err(Error::unsupported(path, "writing MBTiles to a stream", advice));

@@ -63,7 +63,7 @@ use self::pmtiles::PmtilesSink;
 use self::provenance::About;
 use self::sink::TileSink;
 use self::walk::{TileExtent, TileRun, TileWalk};
-use spinney_base::io::Output;
+use spinney_base::io::{FileAccess, Output};
 use spinney_base::parallel;
 use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result};
@@ -102,6 +102,8 @@ pub struct TileRequest {
     pub part: Option<TilePart>,
     /// Archives of all parts of this export, in any order: of these the tiles are put together, to the bytes of an export in one go.
     pub parts: Vec<PathBuf>,
+    /// How the target is created: as the tree was opened.
+    pub access: FileAccess,
 }
 
 impl TileRequest {
@@ -126,6 +128,7 @@ impl TileRequest {
             void: encode::void_number(value, tree.metadata().nodata),
             part: None,
             parts: Vec::new(),
+            access: tree.access(),
         })
     }
 }
@@ -187,7 +190,7 @@ pub fn export_tiles(
         part.take(source, &mut extent, &mut about, progress)?;
     }
     let (total, _) = TileWalk::new(source, &extent).count(progress)?;
-    let sink = target.sink(&about, request.resume)?;
+    let sink = target.sink(&about, request)?;
     let copied = |run: &TileRun| Ok(parts.as_ref().map(|parts| parts.made(run)));
     write(source, &extent, &encoder, Some(&copied), sink, &about, total, progress)
 }

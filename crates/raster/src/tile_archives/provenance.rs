@@ -8,7 +8,6 @@ use serde_json::{Map, Value as Json, json};
 
 use super::encode::TileFormat;
 use spinney_base::{Error, Result};
-use spinney_container::OpenOptions;
 use spinney_engine::dataset::Dataset;
 use spinney_tiles::{GeographicExtent, TileColours};
 
@@ -39,7 +38,7 @@ impl SourceState {
         if let Some(state) = tree.listed_state() {
             return Ok(SourceState { file, commit: None, state: format!("a manifest, {state:032x}") });
         }
-        let (input, length) = (OpenOptions::new().open(path)?, tree.file_size());
+        let ((input, _), length) = (tree.access().open(path, &[])?, tree.file_size());
         if input.len() < length {
             return Err(Error::Changed { path: path.to_path_buf(), what: "was cut short" });
         }

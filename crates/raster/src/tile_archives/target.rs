@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::TileRequest;
 use super::encode::TileFormat;
 use super::folder::{FolderSink, TileFolder};
 #[cfg(feature = "mbtiles")]
@@ -9,7 +10,6 @@ use super::mbtiles::MbtilesSink;
 use super::pmtiles::PmtilesSink;
 use super::provenance::About;
 use super::sink::TileSink;
-use spinney_base::io::Output;
 use spinney_base::{Error, Result};
 
 /// An archive, or a folder.
@@ -61,15 +61,16 @@ impl TileTarget {
         }
     }
 
-    pub(super) fn sink(&self, about: &About, resume: bool) -> Result<Box<dyn TileSink>> {
+    pub(super) fn sink(&self, about: &About, request: &TileRequest) -> Result<Box<dyn TileSink>> {
+        let TileRequest { resume, access, .. } = request;
         let provenance = serde_json::to_string(&about.provenance)
             .map_err(|error| Error::invalid("options", error.to_string(), "options that are texts"))?;
         Ok(match self {
             TileTarget::Pmtiles(path) => {
-                Box::new(PmtilesSink::create(Output::create(path)?, resume.then_some(provenance.as_str()))?)
+                Box::new(PmtilesSink::create(access.create(path)?, resume.then_some(provenance.as_str()))?)
             }
             #[cfg(feature = "mbtiles")]
-            TileTarget::Mbtiles(path) => Box::new(MbtilesSink::create(path, &provenance, resume)?),
+            TileTarget::Mbtiles(path) => Box::new(MbtilesSink::create(path, &provenance, (*resume, access))?),
             TileTarget::Folder(folder) => {
                 Box::new(FolderSink::create(folder, resume.then_some(provenance.as_str()))?)
             }

@@ -17,7 +17,6 @@ use super::{Made, TileRequest, export_tiles, plan, write};
 use spinney_base::parallel;
 use spinney_base::space::Code;
 use spinney_base::{Error, Progress, Result};
-use spinney_container::OpenOptions;
 use spinney_engine::dataset::Dataset;
 use spinney_engine::ops::{TreeFile, diff_nodes};
 use spinney_style::Style;
@@ -55,7 +54,7 @@ fn changes(
             ));
         }
     };
-    let options = OpenOptions::default();
+    let options = tree.access().into();
     let before = TreeFile::open(&name, &options)?;
     let old = spinney_engine::dataset::open(&name, &options)?;
     if SourceState::of(&old)?.state != state.state {
@@ -203,7 +202,7 @@ impl TileUpdate {
         match self.old {
             Old::Pmtiles(archive) => {
                 let (total, _) = TileWalk::new(source, &extent).count(progress)?;
-                let sink = self.target.sink(&about, request.resume)?;
+                let sink = self.target.sink(&about, request)?;
                 let copied = |run: &TileRun| -> Result<Option<Made>> {
                     let tile = TileId::from_number(run.first).expect("a run of tiles");
                     if run.uniform.is_some() || touched.contains(tile) {

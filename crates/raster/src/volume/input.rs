@@ -7,6 +7,7 @@ use super::sections::pictures_of;
 use super::{RawLayout, VolumeImport, VolumeOptions, nrrd, plan, plan_raw, plan_sections};
 use crate::import::{RasterOptions, files_of};
 use spinney_base::Result;
+use spinney_base::io::FileAccess;
 
 /// Files of a volume, and the way in which they are read.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -56,11 +57,12 @@ impl VolumeInput {
     ///
     /// # Errors
     /// If a file, or a folder, cannot be read.
-    pub fn files(&self) -> Result<Vec<PathBuf>> {
+    pub fn files(&self, access: &FileAccess) -> Result<Vec<PathBuf>> {
+        let options = RasterOptions { access: access.clone(), ..RasterOptions::default() };
         let mut files = Vec::new();
         for picture in self.pictures()? {
             match self {
-                VolumeInput::Sections(_) => files.extend(files_of(&picture, &RasterOptions::new())?),
+                VolumeInput::Sections(_) => files.extend(files_of(&picture, &options)?),
                 VolumeInput::File(_) => files.extend(data_beside(&picture)?),
                 VolumeInput::Raw(..) => {}
             }

@@ -19,10 +19,10 @@ pub use self::input::VolumeInput;
 pub(crate) use self::nrrd::nrrd_head;
 pub use self::raw::RawLayout;
 use self::sections::Sections;
-use crate::import::{DEFAULT_MEMORY, as_stored, depth_of, listed, nodata_text};
+use crate::import::{DEFAULT_MEMORY, RasterOptions, as_stored, depth_of, listed, nodata_text};
 use serde::{Deserialize, Serialize};
 use spinney_base::TreeType;
-use spinney_base::io::{Output, folder};
+use spinney_base::io::{FileAccess, Output, folder};
 use spinney_base::space::{Bounds, Dimension};
 use spinney_base::value::{DataKind, Number, Rule, ValueType};
 use spinney_base::{Error, Progress, Result};
@@ -61,6 +61,9 @@ pub struct VolumeOptions {
     pub time: Option<i64>,
     /// How few bytes the file is to take, and what it may lose for that.
     pub packing: Packing,
+    /// How images that are planes of a volume are opened. (Other volumes are local files.)
+    #[serde(skip)]
+    pub access: FileAccess,
 }
 
 impl VolumeOptions {
@@ -173,7 +176,8 @@ pub fn plan_raw(path: &Path, layout: &RawLayout, options: &VolumeOptions) -> Res
 /// # Errors
 /// If a file cannot be read, they differ or have opacity, or the options do not fit them.
 pub fn plan_sections(inputs: &[PathBuf], options: &VolumeOptions) -> Result<VolumeImport> {
-    let sections = Sections::open(inputs, options.memory.unwrap_or(DEFAULT_MEMORY) / 2)?;
+    let (memory, access) = (options.memory.unwrap_or(DEFAULT_MEMORY) / 2, options.access.clone());
+    let sections = Sections::open(inputs, RasterOptions { memory, access, ..RasterOptions::default() })?;
     let (info, files) = (sections.info.clone(), sections.files.clone());
     let planes = sections.layout.size[2];
     let mut words = match files.len() {

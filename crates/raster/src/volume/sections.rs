@@ -34,18 +34,19 @@ pub(super) struct Sections {
     /// Facts of the first, which hold for all but for their words.
     pub(super) info: RasterInfo,
     pub(super) layout: ArrayLayout,
-    memory: u64,
+    /// How images are opened, with as much memory as may be used for one.
+    options: RasterOptions,
 }
 
 impl Sections {
-    /// Reads the headers of all pictures, with as much memory as may be used for one.
-    pub(super) fn open(inputs: &[PathBuf], memory: u64) -> Result<Sections> {
+    /// Reads the headers of all images.
+    pub(super) fn open(inputs: &[PathBuf], options: RasterOptions) -> Result<Sections> {
         let (files, others) = pictures_of(inputs)?;
         let mut sections: Vec<Section> = Vec::new();
         let mut first: Option<(RasterInfo, String)> = None;
         for (file, path) in files.iter().enumerate() {
-            let info = section(path, None, memory)?.info().clone();
-            let pages = if info.pages > 1 { page_directories(path, memory)? } else { Vec::new() };
+            let info = section(path, None, &options)?.info().clone();
+            let pages = if info.pages > 1 { page_directories(path, &options)? } else { Vec::new() };
             let start = sections.len();
             match pages.is_empty() {
                 true => sections.push(Section { file, page: None }),
@@ -54,7 +55,7 @@ impl Sections {
             }
             for Section { page, .. } in &sections[start..] {
                 let info = match page {
-                    Some(_) => section(path, *page, memory)?.info().clone(),
+                    Some(_) => section(path, *page, &options)?.info().clone(),
                     None => info.clone(),
                 };
                 let found = about(&info);
@@ -85,7 +86,7 @@ impl Sections {
         if info.alpha.is_some() {
             return Err(with_mask(path, "opacity"));
         }
-        Ok(Sections { files, sections, others, info, layout, memory })
+        Ok(Sections { files, sections, others, info, layout, options })
     }
 
     /// The samples of a box in a temporary file in a folder, one plane after the other, where blocks of many are read at once. Of planes outside of
@@ -94,14 +95,14 @@ impl Sections {
         let mut out = BoxSpill::new(self.layout, cells, folder)?;
         let [width, height, _] = self.layout.size;
         let cell = self.layout.cell() as u64;
-        let rows = (self.memory / 2 / (width * cell).max(1)).clamp(1, ROWS);
+        let rows = (self.options.memory / 2 / (width * cell).max(1)).clamp(1, ROWS);
         let mut pixels = Pixels::default();
         for (Section { file, page }, z) in self.sections.iter().zip(0..) {
             if !(cells.min[2]..cells.max[2]).contains(&z) {
                 continue;
             }
             let path = &self.files[*file];
-            let mut raster = section(path, *page, self.memory)?;
+            let mut raster = section(path, *page, &self.options)?;
             if about(raster.info()) != about(&self.info) {
                 return Err(Error::corrupt(path, "the whole file", about(raster.info()), about(&self.info)));
             }
@@ -158,9 +159,9 @@ fn with_mask(path: &Path, what: &str) -> Error {
 }
 
 /// A picture, or a page of it.
-fn section(path: &Path, page: Option<(usize, u64)>, memory: u64) -> Result<Box<dyn Raster>> {
+fn section(path: &Path, page: Option<(usize, u64)>, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     let (page, directory) = page.unzip();
-    open(path, &RasterOptions { memory, page, directory, ..RasterOptions::default() })
+    open(path, &RasterOptions { page, directory, ..options.clone() })
 }
 
 /// Samples as they are read.

@@ -52,7 +52,7 @@ fn in_shards(folder: &Path, open: &dyn Fn() -> Result<VolumeImport>, cuts: &[u64
             run = CodeRun::new(run.ends()[0], CodeRun::ALL.ends()[1]).unwrap();
         }
         let pieces = vec![ShardPiece { layer: 0, run }];
-        let shard = Shard { folder: folder.into(), job: 1, number, pieces };
+        let shard = Shard { folder: folder.into(), job: 1, number, pieces, access: Default::default() };
         write(TreeWriter::shard(&head, shard.clone()).unwrap());
         shards.push(shard);
     }
@@ -125,7 +125,7 @@ fn shards_of_what_comes_from_the_front_make_the_bytes_of_a_build() {
     std::fs::write(&head, text).unwrap();
     let input = VolumeInput::File(head.clone());
     compare(folder, &|| input.plan(&options));
-    assert_eq!(input.files().unwrap(), [data, head]);
+    assert_eq!(input.files(&Default::default()).unwrap(), [data, head]);
 }
 
 #[test]
@@ -149,6 +149,6 @@ fn shards_of_sections_make_the_bytes_of_a_build() {
     let options = VolumeOptions::new();
     let input = VolumeInput::Sections(vec![sections]);
     compare(folder, &|| input.plan(&options));
-    let files = input.files().unwrap();
+    let files = input.files(&Default::default()).unwrap();
     assert!(paths.iter().all(|path| files.contains(path)) && files.len() > 2 * paths.len());
 }

@@ -69,7 +69,7 @@ pub fn export_layers(
     let share = WindowRequest { memory: request.memory / (2 * layers.len() as u64), ..request.clone() };
     let rows = layers.iter().zip(&grids).map(|(layer, grid)| rows_at_a_time(layer, &share, grid));
     let rows = rows.collect::<Result<Vec<u64>>>()?.into_iter().min().unwrap_or(1);
-    let path = output.path().to_path_buf();
+    let (path, access) = (output.path().to_path_buf(), output.access().clone());
     let mut writer = create(output, format, &spec)?;
     let is_upright = grids[0].across != 2 && !matches!(format, Format::Npy | Format::Raw);
     let samplers: Vec<Sampler<'_>> = layers
@@ -102,7 +102,7 @@ pub fn export_layers(
     }
     layers.iter().try_for_each(Dataset::check_unchanged)?;
     writer.finish()?;
-    write_sidecar(&path, format, &spec.metadata, progress)
+    write_sidecar((&path, &access), format, &spec.metadata, progress)
 }
 
 /// The request for a layer: its pixels are those of the first one's, also where a size is asked for.

@@ -128,7 +128,7 @@ pub fn export_window(
     let grid = OutputGrid::of(tree, request)?;
     let void = VoidCells::of(tree, request)?;
     let spec = image_spec(tree, &grid, &void);
-    let path = output.path().to_path_buf();
+    let (path, access) = (output.path().to_path_buf(), output.access().clone());
     let rows = rows_at_a_time(tree, request, &grid)?;
     let mut writer = create(output, format, &spec)?;
     // Pictures of upright slices begin with the highest row, which is the last along the axis.
@@ -142,7 +142,7 @@ pub fn export_window(
     })?;
     tree.check_unchanged()?;
     writer.finish()?;
-    write_sidecar(&path, format, &spec.metadata, progress)
+    write_sidecar((&path, &access), format, &spec.metadata, progress)
 }
 
 /// Writes a window as [`export_window`] does, in a style that was made ready for the tree before; [`WindowRequest::style`] does not matter.
@@ -159,11 +159,11 @@ pub fn export_painted_window(
 ) -> Result<()> {
     let grid = OutputGrid::of(tree, request)?;
     let spec = image_spec(tree, &grid, &VoidCells::of(tree, request)?);
-    let path = output.path().to_path_buf();
+    let (path, access) = (output.path().to_path_buf(), output.access().clone());
     let painted = Painted::new(tree, &grid, painter, spec, format);
     painted.export(request, output, format, progress)?;
     tree.check_unchanged()?;
-    write_sidecar(&path, format, painted.metadata(), progress)
+    write_sidecar((&path, &access), format, painted.metadata(), progress)
 }
 
 /// Whether a tree's channels are those of PNG: grey, or red, green and blue, each also with opacity.

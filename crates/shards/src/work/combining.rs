@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use spinney_base::io::Output;
+use spinney_base::io::{FileAccess, Output};
 use spinney_base::{Progress, Result};
 use spinney_container::Header;
 use spinney_engine::ops::{CombineOperation, CombineOptions, Outcome, combine_with};
@@ -51,8 +51,8 @@ pub(super) fn write_head(
 }
 
 impl Work for Combining {
-    fn files_of(&self, input: &Path) -> Result<Vec<PathBuf>> {
-        files_of(input)
+    fn files_of(&self, input: &Path, access: &FileAccess) -> Result<Vec<PathBuf>> {
+        files_of(input, access)
     }
 
     fn check(&self, _: usize, _: &[Header]) -> Result<()> {

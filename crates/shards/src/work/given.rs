@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
+use spinney_base::io::FileAccess;
 use spinney_base::{Error, Progress, Result};
 use spinney_engine::store::Packing;
 
@@ -24,7 +25,7 @@ impl Given {
 }
 
 impl Work for Given {
-    fn files_of(&self, _: &Path) -> Result<Vec<PathBuf>> {
+    fn files_of(&self, _: &Path, _: &FileAccess) -> Result<Vec<PathBuf>> {
         Ok(Vec::new())
     }
 

@@ -14,7 +14,7 @@ mod volumes;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use spinney_base::io::{Output, url_of};
+use spinney_base::io::{FileAccess, Output, url_of};
 use spinney_base::space::{Bounds, CodeRun};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
@@ -230,7 +230,7 @@ impl PlannedWork {
 /// Kind of work. All that it is told by a plan may be damaged.
 pub(crate) trait Work {
     /// The files that reading an input looks at, itself among them.
-    fn files_of(&self, input: &Path) -> Result<Vec<PathBuf>>;
+    fn files_of(&self, input: &Path, access: &FileAccess) -> Result<Vec<PathBuf>>;
 
     /// Headers of the layers that a head tells of.
     fn layers(&self, head: Vec<u8>) -> Result<Vec<Header>> {

@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use spinney_base::io::Output;
+use spinney_base::io::{FileAccess, Output};
 use spinney_base::space::{Bounds, Dimension, Region};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{Header, OpenOptions};
+use spinney_container::Header;
 use spinney_engine::store::TreeWriter;
 use spinney_engine::store::goblin::{Goblin, Shard};
 use spinney_raster::import::{self, ImportOptions, MosaicPlan, RasterOptions, plan, plan_part};
@@ -39,10 +39,11 @@ impl Pictures {
 }
 
 /// The files that are read of a picture.
-pub(super) fn files_of(input: &Path, import: &ImportOptions) -> Result<Vec<PathBuf>> {
+pub(super) fn files_of(input: &Path, import: &ImportOptions, access: &FileAccess) -> Result<Vec<PathBuf>> {
     let mut options = RasterOptions::new();
     options.layer.clone_from(&import.layer);
     options.page = import.page;
+    options.access = access.clone();
     import::files_of(input, &options)
 }
 
@@ -53,7 +54,9 @@ pub(super) fn write_head(
     head: Output,
     progress: &dyn Progress,
 ) -> Result<Told> {
-    let picture = plan(paths, options)?;
+    let mut options = options.clone();
+    options.access = head.access().clone();
+    let picture = plan(paths, &options)?;
     let whole = [Region::new(0, 0, picture.info().width, picture.info().height)];
     let regions = picture.mosaic().map_or(&whole[..], |mosaic| &mosaic.regions);
     let loads = regions.iter().zip(inputs).map(|(region, input)| {
@@ -65,13 +68,13 @@ pub(super) fn write_head(
     let mut file = TreeWriter::head(head, (Dimension::Quad, picture.options().depth), 1)?;
     picture.write(&mut file, Path::new(""), progress)?;
     file.finish()?;
-    let work = PlannedWork::Pictures(Box::new(Pictures { mosaic, ..Pictures::of(options) }));
+    let work = PlannedWork::Pictures(Box::new(Pictures { mosaic, ..Pictures::of(&options) }));
     Ok(Told { work, loads, pieces: None, description })
 }
 
 impl Work for Pictures {
-    fn files_of(&self, input: &Path) -> Result<Vec<PathBuf>> {
-        files_of(input, &self.options)
+    fn files_of(&self, input: &Path, access: &FileAccess) -> Result<Vec<PathBuf>> {
+        files_of(input, &self.options, access)
     }
 
     fn check(&self, inputs: usize, layers: &[Header]) -> Result<()> {
@@ -97,6 +100,7 @@ impl Work for Pictures {
     fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
         let mut options = self.options.clone();
         options.memory = Some(memory);
+        options.access = part.shard.access.clone();
         let paths = part.paths();
         let picture = match &self.mosaic {
             None => plan(&paths, &options)?,
@@ -104,7 +108,7 @@ impl Work for Pictures {
                 let regions = part.inputs.iter().map(|(number, _)| mosaic.regions[*number]).collect();
                 let mut mosaic = mosaic.clone();
                 mosaic.regions = regions;
-                let head = Goblin::open(&part.head, &OpenOptions::default())?;
+                let head = Goblin::open(&part.head, &(&options.access).into())?;
                 plan_part(&paths, &mosaic, (head.header(), head.metadata()), &options)?
             }
         };

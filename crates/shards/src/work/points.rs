@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use spinney_base::io::{Output, url_of};
+use spinney_base::io::{FileAccess, Output, url_of};
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
@@ -45,9 +45,10 @@ impl Points {
 
     /// The shard as trees of points have it.
     fn shard(&self, shard: &Shard) -> PointShard {
-        let Shard { folder, job, number, pieces } = shard;
+        let Shard { folder, job, number, pieces, access } = shard;
         let run = pieces.first().map(|piece| piece.run);
-        PointShard { folder: folder.clone(), job: *job, number: *number, level: self.level, run }
+        let (folder, access) = (folder.clone(), access.clone());
+        PointShard { folder, job: *job, number: *number, level: self.level, run, access }
     }
 }
 
@@ -77,7 +78,7 @@ pub(super) fn write_head(
 }
 
 impl Work for Points {
-    fn files_of(&self, input: &Path) -> Result<Vec<PathBuf>> {
+    fn files_of(&self, input: &Path, _: &FileAccess) -> Result<Vec<PathBuf>> {
         check_is_here(input)?;
         Ok(vec![input.to_path_buf()])
     }

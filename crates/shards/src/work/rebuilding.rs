@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use spinney_base::io::Output;
+use spinney_base::io::{FileAccess, Output};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{Header, OpenOptions};
+use spinney_container::Header;
 use spinney_engine::dataset::{Rebuild, open};
 use spinney_engine::store::{Packing, TreeTarget};
 
@@ -34,7 +34,7 @@ fn build(
     target: TreeTarget,
     progress: &dyn Progress,
 ) -> Result<[(&'static str, String); 3]> {
-    let tree = open(path, &OpenOptions::default())?;
+    let tree = open(path, &target.access().into())?;
     let mut options = tree.rebuild_options(other, memory)?;
     options.packing = packing;
     tree.build_to(&options, target, progress)?;
@@ -58,8 +58,8 @@ pub(super) fn write_head(
 }
 
 impl Work for Rebuilding {
-    fn files_of(&self, input: &Path) -> Result<Vec<PathBuf>> {
-        files_of(input)
+    fn files_of(&self, input: &Path, access: &FileAccess) -> Result<Vec<PathBuf>> {
+        files_of(input, access)
     }
 
     fn check(&self, inputs: usize, _: &[Header]) -> Result<()> {

@@ -3,14 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use spinney_base::io::Output;
+use spinney_base::io::{FileAccess, Output};
 use spinney_base::space::{Code, CodeRun, Dimension};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
 use spinney_engine::store::TreeTarget;
 use spinney_mesh::import::{
-    Resolution, SolidOptions, SolidSurvey, SurfaceAtPoint, SurveyedNode, files_of, open_all, plan_models,
-    plan_part,
+    Resolution, SolidOptions, SolidSurvey, SurfaceAtPoint, SurveyedNode, files_of, open_all_with,
+    plan_models, plan_part,
 };
 
 use super::{Load, PartOfJob, PlannedWork, Told, Work, check_is_here};
@@ -111,7 +111,7 @@ pub(super) fn write_head(
     progress: &dyn Progress,
 ) -> Result<Told> {
     let work = Solid::of(paths, options)?;
-    let import = plan_models(open_all(paths, options.memory)?, options)?;
+    let import = plan_models(open_all_with(paths, options.memory, head.access())?, options)?;
     let (mut description, depth) = (import.description().to_vec(), import.depth());
     let target = TreeTarget::Head(head);
     let beside = target.temporary();
@@ -131,9 +131,9 @@ pub(super) fn write_head(
 }
 
 impl Work for Solid {
-    fn files_of(&self, input: &Path) -> Result<Vec<PathBuf>> {
+    fn files_of(&self, input: &Path, access: &FileAccess) -> Result<Vec<PathBuf>> {
         check_is_here(input)?;
-        files_of(input)
+        files_of(input, access)
     }
 
     fn check(&self, _: usize, _: &[Header]) -> Result<()> {
@@ -141,7 +141,7 @@ impl Work for Solid {
     }
 
     fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
-        let models = open_all(&part.paths(), memory)?;
+        let models = open_all_with(&part.paths(), memory, &part.shard.access)?;
         let import = plan_part(models, &with_memory(&self.options, memory), self.survey.survey()?)?;
         let folder = part.shard.temporary().to_path_buf();
         let mut file = part.target().start((Dimension::Oct, import.depth()), 1)?;

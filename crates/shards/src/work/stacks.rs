@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use spinney_base::io::Output;
+use spinney_base::io::{FileAccess, Output};
 use spinney_base::space::{Bounds, Dimension};
 use spinney_base::{Error, Progress, Result};
 use spinney_engine::store::TreeWriter;
@@ -33,7 +33,9 @@ pub(super) fn write_head(
     head: Output,
     progress: &dyn Progress,
 ) -> Result<Told> {
-    let stack = plan_stack(paths, options)?;
+    let mut options = options.clone();
+    options.import.access = head.access().clone();
+    let stack = plan_stack(paths, &options)?;
     if let Some(layer) = stack.layers.iter().find(|layer| layer.is_warped()) {
         let found = "a layer on another grid than the finest, in shards,";
         let advice = "build its file by itself with --grid first, and stack the others";
@@ -47,7 +49,7 @@ pub(super) fn write_head(
         input.map_or(0, |input| inputs[input].bytes())
     };
     let (loads, description) = (loads(&stack, size_of), stack.description().to_vec());
-    Ok(Told { work: PlannedWork::Stack(Box::new(Stack::of(options))), loads, pieces: None, description })
+    Ok(Told { work: PlannedWork::Stack(Box::new(Stack::of(&options))), loads, pieces: None, description })
 }
 
 /// The layers of a stack, each with its share of its file's bytes.
@@ -60,13 +62,14 @@ fn loads(stack: &RasterStack, size_of: impl Fn(&Path) -> u64) -> Vec<Load> {
 }
 
 impl Work for Stack {
-    fn files_of(&self, input: &Path) -> Result<Vec<PathBuf>> {
-        files_of(input, &self.options.import)
+    fn files_of(&self, input: &Path, access: &FileAccess) -> Result<Vec<PathBuf>> {
+        files_of(input, &self.options.import, access)
     }
 
     fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
         let mut options = self.options.clone();
         options.import.memory = Some(memory);
+        options.import.access = part.shard.access.clone();
         let stack = plan_stack(&part.paths(), &options)?;
         let folder = part.shard.temporary().to_path_buf();
         let mut file = part.target().start((Dimension::Quad, stack.depth), stack.layers.len() as u32)?;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use spinney_base::io::Output;
+use spinney_base::io::{FileAccess, Output};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
 use spinney_engine::ops::{FileView, ViewStep, WarpOptions, transform_to};
@@ -54,9 +54,9 @@ impl Transforming {
     }
 
     /// The chain on a tree.
-    fn chain(&self, path: &Path) -> Result<FileView> {
+    fn chain(&self, path: &Path, access: &FileAccess) -> Result<FileView> {
         let steps = self.steps.iter().map(|step| step.parse()).collect::<Result<_>>()?;
-        Ok(FileView { path: path.into(), steps, moves: self.moves, warp: self.warp })
+        Ok(FileView { path: path.into(), steps, moves: self.moves, warp: self.warp, access: access.clone() })
     }
 }
 
@@ -68,18 +68,23 @@ pub(super) fn write_head(
     progress: &dyn Progress,
 ) -> Result<Told> {
     let how = WriteOptions::new(LITTLE).packing(packing);
-    let outcome = transform_to(chain, TreeTarget::Head(head), how, progress)?;
+    let outcome = transform_to(
+        &FileView { access: head.access().clone(), ..chain.clone() },
+        TreeTarget::Head(head),
+        how,
+        progress,
+    )?;
     let work = PlannedWork::Transform(Transforming::of(chain, packing)?);
     Ok(Told { work, loads: Vec::new(), pieces: None, description: description(&outcome) })
 }
 
 impl Work for Transforming {
-    fn files_of(&self, input: &Path) -> Result<Vec<PathBuf>> {
-        files_of(input)
+    fn files_of(&self, input: &Path, access: &FileAccess) -> Result<Vec<PathBuf>> {
+        files_of(input, access)
     }
 
     fn check(&self, inputs: usize, _: &[Header]) -> Result<()> {
-        let found = files(&self.chain(Path::new(""))?).len();
+        let found = files(&self.chain(Path::new(""), &FileAccess::default())?).len();
         if found == inputs {
             return Ok(());
         }
@@ -87,7 +92,8 @@ impl Work for Transforming {
     }
 
     fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
-        let (chain, how) = (self.chain(&part.inputs[0].1)?, WriteOptions::new(memory).packing(self.packing));
+        let chain = self.chain(&part.inputs[0].1, &part.shard.access)?;
+        let how = WriteOptions::new(memory).packing(self.packing);
         transform_to(&chain, part.target(), how, progress).map(|_| ())
     }
 }
@@ -108,7 +114,7 @@ mod tests {
         let planned = Transforming::of(&chain, Packing::default()).unwrap();
         let text = serde_json::to_string(&planned).unwrap();
         let again: Transforming = serde_json::from_str(&text).unwrap();
-        assert_eq!(again.chain(&chain.path).unwrap(), chain);
+        assert_eq!(again.chain(&chain.path, &chain.access).unwrap(), chain);
         assert_eq!(files(&chain), ["/a/b.goblin", "/x, y.goblin", "/c, d.goblin"].map(PathBuf::from));
         again.check(3, &[]).unwrap();
         again.check(2, &[]).unwrap_err();

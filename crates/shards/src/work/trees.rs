@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use spinney_base::Result;
+use spinney_base::io::FileAccess;
 use spinney_container::FileReference;
 use spinney_engine::ops::Outcome;
 use spinney_manifest::{Manifest, is_manifest_file};
@@ -11,12 +12,12 @@ use spinney_manifest::{Manifest, is_manifest_file};
 pub(super) const LITTLE: u64 = 1 << 20;
 
 /// The files that reading a tree looks at: its own, and those that a manifest lists.
-pub(super) fn files_of(input: &Path) -> Result<Vec<PathBuf>> {
+pub(super) fn files_of(input: &Path, access: &FileAccess) -> Result<Vec<PathBuf>> {
     let file = FileReference::of(input).file.into_owned();
-    if !is_manifest_file(&file) {
+    if !is_manifest_file(&file, access) {
         return Ok(vec![file]);
     }
-    let listed = Manifest::open(&file)?.entries;
+    let listed = Manifest::open(&file, access)?.entries;
     let listed = listed.iter().map(|listed| listed.file(&file)).collect::<Result<Vec<_>>>()?;
     Ok([vec![file], listed].concat())
 }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use spinney_base::io::Output;
+use spinney_base::io::{FileAccess, Output};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
@@ -60,7 +60,9 @@ pub(super) fn write_head(
 ) -> Result<Told> {
     let work = Volume::of(input, options);
     check_order(input, &work)?;
-    let volume = input.plan(options)?;
+    let mut options = options.clone();
+    options.access = head.access().clone();
+    let volume = input.plan(&options)?;
     let description = volume.description().to_vec();
     let mut file = TreeWriter::head(head, (Dimension::Oct, volume.options().depth), 1)?;
     volume.write(&mut file, Path::new(""), progress)?;
@@ -81,11 +83,11 @@ fn check_order(input: &VolumeInput, work: &Volume) -> Result<()> {
 }
 
 impl Work for Volume {
-    fn files_of(&self, input: &Path) -> Result<Vec<PathBuf>> {
+    fn files_of(&self, input: &Path, access: &FileAccess) -> Result<Vec<PathBuf>> {
         if self.input != Input::Sections {
             check_is_here(input)?;
         }
-        self.input(&[input.to_path_buf()])?.files()
+        self.input(&[input.to_path_buf()])?.files(access)
     }
 
     fn check(&self, inputs: usize, _: &[Header]) -> Result<()> {
@@ -95,6 +97,7 @@ impl Work for Volume {
     fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()> {
         let mut options = self.options.clone();
         options.memory = Some(memory);
+        options.access = part.shard.access.clone();
         let volume = self.input(&part.paths())?.plan(&options)?;
         let folder = part.shard.temporary().to_path_buf();
         let mut file = part.target().start((Dimension::Oct, volume.options().depth), 1)?;

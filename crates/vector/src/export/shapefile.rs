@@ -64,7 +64,7 @@ impl Shapefile {
                 "a shapefile of features of several kinds, of points, or with numbers for each segment";
             return Err(Error::unsupported(shapes.path(), found, "choose another format"));
         }
-        let beside = |ending: &str| Output::create(&shapes.path().with_extension(ending));
+        let beside = |ending: &str| shapes.access().create(&shapes.path().with_extension(ending));
         let (places, table) = (beside("shx")?, beside("dbf")?);
         let mut others = Vec::new();
         let definition = layer.crs.as_ref().and_then(definition);

@@ -10,7 +10,7 @@ use spinney::import::feature::{FeatureFilter, FeatureOptions};
 use spinney::query::{EdgeRule, ZonalRequest, ZoneMeasure};
 use spinney::raw::export::vector::export_zones;
 use spinney::raw::import::feature::{AttributeCondition, FeatureZones, PolygonReader};
-use spinney::{Coordinates, Dataset, Output};
+use spinney::{Coordinates, Dataset};
 
 use super::super::Global;
 use super::super::args::{Memory, check_output, vector_format};
@@ -90,7 +90,7 @@ pub(super) fn write(
     let reading = options.reading(Format::Json, memory);
     let reader = PolygonReader::open(file, &reading).map_err(|error| named(error, file))?;
     let work = Work::start(global, "polygons")?;
-    let made = Output::create(output)?;
+    let made = global.access().create(output)?;
     let count = export_zones(reader, coordinates, &trees, &request, made, format, &work)?;
     drop(work);
     global.report("zones", format_args!("{count} features"));

@@ -11,7 +11,7 @@ use crate::ops::warp::Resampling;
 use crate::tree::Source;
 use spinney_base::value::ValueType;
 use spinney_base::{Error, Result};
-use spinney_container::{Metadata, OpenOptions};
+use spinney_container::Metadata;
 
 /// A channel of a tree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -114,7 +114,7 @@ fn by_rule(view: View) -> View {
 }
 
 fn open(name: &str, path: &Path, view: &View) -> Result<Named> {
-    let file = TreeFile::open_only(path, &OpenOptions::default())?;
+    let file = TreeFile::open_only(path, &view.source().access().into())?;
     let (form, expected) = (file.form(), view.form());
     if form.dimension != expected.dimension {
         let expected =

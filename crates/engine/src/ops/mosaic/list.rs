@@ -6,13 +6,11 @@ use std::path::{Component, Path, PathBuf};
 use super::files::open_goblin;
 use crate::ops::affine::{AffineMap, align};
 use crate::ops::view_source::check_form;
-use spinney_base::io::{local_path, url_of};
+use spinney_base::io::{FileAccess, local_path, url_of};
 use spinney_base::space::Bounds;
 use spinney_base::value::DataKind;
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{
-    FileReference, HEAVY_THRESHOLD, Header, Metadata, OpenOptions, STRIDE, Shape, reach,
-};
+use spinney_container::{FileReference, HEAVY_THRESHOLD, Header, Metadata, STRIDE, Shape, reach};
 use spinney_crs::Frame;
 use spinney_manifest::{ListedFile, Manifest};
 
@@ -36,9 +34,10 @@ pub fn list_files(
     is_update: bool,
     added: &[PathBuf],
     removed: &[String],
+    access: &FileAccess,
     progress: &dyn Progress,
 ) -> Result<Manifest> {
-    Manifest::update(path, is_update, &mut |before| {
+    Manifest::update(path, is_update, access, &mut |before| {
         let mut manifest = before;
         if let Some(manifest) = &mut manifest {
             remove(path, manifest, removed)?;
@@ -46,7 +45,7 @@ pub fn list_files(
         let mut files = Vec::with_capacity(added.len());
         for file in added {
             progress.check()?;
-            files.push(look_at(path, file)?);
+            files.push(look_at(path, file, access)?);
         }
         let Some(first) = files.first() else {
             return manifest.ok_or_else(|| Error::invalid("files of a manifest", "none", "at least one"));
@@ -96,9 +95,9 @@ fn remove(path: &Path, manifest: &mut Manifest, removed: &[String]) -> Result<()
 }
 
 /// Opens a file and tells what is to be listed of it; where it lies is found later.
-fn look_at(manifest: &Path, path: &Path) -> Result<Listed> {
+fn look_at(manifest: &Path, path: &Path, access: &FileAccess) -> Result<Listed> {
     let place = FileReference::of(path);
-    let (file, tag) = open_goblin(&place.file, place.layer.as_deref(), &OpenOptions::default())?;
+    let (file, tag) = open_goblin(&place.file, place.layer.as_deref(), &access.into())?;
     if place.layer.is_none() && file.layers().len() > 1 {
         let example = place.of_layer(&file.layers()[0].name);
         let advice = format!("name one, as in {}", example.display());

@@ -16,6 +16,7 @@ use self::tallies::Tallies;
 use super::blocks::Blocks;
 use super::tree_file::TreeFile;
 use crate::store::goblin::{Goblin, GoblinNode};
+use spinney_base::io::FileAccess;
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::Rule;
 use spinney_base::{Progress, Result};
@@ -65,8 +66,8 @@ impl Mosaic {
         let boxes = entries.iter().map(|entry| entry.bounds);
         let index = Index::new(boxes, header.form.dimension, header.depth());
         // (What stays in memory of files that are read at positions is what would stay of one.)
-        let mut each = options.clone();
-        each.cache /= files::MAX_OPEN as u64;
+        let access = options.access.divided(files::MAX_OPEN as u64);
+        let each = options.clone().access(access);
         // (What they were made of stands in each of them.)
         let count = entries.len();
         let files = if count == 1 { "file" } else { "files" };
@@ -121,6 +122,11 @@ impl Mosaic {
     /// The manifest's path.
     pub(super) fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// How its files are opened.
+    pub(super) fn access(&self) -> &FileAccess {
+        &self.options.access
     }
 
     /// Bytes of the manifest and of its files, as it tells them.

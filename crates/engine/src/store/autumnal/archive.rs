@@ -15,9 +15,9 @@ use super::newest::{Look, Newest, find_newest, whole};
 use super::packed::PackedExtents;
 use super::pages::{FIRST_EXTENT, PAGE};
 use spinney_base::io::platform::pause;
-use spinney_base::io::{FileId, ReadBackend};
+use spinney_base::io::{FileAccess, FileId, ReadBackend};
 use spinney_base::{Error, Result};
-use spinney_container::{FileHeader, TreeFormat};
+use spinney_container::{FileHeader, OpenOptions, TreeFormat};
 
 /// The part of the first page that tells how records are made, behind the header that both formats have.
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
@@ -100,11 +100,17 @@ impl Pages {
         Ok(Pages { header, form })
     }
 
-    fn archive(self, extents: Extents, meta: Meta, newest: Newest, file: FileId) -> Archive {
+    fn archive(
+        self,
+        extents: Extents,
+        (meta, newest): (Meta, Newest),
+        file: FileId,
+        access: &FileAccess,
+    ) -> Archive {
         let Pages { header, form } = self;
-        let packed = form.is_packed.then(|| Arc::new(PackedExtents::new(&header, form.run_levels)));
+        let packed = form.is_packed.then(|| Arc::new(PackedExtents::new(&header, form.run_levels, access)));
         let extents = Arc::new(extents.with_packed(packed));
-        Archive { header, form, extents, meta, newest, file }
+        Archive { header, form, extents, meta, newest, file, access: access.clone() }
     }
 }
 
@@ -119,6 +125,8 @@ pub(super) struct Archive {
     /// Anything about the newest commit that whoever uses the file should know.
     pub(super) newest: Newest,
     pub(super) file: FileId,
+    /// How the file was opened.
+    pub(super) access: FileAccess,
 }
 
 /// Bytes of a file, and which file it is.
@@ -133,10 +141,14 @@ const ENOUGH_ATTEMPTS: u32 = 3;
 
 impl Archive {
     /// Opens a file; `open` is called again if a writer was too fast.
-    pub(super) fn open(path: &Path, open: &dyn Fn() -> Result<OpenFile>, check: bool) -> Result<Archive> {
+    pub(super) fn open(
+        path: &Path,
+        open: &dyn Fn() -> Result<OpenFile>,
+        options: &OpenOptions,
+    ) -> Result<Archive> {
         for attempt in 0..MAX_ATTEMPTS {
             // From the header on: by now there may be another file of that name.
-            if let Some(archive) = Archive::read(path, open()?, check, attempt)? {
+            if let Some(archive) = Archive::read(path, open()?, options, attempt)? {
                 return Ok(archive);
             }
             pause(Duration::from_micros(u64::from(attempt) * 10));
@@ -146,12 +158,17 @@ impl Archive {
 
     /// Opens a file that is in memory, where nobody writes.
     pub(super) fn of_bytes(path: &Path, bytes: Vec<u8>) -> Result<Archive> {
-        Archive::read(path, (Box::new(bytes), FileId::unique()), true, MAX_ATTEMPTS)?
+        Archive::read(path, (Box::new(bytes), FileId::unique()), &OpenOptions::default(), MAX_ATTEMPTS)?
             .ok_or_else(|| no_meta(path))
     }
 
     /// Opens what a file holds; `None` if it should be looked at again, since a writer may have been at it.
-    fn read(path: &Path, (bytes, file): OpenFile, check: bool, attempt: u32) -> Result<Option<Archive>> {
+    fn read(
+        path: &Path,
+        (bytes, file): OpenFile,
+        options: &OpenOptions,
+        attempt: u32,
+    ) -> Result<Option<Archive>> {
         let pages = Pages::read(path, &*bytes)?;
         // A slot whose commit ends behind these bytes may have been written after they were opened.
         let (bytes, meta, newest) = match find_newest(path, bytes)? {
@@ -162,15 +179,20 @@ impl Archive {
             }
             Look::Found(..) => return Ok(None),
         };
-        let extents = Extents::new(path, bytes, meta.end, check)?;
-        Ok(Some(pages.archive(extents, meta, newest, file)))
+        let extents = Extents::new(path, bytes, meta.end, options.check)?;
+        Ok(Some(pages.archive(extents, (meta, newest), file, &options.access)))
     }
 
     /// Opens a file up to a commit whose slot is not there.
-    pub(super) fn at(path: &Path, (bytes, file): OpenFile, meta: Meta) -> Result<Archive> {
+    pub(super) fn at(
+        path: &Path,
+        (bytes, file): OpenFile,
+        meta: Meta,
+        access: &FileAccess,
+    ) -> Result<Archive> {
         let pages = Pages::read(path, &*bytes)?;
         let extents = Extents::new(path, bytes, meta.end, true)?;
-        Ok(pages.archive(extents, meta, Newest::Good, file))
+        Ok(pages.archive(extents, (meta, Newest::Good), file, access))
     }
 
     /// Makes sure that the file still has all that was there when it was opened.

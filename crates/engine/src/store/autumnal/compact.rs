@@ -12,7 +12,6 @@ use crate::store::records::RecordLayout;
 use spinney_base::io::Output;
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Progress, Result, sort};
-use spinney_container::OpenOptions;
 
 /// Selection of the commits that stay.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -70,7 +69,8 @@ impl<'k> CompactOptions<'k> {
 }
 
 /// Writes some commits of a file, with their numbers and notes, to a new one. What they have in common at the
-/// same node is written once. Returns the commits as they are in the new file.
+/// same node is written once. Returns the commits as they are in the new file. The old file is read with the [access](Output::access) of the
+/// output.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -94,7 +94,7 @@ pub fn compact(
     mut output: Output,
     progress: &dyn Progress,
 ) -> Result<Vec<Commit>> {
-    let history = History::open(path, &OpenOptions::default())?;
+    let history = History::open(path, &output.access().into())?;
     if let Some(remark) = history.remark() {
         progress.warn(path, remark);
     }

@@ -18,7 +18,7 @@ use super::reader::Autumnal;
 use super::write::check_plain;
 use crate::store::builder::{BuildOptions, Fill, Packing, ReusableSource, TreeSink, walk};
 use crate::tree::Source;
-use spinney_base::io::{FileBackend, LockedFile, WriteBackend};
+use spinney_base::io::{FileAccess, FileBackend, LockedFile, WriteBackend};
 use spinney_base::space::CodeRun;
 use spinney_base::value::ZoneStats;
 use spinney_base::{Error, Progress, Result};
@@ -54,12 +54,20 @@ impl Editor {
     /// # Errors
     /// If another process edits the file, it cannot be written, or as [`Autumnal::open`].
     pub fn open(path: &Path, memory: u64) -> Result<Editor> {
+        Editor::open_with(path, memory, &FileAccess::default())
+    }
+
+    /// Opens a file to edit it, which is read as `access` says.
+    ///
+    /// # Errors
+    /// Those of [`Editor::open`].
+    pub fn open_with(path: &Path, memory: u64, access: &FileAccess) -> Result<Editor> {
         let FileReference { file: path, layer, .. } = FileReference::of(path);
         let path = &*path;
         let file = File::options().read(true).write(true).open(path).map_err(Error::io(path, "open"))?;
-        let file = FileBackend::new(file, path);
+        let file = FileBackend::new(file, path, access);
         // Nothing is written to what is no Autumnal file.
-        Archive::open(path, &|| open_file(&file), true)?;
+        Archive::open(path, &|| open_file(&file), &access.into())?;
         let mut editor = Editor::on(Box::new(LockedFile::new(file)?), path, memory)?;
         if let Some(name) = layer {
             editor.select(&name)?;
@@ -75,7 +83,7 @@ impl Editor {
     pub fn on(mut backend: Box<dyn WriteBackend>, path: &Path, memory: u64) -> Result<Editor> {
         // Between opening the file and locking it another one may have taken its place.
         backend.check_path()?;
-        let archive = Archive::open(path, &|| open_file(&*backend), true)?;
+        let archive = Archive::open(path, &|| open_file(&*backend), &backend.access().into())?;
         // Nothing is written to a file whose newest commit is damaged: it would be lost for good.
         let newest = archive.newest()?;
         // Invariant: the newest commit's slot is durable before anything else is written. Perhaps it was
@@ -123,9 +131,18 @@ impl Editor {
         backend.write(0, &pages).map_err(Error::io(&*path, "write the header"))?;
         let (bytes, file) = open_file(&*backend)?;
         let meta = Meta { sequence: 0, commit: 0, end: FIRST_EXTENT };
-        let packed = is_packed.then(|| Arc::new(PackedExtents::new(&file_header, run_levels)));
+        let packed =
+            is_packed.then(|| Arc::new(PackedExtents::new(&file_header, run_levels, &backend.access())));
         let extents = Arc::new(Extents::new(&path, bytes, FIRST_EXTENT, true)?.with_packed(packed));
-        let archive = Archive { header: file_header, form, extents, meta, newest: Newest::Good, file };
+        let archive = Archive {
+            header: file_header,
+            form,
+            extents,
+            meta,
+            newest: Newest::Good,
+            file,
+            access: backend.access(),
+        };
         let commit = Commit {
             number: 0,
             note: Note::default(),

@@ -5,6 +5,7 @@ use std::path::Path;
 use super::archive::Archive;
 use super::commit::Commit;
 use spinney_base::Result;
+use spinney_base::io::FileAccess;
 use spinney_container::{FileReference, OpenOptions};
 
 /// The commits of a file, up to the one that was the newest when it was opened.
@@ -19,7 +20,12 @@ impl History {
     /// If it cannot be read, is no Autumnal file, or is damaged.
     pub fn open(path: &Path, options: &OpenOptions) -> Result<History> {
         let path = &*FileReference::of(path).file;
-        Ok(History { archive: Archive::open(path, &|| options.open_with_id(path), options.check)? })
+        Ok(History { archive: Archive::open(path, &|| options.open_with_id(path), options)? })
+    }
+
+    /// How the file was opened.
+    pub fn access(&self) -> &FileAccess {
+        &self.archive.access
     }
 
     /// Makes sure that the newest commit can be read.

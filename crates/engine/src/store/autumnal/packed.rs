@@ -10,7 +10,7 @@ use super::extents::{FULL_EXTENT, HEAD_SIZE};
 use super::layout::{PointeredLayout, Pointers};
 use super::pages::SECTOR;
 use super::zone::{get_signed, get_u64, put, put_signed};
-use spinney_base::io::{CachedBytes, Unpacked};
+use spinney_base::io::{CachedBytes, FileAccess, Unpacked};
 use spinney_base::value::Value;
 use spinney_container::{FileHeader, Header};
 use spinney_packing::{Damage, Run, RunForm, UnpackedRuns, may_unpack, pack_runs, unpack_runs};
@@ -39,8 +39,8 @@ pub(super) struct PackedExtents {
 }
 
 impl PackedExtents {
-    pub(super) fn new(header: &FileHeader, run_levels: u8) -> PackedExtents {
-        PackedExtents { header: *header, run_levels, unpacked: Unpacked::new(PLAIN_BITS) }
+    pub(super) fn new(header: &FileHeader, run_levels: u8, access: &FileAccess) -> PackedExtents {
+        PackedExtents { header: *header, run_levels, unpacked: Unpacked::new(access, PLAIN_BITS) }
     }
 
     /// The bytes from a record on, up to the end of its extent, which starts at `start` and has these bytes behind its head. What is wrong is

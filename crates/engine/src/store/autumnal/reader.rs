@@ -15,7 +15,7 @@ use super::pages::FIRST_EXTENT;
 use super::zone::{BadZone, Zone, records};
 use crate::store::records::{Descent, Runs};
 use crate::tree::{Child, Source};
-use spinney_base::io::{FileBytes, FileId};
+use spinney_base::io::{FileAccess, FileBytes, FileId};
 use spinney_base::space::Code;
 use spinney_base::value::Value;
 use spinney_base::{Error, Result};
@@ -97,13 +97,18 @@ impl Autumnal {
         // If a writer was too fast, the file is opened again by its name.
         let first = Cell::new(Some(opened));
         let open = || first.take().map_or_else(|| options.open_with_id(path), Ok);
-        let archive = Archive::open(path, &open, options.check)?;
+        let archive = Archive::open(path, &open, options)?;
         let commit = number.map_or_else(|| archive.newest(), |number| archive.commit(number))?;
         let names = commit.layers.iter().map(|layer| &*layer.name);
         let layer = place.layer_number(names)?;
         let mut tree = Autumnal::new(archive, commit, layer)?;
         tree.opened = number.is_none().then(|| (path.to_path_buf(), options.clone()));
         Ok(tree)
+    }
+
+    /// How the file was opened.
+    pub fn access(&self) -> &FileAccess {
+        &self.archive.access
     }
 
     /// Opens the newest commit of a file that is in memory.

@@ -11,7 +11,7 @@ use super::meta::{Meta, SLOT_OFFSETS, SLOT_SIZE};
 use super::newest::Newest;
 use super::pages::{FIRST_EXTENT, SECTOR};
 use super::reader::Autumnal;
-use spinney_base::io::{FileBackend, LockedFile, WriteBackend};
+use spinney_base::io::{FileAccess, FileBackend, LockedFile, WriteBackend};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::FileHeader;
 
@@ -24,14 +24,14 @@ use spinney_container::FileHeader;
 /// If the file's newest commit can be read (then [`Editor::revert`](super::Editor::revert) goes back without
 /// losing anything), there is no such commit, it is damaged itself, or as
 /// [`Editor::open`](super::Editor::open).
-pub fn recover(path: &Path, number: u64, progress: &dyn Progress) -> Result<Commit> {
+pub fn recover(path: &Path, number: u64, access: &FileAccess, progress: &dyn Progress) -> Result<Commit> {
     let file = File::options().read(true).write(true).open(path).map_err(Error::io(path, "open"))?;
-    let file = FileBackend::new(file, path);
+    let file = FileBackend::new(file, path, access);
     // Nothing is written to what is no Autumnal file.
     FileHeader::read_cells(path, &*file.reader()?)?;
     let mut file = LockedFile::new(file)?;
     file.check_path()?;
-    let archive = match Archive::open(path, &|| open_file(&file), true) {
+    let archive = match Archive::open(path, &|| open_file(&file), &access.into()) {
         Ok(archive) if matches!(archive.newest, Newest::Damaged(_)) => archive,
         Ok(archive) if read_layers(&archive, &archive.newest()?).is_err() => archive,
         Ok(_) => {
@@ -44,7 +44,7 @@ pub fn recover(path: &Path, number: u64, progress: &dyn Progress) -> Result<Comm
         }
         Err(Error::Corrupt { .. }) => {
             let meta = scan(path, &file, number, progress)?;
-            Archive::at(path, open_file(&file)?, meta)?
+            Archive::at(path, open_file(&file)?, meta, access)?
         }
         Err(error) => return Err(error),
     };

@@ -12,7 +12,7 @@ use zerocopy::little_endian::{U32, U64, U128};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use super::shard::{Shard, ShardPiece};
-use spinney_base::io::{FileStat, InputFile, Output};
+use spinney_base::io::{FileAccess, InputFile, Output};
 use spinney_base::parallel;
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Result};
@@ -89,11 +89,16 @@ impl LightWriter {
     pub(super) fn new(shard: &Shard) -> Result<LightWriter> {
         let (number, job) = (shard.number.into(), shard.job.into());
         let head = Head { magic: MAGIC, version: VERSION.into(), number, job };
-        let out = Output::append_only(&shard.light_path())?;
+        let out = shard.access.append_only(&shard.light_path())?;
         let mut writer = LightWriter { out, head, position: HEAD, pieces: Vec::new() };
         let head = writer.head.as_bytes().to_vec();
         writer.put(&head)?;
         Ok(writer)
+    }
+
+    /// How the files of the shard are written.
+    pub(super) fn access(&self) -> &FileAccess {
+        self.out.access()
     }
 
     fn put(&mut self, bytes: &[u8]) -> Result<()> {
@@ -166,6 +171,7 @@ pub struct LightFile {
     pub(super) path: PathBuf,
     job: u128,
     pub(super) pieces: Vec<LightPiece>,
+    access: FileAccess,
 }
 
 impl LightFile {
@@ -192,7 +198,8 @@ impl LightFile {
             runs.extend(told.map(|light| (number, shard.run_path(light.piece.layer), light.run_bytes)));
         }
         let paths: Vec<&Path> = runs.iter().map(|(_, path, _)| &**path).collect();
-        for ((number, _, bytes), state) in runs.iter().zip(FileStat::of_all(&paths)?) {
+        let Some(Shard { access, .. }) = shards.first() else { return Ok(all) };
+        for ((number, _, bytes), state) in runs.iter().zip(access.stat(&paths)?) {
             match state {
                 Ok(Some(state)) if state.length == *bytes => {}
                 Ok(_) if all[*number].is_ok() => all[*number] = Ok(None),
@@ -206,8 +213,8 @@ impl LightFile {
     /// The light file of a shard, without a look at its run files: see [`LightFile::find`].
     pub(super) fn find_light(shard: &Shard) -> Result<Option<LightFile>> {
         let path = shard.light_path();
-        let Some(file) = InputFile::find(&path)? else { return Ok(None) };
-        let light = LightFile::read(file, &path, shard.number)?;
+        let Some(file) = shard.access.find(&path)? else { return Ok(None) };
+        let light = LightFile::read(file, &path, shard)?;
         if light.job != shard.job
             || light.pieces.iter().map(|light| light.piece).ne(shard.pieces.iter().copied())
         {
@@ -222,7 +229,7 @@ impl LightFile {
         self.pieces.iter().fold(0, |sum: u64, light| sum.saturating_add(light.run_bytes))
     }
 
-    fn read(mut file: InputFile, path: &Path, number: u32) -> Result<LightFile> {
+    fn read(mut file: InputFile, path: &Path, shard: &Shard) -> Result<LightFile> {
         let corrupt =
             |place: &str, found: String, expected: &str| Error::corrupt(path, place, found, expected);
         let io = || Error::io(path, "read what is known of a shard");
@@ -258,13 +265,14 @@ impl LightFile {
             let expected = format!("checksum {:08x}", end.checksum);
             return Err(corrupt("table", format!("checksum {found:08x}"), &expected));
         }
+        let number = shard.number;
         if head.number.get() != number {
             return Err(corrupt("head", format!("shard {}", head.number), &format!("shard {number}")));
         }
         let pieces = read_table(&table, table_at, end.pieces.get());
         let pieces =
             pieces.ok_or_else(|| corrupt("table", "numbers that do not fit".into(), "pieces in order"))?;
-        Ok(LightFile { path: path.to_path_buf(), job: head.job.get(), pieces })
+        Ok(LightFile { path: path.to_path_buf(), job: head.job.get(), pieces, access: shard.access.clone() })
     }
 }
 
@@ -319,7 +327,7 @@ pub(super) struct ItemBytes {
 impl ItemBytes {
     /// Those of a piece of a light file.
     pub(super) fn of(light: &LightFile, piece: &LightPiece) -> Result<ItemBytes> {
-        let mut file = BufReader::with_capacity(1 << 16, InputFile::open(&light.path)?);
+        let mut file = BufReader::with_capacity(1 << 16, light.access.input(&light.path)?);
         file.seek(SeekFrom::Start(piece.items.start)).map_err(Error::io(&light.path, "read"))?;
         let left = piece.items.end - piece.items.start;
         Ok(ItemBytes { path: light.path.clone(), file, left, checksum: 0, expected: piece.checksum })

@@ -9,7 +9,7 @@ use super::index::Directory;
 use super::reader::{Goblin, OpenFile};
 use crate::store::records::{RecordLayout, descend_in};
 use crate::tree::Child;
-use spinney_base::io::{ReadBackend, Unpacked, with_cache};
+use spinney_base::io::{ReadBackend, Unpacked};
 use spinney_base::value::Value;
 use spinney_base::{Error, Result};
 use spinney_container::{
@@ -39,7 +39,7 @@ impl Goblin {
     /// # Errors
     /// As [`Goblin::open`].
     pub fn from_backend(path: &Path, backend: Box<dyn ReadBackend>, options: &OpenOptions) -> Result<Goblin> {
-        let backend = with_cache(backend, options.cache);
+        let backend = options.access.cached(backend);
         // Before anything is read.
         let stamp = backend.stamp()?;
         let (length, tail) = (backend.len(), backend.len().min(TAIL as u64));
@@ -61,7 +61,15 @@ impl Goblin {
         let layers =
             LayerTable::from_bytes(path, &header, length, &table.read(path, &*backend, "table of layers")?)?;
         let path = path.to_path_buf();
-        let file = OpenFile { path, backend, stamp, layers, table, check: options.check };
+        let file = OpenFile {
+            path,
+            backend,
+            stamp,
+            layers,
+            table,
+            check: options.check,
+            access: options.access.clone(),
+        };
         Goblin::of_file(Arc::new(file), 0)
     }
 
@@ -107,7 +115,7 @@ impl Goblin {
             directory,
             checked,
             checked_bytes: AtomicU64::new(0),
-            unpacked: Unpacked::new(PLAIN_BITS),
+            unpacked: Unpacked::new(&file.access, PLAIN_BITS),
             file,
         })
     }

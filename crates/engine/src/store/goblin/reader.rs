@@ -8,7 +8,7 @@ use super::directory::{Entry, show_sums};
 use super::index::Directory;
 use crate::store::records::{Descend, RecordLayout};
 use crate::tree::Child;
-use spinney_base::io::{ReadBackend, Stamp, Unpacked};
+use spinney_base::io::{FileAccess, ReadBackend, Stamp, Unpacked};
 use spinney_base::value::ZoneStats;
 use spinney_base::{Error, Result};
 use spinney_container::{Codec, HEADER_SIZE, Header, Layer, Metadata, Section};
@@ -51,6 +51,7 @@ pub(super) struct OpenFile {
     pub(super) table: Section,
     /// Whether each segment's checksum is checked when it is used first.
     pub(super) check: bool,
+    pub(super) access: FileAccess,
 }
 
 impl Goblin {
@@ -62,6 +63,11 @@ impl Goblin {
     /// The file, for messages.
     pub fn path(&self) -> &Path {
         &self.file.path
+    }
+
+    /// How the file was opened.
+    pub fn access(&self) -> &FileAccess {
+        &self.file.access
     }
 
     /// The file's header.

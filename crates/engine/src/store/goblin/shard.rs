@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney_base::io::{folder, url_of};
+use spinney_base::io::{FileAccess, folder, url_of};
 use spinney_base::space::CodeRun;
 
 /// A part of one layer of a file: nodes at the layer's crown level, one behind the other.
@@ -26,6 +26,8 @@ pub struct Shard {
     pub number: u32,
     /// The parts of layers that it has, in the order of the file.
     pub pieces: Vec<ShardPiece>,
+    /// How its files are read and written.
+    pub access: FileAccess,
 }
 
 impl Shard {

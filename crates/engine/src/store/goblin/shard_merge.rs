@@ -11,10 +11,10 @@ use super::segment_builder::SegmentBuilder;
 use super::shard::Shard;
 use super::shard_writer::planned_layers;
 use crate::store::builder::TreeSink;
-use spinney_base::io::{InputFile, Output, remove_files};
+use spinney_base::io::{FileAccess, InputFile, Output};
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{FileHeader, Header, LevelCounts, OpenOptions, check_tree_name, create_tree_file};
+use spinney_container::{FileHeader, Header, LevelCounts, check_tree_name, create_tree_file};
 
 /// The file that shards are put together to, and what becomes of their own.
 pub enum MergeOutput {
@@ -36,9 +36,14 @@ impl MergeOutput {
     ///
     /// # Errors
     /// Those of [`create_tree_file`] and [`Output::resumable`].
-    pub fn create(path: &Path, limit: Option<u64>, removes: bool) -> Result<MergeOutput> {
+    pub fn create(
+        path: &Path,
+        limit: Option<u64>,
+        removes: bool,
+        access: &FileAccess,
+    ) -> Result<MergeOutput> {
         if !removes {
-            return create_tree_file(path).map(|output| MergeOutput::Keep(output.with_limit(limit)));
+            return create_tree_file(path, access).map(|output| MergeOutput::Keep(output.with_limit(limit)));
         }
         check_tree_name(path)?;
         let is_other = std::fs::metadata(path).is_ok_and(|there| !there.is_file());
@@ -47,7 +52,13 @@ impl MergeOutput {
             return Err(Error::unsupported(path, "removing shards whose bytes go to a stream", advice));
         }
         let (output, there) = Output::resumable(path)?;
-        Ok(MergeOutput::Remove(output.with_limit(limit), there))
+        Ok(MergeOutput::Remove(output.with_limit(limit).with_access(access), there))
+    }
+
+    /// How the file is read and written.
+    fn access(&self) -> &FileAccess {
+        let (MergeOutput::Keep(output) | MergeOutput::Remove(output, _)) = self;
+        output.access()
     }
 
     /// The light files of shards that are made, as far as a merge to this output can use them: some of their run files may be in the output already.
@@ -84,10 +95,10 @@ impl MergeOutput {
         // Invariant: what another job has put into its file may be all that is left of its shards, and is not written over. So the mark is there before the
         // first byte is.
         if *there == 0 {
-            let mut file = Output::create(&mark)?;
+            let mut file = output.access().create(&mark)?;
             file.write_all(own.as_bytes()).map_err(Error::io(&mark, "write"))?;
             file.commit()?;
-        } else if InputFile::read_whole(&mark, 64)?.as_deref() != Some(own.as_bytes()) {
+        } else if output.access().read_whole(&mark, 64)?.as_deref() != Some(own.as_bytes()) {
             let advice = "finish the merge that has begun it, remove it, or choose another output";
             let found = "putting shards together where a file of something else was begun";
             return Err(Error::unsupported(partial, found, advice));
@@ -103,6 +114,8 @@ impl MergeOutput {
 /// # Errors
 /// If a shard is missing, damaged or of another job, if shards leave gaps or overlap, or if the output cannot be written; on
 /// interruption. There is no output then.
+///
+/// `head` is read with the access of the shards.
 pub fn merge_shards(
     head: &Path,
     shards: &[Shard],
@@ -110,7 +123,8 @@ pub fn merge_shards(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<()> {
-    let planned = Goblin::open(head, &OpenOptions::default())?;
+    let access = shards.first().map_or(output.access(), |shard| &shard.access);
+    let planned = Goblin::open(head, &access.into())?;
     let layers = planned_layers(&planned)?;
     let lights = find_lights(shards, &output)?;
     let total = lights.iter().fold(0, |sum: u64, light| sum.saturating_add(light.run_bytes()));
@@ -134,14 +148,14 @@ pub fn merge_shards(
             let mut counts = LevelCounts::default();
             for (shard, light, piece) in &pieces {
                 let path = shard.run_path(number);
-                let run = RunPlace { path: &path, position, partial: there.as_ref() };
+                let run = RunPlace { path: &path, position, partial: there.as_ref(), access: &shard.access };
                 copy_piece(run, (light, piece, header), builder, (total, progress))?;
                 counts.merge(&checked_counts(light, piece, header)?);
                 position += piece.run_bytes;
                 if there.is_some() && piece.run_bytes > 0 {
                     // Invariant: each byte of a shard is on the disk in one of both files at least, whenever the process or the machine ends.
                     builder.sync()?;
-                    remove_files(&[&path])?;
+                    shard.access.remove(&[&path])?;
                 }
             }
             Ok(counts)
@@ -249,6 +263,7 @@ struct RunPlace<'a> {
     path: &'a Path,
     position: u64,
     partial: Option<&'a Partial>,
+    access: &'a FileAccess,
 }
 
 /// The segments of a piece, one behind the other.
@@ -258,9 +273,9 @@ struct RunFile {
 }
 
 impl RunFile {
-    fn open(RunPlace { path, position, partial }: RunPlace<'_>, length: u64) -> Result<RunFile> {
+    fn open(RunPlace { path, position, partial, access }: RunPlace<'_>, length: u64) -> Result<RunFile> {
         if let Some(partial) = partial
-            && InputFile::find(path)?.is_none()
+            && access.find(path)?.is_none()
         {
             let end = position.checked_add(length);
             if end.is_none_or(|end| end > partial.bytes) {
@@ -268,12 +283,12 @@ impl RunFile {
                     format!("a shard whose segments are neither here nor in {}", partial.path.display());
                 return Err(Error::unsupported(path, found, "build it again"));
             }
-            let mut file = InputFile::open(&partial.path)?;
+            let mut file = access.input(&partial.path)?;
             file.seek(SeekFrom::Start(position)).map_err(Error::io(&partial.path, "read"))?;
             let file = BufReader::with_capacity(1 << 18, file);
             return Ok(RunFile { path: partial.path.clone(), file });
         }
-        let file = InputFile::open(path)?;
+        let file = access.input(path)?;
         let found = file.len();
         if found != length {
             return Err(Error::corrupt(path, "length", format!("{found} bytes"), format!("{length}")));

@@ -164,7 +164,7 @@ impl<'l> PieceWriter<'l> {
         self.last = order;
         let out = match &mut self.out {
             Some(out) => out,
-            none => none.insert(Output::append_only(&self.path)?),
+            none => none.insert(self.light.access().append_only(&self.path)?),
         };
         for part in parts {
             out.write_all(part).map_err(Error::io(&self.path, "write a segment"))?;

@@ -3,16 +3,17 @@
 use std::path::Path;
 
 use super::{MeshFace, Model, ModelInfo};
+use spinney_base::io::FileAccess;
 use spinney_base::{Error, Result};
 use spinney_brep::{Attributes, ExactModel, Faces, is_model_file};
-use spinney_container::{OpenOptions, Tag};
+use spinney_container::Tag;
 
 /// Opens the file of an exact model; `None` if it is none. About `memory` bytes hold what is said of parts.
-pub(super) fn open(path: &Path, memory: u64) -> Result<Option<Box<dyn Model>>> {
-    if !is_model_file(path) {
+pub(super) fn open(path: &Path, memory: u64, access: &FileAccess) -> Result<Option<Box<dyn Model>>> {
+    if !is_model_file(path, access) {
         return Ok(None);
     }
-    let model = ExactModel::open(path, &OpenOptions::new())?;
+    let model = ExactModel::open(path, &access.into())?;
     if model.is_unbounded() {
         let expected = "one that has not: take the complement with `combine not`";
         let found = format!("{}: a body that has all that is far away", path.display());

@@ -21,6 +21,7 @@ use std::path::{Path, PathBuf};
 use self::model_file::ModelFile;
 use super::{MeshFace, Model, ModelInfo};
 use spinney_base::Result;
+use spinney_base::io::FileAccess;
 use spinney_container::OtherFormat;
 use spinney_manifest::is_manifest_file;
 
@@ -36,7 +37,15 @@ pub use self::arrays::{MeshArrays, MeshColours};
 /// # Errors
 /// If the file cannot be read, is of no format that is read here, is damaged, or uses something unsupported.
 pub fn open(path: &Path, memory: u64) -> Result<Box<dyn Model>> {
-    if let Some(model) = exact::open(path, memory)? {
+    open_with(path, memory, &FileAccess::default())
+}
+
+/// Opens what [`open`] opens. An exact model is opened with `access`, and may be remote.
+///
+/// # Errors
+/// Those of [`open`].
+pub fn open_with(path: &Path, memory: u64, access: &FileAccess) -> Result<Box<dyn Model>> {
+    if let Some(model) = exact::open(path, memory, access)? {
         return Ok(model);
     }
     let mut source = ModelFile::open(path)?;
@@ -92,9 +101,9 @@ fn format(source: &ModelFile) -> Option<Format> {
 ///
 /// # Errors
 /// If it cannot be read.
-pub fn files_of(path: &Path) -> Result<Vec<PathBuf>> {
+pub fn files_of(path: &Path, access: &FileAccess) -> Result<Vec<PathBuf>> {
     let mut files = vec![path.to_path_buf()];
-    if !spinney_brep::is_model_file(path) {
+    if !spinney_brep::is_model_file(path, access) {
         let source = ModelFile::open(path)?;
         if format(&source) == Some(Format::Obj) {
             files.extend(obj::libraries(&source));
@@ -108,15 +117,24 @@ pub fn files_of(path: &Path) -> Result<Vec<PathBuf>> {
 /// # Errors
 /// If one of them cannot be read.
 pub fn open_all(paths: &[PathBuf], memory: u64) -> Result<Vec<Box<dyn Model>>> {
+    open_all_with(paths, memory, &FileAccess::default())
+}
+
+/// Opens several as [`open_all`] does, each as [`open_with`] does.
+///
+/// # Errors
+/// Those of [`open_all`].
+pub fn open_all_with(paths: &[PathBuf], memory: u64, access: &FileAccess) -> Result<Vec<Box<dyn Model>>> {
     let share = memory / 4 / paths.len().max(1) as u64;
-    paths.iter().map(|path| open(path, share)).collect()
+    paths.iter().map(|path| open_with(path, share, access)).collect()
 }
 
 /// Whether a path looks like a model's, or is that of an exact model.
-pub fn is_model(path: &Path) -> bool {
+pub fn is_model(path: &Path, access: &FileAccess) -> bool {
     let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or("");
     let names = ["ply", "obj", "stl", "off", "json", "jsonl", "cityjson"];
     // (A manifest of trees is JSON, too.)
-    let is_named = names.iter().any(|name| extension.eq_ignore_ascii_case(name)) && !is_manifest_file(path);
-    is_named || spinney_brep::is_model_file(path)
+    let is_named =
+        names.iter().any(|name| extension.eq_ignore_ascii_case(name)) && !is_manifest_file(path, access);
+    is_named || spinney_brep::is_model_file(path, access)
 }

@@ -147,7 +147,8 @@ impl Place {
                     run = CodeRun::new(run.ends()[0], CodeRun::ALL.ends()[1]).unwrap();
                 }
                 let pieces = vec![ShardPiece { layer: 0, run }];
-                let shard = Shard { folder: folder.into(), job: 1, number, pieces };
+                let shard =
+                    Shard { folder: folder.into(), job: 1, number, pieces, access: Default::default() };
                 let mut file = TreeWriter::shard(&head, shard.clone()).unwrap();
                 // (What a plan tells of, without the others.)
                 let mut told = survey.clone();

@@ -11,10 +11,9 @@ use super::super::{Band, Raster, RasterInfo, RasterOptions, RasterSlabs, Transpa
 use super::grid::Place;
 use super::raster::{Masked, OfTree, Repeated};
 use super::{Picture, StackOptions};
-use spinney_base::io::Output;
 use spinney_base::value::{DataKind, Number, Rule, ValueType};
 use spinney_base::{Error, Progress, Result, SubProgress};
-use spinney_container::{Metadata, OpenOptions};
+use spinney_container::Metadata;
 use spinney_crs::Frame;
 use spinney_engine::dataset;
 use spinney_engine::ops::{WarpGrid, WarpOptions};
@@ -267,9 +266,10 @@ impl StackLayer {
         let cells = self.extent.iter().product();
         let target = TargetGrid::Cells(Box::new(grid.clone()));
         // (The cells are counted when they are written to the layer.)
-        let output = Output::create(&path)?;
+        let access = &self.options.access;
+        let output = access.create(&path)?;
         import.build_warped(&target, options, output, &SubProgress::new(progress, 0, cells))?;
-        let tree = dataset::open(&path, &OpenOptions::default())?;
+        let tree = dataset::open(&path, &access.into())?;
         Ok(Box::new(OfTree::new(tree, temporary, &self.path, self.nodata)))
     }
 }

@@ -148,8 +148,9 @@ pub fn plan_stack(inputs: &[PathBuf], options: &StackOptions) -> Result<Stack> {
 
 /// Reads the headers of a file's pages.
 fn look_at(path: &Path, options: &StackOptions, memory: u64, pictures: &mut Vec<Picture>) -> Result<()> {
-    let ImportOptions { layer, page, .. } = &options.import;
-    let how = RasterOptions { memory, layer: layer.clone(), page: *page, ..RasterOptions::default() };
+    let ImportOptions { layer, page, access, .. } = &options.import;
+    let (layer, access) = (layer.clone(), access.clone());
+    let how = RasterOptions { memory, layer, page: *page, access, ..RasterOptions::default() };
     let raster = open(path, &how)?;
     let pages = raster.info().pages;
     if pages < 2 || !options.every_page {
@@ -157,7 +158,7 @@ fn look_at(path: &Path, options: &StackOptions, memory: u64, pictures: &mut Vec<
         pictures.push(Picture { path: path.into(), options: how, page: None, info: raster.info().clone() });
         return Ok(());
     }
-    for (number, directory) in tiff::page_directories(path, memory)?.into_iter().enumerate() {
+    for (number, directory) in tiff::page_directories(path, &how)?.into_iter().enumerate() {
         let how = RasterOptions { page: Some(number), directory: Some(directory), ..how.clone() };
         let info = open(path, &how)?.info().clone();
         pictures.push(Picture { path: path.into(), options: how, page: Some(number), info });

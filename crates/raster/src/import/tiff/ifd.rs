@@ -5,6 +5,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use super::spec::field_type as field;
+use crate::import::RasterOptions;
 use spinney_base::io::InputFile;
 use spinney_base::{Error, Result};
 
@@ -29,10 +30,11 @@ pub(super) struct Input {
 
 impl Input {
     /// Opens a file and reads its 8 or 16 bytes of header; also returns the offset of the first directory.
-    pub(super) fn open(path: &Path, memory: u64) -> Result<(Input, u64)> {
-        let file = InputFile::open(path)?;
+    pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<(Input, u64)> {
+        let file = options.access.input(path)?;
         let len = file.len();
-        let mut input = Input { file, len, path: path.to_path_buf(), memory, big_endian: false, big: false };
+        let (path, memory) = (path.to_path_buf(), options.memory);
+        let mut input = Input { file, len, path, memory, big_endian: false, big: false };
         let magic: [u8; 4] = input.bytes_at(0, "header")?;
         (input.big_endian, input.big) = match &magic {
             b"II*\0" => (false, false),

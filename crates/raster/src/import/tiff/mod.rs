@@ -29,7 +29,7 @@ use spinney_base::{Error, Result};
 
 /// Opens a TIFF file, of which one page counts.
 pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
-    let (input, first) = Input::open(path, options.memory)?;
+    let (input, first) = Input::open(path, options)?;
     if options.layer.is_some() {
         return Err(Error::unsupported(
             path,
@@ -58,8 +58,8 @@ pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
 }
 
 /// The directories of a file's pages, by their offsets.
-pub(crate) fn page_directories(path: &Path, memory: u64) -> Result<Vec<u64>> {
-    let (input, first) = Input::open(path, memory)?;
+pub(crate) fn page_directories(path: &Path, options: &RasterOptions) -> Result<Vec<u64>> {
+    let (input, first) = Input::open(path, options)?;
     pages::directories(&input, first)
 }
 
@@ -314,7 +314,7 @@ mod tests {
         let path = folder.path().join("t.tif");
         let tiles = 200;
         std::fs::write(&path, repeated(tiles)).unwrap();
-        let (input, first) = Input::open(&path, 1 << 20).unwrap();
+        let (input, first) = Input::open(&path, &RasterOptions::new()).unwrap();
         let (directory, _) = input.directory(first).unwrap();
         let image = Image::new(&input, &directory).unwrap();
         let side = u64::from(tiles) * 16;

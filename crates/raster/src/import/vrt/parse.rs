@@ -12,7 +12,6 @@ use super::super::validity::{as_stored, sample_bytes};
 use super::super::xml::XmlElement;
 use super::super::{Raster, RasterInfo, RasterOptions, gdal, sidecar, worldfile};
 use super::{Band, Missing, Nesting, Plane, Source, Vrt, order, unsupported};
-use spinney_base::io::InputFile;
 use spinney_base::space::Region;
 use spinney_base::value::{DataKind, SampleType};
 use spinney_base::{Error, Result};
@@ -43,7 +42,7 @@ struct Reader<'a> {
 
 /// Reads a file, and the headers of its sources.
 pub(super) fn read(path: &Path, options: &RasterOptions) -> Result<Vrt> {
-    let file = InputFile::open(path)?;
+    let file = options.access.input(path)?;
     let length = file.len();
     options.check_memory(path, "the text of the virtual raster", length)?;
     let mut bytes = Vec::new();
@@ -74,6 +73,7 @@ pub(super) fn read(path: &Path, options: &RasterOptions) -> Result<Vrt> {
         options: RasterOptions {
             memory: options.memory / most as u64,
             nesting: nesting.clone(),
+            access: options.access.clone(),
             ..RasterOptions::default()
         },
         nesting,

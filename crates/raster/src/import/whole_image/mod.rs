@@ -19,7 +19,7 @@ use image::{ColorType, ImageDecoder, ImageError, ImageFormat, ImageResult, Limit
 
 use super::{Pixels, Raster, RasterInfo, RasterOptions};
 use spinney_base::guard::guard;
-use spinney_base::io::{InputFile, without_query};
+use spinney_base::io::{FileAccess, InputFile, without_query};
 use spinney_base::space::Region;
 use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
@@ -111,6 +111,7 @@ pub(super) fn format_of(path: &Path, start: &[u8]) -> Option<ImageFormat> {
 /// A file of one of these formats.
 struct ImageFile {
     path: PathBuf,
+    access: FileAccess,
     format: ImageFormat,
 }
 
@@ -121,7 +122,7 @@ pub(super) fn open(
     start: &[u8],
     options: &RasterOptions,
 ) -> Result<Box<dyn Raster>> {
-    let file = ImageFile { path: path.to_path_buf(), format };
+    let file = ImageFile { path: path.to_path_buf(), access: options.access.clone(), format };
     let info = file.guarded(|| file.describe(start))?;
     if info.width == 0 || info.height == 0 {
         return Err(file.corrupt(format!("{} x {} pixels", info.width, info.height)));
@@ -230,7 +231,7 @@ impl ImageFile {
     }
 
     fn reader(&self) -> Result<BufReader<InputFile>> {
-        Ok(BufReader::with_capacity(1 << 16, InputFile::open(&self.path)?))
+        Ok(BufReader::with_capacity(1 << 16, self.access.input(&self.path)?))
     }
 
     /// A decoder that knows the header.
@@ -239,7 +240,7 @@ impl ImageFile {
     }
 
     fn pnm(&self) -> Result<(pnm::Decoder, pnm::Header)> {
-        let file = InputFile::open(&self.path)?;
+        let file = self.access.input(&self.path)?;
         let bytes = file.len();
         let (decoder, header) = self.decoder(pnm::unscaled(file))?;
         match header.end() {
@@ -249,7 +250,7 @@ impl ImageFile {
     }
 
     fn webp(&self) -> Result<WebPDecoder<BufReader<InputFile>>> {
-        let mut file = InputFile::open(&self.path)?;
+        let mut file = self.access.input(&self.path)?;
         // The decoder accepts less than the file's header announces.
         let mut start = [0; 8];
         file.read_exact(&mut start).and_then(|()| file.rewind()).map_err(Error::io(&self.path, "read"))?;

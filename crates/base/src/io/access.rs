@@ -1,0 +1,321 @@
+//! How files are read and written: mapped or at positions, with which caches, and through which client where they are remote.
+
+use std::fmt;
+use std::io;
+use std::path::Path;
+use std::sync::{Arc, LazyLock};
+
+use super::batch::Traffic;
+use super::cache::{RangeCache, with_cache};
+use super::file_id::FileId;
+use super::input::{InputFile, is_access_denied};
+use super::output::Output;
+use super::read::{Mapped, Positioned, ReadBackend, open_input};
+use super::remote::RemoteFiles;
+use super::stat::{FileStat, remove_local, stat_local};
+use crate::url::{local_path, url_of};
+use crate::{Error, Result};
+
+/// Default limit of the cache of ranges of remote files, in bytes.
+const RANGES: u64 = 32 << 20;
+
+/// Default limit of the cache of unpacked segments, in bytes.
+const UNPACKED: u64 = 64 << 20;
+
+/// Default limit of the cache of each file that is read at positions, in bytes.
+const SEGMENTS: u64 = 64 << 20;
+
+/// How files are opened, created and removed: mapped or at positions, the limits of caches, and the client for remote files.
+///
+/// Every opened file keeps its access, and opens the files that it names with it: members of manifests, sources of virtual rasters,
+/// sidecars. (Models, features and other volumes than images are local files, whatever the access.) Clones are cheap, and share the caches. A change of a clone leaves the original as it is.
+///
+/// The default maps files and has no client for remote files. All defaults share one pair of caches, so that a process that opens
+/// thousands of files with default options has one limit for them all. An access with a [client](FileAccess::remote) has a cache of
+/// ranges of its own, and thus its own [`traffic`](FileAccess::traffic).
+///
+/// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
+/// use spinney::{FileAccess, OpenOptions};
+///
+/// let access = FileAccess::new().positioned(1 << 20).unpacked_cache(8 << 20);
+/// let map = spinney::open_with("fixtures/v1/classes.goblin", &OpenOptions::new().access(access))?;
+/// # Ok::<(), spinney::Error>(())
+/// ```
+#[derive(Clone)]
+pub struct FileAccess(Arc<Settings>);
+
+#[derive(Clone)]
+struct Settings {
+    /// Whether files are read at positions instead of mapped.
+    positioned: bool,
+    /// Limit of the cache of each file that is read at positions, in bytes.
+    segments: u64,
+    ranges: Arc<RangeCache>,
+    unpacked: Arc<RangeCache>,
+    remote: Option<Arc<dyn RemoteFiles>>,
+}
+
+impl Default for FileAccess {
+    fn default() -> FileAccess {
+        // The only process-wide caches: they bound the memory of the process, however many files have default options.
+        static DEFAULT: LazyLock<FileAccess> = LazyLock::new(|| {
+            let [ranges, unpacked] = [RANGES, UNPACKED].map(|limit| Arc::new(RangeCache::new(limit)));
+            FileAccess(Arc::new(Settings {
+                positioned: false,
+                segments: SEGMENTS,
+                ranges,
+                unpacked,
+                remote: None,
+            }))
+        });
+        DEFAULT.clone()
+    }
+}
+
+/// Two are equal if one is a clone of the other.
+impl PartialEq for FileAccess {
+    fn eq(&self, other: &FileAccess) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
+}
+
+impl Eq for FileAccess {}
+
+impl fmt::Debug for FileAccess {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Settings { positioned, segments, ranges, unpacked, remote } = &*self.0;
+        f.debug_struct("FileAccess")
+            .field("positioned", positioned)
+            .field("segments", segments)
+            .field("ranges", &ranges.limit())
+            .field("unpacked", &unpacked.limit())
+            .field("remote", &remote.is_some())
+            .finish()
+    }
+}
+
+impl FileAccess {
+    /// The default: files are mapped, none are remote.
+    pub fn new() -> FileAccess {
+        FileAccess::default()
+    }
+
+    fn with(mut self, change: impl FnOnce(&mut Settings)) -> FileAccess {
+        change(Arc::make_mut(&mut self.0));
+        self
+    }
+
+    /// Reads files at positions instead of mapping them: for network file systems, and files that other processes may truncate. Each
+    /// open file caches up to `cache` bytes: 64 MiB, unless this is set.
+    #[must_use]
+    pub fn positioned(self, cache: impl Into<Option<u64>>) -> FileAccess {
+        let segments = cache.into().unwrap_or(self.0.segments);
+        self.with(|settings| (settings.positioned, settings.segments) = (true, segments))
+    }
+
+    /// The access for many files of which up to `count` are open at a time: their caches together have the limit of one.
+    #[must_use]
+    pub fn divided(&self, count: u64) -> FileAccess {
+        self.clone().with(|settings| settings.segments /= count)
+    }
+
+    /// Replaces the cache of unpacked segments by an empty one of at most `limit` bytes, which only this access and its clones use.
+    #[must_use]
+    pub fn unpacked_cache(self, limit: u64) -> FileAccess {
+        self.with(|settings| settings.unpacked = Arc::new(RangeCache::new(limit)))
+    }
+
+    /// Replaces the cache of ranges of remote files by an empty one of at most `limit` bytes, which only this access and its clones use.
+    /// Its [`traffic`](FileAccess::traffic) starts from 0.
+    #[must_use]
+    pub fn range_cache(self, limit: u64) -> FileAccess {
+        self.with(|settings| settings.ranges = Arc::new(RangeCache::new(limit)))
+    }
+
+    /// Opens remote files through a client, with a cache of ranges of the same limit that only this access and its clones use.
+    #[must_use]
+    pub fn remote(self, client: Arc<dyn RemoteFiles>) -> FileAccess {
+        let limit = self.ranges().limit();
+        self.range_cache(limit).with(|settings| settings.remote = Some(client))
+    }
+
+    /// Whether files are read at positions instead of mapped.
+    pub fn is_positioned(&self) -> bool {
+        self.0.positioned
+    }
+
+    /// The cache of ranges of files.
+    pub fn ranges(&self) -> &Arc<RangeCache> {
+        &self.0.ranges
+    }
+
+    /// The cache of unpacked segments.
+    pub fn unpacked(&self) -> &Arc<RangeCache> {
+        &self.0.unpacked
+    }
+
+    /// Requests for remote files with this access and its clones so far.
+    pub fn traffic(&self) -> Traffic {
+        self.ranges().traffic()
+    }
+
+    /// The client for a remote file.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] if there is none.
+    pub(super) fn client(&self, path: &Path) -> Result<&dyn RemoteFiles> {
+        self.0.remote.as_deref().ok_or_else(|| {
+            let advice = "use a build with support for remote files, or copy the file to this machine";
+            Error::unsupported(path, "a remote file", advice)
+        })
+    }
+
+    /// Opens the bytes of a file, and returns its identity: a path that is opened twice may lead to two files. `storage` has the
+    /// options of the store of a remote file, such as credentials.
+    ///
+    /// # Errors
+    /// If the file cannot be opened.
+    pub fn open(&self, path: &Path, storage: &[(String, String)]) -> Result<(Box<dyn ReadBackend>, FileId)> {
+        if let Some(url) = url_of(path) {
+            return Ok((self.client(path)?.open(url, storage, self)?, FileId::unique()));
+        }
+        let path = &*local_path(path);
+        let file = open_input(path)?;
+        let id = FileId::of(&file).map_err(Error::io(path, "open"))?;
+        let backend: Box<dyn ReadBackend> = match self.is_positioned() {
+            true => Box::new(Positioned::of(file, path)?),
+            false => Box::new(Mapped::of(&file, path)?),
+        };
+        Ok((self.cached(backend), id))
+    }
+
+    /// Opens the bytes of a file of which only a few are read, such as its header: it is never mapped.
+    ///
+    /// # Errors
+    /// If the file cannot be opened.
+    pub fn peek(&self, path: &Path) -> Result<Box<dyn ReadBackend>> {
+        match url_of(path) {
+            Some(url) => self.client(path)?.open(url, &[], self),
+            None => Ok(Box::new(Positioned::open(&local_path(path))?)),
+        }
+    }
+
+    /// Adds a cache to a backend, unless its bytes are mapped, or it has one.
+    pub fn cached(&self, backend: Box<dyn ReadBackend>) -> Box<dyn ReadBackend> {
+        with_cache(backend, self.0.segments)
+    }
+
+    /// Opens a file that is read from its beginning, or at positions.
+    ///
+    /// # Errors
+    /// If it is missing, may not be read, or is a pipe or a device.
+    pub fn input(&self, path: &Path) -> Result<InputFile> {
+        match url_of(path) {
+            Some(url) => Ok(InputFile::remote(self.client(path)?.open(url, &[], self)?)),
+            None => InputFile::local(&local_path(path)),
+        }
+    }
+
+    /// Opens a file; `None` if it is missing.
+    ///
+    /// # Errors
+    /// Those of [`FileAccess::input`].
+    pub fn find(&self, path: &Path) -> Result<Option<InputFile>> {
+        match self.input(path) {
+            Err(Error::Io { cause, .. }) if cause.kind() == io::ErrorKind::NotFound => Ok(None),
+            found => found.map(Some),
+        }
+    }
+
+    /// Opens a file that may accompany another one, which could be read; `None` if it is missing. For remote files, permission denied
+    /// counts as missing: S3 answers 403 for a missing key if the caller lacks ListBucket.
+    ///
+    /// # Errors
+    /// Those of [`FileAccess::input`].
+    pub fn find_companion(&self, path: &Path) -> Result<Option<InputFile>> {
+        match self.find(path) {
+            Err(error) if is_access_denied(path, &error) => Ok(None),
+            found => found,
+        }
+    }
+
+    /// Reads all bytes of a file that has at most `limit`; `None` if it is missing.
+    ///
+    /// # Errors
+    /// Those of [`FileAccess::input`]; also if it has more.
+    pub fn read_whole(&self, path: &Path, limit: u64) -> Result<Option<Vec<u8>>> {
+        self.find(path)?.map(|file| file.into_bytes(path, limit)).transpose()
+    }
+
+    /// Stats files, in their order; `None` for missing ones. Remote files are queried all at once.
+    ///
+    /// # Errors
+    /// If there is no client for remote files, or on cancellation. Of each file, if its host or the file system refuses.
+    pub fn stat(&self, paths: &[&Path]) -> Result<Vec<Result<Option<FileStat>>>> {
+        let urls: Vec<&str> = paths.iter().filter_map(|path| url_of(path)).collect();
+        let mut remote = match urls.first() {
+            Some(first) => {
+                let found = self.client(Path::new(first))?.stat(&urls)?;
+                self.ranges().count_traffic(urls.len() as u64, 0);
+                found.into_iter()
+            }
+            None => Vec::new().into_iter(),
+        };
+        let stat = |path: &&Path| match url_of(path) {
+            Some(_) => remote.next().expect("one result per URL"),
+            None => stat_local(&local_path(path)),
+        };
+        Ok(paths.iter().map(stat).collect())
+    }
+
+    /// Stats files that may accompany others, which could be read: see [`FileAccess::find_companion`].
+    ///
+    /// # Errors
+    /// If the state of one cannot be read.
+    pub fn stat_companions(&self, paths: &[&Path]) -> Result<Vec<Option<FileStat>>> {
+        let found = paths.iter().zip(self.stat(paths)?);
+        let found = found.map(|(path, found)| match found {
+            Err(error) if is_access_denied(path, &error) => Ok(None),
+            found => found,
+        });
+        found.collect()
+    }
+
+    /// Starts an output: see [`Output::create`]. A remote file is written to the system's directory for temporary files first, and
+    /// uploaded when it is complete.
+    ///
+    /// # Errors
+    /// Those of [`Output::create`]; also if there is no client for a remote file.
+    pub fn create(&self, path: &Path) -> Result<Output> {
+        Output::open(path, self)
+    }
+
+    /// Starts an output that is written from its beginning to its end: a remote file is uploaded while it is written, and takes no
+    /// space on this machine.
+    ///
+    /// # Errors
+    /// Those of [`FileAccess::create`].
+    pub fn append_only(&self, path: &Path) -> Result<Output> {
+        match url_of(path) {
+            Some(url) => Ok(Output::remote(path, self.client(path)?.write(url, self)?, self)),
+            None => self.create(path),
+        }
+    }
+
+    /// Removes files. A missing one counts as removed.
+    ///
+    /// # Errors
+    /// If one cannot be removed, or on cancellation; others may be removed then.
+    pub fn remove(&self, paths: &[&Path]) -> Result<()> {
+        let urls: Vec<&str> = paths.iter().filter_map(|path| url_of(path)).collect();
+        if let Some(first) = urls.first() {
+            self.client(Path::new(first))?.remove(&urls)?;
+            self.ranges().count_traffic(urls.len() as u64, 0);
+        }
+        paths
+            .iter()
+            .filter(|path| url_of(path).is_none())
+            .try_for_each(|path| remove_local(&local_path(path)))
+    }
+}

@@ -1,0 +1,144 @@
+//! Connections of a client: the threads that requests run on, and the stores that were used.
+
+use std::collections::HashMap;
+use std::future::Future;
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use object_store::ObjectStore;
+use object_store::memory::InMemory;
+use spinney_base::{Error, Result};
+use tokio::runtime::{Builder, Runtime};
+use tokio::task::JoinHandle;
+
+use super::RemoteOptions;
+
+/// Time between two checks for cancellation.
+const PATIENCE: Duration = Duration::from_millis(100);
+
+/// Threads that requests run on: they wait nearly always.
+const THREADS: usize = 2;
+
+/// Buckets whose connections are kept.
+const MAX_BUCKETS: usize = 64;
+
+/// Key of a bucket: the process, the bucket, its settings, and whether the environment says that requests are not signed.
+pub(super) type BucketKey = (u32, String, Vec<(String, String)>, bool);
+
+/// Connections of a client, which its files share.
+pub(super) struct Connections {
+    pub(super) options: RemoteOptions,
+    /// The threads, and the process that has them: a forked process has a copy of its parent's memory but none of its threads, and
+    /// starts its own.
+    runtime: Mutex<Option<(u32, Arc<Runtime>)>>,
+    /// Buckets that were used: the next request uses their connections. (A forked process has connections of its own.)
+    buckets: Mutex<HashMap<BucketKey, Arc<dyn ObjectStore>>>,
+    /// The store in memory, for tests.
+    pub(super) memory: Arc<InMemory>,
+}
+
+impl Connections {
+    pub(super) fn new(options: RemoteOptions) -> Connections {
+        let (runtime, buckets, memory) = Default::default();
+        Connections { options, runtime, buckets, memory }
+    }
+
+    fn runtime(&self, path: &Path) -> Result<Arc<Runtime>> {
+        let mut known = self.runtime.lock().unwrap_or_else(PoisonError::into_inner);
+        let process = std::process::id();
+        match &*known {
+            Some((of, runtime)) if *of == process => return Ok(runtime.clone()),
+            _ => {}
+        }
+        let made = Builder::new_multi_thread()
+            .worker_threads(THREADS)
+            .enable_all()
+            .thread_name("spinney-remote")
+            .build();
+        let made = Arc::new(made.map_err(Error::io(path, "start threads for requests"))?);
+        // (Dropping the parent's would wait for threads that this process does not have.)
+        std::mem::forget(known.replace((process, made.clone())));
+        Ok(made)
+    }
+
+    /// The store of a bucket, made by `make` unless it was used before.
+    pub(super) fn bucket(
+        &self,
+        key: BucketKey,
+        make: impl FnOnce() -> Result<Arc<dyn ObjectStore>>,
+    ) -> Result<Arc<dyn ObjectStore>> {
+        let buckets = || self.buckets.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(store) = buckets().get(&key) {
+            return Ok(store.clone());
+        }
+        let store = make()?;
+        let mut known = buckets();
+        if known.len() >= MAX_BUCKETS {
+            known.clear();
+        }
+        known.insert(key, store.clone());
+        Ok(store)
+    }
+
+    /// Starts some work, which continues while no thread waits for it; the path is for messages.
+    ///
+    /// # Errors
+    /// If the system gives no threads.
+    pub(super) fn spawn<T: Send + 'static>(
+        &self,
+        path: &Path,
+        work: impl Future<Output = T> + Send + 'static,
+    ) -> Result<JoinHandle<T>> {
+        Ok(self.runtime(path)?.spawn(work))
+    }
+
+    /// Waits for some work, which is dropped on cancellation; the path is for messages.
+    ///
+    /// # Errors
+    /// On cancellation, or if the system gives no threads.
+    pub(super) fn wait<T>(&self, path: &Path, work: impl Future<Output = T>) -> Result<T> {
+        self.wait_unless(self.options.is_stopped, path, work)
+    }
+
+    /// Waits for some work to its end; the path is for messages.
+    ///
+    /// # Errors
+    /// If the system gives no threads.
+    pub(super) fn finish<T>(&self, path: &Path, work: impl Future<Output = T>) -> Result<T> {
+        self.wait_unless(|| false, path, work)
+    }
+
+    fn wait_unless<T>(
+        &self,
+        is_stopped: fn() -> bool,
+        path: &Path,
+        work: impl Future<Output = T>,
+    ) -> Result<T> {
+        let stopped = async {
+            while !is_stopped() {
+                tokio::time::sleep(PATIENCE).await;
+            }
+        };
+        let work = std::pin::pin!(work);
+        let stopped = std::pin::pin!(stopped);
+        self.runtime(path)?.block_on(async {
+            match futures_util::future::select(work, stopped).await {
+                futures_util::future::Either::Left((done, _)) => Ok(done),
+                futures_util::future::Either::Right(_) => Err(Error::Interrupted),
+            }
+        })
+    }
+}
+
+impl Drop for Connections {
+    /// Ends the threads without waiting for them: the last file may be closed on a thread that must not block.
+    fn drop(&mut self) {
+        let known = self.runtime.get_mut().unwrap_or_else(PoisonError::into_inner).take();
+        let Some((process, runtime)) = known else { return };
+        match Arc::try_unwrap(runtime) {
+            Ok(runtime) if process == std::process::id() => runtime.shutdown_background(),
+            others => std::mem::forget(others),
+        }
+    }
+}
