@@ -29,7 +29,7 @@ use spinney_base::space::Dimension;
 ///     pieces: vec![ShardPiece { layer: 0, run: CodeRun::ALL }],
 /// };
 /// transform_to(&map, TreeTarget::Shard { head, shard, check: Box::new(|| Ok(())) }, how, &())?;
-/// assert!(folder.path().join("0000.light").exists());
+/// assert!(folder.path().join("0000.summary").exists());
 /// # Ok::<(), spinney::Error>(())
 /// ```
 pub enum TreeTarget {

@@ -45,9 +45,7 @@ impl Points {
 
     /// The shard as trees of points have it.
     fn shard(&self, shard: &Shard) -> PointShard {
-        let Shard { folder, job, number, pieces } = shard;
-        let run = pieces.first().map(|piece| piece.run);
-        PointShard { folder: folder.clone(), job: *job, number: *number, level: self.level, run }
+        PointShard { shard: shard.clone(), level: self.level }
     }
 }
 
