@@ -44,8 +44,8 @@ pub mod tree {
 /// Trees on disk: the two formats, what they have in common, and how trees are built.
 pub mod store {
     pub use spinney_container::{
-        ByteSource, FileReference, Finding, LevelCounts, ScopedTags, Shape, Tag, TagScope, TreeFormat,
-        check_tree_name, create_tree_file, file_is_tree, file_of,
+        ByteSource, FileReference, Finding, LevelCounts, PieceSummary, ScopedTags, Shape, ShardSummary, Tag,
+        TagScope, TreeFormat, check_tree_name, create_tree_file, file_is_tree, file_of,
     };
     pub use spinney_engine::store::{
         Packing, ShardCheck, SlabBoxes, TreeTarget, TreeWriter, WantedCells, build_tree, depth_for,
@@ -54,8 +54,7 @@ pub mod store {
     /// The compact, read-only format.
     pub mod goblin {
         pub use spinney_engine::store::goblin::{
-            Entry, Goblin, GoblinNode, LevelBytes, LightFile, MergeOutput, Segment, Shard, ShardPiece,
-            merge_shards,
+            Entry, Goblin, GoblinNode, LevelBytes, MergeOutput, Segment, Shard, ShardPiece, merge_shards,
         };
     }
 

@@ -3,7 +3,7 @@
 
     benches/peers/shards.py [costs] [dask] [disk] [plan]
 
-- `costs`: processor seconds of one process, and of plan, shards and merge; bytes of light files; whether the bytes are the same.
+- `costs`: processor seconds of one process, and of plan, shards and merge; bytes of shard summaries; whether the bytes are the same.
 - `dask`: a mosaic of SIDE x SIDE (4 x 4) pictures of 33.6 million cells of 12 classes on a local cluster of one worker and of two, and the same job by rioxarray and Dask, which
   write a COG. Needs spinney, distributed, rioxarray and rasterio in the Python that PYTHON names.
 - `disk`: what a merge takes on the disk that removes shards of that mosaic as they come to be in the file, beside the file alone.
@@ -43,7 +43,7 @@ def costs():
             shards = [once([SPINNEY, "-q", "--threads", "1", "shard", "build", job, number]) for number in range(16)]
             merge, _, merge_peak = once([SPINNEY, "-q", "--threads", "1", "shard", "merge", job, "-o", merged])
             assert merged.read_bytes() == whole.read_bytes()
-            light = sum(path.stat().st_size for path in (job / "shards").glob("*.light"))
+            light = sum(path.stat().st_size for path in (job / "shards").glob("*.summary"))
             built = sum(cpu for cpu, _, _ in shards)
             rows.append([
                 picture.name.split("_")[0], codec, f"{one:.2f}", f"{plan:.2f}", f"{built:.2f}", f"{merge:.2f}",
@@ -51,7 +51,7 @@ def costs():
                 f"{max(peak for _, _, peak in shards):.0f} of {one_peak:.0f}", f"{merge_peak:.0f}",
                 f"{light:,}", verdict(light / whole.stat().st_size, 0.01, least=False),
             ])
-    table(["picture", "codec", "one process, CPU s", "plan", "16 shards", "merge", "plan and merge of all (0.05)", "all / one", "MiB of a shard, of one process", "of merge", "light bytes", "of the file (0.01)"], rows)
+    table(["picture", "codec", "one process, CPU s", "plan", "16 shards", "merge", "plan and merge of all (0.05)", "all / one", "MiB of a shard, of one process", "of merge", "summary bytes", "of the file (0.01)"], rows)
 
 
 MOSAIC = """

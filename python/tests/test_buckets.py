@@ -215,7 +215,7 @@ def test_other_inputs_than_planned_are_refused(tmp_path: Path, maps: Bucket, run
     process = run.start("shard", "build", "s3://maps/next", 0)
     maps.put("in/tile_0.tif", bytes(other))
     assert process.wait(120) == 1
-    assert not [name for name in maps.names("next/shards/") if name.endswith(".light")]
+    assert not [name for name in maps.names("next/shards/") if name.endswith(".summary")]
 
 
 def test_plans_appear_once(tmp_path: Path, maps: Bucket, run: Runner) -> None:
@@ -267,12 +267,12 @@ def test_what_fails_in_the_middle_leaves_nothing(tmp_path: Path, maps: Bucket, r
         fails("shard", "build", "s3://maps/job", 0, names=[])
     run("shard", "build", "s3://maps/job", 0)
     made = maps.names("job/shards/")
-    assert any(name.endswith(".run") for name in made) and any(name.endswith(".light") for name in made)
+    assert any(name.endswith(".run") for name in made) and any(name.endswith(".summary") for name in made)
     # The light file comes last.
-    maps.fail("expired", lambda method, path: method == "PUT" and ".light" in path)
+    maps.fail("expired", lambda method, path: method == "PUT" and ".summary" in path)
     said = run.fails("shard", "build", "s3://maps/job", 1)
     maps.mend()
-    assert "ExpiredToken" in said and "0001.light" not in str(maps.names()) and not maps.uploads()
+    assert "ExpiredToken" in said and "0001.summary" not in str(maps.names()) and not maps.uploads()
     assert "1 is missing" in run.fails("shard", "merge", "s3://maps/job", "-o", "s3://maps/out.goblin")
     run("shard", "build", "s3://maps/job", 1)
     made = maps.names("job/shards/")
@@ -304,7 +304,7 @@ def test_a_worker_that_is_killed_costs_its_shard_alone(tmp_path: Path, maps: Buc
     process.kill()
     process.wait()
     maps.mend()
-    assert not [name for name in maps.names("job/shards/") if name.endswith(".light")]
+    assert not [name for name in maps.names("job/shards/") if name.endswith(".summary")]
     for number in range(2):
         run("shard", "build", "s3://maps/job", number)
     run("shard", "merge", "s3://maps/job", "-o", "s3://maps/out.goblin")

@@ -65,7 +65,7 @@ def test_a_worker_that_is_killed_costs_its_shards_alone(tmp_path: Path, client: 
         folder = tmp_path / "job" / "shards"
         # (As soon as some shards are there, and again later.)
         for least in (1, 5):
-            while not stop.is_set() and (not folder.exists() or len(list(folder.glob("*.light"))) < least):
+            while not stop.is_set() and (not folder.exists() or len(list(folder.glob("*.summary"))) < least):
                 time.sleep(0.01)
             pids = list(client.run(os.getpid).values())
             if pids and not stop.is_set():

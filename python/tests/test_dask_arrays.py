@@ -129,7 +129,7 @@ def test_workers_that_are_killed_in_the_middle_of_arrays(tmp_path: Path, client:
 
     def kill() -> None:
         folder = tmp_path / "merged.goblin.job" / "shards"
-        while not stop.is_set() and (not folder.exists() or len(list(folder.glob("*.light"))) < 3):
+        while not stop.is_set() and (not folder.exists() or len(list(folder.glob("*.summary"))) < 3):
             time.sleep(0.01)
         pids = list(client.run(os.getpid).values())
         if pids and not stop.is_set():

@@ -93,7 +93,7 @@ impl Place {
         let entries = fs::read_dir(self.path(folder)).unwrap();
         let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
         let mut rest: Vec<String> =
-            names.filter(|name| !name.ends_with(".run") && !name.ends_with(".light")).collect();
+            names.filter(|name| !name.ends_with(".run") && !name.ends_with(".summary")).collect();
         rest.sort();
         rest
     }
@@ -209,7 +209,7 @@ fn shards_that_are_killed_are_built_again() {
             delay += 3;
             child.kill().unwrap();
             child.wait().unwrap();
-            if place.path(&format!("job/shards/000{number}.light")).exists() || delay > 60 {
+            if place.path(&format!("job/shards/000{number}.summary")).exists() || delay > 60 {
                 break;
             }
         }
@@ -315,7 +315,7 @@ fn shards_open_the_inputs_that_they_are_made_of() {
         let mut bad = json.clone();
         *bad.pointer_mut(pointer).unwrap() = serde_json::from_str(value).unwrap();
         fs::write(&plan, bad.to_string()).unwrap();
-        fs::remove_file(place.path("job/shards/0000.light")).unwrap_or_default();
+        fs::remove_file(place.path("job/shards/0000.summary")).unwrap_or_default();
         let said = complaint(&["shard", "build", &job, "0"], 1);
         assert!(said.contains(word), "{pointer}: {said}");
     }
@@ -347,7 +347,7 @@ fn plans_are_made_again_and_not_mixed() {
     // Shards of one job are none of another.
     let second = place.name("second");
     spinney(&["-q", "shard", "plan", &picture, "-o", &second, "--shards", "2"]).success();
-    for name in ["0000.light", "0000-0.run"] {
+    for name in ["0000.summary", "0000-0.run"] {
         fs::copy(place.path("job/shards").join(name), place.path("second/shards").join(name)).unwrap();
     }
     assert!(complaint(&["shard", "build", &second, "0"], 1).contains("another job"));

@@ -63,7 +63,7 @@ fn jobs_elsewhere_make_the_same_bytes_and_are_removed() {
         assert!(Job::find(&job, &access()).unwrap().is_none() && !is_planned());
     }
     assert!(!folder.path().join("job").exists());
-    let left = ["head.goblin", "shards/0000.light", "shards/0001.light", "shards/0001-0.run"];
+    let left = ["head.goblin", "shards/0000.summary", "shards/0001.summary", "shards/0001-0.run"];
     assert!(!left.iter().any(|name| is_there(&format!("memory:///jobs/a/{name}"))));
 }
 

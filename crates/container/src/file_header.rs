@@ -26,6 +26,8 @@ pub enum Content {
     Points = 3,
     /// A tree of lines.
     Lines = 4,
+    /// A shard summary, which merging the shards of a tree reads.
+    Shard = 6,
 }
 
 /// The first 24 bytes of a file, which the trailer of a Goblin file repeats.
@@ -92,6 +94,10 @@ impl FileHeader {
                 let advice = "make a raster of it first (`spinney transform POINTS.goblin -o OUT.goblin raster=mean,cell=1`)";
                 Err(Error::unsupported(path, "a tree of points, where cells are expected,", advice))
             }
+            Content::Shard => {
+                let advice = "merge the shards of its job first (`spinney shard merge`)";
+                Err(Error::unsupported(path, "a shard summary, where cells are expected,", advice))
+            }
             Content::Lines => {
                 let advice = "write its features first (`spinney get LINES.goblin LINES.geojson`), and build a tree of cells of them";
                 Err(Error::unsupported(path, "a tree of lines, where cells are expected,", advice))
@@ -157,6 +163,7 @@ impl FileHeader {
             (2, TreeFormat::Goblin) => Content::Model,
             (3, TreeFormat::Goblin) => Content::Points,
             (4, TreeFormat::Goblin) => Content::Lines,
+            (6, TreeFormat::Goblin) => Content::Shard,
             (other, _) => {
                 let advice = "read it with a program as new as the file";
                 return Err(Error::unsupported(path, format!("content number {other}"), advice));

@@ -5,14 +5,14 @@ use std::io;
 use std::path::Path;
 
 use super::builder::Packing;
-use super::goblin::{LightFile, Shard, ShardPiece, merge_shards};
+use super::goblin::{Shard, ShardPiece, merge_shards};
 use super::{BuildOptions, Slab, Slabs, TreeWriter};
 use crate::tree::{Child, Children, Source};
 use spinney_base::io::Output;
 use spinney_base::space::{Code, CodeRun, Dimension};
 use spinney_base::value::{DataKind, Mask, Number, Rule, SampleType, Value, ValueType};
 use spinney_base::{Error, Result, TreeType};
-use spinney_container::{Codec, Metadata};
+use spinney_container::{Codec, LevelCounts, Metadata, ShardSummary, SummaryWriter};
 
 use crate::store::builder::ReusableSource;
 
@@ -240,7 +240,7 @@ fn compare(layers: &[Layer], counts: &[u64]) {
         let shards = folder.join(format!("{count}"));
         fs::create_dir(&shards).unwrap();
         let shards = cut(&shards, layers, *count, count + 17);
-        assert!(shards.iter().all(|shard| LightFile::find(shard).unwrap().is_none()));
+        assert!(shards.iter().all(|shard| ShardSummary::<LevelCounts>::find(shard).unwrap().is_none()));
         for shard in shards.iter().rev() {
             write(TreeWriter::shard(&head, shard.clone()).unwrap(), layers).unwrap();
         }
@@ -368,7 +368,7 @@ fn damage_to_what_shards_leave_is_found() {
     let (head, shards) = small_job(folder.path());
     merge(&head, &shards).unwrap();
     let files =
-        [shards[0].light_path(), shards[1].light_path(), shards[0].run_path(0), shards[1].run_path(0)];
+        [shards[0].summary_path(), shards[1].summary_path(), shards[0].run_path(0), shards[1].run_path(0)];
     for path in files.iter().filter(|path| path.exists()) {
         let good = fs::read(path).unwrap();
         for at in (0..good.len()).step_by(1 + good.len() / 1200) {
@@ -384,20 +384,28 @@ fn damage_to_what_shards_leave_is_found() {
         }
         fs::write(path, &good).unwrap();
     }
-    fs::remove_file(shards[1].light_path()).unwrap();
+    fs::remove_file(shards[1].summary_path()).unwrap();
     assert!(matches!(merge(&head, &shards), Err(Error::Unsupported { .. })));
 }
 
-/// Sets the checksums of a light file of one piece.
-fn reseal(bytes: &mut [u8]) -> Option<()> {
-    let number = |bytes: &[u8], at: usize| bytes.get(at..at + 8)?.try_into().ok().map(u64::from_le_bytes);
-    let end = bytes.len().checked_sub(16)?;
-    let table = usize::try_from(number(bytes, end)?).ok().filter(|table| *table + 48 <= end)?;
-    let items = crc32c::crc32c(bytes.get(32..table)?);
-    bytes[table + 40..table + 44].copy_from_slice(&items.to_le_bytes());
-    let checked = crc32c::crc32c_append(crc32c::crc32c(&bytes[..32]), &bytes[table..end + 12]);
-    bytes[end + 12..].copy_from_slice(&checked.to_le_bytes());
-    Some(())
+/// Bytes of the only piece of a summary.
+fn piece_bytes(shard: &Shard) -> Vec<u8> {
+    let summary = ShardSummary::<LevelCounts>::find(shard).unwrap().unwrap();
+    let mut piece = summary.bytes_of(&summary.pieces[0]).unwrap();
+    let mut bytes = Vec::new();
+    while !piece.is_over() {
+        bytes.extend(piece.take(1).unwrap());
+    }
+    bytes
+}
+
+/// Writes a summary with other bytes, and right checksums.
+fn forge(shard: &Shard, bytes: &[u8], run_bytes: u64, totals: LevelCounts) {
+    let mut writer = SummaryWriter::new(shard).unwrap();
+    writer.begin(shard.pieces[0]);
+    writer.write(bytes).unwrap();
+    writer.end(run_bytes, totals).unwrap();
+    writer.finish().unwrap();
 }
 
 #[test]
@@ -406,24 +414,30 @@ fn harm_under_right_checksums_does_no_harm() {
     let (head, shards) = small_job(folder.path());
     let mut errors = 0;
     for shard in &shards {
-        let path = shard.light_path();
-        let good = fs::read(&path).unwrap();
-        let mut same = good.clone();
-        reseal(&mut same).unwrap();
-        assert!(same == good, "checksums are set as they are written");
+        let path = shard.summary_path();
+        let (file, good) = (fs::read(&path).unwrap(), piece_bytes(shard));
+        let summary = ShardSummary::<LevelCounts>::find(shard).unwrap().unwrap();
+        let (run_bytes, totals) = (summary.pieces[0].run_bytes, summary.pieces[0].totals.clone());
+        forge(shard, &good, run_bytes, totals.clone());
+        assert!(fs::read(&path).unwrap() == file, "a summary is written as it was");
         for at in (0..good.len()).step_by(1 + good.len() / 1200) {
             for byte in [0, 1, 0x7f, 0xff, good[at] ^ 1, good[at].wrapping_add(1)] {
                 let mut bad = good.clone();
                 bad[at] = byte;
-                if bad == good || reseal(&mut bad).is_none() {
-                    continue;
+                if bad != good {
+                    forge(shard, &bad, run_bytes, totals.clone());
+                    // (It may be another tree, which is as good as this one.)
+                    errors += u32::from(merge(&head, &shards).is_err());
                 }
-                fs::write(&path, &bad).unwrap();
-                // (It may be another tree, which is as good as this one.)
-                errors += u32::from(merge(&head, &shards).is_err());
             }
         }
-        fs::write(&path, &good).unwrap();
+        for (run_bytes, counts) in [(u64::MAX, [0; 3]), (run_bytes, [u64::MAX; 3]), (run_bytes + 1, [0; 3])] {
+            let mut totals = LevelCounts::default();
+            totals.add(9, counts);
+            forge(shard, &good, run_bytes, totals);
+            merge(&head, &shards).expect_err("totals are wrong");
+        }
+        fs::write(&path, &file).unwrap();
     }
     assert!(errors > 100);
     merge(&head, &shards).unwrap();

@@ -30,7 +30,7 @@ use spinney_base::space::Dimension;
 ///     access: Default::default(),
 /// };
 /// transform_to(&map, TreeTarget::Shard { head, shard, check: Box::new(|| Ok(())) }, how, &())?;
-/// assert!(folder.path().join("0000.light").exists());
+/// assert!(folder.path().join("0000.summary").exists());
 /// # Ok::<(), spinney::Error>(())
 /// ```
 pub enum TreeTarget {

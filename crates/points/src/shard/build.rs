@@ -45,28 +45,28 @@ pub fn build_shard(
 ) -> Result<()> {
     import.options.check()?;
     let encoder = encoder_of(import.source.schema());
-    let memory = import.options.memory;
-    check_planned(import, &encoder, (head, &shard.access))?;
+    check_planned(import, &encoder, (head, &shard.shard.access))?;
     if shard.level > deepest_units(&encoder.grid) {
         let expected = format!("at most {}", deepest_units(&encoder.grid));
         return Err(Error::invalid("level of shards", shard.level.to_string(), expected));
     }
-    let mut writer = ShardWriter::new(shard, &encoder, memory / 16)?;
-    let Some(run) = shard.run else { return writer.finish(0) };
+    let mut writer = ShardWriter::new(shard, &encoder)?;
+    let Some(run) = shard.run() else { return writer.finish(0) };
     let (rows, read) = read(import, &encoder, (shard, run), progress)?;
     let buckets = rows.buckets();
     let total = read + buckets.iter().map(|bucket| bucket.rows).sum::<u64>();
     let (mut last, mut duplicates) = (None, 0);
     for buckets in buckets.chunk_by(|a, b| a.code.ancestor(shard.level) == b.code.ancestor(shard.level)) {
         let unit = buckets[0].code.ancestor(shard.level);
+        writer.begin_unit(unit)?;
         let plan = Plan { encoder: &encoder, options: &import.options, progress };
-        let mut work = Work { plan, temporary: &shard.folder, sink: &mut writer, total, duplicates: 0 };
+        let mut work = Work { plan, temporary: &shard.shard.folder, sink: &mut writer, total, duplicates: 0 };
         let mut assembler = Assembler::new(&encoder, import.options.leaf_size, unit);
         work.assemble((&rows, buckets), &mut assembler, &mut last)?;
         duplicates += work.duplicates;
         let (assembled, pieces) = assembler.finish();
         write_pieces(pieces, &mut writer)?;
-        writer.end_unit(unit, assembled)?;
+        writer.end_unit(assembled)?;
     }
     check()?;
     writer.finish(duplicates)
@@ -77,9 +77,9 @@ pub fn build_shard(
 /// # Errors
 /// If the head cannot be read, or the shard not be written.
 pub fn build_empty_shard(head: &Path, shard: &PointShard) -> Result<()> {
-    let planned = PointTree::open(head, &(&shard.access).into())?;
+    let planned = PointTree::open(head, &(&shard.shard.access).into())?;
     let encoder = Encoder::new(planned.layout().clone(), planned.grid().clone());
-    ShardWriter::new(shard, &encoder, 0)?.finish(0)
+    ShardWriter::new(shard, &encoder)?.finish(0)
 }
 
 /// Makes sure that the tree would be what its head tells, but for where its files are.
@@ -113,7 +113,7 @@ fn read(
     let grid = &encoder.grid;
     let [first, last] = run.ends().map(|end| unit_of(grid.dimension, shard.level, end));
     let top = (first.common_ancestor(last), grid.code_levels());
-    let folder = shard.folder.clone();
+    let folder = shard.shard.folder.clone();
     let mut buckets = Buckets::new(folder, encoder.stride(), top, import.options.memory / 3);
     let (parts, wanted) = (import.source.parts(), parts_of(import, shard));
     let total: u64 = wanted.iter().map(|number| parts[*number].count).sum();

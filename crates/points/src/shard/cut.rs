@@ -71,7 +71,7 @@ pub(super) fn parts_of(import: &PointImport, shard: &PointShard) -> Vec<usize> {
     };
     let parts = import.source.parts().iter().enumerate();
     parts
-        .filter(|(_, part)| shard.run.is_some_and(|run| touches(part, run)))
+        .filter(|(_, part)| shard.run().is_some_and(|run| touches(part, run)))
         .map(|(number, _)| number)
         .collect()
 }

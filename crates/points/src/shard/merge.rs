@@ -4,13 +4,14 @@ use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
-use super::light::{LightFile, LightUnit, LightUnits};
+use super::units::{PointTotals, Unit, Units, find_summary};
 use super::{PointShard, deepest_units};
 use crate::build::{Assembler, BuildSummary, Encoder, MAX_NUMBERS, PieceSink, write_pieces, write_root};
 use crate::store::{Entry, PointTree, PointWriter, Summary};
 use spinney_base::io::{Output, open_input};
 use spinney_base::space::{Code, CodeRun};
 use spinney_base::{Error, Progress, Result};
+use spinney_container::ShardSummary;
 
 /// Puts a tree together whose shards are all made: the bytes are those of a file that was built in one go. `head` tells of the tree. Blocks are
 /// checked and copied, and no points are read but those of nodes above; about `memory` bytes hold each list before it goes to a temporary file. `points` is
@@ -26,31 +27,30 @@ pub fn merge_shards(
     (output, memory): (Output, u64),
     progress: &dyn Progress,
 ) -> Result<BuildSummary> {
-    let access = shards.first().map_or(output.access(), |shard| &shard.access);
+    let access = shards.first().map_or(output.access(), |shard| &shard.shard.access);
     let planned = PointTree::open(head, &access.into())?;
     let encoder = Encoder::new(planned.layout().clone(), planned.grid().clone());
     let leaf_size = planned.summary().leaf_size as usize;
     check_cover(head, shards, &encoder)?;
     let mut total = 0u64;
     for shard in shards {
-        total = total.saturating_add(find(shard)?.summary.run_bytes);
+        total = total.saturating_add(find(shard)?.run_bytes());
     }
     let mut writer = PointWriter::new(output, &encoder.grid, encoder.block.columns, memory)?;
     let top = Code::root(encoder.grid.dimension);
     let mut assembler = Assembler::new(&encoder, leaf_size, top);
     let mut summary = BuildSummary::default();
     for shard in shards {
-        let light = find(shard)?;
-        let mut run = RunFile::new(shard.run_path());
-        let mut units = LightUnits::new(&light, shard, &encoder, leaf_size)?;
+        let mut run = RunFile::new(shard.shard.run_path(0));
+        let mut units = Units::new(find(shard)?, shard, &encoder, leaf_size)?;
         while let Some(unit) = units.next()? {
             progress.check()?;
             summary.points = summary.points.saturating_add(unit.points);
             if summary.points > MAX_NUMBERS {
                 let found = format!("{} points and more", summary.points);
-                return Err(light.file.corrupt("units", found, format!("at most {MAX_NUMBERS} in a file")));
+                return Err(units.corrupt(found, format!("at most {MAX_NUMBERS} in a file")));
             }
-            let LightUnit { code, assembled, blocks, nodes, .. } = unit;
+            let Unit { code, assembled, blocks, nodes, .. } = unit;
             assembler.reach(code, &assembled.closed);
             write_pieces(std::mem::take(&mut assembler.pieces), &mut writer)?;
             for entry in &blocks {
@@ -64,7 +64,8 @@ pub fn merge_shards(
             assembler.join(code, assembled);
             write_pieces(std::mem::take(&mut assembler.pieces), &mut writer)?;
         }
-        summary.duplicates += light.summary.duplicates;
+        // (The units have as many points as the totals: so the sum is at most that of points.)
+        summary.duplicates += units.totals().duplicates;
     }
     if points.is_some_and(|points| points != summary.points) {
         let expected = format!("{}, as headers of files say", points.unwrap_or_default());
@@ -77,11 +78,8 @@ pub fn merge_shards(
     Ok(summary)
 }
 
-fn find(shard: &PointShard) -> Result<LightFile> {
-    LightFile::find(shard)?.ok_or_else(|| {
-        let path = shard.light_path();
-        Error::unsupported(path, "a file of which a shard is not made", "build this shard first")
-    })
+fn find(shard: &PointShard) -> Result<ShardSummary<PointTotals>> {
+    find_summary(shard)?.ok_or_else(|| shard.shard.not_built())
 }
 
 /// Makes sure that shards have all of the space, one behind the other, and are cut at units.
@@ -93,7 +91,7 @@ fn check_cover(head: &Path, shards: &[PointShard], encoder: &Encoder) -> Result<
         return Err(Error::invalid(what(), format!("units at level {level} and others"), expected));
     }
     let mut next = 0;
-    for run in shards.iter().filter_map(|shard| shard.run) {
+    for run in shards.iter().filter_map(PointShard::run) {
         let [first, last] = run.ends();
         if first != next || !run.is_cut_at(encoder.grid.dimension, level) {
             return Err(Error::invalid(

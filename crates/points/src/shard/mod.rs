@@ -4,55 +4,40 @@
 //! The space is cut at nodes of one level, *units*, which is no deeper than the spacing of the root's points: so the first point of a unit
 //! goes to the root, whatever came before it, and where all others go is told by the unit's points alone ([`node_level`](crate::build)). What is
 //! below units is final, and goes to a *run file*. Points that go to nodes above, points of units that are too few to be nodes by themselves, and what is known of
-//! blocks and nodes go to a *light file*, of which the nodes above are made.
+//! blocks and nodes go to a [*shard summary*](spinney_container::ShardSummary), of which the nodes above are made.
 
 mod build;
 mod cut;
-mod light;
-mod light_rows;
 mod merge;
+mod packed_rows;
 #[cfg(test)]
 mod tests;
+mod units;
 mod writer;
-
-use std::path::PathBuf;
 
 use crate::build::levels_below;
 use crate::grid::{PointGrid, spacing_levels};
-use spinney_base::io::FileAccess;
 use spinney_base::space::{Code, CodeRun, Dimension};
+use spinney_container::Shard;
 
 pub use build::{build_empty_shard, build_shard, write_head};
 pub use cut::{PointCut, cut};
-pub use light::find_shard;
 pub use merge::merge_shards;
+pub use units::find_shard;
 
 /// A shard of a tree of points.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PointShard {
-    /// Folder of the shards of a file.
-    pub folder: PathBuf,
-    /// A number of what is made, and of what; light files have it.
-    pub job: u128,
-    /// Its own number, in the order of the file.
-    pub number: u32,
+    /// Its files, and its run of units as the piece of layer 0; no piece if the shard has no units.
+    pub shard: Shard,
     /// The level of units.
     pub level: u8,
-    /// Its part of the space, cut at units; nothing if none is left for it.
-    pub run: Option<CodeRun>,
-    /// How its files are read and written.
-    pub access: FileAccess,
 }
 
 impl PointShard {
-    /// The light file, which is there when the shard is made.
-    fn light_path(&self) -> PathBuf {
-        self.folder.join(format!("{:04}.light", self.number))
-    }
-
-    /// The file of blocks; there is none if the shard has no node of its own.
-    fn run_path(&self) -> PathBuf {
-        self.folder.join(format!("{:04}-0.run", self.number))
+    /// The codes of its units.
+    fn run(&self) -> Option<CodeRun> {
+        self.shard.pieces.first().map(|piece| piece.run)
     }
 }
 

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 use super::cut::parts_of;
-use super::light::{BLOCKS, LIGHT, LightFile, LightUnits, NODES, ROWS, RowEntry, UNITS};
+use super::units::{PointTotals, Units, find_summary};
 use super::{PointCut, PointShard, build_shard, cut, find_shard, merge_shards, write_head};
 use crate::attribute::place_of;
 use crate::build::Encoder;
@@ -16,10 +16,10 @@ use crate::query::{PointCondition, Relation};
 use crate::source::{PointPart, PointSchema, PointSource, both_bounds, bounds_of};
 use crate::store::{PointTree, is_point_file};
 use crate::tests::{all_places, clumped_places, layout, random, rows};
-use spinney_base::io::{FileAccess, Output, Sorter};
+use spinney_base::io::{FileAccess, Output};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
-use spinney_container::{BlockFile, BlockWriter, Content, Metadata, OpenOptions};
+use spinney_container::{OpenOptions, Shard, ShardPiece, SummaryWriter};
 
 /// Points in memory, in parts.
 struct PartRows {
@@ -126,13 +126,11 @@ impl Job {
         let folder = tempfile::tempdir().unwrap();
         write_head(import, Output::create(&folder.path().join("head.goblin")).unwrap()).unwrap();
         let cut = cut(import, shards).unwrap();
-        let shard = |(number, run): (usize, &Option<_>)| PointShard {
-            folder: folder.path().to_path_buf(),
-            job: 77,
-            number: number as u32,
-            level: cut.level,
-            run: *run,
-            access: FileAccess::default(),
+        let shard = |(number, run): (usize, &Option<_>)| {
+            let (folder, number, access) =
+                (folder.path().to_path_buf(), number as u32, FileAccess::default());
+            let pieces = run.iter().map(|run| ShardPiece { layer: 0, run: *run }).collect();
+            PointShard { shard: Shard { folder, job: 77, number, pieces, access }, level: cut.level }
         };
         let shards = cut.runs.iter().enumerate().map(shard).collect();
         Job { folder, cut, shards }
@@ -153,12 +151,12 @@ impl Job {
         Ok(kept.bytes())
     }
 
-    /// The points of a shard, as its light file tells of all of its units.
+    /// The points of a shard, as its summary describes all of its units.
     fn read(&self, shard: &PointShard) -> Result<u64> {
         let head = PointTree::open(&self.head(), &OpenOptions::default())?;
         let encoder = Encoder::new(head.layout().clone(), head.grid().clone());
-        let Some(light) = LightFile::find(shard)? else { return Ok(0) };
-        let mut units = LightUnits::new(&light, shard, &encoder, head.summary().leaf_size as usize)?;
+        let Some(summary) = find_summary(shard)? else { return Ok(0) };
+        let mut units = Units::new(summary, shard, &encoder, head.summary().leaf_size as usize)?;
         let mut points = 0;
         while let Some(unit) = units.next()? {
             points += unit.points;
@@ -302,18 +300,18 @@ fn shards_that_are_missing_or_damaged_or_others_are_refused() {
     let bytes = |number: &usize| find_shard(&job.shards[*number]).unwrap();
     let number = (0..3).max_by_key(bytes).unwrap();
     let shard = &job.shards[number];
-    let [run, light] = [shard.run_path(), shard.light_path()];
-    let [first, known] = [&run, &light].map(|path| fs::read(path).unwrap());
+    let [run, summary] = [shard.shard.run_path(0), shard.shard.summary_path()];
+    let [first, known] = [&run, &summary].map(|path| fs::read(path).unwrap());
     assert!(!first.is_empty() && bytes(&number) == Some(first.len() as u64));
     // A shard that dies has left at most a run file, which is made anew.
-    fs::remove_file(&light).unwrap();
+    fs::remove_file(&summary).unwrap();
     fs::write(&run, b"half of it").unwrap();
     let error = job.merge().unwrap_err().to_string();
-    assert!(error.contains(&format!("000{number}.light")), "{error}");
+    assert!(error.contains(&format!("000{number}.summary")), "{error}");
     // Made twice it is the same.
     for _ in 0..2 {
         job.build(&import(), number).unwrap();
-        assert!([&run, &light].map(|path| fs::read(path).unwrap()) == [first.clone(), known.clone()]);
+        assert!([&run, &summary].map(|path| fs::read(path).unwrap()) == [first.clone(), known.clone()]);
         assert!(job.merge().unwrap() == expected);
     }
 
@@ -328,15 +326,18 @@ fn shards_that_are_missing_or_damaged_or_others_are_refused() {
     }
     fs::write(&run, &first).unwrap();
     for changed in [
-        PointShard { job: 78, ..shard.clone() },
+        PointShard { shard: Shard { job: 78, ..shard.shard.clone() }, ..*shard },
         PointShard { level: shard.level - 1, ..shard.clone() },
-        PointShard { run: job.shards[(number + 1) % 3].run, ..shard.clone() },
+        PointShard {
+            shard: Shard { pieces: job.shards[(number + 1) % 3].shard.pieces.clone(), ..shard.shard.clone() },
+            ..*shard
+        },
     ] {
         assert!(matches!(find_shard(&changed), Err(Error::Unsupported { .. })));
     }
-    fs::copy(job.shards[(number + 1) % 3].light_path(), &light).unwrap();
+    fs::copy(job.shards[(number + 1) % 3].shard.summary_path(), &summary).unwrap();
     assert!(find_shard(shard).is_err());
-    fs::write(&light, &known).unwrap();
+    fs::write(&summary, &known).unwrap();
     // Shards with a gap, and too few points.
     let gap = merge_shards(
         &job.head(),
@@ -348,10 +349,8 @@ fn shards_that_are_missing_or_damaged_or_others_are_refused() {
     assert!(gap.unwrap_err().to_string().contains("shards of"));
     let output = Kept::default().output(Path::new("few.goblin"));
     assert!(merge_shards(&job.head(), &job.shards, Some(1), (output, 0), &()).is_err());
-    assert!(
-        !is_point_file(&light, &FileAccess::default())
-            || PointTree::open(&light, &OpenOptions::default()).is_err()
-    );
+    assert!(!is_point_file(&summary, &FileAccess::default()));
+    assert!(PointTree::open(&summary, &OpenOptions::default()).is_err());
     assert!(job.merge().unwrap() == expected);
 }
 
@@ -383,99 +382,89 @@ fn other_inputs_than_planned_are_refused() {
 }
 
 #[test]
-fn light_files_that_are_damaged_are_refused() {
+fn summaries_that_are_damaged_are_refused() {
     let import = || small(20, 300);
     let job = Job::plan(&import(), 2);
     let expected = job.all(&import);
-    let light = job.shards[1].light_path();
-    let bytes = fs::read(&light).unwrap();
+    let summary = job.shards[1].shard.summary_path();
+    let bytes = fs::read(&summary).unwrap();
     let mut random = random(3);
     // (Each byte of what stands behind the blocks, and many of theirs.)
     for byte in (0..bytes.len()).filter(|byte| byte % 5 == 0 || byte + 2000 > bytes.len()) {
         let mut damaged = bytes.clone();
         damaged[byte] ^= 1 << (random() % 8);
-        fs::write(&light, &damaged).unwrap();
+        fs::write(&summary, &damaged).unwrap();
         // (What says only what a reader may do without is no damage.)
         let is_read = job.read(&job.shards[1]).is_ok();
         assert!(!is_read || job.merge().is_ok_and(|merged| merged == expected), "{byte}");
     }
     for length in (0..bytes.len()).step_by(11) {
-        fs::write(&light, &bytes[..length]).unwrap();
+        fs::write(&summary, &bytes[..length]).unwrap();
         assert!(job.read(&job.shards[1]).is_err(), "{length}");
     }
 }
 
-/// Writes a light file anew, with the right checksums, after some bytes of a list or the section were changed.
-fn forge(path: &Path, bytes: &[u8], sizes: [usize; 4], change: &mut dyn FnMut(usize, &mut Vec<u8>)) {
-    let options = OpenOptions::default();
-    let file = BlockFile::open(path, Box::new(bytes.to_vec()), (Content::Points, "light"), &options).unwrap();
-    let kept = Kept::default();
-    let mut writer = BlockWriter::new(kept.output(path), *file.header(), "shards").unwrap();
-    let mut checksums = Vec::new();
-    let rows = file.list(ROWS, "rows", sizes[3]).unwrap();
-    for index in 0..rows.len() {
-        let entry = RowEntry::from_bytes(file.entry(&rows, index)).block;
-        let mut block = file.block("rows", &entry).unwrap().to_vec();
-        change(5, &mut block);
-        checksums.push(writer.block(entry.key, &block, entry.count).unwrap().checksum);
+/// Bytes of a shard's units, and their totals.
+fn units_of(shard: &PointShard) -> (Vec<u8>, u64, PointTotals) {
+    let summary = find_summary(shard).unwrap().unwrap();
+    let mut piece = summary.bytes_of(&summary.pieces[0]).unwrap();
+    let mut bytes = Vec::new();
+    while !piece.is_over() {
+        bytes.extend(piece.take(1).unwrap());
     }
-    let mut lists = Vec::new();
-    for (list, (tag, size)) in [UNITS, BLOCKS, NODES, ROWS].into_iter().zip(sizes).enumerate() {
-        let entries = file.list(tag, "list", size).unwrap();
-        let mut sorter = Sorter::new(path.parent().unwrap(), size, 1 << 20);
-        for index in 0..entries.len() {
-            let mut entry = file.entry(&entries, index).to_vec();
-            if let (3, Some(checksum)) = (list, checksums.get(index)) {
-                entry[20..24].copy_from_slice(&u32::to_le_bytes(*checksum));
-            }
-            change(list, &mut entry);
-            sorter.push(index as u64, entry).unwrap();
-        }
-        lists.push((tag, sorter));
-    }
-    let mut summary = file.section(LIGHT, "shard").unwrap();
-    change(4, &mut summary);
-    writer.finish(lists, (LIGHT, summary), &Metadata::default()).unwrap();
-    fs::write(path, kept.bytes()).unwrap();
+    (bytes, summary.run_bytes(), summary.pieces[0].totals)
+}
+
+/// Writes a summary with other bytes, and right checksums.
+fn forge(shard: &Shard, bytes: &[u8], run_bytes: u64, totals: PointTotals) {
+    let mut writer = SummaryWriter::new(shard).unwrap();
+    writer.begin(shard.pieces[0]);
+    writer.write(bytes).unwrap();
+    writer.end(run_bytes, totals).unwrap();
+    writer.finish().unwrap();
 }
 
 #[test]
-fn forged_light_files_do_no_harm() {
+fn forged_summaries_do_no_harm() {
     let import = || small(20, 600);
     let job = Job::plan(&import(), 2);
     let expected = job.all(&import);
-    let light = job.shards[1].light_path();
-    let bytes = fs::read(&light).unwrap();
-    let columns = 3 + layout().attributes.len();
-    let sizes = [20, 52, 8 + 8 + 32 * columns, 28];
-    forge(&light, &bytes, sizes, &mut |_, _| {});
-    assert!(job.merge().unwrap() == expected);
+    let shard = &job.shards[1];
+    let path = shard.shard.summary_path();
+    let known = fs::read(&path).unwrap();
+    let (bytes, run_bytes, totals) = units_of(shard);
+    forge(&shard.shard, &bytes, run_bytes, totals);
+    assert!(fs::read(&path).unwrap() == known && job.merge().unwrap() == expected);
     let mut random = random(8);
     let mut refused = 0;
-    for round in 0..900 {
-        let wanted = round % 6;
-        let mut left = random() % 7;
+    for _ in 0..900 {
+        let mut forged = bytes.clone();
         let number = random();
-        let mut change = |list: usize, entry: &mut Vec<u8>| {
-            if list != wanted || left == u64::MAX {
-                return;
-            }
-            if left > 0 && list != 4 {
-                left -= 1;
-                return;
-            }
-            left = u64::MAX;
-            let at = number as usize % entry.len();
-            match number >> 40 & 3 {
-                0 => entry[at] ^= 1 << (number >> 32 & 7),
-                1 => entry[at..].iter_mut().take(4).for_each(|byte| *byte = 0xff),
-                2 => entry[at..].iter_mut().take(8).for_each(|byte| *byte = 0),
-                _ => entry[at] = entry[at].wrapping_add(1),
-            }
-        };
-        forge(&light, &bytes, sizes, &mut change);
-        // What is told of points that nobody reads is believed; nothing else comes of it.
-        refused += u32::from(job.read(&job.shards[1]).is_err() || job.merge().is_err());
+        let at = (number >> 8) as usize % bytes.len();
+        match number & 7 {
+            0 => forged[at] ^= 1 << (random() & 7),
+            1 => forged[at..].iter_mut().take(4).for_each(|byte| *byte = 0xff),
+            2 => forged[at..].iter_mut().take(8).for_each(|byte| *byte = 0),
+            3 => forged.truncate(at),
+            4 => drop(forged.drain(at..(at + 30).min(bytes.len()))),
+            5 => forged.extend_from_within(at..),
+            _ => forged[at] = forged[at].wrapping_add(1),
+        }
+        forge(&shard.shard, &forged, run_bytes, totals);
+        // Statistics of points that no reader checks are believed; nothing else comes of it.
+        refused += u32::from(job.read(shard).is_err() || job.merge().is_err());
     }
     assert!(refused > 450, "{refused}");
+    let PointTotals { points, .. } = totals;
+    for wrong in [
+        PointTotals { points: points + 1, ..totals },
+        PointTotals { points: u64::MAX, ..totals },
+        PointTotals { duplicates: points + 1, ..totals },
+        PointTotals { level: 200, ..totals },
+    ] {
+        forge(&shard.shard, &bytes, run_bytes, wrong);
+        assert!(job.merge().is_err(), "{wrong:?}");
+    }
+    forge(&shard.shard, &bytes, u64::MAX, totals);
+    assert!(job.merge().is_err());
 }

@@ -17,10 +17,10 @@ use serde::{Deserialize, Serialize};
 use spinney_base::io::{FileAccess, Output, url_of};
 use spinney_base::space::{Bounds, CodeRun};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::Header;
+use spinney_container::{Header, LevelCounts, ShardSummary};
 use spinney_engine::dataset::Rebuild;
 use spinney_engine::ops::{CombineOperation, CombineOptions, FileView};
-use spinney_engine::store::goblin::{Goblin, LightFile, MergeOutput, Shard, ShardPiece, merge_shards};
+use spinney_engine::store::goblin::{Goblin, MergeOutput, Shard, ShardPiece, merge_shards};
 use spinney_engine::store::{Packing, ShardCheck, TreeTarget, TreeWriter};
 use spinney_mesh::import::SolidOptions;
 use spinney_points::PointImportOptions;
@@ -245,12 +245,12 @@ pub(crate) trait Work {
 
     /// Bytes of a shard, if it is made and all of it is there.
     fn find(&self, shard: &Shard) -> Result<Option<u64>> {
-        Ok(LightFile::find(shard)?.map(|light| light.run_bytes()))
+        Ok(ShardSummary::<LevelCounts>::find(shard)?.map(|summary| summary.run_bytes()))
     }
 
     /// Numbers of the shards that are not made, or of which something is not there that is needed, perhaps for an output that may have some of it.
     fn missing(&self, shards: &[Shard], output: Option<&MergeOutput>) -> Result<Vec<u32>> {
-        let found = output.map_or_else(|| LightFile::find_all(shards), |output| output.find(shards))?;
+        let found = output.map_or_else(|| ShardSummary::find_all(shards), |output| output.find(shards))?;
         missing_of(shards, found.into_iter().map(|found| Ok(found?.is_some())))
     }
 

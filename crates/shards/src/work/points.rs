@@ -45,10 +45,7 @@ impl Points {
 
     /// The shard as trees of points have it.
     fn shard(&self, shard: &Shard) -> PointShard {
-        let Shard { folder, job, number, pieces, access } = shard;
-        let run = pieces.first().map(|piece| piece.run);
-        let (folder, access) = (folder.clone(), access.clone());
-        PointShard { folder, job: *job, number: *number, level: self.level, run, access }
+        PointShard { shard: shard.clone(), level: self.level }
     }
 }
 

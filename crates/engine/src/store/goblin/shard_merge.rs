@@ -4,17 +4,21 @@ use std::io::{BufReader, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use super::file_writer::FileWriter;
-use super::light_file::{LightFile, LightPiece};
-use super::light_items::{Item, Items};
 use super::reader::Goblin;
 use super::segment_builder::SegmentBuilder;
-use super::shard::Shard;
 use super::shard_writer::planned_layers;
+use super::summary_items::{Item, Items};
 use crate::store::builder::TreeSink;
 use spinney_base::io::{FileAccess, InputFile, Output};
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{FileHeader, Header, LevelCounts, check_tree_name, create_tree_file};
+use spinney_container::{
+    FileHeader, Header, LevelCounts, PieceSummary, Shard, ShardSummary, check_tree_name, create_tree_file,
+};
+
+/// Summary of a shard of trees of cells, and of one of its pieces.
+type Summary = ShardSummary<LevelCounts>;
+type Piece = PieceSummary<LevelCounts>;
 
 /// The file that shards are put together to, and what becomes of their own.
 pub enum MergeOutput {
@@ -61,14 +65,14 @@ impl MergeOutput {
         output.access()
     }
 
-    /// The light files of shards that are made, as far as a merge to this output can use them: some of their run files may be in the output already.
+    /// The summaries of shards that are made, as far as a merge to this output can use them: some of their run files may be in the output already.
     ///
     /// # Errors
-    /// Those of [`LightFile::find_all`].
-    pub fn find(&self, shards: &[Shard]) -> Result<Vec<Result<Option<LightFile>>>> {
+    /// Those of [`ShardSummary::find_all`].
+    pub fn find(&self, shards: &[Shard]) -> Result<Vec<Result<Option<Summary>>>> {
         match self {
-            MergeOutput::Keep(_) => LightFile::find_all(shards),
-            MergeOutput::Remove(..) => Ok(shards.iter().map(LightFile::find_light).collect()),
+            MergeOutput::Keep(_) => ShardSummary::find_all(shards),
+            MergeOutput::Remove(..) => Ok(shards.iter().map(ShardSummary::find_without_runs).collect()),
         }
     }
 
@@ -126,8 +130,8 @@ pub fn merge_shards(
     let access = shards.first().map_or(output.access(), |shard| &shard.access);
     let planned = Goblin::open(head, &access.into())?;
     let layers = planned_layers(&planned)?;
-    let lights = find_lights(shards, &output)?;
-    let total = lights.iter().fold(0, |sum: u64, light| sum.saturating_add(light.run_bytes()));
+    let summaries = find_summaries(shards, &output)?;
+    let total = summaries.iter().fold(0, |sum: u64, summary| sum.saturating_add(summary.run_bytes()));
     let file = FileHeader::read_cells(head, &*planned.file.backend)?;
     let (mut output, there) = match output {
         MergeOutput::Keep(output) => (output, None),
@@ -139,18 +143,19 @@ pub fn merge_shards(
     output.expect(total);
     let mut out = FileWriter::over(output, there.as_ref().map_or(0, |there| there.bytes), file)?;
     for (number, (header, metadata)) in (0..).zip(&layers) {
-        let pieces: Vec<_> = shards.iter().zip(&lights).filter_map(|both| find_piece(both, number)).collect();
+        let pieces: Vec<_> =
+            shards.iter().zip(&summaries).filter_map(|both| find_piece(both, number)).collect();
         // Invariant: runs cut the space at the crown's level, and a layer's segments below it stand in the order of codes. So the runs of all shards, one
         // behind the other, are those of a file that was built in one go, and all that is left to make is what stands above.
         check_cover(head, number, pieces.iter().map(|(_, _, piece)| piece.piece.run))?;
         let mut position = out.position();
         out.merged_layer(header, metadata, memory, &mut |builder| {
             let mut counts = LevelCounts::default();
-            for (shard, light, piece) in &pieces {
+            for (shard, summary, piece) in &pieces {
                 let path = shard.run_path(number);
                 let run = RunPlace { path: &path, position, partial: there.as_ref(), access: &shard.access };
-                copy_piece(run, (light, piece, header), builder, (total, progress))?;
-                counts.merge(&checked_counts(light, piece, header)?);
+                copy_piece(run, (summary, piece, header), builder, (total, progress))?;
+                counts.merge(&checked_counts(summary, piece, header)?);
                 position += piece.run_bytes;
                 if there.is_some() && piece.run_bytes > 0 {
                     // Invariant: each byte of a shard is on the disk in one of both files at least, whenever the process or the machine ends.
@@ -165,20 +170,16 @@ pub fn merge_shards(
 }
 
 /// A piece of a layer: the shard that it is in, and what is known of it.
-type Found<'a> = (&'a Shard, &'a LightFile, &'a LightPiece);
+type Found<'a> = (&'a Shard, &'a Summary, &'a Piece);
 
-fn find_piece<'a>((shard, light): (&'a Shard, &'a LightFile), layer: u32) -> Option<Found<'a>> {
-    let piece = light.pieces.iter().find(|piece| piece.piece.layer == layer)?;
-    Some((shard, light, piece))
+fn find_piece<'a>((shard, summary): (&'a Shard, &'a Summary), layer: u32) -> Option<Found<'a>> {
+    let piece = summary.pieces.iter().find(|piece| piece.piece.layer == layer)?;
+    Some((shard, summary, piece))
 }
 
-fn find_lights(shards: &[Shard], output: &MergeOutput) -> Result<Vec<LightFile>> {
-    let found = shards.iter().zip(output.find(shards)?).map(|(shard, found)| {
-        found?.ok_or_else(|| {
-            let path = shard.light_path();
-            Error::unsupported(path, "a file of which a shard is not made", "build this shard first")
-        })
-    });
+fn find_summaries(shards: &[Shard], output: &MergeOutput) -> Result<Vec<Summary>> {
+    let found =
+        shards.iter().zip(output.find(shards)?).map(|(shard, found)| found?.ok_or_else(|| shard.not_built()));
     found.collect()
 }
 
@@ -207,9 +208,9 @@ fn check_cover(head: &Path, layer: u32, runs: impl Iterator<Item = CodeRun>) -> 
 }
 
 /// The nodes that a piece has counted.
-fn checked_counts(light: &LightFile, piece: &LightPiece, header: &Header) -> Result<LevelCounts> {
+fn checked_counts(summary: &Summary, piece: &Piece, header: &Header) -> Result<LevelCounts> {
     let (run, crown) = (piece.piece.run, header.shape.crown_level());
-    for (level, nodes) in (0..).zip(piece.counts.levels()) {
+    for (level, nodes) in (0..).zip(piece.totals.levels()) {
         let most = if level > crown && level <= header.depth() {
             run.nodes(header.form.dimension, level)
         } else {
@@ -217,21 +218,26 @@ fn checked_counts(light: &LightFile, piece: &LightPiece, header: &Header) -> Res
         };
         if nodes.iter().any(|nodes| *nodes > most) {
             let found = format!("{nodes:?} nodes at level {level}");
-            return Err(Error::corrupt(&light.path, "table", found, format!("at most {most} of a state")));
+            return Err(Error::corrupt(
+                summary.path(),
+                "totals",
+                found,
+                format!("at most {most} of a state"),
+            ));
         }
     }
-    Ok(piece.counts.clone())
+    Ok(piece.totals.clone())
 }
 
 /// Copies the segments of a piece, and hands its parts over.
 fn copy_piece(
     place: RunPlace<'_>,
-    (light, piece, header): (&LightFile, &LightPiece, &Header),
+    (summary, piece, header): (&Summary, &Piece, &Header),
     builder: &mut SegmentBuilder<'_>,
     (total, progress): (u64, &dyn Progress),
 ) -> Result<()> {
     let mut run = None;
-    let mut items = Items::of(light, piece, header)?;
+    let mut items = Items::of(summary, piece, header)?;
     let mut bytes = Vec::new();
     while let Some(item) = items.next()? {
         match item {

@@ -1,4 +1,4 @@
-//! Writes a shard of a file: the segments of its pieces to run files, and what else is to be known to a light file.
+//! Writes a shard of a file: the segments of its pieces to run files, and everything else that merging needs to a shard summary.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -6,17 +6,15 @@ use std::path::{Path, PathBuf};
 use super::directory::Entry;
 use super::held::file_order;
 use super::layer_writer::with_entry;
-use super::light_file::LightWriter;
-use super::light_items::{PendingEntries, has_cells, write_top};
 use super::reader::Goblin;
 use super::segment_builder::SegmentBuilder;
 use super::segment_sink::SegmentSink;
-use super::shard::{Shard, ShardPiece};
+use super::summary_items::{PendingEntries, has_cells, write_top};
 use crate::store::builder::{BuildOptions, Fill, Part, SealedSegment};
 use spinney_base::io::Output;
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Result};
-use spinney_container::{Codec, Header, Metadata};
+use spinney_container::{Codec, Header, LevelCounts, Metadata, Shard, ShardPiece, SummaryWriter};
 
 /// A shard being written. It is made when [`ShardWriter::finish`] returns; until then nobody takes what is there for it.
 pub(in crate::store) struct ShardWriter {
@@ -25,7 +23,7 @@ pub(in crate::store) struct ShardWriter {
     head: PathBuf,
     /// Headers and metadata of these layers.
     planned: Vec<(Header, Metadata)>,
-    light: LightWriter,
+    summary: SummaryWriter<LevelCounts>,
     /// Number of the layer that comes next.
     next: u32,
 }
@@ -33,8 +31,8 @@ pub(in crate::store) struct ShardWriter {
 impl ShardWriter {
     /// Starts a shard of the file whose layers another one, without any cells, tells of.
     pub(in crate::store) fn new(head: &Goblin, shard: Shard) -> Result<ShardWriter> {
-        let (planned, light) = (planned_layers(head)?, LightWriter::new(&shard)?);
-        Ok(ShardWriter { shard, head: head.path().to_path_buf(), planned, light, next: 0 })
+        let (planned, summary) = (planned_layers(head)?, SummaryWriter::new(&shard)?);
+        Ok(ShardWriter { shard, head: head.path().to_path_buf(), planned, summary, next: 0 })
     }
 
     /// Whether it has no part of any layer.
@@ -68,14 +66,13 @@ impl ShardWriter {
             let advice = "read them in the order of FD codes, or build the file in one go";
             return Err(Error::unsupported(run, "a shard of cells that come in another order", advice));
         }
-        self.light.begin(piece);
-        let mut writer = PieceWriter::new(run, piece, header, &mut self.light);
+        self.summary.begin(piece);
+        let mut writer = PieceWriter::new(run, piece, header, &mut self.summary);
         let mut builder = SegmentBuilder::new(header, covered, &mut writer);
         fill(&mut builder, header.shape)?;
         let (_, counts) = builder.finish();
         let bytes = writer.finish()?;
-        self.light.end(bytes, counts);
-        Ok(())
+        self.summary.end(bytes, counts)
     }
 
     /// Makes sure that a layer is what was planned, but for where its inputs are.
@@ -104,7 +101,7 @@ impl ShardWriter {
 
     /// Says that the shard is made.
     pub(in crate::store) fn finish(self) -> Result<()> {
-        self.light.finish()
+        self.summary.finish()
     }
 }
 
@@ -136,11 +133,16 @@ struct PieceWriter<'l> {
     /// The last segment, by the order of the file.
     last: u64,
     entries: PendingEntries,
-    light: &'l mut LightWriter,
+    summary: &'l mut SummaryWriter<LevelCounts>,
 }
 
 impl<'l> PieceWriter<'l> {
-    fn new(path: PathBuf, piece: ShardPiece, header: &Header, light: &'l mut LightWriter) -> PieceWriter<'l> {
+    fn new(
+        path: PathBuf,
+        piece: ShardPiece,
+        header: &Header,
+        summary: &'l mut SummaryWriter<LevelCounts>,
+    ) -> PieceWriter<'l> {
         let header = header.clone();
         PieceWriter {
             path,
@@ -150,7 +152,7 @@ impl<'l> PieceWriter<'l> {
             position: 0,
             last: 0,
             entries: PendingEntries::default(),
-            light,
+            summary,
         }
     }
 
@@ -164,19 +166,19 @@ impl<'l> PieceWriter<'l> {
         self.last = order;
         let out = match &mut self.out {
             Some(out) => out,
-            none => none.insert(self.light.access().append_only(&self.path)?),
+            none => none.insert(self.summary.access().append_only(&self.path)?),
         };
         for part in parts {
             out.write_all(part).map_err(Error::io(&self.path, "write a segment"))?;
         }
         self.position += entry.length;
-        self.entries.push(self.light, entry)?;
+        self.entries.push(self.summary, entry)?;
         Ok(())
     }
 
     /// Puts the file in its place, and tells how many bytes it has.
     fn finish(mut self) -> Result<u64> {
-        self.entries.write(self.light, self.header.form.value)?;
+        self.entries.write(self.summary, self.header.form.value)?;
         self.out.map_or(Ok(()), Output::commit)?;
         Ok(self.position)
     }
@@ -196,7 +198,7 @@ impl SegmentSink for PieceWriter<'_> {
         if !has_cells(part.code, &self.header) && !part.child.is_inner() && part.tally.cells == 0 {
             return Ok(());
         }
-        write_top(self.light, &part, &self.header)
+        write_top(self.summary, &part, &self.header)
     }
 
     fn codec(&self) -> Codec {

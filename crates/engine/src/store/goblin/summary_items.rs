@@ -1,4 +1,4 @@
-//! Entries of segments and parts of nodes, as they stand in light files.
+//! Entries of segments and top nodes, as shard summaries store them.
 
 use std::collections::VecDeque;
 
@@ -8,14 +8,16 @@ use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 use super::directory::{Entry, entry_size};
 use super::entry_columns::{TOGETHER, pack_entries, unpack_entries};
 use super::held::file_order;
-use super::light_file::{ItemBytes, LightFile, LightPiece, LightWriter};
 use crate::store::builder::{Part, upper_levels};
 use crate::store::records::{RecordLayout, RunChildren, RunNode, Runs};
 use crate::tree::{Child, NodeState};
 use spinney_base::Result;
 use spinney_base::space::{Bounds, Code, CodeRun};
 use spinney_base::value::{Value, ValueType, ZoneStats};
-use spinney_container::{Codec, Header, INNER, LEAF, Shape, VOID};
+use spinney_container::{
+    Codec, Header, INNER, LEAF, LevelCounts, PieceSummary, Shape, ShardSummary, SummaryBytes, SummaryWriter,
+    VOID,
+};
 use spinney_packing::{Damage, SegmentForm, may_unpack, pack, unpack};
 
 /// The first byte of entries, and of a part.
@@ -55,20 +57,28 @@ struct RawEntries {
     stored: U32,
 }
 
-/// Entries of segments of a run file on their way to a light file, many at a time.
+/// Entries of segments of a run file that a shard summary stores together.
 #[derive(Default)]
 pub(super) struct PendingEntries(Vec<u8>);
 
 impl PendingEntries {
     /// Takes the next one. Its offset is where the one before ends, and is not written.
-    pub(super) fn push(&mut self, light: &mut LightWriter, entry: Entry) -> Result<()> {
+    pub(super) fn push(&mut self, summary: &mut SummaryWriter<LevelCounts>, entry: Entry) -> Result<()> {
         let value_type = entry.zone.value_type;
         self.0.extend_from_slice(&Entry { offset: 0, ..entry }.to_bytes());
-        if self.0.len() < TOGETHER * entry_size(value_type) { Ok(()) } else { self.write(light, value_type) }
+        if self.0.len() < TOGETHER * entry_size(value_type) {
+            Ok(())
+        } else {
+            self.write(summary, value_type)
+        }
     }
 
     /// Writes those that came.
-    pub(super) fn write(&mut self, light: &mut LightWriter, value_type: ValueType) -> Result<()> {
+    pub(super) fn write(
+        &mut self,
+        summary: &mut SummaryWriter<LevelCounts>,
+        value_type: ValueType,
+    ) -> Result<()> {
         let entries = std::mem::take(&mut self.0);
         if entries.is_empty() {
             return Ok(());
@@ -77,7 +87,7 @@ impl PendingEntries {
         let stored = if packed.len() < entries.len() { &packed } else { &entries };
         let count = ((entries.len() / entry_size(value_type)) as u32).into();
         let raw = RawEntries { count, stored: (stored.len() as u32).into() };
-        light.write(&[&[SEGMENTS], raw.as_bytes(), stored].concat())
+        summary.write(&[&[SEGMENTS], raw.as_bytes(), stored].concat())
     }
 }
 
@@ -98,8 +108,12 @@ fn wanted_levels(shape: &Shape, level: u8) -> u8 {
     shape.cut_level(shape.parent_segment_level(level)).saturating_sub(level)
 }
 
-/// Writes the part of a node. Its records are packed, whatever becomes of those of the file: parts are a large share of what light files have.
-pub(super) fn write_top(light: &mut LightWriter, part: &Part, header: &Header) -> Result<()> {
+/// Writes the part of a node. Its records are packed, whatever the codec of the file: they are a large share of a summary.
+pub(super) fn write_top(
+    summary: &mut SummaryWriter<LevelCounts>,
+    part: &Part,
+    header: &Header,
+) -> Result<()> {
     let Part { code, child, total, records, tally } = part;
     let places = RecordLayout::new(header.form).count(records) as u32;
     let packed = pack(&form_of(header, *code), places, records)
@@ -122,14 +136,14 @@ pub(super) fn write_top(light: &mut LightWriter, part: &Part, header: &Header) -
         bytes.extend_from_slice(&value.to_bytes()[..tally.value_type.size()]);
         bytes.extend_from_slice(&cells.to_le_bytes());
     }
-    light.write(&bytes)?;
-    light.write(stored)
+    summary.write(&bytes)?;
+    summary.write(stored)
 }
 
 /// Reads the entries and parts of a piece, and checks each.
 pub(super) struct Items<'h> {
     header: &'h Header,
-    bytes: ItemBytes,
+    bytes: SummaryBytes,
     run: CodeRun,
     run_bytes: u64,
     /// Bytes of the segments so far.
@@ -146,8 +160,12 @@ pub(super) struct Items<'h> {
 
 impl<'h> Items<'h> {
     /// Those of a piece of a layer with a header.
-    pub(super) fn of(light: &LightFile, piece: &LightPiece, header: &'h Header) -> Result<Items<'h>> {
-        let (bytes, run, run_bytes) = (ItemBytes::of(light, piece)?, piece.piece.run, piece.run_bytes);
+    pub(super) fn of(
+        summary: &ShardSummary<LevelCounts>,
+        piece: &PieceSummary<LevelCounts>,
+        header: &'h Header,
+    ) -> Result<Items<'h>> {
+        let (bytes, run, run_bytes) = (summary.bytes_of(piece)?, piece.piece.run, piece.run_bytes);
         let (last_segment, last_top) = (None, None);
         let unpacked = VecDeque::new();
         Ok(Items { header, bytes, run, run_bytes, position: 0, last_segment, last_top, count: 0, unpacked })
@@ -162,7 +180,7 @@ impl<'h> Items<'h> {
             if let Some(entry) = self.unpacked.pop_front() {
                 return self.segment(entry).map(|entry| Some(Item::Segment(entry)));
             }
-            if self.bytes.is_over()? {
+            if self.bytes.is_over() {
                 return match self.position == self.run_bytes {
                     true => Ok(None),
                     false => {
@@ -171,7 +189,7 @@ impl<'h> Items<'h> {
                     }
                 };
             }
-            match self.bytes.take(1)?[0] {
+            match self.bytes.array::<1>()?[0] {
                 SEGMENTS => self.unpack_entries()?,
                 TOP => return self.top().map(|part| Some(Item::Top(part))),
                 other => return Err(self.bytes.corrupt(format!("{other}"), "entries or a part")),
@@ -186,8 +204,7 @@ impl<'h> Items<'h> {
 
     /// Takes some entries, to be handed out one by one.
     fn unpack_entries(&mut self) -> Result<()> {
-        let raw = self.bytes.take(size_of::<RawEntries>() as u64)?;
-        let raw = RawEntries::read_from_bytes(&raw).expect("as many bytes");
+        let raw: RawEntries = zerocopy::transmute!(self.bytes.array::<{ size_of::<RawEntries>() }>()?);
         let (count, value_type) = (raw.count.get() as usize, self.header.form.value);
         let stored = self.bytes.take(u64::from(raw.stored.get()))?;
         let size = entry_size(value_type);
@@ -228,8 +245,7 @@ impl<'h> Items<'h> {
     }
 
     fn top(&mut self) -> Result<Part> {
-        let raw = self.bytes.take(size_of::<RawPart>() as u64)?;
-        let raw = RawPart::read_from_bytes(&raw).expect("as many bytes");
+        let raw: RawPart = zerocopy::transmute!(self.bytes.array::<{ size_of::<RawPart>() }>()?);
         let entry = self.bytes.take(entry_size(self.header.form.value) as u64)?;
         let Entry { code, mut zone, .. } = self.entry(&entry)?;
         let width = zone.value_type.size();

@@ -1,4 +1,4 @@
-//! Rows of points in light files: blocks of columns, as in trees, with two more: which point it was of all, and the level of its node.
+//! Rows of points in shard summaries: blocks of columns, as in trees, with two more: the number of the point in the input, and the level of its node.
 
 use crate::attribute::{POSITION_BYTES, PointAttribute, RowLayout};
 use crate::build::{Encoder, MAX_NUMBERS, NUMBER_BYTES};
@@ -9,19 +9,19 @@ use spinney_base::value::SampleType;
 pub(super) const MAX_ROWS: usize = 1 << 16;
 
 /// The way from rows with their numbers and levels to bytes, and back.
-pub(super) struct LightRows<'a> {
+pub(super) struct PackedRows<'a> {
     encoder: &'a Encoder,
     block: BlockLayout,
 }
 
-impl<'a> LightRows<'a> {
+impl<'a> PackedRows<'a> {
     /// Of rows of an encoder.
-    pub(super) fn new(encoder: &'a Encoder) -> LightRows<'a> {
+    pub(super) fn new(encoder: &'a Encoder) -> PackedRows<'a> {
         let mut attributes = encoder.layout.attributes.clone();
         // (Names that no attribute has mean nothing to blocks.)
         attributes.push(PointAttribute::new("", SampleType::I64));
         attributes.push(PointAttribute::new("", SampleType::U8));
-        LightRows { encoder, block: BlockLayout::of(&RowLayout::packed(attributes)) }
+        PackedRows { encoder, block: BlockLayout::of(&RowLayout::packed(attributes)) }
     }
 
     /// The bytes of rows, at most [`MAX_ROWS`], and their levels.

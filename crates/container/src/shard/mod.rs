@@ -1,0 +1,86 @@
+//! Shards: runs of a file's nodes that are built independently, and the files that they leave for merging.
+//!
+//! A shard writes the bytes that the merged file contains to *run files*, one for each layer, and everything else that merging needs to a *shard summary*.
+
+mod reader;
+mod summary;
+#[cfg(test)]
+mod tests;
+mod writer;
+
+use std::path::{Path, PathBuf};
+
+pub use reader::SummaryBytes;
+pub use summary::{PieceSummary, ShardSummary};
+pub use writer::SummaryWriter;
+
+use spinney_base::Error;
+use spinney_base::io::{FileAccess, folder, url_of};
+use spinney_base::space::CodeRun;
+
+/// Consecutive nodes of one layer of a file, at the level at which its shards are cut.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ShardPiece {
+    /// Number of the layer; 0 for trees of points.
+    pub layer: u32,
+    /// The nodes.
+    pub run: CodeRun,
+}
+
+/// A shard of a file. Its summary is written last: the shard is complete when the summary exists.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Shard {
+    /// Local or remote directory of the shards of a file.
+    pub folder: PathBuf,
+    /// Identifies the planned output and its inputs; summaries store it.
+    pub job: u128,
+    /// Its own number, in the order of the file.
+    pub number: u32,
+    /// The runs that it has of each layer, in the order of the file.
+    pub pieces: Vec<ShardPiece>,
+    /// How its files are read and written.
+    pub access: FileAccess,
+}
+
+impl Shard {
+    /// All files that it may have: the summary, and the run file of each of its layers.
+    pub fn files(&self) -> impl Iterator<Item = PathBuf> {
+        let runs = self.pieces.iter().map(|piece| self.run_path(piece.layer));
+        [self.summary_path()].into_iter().chain(runs)
+    }
+
+    /// Local directory for temporary files: that of the shards, unless it is remote.
+    pub fn temporary(&self) -> &Path {
+        match url_of(&self.folder) {
+            Some(_) => folder(&self.folder),
+            None => &self.folder,
+        }
+    }
+
+    /// Path of the summary.
+    pub fn summary_path(&self) -> PathBuf {
+        self.folder.join(format!("{:04}.summary", self.number))
+    }
+
+    /// Path of the run file of a layer, which exists if the shard has any bytes of it.
+    pub fn run_path(&self, layer: u32) -> PathBuf {
+        self.folder.join(format!("{:04}-{layer}.run", self.number))
+    }
+
+    /// The piece of a layer, if the shard has one.
+    pub fn piece(&self, layer: u32) -> Option<&ShardPiece> {
+        self.pieces.iter().find(|piece| piece.layer == layer)
+    }
+
+    /// The error for a summary that another job has written.
+    pub fn another_job(&self) -> Error {
+        let advice = format!("remove the folder {}, and build its shards again", self.folder.display());
+        Error::unsupported(self.summary_path(), "a shard of another job", advice)
+    }
+
+    /// The error for a shard that is merged before it is built.
+    pub fn not_built(&self) -> Error {
+        let found = "a file of which a shard is not made";
+        Error::unsupported(self.summary_path(), found, "build this shard first")
+    }
+}

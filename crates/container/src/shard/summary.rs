@@ -1,0 +1,160 @@
+//! Finds and opens shard summaries.
+//!
+//! Other processes write them, perhaps much earlier and on other machines: all contents are untrusted.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+use super::{Shard, ShardPiece, SummaryBytes};
+use crate::{BlockEntry, BlockFile, Content, OpenOptions, VersionedSection};
+use spinney_base::io::FileAccess;
+use spinney_base::space::CodeRun;
+use spinney_base::{Error, Result, parallel};
+
+/// Tag of the section that identifies the shard, and of the list of blocks.
+pub(super) const SHARD: [u8; 4] = *b"SHRD";
+pub(super) const BLOCKS: [u8; 4] = *b"SBLK";
+/// Maximum bytes of a block.
+pub(super) const MAX_BLOCK: usize = 1 << 16;
+/// The section, whose version is that of everything in the file.
+pub(super) const SECTION: VersionedSection<{ 16 << 20 }> = VersionedSection { name: "shard", version: 2 };
+/// Bytes of a file that are cached while it is read.
+const CACHE: u64 = 1 << 20;
+
+/// Entry of the list of blocks.
+pub(super) type Entry = BlockEntry<0>;
+
+/// Contents of the section.
+#[derive(Serialize, Deserialize)]
+pub(super) struct Identity<T> {
+    pub(super) job: u128,
+    pub(super) number: u32,
+    pub(super) pieces: Vec<StoredPiece<T>>,
+}
+
+#[derive(Serialize, Deserialize)]
+pub(super) struct StoredPiece<T> {
+    pub(super) layer: u32,
+    pub(super) run: [u64; 2],
+    pub(super) run_bytes: u64,
+    pub(super) totals: T,
+}
+
+/// Piece of a shard, with totals that depend on the type of tree.
+#[derive(Clone, Debug)]
+pub struct PieceSummary<T> {
+    /// The layer and the nodes.
+    pub piece: ShardPiece,
+    /// Bytes of its run file.
+    pub run_bytes: u64,
+    /// Its totals, unchecked.
+    pub totals: T,
+}
+
+/// Summary of a shard: the pieces, and for each of them a stream of bytes that describe its run file and the top of its nodes.
+#[derive(Debug)]
+pub struct ShardSummary<T> {
+    path: PathBuf,
+    access: FileAccess,
+    /// The pieces of the shard, in its order.
+    pub pieces: Vec<PieceSummary<T>>,
+}
+
+impl<T: DeserializeOwned + Send> ShardSummary<T> {
+    /// Opens the summary of a shard, and checks that it belongs to this shard and that its run files have their lengths; `None` if the shard is not
+    /// built yet or a run file is missing.
+    ///
+    /// # Errors
+    /// If the summary cannot be read, is corrupt, or belongs to another job.
+    pub fn find(shard: &Shard) -> Result<Option<ShardSummary<T>>> {
+        ShardSummary::find_all(std::slice::from_ref(shard))?.pop().expect("one result for each shard")
+    }
+
+    /// Does [`ShardSummary::find`] for several shards, in their order.
+    ///
+    /// # Errors
+    /// On cancellation. For each shard, those of [`ShardSummary::find`].
+    pub fn find_all(shards: &[Shard]) -> Result<Vec<Result<Option<ShardSummary<T>>>>> {
+        let mut all = parallel::map(shards, ShardSummary::find_without_runs);
+        let Some(Shard { access, .. }) = shards.first() else { return Ok(all) };
+        // One batch of requests for the run files of all shards.
+        let mut runs = Vec::new();
+        for (number, (shard, found)) in shards.iter().zip(&all).enumerate() {
+            let Ok(Some(summary)) = found else { continue };
+            let expected = summary.pieces.iter().filter(|piece| piece.run_bytes > 0);
+            runs.extend(expected.map(|piece| (number, shard.run_path(piece.piece.layer), piece.run_bytes)));
+        }
+        let paths: Vec<&Path> = runs.iter().map(|(_, path, _)| &**path).collect();
+        for ((number, _, bytes), state) in runs.iter().zip(access.stat(&paths)?) {
+            match state {
+                Ok(Some(state)) if state.length == *bytes => {}
+                Ok(_) if all[*number].is_ok() => all[*number] = Ok(None),
+                Ok(_) => {}
+                Err(error) => all[*number] = Err(error),
+            }
+        }
+        Ok(all)
+    }
+
+    /// Opens the summary of a shard without a check of its run files: see [`ShardSummary::find`].
+    ///
+    /// # Errors
+    /// Those of [`ShardSummary::find`].
+    pub fn find_without_runs(shard: &Shard) -> Result<Option<ShardSummary<T>>> {
+        let path = shard.summary_path();
+        let file = match open(&path, &shard.access) {
+            Err(Error::Io { cause, .. }) if cause.kind() == io::ErrorKind::NotFound => return Ok(None),
+            file => file?,
+        };
+        let bytes = file.section(SHARD, SECTION.name)?;
+        let (identity, used): (Identity<T>, usize) = SECTION.decode(&path, &bytes)?;
+        if used != bytes.len() {
+            return Err(file.corrupt(SECTION.name, format!("{} bytes", bytes.len()), format!("{used}")));
+        }
+        let is_same = |(stored, piece): (&StoredPiece<T>, &ShardPiece)| {
+            stored.layer == piece.layer && CodeRun::new(stored.run[0], stored.run[1]) == Some(piece.run)
+        };
+        if identity.job != shard.job
+            || identity.number != shard.number
+            || identity.pieces.len() != shard.pieces.len()
+            || !identity.pieces.iter().zip(&shard.pieces).all(is_same)
+        {
+            return Err(shard.another_job());
+        }
+        let pieces = identity.pieces.into_iter().zip(&shard.pieces);
+        let pieces = pieces.map(|(stored, piece)| {
+            let StoredPiece { run_bytes, totals, .. } = stored;
+            PieceSummary { piece: *piece, run_bytes, totals }
+        });
+        Ok(Some(ShardSummary { pieces: pieces.collect(), path, access: shard.access.clone() }))
+    }
+}
+
+impl<T> ShardSummary<T> {
+    /// Path of the file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Bytes of all run files.
+    pub fn run_bytes(&self) -> u64 {
+        self.pieces.iter().fold(0, |sum: u64, piece| sum.saturating_add(piece.run_bytes))
+    }
+
+    /// The bytes of a piece. (The file is opened again: many summaries are held while shards are merged.)
+    ///
+    /// # Errors
+    /// If the file cannot be read, or its list of blocks is corrupt.
+    pub fn bytes_of(&self, piece: &PieceSummary<T>) -> Result<SummaryBytes> {
+        SummaryBytes::new(open(&self.path, &self.access)?, piece.piece.layer)
+    }
+}
+
+fn open(path: &Path, access: &FileAccess) -> Result<BlockFile> {
+    // (With positioned reads a file that is truncated meanwhile is an error.)
+    let options = OpenOptions::new().access(access.clone().positioned(CACHE));
+    BlockFile::open(path, options.open(path)?, (Content::Shard, "a shard summary"), &options)
+}

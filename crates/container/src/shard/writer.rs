@@ -1,0 +1,103 @@
+//! Writes shard summaries.
+
+use serde::Serialize;
+
+use super::summary::{BLOCKS, Entry, Identity, MAX_BLOCK, SECTION, SHARD, StoredPiece};
+use super::{Shard, ShardPiece};
+use crate::{BlockWriter, Content, FileHeader, Metadata, TreeFormat};
+use spinney_base::io::{FileAccess, Sorter};
+use spinney_base::space::Dimension;
+use spinney_base::{Error, Result};
+
+/// Memory for the list of blocks, which describes 64 KiB in 28 bytes, before it goes to a temporary file.
+const MEMORY: u64 = 1 << 20;
+
+/// A shard summary being written; the file appears when it is finished.
+pub struct SummaryWriter<T> {
+    out: BlockWriter,
+    access: FileAccess,
+    blocks: Sorter,
+    identity: Identity<T>,
+    /// The piece that was started last, and its bytes that are not in a block yet.
+    piece: Option<ShardPiece>,
+    pending: Vec<u8>,
+}
+
+impl<T: Serialize> SummaryWriter<T> {
+    /// Starts the summary of a shard.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn new(shard: &Shard) -> Result<SummaryWriter<T>> {
+        let header = FileHeader {
+            format: TreeFormat::Goblin,
+            content: Content::Shard,
+            dimension: Dimension::Quad,
+            depth: 0,
+            layers: 0,
+        };
+        let out = BlockWriter::new(shard.access.append_only(&shard.summary_path())?, header, "shards")?;
+        let blocks = Sorter::new(shard.temporary(), Entry::BYTES, MEMORY);
+        let identity = Identity { job: shard.job, number: shard.number, pieces: Vec::new() };
+        let access = shard.access.clone();
+        Ok(SummaryWriter { out, access, blocks, identity, piece: None, pending: Vec::new() })
+    }
+
+    /// How the files of the shard are written.
+    pub fn access(&self) -> &FileAccess {
+        &self.access
+    }
+
+    /// Starts a piece. Those of a shard have ascending layers.
+    pub fn begin(&mut self, piece: ShardPiece) {
+        self.piece = Some(piece);
+    }
+
+    /// Appends bytes to the piece that was started last.
+    ///
+    /// # Errors
+    /// If they cannot be written.
+    pub fn write(&mut self, mut bytes: &[u8]) -> Result<()> {
+        while self.pending.len() + bytes.len() >= MAX_BLOCK {
+            let (now, later) = bytes.split_at(MAX_BLOCK - self.pending.len());
+            self.pending.extend_from_slice(now);
+            self.flush()?;
+            bytes = later;
+        }
+        self.pending.extend_from_slice(bytes);
+        Ok(())
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        let key = u64::from(self.piece.expect("a piece was started").layer);
+        let block = self.out.block(key, &self.pending, self.pending.len() as u32)?;
+        self.pending.clear();
+        self.blocks.push(key, Entry { block, bounds: [[]; 2] }.to_bytes())
+    }
+
+    /// Ends the piece that was started last.
+    ///
+    /// # Errors
+    /// If its last bytes cannot be written.
+    pub fn end(&mut self, run_bytes: u64, totals: T) -> Result<()> {
+        if !self.pending.is_empty() {
+            self.flush()?;
+        }
+        let ShardPiece { layer, run } = self.piece.take().expect("a piece was started");
+        self.identity.pieces.push(StoredPiece { layer, run: run.ends(), run_bytes, totals });
+        Ok(())
+    }
+
+    /// Writes list and sections, and publishes the file.
+    ///
+    /// # Errors
+    /// If it cannot be written, or the pieces take more than 16 MiB.
+    pub fn finish(self) -> Result<()> {
+        let SummaryWriter { out, blocks, identity, .. } = self;
+        let section = SECTION.encode(&identity).ok_or_else(|| {
+            let found = format!("a shard of {} pieces", identity.pieces.len());
+            Error::unsupported(out.path(), found, "cut the job into more shards")
+        })?;
+        out.finish(vec![(BLOCKS, blocks)], (SHARD, section), &Metadata::default())
+    }
+}
