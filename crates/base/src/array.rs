@@ -1,8 +1,8 @@
-//! Arrays made element by element.
+//! Arrays made element by element, for kernels.
 //!
-//! The standard library's functions of these names drop the elements made so far if a function panics, for which each closure compiles to ten
-//! functions. Kernels are compiled for many types, so that these were a seventh of the engine's code before optimization. Elements
-//! that are `Copy` need none of that.
+//! The standard library's functions of these names drop the elements made so far if a closure panics, so that each closure
+//! compiles to about ten functions. In kernels, which are compiled for many types, these were a seventh of the engine's code
+//! before optimization. Elements that are `Copy` need none of that.
 
 /// An array of elements made from their indices.
 #[inline]

@@ -35,7 +35,9 @@ pub use options::{ByteSource, OpenOptions};
 pub use other_formats::{FIRST_BYTES, OtherFormat, check_tree_name, create_tree_file};
 pub use record_layout::{RecordHead, RecordLayout, STATE_BITS, state_of};
 pub use shape::{HEAVY_THRESHOLD, STRIDE, Shape, reach};
-pub use shard::{PieceSummary, Shard, ShardPiece, ShardSummary, SummaryBytes, SummaryWriter};
+pub use shard::{
+    PieceSummary, RunFile, Shard, ShardPiece, ShardSummary, SummaryBytes, SummaryWriter, check_cover,
+};
 pub use state::{CUT, INNER, LEAF, VOID};
 pub use tag::Tag;
 pub use trailer::{Section, SectionWriter, TAIL, Trailer};

@@ -57,7 +57,8 @@ impl Connections {
             .thread_name("spinney-remote")
             .build();
         let made = Arc::new(made.map_err(Error::io(path, "start threads for requests"))?);
-        // (Dropping the parent's would wait for threads that this process does not have.)
+        // Invariant: a process drops its own runtime alone. Dropping the parent's, which a fork has copied, would wait for
+        // threads that exist in the parent only.
         std::mem::forget(known.replace((process, made.clone())));
         Ok(made)
     }

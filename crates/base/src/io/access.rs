@@ -27,8 +27,9 @@ const SEGMENTS: u64 = 64 << 20;
 
 /// How files are opened, created and removed: mapped or at positions, the limits of caches, and the client for remote files.
 ///
-/// Every opened file keeps its access, and opens the files that it names with it: members of manifests, sources of virtual rasters,
-/// sidecars. (Models, features and other volumes than images are local files, whatever the access.) Clones are cheap, and share the caches. A change of a clone leaves the original as it is.
+/// Every opened file keeps its access, and opens the files that it names with it: members of manifests, sources of
+/// virtual rasters, sidecars. (Models, features and other volumes than images are local files, whatever the access.)
+/// Clones are cheap, and share the caches. A change of a clone leaves the original as it is.
 ///
 /// The default maps files and has no client for remote files. All defaults share one pair of caches, so that a process that opens
 /// thousands of files with default options has one limit for them all. An access with a [client](FileAccess::remote) has a cache of
@@ -114,10 +115,11 @@ impl FileAccess {
         self.with(|settings| (settings.positioned, settings.segments) = (true, segments))
     }
 
-    /// The access for many files of which up to `count` are open at a time: their caches together have the limit of one.
+    /// The access for many files of which up to `count`, at least one, are open at a time: their caches together have the
+    /// limit of one.
     #[must_use]
     pub fn divided(&self, count: u64) -> FileAccess {
-        self.clone().with(|settings| settings.segments /= count)
+        self.clone().with(|settings| settings.segments /= count.max(1))
     }
 
     /// Replaces the cache of unpacked segments by an empty one of at most `limit` bytes, which only this access and its clones use.

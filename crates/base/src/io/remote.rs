@@ -1,4 +1,4 @@
-//! What a client for remote files does.
+//! Interface of clients for remote files.
 
 use std::io::Write;
 

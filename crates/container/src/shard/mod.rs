@@ -3,6 +3,7 @@
 //! A shard writes the bytes that the merged file contains to *run files*, one for each layer, and everything else that merging needs to a *shard summary*.
 
 mod reader;
+mod run_file;
 mod summary;
 #[cfg(test)]
 mod tests;
@@ -11,12 +12,13 @@ mod writer;
 use std::path::{Path, PathBuf};
 
 pub use reader::SummaryBytes;
+pub use run_file::RunFile;
 pub use summary::{PieceSummary, ShardSummary};
 pub use writer::SummaryWriter;
 
-use spinney_base::Error;
 use spinney_base::io::{FileAccess, folder, url_of};
 use spinney_base::space::CodeRun;
+use spinney_base::{Error, Result};
 
 /// Consecutive nodes of one layer of a file, at the level at which its shards are cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,6 +27,29 @@ pub struct ShardPiece {
     pub layer: u32,
     /// The nodes.
     pub run: CodeRun,
+}
+
+/// Checks that the runs of a layer cover the whole space, each after the one before. `head` is for messages.
+///
+/// # Errors
+/// If they leave gaps, overlap, or are in another order.
+pub fn check_cover(head: &Path, layer: u32, runs: &mut dyn Iterator<Item = CodeRun>) -> Result<()> {
+    let wrong =
+        |found, expected| Err(Error::invalid(format!("shards of {}", head.display()), found, expected));
+    let mut next = 0;
+    for run in runs {
+        let [first, last] = run.ends();
+        if first != next {
+            let found = format!("a shard of layer {layer} that begins at {first:016x}");
+            return wrong(found, format!("{next:016x}"));
+        }
+        next = last + 1;
+    }
+    if next != CodeRun::ALL.ends()[1] + 1 {
+        let found = format!("shards of layer {layer} that end before {next:016x}");
+        return wrong(found, "the whole space".into());
+    }
+    Ok(())
 }
 
 /// A shard of a file. Its summary is written last: the shard is complete when the summary exists.

@@ -80,7 +80,8 @@ impl<T: DeserializeOwned + Send> ShardSummary<T> {
     pub fn find_all(shards: &[Shard]) -> Result<Vec<Result<Option<ShardSummary<T>>>>> {
         let mut all = parallel::map(shards, ShardSummary::find_without_runs);
         let Some(Shard { access, .. }) = shards.first() else { return Ok(all) };
-        // One batch of requests for the run files of all shards.
+        // Invariant: run files are published before the summary, so that a summary whose run files are missing or shorter belongs to a
+        // shard that was removed in part. It counts as not built. (One batch of requests for the run files of all shards.)
         let mut runs = Vec::new();
         for (number, (shard, found)) in shards.iter().zip(&all).enumerate() {
             let Ok(Some(summary)) = found else { continue };

@@ -1,17 +1,15 @@
 //! Puts the shards of a tree together: their blocks one behind the other, and the nodes above them.
 
-use std::fs::File;
-use std::io::{BufReader, Read};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use super::units::{PointTotals, Unit, Units, find_summary};
 use super::{PointShard, deepest_units};
 use crate::build::{Assembler, BuildSummary, Encoder, MAX_NUMBERS, PieceSink, write_pieces, write_root};
-use crate::store::{Entry, PointTree, PointWriter, Summary};
-use spinney_base::io::{Output, open_input};
-use spinney_base::space::{Code, CodeRun};
+use crate::store::{PointTree, PointWriter, Summary};
+use spinney_base::io::Output;
+use spinney_base::space::Code;
 use spinney_base::{Error, Progress, Result};
-use spinney_container::ShardSummary;
+use spinney_container::{RunFile, ShardSummary};
 
 /// Puts a tree together whose shards are all made: the bytes are those of a file that was built in one go. `head` tells of the tree. Blocks are
 /// checked and copied, and no points are read but those of nodes above; about `memory` bytes hold each list before it goes to a temporary file. `points` is
@@ -39,9 +37,9 @@ pub fn merge_shards(
     let mut writer = PointWriter::new(output, &encoder.grid, encoder.block.columns, memory)?;
     let top = Code::root(encoder.grid.dimension);
     let mut assembler = Assembler::new(&encoder, leaf_size, top);
-    let mut summary = BuildSummary::default();
+    let (mut summary, mut bytes) = (BuildSummary::default(), Vec::new());
     for shard in shards {
-        let mut run = RunFile::new(shard.shard.run_path(0));
+        let mut run: Option<RunFile> = None;
         let mut units = Units::new(find(shard)?, shard, &encoder, leaf_size)?;
         while let Some(unit) = units.next()? {
             progress.check()?;
@@ -54,8 +52,15 @@ pub fn merge_shards(
             assembler.reach(code, &assembled.closed);
             write_pieces(std::mem::take(&mut assembler.pieces), &mut writer)?;
             for entry in &blocks {
-                run.read(entry)?;
-                writer.copy(&run.bytes, entry, &run.path)?;
+                let run = match &mut run {
+                    Some(run) => run,
+                    none => {
+                        let path = shard.shard.run_path(0);
+                        none.insert(RunFile::new(&path, shard.shard.access.input(&path)?))
+                    }
+                };
+                run.read(entry.block.length.into(), &mut bytes)?;
+                writer.copy(&bytes, entry, run.path())?;
                 progress.advance(entry.block.length.into(), total);
             }
             for (code, statistics) in &nodes {
@@ -90,51 +95,10 @@ fn check_cover(head: &Path, shards: &[PointShard], encoder: &Encoder) -> Result<
         let expected = format!("one level, at most {}", deepest_units(&encoder.grid));
         return Err(Error::invalid(what(), format!("units at level {level} and others"), expected));
     }
-    let mut next = 0;
-    for run in shards.iter().filter_map(PointShard::run) {
+    let mut runs = shards.iter().filter_map(PointShard::run);
+    if let Some(run) = runs.clone().find(|run| !run.is_cut_at(encoder.grid.dimension, level)) {
         let [first, last] = run.ends();
-        if first != next || !run.is_cut_at(encoder.grid.dimension, level) {
-            return Err(Error::invalid(
-                what(),
-                format!("one from {first:016x} to {last:016x}"),
-                format!("{next:016x}"),
-            ));
-        }
-        next = last + 1;
+        return Err(Error::invalid(what(), format!("one from {first:016x} to {last:016x}"), "whole units"));
     }
-    match next == CodeRun::ALL.ends()[1] + 1 {
-        true => Ok(()),
-        false => Err(Error::invalid(what(), format!("an end at {next:016x}"), "the whole space")),
-    }
-}
-
-/// The blocks of a shard, one behind the other.
-struct RunFile {
-    path: PathBuf,
-    file: Option<BufReader<File>>,
-    bytes: Vec<u8>,
-}
-
-impl RunFile {
-    fn new(path: PathBuf) -> RunFile {
-        RunFile { path, file: None, bytes: Vec::new() }
-    }
-
-    /// Reads the bytes of the next block.
-    fn read(&mut self, entry: &Entry) -> Result<()> {
-        let file = match &mut self.file {
-            Some(file) => file,
-            none => none.insert(BufReader::with_capacity(1 << 18, open_input(&self.path)?)),
-        };
-        self.bytes.clear();
-        // (Room for what is there, and not for what a number says.)
-        let read = file.by_ref().take(entry.block.length.into()).read_to_end(&mut self.bytes);
-        read.map_err(Error::io(&self.path, "read a block"))?;
-        if self.bytes.len() as u64 != u64::from(entry.block.length) {
-            let (found, expected) = (self.bytes.len(), entry.block.length);
-            let place = format!("block at byte {}", entry.block.offset);
-            return Err(Error::corrupt(&self.path, place, format!("{found} bytes"), format!("{expected}")));
-        }
-        Ok(())
-    }
+    spinney_container::check_cover(head, 0, &mut runs)
 }

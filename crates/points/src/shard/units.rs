@@ -1,6 +1,10 @@
 //! Units of a shard of points, as its summary describes them.
 //!
 //! A unit is a sequence of items, each after its tag: its code; its blocks and nodes, both in postorder; its rows; and an end.
+//!
+//! Invariant: the reader accepts what the writer of a correct shard can have written, and nothing else: units ascend and lie in
+//! the shard's run, blocks are consecutive in the run file, and points and bytes add up to the totals. So merging copies blocks
+//! without reading their points.
 
 use super::packed_rows::{MAX_ROWS, PackedRows};
 use super::{PointShard, postorder};

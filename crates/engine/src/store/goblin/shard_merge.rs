@@ -1,6 +1,6 @@
 //! Puts the shards of a file together: their segments one behind the other, then the crown and the directory.
 
-use std::io::{BufReader, Read, Seek, SeekFrom, Write};
+use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use super::file_writer::FileWriter;
@@ -9,11 +9,11 @@ use super::segment_builder::SegmentBuilder;
 use super::shard_writer::planned_layers;
 use super::summary_items::{Item, Items};
 use crate::store::builder::TreeSink;
-use spinney_base::io::{FileAccess, InputFile, Output};
-use spinney_base::space::CodeRun;
+use spinney_base::io::{FileAccess, Output};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{
-    FileHeader, Header, LevelCounts, PieceSummary, Shard, ShardSummary, check_tree_name, create_tree_file,
+    FileHeader, Header, LevelCounts, PieceSummary, RunFile, Shard, ShardSummary, check_cover,
+    check_tree_name, create_tree_file,
 };
 
 /// Summary of a shard of trees of cells, and of one of its pieces.
@@ -147,7 +147,7 @@ pub fn merge_shards(
             shards.iter().zip(&summaries).filter_map(|both| find_piece(both, number)).collect();
         // Invariant: runs cut the space at the crown's level, and a layer's segments below it stand in the order of codes. So the runs of all shards, one
         // behind the other, are those of a file that was built in one go, and all that is left to make is what stands above.
-        check_cover(head, number, pieces.iter().map(|(_, _, piece)| piece.piece.run))?;
+        check_cover(head, number, &mut pieces.iter().map(|(_, _, piece)| piece.piece.run))?;
         let mut position = out.position();
         out.merged_layer(header, metadata, memory, &mut |builder| {
             let mut counts = LevelCounts::default();
@@ -181,30 +181,6 @@ fn find_summaries(shards: &[Shard], output: &MergeOutput) -> Result<Vec<Summary>
     let found =
         shards.iter().zip(output.find(shards)?).map(|(shard, found)| found?.ok_or_else(|| shard.not_built()));
     found.collect()
-}
-
-/// Makes sure that runs have all of a layer's space, one behind the other.
-fn check_cover(head: &Path, layer: u32, runs: impl Iterator<Item = CodeRun>) -> Result<()> {
-    let mut next = 0;
-    for run in runs {
-        let [first, last] = run.ends();
-        if first != next {
-            let found = format!("a shard of layer {layer} that begins at {first:016x}");
-            return Err(Error::invalid(
-                format!("shards of {}", head.display()),
-                found,
-                format!("{next:016x}"),
-            ));
-        }
-        next = last + 1;
-    }
-    match next == CodeRun::ALL.ends()[1] + 1 {
-        true => Ok(()),
-        false => {
-            let found = format!("shards of layer {layer} that end before {next:016x}");
-            Err(Error::invalid(format!("shards of {}", head.display()), found, "the whole space"))
-        }
-    }
 }
 
 /// The nodes that a piece has counted.
@@ -245,9 +221,19 @@ fn copy_piece(
                 progress.check()?;
                 let run = match &mut run {
                     Some(run) => run,
-                    none => none.insert(RunFile::open(place, piece.run_bytes)?),
+                    none => none.insert(open_run(place, piece.run_bytes)?),
                 };
-                run.read(entry.length, entry.checksum, &mut bytes)?;
+                run.read(entry.length, &mut bytes)?;
+                let found = crc32c::crc32c(&bytes);
+                if found != entry.checksum {
+                    let expected = format!("{:08x}", entry.checksum);
+                    return Err(Error::corrupt(
+                        run.path(),
+                        "segment",
+                        format!("checksum {found:08x}"),
+                        expected,
+                    ));
+                }
                 builder.pass(&bytes, entry)?;
                 progress.advance(bytes.len() as u64, total);
             }
@@ -272,47 +258,24 @@ struct RunPlace<'a> {
     access: &'a FileAccess,
 }
 
-/// The segments of a piece, one behind the other.
-struct RunFile {
-    path: PathBuf,
-    file: BufReader<InputFile>,
-}
-
-impl RunFile {
-    fn open(RunPlace { path, position, partial, access }: RunPlace<'_>, length: u64) -> Result<RunFile> {
-        if let Some(partial) = partial
-            && access.find(path)?.is_none()
-        {
-            let end = position.checked_add(length);
-            if end.is_none_or(|end| end > partial.bytes) {
-                let found =
-                    format!("a shard whose segments are neither here nor in {}", partial.path.display());
-                return Err(Error::unsupported(path, found, "build it again"));
-            }
-            let mut file = access.input(&partial.path)?;
-            file.seek(SeekFrom::Start(position)).map_err(Error::io(&partial.path, "read"))?;
-            let file = BufReader::with_capacity(1 << 18, file);
-            return Ok(RunFile { path: partial.path.clone(), file });
+/// Opens the segments of a piece, which take `length` bytes.
+fn open_run(RunPlace { path, position, partial, access }: RunPlace<'_>, length: u64) -> Result<RunFile> {
+    if let Some(partial) = partial
+        && access.find(path)?.is_none()
+    {
+        let end = position.checked_add(length);
+        if end.is_none_or(|end| end > partial.bytes) {
+            let found = format!("a shard whose segments are neither here nor in {}", partial.path.display());
+            return Err(Error::unsupported(path, found, "build it again"));
         }
-        let file = access.input(path)?;
-        let found = file.len();
-        if found != length {
-            return Err(Error::corrupt(path, "length", format!("{found} bytes"), format!("{length}")));
-        }
-        Ok(RunFile { path: path.to_path_buf(), file: BufReader::with_capacity(1 << 18, file) })
+        let mut file = access.input(&partial.path)?;
+        file.seek(SeekFrom::Start(position)).map_err(Error::io(&partial.path, "read"))?;
+        return Ok(RunFile::new(&partial.path, file));
     }
-
-    /// Reads the next segment, which has so many bytes and this checksum.
-    fn read(&mut self, length: u64, checksum: u32, bytes: &mut Vec<u8>) -> Result<()> {
-        bytes.clear();
-        let read = self.file.by_ref().take(length).read_to_end(bytes);
-        read.map_err(Error::io(&self.path, "read a segment"))?;
-        let found = crc32c::crc32c(bytes);
-        if bytes.len() as u64 != length || found != checksum {
-            let expected = format!("{length} bytes with checksum {checksum:08x}");
-            let found = format!("{} with {found:08x}", bytes.len());
-            return Err(Error::corrupt(&self.path, "segment", found, expected));
-        }
-        Ok(())
+    let file = access.input(path)?;
+    let found = file.len();
+    if found != length {
+        return Err(Error::corrupt(path, "length", format!("{found} bytes"), format!("{length}")));
     }
+    Ok(RunFile::new(path, file))
 }

@@ -15,7 +15,7 @@ pub(in crate::store) const RECORDS_ARE_CHECKED: &str = "records are checked befo
 /// Levels of the deepest trees.
 const MAX_LEVELS: usize = 32;
 
-/// What is done with the records of a subtree: with a run of one level, and with the dense block of a run that is one record.
+/// Visitor of the records of a subtree: of a run of siblings and its level, and of the dense block of a run that is one record.
 type ShowRecords<'a, R> = &'a mut dyn FnMut(u8, &[R], Option<&DenseBlock<'_>>);
 
 /// Shows all records of a subtree of so many levels, in preorder, with their levels below its root, and with their dense

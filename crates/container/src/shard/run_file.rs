@@ -1,0 +1,44 @@
+//! Reads run files.
+
+use std::io::{BufReader, Read};
+use std::path::{Path, PathBuf};
+
+use spinney_base::io::InputFile;
+use spinney_base::{Error, Result};
+
+/// Bytes that are read at a time.
+const BUFFER: usize = 1 << 18;
+
+/// The bytes of a run file, from the first to the last.
+pub struct RunFile {
+    path: PathBuf,
+    file: BufReader<InputFile>,
+}
+
+impl RunFile {
+    /// Continues at the position of `file`. The path is for messages.
+    pub fn new(path: &Path, file: InputFile) -> RunFile {
+        RunFile { path: path.to_path_buf(), file: BufReader::with_capacity(BUFFER, file) }
+    }
+
+    /// Path of the file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Replaces the contents of `bytes` by the next `length` bytes of the file.
+    ///
+    /// # Errors
+    /// If there are fewer, or they cannot be read.
+    pub fn read(&mut self, length: u64, bytes: &mut Vec<u8>) -> Result<()> {
+        bytes.clear();
+        // (Capacity for the bytes that exist, not for a length that a summary states.)
+        let read = self.file.by_ref().take(length).read_to_end(bytes);
+        read.map_err(Error::io(&self.path, "read"))?;
+        if bytes.len() as u64 != length {
+            let found = format!("{} bytes", bytes.len());
+            return Err(Error::corrupt(&self.path, "run of a shard", found, format!("{length}")));
+        }
+        Ok(())
+    }
+}
