@@ -257,6 +257,7 @@ fn times_of_commits_in_the_environment_are_ignored_where_there_are_no_commits() 
     };
     build(&["build", &csv, "-o", &name("p.goblin"), "--index", "points"]).success();
     build(&["shard", "plan", &csv, "-o", &name("job"), "--shards", "2", "--index", "points"]).success();
-    let refused = build(&["build", &csv, "-o", &name("q.goblin"), "--index", "points", "--time", "5"]).failure();
+    let refused =
+        build(&["build", &csv, "-o", &name("q.goblin"), "--index", "points", "--time", "5"]).failure();
     assert!(stderr(refused).contains("--time"));
 }
