@@ -4,13 +4,13 @@
 //! ```
 //! # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 //! use spinney::import::raster::ImportOptions;
-//! use spinney::Output;
+//! use spinney::{FileAccess, Output};
 //! use spinney::raw::shards::{Job, JobSpec, plan};
 //!
 //! # let folder = tempfile::tempdir().unwrap();
 //! # let (job, merged) = (folder.path().join("job"), folder.path().join("island.goblin"));
 //! let inputs = vec!["fixtures/island_elevation.tif".into()];
-//! plan(&JobSpec::Pictures { inputs, options: ImportOptions::new() }, &job, Some(2), &())?;
+//! plan(&JobSpec::Pictures { inputs, options: ImportOptions::new() }, &job, Some(2), &FileAccess::default(), &())?;
 //! // Each of these may be another process, and may be run again.
 //! for number in 0..2 {
 //!     Job::open(&job)?.build(number, 256 << 20, &())?;

@@ -24,7 +24,7 @@ fn shard(folder: &Path) -> Shard {
 
 /// Bytes of the pieces: two blocks and some bytes, none, and one block exactly.
 fn contents() -> [Vec<u8>; 3] {
-    [2 * MAX_BLOCK + 77, 0, MAX_BLOCK].map(|length| (0..length).map(|at| (at * at >> 3) as u8).collect())
+    [2 * MAX_BLOCK + 77, 0, MAX_BLOCK].map(|length| (0..length).map(|at| ((at * at) >> 3) as u8).collect())
 }
 
 fn write(shard: &Shard) {
