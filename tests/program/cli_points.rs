@@ -245,3 +245,19 @@ fn what_cannot_be_done_is_told() {
     }
     assert!(!folder.path().join("x.goblin").exists());
 }
+
+#[test]
+fn times_of_commits_in_the_environment_are_ignored_where_there_are_no_commits() {
+    let folder = tempfile::tempdir().unwrap();
+    let (csv, _) = table(folder.path(), 30);
+    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let build = |arguments: &[&str]| {
+        let mut command = command(arguments);
+        command.env("SOURCE_DATE_EPOCH", "1700000000").assert()
+    };
+    build(&["build", &csv, "-o", &name("p.goblin"), "--index", "points"]).success();
+    build(&["shard", "plan", &csv, "-o", &name("job"), "--shards", "2", "--index", "points"]).success();
+    let refused =
+        build(&["build", &csv, "-o", &name("q.goblin"), "--index", "points", "--time", "5"]).failure();
+    assert!(stderr(refused).contains("--time"));
+}

@@ -1,6 +1,7 @@
 //! The base of all of Spinney: errors, files, space, values, work for several threads.
 
 pub mod array;
+mod decimal_steps;
 mod error;
 mod form;
 pub mod guard;
@@ -14,6 +15,7 @@ pub mod text_fields;
 mod url;
 pub mod value;
 
+pub use decimal_steps::DecimalSteps;
 pub use error::{Error, Result};
 pub use form::TreeType;
 pub use progress::{Progress, SilentProgress, SubProgress};

@@ -20,7 +20,7 @@ pub(super) fn plan(
         ("--depth", common.depth.is_some()),
         ("--grid", common.grid.is_some()),
         ("--share", common.share),
-        ("--time", common.time.is_some()),
+        ("--time", common.has_time()),
         ("options for pictures", pictures.not_of_features().is_some()),
     ];
     let given = given.into_iter().chain(common.packing.given());

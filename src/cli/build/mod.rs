@@ -145,6 +145,12 @@ pub(super) struct Common {
 }
 
 impl Common {
+    /// Whether `--time` was given on the command line. (The environment's default is ignored where it does not apply.)
+    fn has_time(&self) -> bool {
+        let default = std::env::var("SOURCE_DATE_EPOCH").ok().and_then(|text| text.parse().ok());
+        self.time.is_some() && self.time != default
+    }
+
     /// An option that was given and is not for trees that are built in shards.
     pub(super) fn not_of_shards(&self) -> Option<&'static str> {
         let given = [

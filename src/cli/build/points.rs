@@ -58,7 +58,7 @@ fn import_options(common: &Common, pictures: &PictureArgs, solids: &SolidArgs) -
         ("--depth", common.depth.is_some()),
         ("--grid", common.grid.is_some()),
         ("--share", common.share),
-        ("--time", common.time.is_some()),
+        ("--time", common.has_time()),
         ("options for pictures", pictures.not_of_features().is_some()),
     ];
     let given = given.into_iter().chain(common.packing.given());

@@ -63,7 +63,7 @@ impl SurfaceArgs {
             ("--depth", common.depth.is_some()),
             ("--grid", common.grid.is_some()),
             ("--share", common.share),
-            ("--time", common.time.is_some()),
+            ("--time", common.has_time()),
             ("options for pictures", pictures.not_of_features().is_some()),
         ];
         let mut given = given.into_iter().filter(|(_, is_given)| *is_given).map(|(name, _)| name);

@@ -345,7 +345,7 @@ impl ValueType {
     /// The value whose every sample is this number; `None` if the type cannot hold it.
     pub fn splat(self, number: impl Into<Number>) -> Option<Value> {
         let number = number.into();
-        self.sample.can_hold(number).then(|| self.nearest_numbers(|_| number))
+        (self.is_supported() && self.sample.can_hold(number)).then(|| self.nearest_numbers(|_| number))
     }
 
     /// Whether any sample is not a number; such a value is VOID.

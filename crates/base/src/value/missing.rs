@@ -167,6 +167,9 @@ mod tests {
         let floats = ValueType::new(SampleType::F32, 2).with_missing(-9999.0);
         assert_eq!(floats.present(Value::from([1.0f32, -9999.0])), [true, false, true, true]);
         let grey = ValueType::new(SampleType::U8, 1);
+        // Types from files may have any number of channels.
+        let unsupported = ValueType::new(SampleType::F32, 255);
+        assert_eq!((unsupported.splat(1.0), unsupported.with_missing(1.0)), (None, unsupported));
         for none in [rgb.without_mask().with_missing(256.0), grey.with_missing(0.0), grey.with_alpha()] {
             assert_eq!((none.mask, none.present(value)), (Mask::None, [true; 4]));
         }

@@ -87,7 +87,7 @@ proptest! {
 
     /// No text makes it panic, and what it takes it writes in the same words.
     #[test]
-    fn any_text_is_read_or_refused(head in "bintree:(alternating|adaptive):xyz?:[0-3]:u8:[1-8]x[1-8](x[1-8])?", symbols in "[GMXYZWVBF0-9() ]{0,24}|\\PC{0,8}") {
+    fn any_text_is_read_or_refused(head in "bintree:(alternating|adaptive):xyz?:[0-3]:(u8|[uif][0-9]{1,2}(x[0-9]{1,3})?([+](alpha|missing=-?[0-9]{1,3}))?):[1-8]x[1-8](x[1-8])?", symbols in "[GMXYZWVBF0-9() ]{0,24}|\\PC{0,8}") {
         if let Ok(tree) = Bintree::from_text(&format!("{head} {symbols}"), 20) {
             prop_assert_eq!(Bintree::from_text(&tree.to_text(), 20).unwrap(), tree);
         }
@@ -145,6 +145,7 @@ fn errors_say_where_and_what() {
         ("bintree:adaptive:xy:30:u8:3x4 W", "byte 20: got `30:u8:3x4 W`"),
         ("bintree:adaptive:xy:2:u7:3x4 W", "byte 22"),
         ("bintree:adaptive:xy:2:u8+alpha:3x4 W", "byte 22"),
+        ("bintree:adaptive:xy:2:f32x255+missing=-1:3x4 W", "byte 22"),
         ("bintree:adaptive:xy:2:u8:3x5 W", "byte 25"),
         ("bintree:adaptive:xy:2:u8:3x4x1 W", "byte 25"),
         ("XB", "byte 31: got its end, expected both halves"),

@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use super::{AttributeType, AttributeValue, GeometryKind, VectorFormat, VectorLayer, VectorWriter};
 use spinney_base::io::Output;
-use spinney_base::{Error, Progress, Result};
+use spinney_base::{DecimalSteps, Error, Progress, Result};
 use spinney_brep::query::{CuttingPlane, SectionPolygon};
 use spinney_brep::{Faces, ModelView};
 
@@ -23,14 +23,9 @@ use spinney_brep::{Faces, ModelView};
 pub struct SectionPlanes {
     name: String,
     normal: [f64; 3],
-    first: f64,
-    step: f64,
+    steps: DecimalSteps,
     count: u32,
 }
-
-/// Share of a step by which the last one may lie beyond the end and counts: decimal fractions are not quite what they are written as, and
-/// of 2^22 steps the quotient is off by less than this.
-const STEP_ROUNDING: f64 = 1e-9;
 
 impl SectionPlanes {
     /// Number of planes.
@@ -40,8 +35,7 @@ impl SectionPlanes {
 
     /// The product of a plane's points with the normal.
     fn at(&self, number: u32) -> f64 {
-        // (Steps of 0.2 as a decimal fraction has them: sums would drift away.)
-        self.first + f64::from(number) * self.step
+        self.steps.value(number.into())
     }
 }
 
@@ -58,8 +52,7 @@ impl FromStr for SectionPlanes {
         let one = |name: &str, normal: [f64; 3], first: f64| SectionPlanes {
             name: name.into(),
             normal,
-            first,
-            step: 0.0,
+            steps: DecimalSteps::new(first, 0.0),
             count: 1,
         };
         if name == "plane" {
@@ -75,12 +68,17 @@ impl FromStr for SectionPlanes {
         let (from, to) = range.split_once("..").ok_or_else(wrong)?;
         let numbers = (number(from), number(to), number(step));
         let (Some(from), Some(to), Some(step)) = numbers else { return Err(wrong()) };
-        let steps = ((to - from) / step + STEP_ROUNDING).floor();
-        if !(step > 0.0 && (0.0..f64::from(u32::MAX)).contains(&steps)) {
+        let steps = DecimalSteps::new(from, step);
+        // The quotient is that of doubles, so that it may be one less or more than the number of steps up to the end.
+        let quotient = ((to - from) / step).floor();
+        if !(step > 0.0 && from <= to && quotient < f64::from(u32::MAX - 1)) {
             let expected = "FROM..TO/STEP with a step above 0, and less than 2^32 steps";
             return Err(Error::invalid("planes", text, expected));
         }
-        Ok(SectionPlanes { name: name.into(), normal, first: from, step, count: steps as u32 + 1 })
+        let near = quotient as i64 - 1..=quotient as i64 + 1;
+        let count =
+            near.filter(|number| steps.value(*number) <= to).max().map_or(1, |last| last.max(0) as u32 + 1);
+        Ok(SectionPlanes { name: name.into(), normal, steps, count })
     }
 }
 
@@ -203,7 +201,10 @@ mod tests {
         assert_eq!(read("y= 2.5 ").unwrap().at(0), 2.5);
         assert_eq!(read("plane=1,1,0,7.5").unwrap().normal, [1.0, 1.0, 0.0]);
         let steps = read("z=0..0.3/0.1").unwrap();
-        assert_eq!((steps.count(), steps.at(3)), (4, 0.1 * 3.0));
+        assert_eq!((steps.count(), steps.at(3)), (4, 0.3));
+        for (text, count) in [("z=0..1/0.1", 11), ("z=0..0.2999999/0.1", 3), ("z=-0.3..0.7/0.2", 6)] {
+            assert_eq!(read(text).unwrap().count(), count, "{text}");
+        }
         for wrong in ["z", "z=", "w=1", "z=nan", "z=0..1", "plane=1,2,3", "plane=1,2,3,4,5", "z=1..inf/1"] {
             let told = read(wrong).unwrap_err().to_string();
             assert!(told.contains(wrong) && told.contains("FROM..TO/STEP, or plane="), "{told}");
