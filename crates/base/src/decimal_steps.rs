@@ -2,7 +2,7 @@
 
 /// Multiples of a step counted from a base: levels of contours, planes of sections.
 ///
-/// Both numbers count as the shortest decimals that stand for them, as they were written: the third multiple of 0.1 is the double
+/// Both numbers count as their shortest decimals, as they were written: the third multiple of 0.1 is the double
 /// nearest to 0.3, where `3.0 * 0.1` is 0.30000000000000004. Each multiple is rounded once. (Only if base and step together need more than
 /// 18 digits, such as 1e9 and 1e-15, is the sum that of doubles.)
 ///
@@ -19,13 +19,13 @@ pub struct DecimalSteps {
     decimals: Option<Decimals>,
 }
 
-/// Base and step as integers, with so many decimal places.
+/// Base and step as integers, in units of `10^-decimals`.
 #[derive(Clone, Debug, PartialEq)]
 struct Decimals {
     base: i64,
     step: i64,
-    places: u32,
-    /// Ten to the power of the places, exact up to the 22nd.
+    decimals: u32,
+    /// `10^decimals`, exact up to the 22nd power.
     scale: f64,
 }
 
@@ -51,41 +51,41 @@ impl DecimalSteps {
         self.step
     }
 
-    /// The base and so many steps. Cost: a few nanoseconds, or some hundred where the digits are more than a double has.
+    /// The base plus `number` steps. Cost: a few nanoseconds, or some hundred where the digits are more than a double has.
     #[inline]
     pub fn value(&self, number: i64) -> f64 {
-        let Some(Decimals { base, step, places, scale }) = &self.decimals else {
+        let Some(Decimals { base, step, decimals, scale }) = &self.decimals else {
             return self.base + number as f64 * self.step;
         };
         let sum = i128::from(*base) + i128::from(*step) * i128::from(number);
-        if sum.unsigned_abs() <= MAX_EXACT && *places <= MAX_EXACT_POWER {
+        if sum.unsigned_abs() <= MAX_EXACT && *decimals <= MAX_EXACT_POWER {
             // Integer and power are exact, so that the division alone rounds.
             return sum as f64 / scale;
         }
-        format!("{sum}e-{places}").parse().unwrap_or(f64::NAN)
+        format!("{sum}e-{decimals}").parse().unwrap_or(f64::NAN)
     }
 }
 
 impl Decimals {
     fn new(base: f64, step: f64) -> Option<Decimals> {
         let [base, step] = [digits(base)?, digits(step)?];
-        let places = base.1.max(step.1);
-        let integer = |(digits, own): (i64, u32)| digits.checked_mul(10i64.checked_pow(places - own)?);
-        let scale = 10f64.powi(places.min(MAX_EXACT_POWER) as i32);
-        Some(Decimals { base: integer(base)?, step: integer(step)?, places, scale })
+        let decimals = base.1.max(step.1);
+        let integer = |(digits, own): (i64, u32)| digits.checked_mul(10i64.checked_pow(decimals - own)?);
+        let scale = 10f64.powi(decimals.min(MAX_EXACT_POWER) as i32);
+        Some(Decimals { base: integer(base)?, step: integer(step)?, decimals, scale })
     }
 }
 
-/// The shortest decimal that stands for a number: its digits as an integer, and how many of them are decimal places.
+/// The shortest decimal of a number: its digits as an integer, and the number of decimals among them.
 fn digits(number: f64) -> Option<(i64, u32)> {
     let text = format!("{number:e}");
     let (digits, exponent) = text.split_once('e')?;
     let (whole, fraction) = digits.split_once('.').unwrap_or((digits, ""));
-    let places = fraction.len() as i32 - exponent.parse::<i32>().ok()?;
+    let decimals = fraction.len() as i32 - exponent.parse::<i32>().ok()?;
     let digits: i64 = format!("{whole}{fraction}").parse().ok()?;
-    match u32::try_from(places) {
-        Ok(places) => Some((digits, places)),
-        Err(_) => Some((digits.checked_mul(10i64.checked_pow(places.unsigned_abs())?)?, 0)),
+    match u32::try_from(decimals) {
+        Ok(decimals) => Some((digits, decimals)),
+        Err(_) => Some((digits.checked_mul(10i64.checked_pow(decimals.unsigned_abs())?)?, 0)),
     }
 }
 
@@ -93,12 +93,12 @@ fn digits(number: f64) -> Option<(i64, u32)> {
 mod tests {
     use super::*;
 
-    /// A multiple by arithmetic on decimal texts: digits and places of both numbers.
+    /// A multiple by integer arithmetic on digits, each with its number of decimals.
     fn expected(base: (i128, usize), step: (i128, usize), number: i64) -> f64 {
-        let places = base.1.max(step.1);
-        let scaled = |(digits, own): (i128, usize)| digits * 10i128.pow((places - own) as u32);
+        let decimals = base.1.max(step.1);
+        let scaled = |(digits, own): (i128, usize)| digits * 10i128.pow((decimals - own) as u32);
         let sum = scaled(base) + scaled(step) * i128::from(number);
-        format!("{sum}e-{places}").parse().unwrap()
+        format!("{sum}e-{decimals}").parse().unwrap()
     }
 
     #[test]
@@ -115,7 +115,7 @@ mod tests {
             ((5, 1), (1_000_000_000_000, 0)),
         ];
         for (base, step) in cases {
-            let number = |(digits, places)| format!("{digits}e-{places}").parse::<f64>().unwrap();
+            let number = |(digits, decimals)| format!("{digits}e-{decimals}").parse::<f64>().unwrap();
             let steps = DecimalSteps::new(number(base), number(step));
             for count in (-1000..1000).chain([i64::from(i32::MIN), 1 << 40]) {
                 let found = steps.value(count);
