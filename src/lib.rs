@@ -107,12 +107,13 @@ pub use spinney_engine::store::{BuildOptions, WriteOptions};
 
 /// Requests to a [`Dataset`], and their results.
 pub mod query {
-    pub use spinney_base::space::{EdgeRule, Polygon};
+    pub use spinney_base::space::EdgeRule;
     pub use spinney_engine::query::{
         ChannelStatistics, ClassRegion, Condition, Contour, ContourLevels, ContourRequest, FoundBlock,
         PointSamples, PolygonRequest, Ray, Rays, Statistics, SurfaceHit, ZonalRequest, ZoneMeasure,
         ZoneStatistics,
     };
+    pub use spinney_overlay::Polygon;
 }
 
 /// Trees of data that is in no file: sources that are traversed from the root down, blocks of samples, and the tree in memory.

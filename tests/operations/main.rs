@@ -38,3 +38,4 @@ mod solids;
 mod surface_intersections;
 mod symmetries;
 mod zonal;
+mod zonal_invalid;

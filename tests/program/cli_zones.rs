@@ -144,3 +144,46 @@ fn what_is_lost_is_told() {
     };
     assert_eq!(system(&output), system(DISTRICTS));
 }
+
+/// Squares in cells of a raster of 64 x 48: two that overlap in one feature, the same twice, and a bow tie.
+const INVALID: &str = r#"{"type": "FeatureCollection", "features": [
+    {"type": "Feature", "properties": {"v": 1}, "geometry": {"type": "MultiPolygon", "coordinates": [
+        [[[0, 0], [10, 0], [10, 10], [0, 10], [0, 0]]], [[[5, 5], [15, 5], [15, 15], [5, 15], [5, 5]]]]}},
+    {"type": "Feature", "properties": {"v": 2}, "geometry": {"type": "MultiPolygon", "coordinates": [
+        [[[20, 0], [30, 0], [30, 10], [20, 10], [20, 0]]], [[[20, 0], [30, 0], [30, 10], [20, 10], [20, 0]]]]}},
+    {"type": "Feature", "properties": {"v": 3}, "geometry": {"type": "Polygon", "coordinates": [
+        [[40, 0], [60, 16], [60, 0], [40, 16], [40, 0]]]}}]}"#;
+
+#[test]
+fn parts_that_overlap_are_united_and_rings_that_cross_are_even_odd_everywhere() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (zones, raster, tree) = (at("zones.geojson"), at("ones.pgm"), at("ones.goblin"));
+    std::fs::write(&zones, INVALID).unwrap();
+    std::fs::write(&raster, [&b"P5 64 48 255\n"[..], &[1; 64 * 48]].concat()).unwrap();
+    spinney(&["-q", "build", &raster, "-o", &tree]).success();
+    for (edge, bow) in [("area", 160.0), ("centre", 160.0)] {
+        let command = ["stats", &tree, "--zones", &zones, "--in", "cells", "--edge", edge, "--json"];
+        let found: serde_json::Value = serde_json::from_str(&stdout(&command)).unwrap();
+        let counts = |name: &str| -> Vec<f64> {
+            found["zones"].as_array().unwrap().iter().map(|zone| zone[name].as_f64().unwrap()).collect()
+        };
+        assert_eq!(counts("cells"), [175.0, 100.0, bow], "{edge}");
+        assert_eq!(counts("void_cells"), [0.0; 3], "{edge}");
+        let warned = stderr(spinney(&command).success());
+        assert!(warned.contains("3 polygons are invalid") && warned.contains("united"), "{warned}");
+    }
+    // Rasterized: the same cells.
+    let (classes, shares) = (at("classes.goblin"), at("shares.goblin"));
+    let build = |more: &[&str], output: &str| {
+        let command = [&["build", &zones, "--like", &tree, "--in", "cells"], more, &["-o", output]].concat();
+        let warned = stderr(spinney(&command).success());
+        assert!(warned.contains("3 polygons are invalid"), "{warned}");
+    };
+    build(&["--value", "v"], &classes);
+    let found: serde_json::Value = serde_json::from_str(&stdout(&["stats", &classes, "--json"])).unwrap();
+    assert_eq!(found["cells"].as_f64().unwrap(), 435.0, "{found}");
+    build(&["--fractions"], &shares);
+    let found: serde_json::Value = serde_json::from_str(&stdout(&["stats", &shares, "--json"])).unwrap();
+    assert!(found["channels"][0]["max"].as_f64().unwrap() <= 1.0, "{found}");
+}

@@ -23,6 +23,12 @@ impl OverlayGrid {
         OverlayGrid { exponent: (exponent_of(greatest.abs().max(f64::MIN_POSITIVE)) + 1 - BITS).max(-900) }
     }
 
+    /// The finest grid of coordinates up to a number (of either sign).
+    pub(crate) fn finest(greatest: f64) -> OverlayGrid {
+        let exponent = exponent_of(greatest.max(f64::MIN_POSITIVE)) + 1 - MAX_BITS;
+        OverlayGrid { exponent: exponent.max(-900) }
+    }
+
     /// The grid whose cells are as wide as a number, or the next smaller power of two.
     ///
     /// # Errors

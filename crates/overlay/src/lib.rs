@@ -9,6 +9,8 @@
 //!    a quadtree of the cells. `exact.rs` has what decides.
 //! 3. `sweep.rs` goes over the edges that this makes from left to right, and tells what is on both of their sides (`sets.rs`).
 //! 4. `rings.rs` makes polygons of the edges that divide what is asked for.
+//!
+//! And [`Polygon`]: the cells of a raster that a polygon covers (`polygon/`), which overlays polygons whose rings cross.
 
 mod chords;
 mod crossings;
@@ -17,6 +19,7 @@ mod exact;
 mod grid;
 mod overlay;
 mod passages;
+mod polygon;
 mod rings;
 mod room;
 mod sets;
@@ -26,3 +29,4 @@ mod tests;
 
 pub use grid::OverlayGrid;
 pub use overlay::{OverlayPart, OverlaySummary, PolygonOverlay};
+pub use polygon::{Crossings, FULL_SHARE, OrientedRings, Polygon, oriented_rings};

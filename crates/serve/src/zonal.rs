@@ -62,7 +62,7 @@ pub(crate) fn answer(
         }
         walked?;
     }
-    zones.finish()?;
+    zones.finish(progress)?;
     report.finish();
     Ok(Answer::untagged("application/json", report.take().into_bytes()))
 }

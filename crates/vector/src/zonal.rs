@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::import::zones::{PolygonLayer, PolygonReader};
+use crate::import::zones::{PolygonLayer, PolygonReader, invalid_polygons};
 use spinney_base::{Error, Progress, Result};
 use spinney_crs::{CellLocator, Coordinates};
 use spinney_engine::dataset::Dataset;
@@ -22,6 +22,8 @@ pub struct FeatureZones<'a> {
     /// Whether some polygons reach into a tree; or why those of the first batch do not.
     is_met: bool,
     outside: Option<Error>,
+    /// Features whose rings cross or touch each other, or whose parts overlap.
+    invalid: u64,
 }
 
 impl<'a> FeatureZones<'a> {
@@ -62,7 +64,17 @@ impl<'a> FeatureZones<'a> {
             Ok((places, header.extent))
         });
         let places = places.collect::<Result<Vec<_>>>()?;
-        Ok(FeatureZones { trees, request, path, same, grids, places, is_met: false, outside: None })
+        Ok(FeatureZones {
+            trees,
+            request,
+            path,
+            same,
+            grids,
+            places,
+            is_met: false,
+            outside: None,
+            invalid: 0,
+        })
     }
 
     /// Hands out the statistics of each feature of a batch, by its number in it, of all layers of the tree.
@@ -80,6 +92,8 @@ impl<'a> FeatureZones<'a> {
             None => self.is_met = true,
             Some(error) => self.outside = self.outside.take().or(Some(error)),
         }
+        let first = found.trees.first().map_or(&[][..], Vec::as_slice);
+        self.invalid += first.iter().flatten().filter(|polygon| polygon.was_invalid()).count() as u64;
         let of_grid =
             |first: &usize| &found.trees[self.grids.binary_search(first).expect("one of the list")][..];
         let asked: Vec<_> = self.trees.iter().copied().zip(self.same.iter().map(of_grid)).collect();
@@ -89,12 +103,15 @@ impl<'a> FeatureZones<'a> {
         })
     }
 
-    /// Ends the questions.
+    /// Ends the queries, and warns of features that are not valid polygons.
     ///
     /// # Errors
     /// If there were polygons, and all of them lie outside of the trees.
-    pub fn finish(self) -> Result<()> {
-        let FeatureZones { path, is_met, outside, .. } = self;
+    pub fn finish(self, progress: &dyn Progress) -> Result<()> {
+        let FeatureZones { path, is_met, outside, invalid, .. } = self;
+        if invalid > 0 {
+            progress.warn(&path, &invalid_polygons(invalid));
+        }
         outside.filter(|_| !is_met).map_or(Ok(()), |error| Err(in_file(&path, error)))
     }
 }

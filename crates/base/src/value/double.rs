@@ -1,6 +1,6 @@
 //! Double-double numbers: sums of floating samples with twice the digits of an f64.
 
-use std::ops::{Add, Mul, Sub};
+use std::ops::{Add, Div, Mul, Sub};
 
 /// A number as the sum of two, the second of which is what the first is rounded by: some 106 bits.
 ///
@@ -25,7 +25,7 @@ impl DoubleDouble {
 
     /// The product of two numbers, exactly (unless the rest is too small for an f64).
     #[inline]
-    pub(super) fn product(a: f64, b: f64) -> DoubleDouble {
+    pub fn product(a: f64, b: f64) -> DoubleDouble {
         let (a_high, a_low) = halves(a);
         let (b_high, b_low) = halves(b);
         let high = a * b;
@@ -65,11 +65,7 @@ impl DoubleDouble {
 
     /// The number divided by a count.
     pub(super) fn over(self, count: u64) -> DoubleDouble {
-        let count = DoubleDouble::of_count(count);
-        // Two steps of a long division.
-        let first = DoubleDouble::from(self.high / count.high);
-        let rest = self - count * first;
-        first + DoubleDouble::from(rest.high / count.high)
+        self / DoubleDouble::of_count(count)
     }
 }
 
@@ -132,6 +128,17 @@ impl Mul for DoubleDouble {
             return DoubleDouble { high, low: 0.0 };
         }
         DoubleDouble::of_parts(high, low + (self.high * other.low + self.low * other.high))
+    }
+}
+
+impl Div for DoubleDouble {
+    type Output = DoubleDouble;
+
+    fn div(self, other: DoubleDouble) -> DoubleDouble {
+        // Two digits of a long division.
+        let first = DoubleDouble::from(self.high / other.high);
+        let rest = self - other * first;
+        first + DoubleDouble::from(rest.high / other.high)
     }
 }
 

@@ -49,7 +49,7 @@ impl Sums {
     }
 
     /// The sum of one channel, with 106 bits.
-    fn double(&self, channel: usize) -> DoubleDouble {
+    pub fn double(&self, channel: usize) -> DoubleDouble {
         match self {
             Sums::Exact(sums) => DoubleDouble::from(sums[channel]),
             Sums::Float(sums) => sums[channel],

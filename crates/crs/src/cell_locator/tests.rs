@@ -1,6 +1,6 @@
 use super::*;
 use crate::{Crs, Projection, web_mercator};
-use spinney_base::space::{Crossings, Polygon};
+use spinney_overlay::{Crossings, Polygon};
 
 fn framed(crs: u32, numbers: [f64; 6]) -> Frame {
     Frame { crs: Some(Crs::epsg(crs)), ..Frame::planar(numbers) }

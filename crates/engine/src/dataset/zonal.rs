@@ -2,8 +2,8 @@
 
 use super::{Dataset, Tree};
 use crate::query::{ZonalGroup, ZonalRequest, ZonalTree, ZoneStatistics, zonal};
-use spinney_base::space::Polygon;
 use spinney_base::{Error, Progress, Result};
+use spinney_overlay::Polygon;
 
 impl Dataset {
     /// Zonal statistics: exact statistics of the cells in each of some polygons, whose corners are in cells of the deepest level

@@ -1,9 +1,10 @@
 //! Changes to parts of a tree: boxes, polygons, nodes, single cells.
 
 use spinney_base::TreeType;
-use spinney_base::space::{Bounds, Code, Cover, Polygon};
+use spinney_base::space::{Bounds, Code, Cover};
 use spinney_base::value::Value;
 use spinney_base::{Error, Result, sort};
+use spinney_overlay::Polygon;
 
 /// Effect of a patch on a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -137,7 +137,7 @@ impl Visitor for Histogram<'_> {
         Ok(())
     }
 
-    fn subtree(&mut self, records: &[u8], levels: u8) -> Option<Result<(), BadSkip>> {
+    fn subtree(&mut self, _: Code, records: &[u8], levels: u8) -> Option<Result<(), BadSkip>> {
         Some((self.subtree)(&mut self.bins, records, levels))
     }
 

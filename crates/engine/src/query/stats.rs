@@ -240,7 +240,7 @@ impl Visitor for Gather<'_> {
         Ok(())
     }
 
-    fn subtree(&mut self, records: &[u8], levels: u8) -> Option<Result<(), BadSkip>> {
+    fn subtree(&mut self, _: Code, records: &[u8], levels: u8) -> Option<Result<(), BadSkip>> {
         Some(self.count.subtree(records, levels))
     }
 

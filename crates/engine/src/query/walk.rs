@@ -108,9 +108,9 @@ pub(super) trait Visitor {
     /// A uniform block (`None` is VOID) of which so many cells may be selected; if not all are, `part` has
     /// these.
     fn block(&mut self, code: Code, value: Option<Value>, cells: u64, part: Option<&Bounds>) -> Walked;
-    /// The records of a subtree that is selected as a whole, none of it in another segment, and its levels:
+    /// The records of the subtree of a node that is selected as a whole, none of it in another segment, and its levels:
     /// whether the visitor has taken all of it at once. Otherwise the walk goes through them.
-    fn subtree(&mut self, _: &[u8], _: u8) -> Option<Result<(), BadSkip>> {
+    fn subtree(&mut self, _: Code, _: &[u8], _: u8) -> Option<Result<(), BadSkip>> {
         None
     }
     /// The part of a dense block of cells, the node with a code, that may be selected, by its first place and places along each axis: whether the
@@ -421,7 +421,7 @@ impl<S: Selection> Walk<'_, S> {
             let head = layout.head(records, record).ok_or_else(bad_skip)?;
             let subtree = layout.subtree(records, record, head.skip).unwrap_or(&[]);
             let levels = shape.depth.saturating_sub(code.level());
-            if let Some(taken) = visitor.subtree(subtree, levels) {
+            if let Some(taken) = visitor.subtree(code, subtree, levels) {
                 return taken.map_err(|_| bad_skip().into());
             }
         }

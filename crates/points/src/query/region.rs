@@ -2,7 +2,8 @@
 
 use crate::grid::PointGrid;
 use spinney_base::Result;
-use spinney_base::space::{Bounds, Cover, Polygon};
+use spinney_base::space::{Bounds, Cover};
+use spinney_overlay::Polygon;
 
 /// A part of space, in the coordinates of the points. What lies on its border is in it, but for polygons: there it may be or not.
 #[derive(Clone, Debug, PartialEq)]

@@ -97,7 +97,7 @@ pub fn export_zones(
             writer.as_mut().map_or(Ok(()), |writer| writer.write(&layer.features[number], zone))
         })?;
     }
-    zones.finish()?;
+    zones.finish(progress)?;
     match writer {
         Some(writer) => writer.finish(progress).map(|()| count),
         None => Err(Error::invalid(format!("{}: features", reader.path().display()), "none", "some")),

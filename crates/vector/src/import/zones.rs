@@ -12,9 +12,9 @@ use super::feature::{
 };
 use super::filter::FeatureFilter;
 use super::geojson::GeoJson;
-use spinney_base::space::Polygon;
 use spinney_base::{Error, Result};
 use spinney_crs::{CellLocator, Coordinates, Crs, PolygonParts, corners_text};
+use spinney_overlay::Polygon;
 
 /// Polygons with the coordinate system that they are in.
 #[derive(Clone, Debug, PartialEq)]
@@ -48,6 +48,13 @@ fn parts_of(feature: &Feature) -> Cow<'_, PolygonParts> {
         }
         _ => Cow::default(),
     }
+}
+
+/// What is said of polygons whose rings cross or touch, or whose parts overlap.
+pub(crate) fn invalid_polygons(count: u64) -> String {
+    format!(
+        "{count} polygons are invalid (rings cross or touch, or parts overlap): rings of one part were combined even-odd, and parts were united"
+    )
 }
 
 /// Takes the parts out of a geometry that is a polygon, or several.

@@ -125,7 +125,7 @@ pub(super) fn run(
         failure.map_or(Ok(()), Err)?;
         walked?;
     }
-    zones.finish()?;
+    zones.finish(&work)?;
     drop(work);
     report.finish()
 }

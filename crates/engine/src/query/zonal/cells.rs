@@ -5,8 +5,8 @@ use std::collections::HashMap;
 use std::ops::Range;
 
 use super::super::walk::Selection;
-use super::AREA_ROUNDING;
-use spinney_base::space::{Bounds, Cover, Crossings, EdgeRule, Polygon};
+use spinney_base::space::{Bounds, Cover, EdgeRule};
+use spinney_overlay::{Crossings, FULL_SHARE, Polygon};
 
 /// The cells of a picture in a polygon.
 pub(super) struct ZoneCells<'a> {
@@ -21,14 +21,27 @@ pub(super) struct ZoneCells<'a> {
 #[derive(Default)]
 pub(super) struct FoundCells {
     covers: HashMap<[u64; 4], Cover>,
-    measures: HashMap<[u64; 4], f64>,
+    counts: HashMap<[u64; 4], CellCount>,
     spans: HashMap<[u64; 4], Vec<Span>>,
     /// Spans of all of them.
     count: usize,
 }
 
-/// Cells of a row, and the share of each that counts.
-type Span = (u64, Range<u64>, f64);
+/// Cells of a row, and the share of each that counts, of [`FULL_SHARE`].
+type Span = (u64, Range<u64>, u64);
+
+/// Cells that count as a whole, and the sum of the shares of all others.
+pub(super) type CellCount = (u64, u128);
+
+/// Whole cells and shares together, in shares.
+pub(super) fn in_shares((cells, shares): CellCount) -> u128 {
+    u128::from(cells) * u128::from(FULL_SHARE) + shares
+}
+
+/// A sum of shares, in cells; rounded once.
+pub(super) fn in_cells(shares: u128) -> f64 {
+    shares as f64 / FULL_SHARE as f64
+}
 
 /// Entries of each kind that are remembered.
 const MAX_FOUND: usize = 1 << 16;
@@ -61,29 +74,22 @@ impl ZoneCells<'_> {
         found
     }
 
-    /// Cells of a box that are inside.
-    pub(super) fn measure(&self, bounds: &Bounds, crossings: &mut Crossings) -> f64 {
+    /// Cells of a box that count.
+    pub(super) fn count(&self, bounds: &Bounds, crossings: &mut Crossings) -> CellCount {
         // (A polygon goes through all of an octree along z.)
-        let layers = (bounds.max[2] - bounds.min[2]) as f64;
-        let measure = || match self.rule {
-            EdgeRule::Centre => self.polygon.count_centres(bounds, crossings) as f64,
-            EdgeRule::Touch => self.polygon.count_touched(bounds, crossings) as f64,
-            EdgeRule::Area => self.polygon.area(bounds),
+        let layers = bounds.max[2] - bounds.min[2];
+        let count = || match self.rule {
+            EdgeRule::Centre => (self.polygon.count_centres(bounds, crossings), 0),
+            EdgeRule::Touch => (self.polygon.count_touched(bounds, crossings), 0),
+            EdgeRule::Area => self.polygon.sum_shares(bounds, crossings),
         };
-        layers * self.find(bounds, |found| &mut found.measures, measure)
+        let (cells, shares) = self.find(bounds, |found| &mut found.counts, count);
+        (layers * cells, u128::from(layers) * shares)
     }
 
     /// The area outside of the picture, in cells.
     pub(super) fn outside(&self) -> f64 {
-        let [low, high] = self.polygon.corners();
-        let max = self.picture.max;
-        if (0..2).all(|axis| low[axis] >= 0.0 && high[axis] <= max[axis] as f64) {
-            return 0.0;
-        }
-        let (all, layers) = (self.polygon.whole_area(), max[2] as f64);
-        let outside = all - self.polygon.area(&self.picture);
-        // (Rounding leaves some of nothing.)
-        if outside > AREA_ROUNDING * all { outside * layers } else { 0.0 }
+        self.polygon.area_outside(&self.picture) * self.picture.max[2] as f64
     }
 
     /// Hands out the columns, row by row, of a box's cells that count, and the share of each that does.
@@ -91,12 +97,14 @@ impl ZoneCells<'_> {
         &self,
         bounds: &Bounds,
         crossings: &mut Crossings,
-        each: &mut dyn FnMut(u64, Range<u64>, f64),
+        each: &mut dyn FnMut(u64, Range<u64>, u64),
     ) {
-        let mut spans = |each: &mut dyn FnMut(u64, Range<u64>, f64)| match self.rule {
-            EdgeRule::Centre => self.polygon.spans(bounds, crossings, &mut |row, span| each(row, span, 1.0)),
+        let mut spans = |each: &mut dyn FnMut(u64, Range<u64>, u64)| match self.rule {
+            EdgeRule::Centre => {
+                self.polygon.spans(bounds, crossings, &mut |row, span| each(row, span, FULL_SHARE))
+            }
             EdgeRule::Touch => {
-                self.polygon.touched_spans(bounds, crossings, &mut |row, span| each(row, span, 1.0));
+                self.polygon.touched_spans(bounds, crossings, &mut |row, span| each(row, span, FULL_SHARE));
             }
             EdgeRule::Area => self.polygon.shares(bounds, crossings, each),
         };

@@ -4,15 +4,16 @@ use super::super::classes::Classes;
 use super::super::count::{Count, counter_of};
 use super::super::walk::{Visitor, Walked, Zone};
 use super::ZonalTree;
-use super::cells::ZoneCells;
+use super::cells::{CellCount, ZoneCells, in_shares};
 use super::parts::Parts;
 use super::request::{ZonalRequest, ZoneStatistics};
 use super::values::{Values, of_classes};
 use crate::store::records::dense::DenseBlock;
 use crate::store::records::subtree::BadSkip;
-use spinney_base::space::{Bounds, Code, Crossings, EdgeRule};
+use spinney_base::space::{Bounds, Code};
 use spinney_base::value::Value;
 use spinney_base::{Progress, Result};
+use spinney_overlay::{Crossings, FULL_SHARE};
 
 /// Statistics of a zone in the making.
 pub(super) struct Gather<'a> {
@@ -23,6 +24,8 @@ pub(super) struct Gather<'a> {
     count: Box<dyn Count>,
     /// Parts of cells.
     parts: Parts,
+    /// All cells of the zone within the picture, VOID ones too, in shares.
+    all: u128,
     /// Cells of each sample, if they are asked for and not counted as classes.
     values: Option<Values>,
     counts_classes: bool,
@@ -30,9 +33,6 @@ pub(super) struct Gather<'a> {
     crossings: Crossings,
     progress: &'a dyn Progress,
 }
-
-/// The share of a block below which its part in a zone is nothing but rounding.
-const ROUNDING: f64 = 1e-12;
 
 impl<'a> Gather<'a> {
     /// Nothing yet; `memory` is for single values.
@@ -50,6 +50,7 @@ impl<'a> Gather<'a> {
             depth: tree.depth,
             count: if counts_classes { Box::new(Classes::new(form)) } else { counter_of(form) },
             parts: Parts::new(form, counts_classes),
+            all: 0,
             values: (request.needs_values() && !is_counted).then(|| Values::new(form, memory)),
             counts_classes: is_counted,
             crossings: Crossings::default(),
@@ -61,9 +62,8 @@ impl<'a> Gather<'a> {
     ///
     /// # Errors
     /// If temporary files cannot be used.
-    pub(super) fn finish(mut self) -> Result<ZoneStatistics> {
-        let all = self.zone.measure(&self.zone.picture, &mut self.crossings);
-        let mut told = self.parts.with(&self.count.finish(), all);
+    pub(super) fn finish(self) -> Result<ZoneStatistics> {
+        let mut told = self.parts.with(&self.count.finish(), self.all);
         told.outside_cells = self.zone.outside();
         if let Some(values) = self.values {
             let cells: Vec<f64> = told.channels.iter().map(|channel| channel.cells).collect();
@@ -77,53 +77,74 @@ impl<'a> Gather<'a> {
         }
         Ok(told)
     }
+
+    /// Counts all cells of a node, those outside of the picture excepted.
+    fn count_all(&mut self, code: Code) {
+        let bounds = code.bounds(self.depth).intersect(&self.zone.picture);
+        self.all += in_shares((bounds.volume(), 0));
+    }
 }
 
 impl Visitor for Gather<'_> {
-    fn zone(&mut self, _: Code, zone: &dyn Zone) -> Walked<bool> {
+    fn zone(&mut self, code: Code, zone: &dyn Zone) -> Walked<bool> {
         if let Some(values) = &mut self.values
             && !values.zone(&zone.tally()?)
         {
             return Ok(false);
         }
-        Ok(self.count.zone(zone)?)
+        let is_counted = self.count.zone(zone)?;
+        if is_counted {
+            self.count_all(code);
+        }
+        Ok(is_counted)
     }
 
-    fn block(&mut self, _: Code, value: Option<Value>, cells: u64, part: Option<&Bounds>) -> Walked {
-        let Some(value) = value else { return Ok(()) };
-        let inside = part.map_or(cells as f64, |part| self.zone.measure(part, &mut self.crossings));
-        if inside <= ROUNDING * cells as f64 {
-            return Ok(());
+    fn block(&mut self, code: Code, value: Option<Value>, cells: u64, part: Option<&Bounds>) -> Walked {
+        let count: CellCount = match part {
+            None if value.is_none() => {
+                self.count_all(code);
+                return Ok(());
+            }
+            None => (cells, 0),
+            Some(part) => self.zone.count(&part.intersect(&self.zone.picture), &mut self.crossings),
+        };
+        let shares = in_shares(count);
+        self.all += shares;
+        let Some(value) = value.filter(|_| shares > 0) else { return Ok(()) };
+        if count.0 > 0 {
+            self.count.block(value, count.0);
         }
-        match (part, self.zone.rule) {
-            (Some(_), EdgeRule::Area) => self.parts.block(value, inside),
-            _ => self.count.block(value, inside as u64),
+        if count.1 > 0 {
+            self.parts.block(value, count.1);
         }
         if let Some(values) = &mut self.values {
-            values.block(value, inside);
+            values.block(value, shares);
         }
         Ok(())
     }
 
-    fn subtree(&mut self, records: &[u8], levels: u8) -> Option<Result<(), BadSkip>> {
+    fn subtree(&mut self, code: Code, records: &[u8], levels: u8) -> Option<Result<(), BadSkip>> {
+        self.count_all(code);
         let counted = self.count.subtree(records, levels);
         let values = self.values.as_mut().map_or(Ok(()), |values| values.subtree(records, levels));
         Some(counted.and(values))
     }
 
     fn dense(&mut self, code: Code, block: &DenseBlock<'_>, (first, size): ([usize; 3], [usize; 3])) -> bool {
-        let (count, parts, values) = (&mut self.count, &mut self.parts, &mut self.values);
+        let (count, parts, values, all) = (&mut self.count, &mut self.parts, &mut self.values, &mut self.all);
         let origin = code.bounds(self.depth).min;
-        let part = Bounds {
-            min: [origin[0], origin[1], 0],
-            max: [origin[0] + size[0] as u64, origin[1] + size[1] as u64, 1],
-        };
+        // (Cells outside of the picture are VOID.)
+        let picture = &self.zone.picture;
+        let [columns, rows, layers] =
+            [0, 1, 2].map(|axis| (size[axis] as u64).min(picture.max[axis].saturating_sub(origin[axis])));
+        let part = Bounds { min: [origin[0], origin[1], 0], max: [origin[0] + columns, origin[1] + rows, 1] };
         self.zone.spans(&part, &mut self.crossings, &mut |row, span, share| {
+            *all += u128::from(share) * u128::from((span.end - span.start) * layers);
             let from = [(span.start - origin[0]) as usize, (row - origin[1]) as usize];
             let at = [first[0] + from[0], first[1] + from[1], first[2]];
             let part = (at, [(span.end - span.start) as usize, 1, size[2]]);
             match share {
-                1.0 => count.dense(block, part),
+                FULL_SHARE => count.dense(block, part),
                 share => parts.dense(block, part, share),
             }
             if let Some(values) = values {

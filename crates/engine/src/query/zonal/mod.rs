@@ -2,7 +2,7 @@
 //!
 //! The tree is walked from the root down as for a box. What lies in a polygon as a whole is counted by the statistics that
 //! the tree stores; what a border cuts is gone into, down to uniform blocks, whose part in the polygon is counted in rows,
-//! or measured. Where single values are asked for (`values.rs`), everything in a polygon is gone into, unless classes are counted.
+//! or cell by cell along its border. Cells and shares are counted in integers, so that all numbers are the same however a tree stores its cells. Where single values are asked for (`values.rs`), everything in a polygon is gone into, unless classes are counted.
 
 mod cells;
 mod gather;
@@ -22,12 +22,10 @@ pub use request::{ZonalRequest, ZoneChannel, ZoneMeasure, ZoneStatistics, ZoneVa
 use spinney_base::TreeType;
 use spinney_base::io::batch;
 use spinney_base::parallel;
-use spinney_base::space::{Bounds, Polygon};
+use spinney_base::space::Bounds;
 use spinney_base::{Progress, Result};
 use spinney_container::Header;
-
-/// Part of the area of a zone below which a difference is rounding: sums of shares are off by fewer digits than are left.
-const AREA_ROUNDING: f64 = 1e-9;
+use spinney_overlay::Polygon;
 
 /// A tree that is asked for the cells in polygons.
 pub(crate) struct ZonalTree<'a> {
@@ -59,8 +57,8 @@ impl<'a> ZonalTree<'a> {
     }
 }
 
-/// A kernel that adds the cells of a dense block in a box to a `T`, each as such a share of it.
-type AddDense<T> = fn(&mut T, &DenseBlock<'_>, ([usize; 3], [usize; 3]), f64);
+/// A kernel that adds the cells of a dense block in a box to a `T`, each with a share of it.
+type AddDense<T> = fn(&mut T, &DenseBlock<'_>, ([usize; 3], [usize; 3]), u64);
 
 /// Trees of the same grid, by their numbers among all, with polygons in its cells; of those that lie outside there is none.
 pub(crate) struct ZonalGroup<'a> {

@@ -4,19 +4,21 @@ use std::collections::{BTreeMap, HashMap};
 
 use zerocopy::IntoBytes;
 
-use super::super::stats::summary;
+use super::AddDense;
+use super::cells::{in_cells, in_shares};
 use super::request::{ZoneChannel, ZoneStatistics};
-use super::{AREA_ROUNDING, AddDense};
 use crate::store::records::dense::{DenseBlock, DenseRows};
 use crate::store::records::{Record, RecordLayout, with_record_type};
-use spinney_base::TreeType;
-use spinney_base::value::{Number, Sample, Value, ValueType, ZoneStats, with_sample_type};
+use spinney_base::value::{DoubleDouble, Number, Sample, Value, ValueType, ZoneStats, with_sample_type};
+use spinney_base::{TreeType, sort};
+use spinney_overlay::FULL_SHARE;
 
 /// Statistics of parts of cells.
 pub(super) struct Parts {
     value_type: ValueType,
-    channels: [Moments; 4],
-    cells: f64,
+    channels: [ChannelParts; 4],
+    /// Shares of all cells.
+    shares: u128,
     classes: PartsOfClasses,
     /// A sample to compute with, and exactly.
     number: fn(&[u8]) -> f64,
@@ -24,21 +26,24 @@ pub(super) struct Parts {
     dense: AddDense<Parts>,
 }
 
-/// Cells of each class. (Those of one channel tell everything else, in the end.)
+/// Shares of each class. (All other statistics of one channel follow from them.)
 enum PartsOfClasses {
     /// They are not counted.
     None,
     /// Of values of one byte.
-    Bytes(Box<[f64; 256]>),
-    Values(HashMap<Value, f64>),
+    Bytes(Box<[u128; 256]>),
+    Values(HashMap<Value, u128>),
 }
 
-/// Mean and spread of weighted numbers, as they come (West, 1979).
+/// Sums of a channel's samples, each multiplied by its share.
 #[derive(Clone, Copy)]
-struct Moments {
-    weight: f64,
-    mean: f64,
-    squares: f64,
+struct ChannelParts {
+    shares: u128,
+    /// The sum of integers of up to 32 bits, exactly.
+    exact: i128,
+    /// The sum of other samples, and of the squares of all.
+    sum: DoubleDouble,
+    squares: DoubleDouble,
     min: Number,
     max: Number,
     /// The extremes to compare with.
@@ -46,24 +51,23 @@ struct Moments {
     most: f64,
 }
 
-impl Default for Moments {
+impl Default for ChannelParts {
     fn default() -> Self {
         let (least, most) = (f64::INFINITY, f64::NEG_INFINITY);
-        Moments { weight: 0.0, mean: 0.0, squares: 0.0, min: least.into(), max: most.into(), least, most }
+        let (sum, squares) = (DoubleDouble::default(), DoubleDouble::default());
+        ChannelParts { shares: 0, exact: 0, sum, squares, min: least.into(), max: most.into(), least, most }
     }
 }
 
-impl Moments {
-    /// Adds a number to the mean and the spread.
-    #[inline]
-    fn add_number(&mut self, number: f64, weight: f64) {
-        self.weight += weight;
-        let away = number - self.mean;
-        let step = away * (weight / self.weight);
-        self.squares += weight * away * (away - step);
-        self.mean += step;
+/// A number of shares to multiply with.
+fn double_of(shares: u128) -> DoubleDouble {
+    match u64::try_from(shares) {
+        Ok(shares) if shares < 1 << f64::MANTISSA_DIGITS => DoubleDouble::from(shares as f64),
+        _ => DoubleDouble::from(shares as i128),
     }
+}
 
+impl ChannelParts {
     /// Adds a sample to the extremes. They are exact, which few samples need to be compared for.
     #[inline]
     fn widen(&mut self, number: f64, exact: impl FnOnce() -> Number) {
@@ -73,18 +77,6 @@ impl Moments {
             (self.least, self.most) = (self.least.min(number), self.most.max(number));
         }
     }
-
-    fn add(&mut self, other: Moments) {
-        let weight = self.weight + other.weight;
-        if weight <= 0.0 {
-            return;
-        }
-        let away = other.mean - self.mean;
-        self.squares += other.squares + away * away * self.weight * other.weight / weight;
-        self.mean += away * other.weight / weight;
-        self.weight = weight;
-        (self.min, self.max) = (self.min.min(other.min), self.max.max(other.max));
-    }
 }
 
 impl Parts {
@@ -93,13 +85,13 @@ impl Parts {
         let value_type = form.value;
         let classes = match (counts_classes, value_type.size()) {
             (false, _) => PartsOfClasses::None,
-            (true, 1) => PartsOfClasses::Bytes(Box::new([0.0; 256])),
+            (true, 1) => PartsOfClasses::Bytes(Box::new([0; 256])),
             (true, _) => PartsOfClasses::Values(HashMap::new()),
         };
         Parts {
             value_type,
-            channels: [Moments::default(); 4],
-            cells: 0.0,
+            channels: [ChannelParts::default(); 4],
+            shares: 0,
             classes,
             number: with_sample_type!(value_type.sample, S => number_of::<S>),
             exact: with_sample_type!(value_type.sample, S => exact_of::<S>),
@@ -107,101 +99,128 @@ impl Parts {
         }
     }
 
-    /// Adds cells of a value.
+    /// Adds cells of a value, by the sum of their shares.
     #[inline]
-    pub(super) fn block(&mut self, value: Value, weight: f64) {
-        self.add(&value.to_bytes()[..self.value_type.size()], weight);
+    pub(super) fn block(&mut self, value: Value, shares: u128) {
+        self.add(&value.to_bytes()[..self.value_type.size()], shares);
     }
 
-    /// Adds the cells of a dense block in a box, each as such a share of it.
-    pub(super) fn dense(&mut self, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3]), share: f64) {
+    /// Adds the cells of a dense block in a box, each with such a share of it.
+    pub(super) fn dense(&mut self, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3]), share: u64) {
         (self.dense)(self, block, part, share);
     }
 
     /// Adds cells of a value, given its bytes.
     #[inline]
-    fn add(&mut self, bytes: &[u8], weight: f64) {
-        self.cells += weight;
+    fn add(&mut self, bytes: &[u8], shares: u128) {
+        self.shares += shares;
         match &mut self.classes {
-            PartsOfClasses::None => self.measure(bytes, weight),
-            PartsOfClasses::Bytes(classes) => classes[usize::from(bytes[0])] += weight,
+            PartsOfClasses::None => self.measure(bytes, shares),
+            PartsOfClasses::Bytes(classes) => classes[usize::from(bytes[0])] += shares,
             PartsOfClasses::Values(classes) => {
-                *classes.entry(Value::from_bytes(bytes)).or_default() += weight;
+                *classes.entry(Value::from_bytes(bytes)).or_default() += shares;
             }
         }
     }
 
     #[inline]
-    fn measure(&mut self, bytes: &[u8], weight: f64) {
-        let size = self.value_type.sample.size();
+    fn measure(&mut self, bytes: &[u8], shares: u128) {
+        let sample_type = self.value_type.sample;
         let is_masked = self.value_type.is_masked();
         let present = if is_masked { self.value_type.present(Value::from_bytes(bytes)) } else { [true; 4] };
-        let samples = self.channels.iter_mut().zip(bytes.chunks_exact(size)).zip(present);
+        let weight = double_of(shares);
+        let samples = self.channels.iter_mut().zip(bytes.chunks_exact(sample_type.size())).zip(present);
         for ((channel, sample), _) in samples.filter(|(_, is_there)| *is_there) {
             let number = (self.number)(sample);
-            channel.add_number(number, weight);
+            channel.shares += shares;
+            if sample_type.has_exact_squares() {
+                // Invariant: 32 bits of a sample, 40 of a share and 55 of a number of cells are less than 127.
+                channel.exact = channel.exact.wrapping_add(number as i128 * shares as i128);
+                channel.squares = channel.squares + DoubleDouble::product(number, number) * weight;
+            } else {
+                let number = match (self.exact)(sample).to_integer() {
+                    Some(integer) if !sample_type.is_float() => DoubleDouble::from(integer),
+                    _ => DoubleDouble::from(number),
+                };
+                channel.sum = channel.sum + number * weight;
+                channel.squares = channel.squares + number * number * weight;
+            }
             channel.widen(number, || (self.exact)(sample));
         }
     }
 
-    /// These parts and whole cells together, of a zone of so many cells within the picture.
-    pub(super) fn with(mut self, whole: &ZoneStats, all: f64) -> ZoneStatistics {
+    /// These parts and whole cells together, of a zone that has so many shares of cells within the picture.
+    pub(super) fn with(mut self, whole: &ZoneStats, all: u128) -> ZoneStatistics {
         let value_type = self.value_type;
-        let classes: Vec<(Value, f64)> = match std::mem::replace(&mut self.classes, PartsOfClasses::None) {
+        let mut classes: Vec<(Value, u128)> = match std::mem::replace(&mut self.classes, PartsOfClasses::None)
+        {
             PartsOfClasses::None => Vec::new(),
             PartsOfClasses::Bytes(classes) => {
-                let counted = (0..=u8::MAX).zip(*classes).filter(|(_, cells)| *cells > 0.0);
-                counted.map(|(byte, cells)| (Value::from([byte]), cells)).collect()
+                let counted = (0..=u8::MAX).zip(*classes).filter(|(_, shares)| *shares > 0);
+                counted.map(|(byte, shares)| (Value::from([byte]), shares)).collect()
             }
             PartsOfClasses::Values(classes) => classes.into_iter().collect(),
         };
-        for (value, cells) in &classes {
-            self.measure(&value.to_bytes()[..value_type.size()], *cells);
+        // (Sums that are rounded are those of one order.)
+        sort::by(&mut classes, &mut |(a, _), (b, _)| value_type.order(*a, *b));
+        for (value, shares) in &classes {
+            self.measure(&value.to_bytes()[..value_type.size()], *shares);
         }
-        let summary = summary(whole, 0, 0);
-        let mut told = BTreeMap::new();
-        let counted = summary.classes.iter().map(|(class, cells)| (*class, *cells as f64));
-        let measured = classes.iter().filter(|_| value_type.channels == 1);
-        let measured = measured.map(|(value, cells)| (value_type.first_number(*value), *cells));
-        counted.chain(measured).for_each(|(class, cells)| *told.entry(class).or_insert(0.0) += cells);
-        let cells = self.cells + summary.cells as f64;
-        let channel = |(index, parts): (usize, &Moments)| {
-            let mut moments = *parts;
-            // (Of whole cells alone the sum is as exact as the tally's.)
-            let sum = whole.sum.number(index) + parts.mean * parts.weight;
-            if let Some(whole) = summary.channels.get(index).filter(|whole| whole.cells > 0) {
-                let weight = whole.cells as f64;
-                moments.add(Moments {
-                    weight,
-                    mean: whole.mean,
-                    squares: whole.standard_deviation * whole.standard_deviation * weight,
-                    min: whole.min,
-                    max: whole.max,
-                    ..Moments::default()
-                });
+        let mut by_class: BTreeMap<Number, u128> = BTreeMap::new();
+        if value_type.channels == 1 {
+            let counted = whole.classes.iter().map(|(value, cells)| (*value, in_shares((*cells, 0))));
+            for (value, shares) in counted.chain(classes) {
+                *by_class.entry(value_type.first_number(value)).or_default() += shares;
             }
-            let Moments { weight, mean, squares, min, max, .. } = moments;
-            if weight <= 0.0 {
-                let (none, mean) = (Number::NAN, f64::NAN);
-                return ZoneChannel {
-                    min: none,
-                    max: none,
-                    mean,
-                    standard_deviation: mean,
-                    ..ZoneChannel::default()
-                };
-            }
-            let standard_deviation = (squares / weight).max(0.0).sqrt();
-            ZoneChannel { cells: weight, min, max, sum, mean, standard_deviation, values: None }
-        };
-        let channels = if cells > 0.0 { usize::from(value_type.channels) } else { 0 };
+        }
+        let shares = self.shares + in_shares((whole.cells, 0));
+        let channels = if shares > 0 { usize::from(value_type.channels) } else { 0 };
         ZoneStatistics {
-            cells,
-            // (Sums of as many shares as a zone has cells at its border are off by less than that: what rounding leaves of nothing is nothing.)
-            void_cells: if all - cells > AREA_ROUNDING * all { all - cells } else { 0.0 },
+            cells: in_cells(shares),
+            void_cells: in_cells(all.saturating_sub(shares)),
             outside_cells: 0.0,
-            channels: self.channels[..channels].iter().enumerate().map(channel).collect(),
-            classes: told.into_iter().collect(),
+            channels: (0..channels).map(|index| self.channel(whole, index)).collect(),
+            classes: by_class.into_iter().map(|(class, shares)| (class, in_cells(shares))).collect(),
+        }
+    }
+
+    /// A channel's statistics, of parts and whole cells together.
+    fn channel(&self, whole: &ZoneStats, index: usize) -> ZoneChannel {
+        let parts = &self.channels[index];
+        let cells = whole.present[index];
+        let shares = parts.shares + in_shares((cells, 0));
+        if shares == 0 {
+            let (none, mean) = (Number::NAN, f64::NAN);
+            return ZoneChannel {
+                min: none,
+                max: none,
+                mean,
+                standard_deviation: mean,
+                ..ZoneChannel::default()
+            };
+        }
+        let (mut min, mut max) = (parts.min, parts.max);
+        if cells > 0 {
+            let of = |value: Value| self.value_type.numbers(value)[index];
+            (min, max) = (min.min(of(whole.min)), max.max(of(whole.max)));
+        }
+        let full = DoubleDouble::from(FULL_SHARE as f64);
+        let sum = whole.sum.double(index) + (parts.sum + DoubleDouble::from(parts.exact)) / full;
+        let squares = whole.squares.double(index) + parts.squares / full;
+        let weight = double_of(shares) / full;
+        let mean = sum / weight;
+        // (Rounding must not make a deviation of nothing.)
+        let variance =
+            if min == max && min.is_finite() { 0.0 } else { (squares / weight - mean * mean).high };
+        let standard_deviation = if variance < 0.0 { 0.0 } else { variance.sqrt() };
+        ZoneChannel {
+            cells: in_cells(shares),
+            min,
+            max,
+            sum: sum.high,
+            mean: if min == max && min.is_finite() { min.to_f64() } else { mean.high },
+            standard_deviation,
+            values: None,
         }
     }
 }
@@ -218,7 +237,7 @@ fn add_dense<R: Record>(
     parts: &mut Parts,
     block: &DenseBlock<'_>,
     part: ([usize; 3], [usize; 3]),
-    share: f64,
+    share: u64,
 ) {
-    block.each_leaf_in::<R>(part, &mut |bytes| parts.add(bytes.as_bytes(), share));
+    block.each_leaf_in::<R>(part, &mut |bytes| parts.add(bytes.as_bytes(), share.into()));
 }

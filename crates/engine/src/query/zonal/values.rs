@@ -3,6 +3,7 @@
 use zerocopy::IntoBytes;
 
 use super::AddDense;
+use super::cells::{in_cells, in_shares};
 use super::request::{ZonalRequest, ZoneValues};
 use crate::store::records::dense::{DenseBlock, DenseRows};
 use crate::store::records::subtree::{BadSkip, each_leaf};
@@ -11,6 +12,7 @@ use spinney_base::io::Sorter;
 use spinney_base::sort;
 use spinney_base::value::{Number, Sample, Value, ValueType, ZoneStats, with_sample_type};
 use spinney_base::{Result, TreeType};
+use spinney_overlay::FULL_SHARE;
 
 /// Cells of each sample of each channel of a zone.
 pub(super) struct Values {
@@ -34,15 +36,15 @@ struct Channel {
     /// Entries that memory has room for.
     most: usize,
     /// Cells of each key, once there are many samples of at most two bytes: no more keys than that.
-    table: Vec<f64>,
+    table: Vec<u128>,
     /// Bits of a sample.
     bits: usize,
     /// Values that memory has no room for.
     sorter: Option<Sorter>,
 }
 
-/// A key, and cells.
-type Entry = (u64, f64);
+/// A key, and shares of cells.
+type Entry = (u64, u128);
 
 /// Entries that are collected before the same ones are put together.
 const FEW: usize = 1 << 12;
@@ -58,7 +60,7 @@ impl Values {
             entries: Vec::new(),
             limit: FEW,
             most,
-            table: if bits == 8 { vec![0.0; 1 << bits] } else { Vec::new() },
+            table: if bits == 8 { vec![0; 1 << bits] } else { Vec::new() },
             bits,
             sorter: None,
         };
@@ -73,8 +75,8 @@ impl Values {
         }
     }
 
-    /// Adds cells of a value.
-    pub(super) fn block(&mut self, value: Value, cells: f64) {
+    /// Adds cells of a value, by the sum of their shares.
+    pub(super) fn block(&mut self, value: Value, cells: u128) {
         self.add(&value.to_bytes(), cells);
     }
 
@@ -82,7 +84,7 @@ impl Values {
     pub(super) fn zone(&mut self, tally: &ZoneStats) -> bool {
         let is_one = tally.min == tally.max && !self.value_type.is_masked();
         if is_one && tally.cells > 0 {
-            self.block(tally.min, tally.cells as f64);
+            self.block(tally.min, in_shares((tally.cells, 0)));
         }
         is_one || tally.cells == 0
     }
@@ -95,14 +97,14 @@ impl Values {
         (self.subtree)(self, records, levels)
     }
 
-    /// Adds the cells of a dense block in a box, each as such a share of it.
-    pub(super) fn dense(&mut self, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3]), share: f64) {
+    /// Adds the cells of a dense block in a box, each with such a share of it.
+    pub(super) fn dense(&mut self, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3]), share: u64) {
         (self.dense)(self, block, part, share);
     }
 
     /// Adds cells of a value, given its bytes.
     #[inline]
-    fn add(&mut self, bytes: &[u8], cells: f64) {
+    fn add(&mut self, bytes: &[u8], cells: u128) {
         let size = self.value_type.sample.size();
         if !self.value_type.is_masked() {
             for (channel, sample) in self.channels.iter_mut().zip(bytes.chunks_exact(size)) {
@@ -130,7 +132,7 @@ impl Values {
 }
 
 /// Bytes of an entry, in memory, while entries are sorted and when they move to a larger place.
-const ENTRY_BYTES: u64 = 64;
+const ENTRY_BYTES: u64 = 128;
 
 fn key_of<S: Sample>(bytes: &[u8]) -> u64 {
     S::read(bytes).order_key()
@@ -141,21 +143,21 @@ fn number_of<S: Sample>(key: u64) -> Number {
 }
 
 fn add_subtree<R: Record>(values: &mut Values, records: &[u8], levels: u8) -> Result<(), BadSkip> {
-    each_leaf(R::of(records), levels, |bytes, cells| values.add(bytes.as_bytes(), cells as f64))
+    each_leaf(R::of(records), levels, |bytes, cells| values.add(bytes.as_bytes(), in_shares((cells, 0))))
 }
 
 fn add_dense<R: Record>(
     values: &mut Values,
     block: &DenseBlock<'_>,
     part: ([usize; 3], [usize; 3]),
-    share: f64,
+    share: u64,
 ) {
-    block.each_leaf_in::<R>(part, &mut |bytes| values.add(bytes.as_bytes(), share));
+    block.each_leaf_in::<R>(part, &mut |bytes| values.add(bytes.as_bytes(), share.into()));
 }
 
 impl Channel {
     #[inline]
-    fn add(&mut self, key: u64, cells: f64, failed: &mut Result<()>) {
+    fn add(&mut self, key: u64, cells: u128, failed: &mut Result<()>) {
         if let Some(known) = self.table.get_mut(key as usize) {
             *known += cells;
             return;
@@ -168,7 +170,7 @@ impl Channel {
     }
 
     #[inline(never)]
-    fn push(&mut self, key: u64, cells: f64, failed: &mut Result<()>) {
+    fn push(&mut self, key: u64, cells: u128, failed: &mut Result<()>) {
         if self.entries.len() >= self.limit
             && let Err(error) = self.make_room()
         {
@@ -186,7 +188,7 @@ impl Channel {
     /// goes to temporary files.
     fn make_room(&mut self) -> Result<()> {
         if self.bits <= 16 {
-            self.table = vec![0.0; 1 << self.bits];
+            self.table = vec![0; 1 << self.bits];
             for (key, cells) in self.entries.drain(..) {
                 self.table[key as usize] += cells;
             }
@@ -226,7 +228,7 @@ impl Channel {
     ) -> Result<Option<ZoneValues>> {
         let mut told = Told::new(all, request);
         if !self.table.is_empty() {
-            let counted = (0..).zip(&self.table).filter(|(_, cells)| **cells > 0.0);
+            let counted = (0..).zip(&self.table).filter(|(_, cells)| **cells > 0);
             counted.for_each(|(key, cells)| told.add(number(key), *cells));
             return Ok(told.finish());
         }
@@ -248,42 +250,41 @@ impl Channel {
 }
 
 /// Bytes of an entry in a temporary file.
-const ITEM_BYTES: usize = 16;
+const ITEM_BYTES: usize = 24;
 
-fn item_of(key: u64, cells: f64) -> Vec<u8> {
-    [key.to_le_bytes(), cells.to_bits().to_le_bytes()].concat()
+fn item_of(key: u64, cells: u128) -> Vec<u8> {
+    [&key.to_le_bytes()[..], &cells.to_le_bytes()].concat()
 }
 
 fn entry_of(item: &[u8]) -> Entry {
-    let word = |at: usize| u64::from_le_bytes(std::array::from_fn(|byte| item[at + byte]));
-    (word(0), f64::from_bits(word(8)))
+    let key = u64::from_le_bytes(std::array::from_fn(|byte| item[byte]));
+    (key, u128::from_le_bytes(std::array::from_fn(|byte| item[8 + byte])))
 }
 
 /// Measures by the cells of each class, which come by ascending class.
 pub(super) fn of_classes(classes: &[(Number, f64)], request: &ZonalRequest) -> Option<ZoneValues> {
     let mut told = Told::new(classes.iter().map(|(_, cells)| *cells).sum(), request);
-    classes.iter().for_each(|(class, cells)| told.add(*class, *cells));
+    for (class, cells) in classes {
+        told.add(*class, (*cells * FULL_SHARE as f64) as u128);
+    }
     told.finish()
 }
 
 /// Measures of samples that come in order.
 struct Told {
     values: ZoneValues,
-    /// Cells of the majority and of the minority.
-    most: f64,
-    fewest: f64,
+    /// Shares of cells of the majority and of the minority.
+    most: u128,
+    fewest: u128,
     /// The sample that came last, and its cells: the next may be the same (-0.0 and 0, or parts of one in temporary files).
-    last: Option<(Number, f64)>,
-    /// Cells of all samples before the last.
-    before: f64,
+    last: Option<(Number, u128)>,
+    /// Shares of cells of all samples before the last.
+    before: u128,
     /// Quantiles by where they begin, the median among them.
     windows: Vec<Window>,
     /// Windows that end before the last sample's cells.
     done: usize,
 }
-
-/// Greatest rounding of sums of shares, compared with them.
-const ROUNDING: f64 = 1e-12;
 
 /// The part of all samples in order that a quantile is the mean of.
 struct Window {
@@ -311,11 +312,11 @@ impl Told {
         sort::by(&mut windows, &mut |a, b| a.from.total_cmp(&b.from));
         let quantiles = vec![f64::NAN; request.quantiles.len()];
         let values = ZoneValues { quantiles, ..ZoneValues::default() };
-        Told { values, most: 0.0, fewest: f64::INFINITY, last: None, before: 0.0, windows, done: 0 }
+        Told { values, most: 0, fewest: u128::MAX, last: None, before: 0, windows, done: 0 }
     }
 
     /// Adds cells of a sample that is not less than those before.
-    fn add(&mut self, sample: Number, cells: f64) {
+    fn add(&mut self, sample: Number, cells: u128) {
         match &mut self.last {
             Some((last, more)) if *last == sample.with_plain_zero() => *more += cells,
             _ => {
@@ -329,14 +330,14 @@ impl Told {
     fn end(&mut self) {
         let Some((sample, cells)) = self.last.take() else { return };
         self.values.variety += 1;
-        // (As many but for rounding are as many.)
-        if cells > self.most * (1.0 + ROUNDING) {
+        if cells > self.most {
             (self.most, self.values.majority) = (cells, sample);
         }
-        if cells < self.fewest * (1.0 - ROUNDING) {
+        if cells < self.fewest {
             (self.fewest, self.values.minority) = (cells, sample);
         }
-        let (from, to, sample) = (self.before, self.before + cells, sample.to_f64());
+        let after = self.before + cells;
+        let (from, to, sample) = (in_cells(self.before), in_cells(after), sample.to_f64());
         while self.windows.get(self.done).is_some_and(|window| window.to <= from) {
             self.done += 1;
         }
@@ -351,7 +352,7 @@ impl Told {
             }
             window.cells += inside;
         }
-        self.before = to;
+        self.before = after;
     }
 
     /// The measures; nothing if there were no samples.

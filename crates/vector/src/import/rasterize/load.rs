@@ -1,9 +1,8 @@
 //! The second pass over features: shapes, in parts of cells of a tree.
 
-use std::cmp::Ordering;
-
 use spinney_base::value::Number;
 use spinney_crs::CellLocator;
+use spinney_overlay::{OrientedRings, oriented_rings};
 
 use super::edge::{Edge, MAX_CELLS, PARTS, Point};
 use super::shapes::{ShapeKind, Shapes};
@@ -22,13 +21,15 @@ pub(super) struct Loader {
     /// Geometries that reach beyond the tree's picture, and those that have nothing in it.
     pub(super) beyond: u64,
     pub(super) outside: u64,
+    /// Polygons whose rings cross or touch each other, or whose parts overlap.
+    pub(super) invalid: u64,
 }
 
 impl Loader {
     /// No shapes yet, of features whose places are in the tree's cells by some way.
     pub(super) fn new(places: CellLocator, extent: [u64; 3]) -> Loader {
         let (shapes, values) = (Shapes::default(), Vec::new());
-        Loader { places, shapes, values, lost: 0, extent, beyond: 0, outside: 0 }
+        Loader { places, shapes, values, lost: 0, extent, beyond: 0, outside: 0, invalid: 0 }
     }
 
     /// Adds the shapes of a geometry, which have the last value; or tells what is wrong with it.
@@ -57,10 +58,11 @@ impl Loader {
                 radius.map_or(ShapeKind::Line, ShapeKind::Wide)
             }
             FeatureGeometry::Polygons(parts) => {
-                for part in self.places.parts(parts) {
-                    for (index, ring) in part.iter().enumerate() {
-                        add_ring(ring, index > 0, &mut edges)?;
-                    }
+                let OrientedRings { rings, were_invalid } =
+                    oriented_rings(&self.places.parts(parts)).map_err(|error| error.to_string())?;
+                self.invalid += u64::from(were_invalid);
+                for ring in &rings {
+                    add_ring(ring, &mut edges)?;
                 }
                 ShapeKind::Polygon
             }
@@ -112,20 +114,10 @@ fn rounded(cell: [f64; 2]) -> Result<Point, String> {
     }
 }
 
-/// Adds the edges of a ring, turned so that what is inside lies on the same side of all rings.
-fn add_ring(ring: &[[f64; 2]], is_hole: bool, edges: &mut Vec<Edge>) -> Result<(), String> {
-    let corners = ring.iter().map(|corner| rounded(*corner)).collect::<Result<Vec<_>, _>>()?;
-    let next = corners.iter().cycle().skip(1);
-    let start = edges.len();
-    edges.extend(corners.iter().zip(next).filter(|(a, b)| a != b).map(|(a, b)| Edge { a: *a, b: *b }));
-    let [x, y] = corners.first().copied().unwrap_or_default();
-    // (Relative to a corner, so that no digits are lost far away; only the sign counts.)
-    let turn = |Edge { a, b }: &Edge| {
-        i128::from(a[0] - x) * i128::from(b[1] - y) - i128::from(a[1] - y) * i128::from(b[0] - x)
-    };
-    let area = edges[start..].iter().fold(0i128, |sum, edge| sum.saturating_add(turn(edge)));
-    if (area.cmp(&0) == Ordering::Less) != is_hole {
-        edges[start..].iter_mut().for_each(|edge| *edge = Edge { a: edge.b, b: edge.a });
-    }
+/// Adds the edges of a ring.
+fn add_ring(ring: &[[f64; 2]], edges: &mut Vec<Edge>) -> Result<(), String> {
+    let vertices = ring.iter().map(|vertex| rounded(*vertex)).collect::<Result<Vec<_>, _>>()?;
+    let next = vertices.iter().cycle().skip(1);
+    edges.extend(vertices.iter().zip(next).filter(|(a, b)| a != b).map(|(a, b)| Edge { a: *a, b: *b }));
     Ok(())
 }

@@ -22,6 +22,7 @@ use super::source::{Paint, ShapeTree};
 use super::survey::Survey;
 use super::values::Values;
 use crate::import::feature::{FeatureAttribute, FeatureOptions, FeatureReader, open_features};
+use crate::import::zones::invalid_polygons;
 
 /// Features that were looked at once, ready to become a tree: see [`FeatureImport::build`].
 pub struct FeatureImport {
@@ -314,6 +315,9 @@ impl FeatureImport {
                 &self.inputs[0],
                 &format!("{} points of features lie nowhere in the tree's coordinate system", loader.lost),
             );
+        }
+        if loader.invalid > 0 {
+            progress.warn(&self.inputs[0], &invalid_polygons(loader.invalid));
         }
         let Loader { mut shapes, values, beyond, outside, .. } = loader;
         let geometries = values.len() as u64;

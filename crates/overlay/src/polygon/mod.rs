@@ -1,0 +1,389 @@
+//! Polygons on a plane of cells: which cells' centres are inside, which cells are touched, and the share of each cell's area that is inside.
+//!
+//! This is the one rasterizer of polygons in cells. Rings of one part are combined even-odd, parts by union. Rings that cross or touch, or
+//! parts that overlap, are replaced by the boundary of their union first (`simple.rs` finds them, [`PolygonOverlay`] unites them); all
+//! others keep their vertices. Decisions are exact on these.
+
+mod rows;
+mod shares;
+mod simple;
+
+use std::ops::Range;
+use std::path::Path;
+
+pub use rows::Crossings;
+pub use shares::FULL_SHARE;
+
+use crate::exact::side;
+use crate::grid::OverlayGrid;
+use crate::overlay::PolygonOverlay;
+use spinney_base::space::{Bounds, Cover};
+use spinney_base::{Error, Result};
+
+/// A polygon of one or more parts, in cells.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Polygon {
+    /// Interiors lie on the left of all edges, which have no points in common but vertices.
+    edges: Vec<Edge>,
+    /// Indices of the edges in bands of rows of equal height, those of a band together.
+    in_bands: Vec<u32>,
+    /// End of each band in `in_bands`.
+    ends: Vec<usize>,
+    low: f64,
+    high: f64,
+    /// Minimum and maximum column of the vertices.
+    sides: [f64; 2],
+    /// Of a union: the parts with their vertices as they were, which decide about points. (Crossings are rounded in the union, and a point on an
+    /// edge would come to lie on one of its sides.)
+    parts: Vec<Polygon>,
+}
+
+/// From one vertex to the next.
+type Edge = [[f64; 2]; 2];
+
+/// A ring's vertices, without the first one again at the end.
+type Ring = Vec<[f64; 2]>;
+
+/// Maximum number of bands: only the edges in the bands of a node are tested against it.
+const BANDS: usize = 1024;
+/// Maximum mean number of bands that an edge is in. Where edges are long there are fewer bands. So each row meets at most about
+/// so many times as many edges as cross it, and memory is proportional to the edges alone.
+const BANDS_EACH: usize = 4;
+
+/// Memory for uniting the parts of one polygon, in bytes.
+const UNION_MEMORY: u64 = 1 << 30;
+
+impl Polygon {
+    /// The polygon with these rings, combined even-odd; each may repeat its first vertex at the end.
+    ///
+    /// # Errors
+    /// Those of [`Polygon::of_parts`].
+    pub fn new(rings: &[Vec<[f64; 2]>]) -> Result<Polygon> {
+        Polygon::of_parts(std::slice::from_ref(&rings.to_vec()))
+    }
+
+    /// The union of several parts, each the even-odd combination of its rings, which may have any direction and order.
+    ///
+    /// Cost: O(n log n) for n vertices of valid rings; others are overlaid, which takes about ten times as long.
+    ///
+    /// # Errors
+    /// If a ring has less than three vertices, or one that is not finite; if the rings cross each other so often that their union takes more
+    /// than 1 GiB of memory.
+    pub fn of_parts(parts: &[Vec<Vec<[f64; 2]>>]) -> Result<Polygon> {
+        Polygon::check_parts(parts)?;
+        let OrientedRings { rings, were_invalid } = oriented_rings(parts)?;
+        let polygon = Polygon::of_rings(rings)?;
+        if !were_invalid {
+            return Ok(polygon);
+        }
+        let as_they_are = |part: &Vec<Ring>| Polygon::of_rings(part.iter().map(without_repeats).collect());
+        Ok(Polygon { parts: parts.iter().map(as_they_are).collect::<Result<_>>()?, ..polygon })
+    }
+
+    /// Whether rings crossed or touched each other, or parts overlapped, so that they were replaced by their union.
+    pub fn was_invalid(&self) -> bool {
+        !self.parts.is_empty()
+    }
+
+    /// Fails if parts do not make a polygon, as [`Polygon::of_parts`].
+    ///
+    /// # Errors
+    /// If a ring has less than three vertices, or one that is not finite.
+    pub fn check_parts(parts: &[Vec<Vec<[f64; 2]>>]) -> Result<()> {
+        let mut count = 0;
+        for ring in parts.iter().flatten() {
+            if ring.len() < 3 {
+                return Err(Error::invalid("polygon", "a ring of less than three vertices", "three or more"));
+            }
+            if ring.iter().flatten().any(|number| !number.is_finite()) {
+                return Err(Error::invalid("polygon", "a vertex that is not finite", "numbers"));
+            }
+            count += 1;
+        }
+        if count == 0 { Err(Error::invalid("polygon", "no ring", "one or more")) } else { Ok(()) }
+    }
+
+    /// The polygon of some rings, none of which repeats its first vertex at the end.
+    fn of_rings(rings: Vec<Ring>) -> Result<Polygon> {
+        let (mut min, mut max) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        let mut edges: Vec<Edge> = Vec::with_capacity(rings.iter().map(Vec::len).sum());
+        for ring in &rings {
+            let Some(mut before) = ring.last() else { continue };
+            for vertex in ring {
+                for axis in 0..2 {
+                    min[axis] = min[axis].min(vertex[axis]);
+                    max[axis] = max[axis].max(vertex[axis]);
+                }
+                edges.push([*before, *vertex]);
+                before = vertex;
+            }
+        }
+        if edges.is_empty() {
+            // (Nothing is left of rings without an interior.)
+            (min, max) = ([0.0; 2], [0.0; 2]);
+        }
+        let ([left, low], [right, high]) = (min, max);
+        if u32::try_from(edges.len()).is_err() {
+            return Err(Error::invalid("polygon", format!("{} vertices", edges.len()), "less than 2^32"));
+        }
+        let (in_bands, sides, parts) = (Vec::new(), [left, right], Vec::new());
+        let mut polygon = Polygon { edges, in_bands, ends: Vec::new(), low, high, sides, parts };
+        // (No more than rows, and than edges.)
+        let count = BANDS.min(polygon.edges.len()).max(1);
+        let mut bands = (high - low).ceil().clamp(1.0, count as f64) as usize;
+        loop {
+            polygon.ends = vec![0; bands];
+            let entries: usize = polygon.edges.iter().map(|edge| polygon.bands_of(edge).len()).sum();
+            if bands == 1 || entries <= BANDS_EACH * polygon.edges.len() {
+                break;
+            }
+            bands /= 2;
+        }
+        polygon.fill_bands();
+        Ok(polygon)
+    }
+
+    /// Enters the edges into their bands.
+    fn fill_bands(&mut self) {
+        let mut starts = vec![0; self.ends.len() + 1];
+        for edge in &self.edges {
+            self.bands_of(edge).for_each(|band| starts[band + 1] += 1);
+        }
+        for band in 1..starts.len() {
+            starts[band] += starts[band - 1];
+        }
+        self.in_bands = vec![0; starts[self.ends.len()]];
+        for (number, edge) in self.edges.iter().enumerate() {
+            for band in self.bands_of(edge) {
+                self.in_bands[starts[band]] = number as u32;
+                starts[band] += 1;
+            }
+        }
+        // (Where each band begins has moved to where it ends.)
+        starts.pop();
+        self.ends = starts;
+    }
+
+    /// The bands that an edge passes through.
+    fn bands_of(&self, [a, b]: &Edge) -> Range<usize> {
+        self.bands(a[1].min(b[1]), a[1].max(b[1]))
+    }
+
+    /// The edges in some bands, those of each band after each other.
+    fn edges_in(&self, bands: Range<usize>) -> impl Iterator<Item = &Edge> {
+        self.numbers_in(bands).iter().map(|number| &self.edges[*number as usize])
+    }
+
+    /// Numbers of the edges in some bands.
+    fn numbers_in(&self, bands: Range<usize>) -> &[u32] {
+        let start = if bands.start == 0 { 0 } else { self.ends[bands.start - 1] };
+        &self.in_bands[start..self.ends[bands.end - 1]]
+    }
+
+    /// Least and greatest coordinates of the corners.
+    pub fn corners(&self) -> [[f64; 2]; 2] {
+        [[self.sides[0], self.low], [self.sides[1], self.high]]
+    }
+
+    /// The bands of the rows from one coordinate to another.
+    fn bands(&self, from: f64, to: f64) -> Range<usize> {
+        let height = (self.high - self.low).max(f64::MIN_POSITIVE);
+        let count = self.ends.len() as f64;
+        let band = |y: f64| ((y - self.low) / height * count).clamp(0.0, count - 1.0) as usize;
+        band(from)..band(to) + 1
+    }
+
+    /// Whether cells' centres are inside. It is always known of one cell.
+    pub fn cover_centres(&self, bounds: &Bounds) -> Cover {
+        let low = [centre(bounds.min[0]), centre(bounds.min[1])];
+        let high = [centre(bounds.max[0] - 1), centre(bounds.max[1] - 1)];
+        if high[1] < self.low || low[1] > self.high {
+            return Cover::Nothing;
+        }
+        let is_cell = low == high;
+        let near = |edge: &Edge| !is_cell && passes(edge, low, high);
+        if self.edges_in(self.bands(low[1], high[1])).any(near) {
+            return Cover::Part;
+        }
+        // No edge passes between the centres, so that the first one's parity is that of all.
+        if self.contains(low) { Cover::Whole } else { Cover::Nothing }
+    }
+
+    /// Whether cells lie inside, with all of their area.
+    pub fn cover_area(&self, bounds: &Bounds) -> Cover {
+        let low = [bounds.min[0] as f64, bounds.min[1] as f64];
+        let high = [bounds.max[0] as f64, bounds.max[1] as f64];
+        if high[1] <= self.low || low[1] >= self.high || high[0] <= self.sides[0] || low[0] >= self.sides[1] {
+            return Cover::Nothing;
+        }
+        let near = |edge: &Edge| passes(edge, low, high);
+        if self.edges_in(self.bands(low[1], high[1])).any(near) {
+            return Cover::Part;
+        }
+        if self.contains([centre(bounds.min[0]), centre(bounds.min[1])]) {
+            Cover::Whole
+        } else {
+            Cover::Nothing
+        }
+    }
+
+    /// Whether a point is inside, decided exactly. A point on the boundary is inside if what lies right of it is, or, along a row, what lies in the
+    /// rows after it: so it is inside of one of two polygons that share the boundary.
+    pub fn contains(&self, [x, y]: [f64; 2]) -> bool {
+        if !self.parts.is_empty() {
+            return self.parts.iter().any(|part| part.contains([x, y]));
+        }
+        if y < self.low || y > self.high {
+            return false;
+        }
+        // (Ends in the row count as before it, so that a ray through a vertex crosses one of its edges, or both, or none.)
+        let edges = self.edges_in(self.bands(y, y));
+        edges.filter(|edge| crosses(edge, y) && is_right_of(edge, [x, y])).count() % 2 == 1
+    }
+
+    /// The area outside of a box, in cells.
+    pub fn area_outside(&self, bounds: &Bounds) -> f64 {
+        let [left, right] = [bounds.min[0] as f64, bounds.max[0] as f64];
+        let [top, bottom] = [bounds.min[1] as f64, bounds.max[1] as f64];
+        let ([from, to], [low, high]) = (self.sides, [self.low, self.high]);
+        // Each region beyond the box is measured by itself: differences of large areas would leave rounding errors of nothing.
+        let regions = [
+            ([from, to.min(left)], [low, high]),
+            ([from.max(right), to], [low, high]),
+            ([from.max(left), to.min(right)], [low, high.min(top)]),
+            ([from.max(left), to.min(right)], [low.max(bottom), high]),
+        ];
+        let area = |(columns, rows): &([f64; 2], [f64; 2])| match columns[0] < columns[1] && rows[0] < rows[1]
+        {
+            true => self.edges.iter().map(|edge| area_left(edge, *rows, *columns)).sum::<f64>().abs(),
+            false => 0.0,
+        };
+        regions.iter().map(area).sum()
+    }
+}
+
+/// Rings whose interior lies on their left, and which have no points in common but vertices.
+pub struct OrientedRings {
+    /// The rings, without their first vertices again at the end.
+    pub rings: Vec<Vec<[f64; 2]>>,
+    /// Whether rings crossed or touched each other, or parts overlapped, so that these are the rings around their union.
+    pub were_invalid: bool,
+}
+
+/// The rings around the union of several parts, each the even-odd combination of its rings: see [`Polygon::of_parts`]. Vertices must be finite.
+///
+/// # Errors
+/// If the rings cross each other so often that their union takes more than 1 GiB of memory.
+pub fn oriented_rings(parts: &[Vec<Vec<[f64; 2]>>]) -> Result<OrientedRings> {
+    let own: Vec<Vec<Ring>> = parts.iter().map(|part| part.iter().map(without_repeats).collect()).collect();
+    // (Rings of two vertices, or on one line, are not the boundary of anything: the union leaves them out.)
+    let reversed = match own.iter().flatten().all(|ring| ring.len() > 2) {
+        true => simple::reversed_rings(&own),
+        false => None,
+    };
+    let Some(reversed) = reversed else {
+        return Ok(OrientedRings { rings: united(&own)?, were_invalid: true });
+    };
+    let oriented = |(mut ring, is_reversed): (Ring, bool)| {
+        if is_reversed {
+            ring.reverse();
+        }
+        ring
+    };
+    let rings = own.into_iter().flatten().zip(reversed).map(oriented).collect();
+    Ok(OrientedRings { rings, were_invalid: false })
+}
+
+/// A ring without vertices that repeat the one before.
+fn without_repeats(ring: &Ring) -> Ring {
+    let mut ring = ring.clone();
+    ring.dedup();
+    while ring.len() > 1 && ring.first() == ring.last() {
+        ring.pop();
+    }
+    ring
+}
+
+/// The rings around the union of some parts, with its interior on their left, on a grid whose cells are 2^-50 of the largest coordinate.
+fn united(parts: &[Vec<Ring>]) -> Result<Vec<Ring>> {
+    let largest = parts.iter().flatten().flatten().flatten().fold(0.0f64, |most, at| most.max(at.abs()));
+    let mut overlay = PolygonOverlay::new(OverlayGrid::finest(largest), UNION_MEMORY);
+    for rings in parts {
+        overlay.add(Path::new("polygon"), 0, rings)?;
+    }
+    let mut united = Vec::new();
+    overlay.parts(&mut |_| Some(Vec::new()), &(), &mut |part| {
+        united.extend(part.polygons.into_iter().flatten().map(|ring| without_repeats(&ring)));
+        Ok(())
+    })?;
+    Ok(united)
+}
+
+/// The centre of a cell along an axis.
+fn centre(cell: u64) -> f64 {
+    cell as f64 + 0.5
+}
+
+/// Whether an edge crosses a row: an end in it counts as before it.
+#[inline]
+fn crosses([a, b]: &Edge, y: f64) -> bool {
+    (a[1] > y) != (b[1] > y)
+}
+
+/// Whether an edge that crosses a point's row does so right of the point; exact.
+#[inline]
+fn is_right_of([a, b]: &Edge, point: [f64; 2]) -> bool {
+    let (from, to) = if a[1] <= b[1] { (a, b) } else { (b, a) };
+    // (On the left of the way to higher rows are lower columns.)
+    side(*from, *to, point) > 0
+}
+
+/// Area of a box that lies left of an edge, between two rows: positive for edges that lead to higher rows.
+fn area_left([a, b]: &Edge, rows: [f64; 2], [left, right]: [f64; 2]) -> f64 {
+    let (is_up, [from, to]) = if a[1] <= b[1] { (true, [a, b]) } else { (false, [b, a]) };
+    let [low, high] = [rows[0].max(from[1]), rows[1].min(to[1])];
+    if low >= high {
+        return 0.0;
+    }
+    let at = |y: f64| from[0] + (y - from[1]) / (to[1] - from[1]) * (to[0] - from[0]);
+    let [start, end] = [at(low), at(high)];
+    let area = integral(start, end, left, right) * (high - low);
+    if is_up { area } else { -area }
+}
+
+/// The mean, along a line from `start` to `end`, of how far the box from `left` to `right` lies on its left.
+fn integral(start: f64, end: f64, left: f64, right: f64) -> f64 {
+    let (least, most) = (start.min(end), start.max(end));
+    if most <= left {
+        return 0.0;
+    }
+    if least >= right {
+        return right - left;
+    }
+    if least >= left && most <= right {
+        return (least + most) / 2.0 - left;
+    }
+    // A part of the line is left of the box, a part in it, a part right of it.
+    let (first, last) = (least.max(left), most.min(right));
+    let inside = (last - first) * ((first + last) / 2.0 - left);
+    let beyond = (most - right).max(0.0) * (right - left);
+    (inside + beyond) / (most - least)
+}
+
+/// Whether an edge may touch a box: never wrongly no.
+fn passes([a, b]: &Edge, low: [f64; 2], high: [f64; 2]) -> bool {
+    for axis in 0..2 {
+        if a[axis].max(b[axis]) < low[axis] || a[axis].min(b[axis]) > high[axis] {
+            return false;
+        }
+    }
+    // The corners' sides of the edge's line; a small part of a cell is left for rounding.
+    let normal = [a[1] - b[1], b[0] - a[0]];
+    let side = |x: f64, y: f64| normal[0] * (x - a[0]) + normal[1] * (y - a[1]);
+    let sides = [side(low[0], low[1]), side(high[0], low[1]), side(low[0], high[1]), side(high[0], high[1])];
+    let slack = (normal[0].abs() + normal[1].abs()) * 1e-6;
+    !(sides.iter().all(|side| *side > slack) || sides.iter().all(|side| *side < -slack))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,193 @@
+//! The share of each cell's area that a polygon has.
+//!
+//! An edge adds the area on its left, with the sign of its direction: all of the cells before it, and a part of those that it passes through, as
+//! coverage is accumulated where fonts are drawn. Each addend depends on the edge and the cell alone and is a multiple of 2^-52 of a cell, so that
+//! sums of integers are the same in any order: a cell's share does not depend on the box that is asked for, and is exactly 0 or 1 where no edge
+//! passes.
+
+use std::ops::Range;
+
+use super::rows::{Crossings, ROWS};
+use super::{Edge, Polygon, integral};
+use spinney_base::sort;
+use spinney_base::space::Bounds;
+
+/// The share of a cell that is inside as a whole: shares are multiples of 2^-40.
+pub const FULL_SHARE: u64 = 1 << 40;
+
+/// Addends are multiples of `1 / UNIT`.
+const UNIT: i64 = 1 << 52;
+
+/// Bits by which addends are finer than shares.
+const FINER: u32 = 12;
+
+/// A change of the shares of cells in a row, from a column on, by an edge.
+#[derive(Clone, Copy)]
+pub(super) struct Change {
+    column: u64,
+    /// Added to the shares of this cell and all after it.
+    step: i64,
+    /// Added to the share of this cell alone, if the edge passes through it.
+    own: Option<i64>,
+}
+
+impl Polygon {
+    /// Hands out the columns, row by row, of a box's cells of which some part is inside, and the share of each that is, of [`FULL_SHARE`]; neighbours
+    /// through which no edge passes come together.
+    pub fn shares(&self, bounds: &Bounds, work: &mut Crossings, each: &mut dyn FnMut(u64, Range<u64>, u64)) {
+        let last = bounds.max[1].min(self.high.max(0.0).ceil() as u64);
+        let mut first = bounds.min[1].max(self.low.max(0.0) as u64);
+        while first < last {
+            let end = last.min(first + ROWS);
+            self.shares_of_rows(first..end, bounds.min[0]..bounds.max[0], work, each);
+            first = end;
+        }
+    }
+
+    /// The cells of a box by their shares: number of cells that are inside as a whole, and sum of the shares of all others.
+    pub fn sum_shares(&self, bounds: &Bounds, work: &mut Crossings) -> (u64, u128) {
+        let (mut cells, mut shares) = (0, 0u128);
+        self.shares(bounds, work, &mut |_, columns, share| match share {
+            FULL_SHARE => cells += columns.end - columns.start,
+            share => shares += u128::from(share) * u128::from(columns.end - columns.start),
+        });
+        (cells, shares)
+    }
+
+    fn shares_of_rows(
+        &self,
+        rows: Range<u64>,
+        columns: Range<u64>,
+        work: &mut Crossings,
+        each: &mut dyn FnMut(u64, Range<u64>, u64),
+    ) {
+        self.gather_beyond(rows.clone(), columns.clone(), work);
+        // Edges by the row in which they begin; those of the row come first, from `active` on those that have not begun.
+        let start = |edge: &Edge| edge[0][1].min(edge[1][1]);
+        sort::by(&mut work.near, &mut |a, b| {
+            let [a, b] = [*a, *b].map(|number| start(&self.edges[number as usize]));
+            a.total_cmp(&b)
+        });
+        let (mut active, mut next): (Vec<u32>, usize) = (Vec::new(), 0);
+        for row in rows.clone() {
+            let (low, high) = (row as f64, row as f64 + 1.0);
+            active.retain(|number| {
+                let [a, b] = &self.edges[*number as usize];
+                a[1].max(b[1]) > low
+            });
+            while let Some(number) =
+                work.near.get(next).filter(|near| start(&self.edges[**near as usize]) < high)
+            {
+                active.push(*number);
+                next += 1;
+            }
+            let mut share = work.beyond[(row - rows.start) as usize];
+            work.changes.clear();
+            for number in &active {
+                share += change(&self.edges[*number as usize], row, &columns, &mut work.changes);
+            }
+            work.changes.sort_by_key(|change| change.column);
+            let mut hand_out = |columns: Range<u64>, sum: i64| {
+                let share = (sum.clamp(0, UNIT) as u64 + (1 << (FINER - 1))) >> FINER;
+                if share > 0 && !columns.is_empty() {
+                    each(row, columns, share);
+                }
+            };
+            let mut start = columns.start;
+            for changes in work.changes.chunk_by(|a, b| a.column == b.column) {
+                let column = changes[0].column;
+                hand_out(start..column, share);
+                share += changes.iter().map(|change| change.step).sum::<i64>();
+                start = column;
+                if changes.iter().any(|change| change.own.is_some()) {
+                    let own: i64 = changes.iter().filter_map(|change| change.own).sum();
+                    hand_out(column..column + 1, share + own);
+                    start += 1;
+                }
+            }
+            hand_out(start..columns.end, share);
+        }
+    }
+
+    /// Collects, for some rows, the edges that may pass through them within some columns, and what those right of these do.
+    fn gather_beyond(&self, rows: Range<u64>, columns: Range<u64>, work: &mut Crossings) {
+        let [low, high] = [rows.start as f64, rows.end as f64];
+        let (left, right) = (columns.start as f64, columns.end as f64);
+        work.near.clear();
+        work.beyond.clear();
+        work.beyond.resize((rows.end - rows.start) as usize, 0);
+        let bands = self.bands(low, high);
+        for band in bands.clone() {
+            for number in self.numbers_in(band..band + 1) {
+                let edge = &self.edges[*number as usize];
+                let [a, b] = edge;
+                let (from, to) = (a[1].min(b[1]), a[1].max(b[1]));
+                // (One that is in several bands counts in the first of them.)
+                let is_again = band > bands.start && self.bands_of(edge).start < band;
+                if is_again || from == to || to <= low || from >= high || a[0].max(b[0]) <= left {
+                    continue;
+                }
+                if a[0].min(b[0]) < right {
+                    work.near.push(*number);
+                    continue;
+                }
+                let first = (from.max(low) - low) as usize;
+                for (beyond, row) in work.beyond[first..].iter_mut().zip(rows.start + first as u64..) {
+                    if row as f64 >= to {
+                        break;
+                    }
+                    *beyond += rise(edge, row);
+                }
+            }
+        }
+    }
+}
+
+/// How far an edge rises within a row, in units; negative if it leads to lower rows. Vertices are rounded to units, so that the sum of consecutive
+/// edges is the difference of their ends.
+fn rise([a, b]: &Edge, row: u64) -> i64 {
+    let (low, high) = (row as f64, row as f64 + 1.0);
+    let height = |y: f64| ((y.clamp(low, high) - low) * UNIT as f64) as i64;
+    height(b[1]) - height(a[1])
+}
+
+/// Minimum and maximum column of an edge within a row that it is in.
+fn within_row([a, b]: &Edge, low: f64, high: f64) -> [f64; 2] {
+    let (least, most) = (a[0].min(b[0]), a[0].max(b[0]));
+    let at = |y: f64| (a[0] + (b[0] - a[0]) * ((y - a[1]) / (b[1] - a[1]))).clamp(least, most);
+    let end = |vertex: &[f64; 2]| match vertex[1] {
+        y if y < low => at(low),
+        y if y > high => at(high),
+        _ => vertex[0],
+    };
+    let (one, other) = (end(a), end(b));
+    [one.min(other), one.max(other)]
+}
+
+/// Adds what an edge does to the cells of a row within some columns; returns what it does to all from the first column on.
+fn change(edge: &Edge, row: u64, columns: &Range<u64>, changes: &mut Vec<Change>) -> i64 {
+    let rise = rise(edge, row);
+    if rise == 0 {
+        return 0;
+    }
+    let [min, max] = within_row(edge, row as f64, row as f64 + 1.0);
+    let (left, right) = (columns.start as f64, columns.end as f64);
+    if max <= left {
+        return 0;
+    }
+    if min >= right {
+        return rise;
+    }
+    let first = min.max(left).floor() as u64;
+    let end = max.min(right).ceil() as u64;
+    if first == end {
+        // (It leads along the cells' sides.)
+        changes.push(Change { column: first, step: -rise, own: None });
+    }
+    for column in first..end {
+        let own = (rise as f64 * integral(min, max, column as f64, column as f64 + 1.0)) as i64;
+        let step = if column == first { -rise } else { 0 };
+        changes.push(Change { column, step, own: Some(own) });
+    }
+    rise
+}

@@ -1,0 +1,292 @@
+//! Validity of rings: whether their edges have nothing in common but the vertices that follow each other, and which rings are holes.
+//!
+//! A sweep over the vertices from left to right keeps the edges that cross the sweep line in their vertical order, and tests neighbours in
+//! that order alone (M. Shamos, D. Hoey, *Geometric intersection problems*, 1976). It ends at the first contact. All tests are exact.
+
+use super::Ring;
+use crate::exact::{Point, side};
+use spinney_base::sort;
+
+/// An edge from its left end to its right end.
+#[derive(Clone, Copy)]
+struct SweepEdge {
+    left: Point,
+    right: Point,
+    ring: u32,
+    /// Whether the ring leads from the left end to the right one.
+    is_forward: bool,
+}
+
+/// A ring that the sweep has met.
+#[derive(Clone, Copy, Default)]
+struct SweptRing {
+    is_counterclockwise: bool,
+    /// The part that covers the region on either side of the ring: there is one at most.
+    outside: Option<u32>,
+    inside: Option<u32>,
+}
+
+/// For each ring, whether it must be reversed for what is inside of its polygon to lie on the left of all edges; `None` if rings cross or touch
+/// each other or themselves, or if parts overlap: their rings are then not the boundary of their union. Rings have three or more vertices, no
+/// two consecutive ones equal. Time: O(n log n) for n vertices.
+pub(super) fn reversed_rings(parts: &[Vec<Ring>]) -> Option<Vec<bool>> {
+    let sweep = Sweep::new(parts);
+    let rings = sweep.run()?;
+    Some(rings.iter().map(|ring| ring.is_counterclockwise != ring.inside.is_some()).collect())
+}
+
+struct Sweep {
+    edges: Vec<SweepEdge>,
+    /// The two edges at each vertex.
+    incident: Vec<[u32; 2]>,
+    vertices: Vec<Point>,
+    /// The part that each ring belongs to.
+    part_of: Vec<u32>,
+    rings: Vec<Option<SweptRing>>,
+    active: ActiveEdges,
+}
+
+impl Sweep {
+    fn new(parts: &[Vec<Ring>]) -> Sweep {
+        let count = parts.iter().flatten().map(Vec::len).sum();
+        let mut edges = Vec::with_capacity(count);
+        let (mut incident, mut vertices) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        let mut part_of = Vec::new();
+        for (part, rings) in (0u32..).zip(parts) {
+            for ring in rings {
+                let (first, number) = (edges.len() as u32, part_of.len() as u32);
+                let mut before = first + ring.len() as u32 - 1;
+                for (index, vertex) in ring.iter().enumerate() {
+                    let next = ring[if index + 1 == ring.len() { 0 } else { index + 1 }];
+                    let is_forward = *vertex < next;
+                    let (left, right) = if is_forward { (*vertex, next) } else { (next, *vertex) };
+                    let own = edges.len() as u32;
+                    edges.push(SweepEdge { left, right, ring: number, is_forward });
+                    incident.push([before, own]);
+                    vertices.push(*vertex);
+                    before = own;
+                }
+                part_of.push(part);
+            }
+        }
+        let rings = vec![None; part_of.len()];
+        Sweep { edges, incident, vertices, part_of, rings, active: ActiveEdges::default() }
+    }
+
+    fn run(mut self) -> Option<Vec<SweptRing>> {
+        let mut order: Vec<u32> = (0..self.vertices.len() as u32).collect();
+        let vertices = &self.vertices;
+        sort::by(&mut order, &mut |a, b| {
+            let ([x, y], [other_x, other_y]) = (vertices[*a as usize], vertices[*b as usize]);
+            x.total_cmp(&other_x).then(y.total_cmp(&other_y))
+        });
+        let mut last = None;
+        for number in order {
+            let vertex = self.vertices[number as usize];
+            if last == Some(vertex) {
+                return None;
+            }
+            last = Some(vertex);
+            let [one, other] = self.incident[number as usize];
+            match [one, other].map(|edge| self.edges[edge as usize].left == vertex) {
+                [true, true] => self.start(vertex, [one, other])?,
+                [false, true] => self.go_on(vertex, one, other)?,
+                [true, false] => self.go_on(vertex, other, one)?,
+                [false, false] => self.end(vertex, [one, other])?,
+            }
+        }
+        self.rings.into_iter().collect()
+    }
+
+    /// Two edges start at a vertex.
+    fn start(&mut self, vertex: Point, pair: [u32; 2]) -> Option<()> {
+        let [one, other] = pair.map(|edge| self.edges[edge as usize]);
+        // (The lower one first.)
+        let [lower, upper] = match side(one.left, one.right, other.right) {
+            0 => return None,
+            1 => pair,
+            _ => [pair[1], pair[0]],
+        };
+        let at = self.active.lower_bound(&self.edges, vertex);
+        let next = self.active.at(at);
+        if next.is_some_and(|edge| side_of(&self.edges, edge, vertex) == 0) {
+            return None;
+        }
+        let below = self.active.before(at);
+        let ring = self.edges[lower as usize].ring as usize;
+        if self.rings[ring].is_none() {
+            // The ring's leftmost vertex: the region around it is the one above the edge below.
+            let outside = match below {
+                None => None,
+                Some(edge) => self.part_above(edge)?,
+            };
+            let part = self.part_of[ring];
+            let inside = match outside {
+                None => Some(part),
+                Some(around) if around == part => None,
+                // Parts overlap.
+                Some(_) => return None,
+            };
+            let is_counterclockwise = self.edges[lower as usize].is_forward;
+            self.rings[ring] = Some(SweptRing { is_counterclockwise, outside, inside });
+        }
+        if let Some(below) = below {
+            self.check(below, lower)?;
+        }
+        if let Some(above) = next {
+            self.check(upper, above)?;
+        }
+        self.active.insert(at, [lower, upper]);
+        Some(())
+    }
+
+    /// An edge ends at a vertex, and another one starts.
+    fn go_on(&mut self, vertex: Point, ending: u32, starting: u32) -> Option<()> {
+        let at = self.active.lower_bound(&self.edges, vertex);
+        if self.active.at(at) != Some(ending) {
+            return None;
+        }
+        if let Some(below) = self.active.before(at) {
+            self.check(below, starting)?;
+        }
+        if let Some(above) = self.active.after(at) {
+            self.check(starting, above)?;
+        }
+        self.active.replace(at, starting);
+        Some(())
+    }
+
+    /// Two edges end at a vertex.
+    fn end(&mut self, vertex: Point, [one, other]: [u32; 2]) -> Option<()> {
+        let lower = self.active.lower_bound(&self.edges, vertex);
+        let upper = self.active.next(lower);
+        let found = [self.active.at(lower)?, self.active.at(upper)?];
+        if found != [one, other] && found != [other, one] {
+            return None;
+        }
+        let (below, above) = (self.active.before(lower), self.active.after(upper));
+        self.active.remove(upper);
+        self.active.remove(lower);
+        match (below, above) {
+            (Some(below), Some(above)) => self.check(below, above),
+            _ => Some(()),
+        }
+    }
+
+    /// The part that covers the region above an edge.
+    fn part_above(&self, edge: u32) -> Option<Option<u32>> {
+        let edge = &self.edges[edge as usize];
+        let ring = self.rings[edge.ring as usize]?;
+        Some(if edge.is_forward == ring.is_counterclockwise { ring.inside } else { ring.outside })
+    }
+
+    /// Fails if two edges touch, other than in a vertex of one ring between them.
+    fn check(&self, one: u32, other: u32) -> Option<()> {
+        let (a, b) = (&self.edges[one as usize], &self.edges[other as usize]);
+        // (No two rings have a vertex in common: these edges are consecutive.)
+        if a.right == b.left || a.left == b.right {
+            return Some(());
+        }
+        if a.left == b.left || a.right == b.right {
+            let other = if a.left == b.left { b.right } else { b.left };
+            return (side(a.left, a.right, other) != 0).then_some(());
+        }
+        let ends = |edge: &SweepEdge| {
+            let (low, high) = (edge.left[1].min(edge.right[1]), edge.left[1].max(edge.right[1]));
+            [low, high]
+        };
+        let ([low, high], [other_low, other_high]) = (ends(a), ends(b));
+        if high < other_low || other_high < low || a.right[0] < b.left[0] || b.right[0] < a.left[0] {
+            return Some(());
+        }
+        let [c, d] = [side(a.left, a.right, b.left), side(a.left, a.right, b.right)];
+        if c * d > 0 {
+            return Some(());
+        }
+        let [c, d] = [side(b.left, b.right, a.left), side(b.left, b.right, a.right)];
+        // (Of edges on one line the boxes above have something in common, and so have they.)
+        if c * d > 0 { Some(()) } else { None }
+    }
+}
+
+/// Edges that cross the sweep line, from below upwards, in chunks of bounded length, so that inserting does not move all of them.
+#[derive(Default)]
+struct ActiveEdges {
+    /// None of them is empty.
+    chunks: Vec<Vec<u32>>,
+}
+
+/// A chunk, and an index in it.
+type Slot = [usize; 2];
+
+/// Length at which a chunk is divided.
+const MAX_CHUNK: usize = 512;
+
+impl ActiveEdges {
+    /// The first slot whose edge is not below a point.
+    fn lower_bound(&self, edges: &[SweepEdge], point: Point) -> Slot {
+        let is_below = |edge: &u32| side_of(edges, *edge, point) > 0;
+        let chunk = self.chunks.partition_point(|chunk| is_below(&chunk[chunk.len() - 1]));
+        match self.chunks.get(chunk) {
+            Some(own) => [chunk, own.partition_point(is_below)],
+            None => [chunk, 0],
+        }
+    }
+
+    fn at(&self, [chunk, index]: Slot) -> Option<u32> {
+        self.chunks.get(chunk)?.get(index).copied()
+    }
+
+    fn next(&self, [chunk, index]: Slot) -> Slot {
+        match self.chunks.get(chunk) {
+            Some(own) if index + 1 < own.len() => [chunk, index + 1],
+            _ => [chunk + 1, 0],
+        }
+    }
+
+    fn after(&self, slot: Slot) -> Option<u32> {
+        self.at(self.next(slot))
+    }
+
+    fn before(&self, [chunk, index]: Slot) -> Option<u32> {
+        match index {
+            0 => self.chunks.get(chunk.checked_sub(1)?)?.last().copied(),
+            index => self.at([chunk, index - 1]),
+        }
+    }
+
+    fn replace(&mut self, [chunk, index]: Slot, edge: u32) {
+        self.chunks[chunk][index] = edge;
+    }
+
+    fn insert(&mut self, [chunk, index]: Slot, pair: [u32; 2]) {
+        // (Above all of them is the end of the last chunk.)
+        let (chunk, index) = match self.chunks.get(chunk) {
+            Some(_) => (chunk, index),
+            None if chunk == 0 => {
+                self.chunks.push(Vec::new());
+                (0, 0)
+            }
+            None => (chunk - 1, self.chunks[chunk - 1].len()),
+        };
+        let own = &mut self.chunks[chunk];
+        own.splice(index..index, pair);
+        if own.len() > MAX_CHUNK {
+            let upper = own.split_off(MAX_CHUNK / 2);
+            self.chunks.insert(chunk + 1, upper);
+        }
+    }
+
+    fn remove(&mut self, [chunk, index]: Slot) {
+        self.chunks[chunk].remove(index);
+        if self.chunks[chunk].is_empty() {
+            self.chunks.remove(chunk);
+        }
+    }
+}
+
+/// 1 if a point is above an edge, -1 if below, 0 on it. (On the left of a way from left to right is above.)
+fn side_of(edges: &[SweepEdge], edge: u32, point: Point) -> i32 {
+    let SweepEdge { left, right, .. } = &edges[edge as usize];
+    side(*left, *right, point)
+}
