@@ -176,7 +176,7 @@ fn parts_that_overlap_are_united_and_rings_that_cross_are_even_odd_everywhere() 
     // Rasterized: the same cells.
     let (classes, shares) = (at("classes.goblin"), at("shares.goblin"));
     let build = |more: &[&str], output: &str| {
-        let command = [&["build", &zones, "--like", &tree, "--in", "cells"], more, &["-o", output]].concat();
+        let command = [&["build", &zones, "--grid", &tree], more, &["-o", output]].concat();
         let warned = stderr(spinney(&command).success());
         assert!(warned.contains("3 polygons are invalid"), "{warned}");
     };
@@ -185,5 +185,8 @@ fn parts_that_overlap_are_united_and_rings_that_cross_are_even_odd_everywhere() 
     assert_eq!(found["cells"].as_f64().unwrap(), 435.0, "{found}");
     build(&["--fractions"], &shares);
     let found: serde_json::Value = serde_json::from_str(&stdout(&["stats", &shares, "--json"])).unwrap();
-    assert!(found["channels"][0]["max"].as_f64().unwrap() <= 1.0, "{found}");
+    let channel = &found["channels"][0];
+    assert_eq!(channel["max"].as_f64().unwrap(), 1.0, "{found}");
+    let sum = channel["mean"].as_f64().unwrap() * found["cells"].as_f64().unwrap();
+    assert!((sum - 435.0).abs() < 1e-3, "{found}");
 }

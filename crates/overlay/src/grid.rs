@@ -20,12 +20,12 @@ pub struct OverlayGrid {
 impl OverlayGrid {
     /// The grid of coordinates up to a number (of either sign), of which 2^42 cells are across that: micrometres on the scale of a country.
     pub fn for_coordinates(greatest: f64) -> OverlayGrid {
-        OverlayGrid { exponent: (exponent_of(greatest.abs().max(f64::MIN_POSITIVE)) + 1 - BITS).max(-900) }
+        OverlayGrid::with_bits(greatest, BITS)
     }
 
-    /// The finest grid of coordinates up to a number (of either sign).
-    pub(crate) fn finest(greatest: f64) -> OverlayGrid {
-        let exponent = exponent_of(greatest.max(f64::MIN_POSITIVE)) + 1 - MAX_BITS;
+    /// The grid of coordinates up to a number (of either sign), of which two to the power of `bits` cells are across that.
+    pub(crate) fn with_bits(greatest: f64, bits: i32) -> OverlayGrid {
+        let exponent = exponent_of(greatest.abs().max(f64::MIN_POSITIVE)) + 1 - bits;
         OverlayGrid { exponent: exponent.max(-900) }
     }
 

@@ -50,6 +50,9 @@ const BANDS: usize = 1024;
 /// so many times as many edges as cross it, and memory is proportional to the edges alone.
 const BANDS_EACH: usize = 4;
 
+/// Cells of the grid of a union across its largest coordinate, as a power of two. (Finer grids need exact arithmetic for nearly all crossings.)
+const UNION_BITS: i32 = 44;
+
 /// Memory for uniting the parts of one polygon, in bytes.
 const UNION_MEMORY: u64 = 1 << 30;
 
@@ -304,10 +307,10 @@ fn without_repeats(ring: &Ring) -> Ring {
     ring
 }
 
-/// The rings around the union of some parts, with its interior on their left, on a grid whose cells are 2^-50 of the largest coordinate.
+/// The rings around the union of some parts, with its interior on their left, on a grid whose cells are 2^-44 of the largest coordinate.
 fn united(parts: &[Vec<Ring>]) -> Result<Vec<Ring>> {
     let largest = parts.iter().flatten().flatten().flatten().fold(0.0f64, |most, at| most.max(at.abs()));
-    let mut overlay = PolygonOverlay::new(OverlayGrid::finest(largest), UNION_MEMORY);
+    let mut overlay = PolygonOverlay::new(OverlayGrid::with_bits(largest, UNION_BITS), UNION_MEMORY);
     for rings in parts {
         overlay.add(Path::new("polygon"), 0, rings)?;
     }
