@@ -11,7 +11,7 @@ type Parts = Vec<Vec<Vec<Point>>>;
 
 const SIZE: [u64; 3] = [44, 37, 1];
 
-/// Parts with few vertices, many of them on a grid of half cells, so that all kinds of contacts are frequent; some reach out of the picture.
+/// Parts with few vertices, many of them on a grid of half cells, so that all kinds of contacts are frequent; some reach out of the raster.
 fn parts(random: &mut Random) -> Parts {
     let on_grid = random.below(2) == 0;
     let (size, origin) = (4 + random.below(50), random.below(30) as f64 - 8.0);

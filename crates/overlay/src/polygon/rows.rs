@@ -29,7 +29,7 @@ pub struct Crossings {
 pub(super) const ROWS: u64 = 256;
 
 impl Polygon {
-    /// Hands out the columns, row by row, of a box's cells whose centres are inside; `work` is room to work in.
+    /// Yields the columns, row by row, of a box's cells whose centres are inside; `work` is room to work in.
     ///
     /// Edges beside the box are looked at once for all rows of a band, not for each row.
     pub fn spans(&self, bounds: &Bounds, work: &mut Crossings, each: &mut dyn FnMut(u64, Range<u64>)) {
@@ -128,7 +128,7 @@ impl Polygon {
         cells
     }
 
-    /// Hands out the columns, row by row, of a box's cells of which some part is inside: those with edges, and those between them.
+    /// Yields the columns, row by row, of a box's cells of which some part is inside: those with edges, and those between them.
     pub fn touched_spans(
         &self,
         bounds: &Bounds,
@@ -179,7 +179,7 @@ impl Polygon {
     }
 }
 
-/// Hands out the union of spans, which may lie on each other: by row, and in it by column.
+/// Yields the union of spans, which may lie on each other: by row, and in it by column.
 fn each_union(mut spans: Vec<(u64, u64, u64)>, each: &mut dyn FnMut(u64, Range<u64>)) {
     spans.sort_unstable();
     let mut spans = spans.into_iter().peekable();

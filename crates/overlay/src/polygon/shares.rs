@@ -2,7 +2,7 @@
 //!
 //! An edge adds the area on its left, with the sign of its direction: all of the cells before it, and a part of those that it passes through, as
 //! coverage is accumulated where fonts are drawn. Each addend depends on the edge and the cell alone and is a multiple of 2^-52 of a cell, so that
-//! sums of integers are the same in any order: a cell's share does not depend on the box that is asked for, and is exactly 0 or 1 where no edge
+//! sums of integers are the same in any order: a cell's share does not depend on the box of the query, and is exactly 0 or 1 where no edge
 //! passes.
 
 use std::ops::Range;
@@ -32,7 +32,7 @@ pub(super) struct Change {
 }
 
 impl Polygon {
-    /// Hands out the columns, row by row, of a box's cells of which some part is inside, and the share of each that is, of [`FULL_SHARE`]; neighbours
+    /// Yields the columns, row by row, of a box's cells of which some part is inside, and the share of each that is, of [`FULL_SHARE`]; neighbours
     /// through which no edge passes come together.
     pub fn shares(&self, bounds: &Bounds, work: &mut Crossings, each: &mut dyn FnMut(u64, Range<u64>, u64)) {
         let last = bounds.max[1].min(self.high.max(0.0).ceil() as u64);

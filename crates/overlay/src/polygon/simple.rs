@@ -90,8 +90,8 @@ impl Sweep {
             let [one, other] = self.incident[number as usize];
             match [one, other].map(|edge| self.edges[edge as usize].left == vertex) {
                 [true, true] => self.start(vertex, [one, other])?,
-                [false, true] => self.go_on(vertex, one, other)?,
-                [true, false] => self.go_on(vertex, other, one)?,
+                [false, true] => self.continue_at(vertex, one, other)?,
+                [true, false] => self.continue_at(vertex, other, one)?,
                 [false, false] => self.end(vertex, [one, other])?,
             }
         }
@@ -141,7 +141,7 @@ impl Sweep {
     }
 
     /// An edge ends at a vertex, and another one starts.
-    fn go_on(&mut self, vertex: Point, ending: u32, starting: u32) -> Option<()> {
+    fn continue_at(&mut self, vertex: Point, ending: u32, starting: u32) -> Option<()> {
         let at = self.active.lower_bound(&self.edges, vertex);
         if self.active.at(at) != Some(ending) {
             return None;

@@ -206,7 +206,7 @@ fn shares_by_blocks(polygon: &Polygon, bounds: Bounds, smallest: u64, side: u64,
 }
 
 #[test]
-fn the_share_of_a_cell_does_not_depend_on_the_box_that_is_asked_for() {
+fn the_share_of_a_cell_does_not_depend_on_the_box_around_it() {
     let mut state = 5;
     for _ in 0..40 {
         let middle = [random(&mut state, 64.0), random(&mut state, 64.0)];
