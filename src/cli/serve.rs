@@ -10,7 +10,7 @@ use spinney::raw::io::url_of;
 use spinney::serve::{ServeOptions, Server};
 
 use super::Global;
-use super::args::parse_bytes;
+use super::args::{parse_bytes, parse_seconds};
 use super::report::{print_text, warn};
 use super::signals::{stop_in_good_order, stop_is_wanted};
 
@@ -55,14 +55,6 @@ pub(crate) struct Args {
     /// Most connections at the same time
     #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u16).range(1..))]
     connections: u16,
-}
-
-/// Reads a time that can be waited for.
-fn parse_seconds(text: &str) -> Result<f64, String> {
-    let seconds: Option<f64> = text.trim().parse().ok();
-    seconds
-        .filter(|seconds| (0.001..=1e6).contains(seconds))
-        .ok_or_else(|| "expected seconds, as in 30 or 0.5".into())
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {

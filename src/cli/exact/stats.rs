@@ -13,6 +13,7 @@ use spinney::import::feature::FeatureFilter;
 use spinney::raw::brep::ModelView;
 use spinney::raw::brep::topology::{Euler, Topology, TopologyOptions};
 use spinney::raw::export::vector::export_objects;
+use spinney::raw::io::shown;
 use spinney::raw::store::Tag;
 
 use super::super::Global;
@@ -81,7 +82,7 @@ fn as_json(model: &ExactModel, mass: &MassProperties, euler: Option<&Euler>) -> 
         })
     });
     json!({
-        "file": model.path().display().to_string(),
+        "file": shown(model.path()),
         "unit": model.metadata().tag(Tag::Unit),
         "volume": mass.volume,
         "surface": mass.area,
