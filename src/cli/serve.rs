@@ -43,6 +43,17 @@ pub(crate) struct Args {
     /// Address to listen at: by default that which this machine alone reaches; 0.0.0.0 is all that it has
     #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     host: IpAddr,
+    /// Origin whose pages may read answers (CORS), as in https://maps.example.org; may be given several times; * is all, none is none but the server's own pages
+    #[arg(long, value_name = "ORIGIN", default_value = "*")]
+    allow_origin: Vec<String>,
+    /// Name by which requests may call the server (their Host), besides those of its address; may be given several times; * is any. Without it a loopback
+    /// address answers to localhost and its like alone (against DNS rebinding), others to all names
+    #[arg(long, value_name = "NAME")]
+    allow_host: Vec<String>,
+    /// Address of the server as clients know it, for TileJSON behind a proxy, as in https://maps.example.org/tiles [default: by X-Forwarded-Proto, -Host and -Prefix,
+    /// Forwarded or Host of the request]
+    #[arg(long, value_name = "URL")]
+    public_url: Option<String>,
     /// Seconds that an answer may take, and that a client may let it wait
     #[arg(long, value_name = "SECONDS", default_value_t = 30.0, value_parser = parse_seconds)]
     timeout: f64,
@@ -69,6 +80,9 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     options.timeout = Duration::from_secs_f64(args.timeout);
     (options.max_cells, options.max_body) = (args.max_cells, args.max_body);
     options.connections = args.connections.into();
+    options.allow_origins = args.allow_origin.iter().filter(|origin| *origin != "none").cloned().collect();
+    options.allow_hosts.clone_from(&args.allow_host);
+    options.public_url.clone_from(&args.public_url);
     stop_in_good_order()?;
     let server = Server::bind(&args.path, options)?;
     server.remarks()?.iter().for_each(|remark| warn(remark));

@@ -1,6 +1,8 @@
 //! Files on web servers and in buckets: what servers do wrong, and what comes of it.
 
 mod jobs;
+mod outages;
+mod secrets;
 mod server;
 
 use std::path::Path;

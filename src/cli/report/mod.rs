@@ -12,16 +12,18 @@ pub(crate) mod unit;
 
 use std::fmt::Display;
 use std::io::{self, Write};
+use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::Result;
-use spinney::Dataset;
 use spinney::raw::io::redacted;
 use spinney::raw::report::printable_json;
+use spinney::{Dataset, Output};
 
 pub(crate) use found::Found;
 pub(crate) use output::{report_built, report_output};
 use printable::printable;
+pub(crate) use printable::{PrintableWriter, printable_line};
 pub(crate) use progress::Work;
 
 use super::Global;
@@ -80,6 +82,11 @@ pub(crate) fn warn(text: &str) {
 /// Writes a part of the result.
 pub(crate) fn print_text(text: &str) -> Result<()> {
     Ok(io::stdout().write_all(printable(text).as_bytes())?)
+}
+
+/// Standard output for a table that is printed where no file was named for it.
+pub(crate) fn printed_output() -> Output {
+    Output::to_writer(Path::new("-"), Box::new(PrintableWriter::new(io::stdout())))
 }
 
 /// Enough of a text to know it, in lines that stand under each other behind so many spaces.
