@@ -184,7 +184,7 @@ class ExactModel(_native.Model):
         return _reopen, (kept_name(self.path, file), self.positioned, storage, file and file[2], self.view)
 
     def __repr__(self) -> str:
-        name = str(self.path)
+        name = _native.shown(str(self.path))
         if self.closed:
             return f"<spinney.ExactModel {name!r}, closed>"
         unit = f" {self.unit}" if self.unit else ""
