@@ -366,7 +366,7 @@ class Dataset(Zones):
         """Whether points `(x, y, z)` of the world lie in cells that are at least half full (of trees that do not tell
         how full cells are, in cells that are not VOID)."""
         if self.ndim != 3:
-            raise ValueError(f"{self.path}: is a quadtree; this is for octrees")
+            raise ValueError(f"{_native.shown(str(self.path))}: is a quadtree; this is for octrees")
         values, found = self._sample_points(points_of(points, 3), level, "world", None)
         if self.rule == "occupancy":
             found &= values[:, 0] >= 128

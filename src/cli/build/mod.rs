@@ -156,6 +156,7 @@ impl Common {
     pub(super) fn not_of_shards(&self) -> Option<&'static str> {
         let given = [
             ("--share", self.share),
+            ("--time", self.has_time()),
             ("--grid", self.grid.is_some()),
             ("--max-bytes", self.limit.is_given()),
         ];
