@@ -43,14 +43,14 @@ pub(crate) struct Args {
     /// Address to listen at: by default that which this machine alone reaches; 0.0.0.0 is all that it has
     #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     host: IpAddr,
-    /// Origin whose pages may read answers (CORS), as in https://maps.example.org; may be given several times; * is all, none is none but the server's own pages
+    /// Origin whose pages may read responses (CORS), as in https://maps.example.org; may be given several times; * is all, none is none but the server's own pages
     #[arg(long, value_name = "ORIGIN", default_value = "*")]
     allow_origin: Vec<String>,
     /// Name by which requests may call the server (their Host), besides those of its address; may be given several times; * is any. Without it a loopback
-    /// address answers to localhost and its like alone (against DNS rebinding), others to all names
+    /// address has localhost and its like alone (against DNS rebinding), others have all names
     #[arg(long, value_name = "NAME")]
     allow_host: Vec<String>,
-    /// Address of the server as clients know it, for TileJSON behind a proxy, as in https://maps.example.org/tiles [default: by X-Forwarded-Proto, -Host and -Prefix,
+    /// Address of the server as clients know it, for TileJSON with a proxy, as in https://maps.example.org/tiles [default: by X-Forwarded-Proto, -Host and -Prefix,
     /// Forwarded or Host of the request]
     #[arg(long, value_name = "URL")]
     public_url: Option<String>,

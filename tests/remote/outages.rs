@@ -32,8 +32,8 @@ fn outages_are_errors_of_the_first_request() {
             let text = String::from_utf8_lossy(&output.stderr).into_owned();
             assert_eq!(output.status.code(), Some(1), "{fault:?}, {arguments:?}: {text}");
             let expected = if number == 0 { ["500", "--remote-timeout"] } else { ["--remote-timeout"; 2] };
-            let is_told = expected.iter().any(|word| text.contains(word));
-            assert!(text.contains(&url) && is_told, "{fault:?}, {arguments:?}: {text}");
+            let is_reported = expected.iter().any(|word| text.contains(word));
+            assert!(text.contains(&url) && is_reported, "{fault:?}, {arguments:?}: {text}");
             // (Two ends of one file, each tried again five times at most.)
             let (requests, _) = server.take_counts();
             assert!(requests <= 12, "{fault:?}, {arguments:?}: {requests} requests");

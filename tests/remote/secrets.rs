@@ -10,11 +10,11 @@ use super::{new_access, opened, program, put, server};
 
 const SIGNED: &str = "?X-Amz-Signature=SECRETSIG&token=SECRETTOKEN";
 
-fn picture() -> Vec<u8> {
+fn raster() -> Vec<u8> {
     std::fs::read(format!("{}/fixtures/island_elevation.tif", env!("CARGO_MANIFEST_DIR"))).unwrap()
 }
 
-/// Whether a file, or one below a folder, has a secret in it or in its name.
+/// Whether a file, or one in a directory, has a secret in it or in its name.
 fn leaks(path: &Path) -> bool {
     let is_named = path.to_string_lossy().contains("SECRET");
     let below = std::fs::read_dir(path).into_iter().flatten().any(|entry| leaks(&entry.unwrap().path()));
@@ -28,7 +28,7 @@ fn no_command_shows_or_stores_the_secrets_of_a_url() {
     let folder = tempfile::tempdir().unwrap();
     let tree = put(&server, "secret", "elevation.goblin") + SIGNED;
     let layers = put(&server, "secret", "stack.goblin") + SIGNED;
-    let tif = server.put("secret/island.tif", picture()) + SIGNED;
+    let tif = server.put("secret/island.tif", raster()) + SIGNED;
     let none = format!("{}/secret/none.goblin{SIGNED}", server.address);
     let (good, bad) = (Some(0), Some(1));
     for (arguments, code) in [

@@ -173,10 +173,10 @@ impl State {
     }
 }
 
-/// The path of a request, whether its answer has a body, and the range that it asks for.
+/// The path of a request, whether its response has a body, and its range.
 type Request = (bool, String, Option<String>);
 
-/// The head of the next request, with header fields in small letters, and what it asks for.
+/// The head of the next request, with header fields in small letters, and its contents.
 fn request(reader: &mut BufReader<TcpStream>) -> Option<(String, Request)> {
     let mut line = String::new();
     reader.read_line(&mut line).ok().filter(|read| *read > 0)?;

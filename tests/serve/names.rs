@@ -1,11 +1,11 @@
-//! Names that a server answers to, origins whose pages it answers, and what proxies say; compressed answers.
+//! Names of a server, origins of pages, proxies, and compressed responses.
 
 use std::io::Read as _;
 
 use super::{Server, island};
 
 #[test]
-fn a_server_of_this_machine_answers_to_its_own_names() {
+fn a_local_server_has_local_names() {
     let folder = island();
     let server = Server::start(folder.path(), &[]);
     let status = |server: &Server, hosts: &str| {
@@ -28,7 +28,7 @@ fn a_server_of_this_machine_answers_to_its_own_names() {
 }
 
 #[test]
-fn pages_of_named_origins_alone_may_read_answers() {
+fn pages_of_named_origins_alone_may_read_responses() {
     let folder = island();
     let open = Server::start(folder.path(), &[]);
     let origin = ("Origin", "https://maps.example");
@@ -48,7 +48,7 @@ fn pages_of_named_origins_alone_may_read_answers() {
 }
 
 #[test]
-fn tiles_behind_a_proxy_have_its_address() {
+fn tiles_of_a_proxied_server_have_its_public_address() {
     let folder = island();
     let server = Server::start(folder.path(), &[]);
     let tiles = |server: &Server, headers: &[(&str, &str)]| {
@@ -62,12 +62,12 @@ fn tiles_behind_a_proxy_have_its_address() {
     assert_eq!(tiles(&server, &[("Forwarded", "proto=https;host=maps.example")]), "https://maps.example");
     let public = Server::start(folder.path(), &["--public-url", "https://maps.example/b/"]);
     assert_eq!(tiles(&public, &proxy), "https://maps.example/b");
-    // (The answers of one client are not those of another.)
+    // (The responses of one client are not those of another.)
     assert_eq!(tiles(&server, &[]), format!("http://{}", server.address));
 }
 
 #[test]
-fn answers_are_compressed_where_that_pays() {
+fn responses_are_compressed_where_that_pays() {
     let folder = island();
     let server = Server::start(folder.path(), &[]);
     let gzip = ("Accept-Encoding", "gzip");
@@ -86,7 +86,7 @@ fn answers_are_compressed_where_that_pays() {
             assert_eq!((again.status, again.header("etag")), (304, Some(tag)));
         }
     }
-    // Pictures, small answers and files stay as they are.
+    // Images, small responses and files stay as they are.
     for target in ["/tiles/heights/0/0/0.png?grid=native", "/healthz", "/heights.goblin"] {
         assert_eq!(server.get_with(target, &[gzip]).header("content-encoding"), None, "{target}");
     }

@@ -74,7 +74,7 @@ impl KeptFile {
 
     /// The bytes of a range, if they are there and whole.
     pub(super) fn get(&self, range: &Range<u64>) -> Option<Vec<u8>> {
-        // (Others may write to the folder: of a pipe, or a link to a device, reading would never end.)
+        // (Others may write to the directory: of a pipe, or a link to a device, reading would never end.)
         let mut file = open_regular(File::options().read(true), &self.path(range)).ok()?;
         let length = range.end.checked_sub(range.start)?.checked_add(8)?;
         if file.metadata().ok()?.len() != length {

@@ -34,7 +34,7 @@ pub(super) fn of_store(path: &Path, doing: &'static str, error: StoreError) -> E
 /// The error for a host that has not answered in time.
 pub(super) fn late(path: &Path, doing: &'static str, limit: Duration) -> Error {
     let text = format!(
-        "no answer within {} s, with all repetitions (--remote-timeout and SPINNEY_REMOTE_TIMEOUT set the limit)",
+        "no response within {} s, with all repetitions (--remote-timeout and SPINNEY_REMOTE_TIMEOUT set the limit)",
         limit.as_secs_f64()
     );
     Error::io(path, doing)(io::Error::new(io::ErrorKind::TimedOut, text))

@@ -53,9 +53,9 @@ pub(super) fn open(
     let connections = &stores.connections;
     let place = Place::of(url, storage, connections)?;
     let ends = [GetRange::Bounded(0..HEAD), GetRange::Suffix(TAIL)];
-    let asked = (connections.as_ref(), path, "open");
+    let request = (connections.as_ref(), path, "open");
     let both = async {
-        let [head, tail] = ends.map(|range| get(&place, range, asked));
+        let [head, tail] = ends.map(|range| get(&place, range, request));
         futures_util::future::join(head, tail).await
     };
     let (head, tail) = connections.wait(path, both)?;
@@ -68,7 +68,7 @@ pub(super) fn open(
         // Azure knows no ranges from the end.
         Err(Failed::Store(object_store::Error::NotSupported { .. })) if state.length > HEAD => {
             let range = GetRange::Bounded(state.length.saturating_sub(TAIL).max(HEAD)..state.length);
-            let tail = connections.wait(path, get(&place, range, asked))??;
+            let tail = connections.wait(path, get(&place, range, request))??;
             came.push(tail.map_err(|cause| cause.of_file(path, "open"))?);
             requests += 1;
         }
@@ -181,8 +181,8 @@ impl RemoteFile {
 impl Fetch for RemoteFile {
     fn fetch(&self, ranges: &[Range<u64>]) -> Result<Vec<Vec<u8>>> {
         let place = self.place()?;
-        let asked = (self.connections.as_ref(), self.path.as_path(), "fetch a part");
-        let parts = ranges.iter().map(|range| get(&place, GetRange::Bounded(range.clone()), asked));
+        let request = (self.connections.as_ref(), self.path.as_path(), "fetch a part");
+        let parts = ranges.iter().map(|range| get(&place, GetRange::Bounded(range.clone()), request));
         let all = stream::iter(parts).buffered(AT_ONCE).collect::<Vec<_>>();
         let came = self.connections.wait(&self.path, all)?;
         let one = |(part, range): (Result<std::result::Result<Part, Failed>>, &Range<u64>)| {

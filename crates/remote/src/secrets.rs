@@ -59,7 +59,7 @@ impl Secrets {
             return Ok(url.into());
         }
         let known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        // (Files beside one, such as `x.prj` beside `x.tif`, have the same.)
+        // (Files next to one, such as `x.prj` next to `x.tif`, have the same.)
         let secret = known.get(url).or_else(|| known.get(stem(url))).cloned();
         drop(known);
         let Some(secret) = secret else {

@@ -1,4 +1,4 @@
-//! Compressed answers, where that pays: text, JSON, programs and arrays of clients that take gzip.
+//! Compressed responses, where that pays: text, JSON, programs and arrays of clients that take gzip.
 
 use std::io::Write as _;
 
@@ -11,16 +11,16 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 use http_body_util::BodyExt as _;
 
-/// Bytes of an answer below which nothing is gained.
+/// Bytes of a response below which nothing is gained.
 const MIN_BYTES: usize = 1 << 10;
 
-/// Bytes of an answer above which the time of the server is worth more.
+/// Bytes of a response above which the time of the server is worth more.
 const MAX_BYTES: u64 = 32 << 20;
 
-/// End of the tags of compressed answers: other bytes have another tag.
+/// End of the tags of compressed responses: other bytes have another tag.
 const MARK: &str = "-gzip\"";
 
-/// Answers a request, compressed if that pays. Pictures and ranges of files stay as they are: the former are compressed, and of the latter
+/// Compresses the response to a request if that pays. Images and ranges of files stay as they are: the former are compressed, and of the latter
 /// clients want the bytes.
 pub(crate) async fn compress(mut request: Request, next: Next) -> Response {
     let takes_gzip = *request.method() != Method::HEAD && accepts(request.headers());
@@ -68,7 +68,7 @@ fn accepts(headers: &HeaderMap) -> bool {
     })
 }
 
-/// Whether answers of this type get smaller.
+/// Whether responses of this type get smaller.
 fn is_compressible(headers: &HeaderMap) -> bool {
     const TYPES: [&str; 6] = [
         "text/",
@@ -98,7 +98,7 @@ fn unmark(headers: &mut HeaderMap) -> bool {
     true
 }
 
-/// Marks the tag of a compressed answer.
+/// Marks the tag of a compressed response.
 fn mark(headers: &mut HeaderMap) {
     let tag = headers.get(header::ETAG).and_then(|tag| tag.to_str().ok());
     let marked = tag.and_then(|tag| HeaderValue::from_str(&format!("{}{MARK}", tag.strip_suffix('"')?)).ok());

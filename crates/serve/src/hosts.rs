@@ -1,4 +1,4 @@
-//! Names of the server: which ones it answers to, and under which one a client knows it.
+//! Names of the server: which ones requests may use, and under which one a client knows it.
 
 use std::net::{IpAddr, SocketAddr};
 
@@ -8,7 +8,7 @@ use spinney_base::{Error, Result};
 use crate::ServeOptions;
 use crate::failure::Failure;
 
-/// The names that a server answers to. At a loopback address these are the names of this machine alone: a page of a host whose name an attacker lets
+/// The names by which requests may call a server. At a loopback address these are the names of this machine alone: a page of a host whose name an attacker lets
 /// lead to this machine (DNS rebinding) has that name in its requests.
 pub(crate) struct Hosts {
     address: SocketAddr,
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn a_server_of_this_machine_answers_to_its_names_alone() {
+    fn a_local_server_has_local_names_alone() {
         let right =
             |hosts: &Hosts, host: &str| hosts.check(&Uri::default(), &headers(&[("host", host)])).is_ok();
         let local = hosts("127.0.0.1:8000", &[], None);
@@ -180,7 +180,7 @@ mod tests {
         );
         assert!(!right(&named, "other.example"));
         assert!(right(&hosts("127.0.0.1:1", &["*"], None), "any.example"));
-        // Others can be reached by names that nobody here knows.
+        // Others can be reached by names that are unknown here.
         let open = hosts("0.0.0.0:8000", &[], None);
         assert!(
             right(&open, "any.example") && !right(&hosts("10.0.0.1:80", &["a.example"], None), "b.example")

@@ -21,10 +21,10 @@ pub struct ServeOptions {
     pub max_body: u64,
     /// Most connections at the same time.
     pub connections: usize,
-    /// Origins whose pages may read answers (CORS): `*` is all; without any, pages of the server itself may.
+    /// Origins whose pages may read responses (CORS): `*` is all; without any, pages of the server itself may.
     pub allow_origins: Vec<String>,
-    /// Names by which requests may call the server, besides those of its address; `*` is any. Without any, a loopback address answers to names of this
-    /// machine alone, and others to all.
+    /// Names by which requests may call the server, besides those of its address; `*` is any. Without any, a loopback address has the names of this
+    /// machine alone, and others have all.
     pub allow_hosts: Vec<String>,
     /// Address of the server as clients know it, where a proxy is before it.
     pub public_url: Option<String>,

@@ -1,4 +1,4 @@
-//! Origins whose pages may read answers (CORS).
+//! Origins whose pages may read responses (CORS).
 
 use std::sync::Arc;
 
@@ -9,27 +9,27 @@ use axum::response::{IntoResponse as _, Response};
 
 use crate::routes::App;
 
-/// Lets pages of the allowed origins read answers, and answers those that ask whether they may.
-pub(crate) async fn tell_origins(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
-    let is_asked = request.method() == Method::OPTIONS;
+/// Lets pages of the allowed origins read responses, and responds to preflight requests.
+pub(crate) async fn add_origin(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
+    let is_preflight = request.method() == Method::OPTIONS;
     let allowed = allowed(&app.options.allow_origins, request.headers());
     let mut response =
-        if is_asked { StatusCode::NO_CONTENT.into_response() } else { next.run(request).await };
+        if is_preflight { StatusCode::NO_CONTENT.into_response() } else { next.run(request).await };
     let headers = response.headers_mut();
-    let mut tell = |name: HeaderName, value| headers.insert(name, HeaderValue::from_static(value));
-    tell(header::X_CONTENT_TYPE_OPTIONS, "nosniff");
-    if is_asked {
-        tell(header::ALLOW, "GET, HEAD, POST, OPTIONS");
+    let mut set = |name: HeaderName, value| headers.insert(name, HeaderValue::from_static(value));
+    set(header::X_CONTENT_TYPE_OPTIONS, "nosniff");
+    if is_preflight {
+        set(header::ALLOW, "GET, HEAD, POST, OPTIONS");
     }
     if allowed.is_some() {
-        tell(header::ACCESS_CONTROL_EXPOSE_HEADERS, "Accept-Ranges, Content-Length, Content-Range, ETag");
-        if is_asked {
-            tell(header::ACCESS_CONTROL_ALLOW_METHODS, "GET, HEAD, POST, OPTIONS");
-            tell(
+        set(header::ACCESS_CONTROL_EXPOSE_HEADERS, "Accept-Ranges, Content-Length, Content-Range, ETag");
+        if is_preflight {
+            set(header::ACCESS_CONTROL_ALLOW_METHODS, "GET, HEAD, POST, OPTIONS");
+            set(
                 header::ACCESS_CONTROL_ALLOW_HEADERS,
                 "Content-Type, If-Match, If-None-Match, If-Range, Range",
             );
-            tell(header::ACCESS_CONTROL_MAX_AGE, "86400");
+            set(header::ACCESS_CONTROL_MAX_AGE, "86400");
         }
     }
     if !app.options.allow_origins.iter().any(|origin| origin == "*") {
@@ -41,7 +41,7 @@ pub(crate) async fn tell_origins(State(app): State<Arc<App>>, request: Request, 
     response
 }
 
-/// The origin of a request, if its pages may read answers; `*` where all may.
+/// The origin of a request, if its pages may read responses; `*` where all may.
 pub(crate) fn allowed(origins: &[String], headers: &HeaderMap) -> Option<HeaderValue> {
     if origins.iter().any(|origin| origin == "*") {
         return Some(HeaderValue::from_static("*"));

@@ -18,7 +18,7 @@ use crate::compression::compress;
 use crate::failure::Failure;
 use crate::hosts::Hosts;
 use crate::opened::{OpenTree, OpenTrees};
-use crate::origins::tell_origins;
+use crate::origins::add_origin;
 use crate::parameters::Parameters;
 use crate::tiles::{self, TileAddress};
 use crate::work::{Watch, Work};
@@ -120,7 +120,7 @@ pub(crate) fn routes(app: Arc<App>) -> Router {
         .fallback(nothing_there)
         .method_not_allowed_fallback(other_method)
         .layer(middleware::from_fn(compress))
-        .layer(middleware::from_fn_with_state(app.clone(), tell_origins))
+        .layer(middleware::from_fn_with_state(app.clone(), add_origin))
         .layer(middleware::from_fn_with_state(app.clone(), check_host))
         .with_state(app)
 }

@@ -127,7 +127,7 @@ impl Plan {
     }
 }
 
-/// Replaces all texts that are URLs by these without their secrets.
+/// Replaces all strings that are URLs by these without their secrets.
 fn hide_secrets(value: &mut serde_json::Value) {
     match value {
         serde_json::Value::String(text) if url_of(Path::new(text)).is_some() => {

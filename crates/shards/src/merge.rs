@@ -1,4 +1,4 @@
-//! Merging with removal: whoever is cut off, at any moment, calls it again.
+//! Merging with removal: a call that is cut off, at any moment, is repeated.
 
 use std::path::Path;
 
@@ -31,7 +31,7 @@ pub enum Merged {
     JobMissing,
 }
 
-/// Puts the shards of the job in a directory together to a file, and removes it if that is asked for: then the same call succeeds and cleans up
+/// Puts the shards of the job in a directory together to a file, and removes it if `removes` is set: then the same call succeeds and cleans up
 /// whatever was cut off.
 ///
 /// # Errors
@@ -66,7 +66,7 @@ pub fn merge(
 /// Whether a local directory is missing or empty.
 fn is_nothing(folder: &Path) -> bool {
     url_of(folder).is_none()
-        && match std::fs::read_dir(folder).map_err(Error::io(folder, "look into")) {
+        && match std::fs::read_dir(folder).map_err(Error::io(folder, "read")) {
             Ok(mut entries) => entries.next().is_none(),
             Err(Error::Io { cause, .. }) => cause.kind() == std::io::ErrorKind::NotFound,
             Err(_) => false,
