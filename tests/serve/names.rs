@@ -34,15 +34,15 @@ fn pages_of_named_origins_alone_may_read_responses() {
     let origin = ("Origin", "https://maps.example");
     assert_eq!(open.get_with("/healthz", &[origin]).header("access-control-allow-origin"), Some("*"));
     let named = Server::start(folder.path(), &["--allow-origin", "https://maps.example"]);
-    let answer = named.get_with("/healthz", &[origin]);
-    assert_eq!(answer.header("access-control-allow-origin"), Some("https://maps.example"));
-    assert!(answer.header("vary").is_some_and(|vary| vary.contains("Origin")));
+    let response = named.get_with("/healthz", &[origin]);
+    assert_eq!(response.header("access-control-allow-origin"), Some("https://maps.example"));
+    assert!(response.header("vary").is_some_and(|vary| vary.contains("Origin")));
     let none = Server::start(folder.path(), &["--allow-origin", "none"]);
     for (server, origin) in [(&named, "https://evil.example"), (&none, "https://maps.example")] {
         for method in ["GET", "OPTIONS"] {
-            let answer = server.connect().ask(method, "/healthz", &[("Origin", origin)], b"").unwrap();
-            assert_eq!(answer.header("access-control-allow-origin"), None);
-            assert_eq!(answer.header("access-control-allow-methods"), None);
+            let response = server.connect().ask(method, "/healthz", &[("Origin", origin)], b"").unwrap();
+            assert_eq!(response.header("access-control-allow-origin"), None);
+            assert_eq!(response.header("access-control-allow-methods"), None);
         }
     }
 }

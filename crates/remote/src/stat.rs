@@ -13,7 +13,7 @@ use super::error;
 use super::store::Place;
 
 /// Phrase for messages.
-const LOOK: &str = "look at";
+const STAT: &str = "look at";
 
 /// Files that are looked at, or removed, at the same time.
 const AT_ONCE: usize = 32;
@@ -37,10 +37,10 @@ pub(super) fn stat(urls: &[&str], connections: &Connections) -> Result<Vec<Resul
                 match head(&place?).await {
                     Ok(meta) => Ok(Some(state(&meta))),
                     Err(StoreError::NotFound { .. }) => Ok(None),
-                    Err(cause) => Err(error::of_store(&path, LOOK, cause)),
+                    Err(cause) => Err(error::of_store(&path, STAT, cause)),
                 }
             };
-            connections.limited((&path, LOOK), found).await
+            connections.limited((&path, STAT), found).await
         }
     };
     let Some(first) = urls.first() else { return Ok(Vec::new()) };
