@@ -111,7 +111,7 @@ fn servers_that_are_busy_or_break_off_are_asked_again() {
 }
 
 #[test]
-fn servers_that_cannot_be_used_are_told() {
+fn servers_that_cannot_be_used_are_reported() {
     let server = server();
     let refused = |fault: Fault| {
         let url = put(&server, &format!("{fault:?}"), "segments.goblin");
