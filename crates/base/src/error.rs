@@ -187,7 +187,7 @@ pub enum Error {
     Interrupted,
 }
 
-/// The message, with those of the causes: paths and texts in it may be URLs with secrets.
+/// The message, with those of the causes: paths and strings in it may be URLs with secrets.
 impl fmt::Debug for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut text = self.to_string();

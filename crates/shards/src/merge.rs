@@ -44,9 +44,9 @@ pub fn merge(
     progress: &dyn Progress,
 ) -> Result<Merged> {
     let MergeOptions { limit, removes, memory } = options;
-    if removes && let Some(finished) = MergeOutput::finished(path)? {
-        Job::remove_if(folder, finished.job, access)?;
-        access.remove(&[&finished.mark])?;
+    if removes && let Some((job, mark)) = MergeOutput::finished(path)? {
+        Job::remove_if(folder, job, access)?;
+        access.remove(&[&mark])?;
         return Ok(Merged::Finished);
     }
     if removes && is_nothing(folder) && FileHeader::find(path, access)?.is_some() {

@@ -10,7 +10,7 @@ use base64::write::EncoderWriter;
 use super::asset::{bytes, names};
 use super::configuration::{PageConfiguration, PageSource, PageStart, index, page_of};
 use super::inline;
-use spinney_base::io::{FileAccess, NewFolders, Output, commit_all, shown, split_query, url_of};
+use spinney_base::io::{FileAccess, NewDirectories, Output, commit_all, shown, split_query, url_of};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Content, FileHeader};
@@ -69,8 +69,8 @@ pub fn export_page(request: &PageRequest, path: &Path, progress: &dyn Progress) 
         *size = fs::metadata(*file).map_err(Error::io(*file, "look at"))?.len();
     }
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut folders = NewFolders::default();
-    folders.make(folder)?;
+    let mut created = NewDirectories::default();
+    created.make(folder)?;
     let total = local.iter().map(|(_, _, size)| size).sum();
     let mut done = Done { bytes: 0, total, progress };
     let configuration =
@@ -85,7 +85,7 @@ pub fn export_page(request: &PageRequest, path: &Path, progress: &dyn Progress) 
             return Err(Error::unsupported(*file, found, advice));
         }
         let summary = write_one_file(&local, &configuration, path, &mut done)?;
-        folders.keep();
+        created.keep();
         return Ok(summary);
     }
     let mut outputs = Vec::new();
@@ -104,13 +104,13 @@ pub fn export_page(request: &PageRequest, path: &Path, progress: &dyn Progress) 
     for name in names() {
         let target = folder.join(ASSETS).join(name);
         let own = target.parent().unwrap_or(folder);
-        folders.make(own)?;
+        created.make(own)?;
         outputs.push(summary.add(&target, bytes(name))?);
         progress.check()?;
     }
     outputs.push(summary.add(path, index(&configuration).as_bytes())?);
     commit_all(outputs)?;
-    folders.keep();
+    created.keep();
     Ok(summary)
 }
 
@@ -175,7 +175,7 @@ fn sources(files: &[PageFile]) -> Result<Vec<PageSource>> {
         }
         let title = Path::new(&name).file_stem().unwrap_or_default().to_string_lossy().into_owned();
         if url.is_some_and(|url| shown(path) != url) {
-            let found = "a URL with a query or a password, which everybody who has the page would have,";
+            let found = "a URL with a query or a password, which all readers of the page would have,";
             let advice = "copy the file to this machine, or let the host give it without";
             return Err(Error::unsupported(path, found, advice));
         }

@@ -409,7 +409,7 @@ fn is_absent(path: &Path, error: &Error) -> bool {
 mod tests {
     use super::*;
 
-    /// A host that does not answer, and counts who asks.
+    /// A host that is down, and counts requests.
     #[derive(Default)]
     struct Outage(std::sync::atomic::AtomicUsize);
 
@@ -450,7 +450,7 @@ mod tests {
     }
 
     #[test]
-    fn remote_and_external_files_are_refused_where_that_is_asked_for() {
+    fn remote_and_external_files_are_refused_by_option() {
         let host = Arc::new(Outage::default());
         let access = FileAccess::new().remote(host.clone());
         let [url, other] = ["http://h/x?SECRET", "other.raw"].map(Path::new);

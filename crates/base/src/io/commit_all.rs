@@ -33,9 +33,9 @@ pub fn commit_all(mut outputs: Vec<Output>) -> Result<()> {
 
 /// Directories that are made for outputs, and that go again, as far as they are empty, unless these are put in place.
 #[derive(Debug, Default)]
-pub struct NewFolders(Vec<PathBuf>);
+pub struct NewDirectories(Vec<PathBuf>);
 
-impl NewFolders {
+impl NewDirectories {
     /// Makes a directory, with those above it.
     ///
     /// # Errors
@@ -43,7 +43,7 @@ impl NewFolders {
     pub fn make(&mut self, folder: &Path) -> Result<()> {
         let missing = folder.ancestors().take_while(|path| !path.as_os_str().is_empty() && !path.exists());
         let missing: Vec<PathBuf> = missing.map(Path::to_path_buf).collect();
-        std::fs::create_dir_all(folder).map_err(Error::io(folder, "make the folder"))?;
+        std::fs::create_dir_all(folder).map_err(Error::io(folder, "make the directory"))?;
         self.0.extend(missing.into_iter().rev());
         Ok(())
     }
@@ -54,7 +54,7 @@ impl NewFolders {
     }
 }
 
-impl Drop for NewFolders {
+impl Drop for NewDirectories {
     fn drop(&mut self) {
         for folder in self.0.iter().rev() {
             let _ = std::fs::remove_dir(folder);
@@ -109,18 +109,18 @@ mod tests {
     }
 
     #[test]
-    fn folders_go_again_unless_they_have_something() {
+    fn directories_go_again_unless_they_have_something() {
         let parent = tempfile::tempdir().unwrap();
         let path = |name: &str| parent.path().join(name);
-        let mut folders = NewFolders::default();
-        folders.make(&path("a/b/c")).unwrap();
-        folders.make(&path("a/d")).unwrap();
+        let mut made = NewDirectories::default();
+        made.make(&path("a/b/c")).unwrap();
+        made.make(&path("a/d")).unwrap();
         std::fs::write(path("a/d/x"), "1").unwrap();
-        drop(folders);
+        drop(made);
         assert!(!path("a/b").exists() && path("a/d/x").exists());
-        let mut folders = NewFolders::default();
-        folders.make(&path("a/b")).unwrap();
-        folders.keep();
+        let mut made = NewDirectories::default();
+        made.make(&path("a/b")).unwrap();
+        made.keep();
         assert!(path("a/b").exists());
     }
 }

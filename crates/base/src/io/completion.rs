@@ -9,11 +9,11 @@ use crate::{Error, Result};
 /// Bytes of a record, at most.
 pub const MAX_RECORD: u64 = 256;
 
-/// Bytes at the end of a file whose hash tells it from others: these have the checksums of all else.
+/// Bytes at the end of a file whose hash distinguishes it from others: these have the checksums of all else.
 const TAIL: u64 = 4096;
 
-/// A file that says that an output is whole, once that is so: written before the output takes its place, so that whoever is cut off after that
-/// can find out.
+/// A file that says that an output is whole, once that is so: written before the output takes its place, so that work that is
+/// cut off after that can find out.
 #[derive(Clone, Debug)]
 pub struct CompletionRecord {
     /// The file.

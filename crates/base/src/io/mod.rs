@@ -28,7 +28,7 @@ mod write;
 pub use crate::url::{is_redacted, local_path, redacted, shown, split_query, url_of, without_query};
 pub use access::{FileAccess, any_file};
 pub use cache::{CachedBytes, RangeCache};
-pub use commit_all::{NewFolders, commit_all};
+pub use commit_all::{NewDirectories, commit_all};
 pub use completion::{CompletionRecord, MAX_RECORD};
 pub use faults::Faults;
 pub use file_id::FileId;

@@ -127,7 +127,7 @@ fn stored_name(manifest: &Path, file: &Path) -> Result<String> {
             .ok_or_else(|| Error::unsupported(path, "a name that is no text", "give the file another name"))
     };
     if url_of(file).is_some() {
-        // (Whoever opens the manifest supplies a signature or password again.)
+        // (Signatures and passwords are supplied again when the manifest is opened.)
         return Ok(shown(file).into_owned());
     }
     let file = &*local_path(file);

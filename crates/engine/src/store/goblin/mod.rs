@@ -33,7 +33,7 @@ pub(in crate::store) use file_writer::FileWriter;
 pub(crate) use locate::Located;
 pub use reader::Goblin;
 pub use segment::Segment;
-pub use shard_merge::{FinishedMerge, MergeOutput, merge_shards};
+pub use shard_merge::{MergeOutput, merge_shards};
 pub(in crate::store) use shard_writer::ShardWriter;
 pub use sizes::LevelBytes;
 pub use source::GoblinNode;

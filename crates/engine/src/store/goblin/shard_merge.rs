@@ -86,11 +86,12 @@ impl MergeOutput {
         }
     }
 
-    /// The merge that has put a file in its place, removing shards, and was cut off then: its mark is still there. `None` if there is none.
+    /// The job, by the mark of its shards, whose merge has put a file in its place, removing shards, and was cut off then; and the file that says
+    /// so, which is removed last. `None` if there is none.
     ///
     /// # Errors
     /// If the file or its mark cannot be read.
-    pub fn finished(path: &Path) -> Result<Option<FinishedMerge>> {
+    pub fn finished(path: &Path) -> Result<Option<(u128, PathBuf)>> {
         if url_of(path).is_some() || path == Path::new("-") {
             return Ok(None);
         }
@@ -101,7 +102,7 @@ impl MergeOutput {
         }
         let work = CompletionRecord::work_of(&mark, path)?;
         let job = work.and_then(|work| u128::from_str_radix(&work, 16).ok());
-        Ok(job.map(|job| FinishedMerge { job, mark }))
+        Ok(job.map(|job| (job, mark)))
     }
 
     /// Makes sure that what is there of the file was begun by the same job, and marks it as this one's. Returns the mark, a file that is to be removed when the
@@ -131,15 +132,6 @@ impl MergeOutput {
         output.record_completion(CompletionRecord { path: mark.clone(), work: own });
         Ok(Some(mark))
     }
-}
-
-/// A merge that has put its file in its place.
-#[derive(Clone, Debug)]
-pub struct FinishedMerge {
-    /// The job, by the mark of its shards.
-    pub job: u128,
-    /// The file that says so, which is removed last.
-    pub mark: PathBuf,
 }
 
 /// The file that says which job has begun a file that is not in its place yet, and then that it is whole.

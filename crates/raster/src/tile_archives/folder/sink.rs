@@ -10,7 +10,7 @@ use crate::tile_archives::journal::{Checkpoint, Entry, Journal, not_ours};
 use crate::tile_archives::provenance::{About, Digest};
 use crate::tile_archives::sink::{TileArchiveSummary, TileSink};
 use crate::tile_archives::walk::TileRun;
-use spinney_base::io::{ClosedFolder, LockFile, NewFolders, Unfinished, folder, partial_of, sync_folder};
+use spinney_base::io::{ClosedFolder, LockFile, NewDirectories, Unfinished, folder, partial_of, sync_folder};
 use spinney_base::{Error, Result};
 use spinney_tiles::TileId;
 
@@ -28,7 +28,7 @@ pub(in crate::tile_archives) struct FolderSink {
     is_kept: bool,
     unfinished: Option<Unfinished>,
     /// The directories above it that were made. (They go after what is in them.)
-    folders: NewFolders,
+    created: NewDirectories,
     /// The lock of one that stays. (Last, so that it goes after all else.)
     _lock: Option<LockFile>,
 }
@@ -42,8 +42,8 @@ impl FolderSink {
         let base = target.base();
         check_free(base)?;
         let above = folder(base);
-        let mut folders = NewFolders::default();
-        folders.make(above)?;
+        let mut created = NewDirectories::default();
+        created.make(above)?;
         let prefix = format!(".{}.", base.file_name().unwrap_or_default().to_string_lossy());
         let mut lock = None;
         let (place, journal, at) = match provenance {
@@ -77,7 +77,7 @@ impl FolderSink {
             at,
             is_kept,
             unfinished,
-            folders,
+            created,
             _lock: lock,
         })
     }
@@ -135,7 +135,7 @@ impl TileSink for FolderSink {
         let _ = fs::remove_dir(&base);
         fs::rename(self.place.base(), &base).map_err(Error::io(&base, "put in place"))?;
         self.unfinished = None;
-        std::mem::take(&mut self.folders).keep();
+        std::mem::take(&mut self.created).keep();
         sync_folder(folder(&base)).map_err(Error::io(&base, "sync the folder"))?;
         Ok(stored)
     }
