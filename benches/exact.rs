@@ -54,7 +54,7 @@ fn main() -> Outcome<()> {
 }
 
 fn open(file: &Path, folder: &Path) -> Outcome<ExactModel> {
-    if is_model_file(file, &Default::default()) {
+    if is_model_file(file, &Default::default())? {
         return Ok(ExactModel::open(file, &OpenOptions::new())?);
     }
     let path = folder.join("model.goblin");

@@ -252,7 +252,7 @@ pub fn build(input: impl AsRef<Path>, output: impl AsRef<Path>) -> Result<()> {
 #[cfg(feature = "raster")]
 fn build_tree(input: &Path, output: &Path) -> Result<()> {
     use spinney_container::{create_tree_file, file_is_tree};
-    if file_is_tree(input, &FileAccess::default()) {
+    if file_is_tree(input, &FileAccess::default())? {
         let tree = open(input)?;
         return tree.build(
             &tree.build_options(spinney_raster::import::DEFAULT_MEMORY),

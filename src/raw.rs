@@ -18,9 +18,9 @@ pub mod value {
 /// Files: read where they are mapped, at positions, or in ranges from elsewhere, written whole or not at all.
 pub mod io {
     pub use spinney_base::io::{
-        CachedBytes, DEFAULT_GAP, Faults, Fetch, FileBytes, FileId, FileStat, FileVersion, Mapped,
-        OutputFolder, Positioned, RangeCache, RangeFile, ReadBackend, RemoteFiles, RemoteWriter, Stamp,
-        WriteBackend, url_of,
+        CachedBytes, CompletionRecord, DEFAULT_GAP, Faults, Fetch, FileBytes, FileId, FileStat, FileVersion,
+        Mapped, OutputFolder, Positioned, RangeCache, RangeFile, ReadBackend, RemoteFiles, RemoteWriter,
+        Stamp, WriteBackend, any_file, redacted, shown, url_of, without_query,
     };
 
     /// Restartable, batched queries of remote files.
@@ -84,7 +84,9 @@ pub mod store {
 /// Trees that are built in shards, by many processes.
 #[cfg(feature = "shards")]
 pub mod shards {
-    pub use spinney_shards::{Built, GivenLayers, Job, JobSpec, Planned, plan, plan_given};
+    pub use spinney_shards::{
+        Built, GivenLayers, Job, JobSpec, MergeOptions, Merged, Planned, merge, plan, plan_given,
+    };
 }
 
 /// Questions to trees: what is asked, and what is answered.

@@ -2,6 +2,7 @@
 
 use std::ffi::CString;
 
+use engine::raw::io::shown;
 use engine::{Crs, Dataset};
 use serde_json::{Map, Value, json};
 
@@ -38,7 +39,7 @@ pub(crate) fn json(dataset: &Dataset) -> CString {
         .map(|(scope, tags)| json!({ "channel": scope.channel, "domain": scope.domain, "tags": tags }))
         .collect();
     let document = json!({
-        "path": dataset.path().map(|path| path.display().to_string()),
+        "path": dataset.path().map(|path| shown(path)),
         "name": Some(&metadata.name).filter(|name| !name.is_empty()),
         "time": metadata.time,
         "rule": header.rule.to_string(),
@@ -48,7 +49,7 @@ pub(crate) fn json(dataset: &Dataset) -> CString {
         "palette": metadata.palette.as_ref().map(|palette| &palette.colours),
         "tags": metadata.tags,
         "scoped_tags": scoped,
-        "provenance": metadata.provenance,
+        "provenance": metadata.clean_provenance(),
     });
     // (JSON has no zero bytes: they are written as escapes.)
     CString::new(document.to_string()).unwrap_or_default()

@@ -8,6 +8,7 @@ use std::panic::{self, AssertUnwindSafe};
 use std::sync::Once;
 
 use engine::Error;
+use engine::raw::io::redacted;
 
 /// The outcome of a call.
 #[repr(C)]
@@ -92,7 +93,7 @@ impl From<Error> for Failure {
         let mut text = error.to_string();
         let mut cause = std::error::Error::source(&error);
         while let Some(next) = cause {
-            text += &format!(": {next}");
+            text += &format!(": {}", redacted(&next.to_string()));
             cause = next.source();
         }
         Failure { status, text }

@@ -13,6 +13,7 @@ from typing import Any, Literal, Self, overload
 import numpy as np
 import numpy.typing as npt
 
+from . import _native
 from ._arrays import points_of, rows_of
 from ._remote import remote_access_of, kept_name
 from ._files import MEMORY, log
@@ -106,7 +107,7 @@ class Dataset(Zones):
         return _reopen, (name, self.view, self.commit, self.positioned, self.layer or None, storage, file and file[2])
 
     def __repr__(self) -> str:
-        name = str(self.path)
+        name = _native.shown(str(self.path))
         if self.closed:
             return f"<spinney.Dataset {name!r}, closed>"
         commit = "" if self.commit is None else f"@{self.commit}"
@@ -365,7 +366,7 @@ class Dataset(Zones):
         """Whether points `(x, y, z)` of the world lie in cells that are at least half full (of trees that do not tell
         how full cells are, in cells that are not VOID)."""
         if self.ndim != 3:
-            raise ValueError(f"{self.path}: is a quadtree; this is for octrees")
+            raise ValueError(f"{_native.shown(str(self.path))}: is a quadtree; this is for octrees")
         values, found = self._sample_points(points_of(points, 3), level, "world", None)
         if self.rule == "occupancy":
             found &= values[:, 0] >= 128
@@ -476,7 +477,7 @@ class Level:
 
     def __repr__(self) -> str:
         size = " x ".join(map(str, reversed(self.shape)))
-        return f"<level {self.level} of {str(self.dataset.path)!r}: {size} cells>"
+        return f"<level {self.level} of {_native.shown(str(self.dataset.path))!r}: {size} cells>"
 
 
 def _reopen(

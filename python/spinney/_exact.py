@@ -170,7 +170,7 @@ class ExactModel(_native.Model):
 
     def __fspath__(self) -> str:
         if self.view:
-            raise ValueError(f"{self.path}: is seen through {', '.join(self.view)}: make a file of it with `transform`")
+            raise ValueError(f"{_native.shown(str(self.path))}: is seen through {', '.join(self.view)}: make a file of it with `transform`")
         return os.fspath(self.path)
 
     def __enter__(self) -> Self:
@@ -184,7 +184,7 @@ class ExactModel(_native.Model):
         return _reopen, (kept_name(self.path, file), self.positioned, storage, file and file[2], self.view)
 
     def __repr__(self) -> str:
-        name = str(self.path)
+        name = _native.shown(str(self.path))
         if self.closed:
             return f"<spinney.ExactModel {name!r}, closed>"
         unit = f" {self.unit}" if self.unit else ""
@@ -315,7 +315,7 @@ class ExactModel(_native.Model):
         names = self.parts
         if name not in names:
             near = ", ".join(difflib.get_close_matches(name, names, 5, 0) or names[:5])
-            raise KeyError(f"{self.path}: has no object {name!r}; there are {near}")
+            raise KeyError(f"{_native.shown(str(self.path))}: has no object {name!r}; there are {near}")
         part = names.index(name)
         return {"part": part, **self.objects(memory=memory, threads=threads, progress=progress)[part]}
 
@@ -336,7 +336,7 @@ class ExactModel(_native.Model):
         """The values of faces in a column of `face_columns`, by the numbers of the faces (`Faces.numbers`), of those that have one."""
         names = self.face_columns
         if column not in names:
-            raise KeyError(f"{self.path}: has no values of faces {column!r}; there are {', '.join(names) or 'none'}")
+            raise KeyError(f"{_native.shown(str(self.path))}: has no values of faces {column!r}; there are {', '.join(names) or 'none'}")
         with working(progress, threads) as terms:
             found = self._face_values(names.index(column), terms)
         # (Faces of one surface have the same text.)

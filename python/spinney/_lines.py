@@ -102,7 +102,7 @@ class LineTree(BlockTree, _native.Lines):
     """
 
     def __repr__(self) -> str:
-        return f"<spinney.LineTree {self.path!s}: {'closed' if self.closed else f'{len(self)} features'}>"
+        return f"<spinney.LineTree {_native.shown(str(self.path))}: {'closed' if self.closed else f'{len(self)} features'}>"
 
     @property
     def attributes(self) -> list[str]:

@@ -122,7 +122,7 @@ class PointTree(BlockTree, _native.Points):
     """
 
     def __repr__(self) -> str:
-        return f"<spinney.PointTree {self.path!s}: {'closed' if self.closed else f'{len(self)} points'}>"
+        return f"<spinney.PointTree {_native.shown(str(self.path))}: {'closed' if self.closed else f'{len(self)} points'}>"
 
     @property
     def attributes(self) -> list[str]:

@@ -160,7 +160,7 @@ class Job:
         return self.path
 
     def __repr__(self) -> str:
-        return f"<Job {self.path}: {self.shards} shards>"
+        return f"<Job {_native.shown(str(self.path))}: {self.shards} shards>"
 
     def build(self, number: int, *, memory: int | str = MEMORY, threads: int | None = None, progress: Progress = None) -> bool:
         """Builds a shard, from 0, unless it is made already, which is told. An error if an input is not the one that was planned."""

@@ -14,6 +14,7 @@ use spinney::raw::dataset;
 use spinney::raw::import::feature::is_feature_file;
 use spinney::raw::import::raster::{self, Band, TargetGrid};
 use spinney::raw::import::{mesh, volume};
+use spinney::raw::io::any_file;
 use spinney::raw::ops::WarpGrid;
 use spinney::raw::space::CodeRun;
 use spinney::raw::store::{SlabBoxes, WantedCells, depth_for};
@@ -492,7 +493,7 @@ pub(crate) fn build_files(
     if options.has_feature_options() {
         return Err(invalid("value, overlaps, width, fractions and where are for features"));
     }
-    if !meshes.is_empty() || paths.iter().any(|path| mesh::is_model(path, access())) {
+    if !meshes.is_empty() || any_file(&paths, &|path| mesh::is_model(path, access())).or_raise()? {
         let (mut solid, meshes) = (options.solids()?, arrays_of(&meshes)?);
         return jobs::run(py, terms, |work| {
             let mut models = spinney::raw::import::mesh::open_all_with(&paths, options.memory, access())?;

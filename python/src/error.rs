@@ -5,6 +5,7 @@ use std::io;
 use pyo3::exceptions::{PyKeyboardInterrupt, PyOSError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use spinney::Error;
+use spinney::raw::io::redacted;
 
 /// The exception for a failure, with the library's message and of the kind that Python's own functions raise.
 pub(crate) fn raised(error: Error) -> PyErr {
@@ -45,7 +46,7 @@ fn message(error: &Error) -> String {
     let mut cause = std::error::Error::source(error);
     while let Some(error) = cause {
         text.push_str(": ");
-        text.push_str(&error.to_string());
+        text.push_str(&redacted(&error.to_string()));
         cause = error.source();
     }
     text
@@ -66,5 +67,5 @@ impl<T> OrRaise<T> for spinney::Result<T> {
 
 /// A wrong argument.
 pub(crate) fn invalid(text: impl Into<String>) -> PyErr {
-    PyValueError::new_err(text.into())
+    PyValueError::new_err(redacted(&text.into()).into_owned())
 }

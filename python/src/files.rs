@@ -12,6 +12,7 @@ use spinney::lines::LineTree;
 use spinney::points::PointTree;
 use spinney::raw::brep::is_model_file;
 use spinney::raw::dataset;
+use spinney::raw::io::any_file;
 use spinney::raw::lines::is_line_file;
 use spinney::raw::ops::{self, AffineMap, FdRange, Outcome, Prefer};
 use spinney::raw::points::is_point_file;
@@ -124,7 +125,7 @@ pub(crate) fn transform<'py>(
     let others = steps.iter().flat_map(ViewStep::files).map(Path::to_path_buf);
     let inputs: Vec<PathBuf> = others.chain([path.clone()]).collect();
     check_output(&inputs, &out)?;
-    if is_model_file(&path, access()) {
+    if is_model_file(&path, access()).or_raise()? {
         if resampling.is_some() || allow_ballpark || moves {
             return Err(invalid("resampling, allow_ballpark and move mean nothing for exact models"));
         }
@@ -197,7 +198,7 @@ pub(crate) fn combine<'py>(
     let operation = named(operation, prefer)?;
     let universe = universe_of(operation, within.as_deref(), margin)?;
     check_output(&paths, &out)?;
-    if paths.iter().any(|path| is_model_file(path, access())) {
+    if any_file(&paths, &|path| is_model_file(path, access())).or_raise()? {
         if !features.is_empty() {
             return Err(invalid("features are laid over trees of cells, not over exact models"));
         }
@@ -327,13 +328,13 @@ pub(crate) fn verify(
     terms: Terms,
 ) -> PyResult<Vec<(String, String)>> {
     let findings = jobs::run(py, terms, |work| {
-        if is_model_file(&path, access()) {
+        if is_model_file(&path, access())? {
             return ExactModel::open(&path, &access().into())?.verify(memory, work);
         }
-        if is_point_file(&path, access()) {
+        if is_point_file(&path, access())? {
             return PointTree::open(&path, &access().into())?.verify(work);
         }
-        if is_line_file(&path, access()) {
+        if is_line_file(&path, access())? {
             return LineTree::open(&path, &access().into())?.verify(memory, work);
         }
         let tree = dataset::open(&path, &access().into())?;

@@ -1,6 +1,7 @@
 //! Long work: on a thread of its own, while the calling one heeds Ctrl-C and tells how far it is.
 
 use std::cell::RefCell;
+use std::fs;
 use std::num::NonZeroUsize;
 use std::path::Path;
 use std::process;
@@ -13,6 +14,7 @@ use std::time::{Duration, Instant};
 use pyo3::exceptions::{PyRuntimeError, PyUserWarning};
 use pyo3::prelude::*;
 use rayon::ThreadPoolBuilder;
+use spinney::raw::io::redacted;
 use spinney::raw::store::create_tree_file;
 use spinney::remote::{RemoteOptions, client};
 use spinney::{Error, FileAccess, Output, Progress};
@@ -35,6 +37,15 @@ static ACCESS: LazyLock<FileAccess> = LazyLock::new(|| {
         Some(stop) => stop.load(Ordering::Relaxed),
         None => Python::attach(|py| py.check_signals().is_err()),
     };
+    // (As for the program.)
+    let seconds = std::env::var("SPINNEY_REMOTE_TIMEOUT").ok().and_then(|text| text.trim().parse().ok());
+    if let Some(limit) = seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()) {
+        (options.limit, options.timeout) = (limit, limit / 2);
+    }
+    if let Some(text) = std::env::var_os("SPINNEY_SIGNED_URLS").and_then(|path| fs::read_to_string(path).ok())
+    {
+        options.signed_urls = text.lines().map(|line| line.trim().to_string()).collect();
+    }
     // (Caches of its own: `set_cache_memory` changes their limit, and not that of other users of the library.)
     let access = FileAccess::new().unpacked_cache(FileAccess::new().unpacked().limit());
     // (It fails where there is no directory for what is kept, and none is asked for.)
@@ -135,7 +146,7 @@ impl Progress for Work {
     }
 
     fn warn(&self, file: &Path, text: &str) {
-        let line = format!("{}: {text}", file.display());
+        let line = redacted(&format!("{}: {text}", file.display())).into_owned();
         self.warnings.lock().unwrap_or_else(PoisonError::into_inner).push(line);
     }
 

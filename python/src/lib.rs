@@ -74,6 +74,8 @@ mod _native {
     #[pymodule_export]
     use super::rebuild::is_tree;
     #[pymodule_export]
+    use super::remote::shown;
+    #[pymodule_export]
     use super::shards::{
         build_shard, is_job, look_at_job, merge_shards, missing_shards, plan_combine, plan_shards,
         plan_transform, remove_job,

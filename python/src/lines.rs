@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::sync::{Arc, PoisonError, RwLock};
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use spinney::export::VectorFormat;
@@ -45,7 +44,7 @@ type Level = (u64, u64, f64, u64, u64);
 impl Lines {
     fn get(&self) -> PyResult<Arc<LineTree>> {
         let opened = self.opened.read().unwrap_or_else(PoisonError::into_inner);
-        opened.clone().ok_or_else(|| PyValueError::new_err(format!("{}: is closed", self.path.display())))
+        opened.clone().ok_or_else(|| invalid(format!("{}: is closed", self.path.display())))
     }
 }
 
@@ -119,7 +118,7 @@ impl Lines {
         facts.set_item("scale", tree.grid().scale)?;
         facts.set_item("crs", tree.metadata().frame.crs.as_ref().map(crs_text))?;
         facts.set_item("tags", tree.metadata().tags.clone())?;
-        facts.set_item("provenance", tree.metadata().provenance.clone())?;
+        facts.set_item("provenance", tree.metadata().clean_provenance())?;
         Ok(facts)
     }
 

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::sync::{Arc, PoisonError, RwLock};
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
@@ -44,7 +43,7 @@ impl Model {
     /// The open file, as it is seen.
     pub(crate) fn get(&self) -> PyResult<Arc<ModelView>> {
         let opened = self.opened.read().unwrap_or_else(PoisonError::into_inner);
-        opened.clone().ok_or_else(|| PyValueError::new_err(format!("{}: is closed", self.path.display())))
+        opened.clone().ok_or_else(|| invalid(format!("{}: is closed", self.path.display())))
     }
 }
 
@@ -174,7 +173,7 @@ impl Model {
         facts.set_item("crs", metadata.frame.crs.as_ref().map(crs_text))?;
         facts.set_item("unit", metadata.tag(Tag::Unit))?;
         facts.set_item("tags", metadata.tags.clone())?;
-        facts.set_item("provenance", metadata.provenance.clone())?;
+        facts.set_item("provenance", metadata.clean_provenance())?;
         facts.set_item("bytes", model.file_size())?;
         facts.set_item("rounding", view.rounding())?;
         Ok(facts)

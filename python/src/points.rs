@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock};
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use spinney::import::feature::{FeatureFilter, FeatureOptions};
@@ -25,8 +24,8 @@ use crate::tree::crs_text;
 
 /// Whether a file is a tree of points.
 #[pyfunction]
-pub(crate) fn is_points(path: PathBuf) -> bool {
-    is_point_file(&path, access())
+pub(crate) fn is_points(py: Python<'_>, path: PathBuf) -> PyResult<bool> {
+    py.detach(|| is_point_file(&path, access())).or_raise()
 }
 
 /// Polygons: parts, each of an outer ring and its holes.
@@ -70,7 +69,7 @@ type Column = Option<(u64, f64, f64, f64)>;
 impl Points {
     fn get(&self) -> PyResult<Arc<PointTree>> {
         let opened = self.opened.read().unwrap_or_else(PoisonError::into_inner);
-        opened.clone().ok_or_else(|| PyValueError::new_err(format!("{}: is closed", self.path.display())))
+        opened.clone().ok_or_else(|| invalid(format!("{}: is closed", self.path.display())))
     }
 }
 
@@ -143,7 +142,7 @@ impl Points {
         facts.set_item("offset", tree.grid().offset)?;
         facts.set_item("crs", tree.metadata().frame.crs.as_ref().map(crs_text))?;
         facts.set_item("tags", tree.metadata().tags.clone())?;
-        facts.set_item("provenance", tree.metadata().provenance.clone())?;
+        facts.set_item("provenance", tree.metadata().clean_provenance())?;
         Ok(facts)
     }
 

@@ -95,6 +95,6 @@ impl Tree {
 /// Whether a file, or a commit of one, is a tree of cells.
 #[pyfunction]
 #[pyo3(name = "is_tree")]
-pub(crate) fn is_tree(py: Python<'_>, path: PathBuf) -> bool {
-    py.detach(|| file_is_tree(&path, access()))
+pub(crate) fn is_tree(py: Python<'_>, path: PathBuf) -> PyResult<bool> {
+    py.detach(|| file_is_tree(&path, access())).or_raise()
 }

@@ -20,6 +20,12 @@ pub(crate) fn path_object<'py>(py: Python<'py>, path: &Path) -> PyResult<Bound<'
     }
 }
 
+/// A path or URL as it is shown: without the user info and the query of a URL.
+#[pyfunction]
+pub(crate) fn shown(path: &str) -> String {
+    spinney::raw::io::shown(Path::new(path)).into_owned()
+}
+
 /// How a file elsewhere is opened.
 #[derive(Default)]
 pub(crate) struct RemoteAccess {

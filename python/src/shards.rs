@@ -5,8 +5,7 @@ use std::path::PathBuf;
 use pyo3::prelude::*;
 use spinney::CombineOptions;
 use spinney::raw::ops::Prefer;
-use spinney::raw::shards::{Job, JobSpec, plan};
-use spinney::raw::store::goblin::MergeOutput;
+use spinney::raw::shards::{Job, JobSpec, MergeOptions, merge, plan};
 
 use crate::build::FileOptions;
 use crate::error::{OrRaise, invalid};
@@ -132,8 +131,7 @@ pub(crate) fn merge_shards(
     }
     check_output(std::slice::from_ref(&job), &out)?;
     jobs::run(py, terms, |work| {
-        let job = Job::open_with(&job, access())?;
-        job.merge(MergeOutput::create(&out, work.max_bytes(), removes, access())?, memory, work)?;
-        if removes { job.remove() } else { Ok(()) }
+        let options = MergeOptions { limit: work.max_bytes(), removes, memory };
+        merge(&job, &out, options, access(), work).map(|_| ())
     })
 }

@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock, PoisonError, RwLock};
 
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict, PyString};
 use spinney::raw::dataset;
@@ -95,7 +94,7 @@ impl Tree {
     /// The open file.
     pub(crate) fn get(&self) -> PyResult<Arc<Opened>> {
         let opened = self.opened.read().unwrap_or_else(PoisonError::into_inner);
-        opened.clone().ok_or_else(|| PyValueError::new_err(format!("{}: is closed", self.path.display())))
+        opened.clone().ok_or_else(|| invalid(format!("{}: is closed", self.path.display())))
     }
 
     /// A line about the steps that the file is seen through, if there are any.
@@ -423,7 +422,7 @@ impl Tree {
         facts.set_item("scale_offset", metadata.scale_offset.clone())?;
         facts.set_item("units", metadata.units.clone())?;
         facts.set_item("alpha", metadata.alpha)?;
-        facts.set_item("provenance", metadata.provenance.clone())?;
+        facts.set_item("provenance", metadata.clean_provenance())?;
         Ok(facts)
     }
 }

@@ -106,7 +106,7 @@ impl MergingArgs {
             bail!("{}: features are not combined in shards: `spinney combine {name}`", file.display())
         }
         ensure!(
-            !exact::any_model(&self.files, global),
+            !exact::any_model(&self.files, global)?,
             "exact models are not combined in shards: `spinney combine {name}`"
         );
         let (operation, universe) = self.on_trees()?;
@@ -182,7 +182,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let Args { merging, output, snap, explain, json, memory, packing, limit, features } = args;
     let MergingArgs { operation: name, files, values, fill, within, margin } = &merging;
     let fill = *fill;
-    ensure!(!explain || exact::any_model(files, global), "--explain is for exact models (`build --brep`)");
+    ensure!(!explain || exact::any_model(files, global)?, "--explain is for exact models (`build --brep`)");
     if name.is_table() {
         ensure!(output.is_none(), "cross prints a table: leave out --output");
         return table(files, json, global);
@@ -207,7 +207,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let (operation, universe) = merging.on_trees()?;
     let path = output.context("--output is missing: where should the result go?")?;
     check_output(files.iter().map(PathBuf::as_path), &path)?;
-    if exact::any_model(files, global) {
+    if exact::any_model(files, global)? {
         let given = [
             ("--values", *values != "a"),
             ("--fill", fill.is_some()),

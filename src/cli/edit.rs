@@ -10,6 +10,7 @@ use spinney::import::raster::ImportOptions;
 use spinney::query::Polygon;
 use spinney::raw::import::cells::CellList;
 use spinney::raw::import::rasterize::Overlaps;
+use spinney::raw::io::without_query;
 use spinney::raw::ops::{Prefer, add_layer, apply_edits, drop_layer, only_layer};
 use spinney::raw::store::{FileReference, TreeFormat, file_is_tree};
 use spinney::{
@@ -170,7 +171,7 @@ fn change_layers(file: &Path, change: &Change, global: &Global) -> Result<()> {
     let commit = match change {
         Change::AddLayer(AddLayer { tree, name, steps, packing, .. }) => {
             let place = FileReference::of(tree);
-            let stem = place.file.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+            let stem = without_query(&place.file).file_stem().map(|stem| stem.to_string_lossy().into_owned());
             let name = name.clone().or(place.layer.clone()).or(stem).unwrap_or_default();
             let chain =
                 FileView { steps: steps.clone(), access: global.access().clone(), ..FileView::of(tree) };
@@ -209,7 +210,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let work = Work::start(global, "cells")?;
     // A picture becomes a tree before the file is locked: others can edit it meanwhile.
     let picture = match &change {
-        Change::Paste(paste) if !file_is_tree(&paste.patch, global.access()) => {
+        Change::Paste(paste) if !file_is_tree(&paste.patch, global.access())? => {
             Some(PastedPicture::import(&paste.patch, &file, memory, global.access(), &work)?)
         }
         _ => None,

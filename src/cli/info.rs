@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use serde_json::json;
 use spinney::query::ChannelStatistics;
-use spinney::raw::io::url_of;
+use spinney::raw::io::{shown, url_of};
 use spinney::raw::manifest::ListedFile;
 use spinney::raw::ops::{LayerInfo, TreeFile};
 use spinney::raw::report::{JsonNumbers, channels_as_json, class_as_json, commit_as_json};
@@ -84,7 +84,7 @@ fn describe(args: &Args, global: &Global) -> Result<()> {
 /// What is in a file of several layers.
 fn layers_as_text(tree: &Dataset, layers: &[LayerInfo]) -> Result<String> {
     let mut text = String::new();
-    writeln!(text, "{}: {} file of {} layers", tree.name().display(), tree.format().name(), layers.len())?;
+    writeln!(text, "{}: {} file of {} layers", shown(tree.name()), tree.format().name(), layers.len())?;
     if let Some(commit) = tree.commit() {
         writeln!(text, "commit      {}{}", commit.number, commit::about(commit))?;
     }
@@ -108,7 +108,7 @@ fn layers_as_text(tree: &Dataset, layers: &[LayerInfo]) -> Result<String> {
             layer.bytes.map_or(String::new(), |bytes| format!(", {bytes} bytes"))
         )?;
     }
-    writeln!(text, "next        spinney info {} --layer {}", tree.name().display(), layers[0].name)?;
+    writeln!(text, "next        spinney info {} --layer {}", shown(tree.name()), layers[0].name)?;
     Ok(text)
 }
 
@@ -122,7 +122,7 @@ fn layers_as_json(tree: &Dataset, layers: &[LayerInfo]) -> Result<serde_json::Va
         Ok(json)
     });
     Ok(json!({
-        "file": tree.name().display().to_string(),
+        "file": shown(tree.name()),
         "format": tree.format().name(),
         "commit": tree.commit().map(|commit| commit_as_json(commit, JsonNumbers::Plain)),
         "bytes": tree.file_size(),
@@ -185,7 +185,7 @@ fn as_json(tree: &Dataset, (levels, segments): (Levels<'_>, Segments<'_>)) -> Re
         })
         .collect();
     let mut json = json!({
-        "file": tree.name().display().to_string(),
+        "file": shown(tree.name()),
         "format": tree.format().name(),
         "commit": tree.commit().map(|commit| commit_as_json(commit, JsonNumbers::Plain)),
         "codec": header.codec.name(),
@@ -222,7 +222,7 @@ fn as_json(tree: &Dataset, (levels, segments): (Levels<'_>, Segments<'_>)) -> Re
         "void_cells": stats.void_cells,
         "channels": channels_as_json(&stats, tree.header().form.value.sample, JsonNumbers::Plain),
         "classes": classes,
-        "provenance": metadata.provenance,
+        "provenance": metadata.clean_provenance(),
         "tags": metadata.tags,
         "scoped_tags": scoped_tags_as_json(metadata),
         "control_points": control_points_as_json(metadata),
@@ -266,7 +266,7 @@ fn as_text(tree: &Dataset, (levels, segments): (Levels<'_>, Segments<'_>)) -> Re
     if !is_listed(tree) {
         write_levels(&mut text, levels)?;
     }
-    for line in &tree.metadata().provenance {
+    for line in tree.metadata().clean_provenance() {
         writeln!(text, "from        {line}")?;
     }
     for (name, value) in &tree.metadata().tags {
@@ -298,7 +298,7 @@ fn control_points_as_json(metadata: &Metadata) -> Option<serde_json::Value> {
 /// Writes the tree's form and size, and where it lies in the world.
 fn write_picture(text: &mut String, tree: &Dataset) -> Result<()> {
     let (header, metadata) = (tree.header(), tree.metadata());
-    writeln!(text, "{}: {} {}", tree.name().display(), tree.format().name(), tree_name(tree))?;
+    writeln!(text, "{}: {} {}", shown(tree.name()), tree.format().name(), tree_name(tree))?;
     if let Some(commit) = tree.commit() {
         writeln!(text, "commit      {}{}", commit.number, commit::about(commit))?;
     }

@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
+use spinney::raw::io::{shown, url_of};
 use spinney::raw::manifest::list_files;
 
 use super::Global;
-use super::report::Work;
+use super::report::{Work, warn};
 
 /// Make a manifest of tree files, or change one: a text (JSON) that tells many files as one, wherever a tree file is expected.
 ///
@@ -43,6 +44,13 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         is_update || !args.files.is_empty(),
         "name files to list, or files to --add to the manifest or to --remove from it"
     );
+    let listed = args.files.iter().chain(&args.add);
+    listed.filter(|file| url_of(file).is_some_and(|url| shown(file) != url)).for_each(|file| {
+        warn(&format!(
+            "{}: query and password are not stored; --signed-urls supplies them again",
+            shown(file)
+        ));
+    });
     let work = Work::start(global, "files")?;
     let files = if is_update { &args.add } else { &args.files };
     let manifest = list_files(&args.output, is_update, files, &args.remove, global.access(), &work)?;

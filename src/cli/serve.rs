@@ -10,7 +10,7 @@ use spinney::raw::io::url_of;
 use spinney::serve::{ServeOptions, Server};
 
 use super::Global;
-use super::args::parse_bytes;
+use super::args::{parse_bytes, parse_seconds};
 use super::report::{print_text, warn};
 use super::signals::{stop_in_good_order, stop_is_wanted};
 
@@ -43,6 +43,17 @@ pub(crate) struct Args {
     /// Address to listen at: by default that which this machine alone reaches; 0.0.0.0 is all that it has
     #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     host: IpAddr,
+    /// Origin whose pages may read responses (CORS), as in https://maps.example.org; may be given several times; * is all, none is none but the server's own pages
+    #[arg(long, value_name = "ORIGIN", default_value = "*")]
+    allow_origin: Vec<String>,
+    /// Name by which requests may call the server (their Host), besides those of its address; may be given several times; * is any. Without it a loopback
+    /// address has localhost and its like alone (against DNS rebinding), others have all names
+    #[arg(long, value_name = "NAME")]
+    allow_host: Vec<String>,
+    /// Address of the server as clients know it, for TileJSON with a proxy, as in https://maps.example.org/tiles [default: by X-Forwarded-Proto, -Host and -Prefix,
+    /// Forwarded or Host of the request]
+    #[arg(long, value_name = "URL")]
+    public_url: Option<String>,
     /// Seconds that an answer may take, and that a client may let it wait
     #[arg(long, value_name = "SECONDS", default_value_t = 30.0, value_parser = parse_seconds)]
     timeout: f64,
@@ -57,14 +68,6 @@ pub(crate) struct Args {
     connections: u16,
 }
 
-/// Reads a time that can be waited for.
-fn parse_seconds(text: &str) -> Result<f64, String> {
-    let seconds: Option<f64> = text.trim().parse().ok();
-    seconds
-        .filter(|seconds| (0.001..=1e6).contains(seconds))
-        .ok_or_else(|| "expected seconds, as in 30 or 0.5".into())
-}
-
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     ensure!(
         url_of(&args.path).is_none(),
@@ -77,6 +80,9 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     options.timeout = Duration::from_secs_f64(args.timeout);
     (options.max_cells, options.max_body) = (args.max_cells, args.max_body);
     options.connections = args.connections.into();
+    options.allow_origins = args.allow_origin.iter().filter(|origin| *origin != "none").cloned().collect();
+    options.allow_hosts.clone_from(&args.allow_host);
+    options.public_url.clone_from(&args.public_url);
     stop_in_good_order()?;
     let server = Server::bind(&args.path, options)?;
     server.remarks()?.iter().for_each(|remark| warn(remark));

@@ -1,6 +1,6 @@
 //! `spinney verify`: every checksum and every rule of the tree.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Result;
@@ -8,8 +8,10 @@ use spinney::lines::LineTree;
 use spinney::points::PointTree;
 use spinney::raw::brep::is_model_file;
 use spinney::raw::export::tiles::{is_tile_archive, verify_tiles};
+use spinney::raw::io::shown;
 use spinney::raw::lines::is_line_file;
 use spinney::raw::points::is_point_file;
+use spinney::raw::store::Finding;
 use spinney::{Error, ExactModel};
 
 use super::Global;
@@ -40,27 +42,30 @@ pub(crate) struct Args {
     quick: bool,
 }
 
+/// All that is wrong with a file.
+fn verify(file: &Path, is_quick: bool, global: &Global, work: &Work) -> spinney::Result<Vec<Finding>> {
+    let access = global.access();
+    if is_tile_archive(file) {
+        return verify_tiles(file, work);
+    }
+    if is_model_file(file, access)? {
+        return ExactModel::open(file, &access.into())?.verify(DEFAULT_MEMORY, work);
+    }
+    if is_line_file(file, access)? {
+        return LineTree::open(file, &access.into())?.verify(DEFAULT_MEMORY, work);
+    }
+    if is_point_file(file, access)? {
+        return PointTree::open(file, &access.into())?.verify(work);
+    }
+    let tree = spinney::raw::dataset::open(file, &access.into())?;
+    if is_quick { tree.verify_quickly(DEFAULT_MEMORY, work) } else { tree.verify(DEFAULT_MEMORY, work) }
+}
+
 pub(crate) fn run(args: &Args, global: &Global) -> Result<ExitCode> {
     let work = Work::start(global, "cells")?;
     let mut good = true;
     for file in &args.files {
-        let verified = if is_tile_archive(file) {
-            verify_tiles(file, &work)
-        } else if is_model_file(file, global.access()) {
-            ExactModel::open(file, &global.access().into())
-                .and_then(|model| model.verify(DEFAULT_MEMORY, &work))
-        } else if is_line_file(file, global.access()) {
-            LineTree::open(file, &global.access().into()).and_then(|tree| tree.verify(DEFAULT_MEMORY, &work))
-        } else if is_point_file(file, global.access()) {
-            PointTree::open(file, &global.access().into()).and_then(|tree| tree.verify(&work))
-        } else {
-            let tree = spinney::raw::dataset::open(file, &global.access().into());
-            tree.and_then(|tree| match args.quick {
-                true => tree.verify_quickly(DEFAULT_MEMORY, &work),
-                false => tree.verify(DEFAULT_MEMORY, &work),
-            })
-        };
-        let findings = match verified {
+        let findings = match verify(file, args.quick, global, &work) {
             Ok(findings) => findings,
             Err(Error::Interrupted) => return Err(Error::Interrupted.into()),
             Err(error) => {
@@ -71,10 +76,10 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<ExitCode> {
             }
         };
         for finding in &findings {
-            print_text(&format!("{}: {}: {}\n", file.display(), finding.place, finding.problem))?;
+            print_text(&format!("{}: {}: {}\n", shown(file), finding.place, finding.problem))?;
         }
         if findings.is_empty() && !global.quiet {
-            print_text(&format!("{}: good\n", file.display()))?;
+            print_text(&format!("{}: good\n", shown(file)))?;
         }
         good &= findings.is_empty();
     }

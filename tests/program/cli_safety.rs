@@ -291,3 +291,52 @@ fn pipes_are_refused_where_files_are_read_more_than_once() {
         assert!(told.contains("pipe"), "{words:?}: {told}");
     }
 }
+
+/// Files that belong together, on a disk that gets full: all of them, or none, and no directories for them.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_has_no_part_of_what_belongs_together() {
+    let folder = tempfile::tempdir().unwrap();
+    let disk = folder.path().join("disk");
+    std::fs::create_dir(&disk).unwrap();
+    let run = |program: &str, words: &[&str]| std::process::Command::new(program).args(words).status();
+    let at = disk.to_str().unwrap();
+    let mounted =
+        run("mount", &["-t", "tmpfs", "-o", "size=400k", "tmpfs", at]).is_ok_and(|code| code.success());
+    if !mounted {
+        eprintln!("skipped: no file system can be mounted here");
+        return;
+    }
+    let map = format!("{}/fixtures/v1/elevation.goblin", env!("CARGO_MANIFEST_DIR"));
+    let name = |name: &str| disk.join(name).to_str().unwrap().to_owned();
+    let files = || {
+        let found =
+            std::fs::read_dir(&disk).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        found.collect::<Vec<_>>()
+    };
+    let mut failed = 0;
+    // With ever more space: each command fails for a while, at another moment each time.
+    for space in (0..400).step_by(20) {
+        std::fs::write(name("filler"), vec![0; (400 - space) << 10]).unwrap_or_default();
+        for words in [
+            &["contours", &map, "--every", "5", "-o", &name("lines.shp")][..],
+            &["export", &map, "-o", &name("new/page/index.html")],
+            &["export", &map, "-o", &name("new/tiles/{z}/{x}/{y}.png")],
+        ] {
+            let output = command(&[&["-q"], words].concat()).output().unwrap();
+            if output.status.success() {
+                for file in files().iter().filter(|file| *file != "filler") {
+                    let path = disk.join(file);
+                    std::fs::remove_dir_all(&path).or_else(|_| std::fs::remove_file(&path)).unwrap();
+                }
+                continue;
+            }
+            failed += 1;
+            let text = String::from_utf8_lossy(&output.stderr).into_owned();
+            assert_eq!(output.status.code(), Some(1), "{words:?}: {text}");
+            assert!(files().iter().all(|file| file == "filler"), "{space}, {words:?}: {:?}: {text}", files());
+        }
+    }
+    run("umount", &[at]).unwrap();
+    assert!(failed > 3);
+}

@@ -6,8 +6,11 @@ use std::process::{Command, Stdio};
 use std::thread::sleep;
 use std::time::Duration;
 
+use spinney::Output;
+use spinney::raw::io::CompletionRecord;
+
 use crate::cli_shards::{Place, job};
-use crate::common::command::{complaint, spinney};
+use crate::common::command::{complaint, spinney, stderr};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_spinney");
 
@@ -127,4 +130,71 @@ fn streams_and_two_at_once_are_refused() {
     assert!(locked.contains("another process"), "{locked}");
     assert_eq!(place.leftovers("job/shards"), Vec::<String>::new());
     assert!(run_bytes(&place) > 0);
+}
+
+/// A merge that was cut off after its rename, at any moment of removing its job: the same command succeeds and cleans up.
+#[test]
+fn merges_that_were_cut_off_after_their_file_was_in_place_go_on() {
+    let place = Place::new();
+    let (job, whole) = job(&place, "3");
+    build_all(&job, 3);
+    let merged = place.name("merged.goblin");
+    let merge = ["-q", "shard", "merge", &job, "-o", &merged, "--remove-shards"];
+    let files = || -> Vec<_> {
+        let mut all: Vec<_> =
+            fs::read_dir(place.path("job/shards")).unwrap().map(|file| file.unwrap().path()).collect();
+        all.sort();
+        all.extend([place.path("job/head.goblin"), place.path("job/plan.json")]);
+        all
+    };
+    let saved: Vec<_> = files().into_iter().map(|path| (fs::read(&path).unwrap(), path)).collect();
+    let id = {
+        // (The mark of a merge that lacks a shard has the job in it.)
+        let (bytes, path) = saved.iter().find(|(_, path)| path.ends_with("0001-0.run")).unwrap();
+        fs::remove_file(path).unwrap();
+        complaint(&merge, 1);
+        fs::write(path, bytes).unwrap();
+        fs::read_to_string(place.path("merged.goblin.partial.job")).unwrap()
+    };
+    let mark = {
+        let mut output = Output::create(&place.path("merged.goblin")).unwrap();
+        let path = place.path("mark");
+        output.record_completion(CompletionRecord { path: path.clone(), work: id });
+        output.write_all(&whole).unwrap();
+        output.commit().unwrap();
+        let mark = fs::read(&path).unwrap();
+        fs::remove_file(path).unwrap();
+        mark
+    };
+    for gone in 0..=saved.len() {
+        let _ = fs::remove_file(place.path("merged.goblin.partial"));
+        fs::create_dir_all(place.path("job/shards")).unwrap();
+        for (bytes, path) in &saved {
+            fs::write(path, bytes).unwrap();
+        }
+        saved[..gone].iter().for_each(|(_, path)| fs::remove_file(path).unwrap());
+        fs::write(&merged, &whole).unwrap();
+        fs::write(place.path("merged.goblin.partial.job"), &mark).unwrap();
+        spinney(&merge).success();
+        assert!(fs::read(&merged).unwrap() == whole);
+        assert_eq!(
+            place.leftovers("."),
+            ["merged.goblin", "p.tif", "whole.goblin"],
+            "{gone} files were gone"
+        );
+    }
+    // All was done but for saying so.
+    let told = stderr(spinney(&merge).success());
+    assert!(told.contains("no job is there"), "{told}");
+    // Without the file, or where another one is in its place, shards stay.
+    fs::create_dir_all(place.path("job/shards")).unwrap();
+    saved.iter().for_each(|(bytes, path)| fs::write(path, bytes).unwrap());
+    fs::write(place.path("merged.goblin.partial.job"), &mark).unwrap();
+    fs::copy(place.path("p.tif"), &merged).unwrap();
+    spinney(&merge).success();
+    assert!(fs::read(&merged).unwrap() == whole);
+    assert!(
+        complaint(&["-q", "shard", "merge", &job, "-o", &place.name("none.goblin"), "--remove-shards"], 1)
+            .contains("job")
+    );
 }

@@ -1,6 +1,8 @@
 //! Files on web servers and in buckets: what servers do wrong, and what comes of it.
 
 mod jobs;
+mod outages;
+mod secrets;
 mod server;
 
 use std::path::Path;
@@ -109,7 +111,7 @@ fn servers_that_are_busy_or_break_off_are_asked_again() {
 }
 
 #[test]
-fn servers_that_cannot_be_used_are_told() {
+fn servers_that_cannot_be_used_are_reported() {
     let server = server();
     let refused = |fault: Fault| {
         let url = put(&server, &format!("{fault:?}"), "segments.goblin");
@@ -142,7 +144,7 @@ fn servers_that_cannot_be_used_are_told() {
         "{missing}"
     );
     let text =
-        server.put("text.goblin", b"no tree, but a page of the server, long enough to be looked at".to_vec());
+        server.put("text.goblin", b"no tree, but a page of the server, long enough to be inspected".to_vec());
     assert!(opened(&text).is_err());
     let empty = server.put("empty.goblin", Vec::new());
     assert!(opened(&empty).is_err());
@@ -273,8 +275,8 @@ fn the_program_reads_urls_wherever_it_reads_a_file() {
             }
         }
     }
-    let told = program(&["-v", "stats", &url]).unwrap();
-    let text = String::from_utf8(told.stderr).unwrap();
+    let report = program(&["-v", "stats", &url]).unwrap();
+    let text = String::from_utf8(report.stderr).unwrap();
     assert!(text.contains("1 rounds, 2 requests"), "{text}");
     let kept = folder.path().join("kept").display().to_string();
     for requests in [2, 2] {

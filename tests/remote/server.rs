@@ -23,6 +23,8 @@ pub(crate) enum Fault {
     Compresses,
     /// Sends to the file of another name.
     Redirects,
+    /// Sends to another host, without a query: `localhost` at this port.
+    Leaves(u16),
     /// Other bytes, of another tag, after so many requests.
     Changes(usize),
     /// No answer for a while.
@@ -41,6 +43,8 @@ struct State {
     fault: Mutex<Fault>,
     requests: AtomicUsize,
     bytes: AtomicU64,
+    /// Heads of requests.
+    heads: Mutex<Vec<String>>,
 }
 
 impl Server {
@@ -53,6 +57,7 @@ impl Server {
             fault: Mutex::new(Fault::None),
             requests: AtomicUsize::new(0),
             bytes: AtomicU64::new(0),
+            heads: Mutex::default(),
         });
         let shared = state.clone();
         std::thread::spawn(move || {
@@ -75,6 +80,11 @@ impl Server {
         *self.state.fault.lock().unwrap() = fault;
     }
 
+    /// Heads of requests since the last time.
+    pub(crate) fn take_heads(&self) -> Vec<String> {
+        std::mem::take(&mut *self.state.heads.lock().unwrap())
+    }
+
     /// Requests and bytes since the last time.
     pub(crate) fn take_counts(&self) -> (usize, u64) {
         (self.state.requests.swap(0, Ordering::SeqCst), self.state.bytes.swap(0, Ordering::SeqCst))
@@ -87,7 +97,8 @@ impl State {
         let _ = stream.set_nodelay(true);
         let mut reader = BufReader::new(stream.try_clone().unwrap());
         let mut writer = stream;
-        while let Some((has_body, path, range)) = request(&mut reader) {
+        while let Some((head, (has_body, path, range))) = request(&mut reader) {
+            self.heads.lock().unwrap().push(head);
             if self.answer(&mut writer, (&path, has_body), range).is_none() {
                 return;
             }
@@ -111,6 +122,9 @@ impl State {
             Fault::Busy(times) if number < times => return plain(out, "500 Internal Server Error", ""),
             Fault::Forbidden => return plain(out, "403 Forbidden", ""),
             Fault::Slow(time) => std::thread::sleep(time),
+            Fault::Leaves(port) => {
+                return plain(out, "302 Found", &format!("Location: http://localhost:{port}{path}\r\n"));
+            }
             Fault::Redirects if !path.starts_with("/moved/") => {
                 return plain(out, "302 Found", &format!("Location: /moved{path}\r\n"));
             }
@@ -159,16 +173,21 @@ impl State {
     }
 }
 
-/// The path of the next request, whether its answer has a body, and the range that it asks for.
-fn request(reader: &mut BufReader<TcpStream>) -> Option<(bool, String, Option<String>)> {
+/// The path of a request, whether its response has a body, and its range.
+type Request = (bool, String, Option<String>);
+
+/// The head of the next request, with header fields in small letters, and its contents.
+fn request(reader: &mut BufReader<TcpStream>) -> Option<(String, Request)> {
     let mut line = String::new();
     reader.read_line(&mut line).ok().filter(|read| *read > 0)?;
+    let mut head = line.clone();
     let (has_body, path) = (!line.starts_with("HEAD "), line.split(' ').nth(1)?.to_string());
     let mut range = None;
     let mut length = 0;
     loop {
         let mut header = String::new();
         reader.read_line(&mut header).ok().filter(|read| *read > 0)?;
+        head += &header.to_ascii_lowercase();
         let Some((name, value)) = header.trim_end().split_once(':') else { break };
         match name.to_ascii_lowercase().as_str() {
             "range" => range = value.trim().strip_prefix("bytes=").map(str::to_string),
@@ -178,5 +197,5 @@ fn request(reader: &mut BufReader<TcpStream>) -> Option<(bool, String, Option<St
     }
     let mut body = vec![0; length];
     reader.read_exact(&mut body).ok()?;
-    Some((has_body, path, range))
+    Some((head, (has_body, path, range)))
 }

@@ -30,7 +30,7 @@ fn limits_are_told() {
     assert!(told.contains("2048"), "{told}");
     // Bodies that do not say how long they are are cut off, too.
     let mut connection = server.connect();
-    let head = "POST /zonal/classes HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n";
+    let head = "POST /zonal/classes HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n";
     connection.send(head.as_bytes()).unwrap();
     let chunk = format!("{:x}\r\n{}\r\n", long.len(), " ".repeat(long.len()));
     let _ = connection.send(chunk.as_bytes());
@@ -84,7 +84,7 @@ fn slow_clients_are_not_waited_for() {
     // One that never ends its head, one that never sends its body, one that says nothing.
     for begin in [
         "GET /healthz HTTP/1.1\r\nHo",
-        "POST /zonal/classes HTTP/1.1\r\nHost: x\r\nContent-Length: 9\r\n\r\n{",
+        "POST /zonal/classes HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n{",
         "",
     ] {
         let mut stream = TcpStream::connect(&server.address).unwrap();
@@ -103,7 +103,7 @@ fn slow_clients_are_not_waited_for() {
     // One that does not read what it asked for.
     std::fs::write(folder.path().join("long.goblin"), vec![7; 64 << 20]).unwrap();
     let mut connection = server.connect();
-    connection.send(b"GET /long.goblin HTTP/1.1\r\nHost: x\r\n\r\n").unwrap();
+    connection.send(b"GET /long.goblin HTTP/1.1\r\nHost: localhost\r\n\r\n").unwrap();
     std::thread::sleep(Duration::from_millis(3000));
     assert!(connection.receive(false).is_err(), "the connection ends before the body does");
     server.get("/healthz").good();
@@ -116,13 +116,13 @@ fn clients_that_go_away_leave_nothing() {
     std::fs::write(folder.path().join("long.goblin"), vec![7; 16 << 20]).unwrap();
     let districts = std::fs::read_to_string(fixture("island_districts.geojson")).unwrap();
     let zonal = format!(
-        "POST /zonal/heights?measure=median HTTP/1.1\r\nHost: x\r\nContent-Length: {}\r\n\r\n{districts}",
+        "POST /zonal/heights?measure=median HTTP/1.1\r\nHost: localhost\r\nContent-Length: {}\r\n\r\n{districts}",
         districts.len()
     );
     for round in 0..200 {
         let request = match round % 5 {
-            0 => "GET /long.goblin HTTP/1.1\r\nHost: x\r\n\r\n",
-            1 => "GET /window/heights?size=1000&style=hillshade HTTP/1.1\r\nHost: x\r\n\r\n",
+            0 => "GET /long.goblin HTTP/1.1\r\nHost: localhost\r\n\r\n",
+            1 => "GET /window/heights?size=1000&style=hillshade HTTP/1.1\r\nHost: localhost\r\n\r\n",
             2 => &zonal,
             3 => &zonal[..zonal.len() / 2],
             _ => "GET /hea",
@@ -218,7 +218,7 @@ fn whatever_is_sent_is_answered_or_refused() {
             }
         }
         let method = ["GET", "GET", "GET", "POST", "HEAD", "OPTIONS", "BREW"][pick(&mut random, 7)];
-        let mut request = format!("{method} {target} HTTP/1.1\r\nHost: x\r\n");
+        let mut request = format!("{method} {target} HTTP/1.1\r\nHost: localhost\r\n");
         for _ in 0..random.below(3) {
             request += headers[pick(&mut random, headers.len())];
             request += "\r\n";

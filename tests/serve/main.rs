@@ -7,6 +7,7 @@ mod client;
 mod common;
 mod files;
 mod hostile;
+mod names;
 mod tiles;
 
 use std::io::{BufRead as _, BufReader};

@@ -1,19 +1,21 @@
 //! The one error type of the library.
 
+use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::url::url_of;
+use crate::url::{redacted, shown, url_of};
 
 /// Result of anything in this library that can fail.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// A failure: which file, what was found there, what was expected, and what to do about it.
-#[derive(Debug, thiserror::Error)]
+/// A failure: which file, what was found there, what was expected, and what to do about it. Messages have no secrets of URLs: see
+/// [`io::redacted`](crate::io::redacted).
+#[derive(thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// The operating system refused an operation on a file.
-    #[error("{}: cannot {doing}", path.display())]
+    #[error("{}: cannot {doing}", shown(path))]
     Io {
         /// The file (or `-` for a standard stream).
         path: PathBuf,
@@ -24,7 +26,13 @@ pub enum Error {
         cause: io::Error,
     },
     /// The file's bytes break the rules of its format.
-    #[error("{}: {place}: found {found}, expected {expected}; the file is damaged or not what its name says", path.display())]
+    #[error(
+        "{}: {}: found {}, expected {}; the file is damaged or not what its name says",
+        shown(path),
+        redacted(place),
+        redacted(found),
+        redacted(expected)
+    )]
     Corrupt {
         /// The file.
         path: PathBuf,
@@ -36,7 +44,7 @@ pub enum Error {
         expected: String,
     },
     /// The file is (or may be) fine, but uses something that is not supported.
-    #[error("{}: {found} is not supported; {advice}", path.display())]
+    #[error("{}: {} is not supported; {}", shown(path), redacted(found), redacted(advice))]
     Unsupported {
         /// The file.
         path: PathBuf,
@@ -46,7 +54,7 @@ pub enum Error {
         advice: String,
     },
     /// The file has another format, where a tree is expected.
-    #[error("{}: is no tree but {found}; {advice}", path.display())]
+    #[error("{}: is no tree but {found}; {}", shown(path), redacted(advice))]
     NotATree {
         /// The file.
         path: PathBuf,
@@ -56,7 +64,7 @@ pub enum Error {
         advice: String,
     },
     /// The surface of a model does not bound a solid.
-    #[error("{}: {what}; {advice}{}", path.display(), listed(places, *count))]
+    #[error("{}: {}; {}{}", shown(path), redacted(what), redacted(advice), listed(places, *count))]
     NotASolid {
         /// The file.
         path: PathBuf,
@@ -70,7 +78,11 @@ pub enum Error {
         advice: String,
     },
     /// Reading the file would need more memory than was allowed.
-    #[error("{}: {what} needs {needed} bytes of memory, the limit is {limit}; {advice}", path.display())]
+    #[error(
+        "{}: {what} needs {needed} bytes of memory, the limit is {limit}; {}",
+        shown(path),
+        redacted(advice)
+    )]
     TooLarge {
         /// The file.
         path: PathBuf,
@@ -84,7 +96,11 @@ pub enum Error {
         advice: String,
     },
     /// More bytes would be written than there is free space, or than is allowed.
-    #[error("{}: about {needed} bytes would be written, and {limit} {whose}; {advice}", path.display())]
+    #[error(
+        "{}: about {needed} bytes would be written, and {limit} {whose}; {}",
+        shown(path),
+        redacted(advice)
+    )]
     InsufficientSpace {
         /// The file.
         path: PathBuf,
@@ -98,7 +114,7 @@ pub enum Error {
         advice: String,
     },
     /// The file is being edited by somebody else.
-    #[error("{}: is being edited by {holder}; try again when it is done", path.display())]
+    #[error("{}: is being edited by {holder}; try again when it is done", shown(path))]
     Locked {
         /// The file.
         path: PathBuf,
@@ -106,7 +122,10 @@ pub enum Error {
         holder: String,
     },
     /// The file was changed by somebody else while it was read.
-    #[error("{}: {what} while it was read: the answer may be of the one state or the other, or of both; ask again", path.display())]
+    #[error(
+        "{}: {what} while it was read: the answer may be of the one state or the other, or of both; ask again",
+        shown(path)
+    )]
     Changed {
         /// The file.
         path: PathBuf,
@@ -114,7 +133,7 @@ pub enum Error {
         what: &'static str,
     },
     /// A file, or what would be made of it, differs from the plan.
-    #[error("{}: {found}, but {expected} was planned; {advice}", path.display())]
+    #[error("{}: {}, but {} was planned; {advice}", shown(path), redacted(found), redacted(expected))]
     PlanMismatch {
         /// The file.
         path: PathBuf,
@@ -126,7 +145,11 @@ pub enum Error {
         advice: &'static str,
     },
     /// The file that is being edited is no longer at its path: it was moved, removed or replaced.
-    #[error("{}: {what} while it was edited; the edits are not in the file of that name{}", path.display(), now_at(file))]
+    #[error(
+        "{}: {what} while it was edited; the edits are not in the file of that name{}",
+        shown(path),
+        now_at(file)
+    )]
     Moved {
         /// The path at which it was opened.
         path: PathBuf,
@@ -137,13 +160,16 @@ pub enum Error {
     },
     /// An earlier write or sync failed, so that nobody knows what is on the disk: whoever edits the file must
     /// open it again.
-    #[error("{}: nothing more can be written, an earlier write or sync failed; open the file again, its last commit is whole", path.display())]
+    #[error(
+        "{}: nothing more can be written, an earlier write or sync failed; open the file again, its last commit is whole",
+        shown(path)
+    )]
     Poisoned {
         /// The file.
         path: PathBuf,
     },
     /// An argument makes no sense, by itself or for this file.
-    #[error("{what}: got {found}, expected {expected}")]
+    #[error("{}: got {}, expected {}", redacted(what), redacted(found), redacted(expected))]
     Invalid {
         /// The argument, option or parameter.
         what: String,
@@ -161,14 +187,27 @@ pub enum Error {
     Interrupted,
 }
 
+/// The message, with those of the causes: paths and strings in it may be URLs with secrets.
+impl fmt::Debug for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut text = self.to_string();
+        let mut cause = std::error::Error::source(self);
+        while let Some(next) = cause {
+            text += &format!(": {}", redacted(&next.to_string()));
+            cause = next.source();
+        }
+        f.debug_tuple("Error").field(&text).finish()
+    }
+}
+
 /// For messages: where a file is now.
 fn now_at(file: &Option<PathBuf>) -> String {
-    file.as_ref().map_or(String::new(), |file| format!(", but in {}", file.display()))
+    file.as_ref().map_or(String::new(), |file| format!(", but in {}", shown(file)))
 }
 
 /// For messages: places, one per line.
 fn listed(places: &[String], count: u64) -> String {
-    let mut text: String = places.iter().map(|place| format!("\n  {place}")).collect();
+    let mut text: String = places.iter().map(|place| format!("\n  {}", redacted(place))).collect();
     let more = count.saturating_sub(places.len() as u64);
     if more > 0 {
         text.push_str(&format!("\n  and {more} more"));
@@ -232,5 +271,41 @@ impl Error {
     /// An argument that makes no sense.
     pub fn invalid(what: impl Into<String>, found: impl Into<String>, expected: impl Into<String>) -> Error {
         Error::Invalid { what: what.into(), found: found.into(), expected: expected.into() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn messages_have_no_secrets_of_urls() {
+        const URL: &str = "https://user:SECRET@host/x.tif?X-Amz-Signature=SECRET";
+        let path = || PathBuf::from(URL);
+        let text = || URL.to_string();
+        let all = [
+            Error::io(URL, "open")(io::Error::other(format!("GET {URL}: 403"))),
+            Error::corrupt(URL, URL, URL, URL),
+            Error::unsupported(URL, URL, URL),
+            Error::NotATree {
+                path: path(),
+                found: "TIFF".into(),
+                advice: format!("spinney build {URL} -o x"),
+            },
+            Error::NotASolid { path: path(), what: text(), places: vec![text()], count: 2, advice: text() },
+            Error::TooLarge { path: path(), what: "x".into(), needed: 2, limit: 1, advice: text() },
+            Error::InsufficientSpace { path: path(), needed: 2, limit: 1, whose: "are free", advice: text() },
+            Error::Locked { path: path(), holder: "x".into() },
+            Error::Changed { path: path(), what: "was overwritten" },
+            Error::PlanMismatch { path: path(), found: text(), expected: text(), advice: "plan another" },
+            Error::Moved { path: path(), what: "was removed", file: Some(path()) },
+            Error::Poisoned { path: path() },
+            Error::invalid(URL, URL, URL),
+        ];
+        for error in all {
+            for text in [error.to_string(), format!("{error:?}")] {
+                assert!(text.contains("host/x.tif?...") && !text.contains("SECRET"), "{text}");
+            }
+        }
     }
 }

@@ -24,6 +24,90 @@ pub fn without_query(path: &Path) -> &Path {
     url_of(path).map_or(path, |url| Path::new(split_query(url).0))
 }
 
+/// Characters that end a URL in a text.
+const ENDS: [char; 7] = ['"', '<', '>', '`', '|', '{', '}'];
+
+/// Characters that belong to the sentence around a URL, where they are its last ones.
+const PUNCTUATION: [char; 6] = [':', ',', ';', '.', ')', '\''];
+
+/// What replaces a secret: it shows that there is one, and [`is_redacted`] knows it.
+const REDACTED: &str = "...";
+
+/// A text without the secrets of the URLs in it: user info, query and fragment are replaced by `...`, since a query may be a signature
+/// or a token. All that is shown or stored of URLs passes here. It leaves a text that it has made as it is.
+pub fn redacted(text: &str) -> Cow<'_, str> {
+    let mut clean = String::new();
+    let mut done = 0;
+    while let Some(found) = text[done..].find("://") {
+        let at = done + found + 3;
+        let before = &text[..at - 3];
+        let is_scheme = |c: char| c.is_ascii_alphanumeric() || "+.-".contains(c);
+        let scheme = &before[before.trim_end_matches(is_scheme).len()..];
+        let rest = &text[at..];
+        let end = rest.find(|c: char| c.is_whitespace() || c.is_control() || ENDS.contains(&c));
+        let url = rest[..end.unwrap_or(rest.len())].trim_end_matches(PUNCTUATION);
+        clean.push_str(&text[done..at]);
+        if scheme.is_empty() {
+            clean.push_str(url)
+        } else {
+            push_redacted(&mut clean, scheme, url)
+        }
+        done = at + url.len();
+    }
+    if clean.is_empty() {
+        return Cow::Borrowed(text);
+    }
+    clean.push_str(&text[done..]);
+    Cow::Owned(clean)
+}
+
+/// Adds what follows the scheme of a URL, without secrets.
+fn push_redacted(clean: &mut String, scheme: &str, url: &str) {
+    let (place, query) = split_query(url);
+    let host_end = place.find('/').unwrap_or(place.len());
+    // (A password with a slash in it ends the host too early: such a host has a port that is no number.)
+    let is_host = place[..host_end]
+        .rsplit_once(':')
+        .is_none_or(|(_, port)| port.ends_with(']') || port.bytes().all(|byte| byte.is_ascii_digit()));
+    let user_end = if is_host { place[..host_end].rfind('@') } else { place.rfind('@') };
+    // (Azure writes the container there.)
+    let is_container = scheme.starts_with("abfs") || scheme.starts_with("wasb");
+    match user_end.filter(|end| !is_container || place[..*end].contains(':')) {
+        Some(end) => {
+            clean.push_str(REDACTED);
+            clean.push_str(&place[end..]);
+        }
+        None => clean.push_str(place),
+    }
+    let mut query = query.chars();
+    clean.extend(query.next());
+    if !query.as_str().is_empty() {
+        clean.push_str(REDACTED);
+    }
+}
+
+/// A path as it is shown or stored: a URL without its secrets, see [`redacted`].
+pub fn shown(path: &Path) -> Cow<'_, str> {
+    let Some(url) = url_of(path) else {
+        return match path.to_string_lossy() {
+            Cow::Borrowed(text) => redacted(text),
+            Cow::Owned(text) => Cow::Owned(redacted(&text).into_owned()),
+        };
+    };
+    // (All of it is the URL, whatever characters it has.)
+    let (scheme, rest) = url.split_once("://").unwrap_or(("", url));
+    let mut clean = format!("{scheme}://");
+    push_redacted(&mut clean, scheme, rest);
+    if clean == url { Cow::Borrowed(url) } else { Cow::Owned(clean) }
+}
+
+/// Whether a URL has lost its secrets by [`shown`]: it leads nowhere without them.
+pub fn is_redacted(url: &str) -> bool {
+    let (place, query) = split_query(url);
+    let host = place.split_once("://").map_or("", |(_, rest)| rest);
+    query.get(1..) == Some(REDACTED) || host.starts_with("...@")
+}
+
 /// The path of a local file, which may be given as a `file://` URL.
 pub fn local_path(path: &Path) -> Cow<'_, Path> {
     let url = path.to_str().and_then(|text| text.strip_prefix("file://"));
@@ -56,6 +140,39 @@ fn decoded(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn urls_are_shown_without_secrets() {
+        for (text, expected) in [
+            ("https://host/x.goblin", "https://host/x.goblin"),
+            ("https://host/x?X-Amz-Signature=SECRET&token=b", "https://host/x?..."),
+            ("http://user:SECRET@host:80/x", "http://...@host:80/x"),
+            ("HTTP://SECRET@host", "HTTP://...@host"),
+            ("http://user:SEC/RET@host/x", "http://...@host/x"),
+            ("http://u:SEC@RET@host/a@3:B?SECRET#SECRET", "http://...@host/a@3:B?..."),
+            ("http://[::1]/x@2", "http://[::1]/x@2"),
+            ("https://host/x#SECRET", "https://host/x#..."),
+            (
+                "abfss://container@account.dfs.core.windows.net/x?",
+                "abfss://container@account.dfs.core.windows.net/x?",
+            ),
+            ("/vsicurl/https://host/x?SECRET", "/vsicurl/https://host/x?..."),
+            ("GET https://host/x?SECRET: 403", "GET https://host/x?...: 403"),
+            (
+                "\"https://host/x?SECRET\", (socks5://a:SECRET@proxy:1).",
+                "\"https://host/x?...\", (socks5://...@proxy:1).",
+            ),
+            ("a://b ://c? no URL: ä?x=1", "a://b ://c? no URL: ä?x=1"),
+        ] {
+            assert_eq!(redacted(text), expected);
+            assert_eq!(redacted(expected), expected, "twice");
+        }
+        let odd = Path::new("https://host/x?a \" b=SECRET");
+        assert_eq!(shown(odd), "https://host/x?...");
+        assert_eq!(shown(Path::new("a?b=c")), "a?b=c");
+        assert!(is_redacted("https://host/x?...") && is_redacted("http://...@host/x"));
+        assert!(!is_redacted("https://host/x...") && !is_redacted("https://host/x?a=..."));
+    }
 
     #[test]
     fn urls_are_distinguished_from_paths() {

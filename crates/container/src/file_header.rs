@@ -7,7 +7,7 @@ use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use crate::other_formats::FIRST_BYTES;
 use crate::{OtherFormat, TreeFormat};
-use spinney_base::io::ReadBackend;
+use spinney_base::io::{FileAccess, ReadBackend};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 
@@ -75,6 +75,18 @@ impl FileHeader {
         // (More than the header: what is no tree may be told by it.)
         let length = file.len().min(FIRST_BYTES as u64) as usize;
         FileHeader::from_bytes(path, &file.read(0, length)?)
+    }
+
+    /// The header of a file; `None` if it is missing, or is that of no file that this program knows.
+    ///
+    /// # Errors
+    /// If the file system or the host of the file fails: that says nothing about its type.
+    pub fn find(path: &Path, access: &FileAccess) -> Result<Option<FileHeader>> {
+        let Some(file) = access.probe(path)? else { return Ok(None) };
+        match FileHeader::read(path, &*file) {
+            Err(Error::Corrupt { .. } | Error::Unsupported { .. } | Error::NotATree { .. }) => Ok(None),
+            found => found.map(Some),
+        }
     }
 
     /// Reads and checks the header of a file with trees of cells.

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
-use super::file_header::FileHeader;
+use super::file_header::{Content, FileHeader};
 use spinney_base::io::{FileAccess, local_path, split_query, url_of};
 use spinney_base::{Error, Result};
 
@@ -168,9 +168,12 @@ pub fn file_of(path: &Path) -> Cow<'_, Path> {
     FileReference::of(path).file
 }
 
-/// Whether a file, or one of its commits, is a tree of either format, whatever its name.
-pub fn file_is_tree(path: &Path, access: &FileAccess) -> bool {
-    access.peek(&file_of(path)).and_then(|file| FileHeader::read_cells(path, &*file)).is_ok()
+/// Whether a file, or one of its commits, is a tree of cells of either format, whatever its name.
+///
+/// # Errors
+/// If the file system or the host of the file fails: see [`FileHeader::find`].
+pub fn file_is_tree(path: &Path, access: &FileAccess) -> Result<bool> {
+    Ok(FileHeader::find(&file_of(path), access)?.is_some_and(|header| header.content == Content::Cells))
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! The metadata section: everything about a file that is not needed to find its way in it.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -7,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::level_counts::LevelCounts;
 use super::versioned::VersionedSection;
+use spinney_base::io::redacted;
 use spinney_base::value::{Number, Palette};
 use spinney_base::{Error, Result};
 use spinney_crs::{ControlPoints, Frame};
@@ -36,7 +38,7 @@ pub struct Metadata {
     pub alpha: Option<u8>,
     /// Nodes per level.
     pub counts: LevelCounts,
-    /// Provenance of the data, in order: one line per input or operation.
+    /// Provenance of the data, in order: one line per input or operation. The section has no secrets of URLs in it.
     pub provenance: Vec<String>,
     /// Anything else.
     pub tags: BTreeMap<String, String>,
@@ -95,13 +97,23 @@ impl Metadata {
     /// # Errors
     /// If there are more than 16 MiB.
     pub fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
-        SECTION.encode(self).ok_or_else(|| Error::TooLarge {
+        let is_clean = self.provenance.iter().all(|line| matches!(redacted(line), Cow::Borrowed(_)));
+        let own = match is_clean {
+            true => Cow::Borrowed(self),
+            false => Cow::Owned(Metadata { provenance: self.clean_provenance(), ..self.clone() }),
+        };
+        SECTION.encode(&*own).ok_or_else(|| Error::TooLarge {
             path: path.to_path_buf(),
             what: "the metadata (coordinate system, palette, names, tags, control points)".into(),
             needed: LIMIT as u64 + 1,
             limit: LIMIT as u64,
             advice: "leave out tags or class names".into(),
         })
+    }
+
+    /// The provenance without secrets of URLs: see [`redacted`].
+    pub fn clean_provenance(&self) -> Vec<String> {
+        self.provenance.iter().map(|line| redacted(line).into_owned()).collect()
     }
 
     /// Checks the section's length, which must be done before anybody makes room for its bytes.
@@ -118,5 +130,21 @@ impl Metadata {
     pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Metadata> {
         Metadata::check_length(path, bytes.len() as u64)?;
         SECTION.decode(path, bytes).map(|(metadata, _)| metadata)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn secrets_of_urls_are_not_stored() {
+        let line = "raster https://user:SECRET@host/x.tif?sig=SECRET (8x8)".to_string();
+        let metadata = Metadata { provenance: vec![line], ..Metadata::default() };
+        let path = Path::new("x.goblin");
+        let stored = Metadata::from_bytes(path, &metadata.to_bytes(path).unwrap()).unwrap();
+        assert_eq!(stored.provenance, ["raster https://...@host/x.tif?... (8x8)"]);
+        assert_eq!(stored.provenance, metadata.clean_provenance());
+        assert_eq!(stored.to_bytes(path).unwrap(), metadata.to_bytes(path).unwrap());
     }
 }

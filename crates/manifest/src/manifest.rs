@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::document;
 use super::listed_file::ListedFile;
-use spinney_base::io::{FileAccess, LockFile, ReadBackend, url_of};
+use spinney_base::io::{FileAccess, LockFile, url_of, without_query};
 use spinney_base::space::Bounds;
 use spinney_base::{Error, Result};
 use spinney_container::{FIRST_BYTES, Header, Metadata};
@@ -39,13 +39,17 @@ pub fn is_manifest(first: &[u8]) -> bool {
 }
 
 /// Whether a file is a manifest, by its name and its first bytes.
-pub fn is_manifest_file(path: &Path, access: &FileAccess) -> bool {
-    let is_text = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
-    let first = |file: &dyn ReadBackend| {
-        let length = file.len().min(FIRST_BYTES as u64) as usize;
-        Ok::<_, Error>(is_manifest(&file.read(0, length)?))
-    };
-    is_text && access.peek(path).and_then(|file| first(&*file)).unwrap_or(false)
+///
+/// # Errors
+/// If the file system or the host of the file fails.
+pub fn is_manifest_file(path: &Path, access: &FileAccess) -> Result<bool> {
+    let extension = without_query(path).extension();
+    if !extension.is_some_and(|extension| extension.eq_ignore_ascii_case("json")) {
+        return Ok(false);
+    }
+    let Some(file) = access.probe(path)? else { return Ok(false) };
+    let length = file.len().min(FIRST_BYTES as u64) as usize;
+    Ok(is_manifest(&file.read(0, length)?))
 }
 
 impl Manifest {

@@ -13,6 +13,8 @@ use tokio::runtime::{Builder, Runtime};
 use tokio::task::JoinHandle;
 
 use super::RemoteOptions;
+use super::error;
+use super::secrets::Secrets;
 
 /// Time between two checks for cancellation.
 const PATIENCE: Duration = Duration::from_millis(100);
@@ -34,6 +36,8 @@ pub(super) struct Connections {
     runtime: Mutex<Option<(u32, Arc<Runtime>)>>,
     /// Buckets that were used: the next request uses their connections. (A forked process has connections of its own.)
     buckets: Mutex<HashMap<BucketKey, Arc<dyn ObjectStore>>>,
+    /// Query and user of URLs that are named without.
+    pub(super) secrets: Secrets,
     /// The store in memory, for tests.
     pub(super) memory: Arc<InMemory>,
 }
@@ -41,7 +45,8 @@ pub(super) struct Connections {
 impl Connections {
     pub(super) fn new(options: RemoteOptions) -> Connections {
         let (runtime, buckets, memory) = Default::default();
-        Connections { options, runtime, buckets, memory }
+        let secrets = Secrets::new(options.signed_urls.iter().map(String::as_str));
+        Connections { options, runtime, buckets, secrets, memory }
     }
 
     fn runtime(&self, path: &Path) -> Result<Arc<Runtime>> {
@@ -92,6 +97,19 @@ impl Connections {
         work: impl Future<Output = T> + Send + 'static,
     ) -> Result<JoinHandle<T>> {
         Ok(self.runtime(path)?.spawn(work))
+    }
+
+    /// The result of a request, unless that takes longer than all of its repetitions may; `doing` and the path are for messages.
+    pub(super) async fn limited<T>(
+        &self,
+        (path, doing): (&Path, &'static str),
+        request: impl Future<Output = Result<T>>,
+    ) -> Result<T> {
+        let limit = self.options.limit;
+        match tokio::time::timeout(limit, request).await {
+            Ok(done) => done,
+            Err(_) => Err(error::late(path, doing, limit)),
+        }
     }
 
     /// Waits for some work, which is dropped on cancellation; the path is for messages.

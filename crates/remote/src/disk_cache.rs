@@ -1,11 +1,12 @@
 //! Ranges of files that are kept on disk from one run to the next.
 
-use std::fs;
-use std::io::Write;
+use std::fs::{self, File};
+use std::io::{Read, Write};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
+use spinney_base::io::open_regular;
 use spinney_base::{Error, Result, sort};
 use xxhash_rust::xxh3::{xxh3_64, xxh3_128};
 
@@ -73,7 +74,14 @@ impl KeptFile {
 
     /// The bytes of a range, if they are there and whole.
     pub(super) fn get(&self, range: &Range<u64>) -> Option<Vec<u8>> {
-        let mut bytes = fs::read(self.path(range)).ok()?;
+        // (Others may write to the directory: of a pipe, or a link to a device, reading would never end.)
+        let mut file = open_regular(File::options().read(true), &self.path(range)).ok()?;
+        let length = range.end.checked_sub(range.start)?.checked_add(8)?;
+        if file.metadata().ok()?.len() != length {
+            return None;
+        }
+        let mut bytes = Vec::new();
+        (&mut file).take(length).read_to_end(&mut bytes).ok()?;
         let sum = bytes.split_off(bytes.len().checked_sub(8)?);
         let is_whole = bytes.len() as u64 == range.end - range.start && sum == xxh3_64(&bytes).to_le_bytes();
         is_whole.then_some(bytes)

@@ -3,9 +3,11 @@
 use std::error::Error as _;
 use std::io;
 use std::path::Path;
+use std::time::Duration;
 
 use object_store::Error as StoreError;
 use spinney_base::Error;
+use spinney_base::io::redacted;
 
 /// The error for a store that refuses to do something with a file.
 pub(super) fn of_store(path: &Path, doing: &'static str, error: StoreError) -> Error {
@@ -29,7 +31,16 @@ pub(super) fn of_store(path: &Path, doing: &'static str, error: StoreError) -> E
     Error::io(path, doing)(io::Error::new(kind, text(&error)))
 }
 
-/// The texts of an error and of its causes that say something new.
+/// The error for a host that has not answered in time.
+pub(super) fn late(path: &Path, doing: &'static str, limit: Duration) -> Error {
+    let text = format!(
+        "no response within {} s, with all repetitions (--remote-timeout and SPINNEY_REMOTE_TIMEOUT set the limit)",
+        limit.as_secs_f64()
+    );
+    Error::io(path, doing)(io::Error::new(io::ErrorKind::TimedOut, text))
+}
+
+/// The texts of an error and of its causes that say something new, without the secrets of URLs in them.
 fn text(error: &StoreError) -> String {
     let mut text = error.to_string();
     let mut cause = error.source();
@@ -40,5 +51,5 @@ fn text(error: &StoreError) -> String {
         }
         cause = next.source();
     }
-    text
+    redacted(&text).into_owned()
 }

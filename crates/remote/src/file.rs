@@ -53,21 +53,22 @@ pub(super) fn open(
     let connections = &stores.connections;
     let place = Place::of(url, storage, connections)?;
     let ends = [GetRange::Bounded(0..HEAD), GetRange::Suffix(TAIL)];
+    let request = (connections.as_ref(), path, "open");
     let both = async {
-        let [head, tail] = ends.map(|range| get(&place, range));
+        let [head, tail] = ends.map(|range| get(&place, range, request));
         futures_util::future::join(head, tail).await
     };
     let (head, tail) = connections.wait(path, both)?;
-    let head = head.map_err(|cause| cause.of_file(path, "open"))?;
+    let head = head?.map_err(|cause| cause.of_file(path, "open"))?;
     let state = stat::state(&head.meta);
     let mut came = vec![head];
     let mut requests = 2;
-    match tail {
+    match tail? {
         Ok(tail) => came.push(tail),
         // Azure knows no ranges from the end.
         Err(Failed::Store(object_store::Error::NotSupported { .. })) if state.length > HEAD => {
             let range = GetRange::Bounded(state.length.saturating_sub(TAIL).max(HEAD)..state.length);
-            let tail = connections.wait(path, get(&place, range))?;
+            let tail = connections.wait(path, get(&place, range, request))??;
             came.push(tail.map_err(|cause| cause.of_file(path, "open"))?);
             requests += 1;
         }
@@ -128,8 +129,17 @@ impl Failed {
     }
 }
 
-/// Asks for a part of a file.
-async fn get(place: &Place, range: GetRange) -> std::result::Result<Part, Failed> {
+/// Gets a part of a file, in the time that there is for it.
+async fn get(
+    place: &Place,
+    range: GetRange,
+    (connections, path, doing): (&Connections, &Path, &'static str),
+) -> Result<std::result::Result<Part, Failed>> {
+    connections.limited((path, doing), async { Ok(get_part(place, range).await) }).await
+}
+
+/// Gets a part of a file.
+async fn get_part(place: &Place, range: GetRange) -> std::result::Result<Part, Failed> {
     let options = GetOptions { range: Some(range), ..GetOptions::default() };
     let result: GetResult = place.store.get_opts(&place.name, options).await?;
     if let Some(how) = result.attributes.get(&Attribute::ContentEncoding)
@@ -171,11 +181,12 @@ impl RemoteFile {
 impl Fetch for RemoteFile {
     fn fetch(&self, ranges: &[Range<u64>]) -> Result<Vec<Vec<u8>>> {
         let place = self.place()?;
-        let parts = ranges.iter().map(|range| get(&place, GetRange::Bounded(range.clone())));
+        let request = (self.connections.as_ref(), self.path.as_path(), "fetch a part");
+        let parts = ranges.iter().map(|range| get(&place, GetRange::Bounded(range.clone()), request));
         let all = stream::iter(parts).buffered(AT_ONCE).collect::<Vec<_>>();
         let came = self.connections.wait(&self.path, all)?;
-        let one = |(part, range): (std::result::Result<Part, Failed>, &Range<u64>)| {
-            let part = part.map_err(|cause| cause.of_file(&self.path, "fetch a part"))?;
+        let one = |(part, range): (Result<std::result::Result<Part, Failed>>, &Range<u64>)| {
+            let part = part?.map_err(|cause| cause.of_file(&self.path, "fetch a part"))?;
             self.check(&part)?;
             if part.range != *range {
                 let place = format!("bytes {} to {}", range.start, range.end);

@@ -4,10 +4,12 @@
 //! [`FileAccess`] that a file is opened with, and on disk if a directory is named.
 
 mod connections;
+mod connector;
 mod disk_cache;
 mod error;
 mod file;
 mod profile;
+mod secrets;
 mod stat;
 mod store;
 mod upload;
@@ -38,8 +40,12 @@ pub struct RemoteOptions {
     pub gap: u64,
     /// Time that a request may take.
     pub timeout: Duration,
+    /// Time that a request for a file may take with all of its repetitions, until it is an error: a host that hangs is known by then.
+    pub limit: Duration,
     /// Times that a request is repeated if the host is busy or the connection breaks, each after a longer pause.
     pub retries: usize,
+    /// Whole URLs for those that manifests and plans of jobs name without query and password.
+    pub signed_urls: Vec<String>,
     /// Asked several times a second while something is waited for: whether to give up.
     pub is_stopped: fn() -> bool,
 }
@@ -51,6 +57,8 @@ impl Default for RemoteOptions {
             folder_bytes: 10 << 30,
             gap: DEFAULT_GAP,
             timeout: Duration::from_secs(30),
+            limit: Duration::from_secs(60),
+            signed_urls: Vec::new(),
             retries: 5,
             is_stopped: || false,
         }

@@ -12,6 +12,9 @@ use super::connections::Connections;
 use super::error;
 use super::store::Place;
 
+/// Phrase for messages.
+const STAT: &str = "look at";
+
 /// Files that are looked at, or removed, at the same time.
 const AT_ONCE: usize = 32;
 
@@ -30,11 +33,14 @@ pub(super) fn stat(urls: &[&str], connections: &Connections) -> Result<Vec<Resul
         let place = Place::of(url, &[], connections);
         let path = Path::new(url).to_path_buf();
         async move {
-            match head(&place?).await {
-                Ok(meta) => Ok(Some(state(&meta))),
-                Err(StoreError::NotFound { .. }) => Ok(None),
-                Err(cause) => Err(error::of_store(&path, "look at", cause)),
-            }
+            let found = async {
+                match head(&place?).await {
+                    Ok(meta) => Ok(Some(state(&meta))),
+                    Err(StoreError::NotFound { .. }) => Ok(None),
+                    Err(cause) => Err(error::of_store(&path, STAT, cause)),
+                }
+            };
+            connections.limited((&path, STAT), found).await
         }
     };
     let Some(first) = urls.first() else { return Ok(Vec::new()) };
@@ -63,11 +69,14 @@ pub(super) fn remove(urls: &[&str], connections: &Connections) -> Result<()> {
         let place = Place::of(url, &[], connections);
         let path = Path::new(url).to_path_buf();
         async move {
-            let place = place?;
-            match place.store.delete(&place.name).await {
-                Err(StoreError::NotFound { .. }) => Ok(()),
-                done => done.map_err(|cause| error::of_store(&path, "remove", cause)),
-            }
+            let removed = async {
+                let place = place?;
+                match place.store.delete(&place.name).await {
+                    Err(StoreError::NotFound { .. }) => Ok(()),
+                    done => done.map_err(|cause| error::of_store(&path, "remove", cause)),
+                }
+            };
+            connections.limited((&path, "remove"), removed).await
         }
     };
     let Some(first) = urls.first() else { return Ok(()) };

@@ -10,10 +10,12 @@ use object_store::gcp::{GoogleCloudStorageBuilder, GoogleConfigKey};
 use object_store::http::HttpBuilder;
 use object_store::path::Path as StorePath;
 use object_store::{BackoffConfig, ClientConfigKey, ClientOptions, ObjectStore, RetryConfig};
+use spinney_base::io::shown;
 use spinney_base::{Error, Result};
 use url::Url;
 
 use super::connections::Connections;
+use super::connector::{self, Connector};
 use super::{error, profile};
 
 /// A store, and the name of a file in it.
@@ -23,9 +25,6 @@ pub(super) struct Place {
     pub(super) name: StorePath,
 }
 
-/// Time for which a request is repeated at most.
-const RETRY_FOR: Duration = Duration::from_secs(120);
-
 impl Place {
     /// The place that a URL leads to. Options that are given go before those of the environment (`AWS_...`, `GOOGLE_...`, `AZURE_...`).
     ///
@@ -34,18 +33,20 @@ impl Place {
     pub(super) fn of(url: &str, storage: &[(String, String)], connections: &Connections) -> Result<Place> {
         let options = &connections.options;
         let path = Path::new(url);
-        let parsed = Url::parse(url).map_err(|cause| {
-            Error::invalid("URL", format!("`{url}` ({cause})"), "scheme://host/path of a file")
+        let url = &*connections.secrets.complete(url)?;
+        let mut parsed = Url::parse(url).map_err(|cause| {
+            let found = format!("`{}` ({cause})", shown(Path::new(url)));
+            Error::invalid("URL", found, "scheme://host/path of a file")
         })?;
         let retry = RetryConfig {
             backoff: BackoffConfig::default(),
             max_retries: options.retries,
-            retry_timeout: RETRY_FOR,
+            retry_timeout: options.limit,
         };
         // (What is asked for without encryption by name may be.)
         let client = ClientOptions::new()
-            .with_timeout(options.timeout)
-            .with_connect_timeout(options.timeout.min(Duration::from_secs(10)))
+            .with_timeout(options.timeout.min(options.limit))
+            .with_connect_timeout(options.timeout.min(options.limit).min(Duration::from_secs(10)))
             .with_allow_http(true);
         let bad = |cause| error::of_store(path, "set up access", cause);
         let name = StorePath::from_url_path(parsed.path()).map_err(|cause| bad(cause.into()))?;
@@ -56,11 +57,17 @@ impl Place {
             "memory" => return Ok(Place { store: connections.memory.clone(), name }),
             _ => {
                 // The URL as it is, with a query that may have a signature: the name below it is empty.
-                let mut client = client;
+                let headers = connector::take_user(&mut parsed).map_err(bad)?;
+                let mut client = client.with_default_headers(headers);
                 for (key, value) in storage {
                     client = client.with_config(known::<ClientConfigKey>(key)?, value);
                 }
-                let builder = HttpBuilder::new().with_url(url).with_retry(retry).with_client_options(client);
+                parsed.set_fragment(None);
+                let builder = HttpBuilder::new()
+                    .with_http_connector(Connector)
+                    .with_url(parsed.as_str())
+                    .with_retry(retry)
+                    .with_client_options(client);
                 let store = builder.build().map_err(bad)?;
                 return Ok(Place { store: Arc::new(store), name: StorePath::default() });
             }
@@ -72,8 +79,11 @@ impl Place {
         let make = || -> Result<Arc<dyn ObjectStore>> {
             match prefix {
                 "AWS_" => {
-                    let mut builder =
-                        AmazonS3Builder::new().with_url(bucket).with_retry(retry).with_client_options(client);
+                    let mut builder = AmazonS3Builder::new()
+                        .with_http_connector(Connector)
+                        .with_url(bucket)
+                        .with_retry(retry)
+                        .with_client_options(client);
                     for (key, value) in settings {
                         builder = builder.with_config(known::<AmazonS3ConfigKey>(&key)?, value);
                     }
@@ -94,6 +104,7 @@ impl Place {
                 }
                 "GOOGLE_" => {
                     let mut builder = GoogleCloudStorageBuilder::new()
+                        .with_http_connector(Connector)
                         .with_url(bucket.replacen("gcs://", "gs://", 1))
                         .with_retry(retry)
                         .with_client_options(client);
@@ -104,6 +115,7 @@ impl Place {
                 }
                 _ => {
                     let mut builder = MicrosoftAzureBuilder::new()
+                        .with_http_connector(Connector)
                         .with_url(bucket)
                         .with_retry(retry)
                         .with_client_options(client);

@@ -7,12 +7,15 @@
 
 mod answer;
 mod catalog;
+mod compression;
 mod connection;
 mod drawn;
 mod failure;
 mod file;
+mod hosts;
 mod opened;
 mod options;
+mod origins;
 mod page;
 mod parameters;
 mod point;

@@ -21,6 +21,13 @@ pub struct ServeOptions {
     pub max_body: u64,
     /// Most connections at the same time.
     pub connections: usize,
+    /// Origins whose pages may read responses (CORS): `*` is all; without any, pages of the server itself may.
+    pub allow_origins: Vec<String>,
+    /// Names by which requests may call the server, besides those of its address; `*` is any. Without any, a loopback address has the names of this
+    /// machine alone, and others have all.
+    pub allow_hosts: Vec<String>,
+    /// Address of the server as clients know it, where a proxy is before it.
+    pub public_url: Option<String>,
     /// How the files that a served manifest lists are opened.
     pub access: FileAccess,
 }
@@ -34,6 +41,9 @@ impl Default for ServeOptions {
             max_cells: 4 << 20,
             max_body: 8 << 20,
             connections: 256,
+            allow_origins: vec!["*".into()],
+            allow_hosts: Vec::new(),
+            public_url: None,
             access: FileAccess::default(),
         }
     }

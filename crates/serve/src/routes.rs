@@ -1,13 +1,12 @@
 //! Addresses, and who answers at each.
 
-use std::net::SocketAddr;
 use std::sync::Arc;
 
 use axum::Router;
 use axum::body::Body;
 use axum::extract::rejection::PathRejection;
 use axum::extract::{Path, Request, State};
-use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
@@ -15,8 +14,11 @@ use http_body_util::{BodyExt as _, LengthLimitError, Limited};
 
 use crate::answer::{Answer, AnswerCache, has_tag};
 use crate::catalog::Catalog;
+use crate::compression::compress;
 use crate::failure::Failure;
+use crate::hosts::Hosts;
 use crate::opened::{OpenTree, OpenTrees};
+use crate::origins::add_origin;
 use crate::parameters::Parameters;
 use crate::tiles::{self, TileAddress};
 use crate::work::{Watch, Work};
@@ -29,7 +31,7 @@ pub(crate) struct App {
     /// Room for reading files and folders, which waits for no work.
     pub(crate) reading: Work,
     pub(crate) options: ServeOptions,
-    pub(crate) address: SocketAddr,
+    hosts: Hosts,
     trees: OpenTrees,
     answers: AnswerCache,
 }
@@ -42,12 +44,12 @@ impl App {
     pub(crate) fn new(
         catalog: Catalog,
         options: ServeOptions,
-        address: SocketAddr,
+        hosts: Hosts,
         [work, reading]: [usize; 2],
     ) -> Arc<App> {
         let [work, reading] = [work, reading].map(|places| Work::new(places, options.timeout));
         let trees = OpenTrees::new(matches!(catalog, Catalog::File(_)), &options.access);
-        Arc::new(App { catalog, work, reading, options, address, trees, answers: AnswerCache::default() })
+        Arc::new(App { catalog, work, reading, options, hosts, trees, answers: AnswerCache::default() })
     }
 
     /// Answers a question about a tree; whoever has the answer already is told so.
@@ -117,7 +119,9 @@ pub(crate) fn routes(app: Arc<App>) -> Router {
         .route("/{file}", get(file_of))
         .fallback(nothing_there)
         .method_not_allowed_fallback(other_method)
-        .layer(middleware::from_fn(allow_all_origins))
+        .layer(middleware::from_fn(compress))
+        .layer(middleware::from_fn_with_state(app.clone(), add_origin))
+        .layer(middleware::from_fn_with_state(app.clone(), check_host))
         .with_state(app)
 }
 
@@ -129,23 +133,12 @@ async fn other_method(request: Request) -> Failure {
     Failure::new(StatusCode::METHOD_NOT_ALLOWED, format!("{}: is not for this address", request.method()))
 }
 
-/// Lets pages from anywhere ask, and answers those who ask whether they may.
-async fn allow_all_origins(request: Request, next: Next) -> Response {
-    let is_asked = request.method() == Method::OPTIONS;
-    let mut response =
-        if is_asked { StatusCode::NO_CONTENT.into_response() } else { next.run(request).await };
-    let headers = response.headers_mut();
-    let mut tell = |name: HeaderName, value| headers.insert(name, HeaderValue::from_static(value));
-    tell(header::ACCESS_CONTROL_ALLOW_ORIGIN, "*");
-    tell(header::ACCESS_CONTROL_EXPOSE_HEADERS, "Accept-Ranges, Content-Length, Content-Range, ETag");
-    tell(header::X_CONTENT_TYPE_OPTIONS, "nosniff");
-    if is_asked {
-        tell(header::ALLOW, "GET, HEAD, POST, OPTIONS");
-        tell(header::ACCESS_CONTROL_ALLOW_METHODS, "GET, HEAD, POST, OPTIONS");
-        tell(header::ACCESS_CONTROL_ALLOW_HEADERS, "Content-Type, If-Match, If-None-Match, If-Range, Range");
-        tell(header::ACCESS_CONTROL_MAX_AGE, "86400");
+/// Refuses requests that name another host, or none.
+async fn check_host(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
+    match app.hosts.check(request.uri(), request.headers()) {
+        Ok(()) => next.run(request).await,
+        Err(failure) => failure.into_response(),
     }
-    response
 }
 
 /// Text of a kind that is made anew each time.
@@ -209,7 +202,7 @@ async fn tiles_of(
         return Err(Failure::missing("tiles: expected NAME.json, or NAME/ZOOM/COLUMN/ROW.png"));
     };
     let mut head = Asked::of(&request);
-    let server = origin(&app, &head.headers);
+    let server = app.hosts.public(&head.headers);
     head.target += &server;
     let named = name.clone();
     app.ask(Ok(name), asked, head, move |_, tree, asked, tag, _| {
@@ -230,18 +223,6 @@ async fn tile_of(
         tiles::answer(tree, asked, tile, tag, watch)
     })
     .await
-}
-
-/// The address by which a client knows this server, as it is put before the paths of others.
-fn origin(app: &App, headers: &HeaderMap) -> String {
-    let told = headers.get(header::HOST).and_then(|host| host.to_str().ok());
-    let is_host = |host: &&str| {
-        let mut bytes = host.bytes();
-        (1..256).contains(&host.len())
-            && bytes.all(|byte| byte.is_ascii_alphanumeric() || b".:-[]_".contains(&byte))
-    };
-    let host = told.filter(is_host).map_or_else(|| app.address.to_string(), str::to_owned);
-    format!("http://{host}")
 }
 
 async fn point_of(

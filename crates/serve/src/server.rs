@@ -20,6 +20,7 @@ use crate::ServeOptions;
 use crate::catalog::Catalog;
 use crate::connection::PatientStream;
 use crate::failure::Failure;
+use crate::hosts::Hosts;
 use crate::routes::{App, routes};
 
 /// A server of files and answers, which listens and does not answer yet.
@@ -79,7 +80,8 @@ impl Server {
         };
         let listener = TcpListener::bind(address).map_err(refused)?;
         let address = listener.local_addr().map_err(refused)?;
-        Ok(Server { listener, address, app: App::new(catalog, options, address, [places(), READERS]) })
+        let hosts = Hosts::new(&options, address)?;
+        Ok(Server { listener, address, app: App::new(catalog, options, hosts, [places(), READERS]) })
     }
 
     /// The address that the server listens at.
@@ -150,7 +152,7 @@ impl Server {
                     answer(stream, router, patience, is_over).await;
                     drop(room);
                 }),
-                Err(_) => tokio::spawn(refuse(stream, app.options.connections)),
+                Err(_) => tokio::spawn(refuse(stream, app.clone())),
             };
         }
         drop((listener, is_over));
@@ -182,13 +184,16 @@ async fn answer(stream: TcpStream, router: Router, patience: Duration, mut is_ov
 }
 
 /// Tells a client that there is no room, and why.
-async fn refuse(mut stream: TcpStream, most: usize) {
+async fn refuse(mut stream: TcpStream, app: Arc<App>) {
+    let most = app.options.connections;
+    let is_open = app.options.allow_origins.iter().any(|origin| origin == "*");
+    let origin = if is_open { "Access-Control-Allow-Origin: *\r\n" } else { "" };
     let failure =
         Failure::busy(format!("{most} connections are open, as many as are allowed; try again later"));
     let body = failure.body();
     let head = format!(
         "HTTP/1.1 503 Service Unavailable\r\nContent-Type: application/json\r\nContent-Length: {}\r\nRetry-After: 1\r\n\
-         Access-Control-Allow-Origin: *\r\nConnection: close\r\n\r\n{body}",
+         {origin}Connection: close\r\n\r\n{body}",
         body.len()
     );
     let _ = timeout(Duration::from_secs(1), stream.write_all(head.as_bytes())).await;

@@ -1,10 +1,13 @@
 //! A job in its folder, on this machine or in a bucket: the plan, what is told of the layers, and the shards.
 
+use std::borrow::Cow;
+use std::collections::HashMap;
 use std::fmt::Write as _;
+use std::io;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use spinney_base::io::{FileAccess, url_of};
+use spinney_base::io::{FileAccess, shown, url_of};
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Header;
@@ -95,12 +98,23 @@ impl Plan {
         }
     }
 
-    /// The text of the file.
+    /// The text of the file, without the secrets of URLs: who builds a shard gives them again.
     pub(crate) fn to_text(&self, folder: &Path) -> Result<String> {
         let path = folder.join(PLAN);
-        let text = serde_json::to_string_pretty(self).map_err(|error| {
+        let unnamed = |error: serde_json::Error| {
             Error::unsupported(&path, error.to_string(), "give the inputs names that are text")
-        })?;
+        };
+        let mut plan = serde_json::to_value(self).map_err(unnamed)?;
+        hide_secrets(&mut plan);
+        let text = serde_json::to_string_pretty(&plan).map_err(unnamed)?;
+        let mut known: HashMap<Cow<'_, str>, &Path> = HashMap::new();
+        for PlannedInput { path: input, .. } in &self.inputs {
+            if known.insert(shown(input), input).is_some_and(|other| other != input) {
+                let found = "URLs that differ in their queries alone, which are not stored,";
+                let advice = "copy the files to this machine under different names";
+                return Err(Error::unsupported(input, found, advice));
+            }
+        }
         if text.len() as u64 >= MOST {
             let advice = "make virtual rasters (gdalbuildvrt) of parts of them, and plan a job of these";
             return Err(Error::unsupported(
@@ -110,6 +124,18 @@ impl Plan {
             ));
         }
         Ok(text + "\n")
+    }
+}
+
+/// Replaces all strings that are URLs by these without their secrets.
+fn hide_secrets(value: &mut serde_json::Value) {
+    match value {
+        serde_json::Value::String(text) if url_of(Path::new(text)).is_some() => {
+            *text = shown(Path::new(text)).into_owned();
+        }
+        serde_json::Value::Array(all) => all.iter_mut().for_each(hide_secrets),
+        serde_json::Value::Object(all) => all.values_mut().for_each(hide_secrets),
+        _ => {}
     }
 }
 
@@ -250,21 +276,37 @@ impl Job {
     /// # Errors
     /// If something cannot be removed, or on interruption.
     pub fn remove(self) -> Result<()> {
-        let files: Vec<PathBuf> = self.all_shards()?.iter().flat_map(Shard::files).collect();
-        let files: Vec<&Path> = files.iter().map(|file| &**file).collect();
-        self.access.remove(&files)?;
-        let shards = shards_path(&self.folder);
-        if url_of(&shards).is_none() {
-            // (With what shards have left that were cut off.)
-            std::fs::remove_dir_all(&shards).map_err(Error::io(shards, "remove"))?;
+        remove_files(&self.folder, &self.all_shards()?, &self.access)
+    }
+
+    /// Removes what is left of a job, if its plan is that of `job` or there is none any more: it needs no whole job.
+    ///
+    /// # Errors
+    /// Those of [`Job::remove`].
+    pub(crate) fn remove_if(folder: &Path, job: u128, access: &FileAccess) -> Result<()> {
+        let path = plan_path(folder);
+        let Some(text) = access.read_whole(&path, MOST)? else {
+            // (Of a directory that is empty nothing is left, and others stay.)
+            if url_of(folder).is_none() {
+                std::fs::remove_dir(folder).unwrap_or_default();
+            }
+            return Ok(());
+        };
+        if xxhash_rust::xxh3::xxh3_128(&text) != job {
+            return Ok(());
         }
-        self.access.remove(&[&head_path(&self.folder)])?;
-        self.access.remove(&[&plan_path(&self.folder)])?;
-        match url_of(&self.folder) {
-            Some(_) => {}
-            None => std::fs::remove_dir(&self.folder).unwrap_or_default(),
-        }
-        Ok(())
+        let plan: Plan = serde_json::from_slice(&text)
+            .map_err(|error| Error::corrupt(&path, "plan", error.to_string(), "a plan"))?;
+        let pieces = |shard: &Vec<PlannedPiece>| shard.iter().filter_map(PlannedPiece::piece).collect();
+        let shard = |(number, pieces): (u32, Vec<ShardPiece>)| Shard {
+            folder: shards_path(folder),
+            job,
+            number,
+            pieces,
+            access: access.clone(),
+        };
+        let shards: Vec<Shard> = (0..).zip(plan.shards.iter().map(pieces)).map(shard).collect();
+        remove_files(folder, &shards, access)
     }
 
     /// Puts the file together; `memory` is what the directory may take before it goes to temporary files. Progress counts bytes.
@@ -272,7 +314,14 @@ impl Job {
     /// # Errors
     /// If a shard is missing or damaged, or if the output cannot be written; on interruption. There is no output then, and the job
     /// stays as it is, or as much of it as is not in the output yet.
-    pub fn merge(&self, output: MergeOutput, memory: u64, progress: &dyn Progress) -> Result<()> {
+    ///
+    /// Where shards are removed, returns the file that says that the output is whole: to be removed after the job.
+    pub fn merge(
+        &self,
+        mut output: MergeOutput,
+        memory: u64,
+        progress: &dyn Progress,
+    ) -> Result<Option<PathBuf>> {
         let shards = self.all_shards()?;
         let missing = self.work().missing(&shards, Some(&output))?;
         if !missing.is_empty() {
@@ -287,8 +336,32 @@ impl Job {
         }
         let mark = output.claim(self.id)?;
         self.work().merge(&self.head_path(), &shards, (output, memory), progress)?;
-        mark.map_or(Ok(()), |mark| self.access.remove(&[&mark]))
+        Ok(mark)
     }
+}
+
+/// Removes the files of a job: the plan last, so that what is cut off can be done again.
+fn remove_files(folder: &Path, shards: &[Shard], access: &FileAccess) -> Result<()> {
+    let files: Vec<PathBuf> = shards.iter().flat_map(Shard::files).collect();
+    let files: Vec<&Path> = files.iter().map(|file| &**file).collect();
+    access.remove(&files)?;
+    let is_local = url_of(folder).is_none();
+    if is_local {
+        // (With what shards have left that were cut off.)
+        let shards = shards_path(folder);
+        match std::fs::remove_dir_all(&shards) {
+            Err(cause) if cause.kind() != io::ErrorKind::NotFound => {
+                return Err(Error::io(shards, "remove")(cause));
+            }
+            _ => {}
+        }
+    }
+    access.remove(&[&head_path(folder)])?;
+    access.remove(&[&plan_path(folder)])?;
+    if is_local {
+        std::fs::remove_dir(folder).unwrap_or_default();
+    }
+    Ok(())
 }
 
 /// The bytes of a job's head, if it is the planned one.

@@ -27,11 +27,13 @@
 mod balance;
 mod build;
 mod job;
+mod merge;
 mod plan;
 mod stamp;
 mod work;
 
 pub use build::Built;
 pub use job::Job;
+pub use merge::{MergeOptions, Merged, merge};
 pub use plan::{GivenLayers, Planned, plan, plan_given};
 pub use work::JobSpec;

@@ -10,7 +10,7 @@ use base64::write::EncoderWriter;
 use super::asset::{bytes, names};
 use super::configuration::{PageConfiguration, PageSource, PageStart, index, page_of};
 use super::inline;
-use spinney_base::io::{FileAccess, Output, split_query, url_of};
+use spinney_base::io::{FileAccess, NewDirectories, Output, commit_all, shown, split_query, url_of};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Content, FileHeader};
@@ -69,7 +69,8 @@ pub fn export_page(request: &PageRequest, path: &Path, progress: &dyn Progress) 
         *size = fs::metadata(*file).map_err(Error::io(*file, "look at"))?.len();
     }
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    fs::create_dir_all(folder).map_err(Error::io(folder, "make the folder"))?;
+    let mut created = NewDirectories::default();
+    created.make(folder)?;
     let total = local.iter().map(|(_, _, size)| size).sum();
     let mut done = Done { bytes: 0, total, progress };
     let configuration =
@@ -83,8 +84,11 @@ pub fn export_page(request: &PageRequest, path: &Path, progress: &dyn Progress) 
             );
             return Err(Error::unsupported(*file, found, advice));
         }
-        return write_one_file(&local, &configuration, path, &mut done);
+        let summary = write_one_file(&local, &configuration, path, &mut done)?;
+        created.keep();
+        return Ok(summary);
     }
+    let mut outputs = Vec::new();
     for (file, source, size) in local {
         let target = folder.join(&source.name);
         // (A page beside its data needs no copy.)
@@ -93,18 +97,20 @@ pub fn export_page(request: &PageRequest, path: &Path, progress: &dyn Progress) 
         }
         let mut output = Output::create(&target)?;
         copy(file, &mut output, &target, &mut done)?;
-        output.commit()?;
+        outputs.push(output);
         summary.files += 1;
         summary.bytes += size;
     }
     for name in names() {
         let target = folder.join(ASSETS).join(name);
         let own = target.parent().unwrap_or(folder);
-        fs::create_dir_all(own).map_err(Error::io(own, "make the folder"))?;
-        summary.add(&target, bytes(name))?;
+        created.make(own)?;
+        outputs.push(summary.add(&target, bytes(name))?);
         progress.check()?;
     }
-    summary.add(path, index(&configuration).as_bytes())?;
+    outputs.push(summary.add(path, index(&configuration).as_bytes())?);
+    commit_all(outputs)?;
+    created.keep();
     Ok(summary)
 }
 
@@ -143,14 +149,13 @@ fn write_one_file(
 }
 
 impl PageSummary {
-    /// Writes a file and counts it.
-    fn add(&mut self, path: &Path, bytes: &[u8]) -> Result<()> {
+    /// Writes a file, which is not in its place yet, and counts it.
+    fn add(&mut self, path: &Path, bytes: &[u8]) -> Result<Output> {
         let mut output = Output::create(path)?;
         output.write_all(bytes).map_err(Error::io(path, "write"))?;
-        output.commit()?;
         self.files += 1;
         self.bytes += bytes.len() as u64;
-        Ok(())
+        Ok(output)
     }
 }
 
@@ -169,6 +174,11 @@ fn sources(files: &[PageFile]) -> Result<Vec<PageSource>> {
             return Err(Error::invalid("files of a page", found, "files of different names"));
         }
         let title = Path::new(&name).file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        if url.is_some_and(|url| shown(path) != url) {
+            let found = "a URL with a query or a password, which all readers of the page would have,";
+            let advice = "copy the file to this machine, or let the host give it without";
+            return Err(Error::unsupported(path, found, advice));
+        }
         let url = url.map_or_else(|| percent_encoded(&name), str::to_owned);
         if !url.starts_with("http") && url.contains("://") {
             let advice = "give its address as browsers have it: https://...";

@@ -3,6 +3,7 @@
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use spinney::edit::Note;
+use spinney::raw::io::redacted;
 
 use super::Memory;
 
@@ -30,7 +31,7 @@ impl CommitOptions {
         Note {
             time: self.time.or_else(now),
             author: self.author.clone(),
-            message: self.message.clone().unwrap_or(message),
+            message: self.message.clone().unwrap_or_else(|| redacted(&message).into_owned()),
         }
     }
 }

@@ -1,5 +1,8 @@
 //! Options of all subcommands.
 
+#[cfg(feature = "remote")]
+use std::time::Duration;
+
 use spinney::FileAccess;
 
 /// Options of all subcommands.
@@ -24,12 +27,38 @@ pub(crate) struct Global {
     /// Bytes between two parts of a file elsewhere up to which these are fetched with one request [default: 32K]
     #[arg(long, global = true, value_name = "BYTES", value_parser = super::memory::parse_bytes)]
     request_gap: Option<u64>,
+    /// Seconds that a request for a remote file may take, its repetitions included; one try may take half of them
+    #[arg(
+        long,
+        global = true,
+        value_name = "SECONDS",
+        env = "SPINNEY_REMOTE_TIMEOUT",
+        default_value_t = 60.0
+    )]
+    #[arg(value_parser = super::parse_seconds)]
+    remote_timeout: f64,
+    /// File of whole URLs, one a line, with the queries (signatures, tokens) and passwords that manifests and plans of jobs do not store
+    #[arg(long, global = true, value_name = "FILE", env = "SPINNEY_SIGNED_URLS")]
+    signed_urls: Option<std::path::PathBuf>,
+    /// Refuse remote files, whatever names them: for input of unknown origin
+    #[arg(long, global = true)]
+    no_remote: bool,
+    /// Refuse VRT, NRRD and views files and manifests whose data are in other files: for input of unknown origin
+    #[arg(long, global = true)]
+    no_external: bool,
     /// Tell how files elsewhere were read: rounds of requests, requests and bytes
     #[arg(short, long, global = true)]
     verbose: bool,
     /// How files are opened and created, once the program has [started](Global::start).
     #[arg(skip)]
     access: FileAccess,
+}
+
+/// The lines of a text file that are not empty.
+#[cfg(feature = "remote")]
+fn lines_of(path: &std::path::Path) -> spinney::Result<Vec<String>> {
+    let text = std::fs::read_to_string(path).map_err(spinney::Error::io(path, "read the URLs of"))?;
+    Ok(text.lines().map(|line| line.trim().to_string()).filter(|line| !line.is_empty()).collect())
 }
 
 /// Threads that are started at most, whatever is asked for: more only take memory.
@@ -53,11 +82,22 @@ impl Global {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.min(MAX_THREADS).into());
             pool.build_global().expect("no thread pool is running yet");
         }
+        if self.no_remote {
+            access = access.no_remote();
+        }
+        if self.no_external {
+            access = access.no_external();
+        }
         #[cfg(feature = "remote")]
-        {
+        if !self.no_remote {
             let mut options = spinney::remote::RemoteOptions::default();
             options.folder.clone_from(&self.cache);
             options.gap = self.request_gap.unwrap_or(options.gap);
+            options.limit = Duration::from_secs_f64(self.remote_timeout);
+            options.timeout = options.limit / 2;
+            if let Some(list) = &self.signed_urls {
+                options.signed_urls = lines_of(list)?;
+            }
             options.is_stopped = crate::cli::signals::stop_is_wanted;
             access = access.remote(spinney::remote::client(options)?);
         }

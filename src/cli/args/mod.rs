@@ -12,6 +12,7 @@ mod output;
 mod packing;
 mod part;
 mod places;
+mod seconds;
 mod size;
 mod slice;
 mod style;
@@ -38,6 +39,7 @@ pub(crate) use output::{
 pub(crate) use packing::Packing;
 pub(crate) use part::PartOptions;
 pub(crate) use places::places;
+pub(crate) use seconds::parse_seconds;
 pub(crate) use size::{Size, parse_size};
 pub(crate) use slice::{Slice, parse_slice};
 pub(crate) use style::parse_style;

@@ -23,6 +23,7 @@ use spinney::import::volume::VolumeImport;
 use spinney::raw::csg::Csg;
 use spinney::raw::import::mesh;
 use spinney::raw::import::raster::{self, TargetGrid};
+use spinney::raw::io::any_file;
 use spinney::{Dataset, FileAccess, Progress};
 
 use spinney::points::PointImport;
@@ -155,6 +156,7 @@ impl Common {
     pub(super) fn not_of_shards(&self) -> Option<&'static str> {
         let given = [
             ("--share", self.share),
+            ("--time", self.has_time()),
             ("--grid", self.grid.is_some()),
             ("--max-bytes", self.limit.is_given()),
         ];
@@ -370,7 +372,8 @@ impl Args {
             let import = features.plan(inputs, output, (common, pictures, solids))?;
             return Ok(Import::Features(Box::new(import)));
         }
-        let are_exact = solids.brep && inputs.iter().all(|input| mesh::is_model(input, &common.access));
+        let is_other = |input: &Path| Ok(!mesh::is_model(input, &common.access)?);
+        let are_exact = solids.brep && !any_file(inputs, &is_other)?;
         if let Some(option) = features.given().filter(|option| !(are_exact && *option == "--where")) {
             bail!(
                 "{option} is for features (GeoJSON, FlatGeobuf, GeoPackage, shapefiles, CSV), {} has none",
@@ -391,13 +394,13 @@ impl Args {
             let import = reconstruction::views(inputs, output, (common, pictures, solids))?;
             return Ok(Import::Reconstruction(Box::new(import)));
         }
-        if let Some(tree) = inputs.iter().find(|input| file_is_tree(input, &common.access)) {
+        if any_file(inputs, &|input| file_is_tree(input, &common.access))? {
             if solids.are_given() {
-                bail!("{}: is a tree of cells; the options for solids are for models", tree.display());
+                bail!("{}: is a tree of cells; the options for solids are for models", inputs[0].display());
             }
             return Ok(Import::Tree(Box::new(TreeImport::plan(inputs, pictures, common)?)));
         }
-        if inputs.iter().any(|input| mesh::is_model(input, &common.access)) {
+        if any_file(inputs, &|input| mesh::is_model(input, &common.access))? {
             if pictures.are_given() {
                 bail!("{NOT_OF_MODELS}");
             }

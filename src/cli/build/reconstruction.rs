@@ -38,7 +38,7 @@ pub(super) fn views(
         bail!("{}: becomes a solid; the options for pictures and volumes are not for it", input.display());
     }
     check(input, solids, common)?;
-    Ok(plan_views(input, &solids.options(None, output, common)?)?)
+    Ok(plan_views(input, &solids.options(None, output, common)?, &common.access)?)
 }
 
 /// Reads polygons whose height is an attribute.

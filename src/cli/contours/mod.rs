@@ -28,7 +28,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     if exact::open(&args.tree.file, global)?.is_some() {
         exact::refuse(&args.tree.file, &[("contours", true)])?;
     }
-    if is_model(&args.tree.file, global.access()) {
+    if is_model(&args.tree.file, global.access())? {
         return surface::run(args, &levels, global, start);
     }
     let tree = args.tree.open(global)?;

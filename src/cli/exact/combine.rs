@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use anyhow::{Result, bail, ensure};
 use spinney::raw::brep::{CombineReport, boundary_parts};
+use spinney::raw::io::any_file;
 use spinney::{Codec, CombineOperation, ExactModel, SetOperation};
 
 use super::super::Global;
@@ -96,6 +97,6 @@ fn tell(report: &CombineReport, files: &[PathBuf], global: &Global) {
 }
 
 /// Whether any of some files is an exact model.
-pub(in crate::cli) fn any_model(files: &[PathBuf], global: &Global) -> bool {
-    files.iter().any(|file| spinney::raw::brep::is_model_file(Path::new(file), global.access()))
+pub(in crate::cli) fn any_model(files: &[PathBuf], global: &Global) -> spinney::Result<bool> {
+    any_file(files, &|file| spinney::raw::brep::is_model_file(file, global.access()))
 }

@@ -6,6 +6,7 @@ use anyhow::Result;
 use serde_json::json;
 use spinney::ExactModel;
 use spinney::brep::Faces;
+use spinney::raw::io::shown;
 use spinney::raw::store::Tag;
 
 use super::super::report::{print_json, print_text, shortened};
@@ -25,7 +26,7 @@ fn as_json(model: &ExactModel) -> Result<serde_json::Value> {
         model.sections().into_iter().map(|(name, bytes)| (name.to_string(), json!(bytes))).collect();
     let metadata = model.metadata();
     Ok(json!({
-        "file": model.path().display().to_string(),
+        "file": shown(model.path()),
         "format": "Goblin",
         "tree": "exact model",
         "faces": model.len(),
@@ -43,7 +44,7 @@ fn as_json(model: &ExactModel) -> Result<serde_json::Value> {
         "face_columns": model.value_columns()?,
         "formula": model.formula()?,
         "epsg": metadata.frame.crs.as_ref().and_then(|crs| crs.numbers()).map(|numbers| numbers.horizontal),
-        "provenance": metadata.provenance,
+        "provenance": metadata.clean_provenance(),
         "tags": metadata.tags,
         "bytes": model.file_size(),
         "sections": sections,
@@ -70,7 +71,7 @@ fn as_text(model: &ExactModel) -> Result<String> {
     let mut text = String::new();
     let grid = model.grid();
     let unit = unit(model);
-    writeln!(text, "{}", model.path().display())?;
+    writeln!(text, "{}", shown(model.path()))?;
     writeln!(text, "  format      Goblin, exact model")?;
     let far = if model.is_unbounded() { ", and all that is far away is inside" } else { "" };
     writeln!(text, "  faces       {}{far}", model.len())?;
@@ -108,7 +109,7 @@ fn as_text(model: &ExactModel) -> Result<String> {
     if let Some(crs) = &model.metadata().frame.crs {
         writeln!(text, "  crs         {crs}")?;
     }
-    for line in &model.metadata().provenance {
+    for line in model.metadata().clean_provenance() {
         writeln!(text, "  from        {line}")?;
     }
     for (key, value) in &model.metadata().tags {

@@ -33,7 +33,7 @@ pub(super) use transform::{Moving, transform};
 
 /// The exact model in a file; `None` if it has anything else.
 pub(super) fn open(path: &Path, global: &Global) -> Result<Option<ExactModel>> {
-    if !is_model_file(path, global.access()) {
+    if !is_model_file(path, global.access())? {
         return Ok(None);
     }
     Ok(Some(ExactModel::open(path, &global.access().into())?))

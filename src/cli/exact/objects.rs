@@ -110,7 +110,7 @@ pub(crate) fn find_contacts(
         let work = Work::start(global, "objects")?;
         let name = |part: u32| view.file().parts().get(part as usize).map_or("", String::as_str);
         view.object_contacts(memory, &work, &mut |contact| take(contact, contact.parts.map(name)))?;
-    } else if mesh::is_model(file, global.access()) {
+    } else if mesh::is_model(file, global.access())? {
         let models =
             spinney::raw::import::mesh::open_all_with(&[file.to_path_buf()], memory, global.access())?;
         let mut options = spinney::import::mesh::ExactOptions::new();

@@ -7,6 +7,8 @@ use rayon::prelude::*;
 use spinney::brep::{FaceBuffer, Faces, Location};
 use spinney::raw::brep::ModelView;
 
+use super::super::report::PrintableWriter;
+
 /// Points that are answered at a time.
 const BATCH: usize = 1 << 16;
 
@@ -56,7 +58,7 @@ fn each_batch<const N: usize>(
     wanted: &str,
     answer: &mut Answer<'_, N>,
 ) -> Result<()> {
-    let mut out = io::BufWriter::with_capacity(1 << 20, io::stdout().lock());
+    let mut out = PrintableWriter::new(io::BufWriter::with_capacity(1 << 20, io::stdout().lock()));
     if !lines.is_empty() {
         let lines = lines.iter().zip(1..).map(|(text, number)| parse(text, "point", number, wanted));
         answer(&lines.collect::<Result<Vec<_>>>()?, 1, &mut out)?;

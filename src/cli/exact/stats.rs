@@ -13,11 +13,12 @@ use spinney::import::feature::FeatureFilter;
 use spinney::raw::brep::ModelView;
 use spinney::raw::brep::topology::{Euler, Topology, TopologyOptions};
 use spinney::raw::export::vector::export_objects;
+use spinney::raw::io::shown;
 use spinney::raw::store::Tag;
 
 use super::super::Global;
 use super::super::args::{DEFAULT_MEMORY, check_output, vector_format};
-use super::super::report::{Work, print_json, print_text, report_output, warn};
+use super::super::report::{Work, print_json, print_text, printed_output, report_output, warn};
 use super::{chosen, list, unit};
 
 /// Measures an exact model: volume, centre, moments, surface, and its topology where that fits into memory.
@@ -54,16 +55,19 @@ pub(crate) fn each(
         true => None,
         false => Some(chosen(model, &filter)?),
     };
-    let (path, format) = match path {
-        Some(path) => (path, vector_format(None, path)?),
-        None => (Path::new("-"), VectorFormat::Csv),
+    let (format, output) = match path {
+        Some(path) => {
+            let format = vector_format(None, path)?;
+            check_output([model.path()], path)?;
+            (format, global.access().create(path)?)
+        }
+        None => (VectorFormat::Csv, printed_output()),
     };
-    check_output([model.path()], path)?;
     let work = Work::start(global, "faces")?;
-    let count = export_objects(view, objects.as_ref(), global.access().create(path)?, format, memory, &work)?;
+    let count = export_objects(view, objects.as_ref(), output, format, memory, &work)?;
     work.finish();
     global.report("objects", format_args!("{count} of {}", model.parts().len()));
-    if path != Path::new("-") {
+    if let Some(path) = path.filter(|path| *path != Path::new("-")) {
         report_output(global, path, start);
     }
     Ok(())
@@ -81,7 +85,7 @@ fn as_json(model: &ExactModel, mass: &MassProperties, euler: Option<&Euler>) -> 
         })
     });
     json!({
-        "file": model.path().display().to_string(),
+        "file": shown(model.path()),
         "unit": model.metadata().tag(Tag::Unit),
         "volume": mass.volume,
         "surface": mass.area,

@@ -5,6 +5,7 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use spinney::export::{PageFile, PageRequest, export_page};
 use spinney::raw::export::page::PageStart;
+use spinney::raw::io::without_query;
 use spinney::raw::store::FileReference;
 
 use super::super::Global;
@@ -48,7 +49,8 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
         start: PageStart { layer, commit: place.commit, style },
     }];
     let title = args.archive.name().map(str::to_owned);
-    let title = title.or_else(|| Some(files[0].path.file_stem()?.to_string_lossy().into_owned()));
+    let title =
+        title.or_else(|| Some(without_query(&files[0].path).file_stem()?.to_string_lossy().into_owned()));
     let is_self_contained = args.page.self_contained;
     let request = PageRequest { title: title.unwrap_or_default(), files, is_self_contained };
     let work = Work::start(global, "page")?;

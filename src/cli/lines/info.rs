@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use anyhow::Result;
 use serde_json::json;
 use spinney::lines::LineTree;
+use spinney::raw::io::shown;
 use spinney::raw::lines::LevelTotals;
 
 use super::super::report::{print_json, print_text};
@@ -29,7 +30,7 @@ fn as_json(tree: &LineTree, levels: &[LevelTotals]) -> Result<serde_json::Value>
     };
     let names: Vec<&str> = tree.attributes().iter().map(|attribute| attribute.name.as_str()).collect();
     Ok(json!({
-        "file": tree.path().display().to_string(),
+        "file": shown(tree.path()),
         "format": "Goblin",
         "tree": "quadtree of lines",
         "features": tree.len(),
@@ -45,7 +46,7 @@ fn as_json(tree: &LineTree, levels: &[LevelTotals]) -> Result<serde_json::Value>
         "offset": tree.grid().offset,
         "attributes": names,
         "epsg": metadata.frame.crs.as_ref().and_then(|crs| crs.numbers()).map(|numbers| numbers.horizontal),
-        "provenance": metadata.provenance,
+        "provenance": metadata.clean_provenance(),
         "tags": metadata.tags,
         "bytes": tree.bytes(),
     }))
@@ -53,7 +54,7 @@ fn as_json(tree: &LineTree, levels: &[LevelTotals]) -> Result<serde_json::Value>
 
 fn as_text(tree: &LineTree, levels: &[LevelTotals], with_levels: bool) -> Result<String> {
     let mut text = String::new();
-    writeln!(text, "{}", tree.path().display())?;
+    writeln!(text, "{}", shown(tree.path()))?;
     writeln!(text, "format      Goblin, quadtree of lines")?;
     writeln!(text, "features    {}", tree.len())?;
     writeln!(text, "lines       {} pieces between vertices, length {}", tree.segments(), tree.length()?)?;
@@ -67,7 +68,7 @@ fn as_text(tree: &LineTree, levels: &[LevelTotals], with_levels: bool) -> Result
     if let Some(crs) = &tree.metadata().frame.crs {
         writeln!(text, "crs         {crs}")?;
     }
-    for line in &tree.metadata().provenance {
+    for line in tree.metadata().clean_provenance() {
         writeln!(text, "from        {line}")?;
     }
     for (key, value) in tree.metadata().tags.iter().filter(|(_, value)| value.len() <= 80) {

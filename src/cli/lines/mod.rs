@@ -24,7 +24,7 @@ pub(super) use stats::{Join, join, stats};
 
 /// The tree of lines in a file; `None` if it has anything else.
 pub(super) fn open(path: &Path, global: &Global) -> Result<Option<LineTree>> {
-    if !is_line_file(path, global.access()) {
+    if !is_line_file(path, global.access())? {
         return Ok(None);
     }
     Ok(Some(LineTree::open(path, &global.access().into())?))

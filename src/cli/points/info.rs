@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use anyhow::Result;
 use serde_json::json;
 use spinney::points::{PointTree, Selection};
+use spinney::raw::io::shown;
 use spinney::raw::points::PointStatistics;
 
 use super::super::report::{print_json, print_text};
@@ -42,7 +43,7 @@ fn as_json(tree: &PointTree, statistics: &PointStatistics) -> serde_json::Value 
         .map(|attribute| (attribute.name.clone(), json!(attribute.sample.name())))
         .collect();
     json!({
-        "file": tree.path().display().to_string(),
+        "file": shown(tree.path()),
         "format": "Goblin",
         "tree": if tree.dimension().axes() == 3 { "octree of points" } else { "quadtree of points" },
         "points": tree.len(),
@@ -56,7 +57,7 @@ fn as_json(tree: &PointTree, statistics: &PointStatistics) -> serde_json::Value 
         "types": types,
         "statistics": statistics_as_json(tree, statistics),
         "epsg": metadata.frame.crs.as_ref().and_then(|crs| crs.numbers()).map(|numbers| numbers.horizontal),
-        "provenance": metadata.provenance,
+        "provenance": metadata.clean_provenance(),
         "tags": metadata.tags,
         "bytes": tree.bytes(),
     })
@@ -76,7 +77,7 @@ pub(super) fn statistics_as_text(tree: &PointTree, statistics: &PointStatistics)
 fn as_text(tree: &PointTree, statistics: &PointStatistics) -> Result<String> {
     let mut text = String::new();
     let kind = if tree.dimension().axes() == 3 { "octree" } else { "quadtree" };
-    writeln!(text, "{}", tree.path().display())?;
+    writeln!(text, "{}", shown(tree.path()))?;
     writeln!(text, "format      Goblin, {kind} of points")?;
     writeln!(text, "points      {}, {} of them where another one is", tree.len(), tree.duplicates())?;
     let (nodes, blocks) = tree.counts();
@@ -91,7 +92,7 @@ fn as_text(tree: &PointTree, statistics: &PointStatistics) -> Result<String> {
     if let Some(crs) = &tree.metadata().frame.crs {
         writeln!(text, "crs         {crs}")?;
     }
-    for line in &tree.metadata().provenance {
+    for line in tree.metadata().clean_provenance() {
         writeln!(text, "from        {line}")?;
     }
     for (key, value) in tree.metadata().tags.iter().filter(|(_, value)| value.len() <= 80) {

@@ -24,7 +24,7 @@ pub(super) use stats::stats;
 
 /// The tree of points in a file; `None` if it has anything else.
 pub(super) fn open(path: &Path, global: &Global) -> Result<Option<PointTree>> {
-    if !is_point_file(path, global.access()) {
+    if !is_point_file(path, global.access())? {
         return Ok(None);
     }
     Ok(Some(PointTree::open(path, &global.access().into())?))

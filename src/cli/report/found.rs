@@ -5,6 +5,8 @@ use std::io::{BufWriter, StdoutLock, Write as _, stdout};
 
 use spinney::Error;
 
+use super::printable_line;
+
 /// Prints lines about what was found: as it comes, or the largest first.
 pub(crate) struct Found {
     out: BufWriter<StdoutLock<'static>>,
@@ -42,7 +44,7 @@ impl Found {
     }
 
     fn write(&mut self, line: &str) -> spinney::Result<()> {
-        writeln!(self.out, "{line}").map_err(Error::io("-", "write"))
+        writeln!(self.out, "{}", printable_line(line)).map_err(Error::io("-", "write"))
     }
 
     pub(crate) fn finish(&mut self) -> spinney::Result<()> {

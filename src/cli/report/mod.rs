@@ -12,15 +12,18 @@ pub(crate) mod unit;
 
 use std::fmt::Display;
 use std::io::{self, Write};
+use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::Result;
-use spinney::Dataset;
+use spinney::raw::io::redacted;
 use spinney::raw::report::printable_json;
+use spinney::{Dataset, Output};
 
 pub(crate) use found::Found;
 pub(crate) use output::{report_built, report_output};
 use printable::printable;
+pub(crate) use printable::{PrintableWriter, printable_line};
 pub(crate) use progress::Work;
 
 use super::Global;
@@ -30,7 +33,7 @@ impl Global {
     pub(crate) fn report(&self, heading: &str, text: impl Display) {
         if !self.quiet {
             // Nobody may be listening, which is no reason to fail.
-            let _ = writeln!(io::stderr(), "{heading:<10} {}", printable(&text.to_string()));
+            let _ = writeln!(io::stderr(), "{heading:<10} {}", printable(&redacted(&text.to_string())));
         }
     }
 }
@@ -58,13 +61,14 @@ impl Global {
 
 /// Writes a line about a failure.
 pub(crate) fn complain(error: &anyhow::Error) {
-    let _ = writeln!(io::stderr(), "spinney: {}", printable(&format!("{error:#}")));
+    let _ = writeln!(io::stderr(), "spinney: {}", printable(&redacted(&format!("{error:#}"))));
 }
 
 /// Writes help, or what is wrong with the words that the program was given, and gives the exit code.
 pub(crate) fn explain_usage(error: &clap::Error) -> ExitCode {
     let text = error.render().to_string();
-    let clean = printable(&text);
+    let shown = redacted(&text);
+    let clean = printable(&shown);
     // (As it is it has colours, on a terminal.)
     let _ = if *clean == text { error.print() } else { write!(io::stderr(), "{clean}") };
     ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2))
@@ -72,12 +76,17 @@ pub(crate) fn explain_usage(error: &clap::Error) -> ExitCode {
 
 /// Writes a line about something that is no failure, but should be known.
 pub(crate) fn warn(text: &str) {
-    let _ = writeln!(io::stderr(), "warning    {}", printable(text));
+    let _ = writeln!(io::stderr(), "warning    {}", printable(&redacted(text)));
 }
 
 /// Writes a part of the result.
 pub(crate) fn print_text(text: &str) -> Result<()> {
     Ok(io::stdout().write_all(printable(text).as_bytes())?)
+}
+
+/// Standard output for a table that is printed where no file was named for it.
+pub(crate) fn printed_output() -> Output {
+    Output::to_writer(Path::new("-"), Box::new(PrintableWriter::new(io::stdout())))
 }
 
 /// Enough of a text to know it, in lines that stand under each other behind so many spaces.

@@ -4,13 +4,12 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Result, bail};
-use spinney::raw::shards::Job;
+use spinney::raw::shards::{MergeOptions, Merged, merge};
 use spinney::raw::store::TreeFormat;
-use spinney::raw::store::goblin::MergeOutput;
 
 use super::super::Global;
 use super::super::args::{Memory, OutputLimit};
-use super::super::report::{Work, report_built};
+use super::super::report::{Work, report_built, warn};
 
 /// Put the shards of a job together
 ///
@@ -24,7 +23,7 @@ pub(super) struct Args {
     #[arg(short, long, value_name = "OUT.goblin")]
     output: PathBuf,
     /// Remove what shards have left as soon as it is in the file, and the job when the file is there, so that there is room for one of both; what is
-    /// cut off goes on, with the file OUT.goblin.partial
+    /// cut off goes on when it is called again, with the files OUT.goblin.partial and OUT.goblin.partial.job
     #[arg(long)]
     remove_shards: bool,
     #[command(flatten)]
@@ -41,15 +40,20 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
             args.output.display()
         )
     }
-    let job = Job::open_with(&args.job, global.access())?;
     let work = Work::start(global, "bytes")?;
-    let output = MergeOutput::create(&args.output, args.limit.bytes(), args.remove_shards, global.access())?;
-    job.merge(output, args.memory.bytes, &work)?;
+    let options =
+        MergeOptions { limit: args.limit.bytes(), removes: args.remove_shards, memory: args.memory.bytes };
+    let merged = merge(&args.job, &args.output, options, global.access(), &work)?;
     work.finish();
-    let bytes = job.input_bytes();
-    if args.remove_shards {
-        job.remove()?;
+    let (job, output) = (args.job.display(), args.output.display());
+    match merged {
+        Merged::Made(bytes) => report_built(global, &args.output, start, Some(bytes)),
+        Merged::Finished => {
+            global.report("output", format_args!("{output}: was whole; what was left of {job} is removed"))
+        }
+        Merged::JobMissing => warn(&format!(
+            "{job}: no job is there, and {output} is: it was merged before, or the job has another name"
+        )),
     }
-    report_built(global, &args.output, start, Some(bytes));
     Ok(())
 }

@@ -6,6 +6,7 @@ use anyhow::{Result, bail};
 use spinney::import::feature::FeatureFilter;
 use spinney::raw::csg::Csg;
 use spinney::raw::import::mesh;
+use spinney::raw::io::any_file;
 use spinney::raw::points::is_las_file;
 use spinney::raw::reconstruction::is_views_name;
 use spinney::raw::shards::{JobSpec, plan};
@@ -102,7 +103,7 @@ pub(super) fn run(mut args: Args, global: &Global) -> Result<()> {
     if args.filter.is_some() {
         bail!("{}: has no points; --where is for LAS and LAZ files", inputs[0].display())
     }
-    if inputs.iter().any(|input| mesh::is_model(input, global.access())) {
+    if any_file(&inputs, &|input| mesh::is_model(input, global.access()))? {
         return job.plan(&solids.job(inputs, &job.output, pictures, common)?, global);
     }
     if solids.are_given() {
@@ -111,7 +112,7 @@ pub(super) fn run(mut args: Args, global: &Global) -> Result<()> {
             inputs[0].display()
         )
     }
-    if inputs.iter().any(|input| file_is_tree(input, global.access())) {
+    if any_file(&inputs, &|input| file_is_tree(input, global.access()))? {
         return job.plan(&tree_spec(&inputs, pictures, common)?, global);
     }
     if let Some(input) = pictures.volume_input(&inputs)? {

@@ -13,7 +13,7 @@ use super::output::Output;
 use super::read::{Mapped, Positioned, ReadBackend, open_input};
 use super::remote::RemoteFiles;
 use super::stat::{FileStat, remove_local, stat_local};
-use crate::url::{local_path, url_of};
+use crate::url::{local_path, shown, url_of};
 use crate::{Error, Result};
 
 /// Default limit of the cache of ranges of remote files, in bytes.
@@ -55,6 +55,10 @@ struct Settings {
     ranges: Arc<RangeCache>,
     unpacked: Arc<RangeCache>,
     remote: Option<Arc<dyn RemoteFiles>>,
+    /// Whether no remote file may be used, whatever client there is.
+    is_remote_refused: bool,
+    /// Whether files may not name others that have their data.
+    is_external_refused: bool,
 }
 
 impl Default for FileAccess {
@@ -68,6 +72,8 @@ impl Default for FileAccess {
                 ranges,
                 unpacked,
                 remote: None,
+                is_remote_refused: false,
+                is_external_refused: false,
             }))
         });
         DEFAULT.clone()
@@ -85,13 +91,15 @@ impl Eq for FileAccess {}
 
 impl fmt::Debug for FileAccess {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Settings { positioned, segments, ranges, unpacked, remote } = &*self.0;
+        let Settings { positioned, segments, ranges, unpacked, remote, .. } = &*self.0;
         f.debug_struct("FileAccess")
             .field("positioned", positioned)
             .field("segments", segments)
             .field("ranges", &ranges.limit())
             .field("unpacked", &unpacked.limit())
             .field("remote", &remote.is_some())
+            .field("is_remote_refused", &self.0.is_remote_refused)
+            .field("is_external_refused", &self.0.is_external_refused)
             .finish()
     }
 }
@@ -142,6 +150,34 @@ impl FileAccess {
         self.range_cache(limit).with(|settings| settings.remote = Some(client))
     }
 
+    /// Refuses remote files, whether the caller or another file names them: for input of unknown origin, which must not make this
+    /// machine send requests.
+    #[must_use]
+    pub fn no_remote(self) -> FileAccess {
+        self.with(|settings| settings.is_remote_refused = true)
+    }
+
+    /// Refuses files that only name others which have their data, such as virtual rasters and manifests: for input of unknown
+    /// origin, which must not choose files of this machine. See [`FileAccess::check_external`].
+    #[must_use]
+    pub fn no_external(self) -> FileAccess {
+        self.with(|settings| settings.is_external_refused = true)
+    }
+
+    /// Checks that `file` may name `other`, which has data of it. All that opens files that are named in files calls this first.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] if that is [refused](FileAccess::no_external).
+    pub fn check_external(&self, file: &Path, other: &Path) -> Result<()> {
+        if !self.0.is_external_refused {
+            return Ok(());
+        }
+        let found =
+            format!("data in another file ({}), where that is refused (--no-external),", shown(other));
+        let advice = "leave that option out if you trust the file, or convert it to a file that has its data";
+        Err(Error::unsupported(file, found, advice))
+    }
+
     /// Whether files are read at positions instead of mapped.
     pub fn is_positioned(&self) -> bool {
         self.0.positioned
@@ -165,8 +201,16 @@ impl FileAccess {
     /// The client for a remote file.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] if there is none.
+    /// [`Error::Unsupported`] if there is none, or remote files are refused.
     pub(super) fn client(&self, path: &Path) -> Result<&dyn RemoteFiles> {
+        if self.0.is_remote_refused {
+            let advice = "leave that option out if you trust what names the file, or copy it to this machine";
+            return Err(Error::unsupported(
+                path,
+                "a remote file, where none may be used (--no-remote),",
+                advice,
+            ));
+        }
         self.0.remote.as_deref().ok_or_else(|| {
             let advice = "use a build with support for remote files, or copy the file to this machine";
             Error::unsupported(path, "a remote file", advice)
@@ -200,6 +244,22 @@ impl FileAccess {
         match url_of(path) {
             Some(url) => self.client(path)?.open(url, &[], self),
             None => Ok(Box::new(Positioned::open(&local_path(path))?)),
+        }
+    }
+
+    /// Opens a file like [`FileAccess::peek`], to find out what it is; `None` if it is missing or no file with bytes that can be read at
+    /// offsets. (An error of the disk or the host is one here, too: taken for another type of file, each further guess would repeat it.)
+    ///
+    /// # Errors
+    /// If the file system or the host fails.
+    pub fn probe(&self, path: &Path) -> Result<Option<Box<dyn ReadBackend>>> {
+        if url_of(path).is_none() && local_path(path).is_dir() {
+            return Ok(None);
+        }
+        match self.peek(path) {
+            Err(Error::Unsupported { .. }) => Ok(None),
+            Err(error) if is_absent(path, &error) => Ok(None),
+            found => found.map(Some),
         }
     }
 
@@ -319,5 +379,95 @@ impl FileAccess {
             .iter()
             .filter(|path| url_of(path).is_none())
             .try_for_each(|path| remove_local(&local_path(path)))
+    }
+}
+
+/// Whether one of some files is of a kind, which `is_one` finds out.
+///
+/// # Errors
+/// Those of `is_one`.
+pub fn any_file<P: AsRef<Path>>(files: &[P], is_one: &dyn Fn(&Path) -> Result<bool>) -> Result<bool> {
+    for file in files {
+        if is_one(file.as_ref())? {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+/// Whether an error says that there is no such file, or none that may be read remotely: `stack.goblin:B08` names no file but a layer.
+fn is_absent(path: &Path, error: &Error) -> bool {
+    let Error::Io { cause, .. } = error else { return false };
+    let is_missing = matches!(
+        cause.kind(),
+        io::ErrorKind::NotFound | io::ErrorKind::NotADirectory | io::ErrorKind::InvalidFilename
+    );
+    is_missing || is_access_denied(path, error)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A host that is down, and counts requests.
+    #[derive(Default)]
+    struct Outage(std::sync::atomic::AtomicUsize);
+
+    impl RemoteFiles for Outage {
+        fn open(&self, url: &str, _: &[(String, String)], _: &FileAccess) -> Result<Box<dyn ReadBackend>> {
+            self.0.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+            let kind = if url.contains("none") { io::ErrorKind::NotFound } else { io::ErrorKind::Other };
+            Err(Error::io(url, "open")(kind.into()))
+        }
+
+        fn stat(&self, _: &[&str]) -> Result<Vec<Result<Option<FileStat>>>> {
+            Ok(Vec::new())
+        }
+
+        fn write(&self, url: &str, _: &FileAccess) -> Result<Box<dyn super::super::RemoteWriter>> {
+            Err(Error::io(url, "open")(io::ErrorKind::Other.into()))
+        }
+
+        fn remove(&self, _: &[&str]) -> Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn missing_files_are_none_and_outages_are_errors() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("file");
+        std::fs::write(&file, "1").unwrap();
+        let access = FileAccess::new().remote(Arc::new(Outage::default()));
+        assert!(access.probe(&file).unwrap().is_some());
+        for path in [folder.path(), &file.join("below"), Path::new("http://h/none")] {
+            assert!(access.probe(path).unwrap().is_none(), "{}", path.display());
+        }
+        assert!(access.probe(Path::new("http://h/x")).is_err());
+        let is_one = |path: &Path| Ok(access.probe(path)?.is_some());
+        assert!(any_file(&[Path::new("/none"), &file], &is_one).unwrap());
+        assert!(any_file(&[Path::new("http://h/x"), &file], &is_one).is_err());
+    }
+
+    #[test]
+    fn remote_and_external_files_are_refused_by_option() {
+        let host = Arc::new(Outage::default());
+        let access = FileAccess::new().remote(host.clone());
+        let [url, other] = ["http://h/x?SECRET", "other.raw"].map(Path::new);
+        access.check_external(Path::new("x.nhdr"), other).unwrap();
+        let strict = access.no_remote().no_external();
+        let refused = [
+            strict.peek(url).err().unwrap(),
+            strict.stat(&[url]).err().unwrap(),
+            strict.create(url).err().unwrap(),
+            strict.append_only(url).err().unwrap(),
+            strict.remove(&[url]).err().unwrap(),
+        ];
+        for error in refused {
+            assert!(error.to_string().contains("--no-remote"), "{error}");
+        }
+        let error = strict.check_external(Path::new("x.nhdr"), other).unwrap_err().to_string();
+        assert!(error.contains("x.nhdr") && error.contains("other.raw") && error.contains("--no-external"));
+        assert_eq!(host.0.load(std::sync::atomic::Ordering::Relaxed), 0);
     }
 }

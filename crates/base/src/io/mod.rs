@@ -4,6 +4,8 @@
 mod access;
 pub mod batch;
 mod cache;
+mod commit_all;
+mod completion;
 mod faults;
 mod file_id;
 mod input;
@@ -23,9 +25,11 @@ mod stat;
 mod unpacked;
 mod write;
 
-pub use crate::url::{local_path, split_query, url_of, without_query};
-pub use access::FileAccess;
+pub use crate::url::{is_redacted, local_path, redacted, shown, split_query, url_of, without_query};
+pub use access::{FileAccess, any_file};
 pub use cache::{CachedBytes, RangeCache};
+pub use commit_all::{NewDirectories, commit_all};
+pub use completion::{CompletionRecord, MAX_RECORD};
 pub use faults::Faults;
 pub use file_id::FileId;
 pub use input::{InputFile, beside};

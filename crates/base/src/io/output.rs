@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use super::access::FileAccess;
+use super::completion::CompletionRecord;
 use super::faults::{Faults, MayFail};
 use super::file_id::FileId;
 use super::platform::{free_space, set_output_permissions};
@@ -28,6 +29,8 @@ pub struct Output {
     written: u64,
     most: u64,
     access: FileAccess,
+    /// The file that says that the output is whole, if there is to be one.
+    completion: Option<CompletionRecord>,
 }
 
 enum Sink {
@@ -78,7 +81,8 @@ impl Output {
     }
 
     fn new(path: &Path, sink: Sink, access: &FileAccess) -> Output {
-        Output { path: path.to_path_buf(), sink, written: 0, most: u64::MAX, access: access.clone() }
+        let (path, access) = (path.to_path_buf(), access.clone());
+        Output { path, sink, written: 0, most: u64::MAX, access, completion: None }
     }
 
     /// Starts a file at `path`, local or remote.
@@ -183,6 +187,15 @@ impl Output {
             create_new: false,
         };
         Ok((Output { written: there, ..Output::new(path, sink, &FileAccess::default()) }, there))
+    }
+
+    /// The place of a local file that is [resumable](Output::resumable), before it is in its place.
+    ///
+    /// # Errors
+    /// If its symbolic links lead nowhere.
+    pub fn partial_path(path: &Path) -> Result<PathBuf> {
+        let path = &*local_path(path);
+        Ok(partial_of(&follow_links(path).map_err(Error::io(path, "follow the symbolic link"))?))
     }
 
     /// The file as it is before it is in its place.
@@ -291,6 +304,11 @@ impl Output {
         }
     }
 
+    /// Records that a file is whole, before it takes its place.
+    pub fn record_completion(&mut self, record: CompletionRecord) {
+        self.completion = Some(record);
+    }
+
     /// Removes the temporary files of all outputs of this process that are not committed, for a program that
     /// is about to end without dropping them.
     pub fn remove_unfinished() {
@@ -298,6 +316,15 @@ impl Output {
         for path in unfinished.drain(..) {
             let _ = std::fs::remove_file(&path).or_else(|_| std::fs::remove_dir_all(&path));
         }
+    }
+
+    /// Writes all bytes to the disk, where the file has a name of its own until it is put in place.
+    pub(super) fn prepare(&mut self) -> io::Result<()> {
+        let Sink::File { file, .. } = &mut self.sink else { return Ok(()) };
+        file.flush()?;
+        let TemporaryFile { file, faults } = file.get_ref();
+        faults.sync()?;
+        file.as_file().sync_all()
     }
 
     /// Puts the finished file in its place, on the disk and not only in the system's memory.
@@ -331,6 +358,10 @@ impl Output {
                 // The bytes are durable before the name leads to them; the folder comes last, which makes the
                 // rename durable.
                 faults.sync().and_then(|()| file.as_file().sync_all()).map_err(Error::io(&path, "sync"))?;
+                if let Some(record) = &self.completion {
+                    let mut whole = File::open(file.path()).map_err(Error::io(&path, "read"))?;
+                    record.write(&mut whole)?;
+                }
                 // (One step, so that no file can appear between a look and the renaming.)
                 let persisted =
                     if create_new { file.persist_noclobber(&target) } else { file.persist(&target) };

@@ -14,9 +14,10 @@ pub fn open_regular(options: &mut OpenOptions, path: &Path) -> Result<File> {
     check(path, fs::Metadata::is_file, "a symbolic link, or something else that is no file,")?;
     #[cfg(unix)]
     {
-        // (It may have become a link since.)
+        // (It may have become a link since, or a pipe, which is not waited for.)
         use std::os::unix::fs::OpenOptionsExt;
-        options.custom_flags(rustix::fs::OFlags::NOFOLLOW.bits() as i32);
+        let flags = rustix::fs::OFlags::NOFOLLOW | rustix::fs::OFlags::NONBLOCK;
+        options.custom_flags(flags.bits() as i32);
     }
     options.open(path).map_err(Error::io(path, "open"))
 }

@@ -18,8 +18,11 @@ const INSTANCES: [u8; 4] = *b"INST";
 use spinney_container::{Content, FileHeader, HEADER_SIZE, Metadata, Section, TAIL, Trailer};
 
 /// Whether a file is an exact model, whatever its name.
-pub fn is_model_file(path: &Path, access: &FileAccess) -> bool {
-    access.peek(path).and_then(|file| model_depth(path, &*file)).is_ok()
+///
+/// # Errors
+/// If the file system or the host of the file fails: see [`FileHeader::find`].
+pub fn is_model_file(path: &Path, access: &FileAccess) -> Result<bool> {
+    Ok(FileHeader::find(path, access)?.is_some_and(|header| header.content == Content::Model))
 }
 
 impl ExactModel {

@@ -22,9 +22,11 @@ pub struct BlockFile {
 
 impl BlockFile {
     /// Whether a file has some content, whatever its name.
-    pub fn has_content(path: &Path, content: Content, access: &FileAccess) -> bool {
-        let header = access.peek(path).and_then(|file| FileHeader::read(path, &*file));
-        header.is_ok_and(|header| header.content == content)
+    ///
+    /// # Errors
+    /// If the file system or the host of the file fails: see [`FileHeader::find`].
+    pub fn has_content(path: &Path, content: Content, access: &FileAccess) -> Result<bool> {
+        Ok(FileHeader::find(path, access)?.is_some_and(|header| header.content == content))
     }
 
     /// Opens whatever a backend reads, which has some content, in a noun; `path` is for messages.

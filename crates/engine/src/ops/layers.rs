@@ -7,7 +7,7 @@ use super::tree_file::TreeFile;
 use crate::store::autumnal::{Commit, Editor, Note};
 use crate::store::{BuildOptions, TreeWriter, WriteOptions};
 use crate::tree::Source;
-use spinney_base::io::{FileAccess, ReplaceLock};
+use spinney_base::io::{FileAccess, ReplaceLock, without_query};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{FileReference, Header, Metadata};
 use spinney_crs::Frame;
@@ -180,7 +180,9 @@ fn open_to_change(path: &Path, access: &FileAccess) -> Result<(TreeFile, Option<
 /// The name that a file's only layer gets when there are others beside it, if it has none.
 fn stem(path: &Path) -> String {
     let file = FileReference::of(path).file;
-    file.file_stem().map_or_else(|| "layer".into(), |stem| stem.to_string_lossy().into_owned())
+    without_query(&file)
+        .file_stem()
+        .map_or_else(|| "layer".into(), |stem| stem.to_string_lossy().into_owned())
 }
 
 /// Copies layers of a Goblin file, by their numbers; one without a name gets one.

@@ -349,7 +349,7 @@ fn shards_that_are_missing_or_damaged_or_others_are_refused() {
     assert!(gap.unwrap_err().to_string().contains("shards of"));
     let output = Kept::default().output(Path::new("few.goblin"));
     assert!(merge_shards(&job.head(), &job.shards, Some(1), (output, 0), &()).is_err());
-    assert!(!is_point_file(&summary, &FileAccess::default()));
+    assert!(!is_point_file(&summary, &FileAccess::default()).unwrap());
     assert!(PointTree::open(&summary, &OpenOptions::default()).is_err());
     assert!(job.merge().unwrap() == expected);
 }

@@ -25,7 +25,10 @@ pub struct PointTree {
 }
 
 /// Whether a file is a tree of points, whatever its name.
-pub fn is_point_file(path: &Path, access: &FileAccess) -> bool {
+///
+/// # Errors
+/// If the file system or the host of the file fails.
+pub fn is_point_file(path: &Path, access: &FileAccess) -> Result<bool> {
     BlockFile::has_content(path, Content::Points, access)
 }
 

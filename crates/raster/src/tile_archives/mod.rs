@@ -63,7 +63,7 @@ use self::pmtiles::PmtilesSink;
 use self::provenance::About;
 use self::sink::TileSink;
 use self::walk::{TileExtent, TileRun, TileWalk};
-use spinney_base::io::{FileAccess, Output};
+use spinney_base::io::{FileAccess, Output, without_query};
 use spinney_base::parallel;
 use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result};
@@ -118,7 +118,7 @@ impl TileRequest {
             degrees: None,
             side: 256,
             encoding: TileEncoding::default(),
-            name: tree.name().file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+            name: without_query(tree.name()).file_stem().unwrap_or_default().to_string_lossy().into_owned(),
             description: String::new(),
             attribution: String::new(),
             legend: String::new(),

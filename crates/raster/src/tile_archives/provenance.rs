@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json, json};
 
 use super::encode::TileFormat;
+use spinney_base::io::without_query;
 use spinney_base::{Error, Result};
 use spinney_engine::dataset::Dataset;
 use spinney_tiles::{GeographicExtent, TileColours};
@@ -30,7 +31,7 @@ impl SourceState {
     /// If the file cannot be read.
     pub fn of(tree: &Dataset) -> Result<SourceState> {
         let path = tree.name();
-        let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let file = without_query(path).file_name().unwrap_or_default().to_string_lossy().into_owned();
         if let Some(commit) = tree.commit() {
             let state = format!("{} cells, {} records, {:?}", commit.cells, commit.records, commit.note);
             return Ok(SourceState { file, commit: Some(commit.number), state: hashed(state.as_bytes()) });

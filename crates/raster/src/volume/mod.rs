@@ -141,8 +141,8 @@ pub fn is_volume(path: &Path) -> bool {
 /// # Errors
 /// If the file cannot be read, is no such array or not as long as its header says, or the options do not fit it.
 pub fn plan(path: &Path, options: &VolumeOptions) -> Result<VolumeImport> {
-    let told = if nrrd::is_one(path) { nrrd::open(path)? } else { npy::open(path)? };
-    planned(&[path.to_path_buf()], told, options)
+    let opened = if nrrd::is_one(path) { nrrd::open(path, &options.access)? } else { npy::open(path)? };
+    planned(&[path.to_path_buf()], opened, options)
 }
 
 /// Opens a file of samples alone, and decides how its octree is built.

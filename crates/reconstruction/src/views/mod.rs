@@ -13,6 +13,7 @@ use crate::linear::Limits;
 use crate::plan::{ReconstructionImport, check};
 use crate::source::{Bits, Block, Place, Solid};
 use spinney_base::Result;
+use spinney_base::io::FileAccess;
 use spinney_mesh::import::{SolidOptions, fit_cells};
 
 /// Whether a file's name is that of a text that tells views of a solid.
@@ -38,16 +39,17 @@ pub fn is_views_name(path: &Path) -> bool {
 /// std::fs::write(path("half.views"), text).unwrap();
 /// let mut options = SolidOptions::new();
 /// options.resolution = Resolution::Cells(8);
-/// let import = plan_views(&path("half.views"), &options)?;
+/// let import = plan_views(&path("half.views"), &options, &Default::default())?;
 /// assert_eq!(import.build(Output::create(&path("half.goblin"))?, &())?, 4 * 8 * 8);
 /// # Ok::<(), spinney::Error>(())
 /// ```
 ///
 /// # Errors
 /// If the text or a picture cannot be read, or makes no sense; if the options do not fit, or allow too little memory for the pictures.
-pub fn plan_views(path: &Path, options: &SolidOptions) -> Result<ReconstructionImport> {
+pub fn plan_views(path: &Path, options: &SolidOptions, access: &FileAccess) -> Result<ReconstructionImport> {
     check(path, options)?;
     let text = Text::open(path)?;
+    text.views.iter().try_for_each(|view| access.check_external(path, &view.picture))?;
     let mut options = options.clone();
     options.unit = options.unit.or_else(|| text.unit.clone());
     let cells = fit_cells(text.bounds, &options)?;

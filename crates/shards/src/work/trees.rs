@@ -14,7 +14,7 @@ pub(super) const LITTLE: u64 = 1 << 20;
 /// The files that reading a tree looks at: its own, and those that a manifest lists.
 pub(super) fn files_of(input: &Path, access: &FileAccess) -> Result<Vec<PathBuf>> {
     let file = FileReference::of(input).file.into_owned();
-    if !is_manifest_file(&file, access) {
+    if !is_manifest_file(&file, access)? {
         return Ok(vec![file]);
     }
     let listed = Manifest::open(&file, access)?.entries;

@@ -8,7 +8,7 @@ use super::geometry::Shape;
 use super::layer::TEXT_BYTES;
 use super::names::cut;
 use super::{AttributeType, AttributeValue, FormatWriter, GeometryKind, VectorLayer};
-use spinney_base::io::Output;
+use spinney_base::io::{Output, commit_all};
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
@@ -302,6 +302,6 @@ impl FormatWriter for Shapefile {
             written.map_err(|cause| Error::io(file.path(), "write")(cause))?;
         }
         let [shapes, places, table] = files;
-        others.into_iter().chain([places, table, shapes]).try_for_each(Output::commit)
+        commit_all(others.into_iter().chain([places, table, shapes]).collect())
     }
 }

@@ -73,6 +73,7 @@ pub(super) fn open_listed(
     options: &OpenOptions,
 ) -> Result<Goblin> {
     let path: PathBuf = entry.file(manifest)?;
+    options.access.check_external(manifest, &path)?;
     let (file, tag) = open_goblin(&path, entry.layer.as_deref(), options)?;
     let header = file.header();
     let is_same = tag == entry.tag

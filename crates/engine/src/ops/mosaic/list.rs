@@ -6,7 +6,7 @@ use std::path::{Component, Path, PathBuf};
 use super::files::open_goblin;
 use crate::ops::affine::{AffineMap, align};
 use crate::ops::view_source::check_form;
-use spinney_base::io::{FileAccess, local_path, url_of};
+use spinney_base::io::{FileAccess, local_path, shown, url_of};
 use spinney_base::space::Bounds;
 use spinney_base::value::DataKind;
 use spinney_base::{Error, Progress, Result};
@@ -127,7 +127,8 @@ fn stored_name(manifest: &Path, file: &Path) -> Result<String> {
             .ok_or_else(|| Error::unsupported(path, "a name that is no text", "give the file another name"))
     };
     if url_of(file).is_some() {
-        return text(file);
+        // (Signatures and passwords are supplied again when the manifest is opened.)
+        return Ok(shown(file).into_owned());
     }
     let file = &*local_path(file);
     if file.is_absolute() {

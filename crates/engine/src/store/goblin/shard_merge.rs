@@ -9,7 +9,7 @@ use super::segment_builder::SegmentBuilder;
 use super::shard_writer::planned_layers;
 use super::summary_items::{Item, Items};
 use crate::store::builder::TreeSink;
-use spinney_base::io::{FileAccess, Output};
+use spinney_base::io::{CompletionRecord, FileAccess, MAX_RECORD, Output, url_of};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{
     FileHeader, Header, LevelCounts, PieceSummary, RunFile, Shard, ShardSummary, check_cover,
@@ -81,8 +81,28 @@ impl MergeOutput {
         if let MergeOutput::Remove(output, 0) = &self
             && let Some(path) = output.unfinished_path()
         {
+            let _ = std::fs::remove_file(mark_of(path));
             let _ = std::fs::remove_file(path);
         }
+    }
+
+    /// The job, by the mark of its shards, whose merge has put a file in its place, removing shards, and was cut off then; and the file that says
+    /// so, which is removed last. `None` if there is none.
+    ///
+    /// # Errors
+    /// If the file or its mark cannot be read.
+    pub fn finished(path: &Path) -> Result<Option<(u128, PathBuf)>> {
+        if url_of(path).is_some() || path == Path::new("-") {
+            return Ok(None);
+        }
+        let partial = Output::partial_path(path)?;
+        let mark = mark_of(&partial);
+        if partial.exists() || !mark.exists() {
+            return Ok(None);
+        }
+        let work = CompletionRecord::work_of(&mark, path)?;
+        let job = work.and_then(|work| u128::from_str_radix(&work, 16).ok());
+        Ok(job.map(|job| (job, mark)))
     }
 
     /// Makes sure that what is there of the file was begun by the same job, and marks it as this one's. Returns the mark, a file that is to be removed when the
@@ -90,25 +110,35 @@ impl MergeOutput {
     ///
     /// # Errors
     /// If it is that of another job, or nobody knows whose; if the mark cannot be read or written.
-    pub fn claim(&self, job: u128) -> Result<Option<PathBuf>> {
+    pub fn claim(&mut self, job: u128) -> Result<Option<PathBuf>> {
         let MergeOutput::Remove(output, there) = self else { return Ok(None) };
         let Some(partial) = output.unfinished_path() else { return Ok(None) };
-        let mut mark = partial.as_os_str().to_owned();
-        mark.push(".job");
-        let (mark, own) = (PathBuf::from(mark), format!("{job:032x}"));
+        let (mark, own) = (mark_of(partial), format!("{job:032x}"));
         // Invariant: what another job has put into its file may be all that is left of its shards, and is not written over. So the mark is there before the
         // first byte is.
         if *there == 0 {
             let mut file = output.access().create(&mark)?;
             file.write_all(own.as_bytes()).map_err(Error::io(&mark, "write"))?;
             file.commit()?;
-        } else if output.access().read_whole(&mark, 64)?.as_deref() != Some(own.as_bytes()) {
+        } else if !output
+            .access()
+            .read_whole(&mark, MAX_RECORD)?
+            .is_some_and(|text| text.starts_with(own.as_bytes()))
+        {
             let advice = "finish the merge that has begun it, remove it, or choose another output";
             let found = "putting shards together where a file of something else was begun";
             return Err(Error::unsupported(partial, found, advice));
         }
+        output.record_completion(CompletionRecord { path: mark.clone(), work: own });
         Ok(Some(mark))
     }
+}
+
+/// The file that says which job has begun a file that is not in its place yet, and then that it is whole.
+fn mark_of(partial: &Path) -> PathBuf {
+    let mut mark = partial.as_os_str().to_owned();
+    mark.push(".job");
+    mark.into()
 }
 
 /// Puts a file together whose shards are all made: the bytes are those of a file that was built in one go. `head` is the file that tells of

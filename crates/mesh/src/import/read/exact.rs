@@ -10,7 +10,7 @@ use spinney_container::Tag;
 
 /// Opens the file of an exact model; `None` if it is none. About `memory` bytes hold what is said of parts.
 pub(super) fn open(path: &Path, memory: u64, access: &FileAccess) -> Result<Option<Box<dyn Model>>> {
-    if !is_model_file(path, access) {
+    if !is_model_file(path, access)? {
         return Ok(None);
     }
     let model = ExactModel::open(path, &access.into())?;

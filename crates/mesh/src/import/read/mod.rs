@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 use self::model_file::ModelFile;
 use super::{MeshFace, Model, ModelInfo};
 use spinney_base::Result;
-use spinney_base::io::FileAccess;
+use spinney_base::io::{FileAccess, without_query};
 use spinney_container::OtherFormat;
 use spinney_manifest::is_manifest_file;
 
@@ -103,7 +103,7 @@ fn format(source: &ModelFile) -> Option<Format> {
 /// If it cannot be read.
 pub fn files_of(path: &Path, access: &FileAccess) -> Result<Vec<PathBuf>> {
     let mut files = vec![path.to_path_buf()];
-    if !spinney_brep::is_model_file(path, access) {
+    if !spinney_brep::is_model_file(path, access)? {
         let source = ModelFile::open(path)?;
         if format(&source) == Some(Format::Obj) {
             files.extend(obj::libraries(&source));
@@ -130,11 +130,13 @@ pub fn open_all_with(paths: &[PathBuf], memory: u64, access: &FileAccess) -> Res
 }
 
 /// Whether a path looks like a model's, or is that of an exact model.
-pub fn is_model(path: &Path, access: &FileAccess) -> bool {
-    let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or("");
+///
+/// # Errors
+/// If the file system or the host of the file fails.
+pub fn is_model(path: &Path, access: &FileAccess) -> Result<bool> {
+    let extension = without_query(path).extension().and_then(|extension| extension.to_str()).unwrap_or("");
     let names = ["ply", "obj", "stl", "off", "json", "jsonl", "cityjson"];
     // (A manifest of trees is JSON, too.)
-    let is_named =
-        names.iter().any(|name| extension.eq_ignore_ascii_case(name)) && !is_manifest_file(path, access);
-    is_named || spinney_brep::is_model_file(path, access)
+    let is_named = names.iter().any(|name| extension.eq_ignore_ascii_case(name));
+    Ok(is_named && !is_manifest_file(path, access)? || spinney_brep::is_model_file(path, access)?)
 }

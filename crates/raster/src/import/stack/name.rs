@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use super::super::bands::short_name;
 use super::StackLayer;
+use spinney_base::io::without_query;
 use spinney_base::{Error, Result};
 
 /// Gives layers names: those that are said, else that of the file if it makes one layer, and those of its bands otherwise.
@@ -39,7 +40,7 @@ pub(super) fn give(layers: &mut [StackLayer], names: Option<&[String]>) -> Resul
 
 /// The name of a layer by what its file tells.
 fn of_file(layer: &StackLayer) -> String {
-    let stem = layer.path.file_stem().unwrap_or_default().to_string_lossy();
+    let stem = without_query(&layer.path).file_stem().unwrap_or_default().to_string_lossy();
     let picture = match layer.page {
         None => stem.into_owned(),
         Some(page) => format!("{stem}_{page}"),

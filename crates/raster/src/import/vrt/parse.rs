@@ -325,6 +325,7 @@ impl Reader<'_> {
         }
         let before = self.nesting.left();
         self.nesting.spend(self.path, 1)?;
+        self.options.access.check_external(self.path, path)?;
         let mut raster = Lazy::open(path, &self.options, &self.pool)?;
         raster.forget_words();
         let sources = before.saturating_sub(self.nesting.left());

@@ -10,7 +10,7 @@ use crate::tile_archives::journal::{Checkpoint, Entry, Journal, not_ours};
 use crate::tile_archives::provenance::{About, Digest};
 use crate::tile_archives::sink::{TileArchiveSummary, TileSink};
 use crate::tile_archives::walk::TileRun;
-use spinney_base::io::{ClosedFolder, LockFile, Unfinished, folder, partial_of, sync_folder};
+use spinney_base::io::{ClosedFolder, LockFile, NewDirectories, Unfinished, folder, partial_of, sync_folder};
 use spinney_base::{Error, Result};
 use spinney_tiles::TileId;
 
@@ -27,6 +27,8 @@ pub(in crate::tile_archives) struct FolderSink {
     /// Whether it stays if the export is interrupted.
     is_kept: bool,
     unfinished: Option<Unfinished>,
+    /// The directories above it that were made. (They go after what is in them.)
+    created: NewDirectories,
     /// The lock of one that stays. (Last, so that it goes after all else.)
     _lock: Option<LockFile>,
 }
@@ -40,7 +42,8 @@ impl FolderSink {
         let base = target.base();
         check_free(base)?;
         let above = folder(base);
-        fs::create_dir_all(above).map_err(Error::io(above, "make the folder"))?;
+        let mut created = NewDirectories::default();
+        created.make(above)?;
         let prefix = format!(".{}.", base.file_name().unwrap_or_default().to_string_lossy());
         let mut lock = None;
         let (place, journal, at) = match provenance {
@@ -54,13 +57,15 @@ impl FolderSink {
                 (place, journal, at)
             }
             None => {
+                // (First, so that nothing is there yet if that fails.)
+                let journal = Journal::temporary(above)?;
                 let mut names = tempfile::Builder::new();
                 let made =
                     names.prefix(&prefix).suffix(".partial").make_in(above, |path| fs::create_dir(path));
                 let failed = || Error::io(base, "make a temporary folder beside");
                 let place = made.map_err(failed())?.into_temp_path().keep();
                 let place = place.map_err(|error| failed()(error.error))?;
-                (place, Journal::temporary(above)?, Checkpoint::default())
+                (place, journal, Checkpoint::default())
             }
         };
         let is_kept = provenance.is_some();
@@ -72,6 +77,7 @@ impl FolderSink {
             at,
             is_kept,
             unfinished,
+            created,
             _lock: lock,
         })
     }
@@ -129,6 +135,7 @@ impl TileSink for FolderSink {
         let _ = fs::remove_dir(&base);
         fs::rename(self.place.base(), &base).map_err(Error::io(&base, "put in place"))?;
         self.unfinished = None;
+        std::mem::take(&mut self.created).keep();
         sync_folder(folder(&base)).map_err(Error::io(&base, "sync the folder"))?;
         Ok(stored)
     }

@@ -18,7 +18,7 @@ pub(crate) use self::write::nrrd_head;
 use super::array::{Array, ArrayLayout};
 use super::spill::BoxSpill;
 use super::{Samples, Told};
-use spinney_base::io::open_input;
+use spinney_base::io::{FileAccess, open_input};
 use spinney_base::space::Bounds;
 use spinney_base::{Error, Progress, Result};
 
@@ -39,13 +39,15 @@ pub(super) fn is_one(path: &Path) -> bool {
 /// Opens a file, and makes sure that it has all samples that its head tells of, as far as that is seen without unpacking them.
 ///
 /// # Errors
-/// If it cannot be read, is no volume, breaks the rules or uses something unsupported, or is shorter than its head says.
-pub(super) fn open(path: &Path) -> Result<Told> {
+/// If it cannot be read, is no volume, breaks the rules or uses something unsupported, is shorter than its head says, or has its samples in
+/// another file where `access` refuses that.
+pub(super) fn open(path: &Path, access: &FileAccess) -> Result<Told> {
     let mut file = BufReader::new(open_input(path)?);
     let header = Header::read(&mut file, path)?;
     let (data, mut input) = match header.data_beside(path) {
         None => (path.to_path_buf(), file),
         Some(data) => {
+            access.check_external(path, &data)?;
             let input = BufReader::new(open_input(&data)?);
             (data, input)
         }

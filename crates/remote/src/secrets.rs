@@ -1,0 +1,104 @@
+//! Secrets of URLs that were stored without them: manifests and plans of jobs name files, and are no place for signatures and passwords.
+
+use std::borrow::Cow;
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::{Mutex, PoisonError};
+
+use spinney_base::io::{is_redacted, shown, split_query};
+use spinney_base::{Error, Result};
+
+/// URLs whose secrets are remembered, at most.
+const MAX_URLS: usize = 1 << 16;
+
+/// User info and query of URLs, by these without them. What a process has opened, another file may name in it; all else has to be given.
+#[derive(Default)]
+pub(super) struct Secrets(Mutex<HashMap<String, Secret>>);
+
+#[derive(Clone)]
+struct Secret {
+    /// With `@` after it.
+    user: String,
+    /// With `?` before it.
+    query: String,
+}
+
+impl Secrets {
+    /// Remembers the secrets of URLs.
+    pub(super) fn new<'u>(urls: impl IntoIterator<Item = &'u str>) -> Secrets {
+        let secrets = Secrets::default();
+        urls.into_iter().for_each(|url| secrets.remember(url));
+        secrets
+    }
+
+    fn remember(&self, url: &str) {
+        let clean = shown(Path::new(url));
+        if clean == url {
+            return;
+        }
+        let (place, query) = split_query(url);
+        let host = place.split_once("://").map_or(place, |(_, rest)| rest);
+        let host = &host[..host.find('/').unwrap_or(host.len())];
+        let user = host.rfind('@').map_or("", |at| &host[..=at]);
+        let secret = Secret { user: user.into(), query: query.into() };
+        let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if known.len() >= 2 * MAX_URLS {
+            known.clear();
+        }
+        known.insert(stem(&clean).into(), secret.clone());
+        known.insert(clean.into_owned(), secret);
+    }
+
+    /// The whole URL of one that may have been stored without its secrets; otherwise they are remembered.
+    ///
+    /// # Errors
+    /// If they are not known.
+    pub(super) fn complete<'u>(&self, url: &'u str) -> Result<Cow<'u, str>> {
+        if !is_redacted(url) {
+            self.remember(url);
+            return Ok(url.into());
+        }
+        let known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        // (Files next to one, such as `x.prj` next to `x.tif`, have the same.)
+        let secret = known.get(url).or_else(|| known.get(stem(url))).cloned();
+        drop(known);
+        let Some(secret) = secret else {
+            let advice = "give the whole URL in a file of URLs, one a line: --signed-urls FILE, or SPINNEY_SIGNED_URLS";
+            return Err(Error::unsupported(url, "a URL whose query or password was not stored", advice));
+        };
+        let (place, query) = split_query(url);
+        let query = if query.is_empty() { "" } else { &secret.query };
+        Ok(format!("{}{query}", place.replacen("...@", &secret.user, 1)).into())
+    }
+}
+
+/// A URL without its secrets up to the first dot of its last name.
+fn stem(url: &str) -> &str {
+    let place = split_query(url).0;
+    let name = place.rfind('/').map_or(0, |slash| slash + 1);
+    place[name..].find('.').map_or(place, |dot| &place[..name + dot])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn urls_are_completed_by_those_that_are_known() {
+        let given = ["http://us:pw@host/a/x.tif?sig=1", "https://host/y.goblin?sig=2"];
+        let secrets = Secrets::new(given);
+        for url in given {
+            assert_eq!(secrets.complete(&shown(Path::new(url))).unwrap(), url);
+        }
+        assert_eq!(
+            secrets.complete("http://...@host/a/x.tif.aux.xml?...").unwrap(),
+            "http://us:pw@host/a/x.tif.aux.xml?sig=1"
+        );
+        assert_eq!(secrets.complete("https://host/z.goblin?v=3").unwrap(), "https://host/z.goblin?v=3");
+        assert_eq!(secrets.complete("https://host/z.goblin?...").unwrap(), "https://host/z.goblin?v=3");
+        // One without a query is that file, whatever else is known.
+        assert_eq!(secrets.complete("https://host/y.goblin").unwrap(), "https://host/y.goblin");
+        let error = secrets.complete("https://other/y.goblin?...").unwrap_err().to_string();
+        assert!(error.contains("--signed-urls"), "{error}");
+    }
+}

@@ -1,0 +1,9 @@
+//! Times in seconds.
+
+/// Reads a time that can be waited for.
+pub(crate) fn parse_seconds(text: &str) -> Result<f64, String> {
+    let seconds: Option<f64> = text.trim().parse().ok();
+    seconds
+        .filter(|seconds| (0.001..=1e6).contains(seconds))
+        .ok_or_else(|| "expected seconds, as in 30 or 0.5".into())
+}
