@@ -51,8 +51,9 @@ impl Boundary {
         self.sorter.push(number, item)
     }
 
-    /// The loops of the edges that have no partner in their objects, object by object; they may take so many bytes of memory.
-    pub(super) fn loops(self, path: &Path, memory: u64, progress: &dyn Progress) -> Result<Vec<Loop>> {
+    /// The loops of the edges that have no partner in their objects, object by object; they may take so many bytes of memory. Open edges of
+    /// different objects that match join these to one: patches of one surface.
+    pub(super) fn loops(self, path: &Path, memory: u64, progress: &dyn Progress) -> Result<Open> {
         // Edges that faces which close the surface would have, with the objects: object, from, to, part.
         let mut open: Vec<(u32, OpenEdge)> = Vec::new();
         let most = (memory / 160).max(1 << 12) as usize;
@@ -63,20 +64,28 @@ impl Boundary {
             limit: memory,
             advice: "allow more with --memory".into(),
         };
+        let mut groups = Groups::default();
         let mut same: Vec<SortedEdge> = Vec::new();
         let mut settle = |same: &mut Vec<SortedEdge>| {
             // (Different edges with one number are next to impossible, and do no harm.)
-            sort::by(same, &mut |a, b| (a.1, a.2, a.3, a.4).cmp(&(b.1, b.2, b.3, b.4)));
-            for edges in same.chunk_by(|a, b| (a.1, a.2) == (b.1, b.2)) {
-                let forward = edges.iter().filter(|edge| edge.3).count();
-                let backward = edges.len() - forward;
-                let (_, object, [low, high], _, part) = edges[0];
-                for _ in backward..forward {
-                    open.push((object, (high, low, part)));
+            // (By ends first.)
+            sort::by(same, &mut |a, b| (a.2, a.1, a.3, a.4).cmp(&(b.2, b.1, b.3, b.4)));
+            for edges in same.chunk_by(|a, b| a.2 == b.2) {
+                let (mut there, mut back) = (Vec::new(), Vec::new());
+                for edges in edges.chunk_by(|a, b| a.1 == b.1) {
+                    let forward = edges.iter().filter(|edge| edge.3).count();
+                    let backward = edges.len() - forward;
+                    let (_, object, _, _, part) = edges[0];
+                    there.extend((backward..forward).map(|_| (object, part)));
+                    back.extend((forward..backward).map(|_| (object, part)));
                 }
-                for _ in forward..backward {
-                    open.push((object, (low, high, part)));
+                let [low, high] = edges[0].2;
+                let matched = there.len().min(back.len());
+                for (one, other) in there.iter().zip(&back) {
+                    groups.join(one.0, other.0);
                 }
+                open.extend(there[matched..].iter().map(|(object, part)| (*object, (high, low, *part))));
+                open.extend(back[matched..].iter().map(|(object, part)| (*object, (low, high, *part))));
             }
             same.clear();
             if open.len() > most { Err(too_many()) } else { Ok(()) }
@@ -97,13 +106,46 @@ impl Boundary {
             Ok(())
         })?;
         settle(&mut same)?;
+        for (object, _) in &mut open {
+            *object = groups.group(*object);
+        }
         // (Stable: edges of an object stay in their order.)
         sort::by_key(&mut open, |(object, _)| (*object).into());
         let mut loops = Vec::new();
         for edges in open.chunk_by(|a, b| a.0 == b.0) {
             loops.extend(chain(edges.iter().map(|(_, edge)| *edge).collect(), progress)?);
         }
-        Ok(loops)
+        Ok(Open { loops, groups })
+    }
+}
+
+/// The boundaries of a surface.
+pub(super) struct Open {
+    pub(super) loops: Vec<Loop>,
+    pub(super) groups: Groups,
+}
+
+/// Objects whose open edges match, as one: each has the number of the least of them.
+#[derive(Default)]
+pub(super) struct Groups {
+    /// Of an object that is not the least: a lesser one.
+    joined: BTreeMap<u32, u32>,
+}
+
+impl Groups {
+    /// The number of an object's group.
+    pub(super) fn group(&self, mut object: u32) -> u32 {
+        while let Some(lesser) = self.joined.get(&object) {
+            object = *lesser;
+        }
+        object
+    }
+
+    fn join(&mut self, one: u32, other: u32) {
+        let (one, other) = (self.group(one), self.group(other));
+        if one != other {
+            self.joined.insert(one.max(other), one.min(other));
+        }
     }
 }
 
@@ -212,25 +254,36 @@ mod tests {
             let wing = [ring[1], ring[0], [2, -3, z]];
             (0..3).for_each(|i| boundary.add(wing[i], wing[(i + 1) % 3], 7, 0).unwrap());
         }
-        let loops = boundary.loops(Path::new("x"), 1 << 20, &()).unwrap();
+        let loops = boundary.loops(Path::new("x"), 1 << 20, &()).unwrap().loops;
         assert_eq!(loops.iter().map(|hole| (hole.points.len(), hole.part)).collect::<Vec<_>>(), [(5, 7); 2]);
         assert_eq!(loops[0].triangles().len(), 3);
     }
 
-    /// Edges that one object lacks are not those of another one beside it.
+    /// Objects that lack the same edge have loops of their own; those with matching open edges are patches of one surface.
     #[test]
-    fn objects_have_loops_of_their_own() {
-        let mut boundary = Boundary::new(&std::env::temp_dir(), 1 << 20);
+    fn objects_with_matching_open_edges_are_joined() {
         let ring = [[0, 0, 0], [4, 0, 0], [0, 4, 0]];
-        for i in 0..3 {
-            boundary.add(ring[i], ring[(i + 1) % 3], 0, 0).unwrap();
-            boundary.add(ring[(i + 1) % 3], ring[i], 1, 1).unwrap();
-        }
-        let loops = boundary.loops(Path::new("x"), 1 << 20, &()).unwrap();
-        assert_eq!(
-            loops.iter().map(|hole| (hole.points.len(), hole.part)).collect::<Vec<_>>(),
-            [(3, 0), (3, 1)]
-        );
+        let of = |is_turned: bool, more: bool| {
+            let mut boundary = Boundary::new(&std::env::temp_dir(), 1 << 20);
+            for i in 0..3 {
+                let (from, to) = (ring[i], ring[(i + 1) % 3]);
+                boundary.add(from, to, 0, 0).unwrap();
+                let (from, to) = if is_turned { (to, from) } else { (from, to) };
+                boundary.add(from, to, 1, 1).unwrap();
+            }
+            if more {
+                let wing = [[4, 0, 0], [0, 0, 0], [2, 9, 9]];
+                (0..3).for_each(|i| boundary.add(wing[i], wing[(i + 1) % 3], 2, 2).unwrap());
+            }
+            let open = boundary.loops(Path::new("x"), 1 << 20, &()).unwrap();
+            let loops: Vec<_> = open.loops.iter().map(|hole| (hole.points.len(), hole.part)).collect();
+            (loops, [0, 1, 2].map(|object| open.groups.group(object)))
+        };
+        assert_eq!(of(false, false), (vec![(3, 0), (3, 1)], [0, 1, 2]));
+        assert_eq!(of(true, false), (vec![], [0, 0, 2]));
+        // (Edges of three: the least two of them that match are a pair.)
+        let (loops, groups) = of(true, true);
+        assert_eq!((loops.len(), groups[..2].to_vec()), (1, vec![0, 0]));
     }
 
     /// Two loops that share a corner are two.
@@ -240,7 +293,7 @@ mod tests {
         for ring in [[[0, 0, 0], [4, 0, 0], [0, 4, 0]], [[0, 0, 0], [-4, 0, 0], [0, -4, 0]]] {
             (0..3).for_each(|i| boundary.add(ring[i], ring[(i + 1) % 3], 0, 0).unwrap());
         }
-        let loops = boundary.loops(Path::new("x"), 1 << 20, &()).unwrap();
+        let loops = boundary.loops(Path::new("x"), 1 << 20, &()).unwrap().loops;
         assert_eq!(loops.iter().map(|hole| hole.points.len()).collect::<Vec<_>>(), [3, 3]);
     }
 }

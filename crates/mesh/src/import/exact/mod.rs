@@ -8,11 +8,11 @@ mod snap;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use self::boundary::{Boundary, Loop, edges};
+use self::boundary::{Boundary, Groups, Loop, Open, edges};
 use self::objects::Objects;
 use self::snap::Snapper;
 use super::solid::closure::Closure;
-use super::solid::{bounds, common_crs, flat_faces, provenance};
+use super::solid::{CellVolume, bounds, cell_volume, common_crs, flat_faces, provenance};
 use super::{Model, ModelInfo};
 use spinney_base::io::{Output, folder};
 use spinney_base::space::Up;
@@ -34,7 +34,7 @@ pub use self::objects::SkippedObject;
 pub struct ExactOptions {
     /// Width of the grid's steps, in units of the models; otherwise that of the files' own grid, if they have one
     /// (CityJSON, exact models) that is not too fine, or the least power of two with which the longest side has at most
-    /// about 2^26 steps.
+    /// about 2^24 steps.
     pub snap: Option<f64>,
     /// Whether open surfaces are closed by triangles over their boundaries.
     pub close: bool,
@@ -108,6 +108,9 @@ pub struct ExactReport {
     pub closed: (u64, u64),
     /// Counts of the repair, if one was wanted.
     pub repair: Option<Repair>,
+    /// The volume of the models' cells, by winding numbers with 128 of them along the longest side, where the surface was repaired
+    /// or closed, and how far that may be off.
+    pub cells: Option<[f64; 2]>,
     /// The furthest that a corner was moved to the grid, in the models' unit.
     pub displacement: f64,
     /// The grid.
@@ -162,12 +165,9 @@ pub fn import_exact(
     let place = folder(output.path()).to_path_buf();
     let mut target = Target::new(output, &path, &grid, options)?;
     let mut snapper = Snapper::new(grid.clone(), options.up);
-    // (Objects are closed one by one; where nobody asks for it, several may bound a body together.)
-    let object = |face: &Face<'_>| if options.close { objects.object(face.part) } else { 0 };
-    let mut closures: BTreeMap<u32, Closure> = BTreeMap::new();
+    let mut sums = ObjectSums::default();
     read(&mut models, &objects, &mut snapper, &work.part(1), &mut |face, values| {
-        let closure = closures.entry(object(face)).or_default();
-        edges(face).for_each(|[from, to]| closure.add_edge(from, to));
+        sums.add(objects.object(face.part), face);
         target.push(face, values)
     })?;
     let counts = snapper.planar.counts;
@@ -175,21 +175,41 @@ pub fn import_exact(
     let mut closed = (0, 0);
     // Parts of the triangles that close boundaries.
     let mut closing: Vec<u32> = Vec::new();
-    if closures.values().any(|closure| !closure.is_closed()) {
+    // (Objects are closed one by one, but for patches of one surface; without --close, several may bound a body together.)
+    let object = |face: &Face<'_>| if options.close { objects.object(face.part) } else { 0 };
+    if !sums.are_closed(options.close) {
         let mut boundary = Boundary::new(&place, options.memory / 4);
         let mut again = Snapper::new(grid.clone(), options.up);
         read(&mut models, &objects, &mut again, &SilentProgress(progress), &mut |face, _| {
             boundary.add_face(face, object(face))
         })?;
-        let loops = boundary.loops(&path, options.memory / 4, progress)?;
+        let Open { loops, groups } = boundary.loops(&path, options.memory / 4, progress)?;
         if !options.close {
             return Err(open_surface(&path, &grid, &objects, &loops));
         }
-        closing = target.close(&loops, &snapper, progress)?;
+        sums.join(&groups);
+        closing = target.close(&loops, &snapper, progress, &mut |face| {
+            sums.add(groups.group(objects.object(face.part)), face);
+        })?;
         closed = (loops.len() as u64, closing.len() as u64);
         faces += closed.1;
     }
+    if !options.repair {
+        sums.check(&path, &objects)?;
+    }
     let (mut builder, repaired) = target.repaired(options.inside, &work.part(REPAIR_PASSES))?;
+    let volume = repaired.map_or(sums.volume(&grid), |done| done.volume);
+    let is_changed = closed.0 > 0 || repaired.is_some_and(|done| !done.is_nothing());
+    let cells = match is_changed.then(|| sums.bounds(&grid)).flatten() {
+        Some(bounds) => {
+            let chosen = (objects.some(), bounds);
+            let frame = (options.up, crs.clone());
+            let found = cell_volume(&mut models, chosen, frame, options.memory, &place, progress)?;
+            compare(volume, found, &path, progress)?;
+            found
+        }
+        None => None,
+    };
     let (mut first, mut with_attributes) = (0, 0);
     for ModelInfo { parts, attributes, .. } in models.iter().map(|model| model.info()) {
         for (part, name) in (0..).zip(parts).filter(|(part, _)| objects.number(first + part).is_some()) {
@@ -258,11 +278,129 @@ pub fn import_exact(
         lost_values,
         closed,
         repair: repaired,
+        cells: cells.map(|cells| [cells.volume, cells.error]),
         displacement,
         grid,
         unit,
         built,
     })
+}
+
+/// Compares the volume of a surface that was repaired or closed with that of the cells of what was read.
+fn compare(volume: f64, cells: Option<CellVolume>, path: &Path, progress: &dyn Progress) -> Result<()> {
+    /// Shares of the cells' volume beyond which users are warned of a difference, and beyond which it is an error.
+    const MAX_CHANGE: f64 = 0.01;
+    const MAX_LOSS: f64 = 0.5;
+    let Some(cells) = cells else {
+        progress.warn(path, "the volume was not compared with that of cells, which takes more --memory");
+        return Ok(());
+    };
+    let beyond = ((volume - cells.volume).abs() - cells.error).max(0.0);
+    let numbers = format!("{volume} where cells of the models have {} +- {}", cells.volume, cells.error);
+    if beyond > MAX_LOSS * cells.volume {
+        return Err(Error::NotASolid {
+            path: path.to_path_buf(),
+            what: format!("what was repaired or closed is not what the models enclose: its volume is {numbers}"),
+            places: Vec::new(),
+            count: 0,
+            advice: "close the holes in the program that the model comes from, choose another rule with --inside, or build \
+                     cells of it (without --brep)"
+                .into(),
+        });
+    }
+    if beyond > MAX_CHANGE * cells.volume {
+        progress.warn(path, &format!("the volume is {numbers}, in cubes of the models' unit"));
+    }
+    Ok(())
+}
+
+/// What is known of the surface of each object, or of several that close each other.
+#[derive(Default)]
+struct ObjectSums {
+    objects: BTreeMap<u32, ObjectSum>,
+    /// Least and greatest coordinates of all faces.
+    bounds: Option<[[i32; 3]; 2]>,
+}
+
+#[derive(Clone, Copy, Default)]
+struct ObjectSum {
+    closure: Closure,
+    /// Six times the volume, in cubes of the grid's unit.
+    six_volumes: i128,
+    has_area: bool,
+}
+
+impl ObjectSums {
+    fn add(&mut self, object: u32, face: &Face<'_>) {
+        for point in face.points {
+            let [low, high] = self.bounds.get_or_insert([*point; 2]);
+            for axis in 0..3 {
+                low[axis] = low[axis].min(point[axis]);
+                high[axis] = high[axis].max(point[axis]);
+            }
+        }
+        let sum = self.objects.entry(object).or_default();
+        edges(face).for_each(|[from, to]| sum.closure.add_edge(from, to));
+        sum.six_volumes += face.six_volumes();
+        sum.has_area |= face.has_area();
+    }
+
+    /// The volume of all, in the world.
+    fn volume(&self, grid: &Grid) -> f64 {
+        let six: i128 = self.objects.values().map(|sum| sum.six_volumes).sum();
+        six as f64 / 6.0 * grid.width().powi(3)
+    }
+
+    /// The box around all faces in the world, if that has any volume.
+    fn bounds(&self, grid: &Grid) -> Option<[[f64; 3]; 2]> {
+        let bounds = self.bounds.filter(|[low, high]| (0..3).all(|axis| low[axis] < high[axis]))?;
+        Some(bounds.map(|corner| grid.to_world(corner)))
+    }
+
+    /// Whether each object is closed, or all of them together are.
+    fn are_closed(&self, one_by_one: bool) -> bool {
+        if one_by_one {
+            return self.objects.values().all(|sum| sum.closure.is_closed());
+        }
+        let mut all = Closure::default();
+        self.objects.values().for_each(|sum| all.append(&sum.closure));
+        all.is_closed()
+    }
+
+    /// Makes one of objects that close each other.
+    fn join(&mut self, groups: &Groups) {
+        for (object, sum) in std::mem::take(&mut self.objects) {
+            let all = self.objects.entry(groups.group(object)).or_default();
+            all.closure.append(&sum.closure);
+            all.six_volumes += sum.six_volumes;
+            all.has_area |= sum.has_area;
+        }
+    }
+
+    /// Fails if an object that is closed has no volume, or if all objects together have none.
+    fn check(&self, path: &Path, objects: &Objects) -> Result<()> {
+        let flat = |sum: &ObjectSum| sum.closure.is_closed() && sum.six_volumes == 0 && sum.has_area;
+        let flat: Vec<u32> =
+            self.objects.iter().filter(|(_, sum)| flat(sum)).map(|(object, _)| *object).collect();
+        let all: i128 = self.objects.values().map(|sum| sum.six_volumes).sum();
+        if flat.is_empty() && all != 0 {
+            return Ok(());
+        }
+        let names = objects.names();
+        let place = |object: &u32| names.get(*object as usize).cloned().unwrap_or_default();
+        Err(Error::NotASolid {
+            path: path.to_path_buf(),
+            what: "the surface has no volume: it bounds no body".into(),
+            places: flat.iter().take(100).map(place).collect(),
+            count: flat.len() as u64,
+            advice: match objects.count() {
+                1 => "give it a thickness, or build cells of its surface with --shell".into(),
+                _ => "leave out such objects with --skip-bad, choose others with --where, or build cells of their surfaces \
+                      with --shell"
+                    .into(),
+            },
+        })
+    }
 }
 
 /// Passes over all faces that looking at objects one by one counts as, with reading them.
@@ -369,11 +507,18 @@ impl Target {
     }
 
     /// Adds triangles over boundaries, after the faces that were counted; returns the part of each.
-    fn close(&mut self, loops: &[Loop], snapper: &Snapper, progress: &dyn Progress) -> Result<Vec<u32>> {
+    fn close(
+        &mut self,
+        loops: &[Loop],
+        snapper: &Snapper,
+        progress: &dyn Progress,
+        each: &mut dyn FnMut(&Face<'_>),
+    ) -> Result<Vec<u32>> {
         let mut parts = Vec::new();
         let first = (snapper.planar.counts.faces, snapper.read);
         boundary::close(loops, first, snapper.planar.is_coloured, progress, &mut |face| {
             parts.push(face.part);
+            each(face);
             self.push(face, &[])
         })?;
         Ok(parts)
