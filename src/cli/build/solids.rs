@@ -29,7 +29,7 @@ pub(in crate::cli) struct SolidArgs {
     #[arg(long, value_name = "WIDTH", conflicts_with_all = ["cells", "depth", "grid"], value_parser = parse_width)]
     cell: Option<Width>,
     /// No more than the cells that the surface cuts, instead of all that it encloses; a face exactly in a wall between cells
-    /// belongs to those behind it, inside
+    /// belongs to those on its inner side
     #[arg(long)]
     shell: bool,
     /// Cells at the edge, which the surface or a polygon's side cuts: centre (those whose centre is inside), touch (all of them) or area (each as

@@ -97,7 +97,7 @@ impl Surface<'_> {
         }
         // Invariant: a part is turned if its root is, and for no other reason, so that what is around what
         // stays the same. What is around a part has all of its box and is larger, so that no part is around one that
-        // is around it, and each has a root: of several, which pass through each other, the least.
+        // is around it, and each has a root: of several, which intersect, the least.
         let is_root = |number: u32| around_of[&number].is_empty();
         let least = |others: &mut dyn Iterator<Item = u32>| {
             others.min_by_key(|other| (extent(&list[other].bounds), *other))

@@ -129,7 +129,7 @@ fn unit_over(all: [[f64; 3]; 2], grid: &Grid, finest: f64, longest: f64) -> Opti
     let least = finest.min(units(MAX_BITS - SPARE_BITS)).max(units(MAX_BITS));
     let least = if least > 0.0 { least } else { finest };
     let mut power = (least / grid.width()).log2().floor();
-    // (Origins may be far away, and the box an exact multiple.)
+    // (Origins may be large, and the box an exact multiple.)
     for _ in 0..MAX_BITS + 4 {
         let step = grid.step * power.exp2();
         // (Of points alone, any unit is fine enough.)

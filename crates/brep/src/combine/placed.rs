@@ -146,7 +146,7 @@ impl Placed {
 }
 
 /// Least and greatest coordinates of a model on its grid: what is thinner than a step may be nowhere in the octree. Corners
-/// beside the grid are less than a unit from there, which are several units of a finer grid.
+/// off the grid are less than a unit from there, which are several units of a finer grid.
 pub(super) fn bounds(model: &ExactModel) -> Result<Option<[[i32; 3]; 2]>> {
     let mut found = model.grid_bounds()?;
     model.each_exact(&mut |face| {
@@ -193,7 +193,7 @@ fn finest_unit(grids: &[&Grid]) -> Option<Grid> {
     let finest =
         grids.iter().copied().reduce(|best, grid| if grid.width() < best.width() { grid } else { best })?;
     let of_parts = |parts: u32| Grid { divisor: finest.divisor * f64::from(parts), ..finest.clone() };
-    // (Divisors are integers or small: products beyond that are not compared exactly, and found by nobody.)
+    // (Divisors are integers or small: products beyond that are not compared exactly, and not found.)
     (1..=MAX_PARTS).map(of_parts).find(|unit| grids.iter().all(|grid| grid.steps_of(unit).is_some()))
 }
 

@@ -463,7 +463,7 @@ struct FlatRing {
 impl FlatRing {
     /// Whether another ring lies inside, which may touch this one in points: by the middles of some of its edges.
     fn is_around(&self, other: &FlatRing) -> bool {
-        /// Edges that are looked at: an odd number.
+        /// Edges that are sampled: an odd number.
         const EDGES: usize = 5;
         let middle = |ends: &[[f64; 2]]| [0, 1].map(|axis| ends[0][axis].midpoint(ends[1][axis]));
         let count = (other.points.len() - 1).min(EDGES);

@@ -60,8 +60,8 @@ impl Triangle {
 }
 
 impl Triangle {
-    /// Moves a triangle that lies exactly in a wall between cells to the middle of those that it is of: the cells behind it,
-    /// inside of a surface that is turned outward, and where the tree has no cell there those in front of it.
+    /// Moves a triangle that lies exactly in a wall between cells to the middle of those that it is of: the cells on its inner
+    /// side, and where the tree has no cell there those in front of it.
     pub(super) fn leave_wall(&mut self, grid: &Grid, extent: [u64; 3]) {
         let cell = grid.cell();
         let Some(axis) = (0..3).find(|axis| self.min(*axis) == self.max(*axis)) else { return };
@@ -70,12 +70,12 @@ impl Triangle {
             return;
         }
         let end = i64::from(cell) * extent[axis] as i64;
-        let is_behind_below = match self.normal()[axis] {
+        let is_inside_below = match self.normal()[axis] {
             _ if at == 0 => false,
             _ if i64::from(at) == end => true,
             normal => normal > 0,
         };
-        let step = if is_behind_below { -cell / 2 } else { cell / 2 };
+        let step = if is_inside_below { -cell / 2 } else { cell / 2 };
         self.corners.iter_mut().for_each(|corner| corner[axis] += step);
     }
 }
