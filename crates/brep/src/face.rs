@@ -1,7 +1,7 @@
 //! Faces on a model's grid, and whatever can hand them out.
 
 use super::Grid;
-use crate::exact::normal::ring_normal;
+use crate::exact::normal::{newell, ring_normal};
 use crate::exact::vector::{cross, dot};
 use spinney_base::Result;
 use spinney_crs::Crs;
@@ -34,6 +34,16 @@ impl<'a> Face<'a> {
 }
 
 impl Face<'_> {
+    /// The sum of its rings' area vectors: the normal, twice as long as the face is large.
+    pub fn area_vector(&self) -> [f64; 3] {
+        let mut sum = [0.0; 3];
+        for ring in self.rings() {
+            let own = newell(ring);
+            (0..3).for_each(|axis| sum[axis] += own[axis] as f64);
+        }
+        sum
+    }
+
     /// Whether it is more than a line.
     pub fn has_area(&self) -> bool {
         self.rings().next().is_some_and(|ring| ring_normal(ring) != [0; 3])
