@@ -174,6 +174,8 @@ pub fn import_exact(
     let counts = snapper.planar.counts;
     let mut faces = counts.faces;
     let mut closed = (0, 0);
+    // (Cells take patches of one surface for objects of their own: their volumes are not comparable then.)
+    let mut is_joined = false;
     // Parts of the triangles that close boundaries.
     let mut closing: Vec<u32> = Vec::new();
     // (Objects are closed one by one, but for patches of one surface; without --close, several may bound a body together.)
@@ -188,6 +190,7 @@ pub fn import_exact(
         if !options.close {
             return Err(open_surface(&path, &grid, &objects, &loops));
         }
+        is_joined = !groups.is_empty();
         sums.join(&groups);
         closing = target.close(&loops, &snapper, progress, &mut |face| {
             sums.add(groups.group(objects.object(face.part)), face);
@@ -200,7 +203,7 @@ pub fn import_exact(
     }
     let (mut builder, repaired) = target.repaired(options.inside, &work.part(REPAIR_PASSES))?;
     let volume = repaired.map_or(sums.volume(&grid), |done| done.volume);
-    let is_changed = closed.0 > 0 || repaired.is_some_and(|done| !done.is_nothing());
+    let is_changed = !is_joined && (closed.0 > 0 || repaired.is_some_and(|done| !done.is_nothing()));
     let cells = match is_changed.then(|| sums.bounds(&grid)).flatten() {
         Some(bounds) => {
             let chosen = (objects.some(), bounds);
