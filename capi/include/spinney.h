@@ -255,7 +255,7 @@ typedef struct {
 
 // Options for building an exact model. Zeros are for what is usual, as in `spinney_mesh_options options = {0};`.
 typedef struct {
-  // Width of the grid's steps, to which corners are moved; 0 for the least power of two that leaves about 2^26 steps along the
+  // Width of the grid's steps, to which corners are moved; 0 for the least power of two that leaves about 2^24 steps along the
   // longest side.
   double snap;
   // Bytes of memory beside a copy of the meshes; 0 for 256 MiB. What does not fit goes to a temporary file beside the output.

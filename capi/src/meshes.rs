@@ -64,7 +64,7 @@ pub const SPINNEY_INSIDE_ODD: u32 = 2;
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct spinney_mesh_options {
-    /// Width of the grid's steps, to which corners are moved; 0 for the least power of two that leaves about 2^26 steps along the
+    /// Width of the grid's steps, to which corners are moved; 0 for the least power of two that leaves about 2^24 steps along the
     /// longest side.
     pub snap: f64,
     /// Bytes of memory beside a copy of the meshes; 0 for 256 MiB. What does not fit goes to a temporary file beside the output.

@@ -416,6 +416,8 @@ class CombinedModel:
     """Faces that were divided, or of which a part was taken away."""
     displacement: float
     """The farthest that a new corner was moved to the grid."""
+    snapped: float
+    """The farthest that a corner of a model was moved to a common grid, where their grids have no unit in common; else 0."""
     is_unbounded: bool
     """Whether what is far away belongs to the result."""
     defects: int

@@ -267,6 +267,7 @@ fn combine_exact<'py>(
     facts.set_item("pairs", made.pairs)?;
     facts.set_item("divided", made.divided)?;
     facts.set_item("displacement", made.displacement)?;
+    facts.set_item("snapped", made.snapped)?;
     facts.set_item("is_unbounded", made.is_unbounded)?;
     facts.set_item("defects", made.built.defect_count)?;
     Ok(facts)

@@ -125,7 +125,8 @@ Set operations; a cell is present if it is not VOID. By number (1: both, 2: A on
   12 not     13 b|!a                14 nand              15 all     (not: of one file, too; or: of many)
 Solids whose cells tell coverage are combined by how far they fill cells, taken to overlap as far as they
 can: A-A is empty, volumes add up, and only cells with both surfaces can be off, by half a cell at most.
-Exact models (build --brep) are combined as surfaces, exactly, if their grids have the same steps (--snap): new
+Exact models (build --brep) are combined as surfaces, exactly. Those whose grids have no unit in common are moved to a
+common grid first, by less than a unit, with a warning (build all with one --snap to choose the unit). New
 corners are kept as fractions, and rounded to the grid only for questions and export. Operations with 8 have all
 that is far away. (0, 1, 2, 6, 7 and their complements are for any number of models.)
 Polygons of feature files (GeoJSON, GeoPackage, FlatGeobuf, shapefiles, CSV) are combined exactly, and written to such a file:

@@ -205,7 +205,7 @@ fn progress_comes_to_its_end() {
         let (done, totals) = progress.told.into_inner().unwrap();
         let total = totals[0];
         assert!(totals.iter().all(|other| *other == total), "{what}: {totals:?}");
-        assert!(totals.len() >= least, "{what}: told {} times", totals.len());
+        assert!(totals.len() >= least, "{what}: {} reports", totals.len());
         assert!(done <= total && done + total / 50 >= total, "{what}: {done} of {total}");
     };
     for inside in [InsideRule::Nonzero, InsideRule::Positive] {

@@ -45,11 +45,13 @@ mod line_widths;
 #[cfg(feature = "mesh")]
 mod mesh_exact;
 mod mesh_export;
+mod mesh_far;
 mod mesh_interrupts;
 #[cfg(feature = "mesh")]
 mod mesh_losses;
 mod mesh_open;
 #[cfg(feature = "mesh")]
+mod mesh_patches;
 mod mesh_polygon;
 mod mesh_prisms;
 #[cfg(feature = "mesh")]

@@ -307,7 +307,7 @@ fn compare(triangles: &[Triangle], depth: u8, every: usize, what: &str) {
     for (index, cell) in cells(&tree).into_iter().enumerate().step_by(every) {
         let at = [index % side, index / side % side, index / side / side].map(|x| x as f64);
         if (0..3).any(|axis| at[axis] >= high[axis] || at[axis] + 1.0 <= low[axis]) {
-            assert!(cell.is_none(), "{what}: {at:?} beside the surface");
+            assert!(cell.is_none(), "{what}: {at:?} outside of the surface");
             continue;
         }
         // What lies on a triangle lies beside it, by far the most along x and the least along z.

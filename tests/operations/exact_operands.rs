@@ -218,28 +218,6 @@ fn exact_corners_go_to_other_grids() {
 }
 
 #[test]
-fn grids_that_do_not_fit_are_told() {
-    let whole = on_grid(&grid(4, [0; 3], 1.0, 1.0), [2; 3], [6; 3]);
-    let cases = [
-        grid(4, [0; 3], 1.5, 1.0),
-        grid(4, [0; 3], 1.0, 3.3),
-        grid(4, [0; 3], std::f64::consts::PI, 1.0),
-        grid(4, [1 << 40, 0, 0], 1.0, 1.0),
-        grid(4, [0, -(1 << 53), 0], 1.0, 1.0),
-        grid(4, [0, 0, 1 << 50], 1024.0, 1.0),
-        grid(4, [0; 3], 1.0, (1u64 << 40) as f64),
-    ];
-    for other in cases {
-        let second = on_grid(&other, [2; 3], [6; 3]);
-        for bodies in [[&whole, &second], [&second, &whole]] {
-            let error = try_combined(7, &bodies).err().unwrap_or_else(|| panic!("{other:?}"));
-            let text = error.to_string();
-            assert!(matches!(error, Error::Invalid { .. }) && text.contains("--snap"), "{text}");
-        }
-    }
-}
-
-#[test]
 fn other_coordinate_systems_are_told() {
     let of = |number: u32| {
         let known =

@@ -14,6 +14,7 @@ mod crops;
 #[cfg(feature = "mesh")]
 mod exact_bodies;
 #[cfg(feature = "mesh")]
+mod exact_grids;
 mod exact_motions;
 #[cfg(feature = "mesh")]
 mod exact_operands;

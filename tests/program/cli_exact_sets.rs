@@ -150,8 +150,6 @@ fn what_means_nothing_is_refused() {
         complaint(&["combine", "union", files[0], files[1], "-o", a], 1);
     }
     assert!(std::fs::read(a).unwrap() == before && !Path::new(&never).exists());
-    let other = folder.built("other", &cube(0, 64), &["--brep", "--snap", "1.5"]);
-    assert!(refuse(&["union", a, &other]).contains("--snap"));
 }
 
 /// Bodies without faces, or without an end, are answered for as all others are.
@@ -218,4 +216,82 @@ fn questions_to_results() {
     command(&["combine", "-q", "a-b", &cases[3].0, &one, "-o", &two]).assert().success();
     assert_eq!(json(&["stats", &two, "--json"])["volume"], 64f64.powi(3));
     assert_eq!(stdout(&["point", &one, "1,1,1", "-9,0,0"]), "outside\ninside\n");
+}
+
+/// Models built with default options are combined whatever their sizes, and so are those that were scaled, and exported ones that are
+/// built again.
+#[test]
+fn models_built_with_default_options_are_combined() {
+    let folder = Folder::new();
+    let scaled = |name: &str, file: &str, factor: &str| {
+        let path = folder.name(name);
+        command(&["transform", "-q", file, &format!("scale={factor}"), "-o", &path]).assert().success();
+        path
+    };
+    let volume = |operation: &str, files: &[&str], warns: bool| {
+        let path = folder.name("result.goblin");
+        let words = [&["combine", "-q", operation], files, &["-o", &path]].concat();
+        let done = command(&words).assert().success();
+        let told = String::from_utf8(done.get_output().stderr.clone()).unwrap();
+        assert_eq!(told.contains("moved to a common grid"), warns, "{words:?}: {told}");
+        assert_eq!(stdout(&["verify", &path]).trim(), format!("{path}: good"));
+        json(&["stats", &path, "--json"])["volume"].as_f64().unwrap()
+    };
+    let near = |found: f64, expected: f64| {
+        assert!((found - expected).abs() < 1e-4 * expected.abs().max(1.0), "{found} {expected}");
+    };
+    let unit = folder.built("unit", &cube(0, 1), &["--brep"]);
+    let two = folder.built("two", &cube(-1, 1), &["--brep"]);
+    near(volume("and", &[&unit, &two], false), 1.0);
+    let doubled = scaled("doubled.goblin", &unit, "2");
+    near(volume("b-a", &[&unit, &doubled], false), 7.0);
+    let inches = scaled("inches.goblin", &unit, "25.4");
+    near(volume("b-a", &[&unit, &inches], true), 25.4f64.powi(3) - 1.0);
+    let third = scaled("third.goblin", &scaled("seventh.goblin", &unit, "0.142857"), "1.7");
+    near(volume("or", &[&unit, &third, &inches, &two], true), 25.4f64.powi(3) + 7.0);
+    // Decimal coordinates on a decimal grid, as STL of single precision, next to the model that it was written from.
+    let lines = cube(0, 11).replace("11", "1.1");
+    let decimal = folder.built("decimal", &lines, &["--brep", "--snap", "0.1"]);
+    let stl = folder.name("decimal.stl");
+    command(&["export", "-q", &decimal, &stl]).assert().success();
+    let again = folder.name("again.goblin");
+    command(&["build", "-q", &stl, "--brep", "-o", &again]).assert().success();
+    near(volume("and", &[&decimal, &again], false), 1.1f64.powi(3));
+    near(volume("xor", &[&again, &decimal], false), 0.0);
+}
+
+/// Tiles of one city, built one by one, with grids as their files have them.
+#[test]
+fn tiles_of_a_city_are_combined() {
+    let folder = Folder::new();
+    let tile = |name: &str, scale: &str, at: i32, side: i32| {
+        let corner = |i: i32| [i & 1, i >> 1 & 1, i >> 2 & 1].map(|bit| bit * side);
+        let vertices: Vec<String> =
+            (0..8).map(corner).map(|[x, y, z]| format!("[{},{y},{z}]", x + at)).collect();
+        let text = format!(
+            r#"{{"type":"CityJSON","version":"2.0","transform":{{"scale":[{scale},{scale},{scale}],"translate":[84710.5,445000.25,0]}},
+            "CityObjects":{{"{name}":{{"type":"Building","geometry":[{{"type":"Solid","lod":"2","boundaries":[[
+            [[0,2,3,1]],[[4,5,7,6]],[[0,1,5,4]],[[2,6,7,3]],[[0,4,6,2]],[[1,3,7,5]]]]}}]}}}},
+            "vertices":[{}]}}"#,
+            vertices.join(",")
+        );
+        let [city, file] = ["city.json", "goblin"].map(|end| folder.name(&format!("{name}.{end}")));
+        std::fs::write(&city, text).unwrap();
+        command(&["build", "-q", &city, "--brep", "-o", &file]).assert().success();
+        file
+    };
+    let tiles = [
+        tile("a", "0.001", 0, 1000),
+        // 90 km away, in millimetres; and in units of 0.01 and 0.0007.
+        tile("b", "0.001", 90_000_000, 1000),
+        tile("c", "0.01", 300, 100),
+        tile("d", "0.0007", -3000, 1000),
+    ];
+    let path = folder.name("city.goblin");
+    let files: Vec<&str> = tiles.iter().map(String::as_str).collect();
+    let words = [&["combine", "-q", "or"], &files[..], &["-o", &path]].concat();
+    command(&words).assert().success();
+    assert_eq!(stdout(&["verify", &path]).trim(), format!("{path}: good"));
+    let volume = json(&["stats", &path, "--json"])["volume"].as_f64().unwrap();
+    assert!((volume - 3.343).abs() < 0.02, "{volume}");
 }

@@ -33,9 +33,14 @@ pub fn body_flaw(
     }
     let Some(rule) = repair else {
         let defects = defects_of(faces, progress)?;
+        let volume: i128 = (0..faces.len() as usize).map(|number| faces.get(number).six_volumes()).sum();
+        if defects.is_empty() && volume == 0 {
+            return Ok(Some("it has no volume".into()));
+        }
         return Ok(defects.first().map(|defect| format!("{} at {}", defect.kind, show_place(defect.place))));
     };
-    match divided(&ExactFaces::of_grid(faces.clone()), rule, path, memory, &SilentProgress(progress)) {
+    match divided((&ExactFaces::of_grid(faces.clone()), false), rule, path, memory, &SilentProgress(progress))
+    {
         Ok(_) => Ok(None),
         Err(Error::NotASolid { what, places, .. }) => {
             Ok(Some(places.first().map_or(what.clone(), |place| format!("{what}: {place}"))))

@@ -1,6 +1,7 @@
 //! Faces on a model's grid, and whatever can hand them out.
 
 use super::Grid;
+use crate::exact::normal::{newell, ring_normal};
 use crate::exact::vector::{cross, dot};
 use spinney_base::Result;
 use spinney_crs::Crs;
@@ -33,10 +34,25 @@ impl<'a> Face<'a> {
 }
 
 impl Face<'_> {
+    /// The sum of its rings' area vectors: the normal, twice as long as the face is large.
+    pub fn area_vector(&self) -> [f64; 3] {
+        let mut sum = [0.0; 3];
+        for ring in self.rings() {
+            let own = newell(ring);
+            (0..3).for_each(|axis| sum[axis] += own[axis] as f64);
+        }
+        sum
+    }
+
+    /// Whether it is more than a line.
+    pub fn has_area(&self) -> bool {
+        self.rings().next().is_some_and(|ring| ring_normal(ring) != [0; 3])
+    }
+
     /// Six times the volume between the face and the grid's first point, in cubes of steps: of a closed surface these add up to its own.
     // Invariant: no sum overflows. Coordinates are below 2^26, so that a product of three is below 2^81 for each of less than 2^32 corners of
     // each of 2^32 faces, and those of all faces that fit into a file are below 2^127.
-    pub(crate) fn six_volumes(&self) -> i128 {
+    pub fn six_volumes(&self) -> i128 {
         let of_ring = |ring: &[[i32; 3]]| -> i128 {
             let wide = |point: [i32; 3]| point.map(i128::from);
             let Some((first, rest)) = ring.split_first() else { return 0 };

@@ -72,11 +72,15 @@ impl Grid {
 
     /// How many steps of a finer grid one of this grid has; `None` if that is no whole number.
     pub(crate) fn steps_of(&self, finer: &Grid) -> Option<i64> {
-        let (own, its) = (self.step * finer.divisor, finer.step * self.divisor);
+        // (Factors in common, such as those of arbitrary numbers, leave no rounded products.)
+        let (step, finer_step) = if self.step == finer.step { (1.0, 1.0) } else { (self.step, finer.step) };
+        let (divisor, finer_divisor) =
+            if self.divisor == finer.divisor { (1.0, 1.0) } else { (self.divisor, finer.divisor) };
+        let (own, its) = (step * finer_divisor, finer_step * divisor);
         let times = (own / its).round();
         // (Products that are rounded cannot be compared.)
-        let is_exact = self.step.mul_add(finer.divisor, -own) == 0.0
-            && finer.step.mul_add(self.divisor, -its) == 0.0
+        let is_exact = step.mul_add(finer_divisor, -own) == 0.0
+            && finer_step.mul_add(divisor, -its) == 0.0
             && times.mul_add(its, -own) == 0.0;
         (is_exact && (1.0..=(1u64 << MAX_BITS) as f64).contains(&times)).then_some(times as i64)
     }
@@ -96,8 +100,9 @@ impl Grid {
 
     /// A grid over a box, from its least to its greatest coordinates.
     ///
-    /// Without a width of steps it is the least power of two with which the box has not many fewer than `2^26`
-    /// points along its longest side: coordinates with few bits then stay as they are. A width that is the
+    /// Without a width it is the least power of two with which the box has at most about `2^24` units along its longest side, a
+    /// quarter of what a grid can have: coordinates with few bits then stay as they are, and models up to four times as
+    /// large as the smallest one share a grid without rounding. A width that is the
     /// reciprocal of a whole number counts as such.
     ///
     /// # Errors
@@ -129,7 +134,7 @@ impl Grid {
     fn least(bounds: [[f64; 3]; 2]) -> Grid {
         /// Most steps along a side. A box whose points were moved to the grid should have the same grid, and so
         /// should not lie on the limit: this is no number that comes of lengths that people choose.
-        const MAX_STEPS: f64 = 62_831_853.0;
+        const MAX_STEPS: f64 = 15_707_963.0;
         /// Least width of a step: coordinates of steps that are as small are no denormal numbers, which have fewer bits.
         const MIN_STEP: f64 = 1e-290;
         let [min, max] = bounds;
@@ -137,7 +142,7 @@ impl Grid {
         let farthest = min.iter().chain(&max).fold(0.0, |most: f64, at| most.max(at.abs()));
         // No finer than doubles are.
         let least =
-            (half / (1u64 << (MAX_BITS - 1)) as f64).max(farthest / (1u64 << 52) as f64).max(MIN_STEP);
+            (half / (1u64 << (MAX_BITS - 3)) as f64).max(farthest / (1u64 << 52) as f64).max(MIN_STEP);
         let mut step = f64::from_bits(least.to_bits() & 0x7ff0_0000_0000_0000);
         loop {
             let is_coarse = half / step <= MAX_STEPS / 2.0;
@@ -179,7 +184,7 @@ mod tests {
         for point in [[0.0, 0.0, 0.0], [1.0, 2.0, 3.0], [0.5, 0.25, 2.75]] {
             assert_eq!(grid.to_world(grid.snap(point).unwrap()), point);
         }
-        assert_eq!(grid.bits, 26);
+        assert_eq!(grid.bits, 24);
         assert_eq!(grid.snap([0.0, 0.0, -1.0]), None);
     }
 

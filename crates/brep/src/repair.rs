@@ -118,11 +118,23 @@ pub fn repair(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<(ModelBuilder, Repair)> {
+    repair_around((faces, false), rule, builder, path, memory, progress)
+}
+
+/// Does what [`repair`] does to the surface of a body that may be unbounded.
+pub(crate) fn repair_around(
+    (faces, is_unbounded): (FaceList, bool),
+    rule: InsideRule,
+    builder: ModelBuilder,
+    path: &Path,
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<(ModelBuilder, Repair)> {
     let (width, count) = (faces.grid().width(), faces.len());
     let faces = ExactFaces::of_grid(faces);
     let part = |passes: u64| SubProgress::new(progress, passes * count, REPAIR_PASSES * count);
     let Divided { exact, done, volume, cells_volume } =
-        divided(&faces, rule, path, memory, &part(REPAIR_PASSES - 1))?;
+        divided((&faces, is_unbounded), rule, path, memory, &part(REPAIR_PASSES - 1))?;
     let Resolved { pairs, divided, removed, outside, outside_share, turned } = done;
     drop(faces);
     tell_changes(outside_share, volume / cells_volume, path, progress);
@@ -130,7 +142,7 @@ pub fn repair(
     let crossings = rounded.crossings(path, memory, progress)?;
     let mut seams = Seams::default();
     seams.add_all(&rounded.faces, progress)?;
-    let whole = Surroundings { is_unbounded: false, reach: 1, rest: None };
+    let whole = Surroundings { is_unbounded, reach: 1, rest: None };
     let rounded = rounded.closed(seams, crossings, &whole, path, memory, progress)?;
     let mut surface = SurfaceClosure::new(!rounded.exact.is_empty());
     rounded.faces.each(&mut |face| {
@@ -173,7 +185,7 @@ pub(crate) struct Divided {
 
 /// Divides a closed surface, and takes away what bounds no body; see [`repair`]. Progress counts faces.
 pub(crate) fn divided(
-    faces: &ExactFaces,
+    (faces, is_unbounded): (&ExactFaces, bool),
     rule: InsideRule,
     path: &Path,
     memory: u64,
@@ -182,9 +194,9 @@ pub(crate) fn divided(
     let (width, count) = (faces.list.grid().width(), faces.list.len());
     let all = Operands {
         ends: &[count as u32],
-        far: &[0],
+        far: &[i32::from(is_unbounded)],
         are_bodies: false,
-        turns_roots: true,
+        turns_roots: !is_unbounded,
         most_contacts: MAX_CONTACTS_OF_A_FACE * count + MAX_CONTACTS,
         keeps_apart: false,
         changed: &[],

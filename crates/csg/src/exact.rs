@@ -29,7 +29,7 @@ const MAX_FORMULA: usize = 1 << 12;
 pub struct CsgExactOptions {
     /// Greatest distance of facets from the curved surface that they stand for; otherwise a thousandth of the longest side.
     pub deviation: Option<f64>,
-    /// Width of the grid's steps; otherwise the least power of two with which the longest side has at most about 2^26 steps.
+    /// Width of the grid's steps; otherwise the least power of two with which the longest side has at most about 2^24 steps.
     pub snap: Option<f64>,
     /// Unit of length, to be kept in the file; otherwise the text's.
     pub unit: Option<String>,

@@ -37,7 +37,7 @@ pub struct LayerInput {
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct LayerOptions {
-    /// Width of the grid's steps; otherwise the least power of two with which the longest side has at most about 2^26 steps.
+    /// Width of the grid's steps; otherwise the least power of two with which the longest side has at most about 2^24 steps.
     pub snap: Option<f64>,
     /// The coordinate system.
     pub crs: Option<Crs>,

@@ -149,6 +149,11 @@ fn lines(report: &ExactReport, stats: bool) -> Lines {
     if let Some(done) = &report.repair {
         lines.extend(repaired(done, &unit));
     }
+    if let Some([volume, error]) = report.cells {
+        let cubic = if unit.is_empty() { String::new() } else { format!("{unit}^3") };
+        let text = format!("of the models, 128 along the longest side: {volume:.9}{cubic} +- {error:.1e}");
+        lines.push(("cells", text));
+    }
     let nodes = report.built.nodes.named();
     let nodes: Vec<String> =
         nodes.iter().filter(|(_, count)| *count > 0).map(|(name, count)| format!("{count} {name}")).collect();

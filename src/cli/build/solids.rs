@@ -28,7 +28,8 @@ pub(in crate::cli) struct SolidArgs {
     /// Width of a cell, such as 0.5 or 0.5mm; what is built with the same width fits together
     #[arg(long, value_name = "WIDTH", conflicts_with_all = ["cells", "depth", "grid"], value_parser = parse_width)]
     cell: Option<Width>,
-    /// No more than the cells that the surface cuts, instead of all that it encloses
+    /// No more than the cells that the surface cuts, instead of all that it encloses; a face exactly in a wall between cells
+    /// belongs to those on its inner side
     #[arg(long)]
     shell: bool,
     /// Cells at the edge, which the surface or a polygon's side cuts: centre (those whose centre is inside), touch (all of them) or area (each as
@@ -56,7 +57,7 @@ pub(in crate::cli) struct SolidArgs {
     #[arg(long, value_name = "N")]
     pub(super) leaf_size: Option<usize>,
     /// Width of the steps that corners are moved to, such as 0.001 [default: the file's own grid, or the least power of two that
-    /// leaves about 2^26 steps along the longest side]
+    /// leaves about 2^24 steps along the longest side]
     #[arg(long, value_name = "WIDTH", requires = "brep")]
     pub(super) snap: Option<f64>,
     /// Greatest distance of facets from the curved surfaces of primitives (.csg) that they stand for, such as 0.01 [default: a thousandth of

@@ -1,6 +1,6 @@
 //! Orientation of the parts of a surface: which of them are inside out, and are turned.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 
 use super::contact::Contact;
 use super::surface::{OFTEN, Surface};
@@ -36,7 +36,8 @@ struct Part {
 
 impl Surface<'_> {
     /// Turns those parts of a surface that nothing else is around and that are inside out, with all parts that they are around: cavities
-    /// stay cavities. What a part touches it is not around.
+    /// stay cavities, also those that touch what they are in: a pit whose lid lies in a face of the body, or a cavity that a vertex of has
+    /// in common with it.
     pub(super) fn turn_roots(&mut self, contacts: &[Contact], progress: &dyn Progress) -> Result<Turned> {
         let Parts { of_face, list } = self.parts(progress)?;
         let total = |sign: &dyn Fn(u32) -> i128| -> i128 {
@@ -50,18 +51,44 @@ impl Surface<'_> {
         let pairs = contacts.iter().map(|contact| contact.faces.map(|face| of_face[face as usize]));
         let touching: HashSet<[u32; 2]> = pairs.flat_map(|[a, b]| [[a, b], [b, a]]).collect();
         let numbered: Vec<(u32, &Part)> = list.iter().map(|(number, part)| (*number, part)).collect();
+        // Faces of the parts that touch others.
+        let mut touched: BTreeMap<u32, BTreeSet<u32>> = BTreeMap::new();
+        for [part, other] in touching.iter().filter(|[part, other]| part != other) {
+            touched.entry(*part).or_default().insert(*other);
+        }
+        let mut faces_of: BTreeMap<u32, Vec<u32>> = touched.keys().map(|part| (*part, Vec::new())).collect();
+        for (face, part) in (0..).zip(&of_face).filter(|(face, _)| self.planes[*face as usize].is_some()) {
+            if let Some(faces) = faces_of.get_mut(part) {
+                faces.push(face);
+            }
+        }
+        progress.check()?;
         let around = parallel::map(&numbered, |(number, part)| {
             if progress.interrupted() {
                 return Vec::new();
             }
+            let [own_low, own_high] = &part.bounds;
+            // (A part is in none that is smaller, so that of two with one box one at most is around the other.)
+            let may_hold = |other: &u32| {
+                let [low, high] = &list[other].bounds;
+                (0..3).all(|axis| low[axis] <= own_low[axis] && own_high[axis] <= high[axis])
+                    && part.volume.unsigned_abs() < list[other].volume.unsigned_abs()
+            };
+            let may_be = touched.get(number).into_iter().flatten().copied();
+            let may_be: Vec<u32> = may_be.filter(may_hold).collect();
+            let faces = faces_of.get(number).map_or(&[][..], Vec::as_slice);
+            let touched = self.around_touching(faces, &of_face, &may_be);
             let holds = |other: u32| {
                 let [low, high] = &list[&other].bounds;
-                let [own_low, own_high] = &part.bounds;
+                // (Without contacts two parts have vertices and edges in common at most.)
                 other != *number
                     && !touching.contains(&[*number, other])
-                    && (0..3).all(|axis| low[axis] < own_low[axis] && own_high[axis] < high[axis])
+                    && (may_hold(&other)
+                        || (0..3).all(|axis| low[axis] < own_low[axis] && own_high[axis] < high[axis]))
             };
-            self.around(part, &of_face, &holds)
+            let mut around = self.around(part, &of_face, &holds);
+            around.extend(touched);
+            around
         });
         progress.check()?;
         let mut around_of: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
@@ -69,12 +96,25 @@ impl Surface<'_> {
             around_of.insert(*number, around);
         }
         // Invariant: a part is turned if its root is, and for no other reason, so that what is around what
-        // stays the same. What is around a part has all of its box, so that no part is around one that is
-        // around it, and each has a root: of several, which pass through each other, the least.
+        // stays the same. What is around a part has all of its box and is larger, so that no part is around one that
+        // is around it, and each has a root: of several, which intersect, the least.
         let is_root = |number: u32| around_of[&number].is_empty();
+        let least = |others: &mut dyn Iterator<Item = u32>| {
+            others.min_by_key(|other| (extent(&list[other].bounds), *other))
+        };
         let root = |number: u32| {
-            let others = around_of[&number].iter().copied().filter(|other| is_root(*other));
-            others.min_by_key(|other| extent(&list[other].bounds)).unwrap_or(number)
+            /// Parts in each other, of which not all are found to be around the innermost.
+            const MAX_HOPS: usize = 64;
+            let mut at = number;
+            for _ in 0..MAX_HOPS {
+                let around = || around_of[&at].iter().copied();
+                let roots = least(&mut around().filter(|other| is_root(*other)));
+                match roots.or_else(|| least(&mut around())) {
+                    Some(next) => at = next,
+                    None => break,
+                }
+            }
+            at
         };
         let is_turned = |number: u32| list[&root(number)].volume < 0;
         let turned: HashSet<u32> = list.keys().copied().filter(|number| is_turned(*number)).collect();
@@ -137,6 +177,47 @@ impl Surface<'_> {
         });
         windings.retain(|other, winding| *winding != 0 && may_be(*other));
         windings.into_keys().collect()
+    }
+}
+
+/// Faces of a part that are sampled: where a part is in another one that it touches, all that are not on it are.
+const SAMPLES: usize = 256;
+
+impl Surface<'_> {
+    /// Those of some parts that are around a part which touches them, by points of its faces: all of them that lie on no face of
+    /// the other part are inside of that. What intersects a part is not.
+    fn around_touching(&self, faces: &[u32], of_face: &[u32], may_be: &[u32]) -> Vec<u32> {
+        if may_be.is_empty() {
+            return Vec::new();
+        }
+        // Of each part: whether a sample is outside, and whether one is inside.
+        let mut sides = vec![[false; 2]; may_be.len()];
+        let index = |face: u32| may_be.binary_search(&of_face[face as usize]).ok();
+        let count = faces.len().min(SAMPLES);
+        for number in 0..count {
+            let sample = self.sample_of(faces[number * faces.len() / count]);
+            let mut windings = vec![0; may_be.len()];
+            self.each_above(&sample, &mut |face, up| {
+                if let Some(index) = index(face) {
+                    windings[index] += up;
+                }
+            });
+            let mut is_on = vec![false; may_be.len()];
+            self.each_at(&sample, |face| {
+                if let Some(index) = index(face)
+                    && sample.side(self.plane(face)) == 0
+                    && self.meets(&sample, face)
+                {
+                    is_on[index] = true;
+                }
+            });
+            for ((sides, winding), _) in sides.iter_mut().zip(windings).zip(is_on).filter(|(_, is_on)| !is_on)
+            {
+                sides[usize::from(winding != 0)] = true;
+            }
+        }
+        let found = may_be.iter().zip(sides).filter(|(_, sides)| *sides == [false, true]);
+        found.map(|(part, _)| *part).collect()
     }
 }
 

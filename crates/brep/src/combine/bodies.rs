@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::path::Path;
 
 use super::overlap::Overlap;
-use super::placed::Placed;
+use super::placed::{Placed, unlike_grids};
 use super::table::Fate;
 use super::table::OperationTable;
 use super::values::FaceValues;
@@ -457,7 +457,7 @@ impl NearFaces {
     /// If grids, coordinate systems or units do not fit together, if `memory` bytes are not enough, if files are damaged or cannot be
     /// read, or on interruption.
     pub(crate) fn of(models: [&ExactModel; 2], memory: u64, progress: &dyn Progress) -> Result<NearFaces> {
-        let placed = Placed::of(&models)?;
+        let placed = Placed::of(&models)?.ok_or_else(|| unlike_grids(&models))?;
         // (Which operation does not matter for faces that are near.)
         let mut bodies =
             Bodies::new(&models, &placed, OperationTable::new(SetOperation::Intersection, 2)?, progress)?;

@@ -10,6 +10,7 @@
 //! and only those near it are divided by each other. Faces with corners beside the grid are in lists of the cells that they are near,
 //! and so results are operands like all others; the faces that stand in for them go with them, or are made anew.
 
+mod alignment;
 mod bodies;
 mod components;
 mod divided;
@@ -26,6 +27,7 @@ mod winding;
 use std::mem;
 use std::path::Path;
 
+use self::alignment::Aligned;
 pub(super) use self::bodies::NearFaces;
 use self::bodies::{Bodies, Near};
 pub use self::divided::divide_faces;
@@ -40,7 +42,7 @@ use super::arrangement::{
 use super::store::formula::formula;
 use super::{BuildReport, ExactModel, Faces, Grid, ModelBuilder};
 use crate::closure::SurfaceClosure;
-use spinney_base::io::Output;
+use spinney_base::io::{Output, folder};
 use spinney_base::{Error, Progress, Result, SetOperation, SubProgress};
 use spinney_container::{Codec, Metadata, Tag};
 
@@ -64,6 +66,9 @@ pub struct CombineReport {
     pub lost_values: u64,
     /// The furthest that a new vertex was moved to the grid, in the models' unit.
     pub displacement: f64,
+    /// The furthest that a corner of an operand was moved to the grid, in the models' unit: 0 where the operands' grids have a unit in
+    /// common, of which each is a multiple.
+    pub snapped: f64,
     /// The grid.
     pub grid: Grid,
     /// Whether what is far away belongs to the result.
@@ -79,8 +84,9 @@ pub struct CombineReport {
 /// the complement of the first. Of more than two bodies there are 0, 1 (what is in all), 2 (in the first alone), 6 (in an odd
 /// number of them), 7 (in any), and 8, 9, 13, 14, 15, the complements of these; of one 0, 3, 12 and 15.
 ///
-/// Grids must have the same step, or steps that are multiples of the least; coordinates stay as they are but for new vertices,
-/// which stay where they are as fractions, and go to the nearest points of the grid for what is asked of the file. Names of parts
+/// Where the units of all grids are multiples of one that leaves at most 2^26 of them along the longest side, coordinates stay as they
+/// are; otherwise as few operands as possible are moved to a common grid, with a warning and within [`CombineReport::snapped`]. New vertices
+/// stay where they are as fractions, and go to the nearest points of the grid for what is asked of the file. Names of parts
 /// are those of the bodies on which the operation depends, one after the other. Faces keep the values that they have, in columns that are
 /// joined by their names, and all parts of a face that is divided have its values. Memory: about 100 bytes for each face in cells near
 /// other bodies, and 300 for each whose box touches theirs, half of `memory` at most; and 96 for each face with corners beside the grid.
@@ -155,7 +161,18 @@ fn combined(
     let memory = memory.min(1 << 38);
     let table = OperationTable::new(operation, models.len())?;
     let before = models.iter().map(|model| model.len()).collect();
-    let placed = Placed::of(models)?;
+    let aligned;
+    let (placed, models, snapped) = match Placed::of(models)? {
+        Some(placed) => (placed, models.to_vec(), 0.0),
+        None => {
+            aligned = Aligned::of(models, folder(output.path()), output.access(), memory, progress)?;
+            let on_one_grid = aligned.models(models);
+            let placed = Placed::of(&on_one_grid)?.ok_or_else(|| {
+                Error::invalid("models", "bounds that no grid of 2^26 units holds", "models of one region")
+            })?;
+            (placed, on_one_grid, aligned.displacement)
+        }
+    };
     let (those, table) = match keeps_apart {
         // (What the second one is matters for where the first one is divided.)
         true => ((0..models.len()).collect(), table),
@@ -167,8 +184,17 @@ fn combined(
     for index in (0..models.len()).filter(|index| !is_again(*index)) {
         models[index].check_surface(progress)?;
     }
-    let make =
-        || made((operation, origin, keeps_apart), &models, &placed, table, (output, codec), memory, progress);
+    let make = || {
+        made(
+            (operation, origin, keeps_apart, snapped),
+            &models,
+            &placed,
+            table,
+            (output, codec),
+            memory,
+            progress,
+        )
+    };
     match make() {
         Ok(report) => Ok(CombineReport { before, ..report }),
         // What is no body may have been taken for one.
@@ -199,7 +225,7 @@ fn suspect(models: &[&ExactModel], memory: u64, progress: &dyn Progress) -> Resu
 
 /// Makes the body of an operation on the bodies that it depends on.
 fn made(
-    (operation, origin, keeps_apart): (SetOperation, Option<&Origin>, bool),
+    (operation, origin, keeps_apart, snapped): (SetOperation, Option<&Origin>, bool, f64),
     models: &[&ExactModel],
     placed: &Placed,
     table: OperationTable,
@@ -312,7 +338,7 @@ fn made(
         model.file_attributes()?.iter().try_for_each(|text| builder.about_file(text))?;
     }
     let mut metadata = metadata(operation, models, &grid);
-    metadata.set_tag(Tag::ModelDisplacement, displacement.to_string());
+    metadata.set_tag(Tag::ModelDisplacement, (displacement + snapped).to_string());
     if let Some(origin) = origin {
         metadata.provenance.clone_from(&origin.provenance);
         origin.tags.iter().for_each(|(tag, text)| metadata.set_tag(*tag, text));
@@ -353,6 +379,7 @@ fn made(
         lost_columns,
         lost_values,
         displacement,
+        snapped,
         grid,
         is_unbounded,
         built,

@@ -16,28 +16,18 @@ pub(super) struct Placed {
 }
 
 impl Placed {
-    /// Finds the grid that holds all models: that of the first, if it does.
-    pub(super) fn of(models: &[&ExactModel]) -> Result<Placed> {
+    /// Finds the grid that holds all models exactly: that of the first, if it does; `None` if no unit of which theirs are
+    /// multiples leaves few enough of them.
+    pub(super) fn of(models: &[&ExactModel]) -> Result<Option<Placed>> {
         check_systems(models)?;
         let grids: Vec<&Grid> = models.iter().map(|model| model.grid()).collect();
-        let finest =
-            grids.iter().copied().reduce(|best, grid| if grid.width() < best.width() { grid } else { best });
-        let finest = finest.expect("operations have one body or more");
+        let Some(finest) = finest_unit(&grids) else { return Ok(None) };
         let mut shifts = Vec::new();
-        for model in models {
-            let grid = model.grid();
-            let times = grid.steps_of(finest).ok_or_else(|| {
-                let found = format!("{}: steps of {}", model.path().display(), grid.width());
-                let expected = format!(
-                    "multiples of {}, as the others have: build the models on one grid, for example with --snap {}",
-                    finest.width(),
-                    grids.iter().map(|grid| grid.width()).fold(0.0, f64::max)
-                );
-                Error::invalid("grid", found, expected)
-            })?;
+        for grid in &grids {
+            let Some(times) = grid.steps_of(&finest) else { return Ok(None) };
             let origin = grid.origin.map(|at| i128::from(at) * i128::from(times));
             if origin.iter().any(|at| at.unsigned_abs() > 1 << 62) {
-                return Err(too_far(&grids));
+                return Ok(None);
             }
             shifts.push((times, origin.map(|at| at as i64)));
         }
@@ -76,13 +66,13 @@ impl Placed {
             bits = (64 - extent.leading_zeros() as u8).max(1);
         }
         if bits > MAX_BITS || origin.iter().any(|at| at.unsigned_abs() > 1 << 53) {
-            return Err(too_far(&grids));
+            return Ok(None);
         }
         let grid = Grid { bits, origin, step: finest.step, divisor: finest.divisor };
         for (_, shift) in &mut shifts {
             (0..3).for_each(|axis| shift[axis] -= origin[axis]);
         }
-        Ok(Placed { grid, grids: grids.into_iter().cloned().collect(), shifts })
+        Ok(Some(Placed { grid, grids: grids.into_iter().cloned().collect(), shifts }))
     }
 
     /// Some of the models, on the same grid.
@@ -155,8 +145,9 @@ impl Placed {
     }
 }
 
-/// Least and greatest coordinates of a model on its grid: what is thinner than a step may be nowhere in the octree.
-fn bounds(model: &ExactModel) -> Result<Option<[[i32; 3]; 2]>> {
+/// Least and greatest coordinates of a model on its grid: what is thinner than a step may be nowhere in the octree. Corners
+/// off the grid are less than a unit from there, which are several units of a finer grid.
+pub(super) fn bounds(model: &ExactModel) -> Result<Option<[[i32; 3]; 2]>> {
     let mut found = model.grid_bounds()?;
     model.each_exact(&mut |face| {
         for at in face.rounded() {
@@ -168,7 +159,8 @@ fn bounds(model: &ExactModel) -> Result<Option<[[i32; 3]; 2]>> {
         }
         Ok(())
     })?;
-    Ok(found)
+    let margin = i32::from(model.is_beside_grid());
+    Ok(found.map(|[low, high]| [low.map(|at| at - margin), high.map(|at| at + margin)]))
 }
 
 /// Fails if models tell different coordinate systems or units of length.
@@ -193,17 +185,37 @@ fn check_systems(models: &[&ExactModel]) -> Result<()> {
     Ok(())
 }
 
-/// The error of models that no grid of so many points holds.
-fn too_far(grids: &[&Grid]) -> Error {
-    let widths: Vec<String> = grids.iter().map(|grid| grid.width().to_string()).collect();
-    let side = grids.iter().map(|grid| (1u64 << grid.bits) as f64 * grid.width()).fold(0.0, f64::max);
-    // Room for several of the largest side by side.
-    let wider = (side / (1u64 << 24) as f64).log2().ceil().exp2();
-    Error::invalid(
-        "grid",
-        format!("steps of {} over models that are far apart", widths.join(", ")),
-        format!(
-            "at most 2^26 steps from end to end: build the models on a coarser grid, for example with --snap {wider}"
-        ),
-    )
+/// The finest of some grids, or the coarsest fraction of its unit of which all units are multiples; `None` if there is no such
+/// fraction that is of use.
+fn finest_unit(grids: &[&Grid]) -> Option<Grid> {
+    /// Most parts of a unit, such as 5 for units of 0.01 and 0.025.
+    const MAX_PARTS: u32 = 1000;
+    let finest =
+        grids.iter().copied().reduce(|best, grid| if grid.width() < best.width() { grid } else { best })?;
+    let of_parts = |parts: u32| Grid { divisor: finest.divisor * f64::from(parts), ..finest.clone() };
+    // (Divisors are integers or small: products beyond that are not compared exactly, and not found.)
+    (1..=MAX_PARTS).map(of_parts).find(|unit| grids.iter().all(|grid| grid.steps_of(unit).is_some()))
+}
+
+/// A box on a grid, in the world.
+pub(super) fn world_box(grid: &Grid, corners: [[i32; 3]; 2]) -> [[f64; 3]; 2] {
+    corners.map(|corner| grid.to_world(corner))
+}
+
+/// The error of models whose grids have no unit in common, where none of them may be moved.
+pub(super) fn unlike_grids(models: &[&ExactModel]) -> Error {
+    let widths: Vec<String> = models.iter().map(|model| model.grid().width().to_string()).collect();
+    let corners = models.iter().flat_map(|model| {
+        let last = ((1u64 << model.grid().bits) - 1) as i32;
+        [model.grid().to_world([0; 3]), model.grid().to_world([last; 3])]
+    });
+    let corners: Vec<[f64; 3]> = corners.collect();
+    let extents = (0..3).map(|axis| {
+        let along = corners.iter().map(|corner| corner[axis]);
+        along.clone().fold(f64::MIN, f64::max) - along.fold(f64::MAX, f64::min)
+    });
+    let wider = (extents.fold(0.0, f64::max) / (1u64 << (MAX_BITS - 1)) as f64).log2().ceil().exp2();
+    let found =
+        format!("units of {} that have no common one with at most 2^26 from end to end", widths.join(", "));
+    Error::invalid("grid", found, format!("grids of one unit: build the models with --snap {wider}"))
 }

@@ -23,6 +23,11 @@ pub(super) struct Symmetry {
 const NOISE: f64 = 1e-14;
 
 impl Motion {
+    /// The map that leaves all as it is.
+    pub(super) fn identity() -> Motion {
+        Motion { rows: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]] }
+    }
+
     /// The map with these rows of a 3x4 matrix: new x, y, z from old x, y, z, 1.
     ///
     /// ```

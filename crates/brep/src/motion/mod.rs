@@ -7,11 +7,12 @@
 
 mod lattice;
 mod map;
+mod regrid;
 mod snapped;
 mod view;
 
 use self::lattice::Lattice;
-use self::snapped::Snapping;
+use self::snapped::{NewUnit, Snapping};
 use super::arrangement::{ExactFace, Turner};
 use super::closure::{Closure, Seed};
 use super::planar::PlanarCounts;
@@ -24,6 +25,7 @@ use spinney_container::{Codec, Metadata, Tag};
 use spinney_crs::Crs;
 
 pub use self::map::Motion;
+pub(crate) use self::regrid::regrid;
 pub use self::view::{ModelView, ViewRays};
 
 /// Options for moving a model.
@@ -114,10 +116,10 @@ pub fn transform(
 ) -> Result<TransformReport> {
     model.check_surface(progress)?;
     let lattice = if options.snap.is_none() { Lattice::of(model, motion)? } else { None };
-    let work = Work { model, motion, options, progress };
+    let work = Work { model, motion, options, progress, keeps_formula: false };
     match lattice {
         Some(lattice) => work.exactly(&lattice, output),
-        None => work.anew(output),
+        None => work.anew(output, options.snap.map_or(NewUnit::Finest, NewUnit::Width)),
     }
 }
 
@@ -127,6 +129,8 @@ struct Work<'a> {
     motion: &'a Motion,
     options: &'a TransformOptions,
     progress: &'a dyn Progress,
+    /// Whether the result has the model's formula, and says nothing of the motion.
+    keeps_formula: bool,
 }
 
 impl Work<'_> {
@@ -158,8 +162,8 @@ impl Work<'_> {
     }
 
     /// Computes all corners anew.
-    fn anew(&self, output: Output) -> Result<TransformReport> {
-        let mut snapping = Snapping::of(self.model, self.motion, self.options.snap, self.progress)?;
+    fn anew(&self, output: Output, unit: NewUnit<'_>) -> Result<TransformReport> {
+        let mut snapping = Snapping::of(self.model, self.motion, unit, self.progress)?;
         let mut target = Target::new(self, output, &snapping.grid.clone())?;
         let (mut closure, mut sums) = (Closure::new(Seed::new()), MassSums::new());
         self.model.each(&mut |face| {
@@ -276,9 +280,13 @@ impl<'a> Target<'a> {
         }
         model.file_attributes()?.iter().try_for_each(|text| builder.about_file(text))?;
         let rows = motion.to_rows();
-        let builder = builder.formula(moved_formula(&numbers(rows.as_flattened(), " "), model)?);
+        let builder = builder.formula(match work.keeps_formula {
+            true => model.formula()?.unwrap_or_default(),
+            false => moved_formula(&numbers(rows.as_flattened(), " "), model)?,
+        });
         let is_exact = rounding.counts.is_none();
-        let is_rounded = model.is_beside_grid() && is_exact;
+        // (Proxies of exact faces may intersect where these are thinner than a unit.)
+        let is_rounded = builder.is_beside_grid();
         let mut metadata = work.metadata(&grid, &rounding);
         let building = SubProgress::new(progress, 2 * model.len(), 3 * model.len());
         let built = builder.finish(&mut metadata, &building, &mut |metadata, built| {

@@ -7,6 +7,17 @@ use crate::planar::PlanarFaces;
 use crate::{ExactModel, Face, Faces, Grid};
 use spinney_base::{Error, Progress, Result};
 
+/// The unit of a new grid.
+#[derive(Clone, Copy)]
+pub(super) enum NewUnit<'a> {
+    /// That of the model's grid, if no coarser one is needed.
+    Finest,
+    /// A width.
+    Width(f64),
+    /// That of a grid.
+    Of(&'a Grid),
+}
+
 /// Moves faces one by one; keeps its buffers from face to face.
 pub(super) struct Snapping<'a> {
     motion: &'a Motion,
@@ -19,12 +30,11 @@ pub(super) struct Snapping<'a> {
 }
 
 impl<'a> Snapping<'a> {
-    /// Reads all faces, and lays a grid over where they will be: with a step of the width, or that of the model's grid if that is
-    /// no less than what there is room for.
+    /// Reads all faces, and lays a grid over where they will be: with a unit as it is wanted.
     pub(super) fn of(
         model: &ExactModel,
         motion: &'a Motion,
-        width: Option<f64>,
+        unit: NewUnit<'_>,
         progress: &dyn Progress,
     ) -> Result<Snapping<'a>> {
         let old = model.grid().clone();
@@ -47,9 +57,13 @@ impl<'a> Snapping<'a> {
         if !bounds.as_flattened().iter().all(|at| at.is_finite()) {
             return Err(Error::invalid("result", "coordinates that are beyond all numbers", "a smaller one"));
         }
-        let grid = match width {
-            None => Grid::fit(bounds, old.step, old.divisor).map_or_else(|| Grid::over(bounds, None), Ok),
-            width => Grid::over(bounds, width),
+        let grid = match unit {
+            NewUnit::Finest => {
+                Grid::fit(bounds, old.step, old.divisor).map_or_else(|| Grid::over(bounds, None), Ok)
+            }
+            NewUnit::Width(width) => Grid::over(bounds, Some(width)),
+            NewUnit::Of(unit) => Grid::fit(bounds, unit.step, unit.divisor)
+                .map_or_else(|| Grid::over(bounds, Some(unit.width())), Ok),
         }?;
         let mut planar = PlanarFaces::default();
         planar.is_coloured = model.is_coloured()?;

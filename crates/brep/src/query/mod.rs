@@ -39,6 +39,7 @@ mod ratio;
 mod ray;
 mod region;
 mod section;
+mod simple_rings;
 #[cfg(test)]
 mod testing;
 mod visited;

@@ -7,6 +7,7 @@
 use std::collections::{BTreeMap, HashSet};
 
 use super::plane::Plane;
+use super::simple_rings::simple_rings;
 use super::visited::half_of;
 use crate::exact::vector::{cross, dot};
 use crate::{ExactModel, Face, FaceBuffer, Faces, Grid, ModelNode, ModelNodeState, show_place};
@@ -131,8 +132,10 @@ impl ExactModel {
                 count: 1,
                 advice: "look for the cause with verify, and build the model again".into(),
             })?;
+            let plane = CuttingPlane { normal, distance: *distance };
+            let rings = simple_rings(rings, plane.axes());
             let rings = rings.into_iter().map(|ring| ring.iter().map(world).collect());
-            found.push(polygons(rings, &CuttingPlane { normal, distance: *distance }));
+            found.push(polygons(rings, &plane));
         }
         Ok(found)
     }
@@ -438,9 +441,8 @@ fn polygons(rings: impl Iterator<Item = Vec<[f64; 3]>>, plane: &CuttingPlane) ->
         .map(|outer| SectionPolygon { rings: vec![outer.ring.clone()], area: outer.area })
         .collect();
     for hole in holes {
-        let point = hole.points[0];
         let first = outer.partition_point(|outer| outer.area < -hole.area);
-        if let Some(place) = (first..outer.len()).find(|place| outer[*place].has(point)) {
+        if let Some(place) = (first..outer.len()).find(|place| outer[*place].is_around(&hole)) {
             found[place].area += hole.area;
             found[place].rings.push(hole.ring);
         }
@@ -459,6 +461,16 @@ struct FlatRing {
 }
 
 impl FlatRing {
+    /// Whether another ring lies inside, which may touch this one in points: by the middles of some of its edges.
+    fn is_around(&self, other: &FlatRing) -> bool {
+        /// Edges that are sampled: an odd number.
+        const EDGES: usize = 5;
+        let middle = |ends: &[[f64; 2]]| [0, 1].map(|axis| ends[0][axis].midpoint(ends[1][axis]));
+        let count = (other.points.len() - 1).min(EDGES);
+        let inside = other.points.windows(2).take(count).filter(|ends| self.has(middle(ends))).count();
+        2 * inside > count
+    }
+
     /// Whether a point lies inside, by even and odd.
     fn has(&self, [x, y]: [f64; 2]) -> bool {
         let [low, high] = self.bounds;

@@ -62,6 +62,11 @@ impl ExactModel {
         self
     }
 
+    /// The model under the name of the file that it is a copy of.
+    pub(crate) fn named(self, path: &Path) -> ExactModel {
+        ExactModel { path: path.to_path_buf(), ..self }
+    }
+
     /// Numbers of nodes by their kinds.
     pub fn nodes(&self) -> &NodeCounts {
         &self.summary.nodes

@@ -9,11 +9,29 @@ use spinney_base::{Error, Progress, Result, sort};
 use spinney_brep::Face;
 use spinney_brep::geometry::Triangulator;
 
-/// Bytes of an edge: its number, its ends from the lesser to the greater, the direction, the part of the face, the object that this is of.
-const EDGE: usize = 8 + 24 + 4 + 4 + 4;
+/// Bytes of an edge: its number, its ends from the lesser to the greater, the direction, the part of the face, the object that this is of, and
+/// the face's normal.
+const EDGE: usize = 8 + 24 + 4 + 4 + 4 + 12;
 
-/// An edge as it comes back: its number, the object, the ends, whether it goes to the greater, the part.
-type SortedEdge = (u64, u32, [[i32; 3]; 2], bool, u32);
+/// An edge as it comes back: its number, the object, the ends, whether it goes to the greater, the part, the bits of the normal.
+type SortedEdge = (u64, u32, [[i32; 3]; 2], bool, u32, [u32; 3]);
+
+/// The cosine of the angle between normals of faces that are walls back to back, and no patches of one surface: houses in a row,
+/// each open at its base, have edges in common there.
+const BACK_TO_BACK: f32 = -0.98;
+
+/// Whether faces with these normals, of which one has an edge and the other its opposite, may be of one surface.
+fn goes_on(one: [u32; 3], other: [u32; 3]) -> bool {
+    let products = (0..3).map(|axis| f32::from_bits(one[axis]) * f32::from_bits(other[axis]));
+    products.sum::<f32>() > BACK_TO_BACK
+}
+
+/// The bits of a face's normal of length 1; of one without an area, of 0.
+fn normal_bits(face: &Face<'_>) -> [u32; 3] {
+    let normal = face.area_vector();
+    let length = normal.iter().map(|part| part * part).sum::<f64>().sqrt();
+    normal.map(|part| if length > 0.0 { (part / length) as f32 } else { 0.0 }.to_bits())
+}
 
 /// Collects edges.
 pub(super) struct Boundary {
@@ -35,11 +53,12 @@ impl Boundary {
 
     /// Adds the edges of a face of an object.
     pub(super) fn add_face(&mut self, face: &Face<'_>, object: u32) -> Result<()> {
-        edges(face).try_for_each(|[from, to]| self.add(from, to, face.part, object))
+        let normal = normal_bits(face);
+        edges(face).try_for_each(|[from, to]| self.add([from, to], face.part, object, normal))
     }
 
     /// Adds an edge of a face of a part of an object.
-    fn add(&mut self, from: [i32; 3], to: [i32; 3], part: u32, object: u32) -> Result<()> {
+    fn add(&mut self, [from, to]: [[i32; 3]; 2], part: u32, object: u32, normal: [u32; 3]) -> Result<()> {
         let (number, is_forward) = edge_number(from, to);
         let (low, high) = if is_forward { (from, to) } else { (to, from) };
         let mut item = Vec::with_capacity(EDGE);
@@ -48,11 +67,13 @@ impl Boundary {
         item.extend_from_slice(&u32::from(is_forward).to_le_bytes());
         item.extend_from_slice(&part.to_le_bytes());
         item.extend_from_slice(&object.to_le_bytes());
+        normal.iter().for_each(|bits| item.extend_from_slice(&bits.to_le_bytes()));
         self.sorter.push(number, item)
     }
 
-    /// The loops of the edges that have no partner in their objects, object by object; they may take so many bytes of memory.
-    pub(super) fn loops(self, path: &Path, memory: u64, progress: &dyn Progress) -> Result<Vec<Loop>> {
+    /// The loops of the edges that have no partner in their objects, object by object; they may take so many bytes of memory. Open edges of
+    /// different objects that match join these to one: patches of one surface.
+    pub(super) fn loops(self, path: &Path, memory: u64, progress: &dyn Progress) -> Result<Open> {
         // Edges that faces which close the surface would have, with the objects: object, from, to, part.
         let mut open: Vec<(u32, OpenEdge)> = Vec::new();
         let most = (memory / 160).max(1 << 12) as usize;
@@ -63,20 +84,31 @@ impl Boundary {
             limit: memory,
             advice: "allow more with --memory".into(),
         };
+        let mut groups = Groups::default();
         let mut same: Vec<SortedEdge> = Vec::new();
         let mut settle = |same: &mut Vec<SortedEdge>| {
             // (Different edges with one number are next to impossible, and do no harm.)
-            sort::by(same, &mut |a, b| (a.1, a.2, a.3, a.4).cmp(&(b.1, b.2, b.3, b.4)));
-            for edges in same.chunk_by(|a, b| (a.1, a.2) == (b.1, b.2)) {
-                let forward = edges.iter().filter(|edge| edge.3).count();
-                let backward = edges.len() - forward;
-                let (_, object, [low, high], _, part) = edges[0];
-                for _ in backward..forward {
-                    open.push((object, (high, low, part)));
+            // (By ends first.)
+            sort::by(same, &mut |a, b| (a.2, a.1, a.3, a.4, a.5).cmp(&(b.2, b.1, b.3, b.4, b.5)));
+            for edges in same.chunk_by(|a, b| a.2 == b.2) {
+                let (mut there, mut back) = (Vec::new(), Vec::new());
+                for edges in edges.chunk_by(|a, b| a.1 == b.1) {
+                    let forward = edges.iter().filter(|edge| edge.3).count();
+                    let backward = edges.len() - forward;
+                    let (_, object, _, _, part, normal) = edges[0];
+                    there.extend((backward..forward).map(|_| (object, part, normal)));
+                    back.extend((forward..backward).map(|_| (object, part, normal)));
                 }
-                for _ in forward..backward {
-                    open.push((object, (low, high, part)));
-                }
+                let [low, high] = edges[0].2;
+                there.retain(|one| {
+                    let found = back.iter().position(|other| goes_on(one.2, other.2));
+                    if let Some(found) = found {
+                        groups.join(one.0, back.remove(found).0);
+                    }
+                    found.is_none()
+                });
+                open.extend(there.iter().map(|(object, part, _)| (*object, (high, low, *part))));
+                open.extend(back.iter().map(|(object, part, _)| (*object, (low, high, *part))));
             }
             same.clear();
             if open.len() > most { Err(too_many()) } else { Ok(()) }
@@ -93,17 +125,56 @@ impl Boundary {
             if same.first().is_some_and(|edge| edge.0 != key) {
                 settle(&mut same)?;
             }
-            same.push((key, number(40), [point(8), point(20)], number(32) == 1, number(36)));
+            let normal = [44, 48, 52].map(&number);
+            same.push((key, number(40), [point(8), point(20)], number(32) == 1, number(36), normal));
             Ok(())
         })?;
         settle(&mut same)?;
+        for (object, _) in &mut open {
+            *object = groups.group(*object);
+        }
         // (Stable: edges of an object stay in their order.)
         sort::by_key(&mut open, |(object, _)| (*object).into());
         let mut loops = Vec::new();
         for edges in open.chunk_by(|a, b| a.0 == b.0) {
             loops.extend(chain(edges.iter().map(|(_, edge)| *edge).collect(), progress)?);
         }
-        Ok(loops)
+        Ok(Open { loops, groups })
+    }
+}
+
+/// The boundaries of a surface.
+pub(super) struct Open {
+    pub(super) loops: Vec<Loop>,
+    pub(super) groups: Groups,
+}
+
+/// Objects whose open edges match, as one: each has the number of the least of them.
+#[derive(Default)]
+pub(super) struct Groups {
+    /// Of an object that is not the least: a lesser one.
+    joined: BTreeMap<u32, u32>,
+}
+
+impl Groups {
+    /// Whether no objects were joined.
+    pub(super) fn is_empty(&self) -> bool {
+        self.joined.is_empty()
+    }
+
+    /// The number of an object's group.
+    pub(super) fn group(&self, mut object: u32) -> u32 {
+        while let Some(lesser) = self.joined.get(&object) {
+            object = *lesser;
+        }
+        object
+    }
+
+    fn join(&mut self, one: u32, other: u32) {
+        let (one, other) = (self.group(one), self.group(other));
+        if one != other {
+            self.joined.insert(one.max(other), one.min(other));
+        }
     }
 }
 
@@ -201,6 +272,9 @@ impl Loop {
 mod tests {
     use super::*;
 
+    /// No normal.
+    const FLAT: [u32; 3] = [0; 3];
+
     #[test]
     fn edges_without_partners_become_loops() {
         let square = |z: i32| [[0, 0, z], [4, 0, z], [4, 4, z], [0, 4, z]];
@@ -208,29 +282,53 @@ mod tests {
         for z in [0, 9] {
             // A square, and a triangle that shares an edge with it.
             let ring = square(z);
-            (0..4).for_each(|i| boundary.add(ring[i], ring[(i + 1) % 4], 7, 0).unwrap());
+            (0..4).for_each(|i| boundary.add([ring[i], ring[(i + 1) % 4]], 7, 0, FLAT).unwrap());
             let wing = [ring[1], ring[0], [2, -3, z]];
-            (0..3).for_each(|i| boundary.add(wing[i], wing[(i + 1) % 3], 7, 0).unwrap());
+            (0..3).for_each(|i| boundary.add([wing[i], wing[(i + 1) % 3]], 7, 0, FLAT).unwrap());
         }
-        let loops = boundary.loops(Path::new("x"), 1 << 20, &()).unwrap();
+        let loops = boundary.loops(Path::new("x"), 1 << 20, &()).unwrap().loops;
         assert_eq!(loops.iter().map(|hole| (hole.points.len(), hole.part)).collect::<Vec<_>>(), [(5, 7); 2]);
         assert_eq!(loops[0].triangles().len(), 3);
     }
 
-    /// Edges that one object lacks are not those of another one beside it.
+    /// Objects that lack the same edge have loops of their own; those with matching open edges are patches of one surface.
     #[test]
-    fn objects_have_loops_of_their_own() {
-        let mut boundary = Boundary::new(&std::env::temp_dir(), 1 << 20);
+    fn objects_with_matching_open_edges_are_joined() {
         let ring = [[0, 0, 0], [4, 0, 0], [0, 4, 0]];
-        for i in 0..3 {
-            boundary.add(ring[i], ring[(i + 1) % 3], 0, 0).unwrap();
-            boundary.add(ring[(i + 1) % 3], ring[i], 1, 1).unwrap();
-        }
-        let loops = boundary.loops(Path::new("x"), 1 << 20, &()).unwrap();
-        assert_eq!(
-            loops.iter().map(|hole| (hole.points.len(), hole.part)).collect::<Vec<_>>(),
-            [(3, 0), (3, 1)]
-        );
+        let of = |is_turned: bool, more: bool| {
+            let mut boundary = Boundary::new(&std::env::temp_dir(), 1 << 20);
+            for i in 0..3 {
+                let (from, to) = (ring[i], ring[(i + 1) % 3]);
+                boundary.add([from, to], 0, 0, FLAT).unwrap();
+                let (from, to) = if is_turned { (to, from) } else { (from, to) };
+                boundary.add([from, to], 1, 1, FLAT).unwrap();
+            }
+            if more {
+                let wing = [[4, 0, 0], [0, 0, 0], [2, 9, 9]];
+                (0..3).for_each(|i| boundary.add([wing[i], wing[(i + 1) % 3]], 2, 2, FLAT).unwrap());
+            }
+            let open = boundary.loops(Path::new("x"), 1 << 20, &()).unwrap();
+            let loops: Vec<_> = open.loops.iter().map(|hole| (hole.points.len(), hole.part)).collect();
+            (loops, [0, 1, 2].map(|object| open.groups.group(object)))
+        };
+        assert_eq!(of(false, false), (vec![(3, 0), (3, 1)], [0, 1, 2]));
+        assert_eq!(of(true, false), (vec![], [0, 0, 2]));
+        // (Edges of three: the least two of them that match are a pair.)
+        let (loops, groups) = of(true, true);
+        assert_eq!((loops.len(), groups[..2].to_vec()), (1, vec![0, 0]));
+    }
+
+    /// Walls back to back have edges in common, and are no patches of one surface.
+    #[test]
+    fn walls_of_neighbours_are_not_joined() {
+        let mut boundary = Boundary::new(&std::env::temp_dir(), 1 << 20);
+        let (from, to) = ([0, 0, 0], [4, 0, 0]);
+        let along_y = |y: f32| [0, y.to_bits(), 0];
+        boundary.add([from, to], 0, 0, along_y(1.0)).unwrap();
+        boundary.add([to, from], 1, 1, along_y(-1.0)).unwrap();
+        let open = boundary.loops(Path::new("x"), 1 << 20, &()).unwrap();
+        assert_eq!([0, 1].map(|object| open.groups.group(object)), [0, 1]);
+        assert!(goes_on(along_y(1.0), along_y(1.0)) && goes_on([0; 3], along_y(-1.0)));
     }
 
     /// Two loops that share a corner are two.
@@ -238,9 +336,9 @@ mod tests {
     fn loops_that_touch_are_taken_apart() {
         let mut boundary = Boundary::new(&std::env::temp_dir(), 1 << 20);
         for ring in [[[0, 0, 0], [4, 0, 0], [0, 4, 0]], [[0, 0, 0], [-4, 0, 0], [0, -4, 0]]] {
-            (0..3).for_each(|i| boundary.add(ring[i], ring[(i + 1) % 3], 0, 0).unwrap());
+            (0..3).for_each(|i| boundary.add([ring[i], ring[(i + 1) % 3]], 0, 0, FLAT).unwrap());
         }
-        let loops = boundary.loops(Path::new("x"), 1 << 20, &()).unwrap();
+        let loops = boundary.loops(Path::new("x"), 1 << 20, &()).unwrap().loops;
         assert_eq!(loops.iter().map(|hole| hole.points.len()).collect::<Vec<_>>(), [3, 3]);
     }
 }

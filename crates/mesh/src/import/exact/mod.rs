@@ -4,15 +4,16 @@ mod boundary;
 mod contacts;
 mod objects;
 mod snap;
+mod sums;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use self::boundary::{Boundary, Loop, edges};
+use self::boundary::{Boundary, Loop, Open};
 use self::objects::Objects;
 use self::snap::Snapper;
-use super::solid::closure::Closure;
-use super::solid::{bounds, common_crs, flat_faces, provenance};
+use self::sums::{ObjectSums, compare};
+use super::solid::{bounds, cell_volume, common_crs, flat_faces, provenance};
 use super::{Model, ModelInfo};
 use spinney_base::io::{Output, folder};
 use spinney_base::space::Up;
@@ -34,7 +35,7 @@ pub use self::objects::SkippedObject;
 pub struct ExactOptions {
     /// Width of the grid's steps, in units of the models; otherwise that of the files' own grid, if they have one
     /// (CityJSON, exact models) that is not too fine, or the least power of two with which the longest side has at most
-    /// about 2^26 steps.
+    /// about 2^24 steps.
     pub snap: Option<f64>,
     /// Whether open surfaces are closed by triangles over their boundaries.
     pub close: bool,
@@ -108,6 +109,9 @@ pub struct ExactReport {
     pub closed: (u64, u64),
     /// Counts of the repair, if one was wanted.
     pub repair: Option<Repair>,
+    /// The volume of the models' cells, by winding numbers with 128 of them along the longest side, where the surface was repaired
+    /// or closed, and how far that may be off.
+    pub cells: Option<[f64; 2]>,
     /// The furthest that a corner was moved to the grid, in the models' unit.
     pub displacement: f64,
     /// The grid.
@@ -162,34 +166,54 @@ pub fn import_exact(
     let place = folder(output.path()).to_path_buf();
     let mut target = Target::new(output, &path, &grid, options)?;
     let mut snapper = Snapper::new(grid.clone(), options.up);
-    // (Objects are closed one by one; where nobody asks for it, several may bound a body together.)
-    let object = |face: &Face<'_>| if options.close { objects.object(face.part) } else { 0 };
-    let mut closures: BTreeMap<u32, Closure> = BTreeMap::new();
+    let mut sums = ObjectSums::default();
     read(&mut models, &objects, &mut snapper, &work.part(1), &mut |face, values| {
-        let closure = closures.entry(object(face)).or_default();
-        edges(face).for_each(|[from, to]| closure.add_edge(from, to));
+        sums.add(objects.object(face.part), face);
         target.push(face, values)
     })?;
     let counts = snapper.planar.counts;
     let mut faces = counts.faces;
     let mut closed = (0, 0);
+    // (Cells take patches of one surface for objects of their own: their volumes are not comparable then.)
+    let mut is_joined = false;
     // Parts of the triangles that close boundaries.
     let mut closing: Vec<u32> = Vec::new();
-    if closures.values().any(|closure| !closure.is_closed()) {
+    // (Objects are closed one by one, but for patches of one surface; without --close, several may bound a body together.)
+    let object = |face: &Face<'_>| if options.close { objects.object(face.part) } else { 0 };
+    if !sums.are_closed(options.close) {
         let mut boundary = Boundary::new(&place, options.memory / 4);
         let mut again = Snapper::new(grid.clone(), options.up);
         read(&mut models, &objects, &mut again, &SilentProgress(progress), &mut |face, _| {
             boundary.add_face(face, object(face))
         })?;
-        let loops = boundary.loops(&path, options.memory / 4, progress)?;
+        let Open { loops, groups } = boundary.loops(&path, options.memory / 4, progress)?;
         if !options.close {
             return Err(open_surface(&path, &grid, &objects, &loops));
         }
-        closing = target.close(&loops, &snapper, progress)?;
+        is_joined = !groups.is_empty();
+        sums.join(&groups);
+        closing = target.close(&loops, &snapper, progress, &mut |face| {
+            sums.add(groups.group(objects.object(face.part)), face);
+        })?;
         closed = (loops.len() as u64, closing.len() as u64);
         faces += closed.1;
     }
+    if !options.repair {
+        sums.check(&path, &objects)?;
+    }
     let (mut builder, repaired) = target.repaired(options.inside, &work.part(REPAIR_PASSES))?;
+    let volume = repaired.map_or(sums.volume(&grid), |done| done.volume);
+    let is_changed = !is_joined && (closed.0 > 0 || repaired.is_some_and(|done| !done.is_nothing()));
+    let cells = match is_changed.then(|| sums.bounds(&grid)).flatten() {
+        Some(bounds) => {
+            let chosen = (objects.some(), bounds);
+            let frame = (options.up, crs.clone());
+            let found = cell_volume(&mut models, chosen, frame, options.memory, &place, progress)?;
+            compare(volume, found, &path, progress)?;
+            found
+        }
+        None => None,
+    };
     let (mut first, mut with_attributes) = (0, 0);
     for ModelInfo { parts, attributes, .. } in models.iter().map(|model| model.info()) {
         for (part, name) in (0..).zip(parts).filter(|(part, _)| objects.number(first + part).is_some()) {
@@ -258,6 +282,7 @@ pub fn import_exact(
         lost_values,
         closed,
         repair: repaired,
+        cells: cells.map(|cells| [cells.volume, cells.error]),
         displacement,
         grid,
         unit,
@@ -369,11 +394,18 @@ impl Target {
     }
 
     /// Adds triangles over boundaries, after the faces that were counted; returns the part of each.
-    fn close(&mut self, loops: &[Loop], snapper: &Snapper, progress: &dyn Progress) -> Result<Vec<u32>> {
+    fn close(
+        &mut self,
+        loops: &[Loop],
+        snapper: &Snapper,
+        progress: &dyn Progress,
+        each: &mut dyn FnMut(&Face<'_>),
+    ) -> Result<Vec<u32>> {
         let mut parts = Vec::new();
         let first = (snapper.planar.counts.faces, snapper.read);
         boundary::close(loops, first, snapper.planar.is_coloured, progress, &mut |face| {
             parts.push(face.part);
+            each(face);
             self.push(face, &[])
         })?;
         Ok(parts)

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::super::Model;
 use super::ExactOptions;
-use super::boundary::{self, Boundary};
+use super::boundary::{self, Boundary, Groups};
 use spinney_base::{Error, Progress, Result, parallel};
 use spinney_brep::{Face, FaceList, Faces, body_flaw};
 
@@ -71,6 +71,11 @@ impl Objects {
         self.numbers.get(part as usize).copied().flatten()
     }
 
+    /// The parts that are taken, if these are not all.
+    pub(super) fn some(&self) -> Option<BTreeSet<u32>> {
+        (self.taken.len() < self.parts.len()).then(|| self.taken.iter().copied().collect())
+    }
+
     /// Names of all parts, by the numbers of objects.
     pub(super) fn names(&self) -> Vec<String> {
         self.parts.iter().map(|(name, _)| name.clone()).collect()
@@ -100,7 +105,12 @@ impl Objects {
         path: &Path,
         progress: &dyn Progress,
     ) -> Result<Vec<SkippedObject>> {
-        let object = |face: &Face<'_>| self.object(face.part);
+        // (Patches of one surface are one body.)
+        let groups = match options.close {
+            true => self.groups(faces, path, options.memory / 4, progress)?,
+            false => Groups::default(),
+        };
+        let object = |face: &Face<'_>| groups.group(self.object(face.part));
         let mut order: Vec<u32> = (0..faces.len() as u32).collect();
         spinney_base::sort::by_key(&mut order, |face| object(&faces.get(*face as usize)).into());
         let runs: Vec<&[u32]> = order
@@ -126,9 +136,13 @@ impl Objects {
             let Some(why) = flaw? else { continue };
             let number = object(&faces.get(run[0] as usize));
             bad.insert(number);
-            skipped.push(SkippedObject { name: self.parts[number as usize].0.clone(), why });
+            let own: BTreeSet<u32> =
+                run.iter().map(|face| self.object(faces.get(*face as usize).part)).collect();
+            let name = |object: u32| self.parts[object as usize].0.clone();
+            skipped
+                .extend(own.into_iter().map(|object| SkippedObject { name: name(object), why: why.clone() }));
         }
-        if skipped.len() == runs.len() {
+        if bad.len() == runs.len() {
             let places = skipped.iter().take(100).map(|object| format!("{}: {}", object.name, object.why));
             return Err(Error::NotASolid {
                 path: path.to_path_buf(),
@@ -140,8 +154,20 @@ impl Objects {
         }
         let taken: BTreeSet<u32> = self.taken.iter().copied().collect();
         let objects: Vec<u32> = self.parts.iter().map(|(_, object)| *object).collect();
-        self.take(&|part| taken.contains(&part) && !bad.contains(&objects[part as usize]));
+        self.take(&|part| taken.contains(&part) && !bad.contains(&groups.group(objects[part as usize])));
         Ok(skipped)
+    }
+}
+
+impl Objects {
+    /// Which objects close each other.
+    fn groups(&self, faces: &FaceList, path: &Path, memory: u64, progress: &dyn Progress) -> Result<Groups> {
+        let mut boundary = Boundary::new(&std::env::temp_dir(), memory);
+        (0..faces.len() as usize).try_for_each(|number| {
+            let face = faces.get(number);
+            boundary.add_face(&face, self.object(face.part))
+        })?;
+        Ok(boundary.loops(path, memory, progress)?.groups)
     }
 }
 
@@ -149,7 +175,7 @@ impl Objects {
 fn close(faces: &mut FaceList, path: &Path, memory: u64, progress: &dyn Progress) -> Result<()> {
     let mut boundary = Boundary::new(&std::env::temp_dir(), memory / 4);
     (0..faces.len() as usize).try_for_each(|number| boundary.add_face(&faces.get(number), 0))?;
-    let loops = boundary.loops(path, memory / 4, progress)?;
+    let loops = boundary.loops(path, memory / 4, progress)?.loops;
     boundary::close(&loops, (faces.len(), u64::MAX), faces.is_coloured(), progress, &mut |face| {
         faces.push(face);
         Ok(())

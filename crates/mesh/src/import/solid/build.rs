@@ -361,7 +361,7 @@ impl SolidImport {
 
 /// Triangles of all models that were kept, and counts of all faces.
 pub(super) struct Read {
-    triangles: Triangles,
+    pub(super) triangles: Triangles,
     /// Those that have no area on the grid, but edges that others end at.
     slivers: Triangles,
     faces: u64,
@@ -371,7 +371,7 @@ pub(super) struct Read {
     repaired: u64,
     duplicates: u64,
     displacement: f64,
-    closure: Closure,
+    pub(super) closure: Closure,
 }
 
 /// State of the reading of faces, with buffers that are used again for each face.
@@ -411,6 +411,10 @@ impl<'k> Reading<'k> {
         first_part: u32,
         [triangles, slivers]: &mut [Collector; 2],
     ) -> Result<()> {
+        let part = first_part + face.part;
+        if import.only.as_ref().is_some_and(|only| !only.contains(&(part - 1))) {
+            return Ok(());
+        }
         self.faces += 1;
         self.snapped.clear();
         for point in face.points {
@@ -419,7 +423,6 @@ impl<'k> Reading<'k> {
             self.displacement = self.displacement.max(import.grid.displacement(point, snapped));
             self.snapped.push(snapped);
         }
-        let part = first_part + face.part;
         let attribute = match import.options.attribute {
             Attribute::Occupancy => 0,
             Attribute::Colour => mean_colour(face.colours),
@@ -430,7 +433,10 @@ impl<'k> Reading<'k> {
         let mut is_collapsed = true;
         let mut push = |corners: [[i32; 3]; 3]| {
             self.closure.add(corners);
-            let triangle = Triangle { corners, attribute, part };
+            let mut triangle = Triangle { corners, attribute, part };
+            if import.options.shell {
+                triangle.leave_wall(&import.grid, import.extent);
+            }
             if triangle.normal() != [0; 3] {
                 self.collapsed -= u64::from(std::mem::take(&mut is_collapsed));
                 self.count += 1;

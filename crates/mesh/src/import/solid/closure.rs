@@ -32,6 +32,12 @@ impl Closure {
         self.undirected ^= number;
     }
 
+    /// Adds the edges of another surface.
+    pub(in crate::import) fn append(&mut self, other: &Closure) {
+        self.directed = self.directed.wrapping_add(other.directed);
+        self.undirected ^= other.undirected;
+    }
+
     /// Whether every edge has its opposite: winding numbers are then whole and exact.
     pub(in crate::import) fn is_closed(&self) -> bool {
         self.directed == 0

@@ -59,14 +59,38 @@ impl Triangle {
     }
 }
 
+impl Triangle {
+    /// Moves a triangle that lies exactly in a wall between cells to the middle of those that it is of: the cells on its inner
+    /// side, and where the tree has no cell there those in front of it.
+    pub(super) fn leave_wall(&mut self, grid: &Grid, extent: [u64; 3]) {
+        let cell = grid.cell();
+        let Some(axis) = (0..3).find(|axis| self.min(*axis) == self.max(*axis)) else { return };
+        let at = self.min(axis);
+        if at.rem_euclid(cell) != 0 {
+            return;
+        }
+        let end = i64::from(cell) * extent[axis] as i64;
+        let is_inside_below = match self.normal()[axis] {
+            _ if at == 0 => false,
+            _ if i64::from(at) == end => true,
+            normal => normal > 0,
+        };
+        let step = if is_inside_below { -cell / 2 } else { cell / 2 };
+        self.corners.iter_mut().for_each(|corner| corner[axis] += step);
+    }
+}
+
 /// The grid over a tree's space: `2^fraction` steps along a cell.
 #[derive(Clone, Debug)]
 pub(super) struct Grid {
     pub(super) depth: u8,
     pub(super) fraction: u8,
     pub(super) frame: Frame,
-    /// Rows of the map from the world to grid steps.
-    matrix: [[f64; 4]; 3],
+    /// The world's coordinates of the first cell's first corner: they are subtracted before anything is multiplied, so that
+    /// differences of coordinates far from the world's origin keep all of their bits.
+    origin: [f64; 3],
+    /// Rows of the map from there to grid steps.
+    matrix: [[f64; 3]; 3],
 }
 
 impl Grid {
@@ -75,22 +99,19 @@ impl Grid {
         let steps = (1u64 << fraction) as f64;
         let unmappable =
             || Error::invalid("frame", format!("{:?}", frame.matrix), "a map that can be inverted");
-        let origin = frame.to_cells([0.0; 3]).ok_or_else(unmappable)?;
-        let mut matrix = [[0.0; 4]; 3];
+        let origin = frame.matrix.map(|row| row[3]);
+        let mut linear = frame.clone();
+        linear.matrix.iter_mut().for_each(|row| row[3] = 0.0);
+        let mut matrix = [[0.0; 3]; 3];
         for axis in 0..3 {
             let mut unit = [0.0; 3];
             unit[axis] = 1.0;
-            let image = frame.to_cells(unit).ok_or_else(unmappable)?;
+            let image = linear.to_cells(unit).ok_or_else(unmappable)?;
             for row in 0..3 {
-                matrix[row][axis] = (image[row] - origin[row]) * steps;
+                matrix[row][axis] = image[row] * steps;
             }
         }
-        // Where cells lie along the world's axes the origin must come out exactly, or boxes on the grid would
-        // not.
-        for row in 0..3 {
-            matrix[row][3] = origin[row] * steps;
-        }
-        Ok(Grid { depth, fraction, frame, matrix })
+        Ok(Grid { depth, fraction, frame, origin, matrix })
     }
 
     /// Grid steps along a cell.
@@ -110,12 +131,14 @@ impl Grid {
     /// # Errors
     /// If it lies outside the space by more than the space is wide.
     #[inline]
-    pub(super) fn snap(&self, path: &Path, [x, y, z]: [f64; 3]) -> Result<[i32; 3]> {
+    pub(super) fn snap(&self, path: &Path, vertex: [f64; 3]) -> Result<[i32; 3]> {
         let space = (1i64 << (self.depth + self.fraction)) as f64;
-        let at = self.matrix.map(|m| (m[0] * x + m[1] * y + m[2] * z + m[3]).round_ties_even());
+        let [x, y, z] = [0, 1, 2].map(|axis| vertex[axis] - self.origin[axis]);
+        let at = self.matrix.map(|m| (m[0] * x + m[1] * y + m[2] * z).round_ties_even());
         if at.iter().all(|at| -space <= *at && *at <= 2.0 * space) {
             return Ok(at.map(|at| at as i32));
         }
+        let [x, y, z] = vertex;
         Err(Error::corrupt(
             path,
             "vertices",
@@ -127,7 +150,12 @@ impl Grid {
     /// How far a vertex was moved, in the models' unit.
     pub(super) fn displacement(&self, vertex: [f64; 3], snapped: [i32; 3]) -> f64 {
         let cell = f64::from(self.cell());
-        let there = self.frame.to_world(snapped.map(|at| f64::from(at) / cell));
-        (0..3).map(|axis| (there[axis] - vertex[axis]).powi(2)).sum::<f64>().sqrt()
+        let at = snapped.map(|at| f64::from(at) / cell);
+        let moved = |axis: usize| {
+            let row = self.frame.matrix[axis];
+            let there = row[0] * at[0] + row[1] * at[1] + row[2] * at[2];
+            (there - (vertex[axis] - self.origin[axis])).powi(2)
+        };
+        (0..3).map(moved).sum::<f64>().sqrt()
     }
 }

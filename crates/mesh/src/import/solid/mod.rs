@@ -25,6 +25,7 @@ mod tests;
 mod triangles;
 mod union;
 mod units;
+mod volume;
 mod windings;
 
 pub(super) use build::provenance;
@@ -33,3 +34,4 @@ pub use inside::Attribute;
 pub use plan::{DEFAULT_MEMORY, FittedCells, Resolution, SolidImport, SolidOptions, fit_cells, plan_models};
 pub(super) use plan::{bounds, common_crs, flat_faces};
 pub use survey::{SolidSurvey, SurfaceAtPoint, SurveyedNode, plan_part};
+pub(super) use volume::{CellVolume, cell_volume};

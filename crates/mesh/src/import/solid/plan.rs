@@ -1,5 +1,6 @@
 //! Plans of solids: from models and options to the grid of cells.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use super::grid::Grid;
@@ -111,6 +112,8 @@ pub struct SolidImport {
     pub(super) bounds: [[f64; 3]; 2],
     /// Cells along each axis that can be other than VOID.
     pub(super) extent: [u64; 3],
+    /// Numbers of the parts whose faces count, those of one model after those of the one before; otherwise all.
+    pub(super) only: Option<BTreeSet<u32>>,
     /// Knowledge of the whole surface, where a part of the tree is to be made.
     pub(super) survey: Option<SolidSurvey>,
     description: Vec<(&'static str, String)>,
@@ -176,7 +179,7 @@ pub(super) fn plan_in(
     let lattice = Lattice::new([0; 3], grid.fraction);
     let description = describe(&models, options, &grid, extent);
     let options = options.clone();
-    Ok(SolidImport { models, options, grid, lattice, bounds, extent, survey: None, description })
+    Ok(SolidImport { models, options, grid, lattice, bounds, extent, only: None, survey: None, description })
 }
 
 /// Fails if the options do not fit the models.
@@ -297,6 +300,9 @@ pub fn fit_cells([min, max]: [[f64; 3]; 2], options: &SolidOptions) -> Result<Fi
     // What a model reaches into a cell by less than this part of it is rounding, of decimals in files as in what was
     // computed from them: about a step of the finest grid.
     const TOUCH: f64 = 1e-6;
+    // Far from the origin, in cells, numbers of cells are rounded by more.
+    let touch = |cells: f64| TOUCH.max(cells.abs() * ROUNDINGS * f64::EPSILON);
+    const ROUNDINGS: f64 = 4.0;
     // A flat surface in a wall between cells would cut none: it is laid through the middle of its cells.
     let around = |cell: f64| -> [f64; 3] {
         let is_moved = |axis: usize| options.marks_cut_cells() && size[axis] == 0.0;
@@ -318,9 +324,11 @@ pub fn fit_cells([min, max]: [[f64; 3]; 2], options: &SolidOptions) -> Result<Fi
             if !(cell.is_finite() && *cell > 0.0) {
                 return Err(Error::invalid("cell", cell.to_string(), "a width above zero"));
             }
-            let origin = min.map(|min| (min / cell + TOUCH).floor() * cell);
-            let along =
-                |axis: usize| ((max[axis] - origin[axis]) / cell - TOUCH).ceil().clamp(1.0, 1e18) as u64;
+            let origin = min.map(|min| (min / cell + touch(min / cell)).floor() * cell);
+            let along = |axis: usize| {
+                let cells = (max[axis] - origin[axis]) / cell - touch(max[axis] / cell);
+                cells.ceil().clamp(1.0, 1e18) as u64
+            };
             (*cell, origin, count((0..3).map(along).max().unwrap_or(1))?)
         }
         Resolution::Like(frame, depth) => {
@@ -329,7 +337,8 @@ pub fn fit_cells([min, max]: [[f64; 3]; 2], options: &SolidOptions) -> Result<Fi
         }
     };
     let extent = std::array::from_fn(|axis| {
-        (((max[axis] - origin[axis]) / cell - TOUCH).ceil().max(1.0) as u64).min(longest_cells)
+        let cells = (max[axis] - origin[axis]) / cell - touch(max[axis] / cell);
+        (cells.ceil().max(1.0) as u64).min(longest_cells)
     });
     let mut frame = Frame::identity();
     for (axis, row) in frame.matrix.iter_mut().enumerate() {

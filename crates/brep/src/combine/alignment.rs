@@ -1,0 +1,164 @@
+//! Operands whose grids have no unit in common: which unit all of them can have, and the operands on it.
+
+use std::path::{Path, PathBuf};
+
+use super::placed::{bounds, world_box};
+use crate::motion::regrid;
+use crate::{ExactModel, Faces, Grid, MAX_BITS};
+use spinney_base::io::{FileAccess, Output};
+use spinney_base::{Error, Progress, Result};
+use tempfile::TempDir;
+
+/// Operands on grids of one unit: those that were not there are moved, in temporary files.
+pub(super) struct Aligned {
+    /// Of each operand: the moved one, if it was moved.
+    moved: Vec<Option<usize>>,
+    models: Vec<ExactModel>,
+    /// The furthest that a corner was moved, in the models' unit of length.
+    pub(super) displacement: f64,
+    /// (Removed after the models are closed.)
+    _directory: TempDir,
+}
+
+impl Aligned {
+    /// Moves as few operands as possible, each by as little as possible: the unit is that of one of the operands, multiplied or divided by a
+    /// power of two.
+    pub(super) fn of(
+        models: &[&ExactModel],
+        directory: &Path,
+        access: &FileAccess,
+        memory: u64,
+        progress: &dyn Progress,
+    ) -> Result<Aligned> {
+        let unit = common_unit(models)?;
+        let directory =
+            tempfile::tempdir_in(directory).map_err(Error::io(directory, "make a temporary directory"))?;
+        let (mut moved, mut found) = (Vec::new(), Vec::new());
+        let mut displacement = 0.0f64;
+        for (index, model) in models.iter().enumerate() {
+            if let Some(same) = models[..index].iter().position(|other| std::ptr::eq(*other, *model)) {
+                moved.push(moved[same]);
+                continue;
+            }
+            if model.grid().steps_of(&unit).is_some() {
+                moved.push(None);
+                continue;
+            }
+            let path: PathBuf = directory.path().join(format!("{index}.goblin"));
+            let output = || Output::create(&path);
+            let by = regrid(model, &unit, &output, memory, progress)
+                .map_err(|error| unlike(error, model, &unit))?;
+            displacement = displacement.max(by);
+            moved.push(Some(found.len()));
+            found.push(ExactModel::open(&path, &access.into())?.named(model.path()));
+        }
+        let units: Vec<String> = distinct(models).iter().map(|grid| grid.width().to_string()).collect();
+        let text = format!(
+            "{} of {} models were moved to a common grid of unit {}, by {displacement} at most: their own units are {} \
+             (build all of them with one --snap to choose it)",
+            moved.iter().flatten().count(),
+            models.len(),
+            unit.width(),
+            shortened(&units)
+        );
+        let first = moved.iter().position(Option::is_some).unwrap_or(0);
+        progress.warn(models[first].path(), &text);
+        Ok(Aligned { moved, models: found, displacement, _directory: directory })
+    }
+
+    /// The operands, in the order of the original ones.
+    pub(super) fn models<'a>(&'a self, originals: &[&'a ExactModel]) -> Vec<&'a ExactModel> {
+        let moved = self.moved.iter().zip(originals);
+        moved.map(|(moved, original)| moved.map_or(*original, |index| &self.models[index])).collect()
+    }
+}
+
+/// Grids of different units.
+fn distinct<'a>(models: &[&'a ExactModel]) -> Vec<&'a Grid> {
+    let mut grids: Vec<&Grid> = models.iter().map(|model| model.grid()).collect();
+    let key = |grid: &Grid| (grid.width(), grid.step, grid.divisor);
+    grids.sort_by(|a, b| key(a).partial_cmp(&key(b)).unwrap_or(std::cmp::Ordering::Equal));
+    grids.dedup_by(|a, b| key(a) == key(b));
+    grids
+}
+
+/// Bits of coordinates that are left for further operands where no grid needs them.
+const SPARE_BITS: u8 = 2;
+
+/// Names of some units.
+fn shortened(units: &[String]) -> String {
+    /// Units that are listed.
+    const MAX_UNITS: usize = 4;
+    let more = if units.len() > MAX_UNITS { ", ..." } else { "" };
+    format!("{}{more}", units[..units.len().min(MAX_UNITS)].join(", "))
+}
+
+/// A grid over all models, of the unit at which most of them stay as they are: of several, the finest.
+fn common_unit(models: &[&ExactModel]) -> Result<Grid> {
+    let grids = distinct(models);
+    let mut all: Option<[[f64; 3]; 2]> = None;
+    for model in models {
+        let Some(corners) = bounds(model)? else { continue };
+        let own = world_box(model.grid(), corners);
+        let [low, high] = all.get_or_insert(own);
+        for axis in 0..3 {
+            low[axis] = low[axis].min(own[0][axis]);
+            high[axis] = high[axis].max(own[1][axis]);
+        }
+    }
+    // (Of models without faces, any unit is one.)
+    let all = all.unwrap_or([[0.0; 3]; 2]);
+    let longest = (0..3).map(|axis| all[1][axis] - all[0][axis]).fold(0.0, f64::max);
+    if !longest.is_finite() {
+        return Err(Error::invalid("models", "coordinates beyond all numbers", "smaller ones"));
+    }
+    let finest = grids[0].width();
+    let stay = |unit: &Grid| models.iter().filter(|model| model.grid().steps_of(unit).is_some()).count();
+    let candidates = grids.iter().filter_map(|grid| unit_over(all, grid, finest, longest));
+    let best = candidates.map(|unit| (stay(&unit), unit)).reduce(|best, other| {
+        let is_better = other.0 > best.0 || other.0 == best.0 && other.1.width() < best.1.width();
+        if is_better { other } else { best }
+    });
+    let no_unit = || Error::invalid("models", "bounds that no grid holds", "models of one region");
+    Ok(best.ok_or_else(no_unit)?.1)
+}
+
+/// The finest grid over a box whose unit is that of a grid by a power of two, and no finer than the finest unit or [`SPARE_BITS`] needs.
+fn unit_over(all: [[f64; 3]; 2], grid: &Grid, finest: f64, longest: f64) -> Option<Grid> {
+    let units = |bits: u8| longest / (1u64 << bits) as f64;
+    let least = finest.min(units(MAX_BITS - SPARE_BITS)).max(units(MAX_BITS));
+    let least = if least > 0.0 { least } else { finest };
+    let mut power = (least / grid.width()).log2().floor();
+    // (Origins may be large, and the box an exact multiple.)
+    for _ in 0..MAX_BITS + 4 {
+        let step = grid.step * power.exp2();
+        // (Of points alone, any unit is fine enough.)
+        if (step / grid.divisor).is_normal()
+            && let Some(unit) = Grid::fit(widened(all, step / grid.divisor), step, grid.divisor)
+        {
+            return Some(unit);
+        }
+        power += 1.0;
+    }
+    None
+}
+
+/// A box with space for corners that are moved to a grid, and for proxies of exact faces next to them.
+fn widened([low, high]: [[f64; 3]; 2], unit: f64) -> [[f64; 3]; 2] {
+    const UNITS: f64 = 2.0;
+    [low.map(|at| at - UNITS * unit), high.map(|at| at + UNITS * unit)]
+}
+
+/// What an error of an operand says that is too small, or too thin, for a grid that holds all of them.
+fn unlike(error: Error, model: &ExactModel, unit: &Grid) -> Error {
+    let Error::NotASolid { what, places, count, .. } = error else { return error };
+    let advice = "the models are too far apart, or too unlike in size, for one grid of 2^26 units: combine cells of them (build \
+                  without --brep), or those models with each other that are near";
+    Error::NotASolid {
+        path: model.path().to_path_buf(),
+        what: format!("on a grid of unit {}, which holds all models, {what}", unit.width()),
+        places,
+        count,
+        advice: advice.into(),
+    }
+}
