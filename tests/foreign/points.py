@@ -62,6 +62,7 @@ class Column:
     sample: str
     scale: tuple[float, float] | None = None
     description: str = ""
+    no_data: int | None = None
 
     def meant(self, stored: Number) -> Number:
         """The value that a stored one stands for."""
@@ -137,7 +138,7 @@ class Points:
         name, sample = b.text(), b.get("B")
         if sample >= len(SAMPLES):
             raise Unknown("a type of an attribute")
-        return Column(name, SAMPLES[sample], b.option(lambda: b.get("2d")), b.text())
+        return Column(name, SAMPLES[sample], b.option(lambda: b.get("2d")), b.text(), b.option(b.signed))
 
     def _read_nodes(self, b: Bytes) -> None:
         size = 16 + 32 * len(self.columns)
@@ -290,7 +291,8 @@ class Points:
         below: dict[Code, list[Node]] = {}
         for at, blocks in reversed(of_nodes.items()):
             for i, column in enumerate(self.columns):
-                values = [[point[i] for point in points if not math.isnan(point[i])] for points in blocks]
+                is_value = lambda value: not math.isnan(value) and ordered(value, column.sample) != column.no_data
+                values = [[point[i] for point in points if is_value(point[i])] for points in blocks]
                 # (Those of the nodes below are known to be true.)
                 more = [node.columns[i] for node in reversed(below.get(at, []))]
                 keys = [ordered(value, column.sample) for of in values for value in of]

@@ -13,16 +13,30 @@ pub struct PointAttribute {
     pub scale_offset: Option<(f64, f64)>,
     /// Its meaning in words, where the input tells it.
     pub description: String,
+    /// The number, in the order of [`ordered_number`], that encodes "no value", as in extra bytes of LAS: it is not counted in statistics, fulfils no
+    /// condition, and is NaN as a quantity.
+    pub no_data: Option<i64>,
 }
 
 impl PointAttribute {
     /// An attribute with a name and a type.
     pub fn new(name: impl Into<String>, sample: SampleType) -> PointAttribute {
-        PointAttribute { name: name.into(), sample, scale_offset: None, description: String::new() }
+        PointAttribute {
+            name: name.into(),
+            sample,
+            scale_offset: None,
+            description: String::new(),
+            no_data: None,
+        }
     }
 
-    /// The quantity that a number is.
-    pub(crate) fn quantity(&self, number: f64) -> f64 {
+    /// The quantity that a number is; NaN if it encodes "no value".
+    #[inline]
+    pub(crate) fn quantity(&self, number: i64) -> f64 {
+        if self.no_data == Some(number) {
+            return f64::NAN;
+        }
+        let number = to_f64(self.sample, number);
         self.scale_offset.map_or(number, |(scale, offset)| number * scale + offset)
     }
 }

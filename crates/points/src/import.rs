@@ -66,7 +66,7 @@ pub fn plan_files(
         [path] if is_point_table(path) => {
             let Table { points, mut remarks } = tables::open(path)?;
             let points = GriddedPoints::new(points)?;
-            remarks.extend(points.rounding().map(String::from));
+            remarks.extend(points.remarks());
             let remarks = remarks.into_iter().map(|remark| (path.clone(), remark)).collect();
             (Box::new(points), remarks)
         }

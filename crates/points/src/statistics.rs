@@ -95,16 +95,24 @@ impl Statistics {
         Statistics { points: 0, columns: vec![ColumnStatistics::NONE; columns] }
     }
 
-    /// Those of columns of numbers that are equally long.
+    /// Those of columns of numbers that are equally long. Numbers that encode "no value" are not counted.
     pub(crate) fn of(columns: &[Vec<i64>], attributes: &[PointAttribute]) -> Statistics {
-        let samples =
-            [SampleType::I32; 3].into_iter().chain(attributes.iter().map(|attribute| attribute.sample));
+        let samples = [(SampleType::I32, None); 3]
+            .into_iter()
+            .chain(attributes.iter().map(|attribute| (attribute.sample, attribute.no_data)));
         Statistics {
             points: columns[0].len() as u64,
             columns: columns
                 .iter()
                 .zip(samples)
-                .map(|(column, sample)| ColumnStatistics::of(column, sample))
+                .map(|(column, (sample, no_data))| match no_data {
+                    Some(no_data) if column.contains(&no_data) => {
+                        let values: Vec<i64> =
+                            column.iter().copied().filter(|number| *number != no_data).collect();
+                        ColumnStatistics::of(&values, sample)
+                    }
+                    _ => ColumnStatistics::of(column, sample),
+                })
                 .collect(),
         }
     }

@@ -93,6 +93,25 @@ pub fn real(word: &[u8]) -> Option<f64> {
     number.is_finite().then_some(number)
 }
 
+/// A number, or one of the words for those that are infinite or none: `nan`, `inf` and their relatives, also as Windows writes them (`-nan(ind)`,
+/// `1.#QNAN`, `-1.#INF`).
+pub fn real_or_none(word: &[u8]) -> Option<f64> {
+    if let Some(number) = real(word) {
+        return Some(number);
+    }
+    let word = str::from_utf8(word).ok()?.to_ascii_lowercase();
+    let (sign, rest) = match word.strip_prefix('-') {
+        Some(rest) => (-1.0, rest),
+        None => (1.0, word.strip_prefix('+').unwrap_or(&word)),
+    };
+    let rest = rest.strip_prefix("1.#").unwrap_or(rest);
+    match rest {
+        "inf" | "infinity" => Some(sign * f64::INFINITY),
+        "nan" | "qnan" | "snan" | "ind" => Some(f64::NAN),
+        _ => (rest.starts_with("nan(") && rest.ends_with(')')).then_some(f64::NAN),
+    }
+}
+
 /// A whole number.
 pub fn whole(word: &[u8]) -> Option<i64> {
     // Nearly all are short and have no sign.
@@ -125,6 +144,14 @@ mod tests {
             assert_eq!(whole(word), None, "{}", shown(word));
         }
         assert_eq!(real(b"-1.5e3"), Some(-1500.0));
+        assert_eq!(real_or_none(b"-1.5e3"), Some(-1500.0));
+        assert_eq!(real_or_none(b"-Inf"), Some(f64::NEG_INFINITY));
+        for word in [&b"nan"[..], b"NaN", b"-nan", b"-nan(ind)", b"1.#QNAN", b"-1.#IND"] {
+            assert!(real_or_none(word).is_some_and(f64::is_nan), "{}", shown(word));
+        }
+        for word in [&b"1e999"[..], b"nano", b"", b"in", b"1,5"] {
+            assert_eq!(real_or_none(word), None, "{}", shown(word));
+        }
         for word in [&b"nan"[..], b"inf", b"-Infinity", b"1e999", b"1,5", b"\xff"] {
             assert_eq!(real(word), None, "{}", shown(word));
         }

@@ -62,13 +62,14 @@ impl PointSink for CsvSink {
                 let number = points.columns[*column][point];
                 // (Writing to a text cannot fail.)
                 let _ = match (attribute.scale_offset, attribute.sample) {
+                    _ if attribute.no_data == Some(number) => write!(self.line, ","),
                     (None, SampleType::F32) => {
                         write!(self.line, ",{}", to_f64(attribute.sample, number) as f32)
                     }
                     (None, SampleType::U64) => write!(self.line, ",{}", number as u64 ^ 1 << 63),
                     (None, SampleType::F64) => write!(self.line, ",{}", to_f64(attribute.sample, number)),
                     (None, _) => write!(self.line, ",{number}"),
-                    (Some(_), sample) => write!(self.line, ",{}", attribute.quantity(to_f64(sample, number))),
+                    (Some(_), _) => write!(self.line, ",{}", attribute.quantity(number)),
                 };
             }
             self.end_line()?;

@@ -10,18 +10,28 @@ use laz::laszip::{ChunkTable, LazItemType};
 use spinney_base::guard::guard;
 use spinney_base::{Error, Result};
 
-/// How points are packed, by a record that must fit points of so many bytes.
-pub(super) fn unpacking(path: &Path, size: usize, record: &[u8]) -> Result<LazVlr> {
+/// Whether a record says that all points are one stream, without chunks and their table: the point-wise compressor of the first versions of LASzip.
+fn is_one_stream(record: &[u8]) -> bool {
+    record.starts_with(&1u16.to_le_bytes())
+}
+
+/// How points are packed, by a record that must fit points of so many bytes, and whether they are in chunks.
+pub(super) fn unpacking(path: &Path, size: usize, record: &[u8]) -> Result<(LazVlr, bool)> {
+    let is_one_stream = is_one_stream(record);
     let record = guard(path, "laszip record", || {
         LazVlr::from_buffer(record).map_err(|error| damaged(path, &error.to_string()))
     })?;
     if record.items_size() != size as u64 {
         return Err(damaged(path, &format!("items of {} bytes for points of {size}", record.items_size())));
     }
-    if record.chunk_size() == 0 {
+    if !is_one_stream && record.chunk_size() == 0 {
         return Err(damaged(path, "chunks of no points"));
     }
-    Ok(record)
+    // (A stream of layers has no point as it is in front, and no decoder.)
+    if is_one_stream && record.items().iter().any(|item| item.version() > 2) {
+        return Err(damaged(path, "layers of points without chunks"));
+    }
+    Ok((record, !is_one_stream))
 }
 
 pub(super) fn damaged(path: &Path, found: &str) -> Error {

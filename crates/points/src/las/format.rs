@@ -1,15 +1,40 @@
 //! Point formats of LAS: what stands where in a record.
 
-use crate::attribute::{PointAttribute, RowField, RowLayout};
+use crate::attribute::{PointAttribute, RowField, RowLayout, bytes_of, ordered, to_f64};
 use spinney_base::value::SampleType;
+
+/// The scan angle of point formats from 6 on, in units of 0.006 degrees, and that of older ones, in degrees.
+pub(crate) const SCAN_ANGLE: &str = "scan_angle";
+pub(crate) const SCAN_ANGLE_RANK: &str = "scan_angle_rank";
+
+/// A scan angle in degrees in units of 0.006 degrees.
+pub(crate) fn angle_of_rank(rank: i64) -> i64 {
+    (rank as f64 / 0.006).round() as i64
+}
 
 /// The greatest number of a point format.
 pub(crate) const MAX_FORMAT: u8 = 10;
 
-/// Collects the attributes of a record.
-struct Record(Vec<(PointAttribute, RowField)>);
+/// Collects the attributes of a record, and the names of extra dimensions that other attributes have already.
+struct Record(Vec<(PointAttribute, RowField)>, Vec<String>);
 
 impl Record {
+    /// A name of an extra dimension that no other attribute has, nor a coordinate.
+    fn free_name(&mut self, name: String) -> String {
+        let is_taken = |name: &str| {
+            name.is_empty()
+                || ["x", "y", "z"].iter().any(|axis| name.eq_ignore_ascii_case(axis))
+                || self.0.iter().any(|(other, _)| other.name == name)
+        };
+        if !is_taken(&name) {
+            return name;
+        }
+        let others = (2..).map(|number| format!("extra_{name}_{number}"));
+        let free = std::iter::once(format!("extra_{name}")).chain(others).find(|name| !is_taken(name));
+        self.1.push(name);
+        free.unwrap_or_default()
+    }
+
     fn whole(&mut self, name: &str, sample: SampleType, offset: usize) {
         self.0.push((PointAttribute::new(name, sample), RowField { offset, bits: None }));
     }
@@ -117,7 +142,13 @@ fn add_format(record: &mut Record, format: u8) {
 
 /// The record of a format with extra bytes that a VLR describes, as far as it does.
 pub(crate) fn record_layout(format: u8, size: usize, described: &[u8]) -> RowLayout {
-    let mut record = Record(Vec::new());
+    described_layout(format, size, described).0
+}
+
+/// The record of a format with extra bytes, and the names of those that have got another one because a standard dimension, a coordinate or another extra
+/// dimension has it.
+pub(crate) fn described_layout(format: u8, size: usize, described: &[u8]) -> (RowLayout, Vec<String>) {
+    let mut record = Record(Vec::new(), Vec::new());
     add_format(&mut record, format);
     let own = record_bytes(format).unwrap_or(size);
     let mut offset = own;
@@ -126,10 +157,11 @@ pub(crate) fn record_layout(format: u8, size: usize, described: &[u8]) -> RowLay
     }
     // (What nobody describes is kept all the same.)
     for (number, offset) in (offset..size).enumerate() {
-        record.whole(&format!("extra_bytes_{number}"), SampleType::U8, offset);
+        let name = record.free_name(format!("extra_bytes_{number}"));
+        record.whole(&name, SampleType::U8, offset);
     }
     let (attributes, fields) = record.0.into_iter().unzip();
-    RowLayout { size, attributes, fields }
+    (RowLayout { size, attributes, fields }, record.1)
 }
 
 /// Adds what a descriptor of extra bytes says, as far as there is room for it in the record; returns where the next one begins.
@@ -154,8 +186,13 @@ fn add_extra(record: &mut Record, descriptor: &[u8; 192], offset: usize, size: u
     let double = |at: usize| f64::from_le_bytes(descriptor[at..at + 8].try_into().expect("eight bytes"));
     for number in 0..count {
         let name = if count == 1 { name.clone() } else { format!("{name}[{number}]") };
+        let name = record.free_name(name);
         let mut attribute = PointAttribute::new(name, sample);
         attribute.description = description.clone();
+        if kind != 0 && options & 1 != 0 {
+            let at = 40 + 8 * number;
+            attribute.no_data = narrowed(sample, descriptor[at..at + 8].try_into().expect("eight bytes"));
+        }
         let (scale, summand) = (double(112 + 8 * number.min(2)), double(136 + 8 * number.min(2)));
         let is_scaled = kind != 0 && options & 0b1_1000 != 0;
         let scale = if options & 0b1000 != 0 { scale } else { 1.0 };
@@ -165,6 +202,29 @@ fn add_extra(record: &mut Record, descriptor: &[u8; 192], offset: usize, size: u
         record.0.push((attribute, RowField { offset: offset + number * sample.size(), bits: None }));
     }
     offset + sample.size() * count
+}
+
+/// A number of eight bytes, `u64`, `i64` or `f64` as its type is, as an ordered number of that type; `None` if that does not have it.
+fn narrowed(sample: SampleType, bytes: [u8; 8]) -> Option<i64> {
+    let wide = match sample {
+        SampleType::F32 | SampleType::F64 => SampleType::F64,
+        SampleType::U64 => SampleType::U64,
+        _ => SampleType::I64,
+    };
+    let number = match sample {
+        SampleType::F32 => ordered(sample, &(f64::from_le_bytes(bytes) as f32).to_le_bytes()),
+        _ => ordered(wide, &bytes),
+    };
+    let again = ordered(sample, &bytes_of(sample, number));
+    (again == number).then_some(number)
+}
+
+/// The inverse of [`narrowed`].
+fn widened(sample: SampleType, number: i64) -> [u8; 8] {
+    match sample {
+        SampleType::F32 => to_f64(sample, number).to_le_bytes(),
+        _ => bytes_of(sample, number),
+    }
 }
 
 /// The descriptor of an attribute in extra bytes.
@@ -182,8 +242,12 @@ pub(crate) fn describe_extra(attribute: &PointAttribute) -> [u8; 192] {
     };
     put(4, &attribute.name);
     put(160, &attribute.description);
+    if let Some(no_data) = attribute.no_data {
+        bytes[3] |= 1;
+        bytes[40..48].copy_from_slice(&widened(attribute.sample, no_data));
+    }
     if let Some((scale, offset)) = attribute.scale_offset {
-        bytes[3] = 0b1_1000;
+        bytes[3] |= 0b1_1000;
         bytes[112..120].copy_from_slice(&scale.to_le_bytes());
         bytes[136..144].copy_from_slice(&offset.to_le_bytes());
     }

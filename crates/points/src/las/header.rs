@@ -7,7 +7,7 @@ use std::path::Path;
 
 use las::raw;
 
-use super::format::{MAX_FORMAT, record_bytes, record_layout};
+use super::format::{MAX_FORMAT, described_layout, record_bytes};
 use crate::attribute::RowLayout;
 use spinney_base::guard::guard;
 use spinney_base::io::open_input;
@@ -108,10 +108,13 @@ impl LasHeader {
             ));
         }
         let described = find("LASF_Spec", 4).map_or(&[][..], |data| data);
-        let layout = record_layout(format, size, described);
+        let (layout, renamed) = described_layout(format, size, described);
         let (crs, crs_is_lost) = crs_of(&find, header.global_encoding);
         let mut tags = tags_of(&header, format);
-        let losses = keep_records(&records, crs_is_lost, &mut tags);
+        let mut losses = keep_records(&records, crs_is_lost, &mut tags);
+        losses.extend(renamed.iter().map(|name| {
+            format!("has an extra dimension `{name}`, a name that is taken; it is kept as `extra_{name}`")
+        }));
         let laszip = laszip.filter(|_| is_packed);
         Ok((LasHeader { header, points, layout, laszip, crs, tags, losses }, file))
     }

@@ -40,8 +40,10 @@ impl LasReader {
         let points = match &header.laszip {
             None => Points::Plain(file),
             Some(record) => {
-                let record = unpacking(path, header.layout.size, record)?;
-                check_chunks(path, &mut file, (start, header.points), &record)?;
+                let (record, is_chunked) = unpacking(path, header.layout.size, record)?;
+                if is_chunked {
+                    check_chunks(path, &mut file, (start, header.points), &record)?;
+                }
                 let reader = guard(path, "packed points", || {
                     LasZipDecompressor::new(file, record).map_err(|error| damaged(path, &error.to_string()))
                 })?;

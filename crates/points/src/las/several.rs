@@ -2,9 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use super::format::{SCAN_ANGLE, SCAN_ANGLE_RANK, angle_of_rank};
 use super::read::LasReader;
-use crate::attribute::{POSITION_BYTES, PointAttribute, RowLayout, place_of};
+use crate::attribute::{POSITION_BYTES, PointAttribute, RowLayout, ordered, place_of};
 use crate::source::{PointPart, PointSchema, PointSource, both_bounds};
+use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
@@ -23,7 +25,7 @@ pub struct LasFiles {
 }
 
 impl LasFiles {
-    /// Opens files, and looks at their headers. The points have all attributes that any file has, 0 where their own has none, and lie on the finest of
+    /// Opens files, and looks at their headers. The points have all attributes that any file has, `no_data` or 0 where their own has none, and lie on the finest of
     /// the grids.
     ///
     /// # Errors
@@ -43,10 +45,14 @@ impl LasFiles {
             Crs::check_same((&name(path), first.crs.as_ref()), (&name(other_path), other.crs.as_ref()))?;
             schema.scale = std::array::from_fn(|axis| schema.scale[axis].min(other.scale[axis]));
         }
+        let are_angles_joined = are_angles_joined(&schemas);
         if schemas.iter().any(|other| other.layout != first.layout) {
             let mut attributes = Vec::new();
             for attribute in schemas.iter().flat_map(|other| &other.layout.attributes) {
-                add_attribute(&mut attributes, attribute).map_err(one_by_one)?;
+                let angle = PointAttribute::new(SCAN_ANGLE, SampleType::I16);
+                let is_rank = are_angles_joined && attribute.name == SCAN_ANGLE_RANK;
+                add_attribute(&mut attributes, if is_rank { &angle } else { attribute })
+                    .map_err(one_by_one)?;
             }
             schema.layout = RowLayout::packed(attributes);
         }
@@ -62,6 +68,11 @@ impl LasFiles {
             if !is_on_grid(other, &schema) {
                 remark(
                     "lies beside the finest grid of all files: its points are moved by at most half of a step",
+                );
+            }
+            if are_angles_joined && other.layout.position(SCAN_ANGLE_RANK).is_some() {
+                remark(
+                    "has scan angles in degrees (scan_angle_rank), which are kept as scan_angle, in units of 0.006 degrees, as other files have them",
                 );
             }
             if other.tags != first.tags {
@@ -88,6 +99,9 @@ impl LasFiles {
 fn add_attribute(attributes: &mut Vec<PointAttribute>, attribute: &PointAttribute) -> Result<(), String> {
     match attributes.iter().find(|other| other.name == attribute.name) {
         None => attributes.push(attribute.clone()),
+        Some(other) if other.sample == attribute.sample && other.no_data != attribute.no_data => {
+            return Err(format!("files whose attribute {} has different no_data values", other.name));
+        }
         Some(other) if other.sample == attribute.sample && other.scale_offset == attribute.scale_offset => {}
         Some(other) => {
             return Err(format!(
@@ -99,6 +113,19 @@ fn add_attribute(attributes: &mut Vec<PointAttribute>, attribute: &PointAttribut
         }
     }
     Ok(())
+}
+
+/// Whether some files have scan angles as point formats up to 5 have them, and others as those from 6 on.
+fn are_angles_joined(schemas: &[PointSchema]) -> bool {
+    let has = |name: &str, sample: SampleType| {
+        let mut attributes = schemas.iter().flat_map(|schema| &schema.layout.attributes);
+        attributes.any(|own| own.name == name && own.sample == sample && own.scale_offset.is_none())
+    };
+    // (An extra dimension named scan_angle in an old format is something else.)
+    let has_both = |schema: &PointSchema| {
+        [SCAN_ANGLE, SCAN_ANGLE_RANK].iter().all(|name| schema.layout.position(name).is_some())
+    };
+    has(SCAN_ANGLE, SampleType::I16) && has(SCAN_ANGLE_RANK, SampleType::I8) && !schemas.iter().any(has_both)
 }
 
 /// A place of one grid on another; `None` if that does not reach so far.
@@ -214,11 +241,15 @@ fn convert(rows: &[u8], (from, to): (&PointSchema, &PointSchema), made: &mut Vec
         }
     }
     for (attribute, wanted) in to.layout.attributes.iter().enumerate() {
-        if let Some(place) = from.layout.position(&wanted.name) {
-            let numbers = from.layout.numbers(place, all());
-            for (own, number) in made[before..].chunks_exact_mut(size).zip(numbers) {
-                to.layout.set_number(attribute, own, number);
-            }
+        let own = from.layout.position(&wanted.name);
+        let rank = || from.layout.position(SCAN_ANGLE_RANK).filter(|_| wanted.name == SCAN_ANGLE);
+        let numbers = match own.or_else(rank) {
+            Some(place) if own.is_some() => from.layout.numbers(place, all()),
+            Some(place) => from.layout.numbers(place, all()).into_iter().map(angle_of_rank).collect(),
+            None => vec![wanted.no_data.unwrap_or(ordered(wanted.sample, &[0; 8])); all().len()],
+        };
+        for (own, number) in made[before..].chunks_exact_mut(size).zip(numbers) {
+            to.layout.set_number(attribute, own, number);
         }
     }
     Some(())

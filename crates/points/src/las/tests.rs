@@ -9,7 +9,7 @@ use super::{LasFiles, LasReader};
 use crate::attribute::PointAttribute;
 use crate::export::{PointFormat, export_points};
 use crate::import::{PointImportOptions, plan_files};
-use crate::query::Selection;
+use crate::query::{PointCondition, Relation, Selection};
 use crate::source::{PointSource, bounds_of};
 use crate::store::PointTree;
 use crate::tests::random;
@@ -247,6 +247,185 @@ fn layers_are_no_longer_than_their_file() {
             std::fs::write(&packed, &bytes).unwrap();
             let error = tree_of(std::slice::from_ref(&packed), folder.path()).err().unwrap().to_string();
             assert!(error.contains(words), "{format}, {at}: {error}");
+        }
+    }
+}
+
+/// Writes all points of a tree.
+fn written(tree: &PointTree, path: &Path, format: PointFormat) {
+    export_points(tree, &Selection::default(), None, Output::create(path).unwrap(), format, &()).unwrap();
+}
+
+/// The numbers of an attribute, sorted.
+fn numbers(path: &Path, name: &str) -> Vec<i64> {
+    let mut reader = LasReader::open(path).unwrap();
+    let mut rows = Vec::new();
+    while reader.read(&mut rows, 1000).unwrap() > 0 {}
+    let layout = &reader.schema().layout;
+    let attribute = layout.position(name).unwrap_or_else(|| panic!("no {name} in {:?}", layout.attributes));
+    let mut numbers = layout.numbers(attribute, rows.chunks_exact(layout.size));
+    numbers.sort_unstable();
+    numbers
+}
+
+#[test]
+fn scan_angles_of_old_and_new_formats_are_joined() {
+    let folder = tempfile::tempdir().unwrap();
+    let [old, new, out] = ["old.las", "new.las", "out.las"].map(|name| folder.path().join(name));
+    let (mut a, mut b) = (records(1, 0, 2), records(6, 0, 2));
+    a.chunks_exact_mut(28).zip([-90i8, 30]).for_each(|(row, rank)| row[16] = rank as u8);
+    b.chunks_exact_mut(30)
+        .zip([15_000i16, -7])
+        .for_each(|(row, angle)| row[18..20].copy_from_slice(&angle.to_le_bytes()));
+    std::fs::write(&old, las_bytes(1, &a, &[], 0.01)).unwrap();
+    std::fs::write(&new, las_bytes(6, &b, &[], 0.01)).unwrap();
+    for paths in [[old.clone(), new.clone()], [new.clone(), old.clone()]] {
+        let files = LasFiles::open(&paths).unwrap();
+        assert!(files.remarks().iter().any(|(path, text)| *path == old && text.contains("scan_angle")));
+        let tree = tree_of(&paths, folder.path()).unwrap();
+        assert!(tree.attributes().iter().all(|attribute| attribute.name != "scan_angle_rank"));
+        written(&tree, &out, PointFormat::Las);
+        assert_eq!(numbers(&out, "scan_angle"), [-15_000, -7, 5_000, 15_000]);
+    }
+    // Old points alone stay as they are.
+    let tree = tree_of(std::slice::from_ref(&old), folder.path()).unwrap();
+    written(&tree, &out, PointFormat::Las);
+    assert_eq!(numbers(&out, "scan_angle_rank"), [-90, 30]);
+}
+
+#[test]
+fn extra_dimensions_named_like_others_stay_beside_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let [path, out] = ["in.las", "out.las"].map(|name| folder.path().join(name));
+    let extra =
+        ["intensity", "x", "intensity", "other"].map(|name| PointAttribute::new(name, SampleType::U16));
+    let mut rows = records(0, 8, 3);
+    for (number, row) in rows.chunks_exact_mut(28).enumerate() {
+        let put = |row: &mut [u8], at: usize, number: usize| {
+            row[at..at + 2].copy_from_slice(&(number as u16).to_le_bytes());
+        };
+        put(row, 12, 100 + number);
+        (0..4).for_each(|extra| put(row, 20 + 2 * extra, 1000 * (extra + 1) + number));
+    }
+    std::fs::write(&path, las_bytes(0, &rows, &extra, 0.01)).unwrap();
+    let remarks = LasFiles::open(std::slice::from_ref(&path)).unwrap().remarks();
+    assert_eq!(remarks.len(), 3, "{remarks:?}");
+    let tree = tree_of(std::slice::from_ref(&path), folder.path()).unwrap();
+    written(&tree, &out, PointFormat::Las);
+    for path in [path, out] {
+        for (name, first) in [
+            ("intensity", 100),
+            ("extra_intensity", 1000),
+            ("extra_x", 2000),
+            ("extra_intensity_2", 3000),
+            ("other", 4000),
+        ] {
+            assert_eq!(numbers(&path, name), [first, first + 1, first + 2], "{name}");
+        }
+    }
+}
+
+#[test]
+fn no_data_of_extra_bytes_is_no_value() {
+    let folder = tempfile::tempdir().unwrap();
+    let [path, out, csv] = ["in.las", "out.laz", "out.csv"].map(|name| folder.path().join(name));
+    for sample in [SampleType::I16, SampleType::U8, SampleType::F32, SampleType::F64, SampleType::U64] {
+        for scale_offset in [None, Some((0.5, 1.0))] {
+            let of = |number: u8| match sample {
+                SampleType::F32 => f32::from(number).to_le_bytes().to_vec(),
+                SampleType::F64 => f64::from(number).to_le_bytes().to_vec(),
+                _ => [vec![number], vec![0; sample.size() - 1]].concat(),
+            };
+            let no_data = Some(crate::attribute::ordered(sample, &of(99)));
+            let extra = PointAttribute { no_data, scale_offset, ..PointAttribute::new("height", sample) };
+            let mut rows = records(6, sample.size(), 4);
+            for (row, number) in rows.chunks_exact_mut(30 + sample.size()).zip([8, 99, 12, 99]) {
+                row[30..].copy_from_slice(&of(number));
+            }
+            std::fs::write(&path, las_bytes(6, &rows, std::slice::from_ref(&extra), 0.01)).unwrap();
+            let tree = tree_of(std::slice::from_ref(&path), folder.path()).unwrap();
+            assert_eq!(tree.verify(&()).unwrap(), []);
+            let place = tree.attributes().len() - 1;
+            assert_eq!(tree.attributes()[place], extra);
+            let found = tree.statistics(&Selection::default(), &()).unwrap().columns[3 + place].unwrap();
+            let (scale, offset) = scale_offset.unwrap_or((1.0, 0.0));
+            let expected = [8.0, 12.0, 10.0].map(|number| number * scale + offset);
+            assert_eq!((found.count, [found.min, found.max, found.mean]), (2, expected), "{sample:?}");
+            for (relation, count) in [(Relation::Greater, 2), (Relation::Unequal, 2)] {
+                let condition = PointCondition { attribute: place, relation, number: -1.0 };
+                let selection = Selection { conditions: vec![condition], ..Selection::default() };
+                assert_eq!(tree.count(&selection, &()).unwrap(), count);
+            }
+            written(&tree, &out, PointFormat::Laz);
+            assert_eq!(LasReader::open(&out).unwrap().schema().layout.attributes.last(), Some(&extra));
+            assert!(sorted_records(&out).unwrap() == sorted_records(&path).unwrap());
+            written(&tree, &csv, PointFormat::Csv);
+            let lines = std::fs::read_to_string(&csv).unwrap();
+            assert_eq!(lines.lines().filter(|line| line.ends_with(',')).count(), 2, "{lines}");
+        }
+    }
+}
+
+#[test]
+fn colours_of_8_bits_have_16_in_las() {
+    let folder = tempfile::tempdir().unwrap();
+    let [path, out] = ["in.ply", "out.las"].map(|name| folder.path().join(name));
+    for (kind, expected) in [("uchar", [0, 16_448, 65_535]), ("ushort", [0, 64, 255])] {
+        let header =
+            "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n";
+        let colours = ["red", "green", "blue"].map(|name| format!("property {kind} {name}\n")).concat();
+        let rows = "0 0 0 0 64 255 -90\n1 1 1 64 255 0 0\n2 2 2 255 0 64 30\n";
+        let angle = "property char scan_angle_rank\n";
+        std::fs::write(&path, format!("{header}{colours}{angle}end_header\n{rows}")).unwrap();
+        let tree = tree_of(std::slice::from_ref(&path), folder.path()).unwrap();
+        written(&tree, &out, PointFormat::Las);
+        for name in ["red", "green", "blue"] {
+            assert_eq!(numbers(&out, name), expected, "{kind} {name}");
+        }
+        assert_eq!(numbers(&out, "scan_angle"), [-15_000, 0, 5_000]);
+        // (The bit of well-known text, which readers of formats from 6 on expect, without a coordinate system too.)
+        let bytes = std::fs::read(&out).unwrap();
+        assert!(bytes[104] >= 6 && bytes[6] & 0x10 != 0, "format {}", bytes[104]);
+    }
+}
+
+#[test]
+fn points_packed_without_chunks_are_read() {
+    use laz::record::{RecordCompressor as _, SequentialPointRecordCompressor};
+    let folder = tempfile::tempdir().unwrap();
+    let [plain, packed] = ["in.las", "in.laz"].map(|name| folder.path().join(name));
+    for format in [0, 1, 3] {
+        let rows = records(format, 0, 500);
+        let size = record_bytes(format).unwrap();
+        let bytes = las_bytes(format, &rows, &[], 0.01);
+        std::fs::write(&plain, &bytes).unwrap();
+        let items = laz::LazItemRecordBuilder::default_for_point_format_id(format, 0).unwrap();
+        let mut compressor = SequentialPointRecordCompressor::new(std::io::Cursor::new(Vec::new()));
+        compressor.set_fields_from(&items).unwrap();
+        rows.chunks_exact(size).for_each(|row| compressor.compress_next(row).unwrap());
+        compressor.done().unwrap();
+        let mut record = Vec::new();
+        laz::LazVlr::from_laz_items(items).write_to(&mut record).unwrap();
+        record[..2].copy_from_slice(&1u16.to_le_bytes());
+        let vlr = raw::Vlr {
+            user_id: *b"laszip encoded\0\0",
+            record_id: 22204,
+            record_length_after_header: raw::vlr::RecordLength::Vlr(record.len() as u16),
+            data: record,
+            ..raw::Vlr::default()
+        };
+        let start = u32::from_le_bytes(bytes[96..100].try_into().unwrap());
+        let mut made = bytes[..start as usize].to_vec();
+        made[96..100].copy_from_slice(&(start + 54 + vlr.data.len() as u32).to_le_bytes());
+        made[100..104].copy_from_slice(&1u32.to_le_bytes());
+        made[104] |= 0x80;
+        vlr.write_to(&mut made).unwrap();
+        made.extend(compressor.into_inner().into_inner());
+        std::fs::write(&packed, &made).unwrap();
+        assert!(sorted_records(&packed).unwrap() == sorted_records(&plain).unwrap(), "{format}");
+        for end in [made.len() / 2, made.len() - 40] {
+            std::fs::write(&packed, &made[..end]).unwrap();
+            assert!(sorted_records(&packed).is_err());
         }
     }
 }

@@ -5,7 +5,9 @@ use std::path::Path;
 
 use las::{Version, raw};
 
-use super::format::{MAX_FORMAT, describe_extra, record_bytes, record_layout};
+use super::format::{
+    MAX_FORMAT, SCAN_ANGLE, SCAN_ANGLE_RANK, angle_of_rank, describe_extra, record_bytes, record_layout,
+};
 use crate::attribute::{PointAttribute, RowLayout};
 use crate::grid::PointGrid;
 use crate::source::{both_bounds, bounds_of};
@@ -30,9 +32,33 @@ pub(crate) struct LasFile {
 /// Where columns of a tree go in records.
 pub(crate) struct Fields {
     layout: RowLayout,
-    /// The column of each attribute of the records; `None` where the tree has none.
-    columns: Vec<Option<usize>>,
+    /// The column of each attribute of the records, and how its numbers are written; `None` where the tree has none.
+    columns: Vec<Option<(usize, Conversion)>>,
 }
+
+/// How numbers of an attribute become those of a record.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Conversion {
+    /// They are the same.
+    None,
+    /// Colours of 8 bits have 16 in LAS: 255 becomes 65535.
+    Colour,
+    /// Scan angles in degrees are in units of 0.006 degrees in point formats from 6 on.
+    ScanAngle,
+}
+
+impl Conversion {
+    #[inline]
+    fn of(self, number: i64) -> i64 {
+        match self {
+            Conversion::None => number,
+            Conversion::Colour => number * 257,
+            Conversion::ScanAngle => angle_of_rank(number),
+        }
+    }
+}
+
+const COLOURS: [&str; 3] = ["red", "green", "blue"];
 
 impl Fields {
     /// Makes records of columns.
@@ -49,9 +75,9 @@ impl Fields {
             });
         }
         for (attribute, column) in self.columns.iter().enumerate() {
-            if let Some(column) = column {
+            if let Some((column, conversion)) = column {
                 chunks(rows, &mut |point, row| {
-                    self.layout.set_number(attribute, row, columns[*column][point])
+                    self.layout.set_number(attribute, row, conversion.of(columns[*column][point]))
                 });
             }
         }
@@ -83,8 +109,36 @@ impl Written<'_> {
         // (Ordered numbers of these types are the numbers.)
         let is_whole = !matches!(self.attribute.sample, SampleType::F32 | SampleType::F64 | SampleType::U64);
         let fits = least <= self.least && self.most <= most || self.least > self.most;
-        (is_whole && fits && self.attribute.scale_offset.is_none()).then_some(place)
+        let is_plain = self.attribute.scale_offset.is_none() && self.attribute.no_data.is_none();
+        (is_whole && fits && is_plain).then_some(place)
     }
+}
+
+/// Where attributes go among those of a format, each at most once; `None` for those that become extra bytes.
+fn places(attributes: &[Written<'_>], format: &RowLayout) -> Vec<Option<(usize, Conversion)>> {
+    let is_short = |name: &&str| {
+        let mut own = attributes.iter().filter(|written| written.attribute.name == **name);
+        own.all(|written| written.attribute.sample == SampleType::U8)
+    };
+    let are_short = COLOURS.iter().all(is_short);
+    let mut found: Vec<Option<(usize, Conversion)>> = Vec::new();
+    for written in attributes {
+        let is_colour = are_short && COLOURS.contains(&written.attribute.name.as_str());
+        let conversion = if is_colour { Conversion::Colour } else { Conversion::None };
+        let place = written.place(format).map(|place| (place, conversion));
+        found.push(place.filter(|(place, _)| found.iter().flatten().all(|(other, _)| other != place)));
+    }
+    // Scan angles of old formats go where those of new ones are, if these are not there.
+    let angle = format.position(SCAN_ANGLE);
+    let is_free = found.iter().flatten().all(|(place, _)| Some(*place) != angle);
+    let rank = attributes.iter().position(|written| {
+        written.attribute.name == SCAN_ANGLE_RANK
+            && *written.attribute == PointAttribute::new(SCAN_ANGLE_RANK, SampleType::I8)
+    });
+    if let (Some(angle), Some(rank), true) = (angle, rank, is_free) {
+        found[rank] = Some((angle, Conversion::ScanAngle));
+    }
+    found
 }
 
 /// The format of records that has the most of some attributes; of several the one that the points came in, or the smallest.
@@ -92,7 +146,7 @@ fn best_format(attributes: &[Written<'_>], came_in: Option<u8>) -> u8 {
     let candidates: Vec<u8> = came_in.into_iter().chain(6..=MAX_FORMAT).collect();
     let room = |format: &u8| {
         let layout = record_layout(*format, record_bytes(*format).unwrap_or(0), &[]);
-        attributes.iter().filter(|attribute| attribute.place(&layout).is_some()).count()
+        places(attributes, &layout).into_iter().flatten().count()
     };
     let most = candidates.iter().map(room).max().unwrap_or(0);
     candidates.into_iter().find(|format| room(format) == most).unwrap_or(6)
@@ -148,8 +202,13 @@ impl LasFile {
         let format = best_format(&attributes, came_in);
         let own = record_bytes(format).unwrap_or(0);
         let standard = record_layout(format, own, &[]);
-        let is_extra = |(_, written): &(&usize, &Written<'_>)| written.place(&standard).is_none();
-        let extra: Vec<(&usize, &Written<'_>)> = chosen.iter().zip(&attributes).filter(is_extra).collect();
+        let own_places = places(&attributes, &standard);
+        let extra: Vec<(&usize, &Written<'_>)> = chosen
+            .iter()
+            .zip(&attributes)
+            .zip(&own_places)
+            .filter_map(|(written, place)| place.is_none().then_some(written))
+            .collect();
         let descriptors: Vec<u8> =
             extra.iter().flat_map(|(_, written)| describe_extra(written.attribute)).collect();
         let size = own + extra.iter().map(|(_, written)| written.attribute.sample.size()).sum::<usize>();
@@ -160,14 +219,14 @@ impl LasFile {
         let layout = record_layout(format, size, &descriptors);
         // (Those that are extra are told by their order: names may have been cut.)
         let mut columns = vec![None; layout.attributes.len()];
-        for (attribute, written) in chosen.iter().zip(&attributes) {
-            if let Some(place) = written.place(&standard) {
-                columns[place] = Some(3 + attribute);
+        for (attribute, place) in chosen.iter().zip(&own_places) {
+            if let Some((place, conversion)) = place {
+                columns[*place] = Some((3 + attribute, *conversion));
             }
         }
         for (place, (attribute, _)) in extra.iter().enumerate() {
             if let Some(column) = columns.get_mut(standard.attributes.len() + place) {
-                *column = Some(3 + **attribute);
+                *column = Some((3 + **attribute, Conversion::None));
             }
         }
         let mut records = Vec::new();
@@ -175,6 +234,10 @@ impl LasFile {
             tag(metadata, "global_encoding").and_then(|text| text.parse::<u16>().ok()).unwrap_or(0);
         // (Whether waves are inside or beside: they are neither now.)
         encoding &= !0b1_0110;
+        // (Those of the formats from 6 on have well-known text, and say so even if they have none.)
+        if format >= 6 {
+            encoding |= WKT_BIT;
+        }
         if let Some(crs) = &metadata.frame.crs {
             encoding |= add_crs(crs, format, &mut records)?;
         }
@@ -272,6 +335,9 @@ impl LasFile {
     }
 }
 
+/// The bit of the global encoding that says that the coordinate system is well-known text.
+const WKT_BIT: u16 = 0b1_0000;
+
 /// Adds records that tell the coordinate system; returns the bit of the encoding that says how.
 fn add_crs(crs: &spinney_crs::Crs, format: u8, records: &mut Vec<raw::Vlr>) -> Result<u16> {
     const PROJECTION: &str = "LASF_Projection";
@@ -280,7 +346,7 @@ fn add_crs(crs: &spinney_crs::Crs, format: u8, records: &mut Vec<raw::Vlr>) -> R
         let mut text = crs.to_text()?.into_bytes();
         text.push(0);
         records.push(record(PROJECTION, 2112, "coordinate system", text));
-        return Ok(0b1_0000);
+        return Ok(WKT_BIT);
     }
     let keys = crs.to_geo_keys()?;
     let words = keys.directory(1).into_iter().flat_map(u16::to_le_bytes).collect();

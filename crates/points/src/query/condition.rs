@@ -1,6 +1,6 @@
 //! Conditions on the attributes of points.
 
-use crate::attribute::{PointAttribute, to_f64};
+use crate::attribute::PointAttribute;
 use crate::statistics::ColumnStatistics;
 
 /// How a number compares with another one.
@@ -45,7 +45,9 @@ impl PointCondition {
 
     /// Whether it holds for a number of the attribute.
     pub(crate) fn holds_for(&self, attribute: &PointAttribute, number: i64) -> bool {
-        self.holds(attribute.quantity(to_f64(attribute.sample, number)))
+        let quantity = attribute.quantity(number);
+        // (NaN is unequal to every number, but "no value" fulfils no condition.)
+        attribute.no_data != Some(number) && self.holds(quantity)
     }
 
     /// Whether it can hold for any number between the extremes of a column.
@@ -59,8 +61,7 @@ impl PointCondition {
         if column.count < points {
             return true;
         }
-        let ends =
-            [column.least, column.most].map(|number| attribute.quantity(to_f64(attribute.sample, number)));
+        let ends = [column.least, column.most].map(|number| attribute.quantity(number));
         let (least, most) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
         match self.relation {
             Relation::Equal => least <= self.number && self.number <= most,

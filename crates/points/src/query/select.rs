@@ -51,7 +51,7 @@ impl PointColumns {
     }
 
     /// Appends a row for each point: x, y and z in the coordinates of the points as doubles, then some attributes, each as its type is, or as a double if it has scale
-    /// and offset; little-endian.
+    /// and offset; little-endian. Floating-point numbers that encode "no value" are NaN, integers without a scale are as stored.
     pub fn rows(
         &self,
         grid: &PointGrid,
@@ -65,13 +65,13 @@ impl PointColumns {
             for place in chosen {
                 let attribute = &attributes[*place];
                 let number = self.columns[3 + place][point];
-                match attribute.scale_offset {
-                    None => bytes
-                        .extend_from_slice(&bytes_of(attribute.sample, number)[..attribute.sample.size()]),
-                    Some(_) => {
-                        let quantity = attribute.quantity(to_f64(attribute.sample, number));
-                        bytes.extend_from_slice(&quantity.to_le_bytes());
+                let is_missing = attribute.no_data == Some(number);
+                match (attribute.scale_offset, attribute.sample) {
+                    (None, SampleType::F32) if is_missing => bytes.extend_from_slice(&f32::NAN.to_le_bytes()),
+                    (None, sample) if !is_missing || sample != SampleType::F64 => {
+                        bytes.extend_from_slice(&bytes_of(sample, number)[..sample.size()]);
                     }
+                    _ => bytes.extend_from_slice(&attribute.quantity(number).to_le_bytes()),
                 }
             }
         }
@@ -80,8 +80,7 @@ impl PointColumns {
     /// The quantity that an attribute of a point is.
     #[inline]
     pub fn quantity(&self, attributes: &[PointAttribute], attribute: usize, point: usize) -> f64 {
-        let attributes = &attributes[attribute];
-        attributes.quantity(to_f64(attributes.sample, self.columns[3 + attribute][point]))
+        attributes[attribute].quantity(self.columns[3 + attribute][point])
     }
 }
 

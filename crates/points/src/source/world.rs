@@ -112,33 +112,31 @@ pub struct GriddedPoints {
     points: Box<dyn WorldPoints>,
     schema: PointSchema,
     is_rounded: bool,
+    skipped: u64,
     numbers: Vec<i64>,
 }
 
 impl GriddedPoints {
-    /// Goes through all points once, to find their grid.
+    /// Goes through all points once, to find their grid. Points with a coordinate that is not a finite number are skipped and counted.
     ///
     /// # Errors
-    /// If they cannot be read, or a coordinate is no number.
+    /// If they cannot be read, or none of them has coordinates.
     pub fn new(mut points: Box<dyn WorldPoints>) -> Result<GriddedPoints> {
         let attributes = points.attributes().to_vec();
         let mut numbers = vec![0; attributes.len()];
         let mut axes = [Axis::NONE; 3];
-        let mut count = 0u64;
+        let (mut count, mut skipped) = (0u64, 0u64);
         while let Some(place) = points.next(&mut numbers)? {
-            count += 1;
-            for (axis, number) in axes.iter_mut().zip(place) {
-                if !number.is_finite() {
-                    let found = format!("{place:?}");
-                    return Err(Error::corrupt(
-                        points.path(),
-                        format!("point {count}"),
-                        found,
-                        "coordinates that are numbers",
-                    ));
-                }
-                axis.look(number);
+            if !is_finite(place) {
+                skipped += 1;
+                continue;
             }
+            count += 1;
+            axes.iter_mut().zip(place).for_each(|(axis, number)| axis.look(number));
+        }
+        if count == 0 && skipped > 0 {
+            let found = format!("{skipped} points, all with empty or non-finite coordinates");
+            return Err(Error::corrupt(points.path(), "points", found, "coordinates that are numbers"));
         }
         points.rewind()?;
         let grids = axes.map(|axis| axis.grid());
@@ -153,13 +151,30 @@ impl GriddedPoints {
         schema.count = Some(count);
         schema.crs = points.crs().cloned();
         let is_rounded = grids.iter().any(|(.., has_all)| !has_all);
-        Ok(GriddedPoints { points, schema, is_rounded, numbers })
+        Ok(GriddedPoints { points, schema, is_rounded, skipped, numbers })
+    }
+
+    /// Number of points that are skipped because a coordinate is empty, NaN or infinite.
+    pub fn skipped(&self) -> u64 {
+        self.skipped
+    }
+
+    /// Remarks on points that are skipped, and on rounding.
+    pub fn remarks(&self) -> Vec<String> {
+        let skipped = (self.skipped > 0).then(|| {
+            format!("{} points with a coordinate that is empty, NaN or infinite are skipped", self.skipped)
+        });
+        skipped.into_iter().chain(self.rounding().map(String::from)).collect()
     }
 
     /// Words for it, if places are rounded to the grid, by at most half of its steps.
     pub fn rounding(&self) -> Option<&'static str> {
         self.is_rounded.then_some("places have more digits than a grid of 32 bits, and are rounded to it")
     }
+}
+
+fn is_finite(place: [f64; 3]) -> bool {
+    place.iter().all(|number| number.is_finite())
 }
 
 fn step(schema: &PointSchema, axis: usize, number: f64) -> i32 {
@@ -177,8 +192,13 @@ impl PointSource for GriddedPoints {
 
     fn read(&mut self, rows: &mut Vec<u8>, most: usize) -> Result<usize> {
         let size = self.schema.layout.size;
-        for count in 0..most {
+        let mut count = 0;
+        while count < most {
             let Some(place) = self.points.next(&mut self.numbers)? else { return Ok(count) };
+            if !is_finite(place) {
+                continue;
+            }
+            count += 1;
             let before = rows.len();
             rows.resize(before + size, 0);
             let row = &mut rows[before..];

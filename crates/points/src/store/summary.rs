@@ -43,6 +43,7 @@ pub(crate) struct StoredAttribute {
     pub sample: u8,
     pub scale_offset: Option<(f64, f64)>,
     pub description: String,
+    pub no_data: Option<i64>,
 }
 
 impl Summary {
@@ -53,6 +54,7 @@ impl Summary {
             sample: attribute.sample as u8,
             scale_offset: attribute.scale_offset,
             description: attribute.description.clone(),
+            no_data: attribute.no_data,
         };
         let PointGrid { scale, offset, corner, bits, .. } = encoder.grid.clone();
         Summary {
@@ -107,8 +109,8 @@ impl Summary {
         let attribute = |stored: &StoredAttribute| {
             let sample = SampleType::ALL.get(usize::from(stored.sample)).copied();
             let sample = sample.ok_or_else(|| corrupt(format!("sample type {}", stored.sample), "0 to 9"))?;
-            let StoredAttribute { name, scale_offset, description, .. } = stored.clone();
-            Ok(PointAttribute { name, sample, scale_offset, description })
+            let StoredAttribute { name, scale_offset, description, no_data, .. } = stored.clone();
+            Ok(PointAttribute { name, sample, scale_offset, description, no_data })
         };
         let attributes = summary.attributes.iter().map(attribute).collect::<Result<Vec<_>>>()?;
         let Summary { scale, offset, corner, bits, .. } = summary.clone();

@@ -151,3 +151,28 @@ fn other_tables_are_refused() {
     }
     assert!(!super::is_point_table(Path::new("a.las")) && super::is_point_table(Path::new("a.PLY")));
 }
+
+#[test]
+fn points_without_coordinates_are_skipped_and_counted() {
+    use crate::source::{GriddedPoints, PointSource as _};
+    let head = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+        property float q\nend_header\n";
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.ply");
+    let open = |body: &str| {
+        std::fs::write(&path, format!("{head}{body}")).unwrap();
+        GriddedPoints::new(super::open(&path).unwrap().points)
+    };
+    let mut points = open("0 0 0 1\n1 nan 1 2\n2 2 2 -nan(ind)\n3 3 -inf 4\n").unwrap();
+    assert_eq!((points.schema().count, points.skipped()), (Some(2), 2));
+    assert!(points.remarks()[0].starts_with("2 points"), "{:?}", points.remarks());
+    let mut rows = Vec::new();
+    assert_eq!((points.read(&mut rows, 1).unwrap(), points.read(&mut rows, 9).unwrap()), (1, 1));
+    assert_eq!(points.read(&mut rows, 9).unwrap(), 0);
+    let places: Vec<[i32; 3]> = rows.chunks_exact(16).map(crate::attribute::place_of).collect();
+    assert_eq!(places, [[0; 3], [2; 3]]);
+    let numbers = points.schema().layout.numbers(0, rows.chunks_exact(16));
+    assert!(to_f64(SampleType::F32, numbers[1]).is_nan() && to_f64(SampleType::F32, numbers[0]) == 1.0);
+    let error = open("nan 0 0 1\n".repeat(4).as_str()).err().unwrap().to_string();
+    assert!(error.contains("4 points"), "{error}");
+}

@@ -1,7 +1,7 @@
 //! The numbers behind a PLY header, whichever way they are written.
 
 use super::header::{Element, Encoding, Property, Scalar};
-use crate::text::{Words, line_number, real, shown, whole};
+use crate::text::{Words, line_number, real_or_none, shown, whole};
 
 /// Reason why a number could not be read.
 #[derive(Debug)]
@@ -19,7 +19,7 @@ pub type Read<T> = Result<T, Box<Fault>>;
 
 /// Numbers, one after the other.
 pub trait Body {
-    /// A number, which may be infinite or none in binary files.
+    /// A number, which may be infinite or NaN.
     fn number(&mut self, scalar: Scalar) -> Read<f64>;
 
     /// A number of a type of whole numbers.
@@ -86,7 +86,7 @@ impl<'a> Ascii<'a> {
 impl Body for Ascii<'_> {
     fn number(&mut self, scalar: Scalar) -> Read<f64> {
         // Rounded to what the type holds, so that text and binary files of the same mesh are the same.
-        let number = self.next(real, "a finite number")?;
+        let number = self.next(real_or_none, "a number")?;
         Ok(if scalar == Scalar::F32 { f64::from(number as f32) } else { number })
     }
 

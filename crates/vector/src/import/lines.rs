@@ -38,6 +38,10 @@ pub fn open_feature_lines(path: &Path, options: &FeatureOptions) -> Result<Featu
         count: 0,
     };
     let gridded = GriddedPoints::new(Box::new(vertices))?;
+    if gridded.skipped() > 0 {
+        let found = format!("{} vertices with a coordinate that is NaN or infinite", gridded.skipped());
+        return Err(Error::corrupt(path, "features", found, "coordinates that are numbers"));
+    }
     let found = gridded.schema();
     // The world's corners, from which one scale for both axes follows: the finer one, if it reaches over all.
     let ends: [[f64; 2]; 2] = std::array::from_fn(|axis| {

@@ -26,6 +26,8 @@ struct FeaturePoints {
     left_out: Vec<String>,
     /// Features whose points have measures, or heights that not all of them have, which are read over.
     with_more: u64,
+    /// Features that have no geometry, or no point in it.
+    without_geometry: u64,
 }
 
 impl FeaturePoints {
@@ -40,7 +42,10 @@ impl FeaturePoints {
             let what = "features have measures in their geometries, or heights that not all points have, which are not kept";
             remarks.push(format!("{} {what}", self.with_more));
         }
-        remarks.extend(self.points.rounding().map(String::from));
+        if self.without_geometry > 0 {
+            remarks.push(format!("{} features without a point are skipped", self.without_geometry));
+        }
+        remarks.extend(self.points.remarks());
         remarks
     }
 }
@@ -85,7 +90,7 @@ pub fn plan_point_files(
 /// Those of [`open_features`]; if a feature is no point.
 fn open_feature_points(path: &Path, options: &FeatureOptions) -> Result<FeaturePoints> {
     let survey = Survey::of(path, options)?;
-    let Survey { attributes, columns, height, left_out, with_more } = survey;
+    let Survey { attributes, columns, height, left_out, with_more, without_geometry } = survey;
     let reader = open_features(path, options)?;
     let crs = reader.schema().crs.clone();
     let points = Points {
@@ -100,7 +105,7 @@ fn open_feature_points(path: &Path, options: &FeatureOptions) -> Result<FeatureP
         numbers: Vec::new(),
     };
     let points = GriddedPoints::new(Box::new(points))?;
-    Ok(FeaturePoints { points, left_out, with_more })
+    Ok(FeaturePoints { points, left_out, with_more, without_geometry })
 }
 
 /// Attributes of all features.
@@ -111,6 +116,7 @@ struct Survey {
     height: Height,
     left_out: Vec<String>,
     with_more: u64,
+    without_geometry: u64,
 }
 
 /// Where the third coordinate of points stands.
@@ -142,11 +148,17 @@ impl Survey {
         let column = Column { least: i64::MAX, most: i64::MIN, are_whole: true, are_coordinates: [true; 3] };
         let mut found = vec![column; schema.attributes.len()];
         let [mut points, mut with_heights, mut features_with_heights, mut with_measures] = [0u64; 4];
+        let mut without_geometry = 0u64;
         while let Some(feature) = reader.next()? {
             let heights = &feature.heights;
             with_heights += heights.of_points.len() as u64;
             features_with_heights += u64::from(heights.are_there);
             with_measures += u64::from(heights.have_measures);
+            without_geometry += u64::from(match &feature.geometry {
+                None => true,
+                Some(FeatureGeometry::Points(own)) => own.is_empty(),
+                Some(_) => false,
+            });
             let place = match &feature.geometry {
                 Some(FeatureGeometry::Points(own)) => {
                     points += own.len() as u64;
@@ -198,7 +210,7 @@ impl Survey {
                 false => left_out.push(name.clone()),
             }
         }
-        Ok(Survey { attributes, columns, height, left_out, with_more })
+        Ok(Survey { attributes, columns, height, left_out, with_more, without_geometry })
     }
 }
 

@@ -14,6 +14,8 @@ mod parts;
 mod ply;
 mod spill;
 mod stl;
+#[cfg(test)]
+mod tests;
 mod vertices;
 
 use std::path::{Path, PathBuf};
@@ -79,7 +81,7 @@ fn format(source: &ModelFile) -> Option<Format> {
     if matches!(bytes, [b'p', b'l', b'y', b'\r' | b'\n' | b' ', ..]) {
         return Some(Format::Ply);
     }
-    if off::keyword(bytes).is_some() {
+    if off::has_keyword(bytes) {
         return Some(Format::Off);
     }
     if bytes.trim_ascii_start().starts_with(b"{") && extension != "stl" {
