@@ -212,7 +212,7 @@ fn carved(body: Body, count: usize, is_depth: bool, (cells, pixels): (usize, u32
     let [to_x, to_y, to_z] = high;
     let bounds = [x, y, z, to_x, to_y, to_z];
     std::fs::write(&text, format!(r#"{{"bounds": {bounds:?}, "views": [{}]}}"#, texts.join(","))).unwrap();
-    let import = plan_views(&text, &options(cells as u64)).unwrap();
+    let import = plan_views(&text, &options(cells as u64), &FileAccess::default()).unwrap();
     let found = full(import, &folder.path().join("body.goblin"), cells);
     let cell = 2.0 * HALF / cells as f64;
     for (index, is_full) in found.iter().enumerate() {
@@ -273,7 +273,7 @@ fn what_is_carved_does_not_depend_on_threads() {
     let path = folder.path().join("body.goblin");
     let build = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let import = plan_views(&text, &options(150)).unwrap();
+        let import = plan_views(&text, &options(150), &FileAccess::default()).unwrap();
         pool.install(|| import.build(Output::create(&path).unwrap(), &())).unwrap();
         std::fs::read(&path).unwrap()
     };
@@ -281,7 +281,7 @@ fn what_is_carved_does_not_depend_on_threads() {
     // Pictures that have no room are refused before they are read.
     let mut little = options(150);
     little.memory = 100_000;
-    let error = plan_views(&text, &little).err().unwrap().to_string();
+    let error = plan_views(&text, &little, &FileAccess::default()).err().unwrap().to_string();
     assert!(error.contains("body.views, view ") && error.contains("--memory"), "{error}");
 }
 
