@@ -6,7 +6,7 @@ use spinney::export::{
     ArrayRequest, CogRequest, Detail, WindowRequest, export_array, export_cog, export_window,
 };
 use spinney::import::raster::{ImportOptions, plan};
-use spinney::raw::export::image::Format;
+use spinney::raw::export::image::{Format, ImageSpec, create};
 use spinney::raw::export::{export_layers, void_number, window_rows};
 use spinney::{
     DataKind, Dataset, Dimension, Error, Metadata, Number, Output, Progress, Rule, SampleType, TreeType,
@@ -248,5 +248,38 @@ fn reported_maps_keep_void_and_values() {
         let expected =
             [first.clone().unwrap_or(void.clone()), second.clone().unwrap_or(void.clone())].concat();
         assert_eq!(cell.clone().unwrap_or([void.clone(), void.clone()].concat()), expected);
+    }
+}
+
+#[test]
+fn mask_files_of_rasters_are_applied() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &str| folder.path().join(name);
+    let picture = |path: &Path, [width, height]: [u64; 2], sample: &dyn Fn(u64) -> u8| {
+        let value = ValueType::new(SampleType::U8, 1);
+        let metadata = Metadata::default();
+        let spec = ImageSpec { width, height, value, alpha: false, void: false, metadata };
+        let mut writer = create(Output::create(path).unwrap(), Format::Tiff, &spec).unwrap();
+        let bytes: Vec<u8> = (0..width * height).map(sample).collect();
+        writer.write_rows(&bytes, None).unwrap();
+        writer.finish().unwrap();
+    };
+    picture(&name("a.tif"), [40, 30], &|at| at as u8);
+    picture(&name("mask.tif"), [40, 30], &|at| if at % 7 == 0 { 0 } else { 255 });
+    std::fs::rename(name("mask.tif"), name("a.tif.msk")).unwrap();
+    let expected: Found = (0..1200u64).map(|at| (at % 7 != 0).then(|| vec![at as u8])).collect();
+    assert!(imported(&name("a.tif"), 1) == expected);
+    // One of another size is no mask of it.
+    picture(&name("mask.tif"), [40, 29], &|_| 255);
+    std::fs::rename(name("mask.tif"), name("a.tif.msk")).unwrap();
+    let error = plan(&[name("a.tif")], &ImportOptions::new()).err().unwrap().to_string();
+    assert!(error.contains("40 x 29 pixels") && error.contains("40 x 30"), "{error}");
+    if let Some(data) = shared_data().map(|data| data.join("hostile/reports/maps/outer.tif"))
+        && data.is_file()
+    {
+        let import = plan(&[data], &ImportOptions::new()).unwrap();
+        import.build(Output::create(&name("o.goblin")).unwrap(), &()).unwrap();
+        let tree = spinney::open(name("o.goblin")).unwrap();
+        assert!(tree.may_have_void(tree.header().picture()).unwrap());
     }
 }
