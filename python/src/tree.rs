@@ -60,7 +60,7 @@ impl Opened {
         Ok(*self.void.get_or_init(|| number))
     }
 
-    /// The number for VOID cells of arrays without a mask, which somebody may have asked for.
+    /// The number for VOID cells of arrays without a mask: that of the caller, or one that is free.
     pub(crate) fn plain_fill(&self, asked: Option<PyNumber>) -> PyResult<Number> {
         if asked.is_none() {
             let is_free = || {
@@ -77,7 +77,7 @@ impl Opened {
         self.fill(asked)
     }
 
-    /// The number for VOID cells, which somebody may have asked for; 0 if none is free, for arrays with a mask.
+    /// The number for VOID cells: that of the caller, or one that is free; else 0, for arrays with a mask.
     pub(crate) fn fill(&self, asked: Option<PyNumber>) -> PyResult<Number> {
         let sample = self.tree.header().form.value.sample;
         match asked.map(|number| number.0) {

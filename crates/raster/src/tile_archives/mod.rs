@@ -113,7 +113,7 @@ impl TileRequest {
     /// # Errors
     /// If the tree's file cannot be read.
     pub fn new(tree: &Dataset) -> Result<TileRequest> {
-        // (The bounds of views can take long to find, and pictures need none.)
+        // (The bounds of views can take long to find, and painted tiles need none.)
         let void = if tree.as_file().is_some() { void_number(tree)? } else { None };
         Ok(TileRequest {
             zooms: None,

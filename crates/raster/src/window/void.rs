@@ -20,7 +20,7 @@ pub(crate) struct VoidCells {
 }
 
 impl VoidCells {
-    /// Those of some cells of layers of one sample type, with the number that was asked for.
+    /// Those of some cells of layers of one sample type, with the number that the caller chose.
     pub(crate) fn of(layers: &[Dataset], bounds: Bounds, asked: Option<Number>) -> Result<VoidCells> {
         let mut may_be = false;
         for layer in layers {
@@ -34,7 +34,7 @@ impl VoidCells {
         Ok(VoidCells { may_be, fill, replaced })
     }
 
-    /// Those of a picture that is painted, where colours encode VOID.
+    /// Those of a painted image, where colours encode VOID.
     pub(crate) fn painted(tree: &Dataset, bounds: Bounds) -> Result<VoidCells> {
         let may_be = tree.header().rule != Rule::Occupancy && tree.may_have_void(bounds)?;
         Ok(VoidCells { may_be, fill: None, replaced: None })
@@ -80,7 +80,7 @@ impl VoidCells {
     }
 }
 
-/// Whether VOID needs no number beside those of the values: where it means empty, or has opacity 0.
+/// Whether VOID needs no number in addition to those of the values: where it means empty, or has opacity 0.
 fn is_encoded_by_value(layers: &[Dataset]) -> bool {
     matches!(layers, [tree] if has_opacity(tree) || tree.header().rule == Rule::Occupancy)
 }
@@ -96,11 +96,11 @@ pub fn void_number(tree: &Dataset) -> Result<Option<Number>> {
     decide(std::slice::from_ref(tree), None, false)
 }
 
-/// The number that encodes VOID in outputs of all of some layers of one sample type: that which was asked for, or one that no
+/// The number that encodes VOID in outputs of all of some layers of one sample type: that which the caller chose, or one that no
 /// value of a layer can be equal to. With `convolved`, values are cubic convolutions of the layers' own.
 ///
 /// # Errors
-/// If the number that was asked for is none of the type, or lies within the values; if statistics are corrupt.
+/// If the number that the caller chose is none of the type, or lies within the values; if statistics are corrupt.
 pub(crate) fn decide(layers: &[Dataset], asked: Option<Number>, convolved: bool) -> Result<Option<Number>> {
     let Some(first) = layers.first() else { return Ok(asked) };
     let sample = first.header().form.value.sample;

@@ -212,7 +212,7 @@ impl TileSink for PmtilesSink {
         let text = directory::gzip(about.pmtiles_json(stored.tiles, digest).as_bytes());
         let metadata = ByteRange { offset: leaves.offset + leaves.length, length: text.len() as u64 };
         self.write(&text)?;
-        // (Viewers ask for the tiles of all zooms that the header claims.)
+        // (Viewers request the tiles of all zooms that the header claims.)
         let first = few.first().and_then(|entry| TileId::from_number(entry.first));
         let [least, most] = about.zooms;
         let least = first.map_or(least, |tile| tile.zoom.clamp(least, most));
