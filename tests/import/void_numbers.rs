@@ -45,7 +45,10 @@ fn reference(tree: &Dataset, request: &WindowRequest) -> Found {
 /// The cells of a raster file, as an import reads them.
 fn imported(path: &Path, size: usize) -> Found {
     let again = path.with_extension("goblin");
-    plan(&[path], &ImportOptions::new()).unwrap().build(Output::create(&again).unwrap(), &()).unwrap();
+    plan(&[path.to_path_buf()], &ImportOptions::new())
+        .unwrap()
+        .build(Output::create(&again).unwrap(), &())
+        .unwrap();
     let tree = spinney::open(&again).unwrap();
     assert_eq!(tree.header().form.value.size(), size);
     reference(&tree, &WindowRequest::new(tree.header().picture(), Detail::Level(tree.depth())))
@@ -175,7 +178,7 @@ fn boxes_of_octrees_have_a_free_number_for_void() {
     let cells = Cells::noise(TreeType::new(Dimension::Oct, value), 7, [9, 8, 7], 40);
     let tree = tree(&name("t.goblin"), &cells, Some(0.into()), Rule::Mean);
     let void = void_number(&tree).unwrap().unwrap();
-    assert_eq!(void, i64::from(i16::MIN));
+    assert_eq!(void, f64::from(i16::MIN));
     let warnings = Warnings::default();
     for level in [tree.depth(), tree.depth() - 1] {
         let request = ArrayRequest::new(tree.extent_at(level), level);
