@@ -300,7 +300,7 @@ pub mod export {
     #[cfg(feature = "raster")]
     pub use spinney_raster::{
         ChainDirections, ChainWriter, CogSummary, LegendFormat, RowSink, export_chain_code, export_layers,
-        export_legend, fill_for, void_number, window_rows,
+        export_legend, void_number, window_rows,
     };
     #[cfg(feature = "render")]
     pub use spinney_render::{CameraProjection, DrawingFormat, DrawingStyle, draw_cells, draw_exact};

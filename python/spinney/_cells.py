@@ -104,7 +104,7 @@ def void_of(*trees: Dataset) -> Void:
     limits = np.iinfo(tree.dtype)
     told = [other.nodata for other in trees if other.nodata is not None and float(other.nodata).is_integer() and limits.min <= other.nodata <= limits.max]
     for number in (*dict.fromkeys(told), limits.min, limits.max):
-        if all(other.nodata == number or _is_free(number, about) for other, about in zip(trees, facts)):
+        if all(_is_missing(other, number) or _is_free(number, about) for other, about in zip(trees, facts)):
             return Void(number, tree.dtype)
     if tree.dtype.itemsize == 8:
         raise ValueError(f"{tree.path}: both ends of {tree.dtype} are samples, and no wider type has a number for VOID; read it with masked=True")
@@ -114,6 +114,11 @@ def void_of(*trees: Dataset) -> Void:
 def _is_free(number: float, facts: dict[str, Any]) -> bool:
     """Whether no sample is a number."""
     return not facts["cells"] or all(number < low or number > high for _, low, high, _, _ in facts["channels"])
+
+
+def _is_missing(tree: Dataset, number: float) -> bool:
+    """Whether samples that are a number are missing in a band, whatever lies around it."""
+    return tree._missing is not None and tree._missing == number
 
 
 def _same(a: float, b: float) -> bool:

@@ -144,7 +144,7 @@ def _along(trees: Sequence[Dataset], wanted: int, axis: str, places: Any, mask_a
     variable = xr.Variable((axis, *like.dims), indexing.LazilyIndexedArray(cells), attrs, encoding)
     coordinates = {name: values for name, values in like.coords.items() if name not in (axis, "time")}
     made = xr.Dataset({USUAL: variable}, coordinates | {axis: (axis, places)}, first.attrs)
-    return decoded(made) if masks_of(trees[0], void, mask_and_scale) else made
+    return decoded(made) if masks_of(trees[0], mask_and_scale) else made
 
 
 def _bands(trees: Mapping[str, Dataset], wanted: int, mask_and_scale: bool | None) -> xr.Dataset:

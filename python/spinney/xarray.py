@@ -170,14 +170,12 @@ def _dataset_of(tree: Dataset, level: int, void: Void, mask_and_scale: bool | No
     elif tree.time is not None:
         attrs["time"] = tree.time
     made = xr.Dataset({"band_data": variable}, coordinates, _attributes(tree) | {"level": level})
-    return decoded(made) if masks_of(tree, void, mask_and_scale) else made
+    return decoded(made) if masks_of(tree, mask_and_scale) else made
 
 
-def masks_of(tree: Dataset, void: Void, mask_and_scale: bool | None) -> bool:
+def masks_of(tree: Dataset, mask_and_scale: bool | None) -> bool:
     """Whether VOID becomes NaN and scales are applied."""
-    # (Masked, integers become floats, which do not have all those of 64 bits.)
-    is_exact = void.dtype.kind == "f" or void.dtype.itemsize < 8
-    return tree.kind == "continuous" and is_exact if mask_and_scale is None else mask_and_scale
+    return tree.kind == "continuous" if mask_and_scale is None else mask_and_scale
 
 
 def decoded(made: xr.Dataset) -> xr.Dataset:

@@ -327,7 +327,7 @@ impl Tree {
     ) -> PyResult<Bound<'py, PyAny>> {
         let opened = slf.get().get()?;
         let opened = &*opened;
-        let fill_value = opened.fill(fill)?;
+        let fill_value = if masked { opened.fill(fill)? } else { opened.plain_fill(fill)? };
         if masked && out.is_some() {
             return Err(invalid("masked and out: a masked array is a new one"));
         }

@@ -171,7 +171,7 @@ impl Tree {
         (bounds.min[across], bounds.max[across]) = (cell as u64, cell as u64 + 1);
         let mut request = WindowRequest::new(bounds, Detail::Level(level));
         request.across = across;
-        request.nodata = Some(opened.fill(fill)?);
+        request.nodata = Some(if masked { opened.fill(fill)? } else { opened.plain_fill(fill)? });
         resampled_slice(py, &opened, &request, level, masked)
     }
 

@@ -59,7 +59,24 @@ impl Opened {
         Ok(*self.void.get_or_init(|| number))
     }
 
-    /// The number for VOID cells, which somebody may have asked for.
+    /// The number for VOID cells of arrays without a mask: that of the caller, or one that is free.
+    pub(crate) fn plain_fill(&self, asked: Option<PyNumber>) -> PyResult<Number> {
+        if asked.is_none() {
+            let is_free = || {
+                let picture = self.tree.header().picture();
+                Ok(void_number(&self.tree)?.is_some() || !self.tree.may_have_void(picture)?)
+            };
+            if !Python::attach(|py| py.detach(is_free)).or_raise()? {
+                let sample = self.tree.header().form.value.sample.name();
+                return Err(invalid(format!(
+                    "VOID cells: every number of {sample} is a value, and none is left for them; read with masked=True, or choose a number (fill=)"
+                )));
+            }
+        }
+        self.fill(asked)
+    }
+
+    /// The number for VOID cells: that of the caller, or one that is free; else 0, for arrays with a mask.
     pub(crate) fn fill(&self, asked: Option<PyNumber>) -> PyResult<Number> {
         let sample = self.tree.header().form.value.sample;
         match asked.map(|number| number.0) {

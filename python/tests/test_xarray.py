@@ -38,6 +38,49 @@ def test_void_becomes_nan(relief: str) -> None:
         assert np.array_equal(ds.band_data.values[~masked.mask], masked.compressed())
 
 
+@pytest.mark.parametrize("dtype", ["i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8"])
+def test_integers_of_all_widths_are_masked_and_scaled(tmp_path: Path, dtype: str) -> None:
+    array = np.array([[1, 2, 3], [4, 5, 100]], dtype)
+    path = tmp_path / "t.goblin"
+    spinney.build(array, path, kind="continuous", nodata=100, scales=[0.5])
+    with xr.open_dataset(path, engine="spinney") as ds:
+        data = ds.band_data
+        assert data.dtype.kind == "f" and (data.dtype == np.float64 or np.dtype(dtype).itemsize < 4)
+        assert float(data.mean()) == 1.5 and int(np.isnan(data).sum()) == 1
+    with xr.open_dataset(path, engine="spinney", mask_and_scale=False) as ds:
+        data = ds.band_data
+        assert data.dtype == np.dtype(dtype) and data.attrs["scale_factor"] == 0.5
+        assert np.array_equal(data.values[0], array) and data.attrs["_FillValue"] == 100
+
+
+def test_values_that_equal_nodata_stay_values(tmp_path: Path) -> None:
+    # The mean of -10 and 10 is the nodata number.
+    array = np.tile(np.array([[-10, 10], [10, -10]], "i2"), (4, 4))
+    array[0, 0] = 0
+    path = tmp_path / "t.goblin"
+    spinney.build(array, path, kind="continuous", nodata=0)
+    with spinney.open(path) as ds:
+        assert ds.fill_value == np.iinfo("i2").min
+        assert (ds.read(1, level=ds.depth - 1) == 0).sum() == 15
+        with pytest.raises(ValueError, match="within the values"):
+            ds.save(tmp_path / "a.tif", nodata=0)
+    with xr.open_dataset(path, engine="spinney", level=2) as found:
+        assert int((found.band_data == 0).sum()) == 15
+
+
+def test_arrays_without_a_free_number_are_masked(tmp_path: Path) -> None:
+    array = np.ma.masked_array(np.arange(272, dtype="u2").astype("u1").reshape(16, 17), False)
+    array[0, 0] = np.ma.masked
+    path = tmp_path / "t.goblin"
+    spinney.build(array, path, kind="continuous")
+    with spinney.open(path) as ds:
+        with pytest.raises(ValueError, match="masked=True"):
+            ds.read(1)
+        assert ds.read(1, masked=True).mask.sum() == 1 and ds.read(1, fill=7)[0, 0] == 7
+        with pytest.raises(ValueError, match="every number of u8 is a value"):
+            ds.save(tmp_path / "a.npy")
+
+
 def test_classes_have_names(tmp_path: Path) -> None:
     array = np.array([[1, 2], [2, 3]], "u1")
     path = tmp_path / "t.goblin"

@@ -77,6 +77,8 @@ mod stacks;
 mod tile_updates;
 mod tiles;
 #[cfg(feature = "raster")]
+mod void_numbers;
+#[cfg(feature = "raster")]
 mod volumes;
 #[cfg(feature = "raster")]
 mod vrt;

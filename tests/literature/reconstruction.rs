@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use spinney::import::mesh::{Resolution, SolidOptions};
 use spinney::raw::reconstruction::{ReconstructionImport, plan_outlines, plan_views};
-use spinney::{Bounds, Output};
+use spinney::{Bounds, FileAccess, Output};
 
 type Vector = [f64; 3];
 

@@ -4,10 +4,10 @@ use std::io::Write;
 
 use super::image::{Format, array_header};
 use super::volume::nrrd_head;
-use super::window::{DEFAULT_MEMORY, fill_for};
+use super::window::{DEFAULT_MEMORY, VoidCells};
 use spinney_base::io::Output;
 use spinney_base::space::Bounds;
-use spinney_base::value::{Number, Rule};
+use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result};
 use spinney_engine::dataset::Dataset;
 
@@ -19,8 +19,8 @@ pub struct ArrayRequest {
     pub bounds: Bounds,
     /// Level of the cells.
     pub level: u8,
-    /// The number for VOID cells; by default 0 in trees of [`Rule::Occupancy`], else as for pictures: see
-    /// [`fill_for`].
+    /// The number for VOID cells: an error if it lies within the values; by default that of images, see
+    /// [`void_number`](super::void_number).
     pub nodata: Option<Number>,
     /// Bytes to hold at a time; what one row of cells needs must fit.
     pub memory: u64,
@@ -66,6 +66,23 @@ pub fn export_array(
         ));
     }
     let [width, height, depth] = bounds.size();
+    // One byte more than the value: whether the cell has one.
+    let row = width * (header.form.value.size() as u64 + 1);
+    if row > memory {
+        return Err(Error::TooLarge {
+            path: tree.name().to_path_buf(),
+            what: format!("a row of {width} cells"),
+            needed: row,
+            limit: memory,
+            advice: "ask for a smaller box or a coarser level".into(),
+        });
+    }
+    let shift = tree.depth() - level;
+    let max = std::array::from_fn(|axis| (bounds.max[axis] << shift).min(header.extent[axis]));
+    let cells = Bounds { min: bounds.min.map(|cell| cell << shift), max };
+    let void = VoidCells::of(std::slice::from_ref(tree), cells, nodata)?;
+    void.check((output.path(), header.form.value.sample), format, progress)?;
+    let fill = void.fill.unwrap_or_default();
     match format {
         Format::Npy => {
             let header = array_header(header.form.value, &[depth, height, width]);
@@ -87,22 +104,6 @@ pub fn export_array(
             ));
         }
     }
-    // One byte more than the value: whether the cell has one.
-    let row = width * (header.form.value.size() as u64 + 1);
-    if row > memory {
-        return Err(Error::TooLarge {
-            path: tree.name().to_path_buf(),
-            what: format!("a row of {width} cells"),
-            needed: row,
-            limit: memory,
-            advice: "ask for a smaller box or a coarser level".into(),
-        });
-    }
-    let fill = match nodata {
-        Some(number) => number,
-        None if header.rule == Rule::Occupancy => Number::default(),
-        None => fill_for(tree)?.unwrap_or_default(),
-    };
     // Whole planes, or rows of one.
     let rows = (memory / row).clamp(1, height);
     let planes = if rows == height { (memory / (row * height)).clamp(1, 64) } else { 1 };

@@ -16,6 +16,6 @@ pub use chain_code::{ChainDirections, ChainWriter, export_chain_code};
 pub use cog::{CogCompression, CogRequest, CogSummary, export_cog};
 pub use legend::{LegendFormat, export_legend};
 pub use window::{
-    Detail, RowSink, WindowRequest, export_layers, export_painted_window, export_window, fill_for,
-    void_number, window_rows,
+    Detail, RowSink, WindowRequest, export_layers, export_painted_window, export_window, void_number,
+    window_rows,
 };

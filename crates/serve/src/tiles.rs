@@ -91,8 +91,7 @@ pub(crate) fn answer(
         return Err(Failure::missing(format!("zoom: got {}, of 0 to {last}", tile.zoom)));
     }
     let painter = drawn.painter(style.as_ref(), progress)?;
-    let void =
-        if format.is_array() { void_number(&drawn.tree)?.unwrap_or_default() } else { Default::default() };
+    let void = if format.is_array() { void_number(&drawn.tree)? } else { None };
     // (A tile that is made for one request is packed as fast as can be; colours are so anyway.)
     let png_effort = painter.palette().is_some().then_some(1);
     let encoding = TileEncoding { format, png_effort, ..TileEncoding::default() };

@@ -233,6 +233,11 @@ impl Coat {
         is_opaque && self.opacity == 255 && self.mask.is_empty()
     }
 
+    /// Whether colours encode heights.
+    pub(super) fn encodes_heights(&self) -> bool {
+        matches!(self.ink, Ink::Heights { .. })
+    }
+
     /// Whether all colours are greys.
     pub(super) fn is_grey(&self) -> bool {
         let grey =

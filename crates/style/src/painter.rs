@@ -94,7 +94,8 @@ impl StylePainter {
         let mut painter =
             StylePainter { value, coats, void: style.void, title, alpha, margin, table: None, indices: None };
         painter.table = painter.tabulate();
-        painter.indices = painter.palette_of();
+        // (Where colours encode heights, VOID pixels of tiles have those of their neighbours.)
+        painter.indices = if painter.encodes_heights() { None } else { painter.palette_of() };
         if let (Some(table), Some(indices)) = (&mut painter.table, &painter.indices) {
             table.indices = table.colours.iter().map(|colour| indices.index(*colour)).collect();
         }
@@ -152,6 +153,11 @@ impl StylePainter {
     /// The colour of VOID.
     pub fn void(&self) -> [u8; 4] {
         self.void
+    }
+
+    /// Whether colours encode heights, and VOID is transparent: readers that ignore opacity take the colour of VOID for a height.
+    pub fn encodes_heights(&self) -> bool {
+        self.void[3] == 0 && matches!(&self.coats[..], [coat] if coat.encodes_heights())
     }
 
     /// Whether all pixels that are not VOID are opaque, for sure.

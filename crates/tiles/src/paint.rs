@@ -74,7 +74,8 @@ impl TilePainter {
             all.iter_mut().zip(colours).for_each(|(to, from)| *to = *from);
             all
         });
-        let look = format!("{:016x}", xxhash_rust::xxh3::xxh3_64(format!("{painter:?}").as_bytes()));
+        let void = if painter.encodes_heights() { "nearest height" } else { "" };
+        let look = format!("{:016x}", xxhash_rust::xxh3::xxh3_64(format!("{painter:?}{void}").as_bytes()));
         let colours = TileColours { style: style.json().to_owned(), percentiles, look };
         Ok(TilePainter { painter, palette, colours })
     }
@@ -132,7 +133,39 @@ impl TilePainter {
             self.painter.paint_indices(&block, &mut pixels.indices)
         } else {
             pixels.colours.resize(side * side, [0; 4]);
-            self.painter.paint(&block, pixels.colours.as_flattened_mut())
+            self.painter.paint(&block, pixels.colours.as_flattened_mut())?;
+            if self.painter.encodes_heights() {
+                spread_colours(&mut pixels.colours, side);
+            }
+            Ok(())
+        }
+    }
+}
+
+/// Gives transparent pixels the colour of the nearest pixel that is not, counted in steps between neighbours; they stay transparent.
+fn spread_colours(pixels: &mut [[u8; 4]], side: usize) {
+    let mut is_reached: Vec<bool> = pixels.iter().map(|pixel| pixel[3] > 0).collect();
+    if !is_reached.contains(&false) {
+        return;
+    }
+    let mut reached: Vec<usize> = (0..pixels.len()).filter(|at| is_reached[*at]).collect();
+    let mut next = 0;
+    while let Some(at) = reached.get(next).copied() {
+        next += 1;
+        let [red, green, blue, _] = pixels[at];
+        let (column, row) = (at % side, at / side);
+        let neighbours = [
+            (row > 0).then(|| at - side),
+            (column > 0).then(|| at - 1),
+            (column + 1 < side).then_some(at + 1),
+            (at + side < pixels.len()).then_some(at + side),
+        ];
+        for neighbour in neighbours.into_iter().flatten() {
+            if !is_reached[neighbour] {
+                is_reached[neighbour] = true;
+                pixels[neighbour] = [red, green, blue, 0];
+                reached.push(neighbour);
+            }
         }
     }
 }
@@ -161,4 +194,26 @@ pub fn draw_tile(
     }
     painter.paint(source, tile, &samples, &mut pixels)?;
     Ok(Some(pixels.into_colours(painter.palette())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn transparent_pixels_have_the_nearest_colour() {
+        let (none, one, other) = ([0; 4], [1, 2, 3, 255], [9, 8, 7, 255]);
+        let mut pixels = [none; 16];
+        (pixels[0], pixels[15]) = (one, other);
+        spread_colours(&mut pixels, 4);
+        let hidden = |[red, green, blue, _]: [u8; 4]| [red, green, blue, 0];
+        assert_eq!((pixels[0], pixels[15]), (one, other));
+        assert_eq!(
+            (pixels[1], pixels[5], pixels[14], pixels[10]),
+            (hidden(one), hidden(one), hidden(other), hidden(other))
+        );
+        let mut nothing = [none; 4];
+        spread_colours(&mut nothing, 2);
+        assert_eq!(nothing, [none; 4]);
+    }
 }

@@ -148,6 +148,11 @@ pub trait TileSource: Sync {
         String::new()
     }
 
+    /// Whether samples may leave the bounds of the tree's values, as those of a cubic convolution do.
+    fn overshoots(&self) -> bool {
+        false
+    }
+
     /// The deepest zoom that is worth drawing: that with about the source's own cells, for tiles of so many cells a side.
     fn max_zoom(&self, side: usize) -> u8;
 

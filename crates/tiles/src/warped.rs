@@ -10,7 +10,7 @@ use spinney_base::value::ValueType;
 use spinney_base::{Error, Progress, Result};
 use spinney_crs::{Frame, Projection, WEB_MERCATOR_LATITUDE, web_mercator};
 use spinney_engine::dataset::Dataset;
-use spinney_engine::ops::{ViewSource, WarpGrid, WarpOptions, Warped};
+use spinney_engine::ops::{Resampling, ViewSource, WarpGrid, WarpOptions, Warped};
 use spinney_engine::tree::Source as _;
 
 /// Tiles of a raster that lies on another grid than web mercator's.
@@ -83,6 +83,10 @@ impl WarpedTiles {
 impl TileSource for WarpedTiles {
     fn value_type(&self) -> ValueType {
         self.warped[0].form().value
+    }
+
+    fn overshoots(&self) -> bool {
+        self.warped.iter().any(|warped| warped.resampling() == Resampling::Cubic)
     }
 
     /// The ways in which the zooms get their values.

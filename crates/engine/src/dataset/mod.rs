@@ -3,6 +3,7 @@
 
 mod contours;
 mod labels;
+mod outer_bounds;
 mod polygons;
 mod questions;
 mod rebuild;

@@ -249,7 +249,7 @@ impl Dataset {
     /// # Errors
     /// If the file is damaged there.
     pub fn exact_bounds(&self) -> Result<Vec<(Number, Number)>> {
-        // No view has values beyond those of what it stands on.
+        // (Of a tree on another grid those of its source: see `Dataset::outer_bounds`.)
         let statistics = self.totals(None)?;
         Ok(statistics.channels.iter().map(|channel| (channel.min, channel.max)).collect())
     }

@@ -5,7 +5,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::layout::LevelTiles;
 use crate::image::ImageSpec;
-use crate::image::tiff_coding::{Coder, Coding};
+use crate::image::tiff::{MASK_CODER, mask_rows};
+use crate::image::tiff_coding::Coding;
 use spinney_base::Result;
 use spinney_base::space::Bounds;
 use spinney_base::value::Number;
@@ -13,9 +14,6 @@ use spinney_engine::dataset::Dataset;
 
 /// Tiles of one value that are kept: more than most maps have values.
 const MAX_KEPT: usize = 1 << 10;
-
-/// Compression of masks, whatever that of cells is.
-const MASK_CODER: Coder = Coder::Deflate { level: 6 };
 
 /// A tile as it stands in the file.
 pub(super) struct EncodedTile {
@@ -93,8 +91,8 @@ impl Encoder<'_> {
         if !valid.contains(&false) {
             return self.full_mask.clone();
         }
-        // The first pixel is the highest bit. (Sides are multiples of 16.)
-        let byte = |flags: &[bool]| flags.iter().fold(0, |bits, flag| bits << 1 | u8::from(*flag));
-        Arc::new(MASK_CODER.compress(valid.chunks_exact(8).map(byte).collect()))
+        let mut rows = Vec::new();
+        mask_rows(valid, self.side as usize, &mut rows);
+        Arc::new(MASK_CODER.compress(rows))
     }
 }

@@ -2,7 +2,7 @@
 //! tiles, whose places are known before the first tile is.
 
 use crate::image::ImageSpec;
-use crate::image::tiff::{descriptive_tags, sample_tags};
+use crate::image::tiff::{descriptive_tags, mask_tags, sample_tags};
 use crate::image::tiff_coding::Coding;
 use crate::image::tiff_tags::{self, IfdField, WordWidth, directory, tag, tag_value, value_place, word};
 
@@ -162,19 +162,6 @@ fn ghost(has_masks: bool) -> String {
 
 fn offset_width(big: bool) -> WordWidth {
     if big { WordWidth::Eight } else { WordWidth::Four }
-}
-
-/// Tags of a mask: a bit per pixel, 1 where there is a value.
-fn mask_tags() -> Vec<(u16, IfdField)> {
-    use IfdField::Short;
-    vec![
-        (tag::BITS_PER_SAMPLE, Short(vec![1])),
-        (tag::COMPRESSION, Short(vec![tag_value::COMPRESSION_DEFLATE])),
-        (tag::PHOTOMETRIC_INTERPRETATION, Short(vec![tag_value::PHOTOMETRIC_MASK])),
-        (tag::SAMPLES_PER_PIXEL, Short(vec![1])),
-        (tag::PLANAR_CONFIGURATION, Short(vec![tag_value::PLANAR_CHUNKY])),
-        (tag::SAMPLE_FORMAT, Short(vec![tag_value::FORMAT_UNSIGNED])),
-    ]
 }
 
 /// A directory, but for its tables of tiles.

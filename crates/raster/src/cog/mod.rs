@@ -31,8 +31,8 @@ pub struct CogRequest {
     pub tile_size: u32,
     /// Compression of tiles.
     pub compression: CogCompression,
-    /// The number for VOID cells; chosen if not given: see [`fill_for`](super::fill_for). Where every number is in use, the
-    /// file gets a mask instead.
+    /// The number for VOID cells; an error if it lies within the values; chosen if not given, see
+    /// [`void_number`](super::void_number). Where every number is a value, the file gets a mask instead.
     pub nodata: Option<Number>,
     /// Bytes to hold at a time; one tile must fit.
     pub memory: u64,
@@ -112,8 +112,9 @@ pub fn export_cog(
         let expected = "a multiple of 16, from 64 to 4096";
         return Err(Error::invalid("tile size", request.tile_size.to_string(), expected));
     }
-    let (spec, fill) = picture(tree, request)?;
-    let has_masks = spec.void && !spec.alpha && fill.is_none();
+    let (spec, void) = picture(tree, request)?;
+    let has_masks = spec.needs_mask();
+    void.check((output.path(), spec.value.sample), Format::Tiff, progress)?;
     let value = spec.value;
     let side = u64::from(request.tile_size);
     let tile_bytes = side * side * value.size() as u64;
@@ -144,7 +145,7 @@ pub fn export_cog(
     let mut writer = Writer {
         output: Seekable::new(output)?,
         big: file.big,
-        encoder: Encoder::new(tree, &spec, fill.unwrap_or_default(), coding, side, has_masks),
+        encoder: Encoder::new(tree, &spec, void.fill.unwrap_or_default(), coding, side, has_masks),
         batch: (request.memory / needed).min(1 << 10),
         cells: levels.iter().map(LevelTiles::cells).sum(),
         progress,
@@ -165,14 +166,13 @@ pub fn export_cog(
 }
 
 /// The picture of a tree's deepest level, with the tree's statistics among what is known of it, and the number for VOID.
-fn picture(tree: &Dataset, request: &CogRequest) -> Result<(ImageSpec, Option<Number>)> {
-    let mut window = WindowRequest::new(tree.header().picture(), Detail::Level(tree.depth()));
-    window.nodata = request.nodata;
+fn picture(tree: &Dataset, request: &CogRequest) -> Result<(ImageSpec, VoidCells)> {
+    let window = WindowRequest::new(tree.header().picture(), Detail::Level(tree.depth()));
     let grid = OutputGrid::of(tree, &window)?;
-    let void = VoidCells::of(tree, &window)?;
+    let void = VoidCells::of(std::slice::from_ref(tree), window.bounds, request.nodata)?;
     let mut spec = image_spec(tree, &grid, &void);
     add_statistics(&mut spec.metadata, tree)?;
-    Ok((spec, void.fill))
+    Ok((spec, void))
 }
 
 /// Adds the tree's exact statistics as GDAL names them.

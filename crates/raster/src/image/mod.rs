@@ -41,6 +41,13 @@ pub struct ImageSpec {
     pub metadata: Metadata,
 }
 
+impl ImageSpec {
+    /// Whether a TIFF file needs a mask for VOID pixels, since neither opacity nor a number encodes them.
+    pub(crate) fn needs_mask(&self) -> bool {
+        self.void && !self.alpha && self.metadata.nodata.is_none()
+    }
+}
+
 /// A file format, chosen by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs)] // the names say it
@@ -62,8 +69,8 @@ pub trait RowWriter {
     /// Writes the next rows: whole rows, pixels from the left, a pixel's samples together, little-endian.
     ///
     /// `valid` has a flag per pixel where some may be VOID: PNG pictures announced as [`ImageSpec::void`]
-    /// make their opacity channel of it (no flags: nothing is VOID); all others rely on the nodata number
-    /// being in `bytes` already.
+    /// make their opacity channel of it, and TIFF files without a nodata number a mask (no flags: nothing is VOID); all others rely on the
+    /// nodata number being in `bytes` already.
     ///
     /// # Errors
     /// If the bytes are no whole rows, are more than announced, or cannot be written.

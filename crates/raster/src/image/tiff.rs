@@ -19,6 +19,9 @@ pub(crate) const BIG_BYTES: u64 = 3_900_000_000;
 /// Level 4: little larger than 6, in much less time.
 const CODER: Coder = Coder::Deflate { level: 4 };
 
+/// Compression of masks, whatever that of samples is.
+pub(crate) const MASK_CODER: Coder = Coder::Deflate { level: 6 };
+
 struct Tiff {
     output: Seekable,
     rows: Rows,
@@ -31,6 +34,16 @@ struct Tiff {
     sizes: Vec<u64>,
     /// All tags but those of the strips.
     tags: Vec<(u16, IfdField)>,
+    mask: Option<MaskStrips>,
+}
+
+/// The mask of pixels that are not VOID: an image of its own, in strips of as many rows.
+struct MaskStrips {
+    width: usize,
+    height: u64,
+    waiting: Vec<u8>,
+    offsets: Vec<u64>,
+    sizes: Vec<u64>,
 }
 
 pub(super) fn create(output: Output, spec: &ImageSpec) -> Result<Box<dyn RowWriter>> {
@@ -60,6 +73,13 @@ fn create_as(output: Output, spec: &ImageSpec, big: bool) -> Result<Box<dyn RowW
     ]);
     let mut output = Seekable::new(output)?;
     output.append(tiff_tags::header(big).0)?;
+    let mask = spec.needs_mask().then(|| MaskStrips {
+        width: spec.width as usize,
+        height: spec.height,
+        waiting: Vec::new(),
+        offsets: Vec::new(),
+        sizes: Vec::new(),
+    });
     Ok(Box::new(Tiff {
         output,
         rows: Rows::new(spec),
@@ -70,6 +90,7 @@ fn create_as(output: Output, spec: &ImageSpec, big: bool) -> Result<Box<dyn RowW
         offsets: Vec::new(),
         sizes: Vec::new(),
         tags,
+        mask,
     }))
 }
 
@@ -135,6 +156,37 @@ pub(crate) fn descriptive_tags(spec: &ImageSpec, with_classes: bool) -> Vec<(u16
     tags
 }
 
+/// Tags of a mask: a bit per pixel, 1 where there is a value.
+pub(crate) fn mask_tags() -> Vec<(u16, IfdField)> {
+    use IfdField::Short;
+    vec![
+        (tag::BITS_PER_SAMPLE, Short(vec![1])),
+        (tag::COMPRESSION, Short(vec![tag_value::COMPRESSION_DEFLATE])),
+        (tag::PHOTOMETRIC_INTERPRETATION, Short(vec![tag_value::PHOTOMETRIC_MASK])),
+        (tag::SAMPLES_PER_PIXEL, Short(vec![1])),
+        (tag::PLANAR_CONFIGURATION, Short(vec![tag_value::PLANAR_CHUNKY])),
+        (tag::SAMPLE_FORMAT, Short(vec![tag_value::FORMAT_UNSIGNED])),
+    ]
+}
+
+/// Appends the rows of a mask: a bit per pixel, the first the highest of its byte, and rows that end with their byte.
+pub(crate) fn mask_rows(valid: &[bool], width: usize, rows: &mut Vec<u8>) {
+    for row in valid.chunks_exact(width) {
+        rows.extend(row.chunks(8).map(|flags| {
+            let bits = flags.iter().fold(0, |bits, flag| bits << 1 | u8::from(*flag));
+            bits << (8 - flags.len())
+        }));
+    }
+}
+
+/// Offsets or sizes in the width of the file.
+fn words(numbers: Vec<u64>, big: bool) -> IfdField {
+    match big {
+        true => IfdField::Long8(numbers),
+        false => IfdField::Long(numbers.into_iter().map(|number| number as u32).collect()),
+    }
+}
+
 impl Tiff {
     /// Compresses and writes the waiting rows.
     fn write_strips(&mut self) -> Result<()> {
@@ -148,12 +200,20 @@ impl Tiff {
             self.output.append(&strip)?;
         }
         self.waiting.clear();
+        let Some(mask) = &mut self.mask else { return Ok(()) };
+        for rows in mask.waiting.chunks(self.rows_per_strip as usize * mask.width.div_ceil(8)) {
+            let strip = MASK_CODER.compress(rows.to_vec());
+            mask.offsets.push(self.output.position());
+            mask.sizes.push(strip.len() as u64);
+            self.output.append(&strip)?;
+        }
+        mask.waiting.clear();
         Ok(())
     }
 }
 
 impl RowWriter for Tiff {
-    fn write_rows(&mut self, bytes: &[u8], _: Option<&[bool]>) -> Result<()> {
+    fn write_rows(&mut self, bytes: &[u8], mut valid: Option<&[bool]>) -> Result<()> {
         self.rows.take(bytes)?;
         let strip = self.rows_per_strip as usize * self.coding.row_bytes;
         // Enough strips for all threads, but only one if strips are large.
@@ -163,6 +223,18 @@ impl RowWriter for Tiff {
             let (now, later) = rest.split_at(rest.len().min(batch - self.waiting.len()));
             self.waiting.extend_from_slice(now);
             rest = later;
+            if let Some(mask) = &mut self.mask {
+                // (Only entire rows are split off.)
+                let pixels = now.len() / self.coding.row_bytes * mask.width;
+                match &mut valid {
+                    Some(valid) => {
+                        let (flags, others) = valid.split_at(pixels);
+                        mask_rows(flags, mask.width, &mut mask.waiting);
+                        *valid = others;
+                    }
+                    None => mask_rows(&vec![true; pixels], mask.width, &mut mask.waiting),
+                }
+            }
             if self.waiting.len() == batch {
                 self.write_strips()?;
             }
@@ -173,18 +245,31 @@ impl RowWriter for Tiff {
     fn finish(mut self: Box<Self>) -> Result<()> {
         self.rows.finish()?;
         self.write_strips()?;
-        let Tiff { mut output, mut tags, offsets, sizes, big, .. } = *self;
+        let Tiff { mut output, mut tags, offsets, sizes, big, mask, rows_per_strip, .. } = *self;
         if output.position() % 2 == 1 {
             output.append(&[0])?;
         }
-        let words = |numbers: Vec<u64>| match big {
-            true => IfdField::Long8(numbers),
-            false => IfdField::Long(numbers.into_iter().map(|number| number as u32).collect()),
-        };
-        tags.push((tag::STRIP_OFFSETS, words(offsets)));
-        tags.push((tag::STRIP_BYTE_COUNTS, words(sizes)));
+        tags.push((tag::STRIP_OFFSETS, words(offsets, big)));
+        tags.push((tag::STRIP_BYTE_COUNTS, words(sizes, big)));
         let at = output.position();
-        output.append(&tiff_tags::directory(tags, at, 0, big))?;
+        match mask {
+            None => output.append(&tiff_tags::directory(tags, at, 0, big))?,
+            Some(mask) => {
+                // (The length does not depend on the offset of the next directory.)
+                let next = at + tiff_tags::directory(tags.clone(), at, 0, big).len() as u64;
+                output.append(&tiff_tags::directory(tags, at, next, big))?;
+                let mut tags = mask_tags();
+                tags.extend([
+                    (tag::NEW_SUBFILE_TYPE, IfdField::Long(vec![tag_value::SUBFILE_MASK])),
+                    (tag::IMAGE_WIDTH, IfdField::Long(vec![mask.width as u32])),
+                    (tag::IMAGE_LENGTH, IfdField::Long(vec![mask.height as u32])),
+                    (tag::ROWS_PER_STRIP, IfdField::Long(vec![rows_per_strip as u32])),
+                    (tag::STRIP_OFFSETS, words(mask.offsets, big)),
+                    (tag::STRIP_BYTE_COUNTS, words(mask.sizes, big)),
+                ]);
+                output.append(&tiff_tags::directory(tags, next, 0, big))?;
+            }
+        }
         output.patch(tiff_tags::header(big).1, &tiff_tags::word(at, big))?;
         output.commit()
     }
@@ -247,6 +332,14 @@ mod tests {
                 assert!(decode(&path) == bytes, "{} big: {big}", spec.value);
             }
         }
+    }
+
+    #[test]
+    fn masks_have_a_bit_per_pixel() {
+        let mut rows = Vec::new();
+        let valid: Vec<bool> = (0..22).map(|pixel| pixel % 11 % 3 != 0).collect();
+        mask_rows(&valid, 11, &mut rows);
+        assert_eq!(rows, [0b0110_1101, 0b1010_0000, 0b0110_1101, 0b1010_0000]);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{RasterOptions, first_bytes, vrt, worldfile};
+use super::{RasterOptions, first_bytes, mask_file, vrt, worldfile};
 use spinney_base::Result;
 use spinney_base::io::{beside, sidecar_of};
 
@@ -12,9 +12,9 @@ use spinney_base::io::{beside, sidecar_of};
 /// # Errors
 /// If the file, or a source, cannot be read.
 pub fn files_of(path: &Path, options: &RasterOptions) -> Result<Vec<PathBuf>> {
-    let mut files = vec![path.to_path_buf(), beside(path, sidecar_of)];
+    let mut files = vec![path.to_path_buf(), beside(path, sidecar_of), mask_file::mask_of(path)];
     files.extend(worldfile::candidates(path));
-    files.push(worldfile::prj(path));
+    files.extend(worldfile::prj_files(path));
     if vrt::is_vrt(&first_bytes(path, &options.access)?) {
         for (source, options) in vrt::sources(path, options)? {
             files.extend(files_of(&source, &options)?);

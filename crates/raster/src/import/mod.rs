@@ -11,6 +11,7 @@ mod hgt;
 mod info;
 mod jpeg;
 mod lazy;
+mod mask_file;
 mod mosaic;
 mod plan;
 mod png;
@@ -202,7 +203,7 @@ impl RasterOptions {
     }
 }
 
-/// Opens a raster file with the metadata of its sidecar (`.aux.xml`). The format is recognized by the first bytes,
+/// Opens a raster file with the metadata of its sidecar (`.aux.xml`) and its mask file (`.msk`). The format is recognized by the first bytes,
 /// that of `.hgt` and `.tga` files, which have no signature, by the name.
 ///
 /// # Errors
@@ -224,7 +225,8 @@ pub fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
             None => Err(OtherFormat::refuse_source(path, start)),
         },
     };
-    sidecar::describe(raster?, &options.access)
+    let raster = mask_file::masked(raster?, options)?;
+    sidecar::describe(raster, &options.access)
 }
 
 /// Enough of a file's start to tell its format.

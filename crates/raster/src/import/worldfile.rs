@@ -17,10 +17,13 @@ pub(super) fn place(picture: &Path, access: &FileAccess, frame: &mut Frame) -> R
     }
     let Some(world) = frame_beside(picture, access)? else { return Ok(()) };
     frame.matrix = world.matrix;
-    if frame.crs.is_none()
-        && let Some((path, text)) = read(prj(picture), access)?
-    {
-        frame.crs = crs(&path, &text)?;
+    if frame.crs.is_none() {
+        for path in prj_files(picture) {
+            if let Some((path, text)) = read(path, access)? {
+                frame.crs = crs(&path, &text)?;
+                break;
+            }
+        }
     }
     Ok(())
 }
@@ -56,19 +59,41 @@ fn frame_beside(picture: &Path, access: &FileAccess) -> Result<Option<Frame>> {
     Ok(None)
 }
 
-/// `a.jpgw`, `a.jgw`, `a.wld` and `a.wf` for `a.jpg`.
+/// `a.jpgw`, `a.jgw`, `a.wld` and `a.wf` for `a.jpg`; next to local files also with extensions in the other case, as `a.JGW`.
 pub(super) fn candidates(picture: &Path) -> Vec<PathBuf> {
     let extension = without_query(picture).extension().unwrap_or_default().to_string_lossy();
     let mut endings = vec![format!("{extension}w"), "wld".into(), "wf".into()];
     if let (Some(first), Some(last)) = (extension.chars().next(), extension.chars().last()) {
         endings.push(format!("{first}{last}w"));
     }
-    endings.iter().map(|ending| beside(picture, |path| path.with_extension(ending))).collect()
+    with_cases(picture, &endings)
 }
 
-/// The file beside a picture that tells its coordinate system.
-pub(super) fn prj(picture: &Path) -> PathBuf {
-    beside(picture, |path| path.with_extension("prj"))
+/// The files next to a raster with these extensions, also in lower and in upper case: systems whose file names have no case write either. (Next to remote
+/// files each name would be a request: there, extensions have the case of the raster's.)
+fn with_cases(picture: &Path, endings: &[String]) -> Vec<PathBuf> {
+    let extension = without_query(picture).extension().unwrap_or_default().to_string_lossy();
+    let is_upper = extension.chars().any(char::is_uppercase);
+    let in_case =
+        |ending: &String, upper: bool| if upper { ending.to_uppercase() } else { ending.to_lowercase() };
+    let mut all: Vec<String> = endings.iter().map(|ending| in_case(ending, is_upper)).collect();
+    if !picture.to_string_lossy().contains("://") {
+        all.extend(endings.iter().map(|ending| in_case(ending, !is_upper)));
+        all.extend(endings.iter().cloned());
+    }
+    let mut paths: Vec<PathBuf> = Vec::new();
+    for ending in all {
+        let path = beside(picture, |path| path.with_extension(&ending));
+        if !paths.contains(&path) {
+            paths.push(path);
+        }
+    }
+    paths
+}
+
+/// The files next to a raster that can have its coordinate system.
+pub(super) fn prj_files(picture: &Path) -> Vec<PathBuf> {
+    with_cases(picture, &["prj".into()])
 }
 
 fn parse(path: &Path, text: &[u8]) -> Result<Frame> {
@@ -103,6 +128,30 @@ mod tests {
         for text in ["", "1 2 3 4 5", "1 0 0 1 0 x", "0 0 0 0 0 0", "1 0 0 inf 0 0", "1 0 0 1 0 0 7"] {
             assert!(parse(Path::new("a.pgw"), text.as_bytes()).is_err(), "{text}");
         }
+    }
+
+    #[test]
+    fn extensions_have_either_case() {
+        let folder = tempfile::tempdir().unwrap();
+        for (picture, world) in [
+            ("MAP.TIF", "MAP.TFW"),
+            ("x.TIF", "x.tfw"),
+            ("y.tif", "y.TFW"),
+            ("z.png", "z.pgw"),
+            ("v.JPG", "v.JPGw"),
+        ] {
+            let path = folder.path().join(picture);
+            let mut frame = Frame::identity();
+            place(&path, &FileAccess::default(), &mut frame).unwrap();
+            assert!(frame.is_identity());
+            std::fs::write(folder.path().join(world), "2 0 0 -2 11 49").unwrap();
+            std::fs::write(path.with_extension("PRJ"), "EPSG:32631").unwrap();
+            place(&path, &FileAccess::default(), &mut frame).unwrap();
+            assert_eq!(frame.affine(), [2.0, 0.0, 10.0, 0.0, -2.0, 50.0], "{picture}");
+            assert!(frame.crs.is_some());
+        }
+        let remote = candidates(Path::new("https://host/a.tif"));
+        assert_eq!(remote.len(), 4);
     }
 
     #[test]

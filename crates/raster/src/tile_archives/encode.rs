@@ -95,8 +95,8 @@ pub(super) struct TileEncoder<'a> {
     painter: &'a TilePainter,
     encoding: TileEncoding,
     side: usize,
-    /// Number that stands for VOID in samples.
-    void: Value,
+    /// The value of VOID cells in samples; `None` if every number may be a value.
+    void: Option<Value>,
     scratch: Pool<Scratch>,
     /// Tiles of one value, by that.
     uniform: Mutex<HashMap<Value, Arc<Encoded>>>,
@@ -117,13 +117,13 @@ impl<'a> TileEncoder<'a> {
         painter: &'a TilePainter,
         encoding: TileEncoding,
         side: usize,
-        void: Number,
+        void: Option<Number>,
     ) -> Result<TileEncoder<'a>> {
         if encoding.format == TileFormat::Webp && encoding.quality.is_some() && !cfg!(feature = "libwebp") {
             let expected = "none: this build writes lossless WebP only; JPEG has a quality";
             return Err(Error::invalid("quality of WebP", "one", expected));
         }
-        let void = source.value_type().nearest_numbers(|_| void);
+        let void = void.map(|void| source.value_type().nearest_numbers(|_| void));
         let (scratch, uniform) = (Pool::default(), Mutex::default());
         Ok(TileEncoder { source, painter, encoding, side, void, scratch, uniform })
     }
@@ -180,13 +180,10 @@ impl<'a> TileEncoder<'a> {
         let Scratch { samples, pixels, png } = scratch;
         if self.encoding.format.is_array() {
             let value = self.source.value_type();
-            for (cell, _) in samples
-                .values
-                .chunks_exact_mut(value.size())
-                .zip(&samples.valid)
-                .filter(|(_, valid)| !**valid)
-            {
-                cell.copy_from_slice(&self.void.to_bytes()[..value.size()]);
+            let void_cells = samples.values.chunks_exact_mut(value.size()).zip(&samples.valid);
+            for (cell, _) in void_cells.filter(|(_, valid)| !**valid) {
+                let void = self.void.ok_or_else(|| no_number(value))?;
+                cell.copy_from_slice(&void.to_bytes()[..value.size()]);
             }
             return Ok(Encoded::new(match self.encoding.format {
                 TileFormat::Npy => {
@@ -219,16 +216,17 @@ impl<'a> TileEncoder<'a> {
     }
 }
 
-/// The file of one tile of `side` pixels a side, in which VOID cells of samples have a number; `None` where nothing is there.
+/// The file of one tile of `side` pixels a side, in which VOID cells of samples have a number (see [`void_number`](crate::void_number)); `None` where nothing is there.
 ///
 /// # Errors
+/// If some samples are VOID and have no number.
 /// If the source cannot be read, or the tile cannot be encoded as asked.
 pub fn encode_tile(
     source: &dyn TileSource,
     painter: &TilePainter,
     encoding: TileEncoding,
     side: usize,
-    void: Number,
+    void: Option<Number>,
     tile: TileId,
 ) -> Result<Option<Vec<u8>>> {
     if source.content(tile)? == TileContent::Empty {
@@ -302,8 +300,12 @@ fn webp(pixels: &[[u8; 4]], side: usize, quality: Option<u8>) -> Result<Vec<u8>,
     Ok(out)
 }
 
-/// The number that VOID cells of samples get: the file's own, or else 0.
-pub(super) fn void_number(value: ValueType, nodata: Option<Number>) -> Number {
-    let fallback = if value.sample.is_float() { Number::NAN } else { Number::default() };
-    nodata.filter(|number| value.sample.can_hold(*number)).unwrap_or(fallback)
+/// The failure of tiles of samples some of which are VOID, without a number for that.
+pub(super) fn no_number(value: ValueType) -> Error {
+    let found = format!(
+        "VOID cells where every number of {} is a value, in files without a mask",
+        value.sample.name()
+    );
+    let advice = "make png or webp tiles, which have opacity, or one .tif file, which gets a mask";
+    Error::unsupported("tiles of samples", found, advice)
 }

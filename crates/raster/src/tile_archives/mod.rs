@@ -63,6 +63,7 @@ use self::pmtiles::PmtilesSink;
 use self::provenance::About;
 use self::sink::TileSink;
 use self::walk::{TileExtent, TileRun, TileWalk};
+use crate::window::void_number;
 use spinney_base::io::{FileAccess, Output, without_query};
 use spinney_base::parallel;
 use spinney_base::value::Number;
@@ -96,8 +97,8 @@ pub struct TileRequest {
     pub source: SourceState,
     /// Whether an export that is interrupted can be gone on with, and this one goes on with one.
     pub resume: bool,
-    /// The number that VOID cells of arrays have.
-    pub void: Number,
+    /// The number that VOID cells of arrays have; [`draw_tiles`] decides on one if there is none.
+    pub void: Option<Number>,
     /// The part of the tiles that is written alone, so that other processes write the others.
     pub part: Option<TilePart>,
     /// Archives of all parts of this export, in any order: of these the tiles are put together, to the bytes of an export in one go.
@@ -112,7 +113,8 @@ impl TileRequest {
     /// # Errors
     /// If the tree's file cannot be read.
     pub fn new(tree: &Dataset) -> Result<TileRequest> {
-        let value = tree.header().form.value;
+        // (The bounds of views can take long to find, and painted tiles need none.)
+        let void = if tree.as_file().is_some() { void_number(tree)? } else { None };
         Ok(TileRequest {
             zooms: None,
             degrees: None,
@@ -125,7 +127,7 @@ impl TileRequest {
             options: String::new(),
             source: SourceState::of(tree)?,
             resume: false,
-            void: encode::void_number(value, tree.metadata().nodata),
+            void,
             part: None,
             parts: Vec::new(),
             access: tree.access(),
@@ -258,8 +260,13 @@ fn plan<'a>(
             GeographicExtent::of_bounds(if is_some { common } else { degrees })
         }
     };
+    if request.encoding.format.is_array() && request.void.is_none() {
+        // (Before the first byte: some tile of the square has cells beyond the data, if only by its edge.)
+        return Err(encode::no_number(source.value_type()));
+    }
     let encoder = TileEncoder::new(source, painter, request.encoding, side, request.void)?;
     let TileEncoding { format, png_effort, quality } = request.encoding;
+    let void = request.void.filter(|_| format.is_array());
     let number = |number: Option<u8>| number.map_or("none".into(), |number| number.to_string());
     let mut options = BTreeMap::from([
         ("zooms".into(), format!("{}-{}", zooms.start(), zooms.end())),
@@ -268,7 +275,7 @@ fn plan<'a>(
         ("format".into(), format.extension().into()),
         ("png-effort".into(), number(png_effort)),
         ("quality".into(), number(quality)),
-        ("void".into(), request.void.to_string()),
+        ("void".into(), void.map_or("none".into(), |void| void.to_string())),
     ]);
     let grid = request.options.clone() + &source.signature();
     if !grid.is_empty() {

@@ -11,8 +11,14 @@ const SHORT: u16 = 3;
 const LONG: u16 = 4;
 const DOUBLE: u16 = 12;
 
-/// The file of a tile of `side` cells a side, whose VOID cells have the number `void`.
-pub(super) fn tile(value: ValueType, side: usize, tile: TileId, void: Value, samples: &[u8]) -> Vec<u8> {
+/// The file of a tile of `side` cells a side, whose VOID cells have the value `void`.
+pub(super) fn tile(
+    value: ValueType,
+    side: usize,
+    tile: TileId,
+    void: Option<Value>,
+    samples: &[u8],
+) -> Vec<u8> {
     let channels = usize::from(value.channels);
     let (kind, bits) = (
         match value.sample {
@@ -25,7 +31,7 @@ pub(super) fn tile(value: ValueType, side: usize, tile: TileId, void: Value, sam
     let cell = 2.0 * WEB_MERCATOR_HALF / (f64::from(1u32 << tile.zoom) * side as f64);
     let west = f64::from(tile.column) * side as f64 * cell - WEB_MERCATOR_HALF;
     let north = WEB_MERCATOR_HALF - f64::from(tile.row) * side as f64 * cell;
-    let text = format!("{}\0", value.first_number(void)).to_lowercase();
+    let text = void.map(|void| format!("{}\0", value.first_number(void)).to_lowercase());
     // A projected system (1024 = 1), cells as areas (1025 = 1), its EPSG number (3072).
     let keys = [1u16, 1, 0, 3, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, WEB_MERCATOR as u16];
     let shorts =
@@ -49,8 +55,8 @@ pub(super) fn tile(value: ValueType, side: usize, tile: TileId, void: Value, sam
         (33550, DOUBLE, 3, doubles(&[cell, cell, 0.0])),
         (33922, DOUBLE, 6, doubles(&[0.0, 0.0, 0.0, west, north, 0.0])),
         (34735, SHORT, keys.len() as u32, shorts(&keys)),
-        (42113, ASCII, text.len() as u32, text.into_bytes()),
     ];
+    fields.extend(text.map(|text| (42113, ASCII, text.len() as u32, text.into_bytes())));
     let usual = if channels >= 3 { 3 } else { 1 };
     if channels > usual {
         // Opacity that the colours were not multiplied with.

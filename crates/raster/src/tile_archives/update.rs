@@ -14,6 +14,7 @@ use super::target::TileTarget;
 use super::touched::{TouchedBlocks, TouchedTiles};
 use super::walk::{TileExtent, TileRun, TileWalk, settled};
 use super::{Made, TileRequest, export_tiles, plan, write};
+use crate::window::decide;
 use spinney_base::parallel;
 use spinney_base::space::Code;
 use spinney_base::{Error, Progress, Result};
@@ -287,7 +288,17 @@ pub fn draw_tiles(
         Some((opened, how)) if !how.restyle => opened.painter(style, tree, progress)?,
         _ => TilePainter::new(style, tree, progress)?,
     };
-    if !request.encoding.format.is_array() {
+    if request.encoding.format.is_array() {
+        request.void = decide(std::slice::from_ref(tree), None, tiles.overshoots())?;
+        if let (Some(void), Some(own)) = (request.void, tree.metadata().nodata)
+            && void != own
+        {
+            let text = format!(
+                "has {void} as nodata number, since {own}, that of the layer, lies within its values"
+            );
+            progress.warn(target.path(), &text);
+        }
+    } else {
         request.legend = painter.painter().legend(tree)?.svg();
     }
     match opened {

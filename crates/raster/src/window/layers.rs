@@ -1,13 +1,11 @@
 //! A window of several layers as one picture: each channel of each is a band.
 
-use std::cmp::Ordering;
-
 use super::grid::OutputGrid;
 use super::sampler::{Sampler, flip_rows};
 use super::{Detail, VoidCells, WindowRequest, image_spec, rows_at_a_time};
 use crate::image::{Format, ImageSpec, create, write_sidecar};
 use spinney_base::io::Output;
-use spinney_base::value::{Number, ValueType};
+use spinney_base::value::{Rule, ValueType};
 use spinney_base::{Error, Progress, Result};
 use spinney_engine::dataset::Dataset;
 
@@ -56,11 +54,7 @@ pub fn export_layers(
         return Err(Error::unsupported(first.name(), found, "name some of the layers (--layer A,B)"));
     }
     let value = ValueType::new(sample, channels as u8);
-    let mut voids = layers.iter().map(|layer| VoidCells::of(layer, request)).collect::<Result<Vec<_>>>()?;
-    let fill = fill_of(layers, request, &voids)?;
-    voids.iter_mut().for_each(|void| void.fill = fill);
-    let may_be_void = voids.iter().any(|void| void.may_be);
-    let all = VoidCells { may_be: may_be_void, fill };
+    let all = VoidCells::of(layers, request.bounds, request.nodata)?;
     let grids = layers.iter().map(|layer| OutputGrid::of(layer, &request_for(layer, first, request)));
     let grids = grids.collect::<Result<Vec<_>>>()?;
     let (width, height) = (grids[0].width, grids[0].height);
@@ -70,12 +64,27 @@ pub fn export_layers(
     let rows = layers.iter().zip(&grids).map(|(layer, grid)| rows_at_a_time(layer, &share, grid));
     let rows = rows.collect::<Result<Vec<u64>>>()?.into_iter().min().unwrap_or(1);
     let (path, access) = (output.path().to_path_buf(), output.access().clone());
+    if all.needs_mask() {
+        // (A mask is one for all bands, and layers differ in where they are VOID.)
+        let found = "VOID cells of several layers without a number that is free in all,";
+        return Err(Error::unsupported(
+            first.name(),
+            found,
+            "name one layer (--layer), whose file gets a mask",
+        ));
+    }
+    all.check((&path, sample), format, progress)?;
     let mut writer = create(output, format, &spec)?;
     let is_upright = grids[0].across != 2 && !matches!(format, Format::Npy | Format::Raw);
     let samplers: Vec<Sampler<'_>> = layers
         .iter()
         .zip(grids)
-        .map(|(tree, grid)| Sampler { tree, grid, fill: fill.unwrap_or_default() })
+        .map(|(tree, grid)| {
+            // (An empty cell is 0 whatever VOID is in other layers.)
+            let is_occupancy = tree.header().rule == Rule::Occupancy;
+            let fill = if is_occupancy { None } else { all.fill };
+            Sampler { tree, grid, fill: fill.unwrap_or_default() }
+        })
         .collect();
     let mut pixels = Vec::new();
     let mut row = 0;
@@ -113,35 +122,6 @@ fn request_for(layer: &Dataset, first: &Dataset, request: &WindowRequest) -> Win
         size => size,
     };
     WindowRequest { detail, ..request.clone() }
-}
-
-/// The number for VOID cells of all layers; `None` if none is needed.
-fn fill_of(layers: &[Dataset], request: &WindowRequest, voids: &[VoidCells]) -> Result<Option<Number>> {
-    if let Some(number) = request.nodata {
-        return Ok(Some(number));
-    }
-    if !voids.iter().any(|void| void.may_be) {
-        return Ok(voids.first().and_then(|void| void.fill));
-    }
-    let mut candidates: Vec<Number> = layers.iter().filter_map(|layer| layer.metadata().nodata).collect();
-    candidates.extend(voids.iter().filter_map(|void| void.fill));
-    let bounds = layers.iter().map(Dataset::exact_bounds).collect::<Result<Vec<_>>>()?;
-    let sample = layers[0].header().form.value.sample;
-    let is_free = |number: &Number| {
-        let outside = |(min, max): &(Number, Number)| {
-            number.cmp(min) == Ordering::Less || number.cmp(max) == Ordering::Greater
-        };
-        sample.can_hold(*number) && bounds.iter().flatten().all(outside)
-    };
-    let free = candidates.into_iter().find(|number| number.to_f64().is_nan() || is_free(number));
-    free.map(Some).ok_or_else(|| {
-        let advice = "choose a number with --nodata, or name one layer (--layer)";
-        Error::unsupported(
-            layers[0].name(),
-            "VOID cells of several layers without a number that is free in all,",
-            advice,
-        )
-    })
 }
 
 /// The picture of all layers.

@@ -6,16 +6,19 @@ mod means;
 mod painted;
 mod sampler;
 mod span;
+mod void;
 
 pub(super) use self::grid::OutputGrid;
 use self::grid::row_bytes;
 pub use self::layers::export_layers;
 use self::painted::Painted;
 use self::sampler::Sampler;
+pub use self::void::void_number;
+pub(super) use self::void::{VoidCells, decide};
 use super::image::{Format, ImageSpec, create, write_sidecar};
 use spinney_base::io::Output;
 use spinney_base::space::Bounds;
-use spinney_base::value::{Number, Rule, SampleType};
+use spinney_base::value::{Number, SampleType};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Metadata;
 use spinney_crs::Frame;
@@ -34,7 +37,8 @@ pub struct WindowRequest {
     pub across: usize,
     /// Level or size of the output.
     pub detail: Detail,
-    /// The number for VOID cells where the format needs one; chosen if not given: see [`fill_for`].
+    /// The number for VOID cells where the format needs one: an error if it lies within the layer's values; chosen if not given, see
+    /// [`void_number`].
     pub nodata: Option<Number>,
     /// Colours of the values. Without a style outputs have the values themselves; but PNG, which only has those of `u8` and
     /// `u16`, of channels that are grey or red, green and blue, and opacity, has others in the tree's default style, and WebP all.
@@ -113,7 +117,7 @@ pub enum Detail {
 ///
 /// # Errors
 /// If the window is empty or outside of the tree, one row needs more memory than is allowed, the format cannot
-/// hold the values, the tree is damaged or was changed meanwhile, or on interruption.
+/// hold the values or, where every number is a value, VOID cells, the tree is damaged or was changed meanwhile, or on interruption.
 pub fn export_window(
     tree: &Dataset,
     request: &WindowRequest,
@@ -126,9 +130,10 @@ pub fn export_window(
         return export_painted_window(tree, request, &painter, output, format, progress);
     }
     let grid = OutputGrid::of(tree, request)?;
-    let void = VoidCells::of(tree, request)?;
+    let void = VoidCells::of(std::slice::from_ref(tree), request.bounds, request.nodata)?;
     let spec = image_spec(tree, &grid, &void);
     let (path, access) = (output.path().to_path_buf(), output.access().clone());
+    void.check((&path, spec.value.sample), format, progress)?;
     let rows = rows_at_a_time(tree, request, &grid)?;
     let mut writer = create(output, format, &spec)?;
     // Pictures of upright slices begin with the highest row, which is the last along the axis.
@@ -158,7 +163,7 @@ pub fn export_painted_window(
     progress: &dyn Progress,
 ) -> Result<()> {
     let grid = OutputGrid::of(tree, request)?;
-    let spec = image_spec(tree, &grid, &VoidCells::of(tree, request)?);
+    let spec = image_spec(tree, &grid, &VoidCells::painted(tree, request.bounds)?);
     let (path, access) = (output.path().to_path_buf(), output.access().clone());
     let painted = Painted::new(tree, &grid, painter, spec, format);
     painted.export(request, output, format, progress)?;
@@ -181,7 +186,8 @@ fn has_png_channels(tree: &Dataset) -> bool {
 pub type RowSink<'a> = dyn FnMut(&[u8], &[bool]) -> Result<()> + 'a;
 
 /// Hands out a window's pixels as [`export_window`] writes them to arrays, in bands of whole rows from the first on, with
-/// a flag per pixel that is `false` where it is VOID. [`WindowRequest::style`] does not matter.
+/// a flag per pixel that is `false` where it is VOID, whatever number it has. That is [`WindowRequest::nodata`], which here may also be a
+/// value, or [`void_number`], or 0 where no number is free. [`WindowRequest::style`] does not matter.
 ///
 /// # Errors
 /// If [`export_window`] could not read the window either, or `each` fails.
@@ -222,38 +228,6 @@ fn has_opacity(tree: &Dataset) -> bool {
     tree.metadata().alpha.is_some_and(|alpha| alpha.checked_add(1) == Some(channels))
 }
 
-/// VOID cells of a window, and the number that stands for them.
-pub(super) struct VoidCells {
-    pub(super) may_be: bool,
-    /// `None` if every number is in use.
-    pub(super) fill: Option<Number>,
-}
-
-impl VoidCells {
-    pub(super) fn of(tree: &Dataset, request: &WindowRequest) -> Result<VoidCells> {
-        if tree.header().rule == Rule::Occupancy {
-            // VOID is a number there: an empty cell.
-            return Ok(VoidCells { may_be: false, fill: Some(request.nodata.unwrap_or_default()) });
-        }
-        let may_be = tree.may_have_void(request.bounds)?;
-        Ok(VoidCells { may_be, fill: request.nodata.or(void_number(tree)?) })
-    }
-}
-
-/// The number for VOID cells in arrays: 0 in trees of [`Rule::Occupancy`], where it means empty, and in those with
-/// opacity; else that of [`fill_for`].
-///
-/// # Errors
-/// If the tree's statistics are damaged.
-pub fn void_number(tree: &Dataset) -> Result<Option<Number>> {
-    // Where the last channel is opacity, VOID cells are those without any: any other number would be a colour.
-    if has_opacity(tree) || tree.header().rule == Rule::Occupancy {
-        Ok(Some(Number::default()))
-    } else {
-        fill_for(tree)
-    }
-}
-
 /// The picture of a grid.
 pub(super) fn image_spec(tree: &Dataset, grid: &OutputGrid, void: &VoidCells) -> ImageSpec {
     let (value, metadata) = (tree.header().form.value, tree.metadata());
@@ -285,23 +259,4 @@ pub(super) fn image_spec(tree: &Dataset, grid: &OutputGrid, void: &VoidCells) ->
             ..metadata.clone()
         },
     }
-}
-
-/// A number for VOID cells: the file's own, NaN for floating samples, or one that no cell has; `None` if
-/// every number is in use.
-///
-/// # Errors
-/// If the tree's statistics are damaged.
-pub fn fill_for(tree: &Dataset) -> Result<Option<Number>> {
-    let (sample, nodata) = (tree.header().form.value.sample, tree.metadata().nodata);
-    if sample.is_float() {
-        return Ok(Some(nodata.unwrap_or(Number::NAN)));
-    }
-    if let Some(nodata) = nodata.filter(|nodata| sample.can_hold(*nodata)) {
-        return Ok(Some(nodata));
-    }
-    let ends = [f64::NEG_INFINITY, f64::INFINITY].map(|end| sample.nearest(end.into()));
-    let channels = tree.exact_bounds()?;
-    let free = |number: Number| channels.iter().any(|(min, max)| number < *min || number > *max);
-    Ok(ends.into_iter().find(|number| channels.is_empty() || free(*number)))
 }

@@ -54,10 +54,28 @@ impl Sampler<'_> {
         count: u64,
         progress: &dyn Progress,
     ) -> Result<(Vec<u8>, Vec<bool>)> {
-        match self.grid.pixels {
-            PixelContent::Cell => self.copy(first, count),
-            PixelContent::Resampled => self.resample(first, count),
-            PixelContent::Exact => self.average(first, count, progress),
+        let (mut bytes, valid) = match self.grid.pixels {
+            PixelContent::Cell => self.copy(first, count)?,
+            PixelContent::Resampled => self.resample(first, count)?,
+            PixelContent::Exact => self.average(first, count, progress)?,
+        };
+        self.put_missing(&mut bytes, &valid);
+        Ok((bytes, valid))
+    }
+
+    /// Gives missing samples the number of VOID, if that is not the one which they have in the tree.
+    fn put_missing(&self, bytes: &mut [u8], valid: &[bool]) {
+        let value = self.tree.header().form.value;
+        let (Some(missing), void) = (value.all_missing(), self.void()) else { return };
+        if missing == void {
+            return;
+        }
+        let (void, size) = (void.to_bytes(), value.sample.size());
+        let pixels = bytes.chunks_exact_mut(value.size()).zip(valid).filter(|(_, valid)| **valid);
+        for (pixel, _) in pixels {
+            let present = value.present(Value::from_bytes(pixel));
+            let samples = pixel.chunks_exact_mut(size).zip(present).filter(|(_, is_present)| !is_present);
+            samples.for_each(|(sample, _)| sample.copy_from_slice(&void[..size]));
         }
     }
 

@@ -45,8 +45,8 @@ impl Geometry for Region<'_> {
     }
 }
 
-/// Writes the regions of a quadtree of classes, one polygon each (several, of regions that hang together by corners), with the attributes `class` (of integers of 64 bits as
-/// text), `cells`, `area_m2` where the coordinate system tells square metres, and where the tree has them `name` and `color` (`#rrggbb`).
+/// Writes the regions of a quadtree of classes, one polygon each (several, of regions that hang together by corners), with the attributes `class` (an integer; of integers of 64 bits as
+/// text, of floating samples a number), `cells` (an integer), `area_m2` where the coordinate system tells square metres, and where the tree has them `name` and `color` (`#rrggbb`).
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -82,15 +82,16 @@ pub fn export_polygons(
     let metadata = tree.metadata();
     let [low, high] = metadata.frame.world_box(&tree.header().picture());
     let (has_names, has_colours) = (!metadata.class_names.is_empty(), metadata.palette.is_some());
-    // (Numbers of files are double precision: integers of 64 bits are texts, which lose nothing.)
+    // (Numbers of GeoJSON are read in double precision: integers of 64 bits are strings, which lose nothing.)
     let sample = tree.header().form.value.sample;
     let above = tree.depth().saturating_sub(request.level.unwrap_or(tree.depth()));
     let cell_area = metadata.frame.coarser(above).cell_square_metres().ok();
     let is_wide = !sample.is_float() && sample.size() > 4;
     let attributes = [
-        (!is_wide, "class", AttributeType::Number),
+        (!is_wide && !sample.is_float(), "class", AttributeType::Integer),
+        (sample.is_float(), "class", AttributeType::Number),
         (is_wide, "class", AttributeType::Text),
-        (true, "cells", AttributeType::Number),
+        (true, "cells", AttributeType::Integer),
         (cell_area.is_some(), "area_m2", AttributeType::Number),
         (has_names, "name", AttributeType::Text),
         (has_colours, "color", AttributeType::Text),
@@ -111,11 +112,13 @@ pub fn export_polygons(
         let name = metadata.class_names.get(&class);
         let colour = colour_of(tree, class);
         let digits = class.to_string();
-        let number = match is_wide {
-            true => AttributeValue::Text(&digits),
-            false => AttributeValue::Number(class.to_f64()),
+        let number = match class.to_integer().and_then(|number| i64::try_from(number).ok()) {
+            _ if is_wide => AttributeValue::Text(&digits),
+            Some(number) if !sample.is_float() => AttributeValue::Integer(number),
+            _ => AttributeValue::Number(class.to_f64()),
         };
-        let mut values = vec![number, AttributeValue::Number(region.cells() as f64)];
+        let cells = i64::try_from(region.cells()).unwrap_or(i64::MAX);
+        let mut values = vec![number, AttributeValue::Integer(cells)];
         values.extend(cell_area.map(|area| AttributeValue::Number(area * region.cells() as f64)));
         if has_names {
             values.push(name.map_or(AttributeValue::None, |name| AttributeValue::Text(name)));

@@ -13,6 +13,7 @@ use crate::tile_archives::sink::{TileArchiveSummary, TileSink};
 use crate::tile_archives::walk::TileRun;
 use spinney_base::io::{Output, folder, partial_of};
 use spinney_base::{Error, Result};
+use spinney_tiles::TileId;
 
 /// An archive that is being written.
 pub(in crate::tile_archives) struct PmtilesSink {
@@ -211,6 +212,10 @@ impl TileSink for PmtilesSink {
         let text = directory::gzip(about.pmtiles_json(stored.tiles, digest).as_bytes());
         let metadata = ByteRange { offset: leaves.offset + leaves.length, length: text.len() as u64 };
         self.write(&text)?;
+        // (Viewers request the tiles of all zooms that the header claims.)
+        let first = few.first().and_then(|entry| TileId::from_number(entry.first));
+        let [least, most] = about.zooms;
+        let least = first.map_or(least, |tile| tile.zoom.clamp(least, most));
         let header = Header {
             root: ByteRange { offset: HEADER as u64, length: root.len() as u64 },
             metadata,
@@ -221,9 +226,9 @@ impl TileSink for PmtilesSink {
             compression: 2,
             tile_compression: 1,
             tile_type: tile_type(about.format),
-            zooms: about.zooms,
+            zooms: [least, most],
             degrees: about.place.bounds,
-            centre_zoom: about.centre_zoom(),
+            centre_zoom: about.centre_zoom().max(least),
             centre: about.place.centre,
         };
         let head = [header.to_bytes(), root].concat();

@@ -1,0 +1,77 @@
+//! Mask files, GDAL's `.msk` next to a raster: a TIFF file of the same size whose samples are 0 where a pixel is VOID.
+
+use std::path::{Path, PathBuf};
+
+use super::{Pixels, Raster, RasterInfo, RasterOptions, tiff};
+use spinney_base::io::beside;
+use spinney_base::space::Region;
+use spinney_base::{Error, Result};
+
+/// A raster with the mask of another file.
+struct Masked {
+    raster: Box<dyn Raster>,
+    mask: Box<dyn Raster>,
+    flags: Pixels,
+}
+
+/// The mask file of a raster: `a.tif.msk` for `a.tif`.
+pub(super) fn mask_of(raster: &Path) -> PathBuf {
+    beside(raster, |path| {
+        let mut name = path.as_os_str().to_owned();
+        name.push(".msk");
+        name.into()
+    })
+}
+
+/// The raster with its mask file, if there is one. A mask that the raster's own file has goes before it, as for GDAL.
+///
+/// # Errors
+/// If the mask file cannot be read, or has another size than the raster.
+pub(super) fn masked(raster: Box<dyn Raster>, options: &RasterOptions) -> Result<Box<dyn Raster>> {
+    let path = mask_of(raster.path());
+    // (It belongs to the first page.)
+    if options.page.is_some_and(|page| page > 0) || options.access.find_companion(&path)?.is_none() {
+        return Ok(raster);
+    }
+    let options = RasterOptions { layer: None, page: None, directory: None, ..options.clone() };
+    let mask = tiff::open(&path, &options)?;
+    let (info, found) = (raster.info(), mask.info());
+    if (info.width, info.height) != (found.width, found.height) {
+        let size = format!("{} x {} pixels", found.width, found.height);
+        let expected = format!(
+            "the size of the raster next to it, {} x {} (or move the mask file away)",
+            info.width, info.height
+        );
+        return Err(Error::corrupt(&path, "mask file", size, expected));
+    }
+    Ok(Box::new(Masked { raster, mask, flags: Pixels::default() }))
+}
+
+impl Raster for Masked {
+    fn info(&self) -> &RasterInfo {
+        self.raster.info()
+    }
+
+    fn path(&self) -> &Path {
+        self.raster.path()
+    }
+
+    fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
+        self.raster.read(region, pixels)?;
+        if pixels.valid.is_some() || region.is_empty() {
+            return Ok(());
+        }
+        self.mask.read(region, &mut self.flags)?;
+        let flags = self.flags.bytes.chunks_exact(self.mask.info().pixel_bytes());
+        pixels.valid = Some(flags.map(|flags| flags.iter().any(|flag| *flag != 0)).collect());
+        Ok(())
+    }
+
+    fn choose(&mut self, channels: &[usize]) -> bool {
+        self.raster.choose(channels)
+    }
+
+    fn reads_anywhere(&self) -> bool {
+        self.raster.reads_anywhere()
+    }
+}

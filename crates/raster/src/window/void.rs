@@ -1,0 +1,185 @@
+//! The number that encodes VOID in an output: decided once, before the first byte, from the bounds of all values.
+
+use std::path::Path;
+
+use super::has_opacity;
+use crate::image::Format;
+use spinney_base::space::Bounds;
+use spinney_base::value::{Mask, Number, Rule, SampleType};
+use spinney_base::{Error, Progress, Result};
+use spinney_engine::dataset::Dataset;
+
+/// VOID cells of an output, and how they are encoded.
+pub(crate) struct VoidCells {
+    /// Whether some cells may be VOID; `false` is sure.
+    pub(crate) may_be: bool,
+    /// The number; `None` if every number may be a value.
+    pub(crate) fill: Option<Number>,
+    /// The layer's own nodata number, if it is not used since it may be a value.
+    pub(crate) replaced: Option<Number>,
+}
+
+impl VoidCells {
+    /// Those of some cells of layers of one sample type, with the number that the caller chose.
+    pub(crate) fn of(layers: &[Dataset], bounds: Bounds, asked: Option<Number>) -> Result<VoidCells> {
+        let mut may_be = false;
+        for layer in layers {
+            // (In trees of occupancy VOID is a number: an empty cell.)
+            may_be |= layer.header().rule != Rule::Occupancy && layer.may_have_void(bounds)?;
+        }
+        let fill = decide(layers, asked, false)?;
+        let own = layers.first().and_then(|layer| layer.metadata().nodata);
+        let replaced =
+            own.filter(|own| asked.is_none() && fill != Some(*own) && !is_encoded_by_value(layers));
+        Ok(VoidCells { may_be, fill, replaced })
+    }
+
+    /// Those of a painted image, where colours encode VOID.
+    pub(crate) fn painted(tree: &Dataset, bounds: Bounds) -> Result<VoidCells> {
+        let may_be = tree.header().rule != Rule::Occupancy && tree.may_have_void(bounds)?;
+        Ok(VoidCells { may_be, fill: None, replaced: None })
+    }
+
+    /// Whether a TIFF file needs a mask.
+    pub(crate) fn needs_mask(&self) -> bool {
+        self.may_be && self.fill.is_none()
+    }
+
+    /// Checks that a format can encode VOID, and warns where that is not by the layer's own number.
+    pub(crate) fn check(
+        &self,
+        (path, sample): (&Path, SampleType),
+        format: Format,
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        if !self.may_be {
+            return Ok(());
+        }
+        let sample = sample.name();
+        match (self.fill, self.replaced, format) {
+            (None, _, Format::Npy | Format::Raw | Format::Nrrd | Format::Exr) => {
+                let found =
+                    format!("VOID cells where every number of {sample} is a value, in a file without a mask");
+                let advice = "write .tif, which gets a mask, or .png, which gets opacity";
+                Err(Error::unsupported(path, found, advice))
+            }
+            (None, _, Format::Tiff) => {
+                let text = format!("has a mask for VOID cells, since every number of {sample} is a value");
+                progress.warn(path, &text);
+                Ok(())
+            }
+            (Some(fill), Some(own), Format::Tiff | Format::Npy | Format::Raw | Format::Nrrd) => {
+                let text = format!(
+                    "has {fill} as nodata number, since {own}, that of the layer, lies within its values"
+                );
+                progress.warn(path, &text);
+                Ok(())
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Whether VOID needs no number in addition to those of the values: where it means empty, or has opacity 0.
+fn is_encoded_by_value(layers: &[Dataset]) -> bool {
+    matches!(layers, [tree] if has_opacity(tree) || tree.header().rule == Rule::Occupancy)
+}
+
+/// The number for VOID cells in every output of a tree that encodes VOID by a number: 0 in trees of [`Rule::Occupancy`], where it means empty,
+/// and in those with opacity; else the tree's own nodata number if no value can be equal to it, NaN for floating samples, or
+/// the lowest or highest number of the type if that is below or above all values; `None` if none of these is free. It depends on the
+/// layer alone, and so is the same for every window and level.
+///
+/// # Errors
+/// If the tree's statistics are corrupt.
+pub fn void_number(tree: &Dataset) -> Result<Option<Number>> {
+    decide(std::slice::from_ref(tree), None, false)
+}
+
+/// The number that encodes VOID in outputs of all of some layers of one sample type: that which the caller chose, or one that no
+/// value of a layer can be equal to. With `convolved`, values are cubic convolutions of the layers' own.
+///
+/// # Errors
+/// If the number that the caller chose is none of the type, or lies within the values; if statistics are corrupt.
+pub(crate) fn decide(layers: &[Dataset], asked: Option<Number>, convolved: bool) -> Result<Option<Number>> {
+    let Some(first) = layers.first() else { return Ok(asked) };
+    let sample = first.header().form.value.sample;
+    if let Some(number) = asked.filter(|number| !sample.is_float() && !sample.can_hold(*number)) {
+        let expected = format!("a number of type {}", sample.name());
+        return Err(Error::invalid("nodata", number.to_string(), expected));
+    }
+    if is_encoded_by_value(layers) {
+        let is_empty = first.header().rule == Rule::Occupancy;
+        return match asked {
+            Some(number) if !is_empty && number != Number::default() => {
+                let expected = "0: where the last channel is opacity, VOID cells have none";
+                Err(Error::invalid("nodata", number.to_string(), expected))
+            }
+            asked => Ok(Some(asked.unwrap_or_default())),
+        };
+    }
+    let own = layers.iter().filter_map(|layer| layer.metadata().nodata);
+    let fits = |number: &Number| {
+        if sample.is_float() { fits_float(sample, *number) } else { sample.can_hold(*number) }
+    };
+    let mut candidates: Vec<Number> = asked.into_iter().chain(own.filter(fits)).collect();
+    if sample.is_float() {
+        candidates.push(Number::NAN);
+    }
+    candidates.extend([f64::NEG_INFINITY, f64::INFINITY].map(|end| sample.nearest(end.into())));
+    // (NaN is never a value: bounds, which take a pass over some views, do not matter.)
+    if candidates[0].is_nan() {
+        return Ok(Some(Number::NAN));
+    }
+    let mut bounds = Vec::new();
+    for layer in layers {
+        bounds.push(layer.outer_bounds(convolved)?);
+    }
+    let is_free = |number: Number| {
+        layers.iter().zip(&bounds).all(|(layer, bounds)| {
+            // (A sample that is equal to it is missing by definition.)
+            is_missing(layer, number)
+                || number.is_nan()
+                || bounds.iter().all(|bounds| is_outside(sample, number, *bounds))
+                    && !(layer.header().rule == Rule::Occupancy && number == Number::default())
+        })
+    };
+    let free = candidates.iter().copied().find(|number| is_free(*number));
+    match asked {
+        Some(number) if free != Some(number) && !number.is_nan() => {
+            let others = candidates[1..].iter().copied().find(|number| is_free(*number));
+            let advice = others.map_or("leave it out, and TIFF files get a mask".into(), |number| {
+                format!("a number that no value has, as {number}, which is taken if none is given")
+            });
+            let all = bounds.iter().flatten();
+            let low = all.clone().map(|(min, _)| *min).min().unwrap_or_default();
+            let high = all.map(|(_, max)| *max).max().unwrap_or_default();
+            Err(Error::invalid("nodata", format!("{number}, within the values ({low} to {high})"), advice))
+        }
+        _ => Ok(free),
+    }
+}
+
+/// Whether a number is one of those of a floating type, or becomes one by rounding.
+fn fits_float(sample: SampleType, number: Number) -> bool {
+    !number.is_finite() || sample.nearest(number).is_finite()
+}
+
+/// Whether a number lies outside of bounds.
+fn is_outside(sample: SampleType, number: Number, (min, max): (Number, Number)) -> bool {
+    if sample.is_float() {
+        let (number, min, max) = (sample.nearest(number).to_f64(), min.to_f64(), max.to_f64());
+        number < min || number > max
+    } else {
+        number < min || number > max
+    }
+}
+
+/// Whether samples that are a number are missing in a tree.
+fn is_missing(tree: &Dataset, number: Number) -> bool {
+    let value = tree.header().form.value;
+    matches!(value.mask, Mask::Missing(_))
+        && value
+            .all_missing()
+            .is_some_and(|missing| value.first_number(missing) == value.sample.nearest(number))
+}
