@@ -14,8 +14,6 @@ mod parts;
 mod ply;
 mod spill;
 mod stl;
-#[cfg(test)]
-mod tests;
 mod vertices;
 
 use std::path::{Path, PathBuf};
@@ -81,7 +79,7 @@ fn format(source: &ModelFile) -> Option<Format> {
     if matches!(bytes, [b'p', b'l', b'y', b'\r' | b'\n' | b' ', ..]) {
         return Some(Format::Ply);
     }
-    if off::has_keyword(bytes) {
+    if off::keyword(bytes).is_some() {
         return Some(Format::Off);
     }
     if bytes.trim_ascii_start().starts_with(b"{") && extension != "stl" {

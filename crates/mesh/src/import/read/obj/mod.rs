@@ -16,7 +16,7 @@ use std::borrow::Cow;
 use self::faces::{FaceHead, FaceList, FaceListBuilder};
 use self::materials::Materials;
 pub(super) use self::materials::libraries;
-use self::statements::{Statement, Statements, channel, vertex};
+use self::statements::{Statement, Statements, vertex};
 use super::corners::{Corners, MAX_CORNERS, WHITE};
 use super::model_file::ModelFile;
 use super::parts::Parts;
@@ -57,8 +57,6 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
     let (mut bounds, mut libraries) = (VertexBounds::new(), Vec::new());
     let (mut vertex_count, mut max_vertex) = (0, None);
     let (mut is_coloured, mut has_materials, mut has_objects) = (false, false, false);
-    // Colours of a file are from 0 to 1, or from 0 to 255 if any number is greater than 1.
-    let mut are_bytes = false;
     let (mut part, mut material) = (NO_PART, &b""[..]);
     // Numbers of these names, which get them with the first face.
     let mut head = None;
@@ -76,8 +74,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
                 vertex_count += 1;
                 is_coloured |= colour.is_some();
                 bounds.add(point);
-                are_bytes |= colour.is_some_and(|colour| colour.iter().any(|number| *number > 1.0));
-                vertices.push(point, colour.map_or(WHITE, |colour| colour.map(channel)))?;
+                vertices.push(point, colour.unwrap_or(WHITE))?;
             }
             Statement::Face(words) => {
                 let head = match head {
@@ -116,16 +113,6 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
     let bounds = bounds.get().ok_or_else(|| source.no_vertices())?;
     if max_vertex >= Some(vertex_count) {
         return Err(missing_vertex(&source, vertex_count));
-    }
-    if are_bytes {
-        vertices = VerticesBuilder::new(source.path(), Coordinates::F64, true, memory / 2);
-        let mut statements = Statements::new(&source);
-        while let Some((_, statement)) = statements.next()? {
-            let Statement::Vertex(words) = statement else { continue };
-            let Some((point, colour)) = vertex(words) else { continue };
-            let shade = colour.map_or(WHITE, |colour| colour.map(|number| number.round() as u8));
-            vertices.push(point, shade)?;
-        }
     }
     let mut vertices = vertices.finish()?;
     let mut colours = Vec::new();

@@ -123,14 +123,3 @@ fn tables_on_disk_have_the_same_faces() {
     let [memory, disk] = [1 << 30, 1].map(|memory| by_open(&text, memory));
     assert!(memory == disk && memory.len() > 190_000, "{}", memory.len());
 }
-
-#[test]
-fn colours_have_one_range_in_a_file() {
-    let text = |colours: [&str; 3]| {
-        let [a, b, c] = colours;
-        format!("v 0 0 0 {a}\nv 1 0 0 {b}\nv 0 1 0 {c}\nf 1 2 3\n")
-    };
-    let colours = |own| by_open(&text(own), 1 << 20).remove(0).2;
-    assert_eq!(colours(["0.2 0 1", "1 1 1", "0 0 0"]), [[51, 0, 255], [255; 3], [0; 3]]);
-    assert_eq!(colours(["1 0 0", "1 1 1", "0 128 255"]), [[1, 0, 0], [1; 3], [0, 128, 255]]);
-}
