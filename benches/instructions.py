@@ -467,7 +467,7 @@ def ask(job, tree, count):
 # Name: file, cells, boundary.
 SOLIDS = {
     "solid": ("armadillo.ply", 256),
-    "solid_coverage": ("armadillo.ply", 128, "coverage"),
+    "solid_coverage": ("armadillo.ply", 128, "area"),
     "solid_rocker": ("rocker-arm.obj", 128),
     "solid_dirty": ("nasty/301921.stl", 128),
     "solid_open": ("bunny.ply", 128),

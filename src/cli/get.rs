@@ -87,7 +87,7 @@ pub(crate) struct Args {
     /// Format where the output's name does not say; points have las, laz, csv, ply and npy, lines geojson, csv, svg, gpkg, fgb, shp, obj and ply
     #[arg(long, value_parser = ["png", "webp", "tif", "exr", "npy", "nrrd", "raw", "las", "laz", "csv", "ply", "geojson", "svg", "gpkg", "fgb", "shp", "obj"])]
     format: Option<String>,
-    /// Number that encodes VOID (nodata); an error if it lies within the values [default: the layer's own if no value can be equal to it, else NaN or an end
+    /// Number that means VOID (nodata); an error if it lies within the values [default: the layer's own if no value can be equal to it, else NaN or an end
     /// of the type's range; where none is free, .tif gets a mask]
     #[arg(long, allow_hyphen_values = true)]
     nodata: Option<Number>,

@@ -269,10 +269,11 @@ fn masks_where_every_number_is_in_use() {
     assert_eq!(parts.text(0, 42113), None);
     assert_eq!(parts.directories[0].1[&OFFSETS][2], 0, "an empty tile");
     assert_eq!(parts.directories[1].1[&259], [8], "masks are deflated");
-    // A number that is asked for takes the mask's place.
+    // A number that cells have cannot mean VOID.
     let asked = with(request(64, CogCompression::Zstd), |request| request.nodata = Some(7.0.into()));
-    let parts = checked(&tree, &asked);
-    assert_eq!((parts.directories.len(), parts.text(0, 42113).as_deref()), (4, Some("7")));
+    let output = Output::create(&folder.path().join("x.tif")).unwrap();
+    let error = export_cog(&tree, &asked, output, &()).unwrap_err().to_string();
+    assert!(error.contains('7') && !folder.path().join("x.tif").exists(), "{error}");
 }
 
 #[test]

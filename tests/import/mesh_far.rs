@@ -128,6 +128,7 @@ fn a_house_in_millimetres_keeps_its_volume() {
             .map(|cell| f64::from(crate::common::as_byte(cell.clone())) / 255.0)
             .sum();
         let volume = share * cell.powi(3);
-        assert!((volume / 1e12 - 1.0).abs() < 0.01, "{resolution:?}: {volume}");
+        // (Walls pass through cells whose centres decide.)
+        assert!((volume / 1e12 - 1.0).abs() < 0.01 + cell / 1e4, "{resolution:?}: {volume}");
     }
 }

@@ -211,7 +211,8 @@ fn export(file: &Path, void: f64) -> PathBuf {
     let detail = Detail::Level(tree.depth());
     let request = with(WindowRequest::new(bounds, detail), |it| {
         it.across = 2;
-        it.nodata = Some(void.into());
+        let number = void.into();
+        it.nodata = tree.header().form.value.sample.can_hold(number).then_some(number);
         it.memory = MEMORY;
     });
     export_window(&tree, &request, Output::create(&out).unwrap(), Format::Npy, &()).unwrap();

@@ -199,7 +199,7 @@ fn boxes_of_octrees_have_a_free_number_for_void() {
 
 /// Rasters of public reports.
 fn reports(data: &Path) -> PathBuf {
-    data.join(concat!("host", "ile/reports/maps"))
+    data.join("hostile/reports/maps")
 }
 
 #[test]

@@ -15,7 +15,7 @@ pub struct PointAttribute {
     pub description: String,
     /// The number, in the order of [`ordered_number`], that encodes "no value", as in extra bytes of LAS: it is not counted in statistics, fulfils no
     /// condition, and is NaN as a quantity.
-    pub no_data: Option<i64>,
+    pub(crate) no_data: Option<i64>,
 }
 
 impl PointAttribute {

@@ -95,7 +95,7 @@ pub fn real(word: &[u8]) -> Option<f64> {
 
 /// A number, or one of the words for those that are infinite or none: `nan`, `inf` and their relatives, also as Windows writes them (`-nan(ind)`,
 /// `1.#QNAN`, `-1.#INF`).
-pub fn real_or_none(word: &[u8]) -> Option<f64> {
+pub(crate) fn real_or_none(word: &[u8]) -> Option<f64> {
     if let Some(number) = real(word) {
         return Some(number);
     }

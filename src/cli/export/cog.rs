@@ -19,7 +19,7 @@ pub(super) struct CogOptions {
     /// Compression of tiles; nothing is lost by any [default: deflate]
     #[arg(long, value_name = "METHOD")]
     compression: Option<Compression>,
-    /// Number that encodes VOID (nodata); an error if it lies within the values [default: the layer's own if no value can be equal to it, else a free number, else a mask]
+    /// Number that means VOID (nodata); an error if it lies within the values [default: the layer's own if no value can be equal to it, else a free number, else a mask]
     #[arg(long, allow_hyphen_values = true)]
     nodata: Option<Number>,
 }

@@ -199,8 +199,8 @@ fn broken_headers() {
 fn broken_bodies() {
     let files = Files::new();
     for (from, to, told) in [
-        ("2 2 2\n", "2 nan 2\n", ["vertex 7", "line 18"]),
-        ("2 2 2\n", "2 inf 2\n", ["vertex 7", "line 18"]),
+        ("2 2 2\n", "2 nan 2\n", ["vertex 7", "NaN"]),
+        ("2 2 2\n", "2 inf 2\n", ["vertex 7", "inf"]),
         ("2 2 2\n", "2 1e400 2\n", ["vertex 7", "line 18"]),
         ("2 2 2\n", "2 two 2\n", ["vertex 7", "\"two\""]),
         ("4 0 4 6 2", "4 0 4 6 8", ["face 0", "vertex 8 of 8"]),

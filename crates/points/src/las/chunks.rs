@@ -19,22 +19,22 @@ fn is_one_stream(record: &[u8]) -> bool {
 pub(super) fn unpacking(path: &Path, size: usize, record: &[u8]) -> Result<(LazVlr, bool)> {
     let is_one_stream = is_one_stream(record);
     let record = guard(path, "laszip record", || {
-        LazVlr::from_buffer(record).map_err(|error| damaged(path, &error.to_string()))
+        LazVlr::from_buffer(record).map_err(|error| corrupt(path, &error.to_string()))
     })?;
     if record.items_size() != size as u64 {
-        return Err(damaged(path, &format!("items of {} bytes for points of {size}", record.items_size())));
+        return Err(corrupt(path, &format!("items of {} bytes for points of {size}", record.items_size())));
     }
     if !is_one_stream && record.chunk_size() == 0 {
-        return Err(damaged(path, "chunks of no points"));
+        return Err(corrupt(path, "chunks of no points"));
     }
     // (A stream of layers has no point as it is in front, and no decoder.)
     if is_one_stream && record.items().iter().any(|item| item.version() > 2) {
-        return Err(damaged(path, "layers of points without chunks"));
+        return Err(corrupt(path, "layers of points without chunks"));
     }
     Ok((record, !is_one_stream))
 }
 
-pub(super) fn damaged(path: &Path, found: &str) -> Error {
+pub(super) fn corrupt(path: &Path, found: &str) -> Error {
     Error::corrupt(path, "packed points", found, "points that were packed by LASzip")
 }
 
@@ -58,13 +58,13 @@ pub(super) fn check_chunks(
         let count = if place < length { table(place)? >> 32 } else { 0 };
         Ok((place, count))
     });
-    let (place, count) = found.map_err(|error| damaged(path, &error.to_string()))?;
+    let (place, count) = found.map_err(|error| corrupt(path, &error.to_string()))?;
     // (A chunk has a point as it is, of 20 bytes or more.)
     if place <= start || place >= length || count > length / 20 + 1 {
-        return Err(damaged(path, &format!("a table of {count} chunks at byte {place} of {length}")));
+        return Err(corrupt(path, &format!("a table of {count} chunks at byte {place} of {length}")));
     }
     let found = check_layers(file, (start, place), points, record).map_err(Error::io(path, "read"))?;
-    found.map_or(Ok(()), |found| Err(damaged(path, &found)))?;
+    found.map_or(Ok(()), |found| Err(corrupt(path, &found)))?;
     file.seek(SeekFrom::Start(start)).map_err(Error::io(path, "read"))?;
     Ok(())
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use laz::LasZipDecompressor;
 
-use super::chunks::{check_chunks, damaged, unpacking};
+use super::chunks::{check_chunks, corrupt, unpacking};
 use super::header::LasHeader;
 use crate::source::{PointSchema, PointSource, both_bounds, bounds_of};
 use spinney_base::guard::guard;
@@ -31,7 +31,7 @@ impl LasReader {
     /// Opens a file.
     ///
     /// # Errors
-    /// If it cannot be read, is none, or is damaged.
+    /// If it cannot be read, is none, or is corrupt.
     pub fn open(path: &Path) -> Result<LasReader> {
         let (header, mut file) = LasHeader::read(path)?;
         let failed = || Error::io(path, "read");
@@ -45,7 +45,7 @@ impl LasReader {
                     check_chunks(path, &mut file, (start, header.points), &record)?;
                 }
                 let reader = guard(path, "packed points", || {
-                    LasZipDecompressor::new(file, record).map_err(|error| damaged(path, &error.to_string()))
+                    LasZipDecompressor::new(file, record).map_err(|error| corrupt(path, &error.to_string()))
                 })?;
                 Points::Packed(Box::new(reader))
             }
@@ -85,7 +85,7 @@ impl PointSource for LasReader {
                 file.read_exact(&mut rows[before..]).map_err(Error::io(path, "read points of"))?
             }
             Points::Packed(reader) => guard(path, "packed points", || {
-                reader.decompress_many(&mut rows[before..]).map_err(|error| damaged(path, &error.to_string()))
+                reader.decompress_many(&mut rows[before..]).map_err(|error| corrupt(path, &error.to_string()))
             })?,
         }
         self.left -= count as u64;

@@ -294,7 +294,7 @@ fn scan_angles_of_old_and_new_formats_are_joined() {
 }
 
 #[test]
-fn extra_dimensions_named_like_others_stay_beside_them() {
+fn extra_dimensions_named_like_others_are_kept() {
     let folder = tempfile::tempdir().unwrap();
     let [path, out] = ["in.las", "out.las"].map(|name| folder.path().join(name));
     let extra =

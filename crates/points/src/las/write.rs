@@ -86,13 +86,13 @@ impl Fields {
 
 /// An attribute to be written, and the least and the greatest of its numbers.
 #[derive(Clone, Copy)]
-struct Written<'t> {
+struct OutputAttribute<'t> {
     attribute: &'t PointAttribute,
     least: i64,
     most: i64,
 }
 
-impl Written<'_> {
+impl OutputAttribute<'_> {
     /// The place that an attribute has among those of a format: that of its name, if there is room for all of its numbers.
     fn place(&self, format: &RowLayout) -> Option<usize> {
         let place = format.position(&self.attribute.name)?;
@@ -115,7 +115,7 @@ impl Written<'_> {
 }
 
 /// Where attributes go among those of a format, each at most once; `None` for those that become extra bytes.
-fn places(attributes: &[Written<'_>], format: &RowLayout) -> Vec<Option<(usize, Conversion)>> {
+fn places(attributes: &[OutputAttribute<'_>], format: &RowLayout) -> Vec<Option<(usize, Conversion)>> {
     let is_short = |name: &&str| {
         let mut own = attributes.iter().filter(|written| written.attribute.name == **name);
         own.all(|written| written.attribute.sample == SampleType::U8)
@@ -142,7 +142,7 @@ fn places(attributes: &[Written<'_>], format: &RowLayout) -> Vec<Option<(usize, 
 }
 
 /// The format of records that has the most of some attributes; of several the one that the points came in, or the smallest.
-fn best_format(attributes: &[Written<'_>], came_in: Option<u8>) -> u8 {
+fn best_format(attributes: &[OutputAttribute<'_>], came_in: Option<u8>) -> u8 {
     let candidates: Vec<u8> = came_in.into_iter().chain(6..=MAX_FORMAT).collect();
     let room = |format: &u8| {
         let layout = record_layout(*format, record_bytes(*format).unwrap_or(0), &[]);
@@ -193,20 +193,20 @@ impl LasFile {
         let written = |attribute: &usize| {
             let column = root.as_ref().map(|root| root.columns[3 + attribute]);
             let (least, most) = column.map_or((i64::MAX, i64::MIN), |column| (column.least, column.most));
-            Written { attribute: &tree.attributes()[*attribute], least, most }
+            OutputAttribute { attribute: &tree.attributes()[*attribute], least, most }
         };
-        let attributes: Vec<Written<'_>> = chosen.iter().map(written).collect();
+        let attributes: Vec<OutputAttribute<'_>> = chosen.iter().map(written).collect();
         let came_in = tag(metadata, "point_format")
             .and_then(|text| text.parse().ok())
             .filter(|format| *format <= MAX_FORMAT);
         let format = best_format(&attributes, came_in);
         let own = record_bytes(format).unwrap_or(0);
         let standard = record_layout(format, own, &[]);
-        let own_places = places(&attributes, &standard);
-        let extra: Vec<(&usize, &Written<'_>)> = chosen
+        let own_columns = places(&attributes, &standard);
+        let extra: Vec<(&usize, &OutputAttribute<'_>)> = chosen
             .iter()
             .zip(&attributes)
-            .zip(&own_places)
+            .zip(&own_columns)
             .filter_map(|(written, place)| place.is_none().then_some(written))
             .collect();
         let descriptors: Vec<u8> =
@@ -219,7 +219,7 @@ impl LasFile {
         let layout = record_layout(format, size, &descriptors);
         // (Those that are extra are told by their order: names may have been cut.)
         let mut columns = vec![None; layout.attributes.len()];
-        for (attribute, place) in chosen.iter().zip(&own_places) {
+        for (attribute, place) in chosen.iter().zip(&own_columns) {
             if let Some((place, conversion)) = place {
                 columns[*place] = Some((3 + attribute, *conversion));
             }

@@ -43,7 +43,7 @@ pub(crate) struct StoredAttribute {
     pub sample: u8,
     pub scale_offset: Option<(f64, f64)>,
     pub description: String,
-    pub no_data: Option<i64>,
+    pub(crate) no_data: Option<i64>,
 }
 
 impl Summary {
