@@ -6,13 +6,13 @@ use spinney::{Bounds, DataKind, Dataset, Dimension, Output, Rule, SampleType, Tr
 
 use crate::common::{Cells, OCT, Random, dataset, quad, with};
 
-/// The numbers of an array of pixels; `-1` where a pixel is VOID.
+/// The numbers of an array of pixels; `-1e6` where a pixel is VOID.
 fn exact(tree: &Dataset, bounds: Bounds, (width, height): (u64, u64), memory: u64) -> Vec<f64> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.raw");
     let request = with(WindowRequest::new(bounds, Detail::Exact(width, height)), |it| {
         it.memory = memory;
-        it.nodata = Some(if tree.header().rule == Rule::Occupancy { 0.into() } else { (-1).into() });
+        it.nodata = Some(if tree.header().rule == Rule::Occupancy { 0.into() } else { (-1_000_000).into() });
     });
     export_window(tree, &request, Output::create(&path).unwrap(), Format::Raw, &()).unwrap();
     let bytes = std::fs::read(&path).unwrap();
@@ -49,7 +49,7 @@ fn expected(cells: &Cells, rule: Rule, bounds: Bounds, (width, height): (u64, u6
                     }
                 }
             }
-            means.extend(sums.iter().map(|sum| if area > 1e-9 { sum / area } else { -1.0 }));
+            means.extend(sums.iter().map(|sum| if area > 1e-9 { sum / area } else { -1e6 }));
         }
     }
     means
