@@ -256,7 +256,8 @@ fn times_of_commits_in_the_environment_are_ignored_where_there_are_no_commits() 
         command.env("SOURCE_DATE_EPOCH", "1700000000").assert()
     };
     build(&["build", &csv, "-o", &name("p.goblin"), "--index", "points"]).success();
-    build(&["shard", "plan", &csv, "-o", &name("job"), "--shards", "2", "--index", "points"]).success();
+    build(&["get", &name("p.goblin"), &name("p.las")]).success();
+    build(&["shard", "plan", &name("p.las"), "-o", &name("job"), "--shards", "2"]).success();
     let refused =
         build(&["build", &csv, "-o", &name("q.goblin"), "--index", "points", "--time", "5"]).failure();
     assert!(stderr(refused).contains("--time"));

@@ -221,8 +221,8 @@ fn octrees_that_shards_do_not_make_are_told() {
         (&[&array, &array], "one at a time"),
         (&[&array, "--band", "1"], "not for volumes"),
         (&[&picture, "--shell"], "is no model"),
-        (&["https://example.org/a.ply"], "elsewhere"),
-        (&["https://example.org/a.raw", "--raw-size", "1,1,1", "--raw-type", "u8"], "elsewhere"),
+        // (Nothing listens there: that is the error, and not a type that is not known.)
+        (&["http://127.0.0.1:9/a.ply", "--remote-timeout", "2"], "127.0.0.1:9"),
     ] {
         let said = stderr(spinney(&[&["shard", "plan", "-o", &job], words].concat()).failure());
         assert!(said.contains(expected), "{words:?}: {said}");

@@ -286,9 +286,11 @@ impl Job {
     pub(crate) fn remove_if(folder: &Path, job: u128, access: &FileAccess) -> Result<()> {
         let path = plan_path(folder);
         let Some(text) = access.read_whole(&path, MOST)? else {
-            // (Of a directory that is empty nothing is left, and others stay.)
+            // (Of directories that are empty nothing is left, and others stay.)
             if url_of(folder).is_none() {
-                std::fs::remove_dir(folder).unwrap_or_default();
+                for empty in [&*shards_path(folder), folder] {
+                    std::fs::remove_dir(empty).unwrap_or_default();
+                }
             }
             return Ok(());
         };
