@@ -68,7 +68,7 @@ fn remote_and_external_files_are_refused_where_that_is_asked_for() {
     let head = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 2 2\nencoding: raw\ndata file: x.raw\n\n";
     std::fs::write(name("x.nhdr"), head).unwrap();
     std::fs::write(name("x.raw"), [7; 8]).unwrap();
-    let view = r#"{"picture":"x.png","kind":"silhouette","from":[0,0],"pixel":0.1}"#;
+    let view = r#"{"picture":"x.png","kind":"silhouette","from":[0,0],"centre":[0.5,0.5,0.5],"pixel":0.1}"#;
     std::fs::write(name("x.views"), format!(r#"{{"bounds":[0,0,0,1,1,1],"views":[{view}]}}"#)).unwrap();
     let (out, tree, listed) =
         (name("out.goblin"), super::fixture("classes.goblin"), name("all.manifest.json"));

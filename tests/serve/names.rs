@@ -36,7 +36,7 @@ fn pages_of_named_origins_alone_may_read_responses() {
     let named = Server::start(folder.path(), &["--allow-origin", "https://maps.example"]);
     let response = named.get_with("/healthz", &[origin]);
     assert_eq!(response.header("access-control-allow-origin"), Some("https://maps.example"));
-    assert!(response.header("vary").is_some_and(|vary| vary.contains("Origin")));
+    assert!(response.headers.iter().any(|(name, value)| name == "vary" && value.contains("Origin")));
     let none = Server::start(folder.path(), &["--allow-origin", "none"]);
     for (server, origin) in [(&named, "https://evil.example"), (&none, "https://maps.example")] {
         for method in ["GET", "OPTIONS"] {

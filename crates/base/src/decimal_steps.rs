@@ -71,7 +71,8 @@ impl Decimals {
         let [base, step] = [digits(base)?, digits(step)?];
         let decimals = base.1.max(step.1);
         let integer = |(digits, own): (i64, u32)| digits.checked_mul(10i64.checked_pow(decimals - own)?);
-        let scale = 10f64.powi(decimals.min(MAX_EXACT_POWER) as i32);
+        // (Not by `powi`, which may round.)
+        let scale = format!("1e{}", decimals.min(MAX_EXACT_POWER)).parse().ok()?;
         Some(Decimals { base: integer(base)?, step: integer(step)?, decimals, scale })
     }
 }

@@ -69,7 +69,8 @@ fn push_redacted(clean: &mut String, scheme: &str, url: &str) {
     let is_host = place[..host_end]
         .rsplit_once(':')
         .is_none_or(|(_, port)| port.ends_with(']') || port.bytes().all(|byte| byte.is_ascii_digit()));
-    let user_end = if is_host { place[..host_end].rfind('@') } else { place.rfind('@') };
+    let in_host = place[..host_end].rfind('@');
+    let user_end = if is_host || in_host.is_some() { in_host } else { place.rfind('@') };
     // (Azure writes the container there.)
     let is_container = scheme.starts_with("abfs") || scheme.starts_with("wasb");
     match user_end.filter(|end| !is_container || place[..*end].contains(':')) {

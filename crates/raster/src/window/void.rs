@@ -5,9 +5,10 @@ use std::path::Path;
 use super::has_opacity;
 use crate::image::Format;
 use spinney_base::space::Bounds;
-use spinney_base::value::{Mask, Number, Rule, SampleType};
+use spinney_base::value::{DataKind, Mask, Number, Rule, SampleType};
 use spinney_base::{Error, Progress, Result};
 use spinney_engine::dataset::Dataset;
+use spinney_engine::query::Condition;
 
 /// VOID cells of an output, and how they are encoded.
 pub(crate) struct VoidCells {
@@ -135,19 +136,32 @@ pub(crate) fn decide(layers: &[Dataset], asked: Option<Number>, convolved: bool)
     for layer in layers {
         bounds.push(layer.outer_bounds(convolved)?);
     }
-    let is_free = |number: Number| {
-        layers.iter().zip(&bounds).all(|(layer, bounds)| {
-            // (A sample that is equal to it is missing by definition.)
-            is_missing(layer, number)
-                || number.is_nan()
+    let is_free = |number: Number| -> Result<bool> {
+        for (layer, bounds) in layers.iter().zip(&bounds) {
+            let is_free = number.is_nan()
+                // (A sample that is equal to it is missing by definition.)
+                || is_missing(layer, number)
                 || bounds.iter().all(|bounds| is_outside(sample, number, *bounds))
                     && !(layer.header().rule == Rule::Occupancy && number == Number::default())
-        })
+                || is_unused_class(layer, number)?;
+            if !is_free {
+                return Ok(false);
+            }
+        }
+        Ok(true)
     };
-    let free = candidates.iter().copied().find(|number| is_free(*number));
+    let first_free = |candidates: &[Number]| -> Result<Option<Number>> {
+        for number in candidates {
+            if is_free(*number)? {
+                return Ok(Some(*number));
+            }
+        }
+        Ok(None)
+    };
+    let free = first_free(&candidates)?;
     match asked {
         Some(number) if free != Some(number) && !number.is_nan() => {
-            let others = candidates[1..].iter().copied().find(|number| is_free(*number));
+            let others = first_free(&candidates[1..])?;
             let advice = others.map_or("leave it out, and TIFF files get a mask".into(), |number| {
                 format!("a number that no value has, as {number}, which is taken if none is given")
             });
@@ -158,6 +172,21 @@ pub(crate) fn decide(layers: &[Dataset], asked: Option<Number>, convolved: bool)
         }
         _ => Ok(free),
     }
+}
+
+/// Whether a number within the bounds of a layer of classes is none of its classes: coarse levels and resampling make no others. Cost: a search, which
+/// reads what may have the number by its bounds.
+fn is_unused_class(layer: &Dataset, number: Number) -> Result<bool> {
+    let header = layer.header();
+    if header.kind != DataKind::Categorical || header.form.value.channels != 1 || header.rule == Rule::Mean {
+        return Ok(false);
+    }
+    let mut is_used = false;
+    layer.find(Condition::Equal(number), None, &(), &mut |_| {
+        is_used = true;
+        Ok(false)
+    })?;
+    Ok(!is_used)
 }
 
 /// Whether a number is one of those of a floating type, or becomes one by rounding.

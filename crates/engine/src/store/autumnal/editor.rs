@@ -1,5 +1,6 @@
 //! Edits a file: one writer at a time, any number of edits, then a commit.
 
+use std::borrow::Cow;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -18,7 +19,7 @@ use super::reader::Autumnal;
 use super::write::check_plain;
 use crate::store::builder::{BuildOptions, Fill, Packing, ReusableSource, TreeSink, walk};
 use crate::tree::Source;
-use spinney_base::io::{FileAccess, FileBackend, LockedFile, WriteBackend};
+use spinney_base::io::{FileAccess, FileBackend, LockedFile, WriteBackend, redacted};
 use spinney_base::space::CodeRun;
 use spinney_base::value::ZoneStats;
 use spinney_base::{Error, Progress, Result};
@@ -493,7 +494,11 @@ impl Editor {
     }
 
     /// Writes a commit, for which something was written earlier.
-    fn write_commit(&mut self, number: u64, note: Note, earlier: WriteSummary) -> Result<Commit> {
+    fn write_commit(&mut self, number: u64, mut note: Note, earlier: WriteSummary) -> Result<Commit> {
+        // (Messages have the names of inputs, which may be URLs.)
+        if let Cow::Owned(clean) = redacted(&note.message) {
+            note.message = clean;
+        }
         let draft = self.draft.clone();
         let previous = self.newest.as_ref().map_or(0, |_| self.meta.commit);
         let jump =
