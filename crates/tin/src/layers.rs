@@ -188,7 +188,14 @@ impl Stack {
                 "three or more that are not in one line",
             ));
         }
-        let grid = Grid::over(bounds, snap)?;
+        let grid = match snap {
+            Some(_) => Grid::over(bounds, snap)?,
+            // The finest grid that the box can have, since surfaces have triangles that are thin.
+            None => {
+                let usual = Grid::over(bounds, None)?;
+                Grid::over(bounds, Some(usual.width() / 4.0)).unwrap_or(usual)
+            }
+        };
         let mut furthest = 0.0;
         let mut to_grid = |point: [f64; 3]| -> Result<[f64; 3]> {
             let snapped = grid.snap(point).ok_or_else(|| {

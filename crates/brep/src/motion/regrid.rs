@@ -119,7 +119,7 @@ impl SourceValues<'_> {
             }
         }
         match self.values.entry(source) {
-            Entry::Vacant(entry) if own.is_empty() && self.columns.is_empty() => drop(entry),
+            Entry::Vacant(_) if own.is_empty() && self.columns.is_empty() => {}
             Entry::Vacant(entry) => {
                 let bytes = own.iter().map(|(name, json)| (name.len() + json.len() + CONTAINER) as u64);
                 self.bytes += CONTAINER as u64 + bytes.sum::<u64>();

@@ -63,6 +63,7 @@ impl Seek for SeekableOutput {
 }
 
 /// The output of records.
+#[allow(clippy::large_enum_variant)] // there is one of them
 enum Records {
     Plain(SeekableOutput),
     Packed(Box<LasZipCompressor<'static, SeekableOutput>>),
