@@ -69,7 +69,7 @@ fn cells_of_decimal_widths_far_from_the_origin_fill_the_box() {
     for offset in [0.0, 1e6, 1e9] {
         for cell in [0.1, 0.3, 0.7, 1.1] {
             // Walls of the box are at multiples of the cell, as exactly as doubles are.
-            let wall = |cells: f64| ((offset / cell as f64).round() + cells) * cell;
+            let wall = |cells: f64| ((offset / cell).round() + cells) * cell;
             let solid = cuboid([wall(0.0); 3], [wall(20.0), wall(30.0), wall(10.0)]);
             let options = with(SolidOptions::new(), |it| it.resolution = Resolution::Cell(cell));
             let (tree, _) = build(plain(&solid), &options);
@@ -122,11 +122,8 @@ fn a_house_in_millimetres_keeps_its_volume() {
         let model = spinney::raw::import::mesh::open(&path, 64 << 20).unwrap();
         let (tree, _) = build(model, &options);
         let cell = tree.metadata().frame.matrix[0][0];
-        let share: f64 = cells(&tree)
-            .iter()
-            .flatten()
-            .map(|cell| f64::from(crate::common::as_byte(cell.clone())) / 255.0)
-            .sum();
+        let share: f64 =
+            cells(&tree).iter().flatten().map(|cell| f64::from(crate::common::as_byte(*cell)) / 255.0).sum();
         let volume = share * cell.powi(3);
         // (Walls pass through cells whose centres decide.)
         assert!((volume / 1e12 - 1.0).abs() < 0.01 + cell / 1e4, "{resolution:?}: {volume}");

@@ -148,9 +148,11 @@ mod tests {
     }
 
     fn hosts(address: &str, allowed: &[&str], public: Option<&str>) -> Hosts {
-        let mut options = ServeOptions::default();
-        options.allow_hosts = allowed.iter().map(|host| host.to_string()).collect();
-        options.public_url = public.map(String::from);
+        let options = ServeOptions {
+            allow_hosts: allowed.iter().map(|host| host.to_string()).collect(),
+            public_url: public.map(String::from),
+            ..ServeOptions::default()
+        };
         Hosts::new(&options, address.parse().unwrap()).unwrap()
     }
 

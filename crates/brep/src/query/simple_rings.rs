@@ -212,7 +212,7 @@ mod tests {
             for (y, row) in cells.iter_mut().enumerate().take(6).skip(1) {
                 for (x, cell) in row.iter_mut().enumerate().take(6).skip(1) {
                     state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-                    *cell = (state >> 60) % 2 == 0 || x == y;
+                    *cell = (state >> 60).is_multiple_of(2) || x == y;
                     count += i32::from(*cell);
                 }
             }
