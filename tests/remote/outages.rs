@@ -58,7 +58,7 @@ fn remote_and_external_files_are_refused_where_that_is_asked_for() {
     let vrt = |file: &str| {
         let source = format!("<SourceFilename>{file}</SourceFilename><SourceBand>1</SourceBand>");
         format!(
-            "<VRTDataset rasterXSize=\"4\" rasterYSize=\"4\"><VRTRasterBand dataType=\"Byte\" band=\"1\">\
+            "<VRTDataset rasterXSize=\"256\" rasterYSize=\"200\"><VRTRasterBand dataType=\"Byte\" band=\"1\">\
              <SimpleSource>{source}</SimpleSource></VRTRasterBand></VRTDataset>"
         )
     };
