@@ -70,7 +70,11 @@ impl Decimals {
     fn new(base: f64, step: f64) -> Option<Decimals> {
         let [base, step] = [digits(base)?, digits(step)?];
         let decimals = base.1.max(step.1);
-        let integer = |(digits, own): (i64, u32)| digits.checked_mul(10i64.checked_pow(decimals - own)?);
+        // (Of 0 there are as many decimals as of the other.)
+        let integer = |(digits, own): (i64, u32)| match digits {
+            0 => Some(0),
+            _ => digits.checked_mul(10i64.checked_pow(decimals - own)?),
+        };
         // (Not by `powi`, which may round.)
         let scale = format!("1e{}", decimals.min(MAX_EXACT_POWER)).parse().ok()?;
         Some(Decimals { base: integer(base)?, step: integer(step)?, decimals, scale })
@@ -111,7 +115,7 @@ mod tests {
             ((25, 0), (100, 0)),
             ((0, 0), (1, 22)),
             ((0, 0), (1, 30)),
-            ((1, 0), (12345678901234567, 17)),
+            ((1, 0), (1234567890123456, 16)),
             ((-27315, 2), (5, 3)),
             ((5, 1), (1_000_000_000_000, 0)),
         ];
