@@ -69,7 +69,7 @@ fn cells_of_decimal_widths_far_from_the_origin_fill_the_box() {
     for offset in [0.0, 1e6, 1e9] {
         for cell in [0.1, 0.3, 0.7, 1.1] {
             // Walls of the box are at multiples of the cell, as exactly as doubles are.
-            let wall = |cells: f64| ((offset / cell).round() + cells) * cell;
+            let wall = |cells: f64| (f64::round(offset / cell) + cells) * cell;
             let solid = cuboid([wall(0.0); 3], [wall(20.0), wall(30.0), wall(10.0)]);
             let options = with(SolidOptions::new(), |it| it.resolution = Resolution::Cell(cell));
             let (tree, _) = build(plain(&solid), &options);
