@@ -66,7 +66,7 @@ fn boxes_on_unlike_grids_are_combined() {
     }
 }
 
-/// What the operations say of the operands that were moved agrees, and these are what they were but for their displacement.
+/// Operations on operands that were moved agree with each other, and these have their volumes but for their displacement.
 #[test]
 fn operations_agree_on_moved_operands() {
     let mut random = Random(23);

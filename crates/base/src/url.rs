@@ -30,7 +30,7 @@ const ENDS: [char; 7] = ['"', '<', '>', '`', '|', '{', '}'];
 /// Characters that belong to the sentence around a URL, where they are its last ones.
 const PUNCTUATION: [char; 6] = [':', ',', ';', '.', ')', '\''];
 
-/// What replaces a secret: it shows that there is one, and [`is_redacted`] knows it.
+/// Replacement of a secret: it shows that there is one, and [`is_redacted`] finds it.
 const REDACTED: &str = "...";
 
 /// A text without the secrets of the URLs in it: user info, query and fragment are replaced by `...`, since a query may be a signature

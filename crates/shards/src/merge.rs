@@ -9,7 +9,7 @@ use spinney_engine::store::goblin::MergeOutput;
 
 use crate::job::Job;
 
-/// What is done with a job's file and its shards.
+/// Limits of a merge, and whether its job is removed.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct MergeOptions {
     /// Most bytes of the file.
@@ -20,7 +20,7 @@ pub struct MergeOptions {
     pub memory: u64,
 }
 
-/// What was done.
+/// Outcome of a merge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Merged {
     /// The file was made of as many bytes of input.

@@ -2,7 +2,7 @@
 
 use std::fmt;
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, LazyLock};
 
 use super::batch::Traffic;
@@ -382,13 +382,13 @@ impl FileAccess {
     }
 }
 
-/// Whether one of some files is of a kind, which `is_one` finds out.
+/// Whether one of some files is of a kind, as `is_one` finds out.
 ///
 /// # Errors
 /// Those of `is_one`.
-pub fn any_file<P: AsRef<Path>>(files: &[P], is_one: &dyn Fn(&Path) -> Result<bool>) -> Result<bool> {
+pub fn any_file(files: &[PathBuf], is_one: &dyn Fn(&Path) -> Result<bool>) -> Result<bool> {
     for file in files {
-        if is_one(file.as_ref())? {
+        if is_one(file)? {
             return Ok(true);
         }
     }
@@ -445,8 +445,8 @@ mod tests {
         }
         assert!(access.probe(Path::new("http://h/x")).is_err());
         let is_one = |path: &Path| Ok(access.probe(path)?.is_some());
-        assert!(any_file(&[Path::new("/none"), &file], &is_one).unwrap());
-        assert!(any_file(&[Path::new("http://h/x"), &file], &is_one).is_err());
+        assert!(any_file(&["/none".into(), file.clone()], &is_one).unwrap());
+        assert!(any_file(&["http://h/x".into(), file], &is_one).is_err());
     }
 
     #[test]

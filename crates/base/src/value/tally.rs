@@ -204,7 +204,7 @@ pub fn representative(
         Rule::Mean => Some(tally.mean()),
         Rule::Occupancy => Some(tally.mean_over(cells)),
         Rule::Majority => tally.majority(),
-        Rule::Dominant => Some(dominant(children.iter().flatten().copied())),
+        Rule::Dominant => Some(dominant(&children.iter().flatten().copied().collect::<Vec<_>>())),
         Rule::Min => value_type.join_all(values(), ValueType::min),
         Rule::Max => value_type.join_all(values(), ValueType::max),
         Rule::Nearest => values().next(),
@@ -212,15 +212,18 @@ pub fn representative(
     value.unwrap_or_default()
 }
 
-/// The survey's rule: leaves weigh 3, inner nodes 2, the first of the heaviest wins.
-#[inline]
-pub fn dominant<T: Copy + Default + PartialEq>(children: impl Iterator<Item = (T, bool)> + Clone) -> T {
-    let mut best = (T::default(), 0);
-    for (value, _) in children.clone() {
-        let same = children.clone().filter(|(other, _)| *other == value);
-        let weight: u32 = same.map(|(_, inner)| if inner { 2 } else { 3 }).sum();
+/// The value of the survey's rule: LEAF children weigh 3, INNER ones (those with `true`) 2, and the first of the heaviest values wins; zero without children.
+pub fn dominant(children: &[(Value, bool)]) -> Value {
+    let mut best = (Value::ZERO, 0);
+    for (value, _) in children {
+        let mut weight = 0;
+        for (other, is_inner) in children {
+            if other == value {
+                weight += if *is_inner { 2 } else { 3 };
+            }
+        }
         if weight > best.1 {
-            best = (value, weight);
+            best = (*value, weight);
         }
     }
     best.0

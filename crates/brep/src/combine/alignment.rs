@@ -149,7 +149,7 @@ fn widened([low, high]: [[f64; 3]; 2], unit: f64) -> [[f64; 3]; 2] {
     [low.map(|at| at - UNITS * unit), high.map(|at| at + UNITS * unit)]
 }
 
-/// What an error of an operand says that is too small, or too thin, for a grid that holds all of them.
+/// Advice for an operand that is too small, or too thin, for a grid that holds all of them.
 fn unlike(error: Error, model: &ExactModel, unit: &Grid) -> Error {
     let Error::NotASolid { what, places, count, .. } = error else { return error };
     let advice = "the models are too far apart, or too unlike in size, for one grid of 2^26 units: combine cells of them (build \

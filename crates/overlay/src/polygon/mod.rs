@@ -4,6 +4,7 @@
 //! parts that overlap, are replaced by the boundary of their union first (`simple.rs` finds them, [`PolygonOverlay`] unites them); all
 //! others keep their vertices. Decisions are exact on these.
 
+mod parts;
 mod rows;
 mod shares;
 mod simple;
@@ -17,6 +18,8 @@ pub use shares::FULL_SHARE;
 use crate::exact::side;
 use crate::grid::OverlayGrid;
 use crate::overlay::PolygonOverlay;
+use parts::Parts;
+use rows::rounding;
 use spinney_base::space::{Bounds, Cover};
 use spinney_base::{Error, Result};
 
@@ -33,9 +36,10 @@ pub struct Polygon {
     high: f64,
     /// Minimum and maximum column of the vertices.
     sides: [f64; 2],
-    /// Of a union: the parts with their vertices as they were, which decide about points. (Crossings are rounded in the union, and a point on an
-    /// edge would come to lie on one of its sides.)
-    parts: Vec<Polygon>,
+    /// The parts that were united, if they were: they decide about points.
+    parts: Option<Box<Parts>>,
+    /// Maximum distance of the edges from those of the parts, along each axis: 0 if these are the same.
+    displacement: f64,
 }
 
 /// From one vertex to the next.
@@ -74,18 +78,15 @@ impl Polygon {
     /// than 1 GiB of memory.
     pub fn of_parts(parts: &[Vec<Vec<[f64; 2]>>]) -> Result<Polygon> {
         Polygon::check_parts(parts)?;
-        let OrientedRings { rings, were_invalid } = oriented_rings(parts)?;
-        let polygon = Polygon::of_rings(rings)?;
-        if !were_invalid {
-            return Ok(polygon);
-        }
-        let as_they_are = |part: &Vec<Ring>| Polygon::of_rings(part.iter().map(without_repeats).collect());
-        Ok(Polygon { parts: parts.iter().map(as_they_are).collect::<Result<_>>()?, ..polygon })
+        let OrientedRings { rings, displacement } = oriented_rings(parts)?;
+        let polygon = Polygon::of_rings(&rings)?;
+        let Some(displacement) = displacement else { return Ok(polygon) };
+        Ok(Polygon { parts: Some(Box::new(Parts::new(parts)?)), displacement, ..polygon })
     }
 
     /// Whether rings crossed or touched each other, or parts overlapped, so that they were replaced by their union.
     pub fn was_invalid(&self) -> bool {
-        !self.parts.is_empty()
+        self.parts.is_some()
     }
 
     /// Fails if parts do not make a polygon, as [`Polygon::of_parts`].
@@ -107,10 +108,10 @@ impl Polygon {
     }
 
     /// The polygon of some rings, none of which repeats its first vertex at the end.
-    fn of_rings(rings: Vec<Ring>) -> Result<Polygon> {
+    fn of_rings(rings: &[Ring]) -> Result<Polygon> {
         let (mut min, mut max) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let mut edges: Vec<Edge> = Vec::with_capacity(rings.iter().map(Vec::len).sum());
-        for ring in &rings {
+        for ring in rings {
             let Some(mut before) = ring.last() else { continue };
             for vertex in ring {
                 for axis in 0..2 {
@@ -129,8 +130,8 @@ impl Polygon {
         if u32::try_from(edges.len()).is_err() {
             return Err(Error::invalid("polygon", format!("{} vertices", edges.len()), "less than 2^32"));
         }
-        let (in_bands, sides, parts) = (Vec::new(), [left, right], Vec::new());
-        let mut polygon = Polygon { edges, in_bands, ends: Vec::new(), low, high, sides, parts };
+        let (in_bands, ends, sides) = (Vec::new(), Vec::new(), [left, right]);
+        let mut polygon = Polygon { edges, in_bands, ends, low, high, sides, parts: None, displacement: 0.0 };
         // (No more than rows, and than edges.)
         let count = BANDS.min(polygon.edges.len()).max(1);
         let mut bands = (high - low).ceil().clamp(1.0, count as f64) as usize;
@@ -183,7 +184,20 @@ impl Polygon {
         &self.in_bands[start..self.ends[bands.end - 1]]
     }
 
-    /// Least and greatest coordinates of the corners.
+    /// Numbers of the edges in the bands from one row to another, each once.
+    fn numbers_between(&self, from: f64, to: f64) -> impl Iterator<Item = u32> {
+        let bands = self.bands(from, to);
+        bands.clone().flat_map(move |band| {
+            // (One that is in several bands counts in the first of them.)
+            let first = bands.start;
+            let is_first = move |number: &u32| {
+                band == first || self.bands_of(&self.edges[*number as usize]).start == band
+            };
+            self.numbers_in(band..band + 1).iter().copied().filter(is_first)
+        })
+    }
+
+    /// Minimum and maximum coordinates of the vertices.
     pub fn corners(&self) -> [[f64; 2]; 2] {
         [[self.sides[0], self.low], [self.sides[1], self.high]]
     }
@@ -200,11 +214,11 @@ impl Polygon {
     pub fn cover_centres(&self, bounds: &Bounds) -> Cover {
         let low = [centre(bounds.min[0]), centre(bounds.min[1])];
         let high = [centre(bounds.max[0] - 1), centre(bounds.max[1] - 1)];
-        if high[1] < self.low || low[1] > self.high {
+        if high[1] < self.low - self.displacement || low[1] > self.high + self.displacement {
             return Cover::Nothing;
         }
         let is_cell = low == high;
-        let near = |edge: &Edge| !is_cell && passes(edge, low, high);
+        let near = |edge: &Edge| !is_cell && self.may_pass(edge, low, high);
         if self.edges_in(self.bands(low[1], high[1])).any(near) {
             return Cover::Part;
         }
@@ -219,7 +233,7 @@ impl Polygon {
         if high[1] <= self.low || low[1] >= self.high || high[0] <= self.sides[0] || low[0] >= self.sides[1] {
             return Cover::Nothing;
         }
-        let near = |edge: &Edge| passes(edge, low, high);
+        let near = |edge: &Edge| self.may_pass(edge, low, high);
         if self.edges_in(self.bands(low[1], high[1])).any(near) {
             return Cover::Part;
         }
@@ -233,8 +247,8 @@ impl Polygon {
     /// Whether a point is inside, decided exactly. A point on the boundary is inside if what lies right of it is, or, along a row, what lies in the
     /// rows after it: so it is inside of one of two polygons that share the boundary.
     pub fn contains(&self, [x, y]: [f64; 2]) -> bool {
-        if !self.parts.is_empty() {
-            return self.parts.iter().any(|part| part.contains([x, y]));
+        if let Some(parts) = &self.parts {
+            return parts.contain([x, y]);
         }
         if y < self.low || y > self.high {
             return false;
@@ -242,6 +256,26 @@ impl Polygon {
         // (Ends in the row count as before it, so that a ray through a vertex crosses one of its edges, or both, or none.)
         let edges = self.edges_in(self.bands(y, y));
         edges.filter(|edge| crosses(edge, y) && is_right_of(edge, [x, y])).count() % 2 == 1
+    }
+
+    /// Whether an edge, or the one that it was before its displacement, may touch a box, as far as rounding may tell: never wrongly no.
+    fn may_pass(&self, edge: &Edge, low: [f64; 2], high: [f64; 2]) -> bool {
+        let ([a, b], moved) = (edge, self.displacement);
+        for axis in 0..2 {
+            if a[axis].max(b[axis]) < low[axis] - moved || a[axis].min(b[axis]) > high[axis] + moved {
+                return false;
+            }
+        }
+        // The sides of the edge's line on which the box's corners lie.
+        let normal = [a[1] - b[1], b[0] - a[0]];
+        let side = |x: f64, y: f64| normal[0] * (x - a[0]) + normal[1] * (y - a[1]);
+        let sides =
+            [side(low[0], low[1]), side(high[0], low[1]), side(low[0], high[1]), side(high[0], high[1])];
+        // Rounding of these sums, and of the columns by which an edge takes its share of cells.
+        let reach = |axis: usize| (low[axis] - a[axis]).abs().max((high[axis] - a[axis]).abs());
+        let error = (normal[0].abs() * reach(0) + normal[1].abs() * reach(1)) * 8.0 * f64::EPSILON;
+        let slack = normal[0].abs() * (moved + rounding(edge)) + normal[1].abs() * moved + error;
+        !(sides.iter().all(|side| *side > slack) || sides.iter().all(|side| *side < -slack))
     }
 
     /// The area outside of a box, in cells.
@@ -269,8 +303,9 @@ impl Polygon {
 pub struct OrientedRings {
     /// The rings, without their first vertices again at the end.
     pub rings: Vec<Vec<[f64; 2]>>,
-    /// Whether rings crossed or touched each other, or parts overlapped, so that these are the rings around their union.
-    pub were_invalid: bool,
+    /// If rings crossed or touched each other, or parts overlapped, these are the rings around their union, and this is the maximum distance
+    /// of its edges from theirs, along each axis.
+    pub displacement: Option<f64>,
 }
 
 /// The rings around the union of several parts, each the even-odd combination of its rings: see [`Polygon::of_parts`]. Vertices must be finite.
@@ -285,7 +320,7 @@ pub fn oriented_rings(parts: &[Vec<Vec<[f64; 2]>>]) -> Result<OrientedRings> {
         false => None,
     };
     let Some(reversed) = reversed else {
-        return Ok(OrientedRings { rings: united(&own)?, were_invalid: true });
+        return united(&own);
     };
     let oriented = |(mut ring, is_reversed): (Ring, bool)| {
         if is_reversed {
@@ -294,7 +329,7 @@ pub fn oriented_rings(parts: &[Vec<Vec<[f64; 2]>>]) -> Result<OrientedRings> {
         ring
     };
     let rings = own.into_iter().flatten().zip(reversed).map(oriented).collect();
-    Ok(OrientedRings { rings, were_invalid: false })
+    Ok(OrientedRings { rings, displacement: None })
 }
 
 /// A ring without vertices that repeat the one before.
@@ -308,18 +343,20 @@ fn without_repeats(ring: &Ring) -> Ring {
 }
 
 /// The rings around the union of some parts, with its interior on their left, on a grid whose cells are 2^-44 of the largest coordinate.
-fn united(parts: &[Vec<Ring>]) -> Result<Vec<Ring>> {
+fn united(parts: &[Vec<Ring>]) -> Result<OrientedRings> {
     let largest = parts.iter().flatten().flatten().flatten().fold(0.0f64, |most, at| most.max(at.abs()));
-    let mut overlay = PolygonOverlay::new(OverlayGrid::with_bits(largest, UNION_BITS), UNION_MEMORY);
+    let grid = OverlayGrid::with_bits(largest, UNION_BITS);
+    let mut overlay = PolygonOverlay::new(grid, UNION_MEMORY);
     for rings in parts {
         overlay.add(Path::new("polygon"), 0, rings)?;
     }
-    let mut united = Vec::new();
+    let mut rings = Vec::new();
     overlay.parts(&mut |_| Some(Vec::new()), &(), &mut |part| {
-        united.extend(part.polygons.into_iter().flatten().map(|ring| without_repeats(&ring)));
+        rings.extend(part.polygons.into_iter().flatten().map(|ring| without_repeats(&ring)));
         Ok(())
     })?;
-    Ok(united)
+    // (Snap rounding moves no point by more than half of a cell.)
+    Ok(OrientedRings { rings, displacement: Some(grid.width() / 2.0) })
 }
 
 /// The centre of a cell along an axis.
@@ -371,21 +408,6 @@ fn integral(start: f64, end: f64, left: f64, right: f64) -> f64 {
     let inside = (last - first) * ((first + last) / 2.0 - left);
     let beyond = (most - right).max(0.0) * (right - left);
     (inside + beyond) / (most - least)
-}
-
-/// Whether an edge may touch a box: never wrongly no.
-fn passes([a, b]: &Edge, low: [f64; 2], high: [f64; 2]) -> bool {
-    for axis in 0..2 {
-        if a[axis].max(b[axis]) < low[axis] || a[axis].min(b[axis]) > high[axis] {
-            return false;
-        }
-    }
-    // The corners' sides of the edge's line; a small part of a cell is left for rounding.
-    let normal = [a[1] - b[1], b[0] - a[0]];
-    let side = |x: f64, y: f64| normal[0] * (x - a[0]) + normal[1] * (y - a[1]);
-    let sides = [side(low[0], low[1]), side(high[0], low[1]), side(low[0], high[1]), side(high[0], high[1])];
-    let slack = (normal[0].abs() + normal[1].abs()) * 1e-6;
-    !(sides.iter().all(|side| *side > slack) || sides.iter().all(|side| *side < -slack))
 }
 
 #[cfg(test)]

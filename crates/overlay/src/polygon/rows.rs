@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use super::parts::Parity;
 use super::shares::Change;
 use super::{Edge, Polygon, centre, crosses, is_right_of};
 use crate::exact::side;
@@ -23,6 +24,8 @@ pub struct Crossings {
     pub(super) beyond: Vec<i64>,
     /// Changes of shares in a row, by the edges that cause them.
     pub(super) changes: Vec<Change>,
+    /// Of polygons whose parts were united: see [`super::parts`].
+    pub(super) parity: Parity,
 }
 
 /// Rows of which something is held at a time.
@@ -33,16 +36,11 @@ impl Polygon {
     ///
     /// Edges beside the box are looked at once for all rows of a band, not for each row.
     pub fn spans(&self, bounds: &Bounds, work: &mut Crossings, each: &mut dyn FnMut(u64, Range<u64>)) {
-        if !self.parts.is_empty() {
-            let mut spans = Vec::new();
-            for part in &self.parts {
-                part.spans(bounds, work, &mut |row, span| spans.push((row, span.start, span.end)));
-            }
-            return each_union(spans, each);
+        if let Some(parts) = &self.parts {
+            return parts.spans(bounds, work, each);
         }
         let columns = bounds.min[0]..bounds.max[0];
-        let last = bounds.max[1].min((self.high.max(0.0) as u64).saturating_add(1));
-        let mut row = bounds.min[1].max(self.low.max(0.0) as u64);
+        let Range { start: mut row, end: last } = self.rows(bounds);
         while row < last {
             let rows = row..self.end_of_band(row).min(last);
             self.gather(rows.clone(), columns.clone(), work);
@@ -80,8 +78,14 @@ impl Polygon {
         }
     }
 
-    /// The first row behind the band that a row's centre is in.
-    fn end_of_band(&self, row: u64) -> u64 {
+    /// The rows of a box whose centres may be inside.
+    pub(super) fn rows(&self, bounds: &Bounds) -> Range<u64> {
+        let last = bounds.max[1].min((self.high.max(0.0) as u64).saturating_add(1));
+        bounds.min[1].max(self.low.max(0.0) as u64)..last
+    }
+
+    /// The first row after the band that a row's centre is in.
+    pub(super) fn end_of_band(&self, row: u64) -> u64 {
         let bands = self.ends.len();
         let band = self.bands(centre(row), centre(row)).start;
         let end = self.low + (self.high - self.low) / bands as f64 * (band + 1) as f64;
@@ -96,28 +100,18 @@ impl Polygon {
         work.near.clear();
         work.before.clear();
         work.before.resize((rows.end - rows.start) as usize + 1, false);
-        let bands = self.bands(low, high);
-        for band in bands.clone() {
-            for number in self.numbers_in(band..band + 1) {
-                let [a, b] = &self.edges[*number as usize];
-                let (from, to) = (a[1].min(b[1]), a[1].max(b[1]));
-                // (One that stands in several bands counts in the first of them.)
-                let is_again = band > bands.start && self.bands(from, from).start < band;
-                if is_again || to <= low || from > high || a[0].min(b[0]) > right {
-                    continue;
-                }
-                if a[0].max(b[0]) > left {
-                    work.near.push(*number);
-                    continue;
-                }
-                // Rows whose centres are not below the one end, and below the other.
-                let step = |y: f64| {
-                    let row = (y - 0.5).ceil().clamp(rows.start as f64, rows.end as f64) as u64;
-                    (row - rows.start) as usize
-                };
-                work.before[step(from)] ^= true;
-                work.before[step(to)] ^= true;
+        for number in self.numbers_between(low, high) {
+            let [a, b] = &self.edges[number as usize];
+            let (from, to) = (a[1].min(b[1]), a[1].max(b[1]));
+            if to <= low || from > high || a[0].min(b[0]) > right {
+                continue;
             }
+            if a[0].max(b[0]) > left {
+                work.near.push(number);
+                continue;
+            }
+            work.before[first_row(from, &rows)] ^= true;
+            work.before[first_row(to, &rows)] ^= true;
         }
     }
 
@@ -168,7 +162,14 @@ impl Polygon {
         }
         // Invariant: a cell of which a part is inside has an edge in it, or is inside as a whole, its centre too: the two kinds of
         // spans are all. They lie on each other, and are merged in the order of their beginnings.
-        each_union(spans, each);
+        spans.sort_unstable();
+        let mut spans = spans.into_iter().peekable();
+        while let Some((row, start, mut end)) = spans.next() {
+            while let Some((_, _, other)) = spans.next_if(|(next, from, _)| *next == row && *from <= end) {
+                end = end.max(other);
+            }
+            each(row, start..end);
+        }
     }
 
     /// Number of cells of a box of which some part is inside.
@@ -179,21 +180,16 @@ impl Polygon {
     }
 }
 
-/// Yields the union of spans, which may lie on each other: by row, and in it by column.
-fn each_union(mut spans: Vec<(u64, u64, u64)>, each: &mut dyn FnMut(u64, Range<u64>)) {
-    spans.sort_unstable();
-    let mut spans = spans.into_iter().peekable();
-    while let Some((row, start, mut end)) = spans.next() {
-        while let Some((_, _, other)) = spans.next_if(|(next, from, _)| *next == row && *from <= end) {
-            end = end.max(other);
-        }
-        each(row, start..end);
-    }
+/// The first of some rows whose centre is not before a coordinate, counted from the first of them.
+#[inline]
+pub(super) fn first_row(y: f64, rows: &Range<u64>) -> usize {
+    let row = (y - 0.5).ceil().clamp(rows.start as f64, rows.end as f64) as u64;
+    (row - rows.start) as usize
 }
 
 /// The first of some columns whose centre is not left of an edge in a row that it crosses; the end of the columns if there is none.
 #[inline]
-fn first_column(edge: &Edge, y: f64, columns: &Range<u64>) -> u64 {
+pub(super) fn first_column(edge: &Edge, y: f64, columns: &Range<u64>) -> u64 {
     let [a, b] = edge;
     let at = a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]);
     // (What is negative, or too large, becomes the nearest number.)
@@ -214,9 +210,10 @@ fn first_column(edge: &Edge, y: f64, columns: &Range<u64>) -> u64 {
     column
 }
 
-/// The maximum error of a column at which an edge crosses a row, in cells: three roundings of what is less than twice this, or of parts of it.
+/// The maximum error of a column that is computed of where an edge crosses a row, in cells: six roundings, each of what is at most the sum of
+/// both ends' columns, by half of an epsilon.
 #[inline]
-fn rounding([a, b]: &Edge) -> f64 {
+pub(super) fn rounding([a, b]: &Edge) -> f64 {
     (a[0].abs() + b[0].abs()) * 4.0 * f64::EPSILON
 }
 

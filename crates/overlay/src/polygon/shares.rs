@@ -116,28 +116,23 @@ impl Polygon {
         work.near.clear();
         work.beyond.clear();
         work.beyond.resize((rows.end - rows.start) as usize, 0);
-        let bands = self.bands(low, high);
-        for band in bands.clone() {
-            for number in self.numbers_in(band..band + 1) {
-                let edge = &self.edges[*number as usize];
-                let [a, b] = edge;
-                let (from, to) = (a[1].min(b[1]), a[1].max(b[1]));
-                // (One that is in several bands counts in the first of them.)
-                let is_again = band > bands.start && self.bands_of(edge).start < band;
-                if is_again || from == to || to <= low || from >= high || a[0].max(b[0]) <= left {
-                    continue;
+        for number in self.numbers_between(low, high) {
+            let edge = &self.edges[number as usize];
+            let [a, b] = edge;
+            let (from, to) = (a[1].min(b[1]), a[1].max(b[1]));
+            if from == to || to <= low || from >= high || a[0].max(b[0]) <= left {
+                continue;
+            }
+            if a[0].min(b[0]) < right {
+                work.near.push(number);
+                continue;
+            }
+            let first = (from.max(low) - low) as usize;
+            for (beyond, row) in work.beyond[first..].iter_mut().zip(rows.start + first as u64..) {
+                if row as f64 >= to {
+                    break;
                 }
-                if a[0].min(b[0]) < right {
-                    work.near.push(*number);
-                    continue;
-                }
-                let first = (from.max(low) - low) as usize;
-                for (beyond, row) in work.beyond[first..].iter_mut().zip(rows.start + first as u64..) {
-                    if row as f64 >= to {
-                        break;
-                    }
-                    *beyond += rise(edge, row);
-                }
+                *beyond += rise(edge, row);
             }
         }
     }

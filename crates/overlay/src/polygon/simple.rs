@@ -2,6 +2,10 @@
 //!
 //! A sweep over the vertices from left to right keeps the edges that cross the sweep line in their vertical order, and tests neighbours in
 //! that order alone (M. Shamos, D. Hoey, *Geometric intersection problems*, 1976). It ends at the first contact. All tests are exact.
+//!
+//! Invariant: while no two edges have touched, the edges that cross the sweep line have one vertical order, which changes at vertices alone. Two that
+//! touch next are neighbours in it just before, and were tested when they became neighbours: when one started, or when what was between them ended.
+//! Where a vertex is not where its edges are expected in the order, an earlier contact was met in passing, and the sweep ends, too.
 
 use super::Ring;
 use crate::exact::{Point, side};
@@ -21,7 +25,8 @@ struct SweepEdge {
 #[derive(Clone, Copy, Default)]
 struct SweptRing {
     is_counterclockwise: bool,
-    /// The part that covers the region on either side of the ring: there is one at most.
+    /// The part that covers the region on either side of the ring. Invariant: there is at most one, since the sweep ends where a second one would
+    /// cover a region, too.
     outside: Option<u32>,
     inside: Option<u32>,
 }

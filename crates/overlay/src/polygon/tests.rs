@@ -1,5 +1,7 @@
 //! Tests of polygons in cells, against definitions.
 
+use std::collections::BTreeMap;
+
 use super::*;
 
 /// Numbers from 0 to `most`.
@@ -142,7 +144,7 @@ fn shares_of_rows_are_the_areas_of_their_cells() {
             let min = [random(&mut state, 40.0) as u64, random(&mut state, 40.0) as u64, 0];
             let size = [1 + random(&mut state, 30.0) as u64, 1 + random(&mut state, 30.0) as u64];
             let bounds = Bounds { min, max: [min[0] + size[0], min[1] + size[1], 1] };
-            let mut shares = std::collections::BTreeMap::new();
+            let mut shares = BTreeMap::new();
             polygon.shares(&bounds, &mut crossings, &mut |row, columns, share| {
                 for column in columns {
                     assert!(shares.insert([column, row], share).is_none());
@@ -440,4 +442,80 @@ fn centres_of_rings_that_cross_are_counted_as_one_by_one() {
             }
         }
     }
+}
+
+#[test]
+fn far_coordinates_have_the_cells_and_shares_of_any_box() {
+    // Where doubles have few bits for parts of cells, rounding must not decide what a box is said to be.
+    let mut state = 17;
+    for exponent in [20, 28, 29] {
+        let origin = (1u64 << exponent) - 64;
+        for round in 0..30 {
+            let middle = [origin as f64 + random(&mut state, 64.0), origin as f64 + random(&mut state, 64.0)];
+            let radius = 1.0 + random(&mut state, 40.0);
+            let mut parts = vec![star(&mut state, middle, radius)];
+            if round % 2 == 1 {
+                parts.push(star(&mut state, middle.map(|at| at + radius * 0.5), radius));
+            }
+            let polygon = Polygon::of_parts(&parts).unwrap();
+            assert_eq!(polygon.was_invalid(), round % 2 == 1);
+            let mut crossings = Crossings::default();
+            let mut cells = BTreeMap::new();
+            let block = |at: [u64; 2], side: u64| {
+                let min = [origin + at[0], origin + at[1], 0];
+                Bounds { min, max: [min[0] + side, min[1] + side, 1] }
+            };
+            for (y, x) in (0..64).flat_map(|y| (0..64).map(move |x| (y, x))) {
+                let bounds = block([x, y], 1);
+                let share = in_shares(polygon.sum_shares(&bounds, &mut crossings));
+                let is_inside = polygon.contains([bounds.min[0], bounds.min[1]].map(centre));
+                assert_eq!(polygon.count_centres(&bounds, &mut crossings), u64::from(is_inside));
+                cells.insert([x, y], (share, u64::from(is_inside)));
+            }
+            for side in [2, 8, 32, 64] {
+                for (y, x) in (0..64 / side).flat_map(|y| (0..64 / side).map(move |x| (y * side, x * side))) {
+                    let bounds = block([x, y], side);
+                    let own =
+                        (y..y + side).flat_map(|y| (x..x + side).map(move |x| [x, y])).map(|at| cells[&at]);
+                    let (shares, centres) = own.fold((0, 0), |sum, cell| (sum.0 + cell.0, sum.1 + cell.1));
+                    assert_eq!(in_shares(polygon.sum_shares(&bounds, &mut crossings)), shares);
+                    assert_eq!(polygon.count_centres(&bounds, &mut crossings), centres);
+                    let all = side * side;
+                    match polygon.cover_area(&bounds) {
+                        Cover::Whole => assert_eq!(shares, u128::from(all) * u128::from(FULL_SHARE)),
+                        Cover::Nothing => assert_eq!(shares, 0),
+                        Cover::Part => {}
+                    }
+                    match polygon.cover_centres(&bounds) {
+                        Cover::Whole => assert_eq!(centres, all),
+                        Cover::Nothing => assert_eq!(centres, 0),
+                        Cover::Part => {}
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn in_shares((cells, shares): (u64, u128)) -> u128 {
+    u128::from(cells) * u128::from(FULL_SHARE) + shares
+}
+
+#[test]
+fn many_parts_that_touch_are_counted() {
+    // As when regions of cells become polygons: a multipolygon of squares that touch in their corners.
+    let side = 256;
+    let parts: Vec<Vec<Vec<[f64; 2]>>> = (0..side * side)
+        .filter(|at| (at % side + at / side) % 2 == 0)
+        .map(|at| vec![square((at % side) as f64, (at / side) as f64, 1.0)])
+        .collect();
+    let polygon = Polygon::of_parts(&parts).unwrap();
+    assert!(polygon.was_invalid());
+    let mut crossings = Crossings::default();
+    let mut cells = 0;
+    for (y, x) in (0..side).step_by(4).flat_map(|y| (0..side).step_by(4).map(move |x| (y, x))) {
+        let bounds = Bounds { min: [x, y, 0], max: [x + 4, y + 4, 1] };
+        cells += polygon.count_centres(&bounds, &mut crossings);
+    }
+    assert_eq!(cells, side * side / 2);
 }

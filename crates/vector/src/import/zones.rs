@@ -50,7 +50,7 @@ fn parts_of(feature: &Feature) -> Cow<'_, PolygonParts> {
     }
 }
 
-/// What is said of polygons whose rings cross or touch, or whose parts overlap.
+/// Warning of polygons whose rings cross or touch, or whose parts overlap.
 pub(crate) fn invalid_polygons(count: u64) -> String {
     format!(
         "{count} polygons are invalid (rings cross or touch, or parts overlap): rings of one part were combined even-odd, and parts were united"

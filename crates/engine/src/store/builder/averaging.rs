@@ -334,7 +334,7 @@ fn join_present(
 
 /// [`Rule::Dominant`].
 fn choose_dominant<R: Record>(_: &Local<R>, states: &[u8], values: &[R::Bytes]) -> R::Bytes {
-    from_value::<R>(dominant(some_of::<R>(states, values).iter().copied()))
+    from_value::<R>(dominant(&some_of::<R>(states, values)))
 }
 
 /// [`Rule::Nearest`], and what leaves the choice open.

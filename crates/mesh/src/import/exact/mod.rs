@@ -202,7 +202,8 @@ pub fn import_exact(
         sums.check(&path, &objects)?;
     }
     let (mut builder, repaired) = target.repaired(options.inside, &work.part(REPAIR_PASSES))?;
-    let volume = repaired.map_or(sums.volume(&grid), |done| done.volume);
+    // (By the rule that cells have, whatever --inside is: the repair itself warns of what another rule changes.)
+    let volume = repaired.map_or(sums.volume(&grid), |done| done.cells_volume);
     let is_changed = !is_joined && (closed.0 > 0 || repaired.is_some_and(|done| !done.is_nothing()));
     let cells = match is_changed.then(|| sums.bounds(&grid)).flatten() {
         Some(bounds) => {

@@ -43,7 +43,7 @@ pub(super) fn compare(
     Ok(())
 }
 
-/// What is known of the surface of each object, or of several that close each other.
+/// Closedness and volume of the surface of each object, or of several that close each other.
 #[derive(Default)]
 pub(super) struct ObjectSums {
     objects: BTreeMap<u32, ObjectSum>,

@@ -58,9 +58,9 @@ impl Loader {
                 radius.map_or(ShapeKind::Line, ShapeKind::Wide)
             }
             FeatureGeometry::Polygons(parts) => {
-                let OrientedRings { rings, were_invalid } =
+                let OrientedRings { rings, displacement } =
                     oriented_rings(&self.places.parts(parts)).map_err(|error| error.to_string())?;
-                self.invalid += u64::from(were_invalid);
+                self.invalid += u64::from(displacement.is_some());
                 for ring in &rings {
                     add_ring(ring, &mut edges)?;
                 }
