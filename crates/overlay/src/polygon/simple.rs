@@ -41,10 +41,10 @@ pub(super) fn reversed_rings(parts: &[Vec<Ring>]) -> Option<Vec<bool>> {
 }
 
 struct Sweep {
+    /// The edge of each vertex that leads to the next one of its ring.
     edges: Vec<SweepEdge>,
-    /// The two edges at each vertex.
-    incident: Vec<[u32; 2]>,
-    vertices: Vec<Point>,
+    /// The other edge of each vertex.
+    before: Vec<u32>,
     /// The part that each ring belongs to.
     part_of: Vec<u32>,
     rings: Vec<Option<SweptRing>>,
@@ -54,45 +54,51 @@ struct Sweep {
 impl Sweep {
     fn new(parts: &[Vec<Ring>]) -> Sweep {
         let count = parts.iter().flatten().map(Vec::len).sum();
-        let mut edges = Vec::with_capacity(count);
-        let (mut incident, mut vertices) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        let (mut edges, mut before) = (Vec::with_capacity(count), Vec::with_capacity(count));
         let mut part_of = Vec::new();
         for (part, rings) in (0u32..).zip(parts) {
             for ring in rings {
                 let (first, number) = (edges.len() as u32, part_of.len() as u32);
-                let mut before = first + ring.len() as u32 - 1;
-                for (index, vertex) in ring.iter().enumerate() {
-                    let next = ring[if index + 1 == ring.len() { 0 } else { index + 1 }];
-                    let is_forward = *vertex < next;
-                    let (left, right) = if is_forward { (*vertex, next) } else { (next, *vertex) };
-                    let own = edges.len() as u32;
+                let last = first + ring.len() as u32 - 1;
+                before.push(last);
+                before.extend(first..last);
+                for (vertex, next) in ring.iter().zip(ring.iter().cycle().skip(1)) {
+                    let is_forward = vertex < next;
+                    let (left, right) = if is_forward { (*vertex, *next) } else { (*next, *vertex) };
                     edges.push(SweepEdge { left, right, ring: number, is_forward });
-                    incident.push([before, own]);
-                    vertices.push(*vertex);
-                    before = own;
                 }
                 part_of.push(part);
             }
         }
-        let rings = vec![None; part_of.len()];
-        Sweep { edges, incident, vertices, part_of, rings, active: ActiveEdges::default() }
+        let (rings, active) = (vec![None; part_of.len()], ActiveEdges::new(count));
+        Sweep { edges, before, part_of, rings, active }
+    }
+
+    fn vertex(&self, number: u32) -> Point {
+        let edge = &self.edges[number as usize];
+        if edge.is_forward { edge.left } else { edge.right }
+    }
+
+    /// The vertices from left to right, those above each other from below upwards.
+    fn order(&self) -> Vec<u32> {
+        let mut order: Vec<u32> = (0..self.edges.len() as u32).collect();
+        let x = |number: u32| self.vertex(number)[0];
+        sort::by_key(&mut order, |number| ascending(x(*number)));
+        for column in order.chunk_by_mut(|a, b| x(*a) == x(*b)) {
+            sort::by_key(column, |number| ascending(self.vertex(*number)[1]));
+        }
+        order
     }
 
     fn run(mut self) -> Option<Vec<SweptRing>> {
-        let mut order: Vec<u32> = (0..self.vertices.len() as u32).collect();
-        let vertices = &self.vertices;
-        sort::by(&mut order, &mut |a, b| {
-            let ([x, y], [other_x, other_y]) = (vertices[*a as usize], vertices[*b as usize]);
-            x.total_cmp(&other_x).then(y.total_cmp(&other_y))
-        });
         let mut last = None;
-        for number in order {
-            let vertex = self.vertices[number as usize];
+        for number in self.order() {
+            let vertex = self.vertex(number);
             if last == Some(vertex) {
                 return None;
             }
             last = Some(vertex);
-            let [one, other] = self.incident[number as usize];
+            let [one, other] = [self.before[number as usize], number];
             match [one, other].map(|edge| self.edges[edge as usize].left == vertex) {
                 [true, true] => self.start(vertex, [one, other])?,
                 [false, true] => self.continue_at(vertex, one, other)?,
@@ -147,10 +153,7 @@ impl Sweep {
 
     /// An edge ends at a vertex, and another one starts.
     fn continue_at(&mut self, vertex: Point, ending: u32, starting: u32) -> Option<()> {
-        let at = self.active.lower_bound(&self.edges, vertex);
-        if self.active.at(at) != Some(ending) {
-            return None;
-        }
+        let at = self.active.find(&self.edges, vertex, ending)?;
         if let Some(below) = self.active.before(at) {
             self.check(below, starting)?;
         }
@@ -163,10 +166,13 @@ impl Sweep {
 
     /// Two edges end at a vertex.
     fn end(&mut self, vertex: Point, [one, other]: [u32; 2]) -> Option<()> {
-        let lower = self.active.lower_bound(&self.edges, vertex);
+        let first = self.active.find(&self.edges, vertex, one);
+        let lower = match first.filter(|first| self.active.after(*first) == Some(other)) {
+            Some(first) => first,
+            None => self.active.find(&self.edges, vertex, other)?,
+        };
         let upper = self.active.next(lower);
-        let found = [self.active.at(lower)?, self.active.at(upper)?];
-        if found != [one, other] && found != [other, one] {
+        if !self.active.at(upper).is_some_and(|edge| edge == one || edge == other) {
             return None;
         }
         let (below, above) = (self.active.before(lower), self.active.after(upper));
@@ -214,11 +220,19 @@ impl Sweep {
     }
 }
 
+/// The bits of a number, in an order that is that of numbers.
+fn ascending(number: f64) -> u64 {
+    // (Both zeros are one number.)
+    let bits = (number + 0.0).to_bits();
+    if bits >> 63 == 0 { bits | 1 << 63 } else { !bits }
+}
+
 /// Edges that cross the sweep line, from below upwards, in chunks of bounded length, so that inserting does not move all of them.
-#[derive(Default)]
 struct ActiveEdges {
     /// None of them is empty.
     chunks: Vec<Vec<u32>>,
+    /// The slot that each edge was put into: it is not far from there, unless many have come and gone since.
+    put: Vec<[u32; 2]>,
 }
 
 /// A chunk, and an index in it.
@@ -227,7 +241,28 @@ type Slot = [usize; 2];
 /// Length at which a chunk is divided.
 const MAX_CHUNK: usize = 512;
 
+/// Slots next to that which an edge was put into that are inspected before it is searched.
+const NEAR: usize = 8;
+
 impl ActiveEdges {
+    fn new(edges: usize) -> ActiveEdges {
+        ActiveEdges { chunks: Vec::new(), put: vec![[0; 2]; edges] }
+    }
+
+    /// The slot of an edge that ends at a point.
+    fn find(&self, edges: &[SweepEdge], point: Point, edge: u32) -> Option<Slot> {
+        let [chunk, index] = self.put[edge as usize].map(|at| at as usize);
+        if let Some(own) = self.chunks.get(chunk) {
+            let near = index.saturating_sub(NEAR).min(own.len())..(index + NEAR).min(own.len());
+            if let Some(at) = own[near.clone()].iter().position(|other| *other == edge) {
+                return Some([chunk, near.start + at]);
+            }
+        }
+        let slot = self.lower_bound(edges, point);
+        // (Of two that end there it may be the upper one.)
+        [slot, self.next(slot)].into_iter().find(|slot| self.at(*slot) == Some(edge))
+    }
+
     /// The first slot whose edge is not below a point.
     fn lower_bound(&self, edges: &[SweepEdge], point: Point) -> Slot {
         let is_below = |edge: &u32| side_of(edges, *edge, point) > 0;
@@ -262,6 +297,7 @@ impl ActiveEdges {
 
     fn replace(&mut self, [chunk, index]: Slot, edge: u32) {
         self.chunks[chunk][index] = edge;
+        self.put[edge as usize] = [chunk as u32, index as u32];
     }
 
     fn insert(&mut self, [chunk, index]: Slot, pair: [u32; 2]) {
@@ -276,6 +312,9 @@ impl ActiveEdges {
         };
         let own = &mut self.chunks[chunk];
         own.splice(index..index, pair);
+        for (edge, index) in pair.into_iter().zip(index as u32..) {
+            self.put[edge as usize] = [chunk as u32, index];
+        }
         if own.len() > MAX_CHUNK {
             let upper = own.split_off(MAX_CHUNK / 2);
             self.chunks.insert(chunk + 1, upper);
