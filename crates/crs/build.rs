@@ -34,8 +34,7 @@ fn main() {
     bytes.extend(all.iter().flat_map(|word| word.to_le_bytes()));
     // (A test compares them with the texts. It could not have the list as a dependency: Cargo compiles the dependencies of build
     // scripts in another way than those of tests, and would compile all that depends on this crate again.)
-    let texts: String =
-        known.iter().map(|(code, words)| format!("{code} {}\n", words.join(" "))).collect();
+    let texts: String = known.iter().map(|(code, words)| format!("{code} {}\n", words.join(" "))).collect();
     let folder = env::var_os("OUT_DIR").expect("Cargo says where to write");
     for (name, contents) in [("definitions", &bytes[..]), ("definitions.txt", texts.as_bytes())] {
         fs::write(Path::new(&folder).join(name), contents).expect("a file can be written there");

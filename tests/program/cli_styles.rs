@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::Command;
 
 use spinney::raw::import::raster::{self, Pixels};
-use spinney::raw::style::{SampleBlock, StylePainter};
+use spinney::raw::style::{Ground, SampleBlock, StylePainter};
 use spinney::style::Style;
 use spinney::{Bounds, DataKind, Dataset, Region, Rule, SampleType, Value};
 
@@ -45,7 +45,7 @@ fn painted(tree: &Dataset, painter: &StylePainter, part: Bounds) -> Vec<[u8; 4]>
         margin: margin as usize,
         bytes: &bytes,
         valid: &valid,
-        ground: &[[1.0; 2]],
+        ground: &[Ground::PIXEL],
     };
     let mut rgba = vec![0; 4 * width * height];
     painter.paint(&block, &mut rgba).unwrap();
@@ -56,6 +56,47 @@ fn painted(tree: &Dataset, painter: &StylePainter, part: Bounds) -> Vec<[u8; 4]>
         assert_eq!(colours, rgba.as_chunks::<4>().0);
     }
     rgba.as_chunks::<4>().0.to_vec()
+}
+
+/// Light, slopes and aspects are those of the ground, in whatever order and direction a file has its rows and columns.
+#[test]
+fn light_comes_from_a_direction_of_the_compass() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let north_up = name("north_up.goblin");
+    command(&["-q", "build", "fixtures/island_elevation.tif", "-o", &north_up]).assert().success();
+    let pixels = |tree: &str, style: &str| {
+        let out = name("out.tif");
+        command(&["-q", "get", tree, "-o", &out, "--style", style]).assert().success();
+        samples(out.as_ref())
+    };
+    let [width, height, _] =
+        spinney::open(north_up.as_ref()).unwrap().header().extent.map(|side| side as usize);
+    // Where a pixel of the north-up picture is after each of the steps.
+    type Place = fn([usize; 2], [usize; 2]) -> usize;
+    let moved: [(&str, Place); 4] = [
+        ("rotate=180", |[x, y], [w, h]| (h - 1 - y) * w + w - 1 - x),
+        ("mirror=y", |[x, y], [w, h]| (h - 1 - y) * w + x),
+        ("mirror=x", |[x, y], [w, _]| y * w + w - 1 - x),
+        ("transpose", |[x, y], [_, h]| x * h + y),
+    ];
+    for style in ["hillshade", "aspect", "slope"] {
+        let expected = pixels(&north_up, style);
+        let channels = expected.len() / (width * height);
+        for (step, place) in moved {
+            let turned = name("turned.goblin");
+            command(&["-q", "transform", &north_up, "-o", &turned, step]).assert().success();
+            let found = pixels(&turned, style);
+            assert_eq!(found.len(), expected.len());
+            let differing = expected.chunks(channels).enumerate().filter(|(index, pixel)| {
+                let there = place([index % width, index / width], [width, height]);
+                let found = &found[there * channels..][..channels];
+                // (Sums in another order are rounded otherwise.)
+                found.iter().zip(*pixel).any(|(one, other)| one.abs_diff(*other) > 1)
+            });
+            assert_eq!(differing.count(), 0, "{style}, {step}");
+        }
+    }
 }
 
 const LAYERS: &str = r##"{"title": "Hills", "nodata": "#11223344", "layers": [
@@ -271,8 +312,14 @@ fn reliefs_are_those_of_gdaldem() {
     }
     // As gdaldem has it: so many metres a degree along both axes.
     let metres = 0.000_833_333_333_333_333_4 * 111_120.0;
-    let block =
-        SampleBlock { width, height, margin: 1, bytes: &framed, valid: &flags, ground: &[[metres; 2]] };
+    let block = SampleBlock {
+        width,
+        height,
+        margin: 1,
+        bytes: &framed,
+        valid: &flags,
+        ground: &[[[metres, 0.0], [0.0, -metres]]],
+    };
     let paint = |style: &str| {
         let painter = StylePainter::new(&Style::parse(style).unwrap(), &tree, &()).unwrap();
         let mut rgba = vec![0; 4 * width * height];

@@ -201,7 +201,7 @@ pub(crate) fn slice_image(
     let bytes = framed(bytes, tree.header().form.width(), sides);
     let valid = framed(valid, 1, sides);
     // (Slices are no maps.)
-    let ground = vec![[1.0; 2]; height];
+    let ground = vec![Ground::PIXEL; height];
     let block = SampleBlock { width, height, margin, bytes: &bytes, valid: &valid, ground: &ground };
     let mut rgba = vec![0; width * height * 4];
     painter.paint(&block, &mut rgba)?;

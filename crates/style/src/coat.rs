@@ -109,8 +109,8 @@ pub(super) struct Rows<'a> {
     pub(super) here: [&'a [f64]; 4],
     /// The rows above and below, with neighbours, for layers that need them.
     pub(super) around: [[&'a [f64]; 2]; 4],
-    /// Size of the row's cells on the ground.
-    pub(super) cell: [f64; 2],
+    /// Metres to the east and to the north from a cell of the row to the next one, and to the one below.
+    pub(super) edges: [[f64; 2]; 2],
 }
 
 /// Room to compute in.
@@ -144,7 +144,6 @@ impl Coat {
             let [above, below] = rows.around[self.band];
             growth.compute([above, here, below]);
         }
-        let factors = |height: f64| rows.cell.map(|metres| height / (8.0 * metres));
         match &self.ink {
             Ink::Classes(classes) => fill(out, values, |number| classes.colour(number)),
             Ink::Scale(scale) => fill(out, values, |number| scale.colour(number)),
@@ -152,18 +151,18 @@ impl Coat {
                 fill(out, values, |number| encoded(*encoding, number * metres[0] + metres[1]));
             }
             Ink::Light { lamp, height } => {
-                lamp.shade(growth, factors(*height), numbers);
+                lamp.shade(&growth.slopes(rows.edges, *height), numbers);
                 fill(out, numbers, |light| {
                     let grey = (light + 0.5) as u8;
                     [grey, grey, grey, 255]
                 });
             }
             Ink::Slope { unit, height, scale } => {
-                slope(growth, factors(*height), *unit, numbers);
+                slope(&growth.slopes(rows.edges, *height), *unit, numbers);
                 fill(out, numbers, |slope| scale.colour(slope));
             }
             Ink::Aspect(scale) => {
-                aspect(growth, factors(1.0), numbers);
+                aspect(&growth.slopes(rows.edges, 1.0), numbers);
                 fill(out, numbers, |aspect| scale.colour(aspect));
             }
             Ink::Contours(lines) => {

@@ -1,14 +1,16 @@
-//! Size of cells on the ground, in metres, wherever they are on a map.
+//! Edges of cells on the ground, in metres, wherever they are on a map.
 
 use spinney_crs::{Crs, Frame, WEB_MERCATOR};
 
-/// Size of a map's cells on the ground: what slopes and shades are computed with.
+/// Edges of a map's cells on the ground: what slopes, aspects and shades are computed with.
 ///
 /// Degrees are metres on the ellipsoid of WGS 84, by latitude; web mercator is undone by its scale; feet and kilometres are
-/// converted; cells of unknown units count as metres.
+/// converted; cells of unknown units count as metres. North is where the second coordinate grows, in whatever order and direction
+/// rows and columns are; of pictures without a place in the world (no CRS, and square cells of 1, 2, 4, ... units in the order of
+/// the rows) it is above.
 #[derive(Clone, Debug)]
 pub struct Ground {
-    /// Vectors of the world along a cell's column and row.
+    /// Vectors of the world from a cell to the next one in its row, and in its column.
     edges: [[f64; 2]; 2],
     /// Northing of row 0 in the middle of the picture, and its growth by row.
     northing: [f64; 2],
@@ -25,10 +27,13 @@ enum Unit {
 /// Half axis and squared eccentricity of the ellipsoid of WGS 84.
 const AXIS: f64 = 6_378_137.0;
 const ECCENTRICITY: f64 = 0.006_694_379_990_141_316;
-/// Metres of the smallest cell: a pole is no point.
+/// Metres of a degree of longitude at least: a pole is no point.
 const LEAST: f64 = 1e-3;
 
 impl Ground {
+    /// The edges of a pixel of a metre, north above.
+    pub const PIXEL: [[f64; 2]; 2] = [[1.0, 0.0], [0.0, -1.0]];
+
     /// The ground under a picture with so many columns of a frame's cells.
     pub fn new(frame: &Frame, columns: u64) -> Ground {
         let [a, b, _, d, e, _] = frame.affine();
@@ -44,11 +49,15 @@ impl Ground {
                 _ => Unit::Metres(1.0),
             },
         };
-        Ground { edges: [[a, d], [b, e]], northing: [middle, e], unit }
+        let is_picture =
+            frame.crs.is_none() && [b, d] == [0.0; 2] && a == e && a >= 1.0 && a.log2().fract() == 0.0;
+        let edges = [[a, d], [b, if is_picture { -e } else { e }]];
+        Ground { edges, northing: [middle, e], unit }
     }
 
-    /// Metres along columns and rows of the cells in a row; any row counts, also beyond the picture.
-    pub fn cell(&self, row: f64) -> [f64; 2] {
+    /// Metres to the east and to the north from a cell to the next one in its row, and from it to the one below; any row counts,
+    /// also beyond the picture.
+    pub fn cell(&self, row: f64) -> [[f64; 2]; 2] {
         let northing = self.northing[0] + (row + 0.5) * self.northing[1];
         let [east, north] = match self.unit {
             Unit::Metres(metres) => [metres; 2],
@@ -58,17 +67,14 @@ impl Ground {
                 let flat = 1.0 - ECCENTRICITY * latitude.sin().powi(2);
                 let east = AXIS * latitude.cos() / flat.sqrt();
                 let north = AXIS * (1.0 - ECCENTRICITY) / flat.powf(1.5);
-                [east.to_radians(), north.to_radians()]
+                [east.to_radians().max(LEAST), north.to_radians()]
             }
         };
-        self.edges.map(|[x, y]| {
-            let metres = (x * east).hypot(y * north);
-            if metres.is_finite() { metres.max(LEAST) } else { 1.0 }
-        })
+        self.edges.map(|[x, y]| [x * east, y * north])
     }
 
-    /// Metres of the cells of several rows, one after the other.
-    pub fn rows(&self, first: f64, count: usize) -> Vec<[f64; 2]> {
+    /// The edges of the cells of several rows, one after the other.
+    pub fn rows(&self, first: f64, count: usize) -> Vec<[[f64; 2]; 2]> {
         (0..count).map(|row| self.cell(first + row as f64)).collect()
     }
 }
@@ -81,16 +87,25 @@ mod tests {
     #[test]
     fn cells_have_a_size_everywhere() {
         let planar = |crs, e: f64, f| Frame { crs, ..Frame::planar([-e, 0.0, 10.0, 0.0, e, f]) };
-        let close = |found: [f64; 2], expected: [f64; 2]| {
-            assert!((0..2).all(|i| (found[i] / expected[i] - 1.0).abs() < 1e-6), "{found:?} {expected:?}");
+        let close = |found: [[f64; 2]; 2], expected: [f64; 2]| {
+            let expected = [[expected[0], 0.0], [0.0, -expected[1]]].concat();
+            let pairs = found.concat().into_iter().zip(expected);
+            assert!(pairs.into_iter().all(|(a, b)| (a - b).abs() <= 1e-6 * b.abs()), "{found:?}");
         };
         // Published lengths of a degree at the equator and at 45 degrees.
         let degrees = Ground::new(&planar(Some(Crs::epsg(4326)), -1.0, 45.5), 10);
         close(degrees.cell(0.0), [78_846.835, 111_131.778]);
         close(degrees.cell(45.0), [111_319.491, 110_574.276]);
-        assert!(degrees.rows(-60.0, 200).iter().flatten().all(|metres| *metres > 0.0 && metres.is_finite()));
+        let all = degrees.rows(-60.0, 200);
+        assert!(all.iter().all(|[east, south]| east[0] > 0.0 && south[1] < 0.0 && south[1].is_finite()));
         close(Ground::new(&planar(Some(Crs::epsg(2263)), -10.0, 0.0), 5).cell(0.0), [3.048_006_096; 2]);
         close(Ground::new(&Frame::identity(), 5).cell(0.0), [1.0; 2]);
+        close(Ground::new(&Frame::identity().coarser(3), 5).cell(0.0), [8.0; 2]);
+        // Rows from the south, and columns to the south.
+        let frame = Frame::planar([10.0, 0.0, 0.0, 0.0, 10.0, 0.0]);
+        assert_eq!(Ground::new(&frame, 5).cell(0.0), [[10.0, 0.0], [0.0, 10.0]]);
+        let frame = Frame::planar([0.0, 10.0, 0.0, -5.0, 0.0, 0.0]);
+        assert_eq!(Ground::new(&frame, 5).cell(0.0), [[0.0, -5.0], [10.0, 0.0]]);
         // At 60 degrees web mercator has twice the scale.
         let mercator = Ground::new(&web_mercator(8), 256);
         let row = (1.0 - 3f64.sqrt().asinh() / std::f64::consts::PI) * 128.0;

@@ -4,6 +4,7 @@ use super::Style;
 use super::blend::{Blend, share};
 use super::coat::{Coat, Rows, Scratch, stretched};
 use super::domain::PercentileNumbers;
+use super::ground::Ground;
 use super::indices::Indices;
 use super::legend::Legend;
 use super::resolve::coats;
@@ -24,9 +25,9 @@ pub struct SampleBlock<'a> {
     pub bytes: &'a [u8],
     /// Whether each pixel has a value, margin included; what is VOID or outside has none.
     pub valid: &'a [bool],
-    /// Size of a pixel on the ground, along columns and rows, in metres: of each of the picture's rows, or one for all. See
-    /// [`Ground`](super::Ground).
-    pub ground: &'a [[f64; 2]],
+    /// Metres to the east and to the north from a pixel to the next one in its row, and to the one below: of each of the picture's
+    /// rows, or once for all. See [`Ground`](super::Ground).
+    pub ground: &'a [[[f64; 2]; 2]],
 }
 
 /// A style made ready for one tree, to be used by any number of threads.
@@ -123,7 +124,7 @@ impl StylePainter {
             margin: 0,
             bytes: &bytes,
             valid: &valid,
-            ground: &[[1.0; 2]],
+            ground: &[Ground::PIXEL],
         };
         self.paint(&block, &mut rgba).ok()?;
         Some(ColourTable { colours: rgba.as_chunks::<4>().0.to_vec(), indices: Vec::new() })
@@ -323,7 +324,7 @@ impl StylePainter {
                     around: std::array::from_fn(|channel| {
                         [line(channel, row), line(channel, row + 2 * around)]
                     }),
-                    cell: ground[if ground.len() == 1 { 0 } else { first + row }],
+                    edges: ground[if ground.len() == 1 { 0 } else { first + row }],
                 };
                 let start = (first + margin + row) * columns + margin;
                 let valid = &valid[start..start + width];
@@ -399,7 +400,7 @@ mod tests {
             margin: 0,
             bytes: &[1, 4, 4],
             valid: &[true, true, false],
-            ground: &[[1.0; 2]],
+            ground: &[Ground::PIXEL],
         };
         let (mut rgba, mut indices) = ([0; 12], [0; 3]);
         painter.paint(&block, &mut rgba).unwrap();
@@ -424,7 +425,7 @@ mod tests {
             margin: 1,
             bytes: &[0; 12],
             valid: &[true; 12],
-            ground: &[[1.0; 2]],
+            ground: &[Ground::PIXEL],
         };
         painter.paint(&block, &mut [0; 8]).unwrap();
         for wrong in [

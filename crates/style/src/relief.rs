@@ -41,6 +41,38 @@ impl Growth {
             }
         }
     }
+
+    /// The slopes of the row's cells, given the edges of the cells on the ground and what numbers are multiplied with.
+    pub(super) fn slopes(&self, [along, down]: [[f64; 2]; 2], height: f64) -> Slopes<'_> {
+        // The gradient has the growth as its products with the edges: it is the growth times their inverse.
+        let area = 8.0 * (along[0] * down[1] - along[1] * down[0]) / height;
+        let inverse = [[down[1] / area, -along[1] / area], [-down[0] / area, along[0] / area]];
+        // (Edges in one line, or beyond all numbers, have no inverse: flat.)
+        let is_sound = inverse.iter().flatten().all(|factor| factor.is_finite());
+        let inverse = if is_sound { inverse } else { [[0.0; 2]; 2] };
+        Slopes { growth: self, inverse }
+    }
+}
+
+/// Slopes of a row's cells.
+pub(super) struct Slopes<'a> {
+    growth: &'a Growth,
+    /// Factors of the growth along rows and down columns in the slope to the east, and in that to the north.
+    inverse: [[f64; 2]; 2],
+}
+
+impl Slopes<'_> {
+    /// By how much the cells go up to the west and to the north, per metre; NaN where they are VOID.
+    fn west_and_north(&self) -> impl Iterator<Item = (f64, f64)> {
+        let [east, north] = self.inverse;
+        let cells = self.growth.along.iter().zip(&self.growth.down);
+        // (Growth beyond all numbers has no product with 0.)
+        let product = |growth: f64, factor: f64| if factor == 0.0 { 0.0 } else { growth * factor };
+        let slope = move |[along, down]: [f64; 2], factors: [f64; 2]| {
+            product(along, factors[0]) + product(down, factors[1])
+        };
+        cells.map(move |(along, down)| (-slope([*along, *down], east), slope([*along, *down], north)))
+    }
 }
 
 /// A cell and its neighbours, with numbers for those that are VOID.
@@ -74,12 +106,9 @@ impl Lamp {
         Lamp { kind: light.kind, sin_altitude, cos_altitude, sin_azimuth, cos_azimuth }
     }
 
-    /// Writes the light on the cells of a row, 1 to 255, given the factors that make slopes of their growth; NaN where they are
-    /// VOID.
-    pub(super) fn shade(&self, growth: &Growth, factors: [f64; 2], out: &mut Vec<f64>) {
-        let cells = growth.along.iter().zip(&growth.down);
-        // To the west and to the south it goes up by these.
-        let slopes = cells.map(|(along, down)| (-along * factors[0], -down * factors[1]));
+    /// Writes the light on the cells of a row, 1 to 255; NaN where they are VOID.
+    pub(super) fn shade(&self, slopes: &Slopes<'_>, out: &mut Vec<f64>) {
+        let slopes = slopes.west_and_north();
         let light = |share: f64| if share <= 0.0 { 1.0 } else { 1.0 + 254.0 * share };
         let Lamp { sin_altitude, cos_altitude, sin_azimuth, cos_azimuth, .. } = *self;
         let lit = move |x: f64, y: f64| {
@@ -121,10 +150,9 @@ impl Lamp {
     }
 }
 
-/// Writes the slopes of a row's cells, given the factors that make slopes of their growth.
-pub(super) fn slope(growth: &Growth, factors: [f64; 2], unit: SlopeUnit, out: &mut Vec<f64>) {
-    let cells = growth.along.iter().zip(&growth.down);
-    let tangents = cells.map(|(along, down)| (along * factors[0]).hypot(down * factors[1]));
+/// Writes the slopes of a row's cells.
+pub(super) fn slope(slopes: &Slopes<'_>, unit: SlopeUnit, out: &mut Vec<f64>) {
+    let tangents = slopes.west_and_north().map(|(west, north)| west.hypot(north));
     out.clear();
     match unit {
         SlopeUnit::Degrees => out.extend(tangents.map(|tangent| tangent.atan().to_degrees())),
@@ -133,15 +161,14 @@ pub(super) fn slope(growth: &Growth, factors: [f64; 2], unit: SlopeUnit, out: &m
 }
 
 /// Writes the directions in which a row's cells slope downwards, in degrees on a compass; NaN where they are flat.
-pub(super) fn aspect(growth: &Growth, factors: [f64; 2], out: &mut Vec<f64>) {
-    let cells = growth.along.iter().zip(&growth.down);
+pub(super) fn aspect(slopes: &Slopes<'_>, out: &mut Vec<f64>) {
     out.clear();
-    out.extend(cells.map(|(along, down)| {
-        let (east, north) = (-along * factors[0], down * factors[1]);
-        if east == 0.0 && north == 0.0 {
+    out.extend(slopes.west_and_north().map(|(west, north)| {
+        if west == 0.0 && north == 0.0 {
             return f64::NAN;
         }
-        let degrees = east.atan2(north).to_degrees();
+        // (It slopes down to the east where it goes up to the west.)
+        let degrees = west.atan2(-north).to_degrees();
         let degrees = if degrees < 0.0 { degrees + 360.0 } else { degrees };
         if degrees >= 360.0 { 0.0 } else { degrees }
     }));

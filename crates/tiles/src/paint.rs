@@ -114,7 +114,7 @@ impl TilePainter {
         let margin = self.margin();
         let side = samples.side - 2 * margin;
         let ground = if margin == 0 {
-            vec![[1.0; 2]]
+            vec![Ground::PIXEL]
         } else {
             let depth = tile.zoom + side.trailing_zeros() as u8;
             let first = f64::from(tile.row) * side as f64;
