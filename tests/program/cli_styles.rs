@@ -71,7 +71,7 @@ fn light_comes_from_a_direction_of_the_compass() {
         samples(out.as_ref())
     };
     let [width, height, _] =
-        spinney::open(north_up.as_ref()).unwrap().header().extent.map(|side| side as usize);
+        spinney::open(Path::new(&north_up)).unwrap().header().extent.map(|side| side as usize);
     // Where a pixel of the north-up picture is after each of the steps.
     type Place = fn([usize; 2], [usize; 2]) -> usize;
     let moved: [(&str, Place); 4] = [
