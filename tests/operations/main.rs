@@ -26,6 +26,7 @@ mod exact_triangles;
 mod exact_views;
 #[cfg(feature = "mesh")]
 mod isosurfaces;
+mod levels;
 mod manifests;
 mod operations;
 mod overlay;

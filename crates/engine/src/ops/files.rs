@@ -178,6 +178,7 @@ pub fn transform_to(
         // (Of a part of a file nobody knows how many nodes it has.)
         let least = if view.has_windows() { 0 } else { expected_records(&view)? };
         let before = view.source().cells_before()? as f64;
+        let view = if chain.moves { view } else { view.of_level()? };
         expected = expected.zip(shrinks).map(|(sum, volume)| sum + before / volume);
         derivations.push(Derivation {
             least,

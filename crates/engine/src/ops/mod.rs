@@ -10,6 +10,7 @@ mod blame;
 mod blocks;
 mod blockwise;
 mod calc;
+mod coarse;
 mod combine;
 mod convert;
 mod coverage;

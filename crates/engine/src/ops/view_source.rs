@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use super::blockwise::Blockwise;
 use super::calc::Calculated;
+use super::coarse::{Coarse, CoarseNode};
 use super::opaque::Opaque;
 use super::patched::{Patched, PatchedNode};
 use super::regions::Regions;
@@ -38,6 +39,8 @@ pub enum ViewSource {
     Calculated(Box<Calculated>),
     /// Another source without its transparent cells, by whose nodes it goes.
     Opaque(Box<Opaque>),
+    /// A level of a file.
+    Coarse(Box<Coarse>),
     /// Components of the cells of another.
     Regions(Box<Regions>),
     /// A tree that somebody else makes, block by block.
@@ -57,6 +60,8 @@ pub enum ViewSourceNode {
     Warped(Code),
     /// Of a calculated one.
     Calculated(Code),
+    /// Of a level of a file.
+    Coarse(CoarseNode),
     /// Of components.
     Regions(Code),
     /// Of what is made block by block.
@@ -105,6 +110,7 @@ impl ViewSource {
             ViewSource::Warped(tree) => tree.source().path(),
             ViewSource::Calculated(tree) => tree.source().path(),
             ViewSource::Opaque(tree) => tree.source().path(),
+            ViewSource::Coarse(tree) => Some(tree.file().path()),
             ViewSource::Regions(tree) => tree.source().path(),
             ViewSource::Memory(_) | ViewSource::Blockwise(_) => None,
         }
@@ -118,6 +124,7 @@ impl ViewSource {
             ViewSource::Warped(tree) => tree.source().access(),
             ViewSource::Calculated(tree) => tree.source().access(),
             ViewSource::Opaque(tree) => tree.source().access(),
+            ViewSource::Coarse(tree) => tree.file().access().clone(),
             ViewSource::Regions(tree) => tree.source().access(),
             ViewSource::Memory(_) | ViewSource::Blockwise(_) => FileAccess::default(),
         }
@@ -140,6 +147,7 @@ impl ViewSource {
             | ViewSource::Warped(_)
             | ViewSource::Calculated(_)
             | ViewSource::Opaque(_)
+            | ViewSource::Coarse(_)
             | ViewSource::Regions(_)
             | ViewSource::Blockwise(_) => None,
         }
@@ -153,7 +161,9 @@ impl ViewSource {
             | ViewSource::Regions(_)
             | ViewSource::Blockwise(_) => true,
             ViewSource::Opaque(tree) => tree.source().is_computed(),
-            ViewSource::File(_) | ViewSource::Patched(_) | ViewSource::Memory(_) => false,
+            ViewSource::File(_) | ViewSource::Patched(_) | ViewSource::Memory(_) | ViewSource::Coarse(_) => {
+                false
+            }
         }
     }
 
@@ -166,7 +176,9 @@ impl ViewSource {
             // (Levels are made by whoever builds them.)
             ViewSource::Regions(_) | ViewSource::Blockwise(_) => true,
             ViewSource::File(TreeFile::Mosaic(tree)) => tree.is_approximate(),
-            ViewSource::File(_) | ViewSource::Patched(_) | ViewSource::Memory(_) => false,
+            ViewSource::File(_) | ViewSource::Patched(_) | ViewSource::Memory(_) | ViewSource::Coarse(_) => {
+                false
+            }
         }
     }
 
@@ -192,6 +204,7 @@ impl ViewSource {
             ViewSource::Warped(tree) => tree.source().remark(),
             ViewSource::Calculated(tree) => tree.source().remark(),
             ViewSource::Opaque(tree) => tree.source().remark(),
+            ViewSource::Coarse(tree) => tree.file().remark(),
             ViewSource::Regions(tree) => tree.source().remark(),
             ViewSource::Memory(_) | ViewSource::Blockwise(_) => None,
         }
@@ -226,6 +239,7 @@ impl ViewSource {
             ViewSource::Warped(tree) => tree.header(),
             ViewSource::Calculated(tree) => tree.header(),
             ViewSource::Opaque(tree) => tree.source().header(),
+            ViewSource::Coarse(tree) => tree.header(),
             ViewSource::Regions(tree) => tree.header(),
             ViewSource::Blockwise(tree) => tree.header(),
         }
@@ -240,6 +254,7 @@ impl ViewSource {
             ViewSource::Warped(tree) => tree.metadata(),
             ViewSource::Calculated(tree) => tree.metadata(),
             ViewSource::Opaque(tree) => tree.source().metadata(),
+            ViewSource::Coarse(tree) => tree.metadata(),
             ViewSource::Regions(tree) => tree.metadata(),
             ViewSource::Blockwise(tree) => tree.metadata(),
         }
@@ -254,6 +269,7 @@ impl ViewSource {
             | ViewSource::Warped(_)
             | ViewSource::Calculated(_)
             | ViewSource::Opaque(_)
+            | ViewSource::Coarse(_)
             | ViewSource::Regions(_)
             | ViewSource::Blockwise(_) => None,
         }
@@ -268,6 +284,7 @@ impl ViewSource {
             ViewSource::Memory(_)
             | ViewSource::Warped(_)
             | ViewSource::Calculated(_)
+            | ViewSource::Coarse(_)
             | ViewSource::Regions(_)
             | ViewSource::Blockwise(_) => Ok(0),
         }
@@ -279,6 +296,7 @@ impl ViewSource {
             ViewSource::Calculated(tree) => tree.cells_before(),
             ViewSource::Opaque(tree) => tree.source().cells_before(),
             ViewSource::Regions(tree) => tree.source().cells_before(),
+            ViewSource::Coarse(tree) => ViewSource::from(tree.file().clone()).cells_before(),
             // (They would have to be made, all of them.)
             ViewSource::Blockwise(_) => Ok(0),
             _ => self.totals(None).map(|totals| totals.cells),
@@ -324,6 +342,9 @@ impl ViewSource {
             }
             (ViewSource::Calculated(tree), ViewSourceNode::Calculated(node)) => {
                 children_of(&**tree, node, children, |node| node_of(ViewSourceNode::Calculated(node)))
+            }
+            (ViewSource::Coarse(tree), ViewSourceNode::Coarse(node)) => {
+                children_of(&**tree, node, children, |node| node_of(ViewSourceNode::Coarse(node)))
             }
             (ViewSource::Regions(tree), ViewSourceNode::Regions(node)) => {
                 children_of(&**tree, node, children, |node| node_of(ViewSourceNode::Regions(node)))
@@ -473,6 +494,7 @@ impl Source for ViewSource {
             ViewSource::Memory(memory) => memory.tree.root()?.map_node(ViewSourceNode::Memory),
             ViewSource::Warped(tree) => tree.root()?.map_node(ViewSourceNode::Warped),
             ViewSource::Calculated(tree) => tree.root()?.map_node(ViewSourceNode::Calculated),
+            ViewSource::Coarse(tree) => tree.root()?.map_node(ViewSourceNode::Coarse),
             ViewSource::Regions(tree) => tree.root()?.map_node(ViewSourceNode::Regions),
             ViewSource::Blockwise(tree) => tree.root()?.map_node(ViewSourceNode::Blockwise),
             ViewSource::Opaque(tree) => tree.root()?,
@@ -488,6 +510,7 @@ impl Source for ViewSource {
             ViewSource::File(file) => file.draw(bounds, values, valid),
             ViewSource::Warped(tree) => tree.draw(bounds, values, valid),
             ViewSource::Calculated(tree) => tree.draw(bounds, values, valid),
+            ViewSource::Coarse(tree) => tree.draw(bounds, values, valid),
             ViewSource::Regions(tree) => tree.draw(bounds, values, valid),
             ViewSource::Patched(_)
             | ViewSource::Memory(_)
@@ -515,6 +538,7 @@ impl Source for ViewSource {
             ViewSource::Warped(tree) => tree.check_unchanged(),
             ViewSource::Calculated(tree) => tree.check_unchanged(),
             ViewSource::Opaque(tree) => tree.source().check_unchanged(),
+            ViewSource::Coarse(tree) => tree.check_unchanged(),
             ViewSource::Regions(tree) => tree.check_unchanged(),
             ViewSource::Memory(_) | ViewSource::Blockwise(_) => Ok(()),
         }
