@@ -139,8 +139,8 @@ Steps:
   like=OTHER.goblin        onto the cells of another tree, where it lies in the world, also in another
                            coordinate system
   warp=DEF[,cell=W][,resampling=WAY]
-                           to another coordinate system, onto square cells of width W where data land [default:
-                           cells as large as the tree's, in its middle]
+                           to another coordinate system, onto square cells of width W where data land, as far as
+                           they lie in its area of use [default: cells as large as the tree's, in its middle]
   grid=xyz[,ZOOM]          onto the cells of web maps, in web mercator with the world as the root
   calc=EXPR[,a=FILE ...][,type=T]
                            one channel, f32 or of type T, of what is calculated with the channels, b1, b2, ... or by
@@ -224,13 +224,22 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         bail!("{}: is no exact model, which {name} is for", file.display());
     }
     let how = packing.with(memory);
+    let report_size = |[width, height, depth]: [u64; 3], levels: u8| {
+        let more = if depth > 1 { format!(" x {depth}") } else { String::new() };
+        global.report("size", format_args!("{width} x {height}{more} cells, depth {levels}"));
+    };
+    // (On the grid of another coordinate system there may be many more cells than before, which people learn before they wait.)
+    let is_warped = steps.iter().any(|step| matches!(step, ViewStep::Warp(_)));
+    if is_warped {
+        let view = cells.open()?;
+        report_size(view.extent(), view.depth());
+    }
     let work = Work::start(global, "cells")?;
     let outcome = spinney::transform(&cells, limit.create_tree(&path, global)?, how, &work)?;
     work.finish();
-    let [width, height, depth] = outcome.extent;
-    let size =
-        if depth > 1 { format!("{width} x {height} x {depth}") } else { format!("{width} x {height}") };
-    global.report("size", format_args!("{size} cells, depth {}", outcome.depth));
+    if !is_warped {
+        report_size(outcome.extent, outcome.depth);
+    }
     global.report("cells", format_args!("{} before, {} after", outcome.before[0], outcome.after));
     if let Some(expected) = outcome.expected.filter(|expected| *expected > 0.0) {
         let error = 100.0 * (outcome.after as f64 / expected - 1.0);

@@ -17,7 +17,7 @@ pub use control_points::{ControlPoint, ControlPoints};
 pub use coordinates::Coordinates;
 pub use definition::{Crs, Epsg, GeoKeys};
 pub use frame::Frame;
-pub use projection::{PROJECTION_METHODS, Projection};
+pub use projection::{AreaOfUse, PROJECTION_METHODS, Projection};
 pub use transformation::Transformation;
 pub use web_mercator::{
     WEB_MERCATOR, WEB_MERCATOR_HALF, WEB_MERCATOR_LATITUDE, web_mercator, web_mercator_depth,

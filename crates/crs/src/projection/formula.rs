@@ -90,6 +90,26 @@ impl Formula {
         Formula { method, numbers, words: others, ellipsoid: [a, b], meridian, unit, datum: datum.clone() }
     }
 
+    /// PROJ's name of the method; `tmerc` for all that are transverse Mercator.
+    pub(super) fn method(&self) -> &str {
+        &self.method
+    }
+
+    /// A number by its name, 0 if nothing is said.
+    pub(super) fn number(&self, name: &str) -> f64 {
+        self.numbers.get(name).copied().unwrap_or(0.0)
+    }
+
+    /// Whether a number is given, and not 0.
+    pub(super) fn has(&self, name: &str) -> bool {
+        self.numbers.contains_key(name)
+    }
+
+    /// The prime meridian in degrees.
+    pub(super) fn meridian(&self) -> f64 {
+        self.meridian
+    }
+
     /// Whether this is web mercator, with a sphere of such a radius, of coordinates in WGS 84.
     pub(super) fn is_web_mercator(&self, radius: f64) -> bool {
         let is_plain =

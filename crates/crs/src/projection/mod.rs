@@ -1,5 +1,6 @@
 //! Projections: coordinates of one system as those of another, by way of longitude and latitude in WGS 84.
 
+mod area;
 pub(crate) mod axis;
 mod datum;
 pub(crate) mod datum_names;
@@ -20,6 +21,7 @@ pub(crate) mod words;
 use proj4rs::Proj;
 use proj4rs::transform::transform;
 
+pub use self::area::AreaOfUse;
 use self::datum::Datum;
 use self::definition::Definition;
 use self::formula::Formula;

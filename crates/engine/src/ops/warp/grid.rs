@@ -3,6 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
+use super::landing::{Landing, Target};
 use super::mapping::CellMap;
 use super::options::Resampling;
 use super::source::WarpGrid;
@@ -93,7 +94,9 @@ impl WarpTarget {
             let expected = format!("one that {} has", self.crs);
             Error::invalid("place of the raster", "another one, or none", expected)
         };
-        let Landing { low, high, unit } = Landing::of(&map, data, self.crs.turn()).ok_or_else(nowhere)?;
+        let own = frame.crs.as_ref().unwrap_or(&self.crs);
+        let target = Target::new(&self.crs, own, map.is_same_system(), allow_ballpark)?;
+        let Landing { low, high, unit } = Landing::of(&map, frame, data, &target).ok_or_else(nowhere)?;
         let cell = self.cell.unwrap_or(unit);
         let most = 1u64 << Dimension::Quad.max_depth();
         // (Corners that are a rounding error beyond a line lie on it.)
@@ -130,92 +133,6 @@ impl fmt::Display for WarpTarget {
     }
 }
 
-/// The place of a raster's data in another system.
-struct Landing {
-    low: [f64; 2],
-    high: [f64; 2],
-    /// Side of a square of the area of a raster's cell, in the data's middle.
-    unit: f64,
-}
-
-impl Landing {
-    /// The landing of a box of cells; `None` if no place of it has one in the system. First coordinates that differ by a `turn` are
-    /// one place: those next to the middle's are taken, or all round the world if data are on all sides.
-    fn of(map: &CellMap, data: &Bounds, turn: Option<f64>) -> Option<Landing> {
-        const STEPS: usize = 128;
-        let at = |axis: usize, step: f64| {
-            data.min[axis] as f64 + (data.max[axis] - data.min[axis]) as f64 * step / STEPS as f64
-        };
-        let place = |column: f64, row: f64| map.to_target([at(0, column), at(1, row)]);
-        let parts = [0.5, 0.25, 0.75, 0.1, 0.9].map(|part| part * STEPS as f64);
-        let middles = parts.into_iter().flat_map(|row| parts.into_iter().map(move |column| (column, row)));
-        let (middle, unit) = middles.clone().find_map(|(column, row)| {
-            let middle = place(column, row)?;
-            // (A thousandth of the target's turn, or of its unit, is more than rounding.)
-            let ratio = map.ratio_over(middle, turn.map_or(1.0, |turn| turn * 1e-6))?;
-            Some((middle, 1.0 / ratio))
-        })?;
-        let beside = |[x, y]: [f64; 2]| match turn {
-            Some(turn) => [middle[0] + (x - middle[0] + turn / 2.0).rem_euclid(turn) - turn / 2.0, y],
-            None => [x, y],
-        };
-        let rows: Vec<Vec<Option<[f64; 2]>>> = (0..=STEPS)
-            .map(|row| (0..=STEPS).map(|column| place(column as f64, row as f64).map(beside)).collect())
-            .collect();
-        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        rows.iter().flatten().flatten().for_each(|place| {
-            for axis in 0..2 {
-                (low[axis], high[axis]) = (low[axis].min(place[axis]), high[axis].max(place[axis]));
-            }
-        });
-        // Between two places a curve reaches beyond both by an eighth of the second difference, or so.
-        let mut bend = [0f64; 2];
-        let columns = (0..=STEPS).map(|column| rows.iter().map(|row| row[column]).collect::<Vec<_>>());
-        for line in rows.iter().cloned().chain(columns) {
-            for three in line.windows(3) {
-                match three {
-                    [Some(a), Some(b), Some(c)] => {
-                        for axis in 0..2 {
-                            bend[axis] = bend[axis].max((a[axis] - 2.0 * b[axis] + c[axis]).abs());
-                        }
-                    }
-                    // Next to places without a place it may reach as far again.
-                    [Some(a), Some(b), None] | [None, Some(a), Some(b)] => {
-                        for axis in 0..2 {
-                            bend[axis] = bend[axis].max(8.0 * (a[axis] - b[axis]).abs());
-                        }
-                    }
-                    _ => {}
-                }
-            }
-        }
-        let is_flat = (0..2).all(|axis| bend[axis] < unit * 1e-3);
-        for axis in 0..2 {
-            let margin = if is_flat { 0.0 } else { bend[axis] / 4.0 };
-            (low[axis], high[axis]) = (low[axis] - margin, high[axis] + margin);
-        }
-        let Some(turn) = turn else { return Some(Landing { low, high, unit }) };
-        // All round the world, once. (What lies around a pole does, up to the pole.)
-        if high[0] - low[0] > 0.9 * turn {
-            (low[0], high[0]) = (-turn / 2.0, turn / 2.0);
-        }
-        let poles = [([0.0, -90.0], 0), ([0.0, 90.0], 1)];
-        for (pole, end) in poles {
-            let is_in = |[column, row]: [f64; 2]| {
-                (data.min[0] as f64..data.max[0] as f64).contains(&column)
-                    && (data.min[1] as f64..data.max[1] as f64).contains(&row)
-            };
-            if turn == 360.0 && map.to_source(pole).is_some_and(is_in) {
-                if end == 0 { low[1] = -90.0 } else { high[1] = 90.0 }
-            }
-        }
-        if turn == 360.0 {
-            (low[1], high[1]) = (low[1].max(-90.0), high[1].min(90.0));
-        }
-        Some(Landing { low, high, unit })
-    }
-}
-
 fn closest_zoom(frame: &Frame, extent: [u64; 3], allow_ballpark: bool) -> Result<u8> {
     let deepest = MAX_ZOOM + TILE_LEVELS;
     let map = CellMap::new(&web_mercator(deepest), frame, extent[0], allow_ballpark)?;
@@ -232,4 +149,69 @@ fn closest_zoom(frame: &Frame, extent: [u64; 3], allow_ballpark: bool) -> Result
     // A deepest cell has so many source cells along a side.
     let zoom = f64::from(MAX_ZOOM) + ratio.log2();
     Ok(zoom.round().clamp(0.0, MAX_ZOOM.into()) as u8)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Cells of 100 km that the world, in degrees, has in another system.
+    fn cells_of_world(epsg: u32, south_up: bool) -> ([u64; 2], [f64; 6]) {
+        let (step, top) = if south_up { (1.0, -90.0) } else { (-1.0, 90.0) };
+        let frame = Frame::planar([1.0, 0.0, -180.0, 0.0, step, top]);
+        let frame = Frame { crs: Some(Crs::epsg(4326)), ..frame };
+        let target = WarpTarget { crs: Crs::epsg(epsg), cell: Some(1e5), resampling: None };
+        let data = Bounds { min: [0; 3], max: [360, 180, 1] };
+        let grid = target.grid(&frame, [360, 180, 1], &data, true).unwrap();
+        ([grid.extent[0], grid.extent[1]], grid.frame.affine())
+    }
+
+    #[test]
+    fn the_world_is_clipped_to_areas_of_use() {
+        // Of polar stereographic projections the hemisphere: two radii of the equator, 12,367 km (true to scale at 70 and 71 degrees).
+        for (epsg, cells) in
+            [(3413, [248; 2]), (3031, [250; 2]), (3995, [252; 2]), (3857, [402; 2]), (6933, [348, 148])]
+        {
+            for south_up in [false, true] {
+                let (found, frame) = cells_of_world(epsg, south_up);
+                assert!((0..2).all(|axis| found[axis].abs_diff(cells[axis]) <= 4), "{epsg}: {found:?}");
+                let middle =
+                    [0, 1].map(|axis| frame[2 + 3 * axis] + frame[4 * axis] * found[axis] as f64 / 2.0);
+                assert!(middle.iter().all(|middle| middle.abs() <= 3e5), "{epsg}: {middle:?}");
+            }
+        }
+        // Within 60 degrees of the meridian, and of conic projections far from the other pole.
+        for (epsg, most) in [(32633, 250), (3034, 500), (2154, 500), (27700, 250), (31467, 250)] {
+            let (found, _) = cells_of_world(epsg, false);
+            assert!(found.iter().all(|cells| *cells <= most), "{epsg}: {found:?}");
+        }
+        // All of the world.
+        for (epsg, cells) in [(3035, [255; 2]), (54009, [361, 181]), (8857, [345, 168])] {
+            if Crs::epsg(epsg).check_registered().is_err() {
+                continue;
+            }
+            let (found, _) = cells_of_world(epsg, false);
+            assert!((0..2).all(|axis| found[axis].abs_diff(cells[axis]) <= 12), "{epsg}: {found:?}");
+        }
+    }
+
+    /// Data within the area have the grid that they have without it, and those wholly beyond it, too.
+    #[test]
+    fn data_on_one_side_are_not_clipped() {
+        let frame = Frame::planar([0.1, 0.0, -80.0, 0.0, -0.1, -20.0]);
+        let frame = Frame { crs: Some(Crs::epsg(4326)), ..frame };
+        let data = Bounds { min: [0; 3], max: [100, 100, 1] };
+        for epsg in [3413, 3031, 32718, 3857] {
+            let crs = Crs::epsg(epsg);
+            let target = WarpTarget { crs: crs.clone(), cell: Some(1e4), resampling: None };
+            let grid = target.grid(&frame, [100, 100, 1], &data, true).unwrap();
+            let projection = spinney_crs::Projection::new(&crs, true).unwrap();
+            for place in [[-80.0, -20.0], [-70.0, -20.0], [-80.0, -30.0], [-70.0, -30.0], [-75.0, -25.0]] {
+                let [x, y] = projection.forward(place).unwrap();
+                let [column, row, _] = grid.frame.to_cells([x, y, 0.0]).unwrap();
+                let is_in = |at: f64, cells: u64| at >= -1e-6 && at <= cells as f64 + 1e-6;
+                assert!(is_in(column, grid.extent[0]) && is_in(row, grid.extent[1]), "{epsg}: {place:?}");
+            }
+        }
+    }
 }

@@ -43,6 +43,11 @@ impl CellMap {
         Ok(CellMap { target: target.clone(), source: source.clone(), systems, turn, target_turns })
     }
 
+    /// Whether the two systems are the same.
+    pub(super) fn is_same_system(&self) -> bool {
+        self.systems.is_identity()
+    }
+
     /// Remarks on how well the systems are known.
     pub(super) fn remarks(&self) -> Vec<String> {
         self.systems.remarks()

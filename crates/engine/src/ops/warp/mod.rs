@@ -7,6 +7,7 @@ mod area;
 mod build;
 mod grid;
 mod interpolate;
+mod landing;
 mod lattice;
 mod mapping;
 mod nearest;

@@ -1,0 +1,108 @@
+//! Areas of use of projections: where their formulas are good for maps.
+
+use super::Projection;
+use super::formula::Formula;
+use super::{Form, RADIUS};
+use crate::WEB_MERCATOR_LATITUDE;
+
+/// The area in which a projection is good for maps: beyond it cells are many times as large as in its middle, or without end.
+///
+/// Azimuthal and conic conformal projections are used within 90 degrees of latitude from their middle, gnomonic, transverse and oblique ones
+/// within 60 degrees, Mercator's up to 85.06 degrees, where its world is a square. All others show the whole world.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AreaOfUse {
+    /// Least and greatest latitude in degrees.
+    latitudes: [f64; 2],
+    /// Longitude of the middle, and degrees to both sides of it.
+    longitudes: [f64; 2],
+}
+
+/// The world, with what is a rounding error beyond the poles.
+const WORLD: [f64; 2] = [-90.0 - 1e-9, 90.0 + 1e-9];
+
+impl AreaOfUse {
+    /// The area that a formula is used in.
+    pub(super) fn of(formula: &Formula) -> AreaOfUse {
+        let number = |name: &str| formula.number(name);
+        let around = |middle: f64, by: f64| [(middle - by).max(WORLD[0]), (middle + by).min(WORLD[1])];
+        let first = number("lat_1");
+        let [origin, meridian] = [number("lat_0"), number("lon_0") + formula.meridian()];
+        // (All round the world.)
+        let all = 180.0;
+        let (latitudes, width) = match formula.method() {
+            "merc" | "webmerc" => ([-WEB_MERCATOR_LATITUDE, WEB_MERCATOR_LATITUDE], all),
+            "stere" if origin.abs() == 90.0 => (around(origin, 90.0), all),
+            "stere" | "sterea" => (around(origin, 90.0), 90.0),
+            "lcc" => {
+                let second = if formula.has("lat_2") { number("lat_2") } else { first };
+                (around((first + second) / 2.0, 90.0), all)
+            }
+            "gnom" if origin.abs() == 90.0 => (around(origin, 60.0), all),
+            "gnom" | "somerc" => (around(origin, 60.0), 60.0),
+            "tmerc" | "cass" | "poly" => (WORLD, 60.0),
+            _ => (WORLD, all),
+        };
+        AreaOfUse { latitudes, longitudes: [meridian, width] }
+    }
+
+    /// Whether a place of the world (longitude and latitude in degrees) is in the area.
+    pub fn contains(&self, place: [f64; 2]) -> bool {
+        let near = self.nearest(place);
+        near[1] == place[1] && (near[0] - place[0]).abs() < 1e-9
+    }
+
+    /// The place of the area whose longitude and latitude are nearest to those of a place.
+    pub fn nearest(&self, [longitude, latitude]: [f64; 2]) -> [f64; 2] {
+        let [middle, width] = self.longitudes;
+        let offset = (longitude - middle + 180.0).rem_euclid(360.0) - 180.0;
+        let longitude = longitude + (offset.clamp(-width, width) - offset);
+        [longitude, latitude.clamp(self.latitudes[0], self.latitudes[1])]
+    }
+
+    /// Places all along the edge of the area, the meridian opposite to its middle included.
+    pub fn edge(&self) -> Vec<[f64; 2]> {
+        const STEPS: u32 = 128;
+        let [middle, width] = self.longitudes;
+        let [south, north] = self.latitudes.map(|latitude| latitude.clamp(-90.0, 90.0));
+        let mut places = Vec::new();
+        for step in 0..=STEPS {
+            let part = f64::from(step) / f64::from(STEPS);
+            let [longitude, latitude] = [middle + width * (2.0 * part - 1.0), south + (north - south) * part];
+            let [west, east] = [middle - width, middle + width];
+            places.extend([[longitude, south], [longitude, north], [west, latitude], [east, latitude]]);
+        }
+        places
+    }
+}
+
+impl Projection {
+    /// The area in which the projection is good for maps.
+    pub fn area_of_use(&self) -> AreaOfUse {
+        match &self.form {
+            Form::Degrees => AreaOfUse { latitudes: WORLD, longitudes: [0.0, 180.0] },
+            Form::WebMercator => AreaOfUse {
+                latitudes: [-WEB_MERCATOR_LATITUDE, WEB_MERCATOR_LATITUDE],
+                longitudes: [0.0, 180.0],
+            },
+            Form::Other(.., formula) => AreaOfUse::of(formula),
+        }
+    }
+
+    /// First coordinates of the middle of the world and what is added to them once round the world, if that is the same at all latitudes: of
+    /// degrees and cylindrical projections.
+    pub fn turn(&self) -> Option<[f64; 2]> {
+        match &self.form {
+            Form::Degrees => Some([0.0, 360.0]),
+            Form::WebMercator => Some([0.0, RADIUS * std::f64::consts::TAU]),
+            Form::Other(proj, ..) if proj.is_latlong() => Some([0.0, 360.0]),
+            Form::Other(.., formula) => {
+                if !matches!(formula.method(), "merc" | "webmerc" | "cea" | "eqc" | "mill") {
+                    return None;
+                }
+                let middle = formula.number("lon_0") + formula.meridian();
+                let [west, here, east] = [-90.0, 0.0, 90.0].map(|by| self.forward([middle + by, 0.0]));
+                Some([here?[0], 2.0 * (east?[0] - west?[0])])
+            }
+        }
+    }
+}

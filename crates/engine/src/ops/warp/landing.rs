@@ -1,0 +1,218 @@
+//! Places that the data of a raster have in another coordinate system.
+
+use super::mapping::CellMap;
+use spinney_base::Result;
+use spinney_base::space::Bounds;
+use spinney_crs::{AreaOfUse, Crs, Frame, Projection};
+
+/// The place of a raster's data in another system.
+pub(super) struct Landing {
+    pub(super) low: [f64; 2],
+    pub(super) high: [f64; 2],
+    /// Side of a square of the area of a raster's cell, in the data's middle.
+    pub(super) unit: f64,
+}
+
+/// Steps along each side of the data at which their places are asked for.
+const STEPS: usize = 128;
+
+/// A target system, as far as it is good for maps.
+pub(super) struct Target {
+    /// The raster's own projection, and the target's, where the two differ.
+    projections: Option<(Projection, Projection)>,
+    area: AreaOfUse,
+    /// Middle of the world, and what is added to first coordinates once round it, if they come again.
+    turn: Option<[f64; 2]>,
+}
+
+impl Target {
+    /// The target of a raster in a system.
+    pub(super) fn new(crs: &Crs, own: &Crs, is_same: bool, allow_ballpark: bool) -> Result<Target> {
+        if is_same {
+            // (Systems that cannot be computed need not be.)
+            let turn = crs.turn().map(|turn| [0.0, turn]);
+            let area = Projection::new(&Crs::epsg(4326), false)?.area_of_use();
+            return Ok(Target { projections: None, area, turn });
+        }
+        let target = Projection::new(crs, allow_ballpark)?;
+        let (area, turn) = (target.area_of_use(), target.turn());
+        Ok(Target { projections: Some((Projection::new(own, allow_ballpark)?, target)), area, turn })
+    }
+
+    /// Longitude and latitude of a place of the raster.
+    fn place_of(&self, world: [f64; 2]) -> Option<[f64; 2]> {
+        self.projections.as_ref().and_then(|(own, _)| own.inverse(world))
+    }
+}
+
+/// A place of the data.
+#[derive(Clone, Copy)]
+enum Place {
+    /// Its coordinates in the target; at the edge of the area of use those of the edge.
+    At([f64; 2]),
+    /// Beyond the area of use.
+    Beyond,
+    /// Nowhere: the formula has none.
+    Nowhere,
+}
+
+impl Place {
+    fn at(self) -> Option<[f64; 2]> {
+        if let Place::At(place) = self { Some(place) } else { None }
+    }
+}
+
+impl Landing {
+    /// The landing of a box of cells; `None` if no place of it has one in the system. Of data that lie in its area of use for a part, it is that of the part.
+    /// First coordinates that come again after a turn round the world are one place: those next to the middle's are taken, or all round the world if data
+    /// are on all sides.
+    pub(super) fn of(map: &CellMap, frame: &Frame, data: &Bounds, target: &Target) -> Option<Landing> {
+        let cell = |column: usize, row: usize| {
+            let at = |axis: usize, step: usize| {
+                data.min[axis] as f64 + (data.max[axis] - data.min[axis]) as f64 * step as f64 / STEPS as f64
+            };
+            [at(0, column), at(1, row)]
+        };
+        let lonlat = |[column, row]: [f64; 2]| {
+            let [x, y, _] = frame.to_world([column, row, 0.0]);
+            target.place_of([x, y])
+        };
+        let steps = || (0..=STEPS).flat_map(|row| (0..=STEPS).map(move |column| (column, row)));
+        let is_used: Vec<bool> = steps()
+            .map(|(column, row)| lonlat(cell(column, row)).is_some_and(|place| target.area.contains(place)))
+            .collect();
+        let used = |column: usize, row: usize| is_used[row * (STEPS + 1) + column];
+        // (Data that are all beyond the area are brought there all the same.)
+        let is_clipped = is_used.contains(&true) && is_used.contains(&false);
+        let place = |column: usize, row: usize| {
+            let here = cell(column, row);
+            if !is_clipped || used(column, row) {
+                return map.to_target(here).map_or(Place::Nowhere, Place::At);
+            }
+            let near = |at: usize| at.saturating_sub(1)..=(at + 1).min(STEPS);
+            let is_next_to_used = near(row).any(|row| near(column).any(|column| used(column, row)));
+            let edge = lonlat(here).filter(|_| is_next_to_used).and_then(|place| {
+                let (_, system) = target.projections.as_ref()?;
+                system.forward(target.area.nearest(place))
+            });
+            edge.map_or(Place::Beyond, Place::At)
+        };
+        let (middle, unit) =
+            middle_and_unit(map, &cell, &|column, row| !is_clipped || used(column, row), target)?;
+        let beside = |[x, y]: [f64; 2]| match target.turn {
+            Some([_, turn]) => [middle[0] + (x - middle[0] + turn / 2.0).rem_euclid(turn) - turn / 2.0, y],
+            None => [x, y],
+        };
+        let places: Vec<Place> = steps()
+            .map(|(column, row)| match place(column, row) {
+                Place::At(place) => Place::At(beside(place)),
+                other => other,
+            })
+            .collect();
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for place in places.iter().filter_map(|place| place.at()) {
+            for axis in 0..2 {
+                (low[axis], high[axis]) = (low[axis].min(place[axis]), high[axis].max(place[axis]));
+            }
+        }
+        let bend = bend(&places);
+        if !bend.iter().all(|bend| *bend < unit * 1e-3) {
+            for axis in 0..2 {
+                (low[axis], high[axis]) = (low[axis] - bend[axis] / 4.0, high[axis] + bend[axis] / 4.0);
+            }
+        }
+        if is_clipped {
+            (low, high) = within_area(target, (low, high));
+        }
+        let Some([world, turn]) = target.turn else { return Some(Landing { low, high, unit }) };
+        // All round the world, once. (What lies around a pole does, up to the pole.)
+        if high[0] - low[0] > 0.9 * turn {
+            (low[0], high[0]) = (world - turn / 2.0, world + turn / 2.0);
+        }
+        if turn == 360.0 {
+            for (pole, end) in [([0.0, -90.0], 0), ([0.0, 90.0], 1)] {
+                let is_in = |[column, row]: [f64; 2]| {
+                    (data.min[0] as f64..data.max[0] as f64).contains(&column)
+                        && (data.min[1] as f64..data.max[1] as f64).contains(&row)
+                };
+                if map.to_source(pole).is_some_and(is_in) {
+                    if end == 0 { low[1] = -90.0 } else { high[1] = 90.0 }
+                }
+            }
+            (low[1], high[1]) = (low[1].max(-90.0), high[1].min(90.0));
+        }
+        Some(Landing { low, high, unit })
+    }
+}
+
+/// The place of the middle of the data in use, or else of another cell, and the side of a cell there.
+fn middle_and_unit(
+    map: &CellMap,
+    cell: &dyn Fn(usize, usize) -> [f64; 2],
+    used: &dyn Fn(usize, usize) -> bool,
+    target: &Target,
+) -> Option<([f64; 2], f64)> {
+    let mut sums = [0, 0, 0];
+    for row in 0..=STEPS {
+        for column in (0..=STEPS).filter(|column| used(*column, row)) {
+            sums = [sums[0] + column, sums[1] + row, sums[2] + 1];
+        }
+    }
+    let middle = [sums[0] / sums[2].max(1), sums[1] / sums[2].max(1)];
+    let parts = [0.5, 0.25, 0.75, 0.1, 0.9].map(|part| (part * STEPS as f64) as usize);
+    let others = parts.into_iter().flat_map(|row| parts.into_iter().map(move |column| [column, row]));
+    let mut all = [middle].into_iter().chain(others).filter(|[column, row]| used(*column, *row));
+    all.find_map(|[column, row]| {
+        let middle = map.to_target(cell(column, row))?;
+        // (A thousandth of the target's turn, or of its unit, is more than rounding.)
+        let ratio = map.ratio_over(middle, target.turn.map_or(1.0, |[_, turn]| turn * 1e-6))?;
+        Some((middle, 1.0 / ratio))
+    })
+}
+
+/// By how much curves between places may reach beyond them, four times: by an eighth of the second difference, or so.
+fn bend(places: &[Place]) -> [f64; 2] {
+    let mut bend = [0f64; 2];
+    let side = STEPS + 1;
+    let lines = (0..side).flat_map(|line| {
+        let (row, column) = (places[line * side..].iter(), places[line..].iter());
+        let row: Vec<Place> = row.take(side).copied().collect();
+        [row, column.step_by(side).copied().collect()]
+    });
+    for line in lines {
+        for three in line.windows(3) {
+            match three {
+                [Place::At(a), Place::At(b), Place::At(c)] => {
+                    for axis in 0..2 {
+                        bend[axis] = bend[axis].max((a[axis] - 2.0 * b[axis] + c[axis]).abs());
+                    }
+                }
+                // Next to places without a place it may reach as far again.
+                [Place::At(a), Place::At(b), Place::Nowhere]
+                | [Place::Nowhere, Place::At(b), Place::At(a)] => {
+                    for axis in 0..2 {
+                        bend[axis] = bend[axis].max(8.0 * (a[axis] - b[axis]).abs());
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+    bend
+}
+
+/// The part of a box that is within the box around the area of use.
+fn within_area(target: &Target, (low, high): ([f64; 2], [f64; 2])) -> ([f64; 2], [f64; 2]) {
+    let Some((_, system)) = &target.projections else { return (low, high) };
+    let (mut first, mut last) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    for place in target.area.edge().into_iter().filter_map(|place| system.forward(place)) {
+        for axis in 0..2 {
+            (first[axis], last[axis]) = (first[axis].min(place[axis]), last[axis].max(place[axis]));
+        }
+    }
+    let axes = [0, 1].map(|axis| (low[axis].max(first[axis]), high[axis].min(last[axis])));
+    // (The edge of an area round the world may have no places.)
+    let [x, y] =
+        [0, 1].map(|axis| if axes[axis].0 < axes[axis].1 { axes[axis] } else { (low[axis], high[axis]) });
+    ([x.0, y.0], [x.1, y.1])
+}
