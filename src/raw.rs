@@ -110,11 +110,11 @@ pub mod query {
 pub mod ops {
     pub use spinney_engine::ops::{
         AffineMap, Alignment, Around, Axis, BlockSource, Blockwise, Calculated, Calculation, CellPatch,
-        Change, Combined, CombinedNode, Connectivity, Difference, Differences, FdRange, FillPatch, LayerInfo,
-        MAX_ZOOM, MadeOperand, MemoryTree, Opaque, Outcome, Pair, PairOfSamples, Patch, Patched, PatchedNode,
-        Prefer, Regions, Sampling, Sieve, TreeFile, TreeFileNode, Turn, View, ViewNode, ViewSource,
-        ViewSourceNode, WarpGrid, WarpTarget, Warped, add_layer, align, apply_edits, blame, build,
-        combine_with, crosstab, crosstab_files, data_box, diff, diff_files, differences, drop_layer,
+        Change, Coarse, CoarseNode, Combined, CombinedNode, Connectivity, Difference, Differences, FdRange,
+        FillPatch, LayerInfo, MAX_ZOOM, MadeOperand, MemoryTree, Opaque, Outcome, Pair, PairOfSamples, Patch,
+        Patched, PatchedNode, Prefer, Regions, Sampling, Sieve, TreeFile, TreeFileNode, Turn, View, ViewNode,
+        ViewSource, ViewSourceNode, WarpGrid, WarpTarget, Warped, add_layer, align, apply_edits, blame,
+        build, combine_with, crosstab, crosstab_files, data_box, diff, diff_files, differences, drop_layer,
         layer_paths, only_layer, transform_to, warp,
     };
 }
@@ -278,7 +278,8 @@ pub mod import {
     pub mod raster {
         pub use spinney_raster::import::{
             Band, BandInfo, DEFAULT_MEMORY, Order, Pixels, Raster, RasterInfo, RasterOptions, RasterSlabs,
-            StackLayer, TargetGrid, WarpedBuilt, mosaic, open, select, spill, value_type, write_stack,
+            StackLayer, TargetGrid, WarpedBuilt, mosaic, needs_layers, open, select, spill, value_type,
+            write_stack,
         };
     }
 

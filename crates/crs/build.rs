@@ -32,11 +32,11 @@ fn main() {
     }
     bytes.extend(known.iter().map(|(_, own)| u8::try_from(own.len()).expect("a definition of some words")));
     bytes.extend(all.iter().flat_map(|word| word.to_le_bytes()));
-    // (A test compares them with the texts. It could not have the list as a dependency: Cargo compiles the dependencies of build
+    // (A test compares them with the strings. It could not have the list as a dependency: Cargo compiles the dependencies of build
     // scripts in another way than those of tests, and would compile all that depends on this crate again.)
-    let texts: String = known.iter().map(|(code, words)| format!("{code} {}\n", words.join(" "))).collect();
+    let strings: String = known.iter().map(|(code, words)| format!("{code} {}\n", words.join(" "))).collect();
     let folder = env::var_os("OUT_DIR").expect("Cargo says where to write");
-    for (name, contents) in [("definitions", &bytes[..]), ("definitions.txt", texts.as_bytes())] {
+    for (name, contents) in [("definitions", &bytes[..]), ("definitions.txt", strings.as_bytes())] {
         fs::write(Path::new(&folder).join(name), contents).expect("a file can be written there");
     }
 }

@@ -365,10 +365,14 @@ impl FileOptions {
         matches!(&self.pages, Some(Pages::All(name)) if name == way)
     }
 
-    /// All that is asked of a stack; nothing if none is.
-    pub(crate) fn stack(&self) -> PyResult<Option<StackOptions>> {
+    /// Options for a stack, if one is asked for, or the bands of the only file are no one value; nothing else.
+    pub(crate) fn stack(&self, paths: &[PathBuf]) -> PyResult<Option<StackOptions>> {
         let every_page = self.has_pages("layers");
-        if !self.stack && !every_page {
+        let is_single = self.grid.is_some() || self.max_zoom.is_some();
+        if !self.stack
+            && !every_page
+            && (is_single || !raster::needs_layers(paths, &self.pictures()?).or_raise()?)
+        {
             return match self.names.is_some() || self.times.is_some() {
                 true => Err(invalid("names, times: are for stack=True")),
                 false => Ok(None),
@@ -518,7 +522,7 @@ pub(crate) fn build_files(
             spinney::import::volume::plan(path, &volume)?.build(work.create_tree(&out)?, work).map(drop)
         });
     }
-    if let Some(stack) = options.stack()? {
+    if let Some(stack) = options.stack(&paths)? {
         return jobs::run(py, terms, |work| {
             raster::write_stack(
                 &spinney::import::raster::plan_stack(&paths, &stack)?,

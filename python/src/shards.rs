@@ -24,7 +24,7 @@ pub(crate) fn plan_shards(
     shards: Option<u32>,
     terms: Terms,
 ) -> PyResult<bool> {
-    let spec = match options.stack()? {
+    let spec = match options.stack(&inputs)? {
         Some(options) => JobSpec::Stack { inputs, options },
         None => JobSpec::Pictures { inputs, options: options.pictures()? },
     };

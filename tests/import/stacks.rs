@@ -159,7 +159,6 @@ fn grids_that_do_not_fit_are_refused() {
     assert_eq!(with_first("small.tif", placed(grey(3), CORNER, 10.0)).unwrap(), (0, 1));
     for (name, corner, width) in [
         ("shifted", [x + 0.2, y], 10.0),
-        ("next", [x, y - 10.0], 10.0),
         ("half", CORNER, 15.0),
         ("odd", CORNER, 20.1),
         ("many", CORNER, 10010.0),
@@ -444,6 +443,85 @@ fn pages_are_planes_of_a_volume() {
         .unwrap()
         .build(Output::create(&out).unwrap(), &());
     assert!(made.unwrap_err().to_string().contains("masks"));
+}
+
+/// Scenes of one grid with different extents: the stack has the box around them.
+#[test]
+fn scenes_on_one_grid_have_their_union() {
+    let place = Place::new();
+    let mut random = Random(31);
+    let [x, y] = CORNER;
+    // Corners in cells of 10 m, cells that a pixel is wide, pixels along a side.
+    let scenes = [
+        ([3, 2], 1, 20usize),
+        ([0, 5], 1, 7),
+        ([4, 8], 2, 6),
+        ([5, 1], 4, 3),
+        ([40, 30], 3, 2),
+        ([8, 5], 4, 3),
+    ];
+    let (mut paths, mut all) = (Vec::new(), Vec::new());
+    for (number, (corner, wide, side)) in scenes.into_iter().enumerate() {
+        let pixels = noise(&mut random, side * side);
+        let corner = [x + 10.0 * f64::from(corner[0]), y - 10.0 * f64::from(corner[1])];
+        let grey = Ifd::grey(side as u16, side as u16, pixels.clone());
+        paths.push(place.write(&format!("{number}.tif"), &[placed(grey, corner, 10.0 * f64::from(wide))]));
+        all.push(pixels);
+    }
+    let stack = plan_stack(&paths, &StackOptions::new()).unwrap();
+    assert_eq!(stack.extent, [46, 35, 1]);
+    assert_eq!(stack.frame.affine(), [10.0, 0.0, x, 0.0, -10.0, y - 10.0]);
+    for ((layer, pixels), (corner, wide, side)) in stack.layers.iter().zip(all).zip(scenes) {
+        let cell = 1usize << layer.coarser;
+        let [across, down, _] = layer.extent.map(|cells| cells as usize);
+        let cells = place.cells(layer);
+        assert_eq!(cells.len(), across * down);
+        for (index, found) in cells.into_iter().enumerate() {
+            let [column, row] = [index % across * cell, index / across * cell];
+            let pixel = |at: usize, first: i32| {
+                let into = at.checked_sub(first as usize)? / wide as usize;
+                (into < side).then_some(into)
+            };
+            let expected = match (pixel(column, corner[0]), pixel(row, corner[1] - 1)) {
+                (Some(x), Some(y)) => Some(vec![pixels[y * side + x]]),
+                _ => None,
+            };
+            assert_eq!(found, expected, "{} at {column}, {row}", layer.name);
+        }
+    }
+    // The largest cells that the corner and the pixels are made of.
+    let levels: Vec<_> = stack.layers.iter().map(|layer| (layer.coarser, layer.repeat)).collect();
+    assert_eq!(levels, [(0, 1), (0, 1), (0, 2), (0, 4), (0, 3), (2, 1)]);
+}
+
+/// Bands that are no one value become layers, without `--stack`.
+#[test]
+fn bands_that_are_no_colours_become_layers() {
+    let place = Place::new();
+    let out = place.0.path().join("out.goblin");
+    for (bands, bits, format) in [(13u16, 16u16, 1u16), (2, 16, 2), (3, 64, 3), (3, 32, 1)] {
+        let bytes = vec![7u8; 16 * usize::from(bands) * usize::from(bits / 8)];
+        let ifd = Ifd::grey(4, 4, bytes)
+            .short(258, &vec![bits; bands.into()])
+            .short(277, &[bands])
+            .short(339, &vec![format; bands.into()]);
+        let path = place.write("bands.tif", &[ifd]);
+        let path = path.to_str().unwrap();
+        let build = |more: &[&str]| {
+            let args = [&["build", path, "-o", out.to_str().unwrap()], more].concat();
+            crate::common::command::command(&args).output().unwrap()
+        };
+        let made = build(&[]);
+        assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+        let said = String::from_utf8(made.stdout).unwrap() + &String::from_utf8(made.stderr).unwrap();
+        assert!(said.contains("a layer of each"), "{said}");
+        let layers = spinney::raw::ops::TreeFile::open(&out, &Default::default()).unwrap().layers().unwrap();
+        assert_eq!(layers.len(), usize::from(bands));
+        // One that is chosen is a tree of its own.
+        assert!(build(&["--band", "2"]).status.success());
+        let layers = spinney::raw::ops::TreeFile::open(&out, &Default::default()).unwrap().layers().unwrap();
+        assert_eq!(layers.len(), 1);
+    }
 }
 
 #[test]

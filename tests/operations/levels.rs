@@ -31,19 +31,19 @@ fn forms() -> Vec<(TreeType, Rule, DataKind)> {
 fn halves_are_the_levels_of_the_file() {
     let mut random = Random(5);
     for (number, (form, rule, kind)) in forms().into_iter().enumerate() {
-        let folder = tempfile::tempdir().unwrap();
+        let directory = tempfile::tempdir().unwrap();
         let depth = if form.axes() == 3 { 4 } else { 6 };
         let size = std::array::from_fn(|axis| {
             if axis < form.axes() { (1 << depth) - random.below(1 << (depth - 1)) } else { 1 }
         });
         let cells = Cells::random(form, random.next(), size, 40, number % 2 == 0);
-        let path = folder.path().join("file.goblin");
+        let path = directory.path().join("file.goblin");
         write_cells(&path, &cells, &options(rule, kind, depth));
         let tree = spinney::open(&path).unwrap();
         for above in 1..3u8 {
             let factor = 1.0 / f64::from(1u32 << above);
             for step in [format!("scale={factor}"), format!("depth={}", depth - above)] {
-                let made = folder.path().join("made.goblin");
+                let made = directory.path().join("made.goblin");
                 let chain = with(FileView::of(&path), |it| it.steps = vec![step.parse().unwrap()]);
                 let how = WriteOptions::new(64 << 20);
                 spinney::transform(&chain, Output::create(&made).unwrap(), how, &()).unwrap();
@@ -60,14 +60,14 @@ fn halves_are_the_levels_of_the_file() {
 /// Windows on whole nodes, and others, which have parts of them.
 #[test]
 fn halves_of_windows_are_those_of_their_cells() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let form = quad(SampleType::F32, 1);
     let cells = Cells::random(form, 8, [61, 50, 1], 40, true);
-    let path = folder.path().join("file.goblin");
+    let path = directory.path().join("file.goblin");
     write_cells(&path, &cells, &options(Rule::Mean, DataKind::Continuous, 6));
     let transformed = |name: &str, from: &str, steps: &[&str]| {
-        let to = folder.path().join(name);
-        let chain = with(FileView::of(&folder.path().join(from)), |it| {
+        let to = directory.path().join(name);
+        let chain = with(FileView::of(&directory.path().join(from)), |it| {
             it.steps = steps.iter().map(|step| step.parse().unwrap()).collect();
         });
         spinney::transform(&chain, Output::create(&to).unwrap(), WriteOptions::new(64 << 20), &()).unwrap();
@@ -89,17 +89,17 @@ fn halves_of_windows_are_those_of_their_cells() {
 
 #[test]
 fn doubled_cells_are_the_cells_of_the_file() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     for (form, kind, rule) in [
         (quad(SampleType::F32, 1), DataKind::Continuous, Rule::Mean),
         (quad(SampleType::U8, 1), DataKind::Categorical, Rule::Majority),
         (oct(SampleType::U16, 1), DataKind::Continuous, Rule::Mean),
     ] {
         let size = [13, 9, if form.axes() == 3 { 11 } else { 1 }];
-        let path = folder.path().join("file.goblin");
+        let path = directory.path().join("file.goblin");
         write_cells(&path, &Cells::random(form, 4, size, 40, true), &options(rule, kind, 4));
         let chain = with(FileView::of(&path), |it| it.steps = vec!["scale=4".parse().unwrap()]);
-        let made = folder.path().join("made.goblin");
+        let made = directory.path().join("made.goblin");
         spinney::transform(&chain, Output::create(&made).unwrap(), WriteOptions::new(64 << 20), &()).unwrap();
         let (tree, made) = (spinney::open(&path).unwrap(), spinney::open(&made).unwrap());
         assert_eq!(made.depth(), 6);

@@ -60,9 +60,9 @@ fn painted(tree: &Dataset, painter: &StylePainter, part: Bounds) -> Vec<[u8; 4]>
 
 /// Light, slopes and aspects are those of the ground, in whatever order and direction a file has its rows and columns.
 #[test]
-fn light_comes_from_a_direction_of_the_compass() {
-    let folder = tempfile::tempdir().unwrap();
-    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+fn hillshade_and_aspect_use_north() {
+    let directory = tempfile::tempdir().unwrap();
+    let name = |name: &str| directory.path().join(name).to_str().unwrap().to_string();
     let north_up = name("north_up.goblin");
     command(&["-q", "build", "fixtures/island_elevation.tif", "-o", &north_up]).assert().success();
     let pixels = |tree: &str, style: &str| {
@@ -72,9 +72,9 @@ fn light_comes_from_a_direction_of_the_compass() {
     };
     let [width, height, _] =
         spinney::open(Path::new(&north_up)).unwrap().header().extent.map(|side| side as usize);
-    // Where a pixel of the north-up picture is after each of the steps.
-    type Place = fn([usize; 2], [usize; 2]) -> usize;
-    let moved: [(&str, Place); 4] = [
+    // The index of a pixel after each of the steps.
+    type Index = fn([usize; 2], [usize; 2]) -> usize;
+    let moved: [(&str, Index); 4] = [
         ("rotate=180", |[x, y], [w, h]| (h - 1 - y) * w + w - 1 - x),
         ("mirror=y", |[x, y], [w, h]| (h - 1 - y) * w + x),
         ("mirror=x", |[x, y], [w, _]| y * w + w - 1 - x),
@@ -83,13 +83,13 @@ fn light_comes_from_a_direction_of_the_compass() {
     for style in ["hillshade", "aspect", "slope"] {
         let expected = pixels(&north_up, style);
         let channels = expected.len() / (width * height);
-        for (step, place) in moved {
+        for (step, index_of) in moved {
             let turned = name("turned.goblin");
             command(&["-q", "transform", &north_up, "-o", &turned, step]).assert().success();
             let found = pixels(&turned, style);
             assert_eq!(found.len(), expected.len());
             let differing = expected.chunks(channels).enumerate().filter(|(index, pixel)| {
-                let there = place([index % width, index / width], [width, height]);
+                let there = index_of([index % width, index / width], [width, height]);
                 let found = &found[there * channels..][..channels];
                 // (Sums in another order are rounded otherwise.)
                 found.iter().zip(*pixel).any(|(one, other)| one.abs_diff(*other) > 1)

@@ -6,7 +6,7 @@ use spinney_crs::{Crs, Frame, WEB_MERCATOR};
 ///
 /// Degrees are metres on the ellipsoid of WGS 84, by latitude; web mercator is undone by its scale; feet and kilometres are
 /// converted; cells of unknown units count as metres. North is where the second coordinate grows, in whatever order and direction
-/// rows and columns are; of pictures without a place in the world (no CRS, and square cells of 1, 2, 4, ... units in the order of
+/// rows and columns are; of rasters without a place in the world (no CRS, and square cells of 1, 2, 4, ... units in the order of
 /// the rows) it is above.
 #[derive(Clone, Debug)]
 pub struct Ground {
@@ -34,7 +34,7 @@ impl Ground {
     /// The edges of a pixel of a metre, north above.
     pub const PIXEL: [[f64; 2]; 2] = [[1.0, 0.0], [0.0, -1.0]];
 
-    /// The ground under a picture with so many columns of a frame's cells.
+    /// The ground under a raster with so many columns of a frame's cells.
     pub fn new(frame: &Frame, columns: u64) -> Ground {
         let [a, b, _, d, e, _] = frame.affine();
         let middle = frame.to_world([columns as f64 / 2.0, 0.0, 0.0])[1];
@@ -49,9 +49,9 @@ impl Ground {
                 _ => Unit::Metres(1.0),
             },
         };
-        let is_picture =
+        let is_unplaced =
             frame.crs.is_none() && [b, d] == [0.0; 2] && a == e && a >= 1.0 && a.log2().fract() == 0.0;
-        let edges = [[a, d], [b, if is_picture { -e } else { e }]];
+        let edges = [[a, d], [b, if is_unplaced { -e } else { e }]];
         Ground { edges, northing: [middle, e], unit }
     }
 
@@ -73,7 +73,7 @@ impl Ground {
         self.edges.map(|[x, y]| [x * east, y * north])
     }
 
-    /// The edges of the cells of several rows, one after the other.
+    /// The edges of the cells of consecutive rows.
     pub fn rows(&self, first: f64, count: usize) -> Vec<[[f64; 2]; 2]> {
         (0..count).map(|row| self.cell(first + row as f64)).collect()
     }

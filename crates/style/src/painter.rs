@@ -25,8 +25,8 @@ pub struct SampleBlock<'a> {
     pub bytes: &'a [u8],
     /// Whether each pixel has a value, margin included; what is VOID or outside has none.
     pub valid: &'a [bool],
-    /// Metres to the east and to the north from a pixel to the next one in its row, and to the one below: of each of the picture's
-    /// rows, or once for all. See [`Ground`](super::Ground).
+    /// Metres to the east and to the north from a pixel to the next one in its row, and to the one below: of each row, or
+    /// once for all. See [`Ground`](super::Ground).
     pub ground: &'a [[[f64; 2]; 2]],
 }
 

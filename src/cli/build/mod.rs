@@ -431,7 +431,7 @@ impl Args {
             let import = input.plan(&pictures.volume_options(common)?)?;
             return Ok(Import::Volume(Box::new(import)));
         }
-        if let Some(options) = pictures.stack_options(common)? {
+        if let Some(options) = pictures.stack_options(inputs, common)? {
             return Ok(Import::Stack(Box::new(spinney::import::raster::plan_stack(inputs, &options)?)));
         }
         let options = pictures.import_options(common)?;

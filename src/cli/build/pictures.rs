@@ -269,14 +269,22 @@ impl PictureArgs {
         Ok(options)
     }
 
-    /// All that is asked of a stack; nothing if none is.
-    pub(in crate::cli) fn stack_options(&self, common: &Common) -> Result<Option<StackOptions>> {
+    /// Options for a stack, if one is asked for, or the bands of the only input are no one value; nothing else.
+    pub(in crate::cli) fn stack_options(
+        &self,
+        inputs: &[PathBuf],
+        common: &Common,
+    ) -> Result<Option<StackOptions>> {
         let every_page = self.pages == Some(Pages::Layers);
         if !self.stack && !every_page {
-            if self.names.is_some() || self.times.is_some() {
-                bail!("--names and --times are for --stack")
+            let is_single = common.grid.is_some() || self.of_warping().is_some();
+            let import = self.import_options(common)?;
+            if is_single || !spinney::raw::import::raster::needs_layers(inputs, &import)? {
+                if self.names.is_some() || self.times.is_some() {
+                    bail!("--names and --times are for --stack")
+                }
+                return Ok(None);
             }
-            return Ok(None);
         }
         if common.grid.is_some() || self.max_zoom.is_some() {
             bail!(

@@ -118,7 +118,7 @@ pub(super) fn run(mut args: Args, global: &Global) -> Result<()> {
     if let Some(input) = pictures.volume_input(&inputs)? {
         return job.plan(&JobSpec::Volume { input, options: pictures.volume_options(common)? }, global);
     }
-    let spec = match pictures.stack_options(common)? {
+    let spec = match pictures.stack_options(&inputs, common)? {
         Some(options) => JobSpec::Stack { inputs, options },
         None => match pictures.of_warping() {
             Some(option) => {

@@ -11,7 +11,7 @@ use crate::WEB_MERCATOR_LATITUDE;
 /// within 60 degrees, Mercator's up to 85.06 degrees, where its world is a square. All others show the whole world.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AreaOfUse {
-    /// Least and greatest latitude in degrees.
+    /// Minimum and maximum latitude in degrees.
     latitudes: [f64; 2],
     /// Longitude of the middle, and degrees to both sides of it.
     longitudes: [f64; 2],
@@ -59,7 +59,7 @@ impl AreaOfUse {
         [longitude, latitude.clamp(self.latitudes[0], self.latitudes[1])]
     }
 
-    /// Places all along the edge of the area, the meridian opposite to its middle included.
+    /// Positions along the edge of the area, the meridian opposite to its middle included.
     pub fn edge(&self) -> Vec<[f64; 2]> {
         const STEPS: u32 = 128;
         let [middle, width] = self.longitudes;

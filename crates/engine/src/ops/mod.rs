@@ -37,6 +37,7 @@ pub use affine::{AffineMap, Alignment, Around, Axis, Sampling, View, ViewNode, a
 pub use blame::blame;
 pub use blockwise::{BlockSource, Blockwise};
 pub use calc::{Calculated, Calculation};
+pub use coarse::{Coarse, CoarseNode};
 pub use combine::{Combined, CombinedNode, build};
 pub(crate) use convert::build_again;
 pub use convert::convert;

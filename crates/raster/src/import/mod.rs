@@ -38,7 +38,7 @@ pub use self::plan::{DEFAULT_MEMORY, ImportOptions, RasterImport, plan, plan_par
 pub(super) use self::plan::{depth_of, listed, nodata_text};
 pub use self::slabs::RasterSlabs;
 pub use self::spill::spill;
-pub use self::stack::{Stack, StackLayer, StackOptions, plan_stack, write_layers, write_stack};
+pub use self::stack::{Stack, StackLayer, StackOptions, needs_layers, plan_stack, write_layers, write_stack};
 pub(super) use self::tiff::{SampleFormat, page_directories};
 pub(super) use self::validity::as_stored;
 use crate::chain_code;

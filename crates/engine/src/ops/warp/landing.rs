@@ -1,4 +1,4 @@
-//! Places that the data of a raster have in another coordinate system.
+//! Positions of a raster's data in another coordinate system.
 
 use super::mapping::CellMap;
 use spinney_base::Result;
@@ -13,7 +13,7 @@ pub(super) struct Landing {
     pub(super) unit: f64,
 }
 
-/// Steps along each side of the data at which their places are asked for.
+/// Steps along each side of the data at which positions are computed.
 const STEPS: usize = 128;
 
 /// A target system, as far as it is good for maps.
@@ -47,7 +47,7 @@ impl Target {
 
 /// A place of the data.
 #[derive(Clone, Copy)]
-enum Place {
+enum Position {
     /// Its coordinates in the target; at the edge of the area of use those of the edge.
     At([f64; 2]),
     /// Beyond the area of use.
@@ -56,9 +56,9 @@ enum Place {
     Nowhere,
 }
 
-impl Place {
+impl Position {
     fn at(self) -> Option<[f64; 2]> {
-        if let Place::At(place) = self { Some(place) } else { None }
+        if let Position::At(place) = self { Some(place) } else { None }
     }
 }
 
@@ -87,7 +87,7 @@ impl Landing {
         let place = |column: usize, row: usize| {
             let here = cell(column, row);
             if !is_clipped || used(column, row) {
-                return map.to_target(here).map_or(Place::Nowhere, Place::At);
+                return map.to_target(here).map_or(Position::Nowhere, Position::At);
             }
             let near = |at: usize| at.saturating_sub(1)..=(at + 1).min(STEPS);
             let is_next_to_used = near(row).any(|row| near(column).any(|column| used(column, row)));
@@ -95,27 +95,27 @@ impl Landing {
                 let (_, system) = target.projections.as_ref()?;
                 system.forward(target.area.nearest(place))
             });
-            edge.map_or(Place::Beyond, Place::At)
+            edge.map_or(Position::Beyond, Position::At)
         };
         let (middle, unit) =
             middle_and_unit(map, &cell, &|column, row| !is_clipped || used(column, row), target)?;
-        let beside = |[x, y]: [f64; 2]| match target.turn {
+        let near_middle = |[x, y]: [f64; 2]| match target.turn {
             Some([_, turn]) => [middle[0] + (x - middle[0] + turn / 2.0).rem_euclid(turn) - turn / 2.0, y],
             None => [x, y],
         };
-        let places: Vec<Place> = steps()
+        let positions: Vec<Position> = steps()
             .map(|(column, row)| match place(column, row) {
-                Place::At(place) => Place::At(beside(place)),
+                Position::At(place) => Position::At(near_middle(place)),
                 other => other,
             })
             .collect();
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for place in places.iter().filter_map(|place| place.at()) {
+        for place in positions.iter().filter_map(|place| place.at()) {
             for axis in 0..2 {
                 (low[axis], high[axis]) = (low[axis].min(place[axis]), high[axis].max(place[axis]));
             }
         }
-        let bend = bend(&places);
+        let bend = bend(&positions);
         if !bend.iter().all(|bend| *bend < unit * 1e-3) {
             for axis in 0..2 {
                 (low[axis], high[axis]) = (low[axis] - bend[axis] / 4.0, high[axis] + bend[axis] / 4.0);
@@ -170,26 +170,26 @@ fn middle_and_unit(
     })
 }
 
-/// By how much curves between places may reach beyond them, four times: by an eighth of the second difference, or so.
-fn bend(places: &[Place]) -> [f64; 2] {
+/// By how much curves between positions may reach beyond them, four times: by an eighth of the second difference, or so.
+fn bend(positions: &[Position]) -> [f64; 2] {
     let mut bend = [0f64; 2];
     let side = STEPS + 1;
     let lines = (0..side).flat_map(|line| {
-        let (row, column) = (places[line * side..].iter(), places[line..].iter());
-        let row: Vec<Place> = row.take(side).copied().collect();
+        let (row, column) = (positions[line * side..].iter(), positions[line..].iter());
+        let row: Vec<Position> = row.take(side).copied().collect();
         [row, column.step_by(side).copied().collect()]
     });
     for line in lines {
         for three in line.windows(3) {
             match three {
-                [Place::At(a), Place::At(b), Place::At(c)] => {
+                [Position::At(a), Position::At(b), Position::At(c)] => {
                     for axis in 0..2 {
                         bend[axis] = bend[axis].max((a[axis] - 2.0 * b[axis] + c[axis]).abs());
                     }
                 }
-                // Next to places without a place it may reach as far again.
-                [Place::At(a), Place::At(b), Place::Nowhere]
-                | [Place::Nowhere, Place::At(b), Place::At(a)] => {
+                // Next to positions without a place it may reach as far again.
+                [Position::At(a), Position::At(b), Position::Nowhere]
+                | [Position::Nowhere, Position::At(b), Position::At(a)] => {
                     for axis in 0..2 {
                         bend[axis] = bend[axis].max(8.0 * (a[axis] - b[axis]).abs());
                     }
@@ -211,7 +211,7 @@ fn within_area(target: &Target, (low, high): ([f64; 2], [f64; 2])) -> ([f64; 2],
         }
     }
     let axes = [0, 1].map(|axis| (low[axis].max(first[axis]), high[axis].min(last[axis])));
-    // (The edge of an area round the world may have no places.)
+    // (The edge of an area round the world may have no positions.)
     let [x, y] =
         [0, 1].map(|axis| if axes[axis].0 < axes[axis].1 { axes[axis] } else { (low[axis], high[axis]) });
     ([x.0, y.0], [x.1, y.1])

@@ -18,6 +18,8 @@ pub(super) struct Place {
     pub(super) levels: u8,
     /// Such cells that a pixel is wide; 0 if the picture lies on another grid and is warped.
     pub(super) repeat: u64,
+    /// Such cells of the grid before the first pixel.
+    pub(super) offset: [u64; 2],
 }
 
 /// The finest cells of all pictures.
@@ -41,29 +43,47 @@ impl Grid {
         };
         let finest = pictures.iter().filter(in_system).min_by(|a, b| area(a).total_cmp(&area(b)));
         let finest = finest.unwrap_or(first);
-        let mut grid = Grid { frame: finest.info.frame.clone(), extent: [0, 0], places: Vec::new() };
+        let may_warp = |picture: &Picture| {
+            warp && [finest, picture].iter().all(|picture| picture.info.frame.crs.is_some())
+        };
+        // (Rasters on the grid determine its first cell.)
+        let (mut first, mut found) = ([i64::MAX; 2], Vec::new());
         for picture in pictures {
-            let can_warp = warp && [finest, picture].iter().all(|picture| picture.info.frame.crs.is_some());
-            let place = match factor(finest, picture) {
-                Ok(factor) => {
-                    for (extent, side) in
-                        grid.extent.iter_mut().zip([picture.info.width, picture.info.height])
-                    {
-                        *extent = (*extent).max(side.saturating_mul(factor));
-                    }
-                    let levels = factor.trailing_zeros();
-                    Place { levels: levels as u8, repeat: factor >> levels }
-                }
-                Err(_) if can_warp => {
-                    // As fine as its pixels, or finer.
-                    let wide =
-                        if is_same_system(finest, picture) { area(&picture) / area(&finest) } else { 1.0 };
-                    let levels = wide.sqrt().log2().floor().clamp(0.0, 24.0);
-                    Place { levels: levels as u8, repeat: 0 }
-                }
-                Err(error) => return Err(error),
+            let on_grid = match on_grid(finest, picture) {
+                Err(error) if !may_warp(picture) => return Err(error),
+                found => found.ok(),
             };
-            grid.places.push(place);
+            if let Some((_, corner)) = on_grid {
+                first = [0, 1].map(|axis| first[axis].min(corner[axis]));
+            }
+            found.push(on_grid);
+        }
+        let origin = [first[0] as f64, first[1] as f64, 0.0];
+        let mut grid = Grid { frame: finest.info.frame.shifted(origin), extent: [0, 0], places: Vec::new() };
+        for (picture, on_grid) in pictures.iter().zip(found) {
+            let Some((factor, corner)) = on_grid else {
+                // As fine as its pixels, or finer.
+                let wide = if is_same_system(finest, picture) { area(&picture) / area(&finest) } else { 1.0 };
+                let levels = wide.sqrt().log2().floor().clamp(0.0, 24.0);
+                grid.places.push(Place { levels: levels as u8, repeat: 0, offset: [0; 2] });
+                continue;
+            };
+            let sides = [picture.info.width, picture.info.height];
+            let offset = [0, 1].map(|axis| corner[axis].abs_diff(first[axis]));
+            for axis in 0..2 {
+                let end = sides[axis].saturating_mul(factor).saturating_add(offset[axis]);
+                grid.extent[axis] = grid.extent[axis].max(end);
+            }
+            // (The largest cells that pixels and what is before them are made of.)
+            let levels = (factor | offset[0] | offset[1]).trailing_zeros();
+            let repeat = factor >> levels;
+            if repeat > MAX_REPEATED {
+                let found =
+                    format!("pixels of {factor} x {factor} of its cells, from its cell {corner:?} on");
+                return Err(refused(picture, found, finest));
+            }
+            let offset = offset.map(|cells| cells >> levels);
+            grid.places.push(Place { levels: levels as u8, repeat, offset });
         }
         Ok(Some(grid))
     }
@@ -79,22 +99,22 @@ fn is_same_system(a: &Picture, b: &Picture) -> bool {
 
 fn refused(picture: &Picture, found: String, finest: &Picture) -> Error {
     let expected = format!(
-        "pixels as large as those of {}, or a whole number of times (the odd part at most {MAX_REPEATED}), from the same corner; \
-         --resampling warps others to the grid",
+        "pixels as large as those of {}, or a whole number of times (the odd part at most {MAX_REPEATED}), from the corner of one of its \
+         cells on; --resampling warps others to the grid",
         finest.path.display()
     );
     Error::invalid(format!("grid of {}", picture.path.display()), found, expected)
 }
 
-/// How many cells of the finest picture a pixel of another is wide.
-fn factor(finest: &Picture, picture: &Picture) -> Result<u64> {
+/// Cells of the finest raster that a pixel of another is wide, and the cell of its corner.
+fn on_grid(finest: &Picture, picture: &Picture) -> Result<(u64, [i64; 2])> {
     let (a, b) = (&finest.info, &picture.info);
     let [here, there] = [finest, picture].map(|picture| picture.path.display().to_string());
     Crs::check_same((&here, a.frame.crs.as_ref()), (&there, b.frame.crs.as_ref()))?;
     if a.frame.is_identity() && b.frame.is_identity() {
         // Where nothing tells, sizes do not either.
         if [a.width, a.height] == [b.width, b.height] {
-            return Ok(1);
+            return Ok((1, [0; 2]));
         }
         let found = format!("{} x {} pixels without a place in the world", b.width, b.height);
         let expected = format!(
@@ -110,17 +130,13 @@ fn factor(finest: &Picture, picture: &Picture) -> Result<u64> {
         return Err(refused(picture, "a map without an inverse".into(), finest));
     };
     let factor = ((right[0] - corner[0]) / width).round();
-    let expected = [[0.0, 0.0], [factor * width, 0.0], [0.0, factor * height]];
+    let [x, y] = [corner[0].round(), corner[1].round()];
+    let expected = [[x, y], [x + factor * width, y], [x, y + factor * height]];
     let fits = [corner, right, below].iter().zip(expected).all(|(found, expected)| {
         found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() <= TOLERANCE)
     });
-    if fits && (1.0..=MOST).contains(&factor) {
-        let factor = factor as u64;
-        if factor >> factor.trailing_zeros() > MAX_REPEATED {
-            let found = format!("pixels of {factor} x {factor} of its cells");
-            return Err(refused(picture, found, finest));
-        }
-        return Ok(factor);
+    if fits && (1.0..=MOST).contains(&factor) && [x, y].iter().all(|cell| cell.abs() <= MOST * MOST) {
+        return Ok((factor as u64, [x as i64, y as i64]));
     }
     let [dx, dy] = [(right[0] - corner[0]) / width, (below[1] - corner[1]) / height];
     let found = format!("pixels of {dx} x {dy} of its cells, from its cell {}, {} on", corner[0], corner[1]);

@@ -9,7 +9,7 @@ use super::super::plan::{ImportOptions, RasterImport, kind, metadata, tell};
 use super::super::sidecar::Described;
 use super::super::{Band, Raster, RasterInfo, RasterOptions, RasterSlabs, Transparent, bands, open, spill};
 use super::grid::Place;
-use super::raster::{Masked, OfTree, Repeated};
+use super::raster::{Masked, OfTree, Padded, Repeated};
 use super::{Picture, StackOptions};
 use spinney_base::value::{DataKind, Number, Rule, ValueType};
 use spinney_base::{Error, Progress, Result, SubProgress};
@@ -46,6 +46,8 @@ pub struct StackLayer {
     pub repeat: u64,
     /// Cells along each axis.
     pub extent: [u64; 3],
+    /// Cells of the stack's grid to the left of the file's first pixel and above it, which are VOID.
+    pub offset: [u64; 2],
     pub(super) path: PathBuf,
     options: RasterOptions,
     pub(super) page: Option<usize>,
@@ -136,7 +138,8 @@ impl StackLayer {
             ..import.clone()
         };
         let frame = finest.coarser(place.levels);
-        let (width, height) = (info.width * place.repeat, info.height * place.repeat);
+        let [left, top] = place.offset;
+        let (width, height) = (left + info.width * place.repeat, top + info.height * place.repeat);
         let one = |texts: &[String]| if let [text] = texts { text.clone() } else { String::new() };
         Ok(StackLayer {
             name: String::new(),
@@ -150,6 +153,7 @@ impl StackLayer {
             coarser: place.levels,
             repeat: place.repeat,
             extent: [width, height, 1],
+            offset: place.offset,
             path: picture.path.clone(),
             options: picture.options.clone(),
             page: picture.page,
@@ -239,6 +243,9 @@ impl StackLayer {
             }
             raster = Box::new(Repeated::new(raster, self.repeat));
         }
+        if self.offset != [0; 2] {
+            raster = Box::new(Padded::new(raster, self.offset));
+        }
         let room = Room { bands: memory, slabs: room };
         slabs_for(asked, raster, self.value.size(), (folder, room), progress)
     }
@@ -276,7 +283,7 @@ impl StackLayer {
 
 impl Display for StackLayer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [width, height, _] = self.extent.map(|side| side / self.repeat.max(1));
+        let [width, height] = [0, 1].map(|axis| (self.extent[axis] - self.offset[axis]) / self.repeat.max(1));
         write!(
             f,
             "{}: {width} x {height} pixels of {}, {}, {}",

@@ -91,7 +91,8 @@ struct Picture {
 
 /// Plans a stack of files: a layer of each band, of pictures in colour one of all bands. Headers are read, and no file stays open.
 ///
-/// All lie at one corner, with cells that are as large as the finest ones, or a whole number of times. Layers whose cells are 2^k times as
+/// The stack has the union of their boxes; what a file does not have of it is VOID. All begin at corners of the finest cells, with pixels that are as large
+/// as these, or an integer number of times. Layers whose pixels, and what is before them, are made of cells 2^k times as
 /// large as the finest have trees of k levels fewer; of others each pixel becomes several cells, of the largest such size that is a whole
 /// part of it. Those on other grids are warped to cells about as large as their pixels, if a way of resampling is said.
 ///
@@ -146,6 +147,22 @@ pub fn plan_stack(inputs: &[PathBuf], options: &StackOptions) -> Result<Stack> {
     Ok(Stack { frame, extent, depth, layers, share, time, packing, memory, remarks, description })
 }
 
+/// Whether the bands of a single file become layers without the option: trees have no value of so many such samples, such as 13 of `u16`,
+/// and no band is chosen.
+///
+/// # Errors
+/// If the file cannot be read.
+pub fn needs_layers(inputs: &[PathBuf], options: &ImportOptions) -> Result<bool> {
+    let ([input], None) = (inputs, &options.bands) else { return Ok(false) };
+    let ImportOptions { layer, page, access, memory, .. } = options;
+    let memory = memory.unwrap_or(DEFAULT_MEMORY) / 2;
+    let (layer, access) = (layer.clone(), access.clone());
+    let raster =
+        open(input, &RasterOptions { memory, layer, page: *page, access, ..RasterOptions::default() })?;
+    let info = raster.info();
+    Ok(info.channels > 1 && super::bands::value_type(input, info).is_err())
+}
+
 /// Reads the headers of a file's pages.
 fn look_at(path: &Path, options: &StackOptions, memory: u64, pictures: &mut Vec<Picture>) -> Result<()> {
     let ImportOptions { layer, page, access, .. } = &options.import;
@@ -194,6 +211,12 @@ fn describe(
     lines.extend(layers.iter().take(LISTED).map(|layer| ("layer", layer.to_string())));
     if layers.len() > LISTED {
         lines.push(("layers", format!("{} in all", layers.len())));
+    }
+    if let ([picture], true) = (pictures, layers.len() > 1) {
+        let text = format!("a layer of each, as {} bands are no one value", picture.info.channels);
+        if super::bands::value_type(&picture.path, &picture.info).is_err() {
+            lines.push(("bands", text));
+        }
     }
     lines
 }

@@ -144,3 +144,60 @@ impl Raster for Repeated {
         Ok(())
     }
 }
+
+/// A raster with VOID to the left of it and above.
+pub(super) struct Padded {
+    raster: Box<dyn Raster>,
+    offset: [u64; 2],
+    info: RasterInfo,
+    part: Pixels,
+}
+
+impl Padded {
+    /// A raster from a column and row on.
+    pub(super) fn new(raster: Box<dyn Raster>, offset: [u64; 2]) -> Padded {
+        let mut info = raster.info().clone();
+        (info.width, info.height) = (info.width + offset[0], info.height + offset[1]);
+        Padded { raster, offset, info, part: Pixels::default() }
+    }
+}
+
+impl Raster for Padded {
+    fn info(&self) -> &RasterInfo {
+        &self.info
+    }
+
+    fn path(&self) -> &Path {
+        self.raster.path()
+    }
+
+    fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
+        self.info.check(region)?;
+        let [left, top] = self.offset;
+        let (x, y) = (region.x.max(left), region.y.max(top));
+        let (width, height) = (region.right().saturating_sub(x), region.bottom().saturating_sub(y));
+        let size = self.info.pixel_bytes();
+        pixels.bytes.clear();
+        pixels.bytes.resize(region.area() as usize * size, 0);
+        let mut flags = vec![false; region.area() as usize];
+        if width > 0 && height > 0 {
+            self.raster.read(Region::new(x - left, y - top, width, height), &mut self.part)?;
+            for row in 0..height {
+                let from = (row * width) as usize..((row + 1) * width) as usize;
+                let to = ((y - region.y + row) * region.width + x - region.x) as usize;
+                pixels.bytes[to * size..][..from.len() * size]
+                    .copy_from_slice(&self.part.bytes[from.start * size..from.end * size]);
+                match &self.part.valid {
+                    Some(valid) => flags[to..][..from.len()].copy_from_slice(&valid[from]),
+                    None => flags[to..][..from.len()].fill(true),
+                }
+            }
+        }
+        pixels.valid = flags.contains(&false).then_some(flags);
+        Ok(())
+    }
+
+    fn reads_anywhere(&self) -> bool {
+        self.raster.reads_anywhere()
+    }
+}
