@@ -140,17 +140,27 @@ export function fail(error) {
   if (!dialog.open) dialog.showModal();
 }
 
+/** What aborts the jobs that run. */
+const running = new Set();
+
+/** Aborts all jobs: the file that they read is closed. */
+export function abortAll() {
+  for (const controller of running) controller.abort();
+}
+
 /** Runs the newest of several jobs that replace each other: an older one is aborted. */
 export function latest(job) {
   let controller;
   return async (...given) => {
     controller?.abort();
     const own = (controller = new AbortController());
+    running.add(own);
     try {
       return await job(own.signal, ...given);
     } catch (error) {
       if (!own.signal.aborted) fail(error);
     } finally {
+      running.delete(own);
       if (controller === own) working();
     }
   };

@@ -1,6 +1,6 @@
 // The page: opens what its configuration names, and shows it as a map, a solid or an exact model.
 
-import { element, fail, field, choice, showRemarks, working } from "./interface.js";
+import { abortAll, element, fail, field, choice, showRemarks, working } from "./interface.js";
 import { currentSettings, joined, readSettings, startSettings } from "./settings.js";
 import { isShown, notShown } from "./messages.js";
 import { readFromParent, tellParent } from "./notebook.js";
@@ -78,6 +78,7 @@ async function showNow(spinney, source, name, configured, settings) {
   const { layer, commit } = settings;
   const options = { progress: working, ...(layer && { layer }), ...(commit && { commit: Number(commit) }) };
   const opened = await spinney.openInWorker(source, options);
+  abortAll();
   view?.close();
   dataset?.close();
   view = undefined;
