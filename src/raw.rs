@@ -324,7 +324,9 @@ pub mod export {
     /// Pages that show files in a browser.
     #[cfg(feature = "site")]
     pub mod page {
-        pub use spinney_site::{PageConfiguration, PageSource, PageStart, PageSummary, inline_page};
+        pub use spinney_site::{
+            PageConfiguration, PageContent, PageSource, PageStart, PageSummary, inline_page,
+        };
     }
 
     /// Tiles of maps.

@@ -4,7 +4,9 @@ use std::path::PathBuf;
 
 use pyo3::prelude::*;
 use spinney::export::{PageFile, PageRequest, export_page};
-use spinney::raw::export::page::{PageConfiguration, PageSource, PageStart, PageSummary, inline_page};
+use spinney::raw::export::page::{
+    PageConfiguration, PageContent, PageSource, PageStart, PageSummary, inline_page,
+};
 use spinney::style::Style;
 
 use crate::error::OrRaise;
@@ -55,7 +57,7 @@ pub(crate) fn page_html(name: String, title: String, size: u64, start: Start) ->
         title: title.clone(),
         url: "parent:".into(),
         size: Some(size),
-        is_map: false,
+        content: PageContent::Unknown,
         start,
     };
     let configuration = PageConfiguration { title, sources: vec![source], assets: String::new() };

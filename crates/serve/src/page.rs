@@ -2,7 +2,7 @@
 
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
 use serde_json::json;
-use spinney_site::{Asset, PageConfiguration, PageSource, PageStart};
+use spinney_site::{Asset, PageConfiguration, PageContent, PageSource, PageStart};
 use xxhash_rust::xxh3::xxh3_64;
 
 use crate::answer::Answer;
@@ -18,14 +18,14 @@ pub(crate) fn as_json(files: &[Listed]) -> String {
     format!("{:#}\n", json!({ "files": files.iter().map(file).collect::<Vec<_>>() }))
 }
 
-/// The page that shows the files; `is_map` says that the first one is a raster.
-pub(crate) fn index(files: &[Listed], is_map: bool) -> String {
-    let source = |Listed { name, file, .. }: &Listed| PageSource {
+/// The page that shows files, each with its content.
+pub(crate) fn index(files: &[(Listed, PageContent)]) -> String {
+    let source = |(Listed { name, file, .. }, content): &(Listed, PageContent)| PageSource {
         name: file.clone(),
         title: name.clone(),
         url: utf8_percent_encode(file, ESCAPED).to_string(),
         size: None,
-        is_map,
+        content: *content,
         start: PageStart::default(),
     };
     spinney_site::index(&PageConfiguration {

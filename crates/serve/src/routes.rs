@@ -11,9 +11,10 @@ use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use http_body_util::{BodyExt as _, LengthLimitError, Limited};
+use spinney_site::PageContent;
 
 use crate::answer::{Answer, AnswerCache, has_tag};
-use crate::catalog::Catalog;
+use crate::catalog::{Catalog, Listed};
 use crate::compression::compress;
 use crate::failure::Failure;
 use crate::hosts::Hosts;
@@ -23,6 +24,9 @@ use crate::parameters::Parameters;
 use crate::tiles::{self, TileAddress};
 use crate::work::{Watch, Work};
 use crate::{ServeOptions, file, page, point, window, zonal};
+
+/// Maximum number of files whose headers are read for the page; it finds out the contents of others when it opens them.
+const MAX_CONTENTS: usize = 1000;
 
 /// State that all requests share.
 pub(crate) struct App {
@@ -157,9 +161,17 @@ async fn health() -> Response {
 async fn root(State(app): State<Arc<App>>) -> Result<Response, Failure> {
     let shared = app.clone();
     let made = app.reading.run(move |_| {
-        let files = shared.catalog.list()?;
-        let first = files.first().and_then(|file| shared.catalog.file(&file.file).ok());
-        Ok(page::index(&files, first.is_some_and(|path| spinney_site::is_map(&path))))
+        let content = |number: usize, file: &Listed| match shared.catalog.file(&file.file) {
+            Ok(path) if number < MAX_CONTENTS => PageContent::of(&path),
+            _ => PageContent::Unknown,
+        };
+        let files = shared.catalog.list()?.into_iter().enumerate();
+        let files = files.map(|(number, file)| {
+            let content = content(number, &file);
+            (file, content)
+        });
+        let files: Vec<(Listed, PageContent)> = files.collect();
+        Ok(page::index(&files))
     });
     Ok(text("text/html; charset=utf-8", made.await.map_err(|failure| failure.without(app.catalog.folder()))?))
 }

@@ -3,6 +3,7 @@
 use serde_json::{Value, json};
 
 use super::asset::{PACKAGE, TEMPLATE, names};
+use super::content::PageContent;
 
 /// A file that the page shows.
 #[derive(Clone, Debug)]
@@ -15,8 +16,8 @@ pub struct PageSource {
     pub url: String,
     /// Bytes of the file, where whoever shows the page inside another one reads it: its address is then `parent:`.
     pub size: Option<u64>,
-    /// Whether it is known to be a raster, so that what draws maps is loaded without waiting for the file.
-    pub is_map: bool,
+    /// Its content: what draws maps is loaded without waiting for the file, and what no page shows cannot be chosen.
+    pub content: PageContent,
     /// Part and look that the page begins with.
     pub start: PageStart,
 }
@@ -46,9 +47,9 @@ pub struct PageConfiguration {
 impl PageConfiguration {
     /// The configuration as the page reads it.
     fn json(&self) -> Value {
-        let source = |PageSource { name, title, url, size, is_map, start }: &PageSource| {
+        let source = |PageSource { name, title, url, size, content, start }: &PageSource| {
             let PageStart { layer, commit, style } = start;
-            json!({"name": name, "title": title, "url": url, "size": size, "isMap": is_map, "layer": layer, "commit": commit, "style": style})
+            json!({"name": name, "title": title, "url": url, "size": size, "content": content.name(), "layer": layer, "commit": commit, "style": style})
         };
         json!({
             "assets": self.assets,
@@ -73,7 +74,9 @@ const FETCHED_BY_MAPS: &str = "vendor/coastlines.txt";
 
 /// The page's HTML, for a page that loads its files from the directory `assets`.
 pub fn index(configuration: &PageConfiguration) -> String {
-    let is_map = configuration.sources.first().is_some_and(|source| source.is_map);
+    // (The page starts with the first file that it shows.)
+    let first = configuration.sources.iter().find(|source| source.content.is_shown());
+    let is_map = first.is_some_and(|source| source.content == PageContent::Map);
     let link = |kind: &str, name: &str| {
         let address = escaped(&format!("{}{name}", configuration.assets));
         format!("<link rel={kind} href=\"{address}\">\n")
@@ -118,4 +121,32 @@ pub(crate) fn page_of(configuration: &PageConfiguration, styles: &str, program: 
 /// A text as HTML has it.
 fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn maps_are_prepared_if_the_first_file_that_is_shown_is_one() {
+        let source = |content: PageContent| PageSource {
+            name: "a".into(),
+            title: "a".into(),
+            url: "a".into(),
+            size: None,
+            content,
+            start: PageStart::default(),
+        };
+        let html = |contents: &[PageContent]| {
+            let sources = contents.iter().map(|content| source(*content)).collect();
+            index(&PageConfiguration { title: "a".into(), sources, assets: "assets/".into() })
+        };
+        let prepares =
+            |contents: &[PageContent]| html(contents).contains("href=\"assets/vendor/maplibre-gl.js\"");
+        assert!(prepares(&[PageContent::Points, PageContent::Map, PageContent::Volume]));
+        assert!(!prepares(&[PageContent::Points, PageContent::Volume, PageContent::Map]));
+        assert!(!prepares(&[PageContent::Unknown, PageContent::Map]));
+        assert!(html(&[PageContent::Points]).contains("\"content\":\"points\""));
+        assert!(html(&[PageContent::Unknown]).contains("\"content\":null"));
+    }
 }

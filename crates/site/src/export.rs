@@ -9,11 +9,10 @@ use base64::write::EncoderWriter;
 
 use super::asset::{bytes, names};
 use super::configuration::{PageConfiguration, PageSource, PageStart, index, page_of};
+use super::content::PageContent;
 use super::inline;
-use spinney_base::io::{FileAccess, NewDirectories, Output, commit_all, shown, split_query, url_of};
-use spinney_base::space::Dimension;
+use spinney_base::io::{NewDirectories, Output, commit_all, shown, split_query, url_of};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{Content, FileHeader};
 
 /// Folder of the page's own files.
 const ASSETS: &str = "assets/";
@@ -64,8 +63,10 @@ pub fn export_page(request: &PageRequest, path: &Path, progress: &dyn Progress) 
     let mut local: Vec<(&Path, &PageSource, u64)> =
         local.map(|(file, source)| (file.path.as_path(), source, 0)).collect();
     for (file, _, size) in &mut local {
-        // (What is no tree file, such as a manifest, whose files would stay behind, is told of here and not by the page.)
-        header_of(file)?;
+        // (What no page shows, such as a manifest, whose files would not be copied, is refused here and not by the page.)
+        if let Some((found, advice)) = PageContent::read(file)?.refusal() {
+            return Err(Error::unsupported(*file, found, advice));
+        }
         *size = fs::metadata(*file).map_err(Error::io(*file, "look at"))?.len();
     }
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -165,7 +166,7 @@ fn sources(files: &[PageFile]) -> Result<Vec<PageSource>> {
     for PageFile { path, start } in files {
         let url = url_of(path);
         // (What is elsewhere is not asked for this alone.)
-        let is_map = url.is_none() && is_map(path);
+        let content = if url.is_none() { PageContent::of(path) } else { PageContent::Unknown };
         let place = Path::new(url.map_or("", |url| split_query(url).0));
         let name_of = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let name = name_of(if url.is_some() { place } else { path });
@@ -184,20 +185,9 @@ fn sources(files: &[PageFile]) -> Result<Vec<PageSource>> {
             let advice = "give its address as browsers have it: https://...";
             return Err(Error::unsupported(path, "a file in a bucket, which no browser reads,", advice));
         }
-        made.push(PageSource { name, title, url, size: None, is_map, start: start.clone() });
+        made.push(PageSource { name, title, url, size: None, content, start: start.clone() });
     }
     Ok(made)
-}
-
-/// Whether a file has a raster, so that a page shows it as a map.
-pub fn is_map(path: &Path) -> bool {
-    header_of(path)
-        .is_ok_and(|header| header.content == Content::Cells && header.dimension == Dimension::Quad)
-}
-
-/// The header of a local file.
-fn header_of(path: &Path) -> Result<FileHeader> {
-    FileHeader::read(path, &*FileAccess::default().peek(path)?)
 }
 
 /// A name as addresses have it (RFC 3986).

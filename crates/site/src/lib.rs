@@ -6,9 +6,11 @@
 
 mod asset;
 mod configuration;
+mod content;
 mod export;
 mod inline;
 
 pub use asset::{Asset, asset};
 pub use configuration::{PageConfiguration, PageSource, PageStart, index};
-pub use export::{PageFile, PageRequest, PageSummary, export_page, inline_page, is_map};
+pub use content::PageContent;
+pub use export::{PageFile, PageRequest, PageSummary, export_page, inline_page};

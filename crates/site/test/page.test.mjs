@@ -1,8 +1,8 @@
 // The page in headless Chromium: what it shows and answers is what the program tells.
 
 import assert from "node:assert/strict";
-import { execFileSync } from "node:child_process";
-import { copyFileSync, mkdtempSync, readFileSync, rmSync, statSync, writeFileSync } from "node:fs";
+import { execFileSync, spawn } from "node:child_process";
+import { copyFileSync, mkdirSync, mkdtempSync, readFileSync, readdirSync, rmSync, statSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { after, before, test } from "node:test";
@@ -19,7 +19,7 @@ const spinney = (...list) => execFileSync(program, list, { encoding: "utf8", std
 
 /** The middle of the picture beside the panel, and what else is looked at. */
 const DESKTOP = { width: 1200, height: 800 };
-const PHONE = { width: 390, height: 800 };
+const PHONE = { width: 390, height: 844 };
 
 let browser;
 
@@ -27,7 +27,8 @@ before(async () => {
   spinney("build", "-q", fixture("island_classes.tif"), "-o", at("island.goblin"));
   spinney("build", "-q", fixture("island_elevation.tif"), "-o", at("heights.goblin"));
   for (const name of ["island", "heights"]) spinney("export", "-q", at(`${name}.goblin`), at(`${name}/index.html`));
-  for (const name of ["ball", "chapel", "stack"]) spinney("export", "-q", fixture(`v1/${name}.goblin`), at(`${name}/index.html`));
+  spinney("export", "-q", "--style", "viridis", at("heights.goblin"), at("viridis/index.html"));
+  for (const name of ["ball", "chapel", "rgb", "stack"]) spinney("export", "-q", fixture(`v1/${name}.goblin`), at(`${name}/index.html`));
   spinney("export", "-q", fixture("v1/history.autumn"), at("history/index.html"));
   spinney("export", "-q", "--self-contained", at("island.goblin"), at("island.html"));
   browser = await chromium.launch({
@@ -44,11 +45,21 @@ after(async () => {
   rmSync(folder, { recursive: true, force: true });
 });
 
+/** A page of the browser, for machines that have other work, too. */
+async function newPage(options = { viewport: DESKTOP }) {
+  const page = await browser.newPage(options);
+  page.setDefaultTimeout(60_000);
+  return page;
+}
+
+/** Waits until a page that was opened is ready. */
+const ready = (page) => page.waitForSelector("html[data-ready]");
+
 /** Opens a page from a host of its own, or from the disk; afterwards there was no error, and nobody else was asked for anything. */
 async function visit(place, work, { viewport = DESKTOP, hash = "", scheme = "light", ...host } = {}) {
   const server = place.endsWith(".html") ? undefined : await serve(at(place), host);
   const own = server?.url ?? pathToFileURL(at(place)).href;
-  const page = await browser.newPage({ viewport, colorScheme: scheme });
+  const page = await newPage({ viewport, colorScheme: scheme });
   const problems = [];
   page.on("console", (message) => message.type() === "error" && problems.push(message.text()));
   page.on("pageerror", (error) => problems.push(String(error)));
@@ -58,7 +69,7 @@ async function visit(place, work, { viewport = DESKTOP, hash = "", scheme = "lig
   });
   try {
     await page.goto(own + (server ? `index.html${hash}` : hash));
-    await page.waitForSelector("html[data-ready]", { timeout: 60_000 });
+    await ready(page);
     await work(page, server);
     assert.equal(await page.locator("#failure p").textContent(), "");
     assert.deepEqual(problems, []);
@@ -82,7 +93,7 @@ async function pixel(page, x, y) {
 
 /** Waits until something is so; a page draws when it can. */
 async function eventually(look, message) {
-  for (let time = 0; time < 150; time += 1) {
+  for (let time = 0; time < 600; time += 1) {
     if (await look()) return;
     await new Promise((done) => setTimeout(done, 100));
   }
@@ -92,6 +103,9 @@ async function eventually(look, message) {
 /** Rows of the table that answers. */
 const answer = (page) =>
   page.evaluate(() => Object.fromEntries([...document.querySelectorAll("#answer tr")].map((row) => [...row.cells].map((cell) => cell.textContent))));
+
+/** What the panel says of a position, a section or a polygon. */
+const panelText = (page) => page.locator("#answer").textContent();
 
 const near = (one, other) => one.every((part, index) => Math.abs(part - other[index]) <= 2);
 
@@ -140,7 +154,7 @@ test("a polygon that is drawn has the statistics of `stats --zones`", () =>
     await page.click("text=Draw a polygon");
     for (const [x, y] of [[500, 200], [800, 250], [700, 500]]) await page.mouse.click(x, y, { delay: 10 });
     await page.click("text=Finish");
-    await page.waitForFunction(() => window.polygon, undefined, { timeout: 30_000 });
+    await page.waitForFunction(() => window.polygon);
     const { geometry, zone } = await page.evaluate(() => window.polygon);
     writeFileSync(at("zone.geojson"), JSON.stringify({ type: "Feature", properties: {}, geometry }));
     const [expected] = JSON.parse(spinney("stats", at("island.goblin"), "--zones", at("zone.geojson"), "--edge", "area", "--json")).zones;
@@ -156,13 +170,38 @@ test("polygons are drawn with keys alone", () =>
   visit("island", async (page) => {
     await page.click("text=Draw a polygon");
     await page.focus("canvas");
-    for (const key of ["Enter", "ArrowRight", "ArrowDown"]) {
+    await page.keyboard.press("Enter");
+    for (const key of ["ArrowRight", "ArrowDown"]) {
+      const before = page.url();
       await page.keyboard.press(key);
-      await page.waitForTimeout(400);
-      if (key !== "Enter") await page.keyboard.press("Enter");
+      await eventually(() => page.url() !== before, "the map has moved");
+      await page.keyboard.press("Enter");
     }
     await page.click("text=Finish");
-    await eventually(async () => (await page.locator("#answer").textContent()).includes("cells"), "statistics of the polygon");
+    await eventually(async () => (await panelText(page)).includes("cells"), "statistics of the polygon");
+  }));
+
+/** Draws a triangle and waits for its statistics. */
+async function drawTriangle(page, corners) {
+  await page.click("text=Draw a polygon");
+  for (const [x, y] of corners) await page.mouse.click(x, y, { delay: 10 });
+  await page.click("text=Finish");
+  await eventually(async () => /cells/.test(await panelText(page)), "statistics of the polygon");
+}
+
+test("Clear and another polygon remove the statistics, and nothing else", () =>
+  visit("island", async (page) => {
+    const corners = [[500, 200], [800, 250], [700, 500]];
+    for (const next of ["Clear", "Draw a polygon"]) {
+      await drawTriangle(page, corners);
+      await page.click(`text=${next}`);
+      await page.waitForSelector("#answer", { state: "hidden" });
+      assert.equal(await panelText(page), "");
+    }
+    await page.click("text=Clear");
+    await click(page, SNOW);
+    await page.click("text=Clear");
+    assert.ok(await page.locator("#answer table").isVisible());
   }));
 
 test("the legend hides a class and shows it again, and links keep it", () =>
@@ -192,6 +231,103 @@ test("styles and the file's own grid", () =>
     assert.ok(Math.abs(Number(Object.values(rows)[0].replaceAll(",", "")) - height) < 0.01);
   }));
 
+/** A field of the panel. */
+const field = (page, name) => page.locator(`label.field:has(> span:text-is("${name}"))`);
+
+/** Chooses from a list of the panel, and waits until the file is shown again. */
+async function chooseAndShow(page, name, value) {
+  const old = await field(page, name).elementHandle();
+  await field(page, name).locator("select").selectOption(value);
+  await page.waitForFunction((old) => !old.isConnected, old);
+  await page.waitForSelector("#tools button");
+}
+
+const settings = (page) => new URLSearchParams(new URL(page.url()).hash.slice(1));
+
+/** Whether the legend says that a class is shown. */
+const isShown = async (page, name) =>
+  (await page.locator("#legend button").filter({ hasText: new RegExp(`^${name}$`) }).getAttribute("aria-pressed")) === "true";
+
+test("classes that are shown again, and opacity, stay so in another grid", () =>
+  visit("island", async (page) => {
+    await page.waitForSelector("#legend button");
+    assert.equal(await isShown(page, "6"), false);
+    await page.locator("#legend button").filter({ hasText: /^6$/ }).click();
+    await page.locator("#legend button").filter({ hasText: /^2$/ }).click();
+    await field(page, "Opacity").locator("input").fill("0.4");
+    for (const grid of ["native", "web-mercator"]) {
+      await chooseAndShow(page, "Grid", grid);
+      await page.waitForSelector("#legend button");
+      assert.equal(await isShown(page, "6"), true);
+      assert.equal(await isShown(page, "2"), false);
+      assert.equal(await field(page, "Opacity").locator("input").inputValue(), "0.4");
+      assert.equal(settings(page).get("hide"), "2");
+    }
+    await field(page, "Opacity").locator("input").fill("1");
+    await page.locator("#legend button").filter({ hasText: /^2$/ }).click();
+    await chooseAndShow(page, "Grid", "native");
+    assert.equal(await field(page, "Opacity").locator("input").inputValue(), "1");
+    assert.equal(settings(page).has("hide") || settings(page).has("opacity"), false);
+  }, { hash: "#hide=6" }));
+
+test("the file's own style stays in another grid, whatever style the page or the link starts with", async () => {
+  const changeBack = async (page) => {
+    const style = () => field(page, "Style").locator("select").inputValue();
+    const started = await style();
+    assert.match(started, /viridis/);
+    await field(page, "Style").locator("select").selectOption("default");
+    await chooseAndShow(page, "Grid", "native");
+    assert.equal(await style(), "default");
+    // (A link to it, too.)
+    await page.goto("about:blank");
+    await page.goBack();
+    await ready(page);
+    assert.equal(await style(), "default");
+    await field(page, "Style").locator("select").selectOption(started);
+    await chooseAndShow(page, "Grid", "web-mercator");
+    assert.equal(await style(), started);
+  };
+  await visit("heights", changeBack, { hash: "#style=viridis" });
+  await visit("viridis", changeBack);
+});
+
+test("settings stay in another commit, and those of one file are not those of another", () =>
+  visit("history", async (page) => {
+    await page.waitForSelector("#legend button");
+    await page.locator("#legend button").filter({ hasText: /^1$/ }).click();
+    await field(page, "Changes since").locator("select").selectOption("1");
+    await chooseAndShow(page, "Commit", "3");
+    await page.waitForSelector("#legend button");
+    assert.equal(await isShown(page, "1"), true);
+    assert.equal(await field(page, "Changes since").locator("select").inputValue(), "1");
+    await eventually(async () => /cells differ/.test(await field(page, "Changes since").textContent()), "changes are shown");
+    await page.locator("#legend button").filter({ hasText: /^2$/ }).click();
+    await page.setInputFiles("#file", at("island.goblin"));
+    await page.waitForFunction(() => document.title === "island.goblin");
+    await page.waitForSelector("#legend button");
+    assert.equal(await isShown(page, "2"), true);
+    for (const name of ["commit", "since", "hide"]) assert.equal(settings(page).has(name), false, name);
+  }, { hash: "#hide=1" }));
+
+test("sections stay in links", () =>
+  visit("ball", async (page) => {
+    assert.equal(await field(page, "Section").locator("select").inputValue(), "y");
+    assert.equal(await field(page, "at").locator("input").inputValue(), "0.25");
+    await field(page, "Section").locator("select").selectOption("");
+    assert.equal(settings(page).has("section"), false);
+  }, { hash: "#section=y:0.25" }));
+
+test("swatches of all legends are seen", async () => {
+  const swatches = (expected) => async (page) => {
+    await eventually(async () => (await page.locator("#legend .swatch").count()) === expected, `${expected} swatches`);
+    const boxes = await page.$$eval("#legend .swatch", (all) => all.map((one) => one.getBoundingClientRect()).map(({ width, height }) => [width, height]));
+    for (const [width, height] of boxes) assert.ok(width >= 10 && height >= 10, `a swatch of ${width} x ${height}`);
+  };
+  await visit("rgb", swatches(3));
+  await visit("heights", swatches(1), { hash: "#style=contours" });
+  await visit("island", swatches(7));
+});
+
 test("layers, in the dark, on a phone", () =>
   visit("stack", async (page) => {
     assert.equal(await page.getAttribute("#fold", "aria-expanded"), "false");
@@ -203,17 +339,78 @@ test("layers, in the dark, on a phone", () =>
     assert.ok(overflow <= 0, "nothing reaches beyond a phone's screen");
   }, { viewport: PHONE, scheme: "dark" }));
 
+test("commits have dates", () =>
+  visit("history", async (page) => {
+    const options = await field(page, "Commit").locator("option").allTextContents();
+    const log = JSON.parse(spinney("log", fixture("v1/history.autumn"), "--json"));
+    assert.equal(options.length, log.length);
+    for (const { number, time, message } of log) {
+      const date = time ? ` (1970-01-01 00:00:0${time} UTC)` : "";
+      assert.ok(options.includes(`${number}${message && `: ${message}`}${date}`), `${number} in ${options}`);
+    }
+    assert.match(await field(page, "Commit").locator(".faint").textContent(), /^1970-01-01 00:00:03 UTC$/);
+  }));
+
 test("commits, and what changed since", () =>
   visit("history", async (page) => {
     const since = page.locator("label:has-text('Changes since')");
     await since.locator("select").selectOption("2");
-    await eventually(async () => /cells differ/.test(await since.textContent()), "changes are told");
+    await eventually(async () => /cells differ/.test(await since.textContent()), "changes are shown");
     const found = JSON.parse(spinney("diff", `${fixture("v1/history.autumn")}@2`, fixture("v1/history.autumn"), "--json"));
     const cells = found.added + found.removed + found.changed;
     assert.match(await since.textContent(), new RegExp(`${cells} cells differ`));
     await page.locator("label:has-text('Commit') select").first().selectOption("2");
     await page.waitForFunction(() => location.hash.includes("commit=2"));
   }));
+
+test("on a phone the map is seen while a polygon is drawn", () =>
+  visit("island", async (page) => {
+    await page.click("#fold");
+    const height = async () => (await page.locator("#panel").boundingBox()).height;
+    const open = await height();
+    assert.ok(open > PHONE.height / 3);
+    await page.click("text=Draw a polygon");
+    assert.ok((await height()) < PHONE.height / 5, `the panel takes ${await height()}`);
+    for (const [x, y] of [[100, 300], [300, 320], [200, 600]]) await page.mouse.click(x, y, { delay: 10 });
+    await page.click("text=Finish");
+    await eventually(async () => /cells/.test(await panelText(page)), "statistics of the polygon");
+    assert.ok(await page.locator("#legend").isVisible());
+    await page.click("text=Clear");
+    await eventually(async () => (await height()) === open, "the panel is as it was");
+  }, { viewport: PHONE }));
+
+/** Whether the view has other colours than its ground: on its edge (2 pixels inside, above the panel and its shadow), and anywhere. */
+async function drawnParts(page) {
+  const { y } = await page.locator("#panel").boundingBox();
+  const shot = await page.screenshot({ clip: { x: 0, y: 0, width: PHONE.width, height: Math.floor(y) - 16 } });
+  return page.evaluate(async (base64) => {
+    const bytes = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
+    const bitmap = await createImageBitmap(new Blob([bytes], { type: "image/png" }));
+    const { width, height } = bitmap;
+    const context = new OffscreenCanvas(width, height).getContext("2d");
+    context.drawImage(bitmap, 0, 0);
+    const pixels = new Uint32Array(context.getImageData(0, 0, width, height).data.buffer);
+    const isGround = (x, y) => pixels[y * width + x] === pixels[0];
+    const [columns, rows] = [width, height].map((length) => Array.from({ length }, (_, at) => at));
+    const atEdge = columns.some((x) => [2, height - 3].some((y) => !isGround(x, y))) || rows.some((y) => [2, width - 3].some((x) => !isGround(x, y)));
+    const drawn = columns.filter((x) => rows.some((y) => !isGround(x, y)));
+    return { atEdge, width: drawn.length / width };
+  }, shot.toString("base64"));
+}
+
+test("solids and models fit a phone, whether the panel is open or not", async () => {
+  const fits = async (page) => {
+    for (const isOpen of [false, true]) {
+      if (isOpen) await page.click("#fold");
+      const fits = async () => {
+        const { atEdge, width } = await drawnParts(page);
+        return !atEdge && width > 0.2;
+      };
+      await eventually(fits, `it fits, ${isOpen ? "above the panel" : "with the panel folded"}`);
+    }
+  };
+  for (const name of ["ball", "chapel"]) await visit(name, fits, { viewport: PHONE });
+});
 
 /** Cuts what is shown along an axis. */
 async function cut(page, middle) {
@@ -240,7 +437,10 @@ test("an exact model is drawn, measured and cut", () =>
     const volume = await page.evaluate(() => [...document.querySelectorAll("#tools tr")].find((row) => row.cells[0].textContent === "volume").cells[1].textContent);
     const expected = JSON.parse(spinney("stats", fixture("v1/chapel.goblin"), "--json"));
     assert.ok(Math.abs(parseFloat(volume.replaceAll(",", "")) / expected.volume - 1) < 1e-8);
-    await eventually(async () => /area/.test(await page.locator("#answer").textContent()), "the section's area");
+    await eventually(async () => /area/.test(await panelText(page)), "the section's area");
+    await page.locator("input[type=range]").fill("0.3");
+    await eventually(async () => /^[1-9][\d,.]* m²$/.test((await answer(page)).area), "an area with its unit");
+    assert.match((await answer(page)).at, / m$/);
   }));
 
 test("a file that somebody chooses is shown", () =>
@@ -271,14 +471,14 @@ test("in a notebook the kernel reads, and a polygon comes back", async () => {
     widget.render({ model, el: document.getElementById("cell") });
   </script>`);
   const server = await serve(at("island"));
-  const page = await browser.newPage({ viewport: DESKTOP });
+  const page = await newPage();
   await page.goto(`${server.url}notebook.html`);
   const frame = page.frameLocator("iframe");
-  await frame.locator("#legend button").first().waitFor({ timeout: 60_000 });
+  await frame.locator("#legend button").first().waitFor();
   await frame.locator("text=Draw a polygon").click();
   for (const [x, y] of [[500, 200], [800, 250], [700, 400]]) await page.mouse.click(x, y, { delay: 10 });
   await frame.locator("text=Finish").click();
-  await page.waitForFunction(() => window.state._drawn, undefined, { timeout: 30_000 });
+  await page.waitForFunction(() => window.state._drawn);
   const { geometry, crs, zone } = JSON.parse(await page.evaluate(() => window.state._drawn));
   assert.equal(geometry.type, "Polygon");
   assert.equal(crs, "lonlat");
@@ -290,11 +490,97 @@ test("in a notebook the kernel reads, and a polygon comes back", async () => {
 test("a file that is damaged is told of", async () => {
   writeFileSync(at("island/broken.goblin"), "no tree at all");
   const server = await serve(at("island"));
-  const page = await browser.newPage({ viewport: DESKTOP });
+  const page = await newPage();
   await page.goto(`${server.url}index.html`);
-  await page.waitForSelector("html[data-ready]");
+  await ready(page);
   await page.setInputFiles("#file", at("island/broken.goblin"));
   await eventually(async () => /broken\.goblin/.test(await page.locator("#failure p").textContent()), "the message names the file");
   await page.close();
   await server.close();
+});
+
+/** Runs the server of a directory. */
+async function withServer(directory, work) {
+  const child = spawn(program, ["serve", directory, "--port", "0"], { stdio: ["ignore", "pipe", "ignore"] });
+  const ended = new Promise((done) => child.on("exit", done));
+  try {
+    let printed = "";
+    for await (const part of child.stdout) {
+      printed += part;
+      if (/http:\S+\s/.test(printed)) break;
+    }
+    await work(/http:\S+/.exec(printed)[0]);
+  } finally {
+    child.kill();
+    await ended;
+  }
+}
+
+test("points are listed as what no page shows, and the page starts with what it shows", async () => {
+  mkdirSync(at("mixed"));
+  spinney("build", "-q", fixture("island_points.laz"), "-o", at("mixed/a_points.goblin"));
+  copyFileSync(at("island.goblin"), at("mixed/island.goblin"));
+  await withServer(at("mixed"), async (url) => {
+    const page = await newPage();
+    await page.goto(url);
+    await ready(page);
+    assert.equal(await page.title(), "island");
+    const options = await page.$$eval("#controls > label option", (all) => all.map(({ textContent, disabled }) => [textContent, disabled]));
+    assert.deepEqual(options, [["a_points (points: not shown)", true], ["island", false]]);
+    await page.close();
+    // (A link may name them.)
+    const linked = await newPage();
+    await linked.goto(`${url}#file=a_points.goblin`);
+    await ready(linked);
+    assert.match(await linked.locator("#failure p").textContent(), /a_points.* has points, which this page does not show/);
+    await linked.close();
+  });
+  assert.throws(() => spinney("export", "-q", at("mixed/a_points.goblin"), at("nowhere/index.html")), /points.* make a raster of (it|them) first/);
+});
+
+test("what cannot be opened is said in the page's terms, and what was shown stays", async () => {
+  const server = await serve(at("island"));
+  const page = await newPage();
+  await page.goto(`${server.url}index.html`);
+  await ready(page);
+  spinney("build", "-q", fixture("island_points.laz"), "-o", at("points.goblin"));
+  for (const [path, expected] of [[fixture("island_classes.tif"), /TIFF.*; this page opens \.goblin and \.autumn files$/], [at("points.goblin"), /points\.goblin: has points, which this page does not show/]]) {
+    await page.setInputFiles("#file", path);
+    await page.waitForSelector("#failure[open]");
+    const message = await page.locator("#failure p").textContent();
+    assert.match(message, expected);
+    assert.doesNotMatch(message, COMMAND);
+    await page.click("#failure button");
+    assert.equal(await page.title(), "island");
+    assert.ok(await page.locator("#legend button").first().isVisible());
+  }
+  await page.close();
+  await server.close();
+});
+
+/** Commands and options of the program. */
+const COMMAND = /`?\bspinney [a-z]|(^|[\s(`])--[a-z]/;
+
+test("no advice of the engine reaches the page with a command or an option in it", async () => {
+  const { messageOf, withoutForeign } = await import(pathToFileURL(join(root, "crates/site/page/js/messages.js")));
+  let count = 0;
+  for (const crate of ["base", "brep", "container", "crs", "engine", "packing", "records", "render", "report", "style"]) {
+    const sources = join(root, "crates", crate, "src");
+    for (const name of readdirSync(sources, { recursive: true }).filter((name) => name.endsWith(".rs"))) {
+      // (Comments have no end of a string.)
+      const code = readFileSync(join(sources, name), "utf8").replace(/^\s*\/\/.*$/gm, "");
+      for (const [, literal] of code.matchAll(/"((?:[^"\\]|\\[^])*)"/g)) {
+        if (!COMMAND.test(literal)) continue;
+        count += 1;
+        const advice = literal.replace(/\\\n\s*/g, "");
+        const error = { code: "unsupported", file: "a.goblin", found: "something", advice, message: `a.goblin: something is not supported; ${advice}` };
+        assert.doesNotMatch(messageOf(error), COMMAND);
+        assert.match(messageOf(error), /^a\.goblin: something is not supported; /);
+        assert.doesNotMatch(withoutForeign(`a.goblin: ${advice}`), COMMAND);
+      }
+    }
+  }
+  assert.ok(count > 50, `${count} messages`);
+  const kept = "a.goblin: got 3 (of level 0), expected 0 to 2; choose another level";
+  assert.equal(messageOf(new Error(kept)), kept);
 });

@@ -1,6 +1,14 @@
 // The controls beside the view: fields, buttons, tables, and messages.
 
+import { messageOf, withoutForeign } from "./messages.js";
+
 export const element = (id) => document.getElementById(id);
+
+/** Removes what the panel says of a position, a section or a polygon. */
+export function clearResult() {
+  element("answer").hidden = true;
+  element("answer").replaceChildren();
+}
 
 /** Adds a control with a name to the panel. */
 export function field(name, control) {
@@ -11,11 +19,23 @@ export function field(name, control) {
   return label;
 }
 
-/** A list of which one thing is chosen: pairs of values and texts. */
-export function choice(pairs, chosen, onChange) {
+/**
+ * A list from which one item is chosen: pairs of values and strings, with a third element `true` for one that cannot be. If `onChange` returns
+ * (a promise of) `false`, the item that was chosen before is chosen again.
+ */
+export function choice(items, chosen, onChange) {
   const select = document.createElement("select");
-  for (const [value, text] of pairs) select.add(new Option(text, value, false, value === chosen));
-  select.addEventListener("change", () => onChange(select.value));
+  for (const [value, text, isDisabled] of items) {
+    const option = new Option(text, value, false, value === chosen);
+    option.disabled = Boolean(isDisabled);
+    select.add(option);
+  }
+  let last = select.value;
+  select.addEventListener("change", async () => {
+    const value = select.value;
+    if ((await onChange(value)) !== false) last = value;
+    else if (select.value === value) select.value = last;
+  });
   return select;
 }
 
@@ -42,11 +62,13 @@ export function slider(min, max, value, step, onInput) {
   return made;
 }
 
-/** Fills a part of the panel under a heading. */
+/** Fills a part of the panel under a heading, which is returned. */
 export function fill(id, heading, ...content) {
   const part = element(id);
-  part.replaceChildren(Object.assign(document.createElement("h2"), { textContent: heading }), ...content);
+  const made = Object.assign(document.createElement("h2"), { textContent: heading });
+  part.replaceChildren(made, ...content);
   part.hidden = false;
+  return made;
 }
 
 /** A table: names of columns, and rows of texts. */
@@ -73,9 +95,23 @@ export function paragraph(text, className = "") {
 /** A number as people read it, never with digits that it does not have. */
 export function text(number) {
   if (number === null || number === undefined) return "–";
+  // (Never -0.)
+  if (number === 0) return "0";
   if (typeof number === "bigint" || Number.isInteger(number)) return number.toLocaleString("en");
   if (typeof number !== "number") return String(number);
   return Number(number.toPrecision(9)).toLocaleString("en", { maximumSignificantDigits: 9 });
+}
+
+/** A number with a unit, or a power of a unit, if that is known. */
+export function measured(number, unit, power = "") {
+  return unit ? `${text(number)} ${unit}${power}` : text(number);
+}
+
+/** Date and time in UTC of seconds since the beginning of 1970; empty if there are none, or none that dates have. */
+export function dateAndTime(seconds) {
+  if (seconds === null || seconds === undefined) return "";
+  const date = new Date(Number(seconds) * 1000);
+  return Number.isNaN(date.getTime()) ? "" : `${date.toISOString().replace("T", " ").replace(/\.\d+Z$/, "")} UTC`;
 }
 
 let timer;
@@ -91,7 +127,7 @@ export function working(progress) {
 }
 
 export function showRemarks(remarks) {
-  element("remarks").textContent = remarks.join("\n");
+  element("remarks").textContent = remarks.map(withoutForeign).join("\n");
   element("remarks").hidden = remarks.length === 0;
 }
 
@@ -100,8 +136,16 @@ export function fail(error) {
   working();
   if (error?.name === "AbortError") return;
   const dialog = element("failure");
-  dialog.querySelector("p").textContent = error?.message ?? String(error);
+  dialog.querySelector("p").textContent = messageOf(error);
   if (!dialog.open) dialog.showModal();
+}
+
+/** What aborts the jobs that run. */
+const running = new Set();
+
+/** Aborts all jobs: the file that they read is closed. */
+export function abortAll() {
+  for (const controller of running) controller.abort();
 }
 
 /** Runs the newest of several jobs that replace each other: an older one is aborted. */
@@ -110,11 +154,13 @@ export function latest(job) {
   return async (...given) => {
     controller?.abort();
     const own = (controller = new AbortController());
+    running.add(own);
     try {
       return await job(own.signal, ...given);
     } catch (error) {
       if (!own.signal.aborted) fail(error);
     } finally {
+      running.delete(own);
       if (controller === own) working();
     }
   };

@@ -15,7 +15,7 @@ function swatch(colour) {
   return made;
 }
 
-/** Shows a legend; `onHide` is called when classes were hidden or shown again. */
+/** Shows a legend; `onHide` is called when classes were hidden or shown again. Without it they cannot be hidden. */
 export function showLegend({ title, sections }, hidden, onHide) {
   const parts = sections.map((section) => (section.classes ? classes(section, hidden, onHide) : ramp(section.ramp)));
   if (parts.length) fill("legend", title || sections[0].title || "Legend", ...parts);
@@ -25,8 +25,8 @@ function classes({ classes }, hidden, onHide) {
   const list = Object.assign(document.createElement("ul"), { className: "classes" });
   for (const { value, label, colour } of classes) {
     const item = document.createElement("li");
-    if (value === undefined || value === null) {
-      item.append(swatch(colour), ` ${label}`);
+    if (value === undefined || value === null || !onHide) {
+      item.append(swatch(colour), label);
     } else {
       const made = Object.assign(document.createElement("button"), { type: "button", title: "Hide or show" });
       made.append(swatch(colour), label);

@@ -1,7 +1,8 @@
 // The page: opens what its configuration names, and shows it as a map, a solid or an exact model.
 
-import { element, fail, field, choice, showRemarks, working } from "./interface.js";
-import { readPlace, writePlace } from "./place.js";
+import { abortAll, element, fail, field, choice, showRemarks, working } from "./interface.js";
+import { currentSettings, joined, readSettings, startSettings } from "./settings.js";
+import { isShown, notShown } from "./messages.js";
 import { readFromParent, tellParent } from "./notebook.js";
 
 const configuration = JSON.parse(document.getElementById("configuration").textContent);
@@ -63,32 +64,49 @@ function viewOf({ kind, dimension }) {
 let view;
 let dataset;
 
-/** Shows a dataset in place of what is shown. */
-async function show(spinney, source, name, place) {
+/** Files are opened one after another, whatever is chosen meanwhile. */
+let queue = Promise.resolve();
+
+/** Shows a file with settings; `configured` are those of the configuration. What is shown stays if the file cannot be opened. */
+function show(spinney, source, name, configured, settings) {
+  const done = queue.then(() => showNow(spinney, source, name, configured, settings));
+  queue = done.catch(() => {});
+  return done;
+}
+
+async function showNow(spinney, source, name, configured, settings) {
+  const { layer, commit } = settings;
+  const options = { progress: working, ...(layer && { layer }), ...(commit && { commit: Number(commit) }) };
+  const opened = await spinney.openInWorker(source, options);
+  abortAll();
   view?.close();
   dataset?.close();
-  view = dataset = undefined;
+  view = undefined;
+  dataset = opened;
+  startSettings(configured, settings);
   for (const id of ["fields", "legend", "tools", "answer"]) element(id).replaceChildren();
   for (const id of ["legend", "tools", "answer"]) element(id).hidden = true;
+  element("value").textContent = "";
   document.title = name;
   element("title").textContent = name;
-  const options = { progress: working, ...(place.layer && { layer: place.layer }), ...(place.commit && { commit: Number(place.commit) }) };
-  dataset = await spinney.openInWorker(source, options);
   showRemarks(dataset.warnings ?? []);
   const { header } = dataset;
+  /** Shows the file again with other settings; says whether it could. */
+  const reopen = (changes) => succeeds(show(spinney, source, name, configured, { ...currentSettings(), ...changes }));
   if (header.layers?.length > 1) {
     const names = header.layers.map((layer) => [layer.name, layer.name]);
     field("Layer", choice(names, header.layer, (layer) => reopen({ layer, style: undefined, hide: undefined })));
   }
-  const shared = { dataset, place, assetUrl, reopen };
-  view = await (await viewOf(header)).show(shared);
+  view = await (await viewOf(header)).show({ dataset, place: currentSettings(), assetUrl, reopen });
   working();
+}
 
-  function reopen(changes) {
-    const next = { ...place, ...readPlace(), ...changes };
-    writePlace(next);
-    return show(spinney, source, name, next).catch(fail);
-  }
+/** Waits for a file to be shown; says whether it was, and why not in a dialog. */
+function succeeds(shown) {
+  return shown.then(() => true, (error) => {
+    fail(error);
+    return false;
+  });
 }
 
 async function start() {
@@ -102,37 +120,42 @@ async function start() {
   });
   if (matchMedia("(max-width: 640px)").matches) element("fold").click();
   const spinney = await loadPackage();
-  element("file").addEventListener("change", (event) => {
-    const [file] = event.target.files;
-    if (file) show(spinney, file, file.name, {}).catch(fail);
-  });
   const sources = configuration.sources ?? [];
-  const place = readPlace();
-  const chosen = sources.find((source) => source.name === place.file) ?? sources[0];
-  if (!chosen) return;
+  const said = readSettings();
+  const named = sources.find((source) => source.name === said.file);
+  const chosen = named ?? sources.find(({ content }) => isShown(content)) ?? sources[0];
   const sourceOf = ({ name, url, size }) => {
-    // (In a notebook whoever shows the page reads the file.)
+    // (In a notebook the page around this one reads the file.)
     if (url === "parent:") return { name, size, read: readFromParent };
     const data = embedded(url);
     return data === undefined ? new URL(url, document.baseURI) : bytesOf(data);
   };
-  // (What draws it needs nothing of the file.)
-  if (chosen.isMap) import("./map.js").then(({ prepare }) => prepare(assetUrl)).catch(fail);
-  // (Where the address says nothing, the page begins as whoever made it wanted.)
-  const started = ({ layer, commit, style }) => Object.fromEntries(Object.entries({ layer, commit, style }).filter(([, value]) => value !== null));
-  const open = (source, at) => show(spinney, sourceOf(source), source.title, { ...started(source), ...at });
+  /** Shows a file of the configuration; where the settings lack something, the page has what its author chose. */
+  const open = async (source, settings) => {
+    if (!isShown(source.content)) throw new Error(notShown(source.title, source.content));
+    const { layer, commit, style } = source;
+    const configured = { layer, commit, style };
+    await show(spinney, sourceOf(source), source.title, configured, joined(configured, settings));
+  };
+  let files;
   if (sources.length > 1) {
-    const names = sources.map((source) => [source.name, source.title]);
-    const select = choice(names, chosen.name, (name) => {
-      writePlace({ file: name });
-      open(sources.find((source) => source.name === name), { file: name }).catch(fail);
-    });
+    const items = sources.map(({ name, title, content }) => [name, isShown(content) ? title : `${title} (${content}: not shown)`, !isShown(content)]);
+    files = choice(items, chosen.name, (name) => succeeds(open(sources.find((source) => source.name === name), { file: name })));
     const label = document.createElement("label");
     label.className = "field";
-    label.append(Object.assign(document.createElement("span"), { textContent: "File" }), select);
+    label.append(Object.assign(document.createElement("span"), { textContent: "File" }), files);
     element("controls").prepend(label);
   }
-  await open(chosen, place);
+  element("file").addEventListener("change", async ({ target }) => {
+    const [file] = target.files;
+    // (None of the list is shown then.)
+    if (file && (await succeeds(show(spinney, file, file.name, {}, {}))) && files) files.value = "";
+  });
+  if (!chosen) return;
+  // (What draws it needs nothing of the file.)
+  if (chosen.content === "map") import("./map.js").then(({ prepare }) => prepare(assetUrl)).catch(fail);
+  const isShowing = await succeeds(open(chosen, said));
+  if (!isShowing && files) files.value = "";
 }
 
 start().then(() => document.documentElement.setAttribute("data-ready", ""), fail);

@@ -1,7 +1,7 @@
 // Rasters as a map: tiles from the package, values under the cursor, styles, legends, polygons, and history.
 
 import { button, choice, element, fail, fill, field, latest, slider, table, text, toggle, working } from "./interface.js";
-import { changePlace, readPlace } from "./place.js";
+import { changeSettings, configuredStyle } from "./settings.js";
 import { colour, ground, showGraticule } from "./ground.js";
 import { TILE, mercator, mercatorTiles, nativePlane, nativeTiles } from "./plane.js";
 import { hiddenClasses, showLegend } from "./legend.js";
@@ -50,6 +50,7 @@ export async function show({ dataset, place, assetUrl, reopen }) {
   const plane = isWorld ? mercator : nativePlane(header);
   const grid = isWorld ? world : nativeTiles(header);
   const state = { style: place.style ?? "default", hidden: hiddenClasses(place.hide) };
+  const opacity = opacityOf(place.opacity);
 
   // Tiles are asked for by address: `spinney1://3/1/2`.
   const protocol = `spinney${++protocols}`;
@@ -75,7 +76,7 @@ export async function show({ dataset, place, assetUrl, reopen }) {
       layers: [
         { id: "sea", type: "background", paint: { "background-color": colour(isWorld ? "--sea" : "--ground") } },
         ...below.layers,
-        { id: "raster", type: "raster", source: "raster", paint: { "raster-resampling": "nearest", "raster-fade-duration": 0 } },
+        { id: "raster", type: "raster", source: "raster", paint: { "raster-resampling": "nearest", "raster-fade-duration": 0, "raster-opacity": opacity } },
       ],
     },
     maxZoom: Math.min(grid.maxZoom + 6, 24),
@@ -100,7 +101,7 @@ export async function show({ dataset, place, assetUrl, reopen }) {
   }
   map.on("moveend", () => {
     const middle = plane.placeOf(map.getCenter());
-    changePlace({ at: [map.getZoom().toFixed(2), ...middle.map((at) => Number(at.toPrecision(10)))].join("/") });
+    changeSettings({ at: [map.getZoom().toFixed(2), ...middle.map((at) => Number(at.toPrecision(10)))].join("/") });
   });
   map.once("idle", () => document.documentElement.setAttribute("data-drawn", ""));
   await new Promise((done) => map.once("load", done));
@@ -113,29 +114,33 @@ export async function show({ dataset, place, assetUrl, reopen }) {
   const legend = latest(async (signal) => {
     const made = await dataset.legend({ style: styleWith(state.style, new Set()), signal });
     showLegend(made, state.hidden, () => {
-      changePlace({ hide: [...state.hidden].join(",") || undefined });
+      changeSettings({ hide: [...state.hidden].join(",") || undefined });
       redraw();
     });
   });
 
   const names = STYLES[header.channels >= 3 ? "colours" : header.meaning === "categorical" ? "classes" : "amounts"];
-  if (names.length > 1) {
-    const all = names.includes(state.style) ? names : [state.style, ...names];
+  const all = [...new Set([configuredStyle(), state.style, ...names])].filter(Boolean);
+  all.sort((one, other) => names.indexOf(one) - names.indexOf(other));
+  if (all.length > 1) {
     field("Style", choice(all.map((name) => [name, name.startsWith("{") ? "the page's" : name]), state.style, (name) => {
       state.style = name;
       state.hidden.clear();
-      changePlace({ style: name === "default" ? undefined : name, hide: undefined });
+      changeSettings({ style: name === "default" ? undefined : name, hide: undefined });
       redraw();
       legend();
     }));
   }
-  field("Opacity", slider(0, 1, 1, 0.05, (value) => map.setPaintProperty("raster", "raster-opacity", value)));
+  field("Opacity", slider(0, 1, opacity, 0.05, (value) => {
+    map.setPaintProperty("raster", "raster-opacity", value);
+    changeSettings({ opacity: value === 1 ? undefined : value });
+  }));
   if (world !== null) {
     const grids = [["web-mercator", "web mercator"], ["native", "the file's own"]];
     field("Grid", choice(grids, plane.grid, (chosen) => reopen({ grid: chosen === "native" ? chosen : undefined, at: undefined })));
   }
   legend();
-  await showHistory({ dataset, map, plane, reopen });
+  await showHistory({ dataset, map, plane, place, reopen });
 
   // Values: under the cursor in the line below, and of a place that is clicked in the panel.
   const read = (signal, place) => dataset.point(place, { crs: plane.crs, signal, progress: working });
@@ -177,11 +182,18 @@ export async function show({ dataset, place, assetUrl, reopen }) {
     map,
     close() {
       scheme.removeEventListener("change", onTheme);
+      polygon.clear();
       maplibre.removeProtocol(protocol);
       map.remove();
       element("view").replaceChildren();
     },
   };
+}
+
+/** The opacity of the settings: 1 if they have none, or none that is valid. */
+function opacityOf(setting) {
+  const opacity = Number(setting ?? 1);
+  return opacity >= 0 && opacity <= 1 ? opacity : 1;
 }
 
 /** Room around what is to be seen, which the panel does not cover. */

@@ -1,12 +1,12 @@
 // Exact models: their objects, their measures, and exact sections.
 
-import { element, fill, latest, table, text, working } from "./interface.js";
+import { clearResult, fill, latest, measured, table, text, working } from "./interface.js";
 import { Scene, distinct } from "./scene.js";
 
 export async function show({ dataset, place, assetUrl }) {
   const three = await import(assetUrl("vendor/three.js"));
   const { positions, objects, names, origin: own } = await dataset.triangles({ progress: working });
-  const { bounds } = dataset.header;
+  const { bounds, unit } = dataset.header;
   const origin = new three.Vector3(...bounds.slice(0, 3)).add(new three.Vector3(...bounds.slice(3))).multiplyScalar(0.5);
   const view = new Scene(three, [0, 3].map((at) => new three.Vector3(...bounds.slice(at, at + 3)).sub(origin).toArray()));
   const geometry = new three.BufferGeometry();
@@ -23,8 +23,10 @@ export async function show({ dataset, place, assetUrl }) {
   view.scene.add(outlines);
   const cut = latest(async (signal, axis, at) => {
     outlines.clear();
-    element("answer").hidden = axis === undefined;
-    if (axis === undefined) return view.draw();
+    if (axis === undefined) {
+      clearResult();
+      return view.draw();
+    }
     const number = ["x", "y", "z"].indexOf(axis);
     const world = at + origin.getComponent(number);
     const { features, area } = await dataset.section({ axis, at: world, signal, progress: working });
@@ -41,17 +43,22 @@ export async function show({ dataset, place, assetUrl }) {
       }
       outlines.add(new three.Mesh(geometry, new three.MeshBasicMaterial({ color: 0xd9572b, side: three.DoubleSide, polygonOffset: true, polygonOffsetFactor: -1 })));
     }
-    fill("answer", `Section across ${axis}`, table([], [["at", text(world)], ["area", text(area)], ["polygons", text(features.length)]]));
+    fill("answer", `Section across ${axis}`, table([], [["at", measured(world, unit)], ["area", measured(area, unit, "²")], ["polygons", text(features.length)]]));
     view.draw();
   });
-  view.addSection(cut);
+  view.addSection(place.section, cut);
 
   const measures = await dataset.measures({ progress: working });
-  const unit = measures.unit ?? "";
-  const rows = [["volume", `${text(measures.volume)} ${unit}³`], ["surface", `${text(measures.surface)} ${unit}²`], ["centre", measures.centre.map(text).join(", ")], ["faces", text(measures.faces)], ["objects", text(names.length)]];
-  fill("tools", "Measures", table([], rows.map(([name, value]) => [name, unit ? value : value.replace(/ [²³]$/, "")])));
+  const rows = [
+    ["volume", measured(measures.volume, unit, "³")],
+    ["surface", measured(measures.surface, unit, "²")],
+    ["centre", measures.centre?.map(text).join(", ") ?? text(null)],
+    ["faces", text(measures.faces)],
+    ["objects", text(names.length)],
+  ];
+  fill("tools", "Measures", table([], rows));
   view.onClick = (hit) => {
-    if (!hit) return (element("answer").hidden = true);
+    if (!hit) return clearResult();
     const name = hit.object === body ? names[objects[hit.faceIndex]] : undefined;
     const place = hit.point.clone().add(origin);
     fill("answer", name || "Surface", table([], [["at", place.toArray().map(text).join(", ")]]));

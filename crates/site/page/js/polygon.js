@@ -1,7 +1,7 @@
 // A polygon that is drawn on the map, and the exact statistics of what lies in it.
 
 import { colour } from "./ground.js";
-import { fill, latest, paragraph, table, text, working } from "./interface.js";
+import { clearResult, element, fill, latest, paragraph, table, text, working } from "./interface.js";
 
 const NOTHING = { type: "FeatureCollection", features: [] };
 
@@ -11,6 +11,8 @@ export class PolygonTool {
   /** Called when drawing ends. */
   onEnd = () => {};
   #corners = [];
+  /** The heading of the statistics that were shown last. */
+  #heading;
 
   constructor({ map, maplibre, dataset, plane, header }) {
     Object.assign(this, { map, dataset, plane, header });
@@ -31,19 +33,27 @@ export class PolygonTool {
         this.#show();
       }
     });
+    // (Without a geometry, statistics that are shown or on their way are dropped.)
     this.ask = latest(async (signal, geometry) => {
-      fill("answer", "Statistics of the polygon", paragraph("…", "faint"));
+      this.#dropStatistics();
+      if (geometry === undefined) return;
+      this.#showStatistics(paragraph("…", "faint"));
       const feature = { type: "Feature", properties: {}, geometry };
-      const { zones } = await dataset.zonal(feature, { crs: plane.crs, signal, progress: working });
+      const { zones } = await dataset.zonal(feature, { crs: plane.crs, signal, progress: working }).catch((error) => {
+        if (!signal.aborted) this.#dropStatistics();
+        throw error;
+      });
       const [zone] = zones;
-      fill("answer", "Statistics of the polygon", ...this.#report(zone));
+      this.#showStatistics(...this.#report(zone));
       document.dispatchEvent(new CustomEvent("spinney-polygon", { detail: { geometry, crs: plane.crs, zone } }));
     });
   }
 
   start() {
     this.#corners = [];
+    this.ask();
     this.isDrawing = true;
+    element("panel").classList.add("drawing");
     this.map.doubleClickZoom.disable();
     this.map.getCanvas().style.cursor = "crosshair";
     this.#show();
@@ -51,6 +61,7 @@ export class PolygonTool {
 
   stop() {
     this.isDrawing = false;
+    element("panel").classList.remove("drawing");
     this.map.doubleClickZoom.enable();
     this.map.getCanvas().style.cursor = "";
     this.onEnd();
@@ -58,6 +69,7 @@ export class PolygonTool {
 
   clear() {
     this.#corners = [];
+    this.ask();
     this.stop();
     this.#show();
   }
@@ -75,6 +87,16 @@ export class PolygonTool {
     this.stop();
     const ring = [...this.#corners, this.#corners[0]].map(([lng, lat]) => this.plane.placeOf({ lng, lat }));
     this.ask({ type: "Polygon", coordinates: [ring] });
+  }
+
+  /** Shows statistics in the panel. */
+  #showStatistics(...content) {
+    this.#heading = fill("answer", "Statistics of the polygon", ...content);
+  }
+
+  /** Removes the statistics of the polygon, unless something else is shown in their position by now. */
+  #dropStatistics() {
+    if (this.#heading?.isConnected) clearResult();
   }
 
   #show() {

@@ -2,7 +2,12 @@
 
 import { choice, element, field, slider } from "./interface.js";
 import { colour } from "./ground.js";
-import { changePlace } from "./place.js";
+import { changeSettings } from "./settings.js";
+
+/** Angle, in degrees, that the shorter side of the view has where the panel does not cover it. */
+const ANGLE = 45;
+/** Distance of the camera from the middle of a box, in diagonals of the box: all of it is within a little less than that angle. */
+const DISTANCE = 1.33;
 
 export class Scene {
   /** Called before a frame is drawn if the camera has moved. */
@@ -26,7 +31,7 @@ export class Scene {
     this.scene.add(this.body);
     this.box = new three.Box3(new three.Vector3(...min), new three.Vector3(...max));
     const size = this.box.getSize(new three.Vector3()).length() || 1;
-    this.camera = new three.PerspectiveCamera(45, 1, size / 5000, size * 20);
+    this.camera = new three.PerspectiveCamera(ANGLE, 1, size / 5000, size * 20);
     this.camera.up.set(0, 0, 1);
     this.controls = new three.OrbitControls(this.camera, canvas);
     this.controls.enableDamping = false;
@@ -38,17 +43,18 @@ export class Scene {
     /** The plane of the section: the side behind it is not drawn; it does nothing until it is put somewhere. */
     this.plane = new three.Plane(new three.Vector3(0, 0, -1), 1e30);
     const middle = this.box.getCenter(new three.Vector3());
-    this.camera.position.copy(middle).addScaledVector(new three.Vector3(0.55, -0.75, 0.5).normalize(), size * 1.25);
+    this.camera.position.copy(middle).addScaledVector(new three.Vector3(0.55, -0.75, 0.5).normalize(), size * DISTANCE);
     this.controls.target.copy(middle);
     this.controls.addEventListener("change", () => {
       this.onMove();
       this.draw();
       const numbers = [...this.camera.position.toArray(), ...this.controls.target.toArray()];
-      changePlace({ view: numbers.map((number) => Number(number.toPrecision(6))).join(",") });
+      changeSettings({ view: numbers.map((number) => Number(number.toPrecision(6))).join(",") });
     });
     this.#listen(canvas);
     this.resized = new ResizeObserver(() => this.#resize(container));
     this.resized.observe(container);
+    this.resized.observe(element("panel"));
     this.#resize(container);
     this.scheme = matchMedia("(prefers-color-scheme: dark)");
     this.onTheme = () => this.draw();
@@ -85,7 +91,7 @@ export class Scene {
       } else if (factors[event.key]) {
         offset.multiplyScalar(factors[event.key]);
       } else if (event.key === "Enter") {
-        return this.onClick(this.hitAt(0, 0));
+        return this.onClick(this.hitAt(...this.middle));
       } else return;
       event.preventDefault();
       this.camera.position.copy(this.controls.target).add(offset);
@@ -111,14 +117,24 @@ export class Scene {
   }
 
   #resize({ clientWidth, clientHeight }) {
-    this.renderer.setSize(clientWidth, clientHeight, false);
+    const [width, height] = [Math.max(clientWidth, 1), Math.max(clientHeight, 1)];
+    // (The panel covers the left of wide screens, and the bottom of narrow ones.)
+    const panel = element("panel").getBoundingClientRect();
+    const [left, bottom] = panel.width < width / 2 ? [panel.right, 0] : [0, Math.min(panel.height, height * 0.75)];
+    const sizes = [width, height, left, bottom].join();
+    if (sizes === this.sizes) return;
+    this.sizes = sizes;
+    this.renderer.setSize(width, height, false);
     this.renderer.domElement.style.cssText = "width: 100%; height: 100%";
-    this.camera.aspect = clientWidth / Math.max(clientHeight, 1);
-    // (What the panel covers is not the middle of the picture.)
-    const { right, width } = element("panel").getBoundingClientRect();
-    if (width < clientWidth / 2) this.camera.setViewOffset(clientWidth, clientHeight, -right / 2, 0, clientWidth, clientHeight);
-    else this.camera.clearViewOffset();
+    const shorter = Math.min(width - left, height - bottom);
+    const tangent = Math.tan((ANGLE * Math.PI) / 360);
+    this.camera.fov = (Math.atan((tangent * height) / shorter) * 360) / Math.PI;
+    this.camera.aspect = width / height;
+    this.camera.setViewOffset(width, height, -left / 2, bottom / 2, width, height);
+    /** What is not covered has its middle there, in the coordinates of `hitAt`. */
+    this.middle = [left / width, bottom / height];
     this.camera.updateProjectionMatrix();
+    this.onMove();
     this.draw();
   }
 
@@ -132,15 +148,17 @@ export class Scene {
   }
 
   /**
-   * Adds the controls of a section along an axis. `onCut(axis, at)` is called with the axis and the place on it; without arguments where
-   * there is no section.
+   * Adds the controls of a section along an axis, which starts as the settings have it. `onCut(axis, at)` is called with the axis and the
+   * coordinate on it; without arguments where there is no section.
    */
-  addSection(onCut) {
+  addSection(setting, onCut) {
     const axes = ["x", "y", "z"];
-    let axis = "";
-    const at = slider(0, 1, 0.5, 0.001, () => cut());
+    const [, first = "", share = "0.5"] = /^([xyz]):(0(?:\.\d+)?|1)$/.exec(setting ?? "") ?? [];
+    let axis = first;
+    const at = slider(0, 1, share, 0.001, () => cut());
     const cut = () => {
       at.disabled = axis === "";
+      changeSettings({ section: axis && `${axis}:${at.value}` });
       if (axis === "") {
         this.plane.constant = 1e30;
         onCut();
@@ -156,12 +174,13 @@ export class Scene {
       }
       this.draw();
     };
-    field("Section", choice([["", "none"], ...axes.map((name) => [name, `across ${name}`])], "", (chosen) => {
+    field("Section", choice([["", "none"], ...axes.map((name) => [name, `across ${name}`])], axis, (chosen) => {
       axis = chosen;
       cut();
     }));
     field("at", at);
     at.disabled = true;
+    if (axis) cut();
   }
 
   close() {

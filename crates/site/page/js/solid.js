@@ -1,6 +1,6 @@
 // Octrees: surfaces of cells, with finer levels as one comes nearer, and sections with their values.
 
-import { element, fill, latest, table, text, working } from "./interface.js";
+import { clearResult, fill, latest, table, text, working } from "./interface.js";
 import { Scene } from "./scene.js";
 import { showLegend } from "./legend.js";
 
@@ -162,10 +162,10 @@ export async function show({ dataset, place, assetUrl }) {
     view.scene.add(quad);
     view.draw();
   });
-  view.addSection(cut);
+  view.addSection(place.section, cut);
 
   const tell = latest(async (signal, hit) => {
-    if (!hit) return (element("answer").hidden = true);
+    if (!hit) return clearResult();
     // (The cell that has the face is behind it: a quarter of a cell on.)
     const step = hit.object === quad ? 0 : -0.25 * smallest;
     const inside = hit.point.clone().addScaledVector(hit.face.normal, step).add(origin).applyMatrix4(toCells);
@@ -178,7 +178,7 @@ export async function show({ dataset, place, assetUrl }) {
     fill("answer", "Cell", table([], rows));
   });
   view.onClick = tell;
-  showLegend(await dataset.legend({}), new Set(), () => {});
+  showLegend(await dataset.legend({}), new Set());
   return view;
 }
 

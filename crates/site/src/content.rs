@@ -1,0 +1,104 @@
+//! Contents of files, as far as a page knows them before it reads the files.
+
+use std::path::Path;
+
+use spinney_base::Result;
+use spinney_base::io::FileAccess;
+use spinney_base::space::Dimension;
+use spinney_container::{Content, FileHeader};
+
+/// Content of a file that is listed in a page.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PageContent {
+    /// Not known: the page finds out when it opens the file.
+    #[default]
+    Unknown,
+    /// A raster, shown as a map.
+    Map,
+    /// An octree of cells.
+    Volume,
+    /// An exact model.
+    Model,
+    /// A tree of points, which no page shows.
+    Points,
+    /// A tree of lines, which no page shows.
+    Lines,
+    /// A shard summary, which no page shows.
+    Shard,
+}
+
+impl PageContent {
+    /// The content of a local file by its header; `Unknown` if that cannot be read.
+    pub fn of(path: &Path) -> PageContent {
+        PageContent::read(path).unwrap_or_default()
+    }
+
+    /// The content of a local file by its header.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or is no file of this program.
+    pub(crate) fn read(path: &Path) -> Result<PageContent> {
+        let header = FileHeader::read(path, &*FileAccess::default().peek(path)?)?;
+        Ok(match (header.content, header.dimension) {
+            (Content::Cells, Dimension::Quad) => PageContent::Map,
+            (Content::Cells, Dimension::Oct) => PageContent::Volume,
+            (Content::Model, _) => PageContent::Model,
+            (Content::Points, _) => PageContent::Points,
+            (Content::Lines, _) => PageContent::Lines,
+            (Content::Shard, _) => PageContent::Shard,
+        })
+    }
+
+    /// Whether pages show it; what is not known yet may be.
+    pub(crate) fn is_shown(self) -> bool {
+        self.refusal().is_none()
+    }
+
+    /// Its name in the configuration of the page; `None` if it is not known.
+    pub(crate) fn name(self) -> Option<&'static str> {
+        match self {
+            PageContent::Unknown => None,
+            PageContent::Map => Some("map"),
+            PageContent::Volume => Some("volume"),
+            PageContent::Model => Some("model"),
+            PageContent::Points => Some("points"),
+            PageContent::Lines => Some("lines"),
+            PageContent::Shard => Some("shard"),
+        }
+    }
+
+    /// Why a page cannot show it, and what to do: what was found, and advice.
+    pub(crate) fn refusal(self) -> Option<(&'static str, &'static str)> {
+        match self {
+            PageContent::Points => Some((
+                "a page of points",
+                "make a raster of them first (`spinney transform POINTS.goblin -o OUT.goblin raster=mean,cell=1`)",
+            )),
+            PageContent::Lines => Some((
+                "a page of lines",
+                "write the features first (`spinney get LINES.goblin LINES.geojson`), and build a tree of cells of them",
+            )),
+            PageContent::Shard => Some((
+                "a page of a shard summary",
+                "merge the shards of its job first (`spinney shard merge`)",
+            )),
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn contents_are_those_of_the_headers() {
+        let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/v1");
+        let of = |name: &str| PageContent::of(&fixtures.join(name));
+        assert_eq!(of("classes.goblin"), PageContent::Map);
+        assert_eq!(of("history.autumn"), PageContent::Map);
+        assert_eq!(of("ball.goblin"), PageContent::Volume);
+        assert_eq!(of("chapel.goblin"), PageContent::Model);
+        assert_eq!(of("missing.goblin"), PageContent::Unknown);
+    }
+}
