@@ -89,6 +89,16 @@ pub fn shared_data() -> Option<PathBuf> {
     Some(folder)
 }
 
+/// Models of public bug reports, if the test data have them.
+pub fn reported_models() -> Option<PathBuf> {
+    let models = shared_data()?.join("hostile/reports/models");
+    if !models.is_dir() {
+        eprintln!("skipped: {} is not there", models.display());
+        return None;
+    }
+    Some(models)
+}
+
 /// Small numbers that look random but are the same every time (splitmix64).
 pub struct Random(pub u64);
 

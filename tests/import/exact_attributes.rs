@@ -58,7 +58,7 @@ fn text() -> String {
                 "attributes": {{ "year": 1948, "height": 10.10, "none": null, "roof": {{ "kind": "flat, \" red\"",
                     "slopes": [ 1, [ 2.50, true ] ] }}, "naïve \\ key": "\u00e9 \t" }} }},
             "house-0": {{ "type": "BuildingPart", "parents": ["house"], {geometry},
-                "geographicalExtent": [0.5, 0, 0, 1, 1, 1] }},
+                "geographicalExtent": [0, 0.0, 0, 1, 1, 1] }},
             "thing": {{ "type": "GenericCityObject" }}
         }},
         "vertices":{vertices}}}"#
@@ -84,7 +84,7 @@ fn attributes_come_back() {
                  \"none\":null,\"roof\":{\"kind\":\"flat, \\\" red\\\"\",\"slopes\":[1,[2.50,true]]},\
                  \"naïve \\\\ key\":\"\\u00e9 \\t\"}}";
     assert_eq!(part(0).as_deref(), Some(house));
-    assert!(part(1).unwrap().contains("\"geographicalExtent\":[0.5,0,0,1,1,1]"));
+    assert!(part(1).unwrap().contains("\"geographicalExtent\":[0,0.0,0,1,1,1]"));
     assert_eq!(part(2), None);
     // By name, and column by column.
     for (number, name) in (0..).zip(model.parts()) {

@@ -7,6 +7,8 @@ mod common;
 mod arrays;
 #[cfg(feature = "raster")]
 mod bands;
+#[cfg(feature = "mesh")]
+mod city_geometry;
 #[cfg(feature = "raster")]
 mod cog;
 mod descriptions;

@@ -6,7 +6,7 @@ use spinney::query::EdgeRule;
 use spinney::{ExactModel, Output};
 
 use crate::common::solid::{Point, Triangle, build, cells, cuboid, plain, tetrahedra};
-use crate::common::{Random, shared_data, with};
+use crate::common::{Random, reported_models, with};
 
 /// Distances from the origin.
 const OFFSETS: [Point; 3] = [[1e6; 3], [1e9, -1e9, 1e9], [1e9, 0.0, 1e6]];
@@ -108,13 +108,7 @@ fn exact_models_far_from_the_origin_have_the_same_volume() {
 /// A house in millimetres, in UTM coordinates.
 #[test]
 fn a_house_in_millimetres_keeps_its_volume() {
-    let Some(path) = shared_data().map(|data| data.join("hostile/reports/models/house_mm_utm.off")) else {
-        return;
-    };
-    if !path.exists() {
-        eprintln!("{} is not there: skipped", path.display());
-        return;
-    }
+    let Some(path) = reported_models().map(|models| models.join("house_mm_utm.off")) else { return };
     for resolution in
         [Resolution::Cells(64), Resolution::Cells(50), Resolution::Cell(200.0), Resolution::Cell(300.0)]
     {

@@ -144,13 +144,7 @@ fn shells_have_the_cells_behind_faces_in_walls() {
 
 #[test]
 fn reported_models_are_right() {
-    let Some(folder) = crate::common::shared_data().map(|data| data.join("hostile/reports/models")) else {
-        return;
-    };
-    if !folder.is_dir() {
-        eprintln!("{} is not there: skipped", folder.display());
-        return;
-    }
+    let Some(folder) = crate::common::reported_models() else { return };
     let of = |name: &str, change: &dyn Fn(&mut ExactOptions)| {
         let out = tempfile::tempdir().unwrap();
         let path = out.path().join("x.goblin");

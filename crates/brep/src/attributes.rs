@@ -119,6 +119,69 @@ pub fn each_member<'a>(json: &'a str, each: impl FnMut(&str, &'a str)) -> serde_
     json.end()
 }
 
+/// The text about a part with other points in the locations of its addresses: `map` gives the new JSON text of each list of points
+/// (`address[].location.boundaries`), or `None` for a location that is left out.
+///
+/// In the attributes of a model, these lists have the points' coordinates in the world, `[[x,y,z],...]`. (CityJSON files have numbers of vertices there.)
+///
+/// # Errors
+/// If it is no JSON object.
+pub fn map_locations(about: &str, map: &mut LocationMap<'_>) -> serde_json::Result<String> {
+    with_member(about, "address", &mut |addresses| {
+        if addresses.starts_with('{') {
+            return with_location(addresses, map).map(Some);
+        }
+        if !addresses.starts_with('[') {
+            return Ok(Some(addresses.into()));
+        }
+        let addresses: Vec<&RawValue> = serde_json::from_str(addresses)?;
+        let mapped = addresses.iter().map(|address| match address.get() {
+            object if object.starts_with('{') => with_location(object, map),
+            other => Ok(other.into()),
+        });
+        Ok(Some(format!("[{}]", mapped.collect::<serde_json::Result<Vec<_>>>()?.join(","))))
+    })
+}
+
+/// Gives the new JSON text of a list of points.
+type LocationMap<'a> = dyn FnMut(&str) -> Option<String> + 'a;
+
+/// An address with another location.
+fn with_location(address: &str, map: &mut LocationMap<'_>) -> serde_json::Result<String> {
+    with_member(address, "location", &mut |location| {
+        if !location.starts_with('{') {
+            return Ok(Some(location.into()));
+        }
+        let mut has_points = false;
+        let mapped = with_member(location, "boundaries", &mut |boundaries| {
+            let mapped = map(boundaries);
+            has_points = mapped.is_some();
+            Ok(mapped)
+        })?;
+        Ok(has_points.then_some(mapped))
+    })
+}
+
+/// Gives the new JSON text of a member, or `None` if it is left out.
+pub(crate) type MemberMap<'a> = dyn FnMut(&str) -> serde_json::Result<Option<String>> + 'a;
+
+/// A JSON object with another member of a name.
+pub(crate) fn with_member(object: &str, name: &str, map: &mut MemberMap<'_>) -> serde_json::Result<String> {
+    let mut text = ObjectText::default();
+    let mut failure = None;
+    each_member(object, |key, value| {
+        if key != name {
+            return text.push(key, value);
+        }
+        match map(value) {
+            Ok(Some(mapped)) => text.push(key, &mapped),
+            Ok(None) => {}
+            Err(error) => failure = Some(error),
+        }
+    })?;
+    failure.map_or(Ok(text.to_string()), Err)
+}
+
 /// A JSON object that is put together member by member, with nothing between tokens.
 #[derive(Default)]
 pub struct ObjectText {
@@ -179,6 +242,27 @@ mod tests {
         for wrong in ["", "[]", "1", "{\"a\":}", "{} {}"] {
             assert!(each_member(wrong, |_, _| ()).is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn locations_are_mapped() {
+        let text = "{\"type\":\"Building\",\"address\":[{\"a\":1.10,\"location\":{\"type\":\"MultiPoint\",\"boundaries\":[7]}},3,{\"b\":[]}]}";
+        let mapped = |text: &str, to: Option<&str>| {
+            map_locations(text, &mut |points| {
+                assert_eq!(points, "[7]");
+                to.map(String::from)
+            })
+        };
+        assert_eq!(mapped(text, Some("[[1,2,3]]")).unwrap(), text.replace("[7]", "[[1,2,3]]"));
+        let without = text.replace(",\"location\":{\"type\":\"MultiPoint\",\"boundaries\":[7]}", "");
+        assert_eq!(mapped(text, None).unwrap(), without);
+        assert_eq!(mapped(&without, None).unwrap(), without);
+        let single = "{\"address\":{\"location\":{\"boundaries\":[7]}}}";
+        assert_eq!(mapped(single, Some("[]")).unwrap(), single.replace("[7]", "[]"));
+        for same in ["{}", "{\"address\":null}", "{\"address\":[{\"location\":null}]}"] {
+            assert_eq!(mapped(same, None).unwrap(), same);
+        }
+        assert!(mapped("{\"address\":[}", None).is_err());
     }
 
     #[test]

@@ -41,7 +41,7 @@ pub(in crate::cli) struct PictureArgs {
     #[arg(long, value_name = "NAME")]
     pub(super) layer: Option<String>,
     /// Pages of a TIFF file that has several: the one of a number from 0, or all of them, as layers of a stack or as planes of a volume;
-    /// z takes files and folders of pictures, too, each a plane, in the order of the numbers in their names
+    /// z takes files and folders of pictures, too, each a plane, in the order of the numbers in their names (natural sort; signs, decimals and units of length count, missing numbers are reported)
     #[arg(long, value_name = "layers|z|N")]
     pages: Option<Pages>,
     /// Cells along x, y and z of a volume whose file has samples alone, x fastest; and samples of a cell, if there are several

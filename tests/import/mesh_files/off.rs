@@ -33,7 +33,10 @@ fn colours() {
     let files = Files::new();
     let colours = |text: &str| files.faces("a.off", text).unwrap()[0].colours.clone();
     let of_vertices = "COFF\n3 1 0\n0 0 0 255 0 51 255\n1 0 0 1.0 0 0.2 1\n0 1 0 0 0 255 0\n3 0 1 2\n";
-    assert_eq!(colours(of_vertices), [[255, 0, 51], [255, 0, 51], [0, 0, 255]]);
+    assert_eq!(colours(of_vertices), [[255, 0, 51], [1, 0, 0], [0, 0, 255]]);
+    // One range for all colours of a file: 0 to 1 if no number is greater.
+    let up_to_1 = "COFF\n3 1 0\n0 0 0 0.5 0.5 0.5 1\n1 0 0 1 1 1 1\n0 1 0 1 0 0 1\n3 0 1 2\n";
+    assert_eq!(colours(up_to_1), [[128; 3], [255; 3], [255, 0, 0]]);
     let with_normals =
         "CNOFF\n3 1 0\n0 0 0 0 0 1 1 2 3 4\n1 0 0 0 0 1 1 2 3 4\n0 1 0 0 0 1 5 6 7 8\n3 0 1 2\n";
     assert_eq!(colours(with_normals), [[1, 2, 3], [1, 2, 3], [5, 6, 7]]);
@@ -41,6 +44,28 @@ fn colours() {
     assert_eq!(colours(of_faces), [[255; 3]; 3]);
     assert_eq!(files.faces("a.off", of_faces).unwrap()[1].colours, [[255, 51, 0]; 3]);
     assert_eq!(colours(&of_faces.replace(" 1.0 0.2 0", " 7")), [[0; 3]; 0]);
+}
+
+#[test]
+fn line_breaks_and_case() {
+    let files = Files::new();
+    let plain = text_cube().replace(" # corner", "").replace("# a cube\n", "").replace("\n\n", "\n");
+    let numbers = plain.strip_prefix("OFF\n").unwrap().replace("8 6 12\n", "");
+    let words = numbers.split_whitespace().collect::<Vec<_>>();
+    for text in [
+        plain.to_lowercase(),
+        format!("OFF\n8\n6\n12\n{numbers}"),
+        format!("OFF\n8\n6\n{numbers}"),
+        format!("OFF 8 6 12 {}", words.join(" ")),
+        format!("OFF\n8 6 12\n{}\n", words.join(" ")),
+        format!("OFF\n8\n6\n12\n{}\n", words.join("\n")),
+        plain.replace("4 0 4 6 2", "4\n0 4\n6\n2"),
+        plain.replace('\n', "\r"),
+    ] {
+        assert_eq!(files.faces("a.off", &text).unwrap(), cube(), "{text}");
+    }
+    let coloured = text_cube().replace("OFF", "coff").replace(" # corner", " 1 0 0 1");
+    assert_eq!(files.faces("a.off", coloured).unwrap()[0].colours, [[255, 0, 0]; 4]);
 }
 
 #[test]

@@ -68,6 +68,46 @@ fn solids_are_parts() {
 }
 
 #[test]
+fn variants_of_text() {
+    let files = Files::new();
+    let expected: Vec<_> = facets().iter().map(|corners| corners.to_vec()).collect();
+    let long = "name ".repeat(2000);
+    for text in [
+        text_cube().replace("endsolid", "end solid"),
+        text_cube().replace("endloop", "end loop").replace("endfacet", "END FACET"),
+        text_cube().replace("a cube", ""),
+        text_cube().replace("a cube", long.trim_end()),
+        text_cube().replace("a cube\n  facet", "a cube\n# facets\ncolor 1 0 0\n  facet"),
+        format!("# made by hand\n{}", text_cube()),
+        text_cube().replace("  facet", "\n\t; remark\n// another\n  facet"),
+        text_cube().replace('\n', " "),
+        text_cube().replace('\n', "\r"),
+    ] {
+        assert_eq!(points(&files.faces("a.stl", &text).unwrap()), expected, "{}", &text[..200]);
+    }
+    let one_line = (text_cube() + &text_cube().replace("a cube", "solid rock")).replace('\n', " ");
+    assert_eq!(files.open("a.stl", one_line).unwrap().info().parts.len(), 2);
+}
+
+#[test]
+fn bytes_after_the_declared_facets() {
+    let files = Files::new();
+    let expected: Vec<_> = facets().iter().map(|corners| corners.to_vec()).collect();
+    // Files that were joined are solids of their own.
+    let twice = [binary_cube("a"), binary_cube("b")].concat();
+    let mut model = files.open("a.stl", &twice).unwrap();
+    assert_eq!((model.info().parts.len(), faces(&mut *model).unwrap().len()), (2, 24));
+    assert!(model.remarks().is_empty());
+    // Facets that the header does not count are reported.
+    let mut file = binary_cube("");
+    file[80..84].copy_from_slice(&10u32.to_le_bytes());
+    let mut model = files.open("a.stl", &file).unwrap();
+    assert_eq!(points(&faces(&mut *model).unwrap()), expected[..10]);
+    let remarks = model.remarks();
+    assert!(remarks[0].contains("10 facets") && remarks[0].contains("2 facets"), "{remarks:?}");
+}
+
+#[test]
 fn broken() {
     let files = Files::new();
     for (from, to, told) in [

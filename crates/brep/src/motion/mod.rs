@@ -14,6 +14,7 @@ mod view;
 use self::lattice::Lattice;
 use self::snapped::{NewUnit, Snapping};
 use super::arrangement::{ExactFace, Turner};
+use super::attributes::{map_locations, with_member};
 use super::closure::{Closure, Seed};
 use super::planar::PlanarCounts;
 use super::query::MassSums;
@@ -121,6 +122,36 @@ pub fn transform(
         Some(lattice) => work.exactly(&lattice, output),
         None => work.anew(output, options.snap.map_or(NewUnit::Finest, NewUnit::Width)),
     }
+}
+
+/// What is said of a part, with its addresses and its extent where they are after a motion.
+fn moved_about(mut about: String, motion: &Motion) -> String {
+    let json = |numbers: &[f64]| {
+        let is_finite = numbers.iter().all(|number| number.is_finite());
+        is_finite.then(|| serde_json::to_string(numbers).ok()).flatten()
+    };
+    if about.contains("\"address\"") {
+        let moved = map_locations(&about, &mut |points| {
+            let points: Vec<[f64; 3]> = serde_json::from_str(points).ok()?;
+            let moved: Option<Vec<String>> = points.iter().map(|point| json(&motion.apply(*point))).collect();
+            Some(format!("[{}]", moved?.join(",")))
+        });
+        about = moved.unwrap_or(about);
+    }
+    if about.contains("\"geographicalExtent\"") {
+        let moved = with_member(&about, "geographicalExtent", &mut |extent| {
+            let Ok(extent) = serde_json::from_str::<[f64; 6]>(extent) else { return Ok(Some(extent.into())) };
+            let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+            for corner in 0..8 {
+                let point = motion.apply([0, 1, 2].map(|axis| extent[axis + 3 * (corner >> axis & 1)]));
+                low = [0, 1, 2].map(|axis| low[axis].min(point[axis]));
+                high = [0, 1, 2].map(|axis| high[axis].max(point[axis]));
+            }
+            Ok(json([low, high].as_flattened()))
+        });
+        about = moved.unwrap_or(about);
+    }
+    about
 }
 
 /// A motion that is being done.
@@ -276,7 +307,8 @@ impl<'a> Target<'a> {
         let Target { work, grid, mut builder, after, .. } = self;
         let Work { model, motion, progress, .. } = *work;
         for (part, name) in (0..).zip(model.parts()) {
-            builder.part(name, model.part_attributes(part)?.as_deref())?;
+            let about = model.part_attributes(part)?.map(|about| moved_about(about, motion));
+            builder.part(name, about.as_deref())?;
         }
         model.file_attributes()?.iter().try_for_each(|text| builder.about_file(text))?;
         let rows = motion.to_rows();

@@ -76,6 +76,11 @@ pub trait Model: Send {
         0
     }
 
+    /// Remarks on what of the file is not read, for warnings.
+    fn remarks(&self) -> Vec<String> {
+        Vec::new()
+    }
+
     /// Number of values of faces that were not handed out when all of them were read last, because they make no sense or are too long; 0 before
     /// that.
     fn lost_values(&self) -> u64 {

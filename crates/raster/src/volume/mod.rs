@@ -5,6 +5,7 @@ mod input;
 mod npy;
 mod nrrd;
 mod raw;
+mod section_names;
 mod sections;
 mod spill;
 #[cfg(test)]
@@ -171,7 +172,7 @@ pub fn plan_raw(path: &Path, layout: &RawLayout, options: &VolumeOptions) -> Res
 /// Opens pictures that are the planes of a volume, one below the other along z, and decides how its octree is built: files, pages of TIFF files, and folders of pictures. They are
 /// alike: in size, number of bands and type. Place, nodata, colours and tags are those of the first.
 ///
-/// Pictures in a folder come in the order of the numbers in their names; so do files that are given in the order of their letters, as a shell's pattern gives them.
+/// Pictures in a folder come in the order of the numbers in their names, with signs, decimals and units of length; a warning reports numbers that are missing. So do files that are given in the order of their letters, as a shell's pattern gives them.
 ///
 /// # Errors
 /// If a file cannot be read, they differ or have opacity, or the options do not fit them.
@@ -186,6 +187,9 @@ pub fn plan_sections(inputs: &[PathBuf], options: &VolumeOptions) -> Result<Volu
     };
     if sections.others > 0 {
         words += &format!("; {} other files in folders are left out", sections.others);
+    }
+    if let Some(report) = &sections.missing {
+        words += &format!("; {report}");
     }
     let told = Told {
         words,

@@ -1,20 +1,20 @@
 //! Volumes in pictures: each is a plane, a file of its own or a page of a TIFF file.
 
-use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
 use super::array::{Array, ArrayLayout};
+use super::section_names::{missing_numbers, sort_by_numbers};
 use super::spill::BoxSpill;
 use crate::import::{Pixels, Raster, RasterInfo, RasterOptions, SampleFormat, open, page_directories};
 use spinney_base::space::{Bounds, Region};
 use spinney_base::value::SampleType;
-use spinney_base::{Error, Progress, Result, sort};
+use spinney_base::{Error, Progress, Result};
 
 /// Rows that are read at once, if memory allows.
 const ROWS: u64 = 256;
 
 /// Endings of pictures' names, which a folder of sections has.
-const ENDINGS: [&str; 17] = [
+pub(super) const ENDINGS: [&str; 17] = [
     "bmp", "exr", "gif", "hdr", "jpeg", "jpg", "pam", "pbm", "pgm", "png", "pnm", "ppm", "qoi", "tga", "tif",
     "tiff", "webp",
 ];
@@ -31,6 +31,8 @@ pub(super) struct Sections {
     sections: Vec<Section>,
     /// Files in folders of sections that are no pictures.
     pub(super) others: u64,
+    /// A report on numbers that are missing in their names.
+    pub(super) missing: Option<String>,
     /// Facts of the first, which hold for all but for their words.
     pub(super) info: RasterInfo,
     pub(super) layout: ArrayLayout,
@@ -86,13 +88,17 @@ impl Sections {
         if info.alpha.is_some() {
             return Err(with_mask(path, "opacity"));
         }
-        Ok(Sections { files, sections, others, info, layout, options })
+        let missing = missing_numbers(&files);
+        Ok(Sections { files, sections, others, missing, info, layout, options })
     }
 
     /// The samples of a box in a temporary file in a folder, one plane after the other, where blocks of many are read at once. Of planes outside of
     /// the box nothing is read, and of others only the box, where their format allows it.
     pub(super) fn spill(self, cells: Bounds, folder: &Path, progress: &dyn Progress) -> Result<Array> {
         let mut out = BoxSpill::new(self.layout, cells, folder)?;
+        if let Some(report) = &self.missing {
+            progress.warn(self.files[0].parent().unwrap_or(&self.files[0]), report);
+        }
         let [width, height, _] = self.layout.size;
         let cell = self.layout.cell() as u64;
         let rows = (self.options.memory / 2 / (width * cell).max(1)).clamp(1, ROWS);
@@ -180,7 +186,8 @@ fn stored_format(sample: SampleType) -> SampleFormat {
     }
 }
 
-/// The pictures that are meant, and the number of other files in folders. Those of a folder come in the order of the numbers in their names. So do those that are listed in
+/// The pictures that are meant, and the number of other files in folders. Those of a folder come in the order of the numbers in their names, which may have signs,
+/// decimals and units of length. So do those that are listed in
 /// the order of their letters, as a shell's pattern lists them, with `z10` before `z2`; any other order is one that somebody chose.
 pub(super) fn pictures_of(inputs: &[PathBuf]) -> Result<(Vec<PathBuf>, u64)> {
     let (mut files, mut others) = (Vec::new(), 0);
@@ -204,43 +211,13 @@ pub(super) fn pictures_of(inputs: &[PathBuf]) -> Result<(Vec<PathBuf>, u64)> {
             let advice = format!("sections are pictures: files that end with .{}", ENDINGS.join(", ."));
             return Err(Error::unsupported(input, "a folder without pictures", advice));
         }
-        sort::by(&mut inside, &mut |a, b| by_numbers(a, b));
+        sort_by_numbers(&mut inside);
         files.extend(inside);
     }
     if files.is_sorted() {
-        sort::by(&mut files, &mut |a, b| by_numbers(a, b));
+        sort_by_numbers(&mut files);
     }
     Ok((files, others))
-}
-
-/// The order of two paths, whose digits count as numbers.
-fn by_numbers(a: &Path, b: &Path) -> Ordering {
-    let [a, b] = [a, b].map(|path| path.to_string_lossy().into_owned());
-    let (mut left, mut right) = (a.as_bytes(), b.as_bytes());
-    loop {
-        let [digits, others] =
-            [left, right].map(|rest| rest.iter().take_while(|byte| byte.is_ascii_digit()).count());
-        if digits > 0 && others > 0 {
-            let ([own, rest], [other, further]) =
-                ([&left[..digits], &left[digits..]], [&right[..others], &right[others..]]);
-            let [own, other] = [own, other].map(|digits| {
-                let zeros = digits.iter().take_while(|digit| **digit == b'0').count();
-                &digits[zeros..]
-            });
-            let order = own.len().cmp(&other.len()).then_with(|| own.cmp(other));
-            if order != Ordering::Equal {
-                return order;
-            }
-            (left, right) = (rest, further);
-            continue;
-        }
-        match (left.split_first(), right.split_first()) {
-            (Some((x, rest)), Some((y, further))) if x == y => (left, right) = (rest, further),
-            // (Names that differ in zeros before their numbers alone come in the order of their letters.)
-            (None, None) => return a.cmp(&b),
-            (x, y) => return x.map(|(byte, _)| byte).cmp(&y.map(|(byte, _)| byte)),
-        }
-    }
 }
 
 #[cfg(test)]
@@ -248,17 +225,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_are_in_the_order_of_their_numbers() {
-        let files =
-            |names: &[&str]| pictures_of(&names.iter().map(PathBuf::from).collect::<Vec<_>>()).unwrap().0;
+    fn orders_that_are_chosen_stay() {
         let paths = |names: &[&str]| names.iter().map(PathBuf::from).collect::<Vec<_>>();
+        let files = |names: &[&str]| pictures_of(&paths(names)).unwrap().0;
         assert_eq!(files(&["z1.png", "z10.png", "z2.png"]), paths(&["z1.png", "z2.png", "z10.png"]));
-        assert_eq!(files(&["a2_b10", "a2_b9", "a10_b1"]), paths(&["a2_b10", "a2_b9", "a10_b1"]));
-        assert_eq!(files(&["a10_b1", "a2_b10", "a2_b9"]), paths(&["a2_b9", "a2_b10", "a10_b1"]));
-        assert_eq!(files(&["01", "010", "1", "2"]), paths(&["01", "1", "2", "010"]));
-        // An order that somebody chose.
+        assert_eq!(files(&["z+5", "z-10", "z-5", "z0"]), paths(&["z-10", "z-5", "z0", "z+5"]));
         assert_eq!(files(&["z3", "z2", "z1"]), paths(&["z3", "z2", "z1"]));
-        let long = "9".repeat(40);
-        assert_eq!(by_numbers(Path::new(&long), Path::new("1")), Ordering::Greater);
     }
 }

@@ -1,42 +1,50 @@
 //! Exact models as CityJSON: an object per part, surfaces with holes and semantics, vertices as whole numbers on the grid.
 
-use std::collections::HashSet;
 use std::io::Write;
+use std::path::Path;
 
+use super::city_objects::{CityObjects, member};
 use super::numbering::CornerNumbers;
 use super::semantics::COLUMNS;
+use super::shells::{Shell, Shells};
 use super::surfaces::{List, Surfaces};
 use super::survey::Survey;
 use super::{ExactSummary, Job, temporary_folder};
 use crate::export::sink::failed;
-use spinney_base::Result;
 use spinney_base::io::Output;
+use spinney_base::{Error, Result};
 use spinney_brep::attributes::each_member;
 use spinney_crs::Crs;
 
 pub(super) fn write(job: &Job<'_>, mut output: Output) -> Result<ExactSummary> {
+    let factor = unit_factor(job, output.path())?;
     let survey = Survey::of(job)?;
-    let folder = temporary_folder(&output);
+    let directory = temporary_folder(&output);
+    let mut shells = Shells::of(job, &survey, &directory)?;
     let path = output.path().to_path_buf();
     let mut text = |text: &str| output.write_all(text.as_bytes()).map_err(failed(&path));
     let grid = job.faces.grid();
-    let (width, origin) = (grid.width(), grid.to_world([0; 3]));
+    let (width, origin) = (grid.width() * factor, grid.to_world([0; 3]).map(|at| at * factor));
     text(&format!(
         "{{\"type\":\"CityJSON\",\"version\":\"2.0\",\"transform\":{{\"scale\":{},\"translate\":{}}},\n\"vertices\":[",
         numbers([width; 3]),
         numbers(origin)
     ))?;
     let mut separator = "\n";
-    let mut corners = CornerNumbers::of(job, false, &folder, &mut |([x, y, z], _)| {
+    let mut vertex = |[x, y, z]: [i64; 3], text: &mut dyn FnMut(&str) -> Result<()>| -> Result<()> {
         text(&format!("{separator}[{x},{y},{z}]"))?;
         separator = ",\n";
         Ok(())
-    })?;
+    };
+    let mut corners =
+        CornerNumbers::of(job, false, &directory, &mut |(point, _)| vertex(point.map(i64::from), &mut text))?;
+    let mut city_objects = CityObjects::new(job, &survey, factor, corners.vertices);
+    city_objects.each_address_point(&mut |point| vertex(point, &mut text))?;
     text("\n],\n")?;
-    let (about, mut lost_attributes) = about_file(&job.faces.file_attributes()?, job.faces.crs());
+    let (about, lost_files) = about_file(&job.faces.file_attributes()?, job.faces.crs());
     text(&about)?;
     text("\"CityObjects\":{")?;
-    let mut surfaces = Surfaces::new(&folder)?;
+    let mut surfaces = Surfaces::new(&directory, &mut shells)?;
     let mut found = Vec::new();
     let mut faces = 0;
     let columns = job.faces.value_columns()?;
@@ -46,58 +54,61 @@ pub(super) fn write(job: &Job<'_>, mut output: Output) -> Result<ExactSummary> {
         corners.next(face.points.len(), &mut found)?;
         surfaces.push(face, &found, values)
     })?;
-    let mut names = Names::default();
-    let mut open = None;
+    let mut open: Option<(Shell, List)> = None;
     let mut next_part = 0;
-    let all = job.faces.parts();
-    // (Parts without faces are objects without geometry.)
-    let mut objects = |until: u32, text: &mut dyn FnMut(&str) -> Result<()>| -> Result<()> {
+    let parts = u32::try_from(job.faces.parts().len()).unwrap_or(u32::MAX);
+    // Starts the objects up to a part, whose level of detail it returns. (Parts without faces are objects without geometry.)
+    let mut objects = |until: u32, text: &mut dyn FnMut(&str) -> Result<()>| -> Result<String> {
+        let mut lod = String::new();
         while next_part < until {
-            let separator = if next_part == 0 { "\n" } else { ",\n" };
-            let name = names.key(all.get(next_part as usize).map_or("", String::as_str));
-            let object = job.faces.part_attributes(next_part)?;
-            let object = object.as_deref().map(object_members);
-            lost_attributes += u64::from(object == Some(None));
-            let members = object.flatten().unwrap_or_else(|| format!("\"type\":{PLAIN}"));
-            text(&format!("{separator}{name}:{{{members}"))?;
+            text(if next_part == 0 { "\n" } else { ",\n" })?;
+            let (start, own) = city_objects.start(next_part)?;
+            text(&start)?;
+            lod = own;
             next_part += 1;
             if next_part < until {
                 text("}")?;
             }
         }
-        Ok(())
+        Ok(lod)
     };
-    let end_of_list = |part: u32| if survey.is_closed(part) { "]]" } else { "]" };
-    let end = |(part, list): (u32, List)| {
+    let kind = |shell: Shell| match (survey.is_closed(shell.part), shell.solids) {
+        (false, _) => ("MultiSurface", "[", "]"),
+        (true, 0 | 1) => ("Solid", "[[", "]]"),
+        (true, _) => ("MultiSolid", "[[[", "]]]"),
+    };
+    let end = |(shell, list): (Shell, List)| {
         let semantics = if list == List::Boundaries { "" } else { "}" };
-        format!("{}{semantics}}}]}}", end_of_list(part))
+        format!("{}{semantics}}}]}}", kind(shell).2)
     };
-    let lost_values = surfaces.finish(job, |part, list, bytes| {
-        let (kind, brackets) = if survey.is_closed(part) { ("Solid", "[[") } else { ("MultiSurface", "[") };
+    let lost_values = surfaces.finish(job, &mut |shell, list, bytes| {
+        let (name, begin, close) = kind(shell);
         match open {
-            Some(now) if now == (part, list) => text(",")?,
-            Some((now, _)) if now == part => match list {
-                List::Values => text(&format!("],\"values\":{brackets}"))?,
-                _ => text(&format!("{},\"semantics\":{{\"surfaces\":[", end_of_list(part)))?,
+            Some((now, before)) if now.part == shell.part && before == list => text(match list {
+                List::Semantics => ",",
+                _ if now.number == shell.number => ",",
+                _ if now.solid == shell.solid => "],[",
+                _ => "]],[[",
+            })?,
+            Some((now, _)) if now.part == shell.part => match list {
+                List::Values => text(&format!("],\"values\":{begin}"))?,
+                _ => text(&format!("{close},\"semantics\":{{\"surfaces\":["))?,
             },
             _ => {
                 if let Some(before) = open {
                     text(&end(before))?;
                 }
-                objects(part + 1, &mut text)?;
-                text(&format!(
-                    ",\"geometry\":[{{\"type\":\"{kind}\",\"lod\":\"2\",\"boundaries\":{brackets}"
-                ))?;
+                let lod = serde_json::Value::from(objects(shell.part + 1, &mut text)?);
+                text(&format!(",\"geometry\":[{{\"type\":\"{name}\",\"lod\":{lod},\"boundaries\":{begin}"))?;
             }
         }
-        open = Some((part, list));
+        open = Some((shell, list));
         text(bytes)
     })?;
     if let Some(last) = open {
         text(&end(last))?;
     }
-    let parts = u32::try_from(all.len()).unwrap_or(u32::MAX);
-    if open.is_none_or(|(last, _)| last + 1 < parts) {
+    if open.is_none_or(|(last, _)| last.part + 1 < parts) {
         objects(parts, &mut text)?;
         text("}")?;
     }
@@ -107,32 +118,39 @@ pub(super) fn write(job: &Job<'_>, mut output: Output) -> Result<ExactSummary> {
         vertices: corners.vertices,
         faces,
         lost_colours: survey.has_colours,
-        lost_attributes,
+        lost_attributes: lost_files + city_objects.lost,
         lost_values: lost_values > 0 || columns.iter().any(|name| !COLUMNS.contains(&name.as_str())),
         ..ExactSummary::default()
     })
 }
 
-/// The type of objects of which nothing else is known, in JSON.
-const PLAIN: &str = "\"GenericCityObject\"";
-
-/// The members of a city object from the text about a part, without its geometry; nothing if that is no JSON.
-fn object_members(about: &str) -> Option<String> {
-    let mut members = Vec::new();
-    let mut kind = PLAIN.to_string();
-    each_member(about, |key, value| match key {
-        "type" => kind = value.into(),
-        "geometry" => {}
-        _ => members.push(member(key, value)),
-    })
-    .ok()?;
-    members.insert(0, member("type", &kind));
-    Some(members.join(","))
+/// Units of the file in one unit of the model: coordinates of CityJSON are in the unit of the coordinate system, in metres without one.
+fn unit_factor(job: &Job<'_>, path: &Path) -> Result<f64> {
+    let (crs, unit) = (job.faces.crs(), job.faces.unit());
+    let own = crs.and_then(Crs::unit);
+    if own == Some("degrees") {
+        let found =
+            format!("CityJSON with coordinates in degrees ({})", crs.map(Crs::to_string).unwrap_or_default());
+        let advice = "heights are not in degrees: build the model in a projected coordinate system, or write PLY or OBJ";
+        return Err(Error::unsupported(path, found, advice));
+    }
+    let is_written = crs.is_some_and(|crs| reference_system(crs).is_some());
+    let to = if is_written { own.and_then(metres) } else { Some(1.0) };
+    Ok(unit.and_then(metres).zip(to).map_or(1.0, |(from, to)| from / to))
 }
 
-/// A member of a JSON object.
-pub(super) fn member(key: &str, json: &str) -> String {
-    format!("{}:{json}", serde_json::Value::from(key))
+/// Metres of a unit of length.
+pub(super) fn metres(unit: &str) -> Option<f64> {
+    Some(match unit {
+        "mm" => 0.001,
+        "cm" => 0.01,
+        "m" => 1.0,
+        "km" => 1000.0,
+        "in" => 0.0254,
+        "ft" => 0.3048,
+        "us-ft" => 1200.0 / 3937.0,
+        _ => return None,
+    })
 }
 
 /// Lines with the metadata and the extensions, and the number of files of which what they say is left out.
@@ -178,40 +196,13 @@ fn numbers(numbers: [f64; 3]) -> String {
     format!("[{x},{y},{z}]")
 }
 
-/// Keys of objects, none of which may come twice.
-#[derive(Default)]
-struct Names {
-    taken: HashSet<String>,
-}
-
-impl Names {
-    fn key(&mut self, name: &str) -> String {
-        let mut unique = name.to_string();
-        let mut number = 1;
-        while self.taken.contains(&unique) {
-            number += 1;
-            unique = format!("{name} ({number})");
-        }
-        let key = serde_json::Value::from(unique.as_str()).to_string();
-        self.taken.insert(unique);
-        key
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Texts of files that somebody made up.
+    /// Metadata that is made up.
     #[test]
     fn what_is_no_json_is_left_out() {
-        let members = |text: &str| object_members(text);
-        assert_eq!(members("{}").unwrap(), "\"type\":\"GenericCityObject\"");
-        let text = "{\"a\":[1.10],\"geometry\":[7],\"type\":\"Road\",\"type\":\"Bridge\"}";
-        assert_eq!(members(text).unwrap(), "\"type\":\"Road\",\"a\":[1.10]");
-        for wrong in ["", "{", "[]", "{\"a\":}", "{}}", "{\"a\":1},\"b\":{}"] {
-            assert_eq!(members(wrong), None, "{wrong}");
-        }
         let about =
             |texts: &[&str]| about_file(&texts.iter().map(|text| text.to_string()).collect::<Vec<_>>(), None);
         assert_eq!(about(&[]), (String::new(), 0));

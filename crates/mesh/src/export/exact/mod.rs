@@ -1,13 +1,15 @@
 //! Exact models as meshes: polygons stay polygons, with their colours and parts as far as a format has room for them,
 //! such that the readers of this library understand them again.
 //!
-//! Faces are read three times: to look what there is, to number the vertices by an external sort, and to be written.
-//! Memory does not grow with the model: there are two sorts at a time, of 64 MiB each.
+//! Faces are read three times: for a survey, to number the vertices by an external sort, and to be written. For CityJSON they are read
+//! twice more, to find the shells of solids. Memory does not grow with the model, except by four bytes for each face there: there are two sorts at a time, of 64 MiB each.
 
 mod city_json;
+mod city_objects;
 mod numbering;
 mod polygons;
 mod semantics;
+mod shells;
 mod surfaces;
 mod survey;
 mod triangles;
@@ -67,9 +69,12 @@ pub struct ExactSummary {
 /// surfaces; other formats have none. Attributes of parts are written to CityJSON files alone. What is said of the file that the model was built from is, too, unless
 /// there were several.
 ///
-/// A part of a CityJSON file is a `Solid` with one shell if its faces are closed (every edge is passed as often in one
-/// direction as in the other, which is told from a sum of hashes), else a `MultiSurface`; names that come
-/// twice get a number behind them. In OBJ names, what would end the line or the name is replaced by `_`.
+/// A part of a CityJSON file is a `Solid` if its faces are closed (every edge is passed as often in one
+/// direction as in the other, which is determined from a sum of hashes), with a shell for its exterior and one for each cavity; a
+/// `MultiSolid` if these are several bodies; else a `MultiSurface`. Its level of detail is that of the file that the model was built from, or 2.
+/// Points of addresses are vertices, and extents of objects those of their faces. Coordinates are in the unit of the coordinate system, in metres without
+/// one: models in other units of length are converted, those in degrees are refused. Names that come
+/// twice get a number after them. In OBJ names, what would end the line or the name is replaced by `_`.
 ///
 /// ```
 /// use spinney::brep::{Face, Grid};
@@ -96,7 +101,12 @@ pub fn export_exact(
     output: Output,
     progress: &dyn Progress,
 ) -> Result<ExactSummary> {
-    let job = Job { faces, progress, passes: if format == MeshFormat::Stl { 1 } else { 3 } };
+    let passes = match format {
+        MeshFormat::Stl => 1,
+        MeshFormat::CityJson => 5,
+        _ => 3,
+    };
+    let job = Job { faces, progress, passes };
     let mut losses = Losses::of(&output);
     let mut summary = match format {
         MeshFormat::CityJson => city_json::write(&job, output)?,
@@ -118,7 +128,7 @@ pub fn export_exact(
     losses.add(holes > 0, format!("holes ({holes} are joined to the rings around them)"));
     losses.add(summary.lost_values, "values of faces");
     losses.add_crs(crs.filter(|crs| !(is_city && city_json::reference_system(crs).is_some())));
-    losses.add_unit(faces.unit(), is_city.then_some("m"));
+    losses.add_unit(faces.unit(), faces.unit().filter(|unit| is_city && city_json::metres(unit).is_some()));
     losses.tell(progress);
     Ok(summary)
 }

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::city_json::member;
+use super::city_objects::member;
 use crate::import::city_semantics::{ATTRIBUTES, PARENT, SURFACE, TYPE};
 use spinney_brep::attributes::each_member;
 

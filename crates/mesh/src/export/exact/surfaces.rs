@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::Job;
 use super::semantics::Semantics;
+use super::shells::{Shell, Shells};
 use spinney_base::io::Sorter;
 use spinney_base::{Error, Result};
 use spinney_brep::Face;
@@ -32,13 +33,17 @@ impl List {
 }
 
 /// Lists of all parts. A part whose surfaces have no semantics has boundaries alone.
-pub(super) struct Surfaces {
+pub(super) struct Surfaces<'a> {
+    shells: &'a mut Shells,
     folder: PathBuf,
     file: BufWriter<File>,
     runs: Sorter,
-    /// Number of runs: of texts of the same list of a part, and not too many.
+    /// Number of runs: of texts of the same list of a shell, and not too many.
     count: u64,
-    part: Option<u32>,
+    /// The part and the shell at hand.
+    shell: Option<(u32, u32)>,
+    /// Number of faces.
+    faces: u64,
     start: u64,
     at: u64,
     text: String,
@@ -46,15 +51,17 @@ pub(super) struct Surfaces {
     semantics: Semantics,
 }
 
-impl Surfaces {
-    pub(super) fn new(folder: &Path) -> Result<Surfaces> {
+impl<'a> Surfaces<'a> {
+    pub(super) fn new(folder: &Path, shells: &'a mut Shells) -> Result<Surfaces<'a>> {
         let file = tempfile::tempfile_in(folder).map_err(Error::io(folder, "use a temporary file"))?;
         Ok(Surfaces {
+            shells,
             folder: folder.to_path_buf(),
             file: BufWriter::with_capacity(1 << 20, file),
             runs: Sorter::new(folder, 21, MEMORY),
             count: 0,
-            part: None,
+            shell: None,
+            faces: 0,
             start: 0,
             at: 0,
             text: String::new(),
@@ -65,10 +72,11 @@ impl Surfaces {
 
     /// Adds a surface whose corners have such numbers, with its values in the columns of semantics, if there are any in the model.
     pub(super) fn push(&mut self, face: &Face<'_>, numbers: &[u64], values: &[Option<String>]) -> Result<()> {
-        let is_other = self.part != Some(face.part);
-        if is_other || self.at - self.start > MAX_BYTES || self.semantics.is_full() {
-            self.end_run(is_other)?;
-            self.part = Some(face.part);
+        let shell = Some((face.part, self.shells.of_face(face, self.faces)));
+        self.faces += 1;
+        if self.shell != shell || self.at - self.start > MAX_BYTES || self.semantics.is_full() {
+            self.end_run(self.shell.is_none_or(|(part, _)| part != face.part))?;
+            self.shell = shell;
         }
         self.text.clear();
         let separator = if self.at > self.start { "," } else { "" };
@@ -103,30 +111,39 @@ impl Surfaces {
 
     /// Ends the runs of the part, that of semantics only if there are no more for now, or too many.
     fn end_run(&mut self, is_last: bool) -> Result<()> {
-        let Some(part) = self.part.filter(|_| self.at > self.start) else { return Ok(()) };
-        self.push_run(part, List::Boundaries)?;
+        let Some((part, shell)) = self.shell.filter(|_| self.at > self.start) else { return Ok(()) };
+        self.push_run(part, shell, List::Boundaries)?;
         self.text = std::mem::take(&mut self.values);
         self.write()?;
-        self.push_run(part, List::Values)?;
+        self.push_run(part, shell, List::Values)?;
         if is_last || self.semantics.is_full() {
             self.text = self.semantics.take();
             self.write()?;
-            self.push_run(part, List::Semantics)?;
+            self.push_run(part, shell, List::Semantics)?;
         }
         Ok(())
     }
 
     /// Adds what was written behind the last run as one, unless it is nothing.
-    fn push_run(&mut self, part: u32, list: List) -> Result<()> {
+    fn push_run(&mut self, part: u32, shell: u32, list: List) -> Result<()> {
         let len = self.at - self.start;
         if len == 0 {
             return Ok(());
         }
-        // Parts one after the other, each with its lists, and these with their runs in order; there cannot be 2^30 of them in a model
-        // that numbers of this size hold.
-        let key = u64::from(part) << 32 | (list as u64) << 30 | self.count & ((1 << 30) - 1);
+        // Part by part, each with the boundaries of its shells, its semantics, and the values of its shells: that is less than 2^34 lists, as a model has
+        // at most 2^32 faces. The runs of each are in order; there cannot be 2^30 of them in a model that numbers of this size hold.
+        let (first, shells) = (u64::from(self.shells.first(part)), u64::from(self.shells.count(part)));
+        let own = u64::from(shell) - first;
+        let place = 2 * first
+            + u64::from(part)
+            + match list {
+                List::Boundaries => own,
+                List::Semantics => shells,
+                List::Values => shells + 1 + own,
+            };
+        let key = place << 30 | self.count & ((1 << 30) - 1);
         let mut item = Vec::with_capacity(21);
-        item.extend(part.to_le_bytes());
+        item.extend(shell.to_le_bytes());
         item.extend(self.start.to_le_bytes());
         item.extend(len.to_le_bytes());
         item.push(list as u8);
@@ -135,12 +152,12 @@ impl Surfaces {
         self.runs.push(key, item)
     }
 
-    /// Hands out all lists, part by part, in pieces of text; commas between runs are left to the caller. Returns the number of surfaces, or
+    /// Passes on all lists, part by part and shell by shell, in fragments of text; commas between runs are left to the caller. Returns the number of surfaces, or
     /// members of what is said of them, that have no place among semantics.
     pub(super) fn finish(
         mut self,
         job: &Job<'_>,
-        mut each: impl FnMut(u32, List, &str) -> Result<()>,
+        each: &mut dyn FnMut(Shell, List, &str) -> Result<()>,
     ) -> Result<u64> {
         self.end_run(true)?;
         let failed = || Error::io(&self.folder, "use a temporary file");
@@ -149,16 +166,16 @@ impl Surfaces {
         self.runs.finish(&mut |item| {
             job.progress.check()?;
             let eight = |at: usize| u64::from_le_bytes(item[at..at + 8].try_into().unwrap_or_default());
-            let part = u32::from_le_bytes(item[..4].try_into().unwrap_or_default());
+            let shell = self.shells.get(u32::from_le_bytes(item[..4].try_into().unwrap_or_default()));
             let (start, len) = (eight(4), eight(12));
             let list = List::ALL[usize::from(item[20])];
-            if list == List::Values && !self.semantics.has_some(part) {
+            if list == List::Values && !self.semantics.has_some(shell.part) {
                 return Ok(());
             }
             file.seek(SeekFrom::Start(start)).map_err(failed())?;
             bytes.clear();
             (&mut file).take(len).read_to_end(&mut bytes).map_err(failed())?;
-            each(part, list, str::from_utf8(&bytes).unwrap_or_default())
+            each(shell, list, str::from_utf8(&bytes).unwrap_or_default())
         })?;
         Ok(self.semantics.lost())
     }

@@ -12,6 +12,8 @@ pub(super) struct Survey {
     pub(super) has_colours: bool,
     /// Whether a face has corners of different colours.
     pub(super) has_shades: bool,
+    /// By part: bounds of its faces.
+    bounds: Vec<Option<[[i32; 3]; 2]>>,
     /// By part: a sum that is 0 if edges are passed as often in one direction as in the other. That it is 0
     /// otherwise would be a coincidence of 128 bits.
     open: Vec<u128>,
@@ -19,7 +21,8 @@ pub(super) struct Survey {
 
 impl Survey {
     pub(super) fn of(job: &Job<'_>) -> Result<Survey> {
-        let mut survey = Survey { open: vec![0; job.faces.parts().len()], ..Survey::default() };
+        let parts = job.faces.parts().len();
+        let mut survey = Survey { open: vec![0; parts], bounds: vec![None; parts], ..Survey::default() };
         job.each(&mut |face| {
             let bridges = 2 * face.ring_ends.len().saturating_sub(1);
             survey.most_corners = survey.most_corners.max(face.points.len() + bridges);
@@ -28,9 +31,17 @@ impl Survey {
             if let Some(sum) = survey.open.get_mut(face.part as usize) {
                 *sum = sum.wrapping_add(edges(face));
             }
+            if let Some(bounds) = survey.bounds.get_mut(face.part as usize) {
+                *bounds = join_bounds(*bounds, bounds_of(face.points));
+            }
             Ok(())
         })?;
         Ok(survey)
+    }
+
+    /// Bounds of the faces of a part, if it has any.
+    pub(super) fn bounds(&self, part: u32) -> Option<[[i32; 3]; 2]> {
+        self.bounds.get(part as usize).copied().flatten()
     }
 
     /// Whether the faces of a part are closed.
@@ -39,8 +50,22 @@ impl Survey {
     }
 }
 
+/// Bounds of points.
+pub(super) fn bounds_of(points: &[[i32; 3]]) -> Option<[[i32; 3]; 2]> {
+    points.iter().fold(None, |bounds, point| join_bounds(bounds, Some([*point; 2])))
+}
+
+/// The box around two boxes.
+pub(super) fn join_bounds(a: Option<[[i32; 3]; 2]>, b: Option<[[i32; 3]; 2]>) -> Option<[[i32; 3]; 2]> {
+    let (Some([low, high]), Some([other_low, other_high])) = (a, b) else { return a.or(b) };
+    Some([
+        [0, 1, 2].map(|axis| low[axis].min(other_low[axis])),
+        [0, 1, 2].map(|axis| high[axis].max(other_high[axis])),
+    ])
+}
+
 /// The sum over the edges of a face: those of the two directions cancel each other.
-fn edges(face: &Face<'_>) -> u128 {
+pub(super) fn edges(face: &Face<'_>) -> u128 {
     let mut sum = 0u128;
     for ring in face.rings() {
         for (i, &from) in ring.iter().enumerate() {

@@ -265,6 +265,9 @@ pub fn import_exact(
             Wrong { built: &built, objects: &objects, closing: &closing, is_repaired: options.repair };
         return Err(wrong.named(error, &mut models, snapper, progress)?);
     }
+    for model in &models {
+        model.remarks().iter().for_each(|remark| progress.warn(&model.info().path, remark));
+    }
     let lost_values = models.iter().map(|model| model.lost_values()).sum();
     if lost_values > 0 {
         let text = "values of faces (in CityJSON semantics of surfaces) make no sense or are too long, and are not kept";

@@ -16,6 +16,9 @@ pub(crate) const PARENT: &str = "parent";
 /// Column of what else is said of a face's surface: a JSON object.
 pub(crate) const ATTRIBUTES: &str = "attributes";
 
+/// The member of the text about a part that has the level of detail of its geometry, unless that is 2.
+pub(crate) const LOD: &str = "lod";
+
 /// Most bytes of a type, and of attributes of a surface. Each face of a surface has them, so that files grow by as much with each number of two
 /// bytes.
 const MAX_BYTES: usize = 4096;

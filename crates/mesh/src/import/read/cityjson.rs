@@ -10,7 +10,7 @@ use serde::{Deserialize, Deserializer};
 use serde_json::value::RawValue;
 
 use super::city_geometry::Geometries;
-use super::city_semantics::Semantics;
+use super::city_semantics::{LOD, Semantics};
 use super::city_templates::{Placement, Templates};
 use super::corners::{Corners, MAX_CORNERS};
 use super::model_file::ModelFile;
@@ -19,7 +19,7 @@ use super::vertices::{Coordinates, Table, VertexBounds, Vertices, VerticesBuilde
 use super::{MeshFace, Model, ModelInfo};
 use spinney_base::{Error, Result};
 use spinney_brep::Attributes;
-use spinney_brep::attributes::{ObjectText, each_member};
+use spinney_brep::attributes::{ObjectText, each_member, map_locations};
 use spinney_container::OtherFormat;
 use spinney_crs::Crs;
 use spinney_records::text::{line_number, shown};
@@ -227,6 +227,7 @@ fn read_metadata(
 /// The names and attributes of all city objects.
 struct ReadNames<'a> {
     source: &'a ModelFile,
+    vertices: Table<'a>,
     parts: &'a mut Parts,
     attributes: &'a mut Attributes,
     /// The part that the next object is.
@@ -246,22 +247,62 @@ impl<'de> Visitor<'de> for ReadNames<'_> {
             keep(self.failure, self.parts.push(self.source, name))?;
             let mut text = ObjectText::default();
             // The type that objects have whose type is not known says nothing.
-            let mut is_plain = true;
-            let members = each_member(object.get(), |key, value| {
-                if key != "geometry" {
+            let (mut is_plain, mut has_address, mut lod) = (true, false, None);
+            let members = each_member(object.get(), |key, value| match key {
+                // (Errors in geometries are reported where they are read.)
+                "geometry" => lod = serde_json::from_str(value).ok().and_then(|own: Geometries<'_>| own.lod),
+                LOD => {}
+                _ => {
+                    has_address |= key == "address";
                     is_plain &= key == "type" && value == "\"GenericCityObject\"";
                     text.push(key, value);
                 }
             });
             let members = members.map_err(|error| not_json_there(self.source, object, &error));
             keep(self.failure, members)?;
+            if let Some(lod) = lod.filter(|lod| lod.is_finite() && *lod != 2.0) {
+                is_plain = false;
+                text.push(LOD, &format!("\"{lod}\""));
+            }
             if !is_plain {
-                let pushed = self.attributes.push_part(self.source.path(), *self.part, text.to_string());
+                let mut text = text.to_string();
+                if has_address {
+                    text = keep(self.failure, address_points(self.source, self.vertices, object, &text))?;
+                }
+                let pushed = self.attributes.push_part(self.source.path(), *self.part, text);
                 keep(self.failure, pushed)?;
             }
             *self.part += 1;
         }
         Ok(())
+    }
+}
+
+/// The text about an object, in which the points of addresses have coordinates, and not the numbers of vertices that the object has.
+fn address_points(source: &ModelFile, vertices: Table<'_>, object: &RawValue, about: &str) -> Result<String> {
+    let mut missing = None;
+    let mapped = map_locations(about, &mut |numbers| {
+        let Ok(numbers) = serde_json::from_str::<Vec<u64>>(numbers) else {
+            missing = Some(shown(numbers.as_bytes()));
+            return None;
+        };
+        let points = numbers.iter().map(|number| match *number < vertices.len() {
+            true => serde_json::to_string(&vertices.position(*number)).ok(),
+            false => {
+                missing = Some(format!("vertex {number} of {}", vertices.len()));
+                None
+            }
+        });
+        Some(format!("[{}]", points.collect::<Option<Vec<_>>>()?.join(",")))
+    });
+    let mapped = mapped.map_err(|error| not_json_there(source, object, &error))?;
+    match missing {
+        None => Ok(mapped),
+        Some(found) => {
+            let offset = object.get().as_ptr() as usize - source.bytes().as_ptr() as usize;
+            let position = format!("address of the object at line {}", line_number(source.bytes(), offset));
+            Err(source.corrupt(position, found, "numbers of vertices that are in the list of vertices"))
+        }
     }
 }
 
@@ -434,7 +475,8 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
             .map(|Transform { scale: [x, y, z], .. }| (x, x == y && y == z && x.is_normal() && x > 0.0));
         let own = own.and_then(|(width, is_one)| is_one.then_some(width));
         step = Some(own.filter(|_| step.is_none_or(|step| step == own)));
-        read_vertices(&source, document, transform, &mut bounds, memory)?;
+        let vertices = read_vertices(&source, document, transform, &mut bounds, memory)?;
+        let vertices = vertices.table();
         if count == 1 {
             version.clone_from(&document.version);
             crs = read_metadata(&source, document, &mut attributes)?;
@@ -442,10 +484,18 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         let Some(text) = document.objects else { return Ok(()) };
         walk(&source, text, &mut None, |failure, json| {
             let (source, parts, attributes) = (&source, &mut parts, &mut attributes);
-            json.deserialize_map(ReadNames { source, parts, attributes, part: &mut part, failure })
+            json.deserialize_map(ReadNames { source, vertices, parts, attributes, part: &mut part, failure })
         })
     })?;
     let vertex_bounds = bounds.get().ok_or_else(|| source.no_vertices())?;
+    // Coordinates are in the unit of the system, in metres where none is known.
+    let unit = crs.as_ref().and_then(Crs::unit).unwrap_or("m");
+    if unit == "degrees" {
+        let name = crs.as_ref().map(Crs::to_string).unwrap_or_default();
+        let found = format!("CityJSON with coordinates in degrees ({name})");
+        let advice = "heights are not in degrees: bring the file into a projected coordinate system first, as with `cjio IN reproject 7415 save OUT`";
+        return Err(Error::unsupported(source.path(), found, advice));
+    }
     let kind = if count > 1 { "CityJSONSeq" } else { "CityJSON" };
     let info = ModelInfo {
         path: source.path().to_path_buf(),
@@ -453,7 +503,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         faces: None,
         bounds: vertex_bounds,
         crs,
-        unit: Some("m".into()),
+        unit: Some(unit.into()),
         step: step.flatten(),
         parts: parts.names(),
         is_grouped: false,

@@ -5,6 +5,7 @@ mod city_geometry;
 pub(crate) mod city_semantics;
 mod city_templates;
 mod cityjson;
+mod colour_range;
 mod corners;
 mod exact;
 mod model_file;
@@ -14,6 +15,8 @@ mod parts;
 mod ply;
 mod spill;
 mod stl;
+#[cfg(test)]
+mod tests;
 mod vertices;
 
 use std::path::{Path, PathBuf};
@@ -79,7 +82,7 @@ fn format(source: &ModelFile) -> Option<Format> {
     if matches!(bytes, [b'p', b'l', b'y', b'\r' | b'\n' | b' ', ..]) {
         return Some(Format::Ply);
     }
-    if off::keyword(bytes).is_some() {
+    if off::has_keyword(bytes) {
         return Some(Format::Off);
     }
     if bytes.trim_ascii_start().starts_with(b"{") && extension != "stl" {

@@ -7,7 +7,7 @@ use super::vertices::VertexBounds;
 use super::{MeshFace, Model, ModelInfo};
 use spinney_base::Result;
 use spinney_brep::Attributes;
-use spinney_records::text::{Lines, real, shown, words};
+use spinney_records::text::{Lines, Words, line_number, real, shown};
 
 /// Bytes before the first facet of a binary file: a free text and the number of facets.
 const HEADER: usize = 84;
@@ -26,19 +26,27 @@ struct Stl {
     degenerate: u64,
 }
 
-/// Whether a file has exactly the length that a binary one with its number of facets has.
+/// Bytes in which the first facet of a text file is searched for: names of solids may be long.
+const SEARCHED: usize = 1 << 20;
+
+/// Whether a file has exactly the length that a binary one with its number of facets has, or several of them joined.
 pub(super) fn is_binary(bytes: &[u8]) -> bool {
-    announced(bytes).is_some_and(|count| count > 0 && length(count) == bytes.len() as u64)
+    let (solids, end) = binary_solids(bytes);
+    solids.first().is_some_and(|(_, count)| *count > 0) && end == bytes.len()
 }
 
-/// Whether a file starts like a text one.
+/// Whether a file starts like a text one: with `solid`, and a facet or an end before any zero byte.
 pub(super) fn is_text(bytes: &[u8]) -> bool {
-    let start = &bytes[..bytes.len().min(4096)];
-    let mut lines = Lines::new(start, 0).map(words).filter_map(|mut words| words.next());
-    lines.next().is_some_and(|word| word.eq_ignore_ascii_case(b"solid"))
-        && lines
-            .next()
-            .is_some_and(|word| [&b"facet"[..], b"endsolid"].iter().any(|w| word.eq_ignore_ascii_case(w)))
+    let start = &bytes[..bytes.len().min(SEARCHED)];
+    let mut tokens = Tokens::new(start);
+    tokens.next().is_some_and(|word| is_any(word, &["solid"]))
+        && tokens
+            .find(|word| word.contains(&0) || is_any(word, &["facet", "endsolid", "end"]))
+            .is_some_and(|word| !word.contains(&0))
+}
+
+fn is_any(word: &[u8], keywords: &[&str]) -> bool {
+    keywords.iter().any(|keyword| word.eq_ignore_ascii_case(keyword.as_bytes()))
 }
 
 /// Number of facets that a binary file's header tells.
@@ -48,6 +56,110 @@ fn announced(bytes: &[u8]) -> Option<u32> {
 
 fn length(facets: u32) -> u64 {
     HEADER as u64 + u64::from(facets) * FACET as u64
+}
+
+/// The solids of a binary file, each by its first byte and number of facets, and the end of the last one: the first, and, if these end with the file, those of
+/// files that were joined to it.
+fn binary_solids(bytes: &[u8]) -> (Vec<(usize, u32)>, usize) {
+    let (mut solids, mut at) = (Vec::new(), 0);
+    while let Some(count) = announced(&bytes[at..]).filter(|count| *count > 0 || at == 0)
+        && length(count) <= (bytes.len() - at) as u64
+    {
+        solids.push((at, count));
+        at += length(count) as usize;
+    }
+    if at != bytes.len() && solids.len() > 1 {
+        solids.truncate(1);
+        at = length(solids[0].1) as usize;
+    }
+    (solids, at)
+}
+
+/// Words of a text file without comments and colours.
+struct Tokens<'a> {
+    bytes: &'a [u8],
+    words: Words<'a>,
+}
+
+impl<'a> Tokens<'a> {
+    fn new(bytes: &'a [u8]) -> Tokens<'a> {
+        Tokens { bytes, words: Words::new(bytes, 0) }
+    }
+
+    /// The rest of the line, which is passed over.
+    fn line_end(&mut self) -> &'a [u8] {
+        let rest = &self.bytes[self.words.offset..];
+        let length = rest.iter().position(|byte| matches!(byte, b'\n' | b'\r')).unwrap_or(rest.len());
+        self.words.offset += length;
+        &rest[..length]
+    }
+
+    /// Passes over numbers.
+    fn skip_numbers(&mut self) {
+        let mut ahead = self.words.clone();
+        while ahead.next().is_some_and(|word| real(word).is_some()) {
+            self.words = ahead.clone();
+        }
+    }
+
+    /// The rest of the line after `solid`, or up to what follows in the same line.
+    fn name(&mut self) -> &'a [u8] {
+        let (start, mut ahead) = (self.words.offset, self.words.clone());
+        while let Some((at, word)) = self.next_in_line(&mut ahead) {
+            let is_facet = is_any(word, &["facet"])
+                && ahead.clone().next().is_some_and(|next| is_any(next, &["normal"]));
+            if is_facet || is_any(word, &["endsolid"]) {
+                self.words.offset = at;
+                return self.bytes[start..at].trim_ascii();
+            }
+        }
+        self.line_end().trim_ascii()
+    }
+
+    /// Passes over the name after `endsolid`: the rest of the line, or up to `solid` if facets follow in the same line.
+    fn end_name(&mut self) {
+        let (mut ahead, mut solid) = (self.words.clone(), None);
+        while let Some((at, word)) = self.next_in_line(&mut ahead) {
+            match solid {
+                None if is_any(word, &["solid"]) => solid = Some(at),
+                Some(solid) if is_any(word, &["facet", "endsolid"]) => {
+                    self.words.offset = solid;
+                    return;
+                }
+                _ => {}
+            }
+        }
+        self.line_end();
+    }
+
+    /// The next word in the same line, and its offset.
+    fn next_in_line(&self, ahead: &mut Words<'a>) -> Option<(usize, &'a [u8])> {
+        let before = ahead.offset;
+        let word = ahead.next()?;
+        let at = ahead.offset - word.len();
+        let has_ended = self.bytes[before..at].iter().any(|byte| matches!(byte, b'\n' | b'\r'));
+        (!has_ended).then_some((at, word))
+    }
+}
+
+impl<'a> Iterator for Tokens<'a> {
+    type Item = &'a [u8];
+
+    fn next(&mut self) -> Option<&'a [u8]> {
+        loop {
+            let word = self.words.next()?;
+            let is_comment = matches!(word.first(), Some(b'#' | b';' | b'!'))
+                || word.starts_with(b"//")
+                || is_any(word, &["comment"]);
+            if is_comment {
+                self.line_end();
+            } else if is_any(word, &["color", "colour"]) {
+                self.skip_numbers();
+            } else {
+                return Some(word);
+            }
+        }
+    }
 }
 
 pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
@@ -78,77 +190,121 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
 }
 
 fn read(source: &ModelFile, is_text: bool, parts: &mut Parts, each: Each<'_>) -> Result<()> {
-    if is_text { read_text(source, parts, each) } else { read_binary(source, each) }
+    if is_text { read_text(source, parts, each) } else { read_binary(source, parts, each) }
 }
 
-fn read_binary(source: &ModelFile, each: Each<'_>) -> Result<()> {
+fn read_binary(source: &ModelFile, parts: &mut Parts, each: Each<'_>) -> Result<()> {
     let bytes = source.bytes();
     let Some(count) = announced(bytes) else {
         return Err(source.corrupt("STL header", format!("{} bytes", bytes.len()), "84 bytes, or `solid`"));
     };
-    if (bytes.len() as u64) < length(count) {
+    let (solids, _) = binary_solids(bytes);
+    if solids.is_empty() {
         let expected = format!("{} for {count} facets", length(count));
         return Err(source.corrupt("the whole STL file", format!("{} bytes", bytes.len()), expected));
     }
-    let facets = bytes[HEADER..].chunks_exact(FACET).take(count as usize);
-    for (number, facet) in facets.enumerate() {
-        source.passed(number as u64);
-        let mut corners = [[0f64; 3]; 3];
-        for (coordinate, bytes) in corners.as_flattened_mut().iter_mut().zip(facet[12..].as_chunks::<4>().0) {
-            *coordinate = f32::from_le_bytes(*bytes).into();
+    let mut number = 0;
+    for (solid, (start, count)) in solids.iter().enumerate() {
+        let part = match solids.len() {
+            1 => 0,
+            _ => parts.number(source, format!("solid {}", solid + 1).as_bytes())?,
+        };
+        let facets = bytes[start + HEADER..].chunks_exact(FACET).take(*count as usize);
+        for (own, facet) in facets.enumerate() {
+            source.passed(number);
+            number += 1;
+            let mut corners = [[0f64; 3]; 3];
+            for (coordinate, bytes) in
+                corners.as_flattened_mut().iter_mut().zip(facet[12..].as_chunks::<4>().0)
+            {
+                *coordinate = f32::from_le_bytes(*bytes).into();
+            }
+            if !corners.as_flattened().iter().all(|coordinate| coordinate.is_finite()) {
+                let place = format!("facet {own}, byte {}", start + HEADER + own * FACET);
+                return Err(source.corrupt(place, format!("{corners:?}"), "finite coordinates"));
+            }
+            each(corners, part)?;
         }
-        if !corners.as_flattened().iter().all(|coordinate| coordinate.is_finite()) {
-            let place = format!("facet {number}, byte {}", HEADER + number * FACET);
-            return Err(source.corrupt(place, format!("{corners:?}"), "finite coordinates"));
-        }
-        each(corners, 0)?;
     }
     Ok(())
 }
 
 fn read_text(source: &ModelFile, parts: &mut Parts, each: Each<'_>) -> Result<()> {
+    let bytes = source.bytes();
     let mut part = None;
     let mut is_in_facet = false;
     let mut corners: Vec<[f64; 3]> = Vec::new();
+    let mut tokens = Tokens::new(bytes);
     let mut number = 0;
-    for line in Lines::new(source.bytes(), 0) {
+    while let Some(word) = tokens.next() {
         number += 1;
         source.passed(number);
-        let mut words = words(line);
-        let Some(keyword) = words.next() else { continue };
-        let wrong = |expected: &str| source.corrupt(format!("line {number}"), shown(line), expected);
-        let is = |word: &str| keyword.eq_ignore_ascii_case(word.as_bytes());
+        let start = tokens.words.offset - word.len();
+        let wrong = |expected: &str| {
+            let line = Lines::new(bytes, line_start(bytes, start)).next().unwrap_or_default();
+            source.corrupt(format!("line {}", line_number(bytes, start)), shown(line), expected)
+        };
+        // (Some programs write `end solid`, `end facet`, `end loop`.)
+        let is_end = is_any(word, &["end"]);
+        let word = if is_end { tokens.next().unwrap_or_default() } else { word };
+        let begins = |keyword: &str| !is_end && is_any(word, &[keyword]);
+        let ends = |keyword: &str| {
+            let after = if is_end { Some(word) } else { word.split_at_checked(3).map(|(_, after)| after) };
+            (is_end || word.get(..3).is_some_and(|start| start.eq_ignore_ascii_case(b"end")))
+                && after.is_some_and(|after| is_any(after, &[keyword]))
+        };
         match part {
-            None if is("solid") => part = Some(parts.number(source, line[words.offset..].trim_ascii())?),
+            None if begins("solid") => part = Some(parts.number(source, tokens.name())?),
             None => return Err(wrong("`solid`")),
-            Some(_) if is("endsolid") && !is_in_facet => part = None,
-            Some(_) if is("facet") && !is_in_facet => {
+            Some(_) if ends("solid") && !is_in_facet => {
+                tokens.end_name();
+                part = None;
+            }
+            Some(_) if begins("facet") && !is_in_facet => {
                 is_in_facet = true;
                 corners.clear();
+                let mut normal = tokens.words.clone();
+                if normal.next().is_some_and(|word| is_any(word, &["normal"])) {
+                    // (Normals are not used, and need not be numbers.)
+                    for _ in 0..3 {
+                        let before = normal.offset;
+                        if normal.next().is_some_and(|word| is_any(word, &["outer", "vertex"])) {
+                            normal.offset = before;
+                        }
+                    }
+                    tokens.words = normal;
+                }
             }
-            Some(part) if is("endfacet") && is_in_facet => {
+            Some(part) if ends("facet") && is_in_facet => {
                 let Ok(corners) = <[[f64; 3]; 3]>::try_from(corners.as_slice()) else {
                     let found = format!("a facet of {} corners", corners.len());
-                    return Err(source.corrupt(format!("line {number}"), found, "three corners"));
+                    let line = format!("line {}", line_number(bytes, start));
+                    return Err(source.corrupt(line, found, "three corners"));
                 };
                 is_in_facet = false;
                 each(corners, part)?;
             }
-            Some(_) if is("vertex") && is_in_facet && corners.len() < 3 => {
-                let mut next = || words.next().and_then(real);
+            Some(_) if begins("vertex") && is_in_facet && corners.len() < 3 => {
+                let mut next = || tokens.words.next().and_then(real);
                 let (Some(x), Some(y), Some(z)) = (next(), next(), next()) else {
                     return Err(wrong("`vertex` and three finite numbers"));
                 };
                 corners.push([x, y, z]);
             }
-            Some(_) if (is("outer") || is("endloop")) && is_in_facet => {}
+            Some(_) if (begins("outer") || begins("loop") || ends("loop")) && is_in_facet => {}
             Some(_) => return Err(wrong("a facet of three vertices, or `endsolid`")),
         }
     }
     if part.is_some() {
-        return Err(source.corrupt(format!("line {number}"), "the end of the file", "`endsolid`"));
+        let line = format!("line {}", line_number(bytes, bytes.len()));
+        return Err(source.corrupt(line, "the end of the file", "`endsolid`"));
     }
     Ok(())
+}
+
+/// Offset of the first byte of the line that has the byte at an offset.
+fn line_start(bytes: &[u8], offset: usize) -> usize {
+    bytes[..offset].iter().rposition(|byte| matches!(byte, b'\n' | b'\r')).map_or(0, |end| end + 1)
 }
 
 impl Model for Stl {
@@ -169,5 +325,19 @@ impl Model for Stl {
 
     fn degenerate(&self) -> u64 {
         self.degenerate
+    }
+
+    fn remarks(&self) -> Vec<String> {
+        let bytes = self.source.bytes();
+        let (solids, end) = binary_solids(bytes);
+        let more = if self.is_text { 0 } else { (bytes.len() - end) / FACET };
+        let declared = solids.first().map_or(0, |(_, count)| *count);
+        match more {
+            0 => Vec::new(),
+            _ => vec![format!(
+                "the header declares {declared} facets, and {} bytes follow, as many as {more} facets have: they are not read; if they belong to the surface, correct the number at byte 80",
+                bytes.len() - end
+            )],
+        }
     }
 }

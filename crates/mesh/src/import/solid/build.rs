@@ -269,6 +269,7 @@ impl SolidImport {
         let mut models = std::mem::take(&mut self.models);
         for model in &mut models {
             let info = model.info().clone();
+            model.remarks().iter().for_each(|remark| progress.warn(&info.path, remark));
             model.faces(&mut |face| {
                 if read.faces.is_multiple_of(1 << 12) {
                     progress.check()?;

@@ -189,7 +189,7 @@ impl Header {
         };
 
         let mut metadata = Metadata { tags, ..Metadata::default() };
-        place::tell(&mut fields, dimension, usize::from(dimension == 4), &mut metadata)?;
+        place::tell(&mut fields, dimension, usize::from(dimension == 4), size, &mut metadata)?;
         if let Some((_, unit)) = fields.take(&["sample units", "sampleunits"]) {
             metadata.units = vec![unit; usize::from(channels)];
         }

@@ -16,8 +16,8 @@ const UNITS: [(&str, &[&str]); 6] = [
     ("ft", &["ft", "foot", "feet"]),
 ];
 
-/// Puts what fields tell of places into the metadata: directions and origin of the space, or else widths and beginnings along the axes; and the unit.
-/// The first `skipped` axes are of no space.
+/// Puts what fields tell of places into the metadata: directions and origin of the space, or else widths, beginnings and ends along the axes; and the unit.
+/// The first `skipped` axes are of no space; `size` is that of the others.
 ///
 /// # Errors
 /// If a field says something else than it should, or the map of cells to the world has no inverse.
@@ -25,6 +25,7 @@ pub(super) fn tell(
     fields: &mut Fields<'_>,
     dimension: usize,
     skipped: usize,
+    size: [u64; 3],
     metadata: &mut Metadata,
 ) -> Result<()> {
     let centers = fields.take(&["centers", "centerings"]);
@@ -58,29 +59,34 @@ pub(super) fn tell(
         });
         check(&metadata.frame).map_err(|expected| fields.wrong(line, &text, expected))?;
     } else {
-        let mut widths = [1.0; 3];
-        let mut begins = [0.0; 3];
+        // (What is not known is NaN.)
+        let (mut widths, mut begins, mut ends) = ([f64::NAN; 3], [f64::NAN; 3], [f64::NAN; 3]);
         let mut line_of_widths = None;
-        // (What is not known is not a number.)
         let numbers = |fields: &Fields<'_>, (line, text): &(u64, String)| -> Result<Vec<f64>> {
             let numbers: Option<Vec<f64>> = field::words(text, dimension)
                 .and_then(|words| words.iter().map(|word| word.parse().ok()).collect());
             numbers.ok_or_else(|| fields.wrong(*line, text, format!("{dimension} numbers")))
         };
-        if let Some(told) = fields.take(&["spacings"]) {
-            for (width, number) in widths.iter_mut().zip(&numbers(fields, &told)?[skipped..]) {
-                *width = if number.is_nan() { 1.0 } else { *number };
+        for (names, list) in [
+            (&["spacings"][..], &mut widths),
+            (&["axis mins", "axismins"], &mut begins),
+            (&["axis maxs", "axismaxs"], &mut ends),
+        ] {
+            if let Some(told) = fields.take(names) {
+                list.copy_from_slice(&numbers(fields, &told)?[skipped..]);
+                line_of_widths.get_or_insert(told);
             }
-            line_of_widths = Some(told);
         }
-        if let Some(told) = fields.take(&["axis mins", "axismins"]) {
-            for (begin, number) in begins.iter_mut().zip(&numbers(fields, &told)?[skipped..]) {
-                *begin = if number.is_nan() { 0.0 } else { *number };
-            }
-            line_of_widths.get_or_insert(told);
-        }
+        // Minimum and maximum are the edges of the first and the last cell, or their centres in node-centred volumes.
         let half = if metadata.frame.pixel_is_point { 0.5 } else { 0.0 };
         for axis in 0..3 {
+            let known = |number: f64, other: f64| if number.is_nan() { other } else { number };
+            let steps = size[axis] as f64 - 2.0 * half;
+            let (begin, end) = (begins[axis], ends[axis]);
+            // (A single sample has no spacing between two of them.)
+            let between = if steps > 0.0 { (end - begin) / steps } else { f64::NAN };
+            widths[axis] = known(known(widths[axis], between), 1.0);
+            begins[axis] = known(known(begin, end - steps * widths[axis]), 0.0);
             metadata.frame.matrix[axis] = [0.0; 4];
             metadata.frame.matrix[axis][axis] = widths[axis];
             metadata.frame.matrix[axis][3] = begins[axis] - half * widths[axis];

@@ -118,6 +118,15 @@ fn places_units_and_tags_are_kept() {
     let frame =
         made("spacings: 0.5 1 2\naxis mins: 10 20 30\ncenters: node node node\n").metadata().frame.clone();
     assert_eq!((frame.to_world([0.5; 3]), frame.pixel_is_point), ([10.0, 20.0, 30.0], true));
+    // From the minimum and the maximum of each axis (5 x 4 x 3 cells): edges of cells, or centres of nodes.
+    let frame = made("axis mins: 10 nan 30\naxis maxs: 20 8 27\n").metadata().frame.clone();
+    assert_eq!(frame.matrix, [[2.0, 0.0, 0.0, 10.0], [0.0, 1.0, 0.0, 4.0], [0.0, 0.0, -1.0, 30.0]]);
+    let frame =
+        made("axismins: 10 0 1\naxismaxs: 18 6 2\ncenterings: node node node\n").metadata().frame.clone();
+    assert_eq!(frame.to_world([0.5; 3]), [10.0, 0.0, 1.0]);
+    assert_eq!(frame.to_world([4.5, 3.5, 2.5]), [18.0, 6.0, 2.0]);
+    let frame = made("spacings: 0.5 1 2\naxis maxs: 12.5 4 6\n").metadata().frame.clone();
+    assert_eq!(frame.matrix, [[0.5, 0.0, 0.0, 10.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 2.0, 0.0]]);
     assert!(made("").metadata().frame.is_identity());
 }
 
@@ -191,6 +200,7 @@ fn heads_that_lie_are_refused() {
         ),
         ("encoding: raw", "encoding: raw\nspacings: 0 1 1", "has an inverse"),
         ("encoding: raw", "encoding: raw\nspacings: 1 1", "3 numbers"),
+        ("encoding: raw", "encoding: raw\naxis mins: 1 1 1\naxis maxs: 2 1 2", "has an inverse"),
         ("encoding: raw", "encoding: raw\nspace units: mm", "3 texts between quotation marks"),
         ("encoding: raw", "encoding: raw\nwhat", "a field, as in `sizes: 64 64 32`"),
     ] {

@@ -5,9 +5,9 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Component, Path, PathBuf};
 
+use super::super::colour_range::ColourRange;
 use super::super::corners::WHITE;
 use super::super::model_file::{BYTE_ORDER_MARK, ModelFile};
-use super::statements::channel;
 use spinney_base::Error;
 use spinney_base::guard::guard;
 
@@ -59,7 +59,7 @@ impl Materials {
         });
         for material in read.map(|(materials, _)| materials).unwrap_or_default() {
             if let Some(colour) = material.diffuse {
-                self.0.insert(material.name, colour.map(channel));
+                self.0.insert(material.name, ColourRange::default().colour(colour));
             }
         }
     }

@@ -17,6 +17,7 @@ use self::faces::{FaceHead, FaceList, FaceListBuilder};
 use self::materials::Materials;
 pub(super) use self::materials::libraries;
 use self::statements::{Statement, Statements, vertex};
+use super::colour_range::ColourRange;
 use super::corners::{Corners, MAX_CORNERS, WHITE};
 use super::model_file::ModelFile;
 use super::parts::Parts;
@@ -57,6 +58,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
     let (mut bounds, mut libraries) = (VertexBounds::new(), Vec::new());
     let (mut vertex_count, mut max_vertex) = (0, None);
     let (mut is_coloured, mut has_materials, mut has_objects) = (false, false, false);
+    let mut range = ColourRange::default();
     let (mut part, mut material) = (NO_PART, &b""[..]);
     // Numbers of these names, which get them with the first face.
     let mut head = None;
@@ -74,7 +76,9 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
                 vertex_count += 1;
                 is_coloured |= colour.is_some();
                 bounds.add(point);
-                vertices.push(point, colour.unwrap_or(WHITE))?;
+                // (Until a number says otherwise, the range is from 0 to 1.)
+                colour.iter().flatten().for_each(|number| range.add(*number));
+                vertices.push(point, colour.map_or(WHITE, |colour| range.colour(colour)))?;
             }
             Statement::Face(words) => {
                 let head = match head {
@@ -113,6 +117,15 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
     let bounds = bounds.get().ok_or_else(|| source.no_vertices())?;
     if max_vertex >= Some(vertex_count) {
         return Err(missing_vertex(&source, vertex_count));
+    }
+    if range.has_bytes() {
+        vertices = VerticesBuilder::new(source.path(), Coordinates::F64, true, memory / 2);
+        let mut statements = Statements::new(&source);
+        while let Some((_, statement)) = statements.next()? {
+            let Statement::Vertex(words) = statement else { continue };
+            let Some((point, colour)) = vertex(words) else { continue };
+            vertices.push(point, colour.map_or(WHITE, |colour| range.colour(colour)))?;
+        }
     }
     let mut vertices = vertices.finish()?;
     let mut colours = Vec::new();

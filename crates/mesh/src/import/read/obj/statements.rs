@@ -87,8 +87,8 @@ impl<'a> Statements<'a> {
     }
 }
 
-/// Coordinates of a vertex, which a fourth number divides, and its colour.
-pub(super) fn vertex(mut words: Words<'_>) -> Option<([f64; 3], Option<[u8; 3]>)> {
+/// Coordinates of a vertex, which a fourth number divides, and the numbers of its colour.
+pub(super) fn vertex(mut words: Words<'_>) -> Option<([f64; 3], Option<[f64; 3]>)> {
     let mut numbers = [0.0; 7];
     let mut count = 0;
     for word in &mut words {
@@ -99,13 +99,8 @@ pub(super) fn vertex(mut words: Words<'_>) -> Option<([f64; 3], Option<[u8; 3]>)
     let (point, colour) = match count {
         3 => ([x, y, z], None),
         4 => ([x / a, y / a, z / a], None),
-        6 | 7 => ([x, y, z], Some([a, b, c].map(channel))),
+        6 | 7 => ([x, y, z], Some([a, b, c])),
         _ => return None,
     };
     point.iter().all(|coordinate: &f64| coordinate.is_finite()).then_some((point, colour))
-}
-
-/// A channel of a colour, from 0 to 255, from a number from 0 to 1.
-pub(super) fn channel(number: f64) -> u8 {
-    (number * 255.0).round() as u8
 }

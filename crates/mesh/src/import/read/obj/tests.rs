@@ -60,6 +60,8 @@ fn by_tobj(text: &str) -> Vec<Face> {
     let options = tobj::LoadOptions { triangulate: false, single_index: false, ..Default::default() };
     let no_materials = |_: &std::path::Path| Err(tobj::LoadError::OpenFileFailed);
     let (models, _) = tobj::load_obj_buf(&mut text.as_bytes(), &options, no_materials).unwrap();
+    let mut range = super::ColourRange::default();
+    models.iter().flat_map(|model| &model.mesh.vertex_color).for_each(|number| range.add(*number));
     let mut faces = Vec::new();
     for model in models {
         let mesh = model.mesh;
@@ -77,7 +79,7 @@ fn by_tobj(text: &str) -> Vec<Face> {
             (face, indices) = indices.split_at(arity as usize);
             let points = face.iter().map(|index| points[*index as usize]).collect();
             let colour = |index: &u32| colours.get(*index as usize);
-            let colours = face.iter().filter_map(colour).map(|colour| colour.map(super::statements::channel));
+            let colours = face.iter().filter_map(colour).map(|colour| range.colour(*colour));
             faces.push((name.clone(), points, colours.collect()));
         }
     }
@@ -122,4 +124,16 @@ fn tables_on_disk_have_the_same_faces() {
     }
     let [memory, disk] = [1 << 30, 1].map(|memory| by_open(&text, memory));
     assert!(memory == disk && memory.len() > 190_000, "{}", memory.len());
+}
+
+#[test]
+fn colours_have_one_range_in_a_file() {
+    let text = |colours: [&str; 3]| {
+        let [a, b, c] = colours;
+        format!("v 0 0 0 {a}\nv 1 0 0 {b}\nv 0 1 0 {c}\nf 1 2 3\n")
+    };
+    let colours = |own| by_open(&text(own), 1 << 20).remove(0).2;
+    assert_eq!(colours(["0.2 0 1", "1 1 1", "0 0 0"]), [[51, 0, 255], [255; 3], [0; 3]]);
+    assert_eq!(colours(["1 0 0", "1 1 1", "0 128 255"]), [[1, 0, 0], [1; 3], [0, 128, 255]]);
+    assert_eq!(colours(["1.01 0 0", "1 1 1", "0 0.5 1"]), [[255, 0, 0], [255; 3], [0, 128, 255]]);
 }
