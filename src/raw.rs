@@ -20,7 +20,7 @@ pub mod io {
     pub use spinney_base::io::{
         CachedBytes, CompletionRecord, DEFAULT_GAP, Faults, Fetch, FileBytes, FileId, FileStat, FileVersion,
         Mapped, OutputFolder, Positioned, RangeCache, RangeFile, ReadBackend, RemoteFiles, RemoteWriter,
-        Stamp, WriteBackend, any_file, redacted, shown, url_of, without_query,
+        WriteBackend, any_file, redacted, shown, url_of, without_query,
     };
 
     /// Restartable, batched queries of remote files.

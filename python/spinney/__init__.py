@@ -48,6 +48,7 @@ from ._files import add_layer, blame, combine, compact, convert, cross, diff, dr
 from ._lines import BuiltLines, LineCrossings, LineLevel, LineTree, build_lines, open_lines
 from ._native import version as __version__
 from ._points import BuiltPoints, PointColumn, PointTree, build_points, open_points
+from ._remote import restricted
 from ._surfaces import RayCrossings, Shells, SurfaceHits
 from ._types import (
     BandStatistics,
@@ -148,6 +149,7 @@ __all__ = [
     "open_lines",
     "open_points",
     "recover",
+    "restricted",
     "set_cache_memory",
     "transform",
     "verify",

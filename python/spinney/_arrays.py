@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping, Sequence
+from operator import index
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +12,7 @@ import numpy.typing as npt
 from ._types import Array, Points
 
 if TYPE_CHECKING:
-    from ._native import Tree
+    from ._dataset import Dataset
 
 
 def masked(array: Array, void: npt.NDArray[np.bool_], missing: float | None, fill: float) -> Any:
@@ -24,7 +25,11 @@ def masked(array: Array, void: npt.NDArray[np.bool_], missing: float | None, fil
     return result
 
 
-def corner(window: Any) -> tuple[list[int], list[int]]:
+SPARSE = 64
+"""Cells for each one that is wanted from which on these are looked up one by one."""
+
+
+def corner(window: Any, axes: int) -> tuple[list[float], list[float]]:
     """First cell and size of a window, x first."""
     if hasattr(window, "col_off"):
         window = (window.col_off, window.row_off, window.width, window.height)
@@ -32,50 +37,42 @@ def corner(window: Any) -> tuple[list[int], list[int]]:
     if numbers.shape == (2, 2):
         (top, bottom), (left, right) = numbers
         numbers = np.array([left, top, right - left, bottom - top])
-    if numbers.shape not in ((4,), (6,)) or not np.array_equal(numbers, np.round(numbers)):
-        raise TypeError(f"window: expected (column, row, width, height) in whole cells, got {window!r}")
-    axes = len(numbers) // 2
-    first, size = ([int(number) for number in part] for part in (numbers[:axes], numbers[axes:]))
-    if min(size) < 1:
-        raise ValueError(f"window: {' x '.join(map(str, size))} cells, at least 1 along each axis needed")
+    if numbers.shape not in ((4,), (6,)) or not np.isfinite(numbers).all():
+        raise TypeError(f"window: expected (column, row, width, height) in cells, got {window!r}")
+    if len(numbers) != 2 * axes:
+        raise ValueError(f"window: {len(numbers) // 2} axes, the tree has {axes}")
+    first, size = numbers[:axes].tolist(), numbers[axes:].tolist()
+    if min(size) <= 0:
+        raise ValueError(f"window: {' x '.join(f'{length:g}' for length in size)} cells, expected more than 0 along each axis")
     return first, size
 
 
-def boundless(
-    tree: Tree,
-    bands: int | list[int] | None,
-    window: Any,
-    level: int | None,
-    out_shape: Any,
-    exact: bool,
-    want_mask: bool,
-    fill: float | None,
-) -> Any:
-    """Reads a window that may stick out of the picture, where everything is VOID."""
-    if out_shape is not None or exact:
-        raise ValueError("boundless: is for windows of cells, without out_shape")
-    first, size = corner(window)
+Sizes = tuple[int | None, Any, bool]
+"""The level, the shape and the exactness of what is read."""
+
+
+def boundless(tree: Dataset, bands: int | list[int] | None, window: Any, sizes: Sizes, want_mask: bool, fill: float | None, _: bool) -> Any:
+    """Reads a window of whole cells that may stick out of the raster, where everything is VOID."""
+    level, out_shape, exact = sizes
+    begin, lengths = corner(window, tree.ndim)
+    first, size = [int(at) for at in begin], [int(length) for length in lengths]
     shape = tree._shape_at(None)[::-1]
-    if len(first) != len(shape):
-        raise ValueError(f"window: {len(first)} axes, the tree has {len(shape)}")
-    depth = tree.depth
-    shift = 0 if level is None else depth - level
-    if not 0 <= shift <= depth:
-        raise ValueError(f"level: {level}, the tree's levels are 0 to {depth}")
+    fill = _fill(tree, fill, want_mask, _sticks_out(first, size, shape))
+    if exact and out_shape is None:
+        raise ValueError("exact: is for out_shape")
+    if out_shape is not None:
+        if level is not None:
+            raise ValueError("out_shape and level: give one of them")
+        return _boundless_resampled(tree, bands, (first, size, shape), _out_size(tree, bands, out_shape), exact, want_mask, fill)
+    shift = _shift(tree, level)
     # In cells of the level: those that the window covers, and those of them that there are.
     low = [start >> shift for start in first]
     high = [-(-(start + length) >> shift) for start, length in zip(first, size)]
     ends = [-(-cells >> shift) for cells in shape]
     inside = [(max(a, 0), min(b, end)) for a, b, end in zip(low, high, ends)]
-    count = [] if isinstance(bands, int) else [tree.count if bands is None else len(bands)]
-    whole = (*count, *(b - a for a, b in zip(low[::-1], high[::-1])))
-    void = tree.fill_value if fill is None else fill
-    result: Any = np.full(whole, np.array(void).astype(tree.dtype), dtype=tree.dtype)
-    if want_mask:
-        result = np.ma.MaskedArray(result, mask=np.ones(whole, dtype=bool))
-        result.fill_value = np.array(tree.fill_value).astype(tree.dtype)
+    result = _void(tree, bands, [b - a for a, b in zip(low[::-1], high[::-1])], want_mask, fill)
     if all(a < b for a, b in inside):
-        # (Deepest cells: a window that begins and ends with cells of the level, but for the picture's edge.)
+        # (Deepest cells: a window that begins and ends with cells of the level, but for the raster's edge.)
         begin = [a << shift for a, _ in inside]
         end = [min(b << shift, cells) for (_, b), cells in zip(inside, shape)]
         part = tree.read(
@@ -90,9 +87,161 @@ def boundless(
     return result
 
 
+def _boundless_resampled(
+    tree: Dataset,
+    bands: int | list[int] | None,
+    within: tuple[list[int], list[int], list[int]],
+    out_size: tuple[int, int],
+    exact: bool,
+    want_mask: bool,
+    fill: float | None,
+) -> Any:
+    """Reads a window of any size as so many pixels: where it sticks out, as that of a view in which it does not."""
+    first, size, shape = within
+    options: dict[str, Any] = {"out_shape": out_size, "exact": exact, "masked": want_mask, "fill": fill}
+    if not _sticks_out(first, size, shape):
+        return tree.read(bands, window=(*first, *size), **options)
+    if any(start + length <= 0 or start >= cells for start, length, cells in zip(first, size, shape)):
+        return _void(tree, bands, out_size, want_mask, fill)
+    step = f"window={','.join(map(str, (*first, *size)))}"
+    with type(tree)(tree.path, [*tree.view, step], tree.commit, tree.positioned, tree.layer or None, tree._remote) as seen:
+        return seen.read(bands, **options)
+
+
+def fractional(tree: Dataset, bands: int | list[int] | None, window: Any, sizes: Sizes, want_mask: bool, fill: float | None, may_stick_out: bool) -> Any:
+    """Reads a window that begins or ends within cells, as rasterio does: pixels divide it equally, as many as its lengths are, rounded, or as
+    `out_shape` says, and each is the cell at its centre."""
+    level, out_shape, exact = sizes
+    if exact:
+        raise ValueError("exact: is for windows of whole cells")
+    first, size = corner(window, tree.ndim)
+    shape = tree._shape_at(None)[::-1]
+    sticks_out = _sticks_out(first, size, shape)
+    if not may_stick_out and sticks_out:
+        all_cells = " x ".join(map(str, shape))
+        raise IndexError(f"window: sticks out of the {all_cells} cells; boundless=True reads VOID there")
+    fill, shift = _fill(tree, fill, want_mask, sticks_out), _shift(tree, level)
+    if out_shape is not None and level is not None:
+        raise ValueError("out_shape and level: give one of them")
+    start = np.array(first[::-1]) / 2.0**shift
+    length = np.array(size[::-1]) / 2.0**shift
+    wanted = [max(1, int(np.floor(cells + 0.5))) for cells in length] if out_shape is None else list(_out_size(tree, bands, out_shape))
+    limits = tree._shape_at(level)
+    cells = [np.floor(at + (np.arange(count) + 0.5) * (long / count) + 1e-10).astype(np.int64) for at, long, count in zip(start, length, wanted)]
+    if not may_stick_out:
+        cells = [np.clip(along, 0, limit - 1) for along, limit in zip(cells, limits)]
+    # (Cells ascend: those that there are follow each other.)
+    parts = [slice(*np.searchsorted(along, (0, limit)).tolist()) for along, limit in zip(cells, limits)]
+    found = [along[part] for along, part in zip(cells, parts)]
+    result = _void(tree, bands, wanted, want_mask, fill)
+    if all(len(along) for along in found):
+        result[(..., *parts)] = _picked(tree, bands, found, level, shift, want_mask, fill)
+    return result
+
+
+def _picked(
+    tree: Dataset, bands: int | list[int] | None, cells: list[npt.NDArray[np.int64]], level: int | None, shift: int, want_mask: bool, fill: float | None
+) -> Any:
+    """The cells of a level at some rows and columns, which ascend."""
+    spans = [int(along[-1] - along[0]) + 1 for along in cells]
+    count = int(np.prod([len(along) for along in cells]))
+    if float(np.prod(np.array(spans, dtype=float))) > SPARSE * count:
+        centres = np.meshgrid(*((along + 0.5) * 2.0**shift for along in cells), indexing="ij")
+        points = np.stack([axis.ravel() for axis in centres[::-1]], axis=1)
+        values: Any = cast(Any, tree).sample(points, bands=bands, level=level, coordinates="cells", masked=want_mask, fill=fill)
+        return (values if values.ndim == 1 else values.T).reshape(*(() if values.ndim == 1 else (values.shape[1],)), *map(len, cells))
+    low = [int(along[0]) << shift for along in cells]
+    high = [min((int(along[-1]) + 1) << shift, limit) for along, limit in zip(cells, tree._shape_at(None))]
+    window = (*low[::-1], *(end - start for start, end in zip(low[::-1], high[::-1])))
+    read: Any = tree.read(bands, window=window, level=level, masked=want_mask, fill=fill)
+    return read[(..., *np.ix_(*(along - along[0] for along in cells)))]
+
+
+def _sticks_out(first: Sequence[float], size: Sequence[float], shape: Sequence[int]) -> bool:
+    # (Windows that are calculated from coordinates are off by some rounding.)
+    return any(start < -1e-6 or start + length > cells + 1e-6 for start, length, cells in zip(first, size, shape))
+
+
+def _fill(tree: Dataset, fill: float | None, want_mask: bool, sticks_out: bool) -> float | None:
+    """The number for what is outside: that of the caller, or one that is free."""
+    if fill is not None or not sticks_out:
+        return fill
+    if not want_mask and not tree._has_free_number():
+        raise ValueError(f"VOID cells: every number of {tree.dtype} is a value, and none is left for them; read with masked=True, or choose a number (fill=)")
+    return tree.fill_value
+
+
+def _void(tree: Dataset, bands: int | list[int] | None, shape: Sequence[int], want_mask: bool, fill: float | None) -> Any:
+    """An array of VOID."""
+    count = [] if isinstance(bands, int) else [tree.count if bands is None else len(bands)]
+    void = tree.fill_value if fill is None else fill
+    result: Any = np.full((*count, *shape), np.array(void).astype(tree.dtype), dtype=tree.dtype)
+    if want_mask:
+        result = np.ma.MaskedArray(result, mask=np.ones(result.shape, dtype=bool))
+        result.fill_value = np.array(tree.fill_value).astype(tree.dtype)
+    return result
+
+
+def _shift(tree: Dataset, level: int | None) -> int:
+    """Levels above the deepest one."""
+    shift = 0 if level is None else tree.depth - level
+    if not 0 <= shift <= tree.depth:
+        raise ValueError(f"level: {level}, the tree's levels are 0 to {tree.depth}")
+    return shift
+
+
+def _out_size(tree: Dataset, bands: int | list[int] | None, shape: Any) -> tuple[int, int]:
+    """Rows and columns, of `(rows, columns)` or `(bands, rows, columns)`."""
+    if tree.ndim == 3:
+        raise ValueError("out_shape: octrees are read by level; see `slice`")
+    count = 1 if isinstance(bands, int) else tree.count if bands is None else len(bands)
+    sizes = [index(length) for length in shape]
+    if len(sizes) not in (2, 3) or (len(sizes) == 3 and sizes[0] != count) or min(sizes) < 1:
+        raise ValueError(f"out_shape: {shape!r}, expected (rows, columns) or ({count}, rows, columns)")
+    return sizes[-2], sizes[-1]
+
+
+def coordinates_of_points(points: Any, axes: int) -> tuple[Any, Any]:
+    """Points of shapely, geopandas and GeoJSON as rows of coordinates, and their coordinate system if they have one; others as they are. Missing and
+    empty points are NaN."""
+    if hasattr(points, "geom_type") and hasattr(points, "crs"):
+        series = points.geometry
+        kinds = set(series.geom_type.dropna())
+        if kinds - {"Point"}:
+            raise TypeError(f"points: got geometries of type {', '.join(sorted(map(str, kinds)))}, expected points (`centroid`, `representative_point()`)")
+        columns = [np.asarray(column, dtype=float) for column in ((series.x, series.y) if axes == 2 else (series.x, series.y, series.z))]
+        return np.stack(columns, axis=1), series.crs
+    document = points if isinstance(points, Mapping) else getattr(points, "__geo_interface__", None)
+    if isinstance(document, Mapping) and document.get("type") != "MultiPoint":
+        members = document["features"] if document.get("type") == "FeatureCollection" else [document]
+        crs = document.get("crs", {})
+        named = crs.get("properties", {}).get("name") if isinstance(crs, Mapping) else None
+        is_feature = str(document.get("type", "")).startswith("Feature") and "crs" not in document
+        return [_position(member, axes) for member in members], named or ("lonlat" if is_feature else None)
+    if isinstance(document, Mapping):
+        return [place[:axes] for place in document["coordinates"]], None
+    if isinstance(points, list | tuple) and points and (isinstance(points[0], Mapping) or hasattr(points[0], "__geo_interface__")):
+        return [_position(point, axes) for point in points], None
+    return points, None
+
+
+def _position(point: Any, axes: int) -> Sequence[float]:
+    """The coordinates of a point of shapely or GeoJSON."""
+    document = getattr(point, "__geo_interface__", point)
+    document = (document.get("geometry") or {"type": "Point", "coordinates": ()}) if document.get("type") == "Feature" else document
+    if document.get("type") != "Point":
+        raise TypeError(f"points: got a geometry of type {document.get('type')}, expected a point")
+    place: Sequence[float] = document["coordinates"] or (np.nan,) * axes
+    if len(place) < axes:
+        raise ValueError(f"points: {len(place)} coordinates, expected {axes}")
+    return place[:axes]
+
+
 def points_of(points: Points, axes: int, name: str = "points") -> npt.NDArray[np.float64]:
     """Points as an array with a row each."""
-    given: Any = points
+    given, crs = coordinates_of_points(points, axes)
+    if crs is not None:
+        raise TypeError(f"{name}: points with a coordinate system of their own; bring them to the file's, and give rows of {axes} numbers")
     if not hasattr(given, "__array__") and isinstance(given, Iterable):
         given = list(given)
     try:

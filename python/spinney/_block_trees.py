@@ -5,13 +5,18 @@ from __future__ import annotations
 import os
 from typing import Any, Self
 
-from ._remote import remote_access_of, kept_name
+from ._remote import access_again, kept_name, token_of
 
 
 def _reopen(
-    kind: type, path: str, positioned: bool, storage: list[tuple[str, str]] | None = None, file: Any = None
+    kind: type,
+    path: str,
+    positioned: bool,
+    storage: list[tuple[str, str]] | None = None,
+    file: Any = None,
+    refused: tuple[bool, bool] = (False, False),
 ) -> Any:
-    return kind(path, positioned, remote_access_of(file or path, dict(storage or []))[1])
+    return kind(path, positioned, access_again(file, storage, refused))
 
 
 class BlockTree:
@@ -28,8 +33,11 @@ class BlockTree:
         self.close()
 
     def __reduce__(self: Any) -> tuple[Any, ...]:
-        storage, file = self._remote
-        return _reopen, (type(self), kept_name(self.path, file), self.positioned, storage, file and file[2])
+        storage, file, refused = self._remote
+        return _reopen, (type(self), kept_name(self.path, file), self.positioned, storage, file and file[2], refused)
+
+    def __dask_tokenize__(self) -> Any:
+        return type(self).__name__, token_of(self)
 
     def __bool__(self) -> bool:
         return True

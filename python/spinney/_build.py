@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
@@ -12,8 +11,9 @@ from . import _native
 from ._dataset import Dataset, Level
 from ._files import MEMORY
 from ._meshes import is_mesh, mesh_columns, unit_of
-from ._options import packing_of, refuse, time_of
+from ._options import names_of, packing_of, refuse, time_of
 from ._progress import memory_of, working
+from ._remote import path_of
 from ._sources import feature_file, paths_of
 from ._stack import layers_of, one_layer, stack_layers
 from ._times import text_of_time
@@ -133,7 +133,7 @@ def build(
         "pages": pages,
         "cells": cells,
         "cell": cell,
-        "grid": None if grid is None else os.fspath(grid),
+        "grid": None if grid is None else path_of(grid),
         "max_zoom": max_zoom,
         "resampling": resampling,
         "edge": edge,
@@ -165,7 +165,7 @@ def build(
     if layers is not None:
         refuse("files", for_files)
         about = for_arrays | {"transform": transform}
-        return stack_layers(layers, common, about).write(os.fspath(out), (progress, threads, max_bytes))
+        return stack_layers(layers, common, about).write(path_of(out), (progress, threads, max_bytes))
     by_layer = {"nodata": nodata, "kind": kind, "rule": rule, "descriptions": descriptions, "scales": scales, "offsets": offsets, "units": units}
     refuse("the layers of a stack, if it is said by their names", {name: value for name, value in by_layer.items() if isinstance(value, Mapping)})
     if isinstance(source, Mapping) and not hasattr(source, "data_vars"):
@@ -198,7 +198,7 @@ def build(
         }
         check_bands(for_tree, source.count)
         with working(progress, threads, max_bytes) as terms:
-            return source._build(os.fspath(out), for_tree, terms)
+            return source._build(path_of(out), for_tree, terms)
     meshes = mesh_columns([(None, source)]) if is_mesh(source) else []
     if meshes:
         refuse("arrays", for_arrays | {"transform": transform})
@@ -208,12 +208,12 @@ def build(
         refuse("arrays", for_arrays)
         numbers = None if transform is None else numbers_of(transform)
         for_import = common | for_files | {"transform": numbers, "keep_transparent": keep_transparent, "shell": shell, "allow_ballpark": allow_ballpark, "fractions": bool(fractions)}
-        for_import |= {"stack": stack, "names": None if names is None else [str(name) for name in names], "times": seen}
+        for_import |= {"stack": stack, "names": None if names is None else names_of(names), "times": seen}
         for_import["bands"] = None if bands is None else list(bands)
         with working(progress, threads, max_bytes) as terms:
-            return _native.build_files(paths or [], meshes, os.fspath(out), for_import, terms)
+            return _native.build_files(paths or [], meshes, path_of(out), for_import, terms)
     if isinstance(source, list | tuple) and any(isinstance(part, Dataset) for part in source):
         raise TypeError("a tree as a source is the only one; spinney.combine lays trees over each other")
     refuse("files", for_files)
     refuse("stacks", {"names": names, "times": times})
-    one_layer(source, common, for_arrays | {"transform": transform}).write(os.fspath(out), (progress, threads, max_bytes))
+    one_layer(source, common, for_arrays | {"transform": transform}).write(path_of(out), (progress, threads, max_bytes))

@@ -26,6 +26,10 @@ class Cells(BackendArray):
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
         return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.BASIC, self.read)
 
+    def __getstate__(self) -> dict[str, Any]:
+        # (The version is of no use to a copy, but tokens of Dask are those of pickled bytes.)
+        return {**self.__dict__, "version": self.tree.__dask_tokenize__()}
+
     def read(self, key: tuple[Any, ...]) -> Any:
         """The cells at a basic index."""
         band, *cells = key

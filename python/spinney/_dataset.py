@@ -8,14 +8,14 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path as FilePath
-from typing import Any, Literal, Self, overload
+from typing import Any, BinaryIO, Literal, Self, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from . import _native
-from ._arrays import points_of, rows_of
-from ._remote import remote_access_of, kept_name
+from ._arrays import coordinates_of_points, points_of, rows_of
+from ._remote import access_again, content_token, kept_name, remote_access_of
 from ._files import MEMORY, log
 from ._features import Edge, features_over
 from ._progress import memory_of, working
@@ -37,17 +37,20 @@ from ._types import (
     Transform,
     Window,
 )
+from ._zonal import definition_of
 from ._zones import Zones
 
 
 def open(
-    path: Path,
+    path: Path | BinaryIO,
     *,
     view: str | Sequence[str] = (),
     commit: int | None = None,
     positioned: bool = False,
     layer: str | int | None = None,
     storage_options: Mapping[str, Any] | None = None,
+    no_remote: bool = False,
+    no_external: bool = False,
 ) -> Dataset:
     """Opens a tree file of either format, or a commit of one: `map.autumn@12`, or `commit=12`.
 
@@ -60,10 +63,12 @@ def open(
     `"calc=(b4-b3)/(b4+b3)"`, `"calc=(nir-b1)/(nir+b1),nir=B08.goblin"`, `"reduce=median,type=u16"`. A coarse level of these is calculated
     from that level's numbers (`Level.is_approximate`); statistics, zones and searches are made of the cells.
 
-    Files on web servers and in buckets are opened by their URLs (`https://`, `s3://`, `gs://`, `az://`), with credentials as their own
-    programs find them, or with `storage_options` (`{"aws_region": "eu-north-1", "skip_signature": True}`); so are files of fsspec
-    (`fsspec.open("github://...")`), which have no tag that tells their states apart. Only what an answer needs is fetched, in few rounds
-    of parallel requests, and held.
+    Remote files are opened by their URLs (`https://`, `s3://`, `gs://`, `az://`), with credentials as their own
+    programs find them, or with `storage_options`, by their names in object_store (`{"aws_region": "eu-north-1", "skip_signature": True}`) or in
+    fsspec (`{"anon": True, "client_kwargs": {"region_name": "eu-north-1"}}`); so are files of fsspec (`fsspec.open("github://...")`, or the
+    URL alone, such as `"github://..."`), and open binary files (`io.BytesIO(data)`). Only what a query needs is fetched, in few batches of parallel
+    requests, and cached. With `no_remote` a remote file is an error, whatever names it, and with `no_external` one whose data are in
+    other files; for builds and other functions see `restricted`.
 
     Files are mapped. If one is cut short or its disk fails meanwhile, the system ends the whole process (SIGBUS):
     `positioned=True` reads files that may be replaced in place, or that lie on network folders, without mapping them.
@@ -73,7 +78,7 @@ def open(
     """
     steps = [view] if isinstance(view, str) else list(view)
     layer = None if layer is None else str(layer)
-    name, remote = remote_access_of(path, storage_options)
+    name, remote = remote_access_of(path, storage_options, no_remote, no_external)
     try:
         return Dataset(name, steps, commit, positioned, layer, remote)
     except OSError:
@@ -102,9 +107,15 @@ class Dataset(Zones):
 
     def __reduce__(self) -> tuple[Any, ...]:
         # (The commit that is read, so that whoever gets it sees the same.)
-        storage, file = self._remote
+        storage, file, refused = self._remote
         name = kept_name(self.path, file)
-        return _reopen, (name, self.view, self.commit, self.positioned, self.layer or None, storage, file and file[2])
+        return _reopen, (name, self.view, self.commit, self.positioned, self.layer or None, storage, file and file[2], refused)
+
+    def __dask_tokenize__(self) -> Any:
+        # (The version of the file, as another one may get its name.)
+        _, file, _ = self._remote
+        content = None if file is None else content_token(file[2])
+        return type(self).__name__, str(self.path), self.view, self.commit, self.layer, self._versions(), content
 
     def __repr__(self) -> str:
         name = _native.shown(str(self.path))
@@ -160,7 +171,7 @@ class Dataset(Zones):
         *,
         bands: int | Sequence[int] | None = None,
         level: int | None = None,
-        coordinates: Coordinates = "world",
+        coordinates: Coordinates = None,
         masked: Literal[False] = False,
         fill: float | None = None,
     ) -> Array: ...
@@ -171,7 +182,7 @@ class Dataset(Zones):
         *,
         bands: int | Sequence[int] | None = None,
         level: int | None = None,
-        coordinates: Coordinates = "world",
+        coordinates: Coordinates = None,
         masked: Literal[True],
         fill: float | None = None,
     ) -> np.ma.MaskedArray[Any, Any]: ...
@@ -181,7 +192,7 @@ class Dataset(Zones):
         *,
         bands: int | Sequence[int] | None = None,
         level: int | None = None,
-        coordinates: Coordinates = "world",
+        coordinates: Coordinates = None,
         masked: bool = False,
         fill: float | None = None,
     ) -> Array | np.ma.MaskedArray[Any, Any]:
@@ -189,10 +200,15 @@ class Dataset(Zones):
         one alone gives an array without columns.
 
         Points are `(x, y)` in the world, of octrees `(x, y, z)`, or in other `coordinates`: "cells" are columns and rows of the
-        deepest level, "lonlat" degrees of longitude and latitude, and any coordinate system will do. At a coarser `level` the answer is that of the block around the point. VOID, and all that is outside, has
-        the number `fill` (by default `fill_value`), or is masked.
+        deepest level, "lonlat" degrees of longitude and latitude, and any coordinate system will do. A GeoSeries or GeoDataFrame of points is in its own
+        `crs`, features of GeoJSON are in degrees, and points of shapely are in the world, unless `coordinates` says otherwise. At a coarser
+        `level` the value is that of the block around the point. VOID, and all that is outside, has the number `fill` (by default
+        `fill_value`), or is masked.
         """
-        array = points_of(points, self.ndim)
+        rows, own = coordinates_of_points(points, self.ndim)
+        array = points_of(rows, self.ndim)
+        if coordinates is None:
+            coordinates = "world" if own is None or self.crs is None else definition_of(own)
         values, found = self._sample_points(array, level, coordinates, fill)
         result: Any = values
         if masked:
@@ -466,6 +482,9 @@ class Level:
             return ds
         return Dataset(str(ds.path), [*ds.view, *steps], ds.commit, ds.positioned, ds.layer or None, ds._remote)
 
+    def __dask_tokenize__(self) -> Any:
+        return type(self).__name__, self.level, self.dataset.__dask_tokenize__()
+
     def __getitem__(self, key: Any) -> Any:
         return self.dataset._at_index(self.level, key)
 
@@ -488,9 +507,9 @@ def _reopen(
     layer: str | None = None,
     storage: list[tuple[str, str]] | None = None,
     file: Any = None,
+    refused: tuple[bool, bool] = (False, False),
 ) -> Dataset:
-    return Dataset(path, view, commit, positioned, layer, remote_access_of(file or path, dict(storage or []))[1])
-
+    return Dataset(path, view, commit, positioned, layer, access_again(file, storage, refused))
 
 
 def _as_array(array: Array, dtype: npt.DTypeLike | None, copy: bool | None) -> Array:

@@ -19,6 +19,7 @@ from ._files import MEMORY
 from ._options import time_of
 from ._features import Edge, Overlaps, features_over
 from ._progress import memory_of, working
+from ._remote import is_path, path_of
 from ._types import Commit, Path, Progress, Window, commit_of
 
 
@@ -55,7 +56,7 @@ class Edit:
     def __init__(
         self, path: Path, message: str | None, author: str, time: int | None, memory: int, threads: int | None, progress: Progress
     ) -> None:
-        self.path = os.fspath(path)
+        self.path = path_of(path)
         self.message = message
         self.made: Commit | None = None
         """The commit that was made, when all is done; `None` if nothing has changed."""
@@ -151,8 +152,8 @@ class Edit:
             source = f"{source.path}@{source.commit}" if source.commit is not None else source.path
         beside = os.path.dirname(os.path.abspath(self.path))
         with working(self._progress, self._threads) as terms, tempfile.TemporaryDirectory(prefix="spinney-", dir=beside) as folder:
-            if isinstance(source, str | os.PathLike):
-                name = path = os.fspath(source)
+            if is_path(source):
+                name = path = path_of(source)
                 if not _is_tree(path):
                     path = os.path.join(folder, "patch.goblin")
                     build(name, path, kind=self._kind, rule=self._rule, memory=self._memory, threads=self._threads)  # type: ignore[arg-type]
@@ -251,8 +252,8 @@ class Edit:
     def apply(self, operation: str, other: Path) -> None:
         """Makes the tree what an operation (as in `combine`) makes of it and another, which lies where it lies."""
         with working(self._progress, self._threads) as terms:
-            self._editor.combine(operation, os.fspath(other), terms)
-        self._done.append(f"Apply {operation} of {os.fspath(other)}")
+            self._editor.combine(operation, path_of(other), terms)
+        self._done.append(f"Apply {operation} of {path_of(other)}")
 
     def revert(self, commit: int) -> None:
         """Makes the tree what it was in another commit."""

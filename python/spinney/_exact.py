@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from . import _native
 from ._arrays import points_of, rows_of
-from ._remote import remote_access_of, kept_name
 from ._metadata import crs_text
+from ._remote import access_again, kept_name, path_of, remote_access_of, token_of
 from ._sources import paths_of
 from ._files import MEMORY
 from ._meshes import mesh_columns, meshes_of, unit_of
@@ -112,7 +112,7 @@ def build_brep(
         "memory": memory_of(memory),
     }
     with working(progress, threads, max_bytes) as terms:
-        facts = _native.build_brep(paths or [], columns, os.fspath(out), options, terms)
+        facts = _native.build_brep(paths or [], columns, path_of(out), options, terms)
     return BuiltModel(**facts)
 
 
@@ -180,8 +180,8 @@ class ExactModel(_native.Model):
         self.close()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        storage, file = self._remote
-        return _reopen, (kept_name(self.path, file), self.positioned, storage, file and file[2], self.view)
+        storage, file, refused = self._remote
+        return _reopen, (kept_name(self.path, file), self.positioned, storage, file and file[2], self.view, refused)
 
     def __repr__(self) -> str:
         name = _native.shown(str(self.path))
@@ -190,6 +190,9 @@ class ExactModel(_native.Model):
         unit = f" {self.unit}" if self.unit else ""
         steps = f" through {', '.join(self.view)}" if self.view else ""
         return f"<spinney.ExactModel {name!r}{steps}: {len(self)} faces, grid of {self.step:g}{unit}, depth {self.depth}>"
+
+    def __dask_tokenize__(self) -> Any:
+        return type(self).__name__, self.view, token_of(self)
 
     def __bool__(self) -> bool:
         return True
@@ -423,7 +426,7 @@ class ExactModel(_native.Model):
         Polygons stay polygons, but in STL, which has triangles in single precision (and no numbered vertices: 0). What the format
         has no room for, such as colours, parts, the coordinate system or the unit of length, is told in a warning."""
         with working(progress, threads) as terms:
-            vertices, faces, _ = self._export(os.fspath(path), terms)
+            vertices, faces, _ = self._export(path_of(path), terms)
         return vertices, faces
 
     def show(self, *, height: int = 500) -> Any:
@@ -491,7 +494,7 @@ class ExactModel(_native.Model):
         if not given:
             raise ValueError("by: expected planes such as 'z=12.5', or another model")
         with working(progress, threads, max_bytes) as terms:
-            made = self._write_section(os.fspath(out), given, flat, memory_of(memory), terms)
+            made = self._write_section(path_of(out), given, flat, memory_of(memory), terms)
         return Section(**made) if "planes" in made else SurfaceIntersection(**made)
 
 
@@ -508,6 +511,11 @@ def _box(box: BBox) -> tuple[list[float], list[float]]:
 
 
 def _reopen(
-    path: str, positioned: bool, storage: list[tuple[str, str]] | None = None, file: Any = None, view: Sequence[str] = ()
+    path: str,
+    positioned: bool,
+    storage: list[tuple[str, str]] | None = None,
+    file: Any = None,
+    view: Sequence[str] = (),
+    refused: tuple[bool, bool] = (False, False),
 ) -> ExactModel:
-    return ExactModel(path, positioned, remote_access_of(file or path, dict(storage or []))[1], list(view))
+    return ExactModel(path, positioned, access_again(file, storage, refused), list(view))

@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from . import _native
+from ._remote import is_path, path_of
 from ._types import Path
 from ._zonal import documents_of, values_of
 
@@ -21,8 +22,8 @@ Overlaps = Literal["last", "first", "min", "max", "sum", "count", "mean"]
 
 def is_features(source: Any) -> bool:
     """Whether something is features, or a file of them by its name, and no tree."""
-    if isinstance(source, str | os.PathLike):
-        return bool(_native.is_feature_file(os.fspath(source)))
+    if is_path(source):
+        return bool(_native.is_feature_file(path_of(source)))
     return hasattr(source, "__geo_interface__") or isinstance(source, Mapping)
 
 
@@ -46,8 +47,8 @@ def features_over(
     if value is not None:
         texts = [value] if isinstance(value, str) else [str(number) for number in np.atleast_1d(np.asarray(value, dtype=object))]
     told = {"coordinates": coordinates, "where": conditions or None, "edge": edge, "value": texts, "overlaps": overlaps}
-    if isinstance(source, str | os.PathLike):
-        yield told | {"path": os.fspath(source)}
+    if is_path(source):
+        yield told | {"path": path_of(source)}
         return
     documents = documents_of(source)
     if not documents:

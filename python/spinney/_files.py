@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 from . import _native
 from ._features import Edge, Overlaps, divided, features_over
 from ._options import packing_of
 from ._progress import ALONE, bytes_of, memory_of, working
+from ._remote import is_path, path_of
 from ._types import (
     Codec,
     CombinedModel,
@@ -60,7 +60,7 @@ def transform(
     chain = [steps] if isinstance(steps, str) else list(steps)
     with working(progress, threads, max_bytes) as terms:
         made = _native.transform(
-            os.fspath(path), chain, os.fspath(out), resampling, allow_ballpark, move, (snap, unit), memory_of(memory), packing_of(codec, max_error), terms
+            path_of(path), chain, path_of(out), resampling, allow_ballpark, move, (snap, unit), memory_of(memory), packing_of(codec, max_error), terms
         )
     return MovedModel(**made) if "faces" in made else outcome_of(made)
 
@@ -101,45 +101,45 @@ def combine(
     """
     if values not in ("first", "second"):
         raise ValueError(f"values: {values!r}, expected 'first' or 'second'")
-    operation = str(operation)
+    operation, limit = str(operation), cast(Any, within)
     trees, features = divided(paths)
     if features and not trees:
         given = {"values": values != "first", "fill": fill, "margin": margin, "value": value, "overlaps": overlaps, "edge": edge, "codec": codec != "plain", "max_error": max_error}
         if refused := [name for name, own in given.items() if own not in (None, False)]:
             raise ValueError(f"{', '.join(refused)}: not for polygons")
-        region = os.fspath(within) if isinstance(within, str | os.PathLike) else None if within is None else list(within)
+        region = path_of(limit) if is_path(limit) else None if limit is None else list(limit)
         with ExitStack() as stack:
             files = [stack.enter_context(features_over(source, where=where, has_own_system=True)) for _, source in features]
             terms = stack.enter_context(working(progress, threads, max_bytes))
             sources = [file["path"] for file in files]
-            facts = _native.combine_polygons(operation, sources, os.fspath(out), files[0]["where"], region, snap, memory_of(memory), terms)
+            facts = _native.combine_polygons(operation, sources, path_of(out), files[0]["where"], region, snap, memory_of(memory), terms)
         return CombinedPolygons(**facts)
     if snap is not None:
         raise ValueError("snap is for polygons")
-    if isinstance(within, str | os.PathLike):
+    if is_path(limit):
         raise ValueError("within: a file of polygons limits what is made of polygons; give a box")
-    box = None if within is None else list(within)
+    box = None if limit is None else list(limit)
     if not features and (value is not None or overlaps is not None or where is not None or edge is not None):
         raise ValueError("value, overlaps, where and edge are for features that are combined with trees")
-    names = [os.fspath(path) for path in trees]
+    names = [path_of(path) for path in trees]
     with ExitStack() as stack:
         over = {"value": value, "overlaps": overlaps, "where": where, "edge": edge}
         told = [(place, stack.enter_context(features_over(source, **over))) for place, source in features]  # type: ignore[arg-type]
         terms = stack.enter_context(working(progress, threads, max_bytes))
         made = _native.combine(
-            operation, names, os.fspath(out), values == "second", fill, box, margin, told, memory_of(memory), packing_of(codec, max_error), terms
+            operation, names, path_of(out), values == "second", fill, box, margin, told, memory_of(memory), packing_of(codec, max_error), terms
         )
     return CombinedModel(**made) if "faces" in made else outcome_of(made)
 
 
 def cross(first: Path, second: Path) -> list[tuple[list[float] | None, list[float] | None, int]]:
     """Which values of one tree meet which of another, and in how many cells; `None` is VOID."""
-    return _native.cross(os.fspath(first), os.fspath(second), ALONE)
+    return _native.cross(path_of(first), path_of(second), ALONE)
 
 
 def diff(first: Path, second: Path, *, ranges: bool = False) -> Differences:
     """How two trees differ, most often two commits of one file; with `ranges` also where, as runs of FD paths."""
-    sums, found = _native.diff(os.fspath(first), os.fspath(second), ranges, ALONE)
+    sums, found = _native.diff(path_of(first), path_of(second), ranges, ALONE)
     added, removed, changed, blocks, runs = sums
     return Differences(added, removed, changed, blocks, runs, found)
 
@@ -150,7 +150,7 @@ def verify(
     """Checks every checksum and every rule of the tree; an empty list is good. With `quick` trees of older commits are
     left out."""
     with working(progress, threads) as terms:
-        findings = _native.verify(os.fspath(path), quick, memory_of(memory), terms)
+        findings = _native.verify(path_of(path), quick, memory_of(memory), terms)
     return [Finding(place, problem) for place, problem in findings]
 
 
@@ -171,7 +171,7 @@ def convert(
     Segments are packed as `codec` says, whatever those of the file are.
     """
     with working(progress, threads, max_bytes) as terms:
-        _native.convert(os.fspath(path), os.fspath(out), share, memory_of(memory), packing_of(codec, max_error), terms)
+        _native.convert(path_of(path), path_of(out), share, memory_of(memory), packing_of(codec, max_error), terms)
 
 
 def add_layer(
@@ -196,7 +196,7 @@ def add_layer(
     steps = [view] if isinstance(view, str) else list(view)
     note = (time, author, message or f"Add layer {name}")
     with working(progress, threads, None) as terms:
-        return _native.add_layer(os.fspath(path), os.fspath(tree), name, steps, note, memory_of(memory), packing_of(codec, max_error), terms)
+        return _native.add_layer(path_of(path), path_of(tree), name, steps, note, memory_of(memory), packing_of(codec, max_error), terms)
 
 
 def drop_layer(
@@ -213,7 +213,7 @@ def drop_layer(
     """Takes a layer out of a file; the number of the commit that does, in an Autumnal file."""
     note = (time, author, message or f"Drop layer {name}")
     with working(progress, threads, None) as terms:
-        return _native.drop_layer(os.fspath(path), name, note, memory_of(memory), terms)
+        return _native.drop_layer(path_of(path), name, note, memory_of(memory), terms)
 
 
 def blame(
@@ -229,7 +229,7 @@ def blame(
 ) -> None:
     """Makes a tree of the numbers of the commits that changed each cell of an Autumnal file last."""
     with working(progress, threads, max_bytes) as terms:
-        _native.blame(os.fspath(path), os.fspath(out), memory_of(memory), packing_of(codec, max_error), terms)
+        _native.blame(path_of(path), path_of(out), memory_of(memory), packing_of(codec, max_error), terms)
 
 
 def compact(
@@ -252,7 +252,7 @@ def compact(
     numbers = None if commits is None else list(commits)
     with working(progress, threads, max_bytes) as terms:
         made = _native.compact(
-            os.fspath(path), os.fspath(out), keep, numbers, share, pack, memory_of(memory), terms
+            path_of(path), path_of(out), keep, numbers, share, pack, memory_of(memory), terms
         )
     return [commit_of(facts) for facts in made]
 
@@ -260,12 +260,12 @@ def compact(
 def recover(path: Path, to: int, *, threads: int | None = None, progress: Progress = None) -> Commit:
     """Makes an older commit the newest, where newer ones are damaged."""
     with working(progress, threads) as terms:
-        return commit_of(_native.recover(os.fspath(path), to, terms))
+        return commit_of(_native.recover(path_of(path), to, terms))
 
 
 def log(path: Path) -> list[Commit]:
     """The commits of an Autumnal file, the newest first."""
-    return [commit_of(facts) for facts in _native.log(os.fspath(path))]
+    return [commit_of(facts) for facts in _native.log(path_of(path))]
 
 
 def set_cache_memory(bytes: int | str) -> None:

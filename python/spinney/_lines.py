@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,11 +12,12 @@ import numpy.typing as npt
 from . import _native
 from ._arrays import points_of
 from ._block_trees import BlockTree
-from ._remote import remote_access_of
 from ._features import features_over
 from ._files import MEMORY
+from ._options import names_of
 from ._progress import memory_of, working
 from ._metadata import crs_text
+from ._remote import is_path, path_of, remote_access_of
 from ._types import Path, Points, Progress
 
 
@@ -79,11 +79,11 @@ def build_lines(
 
     Features for which conditions hold (`where`), with all or some `attributes`, of any number, in bounded `memory`. Nodes of at most `leaf_size` pieces of lines (1024) are not divided.
     """
-    names = None if attributes is None else [str(name) for name in attributes]
-    origin = os.fspath(source) if isinstance(source, str | os.PathLike) else "features"
+    names = None if attributes is None else names_of(attributes)
+    origin = path_of(source) if is_path(source) else "features"
     given = (leaf_size, crs_text(crs), names, memory_of(memory), where, origin)
     with features_over(source, has_own_system=True) as told, working(progress, threads, max_bytes) as terms:
-        return BuiltLines(*_native.build_line_file(told["path"], os.fspath(out), given, terms))
+        return BuiltLines(*_native.build_line_file(told["path"], path_of(out), given, terms))
 
 
 def open_lines(path: Path, *, positioned: bool = False, storage_options: Mapping[str, Any] | None = None) -> LineTree:
@@ -202,9 +202,9 @@ class LineTree(BlockTree, _native.Lines):
     ) -> int:
         """Writes whole features (.geojson, .csv, .svg, .gpkg, .fgb, .shp, .obj or .ply), chosen as `features` does; returns how many."""
         numbers = self._chosen(window, crossing, threads)
-        names = None if attributes is None else [str(name) for name in attributes]
+        names = None if attributes is None else names_of(attributes)
         with working(progress, threads, max_bytes) as terms:
-            return self._write(os.fspath(out), numbers, names, terms)
+            return self._write(path_of(out), numbers, names, terms)
 
     def _chosen(self, window: Sequence[float] | None, crossing: Any, threads: int | None) -> list[int] | None:
         if window is not None and crossing is not None:

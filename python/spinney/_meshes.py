@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,6 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ._options import names_of
+from ._remote import is_path
 from ._types import Array, Faces
 
 _UNITS = {"millimeters": "mm", "centimeters": "cm", "meters": "m", "kilometers": "km", "inches": "in", "feet": "ft"}
@@ -19,7 +20,7 @@ _NOTHING = np.zeros(0, dtype="<u4")
 
 def is_mesh(source: Any) -> bool:
     """Whether something is a mesh: one of trimesh, or any that has vertices and faces; faces of an exact model; or a pair of arrays."""
-    if isinstance(source, tuple) and len(source) == 2 and not isinstance(source[0], str | os.PathLike):
+    if isinstance(source, tuple) and len(source) == 2 and not is_path(source[0]):
         if is_mesh(source[0]) or is_mesh(source[1]):
             return False
         vertices = np.asarray(source[0])
@@ -71,13 +72,13 @@ def mesh_columns(
         columns, count = _columns(mesh, colours)
         numbers = _NOTHING if own is None else _numbers(own, count, "parts", "faces")
         most = int(numbers.max(initial=0)) + 1
-        called = [str(name) for name in names] if names is not None else [_name_of(mesh) or "mesh"] if own is None else [str(number) for number in range(most)]
+        called = names_of(names) if names is not None else [_name_of(mesh) or "mesh"] if own is None else [str(number) for number in range(most)]
         if len(called) < most:
             raise ValueError(f"names: {len(called)} of them, expected one for each part, 0 to {most - 1}")
         return [columns | {"name": _name_of(mesh) or "mesh", "face_parts": numbers, "parts": called, "attributes": _told(attributes, called)}]
     if colours is not None or parts is not None:
         raise ValueError("colours, parts: are for a single mesh; of several each has its own colours and is a part")
-    called = [str(name) for name, _ in meshes] if names is None else [str(name) for name in names]
+    called = [str(name) for name, _ in meshes] if names is None else names_of(names)
     if len(called) != len(meshes):
         raise ValueError(f"names: {len(called)} of them, expected one for each of {len(meshes)} meshes")
     every = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 
@@ -12,6 +12,11 @@ def refuse(what: str, options: Mapping[str, Any]) -> None:
     for name, value in options.items():
         if value is not None:
             raise TypeError(f"{name}: is for {what}")
+
+
+def names_of(names: str | Iterable[Any]) -> list[str]:
+    """Names as a list: a string is one of them."""
+    return [names] if isinstance(names, str) else [str(name) for name in names]
 
 
 def time_of(time: int | None) -> int | None:

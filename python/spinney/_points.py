@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -13,9 +12,10 @@ import numpy.typing as npt
 from . import _native
 from ._arrays import points_of
 from ._block_trees import BlockTree
-from ._remote import remote_access_of
 from ._files import MEMORY
+from ._options import names_of
 from ._progress import memory_of, working
+from ._remote import path_of, remote_access_of
 from ._sources import paths_of
 from ._metadata import crs_text
 from ._types import Path, Points, Progress
@@ -70,12 +70,12 @@ def build_points(
     Points for which conditions hold (`where`), with all or some `attributes`, of any number, in bounded `memory`. Nodes of at most `leaf_size` points (50,000) are not divided.
     """
     paths = paths_of(source)
-    given = (leaf_size, crs_text(crs), None if attributes is None else [str(name) for name in attributes], memory_of(memory), where)
+    given = (leaf_size, crs_text(crs), None if attributes is None else names_of(attributes), memory_of(memory), where)
     with working(progress, threads, max_bytes) as terms:
         if paths is not None:
-            return BuiltPoints(*_native.build_point_files(paths, os.fspath(out), given, terms))
+            return BuiltPoints(*_native.build_point_files(paths, path_of(out), given, terms))
         places, columns = _columns(source)
-        return BuiltPoints(*_native.build_point_array(places, columns, os.fspath(out), given, terms))
+        return BuiltPoints(*_native.build_point_array(places, columns, path_of(out), given, terms))
 
 
 def _columns(source: Any) -> tuple[npt.NDArray[np.float64], list[tuple[str, str, npt.NDArray[np.uint8]]]]:
@@ -127,7 +127,14 @@ class PointTree(BlockTree, _native.Points):
     @property
     def attributes(self) -> list[str]:
         """Names of the attributes."""
-        return [name for name, _, _ in self._facts()["attributes"]]
+        return [name for name, *_ in self._facts()["attributes"]]
+
+    @property
+    def no_data(self) -> dict[str, float]:
+        """Numbers that encode "no value", by the names of the attributes that have one (`no_data` of extra bytes of LAS), as they are stored: without
+        scale and offset. `read` gives NaN for them where an attribute has a scale; `stats` and conditions leave them out."""
+        numbers = {name: number for name, _, _, number in self._facts()["attributes"] if number is not None}
+        return {name: int(number) if float(number).is_integer() else number for name, number in numbers.items()}
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -157,7 +164,7 @@ class PointTree(BlockTree, _native.Points):
         progress: Progress = None,
     ) -> npt.NDArray[Any]:
         """Points as a structured array with fields x, y and z, and the attributes, all or some. Those of coarse levels come first."""
-        names = None if attributes is None else [str(name) for name in attributes]
+        names = None if attributes is None else names_of(attributes)
         with working(progress, threads) as terms:
             rows = self._read(_wanted(window, polygons, ball, level, where), names, terms)
         return rows.view(self._dtype(names))
@@ -231,9 +238,9 @@ class PointTree(BlockTree, _native.Points):
         progress: Progress = None,
     ) -> int:
         """Writes points as .las, .laz, .csv, .ply or .npy; returns how many."""
-        names = None if attributes is None else [str(name) for name in attributes]
+        names = None if attributes is None else names_of(attributes)
         with working(progress, threads, max_bytes) as terms:
-            return self._write(os.fspath(out), _wanted(window, polygons, ball, level, where), names, terms)
+            return self._write(path_of(out), _wanted(window, polygons, ball, level, where), names, terms)
 
     def raster(
         self,
@@ -251,10 +258,10 @@ class PointTree(BlockTree, _native.Points):
         """Makes a quadtree of cells of a width: what the points in each come to, of z or of an attribute; VOID where there are none."""
         step = f"{rule},cell={float(cell)!r}" + ("" if attribute is None else f",attribute={attribute}")
         with working(progress, threads, max_bytes) as terms:
-            self._raster(os.fspath(out), step, where, memory_of(memory), terms)
+            self._raster(path_of(out), step, where, memory_of(memory), terms)
 
     def _dtype(self, names: Sequence[str] | None) -> np.dtype[Any]:
-        kinds = {name: NAMES[kind] for name, kind, _ in self._facts()["attributes"]}
+        kinds = {name: NAMES[kind] for name, kind, *_ in self._facts()["attributes"]}
         fields = [(name, "<f8") for name in "xyz"]
         return np.dtype([*fields, *((name, f"<{kinds[name]}") for name in (kinds if names is None else names))])
 

@@ -12,16 +12,17 @@ from typing import Any
 
 import numpy as np
 
+from ._remote import is_path, path_of
 from ._types import Array, Path
 from ._zonal import documents_of
 
 
 def paths_of(source: Any) -> list[str] | None:
     """Names of files, if the source is that."""
-    if isinstance(source, str | os.PathLike):
-        return [str(os.fspath(source))]
-    if isinstance(source, list | tuple) and source and all(isinstance(s, str | os.PathLike) for s in source):
-        return [str(os.fspath(path)) for path in source]
+    if is_path(source):
+        return [path_of(source)]
+    if isinstance(source, list | tuple) and source and all(map(is_path, source)):
+        return [path_of(path) for path in source]
     return None
 
 
@@ -145,7 +146,7 @@ def feature_file(source: Any, out: Path) -> Iterator[tuple[str, str | None]]:
     if crs == "world":
         # (What tells no system is not in degrees.)
         document = json.dumps({**json.loads(document), "crs": None})
-    folder = os.path.dirname(os.path.abspath(os.fspath(out)))
+    folder = os.path.dirname(os.path.abspath(path_of(out)))
     with tempfile.NamedTemporaryFile("w", encoding="utf-8", suffix=".geojson", dir=folder) as file:
         file.write(document)
         file.flush()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -14,6 +13,7 @@ from ._blocks import Blocks, usual_dims
 from ._options import refuse
 from ._progress import working
 from ._meshes import is_mesh
+from ._remote import is_path
 from ._sources import is_rasterio, rasterio_layers
 from ._times import short_of, text_of_time
 from ._metadata import array_options
@@ -63,19 +63,19 @@ def layers_of(
         found = [layer for name, array in variables.items() for layer in _parts_of(_own(name), array, stack)]
     elif isinstance(source, Mapping):
         parts = {str(name): part for name, part in source.items()}
-        if parts and all(isinstance(part, str | os.PathLike) for part in parts.values()):
+        if parts and all(map(is_path, parts.values())):
             return None
         found = [layer for name, array in parts.items() for layer in _parts_of(name, array, stack)]
     elif hasattr(source, "dims") and hasattr(source, "coords"):
         if not stack and _time_axis(source) is None:
             return None
         found = list(_parts_of(_own(source.name), source, stack))
-    elif not stack or isinstance(source, str | os.PathLike) or is_mesh(source):
+    elif not stack or is_path(source) or is_mesh(source):
         return None
     elif is_rasterio(source):
         found = [ArrayLayer(name, "", array) for name, array in rasterio_layers(source)]
     elif isinstance(source, list | tuple):
-        if source and all(isinstance(part, str | os.PathLike) for part in source):
+        if source and all(map(is_path, source)):
             return None
         found = [layer for number, part in enumerate(source) for layer in _parts_of(f"band_{number + 1}", part, stack)]
     elif all(hasattr(source, name) for name in ("shape", "dtype", "__getitem__")) and not isinstance(source, _native.Tree):
@@ -117,7 +117,7 @@ def _parts_of(name: str, array: Any, stack: bool) -> Iterator[ArrayLayer]:
     """The layers of an array that has a name: each time of a DataArray is one, and with `stack` each band."""
     if isinstance(array, _native.Tree) or hasattr(array, "_as_tree"):
         raise TypeError(f"{name}: is a tree; spinney.add_layer adds trees to a file, as they are")
-    if isinstance(array, str | os.PathLike):
+    if is_path(array):
         raise TypeError(f"{name}: is a path among arrays; build a stack of paths, or of arrays")
     if is_rasterio(array):
         for band, part in rasterio_layers(array):

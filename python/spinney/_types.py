@@ -4,15 +4,29 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[Any]
 """An array of samples, of whatever type the file has."""
-Path = str | os.PathLike[str]
-"""Name of a file; `map.autumn@3` is commit 3 of `map.autumn`."""
+
+
+class FileSystemPath(Protocol):
+    """A file of fsspec (`fsspec.open("s3://...")`), or a path of universal_pathlib."""
+
+    @property
+    def fs(self) -> Any:
+        """The file system."""
+
+    @property
+    def path(self) -> Any:
+        """The path in it."""
+
+
+Path = str | os.PathLike[str] | FileSystemPath
+"""Name of a file; `map.autumn@3` is commit 3 of `map.autumn`. Also a file of fsspec that is local or has a URL (`https`, `s3`, `gs`, `az`)."""
 Progress = Callable[[int, int], object] | bool | Any | None
 """A function that is called with what is done and the total, a bar of tqdm, or `True` for a new bar: one of tqdm if that is installed
 (`pip install tqdm`), else a line in the terminal."""

@@ -17,6 +17,7 @@ from ._options import refuse
 from ._progress import memory_of, working
 from ._properties import Properties
 from ._show import shown, title_of
+from ._remote import path_of
 from ._types import Coordinates, Mesh, Path, Progress, Resampling, Style, Window
 
 
@@ -44,7 +45,7 @@ class Writers(Properties):
         name ("viridis", "terrain", "hillshade", "relief" ...), its document as a dictionary or JSON, or a file with it.
         """
         with working(progress, threads) as terms:
-            self._write_window(os.fspath(path), window, coordinates, level, shape, exact, nodata, range, _style_text(style), terms)
+            self._write_window(path_of(path), window, coordinates, level, shape, exact, nodata, range, _style_text(style), terms)
 
     def mesh(self, level: int | None = None, *, smooth: bool = False, threads: int | None = None, progress: Progress = None) -> Mesh:
         """The surface of an octree as triangles: the faces of cells, or with `smooth` the surface between them."""
@@ -114,7 +115,7 @@ class Writers(Properties):
         What the format has no room for, such as colours, values, the coordinate system or the unit of length, is told in a warning.
         Options of other formats than that of the name are a TypeError.
         """
-        to = os.fspath(path)
+        to = path_of(path)
         of_tiles = {
             "zoom": (zoom, zoom) if isinstance(zoom, int) else zoom,
             "style": _style_text(style),
@@ -125,7 +126,7 @@ class Writers(Properties):
             "name": name,
             "attribution": attribution,
             "update": update or None,
-            "since": None if since is None else os.fspath(since),
+            "since": None if since is None else path_of(since),
             "restyle": restyle or None,
             "part": part,
             "parts": parts,
@@ -157,11 +158,11 @@ class Writers(Properties):
                     raise ValueError("since and restyle are for an update")
                 if update and resume:
                     raise ValueError("update and resume: give one of them")
-                old = None if isinstance(update, bool) else os.fspath(update)
+                old = None if isinstance(update, bool) else path_of(update)
                 options = of_tiles | {"tile_size": tile_size, "allow_ballpark": allow_ballpark, "resume": resume}
                 if update and (part is not None or parts is not None):
                     raise ValueError("update and parts: an update is of all tiles")
-                names = [os.fspath(archive) for archive in parts or []]
+                names = [path_of(archive) for archive in parts or []]
                 options |= {"update": bool(update), "old": old, "restyle": restyle, "parts": names}
                 return self._write_tiles(to, window, coordinates, options, terms)
             refuse("tiles", only_tiles)
@@ -229,7 +230,7 @@ class Writers(Properties):
             "memory": memory_of(memory),
         }
         with working(progress, threads, max_bytes) as terms:
-            return self._write_contours(os.fspath(path), options, terms)
+            return self._write_contours(path_of(path), options, terms)
 
     def legend(
         self,
@@ -247,7 +248,7 @@ class Writers(Properties):
         if not 1 <= index(scale) <= 8:
             raise ValueError(f"scale: {scale}, expected 1 to 8")
         with working(progress, threads) as terms:
-            self._write_legend(os.fspath(out), _style_text(style), index(scale), terms)
+            self._write_legend(path_of(out), _style_text(style), index(scale), terms)
 
     def render(
         self,
@@ -271,7 +272,7 @@ class Writers(Properties):
         degrees above the horizon. Without a background the picture has opacity as a fourth channel.
         """
         with working(progress, threads) as terms, tempfile.TemporaryDirectory(prefix="spinney-") as folder:
-            to = os.path.join(folder, "picture.npy") if path is None else os.fspath(path)
+            to = os.path.join(folder, "picture.npy") if path is None else path_of(path)
             direction = (azimuth, elevation)
             self._write_render(
                 to, size, direction, level, scale, orthographic, up, background, samples, terms
@@ -286,4 +287,4 @@ def _style_text(style: Style | None) -> str | None:
     """A style as the program has it."""
     if style is None or isinstance(style, str):
         return style
-    return json.dumps(dict(style)) if isinstance(style, Mapping) else os.fspath(style)
+    return json.dumps(dict(style)) if isinstance(style, Mapping) else path_of(style)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
+from ._remote import is_path, path_of
 from ._types import ZoneBand, ZoneStatistics, ZoneValues
 
 MEASURES: dict[str, Callable[[ZoneStatistics, ZoneBand], Any]] = {
@@ -41,8 +44,8 @@ def documents_of(geometries: Any, crs: str | None = None) -> list[tuple[str, str
 
     `world` is the system of the tree; nothing is what the document says.
     """
-    if isinstance(geometries, (str, os.PathLike)):
-        return [(os.fspath(geometries), crs, True)]
+    if is_path(geometries):
+        return [(path_of(geometries), crs, True)]
     own = getattr(geometries, "crs", None)
     if crs is None and own is not None:
         crs = definition_of(own)
@@ -79,13 +82,12 @@ def definition_of(crs: Any) -> str:
     return str(crs.to_wkt()) if hasattr(crs, "to_wkt") else str(crs)
 
 
-def measures_of(measures: Iterable[str] | None, quantiles: Iterable[float]) -> tuple[list[str], list[float]]:
-    """Names of measures and quantiles, if they are such."""
-    names = list(measures or ())
-    unknown = [name for name in names if name not in MEASURES]
-    if isinstance(measures, str) or unknown:
-        raise ValueError(f"measures: {unknown or measures!r}, expected a list of {', '.join(MEASURES)}")
-    return names, [float(quantile) for quantile in quantiles]
+def measures_of(measures: str | Iterable[str] | None, quantiles: float | Sequence[float]) -> tuple[list[str], list[float]]:
+    """Names of measures and quantiles, if they are such; several names in a string have blanks or commas between them."""
+    names = re.findall(r"[^\s,]+", measures) if isinstance(measures, str) else [str(name) for name in measures or ()]
+    if unknown := [name for name in names if name not in MEASURES]:
+        raise ValueError(f"measures: {', '.join(unknown)}, expected names among {', '.join(MEASURES)}")
+    return names, [float(quantile) for quantile in np.atleast_1d(np.asarray(quantiles, dtype=float))]
 
 
 def column_of(quantile: float) -> str:
@@ -129,10 +131,13 @@ def is_frame(geometries: Any) -> bool:
     return hasattr(geometries, "__geo_interface__") and hasattr(geometries, "index") and hasattr(geometries, "iloc")
 
 
-def table_of(frame: Any, rows: Sequence[dict[str, Any]]) -> Any:
-    """A pandas DataFrame of rows with the index of a frame; cells of classes have columns of their own."""
+def table_of(frame: Any, zones: Sequence[Any], names: Sequence[str], quantiles: Sequence[float]) -> Any:
+    """A pandas DataFrame of zones, or of measures if there are names of these, with the index of a frame and a column for each measure and quantile;
+    cells of classes have columns of their own. A frame without rows has the columns, but none of classes."""
     import pandas  # type: ignore[import-untyped]
 
+    measures = list(names) or usual_of(zones)
+    rows: Sequence[dict[str, Any]] = zones if names else named(zones, measures, quantiles)
     classes = sorted({value for row in rows for value in row.get("classes", ())})
 
     def flat(row: dict[str, Any]) -> dict[str, Any]:
@@ -140,4 +145,7 @@ def table_of(frame: Any, rows: Sequence[dict[str, Any]]) -> Any:
         plain = {name: value for name, value in row.items() if name != "classes"}
         return plain if cells is None else plain | {f"cells_{value:g}": cells.get(value, 0.0) for value in classes}
 
+    if not rows:
+        columns = [*(name for name in measures if name != "classes"), *map(column_of, quantiles)]
+        return pandas.DataFrame(index=frame.index, columns=columns, dtype=float)
     return pandas.DataFrame([flat(row) for row in rows], index=frame.index)

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from typing import Any, overload
 
 from ._features import Edge, features_over
 from ._files import MEMORY
+from ._options import names_of
 from ._progress import memory_of, working
+from ._remote import path_of
 from ._types import Path, Progress, ZoneStatistics
 from ._writers import Writers
-from ._zonal import definition_of, documents_of, is_frame, measures_of, named, table_of, usual_of, values_of, zone_of
+from ._zonal import definition_of, documents_of, is_frame, measures_of, named, table_of, values_of, zone_of
 
 
 class Zones(Writers):
     """The part of a dataset that answers for polygons."""
+
+    #: Whether polygons that all lie outside are an error. (They may be some of many, on a cluster.)
+    _outside_is_error = True
 
     @overload
     def zonal(
@@ -23,7 +27,7 @@ class Zones(Writers):
         geometries: Any,
         measures: None = None,
         *,
-        quantiles: Sequence[float] = (),
+        quantiles: float | Sequence[float] = (),
         edge: Edge = "centre",
         crs: Any = None,
         where: Mapping[str, Any] | str | None = None,
@@ -39,9 +43,9 @@ class Zones(Writers):
     def zonal(
         self,
         geometries: Any,
-        measures: Sequence[str],
+        measures: str | Sequence[str],
         *,
-        quantiles: Sequence[float] = (),
+        quantiles: float | Sequence[float] = (),
         edge: Edge = "centre",
         crs: Any = None,
         where: Mapping[str, Any] | str | None = None,
@@ -59,7 +63,7 @@ class Zones(Writers):
         geometries: Any,
         measures: None = None,
         *,
-        quantiles: Sequence[float] = (),
+        quantiles: float | Sequence[float] = (),
         edge: Edge = "centre",
         crs: Any = None,
         where: Mapping[str, Any] | str | None = None,
@@ -75,9 +79,9 @@ class Zones(Writers):
     def zonal(
         self,
         geometries: Any,
-        measures: Sequence[str],
+        measures: str | Sequence[str],
         *,
-        quantiles: Sequence[float] = (),
+        quantiles: float | Sequence[float] = (),
         edge: Edge = "centre",
         crs: Any = None,
         where: Mapping[str, Any] | str | None = None,
@@ -93,16 +97,16 @@ class Zones(Writers):
     def zonal(
         self,
         geometries: Any,
-        measures: Sequence[str] | None = None,
+        measures: str | Sequence[str] | None = None,
         *,
-        quantiles: Sequence[float] = (),
+        quantiles: float | Sequence[float] = (),
         edge: Edge = "centre",
         crs: Any = None,
         where: Mapping[str, Any] | str | None = None,
         memory: int | str = MEMORY,
         layers: Sequence[str] | None = None,
         out: Path,
-        attribute: Sequence[str] | None = None,
+        attribute: str | Sequence[str] | None = None,
         threads: int | None = None,
         progress: Progress = None,
     ) -> int: ...
@@ -110,16 +114,16 @@ class Zones(Writers):
     def zonal(
         self,
         geometries: Any,
-        measures: Sequence[str] | None = None,
+        measures: str | Sequence[str] | None = None,
         *,
-        quantiles: Sequence[float] = (),
+        quantiles: float | Sequence[float] = (),
         edge: Edge = "centre",
         crs: Any = None,
         where: Mapping[str, Any] | str | None = None,
         memory: int | str = MEMORY,
         layers: Sequence[str] | None = None,
         out: Path | None = None,
-        attribute: Sequence[str] | None = None,
+        attribute: str | Sequence[str] | None = None,
         threads: int | None = None,
         progress: Progress = None,
     ) -> Any:
@@ -136,7 +140,7 @@ class Zones(Writers):
         or for which all of this holds: `"kind!=lake,lod>=2"`. The features of a file must fit into `memory`; values of which that has no
         room for all go to temporary files.
 
-        With the names of some `measures` ("count", "void", "void_share", "outside", "sum", "min", "max", "mean", "std", "majority",
+        With the names of some `measures` (one, a list, or several in a string, `"min mean"`; "count", "void", "void_share", "outside", "sum", "min", "max", "mean", "std", "majority",
         "minority", "variety", "median", "classes") there is a dictionary of these for each polygon, of the first band, and of `quantiles`, from 0 to 1,
         by names such as "q10" for 0.1. Quantiles are those of `numpy.quantile`, with shares of cells as weights.
         "majority", "minority", "variety", "median" and quantiles are of all values of a polygon, which are read unless the file counts
@@ -167,14 +171,12 @@ class Zones(Writers):
             documents = documents_of(geometries, None if crs is None else definition_of(crs))
             chosen = where if isinstance(where, str) else values_of(where)
             asked = (chosen, memory_of(memory), names, levels)
-            found = self._zones(documents, edge, asked, None if layers is None else list(layers), terms)
+            found = self._zones(documents, edge, asked, None if layers is None else list(layers), self._outside_is_error, terms)
         told = [[zone_of(zone, levels) for zone in zones] for zones in found]
 
         def answer(zones: list[ZoneStatistics]) -> Any:
-            if is_frame(geometries):
-                usual = names or usual_of(zones)
-                return table_of(geometries, named(zones, usual, levels))
-            return zones if measures is None else named(zones, names, levels)
+            rows: Any = zones if measures is None or (is_frame(geometries) and not names) else named(zones, names, levels)
+            return table_of(geometries, rows, names, levels) if is_frame(geometries) else rows
 
         return answer(told[0]) if layers is None else {layer: answer(zones) for layer, zones in zip(layers, told)}
 
@@ -187,13 +189,11 @@ class Zones(Writers):
         where: Mapping[str, Any] | str | None,
         memory: int | str,
         layers: Sequence[str] | None,
-        written: tuple[Path, Sequence[str] | None],
+        written: tuple[Path, str | Sequence[str] | None],
         terms: tuple[Progress, int | None],
     ) -> int:
         """Writes features with their answers."""
         (out, attribute), (progress, threads) = written, terms
-        if isinstance(attribute, str):
-            raise TypeError("attribute: expected a list of names")
         coordinates = None if crs is None else definition_of(crs)
         chosen = where if isinstance(where, str) else values_of(where)
         with features_over(geometries, coordinates=coordinates) as told, working(progress, threads) as work:
@@ -201,8 +201,8 @@ class Zones(Writers):
                 (told["path"], told["coordinates"]),
                 edge,
                 (chosen, memory_of(memory), *asked),
-                None if attribute is None else list(attribute),
+                None if attribute is None else names_of(attribute),
                 None if layers is None else list(layers),
-                os.fspath(out),
+                path_of(out),
                 work,
             )

@@ -30,14 +30,15 @@ from typing import Any
 from . import _native
 from . import shards as _shards
 from ._dataset import open
-from ._remote import kept_name
 from ._files import MEMORY
 from ._array_input import chunks_of, given_layers
 from ._options import packing_of
 from ._progress import ALONE, telling
+from ._remote import is_path, kept_name, path_of
 from ._sources import paths_of
 from ._stack import GivenLayers
 from ._types import Path, Progress
+from ._zonal import definition_of, is_frame, measures_of, table_of
 
 __all__ = ["build", "combine", "export_tiles", "transform", "zonal"]
 
@@ -70,7 +71,7 @@ def build(
     `retries` times more, one whose worker has died always. `progress` counts shards.
     """
     run = _Run(client, out, job, shards, retries, memory, max_bytes, progress)
-    if isinstance(sources, str | os.PathLike) or paths_of(sources) is not None:
+    if is_path(sources) or paths_of(sources) is not None:
         return run.build(lambda count: _shards.plan(sources, run.folder, shards=count, **options))
     import dask
     import dask.base
@@ -143,7 +144,7 @@ class _Run:
     ) -> None:
         self.cluster = _client(client)
         self.out = kept_name(out, None)
-        self.folder = kept_name(job if job is not None else f"{os.fspath(out)}.job", None)
+        self.folder = kept_name(job if job is not None else f"{path_of(out)}.job", None)
         self.shards, self.retries, self.memory, self.max_bytes, self.progress = shards, retries, memory, max_bytes, progress
         #: Names of tasks are for the dashboard; another job of the same folder has other ones.
         self.name = os.urandom(8).hex()
@@ -257,59 +258,87 @@ def _parts_there(folder: str) -> int:
 def zonal(
     path: Path,
     geometries: Any,
-    measures: Sequence[str] | None = None,
+    measures: str | Sequence[str] | None = None,
     *,
     client: Any = None,
     parts: int | None = None,
     retries: int = 2,
     progress: Progress = None,
     **options: Any,
-) -> list[Any]:
-    """Statistics of polygons, as `Dataset.zonal` tells them, some of the polygons on each thread of a cluster.
+) -> Any:
+    """Statistics of polygons, as `Dataset.zonal` returns them, some of the polygons on each thread of a cluster.
 
-    Geometries are a list of polygons (of shapely, GeoJSON, ...), or a collection of features: GeoJSON as a dictionary, the path of such a file, or what has one as its
-    `__geo_interface__`. `measures` and `options` are those of `Dataset.zonal`. There are `parts`, four for each thread if nothing is said.
+    Geometries are a GeoDataFrame or GeoSeries, of which there is a table with its index; a list of polygons (of shapely, GeoJSON, ...); or a collection of features: GeoJSON as
+    a dictionary, the path of such a file, or what has one as its `__geo_interface__`. `measures` and `options` are those of `Dataset.zonal`, but for `out`. There
+    are `parts`, four for each thread by default.
     """
+    if refused := sorted(options.keys() & {"out", "attribute", "threads"}):
+        raise TypeError(f"{', '.join(refused)}: not for statistics by a cluster; write what it returns, or use Dataset.zonal")
     cluster = _client(client)
-    whole = _collection(geometries)
+    names, levels = measures_of(measures, options.get("quantiles", ()))
+    layers = options.get("layers")
+    if isinstance(layers, str):
+        raise TypeError("layers: expected a list of names, such as ds.names")
+    if frame := is_frame(geometries):
+        if options.get("where") is not None:
+            raise ValueError("where: expected rows of the frame that are chosen beforehand, as in frame[frame.kind == 'lake']")
+        own = getattr(geometries, "crs", None)
+        if options.get("crs") is None:
+            options["crs"] = "world" if own is None else definition_of(own)
+        whole: Any = dict(geometries.__geo_interface__)
+    else:
+        if options.get("crs") is not None:
+            options["crs"] = definition_of(options["crs"])
+        whole = _collection(geometries)
     all_of_them: Sequence[Any] = geometries if whole is None else whole["features"]
+
+    def result_of(zones: list[Any]) -> Any:
+        return table_of(geometries, zones, names, levels) if frame else zones
+
     if not all_of_them:
-        return []
+        return result_of([]) if layers is None else {str(layer): result_of([]) for layer in layers}
     count = min(len(all_of_them), parts or _PIECES_A_THREAD * sum(cluster.nthreads().values()))
     ends = [len(all_of_them) * part // count for part in range(count + 1)]
-    pieces: list[Any] = [list(all_of_them[start:end]) for start, end in pairwise(ends)]
+    fragments: list[Any] = [list(all_of_them[start:end]) for start, end in pairwise(ends)]
     if whole is not None:
-        pieces = [{**whole, "features": piece} for piece in pieces]
-    asked = (kept_name(path, None), None if measures is None else list(measures), options)
+        fragments = [{**whole, "features": features} for features in fragments]
+    request = (kept_name(path, None), None if measures is None or (frame and not names) else names, options)
     name = f"spinney-zonal-{os.urandom(8).hex()}"
-    tasks = cluster.map(_zonal, pieces, [asked] * len(pieces), key=[f"{name}-{part}" for part in range(count)], pure=False, retries=retries)
+    tasks = cluster.map(_zonal, fragments, [request] * len(fragments), key=[f"{name}-{part}" for part in range(count)], pure=False, retries=retries)
     _wait(cluster, tasks.__getitem__, range(count), progress)
-    return [row for rows in cluster.gather(tasks) for row in rows]
+    done = cluster.gather(tasks)
+    if all(error is not None for _, error in done):
+        raise done[0][1]
+    found = [rows for rows, _ in done]
+    if layers is None:
+        return result_of([row for rows in found for row in rows])
+    return {str(layer): result_of([row for rows in found for row in rows[layer]]) for layer in layers}
 
 
-def _zonal(piece: Any, asked: tuple[str, list[str] | None, dict[str, Any]]) -> list[Any]:
-    path, measures, options = asked
+def _zonal(fragment: Any, request: tuple[str, list[str] | None, dict[str, Any]]) -> tuple[Any, ValueError | None]:
+    path, measures, options = request
     with open(path) as tree:
-        ask: Any = tree.zonal
-        return list(ask(piece, measures, threads=1, **options))
+        zonal_of: Any = tree.zonal
+        try:
+            return zonal_of(fragment, measures, threads=1, **options), None
+        except ValueError as error:
+            # (Polygons outside of the tree are an error if all are, those of other tasks included. Other errors come again.)
+            tree._outside_is_error = False
+            return zonal_of(fragment, measures, threads=1, **options), error
 
 
 def _collection(geometries: Any) -> dict[str, Any] | None:
     """The collection of features that is meant; nothing if it is a list of geometries."""
-    if isinstance(geometries, str | os.PathLike):
-        if not os.fspath(geometries).lower().endswith((".json", ".geojson")):
-            raise ValueError(f"geometries: {os.fspath(geometries)}: is no GeoJSON; read it with geopandas, and give the frame")
+    if is_path(geometries):
+        if not path_of(geometries).lower().endswith((".json", ".geojson")):
+            raise ValueError(f"geometries: {path_of(geometries)}: is no GeoJSON; read it with geopandas, and give the frame")
         with builtins.open(geometries, encoding="utf-8") as file:
             geometries = json.load(file)
-    # (A frame tells its system beside its features.)
-    own = getattr(geometries, "crs", None)
     document = getattr(geometries, "__geo_interface__", geometries)
     if not isinstance(document, Mapping):
         return None
     if document.get("type") != "FeatureCollection":
         raise TypeError("geometries: expected a list of polygons, or a collection of features")
-    if own is not None:
-        raise TypeError("geometries: of a frame with a system give `list(frame.geometry)`, and the system as `crs`")
     return dict(document)
 
 

@@ -17,13 +17,14 @@ from __future__ import annotations
 import glob
 import os
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 from . import _native
 from ._files import MEMORY
-from ._options import packing_of
+from ._options import names_of, packing_of
 from ._progress import memory_of, working
 from ._metadata import crs_text, numbers_of
+from ._remote import is_path, path_of
 from ._times import text_of_time
 from ._types import Codec, Path, Progress, Resampling
 
@@ -74,7 +75,7 @@ def plan(
         "layer": layer,
         "pages": pages,
         "stack": stack,
-        "names": None if names is None else [str(name) for name in names],
+        "names": None if names is None else names_of(names),
         "times": None if times is None else [time if isinstance(time, str) else text_of_time(time) for time in times],
         "keep_transparent": keep_transparent,
         "packing": packing_of(codec, max_error),
@@ -82,7 +83,7 @@ def plan(
     of_others = dict.fromkeys(_OTHERS) | {"shell": False, "fractions": False, "allow_ballpark": False}
     options = given | of_others | {"memory": memory_of(MEMORY), "share": False, "time": None}
     with working(progress, threads) as terms:
-        _native.plan_shards(_files_of(sources), os.fspath(job), options, shards, terms)
+        _native.plan_shards(_files_of(sources), path_of(job), options, shards, terms)
     return Job(job)
 
 
@@ -104,7 +105,7 @@ def plan_transform(
     chain = [steps] if isinstance(steps, str) else list(steps)
     with working(progress, threads) as terms:
         _native.plan_transform(
-            os.fspath(path), chain, os.fspath(job), resampling, allow_ballpark, move, packing_of(codec, max_error), shards, terms
+            path_of(path), chain, path_of(job), resampling, allow_ballpark, move, packing_of(codec, max_error), shards, terms
         )
     return Job(job)
 
@@ -128,19 +129,19 @@ def plan_combine(
     if values not in ("first", "second"):
         raise ValueError(f"values: {values!r}, expected 'first' or 'second'")
     box = None if within is None else list(within)
-    names = [os.fspath(path) for path in paths]
+    names = [path_of(path) for path in paths]
     with working(progress, threads) as terms:
         _native.plan_combine(
-            str(operation), names, os.fspath(job), values == "second", fill, box, margin, packing_of(codec, max_error), shards, terms
+            str(operation), names, path_of(job), values == "second", fill, box, margin, packing_of(codec, max_error), shards, terms
         )
     return Job(job)
 
 
 def _files_of(sources: Path | Sequence[Path]) -> list[str]:
     """The paths that are meant."""
-    if not isinstance(sources, str | os.PathLike):
-        return [os.fspath(source) for source in sources]
-    path = os.fspath(sources)
+    if not is_path(sources):
+        return [path_of(source) for source in cast(Sequence[Path], sources)]
+    path = path_of(sources)
     if "://" in path or os.path.exists(path) or not glob.has_magic(path):
         return [path]
     found = sorted(glob.glob(path))
@@ -153,7 +154,7 @@ class Job:
     """A job that is planned: a folder, or a place in a bucket, which any process that sees it and the inputs by the same paths can work on."""
 
     def __init__(self, path: Path) -> None:
-        self.path = os.fspath(path)
+        self.path = path_of(path)
         self.shards, self.busy_shards, self.input_bytes = _native.look_at_job(self.path)
 
     def __fspath__(self) -> str:
@@ -185,7 +186,7 @@ class Job:
         """Puts the shards together, all of which must be made. The job stays, or with `remove_shards` goes, shard by shard, as its bytes come to be in the output,
         so that there is room for one of both; what is cut off then goes on when it is done again, with a file whose name ends with .partial."""
         with working(progress, threads, max_bytes) as terms:
-            _native.merge_shards(self.path, os.fspath(out), remove_shards, memory_of(memory), terms)
+            _native.merge_shards(self.path, path_of(out), remove_shards, memory_of(memory), terms)
 
     def remove(self) -> None:
         """Removes the job, here or in its bucket: all files of it, and the folder unless there is something else in it."""

@@ -15,7 +15,7 @@ import json
 import os
 import re
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -25,6 +25,7 @@ from xarray.core import indexing
 
 from ._cells import Cells, Void, void_of
 from ._dataset import Dataset, open
+from ._remote import is_path
 from ._times import text_of_time, time_of_text
 from ._types import Path
 
@@ -46,7 +47,15 @@ class SpinneyBackendEntrypoint(BackendEntrypoint):
         "positioned",
         "layer",
         "layers",
+        "storage_options",
+        "no_remote",
+        "no_external",
         "mask_and_scale",
+        "decode_times",
+        "decode_timedelta",
+        "use_cftime",
+        "concat_characters",
+        "decode_coords",
     )
     supports_groups = True
 
@@ -61,17 +70,31 @@ class SpinneyBackendEntrypoint(BackendEntrypoint):
         positioned: bool = False,
         layer: str | int | None = None,
         layers: Literal["time", "band", "variable"] | None = None,
+        storage_options: Mapping[str, Any] | None = None,
+        no_remote: bool = False,
+        no_external: bool = False,
         mask_and_scale: bool | None = None,
+        decode_times: Any = True,
+        decode_timedelta: Any = None,
+        use_cftime: bool | None = None,
+        concat_characters: bool = True,
+        decode_coords: bool | Literal["coordinates", "all"] = True,
     ) -> xr.Dataset:
         """The cells of a level. VOID becomes NaN and scales are applied if `mask_and_scale` is set, which by default it
-        is for amounts, and not for classes.
+        is for continuous values, and not for classes. As xarray decodes other files, integers become floating then: `float32` those of 8 and
+        16 bits without a scale, `float64` all others, 64-bit ones included.
+
+        `decode_times`, `decode_timedelta` and `use_cftime` are those of xarray: with `decode_times=False` times are numbers with `units`. With
+        `decode_coords=False` only axes are coordinates; `spatial_ref` and the time of a single layer are variables. `concat_characters` has no effect.
+        `storage_options`, `no_remote` and `no_external` are those of `spinney.open`.
 
         Of a file of several layers each is a variable by its name; those of larger cells than the finest have axes of their own. Layers
         that tell their times, have the same type and size and, but for the time, the same name, are one variable with an axis `time`
         (`"band_data"`, if they are named by their times alone). With `layers` "band" all are `band_data`, and their names the
         coordinates of its axis `band`; with "variable" each is a variable, whatever its time; with "time" it is an error if
         times do not make an axis. One `layer` is `band_data`."""
-        tree = open(filename_or_obj, view=view, commit=commit, positioned=positioned, layer=layer)
+        options: Any = {"storage_options": storage_options, "no_remote": no_remote, "no_external": no_external}
+        tree = open(filename_or_obj, view=view, commit=commit, positioned=positioned, layer=layer, **options)
         trees = {"": tree}
         if layer is None and not _names_layer(filename_or_obj) and (layers is not None or len(tree.names) > 1):
             from ._layers import dataset_of_layers, trees_of
@@ -83,8 +106,8 @@ class SpinneyBackendEntrypoint(BackendEntrypoint):
             raise ValueError("layers: is for files, not for one layer")
         else:
             made = _dataset_of(tree, tree.depth if level is None else level, void_of(tree), mask_and_scale)
-        made = made.drop_vars(drop_variables or [], errors="ignore")
-        made.set_close(_closing(trees.values()))
+        made = _finished(made.drop_vars(drop_variables or [], errors="ignore"), decode_times, decode_timedelta, use_cftime, decode_coords)
+        made.set_close(_Closing(trees.values()))
         return made
 
     def open_groups_as_dict(
@@ -97,10 +120,19 @@ class SpinneyBackendEntrypoint(BackendEntrypoint):
         positioned: bool = False,
         layer: str | int | None = None,
         layers: Literal["time", "band", "variable"] | None = None,
+        storage_options: Mapping[str, Any] | None = None,
+        no_remote: bool = False,
+        no_external: bool = False,
         mask_and_scale: bool | None = None,
+        decode_times: Any = True,
+        decode_timedelta: Any = None,
+        use_cftime: bool | None = None,
+        concat_characters: bool = True,
+        decode_coords: bool | Literal["coordinates", "all"] = True,
     ) -> dict[str, xr.Dataset]:
         """The levels as groups, named by their numbers; those of a file of several layers as `open_dataset` has them."""
-        tree = open(filename_or_obj, view=view, commit=commit, positioned=positioned, layer=layer)
+        options: Any = {"storage_options": storage_options, "no_remote": no_remote, "no_external": no_external}
+        tree = open(filename_or_obj, view=view, commit=commit, positioned=positioned, layer=layer, **options)
         root, trees = xr.Dataset(attrs=_attributes(tree)), {"": tree}
         groups = {"/": root}
         if layer is None and not _names_layer(filename_or_obj) and (layers is not None or len(tree.names) > 1):
@@ -114,9 +146,10 @@ class SpinneyBackendEntrypoint(BackendEntrypoint):
         else:
             void = void_of(tree)
             made_of = [_dataset_of(tree, level, void, mask_and_scale) for level in range(tree.levels)]
-        root.set_close(_closing(trees.values()))
+        root.set_close(_Closing(trees.values()))
         for level, made in enumerate(made_of):
-            groups[f"/{level}"] = made.drop_vars(drop_variables or [], errors="ignore")
+            made = made.drop_vars(drop_variables or [], errors="ignore")
+            groups[f"/{level}"] = _finished(made, decode_times, decode_timedelta, use_cftime, decode_coords)
         return groups
 
     def open_datatree(self, filename_or_obj: Any, **options: Any) -> xr.DataTree:
@@ -125,24 +158,71 @@ class SpinneyBackendEntrypoint(BackendEntrypoint):
 
     def guess_can_open(self, filename_or_obj: Any) -> bool:
         """Whether the name is that of a tree file."""
-        if not isinstance(filename_or_obj, str | os.PathLike):
+        if not is_path(filename_or_obj):
             return False
-        return re.search(r"\.(goblin|autumn)(@\d+)?(:[^/]+)?$", str(os.fspath(filename_or_obj))) is not None
+        name = str(filename_or_obj.path) if hasattr(filename_or_obj, "fs") else os.fsdecode(filename_or_obj)
+        return re.search(r"\.(goblin|autumn)(@\d+)?(:[^/]+)?$", name) is not None
 
 
-def _closing(trees: Iterable[Dataset]) -> Callable[[], None]:
-    """What closes all of some trees."""
-    held = list(trees)
+class _Closing:
+    """Closes trees. A pickled one holds none: arrays that are pickled open their trees again, which are closed when they are collected, and a loaded
+    dataset needs no file."""
 
-    def close() -> None:
-        for tree in held:
+    def __init__(self, trees: Iterable[Dataset] = ()) -> None:
+        self.trees = list(trees)
+
+    def __call__(self) -> None:
+        for tree in self.trees:
             tree.close()
 
-    return close
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _Closing, ()
+
+
+class FileVariable(xr.Variable):
+    """A variable whose cells are in a file: its Dask arrays are named after the version of the file, and not after its path alone."""
+
+    __slots__ = ()
+
+    def chunk(self, *args: Any, **options: Any) -> Any:
+        given = dict(options.get("from_array_kwargs") or {})
+        name = given.get("name") or options.get("name")
+        if isinstance(self._data, indexing.ExplicitlyIndexed) and isinstance(name, str):
+            from dask.base import tokenize
+
+            given["name"] = f"{name}-{tokenize(self._data)}"
+            options = {**options, "from_array_kwargs": given}
+            options.pop("name", None)
+        made = super().chunk(*args, **options)
+        return xr.Variable(made.dims, made._data, made._attrs, made._encoding, fastpath=True)
+
+
+def _finished(made: xr.Dataset, decode_times: Any, decode_timedelta: Any, use_cftime: bool | None, decode_coords: Any) -> xr.Dataset:
+    """A dataset as the options of xarray want it."""
+    if decode_coords not in (True, False, None, "coordinates", "all"):
+        raise ValueError(f"decode_coords: {decode_coords!r}, expected True, False, 'coordinates' or 'all'")
+    if "time" in made.coords and (decode_times is not True or use_cftime is not None):
+        encoded = made[["time"]].assign_coords(time=xr.conventions.encode_cf_variable(made["time"].variable, name="time"))
+        if decode_times is not False:
+            encoded = xr.decode_cf(encoded, decode_times=decode_times, use_cftime=use_cftime)
+        made = made.assign_coords(time=encoded["time"].variable)
+    if decode_timedelta not in (None, False):
+        made = xr.decode_cf(made, mask_and_scale=False, decode_times=False, decode_coords=False, decode_timedelta=decode_timedelta)
+    if decode_coords is False:
+        made = made.reset_coords([name for name in made.coords if name not in made.dims])
+    for name, array in made.data_vars.items():
+        variable = array.variable
+        if decode_coords is False and "grid_mapping" in variable.encoding:
+            variable.attrs["grid_mapping"] = variable.encoding.pop("grid_mapping")
+        if isinstance(variable._data, indexing.ExplicitlyIndexed):
+            made[name] = FileVariable(variable.dims, variable._data, variable._attrs, variable._encoding, fastpath=True)
+    return made
 
 
 def _names_layer(path: Any) -> bool:
     """Whether a path names a layer."""
+    if not isinstance(path, str | os.PathLike):
+        return False
     return ":" in os.path.basename(str(path)) and not os.path.exists(str(path))
 
 

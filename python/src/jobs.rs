@@ -1,6 +1,6 @@
 //! Long work: on a thread of its own, while the calling one heeds Ctrl-C and tells how far it is.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::fs;
 use std::num::NonZeroUsize;
 use std::path::Path;
@@ -27,6 +27,37 @@ const TICK: Duration = Duration::from_millis(50);
 thread_local! {
     /// Whether the work of this thread should stop.
     static STOP: RefCell<Option<Arc<AtomicBool>>> = const { RefCell::new(None) };
+    /// What this thread refuses of files.
+    static REFUSED: Cell<Refused> = const { Cell::new(Refused::NOTHING) };
+}
+
+/// Files that are refused, as by `--no-remote` and `--no-external` of the program.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Refused {
+    pub(crate) remote: bool,
+    pub(crate) external: bool,
+}
+
+impl Refused {
+    pub(crate) const NOTHING: Refused = Refused { remote: false, external: false };
+
+    /// What this or the calling thread refuses.
+    pub(crate) fn or_thread(self) -> Refused {
+        let of_thread = REFUSED.get();
+        Refused { remote: self.remote || of_thread.remote, external: self.external || of_thread.external }
+    }
+
+    /// How files are opened and created.
+    pub(crate) fn access(self) -> &'static FileAccess {
+        &ACCESSES[usize::from(self.remote) + 2 * usize::from(self.external)]
+    }
+}
+
+/// Changes what the calling thread, and work that it starts, refuses; returns what it refused.
+#[pyfunction]
+pub(crate) fn refuse(remote: bool, external: bool) -> (bool, bool) {
+    let before = REFUSED.replace(Refused { remote, external });
+    (before.remote, before.external)
 }
 
 /// How the module opens and creates files. A thread that waits for a remote file is cancelled when its work should stop, or where Python has
@@ -52,9 +83,16 @@ static ACCESS: LazyLock<FileAccess> = LazyLock::new(|| {
     client(options).map_or(access.clone(), |client| access.remote(client))
 });
 
-/// How the module opens and creates files.
+/// The same, by what is refused: nothing, remote files, external ones, both. (Their caches are the same.)
+static ACCESSES: LazyLock<[FileAccess; 4]> = LazyLock::new(|| {
+    let all = ACCESS.clone();
+    let (remote, external) = (all.clone().no_remote(), all.clone().no_external());
+    [all, remote.clone(), external, remote.no_external()]
+});
+
+/// How the calling thread opens and creates files.
 pub(crate) fn access() -> &'static FileAccess {
-    &ACCESS
+    REFUSED.get().access()
 }
 
 /// The process that has the usual pool of threads.
@@ -218,6 +256,7 @@ pub(crate) fn run<R: Send>(
     let Terms(callback, threads, max_bytes) = terms;
     let work = Work { max_bytes, ..Work::default() };
     let (mut told, mut failure) = (0, None);
+    let refused = REFUSED.get();
     let outcome = py.detach(|| {
         thread::scope(|scope| {
             let (done, is_done) = channel::<()>();
@@ -225,7 +264,10 @@ pub(crate) fn run<R: Send>(
             let worker = scope.spawn(move || {
                 let _done = done;
                 STOP.set(Some(work.stop.clone()));
-                on_threads(threads, || job(work))
+                on_threads(threads, || {
+                    REFUSED.set(refused);
+                    job(work)
+                })
             });
             while let Err(RecvTimeoutError::Timeout) = is_done.recv_timeout(TICK) {
                 if failure.is_none() {

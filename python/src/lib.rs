@@ -58,6 +58,8 @@ mod _native {
         add_layer, blame, combine, compact, convert, cross, diff, drop_layer, log, recover, transform, verify,
     };
     #[pymodule_export]
+    use super::jobs::refuse;
+    #[pymodule_export]
     use super::lines::{Lines, build_line_file};
     #[pymodule_export]
     use super::model::{Model, build_brep};

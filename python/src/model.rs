@@ -147,10 +147,10 @@ impl Model {
         self.positioned
     }
 
-    /// Fails if the file was overwritten since it was opened.
+    /// Raises OSError if the file was overwritten since it was opened. Of a remote file its host is asked, with one request.
     fn check_unchanged(&self, py: Python<'_>) -> PyResult<()> {
         let model = self.get()?;
-        py.detach(|| model.file().check_unchanged()).or_raise()
+        py.detach(|| model.file().check_unchanged().and_then(|()| model.file().check_remote())).or_raise()
     }
 
     fn __len__(&self) -> PyResult<usize> {

@@ -64,6 +64,24 @@ fn corner_of(tree: &Dataset, window: &Bound<'_, PyAny>) -> PyResult<Corner> {
     }
 }
 
+/// Whether coordinates are those of cells, which they are if none are given.
+pub(crate) fn are_cells(coordinates: Option<&Bound<'_, PyAny>>) -> PyResult<bool> {
+    Ok(matches!(coordinates.map(coordinates_of).transpose()?, None | Some(Coordinates::Cells)))
+}
+
+/// Whether a window of cells begins or ends within cells.
+pub(crate) fn is_fractional(
+    tree: &Dataset,
+    window: &Bound<'_, PyAny>,
+    coordinates: Option<&Bound<'_, PyAny>>,
+) -> PyResult<bool> {
+    if !are_cells(coordinates)? {
+        return Ok(false);
+    }
+    let corner = corner_of(tree, window);
+    Ok(corner.is_ok_and(|(first, size)| first.iter().chain(&size).any(|number| number.fract().abs() > 0.0)))
+}
+
 fn window_cells(tree: &Dataset, window: &Bound<'_, PyAny>) -> PyResult<Bounds> {
     let (first, size) = corner_of(tree, window)?;
     let extent = tree.header().extent;

@@ -131,7 +131,7 @@ impl Points {
         let facts = PyDict::new(py);
         let attribute = |attribute: &PointAttribute| {
             let sample = if attribute.scale_offset.is_some() { SampleType::F64 } else { attribute.sample };
-            (attribute.name.clone(), sample.name(), attribute.description.clone())
+            (attribute.name.clone(), sample.name(), attribute.description.clone(), attribute.no_data())
         };
         facts.set_item("attributes", tree.attributes().iter().map(attribute).collect::<Vec<_>>())?;
         facts.set_item("axes", tree.dimension().axes())?;

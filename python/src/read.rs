@@ -16,7 +16,7 @@ use crate::index;
 use crate::index::Along;
 use crate::jobs::{self, Terms};
 use crate::numbers::PyNumber;
-use crate::part::{at_level, level_of, part_of};
+use crate::part::{are_cells, at_level, is_fractional, level_of, part_of};
 use crate::questions::values_at;
 use crate::samples::{dtype, empty, flags, with_bytes};
 use crate::tree::{Opened, Tree};
@@ -301,8 +301,11 @@ impl Tree {
     /// `level` chooses coarser cells, down to 0; or `out_shape`, `(rows, columns)`, the size of the result: amounts are
     /// averaged over each pixel (with `exact` from the deepest cells on), classes are those at pixels' centres.
     ///
+    /// A window that begins or ends within cells is read as rasterio reads it: divided equally into as many pixels as its lengths are,
+    /// rounded, or as `out_shape` says, each of which is the cell at its centre.
+    ///
     /// VOID cells have the number `fill` (by default `fill_value`); with `masked` the result is a masked array. With
-    /// `boundless` a window may stick out of the picture, where all is VOID. The result is written to `out` if that is
+    /// `boundless` a window may stick out of the raster, where all is VOID. The result is written to `out` if that is
     /// given. Bands of pixels lie together in memory: `numpy.ascontiguousarray` makes planes of them.
     ///
     /// `layers` are names of layers of the file: their cells stand one behind the other along the first axis.
@@ -351,10 +354,18 @@ impl Tree {
             let helper = py.import("spinney._arrays")?.getattr("of_layers")?;
             return delivered(helper.call1((slf, layers, options))?, out);
         }
-        if let (true, Some(window)) = (boundless, window) {
-            let helper = py.import("spinney._arrays")?.getattr("boundless")?;
+        if boundless && !are_cells(coordinates)? {
+            return Err(invalid("boundless: is for windows of cells; leave coordinates out"));
+        }
+        let is_fractional = |window| is_fractional(&opened.tree, window, coordinates);
+        if let Some(window) = window
+            && (boundless || is_fractional(window)?)
+        {
+            let name = if is_fractional(window)? { "fractional" } else { "boundless" };
+            let helper = py.import("spinney._arrays")?.getattr(name)?;
             let told = fill.map(|fill| opened.told(py, fill.0)).transpose()?;
-            let array = helper.call1((slf, bands, window, level, out_shape, exact, masked, told))?;
+            let sizes = (level, out_shape, exact);
+            let array = helper.call1((slf, bands, window, sizes, masked, told, boundless))?;
             return delivered(array, out);
         }
         let tree = &opened.tree;

@@ -6,11 +6,11 @@ use std::sync::Arc;
 
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyTuple};
-use spinney::raw::io::{DEFAULT_GAP, Fetch, RangeCache, RangeFile};
+use spinney::raw::io::{DEFAULT_GAP, Fetch, FileStat, FileVersion, RangeCache, RangeFile};
 use spinney::raw::store::ByteSource;
 use spinney::{Error, OpenOptions, Result};
 
-use crate::jobs::access;
+use crate::jobs::Refused;
 
 /// The name of a file for Python: a path, or the text of a URL, of which a path would not keep both slashes.
 pub(crate) fn path_object<'py>(py: Python<'py>, path: &Path) -> PyResult<Bound<'py, PyAny>> {
@@ -27,12 +27,18 @@ pub(crate) fn shown(path: &str) -> String {
 }
 
 /// How a file elsewhere is opened.
-#[derive(Default)]
 pub(crate) struct RemoteAccess {
     /// Options of the store.
     storage: Vec<(String, String)>,
     /// A file that Python reads, and who reads it.
     file: Option<(Arc<PythonFile>, Py<PyAny>)>,
+    refused: Refused,
+}
+
+impl Default for RemoteAccess {
+    fn default() -> RemoteAccess {
+        RemoteAccess { storage: Vec::new(), file: None, refused: Refused::NOTHING.or_thread() }
+    }
 }
 
 /// A file that a function of Python reads.
@@ -41,21 +47,24 @@ struct PythonFile {
     fetch: Py<PyAny>,
     length: u64,
     number: u64,
+    /// The version that it had when it was opened, and a function that returns the present one.
+    version: Option<(String, Py<PyAny>)>,
 }
 
-/// Length of a file, the function that reads it, and what a copy of it is made of.
-type GivenFile = (u64, Py<PyAny>, Py<PyAny>);
+/// Length of a file, the function that reads it, what a copy of it is made of, and its version with a function that returns the present one.
+type GivenFile = (u64, Py<PyAny>, Py<PyAny>, Option<(String, Py<PyAny>)>);
 
-/// Storage options; then nothing, or the length of a file, the function that reads it, and what a copy of it is made of.
+/// Storage options; then nothing, or a file that Python reads; then whether remote and external files are refused.
 impl<'py> FromPyObject<'_, 'py> for RemoteAccess {
     type Error = PyErr;
 
     fn extract(given: Borrowed<'_, 'py, PyAny>) -> PyResult<RemoteAccess> {
-        let (storage, file): (Vec<(String, String)>, Option<GivenFile>) = given.extract()?;
-        let file = file.map(|(length, fetch, whole)| {
-            (Arc::new(PythonFile { fetch, length, number: RangeCache::file_number() }), whole)
+        type Given = (Vec<(String, String)>, Option<GivenFile>, (bool, bool));
+        let (storage, file, (remote, external)): Given = given.extract()?;
+        let file = file.map(|(length, fetch, whole, version)| {
+            (Arc::new(PythonFile { fetch, length, number: RangeCache::file_number(), version }), whole)
         });
-        Ok(RemoteAccess { storage, file })
+        Ok(RemoteAccess { storage, file, refused: Refused { remote, external }.or_thread() })
     }
 }
 
@@ -66,24 +75,28 @@ impl<'py> IntoPyObject<'py> for &RemoteAccess {
 
     fn into_pyobject(self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         let file = self.file.as_ref();
-        let file = file.map(|(file, whole)| (file.length, file.fetch.clone_ref(py), whole.clone_ref(py)));
-        (self.storage.clone(), file).into_pyobject(py)
+        let file = file.map(|(file, whole)| {
+            let version = file.version.as_ref().map(|(version, query)| (version, query.clone_ref(py)));
+            (file.length, file.fetch.clone_ref(py), whole.clone_ref(py), version)
+        });
+        (self.storage.clone(), file, (self.refused.remote, self.refused.external)).into_pyobject(py)
     }
 }
 
 impl RemoteAccess {
     pub(crate) fn clone_ref(&self, py: Python<'_>) -> RemoteAccess {
         let file = self.file.as_ref().map(|(file, whole)| (file.clone(), whole.clone_ref(py)));
-        RemoteAccess { storage: self.storage.clone(), file }
+        RemoteAccess { storage: self.storage.clone(), file, refused: self.refused }
     }
 
     /// The options to open the file with.
     pub(crate) fn options(&self) -> OpenOptions {
-        let options = OpenOptions::from(access()).storage(self.storage.iter().cloned());
+        let access = self.refused.access();
+        let options = OpenOptions::from(access).storage(self.storage.iter().cloned());
         let Some((file, _)) = &self.file else { return options };
         let file = file.clone();
         options.source(ByteSource::new(move |path| {
-            let cache = (access().ranges().clone(), file.number);
+            let cache = (access.ranges().clone(), file.number);
             let fetch = Box::new(Reader { file: file.clone(), path: path.to_path_buf() });
             Ok(Box::new(RangeFile::new(path, file.length, fetch, cache, DEFAULT_GAP)))
         }))
@@ -111,6 +124,20 @@ impl Fetch for Reader {
         }
         let found = format!("{} parts", parts.len());
         Err(Error::corrupt(&self.path, "answer of the file system", found, format!("{}", ranges.len())))
+    }
+
+    fn version(&self) -> Option<FileStat> {
+        let (version, _) = self.file.version.as_ref()?;
+        Some(FileStat { length: self.file.length, version: FileVersion::Tag(version.clone()) })
+    }
+
+    fn check_current(&self) -> Result<()> {
+        let Some((version, query)) = &self.file.version else { return Ok(()) };
+        let now = Python::attach(|py| query.call0(py)?.extract::<String>(py));
+        match now.map_err(|error| failed(&self.path, error))? == *version {
+            true => Ok(()),
+            false => Err(Error::Changed { path: self.path.clone(), what: "was overwritten" }),
+        }
     }
 }
 

@@ -1,15 +1,16 @@
 //! Open trees, and what they tell about themselves.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock, PoisonError, RwLock};
 
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict, PyString};
 use spinney::raw::dataset;
 use spinney::raw::export::void_number;
+use spinney::raw::io::FileStat;
 use spinney::raw::ops::Calculation;
-use spinney::raw::store::FileReference;
+use spinney::raw::store::{FileReference, file_of};
 use spinney::raw::value::Mask;
 use spinney::{Crs, Dataset, Number, ViewStep};
 
@@ -42,6 +43,8 @@ pub(crate) fn crs_text(crs: &Crs) -> String {
 /// A state of a file.
 pub(crate) struct Opened {
     pub(crate) tree: Dataset,
+    /// What a view is of.
+    file: Option<Dataset>,
     /// Whether it is seen through steps, which take time for each cell.
     pub(crate) is_view: bool,
     void: OnceLock<Number>,
@@ -84,6 +87,11 @@ impl Opened {
             Some(number) if sample.is_float() || sample.can_hold(number) => Ok(number),
             Some(number) => Err(invalid(format!("fill: {} cannot hold {number}", sample.name()))),
         }
+    }
+
+    /// The file, or the layer of it, that is seen.
+    fn file(&self) -> &Dataset {
+        self.file.as_ref().unwrap_or(&self.tree)
     }
 
     /// The sample that means that a cell has none in a channel, if there is one.
@@ -215,9 +223,12 @@ impl Tree {
 
     /// A layer through the steps.
     fn seen(&self, layer: Dataset) -> spinney::Result<Arc<Opened>> {
-        let tree = if self.steps.is_empty() { layer } else { layer.view(&self.steps)? };
+        let (tree, file) = match &self.steps[..] {
+            [] => (layer, None),
+            steps => (layer.view(steps)?, Some(layer)),
+        };
         let is_view = !self.is_file();
-        Ok(Arc::new(Opened { tree, is_view, void: OnceLock::new() }))
+        Ok(Arc::new(Opened { tree, file, is_view, void: OnceLock::new() }))
     }
 }
 
@@ -281,10 +292,29 @@ impl Tree {
         Ok(is_newer)
     }
 
-    /// Fails if the file was overwritten since it was opened.
+    /// Raises OSError if the file was overwritten since it was opened. Of a remote file its host is asked, with one request.
     fn check_unchanged(&self, py: Python<'_>) -> PyResult<()> {
         let opened = self.get()?;
-        py.detach(|| opened.tree.check_unchanged()).or_raise()
+        py.detach(|| {
+            opened.tree.check_unchanged()?;
+            opened.file().check_remote()
+        })
+        .or_raise()
+    }
+
+    /// Version of the file when it was opened (length, and time of modification or entity tag), then those that the files which a view names have now.
+    #[pyo3(name = "_versions")]
+    fn versions(&self, py: Python<'_>) -> PyResult<Vec<Option<String>>> {
+        let opened = self.get()?;
+        let text = |stat: &FileStat| format!("{} {:?}", stat.length, stat.version);
+        let mut all = vec![opened.file().version().map(text)];
+        let named: Vec<_> =
+            self.steps.iter().flat_map(ViewStep::files).map(|path| file_of(path).into_owned()).collect();
+        let named: Vec<&Path> = named.iter().map(|path| &**path).collect();
+        for found in py.detach(|| self.remote.options().access.stat(&named)).or_raise()? {
+            all.push(found.or_raise()?.as_ref().map(text));
+        }
+        Ok(all)
     }
 
     #[getter]
@@ -408,6 +438,13 @@ impl Tree {
     fn fill_value<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let opened = self.get()?;
         opened.told(py, opened.void()?)
+    }
+
+    /// Whether a number is left that VOID can have in arrays, as no cell has it as its value.
+    #[pyo3(name = "_has_free_number")]
+    fn has_free_number(&self, py: Python<'_>) -> PyResult<bool> {
+        let opened = self.get()?;
+        Ok(py.detach(|| void_number(&opened.tree)).or_raise()?.is_some())
     }
 
     /// The sample that means that a cell has none in a channel, if there is one.

@@ -32,8 +32,9 @@ type ValueNumbers<'py> = (u64, Bound<'py, PyAny>, Bound<'py, PyAny>, f64, Vec<f6
 impl Tree {
     /// Statistics of the cells in each polygon of some documents, each with the definition of its coordinate system: `world` is
     /// the tree's own, and without one it is what the document says. Features are those that are chosen. A list for
-    /// each of some layers, or for the one that is open.
+    /// each of some layers, or for the one that is open. Polygons of one system that all lie outside may be an error.
     #[pyo3(name = "_zones")]
+    #[allow(clippy::too_many_arguments)] // those of the Python function
     fn zones<'py>(
         &self,
         py: Python<'py>,
@@ -41,6 +42,7 @@ impl Tree {
         edge: &str,
         asked: Asked,
         layers: Option<Vec<String>>,
+        outside_is_error: bool,
         terms: Terms,
     ) -> PyResult<Vec<Vec<Zone<'py>>>> {
         let opened = self.asked_layers(py, layers)?;
@@ -60,8 +62,8 @@ impl Tree {
                     let (header, frame) = (trees[*grid].header(), &trees[*grid].metadata().frame);
                     Ok((CellLocator::new(coordinates, frame, header.extent)?, header.extent))
                 });
-                let found = layer.in_cells_of(&places.collect::<spinney::Result<Vec<_>>>()?)?;
-                found.outside.map_or(Ok(()), Err)?;
+                let found = layer.in_cells_of(coordinates, &places.collect::<spinney::Result<Vec<_>>>()?)?;
+                found.outside.filter(|_| outside_is_error).map_or(Ok(()), Err)?;
                 polygons.iter_mut().zip(found.trees).for_each(|(all, found)| all.extend(found));
             }
             let of_grid = |first: &usize| &polygons[grids.binary_search(first).unwrap_or_default()][..];

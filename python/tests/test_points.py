@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -118,3 +119,29 @@ def test_rows_of_two_are_a_quadtree(tmp_path: Path) -> None:
     for wrong in (np.zeros((3, 5)), np.array([(1, 2)], dtype=[("a", "f8"), ("b", "f8")])):
         with pytest.raises(ValueError, match="source"):
             spinney.build_points(wrong, tmp_path / "x.goblin")
+
+
+def las_with_no_data(path: Path, heights: list[int]) -> None:
+    """Writes a LAS 1.4 file of points with an extra attribute `height` of type i32, of which -99 means that there is none."""
+    extra = bytearray(192)
+    extra[2:4] = bytes([6, 1])
+    extra[4:10] = b"height"
+    extra[40:48] = np.int64(-99).tobytes()
+    record = struct.pack("<H16sHH32s", 0, b"LASF_Spec", 4, 192, b"") + bytes(extra)
+    header = bytearray(375)
+    header[0:4], header[24:26] = b"LASF", bytes([1, 4])
+    struct.pack_into("<HIIBHI", header, 94, 375, 375 + len(record), 1, 0, 24, len(heights))
+    struct.pack_into("<12d", header, 131, *[0.01] * 3, *[0.0] * 3, 9, 0, 9, 0, 9, 0)
+    struct.pack_into("<Q", header, 247, len(heights))
+    points = b"".join(struct.pack("<iii8xi", 100 * number, 0, 0, height) for number, height in enumerate(heights))
+    path.write_bytes(bytes(header) + record + points)
+
+
+def test_numbers_for_no_data_are_shown(tmp_path: Path) -> None:
+    las_with_no_data(tmp_path / "p.las", [5, -99, 7])
+    spinney.build_points(tmp_path / "p.las", tmp_path / "p.goblin")
+    with spinney.open_points(tmp_path / "p.goblin") as points:
+        assert points.no_data == {"height": -99} and len(points) == 3
+        found = points.stats()["height"]
+        assert found is not None and (found.count, found.min, found.mean) == (2, 5, 6)
+        assert points.count(where="height<100") == 2

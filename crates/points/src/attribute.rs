@@ -30,6 +30,11 @@ impl PointAttribute {
         }
     }
 
+    /// The number that encodes "no value", as it is stored, without scale and offset.
+    pub fn no_data(&self) -> Option<f64> {
+        self.no_data.map(|number| to_f64(self.sample, number))
+    }
+
     /// The quantity that a number is; NaN if it encodes "no value".
     #[inline]
     pub(crate) fn quantity(&self, number: i64) -> f64 {

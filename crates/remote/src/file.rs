@@ -198,6 +198,10 @@ impl Fetch for RemoteFile {
         came.into_iter().zip(ranges).map(one).collect()
     }
 
+    fn version(&self) -> Option<FileStat> {
+        Some(self.state.clone())
+    }
+
     fn kept(&self, range: &Range<u64>) -> Option<Vec<u8>> {
         self.kept.as_ref()?.get(range)
     }

@@ -18,6 +18,7 @@ pub struct FeatureZones<'a> {
     same: Vec<usize>,
     /// The numbers of these, ascending, and places in their cells, to which polygons are brought once.
     grids: Vec<usize>,
+    coordinates: Coordinates,
     places: Vec<(CellLocator, [u64; 3])>,
     /// Whether some polygons reach into a tree; or why those of the first batch do not.
     is_met: bool,
@@ -70,6 +71,7 @@ impl<'a> FeatureZones<'a> {
             path,
             same,
             grids,
+            coordinates: coordinates.clone(),
             places,
             is_met: false,
             outside: None,
@@ -87,7 +89,8 @@ impl<'a> FeatureZones<'a> {
         progress: &dyn Progress,
         take: &mut dyn FnMut(usize, &[ZoneStatistics]) -> Result<()>,
     ) -> Result<()> {
-        let found = layer.in_cells_of(&self.places).map_err(|error| in_file(&self.path, error))?;
+        let found =
+            layer.in_cells_of(&self.coordinates, &self.places).map_err(|error| in_file(&self.path, error))?;
         match found.outside {
             None => self.is_met = true,
             Some(error) => self.outside = self.outside.take().or(Some(error)),

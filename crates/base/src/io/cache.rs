@@ -7,7 +7,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::batch::Traffic;
-use super::read::{FileBytes, ReadBackend, Stamp};
+use super::read::{FileBytes, ReadBackend};
+use super::stat::FileStat;
 use crate::Result;
 
 /// Ranges of files, up to a number of bytes; those not used for longest give way. Any number of threads and files may share one.
@@ -218,8 +219,16 @@ impl ReadBackend for CachedReads {
         None
     }
 
-    fn stamp(&self) -> Result<Option<Stamp>> {
-        self.backend.stamp()
+    fn stat(&self) -> Result<Option<FileStat>> {
+        self.backend.stat()
+    }
+
+    fn version(&self) -> Result<Option<FileStat>> {
+        self.backend.version()
+    }
+
+    fn check_remote(&self) -> Result<()> {
+        self.backend.check_remote()
     }
 
     fn read(&self, offset: u64, length: usize) -> Result<Cow<'_, [u8]>> {

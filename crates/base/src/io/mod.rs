@@ -41,7 +41,7 @@ pub use output::{Unfinished, already_exists_error, partial_of, sidecar_of, sync_
 pub use output_folder::OutputFolder;
 pub use ranges::{DEFAULT_GAP, Fetch, RangeFile};
 pub use read::FileBytes;
-pub use read::{Mapped, Positioned, ReadBackend, Stamp, open_input};
+pub use read::{Mapped, Positioned, ReadBackend, open_input};
 pub use regular::{ClosedFolder, open_regular};
 pub use remote::{RemoteFiles, RemoteWriter};
 pub use sorter::Sorter;

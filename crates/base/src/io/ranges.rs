@@ -9,6 +9,7 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use super::batch;
 use super::cache::{CachedBytes, RangeCache};
 use super::read::{FileBytes, ReadBackend};
+use super::stat::FileStat;
 use crate::{Error, Result};
 
 /// The way to a file's bytes.
@@ -26,6 +27,19 @@ pub trait Fetch: Send + Sync {
 
     /// Keeps the bytes of a range, if there is a place for them.
     fn keep(&self, _: &Range<u64>, _: &[u8]) {}
+
+    /// Version of the file that is read, as its host reports it.
+    fn version(&self) -> Option<FileStat> {
+        None
+    }
+
+    /// Queries the host whether the file still is of this version.
+    ///
+    /// # Errors
+    /// If it is not.
+    fn check_current(&self) -> Result<()> {
+        self.fetch(&[Range { start: 0, end: 1 }]).map(drop)
+    }
 }
 
 /// Bytes between two ranges up to which these are fetched as one, if nobody says otherwise: what they cost is less than a request.
@@ -266,6 +280,15 @@ impl ReadBackend for RangeFile {
         None
     }
 
+    fn version(&self) -> Result<Option<FileStat>> {
+        Ok(self.0.fetch.version())
+    }
+
+    fn check_remote(&self) -> Result<()> {
+        self.0.cache.count_traffic(1, 1);
+        self.0.fetch.check_current()
+    }
+
     fn read(&self, offset: u64, length: usize) -> Result<Cow<'_, [u8]>> {
         Ok(Cow::Owned(self.share(offset, length)?.to_vec()))
     }
@@ -335,6 +358,18 @@ mod tests {
         let fetch = Box::new(Counted { bytes, rounds: rounds.clone() });
         let cache = (Arc::new(RangeCache::new(limit)), RangeCache::file_number());
         (RangeFile::new(Path::new("x"), 100_000, fetch, cache, 10), rounds)
+    }
+
+    #[test]
+    fn checks_query_the_host_whatever_is_cached() {
+        let (far, rounds) = file(1 << 20);
+        far.read(0, 1000).unwrap();
+        far.check_remote().unwrap();
+        far.check_remote().unwrap();
+        let first_byte = Range { start: 0, end: 1 };
+        assert_eq!(rounds.lock().unwrap()[1..], [vec![first_byte.clone()], vec![first_byte]]);
+        // (Reads check each response, so that no further query is needed.)
+        assert!(matches!((far.stat(), far.version()), (Ok(None), Ok(None))));
     }
 
     /// Sums of bytes at places that are found in the file, many branches and two steps.

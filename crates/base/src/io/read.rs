@@ -5,10 +5,10 @@ use std::fs::File;
 use std::ops::{Deref, Range};
 use std::path::Path;
 use std::sync::Arc;
-use std::time::SystemTime;
 
 use super::cache::CachedBytes;
 use super::platform::read_exact_at;
+use super::stat::FileStat;
 use crate::{Error, Result};
 
 /// The bytes of a file that is only read.
@@ -24,12 +24,28 @@ pub trait ReadBackend: Send + Sync {
     /// All bytes, where they can be seen without copying.
     fn bytes(&self) -> Option<&[u8]>;
 
-    /// Length and time of modification of the file as it is now; `None` where nobody can change the bytes.
+    /// Version of the file as it is now; `None` where the bytes cannot change, or each read checks that they have not (remote files).
     ///
     /// # Errors
-    /// If the system cannot tell.
-    fn stamp(&self) -> Result<Option<Stamp>> {
+    /// If the system does not report it.
+    fn stat(&self) -> Result<Option<FileStat>> {
         Ok(None)
+    }
+
+    /// Version of the file when it was opened: queried before anything is read.
+    ///
+    /// # Errors
+    /// If the system does not report it.
+    fn version(&self) -> Result<Option<FileStat>> {
+        self.stat()
+    }
+
+    /// Queries the host of a remote file whether this is still the version that was opened. (Local files: see [`ReadBackend::stat`].)
+    ///
+    /// # Errors
+    /// [`Error::Changed`] if it is not; also if the host does not respond, or has no such file any more.
+    fn check_remote(&self) -> Result<()> {
+        Ok(())
     }
 
     /// Some bytes; the range must lie within the length.
@@ -61,24 +77,6 @@ pub trait ReadBackend: Send + Sync {
     /// If they cannot be fetched.
     fn prefetch(&self, _: &[Range<u64>]) -> Result<()> {
         Ok(())
-    }
-}
-
-/// Length and time of modification of a file: where they are the same, its bytes are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Stamp {
-    /// Bytes.
-    pub length: u64,
-    /// Time of the last change of a byte. (Renaming and linking do not count.)
-    pub(crate) modified: SystemTime,
-}
-
-impl Stamp {
-    fn of(file: &File, path: &Path) -> Result<Option<Stamp>> {
-        let stamp = file
-            .metadata()
-            .and_then(|metadata| Ok(Stamp { length: metadata.len(), modified: metadata.modified()? }));
-        stamp.map(Some).map_err(Error::io(path, "look at the file"))
     }
 }
 
@@ -158,8 +156,8 @@ impl ReadBackend for Mapped {
         Some(&self.map)
     }
 
-    fn stamp(&self) -> Result<Option<Stamp>> {
-        Stamp::of(&self.file, &self.path)
+    fn stat(&self) -> Result<Option<FileStat>> {
+        FileStat::of(&self.file, &self.path).map(Some)
     }
 
     fn read(&self, offset: u64, length: usize) -> Result<Cow<'_, [u8]>> {
@@ -202,8 +200,8 @@ impl ReadBackend for Positioned {
         None
     }
 
-    fn stamp(&self) -> Result<Option<Stamp>> {
-        Stamp::of(&self.file, &self.path)
+    fn stat(&self) -> Result<Option<FileStat>> {
+        FileStat::of(&self.file, &self.path).map(Some)
     }
 
     fn read(&self, offset: u64, length: usize) -> Result<Cow<'_, [u8]>> {

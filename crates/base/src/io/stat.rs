@@ -1,5 +1,6 @@
 //! Existence, length and version of files.
 
+use std::fs::{File, Metadata};
 use std::io::ErrorKind;
 use std::path::Path;
 use std::time::UNIX_EPOCH;
@@ -24,21 +25,31 @@ pub enum FileVersion {
     Tag(String),
 }
 
+impl FileStat {
+    /// Version of an open local file.
+    pub(super) fn of(file: &File, path: &Path) -> Result<FileStat> {
+        FileStat::from_metadata(&file.metadata().map_err(Error::io(path, "stat"))?, path)
+    }
+
+    fn from_metadata(found: &Metadata, path: &Path) -> Result<FileStat> {
+        let modified = found.modified().map_err(Error::io(path, "stat"))?;
+        let modified = match modified.duration_since(UNIX_EPOCH) {
+            Ok(since) => i64::try_from(since.as_nanos()).unwrap_or(i64::MAX),
+            Err(before) => i64::try_from(before.duration().as_nanos()).map_or(i64::MIN, |nanos| -nanos),
+        };
+        Ok(FileStat { length: found.len(), version: FileVersion::Modified(modified) })
+    }
+}
+
 /// Stats a local file; `None` if it is missing.
 pub(super) fn stat_local(path: &Path) -> Result<Option<FileStat>> {
-    let about = || Error::io(path, "look at");
     let found = match std::fs::metadata(path) {
         Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
             return Ok(None);
         }
-        found => found.map_err(about())?,
+        found => found.map_err(Error::io(path, "stat"))?,
     };
-    let modified = found.modified().map_err(about())?;
-    let modified = match modified.duration_since(UNIX_EPOCH) {
-        Ok(since) => i64::try_from(since.as_nanos()).unwrap_or(i64::MAX),
-        Err(before) => i64::try_from(before.duration().as_nanos()).map_or(i64::MIN, |nanos| -nanos),
-    };
-    Ok(Some(FileStat { length: found.len(), version: FileVersion::Modified(modified) }))
+    FileStat::from_metadata(&found, path).map(Some)
 }
 
 /// Removes a local file. A missing one counts as removed.

@@ -68,7 +68,7 @@ impl ExactModel {
     ) -> Result<ExactModel> {
         let backend = options.access.cached(backend);
         // Before anything is read.
-        let stamp = backend.stamp()?;
+        let version = backend.version()?;
         let depth = model_depth(path, &*backend)?;
         let length = backend.len();
         let tail = length.min(TAIL as u64);
@@ -134,7 +134,7 @@ impl ExactModel {
         let mut model = ExactModel {
             path: path.to_path_buf(),
             backend,
-            stamp,
+            version,
             trailer,
             metadata,
             summary,

@@ -13,7 +13,7 @@ use super::segment::{
 use super::summary::{NodeCounts, Summary};
 use crate::arrangement::ExactFace;
 use crate::{AttributedFaceVisitor, Face, Faces, Grid};
-use spinney_base::io::{ReadBackend, Stamp};
+use spinney_base::io::{FileStat, ReadBackend};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Result};
 use spinney_container::{Codec, Metadata};
@@ -26,7 +26,7 @@ use spinney_crs::Crs;
 pub struct ExactModel {
     pub(super) path: PathBuf,
     pub(super) backend: Box<dyn ReadBackend>,
-    pub(super) stamp: Option<Stamp>,
+    pub(super) version: Option<FileStat>,
     pub(super) trailer: Trailer,
     pub(super) metadata: Metadata,
     pub(super) summary: Summary,
@@ -114,12 +114,20 @@ impl ExactModel {
     /// # Errors
     /// If it was changed.
     pub fn check_unchanged(&self) -> Result<()> {
-        match (self.stamp, self.backend.stamp()?) {
-            (before, now) if before != now => {
+        match (&self.version, self.backend.stat()?) {
+            (Some(before), Some(now)) if *before != now => {
                 Err(Error::Changed { path: self.path.clone(), what: "was overwritten or cut short" })
             }
             _ => Ok(()),
         }
+    }
+
+    /// Queries the host of a remote file whether it still is the version that was opened.
+    ///
+    /// # Errors
+    /// If it is not, or the host does not respond.
+    pub fn check_remote(&self) -> Result<()> {
+        self.backend.check_remote()
     }
 
     pub(super) fn corrupt(&self, place: String, found: impl Into<String>, expected: &str) -> Error {

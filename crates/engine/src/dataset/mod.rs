@@ -22,7 +22,7 @@ use crate::ops::{FileView, LayerInfo, Sampling, TreeFile, View, ViewSource, View
 use crate::store::autumnal::{Autumnal, Commit};
 use crate::store::goblin::Goblin;
 use crate::tree::Source;
-use spinney_base::io::FileAccess;
+use spinney_base::io::{FileAccess, FileStat};
 use spinney_base::space::Bounds;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{FileReference, Finding, Header, Metadata, OpenOptions, TreeFormat};
@@ -366,12 +366,35 @@ impl Dataset {
     ///
     /// # Errors
     /// If somebody has overwritten the file or cut it short; files that were renamed or removed stay as they
-    /// are for those who have them open.
+    /// are for those who have them open. Each read of a remote file checks its version already, so that no request
+    /// is made: see [`Dataset::check_remote`].
     pub fn check_unchanged(&self) -> Result<()> {
         match &self.tree {
             Tree::Goblin(file) => file.check_unchanged(),
             Tree::Autumnal(file) => file.check_unchanged(),
             Tree::View(viewed) => viewed.source().check_unchanged(),
+        }
+    }
+
+    /// Queries the host of a remote file, with one request, whether it still is the version that was opened. (Not of a view: the
+    /// dataset that it was made of has the file.)
+    ///
+    /// # Errors
+    /// [`Error::Changed`] if it is not; also if the host does not respond, or has no such file any more.
+    pub fn check_remote(&self) -> Result<()> {
+        match &self.tree {
+            Tree::Goblin(file) => file.check_remote(),
+            Tree::Autumnal(file) => file.check_remote(),
+            Tree::View(_) => Ok(()),
+        }
+    }
+
+    /// Version of the file when it was opened; `None` of a view, and of bytes in memory.
+    pub fn version(&self) -> Option<&FileStat> {
+        match &self.tree {
+            Tree::Goblin(file) => file.version(),
+            Tree::Autumnal(file) => file.version(),
+            Tree::View(_) => None,
         }
     }
 

@@ -165,17 +165,26 @@ impl PolygonLayer {
     /// the tree.
     pub fn in_cells(&self, places: &CellLocator, extent: [u64; 3]) -> Result<Vec<Option<Polygon>>> {
         let polygons = self.polygons(places)?;
-        if self.meets(&polygons, extent) { Ok(polygons) } else { Err(self.outside(places)) }
+        if self.meets(&polygons, extent) {
+            Ok(polygons)
+        } else {
+            Err(self.outside(&self.coordinates(), places))
+        }
     }
 
-    /// [`PolygonLayer::in_cells`] of several trees, such as the layers of a file, each with its extent. Polygons may lie outside of all of them.
+    /// [`PolygonLayer::in_cells`] of several trees, such as the layers of a file, each with its extent, of corners in `coordinates`, which are those of
+    /// the locators. Polygons may lie outside of all of them.
     ///
     /// # Errors
     /// If a ring has too few corners, or one that is nowhere, with the feature's number.
-    pub fn in_cells_of(&self, trees: &[(CellLocator, [u64; 3])]) -> Result<FoundPolygons> {
+    pub fn in_cells_of(
+        &self,
+        coordinates: &Coordinates,
+        trees: &[(CellLocator, [u64; 3])],
+    ) -> Result<FoundPolygons> {
         let all = trees.iter().map(|(places, _)| self.polygons(places)).collect::<Result<Vec<_>>>()?;
         let is_met = trees.iter().zip(&all).any(|((_, extent), polygons)| self.meets(polygons, *extent));
-        let outside = trees.first().filter(|_| !is_met).map(|(places, _)| self.outside(places));
+        let outside = trees.first().filter(|_| !is_met).map(|(places, _)| self.outside(coordinates, places));
         Ok(FoundPolygons { trees: all, outside })
     }
 
@@ -205,14 +214,17 @@ impl PolygonLayer {
     }
 
     /// The error that all polygons lie outside of a tree.
-    fn outside(&self, places: &CellLocator) -> Error {
+    fn outside(&self, coordinates: &Coordinates, places: &CellLocator) -> Error {
         let (mut least, mut most) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let mut swapped = false;
         for [x, y] in self.features.iter().map(parts_of).flat_map(|parts| parts.concat().concat()) {
             (least, most) = ([least[0].min(x), least[1].min(y)], [most[0].max(x), most[1].max(y)]);
             swapped = swapped || places.cell([y, x, 0.0]).is_some_and(|cell| places.is_inside(cell));
         }
-        let system = self.crs.as_ref().map_or("the tree's own system".into(), Crs::to_string);
+        let system = match coordinates {
+            Coordinates::World => "the tree's own system".into(),
+            other => other.to_string(),
+        };
         let found = format!("{} in {system}, all outside of the tree", corners_text(least, most));
         let advice = match swapped {
             true => "x and y of the corners seem to be swapped",

@@ -198,7 +198,7 @@ impl Archive {
     /// Makes sure that the file still has all that was there when it was opened.
     pub(super) fn check_unchanged(&self) -> Result<()> {
         let changed = |what| Err(Error::Changed { path: self.extents.path.clone(), what });
-        if self.extents.stamp()?.is_some_and(|now| now.length < self.extents.end) {
+        if self.extents.stat()?.is_some_and(|now| now.length < self.extents.end) {
             return changed("was cut short");
         }
         // (A damaged slot is one behind.)

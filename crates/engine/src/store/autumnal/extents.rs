@@ -13,7 +13,7 @@ use super::meta::{Slot, slots};
 use super::packed::PackedExtents;
 use super::pages::{FIRST_EXTENT, PAGE, SECTOR};
 use super::sectors::{MAX_BYTES, Sectors};
-use spinney_base::io::{FileBytes, ReadBackend, Stamp};
+use spinney_base::io::{FileBytes, FileStat, ReadBackend};
 use spinney_base::{Error, Result};
 
 /// Bytes of an extent's head.
@@ -110,6 +110,8 @@ impl Extent {
 pub(super) struct Extents {
     pub(super) path: PathBuf,
     backend: Box<dyn ReadBackend>,
+    /// Version of the file when it was opened.
+    pub(super) version: Option<FileStat>,
     /// End of the commit: what is behind does not belong to it.
     pub(super) end: u64,
     /// Sectors of extents of records that were found to be good.
@@ -185,10 +187,11 @@ impl Extents {
             let found = format!("a commit that ends at byte {end}");
             return Err(Error::unsupported(path, found, format!("files may have {MAX_BYTES} bytes")));
         }
-        let verified = Sectors::new(end);
+        let (verified, version) = (Sectors::new(end), backend.version()?);
         Ok(Extents {
             path: path.to_path_buf(),
             backend,
+            version,
             end,
             verified,
             read: Mutex::default(),
@@ -212,9 +215,14 @@ impl Extents {
         slots(&*self.backend)
     }
 
-    /// Length and time of the file as it is now.
-    pub(super) fn stamp(&self) -> Result<Option<Stamp>> {
-        self.backend.stamp()
+    /// Version of the file as it is now.
+    pub(super) fn stat(&self) -> Result<Option<FileStat>> {
+        self.backend.stat()
+    }
+
+    /// Queries the host of a remote file whether it still is the version that was opened.
+    pub(super) fn check_remote(&self) -> Result<()> {
+        self.backend.check_remote()
     }
 
     /// Gives the backend back.

@@ -15,7 +15,7 @@ use super::pages::FIRST_EXTENT;
 use super::zone::{BadZone, Zone, records};
 use crate::store::records::{Descent, Runs};
 use crate::tree::{Child, Source};
-use spinney_base::io::{FileAccess, FileBytes, FileId};
+use spinney_base::io::{FileAccess, FileBytes, FileId, FileStat};
 use spinney_base::space::Code;
 use spinney_base::value::Value;
 use spinney_base::{Error, Result};
@@ -273,6 +273,20 @@ impl Autumnal {
     /// If that is not so: somebody has overwritten the file, or cut it short.
     pub fn check_unchanged(&self) -> Result<()> {
         self.archive.check_unchanged()
+    }
+
+    /// Queries the host of a remote file whether it still is the version that was opened: one with more commits is another one, of
+    /// which nothing is read.
+    ///
+    /// # Errors
+    /// If it is not, or the host does not respond.
+    pub fn check_remote(&self) -> Result<()> {
+        self.archive.extents.check_remote()
+    }
+
+    /// Version of the file when it was opened; `None` of one in memory.
+    pub fn version(&self) -> Option<&FileStat> {
+        self.archive.extents.version.as_ref()
     }
 
     /// Bytes of the whole file.

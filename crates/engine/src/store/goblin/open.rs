@@ -41,7 +41,7 @@ impl Goblin {
     pub fn from_backend(path: &Path, backend: Box<dyn ReadBackend>, options: &OpenOptions) -> Result<Goblin> {
         let backend = options.access.cached(backend);
         // Before anything is read.
-        let stamp = backend.stamp()?;
+        let version = backend.version()?;
         let (length, tail) = (backend.len(), backend.len().min(TAIL as u64));
         backend.prefetch(&[0..length.min(FIRST_BYTES as u64), length - tail..length])?;
         let header = FileHeader::read_cells(path, &*backend)?;
@@ -64,7 +64,7 @@ impl Goblin {
         let file = OpenFile {
             path,
             backend,
-            stamp,
+            version,
             layers,
             table,
             check: options.check,

@@ -8,7 +8,7 @@ use super::directory::{Entry, show_sums};
 use super::index::Directory;
 use crate::store::records::{Descend, RecordLayout};
 use crate::tree::Child;
-use spinney_base::io::{FileAccess, ReadBackend, Stamp, Unpacked};
+use spinney_base::io::{FileAccess, FileStat, ReadBackend, Unpacked};
 use spinney_base::value::ZoneStats;
 use spinney_base::{Error, Result};
 use spinney_container::{Codec, HEADER_SIZE, Header, Layer, Metadata, Section};
@@ -44,8 +44,8 @@ pub struct Goblin {
 pub(super) struct OpenFile {
     pub(super) path: PathBuf,
     pub(super) backend: Box<dyn ReadBackend>,
-    /// Length and time of the file when it was opened.
-    pub(super) stamp: Option<Stamp>,
+    /// Version of the file when it was opened.
+    pub(super) version: Option<FileStat>,
     pub(super) layers: Vec<Layer>,
     /// Where the table of layers is.
     pub(super) table: Section,
@@ -93,11 +93,24 @@ impl Goblin {
     /// If it was changed.
     pub fn check_unchanged(&self) -> Result<()> {
         let changed = |what| Err(Error::Changed { path: self.file.path.clone(), what });
-        match (self.file.stamp, self.file.backend.stamp()?) {
+        match (&self.file.version, self.file.backend.stat()?) {
             (Some(before), Some(now)) if now.length < before.length => changed("was cut short"),
-            (before, now) if before != now => changed("was overwritten"),
+            (Some(before), Some(now)) if *before != now => changed("was overwritten"),
             _ => Ok(()),
         }
+    }
+
+    /// Queries the host of a remote file whether it still is the version that was opened.
+    ///
+    /// # Errors
+    /// If it is not, or the host does not respond.
+    pub fn check_remote(&self) -> Result<()> {
+        self.file.backend.check_remote()
+    }
+
+    /// Version of the file when it was opened; `None` of one in memory.
+    pub fn version(&self) -> Option<&FileStat> {
+        self.file.version.as_ref()
     }
 
     /// Bytes of the whole file.
