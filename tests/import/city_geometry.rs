@@ -251,7 +251,7 @@ fn feet_are_feet_and_degrees_are_refused() {
     }
     let mut options = TransformOptions::new(MEMORY);
     options.crs = Some(spinney::Crs::epsg(4979));
-    transform(&model, &identity(), &options, Output::create(folder.join("d.goblin")).unwrap(), &()).unwrap();
+    transform(&model, &identity(), &options, Output::create(&folder.join("d.goblin")).unwrap(), &()).unwrap();
     let model = ExactModel::open(&folder.join("d.goblin"), &Default::default()).unwrap();
     let path = folder.join("d.city.json");
     let error = export_exact(&model, MeshFormat::CityJson, Output::create(&path).unwrap(), &()).unwrap_err();
@@ -284,7 +284,7 @@ fn reported_files_come_back() {
     // Text meshes of other programs, each of one box.
     let faces = |name: &str| {
         let mut model = open_all(&[folder.join(name)], MEMORY).unwrap().remove(0);
-        let (mut faces, mut colours) = (0, Vec::new());
+        let (mut faces, mut colours) = (0, Vec::<[u8; 3]>::new());
         model
             .faces(&mut |face| {
                 faces += 1;

@@ -53,7 +53,7 @@ fn what_a_format_has_no_room_for_is_told_once() {
         (&solid, "a.stl", "the coordinate system EPSG:28992"),
         (&solid, "a.glb", "the unit of length mm"),
         (&exact, "b.ply", "the part's name"),
-        (&exact, "b.city.json", "for the unit of length mm"),
+        (&exact, "b.obj", "the unit of length mm"),
     ] {
         // Also where reports are not wanted: it is no report, but a warning.
         for quiet in [&[][..], &["--quiet"]] {
@@ -65,6 +65,13 @@ fn what_a_format_has_no_room_for_is_told_once() {
             );
         }
     }
+    // CityJSON has the coordinate system, and coordinates in its unit.
+    let city = at("b.city.json");
+    let said = stderr(spinney(&["export", text(&exact), text(&city)]).success());
+    assert!(!said.contains("has no room for"), "{said}");
+    let bounds =
+        stderr(spinney(&["build", text(&city), "-o", text(&at("again.goblin")), "--cells", "8"]).success());
+    assert!(bounds.contains("each 0.0005") && bounds.contains(" m wide"), "{bounds}");
 }
 
 #[test]

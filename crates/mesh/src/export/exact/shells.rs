@@ -369,7 +369,11 @@ fn find_holders(
         return Ok(holders);
     }
     let mut number = 0u32;
-    job.each(&mut |face| {
+    // (Few models need this pass, which progress does not count.)
+    job.faces.each(&mut |face| {
+        if number.is_multiple_of(1024) {
+            job.progress.check()?;
+        }
         if let Some(cavities) = unsure.get_mut(&sets.root(number)) {
             for (cavity, angle) in cavities {
                 *angle += solid_angle(face, roots[&*cavity].sample);

@@ -493,7 +493,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
     if unit == "degrees" {
         let name = crs.as_ref().map(Crs::to_string).unwrap_or_default();
         let found = format!("CityJSON with coordinates in degrees ({name})");
-        let advice = "heights are not in degrees: bring the file into a projected coordinate system first, as with `cjio IN reproject 7415 save OUT`";
+        let advice = "heights are not in degrees: bring the file into a projected coordinate system first, as with `cjio IN reproject 7415 save OUT`, or correct its referenceSystem";
         return Err(Error::unsupported(source.path(), found, advice));
     }
     let kind = if count > 1 { "CityJSONSeq" } else { "CityJSON" };
