@@ -225,7 +225,10 @@ impl Tree {
     fn seen(&self, layer: Dataset) -> spinney::Result<Arc<Opened>> {
         let (tree, file) = match &self.steps[..] {
             [] => (layer, None),
-            steps => (layer.view(steps)?, Some(layer)),
+            steps => {
+                let file = layer.as_file().map(|file| Dataset::of(file.into())).transpose()?;
+                (layer.view(steps)?, file)
+            }
         };
         let is_view = !self.is_file();
         Ok(Arc::new(Opened { tree, file, is_view, void: OnceLock::new() }))
@@ -307,7 +310,9 @@ impl Tree {
     fn versions(&self, py: Python<'_>) -> PyResult<Vec<Option<String>>> {
         let opened = self.get()?;
         let text = |stat: &FileStat| format!("{} {:?}", stat.length, stat.version);
-        let mut all = vec![opened.file().version().map(text)];
+        let file = opened.file();
+        let of_list = || file.listed_state().map(|state| format!("{state:x}"));
+        let mut all = vec![file.version().map(text).or_else(of_list)];
         let named: Vec<_> =
             self.steps.iter().flat_map(ViewStep::files).map(|path| file_of(path).into_owned()).collect();
         let named: Vec<&Path> = named.iter().map(|path| &**path).collect();

@@ -45,11 +45,11 @@ def test_empty_frames_have_their_columns(ds: spinney.Dataset, island: str, distr
 
 def test_polygons_outside_are_in_the_system_that_the_error_names(ds: spinney.Dataset, districts: Any, tmp_path: Path) -> None:
     outside = districts.set_geometry(districts.translate(1e6, 0))
-    with pytest.raises(ValueError, match=r"in EPSG:32628, all outside"):
+    with pytest.raises(ValueError, match=r"in EPSG:32628.*, all outside"):
         ds.zonal(outside, "mean")
-    with pytest.raises(ValueError, match=r"in EPSG:32628, all outside"):
+    with pytest.raises(ValueError, match=r"in EPSG:32628.*, all outside"):
         ds.zonal(outside, "mean", out=tmp_path / "x.geojson")
-    with pytest.raises(ValueError, match=r"in EPSG:3857, all outside"):
+    with pytest.raises(ValueError, match=r"in EPSG:3857.*, all outside"):
         ds.zonal(list(outside.geometry), "mean", crs="EPSG:3857")
 
 
