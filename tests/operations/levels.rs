@@ -18,7 +18,9 @@ fn forms() -> Vec<(TreeType, Rule, DataKind)> {
     let mut forms = Vec::new();
     for sample in [SampleType::U8, SampleType::I16, SampleType::F32, SampleType::F64] {
         for form in [quad(sample, 1), quad(sample, 3), oct(sample, 1)] {
-            forms.push((form, Rule::Mean, DataKind::Continuous));
+            if form.value.is_supported() {
+                forms.push((form, Rule::Mean, DataKind::Continuous));
+            }
         }
     }
     for rule in [Rule::Majority, Rule::Min, Rule::Max] {
@@ -51,7 +53,7 @@ fn halves_are_the_levels_of_the_file() {
                 assert_eq!(made.depth(), depth - above);
                 assert!(level(&made, depth - above) == level(&tree, depth - above), "{form} {rule:?} {step}");
                 let frame = tree.metadata().frame.coarser(above);
-                assert_eq!(made.metadata().frame, frame);
+                assert_eq!(made.metadata().frame.affine(), frame.affine());
             }
         }
     }

@@ -34,10 +34,11 @@ impl Coarse {
         extent[..header.form.axes()].iter_mut().for_each(|end| *end = cells(*end));
         let metadata = file.metadata();
         let to_file = AffineMap::scaling(scale(header.form.axes(), above));
+        let to_world = to_file.then(&AffineMap::from_rows(metadata.frame.matrix));
         let to_file = Frame { matrix: to_file.to_rows(), ..Frame::identity() };
         let points = metadata.control_points.as_ref();
         let metadata = Metadata {
-            frame: metadata.frame.coarser(above),
+            frame: Frame { matrix: to_world.to_rows(), ..metadata.frame.clone() },
             control_points: points.and_then(|points| points.seen_through(&to_file)),
             ..metadata.clone()
         };
