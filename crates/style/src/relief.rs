@@ -13,8 +13,8 @@ pub(super) struct Growth {
 impl Growth {
     /// Computes the growth across the inner cells of the second of three rows; NaN where a cell is VOID.
     ///
-    /// In place of neighbours that are VOID count numbers that go on as they come from the other side, along the row or else
-    /// across rows, or where there is none either, that of the cell itself.
+    /// In place of neighbours that are VOID count numbers that go on as they come from the other side, along the row or
+    /// across rows (their mean if both are there), or where there is none either, that of the cell itself.
     pub(super) fn compute(&mut self, rows: [&[f64]; 3]) {
         let [above, here, below] = rows;
         let width = here.len() - 2;
@@ -84,7 +84,11 @@ fn filled(cells: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
             let number = Some(cells[y][x]).filter(|number| !number.is_nan());
             let along = || if x == 1 { None } else { on(cells[y][1], cells[y][2 - x]) };
             let across = || if y == 1 { None } else { on(cells[1][x], cells[2 - y][x]) };
-            number.or_else(along).or_else(across).unwrap_or(centre)
+            // (Neither axis comes first: a transposed raster has the same slopes.)
+            number.unwrap_or_else(|| match (along(), across()) {
+                (Some(one), Some(other)) => (one + other) / 2.0,
+                (found, None) | (None, found) => found.unwrap_or(centre),
+            })
         })
     })
 }
