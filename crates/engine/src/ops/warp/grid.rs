@@ -185,7 +185,7 @@ mod tests {
             let (found, _) = cells_of_world(epsg, false);
             assert!(found.iter().all(|cells| *cells <= most), "{epsg}: {found:?}");
         }
-        // All of the world: two diameters of the earth across, and what curves may reach beyond places next to the antipode.
+        // All of the world: two diameters of the earth across, and what curves may reach beyond the last position before the antipode.
         let (found, _) = cells_of_world(3035, false);
         assert!(found.iter().all(|cells| (255..400).contains(cells)), "{found:?}");
     }
