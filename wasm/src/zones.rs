@@ -58,7 +58,7 @@ pub(crate) fn zonal(opened: &Opened, request: &Request) -> Result<Found> {
         Ok((CellLocator::new(&coordinates, frame, header.extent)?, header.extent))
     });
     let places = places.collect::<Result<Vec<_>>>()?;
-    let found = layer.in_cells_of(&places)?;
+    let found = layer.in_cells_of(&coordinates, &places)?;
     if let Some(outside) = found.outside {
         return Err(outside);
     }
