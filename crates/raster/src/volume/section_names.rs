@@ -69,7 +69,7 @@ impl Name {
             let mut number = NumberText { digits, ..NumberText::default() };
             // (What is between two numbers, as in dates, is no sign.)
             if let Some(sign) = text.chars().last().filter(|last| "+-\u{2212}".contains(*last))
-                && !(text.chars().count() == 1 && !parsed.numbers.is_empty())
+                && (text.chars().count() != 1 || parsed.numbers.is_empty())
             {
                 text.truncate(text.len() - sign.len_utf8());
                 number.sign = Some(if sign == '+' { '+' } else { '-' });
