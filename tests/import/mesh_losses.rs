@@ -299,7 +299,8 @@ fn meshes_of_exact_models_tell_what_they_lose() {
         let of_two: &[&str] = match format {
             MeshFormat::Obj => &[crs, unit],
             MeshFormat::Stl => &[colours, parts, crs, unit],
-            MeshFormat::CityJson => &[colours, unit],
+            // (Coordinates are in the unit of the system.)
+            MeshFormat::CityJson => &[colours],
             _ => &[parts, crs, unit],
         };
         let has_names = matches!(format, MeshFormat::Obj | MeshFormat::CityJson);
