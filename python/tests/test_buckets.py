@@ -170,14 +170,19 @@ def test_pictures_of_a_web_server(tmp_path: Path, maps: Bucket, run: Runner) -> 
         urls = [f"{server.url}/tile_{number}.tif?signature=a.b/c" for number in range(4)]
         run("build", *urls, "-o", tmp_path / "whole.goblin")
         run("shard", "plan", *urls, "-o", tmp_path / "job", "--shards", 3)
+        # Queries of URLs, which may be signatures, are not in the plan.
+        assert "--signed-urls" in run.fails("shard", "build", tmp_path / "job", 0)
+        signed = tmp_path / "signed.txt"
+        signed.write_text("\n".join(urls))
+        given = {"SPINNEY_SIGNED_URLS": str(signed)}
         for number in range(3):
-            run("shard", "build", tmp_path / "job", number)
+            run("shard", "build", tmp_path / "job", number, **given)
         run("shard", "merge", tmp_path / "job", "-o", "s3://maps/out.goblin")
         assert maps.get("out.goblin") == (tmp_path / "whole.goblin").read_bytes()
         # Another state of a picture.
         run("shard", "plan", *urls, "-o", tmp_path / "other", "--shards", 1)
         os.utime(tmp_path / "tiles" / "tile_2.tif", ns=(1, 1))
-        assert "tile_2" in run.fails("shard", "build", tmp_path / "other", 0)
+        assert "tile_2" in run.fails("shard", "build", tmp_path / "other", 0, **given)
 
 
 def test_trees_in_buckets_are_transformed_and_combined(tmp_path: Path, maps: Bucket, run: Runner) -> None:

@@ -72,7 +72,6 @@ def test_wrong_arguments(island: str) -> None:
         (IndexError, lambda: ds.read(window=(250, 0, 10, 10))),
         (IndexError, lambda: ds.read(window=(-1, 0, 10, 10))),
         (ValueError, lambda: ds.read(window=(0, 0, 0, 10))),
-        (ValueError, lambda: ds.read(window=(0.5, 0, 10, 10))),
         (TypeError, lambda: ds.read(window="all")),
         (ValueError, lambda: ds.read(coordinates="world")),
         (ValueError, lambda: ds.read(window=(0, 0, 1, 1), coordinates="world")),
