@@ -340,3 +340,10 @@ fn a_full_disk_has_no_part_of_what_belongs_together() {
     run("umount", &[at]).unwrap();
     assert!(failed > 3);
 }
+
+/// Addresses in help are examples: nothing is redacted, and help is no complaint.
+#[test]
+fn help_is_shown_as_it_is() {
+    let text = stdout(&["serve", "--help"]);
+    assert!(text.contains("/point/relief?x=7.66&y=45.98") && text.contains("--remote-timeout"), "{text}");
+}

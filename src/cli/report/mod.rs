@@ -69,8 +69,9 @@ pub(crate) fn explain_usage(error: &clap::Error) -> ExitCode {
     let text = error.render().to_string();
     let shown = redacted(&text);
     let clean = printable(&shown);
-    // (As it is it has colours, on a terminal.)
-    let _ = if *clean == text { error.print() } else { write!(io::stderr(), "{clean}") };
+    // (As it is it has colours, on a terminal. Help has the program's own words, whose addresses are examples.)
+    let is_own = !error.use_stderr();
+    let _ = if is_own || *clean == text { error.print() } else { write!(io::stderr(), "{clean}") };
     ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2))
 }
 

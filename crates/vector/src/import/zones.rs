@@ -520,7 +520,9 @@ mod tests {
         };
         let told = layer(&square(60.0)).unwrap_err().to_string();
         assert!(
-            told.contains("60,60,64,64 in lonlat (EPSG:4326)") && told.contains("40,-5,50,5") && told.contains("crs"),
+            told.contains("60,60,64,64 in lonlat (EPSG:4326)")
+                && told.contains("40,-5,50,5")
+                && told.contains("crs"),
             "{told}"
         );
         let told = layer("[[0,41],[1,41],[1,42]]").unwrap_err().to_string();
