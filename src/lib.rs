@@ -227,7 +227,7 @@ pub mod serve {
 
 use std::path::Path;
 
-/// Makes a tree of a raster file, a volume, or another tree: a `.goblin` file, or an `.autumn` file, which can be edited. Data that do not fit into
+/// Makes a tree of a raster file (layers of bands that are no one value), a volume, or another tree: a `.goblin` file, or an `.autumn` file, which can be edited. Data that do not fit into
 /// memory go to a temporary file next to the output, which appears when it is complete.
 ///
 /// [`import::raster::plan`] and [`import::volume::plan`] take options, and report in advance what will be built. Meshes become solids
@@ -264,7 +264,16 @@ fn build_tree(input: &Path, output: &Path) -> Result<()> {
         let volume = import::volume::plan(input, &import::volume::VolumeOptions::new())?;
         return volume.build(create_tree_file(output, &FileAccess::default())?, &());
     }
-    let raster = import::raster::plan(&[input.to_path_buf()], &import::raster::ImportOptions::new())?;
+    let (inputs, options) = ([input.to_path_buf()], import::raster::ImportOptions::new());
+    if spinney_raster::import::needs_layers(&inputs, &options)? {
+        let stack = import::raster::plan_stack(&inputs, &import::raster::StackOptions::new())?;
+        return spinney_raster::import::write_stack(
+            &stack,
+            create_tree_file(output, &FileAccess::default())?,
+            &(),
+        );
+    }
+    let raster = import::raster::plan(&inputs, &options)?;
     raster.build(create_tree_file(output, &FileAccess::default())?, &())
 }
 

@@ -517,6 +517,11 @@ fn bands_that_are_no_colours_become_layers() {
         assert!(said.contains("a layer of each"), "{said}");
         let layers = spinney::raw::ops::TreeFile::open(&out, &Default::default()).unwrap().layers().unwrap();
         assert_eq!(layers.len(), usize::from(bands));
+        spinney::build(path, &out).unwrap();
+        assert_eq!(
+            spinney::raw::ops::TreeFile::open(&out, &Default::default()).unwrap().layers().unwrap(),
+            layers
+        );
         // One that is chosen is a tree of its own.
         assert!(build(&["--band", "2"]).status.success());
         let layers = spinney::raw::ops::TreeFile::open(&out, &Default::default()).unwrap().layers().unwrap();
