@@ -7,7 +7,7 @@ use std::time::Duration;
 use zerocopy::little_endian::U32;
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
-use super::commit::Commit;
+use super::commit::{Commit, CommitLayer};
 use super::extents::Extents;
 use super::layout::run_levels;
 use super::meta::Meta;
@@ -17,7 +17,7 @@ use super::pages::{FIRST_EXTENT, PAGE};
 use spinney_base::io::platform::pause;
 use spinney_base::io::{FileAccess, FileId, ReadBackend};
 use spinney_base::{Error, Result};
-use spinney_container::{FileHeader, OpenOptions, TreeFormat};
+use spinney_container::{Codec, FileHeader, Header, OpenOptions, TreeFormat};
 
 /// The part of the first page that tells how records are made, behind the header that both formats have.
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
@@ -212,6 +212,22 @@ impl Archive {
         let remark = "the meta slot of its newest commit is damaged; the commit was found behind the one before, and \
                       the next edit mends the slot";
         (self.newest == Newest::BehindSlot).then_some(remark)
+    }
+
+    /// The header of a layer.
+    pub(super) fn layer_header(&self, layer: &CommitLayer) -> Result<Header> {
+        let place = format!("layer `{}`", layer.name);
+        let Ok(bytes) = layer.header[..].try_into() else {
+            let found = format!("a header of {} bytes", layer.header.len());
+            return Err(self.extents.corrupt(place, found, "48 bytes"));
+        };
+        let shape = (self.header.dimension, self.header.depth);
+        let header = Header::from_bytes(&self.extents.path, &place, bytes, shape)?;
+        match header.codec {
+            Codec::Plain => Ok(header),
+            // (There are no segments that could be.)
+            Codec::Packed => Err(self.extents.corrupt(place, "packed segments", "codec 0")),
+        }
     }
 
     /// The newest commit.

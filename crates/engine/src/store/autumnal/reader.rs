@@ -19,7 +19,7 @@ use spinney_base::io::{FileAccess, FileBytes, FileId, FileStat};
 use spinney_base::space::Code;
 use spinney_base::value::Value;
 use spinney_base::{Error, Result};
-use spinney_container::{Codec, FileReference, Header, INNER, LEAF, Metadata, OpenOptions, VOID};
+use spinney_container::{FileReference, Header, INNER, LEAF, Metadata, OpenOptions, VOID};
 
 /// A layer in one commit of an Autumnal file, open for reading; may be shared by any number of threads.
 ///
@@ -151,7 +151,7 @@ impl Autumnal {
     /// # Errors
     /// If one is damaged.
     pub(crate) fn layer_headers(&self) -> Result<Vec<Header>> {
-        self.commit.layers.iter().map(|layer| header_of(&self.archive, layer)).collect()
+        self.commit.layers.iter().map(|layer| self.archive.layer_header(layer)).collect()
     }
 
     /// The number of this layer in its commit.
@@ -172,7 +172,7 @@ impl Autumnal {
         metadata: Metadata,
     ) -> Result<Autumnal> {
         let corrupt = |found: String, expected| archive.extents.corrupt("commit", found, expected);
-        let header = header_of(&archive, &commit.layers[number])?;
+        let header = archive.layer_header(&commit.layers[number])?;
         let layout = PointeredLayout::new(header.form, archive.form.run_levels, header.depth());
         let Root { state, value, address } = &commit.layers[number].root;
         let value = || match value.len() == header.form.width() {
@@ -588,21 +588,5 @@ impl Autumnal {
     pub(crate) fn walkable_records(&self) -> Result<u64> {
         self.root()?;
         Ok(self.layer().records)
-    }
-}
-
-/// The header of a layer.
-fn header_of(archive: &Archive, layer: &CommitLayer) -> Result<Header> {
-    let file = &archive.header;
-    let place = format!("layer `{}`", layer.name);
-    let Ok(bytes) = layer.header[..].try_into() else {
-        let found = format!("a header of {} bytes", layer.header.len());
-        return Err(archive.extents.corrupt(place, found, "48 bytes"));
-    };
-    let header = Header::from_bytes(&archive.extents.path, &place, bytes, (file.dimension, file.depth))?;
-    match header.codec {
-        Codec::Plain => Ok(header),
-        // (There are no segments that could be.)
-        Codec::Packed => Err(archive.extents.corrupt(place, "packed segments", "codec 0")),
     }
 }
