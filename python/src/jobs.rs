@@ -27,7 +27,7 @@ const TICK: Duration = Duration::from_millis(50);
 thread_local! {
     /// Whether the work of this thread should stop.
     static STOP: RefCell<Option<Arc<AtomicBool>>> = const { RefCell::new(None) };
-    /// What this thread refuses of files.
+    /// Files that this thread refuses.
     static REFUSED: Cell<Refused> = const { Cell::new(Refused::NOTHING) };
 }
 
@@ -41,7 +41,7 @@ pub(crate) struct Refused {
 impl Refused {
     pub(crate) const NOTHING: Refused = Refused { remote: false, external: false };
 
-    /// What this or the calling thread refuses.
+    /// Files that this or the calling thread refuses.
     pub(crate) fn or_thread(self) -> Refused {
         let of_thread = REFUSED.get();
         Refused { remote: self.remote || of_thread.remote, external: self.external || of_thread.external }
@@ -83,7 +83,7 @@ static ACCESS: LazyLock<FileAccess> = LazyLock::new(|| {
     client(options).map_or(access.clone(), |client| access.remote(client))
 });
 
-/// The same, by what is refused: nothing, remote files, external ones, both. (Their caches are the same.)
+/// Accesses that refuse nothing, remote files, external ones, and both. (They share their caches.)
 static ACCESSES: LazyLock<[FileAccess; 4]> = LazyLock::new(|| {
     let all = ACCESS.clone();
     let (remote, external) = (all.clone().no_remote(), all.clone().no_external());

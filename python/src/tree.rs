@@ -43,7 +43,7 @@ pub(crate) fn crs_text(crs: &Crs) -> String {
 /// A state of a file.
 pub(crate) struct Opened {
     pub(crate) tree: Dataset,
-    /// What a view is of.
+    /// The file that a view is of.
     file: Option<Dataset>,
     /// Whether it is seen through steps, which take time for each cell.
     pub(crate) is_view: bool,

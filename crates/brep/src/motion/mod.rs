@@ -124,7 +124,7 @@ pub fn transform(
     }
 }
 
-/// What is said of a part, with its addresses and its extent where they are after a motion.
+/// Attributes of a part after a motion: its addresses and its extent are moved.
 fn moved_about(mut about: String, motion: &Motion) -> String {
     let json = |numbers: &[f64]| {
         let is_finite = numbers.iter().all(|number| number.is_finite());
