@@ -47,6 +47,11 @@ impl Transformation {
         &self.from
     }
 
+    /// Projections of the first and the second system, where they differ.
+    pub fn projections(&self) -> Option<(&Projection, &Projection)> {
+        self.projections.as_ref().map(|(from, to)| (from, to))
+    }
+
     /// Whether the two systems are the same, so that points stay as they are.
     pub fn is_identity(&self) -> bool {
         self.projections.is_none()

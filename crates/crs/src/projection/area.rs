@@ -17,8 +17,10 @@ pub struct AreaOfUse {
     longitudes: [f64; 2],
 }
 
-/// The world, with what is a rounding error beyond the poles.
-const WORLD: [f64; 2] = [-90.0 - 1e-9, 90.0 + 1e-9];
+/// Degrees beyond the poles that are rounding errors: as much as [`Projection::inverse`] has.
+const ROUNDING: f64 = 1e-9;
+/// Latitudes of the world.
+const WORLD: [f64; 2] = [-90.0 - ROUNDING, 90.0 + ROUNDING];
 
 impl AreaOfUse {
     /// The area that a formula is used in.
@@ -47,8 +49,7 @@ impl AreaOfUse {
 
     /// Whether a place of the world (longitude and latitude in degrees) is in the area.
     pub fn contains(&self, place: [f64; 2]) -> bool {
-        let near = self.nearest(place);
-        near[1] == place[1] && (near[0] - place[0]).abs() < 1e-9
+        self.nearest(place) == place
     }
 
     /// The place of the area whose longitude and latitude are nearest to those of a place.

@@ -56,15 +56,9 @@ impl View {
         let lookup = &self.lookup;
         let above = self.depth().checked_sub(level)?;
         let axes = self.form.axes();
-        let (columns, to) = (lookup.to_source.to_rows(), lookup.to_source.apply([0.0; 3]));
-        let factor = columns[0][0];
-        let smaller = -factor.log2();
-        let is_power = factor > 0.0 && smaller >= 0.0 && smaller == smaller.trunc();
-        let is_scaling = (0..3).all(|row| {
-            let diagonal = if row < axes { factor } else { 1.0 };
-            (0..3).all(|column| columns[row][column] == if row == column { diagonal } else { 0.0 })
-        });
-        if !is_power || !is_scaling || !lookup.askew.is_empty() || smaller > 29.0 {
+        let to = lookup.to_source.apply([0.0; 3]);
+        let smaller = -lookup.to_source.power_of_two(axes)?.log2();
+        if !lookup.askew.is_empty() || !(0.0..=29.0).contains(&smaller) {
             return None;
         }
         let smaller = smaller as u8;
@@ -112,6 +106,26 @@ impl View {
             u64::try_from(start >> above).ok()?,
             u64::try_from((end + side - 1) >> above).ok()?,
         ))
+    }
+
+    /// Number of levels between the view's cells and the source's, if each of the view's is one node of the source: larger than a
+    /// cell, all of it visible.
+    pub(in crate::ops) fn levels_above(&self) -> Option<u8> {
+        let Lookup { to_source, visible, askew, .. } = &self.lookup;
+        let (axes, to) = (self.form.axes(), to_source.apply([0.0; 3]));
+        let factor = to_source.power_of_two(axes)?;
+        let above = factor.log2();
+        if !(1.0..=f64::from(self.source.depth())).contains(&above) || !askew.is_empty() {
+            return None;
+        }
+        let is_whole = |cell: i64| cell & (factor as i64 - 1) == 0;
+        // (A node at the end of the source's picture is all that there is of it.)
+        let is_node = |axis: usize| {
+            let (start, end) = (visible.0[axis], visible.1[axis]);
+            let ends_with_source = end == self.source_extent[axis] as i64;
+            to[axis] % factor == 0.0 && is_whole(start) && (is_whole(end) || ends_with_source)
+        };
+        (0..axes).all(is_node).then_some(above as u8)
     }
 
     fn draw_placed(

@@ -159,6 +159,29 @@ impl AffineMap {
         columns.into_iter().all(single) && (0..3).all(|row| single(columns.map(|column| column[row])))
     }
 
+    /// Whether it takes each cell into one cell: so many of them, a power of two, are one along each axis.
+    pub(super) fn divides_cells(&self) -> bool {
+        let columns = self.0.matrix3.to_cols_array_2d();
+        (0..3).all(|axis| {
+            let factor = columns[axis][axis];
+            let is_part = factor > 0.0 && factor <= 1.0 && factor.log2().fract() == 0.0;
+            let is_alone = (0..3).all(|other| other == axis || columns[axis][other] == 0.0);
+            is_part && is_alone && (self.0.translation[axis] / factor).fract() == 0.0
+        })
+    }
+
+    /// The factor of a map that scales so many axes alike and leaves the others: a power of two. `None` of all other maps.
+    pub(super) fn power_of_two(&self, axes: usize) -> Option<f64> {
+        let columns = self.0.matrix3.to_cols_array_2d();
+        let factor = columns[0][0];
+        let is_power = factor > 0.0 && factor.is_finite() && factor.log2().fract() == 0.0;
+        let is_uniform = (0..3).all(|row| {
+            let diagonal = if row < axes { factor } else { 1.0 };
+            (0..3).all(|column| columns[column][row] == if row == column { diagonal } else { 0.0 })
+        });
+        (is_power && is_uniform).then_some(factor)
+    }
+
     /// Whether it takes whole cells to whole cells: a symmetry and a move by whole cells.
     pub(in crate::ops) fn keeps_cells(&self) -> bool {
         let columns = self.0.matrix3.to_cols_array_2d();

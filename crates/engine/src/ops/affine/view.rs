@@ -218,30 +218,6 @@ impl View {
         View { source, ..self }
     }
 
-    /// The number of levels between the view's cells and the source's, if each of the view's is one node of the source: larger than a
-    /// cell, all of it visible.
-    pub(in crate::ops) fn levels_above(&self) -> Option<u8> {
-        let Lookup { to_source, visible, askew, .. } = &self.lookup;
-        let (axes, columns, to) = (self.form.axes(), to_source.to_rows(), to_source.apply([0.0; 3]));
-        let factor = columns[0][0];
-        let above = factor.log2();
-        let is_scaling = (0..3).all(|row| {
-            let diagonal = if row < axes { factor } else { 1.0 };
-            (0..3).all(|column| columns[row][column] == if row == column { diagonal } else { 0.0 })
-        });
-        if !(above >= 1.0 && above <= f64::from(self.source.depth()) && above.fract() == 0.0 && is_scaling) {
-            return None;
-        }
-        let is_whole = |cell: i64| cell & (factor as i64 - 1) == 0;
-        let is_node = |axis: usize| {
-            let (start, end) = (visible.0[axis], visible.1[axis]);
-            to[axis] % factor == 0.0
-                && is_whole(start)
-                && (is_whole(end) || end == self.source_extent[axis] as i64)
-        };
-        (askew.is_empty() && (0..axes).all(is_node)).then_some(above as u8)
-    }
-
     /// This view, which has [levels between](View::levels_above) its cells and the source's, of a source with cells of its size.
     pub(in crate::ops) fn over_scaled(self, source: Arc<ViewSource>, to_own: &AffineMap) -> Result<View> {
         let Lookup { visible, shown, .. } = &self.lookup;
@@ -570,7 +546,7 @@ impl View {
             by_area: is_area
                 && to_source.keeps_axes()
                 && !to_source.keeps_cells()
-                && !divides_cells(&to_source),
+                && !to_source.divides_cells(),
             visible: (whole(visible.0), whole(visible.1)),
             moved,
             content: ((image.0 + TINY).floor(), (image.1 - TINY).ceil()),
@@ -579,19 +555,6 @@ impl View {
         };
         Ok(self)
     }
-}
-
-/// Whether each cell lies in one of the source: so many of them are one of the source's along each axis.
-fn divides_cells(to_source: &AffineMap) -> bool {
-    let rows = to_source.to_rows();
-    (0..3).all(|row| {
-        let factor = rows[row][row];
-        let is_part =
-            factor > 0.0 && factor <= 1.0 && (1.0 / factor).fract() == 0.0 && factor.log2().fract() == 0.0;
-        is_part
-            && (rows[row][3] / factor).fract() == 0.0
-            && (0..3).all(|column| column == row || rows[row][column] == 0.0)
-    })
 }
 
 /// Numbers of cells along each axis, as people write them.

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use super::landing::{Landing, Target};
+use super::landing::Landing;
 use super::mapping::CellMap;
 use super::options::Resampling;
 use super::source::WarpGrid;
@@ -94,9 +94,8 @@ impl WarpTarget {
             let expected = format!("one that {} has", self.crs);
             Error::invalid("place of the raster", "another one, or none", expected)
         };
-        let own = frame.crs.as_ref().unwrap_or(&self.crs);
-        let target = Target::new(&self.crs, own, map.is_same_system(), allow_ballpark)?;
-        let Landing { low, high, unit } = Landing::of(&map, frame, data, &target).ok_or_else(nowhere)?;
+        let landing = Landing::of(&map, frame, data, &self.crs);
+        let Landing { low, high, unit } = landing.ok_or_else(nowhere)?;
         let cell = self.cell.unwrap_or(unit);
         let most = 1u64 << Dimension::Quad.max_depth();
         // (Corners that are a rounding error beyond a line lie on it.)

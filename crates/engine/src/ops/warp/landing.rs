@@ -1,7 +1,6 @@
 //! Positions of a raster's data in another coordinate system.
 
 use super::mapping::CellMap;
-use spinney_base::Result;
 use spinney_base::space::Bounds;
 use spinney_crs::{AreaOfUse, Crs, Frame, Projection};
 
@@ -16,32 +15,37 @@ pub(super) struct Landing {
 /// Steps along each side of the data at which positions are computed.
 const STEPS: usize = 128;
 
+/// Longest second difference of a line of positions that is straight, in cells.
+const STRAIGHT: f64 = 1e-3;
+
 /// A target system, as far as it is good for maps.
-pub(super) struct Target {
-    /// The raster's own projection, and the target's, where the two differ.
-    projections: Option<(Projection, Projection)>,
-    area: AreaOfUse,
+struct Target<'a> {
+    /// Projections of the target and of the raster, and the target's area of use, where the two systems differ.
+    clipping: Option<(&'a Projection, &'a Projection, AreaOfUse)>,
     /// Middle of the world, and what is added to first coordinates once round it, if they come again.
     turn: Option<[f64; 2]>,
 }
 
-impl Target {
-    /// The target of a raster in a system.
-    pub(super) fn new(crs: &Crs, own: &Crs, is_same: bool, allow_ballpark: bool) -> Result<Target> {
-        if is_same {
-            // (Systems that cannot be computed need not be.)
-            let turn = crs.turn().map(|turn| [0.0, turn]);
-            let area = Projection::new(&Crs::epsg(4326), false)?.area_of_use();
-            return Ok(Target { projections: None, area, turn });
+impl<'a> Target<'a> {
+    fn new(map: &'a CellMap, crs: &Crs) -> Target<'a> {
+        match map.projections() {
+            Some((target, own)) => {
+                Target { clipping: Some((target, own, target.area_of_use())), turn: target.turn() }
+            }
+            None => Target { clipping: None, turn: crs.turn().map(|turn| [0.0, turn]) },
         }
-        let target = Projection::new(crs, allow_ballpark)?;
-        let (area, turn) = (target.area_of_use(), target.turn());
-        Ok(Target { projections: Some((Projection::new(own, allow_ballpark)?, target)), area, turn })
     }
 
-    /// Longitude and latitude of a place of the raster.
-    fn place_of(&self, world: [f64; 2]) -> Option<[f64; 2]> {
-        self.projections.as_ref().and_then(|(own, _)| own.inverse(world))
+    /// Whether a place of the world is in the area of use; `None` if it has no longitude and latitude.
+    fn has(&self, world: [f64; 2]) -> Option<bool> {
+        let (_, own, area) = self.clipping.as_ref()?;
+        own.inverse(world).map(|place| area.contains(place))
+    }
+
+    /// Coordinates of the place in the area of use that is nearest to one of the raster's.
+    fn nearest(&self, world: [f64; 2]) -> Option<[f64; 2]> {
+        let (target, own, area) = self.clipping.as_ref()?;
+        target.forward(area.nearest(own.inverse(world)?))
     }
 }
 
@@ -66,39 +70,36 @@ impl Landing {
     /// The landing of a box of cells; `None` if no place of it has one in the system. Of data that lie in its area of use for a part, it is that of the part.
     /// First coordinates that come again after a turn round the world are one place: those next to the middle's are taken, or all round the world if data
     /// are on all sides.
-    pub(super) fn of(map: &CellMap, frame: &Frame, data: &Bounds, target: &Target) -> Option<Landing> {
+    pub(super) fn of(map: &CellMap, frame: &Frame, data: &Bounds, crs: &Crs) -> Option<Landing> {
+        let target = &Target::new(map, crs);
         let cell = |column: usize, row: usize| {
             let at = |axis: usize, step: usize| {
                 data.min[axis] as f64 + (data.max[axis] - data.min[axis]) as f64 * step as f64 / STEPS as f64
             };
             [at(0, column), at(1, row)]
         };
-        let lonlat = |[column, row]: [f64; 2]| {
+        let world = |[column, row]: [f64; 2]| {
             let [x, y, _] = frame.to_world([column, row, 0.0]);
-            target.place_of([x, y])
+            [x, y]
         };
         let steps = || (0..=STEPS).flat_map(|row| (0..=STEPS).map(move |column| (column, row)));
-        let is_used: Vec<bool> = steps()
-            .map(|(column, row)| lonlat(cell(column, row)).is_some_and(|place| target.area.contains(place)))
-            .collect();
-        let used = |column: usize, row: usize| is_used[row * (STEPS + 1) + column];
+        let in_area: Vec<Option<bool>> =
+            steps().map(|(column, row)| target.has(world(cell(column, row)))).collect();
         // (Data that are all beyond the area are brought there all the same.)
-        let is_clipped = is_used.contains(&true) && is_used.contains(&false);
+        let is_clipped = in_area.contains(&Some(true)) && in_area.contains(&Some(false));
+        let used =
+            |column: usize, row: usize| !is_clipped || in_area[row * (STEPS + 1) + column] != Some(false);
         let place = |column: usize, row: usize| {
             let here = cell(column, row);
-            if !is_clipped || used(column, row) {
+            if used(column, row) {
                 return map.to_target(here).map_or(Position::Nowhere, Position::At);
             }
             let near = |at: usize| at.saturating_sub(1)..=(at + 1).min(STEPS);
             let is_next_to_used = near(row).any(|row| near(column).any(|column| used(column, row)));
-            let edge = lonlat(here).filter(|_| is_next_to_used).and_then(|place| {
-                let (_, system) = target.projections.as_ref()?;
-                system.forward(target.area.nearest(place))
-            });
+            let edge = if is_next_to_used { target.nearest(world(here)) } else { None };
             edge.map_or(Position::Beyond, Position::At)
         };
-        let (middle, unit) =
-            middle_and_unit(map, &cell, &|column, row| !is_clipped || used(column, row), target)?;
+        let (middle, unit) = middle_and_unit(map, &cell, &used, target)?;
         let near_middle = |[x, y]: [f64; 2]| match target.turn {
             Some([_, turn]) => [middle[0] + (x - middle[0] + turn / 2.0).rem_euclid(turn) - turn / 2.0, y],
             None => [x, y],
@@ -116,7 +117,7 @@ impl Landing {
             }
         }
         let bend = bend(&positions);
-        if !bend.iter().all(|bend| *bend < unit * 1e-3) {
+        if !bend.iter().all(|bend| *bend < unit * STRAIGHT) {
             for axis in 0..2 {
                 (low[axis], high[axis]) = (low[axis] - bend[axis] / 4.0, high[axis] + bend[axis] / 4.0);
             }
@@ -150,7 +151,7 @@ fn middle_and_unit(
     map: &CellMap,
     cell: &dyn Fn(usize, usize) -> [f64; 2],
     used: &dyn Fn(usize, usize) -> bool,
-    target: &Target,
+    target: &Target<'_>,
 ) -> Option<([f64; 2], f64)> {
     let mut sums = [0, 0, 0];
     for row in 0..=STEPS {
@@ -202,10 +203,10 @@ fn bend(positions: &[Position]) -> [f64; 2] {
 }
 
 /// The part of a box that is within the box around the area of use.
-fn within_area(target: &Target, (low, high): ([f64; 2], [f64; 2])) -> ([f64; 2], [f64; 2]) {
-    let Some((_, system)) = &target.projections else { return (low, high) };
+fn within_area(target: &Target<'_>, (low, high): ([f64; 2], [f64; 2])) -> ([f64; 2], [f64; 2]) {
+    let Some((system, _, area)) = &target.clipping else { return (low, high) };
     let (mut first, mut last) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-    for place in target.area.edge().into_iter().filter_map(|place| system.forward(place)) {
+    for place in area.edge().into_iter().filter_map(|place| system.forward(place)) {
         for axis in 0..2 {
             (first[axis], last[axis]) = (first[axis].min(place[axis]), last[axis].max(place[axis]));
         }

@@ -1,7 +1,7 @@
 //! The map from cells of the target to cells of the source.
 
 use spinney_base::{Error, Result};
-use spinney_crs::{Frame, Transformation};
+use spinney_crs::{Frame, Projection, Transformation};
 
 /// The map from coordinates in cells of the target to coordinates in cells of the source (of the level that is read).
 pub(super) struct CellMap {
@@ -43,9 +43,9 @@ impl CellMap {
         Ok(CellMap { target: target.clone(), source: source.clone(), systems, turn, target_turns })
     }
 
-    /// Whether the two systems are the same.
-    pub(super) fn is_same_system(&self) -> bool {
-        self.systems.is_identity()
+    /// Projections of the target and of the source, where they differ.
+    pub(super) fn projections(&self) -> Option<(&Projection, &Projection)> {
+        self.systems.projections()
     }
 
     /// Remarks on how well the systems are known.
