@@ -119,7 +119,7 @@ impl View {
             return None;
         }
         let is_whole = |cell: i64| cell & (factor as i64 - 1) == 0;
-        // (A node at the end of the source's picture is all that there is of it.)
+        // (A node at the end of the source has all of its cells.)
         let is_node = |axis: usize| {
             let (start, end) = (visible.0[axis], visible.1[axis]);
             let ends_with_source = end == self.source_extent[axis] as i64;
