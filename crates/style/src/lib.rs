@@ -7,13 +7,13 @@
 //!
 //! ```
 //! # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-//! use spinney::raw::style::{SampleBlock, StylePainter};
+//! use spinney::raw::style::{Ground, SampleBlock, StylePainter};
 //! use spinney::style::Style;
 //!
 //! let map = spinney::open("fixtures/v1/classes.goblin")?;
 //! let style = Style::parse(r##"{"draw": "palette", "classes": [{"value": 4, "color": "#228b22", "name": "Forest"}]}"##)?;
 //! let painter = StylePainter::new(&style, &map, &())?;
-//! let block = SampleBlock { width: 2, height: 1, margin: 0, bytes: &[4, 9], valid: &[true; 2], ground: &[[1.0; 2]] };
+//! let block = SampleBlock { width: 2, height: 1, margin: 0, bytes: &[4, 9], valid: &[true; 2], ground: &[Ground::PIXEL] };
 //! let mut rgba = [0; 8];
 //! painter.paint(&block, &mut rgba)?;
 //! assert_eq!(rgba, [0x22, 0x8b, 0x22, 255, 0, 0, 0, 0]);
