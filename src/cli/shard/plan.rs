@@ -80,7 +80,11 @@ pub(super) struct CombineArgs {
 
 /// The name of what an input is, if it is something that `build` takes and shards do not.
 fn other_kind(input: &Path) -> Option<&'static str> {
-    let kinds = [("a solid of primitives", Csg::is_name(input)), ("views of a solid", is_views_name(input))];
+    let kinds = [
+        ("standard input", input == Path::new("-")),
+        ("a solid of primitives", Csg::is_name(input)),
+        ("views of a solid", is_views_name(input)),
+    ];
     kinds.into_iter().find(|(_, is_one)| *is_one).map(|(kind, _)| kind)
 }
 
