@@ -8,12 +8,21 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::{env, fs};
 
+/// Systems whose definitions in the list lack the axes that the registry has: south and west.
+const KROVAK: [u16; 2] = [2065, 5513];
+
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
     let known = (0..=u16::MAX).filter_map(crs_definitions::from_code);
     let known: Vec<(u16, Vec<&str>)> = known
         .filter(|known| !known.proj4.is_empty())
-        .map(|known| (known.code, known.proj4.split(' ').collect()))
+        .map(|known| {
+            let mut words: Vec<&str> = known.proj4.split(' ').collect();
+            if KROVAK.contains(&known.code) && !words.contains(&"+axis=swu") {
+                words.insert(1, "+axis=swu");
+            }
+            (known.code, words)
+        })
         .collect();
     let mut words: BTreeMap<&str, u16> =
         known.iter().flat_map(|(_, words)| words).map(|word| (*word, 0)).collect();

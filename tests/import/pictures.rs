@@ -334,6 +334,28 @@ fn world_files_place_pictures() {
     }
 }
 
+/// Far from the equator, steps along parallels are longer.
+#[test]
+fn hgt_tiles_of_other_sizes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("N71E025.hgt");
+    let open_of = |samples: u64| {
+        fs::File::create(&path).unwrap().set_len(2 * samples).unwrap();
+        open(&path, &RasterOptions::default())
+    };
+    for [width, height] in [[1801, 3601], [1201, 3601], [3601, 3601], [7201, 7201]] {
+        let raster = open_of(width * height).unwrap();
+        let info = raster.info();
+        assert_eq!([info.width, info.height], [width, height]);
+        let corner = info.frame.to_world([width as f64 - 0.5, height as f64 - 0.5, 0.0]);
+        assert!((corner[0] - 26.0).abs() < 1e-9 && (corner[1] - 71.0).abs() < 1e-9, "{corner:?}");
+        let first = info.frame.to_world([0.5, 0.5, 0.0]);
+        assert!((first[0] - 25.0).abs() < 1e-9 && (first[1] - 72.0).abs() < 1e-9, "{first:?}");
+    }
+    let error = open_of(1801 * 3600).err().unwrap().to_string();
+    assert!(error.contains("(1801 x 3601 samples)"), "{error}");
+}
+
 #[test]
 fn hgt_tiles() {
     let folder = tempfile::tempdir().unwrap();

@@ -178,15 +178,12 @@ impl Crs {
         }
     }
 
-    /// Whether two definitions mean the same system: they name the same numbers, have the same parts, or say the same in the same
-    /// form, what is only told to people aside.
+    /// Whether two definitions mean the same system: they name the same numbers, have the same parts, such as one by number and a `.prj` file
+    /// with the same parameters, or say the same in the same form, what is only told to people aside.
     ///
-    /// One with numbers and one without are taken for different, and so are those in different forms that are not understood.
+    /// Those in different forms that are not understood are taken for different.
     pub fn is_same(&self, other: &Crs) -> bool {
-        let has_same_parts = || {
-            let are_numbered = self.numbers().is_some() || other.numbers().is_some();
-            !are_numbered && self.identity().is_some_and(|identity| Some(identity) == other.identity())
-        };
+        let has_same_parts = || self.identity().is_some_and(|identity| Some(identity) == other.identity());
         self == other || self.normalised() == other.normalised() || has_same_parts()
     }
 

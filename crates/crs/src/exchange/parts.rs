@@ -5,7 +5,7 @@ use serde_json::Value;
 use crate::Crs;
 use crate::definition::geo_keys::{self, GeoKeys, key};
 use crate::definition::{WktNode, number_of_json, parse_projjson, parse_wkt};
-use crate::methods::Values;
+use crate::methods::{Values, axes_of_words};
 use crate::projection::axis::Axis;
 use crate::projection::datum_names;
 use crate::projection::shift::Shift;
@@ -93,18 +93,17 @@ impl Parts {
         Parts { name: None, horizontal: Horizontal::Earth(earth.into()), vertical: None }
     }
 
-    /// Text that is the same for the same systems, whatever their names are; `None` where nobody says where the plane lies.
+    /// Text that is the same for the same systems, whatever their names are, and in whatever order they have the axes, since coordinates here are
+    /// always in one; `None` where the definition does not say where the plane lies.
     pub(super) fn identity(&self) -> Option<String> {
         let Horizontal::Earth(earth) = &self.horizontal else { return None };
-        let directions: Vec<_> = earth.axes.iter().map(|axis| axis.direction.as_str()).collect();
-        let directions = if directions == ["east", "north"] { String::new() } else { directions.join(",") };
         let vertical = self.vertical.as_ref().map(|vertical| match vertical.number {
             Some(number) => format!("EPSG:{number}"),
             None => {
                 format!("{} {} {}", datum_names::key(&vertical.datum), number(vertical.unit), vertical.is_up)
             }
         });
-        Some(format!("{} {directions} {:?} {vertical:?}", earth.identity(), earth.height))
+        Some(format!("{} {:?} {vertical:?}", self.plane_identity()?, earth.height))
     }
 
     /// Text that is the same where coordinates in the plane are, whatever their order, and whatever is said of heights.
@@ -237,17 +236,14 @@ impl Earth {
             angle: DEGREE,
         };
         let (axes, unit) = match &told.projection {
-            Some((words, _)) if words.contains("+axis=wsu") => {
-                (["west", "south"].map(axis).into(), told.unit)
+            Some((words, values)) => {
+                // (Polar stereographic ones are known by their method.)
+                let is_at = |pole: f64| words == "+proj=laea" && values.contains(&("lat_0", pole));
+                let of_pole =
+                    [(90.0, ["south"; 2]), (-90.0, ["north"; 2])].into_iter().find(|(pole, _)| is_at(*pole));
+                let directions = axes_of_words(words).or(of_pole.map(|(_, axes)| axes));
+                (directions.into_iter().flatten().map(axis).collect(), told.unit)
             }
-            // (Polar stereographic ones are known by their method.)
-            Some((words, values)) if words == "+proj=laea" && values.contains(&("lat_0", 90.0)) => {
-                (["south", "south"].map(axis).into(), told.unit)
-            }
-            Some((words, values)) if words == "+proj=laea" && values.contains(&("lat_0", -90.0)) => {
-                (["north", "north"].map(axis).into(), told.unit)
-            }
-            Some(_) => (Vec::new(), told.unit),
             None => (["east", "north"].map(axis).into(), DEGREE),
         };
         let projection = told.projection;

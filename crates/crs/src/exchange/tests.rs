@@ -1,4 +1,4 @@
-use crate::{Crs, GeoKeys};
+use crate::{Crs, GeoKeys, Transformation};
 
 /// Polar stereographic on an ellipsoid without a name, as NSIDC's files have it.
 fn polar_keys() -> Crs {
@@ -116,6 +116,84 @@ fn texts_of_esri() {
     assert!(text.contains(expected), "{text}");
     assert!(text.ends_with("UNIT[\"Foot_US\",0.3048006096012192]]"), "{text}");
     assert!(Crs::parse(&text).is_ok());
+}
+
+/// `.prj` files, as ArcGIS writes them, are the systems of the registry, and coordinates in them are those of PROJ 9.5.1.
+#[test]
+fn files_of_esri_are_systems_of_the_registry() {
+    let krovak = |x: i8, turn: u8| {
+        format!(
+            "PROJCS[\"S-JTSK_Krovak\",GEOGCS[\"GCS_S_JTSK\",DATUM[\"D_S_JTSK\",SPHEROID[\"Bessel_1841\",6377397.155,299.1528128]],\
+             PRIMEM[\"Greenwich\",0.0],UNIT[\"Degree\",0.0174532925199433]],PROJECTION[\"Krovak\"],PARAMETER[\"False_Easting\",0.0],\
+             PARAMETER[\"False_Northing\",0.0],PARAMETER[\"Pseudo_Standard_Parallel_1\",78.5],PARAMETER[\"Scale_Factor\",0.9999],\
+             PARAMETER[\"Azimuth\",30.28813975277778],PARAMETER[\"Longitude_Of_Center\",24.83333333333333],\
+             PARAMETER[\"Latitude_Of_Center\",49.5],PARAMETER[\"X_Scale\",{x}.0],PARAMETER[\"Y_Scale\",1.0],\
+             PARAMETER[\"XY_Plane_Rotation\",{turn}.0],UNIT[\"Meter\",1.0]]"
+        )
+    };
+    let behrmann = |more: &str| {
+        format!(
+            "PROJCS[\"World\",GEOGCS[\"GCS_WGS_1984\",DATUM[\"D_WGS_1984\",SPHEROID[\"WGS_1984\",6378137.0,298.257223563]],\
+             PRIMEM[\"Greenwich\",0.0],UNIT[\"Degree\",0.0174532925199433]],PROJECTION[\"Behrmann\"],PARAMETER[\"False_Easting\",0.0],\
+             PARAMETER[\"False_Northing\",0.0],PARAMETER[\"Central_Meridian\",0.0]{more},UNIT[\"Meter\",1.0]]"
+        )
+    };
+    let parallel = ",PARAMETER[\"Standard_Parallel_1\",30.0]";
+    for (text, number, degrees, place) in [
+        (krovak(-1, 90), 5514, 4156, [-703_105.689_937, -1_058_219.600_826]),
+        (krovak(1, 0), 5513, 4156, [1_058_219.600_826, 703_105.689_937]),
+        (behrmann(parallel), 6933, 4326, [1_447_294.203_763, 5_614_050.103_061]),
+        (behrmann(""), 6933, 4326, [1_447_294.203_763, 5_614_050.103_061]),
+    ] {
+        let (read, known) = (Crs::parse(&text).unwrap(), Crs::epsg(number));
+        assert!(read.is_same(&known) && known.is_same(&read), "{number}");
+        let written = known.to_esri_wkt().unwrap();
+        assert!(Crs::parse(&written).unwrap().is_same(&known), "{written}");
+        // (From degrees of the same datum: such files have no shift to another one.)
+        let from = &text[text.find("GEOGCS").unwrap()..text.find(",PROJECTION").unwrap()];
+        let same = Crs::parse(&read.to_wkt2().unwrap()).unwrap();
+        for (from, crs) in [
+            (Crs::parse(from).unwrap(), &read),
+            (Crs::parse(from).unwrap(), &same),
+            (Crs::epsg(degrees), &known),
+        ] {
+            let found = Transformation::new(&from, crs, true).unwrap().forward([15.0, 50.0]).unwrap();
+            assert!(found.iter().zip(place).all(|(a, b)| (a - b).abs() < 1e-3), "{number}: {found:?}");
+        }
+    }
+    // In the text of GDAL the axes decide.
+    let gdal = |axes: &str| {
+        let esri = krovak(1, 0).replace(",UNIT[\"Meter\",1.0]]", &format!(",UNIT[\"metre\",1]{axes}]"));
+        let gone =
+            ",PARAMETER[\"X_Scale\",1.0],PARAMETER[\"Y_Scale\",1.0],PARAMETER[\"XY_Plane_Rotation\",0.0]";
+        Crs::parse(&esri.replace(gone, "")).unwrap()
+    };
+    assert!(gdal(",AXIS[\"Easting\",EAST],AXIS[\"Northing\",NORTH]").is_same(&Crs::epsg(5514)));
+    assert!(gdal("").is_same(&Crs::epsg(5513)));
+    // Other factors, and another parallel, are others.
+    let turned = Crs::parse(&krovak(-1, 0)).unwrap();
+    assert!(turned.to_wkt2().unwrap_err().to_string().contains("Krovak with axes times -1.0 and 1.0"));
+    assert!(
+        !Crs::parse(&behrmann(",PARAMETER[\"Standard_Parallel_1\",31.0]")).unwrap().is_same(&Crs::epsg(6933))
+    );
+}
+
+/// A system by number and one by the same parameters are one system; with others they are two.
+#[test]
+fn numbers_and_parameters_are_one_system() {
+    for number in [4326, 3857, 25833, 32633, 3035, 2154, 31467, 28992, 27700, 3006, 5514, 2263, 3413] {
+        let crs = Crs::epsg(number);
+        let esri = crs.to_esri_wkt().unwrap();
+        let read = Crs::parse(&esri).unwrap();
+        assert_eq!(read.numbers(), None);
+        assert!(read.is_same(&crs) && crs.is_same(&read), "{number}: {esri}");
+        let other = esri.replacen("UNIT[\"Meter\",1]", "UNIT[\"Foot\",0.3048]", 1);
+        assert!(other == esri || !Crs::parse(&other).unwrap().is_same(&crs), "{number}");
+    }
+    let zone = "+proj=utm +zone=33 +datum=WGS84 +units=m +no_defs";
+    assert!(Crs::parse(zone).unwrap().is_same(&Crs::epsg(32633)));
+    assert!(!Crs::parse(zone).unwrap().is_same(&Crs::epsg(25833)), "another datum");
+    assert!(!Crs::parse(zone).unwrap().is_same(&Crs::parse("EPSG:32633+5773").unwrap()), "heights");
 }
 
 #[test]

@@ -151,8 +151,7 @@ fn system(text: &mut Text, earth: &Earth) -> Result<(), String> {
             let direction = if latitude > 0.0 { "south" } else { "north" };
             vec![axis(direction), axis(direction)]
         }
-        ([], None) if words.contains("+axis=wsu") => vec![axis("west"), axis("south")],
-        ([], None) => vec![axis("east"), axis("north")],
+        ([], None) => methods::axes_of_words(words).unwrap_or(["east", "north"]).map(axis).into(),
         (told, _) => told.to_vec(),
     };
     text.node("PROJCRS", &mut |text| {

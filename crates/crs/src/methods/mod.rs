@@ -82,6 +82,8 @@ enum TreeType {
     ObliqueOrigin,
     /// Oblique Mercator whose false origin is the centre.
     ObliqueCentre,
+    /// Krovak's conic: south and west as it was defined, or east and north by Esri's factors of the axes and their rotation.
+    Krovak,
 }
 
 /// PROJ's word for a parameter, or a number that it always has, its name in WKT 2, and its number in the EPSG registry, or 0.
@@ -96,4 +98,10 @@ impl Method {
     fn word(&self) -> &'static str {
         self.words.split(' ').next().unwrap_or_default()
     }
+}
+
+/// Directions of the axes by PROJ's words for a method; nothing where these are east and north, or along meridians.
+pub(crate) fn axes_of_words(words: &str) -> Option<[&'static str; 2]> {
+    let known = [("+axis=wsu", ["west", "south"]), ("+axis=swu", ["south", "west"])];
+    known.into_iter().find(|(word, _)| words.contains(word)).map(|(_, axes)| axes)
 }

@@ -29,8 +29,13 @@ impl Method {
         self.roles.iter().copied().flatten().find(|role| role.names.contains(&key.as_str()))
     }
 
-    /// PROJ's words for the method, under the name that it has, and for its parameters.
-    pub(crate) fn read_words(&self, name: &str, values: Values) -> Result<(&'static str, Values), String> {
+    /// PROJ's words for the method, under the name that it has, and for its parameters, in a system of these axes.
+    pub(crate) fn read_words(
+        &self,
+        name: &str,
+        values: Values,
+        axes: &[Axis],
+    ) -> Result<(&'static str, Values), String> {
         let mut whole = Values::new();
         for Role { word, need, names, .. } in self.roles.iter().copied().flatten() {
             let given = values.iter().find(|(own, _)| own == word).map(|(_, value)| *value);
@@ -46,6 +51,7 @@ impl Method {
                 (Given, None) => return Err(format!("the method {name} without a {parameter}")),
             }
         }
+        let goes_east = axes.first().is_some_and(|axis| axis.direction == "east");
         let get = |word: &str| whole.iter().find(|(own, _)| *own == word).map(|(_, value)| *value);
         for word in ["lat_0", "lat_1", "lat_2", "lat_ts"] {
             if get(word).is_some_and(|value| value.abs() > 90.0) {
@@ -108,6 +114,20 @@ impl Method {
                     _ => "+proj=omerc +no_uoff",
                 }
             }
+            Krovak => {
+                let [x, y, turn] = ["x_scale", "y_scale", "turn"].map(|word| get(word).unwrap_or_default());
+                whole.retain(|(word, _)| !["x_scale", "y_scale", "turn"].contains(word));
+                // (In the text of GDAL the axes decide.)
+                match [x, y, turn] {
+                    [-1.0, 1.0, 90.0] => self.word(),
+                    [1.0, 1.0, 0.0] if goes_east => self.word(),
+                    [1.0, 1.0, 0.0] => self.words,
+                    _ => {
+                        let found = format!("axes times {x:?} and {y:?}, turned by {turn:?} degrees");
+                        return Err(format!("the method {name} with {found}"));
+                    }
+                }
+            }
         };
         Ok((words, whole))
     }
@@ -135,6 +155,7 @@ impl Method {
         match directions[..] {
             [] => true,
             ["west", "south", ..] => self.form == South,
+            ["south", "west", ..] => self.form == Krovak,
             ["east", "north", ..] | ["north", "east", ..] => self.form != South,
             ["south", "south", ..] => pole == 90.0 && is_polar([&axes[0], &axes[1]]),
             ["north", "north", ..] => pole == -90.0 && is_polar([&axes[0], &axes[1]]),

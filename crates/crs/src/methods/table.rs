@@ -53,6 +53,14 @@ const READ_MERIDIAN: &[Role] = &[READ_LON_0];
 const READ_PARALLEL: &[Role] = &[READ_LAT_1];
 const READ_PARALLELS: &[Role] = &[READ_LAT_1, READ_LAT_2];
 
+const READ_KROVAK: &[Role] = &[
+    READ_LAT_0,
+    READ_LON_0,
+    role("", Angle, Only(30.288_139_752_777_8), &["colatitudeofconeaxis", "azimuth"]),
+    role("lat_1", Angle, Only(78.5), &["latitudeofpseudostandardparallel", "pseudostandardparallel1"]),
+    role("k_0", Scale, Given, &["scalefactoronpseudostandardparallel", "scalefactor"]),
+];
+
 const LAT_0: ParameterName = ("lat_0", "Latitude of natural origin", 8801);
 const LON_0: ParameterName = ("lon_0", "Longitude of natural origin", 8802);
 const K_0: ParameterName = ("k_0", "Scale factor at natural origin", 8805);
@@ -75,6 +83,15 @@ const LON_C: ParameterName = ("lonc", "Longitude of projection centre", 8812);
 const ALPHA: ParameterName = ("alpha", "Azimuth at projection centre", 8813);
 const GAMMA: ParameterName = ("gamma", "Angle from Rectified to Skew Grid", 8814);
 const K_C: ParameterName = ("k_0", "Scale factor at projection centre", 8815);
+const KROVAK: &[ParameterName] = &[
+    ("lat_0", LAT_C.1, LAT_C.2),
+    ("lon_0", "Longitude of origin", 8833),
+    ("30.2881397527778", "Co-latitude of cone axis", 1036),
+    ("78.5", "Latitude of pseudo standard parallel", 8818),
+    ("k_0", "Scale factor on pseudo standard parallel", 8819),
+    X_0,
+    Y_0,
+];
 
 const ESRI_X: EsriName = ("x_0", "False_Easting");
 const ESRI_Y: EsriName = ("y_0", "False_Northing");
@@ -213,10 +230,15 @@ pub(super) const METHODS: &[Method] = &[
         .esri("Hotine_Oblique_Mercator_Azimuth_Center", &[ESRI_X, ESRI_Y, ESRI_K, ("90", "Azimuth"), ("lon_0", "Longitude_Of_Center"), ("lat_0", "Latitude_Of_Center")])
         .geotiff(9815, &[("x_0", 3082), ("y_0", 3083), ("lon_0", 3088), ("lat_0", 3089), ("k_0", 3093), ("90", 3094), ("90", 3096)]),
     method("+proj=krovak")
-        .read(&["krovaknorthorientated"], Plain, &[&[READ_LAT_0, READ_LON_0, role("", Angle, Only(30.288_139_752_777_8), &["colatitudeofconeaxis"]),
-            role("lat_1", Angle, Only(78.5), &["latitudeofpseudostandardparallel"]), role("k_0", Scale, Given, &["scalefactoronpseudostandardparallel"])], READ_FALSE])
-        .wkt("Krovak (North Orientated)", 1041, &[("lat_0", LAT_C.1, LAT_C.2), ("lon_0", "Longitude of origin", 8833), ("30.2881397527778",
-            "Co-latitude of cone axis", 1036), ("78.5", "Latitude of pseudo standard parallel", 8818), ("k_0", "Scale factor on pseudo standard parallel", 8819), X_0, Y_0]),
+        .read(&["krovaknorthorientated"], Plain, &[READ_KROVAK, READ_FALSE]).wkt("Krovak (North Orientated)", 1041, KROVAK)
+        .esri("Krovak", &[ESRI_X, ESRI_Y, ("78.5", "Pseudo_Standard_Parallel_1"), ESRI_K, ("30.2881397527778", "Azimuth"), ("lon_0", "Longitude_Of_Center"),
+            ("lat_0", "Latitude_Of_Center"), ("-1", "X_Scale"), ("1", "Y_Scale"), ("90", "XY_Plane_Rotation")]),
+    method("+proj=krovak +axis=swu")
+        .read(&["krovak"], Krovak, &[READ_KROVAK, &[role("x_scale", Scale, Or(1.0), &["xscale"]), role("y_scale", Scale, Or(1.0), &["yscale"]),
+            role("turn", Angle, Or(0.0), &["xyplanerotation"])], READ_FALSE])
+        .wkt("Krovak", 9819, KROVAK)
+        .esri("Krovak", &[ESRI_X, ESRI_Y, ("78.5", "Pseudo_Standard_Parallel_1"), ESRI_K, ("30.2881397527778", "Azimuth"), ("lon_0", "Longitude_Of_Center"),
+            ("lat_0", "Latitude_Of_Center"), ("1", "X_Scale"), ("1", "Y_Scale"), ("0", "XY_Plane_Rotation")]),
     method("+proj=merc").read(&["mercatorvarianta", "mercator1sp"], Plain, &[&[READ_EQUATOR, READ_LON_0, READ_K_0], READ_FALSE])
         .wkt("Mercator (variant A)", 9804, &[("0", LAT_0.1, LAT_0.2), LON_0, K_0, X_0, Y_0])
         .esri("Mercator", &[ESRI_X, ESRI_Y, ESRI_LON, ("0", "Standard_Parallel_1")])
@@ -233,6 +255,7 @@ pub(super) const METHODS: &[Method] = &[
     method("+proj=cea").read(&["lambertcylindricalequalarea", "cylindricalequalarea"], Plain, &[&[READ_EQUATOR, READ_LAT_TS, READ_LON_0], READ_FALSE])
         .wkt("Lambert Cylindrical Equal Area", 9835, &[LAT_TS, LON_0, X_0, Y_0]).esri("Cylindrical_Equal_Area", ESRI_PARALLEL)
         .geotiff(28, &[("lat_ts", 3078), ("lon_0", 3080), ("x_0", 3082), ("y_0", 3083)]),
+    method("+proj=cea Behrmann").read(&["behrmann"], Plain, &[&[READ_EQUATOR, role("lat_ts", Angle, Or(30.0), PARALLEL_1), READ_LON_0], READ_FALSE]),
     method("+proj=eqc")
         .read(&["equidistantcylindrical", "equirectangular"], Plain, &[&[role("lat_0", Angle, Only(0.0), NAT_LAT), role("lat_ts", Angle, Or(0.0),
             PARALLEL_1), READ_LON_0], READ_FALSE])

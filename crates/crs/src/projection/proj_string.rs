@@ -142,6 +142,11 @@ pub(crate) fn parts(text: &str) -> Result<ProjParts, String> {
         }
         "tmerc" | "etmerc" if get("axis") == Some("wsu") => Some(("+proj=tmerc +axis=wsu".into(), values)),
         "etmerc" => Some(("+proj=tmerc".into(), values)),
+        "krovak" => {
+            values.retain(|(word, _)| *word != "alpha");
+            let axes = if get("axis") == Some("swu") { " +axis=swu" } else { "" };
+            Some((format!("+proj=krovak{axes}"), values))
+        }
         "omerc" if has("no_uoff") || has("no_off") => Some(("+proj=omerc +no_uoff".into(), values)),
         other => Some((format!("+proj={other}"), values)),
     };
@@ -204,6 +209,7 @@ pub(super) fn read(text: &str) -> Result<Definition, String> {
             // What is so without the word.
             ("axis", Some("enu")) => {}
             ("axis", Some("wsu")) if method == "tmerc" => text.push_str(" +axis=wsu"),
+            ("axis", Some("swu")) if method == "krovak" => text.push_str(" +axis=swu"),
             ("units", Some(unit)) if !is_geographic && !has("to_meter") => {
                 let metres = metres_of_unit(unit).ok_or_else(refused)?;
                 let _ = write!(text, " +to_meter={metres:?}");
@@ -232,6 +238,8 @@ pub(super) fn read(text: &str) -> Result<Definition, String> {
             (_, Some(_)) if takes.contains(&own) => {
                 let _ = write!(text, " {shown}");
             }
+            // (The method has one cone; definitions have more or fewer digits of its axis.)
+            ("alpha", Some(_)) if method == "krovak" && number(name).is_some_and(is_axis_of_krovak) => {}
             // A word that the method has not, and that says nothing else than that.
             ("lat_0" | "lat_ts" | "lon_0" | "x_0" | "y_0", Some(_)) if number(name) == Some(0.0) => {}
             ("k" | "k_0", Some(_)) if number(name) == Some(1.0) => {}
@@ -255,6 +263,11 @@ pub(super) fn read(text: &str) -> Result<Definition, String> {
         (_, _, datum) => datum,
     };
     Ok(Definition { words, datum })
+}
+
+/// Whether degrees are the co-latitude of the axis of Krovak's cone.
+fn is_axis_of_krovak(degrees: f64) -> bool {
+    (degrees - 30.288_139_75).abs() < 1e-6
 }
 
 /// Fails where PROJ and its port may understand a method's words in different ways.

@@ -234,7 +234,7 @@ impl System {
     pub(crate) fn projection(&self, conversion: &Conversion) -> Result<(&'static str, Values), String> {
         let name = &conversion.method;
         let method = methods::find(name).ok_or_else(|| format!("the method {name}"))?;
-        let (words, values) = method.read_words(name, self.values(conversion)?)?;
+        let (words, values) = method.read_words(name, self.values(conversion)?, &self.axes)?;
         if !method.takes(&self.axes, &values) {
             let directions: Vec<_> = self.axes.iter().map(|axis| axis.direction.as_str()).collect();
             return Err(format!("axes that go {} in the method {name}", directions.join(", ")));

@@ -10,6 +10,11 @@ use spinney_base::value::{DataKind, SampleType};
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, Frame};
 
+/// Columns and rows of files of one degree: steps of 3, 1, 1/2 and 1/4 seconds, and those of twice or three times as much along parallels, as far from
+/// the equator. Each has its own number of bytes.
+const SIZES: [[u64; 2]; 6] =
+    [[3601, 3601], [1201, 1201], [1801, 3601], [1201, 3601], [7201, 7201], [14401, 14401]];
+
 struct Hgt {
     path: PathBuf,
     file: InputFile,
@@ -19,13 +24,10 @@ struct Hgt {
 pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     let file = options.access.input(path)?;
     let bytes = file.len();
-    let side = match bytes {
-        25_934_402 => 3601,
-        2_884_802 => 1201,
-        _ => {
-            let expected = "25934402 (3601 x 3601 samples) or 2884802 (1201 x 1201)";
-            return Err(Error::corrupt(path, "the whole file", format!("{bytes} bytes"), expected));
-        }
+    let Some([width, height]) = SIZES.into_iter().find(|[width, height]| 2 * width * height == bytes) else {
+        let sizes =
+            SIZES.map(|[width, height]| format!("{} ({width} x {height} samples)", 2 * width * height));
+        return Err(Error::corrupt(path, "the whole file", format!("{bytes} bytes"), sizes.join(" or ")));
     };
     let name = without_query(path).file_name().unwrap_or_default().to_string_lossy();
     let [west, south] = corner(&name).ok_or_else(|| {
@@ -35,8 +37,9 @@ pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
 
     // Samples are points on a grid that includes both edges of the degree; the first pixel's area reaches
     // half a step beyond it.
-    let step = 1.0 / (side - 1) as f64;
-    let mut frame = Frame::planar([step, 0.0, west - step / 2.0, 0.0, -step, south + 1.0 + step / 2.0]);
+    let [step_x, step_y] = [width, height].map(|samples| 1.0 / (samples - 1) as f64);
+    let mut frame =
+        Frame::planar([step_x, 0.0, west - step_x / 2.0, 0.0, -step_y, south + 1.0 + step_y / 2.0]);
     frame.crs = Some(Crs::epsg(4326));
     frame.pixel_is_point = true;
     let info = RasterInfo {
@@ -44,7 +47,7 @@ pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
         nodata: Some((-32768).into()),
         kind: Some(DataKind::Continuous),
         layout: "SRTM .hgt, rows".into(),
-        ..RasterInfo::plain([side, side], SampleType::I16, 1)
+        ..RasterInfo::plain([width, height], SampleType::I16, 1)
     };
     Ok(Box::new(Hgt { path: path.to_path_buf(), file, info }))
 }

@@ -3,6 +3,8 @@
 use std::borrow::Cow;
 
 use encoding_rs::{Encoding, UTF_8, WINDOWS_1252};
+use oem_cp::code_table::DECODING_TABLE_CP_MAP;
+use oem_cp::code_table_type::TableType;
 
 /// How texts are encoded.
 #[derive(Clone, Debug)]
@@ -11,6 +13,8 @@ pub(super) enum TextEncoding {
     Unknown,
     /// One of those that browsers know.
     Known(&'static Encoding),
+    /// A code page of DOS: ASCII, and these characters for the other bytes.
+    Dos(&'static TableType),
     /// Another one, of which ASCII alone is read.
     Other(String),
 }
@@ -21,7 +25,7 @@ impl TextEncoding {
         let name = text.trim_matches(|c: char| c.is_whitespace() || c == '\0' || c == '\u{feff}');
         // (Esri writes numbers of code pages in several ways.)
         let lower = name.to_ascii_lowercase();
-        let number = ["windows-", "windows", "ansi ", "cp", "oem ", "ms", ""]
+        let number = ["windows-", "windows", "ansi ", "cp", "oem ", "ibm", "ms", ""]
             .iter()
             .find_map(|before| lower.strip_prefix(before)?.parse().ok());
         let by_number = number.and_then(TextEncoding::numbered);
@@ -36,7 +40,7 @@ impl TextEncoding {
         }
     }
 
-    /// The encoding of a code page of Windows.
+    /// The encoding of a code page of Windows or DOS.
     fn numbered(number: u32) -> Option<TextEncoding> {
         let label = match number {
             65001 => "utf-8".into(),
@@ -48,7 +52,10 @@ impl TextEncoding {
             1250..=1258 => format!("windows-{number}"),
             20866 => "koi8-r".into(),
             28591..=28606 => format!("iso-8859-{}", number - 28590),
-            _ => return None,
+            _ => {
+                let table = DECODING_TABLE_CP_MAP.get(&u16::try_from(number).ok()?)?;
+                return Some(TextEncoding::Dos(table));
+            }
         };
         Encoding::for_label(label.as_bytes()).map(TextEncoding::Known)
     }
@@ -57,6 +64,15 @@ impl TextEncoding {
     pub(super) fn of_dbase(language: u8) -> TextEncoding {
         let page = match language {
             0x00 | 0x57 => return TextEncoding::Unknown,
+            0x01 | 0x09 | 0x0b | 0x0d | 0x0f | 0x11 | 0x15 | 0x18 | 0x19 | 0x1b => 437,
+            0x02 | 0x0a | 0x0e | 0x10 | 0x12 | 0x14 | 0x16 | 0x1a | 0x1d | 0x25 | 0x37 => 850,
+            0x1f | 0x22 | 0x23 | 0x40 | 0x64 | 0x87 => 852,
+            0x08 | 0x17 | 0x66 => 865,
+            0x24 => 860,
+            0x67 => 861,
+            0x1c | 0x6c => 863,
+            0x6a | 0x86 => 737,
+            0x6b | 0x88 => 857,
             0x03 | 0x58 | 0x59 => 1252,
             0x13 | 0x7b => 932,
             0x4d | 0x7a => 936,
@@ -78,6 +94,7 @@ impl TextEncoding {
     pub(super) fn decode<'b>(&self, bytes: &'b [u8]) -> Result<Cow<'b, str>, String> {
         match (self, std::str::from_utf8(bytes)) {
             (TextEncoding::Known(encoding), _) => Ok(encoding.decode_without_bom_handling(bytes).0),
+            (TextEncoding::Dos(table), _) => Ok(of_dos(table, bytes)),
             (TextEncoding::Unknown, Ok(text)) => Ok(text.into()),
             (TextEncoding::Unknown, Err(error)) => {
                 // (A field may end within a letter.)
@@ -89,6 +106,14 @@ impl TextEncoding {
                 Err(format!("text in the encoding {name}, which is not known here"))
             }
         }
+    }
+}
+
+/// A text in a code page of DOS.
+fn of_dos<'b>(table: &TableType, bytes: &'b [u8]) -> Cow<'b, str> {
+    match std::str::from_utf8(bytes) {
+        Ok(text) if text.is_ascii() => text.into(),
+        _ => table.decode_string_lossy(bytes).into(),
     }
 }
 
@@ -111,10 +136,25 @@ mod tests {
             ("CP936", b"\xb1\xb1\xbe\xa9", "北京"),
             ("Shift_JIS", b"\x93\x8c\x8b\x9e", "東京"),
             ("CP850", b"plain", "plain"),
+            ("CP850", b"Z\x81rich \x9b", "Zürich ø"),
+            ("437", b"Z\x81rich \x9b", "Zürich ¢"),
+            ("IBM852", b"\x9d\xa2d\xab", "Łódź"),
+            ("OEM 865", b"\x9d", "Ø"),
+            ("CP720000", b"plain", "plain"),
         ] {
             assert_eq!(read(name, bytes).as_deref(), Ok(text), "{name}");
         }
-        assert!(read("CP850", b"Z\x81rich").is_err_and(|error| error.contains("CP850")));
-        assert_eq!(TextEncoding::of_dbase(0xc9).decode(b"\xcc").unwrap(), "М");
+        assert!(read("CP720000", b"Z\x81rich").is_err_and(|error| error.contains("CP720000")));
+        // A table's own number, as GDAL and dBASE have them.
+        for (language, byte, letter) in [
+            (0xc9, 0xcc, "М"),
+            (0x01, 0x9b, "¢"),
+            (0x02, 0x9b, "ø"),
+            (0x37, 0x9d, "Ø"),
+            (0x64, 0x9d, "Ł"),
+            (0x6a, 0x80, "Α"),
+        ] {
+            assert_eq!(TextEncoding::of_dbase(language).decode(&[byte]).unwrap(), letter, "{language}");
+        }
     }
 }
