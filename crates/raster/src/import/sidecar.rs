@@ -9,7 +9,7 @@ use spinney_base::io::{FileAccess, beside, sidecar_of};
 use spinney_base::space::Region;
 use spinney_base::value::{DataKind, Number, Palette};
 use spinney_base::{Error, Result};
-use spinney_crs::{ControlPoint, ControlPoints, Frame};
+use spinney_crs::{ControlPoint, ControlPoints, Crs, Frame, Transformation};
 
 /// Bytes of a sidecar: as much as a tree's metadata may have.
 const MAX_BYTES: u64 = 16 << 20;
@@ -73,11 +73,29 @@ fn apply_sidecar(path: PathBuf, access: &FileAccess, info: &mut RasterInfo) -> R
 }
 
 fn apply(path: &Path, root: &XmlElement<'_>, info: &mut RasterInfo) -> Result<()> {
+    let own = (info.frame.clone(), info.nodata);
+    let mut found = Vec::new();
     for element in root.children() {
         match element.name {
-            "SRS" if info.frame.crs.is_none() => info.frame.crs = worldfile::crs(path, &element.text())?,
-            "GeoTransform" if info.frame.is_identity() => {
+            "SRS" => match &own.0.crs {
+                None => info.frame.crs = worldfile::crs(path, &element.text())?,
+                Some(own) => {
+                    if let Ok(Some(other)) = worldfile::crs(path, &element.text())
+                        && is_another(own, &other)
+                    {
+                        found.push(format!("another coordinate system ({other}), which is not used"));
+                    }
+                }
+            },
+            "GeoTransform" if own.0.is_identity() => {
                 info.frame.matrix = geo_transform(path, &element.text())?.matrix;
+            }
+            "GeoTransform" => {
+                let size = [info.width, info.height];
+                if geo_transform(path, &element.text()).is_ok_and(|other| differs(&own.0, &other, size)) {
+                    let text: String = element.text().trim().chars().take(200).collect();
+                    found.push(format!("another geotransform ({text}), which is not used"));
+                }
             }
             "Metadata" => apply_metadata(&element, None, info),
             "GCPList" => {
@@ -94,7 +112,32 @@ fn apply(path: &Path, root: &XmlElement<'_>, info: &mut RasterInfo) -> Result<()
             _ => {}
         }
     }
+    if let (Some(own), Some(other)) = (own.1, info.nodata)
+        && own != other
+    {
+        found.push(format!("the nodata number {other}, which is used in place of {own} of the file"));
+    }
+    if !found.is_empty() {
+        let name = path.file_name().unwrap_or_default().display();
+        let remarks =
+            info.remark.take().into_iter().chain(found.iter().map(|found| format!("{name} has {found}")));
+        info.remark = Some(remarks.collect::<Vec<_>>().join("; "));
+    }
     Ok(())
+}
+
+/// Whether two coordinate systems are understood, and are not the same.
+fn is_another(own: &Crs, other: &Crs) -> bool {
+    Transformation::new(own, other, true).is_ok_and(|between| !between.is_identity())
+}
+
+/// Whether two frames place a corner of a raster of this size more than a hundredth of a cell apart.
+fn differs(own: &Frame, other: &Frame, [width, height]: [u64; 2]) -> bool {
+    let [width, height] = [width as f64, height as f64];
+    [[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]].into_iter().any(|[x, y]| {
+        let found = own.to_cells(other.to_world([x, y, 0.0]));
+        found.is_none_or(|found| (found[0] - x).abs().max((found[1] - y).abs()) > 0.01)
+    })
 }
 
 fn apply_band(band: &XmlElement<'_>, channel: usize, info: &mut RasterInfo) {
@@ -212,7 +255,6 @@ mod tests {
     use super::*;
     use spinney_base::value::SampleType;
     use spinney_container::TagScope;
-    use spinney_crs::Crs;
 
     fn described(xml: &str, channels: usize) -> RasterInfo {
         let mut info = RasterInfo::plain([4, 4], SampleType::I16, channels);
@@ -266,6 +308,39 @@ mod tests {
         let points = info.control_points.unwrap();
         assert_eq!(points.points, [ControlPoint { cell: [0.5, 2.0], world: [10.0, 50.0, 3.0] }]);
         assert_eq!(points.crs.as_ref().and_then(Crs::numbers), Crs::epsg(4326).numbers());
+    }
+
+    /// What contradicts the file is reported, whether it is used or not; the same in another form is not.
+    #[test]
+    fn contradictions_are_reported() {
+        let sidecar = |crs: &str, place: &str, nodata: &str| {
+            let mut info = RasterInfo::plain([4, 4], SampleType::I16, 1);
+            info.frame = Frame::planar([10.0, 0.0, 500_000.0, 0.0, -10.0, 5_600_000.0]);
+            (info.frame.crs, info.nodata) = (Some(Crs::epsg(25833)), Some((-9999).into()));
+            let xml = format!(
+                "<PAMDataset><SRS>{crs}</SRS><GeoTransform>{place}</GeoTransform>\
+                 <PAMRasterBand band=\"1\"><NoDataValue>{nodata}</NoDataValue></PAMRasterBand></PAMDataset>"
+            );
+            apply(
+                Path::new("f/a.tif.aux.xml"),
+                &XmlElement::document(&xml).children().next().unwrap(),
+                &mut info,
+            )
+            .unwrap();
+            assert_eq!((info.frame.crs, info.frame.matrix[0][3]), (Some(Crs::epsg(25833)), 500_000.0));
+            (info.remark, info.nodata)
+        };
+        let esri = Crs::epsg(25833).to_esri_wkt().unwrap().replace('"', "&quot;");
+        let place = "5.0e5, 1e1, 0, 5.6e6, 0, -1.0000000001e1";
+        assert_eq!(sidecar(&esri, place, "-9.999e3"), (None, Some((-9999).into())));
+        let (remark, nodata) = sidecar("EPSG:25832", "500005, 10, 0, 5600000, 0, -10", "0");
+        assert_eq!(
+            remark.unwrap(),
+            "a.tif.aux.xml has another coordinate system (EPSG:25832), which is not used; \
+             a.tif.aux.xml has another geotransform (500005, 10, 0, 5600000, 0, -10), which is not used; \
+             a.tif.aux.xml has the nodata number 0, which is used in place of -9999 of the file"
+        );
+        assert_eq!(nodata, Some(0.into()));
     }
 
     #[test]
