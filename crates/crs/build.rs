@@ -9,7 +9,7 @@ use std::path::Path;
 use std::{env, fs};
 
 /// Systems whose definitions in the list lack the axes that the registry has: south and west.
-const KROVAK: [u16; 2] = [2065, 5513];
+const SOUTH_WEST: [u16; 2] = [2065, 5513];
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
@@ -18,7 +18,7 @@ fn main() {
         .filter(|known| !known.proj4.is_empty())
         .map(|known| {
             let mut words: Vec<&str> = known.proj4.split(' ').collect();
-            if KROVAK.contains(&known.code) && !words.contains(&"+axis=swu") {
+            if SOUTH_WEST.contains(&known.code) && !words.contains(&"+axis=swu") {
                 words.insert(1, "+axis=swu");
             }
             (known.code, words)

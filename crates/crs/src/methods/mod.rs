@@ -10,6 +10,9 @@ mod write;
 pub(crate) use read::{coded, find, key};
 pub(crate) use write::{find_words, pole, words_of};
 
+/// Co-latitude of the axis of Krovak's cone in degrees, 30 degrees 17' 17.30311": the method has no other one.
+pub(crate) const KROVAK_COLATITUDE: f64 = 30.288_139_752_777_8;
+
 /// Parameters with their values: PROJ's words, and degrees, metres or ones.
 pub(crate) type Values = Vec<(&'static str, f64)>;
 

@@ -3,7 +3,7 @@
 use super::Measure::*;
 use super::Need::*;
 use super::TreeType::*;
-use super::{EsriName, Measure, Method, Need, ParameterKey, ParameterName, Role};
+use super::{EsriName, KROVAK_COLATITUDE, Measure, Method, Need, ParameterKey, ParameterName, Role};
 
 const fn role(word: &'static str, measure: Measure, need: Need, names: &'static [&'static str]) -> Role {
     Role { word, measure, need, names }
@@ -56,7 +56,7 @@ const READ_PARALLELS: &[Role] = &[READ_LAT_1, READ_LAT_2];
 const READ_KROVAK: &[Role] = &[
     READ_LAT_0,
     READ_LON_0,
-    role("", Angle, Only(30.288_139_752_777_8), &["colatitudeofconeaxis", "azimuth"]),
+    role("", Angle, Only(KROVAK_COLATITUDE), &["colatitudeofconeaxis", "azimuth"]),
     role("lat_1", Angle, Only(78.5), &["latitudeofpseudostandardparallel", "pseudostandardparallel1"]),
     role("k_0", Scale, Given, &["scalefactoronpseudostandardparallel", "scalefactor"]),
 ];

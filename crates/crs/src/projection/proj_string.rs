@@ -10,7 +10,7 @@ use super::shift::Shift;
 use super::system::{helmert, is_global};
 use super::words;
 use crate::definition::{metres_of_unit, parse_proj_string, proj_value};
-use crate::methods::{Values, words_of};
+use crate::methods::{KROVAK_COLATITUDE, Values, words_of};
 
 /// Words that a method takes in addition to those that all take, none for longitude and latitude; nothing if there is no such method.
 fn taken_words(method: &str) -> Option<Vec<&'static str>> {
@@ -183,6 +183,14 @@ pub(crate) fn is_web_mercator(text: &str) -> bool {
         && is("k", 1.0)
 }
 
+/// Error of the co-latitude of Krovak's cone in definitions, in degrees: they round its seconds to three decimals.
+const COLATITUDE_ERROR: f64 = 0.001 / 3600.0;
+
+/// Whether degrees are the co-latitude of Krovak's cone.
+fn is_colatitude(degrees: f64) -> bool {
+    (degrees - KROVAK_COLATITUDE).abs() <= COLATITUDE_ERROR
+}
+
 /// The definition that a text has. An error says what was found.
 pub(super) fn read(text: &str) -> Result<Definition, String> {
     let words = parse_proj_string(text)?;
@@ -238,8 +246,8 @@ pub(super) fn read(text: &str) -> Result<Definition, String> {
             (_, Some(_)) if takes.contains(&own) => {
                 let _ = write!(text, " {shown}");
             }
-            // (The method has one cone; definitions have more or fewer digits of its axis.)
-            ("alpha", Some(_)) if method == "krovak" && number(name).is_some_and(is_axis_of_krovak) => {}
+            // (The method has one cone.)
+            ("alpha", Some(_)) if method == "krovak" && number(name).is_some_and(is_colatitude) => {}
             // A word that the method has not, and that says nothing else than that.
             ("lat_0" | "lat_ts" | "lon_0" | "x_0" | "y_0", Some(_)) if number(name) == Some(0.0) => {}
             ("k" | "k_0", Some(_)) if number(name) == Some(1.0) => {}
@@ -263,11 +271,6 @@ pub(super) fn read(text: &str) -> Result<Definition, String> {
         (_, _, datum) => datum,
     };
     Ok(Definition { words, datum })
-}
-
-/// Whether degrees are the co-latitude of the axis of Krovak's cone.
-fn is_axis_of_krovak(degrees: f64) -> bool {
-    (degrees - 30.288_139_75).abs() < 1e-6
 }
 
 /// Fails where PROJ and its port may understand a method's words in different ways.

@@ -109,7 +109,7 @@ pub struct RasterInfo {
     pub scoped_tags: ScopedTags,
     /// Ground control points.
     pub control_points: Option<ControlPoints>,
-    /// What else is in the file and is not read, and what a sidecar contradicts, in words.
+    /// A remark on contents of the file that are not read, and on sidecars that contradict it.
     pub remark: Option<String>,
     /// Pictures of their own in the file, besides overviews and masks, of which this is one.
     pub pages: usize,

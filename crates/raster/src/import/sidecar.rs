@@ -131,12 +131,15 @@ fn is_another(own: &Crs, other: &Crs) -> bool {
     Transformation::new(own, other, true).is_ok_and(|between| !between.is_identity())
 }
 
-/// Whether two frames place a corner of a raster of this size more than a hundredth of a cell apart.
+/// Cells by which frames may differ: other programs write them with fewer digits.
+const SAME_PLACE: f64 = 0.01;
+
+/// Whether two frames place a corner of a raster of this size apart.
 fn differs(own: &Frame, other: &Frame, [width, height]: [u64; 2]) -> bool {
     let [width, height] = [width as f64, height as f64];
     [[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]].into_iter().any(|[x, y]| {
         let found = own.to_cells(other.to_world([x, y, 0.0]));
-        found.is_none_or(|found| (found[0] - x).abs().max((found[1] - y).abs()) > 0.01)
+        found.is_none_or(|found| (found[0] - x).abs().max((found[1] - y).abs()) > SAME_PLACE)
     })
 }
 
@@ -310,7 +313,7 @@ mod tests {
         assert_eq!(points.crs.as_ref().and_then(Crs::numbers), Crs::epsg(4326).numbers());
     }
 
-    /// What contradicts the file is reported, whether it is used or not; the same in another form is not.
+    /// A sidecar that contradicts the file is reported, whether it is used or not; one that agrees in another form is not.
     #[test]
     fn contradictions_are_reported() {
         let sidecar = |crs: &str, place: &str, nodata: &str| {

@@ -94,26 +94,18 @@ impl TextEncoding {
     pub(super) fn decode<'b>(&self, bytes: &'b [u8]) -> Result<Cow<'b, str>, String> {
         match (self, std::str::from_utf8(bytes)) {
             (TextEncoding::Known(encoding), _) => Ok(encoding.decode_without_bom_handling(bytes).0),
-            (TextEncoding::Dos(table), _) => Ok(of_dos(table, bytes)),
             (TextEncoding::Unknown, Ok(text)) => Ok(text.into()),
             (TextEncoding::Unknown, Err(error)) => {
                 // (A field may end within a letter.)
                 let encoding = if error.error_len().is_none() { UTF_8 } else { WINDOWS_1252 };
                 Ok(encoding.decode_without_bom_handling(bytes).0)
             }
-            (TextEncoding::Other(_), Ok(text)) if text.is_ascii() => Ok(text.into()),
+            (TextEncoding::Dos(_) | TextEncoding::Other(_), Ok(text)) if text.is_ascii() => Ok(text.into()),
+            (TextEncoding::Dos(table), _) => Ok(table.decode_string_lossy(bytes).into()),
             (TextEncoding::Other(name), _) => {
                 Err(format!("text in the encoding {name}, which is not known here"))
             }
         }
-    }
-}
-
-/// A text in a code page of DOS.
-fn of_dos<'b>(table: &TableType, bytes: &'b [u8]) -> Cow<'b, str> {
-    match std::str::from_utf8(bytes) {
-        Ok(text) if text.is_ascii() => text.into(),
-        _ => table.decode_string_lossy(bytes).into(),
     }
 }
 
