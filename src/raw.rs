@@ -69,8 +69,8 @@ pub mod store {
     /// Stored records that a source may offer to builders besides its cells.
     pub mod builder {
         pub use spinney_engine::store::builder::{
-            FULL_COVERAGE, Join, MergeAction, MergeState, MergeTable, Merging, Overlay, RecordRef,
-            ReusableSource, RunFile, StoredNode, Subtree, joined_coverage,
+            FULL_COVERAGE, Join, MergeAction, MergeState, MergeTable, Merging, Overlay, RecordFile,
+            RecordRef, ReusableSource, StoredNode, Subtree, joined_coverage,
         };
     }
 

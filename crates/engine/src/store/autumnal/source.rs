@@ -3,7 +3,7 @@
 use super::extents::ByteAccess;
 use super::node::AutumnalNode;
 use super::reader::{Autumnal, MAX_RECORDS, PointeredRecord};
-use crate::store::builder::{RecordRef, ReusableSource, RunFile, StoredNode, Subtree};
+use crate::store::builder::{RecordFile, RecordRef, ReusableSource, StoredNode, Subtree};
 use crate::store::records::dense::DenseRows;
 use crate::store::records::{RunChildren, Runs};
 use crate::tree::{CellBlock, Child, Children, Source};
@@ -132,7 +132,7 @@ impl ReusableSource for Autumnal {
 }
 
 /// Only what is one run down to the cells: see [`ReusableSource::stored`].
-impl RunFile for Autumnal {
+impl RecordFile for Autumnal {
     fn file_header(&self) -> &Header {
         self.header()
     }

@@ -42,7 +42,7 @@ pub(in crate::store) use part::{ALWAYS_HEAVY, Part, SealedSegment};
 pub use reuse::ReusableSource;
 pub(in crate::store) use sink::{BuiltBlock, Siblings, TreeSink};
 pub use slab::{Slab, Slabs};
-pub use stored_node::{RecordRef, RunFile, StoredNode, Subtree};
+pub use stored_node::{RecordFile, RecordRef, StoredNode, Subtree};
 pub(in crate::store) use upper::upper_levels;
 pub(in crate::store) use walk::{Builder, walk};
 

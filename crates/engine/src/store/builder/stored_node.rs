@@ -8,7 +8,7 @@ use spinney_base::io::{FileBytes, FileId};
 use spinney_container::Header;
 
 /// A file whose tree, or whose small nodes, are stored as runs of records.
-pub trait RunFile: Any + Send + Sync {
+pub trait RecordFile: Any + Send + Sync {
     /// The file's header.
     fn file_header(&self) -> &Header;
 
@@ -23,7 +23,7 @@ pub trait RunFile: Any + Send + Sync {
 #[derive(Clone, Copy)]
 pub struct StoredNode<'a> {
     /// The file.
-    pub file: &'a dyn RunFile,
+    pub file: &'a dyn RecordFile,
     /// Levels below the node.
     pub height: u8,
     /// The number of the run that its record is in: that of a segment, or its place in the file.
@@ -33,7 +33,7 @@ pub struct StoredNode<'a> {
 }
 
 impl<'a> StoredNode<'a> {
-    /// The node's records: see [`RunFile::subtree`].
+    /// The node's records: see [`RecordFile::subtree`].
     pub(in crate::store) fn subtree(&self) -> Result<Subtree<'a>> {
         self.file.subtree(self.run, self.record)
     }

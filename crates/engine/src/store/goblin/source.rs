@@ -1,7 +1,7 @@
 //! Walking a file: its nodes as a source, and as something whose segments can be copied.
 
 use super::reader::Goblin;
-use crate::store::builder::{ReusableSource, RunFile, StoredNode, Subtree};
+use crate::store::builder::{RecordFile, ReusableSource, StoredNode, Subtree};
 use crate::store::records::dense::DenseRows;
 use crate::store::records::{RunChild, RunChildren, RunNode, Runs};
 use crate::tree::{CellBlock, Child, Children, Source};
@@ -131,7 +131,7 @@ impl ReusableSource for Goblin {
     }
 }
 
-impl RunFile for Goblin {
+impl RecordFile for Goblin {
     fn file_header(&self) -> &Header {
         &self.header
     }
