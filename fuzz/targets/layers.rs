@@ -147,7 +147,7 @@ fn change_goblin(path: &Path, trees: &[Dataset]) -> Result<()> {
     let copy = path.with_file_name("copy.goblin");
     std::fs::copy(path, &copy).map_err(Error::io(path, "copy"))?;
     if trees.len() > 1 {
-        ops::drop_layer(path, &name, Note::default(), MEMORY, &Default::default(), &())?;
+        ops::drop_layer(path, &name, Note::default(), &Default::default(), &())?;
     }
     // (Frames need not fit.)
     let chain = FileView::of(&FileReference::of(&copy).of_layer(&name));

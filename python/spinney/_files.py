@@ -206,14 +206,13 @@ def drop_layer(
     message: str = "",
     author: str = "",
     time: int | None = None,
-    memory: int | str = MEMORY,
     threads: int | None = None,
     progress: Progress = None,
 ) -> int | None:
     """Takes a layer out of a file; the number of the commit that does, in an Autumnal file."""
     note = (time, author, message or f"Drop layer {name}")
     with working(progress, threads, None) as terms:
-        return _native.drop_layer(path_of(path), name, note, memory_of(memory), terms)
+        return _native.drop_layer(path_of(path), name, note, terms)
 
 
 def blame(

@@ -389,12 +389,11 @@ pub(crate) fn drop_layer(
     path: PathBuf,
     name: String,
     note: (Option<i64>, String, String),
-    memory: u64,
     terms: Terms,
 ) -> PyResult<Option<u64>> {
     let note = note_of(note);
     jobs::run(py, terms, |work| {
-        let commit = ops::drop_layer(&path, &name, note, memory, access(), work)?;
+        let commit = ops::drop_layer(&path, &name, note, access(), work)?;
         Ok(commit.map(|commit| commit.number))
     })
 }

@@ -5,9 +5,10 @@ use std::time::Instant;
 
 use anyhow::Result;
 use spinney::raw::ops;
+use spinney::{Codec, WriteOptions};
 
 use super::Global;
-use super::args::{Memory, OutputFile, OutputLimit, Packing, check_output};
+use super::args::{self, Memory, OutputFile, OutputLimit, check_output};
 use super::report::{Work, report_output};
 
 const EXAMPLES: &str = "Examples:
@@ -28,8 +29,10 @@ pub(crate) struct Args {
     output: OutputFile,
     #[command(flatten)]
     memory: Memory,
-    #[command(flatten)]
-    packing: Packing,
+    /// Packing of the output's segments: plain ones are used where they are in the file, packed ones take few bytes and are unpacked when
+    /// they are used; for .goblin files
+    #[arg(long, value_name = "plain|packed", default_value = "plain")]
+    codec: Codec,
     #[command(flatten)]
     limit: OutputLimit,
 }
@@ -38,7 +41,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let output = args.output.path();
     check_output([args.file.as_path()], output)?;
-    let how = args.packing.with(args.memory);
+    let how = WriteOptions::new(args.memory.bytes).packing(args::packing(args.codec));
     let work = Work::start(global, "cells")?;
     ops::blame(&args.file, args.limit.create_tree(output, global)?, how, &work)?;
     work.finish();

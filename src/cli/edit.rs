@@ -19,8 +19,8 @@ use spinney::{
 };
 
 use super::args::{
-    CommitOptions, OperationName, Packing, PartOptions, number, numbers, parse_operation, parse_step,
-    same_file,
+    CommitOptions, EditOptions, OperationName, Packing, PartOptions, number, numbers, parse_operation,
+    parse_step, same_file,
 };
 use super::features::{FeatureCells, FeatureTerms, check_features, feature_value};
 use super::report::Work;
@@ -54,7 +54,7 @@ Examples:
   spinney log map.autumn
   spinney revert map.autumn 3";
 
-/// Changes: a new one is a line here and one in [`Change::options`] and in [`Change::edits`].
+/// Changes: a new one is a line here and one in [`run`] and in [`Change::edits`].
 #[derive(Subcommand)]
 enum Change {
     Paste(Paste),
@@ -80,7 +80,7 @@ struct Paste {
     #[arg(long)]
     where_valid: bool,
     #[command(flatten)]
-    options: CommitOptions,
+    options: EditOptions,
 }
 
 /// Give a region one value, or make it VOID
@@ -114,7 +114,7 @@ struct Fill {
     #[arg(long, group = "what")]
     void: bool,
     #[command(flatten)]
-    options: CommitOptions,
+    options: EditOptions,
 }
 
 /// Give many single cells new values
@@ -124,7 +124,7 @@ struct Set {
     /// input
     cells: PathBuf,
     #[command(flatten)]
-    options: CommitOptions,
+    options: EditOptions,
 }
 
 /// Do a set operation with another tree, which lies where it lies in the world
@@ -136,7 +136,7 @@ struct Apply {
     /// The other tree file
     other: PathBuf,
     #[command(flatten)]
-    options: CommitOptions,
+    options: EditOptions,
 }
 
 /// Add a tree as a layer: one that lies on the file's cells, or on 2, 4, 8 ... of them
@@ -152,7 +152,7 @@ struct AddLayer {
     #[command(flatten)]
     packing: Packing,
     #[command(flatten)]
-    options: CommitOptions,
+    options: EditOptions,
 }
 
 /// Take a layer out of the file
@@ -166,22 +166,21 @@ struct DropLayer {
 
 /// Adds or drops a layer.
 fn change_layers(file: &Path, change: &Change, global: &Global) -> Result<()> {
-    let options = change.options();
     let work = Work::start(global, "cells")?;
     let commit = match change {
-        Change::AddLayer(AddLayer { tree, name, steps, packing, .. }) => {
+        Change::AddLayer(AddLayer { tree, name, steps, packing, options }) => {
             let place = FileReference::of(tree);
             let stem = without_query(&place.file).file_stem().map(|stem| stem.to_string_lossy().into_owned());
             let name = name.clone().or(place.layer.clone()).or(stem).unwrap_or_default();
             let chain =
                 FileView { steps: steps.clone(), access: global.access().clone(), ..FileView::of(tree) };
             only_layer(tree, global.access())?;
-            let note = options.note(format!("Add layer {name} of {}", tree.display()));
+            let note = options.commit.note(format!("Add layer {name} of {}", tree.display()));
             add_layer(file, &name, &chain, note, packing.with(options.memory), &work)?
         }
-        Change::DropLayer(DropLayer { name, .. }) => {
+        Change::DropLayer(DropLayer { name, options }) => {
             let note = options.note(format!("Drop layer {name}"));
-            drop_layer(file, name, note, options.memory.bytes, global.access(), &work)?
+            drop_layer(file, name, note, global.access(), &work)?
         }
         _ => None,
     };
@@ -195,12 +194,14 @@ fn change_layers(file: &Path, change: &Change, global: &Global) -> Result<()> {
 
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let Args { file, change } = args;
-    if matches!(change, Change::AddLayer(_) | Change::DropLayer(_)) {
-        return change_layers(&file, &change, global);
-    }
+    let options = match &change {
+        Change::Fill(fill) => &fill.options,
+        Change::Paste(Paste { options, .. }) => options,
+        Change::Set(Set { options, .. }) | Change::Apply(Apply { options, .. }) => options,
+        Change::AddLayer(_) | Change::DropLayer(_) => return change_layers(&file, &change, global),
+    };
     only_layer(&file, global.access())?;
-    let options = change.options().clone();
-    let memory = options.memory.bytes;
+    let (options, memory) = (options.commit.clone(), options.memory.bytes);
     ensure!(
         change.other().is_none_or(|other| !same_file(other, &file)),
         "{}: is edited and pasted; name a commit, as in {}@1",
@@ -236,17 +237,6 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
 type Edits = Box<dyn Iterator<Item = spinney::Result<Edit>>>;
 
 impl Change {
-    fn options(&self) -> &CommitOptions {
-        match self {
-            Change::Fill(fill) => &fill.options,
-            Change::Paste(Paste { options, .. }) => options,
-            Change::Set(Set { options, .. }) | Change::Apply(Apply { options, .. }) => options,
-            Change::AddLayer(AddLayer { options, .. }) | Change::DropLayer(DropLayer { options, .. }) => {
-                options
-            }
-        }
-    }
-
     /// The other tree, if there is one.
     fn other(&self) -> Option<&Path> {
         match self {

@@ -62,17 +62,17 @@ fn describe(args: &Args, global: &Global) -> Result<()> {
     }
     let tree = open(&args.layer.paths(&args.file, global)?[0], global.access())?;
     let layers = tree.layers()?;
+    let (most, summed) = if args.levels { (u64::MAX, usize::MAX) } else { (COUNTED, SUMMED) };
     if layers.len() > 1 && !args.layer.is_given() && FileReference::of(&args.file).layer.is_none() {
         match args.json {
-            true => print_json(&layers_as_json(&tree, &layers)?)?,
+            true => print_json(&layers_as_json(&tree, &layers, (most, summed))?)?,
             false => print_text(&layers_as_text(&tree, &layers)?)?,
         }
         return Ok(tree.check_unchanged()?);
     }
-    let most = if args.levels { u64::MAX } else { COUNTED };
     let levels = tree.level_counts(most, &())?;
     let levels = levels.as_ref().map(LevelCounts::levels);
-    let segments = tree.level_bytes(if args.levels { usize::MAX } else { SUMMED })?;
+    let segments = tree.level_bytes(summed)?;
     if args.json {
         print_json(&as_json(&tree, (levels, segments.as_deref()))?)?
     } else {
@@ -112,11 +112,16 @@ fn layers_as_text(tree: &Dataset, layers: &[LayerInfo]) -> Result<String> {
     Ok(text)
 }
 
-fn layers_as_json(tree: &Dataset, layers: &[LayerInfo]) -> Result<serde_json::Value> {
+/// All layers, with the nodes of their levels up to so many records, and the bytes of these up to so many segments.
+fn layers_as_json(
+    tree: &Dataset,
+    layers: &[LayerInfo],
+    (most, summed): (u64, usize),
+) -> Result<serde_json::Value> {
     let all = layers.iter().enumerate().map(|(number, layer)| {
         let tree = tree.layer(&layer.name)?;
-        let levels = tree.level_counts(COUNTED, &())?;
-        let segments = tree.level_bytes(SUMMED)?;
+        let levels = tree.level_counts(most, &())?;
+        let segments = tree.level_bytes(summed)?;
         let mut json = as_json(&tree, (levels.as_ref().map(LevelCounts::levels), segments.as_deref()))?;
         json["number"] = json!(number);
         Ok(json)

@@ -28,9 +28,9 @@ pub(crate) struct Args {
     /// Format where the output's name does not say
     #[arg(long, value_parser = ["png", "svg", "json"])]
     format: Option<String>,
-    /// Enlargement of a .png
-    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=8))]
-    scale: u8,
+    /// Enlargement of a .png [default: 2]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=8))]
+    scale: Option<u8>,
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
@@ -39,9 +39,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     check_output([args.tree.file.as_path()], path)?;
     let extension = path.extension().and_then(|extension| extension.to_str());
     let ending = args.format.as_deref().or(extension).unwrap_or_default();
-    let Some(format) = LegendFormat::named(ending, args.scale) else {
+    let Some(format) = LegendFormat::named(ending, args.scale.unwrap_or(2)) else {
         bail!("{}: unknown format; use .png, .svg or .json, or --format", path.display());
     };
+    if args.scale.is_some() && !matches!(format, LegendFormat::Png(_)) {
+        bail!("--scale: is for .png; {} is none", path.display());
+    }
     let style = args.style.clone().unwrap_or_else(|| Style::default_for(&tree));
     let progress = Work::start(global, "cells")?;
     let legend = StylePainter::new(&style, &tree, &progress)?.legend(&tree)?;

@@ -57,12 +57,9 @@ pub(crate) struct Args {
     /// Enlargement: so many times as large as when all of the solid is seen
     #[arg(long, value_name = "F", default_value_t = 1.0)]
     scale: f64,
-    /// Projection in which parallel lines stay parallel
-    #[arg(long, conflicts_with = "perspective")]
-    orthographic: bool,
-    /// Projection in which more distant things are smaller (the default)
+    /// Projection in which parallel lines stay parallel [default: that in which more distant things are smaller]
     #[arg(long)]
-    perspective: bool,
+    orthographic: bool,
     /// Axis that points up in the world, y or z
     #[arg(long, value_name = "AXIS", default_value_t = Up::Z)]
     up: Up,

@@ -30,7 +30,8 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let note = args.options.note(format!("Revert to commit {}", args.commit));
     let work = Work::start(global, "cells")?;
-    let mut editor = Editor::open_with(&args.file, args.options.memory.bytes, global.access())?;
+    // (What was there before is there still: nothing is made that memory would be needed for.)
+    let mut editor = Editor::open_with(&args.file, 0, global.access())?;
     apply_edits(&mut editor, &mut [Ok(Edit::Revert(args.commit))].into_iter(), &work)?;
     let commit = editor.commit(note)?;
     work.finish();

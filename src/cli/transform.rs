@@ -58,8 +58,8 @@ pub(crate) struct ChainArgs {
     #[arg(value_name = "STEP", value_parser = parse_any_step, allow_hyphen_values = false)]
     steps: Vec<AnyStep>,
     /// Resampling of cells that are no old ones: nearest, or for like=, warp= and grid= bilinear, cubic, area or majority, too
-    /// [default: the file's rule; with like=, warp= and grid= nearest class or bilinear amounts, and majority or area where new
-    /// cells are more than 1.5 times as large]
+    /// [default: the file's rule; with warp=, grid= and, from another coordinate system, like= nearest class or bilinear amounts, and
+    /// majority or area where new cells are more than 1.5 times as large]
     #[arg(long, value_name = "WAY")]
     resampling: Option<Resampling>,
     /// Take datums for WGS 84 whose shift to it is unknown or needs a grid

@@ -1,12 +1,15 @@
 //! One table of names: what an option means is the same wherever it is, and the documents tell it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 
 use clap::{Arg, Command, CommandFactory};
 
 /// The page with the table.
 const PAGE: &str = include_str!("../../docs/options.md");
+
+/// What each option of each command does, which a test of the program checks (`tests/program/cli_options.rs`).
+const EFFECTS: &str = include_str!("../../tests/program/option_effects.txt");
 
 /// All commands, those within others by both names.
 fn commands() -> Vec<(String, Command)> {
@@ -77,4 +80,45 @@ fn every_command_is_told() {
     let told: Vec<_> = rows("| `spinney ").iter().map(|row| row[0]["spinney ".len()..].to_string()).collect();
     let all: Vec<_> = commands().into_iter().map(|(name, _)| name).collect();
     assert_eq!(told, all);
+}
+
+/// Command and option of each line that says what an option does.
+fn effects() -> BTreeSet<(String, String)> {
+    let lines = EFFECTS.lines().filter(|line| line.contains("[--"));
+    lines
+        .map(|line| {
+            let (_, command) = line.split_once(" | ").expect("an effect and a command");
+            let (before, option) = command.split_once("[--").expect("an option in brackets");
+            let option = option.split([' ', ']']).next().unwrap_or_default();
+            let name = match before.split(' ').collect::<Vec<_>>()[..] {
+                ["edit", _, change, ..] => format!("edit {change}"),
+                ["shard", task, ..] => format!("shard {task}"),
+                [name, ..] => name.to_string(),
+                [] => unreachable!("a split has a part"),
+            };
+            (name, format!("--{option}"))
+        })
+        .collect()
+}
+
+#[test]
+fn every_option_has_an_effect() {
+    let (effects, mut all, mut wrong) = (effects(), BTreeSet::new(), String::new());
+    for (command, arguments) in commands() {
+        for option in options(&arguments) {
+            let name = format!("--{}", option.get_long().unwrap());
+            // (An option of all commands has its effect by one of them.)
+            let is_global = option.is_global_set();
+            let has_effect =
+                effects.iter().any(|(of, named)| *named == name && (is_global || *of == command));
+            // (Those with commands of their own have no others.)
+            if !has_effect && !arguments.has_subcommands() {
+                writeln!(wrong, "{name} of {command}").unwrap();
+            }
+            all.insert((command.clone(), name));
+        }
+    }
+    assert!(wrong.is_empty(), "tests/program/option_effects.txt has no line for:\n{wrong}");
+    let unknown: Vec<_> = effects.difference(&all).collect();
+    assert!(unknown.is_empty(), "no options: {unknown:?}");
 }

@@ -166,15 +166,14 @@ fn layers_come_and_go() {
         for layer in &layers {
             same(&found.layer(&layer.name).unwrap(), &expected.layer(&layer.name).unwrap());
         }
-        ops::drop_layer(&path, "layer 1", Note::default(), 1 << 24, &Default::default(), &()).unwrap();
+        ops::drop_layer(&path, "layer 1", Note::default(), &Default::default(), &()).unwrap();
         let found = spinney::open(&path).unwrap();
         let names: Vec<String> = found.layers().unwrap().into_iter().map(|layer| layer.name).collect();
         assert_eq!(names, ["layer 0", "layer 2", "layer 3"]);
         assert_eq!(found.verify(1 << 24, &()).unwrap(), []);
         same(&found.layer("layer 3").unwrap(), &expected.layer("layer 3").unwrap());
-        let error = ops::drop_layer(&path, "layer 1", Note::default(), 1 << 24, &Default::default(), &())
-            .err()
-            .unwrap();
+        let error =
+            ops::drop_layer(&path, "layer 1", Note::default(), &Default::default(), &()).err().unwrap();
         assert!(error.to_string().contains("`layer 2`"), "{error}");
     }
 }

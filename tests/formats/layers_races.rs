@@ -146,7 +146,7 @@ fn who_edits_one_layer_edits_the_file() {
         Err(Error::Locked { .. })
     ));
     assert!(matches!(
-        drop_layer(&path, "b", Note::default(), MEMORY, &Default::default(), &()),
+        drop_layer(&path, "b", Note::default(), &Default::default(), &()),
         Err(Error::Locked { .. })
     ));
     let (of_layer, other) = (format!("{text}:b"), other.display().to_string());
@@ -208,8 +208,7 @@ fn nobody_loses_a_layer_that_another_one_adds() {
                         assert!(file.layer(&name).is_ok(), "{name} is lost");
                         if round % 2 == 0 {
                             until_done(&|| {
-                                drop_layer(path, &name, Note::default(), MEMORY, &Default::default(), &())
-                                    .map(drop)
+                                drop_layer(path, &name, Note::default(), &Default::default(), &()).map(drop)
                             });
                         }
                     }
@@ -269,8 +268,7 @@ fn readers_of_an_old_commit_go_on() {
             1 => {
                 let layers = open(&path, &OpenOptions::new()).unwrap().layers().unwrap();
                 if let Some(layer) = layers.iter().find(|layer| layer.name.starts_with("other")) {
-                    drop_layer(&path, &layer.name, Note::default(), MEMORY, &Default::default(), &())
-                        .unwrap();
+                    drop_layer(&path, &layer.name, Note::default(), &Default::default(), &()).unwrap();
                 }
             }
             2 => {
@@ -295,7 +293,7 @@ fn readers_of_an_old_commit_go_on() {
     // Who moves on is at the same layer of what is there now; where it is gone, it stays, and says so.
     add_layer(&path, "before", &FileView::of(&other), Note::default(), WriteOptions::new(MEMORY), &())
         .unwrap();
-    drop_layer(&path, "b", Note::default(), MEMORY, &Default::default(), &()).unwrap();
+    drop_layer(&path, "b", Note::default(), &Default::default(), &()).unwrap();
     let newest = open(&path, &OpenOptions::new()).unwrap();
     for (layer, (name, ..)) in old.iter_mut().zip(LAYERS) {
         if name == "b" {
@@ -316,7 +314,7 @@ fn moving_on_is_by_name() {
     add_layer(&path, "1", &FileView::of(&other), Note::default(), WriteOptions::new(MEMORY), &()).unwrap();
     let mut layer = open(&FileReference::of(&path).of_layer("1"), &OpenOptions::new()).unwrap();
     assert_eq!(layer.layer_number(), 3);
-    drop_layer(&path, "1", Note::default(), MEMORY, &Default::default(), &()).unwrap();
+    drop_layer(&path, "1", Note::default(), &Default::default(), &()).unwrap();
     assert!(layer.refresh().is_err());
     assert_eq!((layer.layer_number(), layer.metadata().name.as_str()), (3, "1"));
 }

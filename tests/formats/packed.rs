@@ -327,7 +327,7 @@ fn layers_are_copied_as_they_are() {
     spinney::convert(&path("a.goblin"), false, Output::create(&path("c.goblin")).unwrap(), how, &()).unwrap();
     let all = dataset::open(&path("c.goblin"), &OpenOptions::new()).unwrap();
     assert!(all.layers().unwrap().iter().all(|layer| layer.header.codec == Codec::Plain));
-    ops::drop_layer(&path("a.goblin"), "plain", Note::default(), MEMORY, &Default::default(), &()).unwrap();
+    ops::drop_layer(&path("a.goblin"), "plain", Note::default(), &Default::default(), &()).unwrap();
     let all = dataset::open(&path("a.goblin"), &OpenOptions::new()).unwrap();
     assert!(all.layers().unwrap().iter().all(|layer| layer.header.codec == Codec::Packed));
 }

@@ -231,7 +231,7 @@ fn pictures_of_solids() {
     let (_, pixels) =
         render(&["--size", "20x20", "--background", "transparent", "--up", "y", "--scale", "0.5"]);
     assert_eq!((pixels.len(), &pixels[..4]), (1600, &[0; 4][..]));
-    render(&["--size", "20x20", "--view", "rotate=30,z", "--level", "3", "--perspective", "--samples", "1"]);
+    render(&["--size", "20x20", "--view", "rotate=30,z", "--level", "3", "--samples", "1"]);
     let never = trees.name("never.png");
     let refuse =
         |options: &[&str], code: i32| complaint(&[&["render", &trees.block, &never], options].concat(), code);
@@ -242,7 +242,6 @@ fn pictures_of_solids() {
     assert!(refuse(&["--from", "10,91"], 2).contains("-90 to 90"));
     assert!(refuse(&["--scale", "0"], 1).contains("scale"));
     assert!(refuse(&["--background", "sky"], 2).contains("#rrggbb"));
-    assert!(refuse(&["--perspective", "--orthographic"], 2).contains("cannot be used with"));
     assert!(refuse(&["--format", "exr"], 2).contains("png"));
     assert!(complaint(&["render", &trees.quadtree, &never], 1).contains("is a quadtree; use `spinney get`"));
     assert!(complaint(&["render", &trees.block, &trees.name("a.gif")], 1).contains("unknown format"));

@@ -216,3 +216,89 @@ fn tiles_are_exported_from_any_grid() {
     assert!(refusal.contains("crs=EPSG:NUMBER"), "{refusal}");
     assert!(!Path::new(&folder.name("plain.pmtiles")).exists());
 }
+
+/// A picture of bytes as a tree with square cells of a width, whose corner is at a place.
+fn pictured(
+    folder: &Folder,
+    name: &str,
+    side: usize,
+    cells: &[u8],
+    (corner, width): ([f64; 2], f64),
+) -> String {
+    let picture = folder.name(&format!("{name}.pgm"));
+    fs::write(&picture, [format!("P5 {side} {side} 255\n").as_bytes(), cells].concat()).unwrap();
+    let [x, y] = corner;
+    let place = format!("{width},0,{x},0,-{width},{y}");
+    let crs = ["--crs", "EPSG:32633", "--kind", "continuous", "--transform", &place];
+    folder.built(&picture, &format!("{name}.goblin"), &crs)
+}
+
+/// Keys' kernel with a = -0.5, at a distance.
+fn keys(x: f64) -> f64 {
+    match x.abs() {
+        x if x < 1.0 => 1.5 * x.powi(3) - 2.5 * x.powi(2) + 1.0,
+        x if x < 2.0 => -0.5 * x.powi(3) + 2.5 * x.powi(2) - 4.0 * x + 2.0,
+        _ => 0.0,
+    }
+}
+
+#[test]
+fn like_resamples_in_one_coordinate_system_as_asked() {
+    const SIDE: usize = 8;
+    let folder = Folder::new();
+    // (Multiples of 64, so that linear interpolation between them gives whole numbers.)
+    let cells: Vec<u8> = (0..SIDE * SIDE).map(|cell| (cell * cell * 7 % 4 * 64) as u8).collect();
+    let here = pictured(&folder, "here", SIDE, &cells, ([500_000.0, 5_000_000.0], 10.0));
+    // 16 x 16 cells, four on each of the source's along a side, from its third ones on.
+    let there = pictured(&folder, "there", 16, &[1; 256], ([500_020.0, 4_999_980.0], 2.5));
+    let value = |x: usize, y: usize| f64::from(cells[y * SIDE + x]);
+    let by_kernel = |x: f64, y: f64, kernel: &dyn Fn(f64) -> f64| -> f64 {
+        let each = (0..SIDE).flat_map(|row| (0..SIDE).map(move |column| (column, row)));
+        each.map(|(column, row)| {
+            value(column, row) * kernel(column as f64 + 0.5 - x) * kernel(row as f64 + 0.5 - y)
+        })
+        .sum()
+    };
+    let resampled = |way: &[&str]| {
+        let out = folder.name("out.goblin");
+        command(&["transform", "-q", &here, &format!("like={there}"), "-o", &out])
+            .args(way)
+            .assert()
+            .success();
+        let (out, there) = (spinney::open(&out).unwrap(), spinney::open(&there).unwrap());
+        assert_eq!(out.metadata().frame.matrix, there.metadata().frame.matrix);
+        cells_of(&out)
+    };
+    let nearest = resampled(&["--resampling", "nearest"]);
+    let bilinear = resampled(&["--resampling", "bilinear"]);
+    let cubic = resampled(&["--resampling", "cubic"]);
+    for (number, ((nearest, bilinear), cubic)) in nearest.iter().zip(&bilinear).zip(&cubic).enumerate() {
+        let [x, y] = [number % 16, number / 16].map(|cell| 2.0 + (cell as f64 + 0.5) / 4.0);
+        assert_eq!(f64::from(*nearest), value(x as usize, y as usize));
+        assert_eq!(f64::from(*bilinear), by_kernel(x, y, &|d| (1.0 - d.abs()).max(0.0)));
+        let expected = by_kernel(x, y, &keys).clamp(0.0, 255.0);
+        assert!((f64::from(*cubic) - expected).abs() <= 1.0, "{cubic} at {x}, {y} for {expected}");
+    }
+    // Without an option by the file's rule, of which cells within one of the source's have its value.
+    assert_eq!(resampled(&[]), nearest);
+    assert_eq!(resampled(&["--resampling", "area"]), nearest);
+}
+
+fn cells_of(tree: &Dataset) -> Vec<u8> {
+    cells(tree, tree.depth(), &tree.header().picture()).0
+}
+
+#[test]
+fn like_takes_cells_of_any_width() {
+    let folder = Folder::new();
+    let corner = [500_000.0, 5_000_000.0];
+    let here = pictured(&folder, "here", 8, &[7; 64], (corner, 10.0));
+    for width in [7.0, 2.9, 14.7, 0.7, 1.1, 3.3] {
+        let there = pictured(&folder, "there", 3, &[1; 9], (corner, width));
+        let [out, both] = ["out.goblin", "both.goblin"].map(|name| folder.name(name));
+        command(&["transform", "-q", &here, &format!("like={there}"), "-o", &out]).assert().success();
+        assert_eq!(cells_of(&spinney::open(&out).unwrap()), [7; 9], "{width}");
+        command(&["combine", "-q", "add", &out, &there, "-o", &both]).assert().success();
+        assert_eq!(cells_of(&spinney::open(&both).unwrap()), [8; 9], "{width}");
+    }
+}

@@ -34,6 +34,8 @@ mod cli_meshes;
 mod cli_octree_combine;
 mod cli_octree_transform;
 mod cli_operations;
+#[cfg(all(unix, feature = "cli"))]
+mod cli_options;
 mod cli_overlay;
 mod cli_packed;
 mod cli_pictures;

@@ -287,6 +287,43 @@ fn the_program_reads_urls_wherever_it_reads_a_file() {
     assert_eq!(cells_of_box(&url), cells_of_box(&near));
 }
 
+/// Requests and bytes that a run of the program tells.
+fn requests_of(arguments: &[&str]) -> Option<[u64; 2]> {
+    let output = program(&[&["-v"], arguments].concat())?;
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{arguments:?}: {text}");
+    let (before, after) = text.split_once(" requests, ").unwrap_or_else(|| panic!("{text}"));
+    let requests = before.rsplit(' ').next().and_then(|number| number.parse().ok());
+    let bytes = after.split(' ').next().and_then(|number| number.parse().ok());
+    Some([requests.unwrap(), bytes.unwrap()])
+}
+
+#[test]
+fn options_of_remote_files_have_effects() {
+    let server = server();
+    let folder = tempfile::tempdir().unwrap();
+    let [picture, tree] = ["noise.pgm", "noise.goblin"].map(|name| folder.path().join(name));
+    let mut state = 1u64;
+    let mut noise = b"P5 1024 1024 255\n".to_vec();
+    noise.extend((0..1 << 20).map(|_| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as u8
+    }));
+    std::fs::write(&picture, noise).unwrap();
+    let words = ["build", "-q", picture.to_str().unwrap(), "-o", tree.to_str().unwrap()];
+    let Some(built) = program(&words) else { return };
+    assert!(built.status.success());
+    let url = server.put("options/noise.goblin", std::fs::read(&tree).unwrap());
+    let far_apart = ["point", "--in", "cells", &url, "1,1", "900,100"];
+    let [few, more] =
+        ["1M", "1"].map(|gap| requests_of(&[&far_apart[..], &["--request-gap", gap]].concat()).unwrap());
+    assert!(few[0] < more[0] && few[1] > more[1], "{few:?} {more:?}");
+    let kept = folder.path().join("kept");
+    let [first, second] = [(); 2]
+        .map(|()| requests_of(&[&far_apart[..], &["--cache", kept.to_str().unwrap()]].concat()).unwrap());
+    assert!(second[1] < first[1], "{first:?} {second:?}");
+}
+
 fn cells_of_box(path: &str) -> Vec<u8> {
     let tree = opened(path).unwrap();
     let bounds = Bounds { min: [5, 5, 0], max: [25, 15, 1] };

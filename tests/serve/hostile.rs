@@ -10,7 +10,7 @@ use super::common::{Cells, Random, options, quad, write_cells};
 use super::{Server, fixture, island};
 
 /// Waits until something holds; for long on a busy machine.
-fn wait_until(what: &str, holds: impl Fn() -> bool) {
+pub(crate) fn wait_until(what: &str, holds: impl Fn() -> bool) {
     let start = Instant::now();
     while !holds() {
         assert!(start.elapsed() < Duration::from_secs(60), "{what}");

@@ -93,3 +93,32 @@ fn responses_are_compressed_where_that_pays() {
     let part = server.get_with("/heights.goblin", &[gzip, ("Range", "bytes=0-99999")]);
     assert_eq!((part.status, part.header("content-encoding")), (206, None));
 }
+
+/// Host and port are those that are asked for, and a browser shows the page.
+#[test]
+#[cfg(target_os = "linux")]
+fn addresses_are_chosen_and_shown() {
+    use std::os::unix::fs::PermissionsExt as _;
+
+    let (folder, programs) = (island(), tempfile::tempdir().unwrap());
+    let browser = programs.path().join("xdg-open");
+    std::fs::write(&browser, "#!/bin/sh\necho \"$1\" > \"${0%/*}/told\"\n").unwrap();
+    std::fs::set_permissions(&browser, std::fs::Permissions::from_mode(0o755)).unwrap();
+    // (A port that was free a moment ago may be taken by now.)
+    let started = (0..20).find_map(|_| {
+        let port = std::net::TcpListener::bind("127.0.0.2:0").unwrap().local_addr().unwrap().port();
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_spinney"));
+        let path = format!("{}:{}", programs.path().display(), std::env::var("PATH").unwrap_or_default());
+        command.env("PATH", path).args(["serve", "--host", "127.0.0.2", "--open", "-q", "--port"]);
+        command.arg(port.to_string()).arg(folder.path());
+        let server = Server::of(command);
+        (!server.address.is_empty()).then_some((port, server))
+    });
+    let (port, server) = started.expect("a port that stays free");
+    assert_eq!(server.address, format!("127.0.0.2:{port}"));
+    assert_eq!(server.get("/healthz").status, 200);
+    let told = programs.path().join("told");
+    super::hostile::wait_until("the browser is started", || {
+        std::fs::read_to_string(&told).is_ok_and(|url| url == format!("http://127.0.0.2:{port}/\n"))
+    });
+}

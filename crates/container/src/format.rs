@@ -143,12 +143,17 @@ impl<'p> FileReference<'p> {
         let named = names.clone().position(|name| name == layer);
         let numbered = || layer.parse().ok().filter(|number| *number < names.len());
         named.or_else(numbered).ok_or_else(|| {
-            let mut known: Vec<String> = names.clone().take(20).map(|name| format!("`{name}`")).collect();
-            if names.len() > known.len() {
+            let given = names.clone().filter(|name| !name.is_empty());
+            let mut known: Vec<String> = given.take(20).map(|name| format!("`{name}`")).collect();
+            if names.len() > 20 {
                 known.push("...".into());
             }
             let place = format!("{}: layer", self.file.display());
-            let expected = format!("{}, or a number less than {}", known.join(", "), names.len());
+            let known = known.join(", ");
+            let expected = match known.is_empty() {
+                true => "none: the file has one layer, without a name".into(),
+                false => format!("{known}, or a number less than {}", names.len()),
+            };
             Error::invalid(place, format!("`{layer}`"), expected)
         })
     }

@@ -7,7 +7,7 @@ use spinney::raw::io::redacted;
 
 use super::Memory;
 
-/// A commit's note, and the memory that making it may use.
+/// A commit's note.
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "Commit")]
 pub(crate) struct CommitOptions {
@@ -20,6 +20,13 @@ pub(crate) struct CommitOptions {
     /// Time of the commit, in seconds since the beginning of 1970 [default: now]
     #[arg(long, value_name = "SECONDS", env = "SOURCE_DATE_EPOCH", allow_negative_numbers = true)]
     time: Option<i64>,
+}
+
+/// A commit's note, and the memory that making it may use.
+#[derive(clap::Args, Clone, Debug)]
+pub(crate) struct EditOptions {
+    #[command(flatten)]
+    pub(crate) commit: CommitOptions,
     #[command(flatten)]
     pub(crate) memory: Memory,
 }

@@ -46,7 +46,8 @@ pub(crate) struct Global {
     /// Refuse VRT, NRRD and views files and manifests whose data are in other files: for input of unknown origin
     #[arg(long, global = true)]
     no_external: bool,
-    /// Tell how files elsewhere were read: rounds of requests, requests and bytes
+    /// Tell how files were read: requests for remote files and their bytes, files that were mapped or read at positions, unpacked bytes
+    /// that are kept, and threads
     #[arg(short, long, global = true)]
     verbose: bool,
     /// How files are opened and created, once the program has [started](Global::start).
@@ -110,9 +111,14 @@ impl Global {
         &self.access
     }
 
-    /// Tells how files elsewhere were read, if that was asked for.
+    /// Tells how files were read, if that was asked for.
     pub(crate) fn finish(&self) {
         if self.verbose {
+            let [mapped, positioned] = self.access.opened();
+            let (kept, threads) = (self.access.unpacked().most_held(), rayon::current_num_threads());
+            eprintln!(
+                "{mapped} files mapped, {positioned} read at positions; at most {kept} unpacked bytes kept; {threads} threads"
+            );
             eprintln!("{}", self.access.traffic());
         }
     }

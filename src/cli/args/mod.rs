@@ -25,7 +25,7 @@ use std::str::FromStr;
 use anyhow::{Result, ensure};
 use spinney::Dataset;
 
-pub(crate) use commit::CommitOptions;
+pub(crate) use commit::{CommitOptions, EditOptions};
 pub(crate) use coordinates::CoordinatesOption;
 pub(crate) use crs::parse_crs;
 pub(crate) use global::Global;
@@ -36,7 +36,7 @@ pub(crate) use operation::{OperationName, parse_operation};
 pub(crate) use output::{
     OutputFile, OutputLimit, VECTOR_FORMATS, check_output, picture_format, same_file, vector_format,
 };
-pub(crate) use packing::Packing;
+pub(crate) use packing::{Packing, packing};
 pub(crate) use part::PartOptions;
 pub(crate) use places::places;
 pub(crate) use seconds::parse_seconds;

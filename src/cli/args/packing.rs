@@ -25,11 +25,7 @@ pub(crate) struct Packing {
 impl Packing {
     /// Codec and maximum error.
     pub(crate) fn choice(&self) -> store::Packing {
-        let packing = match self.codec {
-            Codec::Plain => store::Packing::default(),
-            Codec::Packed => store::Packing::packed(),
-        };
-        packing.max_error(self.max_error)
+        packing(self.codec).max_error(self.max_error)
     }
 
     /// Options for writing a tree with so much memory.
@@ -49,5 +45,13 @@ impl Packing {
     /// The options that were given, for outputs that have no segments.
     pub(crate) fn given(&self) -> [(&'static str, bool); 2] {
         [("--codec", self.codec != Codec::Plain), ("--max-error", self.max_error.is_some())]
+    }
+}
+
+/// Packing with a codec, where no sample is changed.
+pub(crate) fn packing(codec: Codec) -> store::Packing {
+    match codec {
+        Codec::Plain => store::Packing::default(),
+        Codec::Packed => store::Packing::packed(),
     }
 }

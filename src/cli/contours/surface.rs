@@ -1,18 +1,35 @@
 //! `spinney contours` of a mesh file: isolines of a surface of triangles.
 
+use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
-use spinney::import::mesh::open_all;
 use spinney::query::ContourLevels;
 use spinney::raw::export::vector::ContourFeatures;
-use spinney::raw::import::mesh::DEFAULT_MEMORY;
+use spinney::raw::import::mesh::open_all_with;
 use spinney::raw::tin::{Tin, export_isolines};
 
 use super::args::{Args, Ends};
 use crate::cli::Global;
 use crate::cli::args::{check_output, vector_format};
 use crate::cli::report::{Work, report_output};
+
+/// Bytes that a triangle takes: its corners, and its part of the surface, whose triangles know their neighbours.
+const TRIANGLE_BYTES: u64 = 200;
+
+fn check_room(file: &Path, triangles: u64, memory: u64) -> spinney::Result<()> {
+    let needed = triangles * TRIANGLE_BYTES;
+    if needed <= memory {
+        return Ok(());
+    }
+    Err(spinney::Error::TooLarge {
+        path: file.to_path_buf(),
+        what: "isolines of a surface, of which all triangles are held".into(),
+        needed,
+        limit: memory,
+        advice: "allow more memory (--memory)".into(),
+    })
+}
 
 pub(super) fn run(args: &Args, levels: &ContourLevels, global: &Global, start: Instant) -> Result<()> {
     let file = &args.tree.file;
@@ -29,7 +46,8 @@ pub(super) fn run(args: &Args, levels: &ContourLevels, global: &Global, start: I
     let format = vector_format(args.format.as_deref(), &args.output)?;
     let work = Work::start(global, "faces")?;
     let (mut triangles, mut crs) = (Vec::new(), None);
-    for model in &mut open_all(std::slice::from_ref(file), DEFAULT_MEMORY)? {
+    let memory = args.memory.bytes;
+    for model in &mut open_all_with(std::slice::from_ref(file), memory, global.access())? {
         crs.clone_from(&model.info().crs);
         model.faces(&mut |face| {
             let [a, b, c] = face.points else {
@@ -37,7 +55,7 @@ pub(super) fn run(args: &Args, levels: &ContourLevels, global: &Global, start: I
                 return Err(spinney::Error::unsupported(file, found, "contours of a mesh need triangles"));
             };
             triangles.push([*a, *b, *c]);
-            Ok(())
+            check_room(file, triangles.len() as u64, memory)
         })?;
     }
     let tin = Tin::from_triangles(&triangles).with_context(|| {

@@ -17,15 +17,15 @@ use spinney::raw::io::shown;
 use spinney::raw::store::Tag;
 
 use super::super::Global;
-use super::super::args::{DEFAULT_MEMORY, check_output, vector_format};
+use super::super::args::{check_output, vector_format};
 use super::super::report::{Work, print_json, print_text, printed_output, report_output, warn};
 use super::{chosen, list, unit};
 
-/// Measures an exact model: volume, centre, moments, surface, and its topology where that fits into memory.
-pub(crate) fn stats(view: &ModelView, is_json: bool, global: &Global) -> Result<()> {
+/// Measures an exact model: volume, centre, moments, surface, and its topology where that fits into so much memory.
+pub(crate) fn stats(view: &ModelView, memory: u64, is_json: bool, global: &Global) -> Result<()> {
     let work = Work::start(global, "faces")?;
     let (mass, model) = (view.mass(&work)?, view.file());
-    let options = TopologyOptions { memory: 4 * DEFAULT_MEMORY, path: model.path().to_path_buf() };
+    let options = TopologyOptions { memory, path: model.path().to_path_buf() };
     let euler = match Topology::of(model, &options, &work) {
         Ok(topology) => Some(topology.euler()),
         Err(error @ spinney::Error::TooLarge { .. }) => {

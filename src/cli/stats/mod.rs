@@ -133,7 +133,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
             exact::each(&view, filter, args.label_options.output.as_deref(), memory.bytes, global)?;
             return Ok(view.file().check_unchanged()?);
         }
-        exact::stats(&view, args.json, global)?;
+        exact::stats(&view, args.zone_options.memory.bytes, args.json, global)?;
         return Ok(view.file().check_unchanged()?);
     }
     if let Some(tree) = lines::open(&args.tree.file, global)? {

@@ -3,6 +3,7 @@
 use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, LazyLock};
 
 use super::batch::Traffic;
@@ -59,6 +60,8 @@ struct Settings {
     is_remote_refused: bool,
     /// Whether files may not name others that have their data.
     is_external_refused: bool,
+    /// Local files that were mapped, and those that were opened for positioned reads.
+    opened: Arc<[AtomicU64; 2]>,
 }
 
 impl Default for FileAccess {
@@ -74,6 +77,7 @@ impl Default for FileAccess {
                 remote: None,
                 is_remote_refused: false,
                 is_external_refused: false,
+                opened: Arc::default(),
             }))
         });
         DEFAULT.clone()
@@ -193,6 +197,16 @@ impl FileAccess {
         &self.0.unpacked
     }
 
+    /// Counts a local file that was opened to be mapped or read at positions, as this access has it.
+    pub fn count_opened(&self) {
+        self.0.opened[usize::from(self.is_positioned())].fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Local files that this access and its clones have mapped so far, and those that they have opened for positioned reads.
+    pub fn opened(&self) -> [u64; 2] {
+        self.0.opened.each_ref().map(|count| count.load(Ordering::Relaxed))
+    }
+
     /// Requests for remote files with this access and its clones so far.
     pub fn traffic(&self) -> Traffic {
         self.ranges().traffic()
@@ -233,6 +247,7 @@ impl FileAccess {
             true => Box::new(Positioned::of(file, path)?),
             false => Box::new(Mapped::of(&file, path)?),
         };
+        self.count_opened();
         Ok((self.cached(backend), id))
     }
 

@@ -27,8 +27,9 @@ type Place = (u64, u64);
 
 #[derive(Default)]
 struct State {
-    /// Bytes that are held.
+    /// Bytes that are held, and the most that ever were.
     held: u64,
+    most: u64,
     /// Uses so far: the time of the next one.
     time: u64,
     /// None of them lies within another one of the same file, so that the last one that begins before a place is the one to look in.
@@ -104,6 +105,11 @@ impl RangeCache {
         self.state().held
     }
 
+    /// The most bytes that were held at a time.
+    pub fn most_held(&self) -> u64 {
+        self.state().most
+    }
+
     /// Lets go of all ranges of a file.
     pub fn forget(&self, file: u64) {
         let mut state = self.state();
@@ -143,6 +149,7 @@ impl RangeCache {
             let Some((_, oldest)) = state.by_time.pop_first() else { return };
             state.remove(oldest);
         }
+        state.most = state.most.max(state.held);
     }
 }
 

@@ -127,7 +127,6 @@ pub fn drop_layer(
     path: &Path,
     name: &str,
     note: Note,
-    memory: u64,
     access: &FileAccess,
     progress: &dyn Progress,
 ) -> Result<Option<Commit>> {
@@ -140,7 +139,8 @@ pub fn drop_layer(
     }
     match &file {
         TreeFile::Autumnal(_) => {
-            let mut editor = Editor::open_with(&place.file, memory, access)?;
+            // (No node is made, which memory would be needed for.)
+            let mut editor = Editor::open_with(&place.file, 0, access)?;
             editor.drop_layer(&layers[dropped].name)?;
             editor.commit(note)
         }

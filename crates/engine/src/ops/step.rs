@@ -9,7 +9,7 @@ use super::calc::Calculation;
 use super::data_box::data_box;
 use super::regions::{Connectivity, Passes, Regions, Sieve};
 use super::tree_file::TreeFile;
-use super::warp::{WarpGrid, WarpTarget};
+use super::warp::{Resampling, WarpGrid, WarpTarget};
 use crate::tree::Source;
 use spinney_base::space::Code;
 use spinney_base::{Error, Result};
@@ -310,5 +310,15 @@ fn like(view: View, path: &Path) -> Result<View> {
         let expected = "one that they share (are both in one coordinate system?)";
         return Err(Error::invalid(what, "another part of the world than this tree's", expected));
     }
-    view.onto(&map, extent)
+    let moved = view.clone().onto(&map, extent)?;
+    match view.warp().resampling {
+        // (Cells that lie on the other's are the same by any way.)
+        None | Some(Resampling::Nearest) => Ok(moved),
+        Some(_) if moved.moves_whole_cells() => Ok(moved),
+        Some(way) if axes > 2 => {
+            let expected = "nearest, or none: cells of an octree are averaged by its own rule";
+            Err(Error::invalid("resampling of an octree", way.name(), expected))
+        }
+        Some(_) => view.warped(&WarpGrid { frame: there.clone(), extent }),
+    }
 }

@@ -112,7 +112,20 @@ impl AffineMap {
             let found = format!("{:?}", self.to_rows());
             return Err(Error::invalid("affine map", found, "one that can be inverted"));
         }
-        Ok(AffineMap(inverse))
+        let mut inverse = AffineMap(inverse);
+        if self.is_planar() {
+            // (A general inverse divides by the determinant of all three axes, which need not leave z exactly as it is.)
+            inverse.0.matrix3.z_axis = DVec3::Z;
+            (inverse.0.matrix3.x_axis.z, inverse.0.matrix3.y_axis.z, inverse.0.translation.z) =
+                (0.0, 0.0, 0.0);
+        }
+        Ok(inverse)
+    }
+
+    /// Whether z stays as it is, and nothing else depends on it.
+    pub(super) fn is_planar(&self) -> bool {
+        let rows = self.to_rows();
+        rows[2] == [0.0, 0.0, 1.0, 0.0] && rows[0][2] == 0.0 && rows[1][2] == 0.0
     }
 
     /// Moved on by less than a cell so that a box of whole cells, which begins at the origin, goes to whole

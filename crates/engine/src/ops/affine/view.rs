@@ -461,6 +461,11 @@ impl View {
         }
     }
 
+    /// Whether each of the view's cells is one of the source's.
+    pub(in crate::ops) fn moves_whole_cells(&self) -> bool {
+        self.lookup.moved.is_some()
+    }
+
     /// Whether the view shows all of its source as it is.
     pub(crate) fn is_whole(&self) -> bool {
         let is_same = self.lookup.to_source == AffineMap::IDENTITY && self.depth == self.source.depth();
@@ -487,8 +492,7 @@ impl View {
 
     fn check_axes(&self, map: &AffineMap) -> Result<()> {
         let rows = map.to_rows();
-        let stays = self.form.axes() > 2
-            || (rows[2] == [0.0, 0.0, 1.0, 0.0] && rows[0][2] == 0.0 && rows[1][2] == 0.0);
+        let stays = self.form.axes() > 2 || map.is_planar();
         let finite = rows.iter().flatten().all(|number| number.is_finite());
         if stays && finite {
             return Ok(());

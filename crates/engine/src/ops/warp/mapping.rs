@@ -7,8 +7,8 @@ use spinney_crs::{Frame, Projection, Transformation};
 pub(super) struct CellMap {
     target: Frame,
     source: Frame,
-    /// From the target's coordinate system to the source's.
-    systems: Transformation,
+    /// From the target's coordinate system to the source's; `None` where neither is known, and both are one.
+    systems: Option<Transformation>,
     /// Columns of the source after which it comes again, if it does; and the first of those that are taken for its own.
     turn: Option<(f64, f64)>,
     target_turns: bool,
@@ -26,31 +26,35 @@ impl CellMap {
                 return Err(Error::invalid(format!("frame of the {name}"), found, "one that has an inverse"));
             }
         }
-        let (Some(there), Some(here)) = (&target.crs, &source.crs) else {
-            let expected =
-                "one; `spinney build --crs EPSG:NUMBER` or the step `crs=EPSG:NUMBER` says which it is";
-            let whose = if target.crs.is_none() { "the grid" } else { "the raster" };
-            return Err(Error::invalid(format!("coordinate system of {whose}"), "none", expected));
+        let systems = match (&target.crs, &source.crs) {
+            (Some(there), Some(here)) => Some(Transformation::new(there, here, allow_ballpark)?),
+            (None, None) => None,
+            (there, _) => {
+                let expected =
+                    "one; `spinney build --crs EPSG:NUMBER` or the step `crs=EPSG:NUMBER` says which it is";
+                let whose = if there.is_none() { "the grid" } else { "the raster" };
+                return Err(Error::invalid(format!("coordinate system of {whose}"), "none", expected));
+            }
         };
-        let systems = Transformation::new(there, here, allow_ballpark)?;
         let [[across, b, _, _], [d, ..], _] = source.matrix;
-        let turn = here.turn().filter(|_| b == 0.0 && d == 0.0).map(|turn| {
+        let is_upright = b == 0.0 && d == 0.0;
+        let turn = source.crs.as_ref().and_then(|here| here.turn()).filter(|_| is_upright).map(|turn| {
             let turn = turn / across.abs();
             // (The seam lies opposite to the data.)
             (turn, (columns as f64 - turn) / 2.0)
         });
-        let target_turns = there.unit() == Some("degrees");
+        let target_turns = target.crs.as_ref().is_some_and(|there| there.unit() == Some("degrees"));
         Ok(CellMap { target: target.clone(), source: source.clone(), systems, turn, target_turns })
     }
 
     /// Projections of the target and of the source, where they differ.
     pub(super) fn projections(&self) -> Option<(&Projection, &Projection)> {
-        self.systems.projections()
+        self.systems.as_ref()?.projections()
     }
 
     /// Remarks on how well the systems are known.
     pub(super) fn remarks(&self) -> Vec<String> {
-        self.systems.remarks()
+        self.systems.as_ref().map_or(Vec::new(), Transformation::remarks)
     }
 
     /// Columns of the source after which it comes again, if that is a whole number of them.
@@ -62,7 +66,8 @@ impl CellMap {
     /// Whether columns depend on columns alone, and rows on rows.
     pub(super) fn is_separable(&self) -> bool {
         let is_upright = |frame: &Frame| frame.matrix[0][1] == 0.0 && frame.matrix[1][0] == 0.0;
-        is_upright(&self.target) && is_upright(&self.source) && self.systems.is_separable()
+        let are_separable = self.systems.as_ref().is_none_or(Transformation::is_separable);
+        are_separable && is_upright(&self.target) && is_upright(&self.source)
     }
 
     /// Whether the target's first coordinate comes again, as longitudes do.
@@ -73,7 +78,7 @@ impl CellMap {
     /// The place in the source of a place in the target, both in cells; `None` where there is none.
     pub(super) fn to_source(&self, [x, y]: [f64; 2]) -> Option<[f64; 2]> {
         let [x, y, _] = self.target.to_world([x, y, 0.0]);
-        let [x, y] = self.systems.forward([x, y])?;
+        let [x, y] = self.systems.as_ref().map_or(Some([x, y]), |systems| systems.forward([x, y]))?;
         let [column, row, _] = self.source.to_cells([x, y, 0.0])?;
         let column = match self.turn {
             Some((turn, first)) => first + (column - first).rem_euclid(turn),
@@ -85,7 +90,7 @@ impl CellMap {
     /// The place in the target of a place in the source, both in cells; `None` where there is none.
     pub(super) fn to_target(&self, [x, y]: [f64; 2]) -> Option<[f64; 2]> {
         let [x, y, _] = self.source.to_world([x, y, 0.0]);
-        let [x, y] = self.systems.backward([x, y])?;
+        let [x, y] = self.systems.as_ref().map_or(Some([x, y]), |systems| systems.backward([x, y]))?;
         let [column, row, _] = self.target.to_cells([x, y, 0.0])?;
         (column.is_finite() && row.is_finite()).then_some([column, row])
     }

@@ -22,7 +22,7 @@ use spinney_crs::{Crs, Frame};
 /// A grid of cells in the world: what a file is to be warped to.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WarpGrid {
-    /// The place of the cells in the world; its coordinate system must be known.
+    /// The place of the cells in the world, in a coordinate system that is known if the raster's is.
     pub frame: Frame,
     /// Cells along each axis, 1 along the third.
     pub extent: [u64; 3],
@@ -96,7 +96,7 @@ impl Warped {
                 format!("1 to 2^{most} cells along each axis"),
             ));
         }
-        let crs = grid.frame.crs.as_ref().map_or(String::new(), Crs::to_string);
+        let crs = grid.frame.crs.as_ref().map_or("other cells".into(), Crs::to_string);
         let provenance = format!("warped to {crs}, {resampling}");
         let own = source.metadata();
         let metadata = Metadata {

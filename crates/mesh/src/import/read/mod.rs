@@ -43,7 +43,8 @@ pub fn open(path: &Path, memory: u64) -> Result<Box<dyn Model>> {
     open_with(path, memory, &FileAccess::default())
 }
 
-/// Opens what [`open`] opens. An exact model is opened with `access`, and may be remote.
+/// Opens what [`open`] opens, with `access`: an exact model may be remote, and a mesh that is read at positions is copied to an unnamed
+/// temporary file first.
 ///
 /// # Errors
 /// Those of [`open`].
@@ -51,7 +52,7 @@ pub fn open_with(path: &Path, memory: u64, access: &FileAccess) -> Result<Box<dy
     if let Some(model) = exact::open(path, memory, access)? {
         return Ok(model);
     }
-    let mut source = ModelFile::open(path)?;
+    let mut source = ModelFile::open(path, access)?;
     // The first 80 bytes of a binary STL file are free, and may be a text with such a mark.
     if !stl::is_binary(source.bytes()) {
         source.skip_byte_order_mark();
@@ -107,7 +108,7 @@ fn format(source: &ModelFile) -> Option<Format> {
 pub fn files_of(path: &Path, access: &FileAccess) -> Result<Vec<PathBuf>> {
     let mut files = vec![path.to_path_buf()];
     if !spinney_brep::is_model_file(path, access)? {
-        let source = ModelFile::open(path)?;
+        let source = ModelFile::open(path, access)?;
         if format(&source) == Some(Format::Obj) {
             files.extend(obj::libraries(&source));
         }

@@ -1,10 +1,10 @@
 //! The file behind a model: its bytes, and errors that name it.
 
 use std::fs;
-use std::io;
+use std::io::{self, Seek as _};
 use std::path::{Path, PathBuf};
 
-use spinney_base::io::{Mapped, ReadBackend};
+use spinney_base::io::{FileAccess, Mapped, ReadBackend};
 use spinney_base::{Error, Result};
 
 /// Bytes that some programs put before a text in UTF-8; they are no part of it.
@@ -19,7 +19,8 @@ pub(super) struct ModelFile {
 }
 
 impl ModelFile {
-    pub(super) fn open(path: &Path) -> Result<ModelFile> {
+    /// Opens a file; where files are read at positions, a copy of it in an unnamed temporary file, which nobody else can cut short.
+    pub(super) fn open(path: &Path, access: &FileAccess) -> Result<ModelFile> {
         let about = fs::metadata(path).map_err(Error::io(path, "open"))?;
         if about.is_dir() {
             return Err(Error::io(path, "open")(io::Error::from(io::ErrorKind::IsADirectory)));
@@ -34,7 +35,12 @@ impl ModelFile {
         if about.len() == 0 {
             return Err(Error::corrupt(path, "the whole file", "no bytes", "a mesh"));
         }
-        Ok(ModelFile { path: path.to_path_buf(), map: Mapped::open(path)?, skipped: 0 })
+        let map = match access.is_positioned() {
+            true => copy(path, access)?,
+            false => Mapped::open(path)?,
+        };
+        access.count_opened();
+        Ok(ModelFile { path: path.to_path_buf(), map, skipped: 0 })
     }
 
     pub(super) fn path(&self) -> &Path {
@@ -76,4 +82,12 @@ impl ModelFile {
     pub(super) fn no_vertices(&self) -> Error {
         self.corrupt("the whole file", "no vertices", "a mesh")
     }
+}
+
+/// A copy of a file, mapped.
+fn copy(path: &Path, access: &FileAccess) -> Result<Mapped> {
+    let failed = || Error::io(path, "copy to a temporary file");
+    let mut file = tempfile::tempfile().map_err(failed())?;
+    io::copy(&mut access.input(path)?, &mut file).and_then(|_| file.rewind()).map_err(failed())?;
+    Mapped::of(&file, path)
 }

@@ -90,7 +90,7 @@ fn by_open(text: &str, memory: u64) -> Vec<Face> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.obj");
     std::fs::write(&path, text).unwrap();
-    let mut model = open(ModelFile::open(&path).unwrap(), memory).unwrap();
+    let mut model = open(ModelFile::open(&path, &Default::default()).unwrap(), memory).unwrap();
     let parts = model.info().parts.clone();
     let mut faces = Vec::new();
     let mut keep = |face: &super::MeshFace<'_>| {
