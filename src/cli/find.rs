@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use serde_json::json;
 use spinney::query::{Condition, FoundBlock};
 use spinney::raw::ops::ViewSource;
@@ -106,17 +106,17 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let mut found = Found::new(args.limit, args.largest);
     let view = args.tree.open_model(global)?;
     if *contacts {
-        exact::refuse(file, &args.of_trees())?;
+        let what = if view.is_some() { exact::KIND } else { "a mesh file" };
+        let fitting = ["--contacts", "--snap", "--json", "--limit", "--largest", "--view"];
+        global.check_options(file, what, &fitting)?;
         let how = (args.snap, args.memory.bytes);
         exact::find_contacts(view.as_ref(), file, args.json, how, global, &mut found)?;
         found.finish()?;
         return Ok(view.map_or(Ok(()), |view| view.file().check_unchanged())?);
     }
     if let Some(view) = view {
-        let given =
-            [("--above", above.is_some()), ("--below", below.is_some()), ("--class", class.is_some())];
-        exact::refuse(file, &given)?;
-        exact::refuse(file, &args.of_trees())?;
+        let fitting = ["--object", "--leaf", "--json", "--limit", "--largest", "--view"];
+        global.check_options(file, exact::KIND, &fitting)?;
         match object {
             Some(name) => {
                 exact::find_object(&view, name, args.json, args.memory.bytes, global, &mut found)?;
@@ -129,6 +129,9 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         found.finish()?;
         return Ok(view.file().check_unchanged()?);
     }
+    ensure!(args.snap.is_none(), "--snap is for --contacts of mesh files");
+    let has_place = args.part.is_given() || args.within.is_some();
+    ensure!(has_place || args.part.coordinates().given().is_none(), "--in is for --window and --within");
     let tree = args.tree.open(global)?;
     let boxes = args.part.boxes(&tree)?;
     let condition = match (*above, *below, *class) {
@@ -158,11 +161,6 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
 }
 
 impl Args {
-    /// Options for trees of cells, and whether they are given.
-    fn of_trees(&self) -> [(&'static str, bool); 2] {
-        [("--window", self.part.is_given()), ("--within", self.within.is_some())]
-    }
-
     /// The cells among which is searched, as a tree.
     fn zones(&self, tree: &Dataset, global: &Global) -> Result<Option<Arc<ViewSource>>> {
         let Some(file) = &self.within else {

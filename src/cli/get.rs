@@ -107,38 +107,35 @@ fn parse_range(text: &str) -> Result<[f64; 2], String> {
         .ok_or_else(|| "expected two numbers that differ, as in 0,4000".into())
 }
 
+/// The error of coordinates without a place.
+const IN_IS_FOR: &str = "--in is for --window and --slice";
+
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let path = args.output.path();
     if let Some(tree) = lines::open(&args.tree.file, global)? {
-        let given = [
-            ("--level", args.level.is_some()),
-            ("--size", args.size.is_some()),
-            ("--slice", args.slice.is_some()),
-            ("--nodata", args.nodata.is_some()),
-            ("--style", args.style.is_some()),
-            ("--range", args.range.is_some()),
-            ("--view", args.tree.is_viewed()),
-        ];
-        lines::refuse(&args.tree.file, &given)?;
-        if let Some(option) = args.places.given() {
-            bail!("{option}: is for trees of points");
-        }
+        let fitting = ["--output", "--format", "--window", "--in", "--crossing", "--attribute"];
+        global.check_options(&args.tree.file, lines::KIND, &fitting)?;
+        ensure!(args.part.is_given() || args.part.coordinates().given().is_none(), IN_IS_FOR);
         let format = args.format.as_deref();
         let places = (&args.part, args.crossing.as_deref());
         return lines::get(&tree, places, (path, format), args.attribute.as_deref(), global);
     }
     ensure!(args.crossing.is_none(), "--crossing is for trees of lines");
     if let Some(tree) = points::open(&args.tree.file, global)? {
-        let given = [
-            ("--size", args.size.is_some()),
-            ("--slice", args.slice.is_some()),
-            ("--nodata", args.nodata.is_some()),
-            ("--style", args.style.is_some()),
-            ("--range", args.range.is_some()),
-            ("--view", args.tree.is_viewed()),
+        let fitting = [
+            "--output",
+            "--format",
+            "--window",
+            "--in",
+            "--within",
+            "--ball",
+            "--where",
+            "--attribute",
+            "--level",
         ];
-        points::refuse(&args.tree.file, &given)?;
+        global.check_options(&args.tree.file, points::KIND, &fitting)?;
+        ensure!(args.part.is_given() || args.part.coordinates().given().is_none(), IN_IS_FOR);
         let selection = args.places.selection(&tree, &args.part, args.level)?;
         return points::get(
             &tree,
@@ -167,7 +164,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     };
     let coordinates = args.part.coordinates();
     let places_something = args.part.is_given() || args.slice.is_some();
-    ensure!(coordinates.given().is_none() || places_something, "--in is for --window and --slice");
+    ensure!(coordinates.given().is_none() || places_something, IN_IS_FOR);
     let is_octree = tree.header().form.axes() == 3;
     let is_array = matches!(format, Format::Npy | Format::Nrrd | Format::Raw);
     let style = args.style.clone().or(args.range.map(|range| Style::stretched(&tree, range)));

@@ -49,15 +49,16 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
 
 fn describe(args: &Args, global: &Global) -> Result<()> {
     if let Some(model) = exact::open(&args.file, global)? {
-        exact::refuse(&args.file, &[("--levels", args.levels)])?;
+        global.check_options(&args.file, exact::KIND, &["--json"])?;
         exact::info(&model, args.json)?;
         return Ok(model.check_unchanged()?);
     }
     if let Some(tree) = lines::open(&args.file, global)? {
+        global.check_options(&args.file, lines::KIND, &["--levels", "--json"])?;
         return lines::info(&tree, args.levels, args.json);
     }
     if let Some(tree) = points::open(&args.file, global)? {
-        points::refuse(&args.file, &[("--levels", args.levels)])?;
+        global.check_options(&args.file, points::KIND, &["--json"])?;
         return points::info(&tree, args.json);
     }
     let tree = open(&args.layer.paths(&args.file, global)?[0], global.access())?;

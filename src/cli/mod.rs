@@ -157,8 +157,13 @@ fn open(path: &Path, access: &FileAccess) -> Result<Dataset> {
 
 /// Runs the program with the arguments that it was given.
 pub(crate) fn main() -> ExitCode {
-    let parsed = tasks::program().try_get_matches_from(words());
-    let Cli { mut global, command } = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
+    let mut program = tasks::program();
+    let parsed = program.try_get_matches_from_mut(words()).and_then(|matches| {
+        let mut cli = Cli::from_arg_matches(&matches)?;
+        cli.global.remember(&program, &matches);
+        Ok(cli)
+    });
+    let Cli { mut global, command } = match parsed {
         Ok(cli) => cli,
         Err(error) => return report::explain_usage(&error),
     };

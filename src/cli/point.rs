@@ -68,18 +68,16 @@ pub(crate) struct Args {
 }
 
 impl Args {
-    /// Options that mean nothing for trees of points and of lines, and whether they were given.
-    fn of_cells(&self) -> [(&'static str, bool); 7] {
+    /// Fails if options were given that questions for what is nearest do not take.
+    fn check_near(&self, what: &str, global: &Global) -> Result<()> {
+        global.check_options(&self.tree.file, what, &["--nearest", "--radius", "--in"])?;
         let is_world = matches!(self.coordinates.given(), None | Some(Coordinates::World));
-        [
-            ("--level", self.level.is_some()),
-            ("--json", self.json),
-            ("--object", self.object),
-            ("--distance", self.distance),
-            ("--rays", self.rays.is_some()),
-            ("--view", self.tree.is_viewed()),
-            ("--in with other coordinates than those of the world", !is_world),
-        ]
+        ensure!(
+            is_world,
+            "{}: is {what}; places are given in its own coordinates (--in world)",
+            self.tree.file.display()
+        );
+        Ok(())
     }
 
     /// The question about points of exact models.
@@ -94,24 +92,23 @@ impl Args {
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     if let Some(view) = args.tree.open_model(global)? {
-        let given = [
-            ("--level", args.level.is_some()),
-            ("--in", args.coordinates.given().is_some()),
-            ("--json", args.json),
-        ];
-        exact::refuse(&args.tree.file, &given)?;
+        global.check_options(
+            &args.tree.file,
+            exact::KIND,
+            &["--object", "--distance", "--rays", "--view"],
+        )?;
         return match &args.rays {
             Some(which) => exact::rays(&view, &args.points, which == "all"),
             None => exact::points(&view, &args.points, args.question()),
         };
     }
     if let Some(tree) = lines::open(&args.tree.file, global)? {
-        lines::refuse(&args.tree.file, &args.of_cells())?;
+        args.check_near(lines::KIND, global)?;
         let within = args.radius.unwrap_or(f64::INFINITY);
         return lines::nearest(&tree, &args.points, (args.nearest.unwrap_or(1), within), global);
     }
     if let Some(tree) = points::open(&args.tree.file, global)? {
-        points::refuse(&args.tree.file, &args.of_cells())?;
+        args.check_near(points::KIND, global)?;
         let within = args.radius.unwrap_or(f64::INFINITY);
         return points::nearest(&tree, &args.points, (args.nearest.unwrap_or(1), within), global);
     }

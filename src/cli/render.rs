@@ -122,9 +122,22 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let file = args.tree.file.as_path();
     let scene = match args.tree.open_model(global)? {
         Some(view) => {
-            if args.drawing != Some(DrawingStyle::Octants) {
-                exact::refuse(file, &[("--level", args.level.is_some())])?;
-            }
+            let level = if args.drawing == Some(DrawingStyle::Octants) { "--level" } else { "--drawing" };
+            let fitting = [
+                "--output",
+                "--background",
+                "--drawing",
+                "--format",
+                "--from",
+                "--orthographic",
+                "--samples",
+                "--scale",
+                "--size",
+                "--up",
+                "--view",
+                level,
+            ];
+            global.check_options(file, exact::KIND, &fitting)?;
             view.as_model("pictures")?;
             Scene::Model(Box::new(view))
         }

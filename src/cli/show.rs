@@ -88,7 +88,7 @@ fn drawn(args: &Args, room: [u64; 2], global: &Global) -> Result<Picture> {
         request
     };
     let size = if let Some(view) = args.tree.open_model(global)? {
-        exact::refuse(file, &[("--style", args.style.is_some())])?;
+        global.check_options(file, exact::KIND, &["--size", "--view"])?;
         render_exact(
             view.as_model("pictures")?,
             &request(room),

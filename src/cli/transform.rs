@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use spinney::brep::TransformOptions;
 use spinney::raw::points::{PointRaster, rasterize_points};
 use spinney::{FileView, Resampling, ViewStep, WarpOptions};
@@ -89,6 +89,13 @@ impl ChainArgs {
         if !rasters.is_empty() {
             bail!("{}: is no tree of points, which raster= is for", self.file.display());
         }
+        let is_grid = |step: &ViewStep| {
+            matches!(step, ViewStep::Like(_) | ViewStep::Warp(_) | ViewStep::WebMercator(_))
+        };
+        ensure!(
+            !self.allow_ballpark || steps.iter().any(is_grid),
+            "--allow-ballpark is for steps to other coordinate systems (like=, warp= and grid=)"
+        );
         let mut warp = WarpOptions::default();
         (warp.resampling, warp.allow_ballpark) = (self.resampling, self.allow_ballpark);
         Ok(FileView {
@@ -183,8 +190,7 @@ Examples:
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let Args { chain, output: path, snap, unit, memory, packing, limit } = args;
-    let ChainArgs { file, resampling, allow_ballpark, moves, .. } = &chain;
-    let (resampling, allow_ballpark, moves) = (*resampling, *allow_ballpark, *moves);
+    let file = &chain.file;
     let (steps, rasters) = chain.steps();
     check_output([&**file].into_iter().chain(steps.iter().flat_map(ViewStep::files)), &path)?;
     if let Some(tree) = points::open(file, global)? {
@@ -194,12 +200,12 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
                 file.display()
             );
         };
-        let given = [
-            ("--resampling", resampling.is_some()),
-            ("--move", moves),
-            ("a step of cells", !steps.is_empty()),
-        ];
-        points::refuse(file, &given)?;
+        ensure!(
+            steps.is_empty(),
+            "{}: is a tree of points, for which steps of cells mean nothing",
+            file.display()
+        );
+        global.check_options(file, points::KIND, &["--output", "--codec", "--max-error"])?;
         let work = Work::start(global, "cells")?;
         let memory = (memory.bytes, packing.choice());
         let [columns, rows] =
@@ -211,9 +217,11 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     }
     let cells = chain.chain(global)?;
     if let Some(model) = exact::open(file, global)? {
-        let given =
-            [("--resampling", resampling.is_some()), ("--allow-ballpark", allow_ballpark), ("--move", moves)];
-        exact::refuse(file, &given)?;
+        global.check_options(
+            file,
+            exact::KIND,
+            &["--output", "--codec", "--snap", "--unit", "--max-error"],
+        )?;
         let mut options = TransformOptions::new(memory.bytes);
         (options.snap, options.unit, options.codec) = (snap, unit, packing.of_model(file)?);
         let moving = exact::Moving { model: &model, steps: &steps, options };

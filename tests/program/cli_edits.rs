@@ -281,8 +281,7 @@ fn conversions_stay_within_memory() {
     spinney(&["-q", "convert", &large, &file]).success();
     let program = || std::process::Command::new(env!("CARGO_BIN_EXE_spinney"));
     let run = |arguments: &[&str]| {
-        let mut child =
-            program().args(arguments).args(["-q", "--memory", "16M", "--threads", "2"]).spawn().unwrap();
+        let mut child = program().args(arguments).args(["-q", "--threads", "2"]).spawn().unwrap();
         peak_memory(&mut child)
     };
     let cap = 72 << 20;
@@ -291,9 +290,10 @@ fn conversions_stay_within_memory() {
         &["convert", &file, &back],
         &["convert", &back, &place.at("again.autumn"), "--share"],
         &["compact", &file, "-o", &place.at("small.autumn"), "--keep", "2"],
-        &["revert", &file, "1"],
     ] {
-        let peak = run(arguments);
+        let peak = run(&[arguments, &["--memory", "16M"]].concat());
         assert!(peak < cap, "{arguments:?}: {} MiB", peak >> 20);
     }
+    // (To go back takes no memory, which there is no option for.)
+    assert!(run(&["revert", &file, "1"]) < cap);
 }

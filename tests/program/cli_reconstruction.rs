@@ -134,7 +134,7 @@ fn outlines_become_solids() {
         (&["--heights", "z", "--edge", "touch"], "centre"),
         (&["--heights", "z", "--brep"], "--brep"),
         (&["--heights", "z", "--where", "z=4"], "two heights or more"),
-        (&["--heights", "z", "--nodata", "0"], "--nodata is for pictures"),
+        (&["--heights", "z", "--nodata", "0"], "--nodata: means nothing"),
     ];
     for (options, expected) in cases {
         let told = stderr(spinney(&[&["build", &text, "-o", &out], options].concat()).failure());

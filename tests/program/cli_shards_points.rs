@@ -64,7 +64,7 @@ fn points_that_have_changed_and_what_is_no_scan_are_refused() {
         assert!(!place.path("none").exists());
     };
     refused(&[&tiles[0], "--codec", "packed"], "--codec");
-    refused(&[&tiles[0], "--stack"], "options for pictures");
+    refused(&[&tiles[0], "--stack"], "--stack: means nothing for points");
     refused(&[&tiles[0], "--attribute", "colour"], "colour");
     refused(&["fixtures/island_elevation.tif", "--where", "a=1"], "--where");
     refused(&["fixtures/island_elevation.tif", &tiles[0]], "island_elevation");

@@ -200,7 +200,8 @@ fn refused_formats_get_advice_that_fits() {
         assert!(text.contains(told), "{text}");
     }
     let polygons = place.write("p.json", r#"{"type": "FeatureCollection", "features": []}"#);
-    for (more, told) in [(&[][..], "features need cells"), (&["--brep"], "are for solids, not for features")]
+    for (more, told) in
+        [(&[][..], "features need cells"), (&["--brep"], "--brep: means nothing for cells of features")]
     {
         let text = complaint(&[&["build", &polygons, "-o", &place.name("o.goblin")], more].concat(), 1);
         assert!(text.contains(told), "{text}");

@@ -1,9 +1,13 @@
 //! Options of all subcommands.
 
+use std::path::Path;
 #[cfg(feature = "remote")]
 use std::time::Duration;
 
+use anyhow::bail;
 use spinney::FileAccess;
+
+use super::GivenOptions;
 
 /// Options of all subcommands.
 #[derive(clap::Args)]
@@ -53,6 +57,9 @@ pub(crate) struct Global {
     /// How files are opened and created, once the program has [started](Global::start).
     #[arg(skip)]
     access: FileAccess,
+    /// Options of the subcommand that were given on the command line.
+    #[arg(skip)]
+    given: GivenOptions,
 }
 
 /// The lines of a text file that are not empty.
@@ -66,6 +73,24 @@ fn lines_of(path: &std::path::Path) -> spinney::Result<Vec<String>> {
 const MAX_THREADS: u16 = 256;
 
 impl Global {
+    /// Remembers which options of the subcommand were given.
+    pub(crate) fn remember(&mut self, program: &clap::Command, matches: &clap::ArgMatches) {
+        self.given = GivenOptions::of(program, matches);
+    }
+
+    /// The options of the subcommand that were given.
+    pub(crate) fn given(&self) -> &GivenOptions {
+        &self.given
+    }
+
+    /// Fails if an option was given that means nothing for a file, which is `what`.
+    pub(crate) fn check_options(&self, file: &Path, what: &str, fitting: &[&str]) -> anyhow::Result<()> {
+        match self.given.other(fitting) {
+            Some(option) => bail!("{}: is {what}, for which {option} means nothing", file.display()),
+            None => Ok(()),
+        }
+    }
+
     /// Makes the pool of threads that everything runs on as large as was asked for, and files be read as was asked
     /// for.
     ///

@@ -3,6 +3,7 @@
 mod commit;
 mod coordinates;
 mod crs;
+mod given;
 mod global;
 mod layer;
 mod list;
@@ -28,6 +29,7 @@ use spinney::Dataset;
 pub(crate) use commit::{CommitOptions, EditOptions};
 pub(crate) use coordinates::CoordinatesOption;
 pub(crate) use crs::parse_crs;
+pub(crate) use given::GivenOptions;
 pub(crate) use global::Global;
 pub(crate) use layer::LayerOption;
 pub(crate) use list::expand_lists;

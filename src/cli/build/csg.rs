@@ -7,7 +7,7 @@ use spinney::raw::csg::{Csg, CsgExactOptions, CsgExactReport, CsgImport, import_
 use spinney::{Output, Progress};
 
 use super::pictures::PictureArgs;
-use super::solids::SolidArgs;
+use super::solids::{OF_CELLS, SolidArgs};
 use super::{Common, Grid, Lines};
 
 /// A text of primitives that was read, and what is to be made of it.
@@ -36,12 +36,15 @@ impl PrimitivesImport {
             if let Some(option) = solids.of_exact_models() {
                 bail!("{option} is for exact models: add --brep, without --cells, --cell and --grid");
             }
+            common.given.check("cells of primitives", &OF_CELLS)?;
             let options = solids.options(csg.unit(), output, common)?;
             return Ok(PrimitivesImport::Cells(Box::new(CsgImport::plan(csg, &options)?)));
         }
         if let Some(option) = solids.of_meshes() {
             bail!("{option} is for the faces of models; {} has primitives", input.display());
         }
+        let fitting = ["--brep", "--deviation", "--snap", "--unit", "--crs", "--codec"];
+        common.given.check("an exact model of primitives", &fitting)?;
         let mut options = CsgExactOptions::new();
         options.deviation = solids.deviation;
         options.snap = solids.snap;

@@ -32,6 +32,21 @@ impl ExactImport {
         if solids.deviation.is_some() {
             bail!("--deviation is for the curved surfaces of primitives (.csg); models have planar faces");
         }
+        let fitting = [
+            "--brep",
+            "--snap",
+            "--close",
+            "--repair",
+            "--inside",
+            "--skip-bad",
+            "--leaf-size",
+            "--up",
+            "--unit",
+            "--crs",
+            "--codec",
+            "--where",
+        ];
+        common.given.check("exact models", &fitting)?;
         let models = spinney::raw::import::mesh::open_all_with(inputs, common.memory.bytes, &common.access)?;
         let mut options = ExactOptions::new();
         options.snap = solids.snap;

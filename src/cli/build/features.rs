@@ -67,25 +67,9 @@ impl FeatureArgs {
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
 
-    /// An option that was given, which makes no sense for points.
-    pub(super) fn not_of_points(&self) -> Option<&'static str> {
-        self.given().filter(|option| !["--where", "--index"].contains(option))
-    }
-
     /// How features are read that are kept as they are.
     pub(super) fn kept(&self, layer: Option<String>) -> FeatureOptions {
         FeatureOptions { layer, filter: self.filter.clone().unwrap_or_default(), ..FeatureOptions::default() }
-    }
-
-    /// An option that was given, which makes no sense for surfaces.
-    pub(super) fn not_of_surfaces(&self) -> Option<&'static str> {
-        self.given().filter(|option| *option != "--where")
-    }
-
-    /// An option that was given, which makes no sense for the outlines of a solid.
-    pub(super) fn not_of_outlines(&self) -> Option<&'static str> {
-        let others = FeatureArgs { heights: None, filter: None, ..self.clone() };
-        others.given()
     }
 
     /// Whether some inputs are files of features.
@@ -100,9 +84,28 @@ impl FeatureArgs {
         output: &Path,
         (common, pictures, solids): (&Common, &PictureArgs, &SolidArgs),
     ) -> Result<FeatureImport> {
-        if let Some(option) = pictures.not_of_features() {
-            bail!("{option} is for pictures, not for features");
-        }
+        let fitting = [
+            "--cells",
+            "--cell",
+            "--grid",
+            "--max-zoom",
+            "--depth",
+            "--edge",
+            "--value",
+            "--overlaps",
+            "--width",
+            "--fractions",
+            "--where",
+            "--layer",
+            "--kind",
+            "--rule",
+            "--crs",
+            "--share",
+            "--time",
+            "--codec",
+            "--max-error",
+        ];
+        common.given.check("cells of features", &fitting)?;
         let Common { depth, crs, memory, share, time, grid, .. } = common;
         let (cells, cell, edge) = solids.of_features()?;
         let grid = match (grid, cells, cell) {

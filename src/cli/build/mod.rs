@@ -29,7 +29,7 @@ use spinney::{Dataset, FileAccess, Progress};
 use spinney::points::PointImport;
 use spinney::raw::ops::WarpGrid;
 use spinney::raw::reconstruction::{ReconstructionImport, is_views_name};
-use spinney::raw::store::{check_tree_name, file_is_tree};
+use spinney::raw::store::{TreeFormat, check_tree_name, file_is_tree};
 use spinney::{Crs, Output, WarpOptions};
 
 use self::bintree::BintreeImport;
@@ -41,7 +41,7 @@ pub(super) use self::solids::SolidArgs;
 use self::surfaces::{SurfaceArgs, SurfaceImport};
 use self::tree::TreeImport;
 pub(super) use self::tree::spec as tree_spec;
-use super::args::{Memory, OutputLimit, Packing, check_output, expand_lists, parse_crs};
+use super::args::{GivenOptions, Memory, OutputLimit, Packing, check_output, expand_lists, parse_crs};
 use super::lines::LineImport;
 use super::report::{Work, report_built};
 use super::{Global, open};
@@ -143,20 +143,17 @@ pub(super) struct Common {
     /// How files are opened: that of the [program](Global::access).
     #[arg(skip)]
     pub(super) access: FileAccess,
+    /// The options that were given.
+    #[arg(skip)]
+    pub(super) given: GivenOptions,
 }
 
 impl Common {
-    /// Whether `--time` was given on the command line. (The environment's default is ignored where it does not apply.)
-    fn has_time(&self) -> bool {
-        let default = std::env::var("SOURCE_DATE_EPOCH").ok().and_then(|text| text.parse().ok());
-        self.time.is_some() && self.time != default
-    }
-
     /// An option that was given and is not for trees that are built in shards.
     pub(super) fn not_of_shards(&self) -> Option<&'static str> {
         let given = [
             ("--share", self.share),
-            ("--time", self.has_time()),
+            ("--time", self.given.has("--time")),
             ("--grid", self.grid.is_some()),
             ("--max-bytes", self.limit.is_given()),
         ];
@@ -419,6 +416,7 @@ impl Args {
             if let Some(option) = solids.of_exact_models() {
                 bail!("{option} is for exact models: add --brep, without --cells, --cell and --grid");
             }
+            common.given.check("cells of models", &[&solids::OF_CELLS[..], &["--stats"]].concat())?;
             return Ok(Import::Solid(Box::new(solids.plan(inputs, output, common)?)));
         }
         if solids.are_given() {
@@ -458,7 +456,10 @@ impl Args {
 pub(crate) fn run(mut args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     args.inputs = expand_lists(args.inputs)?;
-    args.common.access = global.access().clone();
+    (args.common.access, args.common.given) = (global.access().clone(), global.given().clone());
+    if global.given().has("--time") && TreeFormat::of(&args.output) != TreeFormat::Autumnal {
+        bail!("--time: is for .autumn files; {} is none", args.output.display());
+    }
     let import = args.plan()?;
     for (heading, text) in import.description() {
         global.report(heading, text);

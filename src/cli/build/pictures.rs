@@ -206,22 +206,6 @@ impl PictureArgs {
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
 
-    /// An option that was given and is not for features.
-    pub(super) fn not_of_features(&self) -> Option<&'static str> {
-        let given = [
-            ("--band", self.band.is_some()),
-            ("--nodata", self.nodata.is_some()),
-            ("--transform", self.transform.is_some()),
-            ("--pages", self.pages.is_some()),
-            ("--raw-size", self.raw_size.is_some()),
-            ("--keep-transparent", self.keep_transparent),
-            ("--resampling", self.resampling.is_some()),
-            ("--allow-ballpark", self.allow_ballpark),
-        ];
-        let given = given.into_iter().find(|(_, given)| *given).map(|(name, _)| name);
-        given.or(self.of_stacks())
-    }
-
     /// Kind of the values and rule for coarser cells, where they are said.
     pub(super) fn kind_and_rule(&self) -> (Option<DataKind>, Option<Rule>) {
         (self.kind, self.rule)

@@ -28,13 +28,8 @@ pub(super) fn plan(
     if let Some(other) = inputs.iter().find(|input| !is_of_features && !has_points(input)) {
         bail!("{}: has no points, as other files have; build a tree of each kind", other.display());
     }
-    if let Some(option) = features.not_of_points() {
-        bail!("{option}: means nothing for points");
-    }
-    if pictures.layer.is_some() && !is_of_features {
-        bail!("--layer: means nothing for points");
-    }
-    let options = import_options(common, pictures, solids)?;
+    let of_files: &[&str] = if is_of_features { &["--index", "--layer"] } else { &["--index"] };
+    let options = import_options(common, solids, of_files)?;
     let of_features = features.kept(pictures.layer.clone());
     Ok(plan_point_files(inputs, &of_features, &options)?)
 }
@@ -42,30 +37,16 @@ pub(super) fn plan(
 /// The job of building points in shards, those for which conditions hold.
 pub(in crate::cli) fn job(
     inputs: Vec<PathBuf>,
-    (common, pictures, solids): (&Common, &PictureArgs, &SolidArgs),
+    (common, solids): (&Common, &SolidArgs),
     filter: Option<&FeatureFilter>,
 ) -> Result<JobSpec> {
-    if pictures.layer.is_some() {
-        bail!("--layer: means nothing for points");
-    }
-    let options = import_options(common, pictures, solids)?;
+    let options = import_options(common, solids, &["--shards"])?;
     Ok(JobSpec::Points { inputs, options, filter: filter.cloned().unwrap_or_default() })
 }
 
-/// Options of an import of points; fails if some were given that mean nothing for them.
-fn import_options(common: &Common, pictures: &PictureArgs, solids: &SolidArgs) -> Result<PointImportOptions> {
-    let given = [
-        ("--depth", common.depth.is_some()),
-        ("--grid", common.grid.is_some()),
-        ("--share", common.share),
-        ("--time", common.has_time()),
-        ("options for pictures", pictures.not_of_features().is_some()),
-    ];
-    let given = given.into_iter().chain(common.packing.given());
-    let mut given = given.filter(|(_, is_given)| *is_given).map(|(name, _)| name);
-    if let Some(option) = given.next().or(solids.not_of_points()) {
-        bail!("{option}: means nothing for points");
-    }
+/// Options of an import of points; fails if some were given that mean nothing for them, besides some that do.
+fn import_options(common: &Common, solids: &SolidArgs, others: &[&str]) -> Result<PointImportOptions> {
+    common.given.check("points", &[&["--crs", "--leaf-size", "--attribute", "--where"], others].concat())?;
     let mut options = PointImportOptions { crs: common.crs.clone(), ..PointImportOptions::default() };
     options.build = PointBuildOptions { memory: common.memory.bytes, ..PointBuildOptions::default() };
     options.build.leaf_size = solids.leaf_size.unwrap_or(options.build.leaf_size);

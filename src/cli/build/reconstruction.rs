@@ -8,7 +8,7 @@ use spinney::raw::reconstruction::{ReconstructionImport, plan_outlines, plan_vie
 
 use super::features::FeatureArgs;
 use super::pictures::PictureArgs;
-use super::solids::SolidArgs;
+use super::solids::{OF_CELLS, SolidArgs};
 use super::{Common, Grid};
 
 /// Fails if options were given that mean nothing for such solids.
@@ -38,6 +38,7 @@ pub(super) fn views(
         bail!("{}: becomes a solid; the options for pictures and volumes are not for it", input.display());
     }
     check(input, solids, common)?;
+    common.given.check("views of a solid", &OF_CELLS)?;
     Ok(plan_views(input, &solids.options(None, output, common)?, &common.access)?)
 }
 
@@ -52,13 +53,9 @@ pub(super) fn outlines(
     if !is_feature_file(input) {
         bail!("--heights is for features that are polygons, {} has none", input.display());
     }
-    if let Some(option) = features.not_of_outlines() {
-        bail!("{option}: means nothing for the outlines of a solid");
-    }
-    if let Some(option) = pictures.not_of_features() {
-        bail!("{option} is for pictures, not for features");
-    }
     check(input, solids, common)?;
+    let of_outlines = &["--heights", "--where", "--layer"];
+    common.given.check("the outlines of a solid", &[&OF_CELLS[..], of_outlines].concat())?;
     let options = solids.options(None, output, common)?;
     Ok(plan_outlines(input, height, &features.kept(pictures.layer.clone()), &options)?)
 }

@@ -103,6 +103,24 @@ fn metres(unit: &str) -> Option<f64> {
     units.into_iter().find(|(name, _)| *name == unit).map(|(_, metres)| metres)
 }
 
+/// Options of the cells of a solid, however it is described.
+pub(super) const OF_CELLS: [&str; 14] = [
+    "--cells",
+    "--cell",
+    "--grid",
+    "--depth",
+    "--edge",
+    "--attribute",
+    "--shell",
+    "--up",
+    "--unit",
+    "--crs",
+    "--share",
+    "--time",
+    "--codec",
+    "--max-error",
+];
+
 impl SolidArgs {
     /// Whether any of them was given, which makes no sense for pictures.
     pub(in crate::cli) fn are_given(&self) -> bool {
@@ -150,31 +168,7 @@ impl SolidArgs {
             Some(Width(width, None)) => Some(*width),
             None => None,
         };
-        if self.shell
-            || self.attribute.is_some()
-            || self.up.is_some()
-            || self.unit.is_some()
-            || self.stats
-            || self.brep
-        {
-            bail!("--shell, --attribute, --up, --unit, --stats and --brep are for solids, not for features");
-        }
         Ok((self.cells, cell, self.edge))
-    }
-
-    /// An option that was given, which makes no sense for points.
-    pub(super) fn not_of_points(&self) -> Option<&'static str> {
-        let given = [
-            ("--cells", self.cells.is_some()),
-            ("--cell", self.cell.is_some()),
-            ("--shell", self.shell),
-            ("--edge", self.edge.is_some()),
-            ("--up", self.up.is_some()),
-            ("--unit", self.unit.is_some()),
-            ("--stats", self.stats),
-            ("--brep", self.brep),
-        ];
-        given.into_iter().find(|(_, is_given)| *is_given).map(|(name, _)| name)
     }
 
     /// An option that was given and is for exact models alone.

@@ -59,17 +59,12 @@ impl SurfaceArgs {
         if !is_feature_file(input) {
             bail!("--tin is for features that are points, {} has none", input.display());
         }
-        let given = [
-            ("--depth", common.depth.is_some()),
-            ("--grid", common.grid.is_some()),
-            ("--share", common.share),
-            ("--time", common.has_time()),
-            ("options for pictures", pictures.not_of_features().is_some()),
-        ];
-        let mut given = given.into_iter().filter(|(_, is_given)| *is_given).map(|(name, _)| name);
-        if let Some(option) = given.next().or(features.not_of_surfaces()) {
-            bail!("{option}: means nothing for a surface");
-        }
+        let of_both = ["--tin", "--breaklines", "--outline", "--crs", "--where", "--layer", "--codec"];
+        let (what, of_one): (_, &[&str]) = match solids.brep {
+            false => ("the raster of a surface", &["--cell", "--max-error"]),
+            true => ("layers between surfaces", &["--brep", "--snap", "--unit"]),
+        };
+        common.given.check(what, &[&of_both[..], of_one].concat())?;
         let names = self.tin.clone().unwrap_or_default();
         let packing = common.packing.choice();
         let provenance = format!("{}: triangulated surface of {}", input.display(), names.join(", "));
@@ -78,19 +73,12 @@ impl SurfaceArgs {
                 let (None, Some(cell), None) = solids.of_features()? else {
                     bail!("--tin: say the width of the raster's cells with --cell, or --brep for layers");
                 };
-                if let Some(option) = solids.of_exact_models() {
-                    bail!("{option} is for exact models: add --brep, without --cell");
-                }
                 if names.len() != 1 {
                     bail!("--tin: a raster has one height; the layers between several are made with --brep");
                 }
                 Target::Raster(cell, common.memory.bytes, packing)
             }
             true => {
-                let of_curves = solids.deviation.map(|_| "--deviation");
-                if let Some(option) = solids.of_meshes().or(of_curves) {
-                    bail!("{option} is for the faces of models; {} has points", input.display());
-                }
                 if names.len() < 2 {
                     bail!(
                         "--tin: layers lie between two heights or more, from the top down, as in --tin top,base"

@@ -38,6 +38,19 @@ fn only_tree<'a>(inputs: &'a [PathBuf], pictures: &PictureArgs, common: &Common)
     if common.grid.is_some() || pictures.of_warping().is_some() {
         bail!("--grid: {name} is a tree; `spinney transform {name} grid=xyz -o OUT` or `like=TREE` warps it")
     }
+    let fitting = [
+        "--kind",
+        "--rule",
+        "--depth",
+        "--transform",
+        "--crs",
+        "--share",
+        "--time",
+        "--codec",
+        "--max-error",
+        "--shards",
+    ];
+    common.given.check("a tree that is built again", &fitting)?;
     only_layer(input, &common.access)?;
     Ok(input)
 }

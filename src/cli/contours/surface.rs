@@ -3,13 +3,13 @@
 use std::path::Path;
 use std::time::Instant;
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Context as _, Result};
 use spinney::query::ContourLevels;
 use spinney::raw::export::vector::ContourFeatures;
 use spinney::raw::import::mesh::open_all_with;
 use spinney::raw::tin::{Tin, export_isolines};
 
-use super::args::{Args, Ends};
+use super::args::Args;
 use crate::cli::Global;
 use crate::cli::args::{check_output, vector_format};
 use crate::cli::report::{Work, report_output};
@@ -33,15 +33,8 @@ fn check_room(file: &Path, triangles: u64, memory: u64) -> spinney::Result<()> {
 
 pub(super) fn run(args: &Args, levels: &ContourLevels, global: &Global, start: Instant) -> Result<()> {
     let file = &args.tree.file;
-    let given = [
-        ("--filled", args.filled),
-        ("--level", args.level.is_some()),
-        ("--ends", args.ends != Ends::Open),
-        ("--view", args.tree.is_viewed()),
-    ];
-    if let Some((option, _)) = given.iter().find(|(_, is_given)| *is_given) {
-        bail!("{option}: is for contours of trees; {} is a surface of triangles", file.display());
-    }
+    let fitting = ["--every", "--at", "--base", "--output", "--format", "--smooth", "--3d"];
+    global.check_options(file, "a surface of triangles", &fitting)?;
     check_output([file.as_path()], &args.output)?;
     let format = vector_format(args.format.as_deref(), &args.output)?;
     let work = Work::start(global, "faces")?;

@@ -70,6 +70,9 @@ fn chosen(model: &ExactModel, filter: &FeatureFilter) -> Result<BTreeSet<u32>> {
     Ok(found)
 }
 
+/// What messages call such a file.
+pub(super) const KIND: &str = "an exact model";
+
 /// Fails if options were given that mean nothing for exact models.
 pub(super) fn refuse(path: &Path, options: &[(&str, bool)]) -> Result<()> {
     if let Some((name, _)) = options.iter().find(|(_, is_given)| *is_given) {

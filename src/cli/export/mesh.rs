@@ -49,8 +49,8 @@ pub(super) fn run(args: &Args, format: MeshFormat, global: &Global) -> Result<()
     let start = Instant::now();
     let MeshOptions { level, smooth, triangles, ref filter } = args.mesh;
     if let Some(view) = args.tree.open_model(global)? {
-        let given = [("--level", level.is_some()), ("--smooth", smooth)];
-        exact::refuse(&args.tree.file, &given)?;
+        let fitting = ["--output", "--format", "--triangles", "--where", "--view"];
+        global.check_options(&args.tree.file, exact::KIND, &fitting)?;
         return exact::export(
             view.as_model("faces")?,
             args.output.path(),

@@ -14,7 +14,7 @@ mod tin;
 use std::path::Path;
 use std::str::FromStr;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use spinney::export::MeshFormat;
 use spinney::raw::export::tiles::TileTarget;
 
@@ -179,6 +179,7 @@ impl FromStr for Target {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
+    ensure!(args.part.is_given() || args.part.coordinates().given().is_none(), "--in is for --window");
     if args.polygons.polygons {
         let others = [
             args.tiles.given(),
@@ -187,6 +188,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
             args.gltf.given(),
             args.chain.given(),
             args.tin.tin.map(|_| "--tin"),
+            args.page.given(),
         ];
         let of_part = args.part.is_given().then_some("--window");
         let of_mesh = args.mesh.given().filter(|option| *option != "--level");

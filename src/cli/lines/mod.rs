@@ -30,13 +30,8 @@ pub(super) fn open(path: &Path, global: &Global) -> Result<Option<LineTree>> {
     Ok(Some(LineTree::open(path, &global.access().into())?))
 }
 
-/// Fails if options were given that mean nothing for trees of lines.
-pub(super) fn refuse(path: &Path, options: &[(&str, bool)]) -> Result<()> {
-    if let Some((name, _)) = options.iter().find(|(_, is_given)| *is_given) {
-        bail!("{}: is a tree of lines, for which {name} means nothing", path.display());
-    }
-    Ok(())
-}
+/// What messages call such a file.
+pub(super) const KIND: &str = "a tree of lines";
 
 /// The window that is meant, if one was given.
 pub(super) fn window(part: &PartOptions) -> Result<Option<[[f64; 2]; 2]>> {

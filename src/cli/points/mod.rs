@@ -30,13 +30,8 @@ pub(super) fn open(path: &Path, global: &Global) -> Result<Option<PointTree>> {
     Ok(Some(PointTree::open(path, &global.access().into())?))
 }
 
-/// Fails if options were given that mean nothing for trees of points.
-pub(super) fn refuse(path: &Path, options: &[(&str, bool)]) -> Result<()> {
-    if let Some((name, _)) = options.iter().find(|(_, is_given)| *is_given) {
-        bail!("{}: is a tree of points, for which {name} means nothing", path.display());
-    }
-    Ok(())
-}
+/// What messages call such a file.
+pub(super) const KIND: &str = "a tree of points";
 
 /// Where points are asked for, as options say it.
 #[derive(clap::Args, Debug, Default)]

@@ -90,7 +90,7 @@ fn other_kind(input: &Path) -> Option<&'static str> {
 
 pub(super) fn run(mut args: Args, global: &Global) -> Result<()> {
     let inputs = expand_lists(args.inputs)?;
-    args.common.access = global.access().clone();
+    (args.common.access, args.common.given) = (global.access().clone(), global.given().clone());
     let (job, common, pictures, solids) = (&args.job, &args.common, &args.pictures, &args.solids);
     if let Some(option) = common.not_of_shards() {
         bail!("{option} is not for shards: `spinney build` has it")
@@ -102,7 +102,7 @@ pub(super) fn run(mut args: Args, global: &Global) -> Result<()> {
         )
     }
     if inputs.iter().any(|input| is_las_file(input)) {
-        return job.plan(&scans::job(inputs, (common, pictures, solids), args.filter.as_ref())?, global);
+        return job.plan(&scans::job(inputs, (common, solids), args.filter.as_ref())?, global);
     }
     if args.filter.is_some() {
         bail!("{}: has no points; --where is for LAS and LAZ files", inputs[0].display())

@@ -120,13 +120,11 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     if let Some(view) = args.tree.open_model(global)? {
-        let given = [
-            ("--level", args.level.is_some()),
-            ("--zones", args.zones.is_some()),
-            ("--labels", args.label_options.labels),
-            ("--window", args.part.is_given()),
-        ];
-        exact::refuse(&args.tree.file, &given)?;
+        let fitting: &[&str] = match args.each {
+            true => &["--each", "--where", "--output", "--csv", "--view"],
+            false => &["--json", "--view"],
+        };
+        global.check_options(&args.tree.file, exact::KIND, fitting)?;
         if args.each {
             let zones::ZoneOptions { conditions, memory, .. } = &args.zone_options;
             let filter = FeatureFilter { conditions: conditions.clone() };
@@ -137,16 +135,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         return Ok(view.file().check_unchanged()?);
     }
     if let Some(tree) = lines::open(&args.tree.file, global)? {
-        let given = [
-            ("--each", args.each),
-            ("--zones", args.zones.is_some()),
-            ("--labels", args.label_options.labels),
-            ("--solid", args.solid),
-            ("--surface", args.surface),
-            ("--view", args.tree.is_viewed()),
-            ("--level", args.level.is_some()),
-        ];
-        lines::refuse(&args.tree.file, &given)?;
+        let fitting: &[&str] = match (&args.nearest, &args.crossing) {
+            (Some(_), _) => &["--nearest", "--radius", "--attribute", "--output", "--json"],
+            (None, Some(_)) => &["--crossing", "--attribute", "--output", "--json"],
+            (None, None) => &["--window", "--in", "--json"],
+        };
+        global.check_options(&args.tree.file, lines::KIND, fitting)?;
         let within = args.radius.unwrap_or(f64::INFINITY);
         let question = match (&args.nearest, &args.crossing) {
             (Some(points), _) => lines::Join::Nearest(points, within),
@@ -162,17 +156,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         "--nearest and --crossing are for trees of lines"
     );
     if let Some(tree) = points::open(&args.tree.file, global)? {
-        let given = [
-            ("--each", args.each),
-            ("--zones", args.zones.is_some()),
-            ("--labels", args.label_options.labels),
-            ("--surface", args.surface),
-        ];
-        points::refuse(&args.tree.file, &given)?;
+        global.check_options(&args.tree.file, points::KIND, &["--window", "--in", "--level", "--json"])?;
         let selection = PointPlaces::default().selection(&tree, &args.part, args.level)?;
         return points::stats(&tree, &selection, args.json, global);
     }
     ensure!(!args.each, "--each is for exact models; of trees --labels and --zones make tables");
+    check_modes(args, global)?;
     if args.label_options.labels {
         return labels::run(args, global);
     }
@@ -193,6 +182,36 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         [one] if !several => print_json(one)?,
         all => print_json(&json!({ "layers": all }))?,
     }
+    Ok(())
+}
+
+/// Fails if options were given that the table, or the statistics, which are asked for do not take.
+fn check_modes(args: &Args, global: &Global) -> Result<()> {
+    let (mode, fitting): (_, &[&str]) = if args.label_options.labels {
+        ("--labels", &["--labels", "--connect", "--classes", "--output", "--json", "--csv"])
+    } else if args.zones.is_some() {
+        let of_zones = &[
+            "--zones",
+            "--in",
+            "--edge",
+            "--measure",
+            "--quantiles",
+            "--where",
+            "--attribute",
+            "--output",
+            "--json",
+            "--csv",
+        ];
+        ("--zones", of_zones)
+    } else {
+        ("statistics of a tree", &["--window", "--in", "--bins", "--solid", "--surface", "--level", "--json"])
+    };
+    global.given().check(mode, &[fitting, &["--view", "--layer"]].concat())?;
+    let has_columns = args.zones.is_none() || args.json || args.csv || args.label_options.output.is_some();
+    let has_attributes = args.zone_options.attribute.is_some();
+    ensure!(has_columns || !has_attributes, "--attribute is for --json, --csv and --output");
+    let has_place = args.part.is_given() || args.zones.is_some();
+    ensure!(has_place || args.part.coordinates().given().is_none(), "--in is for --window and --zones");
     Ok(())
 }
 
