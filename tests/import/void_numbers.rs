@@ -42,16 +42,35 @@ fn reference(tree: &Dataset, request: &WindowRequest) -> Found {
     found
 }
 
+/// The cells of a picture whose values have opacity behind them, which encodes VOID, or have not.
+fn drawn(path: &Path, value: ValueType) -> Found {
+    let tree = built(path);
+    let channels = tree.header().form.value.channels;
+    assert!([value.channels, value.channels + 1].contains(&channels), "{channels} channels of {value}");
+    assert_eq!(tree.header().form.value.sample, value.sample);
+    let request = WindowRequest::new(tree.header().picture(), Detail::Level(tree.depth()));
+    // (Pixels of opacity 0 keep their colours.)
+    let is_seen =
+        |bytes: &Vec<u8>| channels == value.channels || bytes[value.size()..].iter().any(|byte| *byte > 0);
+    let cells = reference(&tree, &request).into_iter();
+    cells.map(|cell| cell.filter(is_seen).map(|bytes| bytes[..value.size()].to_vec())).collect()
+}
+
 /// The cells of a raster file, as an import reads them.
 fn imported(path: &Path, size: usize) -> Found {
+    let tree = built(path);
+    assert_eq!(tree.header().form.value.size(), size);
+    reference(&tree, &WindowRequest::new(tree.header().picture(), Detail::Level(tree.depth())))
+}
+
+/// The tree of a raster file.
+fn built(path: &Path) -> Dataset {
     let again = path.with_extension("goblin");
     plan(&[path.to_path_buf()], &ImportOptions::new())
         .unwrap()
         .build(Output::create(&again).unwrap(), &())
         .unwrap();
-    let tree = spinney::open(&again).unwrap();
-    assert_eq!(tree.header().form.value.size(), size);
-    reference(&tree, &WindowRequest::new(tree.header().picture(), Detail::Level(tree.depth())))
+    spinney::open(&again).unwrap()
 }
 
 /// The cells at the end of a file of samples, where a number is VOID.
@@ -132,6 +151,17 @@ fn void_stays_void_and_values_stay_values_in_every_format() {
                     )
                     .unwrap();
                     assert!(imported(&name("a.tif"), value.size()) == expected, "{what}");
+                    let is_drawn = matches!(value.sample, SampleType::U8 | SampleType::U16);
+                    if is_drawn && [1, 3].contains(&value.channels) {
+                        let output = Output::create(&name("a.png")).unwrap();
+                        export_window(&tree, &request, output, Format::Png, &()).unwrap();
+                        assert!(drawn(&name("a.png"), value) == expected, "PNG: {what}");
+                    }
+                    if value.sample == SampleType::F32 {
+                        let output = Output::create(&name("a.exr")).unwrap();
+                        export_window(&tree, &request, output, Format::Exr, &()).unwrap();
+                        assert!(drawn(&name("a.exr"), value) == expected, "EXR: {what}");
+                    }
                     for (format, end) in [(Format::Npy, "a.npy"), (Format::Raw, "a.raw")] {
                         let written =
                             export_window(&tree, &request, Output::create(&name(end)).unwrap(), format, &());
@@ -182,14 +212,17 @@ fn boxes_of_octrees_have_a_free_number_for_void() {
     let warnings = Warnings::default();
     for level in [tree.depth(), tree.depth() - 1] {
         let request = ArrayRequest::new(tree.extent_at(level), level);
-        export_array(&tree, &request, Output::create(&name("a.npy")).unwrap(), Format::Npy, &warnings)
-            .unwrap();
-        let (all, bounds) =
-            (samples(&name("a.npy"), value, request.bounds.volume() as usize, void), request.bounds);
+        let bounds = request.bounds;
         let mut valid = vec![false; bounds.volume() as usize];
         let mut bytes = vec![0; 2 * valid.len()];
         tree.window(level, &bounds, 1, &mut bytes, Some(&mut valid)).unwrap();
-        assert!(all.iter().map(Option::is_some).eq(valid.iter().copied()));
+        let cells = bytes.chunks_exact(2).zip(&valid).map(|(cell, valid)| valid.then(|| cell.to_vec()));
+        let expected: Found = cells.collect();
+        for (end, format) in [("npy", Format::Npy), ("raw", Format::Raw), ("nrrd", Format::Nrrd)] {
+            let path = name(&format!("a.{end}"));
+            export_array(&tree, &request, Output::create(&path).unwrap(), format, &warnings).unwrap();
+            assert!(samples(&path, value, expected.len(), void) == expected, "{end}");
+        }
         let asked = with(request, |it| it.nodata = Some(0.into()));
         let error = export_array(&tree, &asked, Output::create(&name("b.npy")).unwrap(), Format::Npy, &());
         assert!(error.unwrap_err().to_string().contains("within the values"));

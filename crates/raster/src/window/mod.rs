@@ -130,7 +130,10 @@ pub fn export_window(
         return export_painted_window(tree, request, &painter, output, format, progress);
     }
     let grid = OutputGrid::of(tree, request)?;
-    let void = VoidCells::of(std::slice::from_ref(tree), request.bounds, request.nodata)?;
+    let mut void = VoidCells::of(std::slice::from_ref(tree), request.bounds, request.nodata)?;
+    if format == Format::Exr && request.nodata.is_none() {
+        void.without_tag(tree);
+    }
     let spec = image_spec(tree, &grid, &void);
     let (path, access) = (output.path().to_path_buf(), output.access().clone());
     void.check((&path, spec.value.sample), format, progress)?;

@@ -35,6 +35,14 @@ impl VoidCells {
         Ok(VoidCells { may_be, fill, replaced })
     }
 
+    /// Takes NaN for VOID cells of a file that has no place to name another number, where samples are floating.
+    pub(crate) fn without_tag(&mut self, tree: &Dataset) {
+        let is_float = tree.header().form.value.sample.is_float();
+        if is_float && self.fill.is_some() && !is_encoded_by_value(std::slice::from_ref(tree)) {
+            (self.fill, self.replaced) = (Some(Number::NAN), None);
+        }
+    }
+
     /// Those of a painted image, where colours encode VOID.
     pub(crate) fn painted(tree: &Dataset, bounds: Bounds) -> Result<VoidCells> {
         let may_be = tree.header().rule != Rule::Occupancy && tree.may_have_void(bounds)?;
