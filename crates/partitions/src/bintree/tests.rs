@@ -111,7 +111,7 @@ fn the_fewest_nodes_are_those_of_all_ways() {
     }
 }
 
-/// A few nodes can tell of a line of any length, which takes very many squares.
+/// A few nodes can be a line of any length, which takes very many squares.
 #[test]
 fn long_thin_blocks_are_refused_before_they_are_built() {
     let line = |axes: &str, depth: usize, sides: &str| {

@@ -252,7 +252,7 @@ impl Parser<'_> {
         Ok(tree)
     }
 
-    /// Refuses a few words that tell of very many nodes of a quadtree or octree: long thin blocks.
+    /// Refuses short text that is very many nodes of a quadtree or octree: long thin blocks.
     fn check_squares(&self, squares: u64, nodes: usize, dimension: Dimension) -> Result<()> {
         let limit = MAX_CELLS.max(SQUARES_PER_NODE.saturating_mul(nodes as u64));
         if squares <= limit {
