@@ -74,8 +74,8 @@ impl Raster for Masked {
         self.raster.choose(channels)
     }
 
-    fn apart(&self, channels: &[usize]) -> Option<Box<dyn Raster>> {
-        let raster = self.raster.apart(channels)?;
+    fn separate_channels(&self, channels: &[usize]) -> Option<Box<dyn Raster>> {
+        let raster = self.raster.separate_channels(channels)?;
         Some(Box::new(Masked { raster, mask: Arc::clone(&self.mask), flags: Pixels::default() }))
     }
 

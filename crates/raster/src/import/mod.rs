@@ -161,7 +161,7 @@ pub trait Raster: Send {
 
     /// The raster of these channels, which reads from the same open file; nothing if that takes as long as to read all channels, or the
     /// format has no way to do so.
-    fn apart(&self, channels: &[usize]) -> Option<Box<dyn Raster>> {
+    fn separate_channels(&self, channels: &[usize]) -> Option<Box<dyn Raster>> {
         let _ = channels;
         None
     }

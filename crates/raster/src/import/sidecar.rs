@@ -41,8 +41,8 @@ impl Raster for Described {
         chosen
     }
 
-    fn apart(&self, channels: &[usize]) -> Option<Box<dyn Raster>> {
-        let raster = self.raster.apart(channels)?;
+    fn separate_channels(&self, channels: &[usize]) -> Option<Box<dyn Raster>> {
+        let raster = self.raster.separate_channels(channels)?;
         Some(Box::new(Described { raster, info: self.info.of_channels(channels) }))
     }
 

@@ -11,7 +11,7 @@ use spinney_base::{Progress, Result};
 /// A raster whose channels make several layers.
 pub(super) enum SharedRaster {
     /// Each layer's channels are read from the file without the others.
-    Apart(Box<dyn Raster>),
+    Separate(Box<dyn Raster>),
     /// The file's samples of all channels are together, so that they were read once, into a temporary file.
     Spilled(SpilledChannels),
 }
@@ -28,8 +28,8 @@ impl SharedRaster {
         progress: &dyn Progress,
     ) -> Result<SharedRaster> {
         let raster = layers[0].open(memory / 2)?;
-        if raster.apart(&layers[0].channels()).is_some() {
-            return Ok(SharedRaster::Apart(raster));
+        if raster.separate_channels(&layers[0].channels()).is_some() {
+            return Ok(SharedRaster::Separate(raster));
         }
         let wanted = match asked {
             Asked::Run(wanted) if layers[0].has_cells_of_file() => Some(wanted),
@@ -43,7 +43,7 @@ impl SharedRaster {
     /// The raster of one of the layers, by its number among these.
     pub(super) fn of_layer(&self, number: usize, layer: &StackLayer) -> Option<Box<dyn Raster>> {
         match self {
-            SharedRaster::Apart(raster) => raster.apart(&layer.channels()),
+            SharedRaster::Separate(raster) => raster.separate_channels(&layer.channels()),
             SharedRaster::Spilled(channels) => Some(channels.group(number)),
         }
     }

@@ -120,7 +120,7 @@ impl Raster for Tiff {
         true
     }
 
-    fn apart(&self, channels: &[usize]) -> Option<Box<dyn Raster>> {
+    fn separate_channels(&self, channels: &[usize]) -> Option<Box<dyn Raster>> {
         if self.file.image.layout.planes == 1 {
             return None;
         }

@@ -316,7 +316,7 @@ impl Raster for Vrt {
         true
     }
 
-    fn apart(&self, channels: &[usize]) -> Option<Box<dyn Raster>> {
+    fn separate_channels(&self, channels: &[usize]) -> Option<Box<dyn Raster>> {
         let bands: Vec<Band> = channels.iter().map(|channel| self.bands[*channel].another()).collect();
         let info = RasterInfo { order: order(&bands), ..self.info.of_channels(channels) };
         let (part, plane) = (Pixels::default(), Plane::default());
