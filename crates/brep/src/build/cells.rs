@@ -10,6 +10,7 @@ use super::items::{Items, bounds_of};
 use super::near::NearFaces;
 use super::pairs::{Contact, Shared, contact, passes, twin};
 use super::spread::Spread;
+use super::twice::EqualFaces;
 use crate::boxes::{Bounds, BoxTree, touch};
 use crate::exact::crossing::FinePoint;
 use crate::exact::rank::rank_of_at_most;
@@ -60,14 +61,15 @@ struct Near<'a> {
     boxes: &'a [Bounds],
     /// Where they are many: faces of one plane may be any number.
     tree: Option<BoxTree>,
+    equal: EqualFaces,
 }
 
-impl<'a> Near<'a> {
-    fn of(boxes: &'a [Bounds]) -> Near<'a> {
+impl Near<'_> {
+    fn tree(boxes: &[Bounds]) -> Option<BoxTree> {
         /// A tree takes longer for fewer.
         const MANY: usize = 64;
         let numbered = || (0..).zip(boxes.iter().copied()).collect();
-        Near { boxes, tree: (boxes.len() > MANY).then(|| BoxTree::of(numbered())) }
+        (boxes.len() > MANY).then(|| BoxTree::of(numbered()))
     }
 
     /// Hands out the places, from a first one on, of all boxes that pass a test, which boxes around them pass, too.
@@ -273,7 +275,7 @@ impl Walk<'_> {
                 [0, 1, 2].map(|axis| high[axis].min(most[axis])),
             ]
         }));
-        let near = Near::of(boxes);
+        let near = Near { boxes, tree: Near::tree(boxes), equal: EqualFaces::of(self.items, list) };
         self.check_pairs(cell, list, &near, out)?;
         self.check_windings(cell, list, &near, out)?;
         let mut rule = self.rule(list);
@@ -315,6 +317,13 @@ impl Walk<'_> {
             if index & 0x1f == 0x1f {
                 self.progress.check()?;
             }
+            if let Some(first) = near.equal.before(index) {
+                // (One cell has its sample: it is counted once.)
+                if self.sample_in(cell, one).is_some() {
+                    out.defects.push(self.defect(DefectKind::Overlap, [list[first], one]));
+                }
+                continue;
+            }
             let [low, high] = near.boxes[index];
             others.clear();
             // (Without a branch for each axis.)
@@ -324,22 +333,38 @@ impl Walk<'_> {
             let touches = |other: &Bounds| !(apart(0, other) | apart(1, other) | apart(2, other));
             near.each(index + 1, &touches, |other| others.push(other));
             for &place in &others {
+                if near.equal.before(place).is_some() {
+                    continue;
+                }
                 let other = list[place];
                 let within = [near.boxes[index], near.boxes[place]];
                 if let Some(kind) = self.conflict([one, other], within, list, owns) {
-                    let [[low, high], [other_low, other_high]] =
-                        [one, other].map(|item| *self.items.bounds(item));
-                    let at = [0, 1, 2].map(|axis| {
-                        let (low, high) = (low[axis].max(other_low[axis]), high[axis].min(other_high[axis]));
-                        (f64::from(low) + f64::from(high)) / 2.0
-                    });
-                    let mut faces = vec![self.items.face(one), self.items.face(other)];
-                    sort::numbers32(&mut faces);
-                    out.defects.push(Found { kind, at, faces });
+                    out.defects.push(self.defect(kind, [one, other]));
                 }
             }
         }
         Ok(())
+    }
+
+    /// A defect of two faces.
+    fn defect(&self, kind: DefectKind, pair: [u32; 2]) -> Found {
+        let [[low, high], [other_low, other_high]] = pair.map(|item| *self.items.bounds(item));
+        let at = [0, 1, 2].map(|axis| {
+            let (low, high) = (low[axis].max(other_low[axis]), high[axis].min(other_high[axis]));
+            (f64::from(low) + f64::from(high)) / 2.0
+        });
+        let mut faces = pair.map(|item| self.items.face(item)).to_vec();
+        sort::numbers32(&mut faces);
+        Found { kind, at, faces }
+    }
+
+    /// The sample of a face, if it is in a cell.
+    // Invariant: a sample lies on no wall, so that one cell has it, and a face is looked at once.
+    fn sample_in(&self, cell: &Cell, item: u32) -> Option<FinePoint> {
+        let (min, width) = cell.bounds(self.bits);
+        let sample = self.items.sample(item);
+        let shift = sample.bits - 1;
+        (0..3).all(|axis| (0..width).contains(&((sample.at[axis] >> shift) - min[axis]))).then_some(sample)
     }
 
     /// The defect between two faces of a cell, if there is one; `within` are the boxes around what the cell has of each.
@@ -411,7 +436,7 @@ impl Walk<'_> {
     /// Looks at both sides of each face that has its sample in the cell: outside should be in front, and inside
     /// behind; or, where faces of bodies that touch lie on each other, the one or the other on both sides.
     fn check_windings(&self, cell: &Cell, list: &[u32], near: &Near<'_>, out: &mut Arena) -> Result<()> {
-        let (min, width) = cell.bounds(self.bits);
+        let (min, _) = cell.bounds(self.bits);
         for (index, &item) in list.iter().enumerate() {
             if out.defects.are_enough() {
                 break;
@@ -419,12 +444,11 @@ impl Walk<'_> {
             if index & 0x1f == 0x1f {
                 self.progress.check()?;
             }
-            // Invariant: a sample lies on no wall, so that one cell has it, and a face is looked at once.
-            let sample = self.items.sample(item);
-            let shift = sample.bits - 1;
-            if (0..3).any(|axis| !(0..width).contains(&((sample.at[axis] >> shift) - min[axis]))) {
+            let Some(sample) = self.sample_in(cell, item).filter(|_| near.equal.before(index).is_none())
+            else {
                 continue;
-            }
+            };
+            let shift = sample.bits - 1;
             let corner = FinePoint { at: min.map(|at| at << shift), bits: sample.bits };
             // The points of the grid around each coordinate.
             let around = |at: i64| [(at >> sample.bits) as i32, -(-at >> sample.bits) as i32];

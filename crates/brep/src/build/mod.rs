@@ -13,6 +13,7 @@ mod near;
 mod pairs;
 mod run;
 mod spread;
+mod twice;
 mod upper;
 
 use std::collections::BTreeMap;

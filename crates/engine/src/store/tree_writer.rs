@@ -1,5 +1,6 @@
 //! Writes a tree file of either format, layer after layer.
 
+use std::collections::HashSet;
 use std::mem;
 use std::path::Path;
 
@@ -62,7 +63,7 @@ pub struct TreeWriter {
     depth: u8,
     layers: u32,
     /// Names of the layers so far.
-    names: Vec<String>,
+    names: HashSet<String>,
     /// A check that comes before the end.
     check: Option<ShardCheck>,
 }
@@ -93,7 +94,7 @@ impl TreeWriter {
             }
             TreeFormat::Autumnal => File::Autumnal(Box::new(NewFile::new(output, depth))),
         };
-        Ok(TreeWriter { file, dimension, depth, layers, names: Vec::new(), check: None })
+        Ok(TreeWriter { file, dimension, depth, layers, names: HashSet::new(), check: None })
     }
 
     /// Starts a file that tells of so many layers, and has none of their cells: whoever makes them is not asked for any. It is what shards of
@@ -155,7 +156,7 @@ impl TreeWriter {
         let (dimension, layers) = (planned.header().form.dimension, planned.layers().len() as u32);
         let depth = planned.layers().iter().map(|layer| layer.header.depth()).max().unwrap_or(0);
         let file = File::Shard(Box::new(ShardWriter::new(&planned, shard)?));
-        Ok(TreeWriter { file, dimension, depth, layers, names: Vec::new(), check: None })
+        Ok(TreeWriter { file, dimension, depth, layers, names: HashSet::new(), check: None })
     }
 
     /// Has [`TreeWriter::finish`] fail, and leave nothing that counts, unless a check passes.
@@ -196,13 +197,13 @@ impl TreeWriter {
             let found = format!("a {} of depth {depth}", form.dimension.tree_name());
             return wrong(found, format!("a {} of depth {} at most", self.dimension.tree_name(), self.depth));
         }
-        if self.layers > 1 && (name.is_empty() || self.names.iter().any(|other| other == name)) {
+        if self.layers > 1 && (name.is_empty() || self.names.contains(name)) {
             return wrong(format!("the name `{name}`"), "one that no other layer has".into());
         }
         if self.names.len() >= self.layers as usize {
             return wrong(format!("layer {}", self.names.len() + 1), format!("{}", self.layers));
         }
-        self.names.push(name.into());
+        self.names.insert(name.into());
         Ok(())
     }
 

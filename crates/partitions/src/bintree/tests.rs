@@ -111,6 +111,26 @@ fn the_fewest_nodes_are_those_of_all_ways() {
     }
 }
 
+/// A few nodes can be a line of any length, which takes very many squares.
+#[test]
+fn long_thin_blocks_are_refused_before_they_are_built() {
+    let line = |axes: &str, depth: usize, sides: &str| {
+        format!("bintree:adaptive:{axes}:{depth}:u8:{sides} {}1{}", "Y".repeat(depth), "W".repeat(depth))
+    };
+    let error = Bintree::from_text(&line("xy", 29, "536870912x1"), 1000).unwrap_err().to_string();
+    assert!(error.contains("59 nodes with long thin blocks, which are 1610612734 squares"), "{error}");
+    assert!(error.contains("at most 1048576"), "{error}");
+    let error = Bintree::from_text(&line("xyz", 19, "524288x1x524288"), 1000).unwrap_err().to_string();
+    assert!(error.contains("cubes of an octree"), "{error}");
+    // What has as few squares as the least trees of rasters may have is read.
+    let short = Bintree::from_text(&line("xy", 18, "262144x1"), 1000).unwrap();
+    assert_eq!(short.nodes().len(), 37);
+    // Blocks of alternating axes are squares, or two.
+    let deep =
+        format!("bintree:alternating:xy:29:u8:536870912x536870912 {}1{}", "G".repeat(58), "W".repeat(58));
+    assert_eq!(Bintree::from_text(&deep, 1000).unwrap().nodes().len(), 117);
+}
+
 #[test]
 fn values_of_all_types_are_read_back() {
     let u8s = ValueType::new(SampleType::U8, 4);

@@ -23,7 +23,7 @@ use spinney_base::value::{Mask, Number, SampleType, Value, ValueType};
 use spinney_base::{Error, Result, TreeType};
 use spinney_engine::tree::df;
 
-use super::{Bintree, BintreeNode, Halving, growing, halves, too_many};
+use super::{Bintree, BintreeNode, Halving, MAX_CELLS, growing, halves, too_many};
 use crate::preorder::BinaryNode;
 
 /// The word that all expressions begin with.
@@ -116,6 +116,16 @@ fn parse_values(text: &str) -> Option<ValueType> {
     (value.is_supported() && values_text(value) == text).then_some(value)
 }
 
+/// Squares or cubes that blocks may have for each node of a text of any size. (Those of alternating axes have at most four.)
+const SQUARES_PER_NODE: u64 = 8;
+
+/// The squares or cubes that a block is made of, whose sides are powers of two.
+fn squares_of(block: Bounds, dimension: Dimension) -> u64 {
+    let sides = &block.size()[..dimension.axes()];
+    let least = sides.iter().copied().min().unwrap_or(1).max(1);
+    sides.iter().map(|side| side / least).fold(1, u64::saturating_mul)
+}
+
 struct Parser<'a> {
     /// Where the text is from, for messages.
     place: &'a str,
@@ -177,6 +187,7 @@ impl Parser<'_> {
         made.reserve(most.min(self.text.len() - at));
         // Blocks whose symbols are to come, with the axis that is next if they alternate: one per level at most, and one more.
         let mut pending = vec![(Bounds::space(dimension, tree.depth), 0)];
+        let mut squares = 0u64;
         while let Some(letter) = self.text[at..].chars().next() {
             let (start, rest) = (at, &self.text[at + letter.len_utf8()..]);
             at += letter.len_utf8();
@@ -231,12 +242,31 @@ impl Parser<'_> {
                 return Err(self.bad(start, "W or V: the block reaches beyond the picture's extent"));
             }
             made.leaf(leaf);
+            squares = squares.saturating_add(squares_of(block, dimension));
         }
         if !pending.is_empty() {
             return Err(self.bad(at, "both halves of every node"));
         }
         tree.nodes = made.finish();
+        self.check_squares(squares, tree.nodes.len(), dimension)?;
         Ok(tree)
+    }
+
+    /// Refuses short text that is very many nodes of a quadtree or octree: long thin blocks.
+    fn check_squares(&self, squares: u64, nodes: usize, dimension: Dimension) -> Result<()> {
+        let limit = MAX_CELLS.max(SQUARES_PER_NODE.saturating_mul(nodes as u64));
+        if squares <= limit {
+            return Ok(());
+        }
+        let (blocks, tree) = match dimension {
+            Dimension::Quad => ("squares", "a quadtree"),
+            Dimension::Oct => ("cubes", "an octree"),
+        };
+        let found = format!("{nodes} nodes with long thin blocks, which are {squares} {blocks} of {tree}");
+        let expected = format!(
+            "at most {limit}, so that blocks are halved along a longer side; of such data, build the raster or volume itself"
+        );
+        Err(Error::invalid(self.place, found, expected))
     }
 
     fn digit(&self, letter: char, value: ValueType) -> Option<Value> {

@@ -124,18 +124,33 @@ impl RasterInfo {
         }
         let place = |channel: usize| chosen.iter().position(|other| *other == channel);
         let class_channel = place(self.class_channel);
+        // (Channels may be many: what others have is not copied.)
         let mut info = RasterInfo {
+            width: self.width,
+            height: self.height,
+            sample: self.sample,
+            stored_sample: self.stored_sample.clone(),
             channels: chosen.len(),
             alpha: self.alpha.and_then(place),
+            transparent: self.transparent,
+            bands: pick(&self.bands, chosen),
+            frame: self.frame.clone(),
+            nodata: self.nodata,
+            palette: self.palette.clone(),
+            colour_roles: pick(&self.colour_roles, chosen),
             class_names: class_channel.map_or(Vec::new(), |_| self.class_names.clone()),
             class_channel: class_channel.unwrap_or(0),
             band_names: pick(&self.band_names, chosen),
-            colour_roles: pick(&self.colour_roles, chosen),
             scale_offset: pick(&self.scale_offset, chosen),
             units: pick(&self.units, chosen),
+            kind: self.kind,
+            layout: self.layout.clone(),
+            tags: self.tags.clone(),
             scoped_tags: pick_tags(&self.scoped_tags, chosen),
-            bands: pick(&self.bands, chosen),
-            ..self.clone()
+            control_points: self.control_points.clone(),
+            remark: self.remark.clone(),
+            pages: self.pages,
+            order: self.order,
         };
         info.take_from_bands();
         info
@@ -248,12 +263,14 @@ fn pick<T: Clone>(items: &[T], chosen: &[usize]) -> Vec<T> {
 
 /// The tags of the picture and of the chosen channels.
 fn pick_tags(tags: &ScopedTags, chosen: &[usize]) -> ScopedTags {
-    let mut picked: ScopedTags = tags.clone();
-    picked.retain(|scope, _| scope.channel.is_none());
-    for (scope, tags) in tags {
-        let places =
-            chosen.iter().zip(0..).filter(|(channel, _)| scope.channel.map(usize::from) == Some(**channel));
-        picked.extend(places.map(|(_, place)| {
+    let of = |channel: Option<u16>| {
+        let first = TagScope { channel, domain: String::new() };
+        tags.range(first..).take_while(move |(scope, _)| scope.channel == channel)
+    };
+    let mut picked: ScopedTags = of(None).map(|(scope, tags)| (scope.clone(), tags.clone())).collect();
+    for (place, channel) in chosen.iter().enumerate() {
+        let (Ok(place), Ok(channel)) = (u16::try_from(place), u16::try_from(*channel)) else { continue };
+        picked.extend(of(Some(channel)).map(|(scope, tags)| {
             (TagScope { channel: Some(place), domain: scope.domain.clone() }, tags.clone())
         }));
     }

@@ -1,6 +1,7 @@
 //! Mask files, GDAL's `.msk` next to a raster: a TIFF file of the same size whose samples are 0 where a pixel is VOID.
 
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
 
 use super::{Pixels, Raster, RasterInfo, RasterOptions, tiff};
 use spinney_base::io::beside;
@@ -10,7 +11,8 @@ use spinney_base::{Error, Result};
 /// A raster with the mask of another file.
 struct Masked {
     raster: Box<dyn Raster>,
-    mask: Box<dyn Raster>,
+    /// Also that of others which read from the same file.
+    mask: Arc<Mutex<Box<dyn Raster>>>,
     flags: Pixels,
 }
 
@@ -44,7 +46,7 @@ pub(super) fn masked(raster: Box<dyn Raster>, options: &RasterOptions) -> Result
         );
         return Err(Error::corrupt(&path, "mask file", size, expected));
     }
-    Ok(Box::new(Masked { raster, mask, flags: Pixels::default() }))
+    Ok(Box::new(Masked { raster, mask: Arc::new(Mutex::new(mask)), flags: Pixels::default() }))
 }
 
 impl Raster for Masked {
@@ -61,14 +63,20 @@ impl Raster for Masked {
         if pixels.valid.is_some() || region.is_empty() {
             return Ok(());
         }
-        self.mask.read(region, &mut self.flags)?;
-        let flags = self.flags.bytes.chunks_exact(self.mask.info().pixel_bytes());
+        let mut mask = self.mask.lock().expect("no panic while held");
+        mask.read(region, &mut self.flags)?;
+        let flags = self.flags.bytes.chunks_exact(mask.info().pixel_bytes());
         pixels.valid = Some(flags.map(|flags| flags.iter().any(|flag| *flag != 0)).collect());
         Ok(())
     }
 
     fn choose(&mut self, channels: &[usize]) -> bool {
         self.raster.choose(channels)
+    }
+
+    fn separate_channels(&self, channels: &[usize]) -> Option<Box<dyn Raster>> {
+        let raster = self.raster.separate_channels(channels)?;
+        Some(Box::new(Masked { raster, mask: Arc::clone(&self.mask), flags: Pixels::default() }))
     }
 
     fn reads_anywhere(&self) -> bool {

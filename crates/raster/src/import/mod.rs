@@ -159,6 +159,13 @@ pub trait Raster: Send {
         false
     }
 
+    /// The raster of these channels, which reads from the same open file; nothing if that takes as long as to read all channels, or the
+    /// format has no way to do so.
+    fn separate_channels(&self, channels: &[usize]) -> Option<Box<dyn Raster>> {
+        let _ = channels;
+        None
+    }
+
     /// Whether any region can be read at any time, though another order may be cheaper.
     fn reads_anywhere(&self) -> bool {
         self.info().order == Order::Anywhere

@@ -41,6 +41,11 @@ impl Raster for Described {
         chosen
     }
 
+    fn separate_channels(&self, channels: &[usize]) -> Option<Box<dyn Raster>> {
+        let raster = self.raster.separate_channels(channels)?;
+        Some(Box::new(Described { raster, info: self.info.of_channels(channels) }))
+    }
+
     fn reads_anywhere(&self) -> bool {
         self.raster.reads_anywhere()
     }

@@ -1,28 +1,49 @@
-//! A raster that comes from the top down, put on disk so that it can be read anywhere.
+//! A raster put on disk, so that it can be read anywhere, or some of its channels without the others.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
 
 use super::slabs::BLOCK;
 use super::{Order, Pixels, Raster, RasterInfo};
-use spinney_base::space::Region;
+use spinney_base::space::{CodeRun, Dimension, Region};
 use spinney_base::{Error, Progress, Result};
-use spinney_engine::store::WantedCells;
+use spinney_engine::store::{SlabBoxes, WantedCells, depth_for};
 
-/// Pixels of a block.
-const AREA: u64 = BLOCK * BLOCK;
+/// Cells along a side of the squares that are read of rasters for which any order is cheap, if memory allows.
+const SIDE: u64 = 1024;
 
-/// A raster in a temporary file: blocks of 256 x 256 pixels, those at the edges with room for as many.
+/// A temporary file of samples: those of a group of channels after those of another, each in blocks of 256 x 256 pixels. Blocks at
+/// the right and lower edges of larger rasters have as many.
 ///
-/// Behind the samples of all blocks there may be a byte per pixel that is 1 where it is VOID by a mask.
-struct Spilled {
-    file: File,
+/// After the samples there may be a byte per pixel that is 1 where it is VOID by a mask.
+struct SpillFile {
+    file: Mutex<File>,
     folder: PathBuf,
-    raster: Box<dyn Raster>,
-    info: RasterInfo,
+    size: [u64; 2],
+    /// Offset of the mask in the file.
+    mask: u64,
     has_mask: bool,
-    /// Rows of one block on their way from or to the file.
+}
+
+/// Groups of a raster's channels in a temporary file.
+pub(super) struct SpilledChannels {
+    file: Arc<SpillFile>,
+    path: PathBuf,
+    info: RasterInfo,
+    /// The channels of each group, and the offset of their samples in the file.
+    groups: Vec<(Vec<usize>, u64)>,
+}
+
+/// A group of channels in a temporary file.
+struct Spilled {
+    file: Arc<SpillFile>,
+    /// Offset of the samples.
+    start: u64,
+    path: PathBuf,
+    info: RasterInfo,
+    /// Rows of one block on their way from the file.
     buffer: Vec<u8>,
 }
 
@@ -51,20 +72,74 @@ pub(super) fn spill_wanted(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<Box<dyn Raster>> {
+    let all = (0..raster.info().channels).collect();
+    Ok(spill_channels(raster, vec![all], wanted, folder, memory, progress)?.group(0))
+}
+
+/// Reads a raster once into a temporary file from which each of some groups of channels can be read without the others: see [`spill_wanted`].
+///
+/// # Errors
+/// Those of [`spill`].
+pub(super) fn spill_channels(
+    mut raster: Box<dyn Raster>,
+    groups: Vec<Vec<usize>>,
+    wanted: Option<WantedCells>,
+    folder: &Path,
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<SpilledChannels> {
     let info = RasterInfo { order: Order::Anywhere, ..raster.info().clone() };
     let file = tempfile::tempfile_in(folder).map_err(failed(folder))?;
-    let folder = folder.to_path_buf();
-    let row = info.width * (info.pixel_bytes() as u64 + 1);
-    let mut rows = BLOCK;
-    while rows > 1 && rows * row > memory {
-        rows /= 2;
-    }
-    let mut spilled = Spilled { file, folder, raster, info, has_mask: false, buffer: Vec::new() };
+    let mut spilled = SpillFile {
+        file: Mutex::new(file),
+        folder: folder.into(),
+        size: [info.width, info.height],
+        mask: 0,
+        has_mask: false,
+    };
+    let (pixels, sample) = (spilled.pixels(), info.sample.size());
+    let mut start = 0;
+    let groups: Vec<(Vec<usize>, u64)> = groups
+        .into_iter()
+        .map(|channels| {
+            let first = start;
+            start += pixels * (channels.len() * sample) as u64;
+            (channels, first)
+        })
+        .collect();
+    spilled.mask = start;
     // What is never written, such as a mask's part without VOID, reads as zeros.
-    let all_pixels = spilled.mask() / spilled.info.pixel_bytes() as u64;
-    spilled.file.set_len(spilled.mask() + all_pixels).map_err(failed(&spilled.folder))?;
-    let (mut pixels, anywhere) = (Pixels::default(), spilled.raster.reads_anywhere());
-    let [width, height] = [spilled.info.width, spilled.info.height];
+    let file = spilled.file.get_mut().expect("no panic while held");
+    file.set_len(start + pixels).map_err(failed(folder))?;
+    let (mut part, mut buffer) = (Pixels::default(), Vec::new());
+    for region in regions(&*raster, wanted, memory) {
+        progress.check()?;
+        raster.read(region, &mut part)?;
+        spilled.write(region, (wanted, &groups), &info, &part, &mut buffer).map_err(failed(folder))?;
+    }
+    let path = raster.path().to_path_buf();
+    Ok(SpilledChannels { file: Arc::new(spilled), path, info, groups })
+}
+
+/// Regions that have all that is wanted of a raster, each pixel once, in an order that is cheap. Their samples take about `memory` bytes at most, if they can.
+fn regions(raster: &dyn Raster, wanted: Option<WantedCells>, memory: u64) -> Vec<Region> {
+    let info = raster.info();
+    let [width, height] = [info.width, info.height];
+    // A flag per pixel may come with the samples.
+    let pixel = info.pixel_bytes() as u64 + 1;
+    let mut regions = Vec::new();
+    if info.order == Order::Anywhere {
+        let extent = [width, height, 1];
+        let all = WantedCells { dimension: Dimension::Quad, depth: depth_for(extent), run: CodeRun::ALL };
+        let mut side = SIDE;
+        while side > BLOCK && side * side * pixel > memory {
+            side /= 2;
+        }
+        for ([x, y, _], [width, height, _]) in SlabBoxes::new(extent, wanted.unwrap_or(all), side) {
+            divide(Region::new(x, y, width, height), pixel, memory, &mut regions);
+        }
+        return regions;
+    }
     // Columns of which something is wanted in a row of blocks.
     let columns = |row: u64| {
         let Some(wanted) = wanted else { return Some((0, width)) };
@@ -73,20 +148,35 @@ pub(super) fn spill_wanted(
         let first = blocks.next()?;
         Some((first * BLOCK, ((blocks.next_back().unwrap_or(first) + 1) * BLOCK).min(width)))
     };
-    let end = (0..height.div_ceil(BLOCK)).rev().find(|row| columns(*row).is_some());
-    let end = end.map_or(0, |row| ((row + 1) * BLOCK).min(height));
-    for y in (0..end).step_by(rows as usize) {
-        progress.check()?;
-        let mut band = Region::new(0, y, width, rows.min(height - y));
-        match columns(y / BLOCK) {
-            Some((left, right)) if anywhere => (band.x, band.width) = (left, right - left),
-            None if anywhere => continue,
-            _ => {}
+    let wanted: Vec<_> = (0..height.div_ceil(BLOCK)).map(columns).collect();
+    let end = wanted.iter().rposition(Option::is_some).map_or(0, |row| row + 1);
+    for (y, columns) in (0..height).step_by(BLOCK as usize).zip(&wanted[..end]) {
+        let rows = BLOCK.min(height - y);
+        match columns {
+            Some((left, right)) if raster.reads_anywhere() => {
+                divide(Region::new(*left, y, right - left, rows), pixel, memory, &mut regions);
+            }
+            None if raster.reads_anywhere() => {}
+            _ => {
+                let few = (memory / (width * pixel)).clamp(1, rows);
+                let starts = (y..y + rows).step_by(few as usize);
+                regions.extend(starts.map(|top| Region::new(0, top, width, few.min(y + rows - top))));
+            }
         }
-        spilled.raster.read(band, &mut pixels)?;
-        spilled.write(band, wanted, &pixels).map_err(failed(&spilled.folder))?;
     }
-    Ok(Box::new(spilled))
+    regions
+}
+
+/// Cuts a region so that the pixels of each take no more than `memory` bytes, if they can: first into rows, then these.
+fn divide(region: Region, pixel: u64, memory: u64, regions: &mut Vec<Region>) {
+    let pixels = (memory / pixel).max(1);
+    let width = region.width.min(pixels);
+    let height = (pixels / width).clamp(1, region.height);
+    for y in (region.y..region.bottom()).step_by(height as usize) {
+        for x in (region.x..region.right()).step_by(width as usize) {
+            regions.push(Region::new(x, y, width, height).intersect(&region));
+        }
+    }
 }
 
 fn failed(folder: &Path) -> impl FnOnce(io::Error) -> Error {
@@ -98,77 +188,137 @@ fn columns(bytes: &[u8], row: usize, columns: std::ops::Range<usize>) -> impl It
     bytes.chunks_exact(row).map(move |row| &row[columns.clone()])
 }
 
-impl Spilled {
-    fn blocks_across(&self) -> u64 {
-        self.info.width.div_ceil(BLOCK)
+impl SpilledChannels {
+    /// The raster of a group of channels, by its number.
+    pub(super) fn group(&self, number: usize) -> Box<dyn Raster> {
+        let (channels, start) = &self.groups[number];
+        // (All have the type that the channels have in common.)
+        let info = RasterInfo { sample: self.info.sample, ..self.info.of_channels(channels) };
+        let (file, path) = (Arc::clone(&self.file), self.path.clone());
+        Box::new(Spilled { file, start: *start, path, info, buffer: Vec::new() })
+    }
+}
+
+impl SpillFile {
+    /// Columns and rows of a block.
+    fn block(&self) -> [u64; 2] {
+        self.size.map(|side| side.clamp(1, BLOCK))
     }
 
-    /// Offset of the mask in the file.
-    fn mask(&self) -> u64 {
-        self.blocks_across() * self.info.height.div_ceil(BLOCK) * AREA * self.info.pixel_bytes() as u64
+    /// Pixels of all blocks.
+    fn pixels(&self) -> u64 {
+        let [width, height] = self.block();
+        self.size.map(|side| side.div_ceil(BLOCK)).iter().product::<u64>() * width * height
     }
 
     /// The blocks that a region touches: what they have of it, and where that part's first whole row is in
     /// the file, in pixels. Rows of a block are always as long as a block.
     fn parts(&self, region: Region) -> impl Iterator<Item = (Region, u64)> + use<> {
-        let across = self.blocks_across();
+        let (across, [width, height]) = (self.size[0].div_ceil(BLOCK), self.block());
         let columns = region.x / BLOCK..region.right().div_ceil(BLOCK);
         let rows = region.y / BLOCK..region.bottom().div_ceil(BLOCK);
         rows.flat_map(move |y| columns.clone().map(move |x| (x, y))).map(move |(x, y)| {
             let part = Region::new(x * BLOCK, y * BLOCK, BLOCK, BLOCK).intersect(&region);
-            (part, (y * across + x) * AREA + (part.y - y * BLOCK) * BLOCK)
+            (part, (y * across + x) * width * height + (part.y - y * BLOCK) * width)
         })
     }
 
-    /// Writes what is wanted of a band, which must not reach over edges of rows of blocks, and begins at one of a column.
-    fn write(&mut self, band: Region, wanted: Option<WantedCells>, pixels: &Pixels) -> io::Result<()> {
-        let size = self.info.pixel_bytes();
+    /// Writes what is wanted of a region's pixels, group by group. The region begins and ends at edges of blocks in each row, or the file has its row from before.
+    fn write(
+        &mut self,
+        region: Region,
+        (wanted, groups): (Option<WantedCells>, &[(Vec<usize>, u64)]),
+        info: &RasterInfo,
+        pixels: &Pixels,
+        buffer: &mut Vec<u8>,
+    ) -> io::Result<()> {
+        let (size, all) = (info.sample.size(), info.pixel_bytes());
         let void: Option<Vec<u8>> =
             pixels.valid.as_ref().map(|valid| valid.iter().map(|valid| u8::from(!valid)).collect());
         self.has_mask |= void.is_some();
-        for (part, first) in self.parts(band) {
-            let block = [part.x, part.y / BLOCK * BLOCK, 0];
+        for (part, first) in self.parts(region) {
+            let block = [part.x / BLOCK * BLOCK, part.y / BLOCK * BLOCK, 0];
             if wanted.is_some_and(|wanted| !wanted.touches(block, BLOCK)) {
                 continue;
             }
-            self.write_part((0, first), (band, part), &pixels.bytes, size)?;
+            for (channels, start) in groups {
+                let pixel = channels.len() * size;
+                let is_all = channels.iter().copied().eq(0..info.channels);
+                let to = (*start, first, pixel);
+                self.write_part(to, (region, part), (&pixels.bytes, all), buffer, |row, buffer| {
+                    if is_all {
+                        buffer.extend_from_slice(row);
+                        return;
+                    }
+                    for samples in row.chunks_exact(all) {
+                        for channel in channels {
+                            buffer.extend_from_slice(&samples[channel * size..][..size]);
+                        }
+                    }
+                })?;
+            }
             if let Some(void) = &void {
-                self.write_part((self.mask(), first), (band, part), void, 1)?;
+                let to = (self.mask, first, 1);
+                self.write_part(to, (region, part), (void, 1), buffer, |row, buffer| {
+                    buffer.extend_from_slice(row);
+                })?;
             }
         }
         Ok(())
     }
 
+    /// Writes a part of a region: `start` is the offset of samples of `size` bytes per pixel in the file, and `first` the pixel there.
     fn write_part(
         &mut self,
-        (start, first): (u64, u64),
-        (band, part): (Region, Region),
-        bytes: &[u8],
-        size: usize,
+        (start, first, size): (u64, u64, usize),
+        (region, part): (Region, Region),
+        (bytes, pixel): (&[u8], usize),
+        buffer: &mut Vec<u8>,
+        append: impl Fn(&[u8], &mut Vec<u8>),
     ) -> io::Result<()> {
-        self.buffer.clear();
-        let from = (part.x - band.x) as usize * size..(part.right() - band.x) as usize * size;
-        for row in columns(bytes, band.width as usize * size, from) {
-            self.buffer.extend_from_slice(row);
-            self.buffer.resize(self.buffer.len().next_multiple_of(BLOCK as usize * size), 0);
+        let block = self.block()[0];
+        let left = part.x % BLOCK;
+        let is_whole = left == 0 && (part.width == block || part.right() == self.size[0]);
+        let from = (part.x - region.x) as usize * pixel..(part.right() - region.x) as usize * pixel;
+        let rows = columns(bytes, region.width as usize * pixel, from);
+        let rows = rows.skip((part.y - region.y) as usize).take(part.height as usize);
+        let file = self.file.get_mut().expect("no panic while held");
+        buffer.clear();
+        for (row, number) in rows.zip(0..) {
+            append(row, buffer);
+            if is_whole {
+                buffer.resize(buffer.len().next_multiple_of(block as usize * size), 0);
+            } else {
+                file.seek(SeekFrom::Start(start + (first + number * block + left) * size as u64))?;
+                file.write_all(buffer)?;
+                buffer.clear();
+            }
         }
-        self.file.seek(SeekFrom::Start(start + first * size as u64))?;
-        self.file.write_all(&self.buffer)
+        file.seek(SeekFrom::Start(start + first * size as u64))?;
+        file.write_all(buffer)
     }
 
     /// Reads what is `size` bytes per pixel and starts at `start` in the file.
-    fn read_all(&mut self, start: u64, region: Region, out: &mut [u8], size: usize) -> io::Result<()> {
+    fn read_all(
+        &self,
+        start: u64,
+        region: Region,
+        out: &mut [u8],
+        size: usize,
+        buffer: &mut Vec<u8>,
+    ) -> io::Result<()> {
+        let mut file = self.file.lock().expect("no panic while held");
         for (part, first) in self.parts(region) {
             // A block's rows are read whole: that is one piece of the file.
-            let row = BLOCK as usize * size;
-            self.buffer.resize(part.height as usize * row, 0);
-            self.file.seek(SeekFrom::Start(start + first * size as u64))?;
-            self.file.read_exact(&mut self.buffer)?;
+            let row = self.block()[0] as usize * size;
+            buffer.resize(part.height as usize * row, 0);
+            file.seek(SeekFrom::Start(start + first * size as u64))?;
+            file.read_exact(buffer)?;
             let left = (part.x % BLOCK) as usize * size;
             let width = part.width as usize * size;
             let to = (part.x - region.x) as usize * size;
             let rows = out.chunks_exact_mut(region.width as usize * size).skip((part.y - region.y) as usize);
-            for (from, out) in columns(&self.buffer, row, left..left + width).zip(rows) {
+            for (from, out) in columns(buffer, row, left..left + width).zip(rows) {
                 out[to..to + width].copy_from_slice(from);
             }
         }
@@ -182,18 +332,19 @@ impl Raster for Spilled {
     }
 
     fn path(&self) -> &Path {
-        self.raster.path()
+        &self.path
     }
 
     fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
         self.info.check(region)?;
-        let size = self.info.pixel_bytes();
+        let (file, buffer, size) = (&self.file, &mut self.buffer, self.info.pixel_bytes());
+        let failed = || failed(&file.folder);
         pixels.bytes.resize(region.area() as usize * size, 0);
-        self.read_all(0, region, &mut pixels.bytes, size).map_err(failed(&self.folder))?;
+        file.read_all(self.start, region, &mut pixels.bytes, size, buffer).map_err(failed())?;
         pixels.valid = None;
-        if self.has_mask {
+        if file.has_mask {
             let mut void = vec![0; region.area() as usize];
-            self.read_all(self.mask(), region, &mut void, 1).map_err(failed(&self.folder))?;
+            file.read_all(file.mask, region, &mut void, 1, buffer).map_err(failed())?;
             pixels.valid = void.contains(&1).then(|| void.iter().map(|void| *void == 0).collect());
         }
         Ok(())
@@ -262,6 +413,44 @@ mod tests {
             }
             spilled.read(Region::new(0, 512, 256, 100), &mut found).unwrap();
             assert!(found.bytes.iter().all(|byte| *byte == 0), "nobody has asked for it");
+        }
+    }
+
+    #[test]
+    fn channels_come_back_alone_and_are_read_once() {
+        let (width, height, channels) = (600, 300, 5);
+        let info = RasterInfo::plain([width, height], SampleType::I16, channels);
+        let bytes: Vec<u8> = (0..width * height * channels as u64 * 2).map(|i| (i * i / 7) as u8).collect();
+        let valid: Vec<bool> = (0..width * height).map(|i| i % 1000 > 0).collect();
+        let folder = tempfile::tempdir().unwrap();
+        let groups = [vec![3], vec![4, 0], vec![1, 2, 3]];
+        for memory in [0, 1000, 100_000, 1 << 30] {
+            for order in [Order::Bands, Order::Anywhere] {
+                let fake = |order| {
+                    let info = RasterInfo { order, ..info.clone() };
+                    Fake::new(info, bytes.clone()).with_mask(valid.clone())
+                };
+                let spilled =
+                    spill_channels(Box::new(fake(order)), groups.to_vec(), None, folder.path(), memory, &());
+                let spilled = spilled.unwrap();
+                let read = regions(&fake(order), None, memory);
+                assert_eq!(read.iter().map(Region::area).sum::<u64>(), width * height, "{memory}");
+                for (number, chosen) in groups.iter().enumerate() {
+                    let mut group = spilled.group(number);
+                    let mut direct =
+                        super::super::bands::select_channels(Box::new(fake(Order::Anywhere)), chosen);
+                    let (mut found, mut expected) = (Pixels::default(), Pixels::default());
+                    for [x, y, width, height] in
+                        [[0, 0, width, height], [250, 200, 100, 100], [599, 299, 1, 1]]
+                    {
+                        let region = Region::new(x, y, width, height);
+                        group.read(region, &mut found).unwrap();
+                        direct.read(region, &mut expected).unwrap();
+                        expected.valid = expected.valid.filter(|valid| valid.contains(&false));
+                        assert!(found == expected, "{memory} {order:?} {chosen:?} {region:?}");
+                    }
+                }
+            }
         }
     }
 }

@@ -49,7 +49,7 @@ pub struct StackLayer {
     /// Cells of the stack's grid to the left of the file's first pixel and above it, which are VOID.
     pub offset: [u64; 2],
     pub(super) path: PathBuf,
-    options: RasterOptions,
+    pub(super) options: RasterOptions,
     pub(super) page: Option<usize>,
     parts: Parts,
     /// Whether the file, or the page, makes others, too.
@@ -197,6 +197,16 @@ impl StackLayer {
         self.parts.channels[0]
     }
 
+    /// All its channels in the file, from 0; opacity that makes cells VOID is the last.
+    pub(super) fn channels(&self) -> Vec<usize> {
+        [self.parts.channels.as_slice(), self.parts.opacity.as_slice()].concat()
+    }
+
+    /// Whether its cells are the pixels of the file, at the same columns and rows.
+    pub(super) fn has_cells_of_file(&self) -> bool {
+        self.repeat == 1 && self.offset == [0; 2]
+    }
+
     /// Opens the file, and gives all cells with `memory` bytes for reading. One that comes from the top down, and is too wide for that or is repeated, goes
     /// to a temporary file in the folder first.
     ///
@@ -213,19 +223,33 @@ impl StackLayer {
         (folder, memory): (&Path, u64),
         progress: &dyn Progress,
     ) -> Result<RasterSlabs> {
-        let options = RasterOptions { memory: memory / 2, ..self.options.clone() };
-        let raster = open(&self.path, &options)?;
+        let raster = select_channels(self.open(memory / 2)?, &self.channels());
+        self.slabs_of(raster, asked, (folder, memory), progress)
+    }
+
+    /// Opens the file.
+    pub(super) fn open(&self, memory: u64) -> Result<Box<dyn Raster>> {
+        let raster = open(&self.path, &RasterOptions { memory, ..self.options.clone() })?;
         let found = raster.info();
         if [found.width, found.height, found.channels as u64] != self.picture {
             return Err(Error::Changed { path: self.path.clone(), what: "was overwritten" });
         }
-        let Parts { channels, opacity } = &self.parts;
-        let raster = select_channels(raster, &[channels.as_slice(), opacity.as_slice()].concat());
+        Ok(raster)
+    }
+
+    /// Yields the cells that the file needs, from a raster of the layer's channels.
+    pub(super) fn slabs_of(
+        &self,
+        raster: Box<dyn Raster>,
+        asked: Asked,
+        (folder, memory): (&Path, u64),
+        progress: &dyn Progress,
+    ) -> Result<RasterSlabs> {
         let mut info = raster.info().clone();
         info.transparent = self.transparent;
         info.alpha = info.alpha.filter(|_| info.channels > 1);
         let mut raster: Box<dyn Raster> = Box::new(Described { raster, info });
-        if opacity.is_some() {
+        if self.parts.opacity.is_some() {
             raster = Box::new(Masked::new(raster));
         }
         if raster.info().sample != self.value.sample

@@ -4,6 +4,7 @@ mod grid;
 mod layer;
 mod name;
 mod raster;
+mod shared;
 mod time;
 mod write;
 
@@ -126,11 +127,13 @@ pub fn plan_stack(inputs: &[PathBuf], options: &StackOptions) -> Result<Stack> {
     let size = format!("{width} x {height} of the finest cells");
     let depth = depth_of(Dimension::Quad, extent, &size, import.depth)?;
     let mut layers = Vec::new();
+    // (Bands may be many: each layer gets its own.)
+    let of_layers = ImportOptions { bands: None, ..import.clone() };
     for (picture, place) in pictures.iter().zip(&grid.places) {
         let divided = divide(&picture.path, &picture.info, import.bands.as_deref())?;
         let several = picture.info.channels > divided.first().map_or(1, |parts| parts.channels.len());
         for parts in &divided {
-            let mut layer = StackLayer::plan(picture, parts, several, *place, &frame, import)?;
+            let mut layer = StackLayer::plan(picture, parts, several, *place, &frame, &of_layers)?;
             if place.repeat == 0 {
                 // (In cells of the files' own map, whatever is said of it.)
                 layer.warp_to(&grid.frame, extent, options)?;

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::super::build::Asked;
+use super::shared::{SharedRaster, alike};
 use super::{Stack, StackLayer};
 use spinney_base::io::{Output, folder};
 use spinney_base::space::Dimension;
@@ -36,7 +37,9 @@ pub fn write_layers(
     let cells =
         |layer: &StackLayer| layer.extent.iter().fold(1u64, |cells, side| cells.saturating_mul(*side));
     let total = stack.layers.iter().fold(0, |total: u64, layer| total.saturating_add(cells(layer)));
-    for layer in &stack.layers {
+    // The raster of this layer and others, and how many of these came before and are to come.
+    let mut shared: Option<(SharedRaster, usize, usize)> = None;
+    for (number, layer) in stack.layers.iter().enumerate() {
         let progress = &SubProgress::new(progress, cells(layer), total);
         // (An only layer needs no name.)
         let name = if stack.layers.len() > 1 { layer.name.clone() } else { String::new() };
@@ -57,8 +60,24 @@ pub fn write_layers(
             file.tell(form, layer.extent, &options)?;
             continue;
         }
-        let mut slabs =
-            layer.slabs_for(Asked::by(file, options.depth), (beside, stack.memory / 2), progress)?;
+        let asked = Asked::by(file, options.depth);
+        let room = (beside, stack.memory / 2);
+        if !shared.as_ref().is_some_and(|(_, _, left)| *left > 0) {
+            let layers = &stack.layers[number..];
+            let layers = &layers[..alike(layers)];
+            shared = match layers.len() {
+                1 => None,
+                count => Some((SharedRaster::open(layers, asked, room, progress)?, 0, count)),
+            };
+        }
+        let raster = shared.as_mut().and_then(|(raster, before, left)| {
+            (*before, *left) = (*before + 1, *left - 1);
+            raster.of_layer(*before - 1, layer)
+        });
+        let mut slabs = match raster {
+            Some(raster) => layer.slabs_of(raster, asked, room, progress)?,
+            None => layer.slabs_for(asked, room, progress)?,
+        };
         let nodata = layer.nodata.and_then(|number| layer.value.splat(number));
         file.slabs(form, &mut slabs, nodata, &options, progress)?;
     }

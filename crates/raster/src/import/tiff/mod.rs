@@ -14,6 +14,7 @@ mod spec;
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 
 use self::colour::Colour;
 use self::geokeys::Place;
@@ -54,7 +55,7 @@ pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
     let mask = mask(&input, next, &image)?;
     drop(directory);
     let chosen = (0..info.channels).collect();
-    Ok(Box::new(Tiff { input, image, mask, chosen, info }))
+    Ok(Box::new(Tiff { file: Arc::new(OpenFile { input, image, mask }), chosen, info }))
 }
 
 /// The directories of a file's pages, by their offsets.
@@ -63,11 +64,16 @@ pub(crate) fn page_directories(path: &Path, options: &RasterOptions) -> Result<V
     pages::directories(&input, first)
 }
 
-/// An open TIFF file.
-struct Tiff {
+/// An open file, with its tables of chunks: what rasters of its channels share.
+struct OpenFile {
     input: Input,
     image: Image,
     mask: Option<Image>,
+}
+
+/// Channels of an open TIFF file.
+struct Tiff {
+    file: Arc<OpenFile>,
     /// The image's channels that are given, in this order.
     chosen: Vec<usize>,
     info: RasterInfo,
@@ -79,7 +85,7 @@ impl Raster for Tiff {
     }
 
     fn path(&self) -> &Path {
-        &self.input.path
+        &self.file.input.path
     }
 
     fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
@@ -95,12 +101,13 @@ impl Raster for Tiff {
         if region.is_empty() {
             return Ok(());
         }
-        self.image.read(&self.input, region, &self.chosen, &mut pixels.bytes)?;
-        if let Some(mask) = &self.mask {
+        let OpenFile { input, image, mask } = &*self.file;
+        image.read(input, region, &self.chosen, &mut pixels.bytes)?;
+        if let Some(mask) = mask {
             let mut samples = Vec::new();
             self.resize(&mut samples, region, mask.pixel_bytes())?;
             let all: Vec<usize> = (0..mask.channels).collect();
-            mask.read(&self.input, region, &all, &mut samples)?;
+            mask.read(input, region, &all, &mut samples)?;
             let flags = samples.chunks_exact(mask.channels);
             pixels.valid = Some(flags.map(|flags| flags.iter().any(|flag| *flag != 0)).collect());
         }
@@ -111,6 +118,15 @@ impl Raster for Tiff {
         self.info = self.info.of_channels(channels);
         self.chosen = channels.iter().map(|channel| self.chosen[*channel]).collect();
         true
+    }
+
+    fn separate_channels(&self, channels: &[usize]) -> Option<Box<dyn Raster>> {
+        if self.file.image.layout.planes == 1 {
+            return None;
+        }
+        let chosen = channels.iter().map(|channel| self.chosen[*channel]).collect();
+        let info = self.info.of_channels(channels);
+        Some(Box::new(Tiff { file: Arc::clone(&self.file), chosen, info }))
     }
 
     fn reads_anywhere(&self) -> bool {
@@ -125,7 +141,7 @@ impl Tiff {
         let room = usize::try_from(needed)
             .ok()
             .filter(|needed| bytes.try_reserve_exact(needed.saturating_sub(bytes.len())).is_ok());
-        let room = room.ok_or_else(|| self.input.too_large("the region asked for", needed))?;
+        let room = room.ok_or_else(|| self.file.input.too_large("the region asked for", needed))?;
         // What is left in it from before is overwritten.
         bytes.resize(room, 0);
         Ok(())

@@ -122,6 +122,7 @@ struct Source {
 }
 
 /// Samples of a source that let those below show.
+#[derive(Clone)]
 enum Missing {
     None,
     Sample(Vec<u8>),
@@ -153,6 +154,20 @@ struct Plane {
 }
 
 impl Band {
+    /// The same band, to be read in addition to this one.
+    fn another(&self) -> Band {
+        let another = |source: &Source| Source {
+            raster: source.raster.another(),
+            missing: source.missing.clone(),
+            ..*source
+        };
+        Band {
+            sample: self.sample,
+            hole: self.hole.clone(),
+            sources: self.sources.iter().map(another).collect(),
+        }
+    }
+
     /// Reads a region into a plane, from the source on top down, until nothing shows through.
     fn read(&mut self, region: Region, part: &mut Pixels, plane: &mut Plane) -> Result<()> {
         let area = region.area() as usize;
@@ -299,6 +314,13 @@ impl Raster for Vrt {
         self.info = self.info.of_channels(channels);
         self.info.order = order(&self.bands);
         true
+    }
+
+    fn separate_channels(&self, channels: &[usize]) -> Option<Box<dyn Raster>> {
+        let bands: Vec<Band> = channels.iter().map(|channel| self.bands[*channel].another()).collect();
+        let info = RasterInfo { order: order(&bands), ..self.info.of_channels(channels) };
+        let (part, plane) = (Pixels::default(), Plane::default());
+        Some(Box::new(Vrt { path: self.path.clone(), bands, info, part, plane }))
     }
 
     fn reads_anywhere(&self) -> bool {

@@ -73,7 +73,7 @@ impl Edge {
 
     /// Whether an edge that passes a point's row does so on the right of the point.
     #[inline]
-    fn is_right_of(&self, [x, y]: Point) -> bool {
+    pub(super) fn is_right_of(&self, [x, y]: Point) -> bool {
         let Edge { a, b } = self.rising(1);
         compare_products([y - a[1], b[0] - a[0]], [x - a[0], b[1] - a[1]]) == Ordering::Greater
     }

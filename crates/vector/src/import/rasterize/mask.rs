@@ -171,7 +171,7 @@ pub(super) fn index_of(point: Point, cell: Point, side: usize) -> Option<usize> 
 }
 
 /// The first of some rows whose centre, in the column of a point, an edge that is above the point is not above.
-fn first_row_above(edge: &Edge, first: Point, rows: i64) -> i64 {
+pub(super) fn first_row_above(edge: &Edge, first: Point, rows: i64) -> i64 {
     let is_above = |row: i64| edge.is_above([first[0], first[1] + row * PARTS]);
     // (Rows are few: halves are found fast, without rounding.)
     let (mut low, mut high) = (0, rows);

@@ -7,6 +7,7 @@ mod ladder;
 mod load;
 mod mask;
 mod options;
+mod pair;
 mod plan;
 mod shapes;
 mod source;

@@ -337,6 +337,7 @@ impl FeatureImport {
             _ => None,
         };
         let edge = self.options.edge;
+        shapes.centres_alone = paint.needs_centres_alone(edge);
         let tree = ShapeTree { shapes, values, value_type, fixed, paint, edge, extent, depth, ladder };
         Ok(Loaded { tree, geometries, beyond, outside })
     }

@@ -9,6 +9,7 @@ use std::ops::Range;
 use spinney_base::space::Bounds;
 
 use super::edge::{Edge, PARTS, Point, centre};
+use super::pair::part_no_centres;
 
 /// Kind of a shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,6 +39,8 @@ pub(super) struct Shape {
 pub(super) struct Shapes {
     pub(super) edges: Vec<Edge>,
     pub(super) shapes: Vec<Shape>,
+    /// Whether only the centres of cells decide which cells polygons have.
+    pub(super) centres_alone: bool,
 }
 
 /// The part of a shape that a node has.
@@ -133,8 +136,17 @@ impl Shapes {
         let high = [space.max[0], space.max[1]].map(|cell| cell as i64 * PARTS + reach);
         let start = parts.edges.len();
         parts.edges.extend(edges.filter(|edge| self.edges[*edge as usize].may_meet(low, high)));
-        let part = Part { shape, winding, edges: start..parts.edges.len() };
         let is_polygon = self.shapes[shape as usize].kind == ShapeKind::Polygon;
+        // (What is between two edges and has no centre is not gone into: a node that is divided has cells of the polygon, and others.)
+        let few = parts.edges[start..].iter().take(3).map(|edge| &self.edges[*edge as usize]);
+        let side = (space.max[0] - space.min[0]) as i64;
+        if is_polygon
+            && self.centres_alone
+            && part_no_centres(&few.collect::<Vec<_>>(), first_centre(space), side)
+        {
+            parts.edges.truncate(start);
+        }
+        let part = Part { shape, winding, edges: start..parts.edges.len() };
         if !part.is_whole() || (is_polygon && part.is_inside()) {
             parts.parts.push(part);
         }

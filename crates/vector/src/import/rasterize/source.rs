@@ -31,6 +31,13 @@ pub(super) enum Paint {
     Mean,
 }
 
+impl Paint {
+    /// Whether only the centres of cells decide which cells polygons have.
+    pub(super) fn needs_centres_alone(self, edge: EdgeRule) -> bool {
+        edge == EdgeRule::Centre && !matches!(self, Paint::Share | Paint::LargestShare)
+    }
+}
+
 /// A tree of shapes, of which no cell is before somebody asks for it.
 pub(super) struct ShapeTree {
     pub(super) shapes: Shapes,
@@ -261,7 +268,17 @@ impl ShapeTree {
         let inside = |axis: usize| (self.extent[axis].saturating_sub(bounds.min[axis]) as usize).min(side);
         let mut last = (0, [0; 16]);
         for row in 0..inside(1) {
-            for at in row * side..row * side + inside(0) {
+            let columns = row * side..row * side + inside(0);
+            // (Of long thin shapes most rows of a block have few cells.)
+            let is_empty = match painted {
+                Painted::Tops(tops) => tops[columns.clone()].iter().all(|top| *top == 0),
+                Painted::Sums(_, counts) => counts[columns.clone()].iter().all(|count| *count == 0),
+                Painted::Shares(_) => false,
+            };
+            if is_empty {
+                continue;
+            }
+            for at in columns {
                 let value = &mut block.values[at * width..(at + 1) * width];
                 match painted {
                     Painted::Tops(tops) if tops[at] == 0 => continue,

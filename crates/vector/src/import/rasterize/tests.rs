@@ -64,13 +64,14 @@ fn star_tree(random: &mut Random, grid: i64, how: (Paint, EdgeRule)) -> (ShapeTr
 }
 
 fn tree(
-    shapes: Shapes,
+    mut shapes: Shapes,
     values: &[u64],
     (paint, edge): (Paint, EdgeRule),
     extent: [u64; 2],
     depth: u8,
 ) -> ShapeTree {
     let sample = if paint == Paint::Share { SampleType::F32 } else { SampleType::U32 };
+    shapes.centres_alone = paint.needs_centres_alone(edge);
     ShapeTree {
         shapes,
         values: values.iter().map(|value| Number::from(*value)).collect(),
@@ -239,6 +240,50 @@ fn what_is_touched_has_some_of_the_shape() {
     }
 }
 
+/// Nodes of a tree that are divided, down to blocks of so many levels, and those of blocks.
+fn divided(tree: &ShapeTree, code: Code, levels: u8) -> u64 {
+    let Child::Inner { node, .. } = tree.node(code).unwrap() else { return 0 };
+    if node.level() + levels == tree.depth {
+        return 1;
+    }
+    1 + (0..4).map(|step| divided(tree, node.child(step), levels)).sum::<u64>()
+}
+
+/// Of polygons thinner than a cell, along 2^29 of them: as many nodes are divided as have cells of these and others, not as they pass.
+#[test]
+fn slivers_are_visited_as_far_as_they_have_cells() {
+    let side = (1i64 << 29) * PARTS;
+    let of = |rings: &[Ring]| {
+        let mut shapes = Shapes::default();
+        shapes.add(ShapeKind::Polygon, 0, edges(rings).into_iter());
+        tree(shapes, &[7], (Paint::Top, EdgeRule::Centre), [1 << 29; 2], 29)
+    };
+    let root = Code::root(Dimension::Quad);
+    // A part of 2^-16 of a cell wide: flat, steep, along the diagonal and others, between centres.
+    let slivers = [
+        vec![[0, 3], [side, 4], [side, 5]],
+        vec![[3, 0], [5, side], [4, side]],
+        vec![[0, 1], [side - 1, side], [side - 2, side]],
+        vec![[0, 1], [side, side / 2 + 1], [side, side / 2 + 2]],
+        vec![[4, side], [side, 6], [side, 7]],
+    ];
+    for sliver in &slivers {
+        let count = divided(&of(std::slice::from_ref(sliver)), root, 8);
+        assert!(count < 500, "{count} nodes of {sliver:?}");
+    }
+    // One over 2^20 rows that has the centres of about 8 cells.
+    let (top, right) = (side >> 9, (side >> 9) / 1000 * 618);
+    let count = divided(&of(&[vec![[7, 11], [right, top], [right - 1, top]]]), root, 8);
+    assert!(count < 1000, "{count} nodes");
+    // A gap between two halves of the space, as thin, and sides that lie on those of the space.
+    let halves = [
+        vec![[0, 0], [side, 0], [side, side / 2 + 1], [0, 1]],
+        vec![[0, 1], [side, side / 2 + 2], [side, side], [0, side]],
+    ];
+    let count = divided(&of(&halves), root, 8);
+    assert!(count < 500, "{count} nodes around a gap");
+}
+
 #[test]
 fn lines_and_points_are_in_the_cells_that_they_meet() {
     let mut shapes = Shapes::default();
@@ -251,7 +296,7 @@ fn lines_and_points_are_in_the_cells_that_they_meet() {
     shapes.add(ShapeKind::Points, 3, points.into_iter().map(|point| Edge { a: point, b: point }));
     for levels in 0..=3 {
         let counted = tree(
-            Shapes { edges: shapes.edges.clone(), shapes: shapes.shapes.clone() },
+            Shapes { edges: shapes.edges.clone(), shapes: shapes.shapes.clone(), ..Shapes::default() },
             &[1, 2, 3, 4],
             (Paint::Count, EdgeRule::Centre),
             [8, 8],

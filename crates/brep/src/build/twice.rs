@@ -1,0 +1,77 @@
+//! Faces of a cell that are there twice.
+
+use std::collections::HashMap;
+
+use super::items::Items;
+
+/// The faces of a list that are equal to one before them: the same corners in the same order, wherever it begins.
+///
+/// Where a part is at one place very often, as in files of objects that are all the same, all pairs of faces touch: that faces are equal is
+/// known without their pairs.
+pub(super) struct EqualFaces {
+    /// For each face, the first one that is equal to it; nothing if there are no two.
+    first: Vec<usize>,
+}
+
+impl EqualFaces {
+    /// Finds the equal ones among some faces; among few, the checks of pairs find them.
+    pub(super) fn of(items: &Items, list: &[u32]) -> EqualFaces {
+        const MANY: usize = 64;
+        let mut known: HashMap<(Vec<[i32; 3]>, &[usize]), usize> = HashMap::new();
+        if list.len() <= MANY {
+            return EqualFaces { first: Vec::new() };
+        }
+        let first = list.iter().enumerate().map(|(place, item)| {
+            let outline = items.outline(*item);
+            let mut points = outline.points.to_vec();
+            let outer = &mut points[..outline.ring_ends[0]];
+            let least = (0..outer.len()).min_by_key(|at| outer[*at]).unwrap_or(0);
+            outer.rotate_left(least);
+            *known.entry((points, outline.ring_ends)).or_insert(place)
+        });
+        let first: Vec<usize> = first.collect();
+        let are_all_new = known.len() == first.len();
+        EqualFaces { first: if are_all_new { Vec::new() } else { first } }
+    }
+
+    /// The face before this one that is equal to it, by its place.
+    #[inline]
+    pub(super) fn before(&self, place: usize) -> Option<usize> {
+        self.first.get(place).copied().filter(|first| *first != place)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use spinney_base::io::Output;
+    use spinney_container::Metadata;
+
+    use crate::build::{Defect, DefectKind, ModelBuilder};
+    use crate::{Face, FaceList, Faces, Grid};
+
+    /// A part that is at one place 4,000 times has 128 million pairs of faces in each of many cells, of which none has all corners.
+    #[test]
+    fn parts_that_are_there_very_often_are_found_without_their_pairs() {
+        const CORNERS: [[i32; 3]; 4] = [[0, 0, 0], [4000, 0, 0], [0, 4000, 0], [0, 0, 4000]];
+        const FACES: [[usize; 3]; 4] = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
+        let grid = Grid { bits: 12, origin: [0; 3], step: 1.0, divisor: 1.0 };
+        let mut list = FaceList::new(grid.clone(), vec!["body".into()]);
+        for source in 0..4 * 4000 {
+            let mut points = FACES[source % 4].map(|corner| CORNERS[corner]);
+            points.rotate_left(source / 4 % 3);
+            let source = source as u64;
+            list.push(&Face { number: 0, points: &points, ring_ends: &[3], colours: &[], part: 0, source });
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let output = Output::create(&folder.path().join("x.goblin")).unwrap();
+        let mut builder = ModelBuilder::new(output, grid, 64 << 20).unwrap();
+        list.each(&mut |face| builder.push(face)).unwrap();
+        let report = builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+        assert!(report.defect_count >= 1000, "{}", report.defect_count);
+        let is_of_equals = |defect: &Defect| {
+            defect.kind == DefectKind::Overlap
+                && defect.faces.windows(2).all(|pair| (pair[1] - pair[0]) % 4 == 0)
+        };
+        assert!(report.defects.iter().any(is_of_equals), "{:?}", report.defects);
+    }
+}
