@@ -13,7 +13,7 @@ pub(super) enum SharedRaster {
     /// Each layer's channels are read from the file without the others.
     Separate(Box<dyn Raster>),
     /// The file's samples of all channels are together, so that they were read once, into a temporary file.
-    Spilled(SpilledChannels),
+    Spilled(Box<SpilledChannels>),
 }
 
 impl SharedRaster {
@@ -37,7 +37,7 @@ impl SharedRaster {
         };
         let groups = layers.iter().map(StackLayer::channels).collect();
         let spilled = spill_channels(raster, groups, wanted, folder, memory / 2, progress)?;
-        Ok(SharedRaster::Spilled(spilled))
+        Ok(SharedRaster::Spilled(Box::new(spilled)))
     }
 
     /// The raster of one of the layers, by its number among these.

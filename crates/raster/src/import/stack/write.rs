@@ -62,7 +62,7 @@ pub fn write_layers(
         }
         let asked = Asked::by(file, options.depth);
         let room = (beside, stack.memory / 2);
-        if !shared.as_ref().is_some_and(|(_, _, left)| *left > 0) {
+        if shared.as_ref().is_none_or(|(_, _, left)| *left == 0) {
             let layers = &stack.layers[number..];
             let layers = &layers[..alike(layers)];
             shared = match layers.len() {
