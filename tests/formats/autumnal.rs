@@ -330,3 +330,10 @@ fn equal_subtrees_are_stored_once() {
     });
     assert!(shared < alone / 2, "{shared} of {alone}");
 }
+
+#[test]
+fn levels_are_counted_up_to_a_limit() {
+    let tree = spinney::open(concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/history.autumn")).unwrap();
+    assert!(tree.level_counts(3, &()).unwrap().is_none());
+    assert_eq!(tree.level_counts(u64::MAX, &()).unwrap().unwrap().levels().len(), 4);
+}

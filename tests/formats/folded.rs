@@ -30,14 +30,6 @@ fn dataset(bytes: Vec<u8>) -> Dataset {
 }
 
 #[test]
-fn levels_are_counted_up_to_a_limit() {
-    let CountedFile { editor, .. } = &CountedFile::new(folded(18, full));
-    let tree = Dataset::of(editor.tree().into()).unwrap();
-    assert!(tree.level_counts(3, &()).unwrap().is_none());
-    assert!(tree.level_counts(u64::MAX, &()).unwrap().is_some());
-}
-
-#[test]
 fn questions_take_the_work_of_the_records() {
     for depth in [12, 18, 29] {
         let CountedFile { editor, work, .. } = &CountedFile::new(folded(depth, full));
