@@ -83,19 +83,24 @@ impl ChainArgs {
         (cells, rasters)
     }
 
+    /// Fails if datums are taken for WGS 84 where no step leads to another coordinate system.
+    pub(crate) fn check_ballpark(&self) -> Result<()> {
+        let is_grid = |step: &ViewStep| {
+            matches!(step, ViewStep::Like(_) | ViewStep::Warp(_) | ViewStep::WebMercator(_))
+        };
+        ensure!(
+            !self.allow_ballpark || self.steps().0.iter().any(is_grid),
+            "--allow-ballpark is for steps to other coordinate systems (like=, warp= and grid=)"
+        );
+        Ok(())
+    }
+
     /// The chain of steps on a tree of cells.
     pub(crate) fn chain(&self, global: &Global) -> Result<FileView> {
         let (steps, rasters) = self.steps();
         if !rasters.is_empty() {
             bail!("{}: is no tree of points, which raster= is for", self.file.display());
         }
-        let is_grid = |step: &ViewStep| {
-            matches!(step, ViewStep::Like(_) | ViewStep::Warp(_) | ViewStep::WebMercator(_))
-        };
-        ensure!(
-            !self.allow_ballpark || steps.iter().any(is_grid),
-            "--allow-ballpark is for steps to other coordinate systems (like=, warp= and grid=)"
-        );
         let mut warp = WarpOptions::default();
         (warp.resampling, warp.allow_ballpark) = (self.resampling, self.allow_ballpark);
         Ok(FileView {
@@ -231,6 +236,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     if let Some((name, _)) = given.iter().find(|(_, is_given)| *is_given) {
         bail!("{}: is no exact model, which {name} is for", file.display());
     }
+    chain.check_ballpark()?;
     let how = packing.with(memory);
     let report_size = |[width, height, depth]: [u64; 3], levels: u8| {
         let more = if depth > 1 { format!(" x {depth}") } else { String::new() };
