@@ -6,11 +6,11 @@ use std::sync::Mutex;
 use super::arena::Arena;
 use super::defects::{DefectKind, Found};
 use super::division::{Division, each_bit};
+use super::equal_faces::EqualFaces;
 use super::items::{Items, bounds_of};
 use super::near::NearFaces;
 use super::pairs::{Contact, Shared, contact, passes, twin};
 use super::spread::Spread;
-use super::twice::EqualFaces;
 use crate::boxes::{Bounds, BoxTree, touch};
 use crate::exact::crossing::FinePoint;
 use crate::exact::rank::rank_of_at_most;
@@ -318,7 +318,8 @@ impl Walk<'_> {
                 self.progress.check()?;
             }
             if let Some(first) = near.equal.before(index) {
-                // (One cell has its sample: it is counted once.)
+                // Invariant: a face that equals an earlier one has the same contacts as that one, whose pairs report them; its own defect is that
+                // it lies on that face. One cell has its sample, so that it is counted once.
                 if self.sample_in(cell, one).is_some() {
                     out.defects.push(self.defect(DefectKind::Overlap, [list[first], one]));
                 }

@@ -7,13 +7,13 @@ mod cells;
 mod check;
 mod defects;
 mod division;
+mod equal_faces;
 mod items;
 mod memory;
 mod near;
 mod pairs;
 mod run;
 mod spread;
-mod twice;
 mod upper;
 
 use std::collections::BTreeMap;

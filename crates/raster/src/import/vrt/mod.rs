@@ -154,7 +154,7 @@ struct Plane {
 }
 
 impl Band {
-    /// The same band, to be read in addition to this one.
+    /// A copy of the band, with readers of its own files.
     fn another(&self) -> Band {
         let another = |source: &Source| Source {
             raster: source.raster.another(),

@@ -7,9 +7,9 @@ mod ladder;
 mod load;
 mod mask;
 mod options;
-mod pair;
 mod plan;
 mod shapes;
+mod slivers;
 mod source;
 mod survey;
 #[cfg(test)]

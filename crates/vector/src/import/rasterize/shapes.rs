@@ -9,7 +9,7 @@ use std::ops::Range;
 use spinney_base::space::Bounds;
 
 use super::edge::{Edge, PARTS, Point, centre};
-use super::pair::part_no_centres;
+use super::slivers::have_no_centre_between;
 
 /// Kind of a shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -138,13 +138,17 @@ impl Shapes {
         parts.edges.extend(edges.filter(|edge| self.edges[*edge as usize].may_meet(low, high)));
         let is_polygon = self.shapes[shape as usize].kind == ShapeKind::Polygon;
         // (What is between two edges and has no centre is not gone into: a node that is divided has cells of the polygon, and others.)
-        let few = parts.edges[start..].iter().take(3).map(|edge| &self.edges[*edge as usize]);
-        let side = (space.max[0] - space.min[0]) as i64;
-        if is_polygon
-            && self.centres_alone
-            && part_no_centres(&few.collect::<Vec<_>>(), first_centre(space), side)
-        {
-            parts.edges.truncate(start);
+        if is_polygon && self.centres_alone {
+            let edge = |number: &u32| &self.edges[*number as usize];
+            let (first, side) = (first_centre(space), (space.max[0] - space.min[0]) as i64);
+            let is_without = match &parts.edges[start..] {
+                [one] => have_no_centre_between(&[edge(one)], first, side),
+                [one, other] => have_no_centre_between(&[edge(one), edge(other)], first, side),
+                _ => false,
+            };
+            if is_without {
+                parts.edges.truncate(start);
+            }
         }
         let part = Part { shape, winding, edges: start..parts.edges.len() };
         if !part.is_whole() || (is_polygon && part.is_inside()) {

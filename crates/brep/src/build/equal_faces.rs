@@ -1,4 +1,4 @@
-//! Faces of a cell that are there twice.
+//! Equal faces of a cell, found by their corners.
 
 use std::collections::HashMap;
 
@@ -17,10 +17,10 @@ impl EqualFaces {
     /// Finds the equal ones among some faces; among few, the checks of pairs find them.
     pub(super) fn of(items: &Items, list: &[u32]) -> EqualFaces {
         const MANY: usize = 64;
-        let mut known: HashMap<(Vec<[i32; 3]>, &[usize]), usize> = HashMap::new();
         if list.len() <= MANY {
             return EqualFaces { first: Vec::new() };
         }
+        let mut known: HashMap<(Vec<[i32; 3]>, &[usize]), usize> = HashMap::new();
         let first = list.iter().enumerate().map(|(place, item)| {
             let outline = items.outline(*item);
             let mut points = outline.points.to_vec();

@@ -6,7 +6,7 @@ use super::mask::first_row_above;
 
 /// Whether no two centres of a square of cells are on different sides of an edge, or of two, which are all that a polygon has there; `first` is the centre
 /// of the first cell. (Of edges that intersect, or of more, it is not known: then no.)
-pub(super) fn part_no_centres(edges: &[&Edge], first: Point, side: i64) -> bool {
+pub(super) fn have_no_centre_between(edges: &[&Edge], first: Point, side: i64) -> bool {
     match *edges {
         [one] => changes(one, first, side) == 0,
         [one, other] => {
@@ -80,6 +80,8 @@ fn columns(edge: &Edge, first: Point, row: i64, rows: i64) -> i128 {
 }
 
 /// The sum of floor((a * i + b) / m) for i from 0 to n - 1, in as many steps as Euclid's algorithm takes.
+// Invariant: rows and columns are at most 2^29 and coordinates 2^46 parts of cells, so that a, b and m are below 2^93 and no product with a row
+// leaves the i128.
 fn floor_sum(mut n: i128, mut m: i128, mut a: i128, mut b: i128) -> i128 {
     let mut sum = 0;
     loop {
@@ -121,7 +123,7 @@ mod tests {
 
     /// Against every centre: edges on a coarse grid often pass through centres, and along one another.
     #[test]
-    fn edges_part_no_centres_where_all_have_one_parity() {
+    fn edges_have_no_centre_between_where_all_have_one_parity() {
         let mut random = Random(9);
         let (side, mut alike, mut unlike, mut unknown) = (8, 0, 0, 0);
         for round in 0..60_000 {
@@ -160,7 +162,7 @@ mod tests {
             let [one, other] = &pair;
             let lists: &[&[&Edge]] = if is_in(b) { &[&[one, other]] } else { &[&[one, other], &[one]] };
             for edges in lists {
-                match (are_alike(edges), part_no_centres(edges, first, side)) {
+                match (are_alike(edges), have_no_centre_between(edges, first, side)) {
                     (true, true) => alike += 1,
                     (false, false) => unlike += 1,
                     (true, false) => unknown += 1,
