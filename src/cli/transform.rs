@@ -83,18 +83,6 @@ impl ChainArgs {
         (cells, rasters)
     }
 
-    /// Fails if datums are taken for WGS 84 where no step leads to another coordinate system.
-    pub(crate) fn check_ballpark(&self) -> Result<()> {
-        let is_grid = |step: &ViewStep| {
-            matches!(step, ViewStep::Like(_) | ViewStep::Warp(_) | ViewStep::WebMercator(_))
-        };
-        ensure!(
-            !self.allow_ballpark || self.steps().0.iter().any(is_grid),
-            "--allow-ballpark is for steps to other coordinate systems (like=, warp= and grid=)"
-        );
-        Ok(())
-    }
-
     /// The chain of steps on a tree of cells.
     pub(crate) fn chain(&self, global: &Global) -> Result<FileView> {
         let (steps, rasters) = self.steps();
@@ -210,7 +198,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
             "{}: is a tree of points, for which steps of cells mean nothing",
             file.display()
         );
-        global.check_options(file, points::KIND, &["--output", "--codec", "--max-error"])?;
+        global.check_options(file, points::KIND, &["--codec", "--max-error"])?;
         let work = Work::start(global, "cells")?;
         let memory = (memory.bytes, packing.choice());
         let [columns, rows] =
@@ -222,11 +210,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     }
     let cells = chain.chain(global)?;
     if let Some(model) = exact::open(file, global)? {
-        global.check_options(
-            file,
-            exact::KIND,
-            &["--output", "--codec", "--snap", "--unit", "--max-error"],
-        )?;
+        global.check_options(file, exact::KIND, &["--codec", "--snap", "--unit"])?;
         let mut options = TransformOptions::new(memory.bytes);
         (options.snap, options.unit, options.codec) = (snap, unit, packing.of_model(file)?);
         let moving = exact::Moving { model: &model, steps: &steps, options };
@@ -236,7 +220,6 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     if let Some((name, _)) = given.iter().find(|(_, is_given)| *is_given) {
         bail!("{}: is no exact model, which {name} is for", file.display());
     }
-    chain.check_ballpark()?;
     let how = packing.with(memory);
     let report_size = |[width, height, depth]: [u64; 3], levels: u8| {
         let more = if depth > 1 { format!(" x {depth}") } else { String::new() };

@@ -136,7 +136,7 @@ pub(super) fn run(mut args: Args, global: &Global) -> Result<()> {
 
 pub(super) fn transform(args: &TransformArgs, global: &Global) -> Result<()> {
     let TransformArgs { chain, job, packing } = args;
-    let (arguments, chain, packing) = (chain, chain.chain(global)?, packing.choice());
+    let (chain, packing) = (chain.chain(global)?, packing.choice());
     let name = chain.path.display();
     if points::open(&chain.path, global)?.is_some() {
         bail!("{name}: is a tree of points, which is not transformed in shards")
@@ -144,7 +144,6 @@ pub(super) fn transform(args: &TransformArgs, global: &Global) -> Result<()> {
     if exact::open(&chain.path, global)?.is_some() {
         bail!("{name}: is an exact model, which is not transformed in shards")
     }
-    arguments.check_ballpark()?;
     job.plan(&JobSpec::Transform { chain, packing }, global)
 }
 

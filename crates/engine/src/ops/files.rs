@@ -78,12 +78,14 @@ impl FileView {
 
     fn open_with(&self, apply: &mut dyn FnMut(View, &ViewStep) -> Result<View>) -> Result<View> {
         let file = TreeFile::open(&self.path, &(&self.access).into())?;
-        let is_grid = |step: &ViewStep| {
-            matches!(step, ViewStep::Like(_) | ViewStep::Warp(_) | ViewStep::WebMercator(_))
-        };
+        let has_grid = self.steps.iter().any(ViewStep::leads_to_grid);
+        if self.warp.allow_ballpark && !has_grid {
+            let expected =
+                "steps to other coordinate systems (like=, warp=, grid=), without which no datum counts";
+            return Err(Error::invalid("allow-ballpark", "steps that stay in one system", expected));
+        }
         let is_nearest = self.warp.resampling == Some(Resampling::Nearest);
-        if let (Some(way), false, false) = (self.warp.resampling, is_nearest, self.steps.iter().any(is_grid))
-        {
+        if let (Some(way), false, false) = (self.warp.resampling, is_nearest, has_grid) {
             let expected =
                 "nearest, or steps with a grid (like=, warp=, grid=): others go by the file's rule";
             return Err(Error::invalid("resampling", way.name(), expected));

@@ -169,6 +169,11 @@ impl ViewStep {
         }
     }
 
+    /// Whether the step leads onto cells of another grid, which may lie in another coordinate system: `like=`, `warp=` and `grid=`.
+    pub(super) fn leads_to_grid(&self) -> bool {
+        matches!(self, ViewStep::Like(_) | ViewStep::Warp(_) | ViewStep::WebMercator(_))
+    }
+
     /// The files that the step reads, besides that of the view.
     pub fn files(&self) -> Vec<&Path> {
         match self {
@@ -311,9 +316,10 @@ fn like(view: View, path: &Path) -> Result<View> {
         return Err(Error::invalid(what, "another part of the world than this tree's", expected));
     }
     let moved = view.clone().onto(&map, extent)?;
+    // An affine map knows the centre of a cell and the file's rule for areas; other ways are the warper's, of which a system is one case.
     match view.warp().resampling {
-        // (Cells that lie on the other's are the same by any way.)
         None | Some(Resampling::Nearest) => Ok(moved),
+        // (Cells that lie on the other's are the same by any way, and are copied with the nodes that have them.)
         Some(_) if moved.moves_whole_cells() => Ok(moved),
         Some(way) if axes > 2 => {
             let expected = "nearest, or none: cells of an octree are averaged by its own rule";
