@@ -8,7 +8,7 @@ use clap::{Arg, Command, CommandFactory};
 /// The page with the table.
 const PAGE: &str = include_str!("../../docs/options.md");
 
-/// What each option of each command does, which a test of the program checks (`tests/program/cli_options.rs`).
+/// Table of the effect of each option of each command, which a test of the program checks (`tests/program/cli_options.rs`).
 const EFFECTS: &str = include_str!("../../tests/program/option_effects.txt");
 
 /// All commands, those within others by both names.

@@ -1,4 +1,4 @@
-//! What each option of each command does: the lines of `option_effects.txt`, each run with its option and without.
+//! Effects of the options of all commands: the lines of `option_effects.txt`, each run with its option and without.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs;
@@ -71,7 +71,7 @@ fn read_all(folder: &Path, prefix: &Path, files: &mut Files) {
     }
 }
 
-/// What a run has left.
+/// Result of a run: all that may differ by an option.
 #[derive(PartialEq)]
 struct Outcome {
     succeeded: bool,

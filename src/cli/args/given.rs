@@ -4,13 +4,16 @@ use anyhow::{Result, bail};
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Command};
 
-/// Long names of the options of a subcommand that were given on the command line. (Those of all subcommands are for everything, and
-/// what the environment says is left aside where it has no meaning.)
+/// Long names of the options of a subcommand that were given on the command line, but for those that it requires. (Those of all
+/// subcommands are for everything, and what the environment says is left aside where it has no meaning.)
+//
+// A kind of file lists the options that it takes, and not those that it does not: an option that is new, or was forgotten, is refused until
+// somebody says that it has an effect.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct GivenOptions(Vec<String>);
 
-/// Options that limit what a command takes, and hold where it takes less, and those that say what is written.
-const OF_EVERYTHING: [&str; 3] = ["--memory", "--max-bytes", "--output"];
+/// Options that limit what a command takes, which hold where it takes less.
+const LIMITS: [&str; 2] = ["--memory", "--max-bytes"];
 
 impl GivenOptions {
     /// The options that were given to a program.
@@ -22,7 +25,8 @@ impl GivenOptions {
         }
         let given = command.get_arguments().filter(|option| {
             let source = matches.value_source(option.get_id().as_str());
-            !option.is_global_set() && source == Some(ValueSource::CommandLine)
+            let is_asked_of_all = option.is_global_set() || option.is_required_set();
+            !is_asked_of_all && source == Some(ValueSource::CommandLine)
         });
         GivenOptions(given.filter_map(|option| option.get_long()).map(|name| format!("--{name}")).collect())
     }
@@ -34,7 +38,7 @@ impl GivenOptions {
 
     /// An option that was given and is none of those that fit.
     pub(crate) fn other(&self, fitting: &[&str]) -> Option<&str> {
-        let is_other = |name: &&str| !fitting.contains(name) && !OF_EVERYTHING.contains(name);
+        let is_other = |name: &&str| !fitting.contains(name) && !LIMITS.contains(name);
         self.0.iter().map(String::as_str).find(is_other)
     }
 

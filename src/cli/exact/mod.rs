@@ -70,7 +70,7 @@ fn chosen(model: &ExactModel, filter: &FeatureFilter) -> Result<BTreeSet<u32>> {
     Ok(found)
 }
 
-/// What messages call such a file.
+/// Name of such files in messages.
 pub(super) const KIND: &str = "an exact model";
 
 /// Fails if options were given that mean nothing for exact models.

@@ -30,7 +30,7 @@ pub(super) fn open(path: &Path, global: &Global) -> Result<Option<LineTree>> {
     Ok(Some(LineTree::open(path, &global.access().into())?))
 }
 
-/// What messages call such a file.
+/// Name of such files in messages.
 pub(super) const KIND: &str = "a tree of lines";
 
 /// The window that is meant, if one was given.

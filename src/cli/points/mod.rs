@@ -30,7 +30,7 @@ pub(super) fn open(path: &Path, global: &Global) -> Result<Option<PointTree>> {
     Ok(Some(PointTree::open(path, &global.access().into())?))
 }
 
-/// What messages call such a file.
+/// Name of such files in messages.
 pub(super) const KIND: &str = "a tree of points";
 
 /// Where points are asked for, as options say it.
