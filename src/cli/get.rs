@@ -163,8 +163,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         Err(trees) => return layers(args, trees, format, global, start),
     };
     let coordinates = args.part.coordinates();
-    let places_something = args.part.is_given() || args.slice.is_some();
-    ensure!(coordinates.given().is_none() || places_something, IN_IS_FOR);
+    let has_position = args.part.is_given() || args.slice.is_some();
+    ensure!(coordinates.given().is_none() || has_position, IN_IS_FOR);
     let is_octree = tree.header().form.axes() == 3;
     let is_array = matches!(format, Format::Npy | Format::Nrrd | Format::Raw);
     let style = args.style.clone().or(args.range.map(|range| Style::stretched(&tree, range)));

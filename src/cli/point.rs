@@ -68,7 +68,7 @@ pub(crate) struct Args {
 }
 
 impl Args {
-    /// Fails if options were given that questions for what is nearest do not take.
+    /// Fails if options were given that queries for the nearest points or lines do not take.
     fn check_near(&self, what: &str, global: &Global) -> Result<()> {
         global.check_options(&self.tree.file, what, &["--nearest", "--radius", "--in"])?;
         let is_world = matches!(self.coordinates.given(), None | Some(Coordinates::World));

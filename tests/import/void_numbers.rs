@@ -42,8 +42,8 @@ fn reference(tree: &Dataset, request: &WindowRequest) -> Found {
     found
 }
 
-/// The cells of a picture whose values have opacity behind them, which encodes VOID, or have not.
-fn drawn(path: &Path, value: ValueType) -> Found {
+/// The cells of an image whose values have opacity after them, which encodes VOID, or have not.
+fn seen(path: &Path, value: ValueType) -> Found {
     let tree = built(path);
     let channels = tree.header().form.value.channels;
     assert!([value.channels, value.channels + 1].contains(&channels), "{channels} channels of {value}");
@@ -151,16 +151,16 @@ fn void_stays_void_and_values_stay_values_in_every_format() {
                     )
                     .unwrap();
                     assert!(imported(&name("a.tif"), value.size()) == expected, "{what}");
-                    let is_drawn = matches!(value.sample, SampleType::U8 | SampleType::U16);
-                    if is_drawn && [1, 3].contains(&value.channels) {
+                    let has_opacity = matches!(value.sample, SampleType::U8 | SampleType::U16);
+                    if has_opacity && [1, 3].contains(&value.channels) {
                         let output = Output::create(&name("a.png")).unwrap();
                         export_window(&tree, &request, output, Format::Png, &()).unwrap();
-                        assert!(drawn(&name("a.png"), value) == expected, "PNG: {what}");
+                        assert!(seen(&name("a.png"), value) == expected, "PNG: {what}");
                     }
                     if value.sample == SampleType::F32 {
                         let output = Output::create(&name("a.exr")).unwrap();
                         export_window(&tree, &request, output, Format::Exr, &()).unwrap();
-                        assert!(drawn(&name("a.exr"), value) == expected, "EXR: {what}");
+                        assert!(seen(&name("a.exr"), value) == expected, "EXR: {what}");
                     }
                     for (format, end) in [(Format::Npy, "a.npy"), (Format::Raw, "a.raw")] {
                         let written =

@@ -380,8 +380,8 @@ fn statistics_of_polygons() {
         (["--where", "place=x"], "a feature has: name"),
         (["--attribute", "name,place"], "a feature has: name"),
     ] {
-        let asked = ["stats", &trees.classic, "--zones", &document, "--json"];
-        let said = complaint(&[&asked, &wrong[..]].concat(), 1);
+        let query = ["stats", &trees.classic, "--zones", &document, "--json"];
+        let said = complaint(&[&query, &wrong[..]].concat(), 1);
         assert!(said.contains(advice), "{said}");
     }
     complaint(&["stats", &trees.classic, "--where", "name"], 2);

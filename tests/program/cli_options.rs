@@ -29,7 +29,7 @@ fn words(text: &str) -> Vec<String> {
     words
 }
 
-/// The bytes that a text with `\n` and `\xNN` stands for.
+/// The bytes that a text with `\n` and `\xNN` is.
 fn unescaped(text: &str) -> Vec<u8> {
     let (mut bytes, mut rest) = (Vec::new(), text.as_bytes());
     while let [first, tail @ ..] = rest {
@@ -53,9 +53,9 @@ fn random(state: &mut u64) -> u64 {
     *state >> 40
 }
 
-/// Adds all files of a folder, with those in folders of it, by their names in there.
-fn read_all(folder: &Path, prefix: &Path, files: &mut Files) {
-    for entry in fs::read_dir(folder).unwrap() {
+/// Adds all files of a directory and of those in it, by their relative paths.
+fn read_all(directory: &Path, prefix: &Path, files: &mut Files) {
+    for entry in fs::read_dir(directory).unwrap() {
         let entry = entry.unwrap();
         let name = prefix.join(entry.file_name());
         if entry.file_type().unwrap().is_dir() {
@@ -79,11 +79,11 @@ struct Outcome {
     stderr: String,
     /// Files that are new or other than before; without bytes those that are gone.
     files: Files,
-    /// Bytes written to files, also to those that have no name; nothing where the system does not tell.
+    /// Bytes written to files, also to those that have no name; nothing where the system has no count.
     written: Option<u64>,
 }
 
-/// Waits for a process and tells how many bytes it has written: the system knows until somebody takes note of the end.
+/// Waits for a process and returns how many bytes it has written: the system has the count until the process is waited for.
 fn written(process: u32) -> Option<u64> {
     while cfg!(target_os = "linux") {
         let state = fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
@@ -96,13 +96,13 @@ fn written(process: u32) -> Option<u64> {
     None
 }
 
-/// A run of the program in a folder.
-fn run(folder: &Path, arguments: &[String]) -> (std::process::ExitStatus, Vec<u8>, String, Option<u64>) {
+/// A run of the program in a directory.
+fn run(directory: &Path, arguments: &[String]) -> (std::process::ExitStatus, Vec<u8>, String, Option<u64>) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_spinney"));
     for variable in ["SOURCE_DATE_EPOCH", "SPINNEY_AUTHOR", "SPINNEY_REMOTE_TIMEOUT", "SPINNEY_SIGNED_URLS"] {
         command.env_remove(variable);
     }
-    command.args(arguments).current_dir(folder).stdin(Stdio::null());
+    command.args(arguments).current_dir(directory).stdin(Stdio::null());
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let (mut stdout, mut stderr) = (Vec::new(), Vec::new());
     let (mut out, mut err) = (child.stdout.take().unwrap(), child.stderr.take().unwrap());
@@ -134,11 +134,11 @@ impl Row {
     }
 }
 
-/// The inputs of the table's lines, made in a folder, and the lines.
-fn prepared(folder: &Path) -> Vec<Row> {
+/// The inputs of the table's lines, made in a directory, and the lines.
+fn prepared(directory: &Path) -> Vec<Row> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let fixtures =
-        |from: &str, to: &str| fs::copy(root.join("fixtures").join(from), folder.join(to)).unwrap();
+        |from: &str, to: &str| fs::copy(root.join("fixtures").join(from), directory.join(to)).unwrap();
     for entry in fs::read_dir(root.join("fixtures/v1")).unwrap() {
         let name = entry.unwrap().file_name().into_string().unwrap();
         fixtures(&format!("v1/{name}"), &name.replace("elevation", "relief"));
@@ -148,10 +148,10 @@ fn prepared(folder: &Path) -> Vec<Row> {
     }
     let mut state = 1;
     let noise: Vec<u8> = (0..512 * 512).map(|_| (random(&mut state) & 15) as u8).collect();
-    fs::write(folder.join("noise.pgm"), [&b"P5 512 512 255\n"[..], &noise].concat()).unwrap();
+    fs::write(directory.join("noise.pgm"), [&b"P5 512 512 255\n"[..], &noise].concat()).unwrap();
     let mut cell =
         || format!("{},{},{}\n", random(&mut state) % 512, random(&mut state) % 512, random(&mut state) % 9);
-    fs::write(folder.join("many.csv"), (0..20_000).map(|_| cell()).collect::<String>()).unwrap();
+    fs::write(directory.join("many.csv"), (0..20_000).map(|_| cell()).collect::<String>()).unwrap();
     let mut rows = Vec::new();
     for (number, line) in
         TABLE.lines().enumerate().filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
@@ -160,16 +160,16 @@ fn prepared(folder: &Path) -> Vec<Row> {
         match kind {
             "file" => {
                 let (name, text) = rest.split_once(" | ").unwrap();
-                fs::write(folder.join(name), unescaped(text)).unwrap();
+                fs::write(directory.join(name), unescaped(text)).unwrap();
             }
-            "damage" => {
+            "corrupt" => {
                 let [from, at, to] = rest.split(" | ").collect::<Vec<_>>()[..] else { panic!("{rest}") };
-                let mut bytes = fs::read(folder.join(from)).unwrap();
+                let mut bytes = fs::read(directory.join(from)).unwrap();
                 bytes[at.parse::<usize>().unwrap()] ^= 0x55;
-                fs::write(folder.join(to), bytes).unwrap();
+                fs::write(directory.join(to), bytes).unwrap();
             }
             "setup" => {
-                let (status, _, stderr, _) = run(folder, &words(rest));
+                let (status, _, stderr, _) = run(directory, &words(rest));
                 assert!(status.success(), "line {}: {rest}: {stderr}", number + 1);
             }
             _ => {
@@ -192,16 +192,16 @@ impl Runner {
         if let Some(known) = self.outcomes.lock().unwrap().get(&words) {
             return known.clone();
         }
-        let folder = tempfile::tempdir().unwrap();
+        let directory = tempfile::tempdir().unwrap();
         for (name, bytes) in &self.inputs {
-            let path = folder.path().join(name);
+            let path = directory.path().join(name);
             fs::create_dir_all(path.parent().unwrap()).unwrap();
             fs::write(path, bytes).unwrap();
         }
-        let (status, stdout, stderr, written) = run(folder.path(), &words);
+        let (status, stdout, stderr, written) = run(directory.path(), &words);
         assert!(!stderr.contains("panicked"), "{words:?}: {stderr}");
         let mut files = Files::new();
-        read_all(folder.path(), Path::new(""), &mut files);
+        read_all(directory.path(), Path::new(""), &mut files);
         let gone: Vec<_> = self.inputs.keys().filter(|name| !files.contains_key(*name)).cloned().collect();
         files.retain(|name, bytes| self.inputs.get(name) != Some(bytes));
         files.extend(gone.into_iter().map(|name| (name, Vec::new())));
@@ -238,7 +238,7 @@ impl Runner {
             before.rsplit(|letter: char| !letter.is_ascii_digit()).next()?.parse::<u64>().ok()
         };
         let is_true = match row.effect {
-            "answer" => both && with.stdout != without.stdout,
+            "result" => both && with.stdout != without.stdout,
             "output" => both && with.files != without.files,
             "report" => both && with.stderr != without.stderr,
             "refused" => without.succeeded && !with.succeeded && with.stderr.contains(row.what),
@@ -253,10 +253,10 @@ impl Runner {
 
 #[test]
 fn every_option_has_the_effect_that_the_table_says() {
-    let folder = tempfile::tempdir().unwrap();
-    let rows = prepared(folder.path());
+    let directory = tempfile::tempdir().unwrap();
+    let rows = prepared(directory.path());
     let mut inputs = Files::new();
-    read_all(folder.path(), Path::new(""), &mut inputs);
+    read_all(directory.path(), Path::new(""), &mut inputs);
     let runner = Runner { inputs, outcomes: Mutex::default() };
     let (next, wrong) = (AtomicUsize::new(0), Mutex::new(String::new()));
     let work = || {

@@ -217,8 +217,8 @@ fn tiles_are_exported_from_any_grid() {
     assert!(!Path::new(&folder.name("plain.pmtiles")).exists());
 }
 
-/// A picture of bytes as a tree with square cells of a width, whose corner is at a place.
-fn pictured(
+/// A tree of bytes with square cells of a width, whose corner is at these coordinates.
+fn raster(
     folder: &Folder,
     name: &str,
     side: usize,
@@ -243,14 +243,14 @@ fn keys(x: f64) -> f64 {
 }
 
 #[test]
-fn like_resamples_in_one_coordinate_system_as_asked() {
+fn like_resamples_in_one_coordinate_system_by_each_method() {
     const SIDE: usize = 8;
     let folder = Folder::new();
-    // (Multiples of 64, so that linear interpolation between them gives whole numbers.)
+    // (Multiples of 64, so that linear interpolation between them gives integers.)
     let cells: Vec<u8> = (0..SIDE * SIDE).map(|cell| (cell * cell * 7 % 4 * 64) as u8).collect();
-    let here = pictured(&folder, "here", SIDE, &cells, ([500_000.0, 5_000_000.0], 10.0));
+    let here = raster(&folder, "here", SIDE, &cells, ([500_000.0, 5_000_000.0], 10.0));
     // 16 x 16 cells, four on each of the source's along a side, from its third ones on.
-    let there = pictured(&folder, "there", 16, &[1; 256], ([500_020.0, 4_999_980.0], 2.5));
+    let there = raster(&folder, "there", 16, &[1; 256], ([500_020.0, 4_999_980.0], 2.5));
     let value = |x: usize, y: usize| f64::from(cells[y * SIDE + x]);
     let by_kernel = |x: f64, y: f64, kernel: &dyn Fn(f64) -> f64| -> f64 {
         let each = (0..SIDE).flat_map(|row| (0..SIDE).map(move |column| (column, row)));
@@ -292,9 +292,9 @@ fn cells_of(tree: &Dataset) -> Vec<u8> {
 fn like_takes_cells_of_any_width() {
     let folder = Folder::new();
     let corner = [500_000.0, 5_000_000.0];
-    let here = pictured(&folder, "here", 8, &[7; 64], (corner, 10.0));
+    let here = raster(&folder, "here", 8, &[7; 64], (corner, 10.0));
     for width in [7.0, 2.9, 14.7, 0.7, 1.1, 3.3] {
-        let there = pictured(&folder, "there", 3, &[1; 9], (corner, width));
+        let there = raster(&folder, "there", 3, &[1; 9], (corner, width));
         let [out, both] = ["out.goblin", "both.goblin"].map(|name| folder.name(name));
         command(&["transform", "-q", &here, &format!("like={there}"), "-o", &out]).assert().success();
         assert_eq!(cells_of(&spinney::open(&out).unwrap()), [7; 9], "{width}");

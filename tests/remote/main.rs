@@ -287,7 +287,7 @@ fn the_program_reads_urls_wherever_it_reads_a_file() {
     assert_eq!(cells_of_box(&url), cells_of_box(&near));
 }
 
-/// Requests and bytes that a run of the program tells.
+/// Requests and bytes that a run of the program reports.
 fn requests_of(arguments: &[&str]) -> Option<[u64; 2]> {
     let output = program(&[&["-v"], arguments].concat())?;
     let text = String::from_utf8(output.stderr).unwrap();

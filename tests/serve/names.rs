@@ -94,7 +94,7 @@ fn responses_are_compressed_where_that_pays() {
     assert_eq!((part.status, part.header("content-encoding")), (206, None));
 }
 
-/// Host and port are those that are asked for, and a browser shows the page.
+/// Host and port are those of the options, and a browser shows the page.
 #[test]
 #[cfg(target_os = "linux")]
 fn addresses_are_chosen_and_shown() {
@@ -102,7 +102,7 @@ fn addresses_are_chosen_and_shown() {
 
     let (folder, programs) = (island(), tempfile::tempdir().unwrap());
     let browser = programs.path().join("xdg-open");
-    std::fs::write(&browser, "#!/bin/sh\necho \"$1\" > \"${0%/*}/told\"\n").unwrap();
+    std::fs::write(&browser, "#!/bin/sh\necho \"$1\" > \"${0%/*}/shown\"\n").unwrap();
     std::fs::set_permissions(&browser, std::fs::Permissions::from_mode(0o755)).unwrap();
     // (A port that was free a moment ago may be taken by now.)
     let started = (0..20).find_map(|_| {
@@ -117,7 +117,7 @@ fn addresses_are_chosen_and_shown() {
     let (port, server) = started.expect("a port that stays free");
     assert_eq!(server.address, format!("127.0.0.2:{port}"));
     assert_eq!(server.get("/healthz").status, 200);
-    let told = programs.path().join("told");
+    let told = programs.path().join("shown");
     super::hostile::wait_until("the browser is started", || {
         std::fs::read_to_string(&told).is_ok_and(|url| url == format!("http://127.0.0.2:{port}/\n"))
     });

@@ -1,4 +1,4 @@
-//! The options that were given, and whether what is asked for takes them.
+//! The options that were given, and whether the command takes them for its input.
 
 use anyhow::{Result, bail};
 use clap::parser::ValueSource;
@@ -8,7 +8,7 @@ use clap::{ArgMatches, Command};
 /// subcommands are for everything, and what the environment says is left aside where it has no meaning.)
 //
 // A kind of file lists the options that it takes, and not those that it does not: an option that is new, or was forgotten, is refused until
-// somebody says that it has an effect.
+// its effect is written down.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct GivenOptions(Vec<String>);
 
@@ -25,8 +25,8 @@ impl GivenOptions {
         }
         let given = command.get_arguments().filter(|option| {
             let source = matches.value_source(option.get_id().as_str());
-            let is_asked_of_all = option.is_global_set() || option.is_required_set();
-            !is_asked_of_all && source == Some(ValueSource::CommandLine)
+            let is_for_all = option.is_global_set() || option.is_required_set();
+            !is_for_all && source == Some(ValueSource::CommandLine)
         });
         GivenOptions(given.filter_map(|option| option.get_long()).map(|name| format!("--{name}")).collect())
     }
@@ -42,7 +42,7 @@ impl GivenOptions {
         self.0.iter().map(String::as_str).find(is_other)
     }
 
-    /// Fails if an option was given that means nothing for what is made or asked for.
+    /// Fails if an option was given that means nothing for the output or the query.
     pub(crate) fn check(&self, what: &str, fitting: &[&str]) -> Result<()> {
         match self.other(fitting) {
             Some(option) => bail!("{option}: means nothing for {what}"),

@@ -50,7 +50,7 @@ pub(crate) struct Global {
     /// Refuse VRT, NRRD and views files and manifests whose data are in other files: for input of unknown origin
     #[arg(long, global = true)]
     no_external: bool,
-    /// Tell how files were read: requests for remote files and their bytes, files that were mapped or read at positions, unpacked bytes
+    /// Report how files were read: requests for remote files and their bytes, files that were mapped or read at positions, unpacked bytes
     /// that are kept, and threads
     #[arg(short, long, global = true)]
     verbose: bool,
@@ -136,7 +136,7 @@ impl Global {
         &self.access
     }
 
-    /// Tells how files were read, if that was asked for.
+    /// Reports how files were read, with `--verbose`.
     pub(crate) fn finish(&self) {
         if self.verbose {
             let [mapped, positioned] = self.access.opened();

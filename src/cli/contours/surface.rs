@@ -17,7 +17,7 @@ use crate::cli::report::{Work, report_output};
 /// Bytes that a triangle takes: its corners, and its part of the surface, whose triangles know their neighbours.
 const TRIANGLE_BYTES: u64 = 200;
 
-fn check_room(file: &Path, triangles: u64, memory: u64) -> spinney::Result<()> {
+fn check_memory(file: &Path, triangles: u64, memory: u64) -> spinney::Result<()> {
     let needed = triangles * TRIANGLE_BYTES;
     if needed <= memory {
         return Ok(());
@@ -48,7 +48,7 @@ pub(super) fn run(args: &Args, levels: &ContourLevels, global: &Global, start: I
                 return Err(spinney::Error::unsupported(file, found, "contours of a mesh need triangles"));
             };
             triangles.push([*a, *b, *c]);
-            check_room(file, triangles.len() as u64, memory)
+            check_memory(file, triangles.len() as u64, memory)
         })?;
     }
     let tin = Tin::from_triangles(&triangles).with_context(|| {

@@ -185,7 +185,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     Ok(())
 }
 
-/// Fails if options were given that the table, or the statistics, which are asked for do not take.
+/// Fails if options were given that the requested table or statistics do not take.
 fn check_modes(args: &Args, global: &Global) -> Result<()> {
     let (mode, fitting): (_, &[&str]) = if args.label_options.labels {
         ("--labels", &["--labels", "--connect", "--classes", "--output", "--json", "--csv"])

@@ -316,7 +316,7 @@ fn like(view: View, path: &Path) -> Result<View> {
         return Err(Error::invalid(what, "another part of the world than this tree's", expected));
     }
     let moved = view.clone().onto(&map, extent)?;
-    // An affine map knows the centre of a cell and the file's rule for areas; other ways are the warper's, of which a system is one case.
+    // An affine map takes the centre of a cell, or the file's rule for areas. All other ways are the warper's, also within one system.
     match view.warp().resampling {
         None | Some(Resampling::Nearest) => Ok(moved),
         // (Cells that lie on the other's are the same by any way, and are copied with the nodes that have them.)

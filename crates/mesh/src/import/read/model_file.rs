@@ -19,7 +19,7 @@ pub(super) struct ModelFile {
 }
 
 impl ModelFile {
-    /// Opens a file; where files are read at positions, a copy of it in an unnamed temporary file, which nobody else can cut short.
+    /// Opens a file; where files are read at positions, a copy of it in an unnamed temporary file, which no other process can truncate.
     pub(super) fn open(path: &Path, access: &FileAccess) -> Result<ModelFile> {
         let about = fs::metadata(path).map_err(Error::io(path, "open"))?;
         if about.is_dir() {
