@@ -17,7 +17,8 @@ use spinney::{
 use super::island::{self, Island};
 
 /// Names of the Goblin files, without `.goblin`.
-pub(crate) const FILES: [&str; 7] = ["classic", "classes", "elevation", "rgb", "rgba", "ball", "segments"];
+pub(crate) const FILES: [&str; 8] =
+    ["classic", "classes", "elevation", "rgb", "rgba", "ball", "segments", "large"];
 
 /// The picture behind the survey's two ten-record tables.
 pub(crate) const CLASSIC: [[u8; 8]; 8] = [
@@ -129,8 +130,20 @@ pub(crate) fn make(name: &str, island: &Island, path: &Path) -> Result<()> {
                 (x < 1000 && y < 300).then(|| Value::from([number as u8]))
             })
         }
+        // Numbers that are large beside their differences, which have the digits of an f64.
+        "large" => {
+            let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::F64, 1));
+            let what = (form, Rule::Mean, DataKind::Continuous, Metadata::default());
+            file(path, [50, 30, 1], what, &|[x, y, _]| (x < 50 && y < 30).then(|| Value::from([large(x, y)])))
+        }
         other => panic!("no frozen file is called {other}"),
     }
+}
+
+/// A cell of "large", whose patches are uniform.
+pub(crate) fn large(x: u32, y: u32) -> f64 {
+    let difference = if (x / 8 + y / 8) % 3 == 0 { 3 } else { (x * x + 3 * y) % 7 };
+    4e15 + 0.5 * f64::from(difference)
 }
 
 /// The value of a pixel of the picture with opacity.

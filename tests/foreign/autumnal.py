@@ -10,7 +10,7 @@ from basics import Bytes, Code, Header, Unknown, check, check_names, crc32c, met
 from coder import turned
 from packed import unpack_runs
 from rules import Pyramid, same
-from trees import INNER, VOID, Form, Run, Statistics, Tree
+from trees import INNER, VOID, Form, Run, Statistics, Tree, sum_of
 from verify import Writer, verify_tree
 
 MAGIC = b"\x93Autumn\n"
@@ -109,6 +109,13 @@ class LayerOfCommit(Tree):
         present = [b.leb() if f.masked else cells for _ in range(f.channels)]
         least, most = (np.frombuffer(b.take(f.width), f.type) for _ in range(2))
 
+        def square() -> Any:
+            if f.square == 16:
+                return sum_(floating)
+            parts = [b.leb() for _ in range(3)]
+            check(max(parts) < 1 << 64, "a sum is too large")
+            return sum_of(b"".join(part.to_bytes(8, "little") for part in parts), floating)
+
         def sum_(double: bool) -> Any:
             number = b.leb()
             check(number < 1 << 128, "a sum is too large")
@@ -116,7 +123,7 @@ class LayerOfCommit(Tree):
             return Bytes(number.to_bytes(16, "little", signed=True)).get("2d") if double else number
 
         sums = [sum_(floating) for _ in range(f.channels)]
-        squares = [sum_(floating or f.type.itemsize == 8) for _ in range(f.channels)]
+        squares = [square() for _ in range(f.channels)]
         counts: list[tuple[bytes, int]] | None = [] if f.classes else None
         if counts is not None:
             classes = b.leb()

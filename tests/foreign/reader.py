@@ -55,7 +55,7 @@ class Layer(Tree):
         check(self.root_state < CUT and (self.root_state != VOID or not any(raw[56:72])), "the root")
         check(not any(raw[56 + form.width : 72]), "something behind the root's value")
         check((self.segments > 0) == (self.root_state == INNER) and (form.depth or not self.segments), "segments of the root")
-        self.entry_size = 44 + (32 + 2 * form.type.itemsize + (8 if form.masked else 0)) * form.channels
+        self.entry_size = 44 + (16 + form.square + 2 * form.type.itemsize + (8 if form.masked else 0)) * form.channels
         check(self.crown <= self.directory <= run_size, "crown and directory")
         check(self.segments * self.entry_size <= run_size - self.directory, "room for the directory")
         self.run = self.part(run_at, run_size, None)
@@ -93,7 +93,7 @@ class Layer(Tree):
             least.append(b.take(f.type.itemsize))
             most.append(b.take(f.type.itemsize))
             sums.append(sum_of(b.take(16), f.type.kind == "f"))
-            squares.append(sum_of(b.take(16), f.type.kind == "f" or f.type.itemsize == 8))
+            squares.append(sum_of(b.take(f.square), f.type.kind == "f"))
         present = [b.get("Q") if f.masked else cells for _ in range(f.channels)]
         check(all(n <= cells for n in present), "more samples than cells")
         extremes = (np.frombuffer(b"".join(e), f.type) for e in (least, most))

@@ -22,7 +22,7 @@ def keys(values: Values) -> Array:
     return bits ^ (bits >> 8 * values.dtype.itemsize - 1 & np.iinfo(bits.dtype).max)
 
 
-# Double-double numbers.
+# Double-double and triple-double numbers.
 
 
 def pair(h: Array, l: Array) -> Pair:
@@ -31,7 +31,35 @@ def pair(h: Array, l: Array) -> Pair:
     return s, np.where(finite, l - (s - h), 0.0)
 
 
-def add(a: Pair, b: Pair) -> Pair:
+def two(a: Array, b: Array) -> Pair:
+    s = a + b
+    t = s - a
+    return s, (a - (s - t)) + (b - t)
+
+
+def first(a: Array, b: Array) -> Pair:
+    s = a + b
+    return s, b - (s - a)
+
+
+def triple(h: Array, m: Array, l: Array) -> tuple[Array, Array, Array]:
+    start = h
+    for _ in range(2):
+        m, l = first(m, l)
+        h, m = first(h, m)
+    m, l = first(m, l)
+    finite = np.isfinite(h)
+    return np.where(finite, h, start), np.where(finite, m, 0.0), np.where(finite, l, 0.0)
+
+
+def add(a: Any, b: Any) -> Any:
+    """The sum of two numbers in as many parts."""
+    if len(a) == 3:
+        (h, m, l), (H, M, L) = a, b
+        s, e = two(h, H)
+        t, f = two(m, M)
+        u, g = two(t, e)
+        return triple(s, u, (l + L) + (f + g))
     (h, l), (H, L) = a, b
     s = h + H
     finite = np.isfinite(s)
@@ -50,16 +78,11 @@ def square(x: Array) -> Pair:
     return pair(p, np.where(np.isfinite(e), e, 0.0))
 
 
-def squares_of(values: Values, there: Array) -> Pair:
-    """The squares of samples as double-double numbers."""
-    if values.dtype.kind == "f":
-        x = np.where(there, values.astype(np.float64), 0.0)
-        return (x * x, np.zeros(x.shape)) if values.dtype.itemsize == 4 else square(x)
-    whole = np.where(there, values, 0).astype(object)
-    h = whole.astype(np.float64)
-    rest = np.array([int(a) - int(b) for a, b in zip(whole.flat, h.flat)], np.float64).reshape(h.shape)
-    p, e = square(h)
-    return pair(p, e + (h * rest + rest * h))
+def squares_of(values: Values, there: Array) -> tuple[Array, ...]:
+    """The squares of floating samples, in parts."""
+    x = np.where(there, values.astype(np.float64), 0.0)
+    zero = np.zeros(x.shape)
+    return (x * x, zero) if values.dtype.itemsize == 4 else (*square(x), zero)
 
 
 def fold(parts: list[Any], plus: Any) -> Any:
@@ -123,7 +146,7 @@ class Pyramid:
             found.sums = (np.where(there, values.astype(np.float64) + 0.0, 0.0), np.zeros(values.shape))
         else:
             found.sums = np.where(there, values.astype(self.whole), 0)
-        found.squares = squares_of(values, there) if floating or f.type.itemsize == 8 else found.sums * found.sums
+        found.squares = squares_of(values, there) if floating else found.sums * found.sums
         zero = np.where(there, values, np.zeros(1, f.type))
         found.least = found.most = zero, there
         if f.classes:
@@ -138,12 +161,12 @@ class Pyramid:
         f, axes, found = self.form, self.form.axes, Level()
         of = lambda a: kids(a, axes)  # noqa: E731
         plain = lambda a: np.add.reduce(of(a))  # noqa: E731
-        pairs = lambda p: fold(list(zip(of(p[0]), of(p[1]))), add)  # noqa: E731
+        parts = lambda p: fold(list(zip(*(of(part) for part in p))), add)  # noqa: E731
         found.states = states_above(below.states, below.values, axes)
         found.cells, found.present = plain(below.cells), plain(below.present)
         found.nodes = plain(below.nodes) + (found.states == INNER)
-        found.sums = pairs(below.sums) if isinstance(below.sums, tuple) else plain(below.sums)
-        found.squares = pairs(below.squares) if isinstance(below.squares, tuple) else plain(below.squares)
+        found.sums = parts(below.sums) if isinstance(below.sums, tuple) else plain(below.sums)
+        found.squares = parts(below.squares) if isinstance(below.squares, tuple) else plain(below.squares)
         found.least = best(list(zip(of(below.least[0]), of(below.least[1]))), False)
         found.most = best(list(zip(of(below.most[0]), of(below.most[1]))), True)
         if f.classes:
@@ -217,13 +240,13 @@ class Pyramid:
     def _sums(sums: Any, at: tuple[int, ...]) -> list[Any]:
         if not isinstance(sums, tuple):
             return [int(v) for v in sums[at]]
-        pairs = [(float(h), float(l)) for h, l in zip(sums[0][at], sums[1][at])]
-        return [(float("nan"), 0.0) if h != h else (h, l) for h, l in pairs]
+        numbers = [tuple(float(part) for part in number) for number in zip(*(part[at] for part in sums))]
+        return [(float("nan"), *(0.0 for _ in rest)) if high != high else (high, *rest) for high, *rest in numbers]
 
 
 def same(a: Statistics, b: Statistics) -> bool:
     """Whether statistics are equal, in every bit."""
-    bits = lambda sums: [struct.pack("<2d", *s) if isinstance(s, tuple) else s for s in sums]  # noqa: E731
+    bits = lambda sums: [struct.pack(f"<{len(s)}d", *s) if isinstance(s, tuple) else s for s in sums]  # noqa: E731
     return (
         (a.cells, a.present, bits(a.sums), bits(a.squares)) == (b.cells, b.present, bits(b.sums), bits(b.squares))
         and (raw_bits(a.least) == raw_bits(b.least)).all()

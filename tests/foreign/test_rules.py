@@ -29,12 +29,31 @@ def pair(h: float, l: float) -> tuple[float, float]:
     return (s, l - (s - h)) if math.isfinite(s) else (s, 0.0)
 
 
+def two(a: float, b: float) -> tuple[float, float]:
+    s = a + b
+    t = s - a
+    return s, (a - (s - t)) + (b - t)
+
+
+def triple(h: float, m: float, l: float) -> tuple[float, float, float]:
+    start = h
+    for _ in range(2):
+        m, l = m + l, l - ((m + l) - m)
+        h, m = h + m, m - ((h + m) - h)
+    m, l = m + l, l - ((m + l) - m)
+    return (h, m, l) if math.isfinite(h) else (start, 0.0, 0.0)
+
+
 def add(a: Any, b: Any) -> Any:
     if not isinstance(a, tuple):
         return a + b
     s = a[0] + b[0]
     if not math.isfinite(s):
-        return s, 0.0
+        return s, *(0.0 for _ in a[1:])
+    if len(a) == 3:
+        (s, e), (t, f) = two(a[0], b[0]), two(a[1], b[1])
+        t, g = two(t, e)
+        return triple(s, t, (a[2] + b[2]) + (f + g))
     d = s - a[0]
     return pair(s, ((a[0] - (s - d)) + (b[0] - d)) + (a[1] + b[1]))
 
@@ -90,13 +109,8 @@ class Node:
     def _square(self, x: Any) -> Any:
         if self.f.type.kind == "f":
             x = 0.0 if x is None else float(x)
-            return (x * x, 0.0) if self.f.type.itemsize == 4 else square(x)
-        if self.f.type.itemsize < 8:
-            return (x or 0) ** 2
-        h = float(x or 0)
-        l = float((x or 0) - int(h))
-        p, e = square(h)
-        return pair(p, e + (h * l + l * h))
+            return (x * x, 0.0) if self.f.type.itemsize == 4 else (*square(x), 0.0)
+        return (x or 0) ** 2
 
     def _representative(self, below: "list[Node]") -> tuple[Any, ...] | None:
         rule, there = self.f.rule, [n for n in below if n.state != VOID]
@@ -137,7 +151,7 @@ def key(x: Any) -> Any:
     return (LACK, 1) if x is None else (x, math.copysign(1, x))
 
 
-@pytest.mark.parametrize("sample", range(len(SAMPLES)))
+@pytest.mark.parametrize("sample", [number for number, name in enumerate(SAMPLES) if name])
 @pytest.mark.parametrize("rule", range(len(RULES)))
 def test_all_nodes_at_once_and_each_by_itself(sample: int, rule: int) -> None:
     rng = random.Random(sample * 10 + rule)

@@ -12,7 +12,8 @@ from basics import Code, Damaged, Header, Point, Unknown, check
 from numpy.typing import NDArray
 
 VOID, LEAF, INNER, CUT = range(4)
-SAMPLES = ["<u1", "<u2", "<i2", "<u4", "<i4", "<f4", "<f8", "<i1", "<u8", "<i8"]
+# By number. (Three numbers are those of an earlier form.)
+SAMPLES = ["<u1", "<u2", "<i2", "<u4", "<i4", "<f4", None, "<i1", None, None, "<f8", "<u8", "<i8"]
 RULES = ["mean", "majority", "dominant", "min", "max", "nearest", "occupancy"]
 
 Values = NDArray[Any]
@@ -25,7 +26,7 @@ class Form:
         (sample, self.channels, rule, kind, self.codec, self.depth, self.reach, self.stride, self.heavy, mask, self.lack, *extent) = (
             struct.unpack("<8BIB3x8s3Q", raw)
         )
-        if sample >= len(SAMPLES) or rule >= len(RULES) or kind > 1 or self.codec > 1:
+        if sample >= len(SAMPLES) or SAMPLES[sample] is None or rule >= len(RULES) or kind > 1 or self.codec > 1:
             raise Unknown("a number of the tree's header is not known")
         # (All but what readers ignore.)
         self.raw = raw[:13] + raw[16:]
@@ -43,6 +44,7 @@ class Form:
         check(1 <= self.heavy <= 1 << 20 and self.heavy * self.children**self.stride <= 1 << (20 if axes == 2 else 28), "T")
         check(all(1 <= v <= 1 << self.depth for v in extent[:axes]) and (axes == 3 or extent[2] == 1), "extent")
         self.width = self.type.itemsize * self.channels
+        self.square = 24 if self.type.itemsize == 8 else 16
         self.record = self.children * self.width + (4 if axes == 2 else 8)
         self.skips = 21 if axes == 2 else 29
 
@@ -291,5 +293,5 @@ class Statistics:
 
 
 def sum_of(raw: bytes, floating: bool) -> Any:
-    """A sum of 16 bytes."""
-    return struct.unpack("<2d", raw) if floating else int.from_bytes(raw, "little", signed=True)
+    """A sum of 16 bytes, or one of squares, which may have 24."""
+    return struct.unpack(f"<{len(raw) // 8}d", raw) if floating else int.from_bytes(raw, "little", signed=len(raw) == 16)

@@ -134,6 +134,20 @@ fn classic() {
 }
 
 #[test]
+fn large() {
+    let file = open("large");
+    let expected = (quad(SampleType::F64, 1), Rule::Mean, DataKind::Continuous, [6, 8, 2, 4096], [50, 30, 1]);
+    assert_eq!(numbers(file.header()), expected);
+    // (Of halves, which are exact.)
+    let cells = (0..1500).map(|index| 2.0 * (frozen::large(index % 50, index / 50) - 4e15));
+    let (sum, squares) = cells.fold((0.0, 0.0), |(sum, squares), half| (sum + half, squares + half * half));
+    let variance = (squares / 1500.0 - (sum / 1500.0f64).powi(2)) / 4.0;
+    let zone = file.zone(0).unwrap();
+    let found = Sums::variance(&zone.sum, &zone.squares, 0, zone.cells);
+    assert!((found / variance - 1.0).abs() < 1e-13, "{found} {variance}");
+}
+
+#[test]
 fn classes() {
     let file = open("classes");
     let expected = (QUAD, Rule::Majority, DataKind::Categorical, [8, 8, 2, 4096], [256, 200, 1]);
@@ -171,7 +185,7 @@ fn elevation() {
     let zone = file.zone(0).unwrap();
     let height = |metres: f32| Some(Value::from([metres]));
     assert_eq!((zone.cells, Some(zone.min), Some(zone.max)), (1820, height(0.0), height(2885.75)));
-    assert_eq!(zone.sum, Sums::Float([876_617.25, 0.0, 0.0, 0.0].map(DoubleDouble::from)));
+    assert_eq!(zone.sum, Sums::Double([876_617.25, 0.0, 0.0, 0.0].map(DoubleDouble::from)));
     assert_eq!(cell(&file, 0, [0; 3]), height((876_617.25f64 / 1820.0) as f32));
     assert_eq!(cell(&file, 6, [25, 18, 0]), height(1381.875));
     assert_eq!(cell(&file, 6, [0, 0, 0]), None);

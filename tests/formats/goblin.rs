@@ -126,7 +126,7 @@ fn codes_come_in_preorder() {
 }
 
 #[test]
-fn sums_of_floating_samples_are_double_double() {
+fn sums_of_floating_samples_keep_their_digits() {
     // Multiples of 2^-60, so that the sum can be had exactly.
     let numbers = [0.1f64, 0.7, -3.3, 1.9];
     let exact = |number: f64| (number * 2f64.powi(60)) as i128;
@@ -135,21 +135,21 @@ fn sums_of_floating_samples_are_double_double() {
     });
     let file = goblin(&cells, Rule::Mean, DataKind::Continuous);
     let zone = file.zone(0).unwrap();
-    let (Sums::Float([sum, ..]), Sums::Float([square, ..])) = (zone.sum, zone.squares) else {
+    let (Sums::Double([sum, ..]), Sums::Triple([square, ..])) = (zone.sum, zone.squares) else {
         panic!("{zone:?}")
     };
     assert_eq!(exact(sum.high) + exact(sum.low), numbers.iter().map(|number| exact(*number)).sum::<i128>());
     assert!(sum.low != 0.0);
-    // And that of the squares to 2^-100 of it, which is why they are kept at all.
+    // And that of the squares.
     let high = |number: f64| exact(number) >> 20;
     let low = |number: f64| exact(number) & 0xf_ffff;
     let product = |number: f64| {
-        // In units of 2^-120, less 2^-80 or so.
+        // In units of 2^-120.
         let (high, low) = (high(number), low(number));
         ((high * high) << 40) + ((2 * high * low) << 20) + low * low
     };
     let expected: i128 = numbers.iter().map(|number| product(*number)).sum();
     let found = (square.high * 2f64.powi(60)) as i128;
-    let rest = (square.low * 2f64.powi(120)) as i128;
-    assert!(((found << 60) + rest - expected).abs() < 1 << 24, "{found} {rest} {expected}");
+    let rest = [square.middle, square.low].map(|part| (part * 2f64.powi(120)) as i128);
+    assert_eq!((found << 60) + rest[0] + rest[1], expected);
 }

@@ -51,32 +51,23 @@ struct Known {
     sum: i128,
     least: Option<i128>,
     greatest: Option<i128>,
-    /// By the letter of section 13 of formats.md.
-    squares: (f64, f64),
-    exact_squares: i128,
+    /// In digits to the base 2^64, the lowest first.
+    squares: [u64; 3],
 }
 
-fn pair(high: f64, low: f64) -> (f64, f64) {
-    let sum = high + low;
-    (sum, low - (sum - high))
+fn plus(a: [u64; 3], b: [u64; 3]) -> [u64; 3] {
+    let mut carry = false;
+    std::array::from_fn(|digit| {
+        let (sum, first) = a[digit].overflowing_add(b[digit]);
+        let (sum, second) = sum.overflowing_add(carry.into());
+        carry = first || second;
+        sum
+    })
 }
 
-fn plus((h, l): (f64, f64), (g, m): (f64, f64)) -> (f64, f64) {
-    let s = h + g;
-    let b = s - h;
-    pair(s, ((h - (s - b)) + (g - b)) + (l + m))
-}
-
-fn square(x: i128) -> (f64, f64) {
-    let h = x as f64;
-    let l = (x - h as i128) as f64;
-    let t = h * 134_217_729.0;
-    let u = t - (t - h);
-    let v = h - u;
-    let p = h * h;
-    let e = v * v - (((p - u * u) - v * u) - u * v);
-    let (p, e) = pair(p, e);
-    pair(p, e + (h * l + l * h))
+fn square(x: i128) -> [u64; 3] {
+    let square = x.unsigned_abs().pow(2);
+    [square as u64, (square >> 64) as u64, 0]
 }
 
 impl Known {
@@ -91,7 +82,6 @@ impl Known {
             least: join(self.least, other.least, i128::min),
             greatest: join(self.greatest, other.greatest, i128::max),
             squares: plus(self.squares, other.squares),
-            exact_squares: self.exact_squares.wrapping_add(other.exact_squares),
         }
     }
 
@@ -111,7 +101,6 @@ impl Known {
                 least: Some(number),
                 greatest: Some(number),
                 squares: square(number),
-                exact_squares: number.wrapping_mul(number),
             })
         } else {
             let below: Vec<Known> = (0..cells.form.children())
@@ -157,19 +146,15 @@ fn check(form: TreeType, seed: u64, size: [u64; 3], void: bool) {
             (i128::from(entry.zone.cells), entry.zone.sum),
             (known.cells, Sums::Exact([known.sum, 0, 0, 0]))
         );
-        match entry.zone.squares {
-            Sums::Exact(squares) => assert_eq!((sample, squares[0]), (SampleType::I8, known.exact_squares)),
-            Sums::Float(squares) => {
-                assert!(sample != SampleType::I8);
-                let bits = |(high, low): (f64, f64)| (high.to_bits(), low.to_bits());
-                assert_eq!(
-                    bits((squares[0].high, squares[0].low)),
-                    bits(known.squares),
-                    "{form} {}",
-                    entry.code
-                );
-            }
-        }
+        let mut squares = Vec::new();
+        entry.zone.squares.write(0, &mut squares);
+        let expected: Vec<u8> = known.squares.iter().flat_map(|digit| digit.to_le_bytes()).collect();
+        assert_eq!(
+            squares,
+            expected[..if sample == SampleType::I8 { 16 } else { 24 }],
+            "{form} {}",
+            entry.code
+        );
     }
     // The other ways to build, and to keep, the same tree: all say the same.
     assert_eq!(file.verify(1 << 24, &()).unwrap(), []);

@@ -11,6 +11,7 @@ mod composites;
 mod contours;
 mod coverage;
 mod crops;
+mod deviations;
 #[cfg(feature = "mesh")]
 mod exact_bodies;
 #[cfg(feature = "mesh")]

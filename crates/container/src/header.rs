@@ -97,6 +97,19 @@ struct RawHeader {
 pub(crate) const TREE_HEADER_SIZE: usize = size_of::<RawHeader>();
 const _: () = assert!(TREE_HEADER_SIZE == 48);
 
+/// Sample types whose statistics had sums of squares of 16 bytes, before they had 24: `f64`, `u64` and `i64`.
+const OLD_NUMBERS: [u8; 3] = [6, 8, 9];
+
+/// The number of a sample type in headers.
+const fn number_of(sample: SampleType) -> u8 {
+    match sample {
+        SampleType::F64 => 10,
+        SampleType::U64 => 11,
+        SampleType::I64 => 12,
+        other => other as u8,
+    }
+}
+
 impl Header {
     /// Levels below the root.
     #[inline]
@@ -131,7 +144,7 @@ impl Header {
             Mask::Alpha => (2, [0; 8]),
         };
         let raw = RawHeader {
-            sample: self.form.value.sample as u8,
+            sample: number_of(self.form.value.sample),
             channels: self.form.value.channels,
             rule: self.rule as u8,
             kind: self.kind as u8,
@@ -162,7 +175,6 @@ impl Header {
         let corrupt = |found: String, expected: &str| Error::corrupt(path, place, found, expected);
         let raw = RawHeader::ref_from_bytes(bytes).expect("as long as it is");
         let number = |name: &str, number: u8, expected: &str| corrupt(format!("{name} {number}"), expected);
-        let sample = SampleType::ALL.get(raw.sample as usize);
         let rule = Rule::ALL.get(raw.rule as usize);
         let heavy_threshold = raw.heavy_threshold.get();
         let shape = Shape { depth: raw.depth, reach: raw.reach, stride: raw.stride, heavy_threshold };
@@ -195,8 +207,21 @@ impl Header {
         if !extent.iter().enumerate().all(good) {
             return Err(corrupt(format!("extent {extent:?}"), "1 to 2^depth cells along every axis"));
         }
-        let types = format!("0 to {}", SampleType::ALL.len() - 1);
-        let sample = *sample.ok_or_else(|| number("sample type", raw.sample, &types))?;
+        let sample = SampleType::ALL.into_iter().find(|sample| number_of(*sample) == raw.sample);
+        let sample = match sample {
+            Some(sample) => sample,
+            None if OLD_NUMBERS.contains(&raw.sample) => {
+                return Err(Error::unsupported(
+                    path,
+                    format!(
+                        "{place}: samples of 64 bits with statistics of an earlier form (sample type {})",
+                        raw.sample
+                    ),
+                    "build the file again from what it was built from, or export it with the program that wrote it",
+                ));
+            }
+            None => return Err(number("sample type", raw.sample, "0 to 5, 7, or 10 to 12")),
+        };
         let mask = match raw.mask {
             0 => Mask::None,
             1 if raw.channels > 1 => Mask::Missing(raw.missing),

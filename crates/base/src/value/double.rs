@@ -43,13 +43,6 @@ impl DoubleDouble {
         }
     }
 
-    /// The square of a whole number, of which nothing is lost before it is squared.
-    #[inline]
-    pub(super) fn square_of(number: i128) -> DoubleDouble {
-        let number = DoubleDouble::from(number);
-        number * number
-    }
-
     /// So many times the number.
     #[inline]
     pub(super) fn times(self, count: u64) -> DoubleDouble {
@@ -61,11 +54,6 @@ impl DoubleDouble {
             return DoubleDouble { high, low: if high.is_finite() { low * count } else { 0.0 } };
         }
         self * DoubleDouble::of_count(count)
-    }
-
-    /// The number divided by a count.
-    pub(super) fn over(self, count: u64) -> DoubleDouble {
-        self / DoubleDouble::of_count(count)
     }
 }
 
@@ -157,7 +145,7 @@ mod tests {
         assert_eq!((sum.high, sum.low), (1.0, 0.0));
         let number = (1i128 << 100) + 12345;
         assert_eq!((DoubleDouble::from(number) - DoubleDouble::from(1i128 << 100)).high, 12345.0);
-        let seventh = DoubleDouble::from(1.0).over(7);
+        let seventh = DoubleDouble::from(1.0) / DoubleDouble::from(7.0);
         let one = seventh.times(7) - DoubleDouble::from(1.0);
         assert!(one.high.abs() < 1e-31, "{one:?}");
         // A count that is no f64.

@@ -10,8 +10,10 @@ mod number;
 mod palette;
 mod rule;
 mod sample;
+mod square_sum;
 mod sums;
 mod tally;
+mod triple;
 mod value_type;
 
 pub use dispatch::with_native_type;
@@ -26,4 +28,5 @@ pub use sample::Sample;
 pub use sums::Sums;
 pub use tally::ZoneStats;
 pub use tally::{dominant, erase, native, representative};
+pub use triple::TripleDouble;
 pub use value_type::{Mask, SampleType, ValueType};

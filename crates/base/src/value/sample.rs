@@ -9,10 +9,12 @@ use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use super::double::DoubleDouble;
 use super::number::Number;
+use super::square_sum::SquareSum;
 use super::sums::Sums;
+use super::triple::TripleDouble;
 use super::value_type::SampleType;
 
-/// Sums of any number of samples: exact (i128) for integers, double-double for floating samples.
+/// Sums of any number of samples, or of their squares: see [`Sums`].
 pub trait TotalSum: Copy + Debug + Default + Add<Output = Self> + Send + Sync + 'static {
     /// One sum per channel, at most four.
     fn to_sums(sums: &[Self]) -> Sums;
@@ -20,25 +22,24 @@ pub trait TotalSum: Copy + Debug + Default + Add<Output = Self> + Send + Sync + 
     fn from_sums(sums: &Sums) -> [Self; 4];
 }
 
-impl TotalSum for i128 {
-    fn to_sums(sums: &[i128]) -> Sums {
-        Sums::Exact(std::array::from_fn(|channel| sums.get(channel).copied().unwrap_or(0)))
-    }
+macro_rules! total_sum {
+    ($type:ident, $variant:ident) => {
+        impl TotalSum for $type {
+            fn to_sums(sums: &[$type]) -> Sums {
+                Sums::$variant(std::array::from_fn(|channel| sums.get(channel).copied().unwrap_or_default()))
+            }
 
-    fn from_sums(sums: &Sums) -> [i128; 4] {
-        if let Sums::Exact(sums) = sums { *sums } else { [0; 4] }
-    }
+            fn from_sums(sums: &Sums) -> [$type; 4] {
+                if let Sums::$variant(sums) = sums { *sums } else { Default::default() }
+            }
+        }
+    };
 }
 
-impl TotalSum for DoubleDouble {
-    fn to_sums(sums: &[DoubleDouble]) -> Sums {
-        Sums::Float(std::array::from_fn(|channel| sums.get(channel).copied().unwrap_or_default()))
-    }
-
-    fn from_sums(sums: &Sums) -> [DoubleDouble; 4] {
-        if let Sums::Float(sums) = sums { *sums } else { Default::default() }
-    }
-}
+total_sum!(i128, Exact);
+total_sum!(SquareSum, Squares);
+total_sum!(DoubleDouble, Double);
+total_sum!(TripleDouble, Triple);
 
 /// One number of a value.
 pub trait Sample: Copy + Debug + Default + PartialEq + PartialOrd + Send + Sync + 'static {
@@ -325,31 +326,31 @@ narrow_integer!(u32, U32, i64, i128, i64, i128, U32::new, |x: U32| x.get());
 narrow_integer!(i32, I32, i64, i128, i64, i128, I32::new, |x: I32| x.get());
 narrow_integer!(i8, i8, i32, i32, i32, i64, |x| x, |x| x);
 
-/// Integers of 64 bits: sums are exact, squares double-double.
+/// Integers of 64 bits, whose squares have 128.
 macro_rules! wide_integer {
     ($type:ident, $wire:ty, $to:expr, $from:expr) => {
         impl Arithmetic for $type {
             type Wire = $wire;
             type NarrowSum = i128;
-            type NarrowSquare = DoubleDouble;
+            type NarrowSquare = SquareSum;
             type BlockSum = i128;
-            type BlockSquare = DoubleDouble;
+            type BlockSquare = SquareSum;
             type TotalSum = i128;
-            type TotalSquare = DoubleDouble;
+            type TotalSquare = SquareSum;
 
             integer_arithmetic!($type, $to, $from);
 
             #[inline]
-            fn narrow_square(self) -> DoubleDouble {
+            fn narrow_square(self) -> SquareSum {
                 self.total_square(1)
             }
             #[inline]
-            fn block_square(self, cells: u32) -> DoubleDouble {
+            fn block_square(self, cells: u32) -> SquareSum {
                 self.total_square(cells.into())
             }
             #[inline]
-            fn total_square(self, cells: u64) -> DoubleDouble {
-                DoubleDouble::square_of(self.into()).times(cells)
+            fn total_square(self, cells: u64) -> SquareSum {
+                SquareSum::of(self.into()).times(cells)
             }
             #[inline]
             fn block_mean(sum: i128, cells: u32) -> $type {
@@ -363,7 +364,7 @@ wide_integer!(u64, U64, U64::new, |x: U64| x.get());
 wide_integer!(i64, I64, I64::new, |x: I64| x.get());
 
 macro_rules! float_sample {
-    ($type:ident, $variant:ident, $wire:ty, $bits:ident, $square:expr) => {
+    ($type:ident, $variant:ident, $wire:ty, $bits:ident, $square_sum:ty, $square:expr) => {
         impl Sample for $type {
             const TYPE: SampleType = SampleType::$variant;
 
@@ -426,11 +427,11 @@ macro_rules! float_sample {
         impl Arithmetic for $type {
             type Wire = $wire;
             type NarrowSum = DoubleDouble;
-            type NarrowSquare = DoubleDouble;
+            type NarrowSquare = $square_sum;
             type BlockSum = DoubleDouble;
-            type BlockSquare = DoubleDouble;
+            type BlockSquare = $square_sum;
             type TotalSum = DoubleDouble;
-            type TotalSquare = DoubleDouble;
+            type TotalSquare = $square_sum;
 
             #[inline]
             fn from_wire(wire: $wire) -> $type {
@@ -445,7 +446,7 @@ macro_rules! float_sample {
                 DoubleDouble::from(f64::from(self))
             }
             #[inline]
-            fn narrow_square(self) -> DoubleDouble {
+            fn narrow_square(self) -> $square_sum {
                 self.total_square(1)
             }
             #[inline]
@@ -457,7 +458,7 @@ macro_rules! float_sample {
                 self.total_sum(cells.into())
             }
             #[inline]
-            fn block_square(self, cells: u32) -> DoubleDouble {
+            fn block_square(self, cells: u32) -> $square_sum {
                 self.total_square(cells.into())
             }
             #[inline]
@@ -465,8 +466,8 @@ macro_rules! float_sample {
                 DoubleDouble::from(f64::from(self)).times(cells)
             }
             #[inline]
-            fn total_square(self, cells: u64) -> DoubleDouble {
-                let square: fn(f64) -> DoubleDouble = $square;
+            fn total_square(self, cells: u64) -> $square_sum {
+                let square: fn(f64) -> $square_sum = $square;
                 square(f64::from(self)).times(cells)
             }
             #[inline]
@@ -501,5 +502,5 @@ macro_rules! float_sample {
 }
 
 // (The square of an f32 is an f64.)
-float_sample!(f32, F32, F32, u32, |x| DoubleDouble::from(x * x));
-float_sample!(f64, F64, F64, u64, |x| DoubleDouble::product(x, x));
+float_sample!(f32, F32, F32, u32, DoubleDouble, |x| DoubleDouble::from(x * x));
+float_sample!(f64, F64, F64, u64, TripleDouble, TripleDouble::square);

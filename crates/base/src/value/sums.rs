@@ -1,6 +1,8 @@
-//! Sums of samples: exact for integers, double-double for floating samples and for squares of integers of 64 bits.
+//! Sums of samples, and of their squares: exact for integers, with two and three times the digits of an f64 for floating samples.
 
 use super::double::DoubleDouble;
+use super::square_sum::SquareSum;
+use super::triple::TripleDouble;
 use super::value_type::SampleType;
 
 /// Sums of up to four channels.
@@ -8,21 +10,46 @@ use super::value_type::SampleType;
 pub enum Sums {
     /// Sums of integers, and of the squares of those of at most 32 bits.
     Exact([i128; 4]),
-    /// Sums of floating samples, and of the squares of these and of integers of 64 bits.
-    Float([DoubleDouble; 4]),
+    /// Sums of the squares of integers of 64 bits.
+    Squares([SquareSum; 4]),
+    /// Sums of floating samples, and of the squares of `f32`.
+    Double([DoubleDouble; 4]),
+    /// Sums of the squares of `f64`.
+    Triple([TripleDouble; 4]),
 }
 
 impl Sums {
     /// Sums of no samples.
     #[inline]
     pub fn zero(sample: SampleType) -> Sums {
-        if sample.is_float() { Sums::Float(Default::default()) } else { Sums::Exact([0; 4]) }
+        if sample.is_float() { Sums::Double(Default::default()) } else { Sums::Exact([0; 4]) }
     }
 
     /// Sums of the squares of no samples.
     #[inline]
     pub(super) fn zero_squares(sample: SampleType) -> Sums {
-        if sample.has_exact_squares() { Sums::Exact([0; 4]) } else { Sums::Float(Default::default()) }
+        match sample {
+            SampleType::U64 | SampleType::I64 => Sums::Squares(Default::default()),
+            SampleType::F32 => Sums::Double(Default::default()),
+            SampleType::F64 => Sums::Triple(Default::default()),
+            _ => Sums::Exact([0; 4]),
+        }
+    }
+
+    /// Bytes on disk of one channel's sum of squares. (Those of its sum are 16.)
+    pub const fn size_of_squares(sample: SampleType) -> usize {
+        match sample {
+            SampleType::U64 | SampleType::I64 | SampleType::F64 => SquareSum::SIZE,
+            _ => 16,
+        }
+    }
+
+    /// Bytes on disk of one channel.
+    pub fn size(&self) -> usize {
+        match self {
+            Sums::Exact(_) | Sums::Double(_) => 16,
+            Sums::Squares(_) | Sums::Triple(_) => SquareSum::SIZE,
+        }
     }
 
     /// Adds channel by channel; both must be of one type of samples.
@@ -33,8 +60,14 @@ impl Sums {
             (Sums::Exact(a), Sums::Exact(b)) => {
                 Sums::Exact(std::array::from_fn(|channel| a[channel].wrapping_add(b[channel])))
             }
-            (Sums::Float(a), Sums::Float(b)) => {
-                Sums::Float(std::array::from_fn(|channel| a[channel] + b[channel]))
+            (Sums::Squares(a), Sums::Squares(b)) => {
+                Sums::Squares(std::array::from_fn(|channel| a[channel] + b[channel]))
+            }
+            (Sums::Double(a), Sums::Double(b)) => {
+                Sums::Double(std::array::from_fn(|channel| a[channel] + b[channel]))
+            }
+            (Sums::Triple(a), Sums::Triple(b)) => {
+                Sums::Triple(std::array::from_fn(|channel| a[channel] + b[channel]))
             }
             _ => unreachable!("sums of one tree are of one type"),
         }
@@ -44,62 +77,97 @@ impl Sums {
     pub fn number(&self, channel: usize) -> f64 {
         match self {
             Sums::Exact(sums) => sums[channel] as f64,
-            Sums::Float(sums) => sums[channel].high,
+            Sums::Double(sums) => sums[channel].high,
+            _ => self.triple(channel).high,
         }
     }
 
-    /// The sum of one channel, with 106 bits.
-    pub fn double(&self, channel: usize) -> DoubleDouble {
+    /// The sum of one channel, with 159 bits.
+    pub fn triple(&self, channel: usize) -> TripleDouble {
         match self {
-            Sums::Exact(sums) => DoubleDouble::from(sums[channel]),
-            Sums::Float(sums) => sums[channel],
+            Sums::Exact(sums) => TripleDouble::from(sums[channel]),
+            Sums::Squares(sums) => TripleDouble::from(sums[channel]),
+            Sums::Double(sums) => TripleDouble::from(sums[channel]),
+            Sums::Triple(sums) => sums[channel],
         }
     }
 
-    /// 16 bytes for the disk: i128, or the two f64 of a double-double number.
-    pub fn to_bytes(self, channel: usize) -> [u8; 16] {
+    /// Appends the bytes of one channel's sum on disk: an integer of 16 or 24, or two or three f64.
+    pub fn write(&self, channel: usize, bytes: &mut Vec<u8>) {
         match self {
-            Sums::Exact(sums) => sums[channel].to_le_bytes(),
-            Sums::Float(sums) => {
+            Sums::Exact(sums) => bytes.extend(sums[channel].to_le_bytes()),
+            Sums::Squares(sums) => bytes.extend(sums[channel].to_bytes()),
+            Sums::Double(sums) => {
                 let DoubleDouble { high, low } = sums[channel];
-                let (high, low) = if high.is_nan() { (f64::NAN, 0.0) } else { (high, low) };
-                let mut bytes = [0; 16];
-                bytes[..8].copy_from_slice(&high.to_le_bytes());
-                bytes[8..].copy_from_slice(&low.to_le_bytes());
-                bytes
+                write_parts([high, low], bytes);
+            }
+            Sums::Triple(sums) => {
+                let TripleDouble { high, middle, low } = sums[channel];
+                write_parts([high, middle, low], bytes);
             }
         }
     }
 
-    /// Sets one channel to what [`Sums::to_bytes`] has made.
-    pub fn set_bytes(&mut self, channel: usize, bytes: [u8; 16]) {
+    /// Sets one channel to what [`Sums::write`] has made, and returns the bytes behind it; `None` if there are too few.
+    pub fn read<'a>(&mut self, channel: usize, bytes: &'a [u8]) -> Option<&'a [u8]> {
         match self {
-            Sums::Exact(sums) => sums[channel] = i128::from_le_bytes(bytes),
-            Sums::Float(sums) => {
-                let [high, low] =
-                    [0, 8].map(|at| f64::from_le_bytes(std::array::from_fn(|byte| bytes[at + byte])));
+            Sums::Exact(sums) => {
+                let (sum, rest) = bytes.split_first_chunk()?;
+                sums[channel] = i128::from_le_bytes(*sum);
+                Some(rest)
+            }
+            Sums::Squares(sums) => {
+                let (sum, rest) = bytes.split_first_chunk()?;
+                sums[channel] = SquareSum::from_bytes(*sum);
+                Some(rest)
+            }
+            Sums::Double(sums) => {
+                let ([high, low], rest) = read_parts(bytes)?;
                 sums[channel] = DoubleDouble { high, low };
+                Some(rest)
+            }
+            Sums::Triple(sums) => {
+                let ([high, middle, low], rest) = read_parts(bytes)?;
+                sums[channel] = TripleDouble { high, middle, low };
+                Some(rest)
             }
         }
     }
 
-    /// Whether all sums are those of at most so many samples, or of their squares. (No integer sample
-    /// and no square that is added up exactly is larger than 2^64; of others everything is possible.)
+    /// Whether all sums are those of at most so many samples, or of their squares. (No integer sample, and no square of one of at most 32
+    /// bits, is larger than 2^64; of floating samples everything is possible.)
     pub fn are_possible(&self, cells: u64) -> bool {
         let most = cells as f64 * 2f64.powi(64);
         match self {
             Sums::Exact(sums) => sums.iter().all(|sum| (*sum as f64).abs() <= most),
-            Sums::Float(_) => true,
+            Sums::Squares(sums) => sums.iter().all(|sum| sum.is_possible(cells)),
+            Sums::Double(_) | Sums::Triple(_) => true,
         }
     }
 
-    /// Variance of the population of `cells` samples of a channel, from their sums and sums of squares; not a number where
-    /// these are not finite.
+    /// Variance of the population of `cells` samples of a channel, from their sums and sums of squares: see
+    /// [`TripleDouble::variance`].
     pub fn variance(sums: &Sums, squares: &Sums, channel: usize, cells: u64) -> f64 {
-        // The mean square without the square of the mean: nearly all digits cancel each other where samples differ little,
-        // which is what the many of a double-double number are for.
-        let mean = sums.double(channel).over(cells);
-        let variance = (squares.double(channel).over(cells) - mean * mean).high;
-        if variance < 0.0 { 0.0 } else { variance }
+        let cells = DoubleDouble::from(i128::from(cells));
+        TripleDouble::variance(sums.triple(channel), squares.triple(channel), cells)
     }
+}
+
+/// Appends the parts of a number. (One that is no number has one form.)
+fn write_parts<const PARTS: usize>(mut parts: [f64; PARTS], bytes: &mut Vec<u8>) {
+    if parts[0].is_nan() {
+        parts = [0.0; PARTS];
+        parts[0] = f64::NAN;
+    }
+    bytes.extend(parts.iter().flat_map(|part| part.to_le_bytes()));
+}
+
+/// The parts of a number, and the bytes behind it.
+fn read_parts<const PARTS: usize>(mut bytes: &[u8]) -> Option<([f64; PARTS], &[u8])> {
+    let mut parts = [0.0; PARTS];
+    for part in &mut parts {
+        let (number, rest) = bytes.split_first_chunk()?;
+        (*part, bytes) = (f64::from_le_bytes(*number), rest);
+    }
+    Some((parts, bytes))
 }

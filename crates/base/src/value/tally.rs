@@ -9,9 +9,9 @@ use super::value_type::ValueType;
 
 /// Counts, extremes and sums over cells that are not VOID; those of a node are its zone statistics.
 ///
-/// For floating samples (and for the squares of integers of 64 bits) the sums are double-double and depend on the order of adding, which
-/// is therefore part of the definition: pairwise in Z order ([`ZoneStats::merge`]), so that a uniform block has exactly the sum of its
-/// cells and trees built in any way agree in every bit.
+/// Sums of floating samples and of their squares depend on the order of adding, which is therefore part of the definition: pairwise in
+/// Z order ([`ZoneStats::merge`]), so that a uniform block has exactly the sum of its cells and trees built in any way agree in every
+/// bit. Those of integers are exact.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ZoneStats {
     /// Type of the values.
@@ -135,7 +135,7 @@ impl ZoneStats {
     /// The sum of a channel's samples, relative to a value: see [`ValueType::samples_from`].
     pub fn sum_from(&self, base: Value, channel: usize) -> f64 {
         match (&self.sum, self.value_type.numbers(base)[channel].to_integer()) {
-            (Sums::Exact(sums), Some(base)) if !self.value_type.sample.has_exact_squares() => {
+            (Sums::Exact(sums), Some(base)) if self.value_type.sample.is_wide_integer() => {
                 (sums[channel] - base * i128::from(self.present[channel])) as f64
             }
             (sums, _) => sums.number(channel),

@@ -42,11 +42,10 @@ impl SampleType {
         matches!(self, SampleType::F32 | SampleType::F64)
     }
 
-    /// Whether sums of squares are exact: not those of floating samples, nor of integers of 64 bits, whose squares have up to 128.
-    /// Sums that are not depend on the order of adding.
+    /// Whether samples are integers that an f64 cannot all be: of 64 bits.
     #[inline]
-    pub const fn has_exact_squares(self) -> bool {
-        !matches!(self, SampleType::F32 | SampleType::F64 | SampleType::U64 | SampleType::I64)
+    pub const fn is_wide_integer(self) -> bool {
+        matches!(self, SampleType::U64 | SampleType::I64)
     }
 }
 

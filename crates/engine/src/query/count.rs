@@ -160,7 +160,7 @@ fn count_dense<V: Native, R: Record>(
     block: &DenseBlock<'_>,
     part: ([usize; 3], [usize; 3]),
 ) {
-    if const { V::TYPE.sample.has_exact_squares() } && block.mask().is_none() {
+    if const { !V::TYPE.sample.is_float() } && block.mask().is_none() {
         // (Both types have the same size, by the way they were chosen.)
         block.rows_in::<R>(part, &mut |row| {
             counter.add_row(<[V::Wire]>::ref_from_bytes(row.as_bytes()).unwrap_or(&[]));

@@ -187,7 +187,7 @@ impl Sampler<'_> {
     fn base(&self) -> Result<Value> {
         let header = self.tree.header();
         let sample = header.form.value.sample;
-        if sample.is_float() || sample.has_exact_squares() || header.rule == Rule::Occupancy {
+        if !sample.is_wide_integer() || header.rule == Rule::Occupancy {
             return Ok(Value::ZERO);
         }
         let least = self.tree.exact_bounds()?.first().map_or(Number::default(), |(least, _)| *least);

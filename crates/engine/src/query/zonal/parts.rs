@@ -9,7 +9,9 @@ use super::cells::{in_cells, in_shares};
 use super::request::{ZoneChannel, ZoneStatistics};
 use crate::store::records::dense::{DenseBlock, DenseRows};
 use crate::store::records::{Record, RecordLayout, with_record_type};
-use spinney_base::value::{DoubleDouble, Number, Sample, Value, ValueType, ZoneStats, with_sample_type};
+use spinney_base::value::{
+    DoubleDouble, Number, Sample, TripleDouble, Value, ValueType, ZoneStats, with_sample_type,
+};
 use spinney_base::{TreeType, sort};
 use spinney_overlay::FULL_SHARE;
 
@@ -42,8 +44,8 @@ struct ChannelParts {
     /// The sum of integers of up to 32 bits, exactly.
     exact: i128,
     /// The sum of other samples, and of the squares of all.
-    sum: DoubleDouble,
-    squares: DoubleDouble,
+    sum: TripleDouble,
+    squares: TripleDouble,
     min: Number,
     max: Number,
     /// The extremes to compare with.
@@ -54,7 +56,7 @@ struct ChannelParts {
 impl Default for ChannelParts {
     fn default() -> Self {
         let (least, most) = (f64::INFINITY, f64::NEG_INFINITY);
-        let (sum, squares) = (DoubleDouble::default(), DoubleDouble::default());
+        let (sum, squares) = (TripleDouble::default(), TripleDouble::default());
         ChannelParts { shares: 0, exact: 0, sum, squares, min: least.into(), max: most.into(), least, most }
     }
 }
@@ -133,17 +135,19 @@ impl Parts {
         for ((channel, sample), _) in samples.filter(|(_, is_there)| *is_there) {
             let number = (self.number)(sample);
             channel.shares += shares;
-            if sample_type.has_exact_squares() {
-                // Invariant: 32 bits of a sample, 40 of a share and 55 of a number of cells are less than 127.
-                channel.exact = channel.exact.wrapping_add(number as i128 * shares as i128);
-                channel.squares = channel.squares + DoubleDouble::product(number, number) * weight;
-            } else {
-                let number = match (self.exact)(sample).to_integer() {
-                    Some(integer) if !sample_type.is_float() => DoubleDouble::from(integer),
-                    _ => DoubleDouble::from(number),
-                };
-                channel.sum = channel.sum + number * weight;
-                channel.squares = channel.squares + number * number * weight;
+            if sample_type.is_float() {
+                channel.sum = channel.sum + TripleDouble::from(number) * weight;
+                channel.squares =
+                    channel.squares + TripleDouble::from(DoubleDouble::product(number, number)) * weight;
+            } else if let Some(integer) = (self.exact)(sample).to_integer() {
+                let number = DoubleDouble::from(integer);
+                if sample_type.is_wide_integer() {
+                    channel.sum = channel.sum + TripleDouble::from(number) * weight;
+                } else {
+                    // Invariant: 32 bits of a sample, 40 of a share and 55 of a number of cells are less than 127.
+                    channel.exact = channel.exact.wrapping_add(integer * shares as i128);
+                }
+                channel.squares = channel.squares + TripleDouble::from(number) * number * weight;
             }
             channel.widen(number, || (self.exact)(sample));
         }
@@ -205,21 +209,22 @@ impl Parts {
             (min, max) = (min.min(of(whole.min)), max.max(of(whole.max)));
         }
         let full = DoubleDouble::from(FULL_SHARE as f64);
-        let sum = whole.sum.double(index) + (parts.sum + DoubleDouble::from(parts.exact)) / full;
-        let squares = whole.squares.double(index) + parts.squares / full;
+        // (Shares are parts of a power of two, so that no digit changes.)
+        let one = 1.0 / FULL_SHARE as f64;
+        let sum = whole.sum.triple(index) + (parts.sum + TripleDouble::from(parts.exact)) * one;
+        let squares = whole.squares.triple(index) + parts.squares * one;
         let weight = double_of(shares) / full;
-        let mean = sum / weight;
+        let mean = DoubleDouble { high: sum.high, low: sum.middle } / weight;
         // (Rounding must not make a deviation of nothing.)
         let variance =
-            if min == max && min.is_finite() { 0.0 } else { (squares / weight - mean * mean).high };
-        let standard_deviation = if variance < 0.0 { 0.0 } else { variance.sqrt() };
+            if min == max && min.is_finite() { 0.0 } else { TripleDouble::variance(sum, squares, weight) };
         ZoneChannel {
             cells: in_cells(shares),
             min,
             max,
             sum: sum.high,
             mean: if min == max && min.is_finite() { min.to_f64() } else { mean.high },
-            standard_deviation,
+            standard_deviation: variance.sqrt(),
             values: None,
         }
     }

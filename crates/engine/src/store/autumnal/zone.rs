@@ -1,10 +1,10 @@
 //! Zones: statistics of all the cells below a large node, so that edits and questions need not look at them.
 //!
-//! A zone stands behind the records of large nodes. Numbers are LEB128: seven bits a byte, the lowest first; sums are zigzag-coded 128-bit numbers (those of floating samples are the bits of
-//! two f64).
+//! A zone stands behind the records of large nodes. Numbers are LEB128: seven bits a byte, the lowest first; sums of 16 bytes are zigzag-coded 128-bit numbers, those of 24
+//! bytes three numbers of 64 bits (those of floating samples are the bits of two or three f64).
 
 use spinney_base::TreeType;
-use spinney_base::value::{Value, ZoneStats};
+use spinney_base::value::{Sums, Value, ZoneStats};
 
 /// Number of classes of a zone that has too many to list them.
 const NOT_COUNTED: u64 = u32::MAX as u64;
@@ -41,7 +41,7 @@ impl Zone {
         bytes.extend_from_slice(&tally.max.to_bytes()[..width]);
         for sums in [tally.sum, tally.squares] {
             for channel in 0..usize::from(tally.value_type.channels) {
-                put_signed(&mut bytes, i128::from_le_bytes(sums.to_bytes(channel)));
+                put_sum(&mut bytes, &sums, channel);
             }
         }
         if with_classes {
@@ -82,7 +82,7 @@ impl Zone {
         tally.max = value(rest, width)?;
         for sums in [&mut tally.sum, &mut tally.squares] {
             for channel in 0..usize::from(form.value.channels) {
-                sums.set_bytes(channel, get_signed(rest)?.to_le_bytes());
+                get_sum(rest, sums, channel)?;
             }
             // Then sums of any zones, added up, cannot overflow.
             if !sums.are_possible(cells) {
@@ -158,6 +158,33 @@ fn get(bytes: &mut &[u8]) -> Result<u128, BadZone> {
         }
     }
     Err(BadZone::Wrong)
+}
+
+/// Appends a sum.
+fn put_sum(bytes: &mut Vec<u8>, sums: &Sums, channel: usize) {
+    let mut sum = Vec::with_capacity(24);
+    sums.write(channel, &mut sum);
+    match <[u8; 16]>::try_from(&sum[..]) {
+        Ok(sum) => put_signed(bytes, i128::from_le_bytes(sum)),
+        Err(_) => {
+            let (parts, _) = sum.as_chunks();
+            parts.iter().for_each(|part| put(bytes, u64::from_le_bytes(*part).into()));
+        }
+    }
+}
+
+/// Reads what [`put_sum`] has appended.
+fn get_sum(bytes: &mut &[u8], sums: &mut Sums, channel: usize) -> Result<(), BadZone> {
+    let mut sum = Vec::with_capacity(24);
+    match sums.size() {
+        16 => sum.extend(get_signed(bytes)?.to_le_bytes()),
+        size => {
+            for _ in 0..size / 8 {
+                sum.extend(get_u64(bytes)?.to_le_bytes());
+            }
+        }
+    }
+    sums.read(channel, &sum).map(|_| ()).ok_or(BadZone::Short)
 }
 
 pub(super) fn get_u64(bytes: &mut &[u8]) -> Result<u64, BadZone> {

@@ -121,7 +121,7 @@ impl<V: Native, R: Record> Averaging<R> for MaskedMeans<V> {
 /// The tally of all the cells of a block, but for its classes.
 pub(super) fn tally<V: Native, R: Record>(block: &Block) -> ZoneStats {
     let value_type = block.form().value;
-    let is_exact = const { V::TYPE.sample.has_exact_squares() };
+    let is_exact = const { !V::TYPE.sample.is_float() };
     let mut tally = ZoneStats::void(value_type);
     let (mut min, mut max) = (V::default(), V::default());
     let mut sums = V::BlockSums::default();
@@ -147,7 +147,7 @@ pub(super) fn tally<V: Native, R: Record>(block: &Block) -> ZoneStats {
         }
     });
     (tally.min, tally.max) = (erase(min), erase(max));
-    (tally.sum, tally.squares) = if const { V::TYPE.sample.has_exact_squares() } {
+    (tally.sum, tally.squares) = if const { !V::TYPE.sample.is_float() } {
         (V::erase(V::widen(sums)), V::erase_squares(V::widen_squares(squares)))
     } else {
         pairwise_sums::<V, R>(block, &|value: V| present::<V, R>(value_type, encode::<R, V>(value)).0)

@@ -1,4 +1,4 @@
-//! Sums that depend on the order of adding: of floating samples, and of squares of integers of 64 bits.
+//! Sums that depend on the order of adding: of floating samples, and of their squares.
 
 use super::averaging::{decode, pairwise};
 use super::block::Block;

@@ -14,7 +14,7 @@ use spinney_container::LEAF;
 pub(super) fn of_block(block: &Block, classes: Option<Vec<(Value, u64)>>) -> ZoneStats {
     let form = block.form();
     let mut tally = match &classes {
-        Some(classes) if form.value.sample.has_exact_squares() => sum_of_classes(form.value, classes),
+        Some(classes) if !form.value.sample.is_float() => sum_of_classes(form.value, classes),
         _ => with_form_type!(form, V, R => match form.value.is_masked() {
             true if V::CHANNELS > 1 => masked::tally::<V, R>(block),
             _ => of_leaves::<V, R>(block),
@@ -37,7 +37,7 @@ fn sum_of_classes(value_type: ValueType, classes: &[(Value, u64)]) -> ZoneStats 
 
 fn of_leaves<V: Native, R: Record>(block: &Block) -> ZoneStats {
     // (So that sums are compiled one way for each type.)
-    let is_exact = const { V::TYPE.sample.has_exact_squares() };
+    let is_exact = const { !V::TYPE.sample.is_float() };
     let mut cells = 0u64;
     let (mut min, mut max) = any_leaf::<R>(block).map_or_else(Default::default, |bytes| {
         let value: V = decode::<R, V>(bytes);
@@ -55,7 +55,7 @@ fn of_leaves<V: Native, R: Record>(block: &Block) -> ZoneStats {
             squares = V::add_block_squares(squares, value.block_squares(count));
         }
     });
-    let (sum, squares) = if const { V::TYPE.sample.has_exact_squares() } {
+    let (sum, squares) = if const { !V::TYPE.sample.is_float() } {
         (V::erase(V::widen(sums)), V::erase_squares(V::widen_squares(squares)))
     } else {
         pairwise_sums::<V, R>(block, &|value| value)

@@ -7,7 +7,7 @@ use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use spinney_base::TreeType;
 use spinney_base::space::Code;
-use spinney_base::value::{DoubleDouble, MAX_VALUE_SIZE, Sums, Value, ValueType, ZoneStats};
+use spinney_base::value::{MAX_VALUE_SIZE, Sums, Value, ValueType, ZoneStats};
 use spinney_base::{Error, Result};
 use spinney_container::Codec;
 
@@ -59,9 +59,9 @@ struct RawEntry {
 
 const _: () = assert!(size_of::<RawEntry>() == 44);
 
-/// Bytes of the zone statistics of one channel: the extremes are samples, and the sum and that of squares 16 bytes each.
+/// Bytes of the zone statistics of one channel: two extremes, the sum and that of squares.
 const fn channel_size(value_type: ValueType) -> usize {
-    2 * value_type.sample.size() + 32
+    2 * value_type.sample.size() + 16 + Sums::size_of_squares(value_type.sample)
 }
 
 /// Bytes of one entry for values of a type: where samples can be missing, a count per channel stands at the end.
@@ -123,8 +123,8 @@ impl Entry {
         let (width, extremes) = (value_type.sample.size(), [min.to_bytes(), max.to_bytes()]);
         for channel in 0..usize::from(value_type.channels) {
             extremes.iter().for_each(|samples| bytes.extend_from_slice(&samples[channel * width..][..width]));
-            bytes.extend_from_slice(&sum.to_bytes(channel));
-            bytes.extend_from_slice(&squares.to_bytes(channel));
+            sum.write(channel, &mut bytes);
+            squares.write(channel, &mut bytes);
         }
         if value_type.is_masked() {
             let present = self.zone.present.iter().take(usize::from(value_type.channels));
@@ -159,8 +159,8 @@ impl Entry {
             let (extremes, sums) = raw.split_at(2 * width);
             min[channel * width..][..width].copy_from_slice(&extremes[..width]);
             max[channel * width..][..width].copy_from_slice(&extremes[width..]);
-            zone.sum.set_bytes(channel, std::array::from_fn(|byte| sums[byte]));
-            zone.squares.set_bytes(channel, std::array::from_fn(|byte| sums[16 + byte]));
+            let rest = zone.sum.read(channel, sums).ok_or_else(short)?;
+            zone.squares.read(channel, rest).ok_or_else(short)?;
         }
         (zone.min, zone.max) = (Value::from_bytes(&min), Value::from_bytes(&max));
         Ok(Entry {
@@ -181,8 +181,8 @@ pub(super) fn show_sums(sums: &Sums, channels: u8) -> String {
     let channels = usize::from(channels);
     match sums {
         Sums::Exact(sums) => format!("{:?}", &sums[..channels]),
-        Sums::Float(sums) => {
-            format!("{:?}", sums.map(|DoubleDouble { high, low }| (high, low)).get(..channels))
-        }
+        Sums::Squares(sums) => format!("{:?}", &sums[..channels]),
+        Sums::Double(sums) => format!("{:?}", &sums[..channels]),
+        Sums::Triple(sums) => format!("{:?}", &sums[..channels]),
     }
 }

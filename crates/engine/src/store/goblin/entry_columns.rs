@@ -1,7 +1,7 @@
 //! Entries of the directory in few bytes: what stands in one place of each, one behind the other, as numbers.
 
 use super::directory::entry_size;
-use spinney_base::value::ValueType;
+use spinney_base::value::{Sums, ValueType};
 use spinney_packing::{pack_numbers, unpack_numbers};
 
 /// Entries that are packed together, at most.
@@ -13,8 +13,9 @@ fn widths(value_type: ValueType) -> Vec<usize> {
     let mut widths = vec![8, 8, 8, 4, 2, 2, 4, 8];
     let sample = value_type.sample.size();
     for _ in 0..value_type.channels {
-        // Extremes, then the halves of the two sums.
-        widths.extend([sample, sample, 8, 8, 8, 8]);
+        // Extremes, then the sum and that of squares in parts.
+        widths.extend([sample, sample, 8, 8]);
+        widths.extend(vec![8; Sums::size_of_squares(value_type.sample) / 8]);
     }
     if value_type.is_masked() {
         widths.extend(vec![8; usize::from(value_type.channels)]);

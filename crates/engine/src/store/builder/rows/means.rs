@@ -81,7 +81,7 @@ fn tally<V: Native>(block: &RowBlock, sums: V::BlockSums) -> ZoneStats {
         let value = V::from_wire(*value);
         (min, max) = (min.min(value), max.max(value));
     }
-    let squares = if const { V::TYPE.sample.has_exact_squares() } {
+    let squares = if const { !V::TYPE.sample.is_float() } {
         squares::<V>(values)
     } else {
         pairwise_squares::<V>(block)

@@ -61,7 +61,7 @@ impl RowBlock {
             Rule::Mean | Rule::Occupancy => !matches!(form.value.mask, Mask::Missing(_)) && !count_classes,
             // (Whose bytes are in the order of the values.)
             Rule::Majority => form.value == ValueType::new(SampleType::U8, 1),
-            Rule::Nearest => count_classes && form.value.sample.has_exact_squares(),
+            Rule::Nearest => count_classes && !form.value.sample.is_float(),
             Rule::Dominant | Rule::Min | Rule::Max => false,
         }
     }
