@@ -12,7 +12,9 @@ pub mod space {
 
 /// Values of cells: samples, values whose type is known at run time, what many cells add up to, and how coarse levels get theirs.
 pub mod value {
-    pub use spinney_base::value::{DoubleDouble, Mask, Numbers, Palette, Sample, Samples, Sums, ZoneStats};
+    pub use spinney_base::value::{
+        DoubleDouble, Mask, Numbers, Palette, Sample, Samples, SquareSum, Sums, ZoneStats,
+    };
 }
 
 /// Files: read where they are mapped, at positions, or in ranges from elsewhere, written whole or not at all.

@@ -130,7 +130,7 @@ pub(crate) fn make(name: &str, island: &Island, path: &Path) -> Result<()> {
                 (x < 1000 && y < 300).then(|| Value::from([number as u8]))
             })
         }
-        // Numbers that are large beside their differences, which have the digits of an f64.
+        // Numbers that are much larger than their differences.
         "large" => {
             let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::F64, 1));
             let what = (form, Rule::Mean, DataKind::Continuous, Metadata::default());

@@ -1,4 +1,4 @@
-//! Standard deviations of numbers that are large beside their differences, against those of the differences.
+//! Standard deviations of numbers that are much larger than their differences, against those of the differences.
 
 use spinney::query::{EdgeRule, Polygon, ZonalRequest};
 use spinney::{Codec, DataKind, Dataset, Output, Rule, SampleType, Value, WriteOptions, convert};

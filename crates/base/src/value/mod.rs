@@ -25,6 +25,7 @@ pub use number::Number;
 pub use palette::Palette;
 pub use rule::{DataKind, Rule};
 pub use sample::Sample;
+pub use square_sum::SquareSum;
 pub use sums::Sums;
 pub use tally::ZoneStats;
 pub use tally::{dominant, erase, native, representative};

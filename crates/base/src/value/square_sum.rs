@@ -49,7 +49,8 @@ impl SquareSum {
         bytes
     }
 
-    pub(super) fn from_bytes(bytes: [u8; SquareSum::SIZE]) -> SquareSum {
+    /// The number of so many bytes, little-endian.
+    pub fn from_bytes(bytes: [u8; 24]) -> SquareSum {
         SquareSum {
             low: u128::from_le_bytes(std::array::from_fn(|byte| bytes[byte])),
             high: u64::from_le_bytes(std::array::from_fn(|byte| bytes[16 + byte])),

@@ -108,7 +108,7 @@ impl Sums {
         }
     }
 
-    /// Sets one channel to what [`Sums::write`] has made, and returns the bytes behind it; `None` if there are too few.
+    /// Sets one channel to what [`Sums::write`] has made, and returns the bytes after it; `None` if there are too few.
     pub fn read<'a>(&mut self, channel: usize, bytes: &'a [u8]) -> Option<&'a [u8]> {
         match self {
             Sums::Exact(sums) => {
@@ -162,7 +162,7 @@ fn write_parts<const PARTS: usize>(mut parts: [f64; PARTS], bytes: &mut Vec<u8>)
     bytes.extend(parts.iter().flat_map(|part| part.to_le_bytes()));
 }
 
-/// The parts of a number, and the bytes behind it.
+/// The parts of a number, and the bytes after it.
 fn read_parts<const PARTS: usize>(mut bytes: &[u8]) -> Option<([f64; PARTS], &[u8])> {
     let mut parts = [0.0; PARTS];
     for part in &mut parts {

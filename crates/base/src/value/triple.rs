@@ -38,10 +38,10 @@ fn ordered_sum(large: f64, small: f64) -> (f64, f64) {
 }
 
 impl TripleDouble {
-    /// A sum of three numbers, each of which is large beside the next.
+    /// A sum of three numbers, each of which is much larger than the next.
     ///
-    /// Invariant: what comes out is left as it is by the same steps. Two rounds are needed, since the rest can push a number over the
-    /// middle between two.
+    /// Invariant: what comes out is left as it is by the same steps. Each pair is added twice, since the rest can push a number over
+    /// the middle between two.
     #[inline]
     fn of_parts(first: f64, middle: f64, low: f64) -> TripleDouble {
         let high = first;

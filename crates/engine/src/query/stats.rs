@@ -33,8 +33,8 @@ pub struct Statistics {
     pub segments_read: u64,
 }
 
-/// Statistics of one channel; the standard deviation is that of the population. Of integers of 64 bits it is as exact as an f64 is of the
-/// largest of them (their squares are double-double), all else as of other integers.
+/// Statistics of one channel; the standard deviation is that of the population, with the digits of an f64 also where samples are much
+/// larger than their differences.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[allow(missing_docs)] // the names say it
 pub struct ChannelStatistics {
