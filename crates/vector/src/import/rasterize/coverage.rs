@@ -8,6 +8,59 @@ use super::edge::{Edge, PARTS, Point, centre};
 /// how far the edge's ends are away; ends a million cells away are off by 2^-32.
 const ROUNDING: f64 = 1e-9;
 
+/// A share without what rounding alone may have left, or taken away.
+pub(super) fn settled(share: f64) -> f64 {
+    match share {
+        share if share < ROUNDING => 0.0,
+        share if share > 1.0 - ROUNDING => 1.0,
+        share => share,
+    }
+}
+
+/// Shares that polygons cover of the cells of a block.
+pub(super) struct Shares {
+    sums: Vec<f64>,
+    /// Number of polygons that cover a part of each cell, up to 2; [`FULL`] if one covers all of it.
+    polygons: Vec<u8>,
+}
+
+/// A cell that one polygon covers.
+const FULL: u8 = u8::MAX;
+
+impl Shares {
+    pub(super) fn new(cells: usize) -> Shares {
+        Shares { sums: vec![0.0; cells], polygons: vec![0; cells] }
+    }
+
+    /// Adds a share to those of some cells; returns whether it is one.
+    #[inline]
+    pub(super) fn add(&mut self, share: f64, cells: Range<usize>) -> bool {
+        let share = settled(share.abs());
+        if share == 0.0 {
+            return false;
+        }
+        if share == 1.0 {
+            self.polygons[cells].fill(FULL);
+            return true;
+        }
+        for (sum, polygons) in self.sums[cells.clone()].iter_mut().zip(&mut self.polygons[cells]) {
+            *sum += share;
+            *polygons = if *polygons < 2 { *polygons + 1 } else { *polygons };
+        }
+        true
+    }
+
+    /// The sum of what was added to a cell since this was asked, and how many polygons it is of: 1 for one that covers all of it. The sum of
+    /// several is that of their union if they do not overlap.
+    pub(super) fn take(&mut self, cell: usize) -> (f64, u8) {
+        let sum = std::mem::take(&mut self.sums[cell]);
+        match std::mem::take(&mut self.polygons[cell]) {
+            FULL => (1.0, 1),
+            count => (sum, count),
+        }
+    }
+}
+
 /// Room to measure polygons in a square of cells.
 pub(super) struct Coverage {
     side: usize,
@@ -53,7 +106,7 @@ impl Coverage {
         edges: impl Iterator<Item = &'a Edge> + Clone,
         cell: Point,
         winding: i32,
-        shares: &mut [f64],
+        shares: &mut Shares,
     ) {
         let (side, origin) = (self.side, cell.map(|cell| cell * PARTS));
         self.left.fill(0.0);
@@ -90,26 +143,27 @@ impl Coverage {
         let (columns, rows) = (cells(reached[0]), cells(reached[1]));
         let columns = columns.start..(columns.end + 1).min(side);
         let mut sum = 0.0;
-        for (row, shares) in shares.chunks_exact_mut(side).enumerate() {
+        for row in 0..side {
+            let cells = |columns: Range<usize>| row * side + columns.start..row * side + columns.end;
             sum += self.steps[row];
             let mut share = sum + self.left[row];
             let touched = &mut self.touched[row];
             if !rows.contains(&row) {
-                if add(share, shares) {
+                if shares.add(share, cells(0..side)) {
                     *touched = 0..side;
                 }
                 continue;
             }
             let mut reached = columns.clone();
-            if add(share, &mut shares[..columns.start]) {
+            if shares.add(share, cells(0..columns.start)) {
                 reached.start = 0;
             }
             let changes = &mut self.changes[row * (side + 1)..(row + 1) * (side + 1)];
             for column in columns.clone() {
                 share += changes[column];
-                add(share, &mut shares[column..=column]);
+                shares.add(share, cells(column..column + 1));
             }
-            if add(share, &mut shares[columns.end..]) {
+            if shares.add(share, cells(columns.end..side)) {
                 reached.end = side;
             }
             *touched = touched.start.min(reached.start)..touched.end.max(reached.end);
@@ -170,16 +224,4 @@ impl Coverage {
             changes[column + 1] += part * middle;
         }
     }
-}
-
-/// Adds a share to those of some cells; returns whether it is one.
-#[inline]
-fn add(share: f64, shares: &mut [f64]) -> bool {
-    let share = match share.abs() {
-        share if share < ROUNDING => return false,
-        share if share > 1.0 - ROUNDING => 1.0,
-        share => share,
-    };
-    shares.iter_mut().for_each(|sum| *sum += share);
-    true
 }

@@ -14,6 +14,7 @@ mod source;
 mod survey;
 #[cfg(test)]
 mod tests;
+mod union;
 mod values;
 
 pub use self::options::{FeatureGrid, FeatureValue, LineWidth, Overlaps, RasterizeOptions};

@@ -6,9 +6,10 @@
 
 use std::ops::Range;
 
-use spinney_base::space::Bounds;
+use spinney_base::space::{Bounds, EdgeRule};
 
 use super::edge::{Edge, PARTS, Point, centre};
+use super::mask::Mask;
 use super::slivers::have_no_centre_between;
 
 /// Kind of a shape.
@@ -156,6 +157,70 @@ impl Shapes {
         }
     }
 
+    /// Yields those cells of a block that are wanted, with their parts, given the block's parts and its first cell.
+    pub(super) fn each_cell(
+        &self,
+        parts: &Parts,
+        cell: Point,
+        wanted: &[bool],
+        each: &mut dyn FnMut(usize, &Parts, Point),
+    ) {
+        let side = wanted.len().isqrt();
+        let block = Block { cell, side, wanted };
+        if wanted.contains(&true) {
+            self.each_cell_below(parts, &block, ([0; 2], side), each);
+        }
+    }
+
+    fn each_cell_below(
+        &self,
+        parts: &Parts,
+        block: &Block<'_>,
+        (at, side): ([usize; 2], usize),
+        each: &mut dyn FnMut(usize, &Parts, Point),
+    ) {
+        if side == 1 {
+            let cell = [0, 1].map(|axis| block.cell[axis] + at[axis] as i64);
+            return each(at[1] * block.side + at[0], parts, cell);
+        }
+        let half = side / 2;
+        let corners = [at, [at[0] + half, at[1]], [at[0], at[1] + half], [at[0] + half, at[1] + half]];
+        let children =
+            self.children(parts, &block.bounds(at, side), &corners.map(|at| block.bounds(at, half)));
+        for (at, parts) in corners.into_iter().zip(&children) {
+            let mut rows = (at[1]..at[1] + half).map(|row| row * block.side + at[0]);
+            if rows.any(|first| block.wanted[first..first + half].contains(&true)) {
+                self.each_cell_below(parts, block, (at, half), each);
+            }
+        }
+    }
+
+    /// The cells that a shape has by the rule for edges.
+    pub(super) fn mask(&self, mask: &mut Mask, (parts, part): (&Parts, &Part), cell: Point, edge: EdgeRule) {
+        let edges = || self.edges_of(parts, part);
+        match self.shapes[part.shape as usize].kind {
+            ShapeKind::Polygon if part.is_whole() => mask.fill(true),
+            ShapeKind::Polygon => {
+                mask.centres(edges(), cell, part.is_inside());
+                if edge == EdgeRule::Touch {
+                    mask.touch(edges(), cell, false);
+                }
+            }
+            ShapeKind::Line => {
+                mask.fill(false);
+                mask.touch(edges(), cell, true);
+            }
+            ShapeKind::Wide(radius) => {
+                mask.fill(false);
+                mask.near(edges(), cell, radius);
+            }
+            ShapeKind::Points => {
+                mask.fill(false);
+                mask.points(edges(), cell);
+            }
+        }
+    }
+
     /// The edges of a part.
     pub(super) fn edges_of<'a>(
         &'a self,
@@ -163,6 +228,21 @@ impl Shapes {
         part: &Part,
     ) -> impl Iterator<Item = &'a Edge> + Clone {
         parts.edges[part.edges.clone()].iter().map(|edge| &self.edges[*edge as usize])
+    }
+}
+
+/// A block of cells, some of which are wanted.
+struct Block<'a> {
+    cell: Point,
+    side: usize,
+    wanted: &'a [bool],
+}
+
+impl Block<'_> {
+    /// A square of its cells in the tree.
+    fn bounds(&self, at: [usize; 2], side: usize) -> Bounds {
+        let [x, y] = [0, 1].map(|axis| (self.cell[axis] + at[axis] as i64) as u64);
+        Bounds { min: [x, y, 0], max: [x + side as u64, y + side as u64, 1] }
     }
 }
 

@@ -8,7 +8,7 @@ use spinney_base::value::{Number, Value, ValueType};
 use spinney_engine::ops::BlockSource;
 use spinney_engine::tree::{CellBlock, Child};
 
-use super::coverage::Coverage;
+use super::coverage::{Coverage, Shares};
 use super::edge::Point;
 use super::ladder::Ladder;
 use super::mask::{Mask, index_of};
@@ -75,7 +75,7 @@ impl ShapeTree {
 
     /// The value of the cells that all of some shapes have wholly; `None` is VOID.
     fn uniform(&self, parts: &[Part]) -> Option<Value> {
-        let numbers = || parts.iter().map(|part| self.values[self.value_number(part)]);
+        let numbers = || parts.iter().map(|part| self.number(part));
         let sum = || numbers().map(Number::to_f64).sum::<f64>();
         let number = match self.paint {
             Paint::Share => Number::from(if parts.is_empty() { 0.0 } else { 1.0 }),
@@ -90,6 +90,10 @@ impl ShapeTree {
 
     fn value_number(&self, part: &Part) -> usize {
         self.shapes.shapes[part.shape as usize].value as usize
+    }
+
+    fn number(&self, part: &Part) -> Number {
+        self.values[self.value_number(part)]
     }
 
     fn kind(&self, part: &Part) -> ShapeKind {
@@ -135,32 +139,6 @@ impl ShapeTree {
         self.cells(&painted, &bounds, side)
     }
 
-    /// The cells that a shape has by the rule for edges.
-    fn mask(&self, mask: &mut Mask, parts: &Parts, part: &Part, cell: Point) {
-        let edges = || self.shapes.edges_of(parts, part);
-        match self.kind(part) {
-            ShapeKind::Polygon if part.is_whole() => mask.fill(true),
-            ShapeKind::Polygon => {
-                mask.centres(edges(), cell, part.is_inside());
-                if self.edge == EdgeRule::Touch {
-                    mask.touch(edges(), cell, false);
-                }
-            }
-            ShapeKind::Line => {
-                mask.fill(false);
-                mask.touch(edges(), cell, true);
-            }
-            ShapeKind::Wide(radius) => {
-                mask.fill(false);
-                mask.near(edges(), cell, radius);
-            }
-            ShapeKind::Points => {
-                mask.fill(false);
-                mask.points(edges(), cell);
-            }
-        }
-    }
-
     fn tops(&self, parts: &Parts, cell: Point, side: usize) -> Painted {
         let (mut tops, mut mask) = (vec![0; side * side], Mask::new(side));
         for part in &parts.parts {
@@ -169,7 +147,7 @@ impl ShapeTree {
                 tops.fill(number);
                 continue;
             }
-            self.mask(&mut mask, parts, part, cell);
+            self.shapes.mask(&mut mask, (parts, part), cell, self.edge);
             mask.each(|at| tops[at] = number);
         }
         Painted::Tops(tops)
@@ -179,7 +157,7 @@ impl ShapeTree {
         let (mut sums, mut counts) = (vec![0.0; side * side], vec![0; side * side]);
         let mut mask = Mask::new(side);
         for part in &parts.parts {
-            let number = self.values[self.value_number(part)].to_f64();
+            let number = self.number(part).to_f64();
             let mut add = |at: usize| {
                 sums[at] += number;
                 counts[at] += 1;
@@ -190,7 +168,7 @@ impl ShapeTree {
                 edges.filter_map(|point| index_of(point.a, cell, side)).for_each(add);
                 continue;
             }
-            self.mask(&mut mask, parts, part, cell);
+            self.shapes.mask(&mut mask, (parts, part), cell, self.edge);
             mask.each(&mut add);
         }
         Painted::Sums(sums, counts)
@@ -202,40 +180,50 @@ impl ShapeTree {
         (parts, part): (&Parts, &Part),
         cell: Point,
         (coverage, mask): (&mut Coverage, &mut Mask),
-        shares: &mut [f64],
+        shares: &mut Shares,
     ) {
         let edges = || self.shapes.edges_of(parts, part);
+        let side = coverage.side();
         if part.is_whole() {
-            shares.iter_mut().for_each(|share| *share += 1.0);
-            let side = coverage.side();
+            shares.add(1.0, 0..side * side);
             (0..side).for_each(|row| coverage.touch(row, 0..side));
         } else if self.kind(part) == ShapeKind::Polygon {
             coverage.measure(edges(), cell, part.winding, shares);
         } else {
-            self.mask(mask, parts, part, cell);
-            let side = coverage.side();
+            self.shapes.mask(mask, (parts, part), cell, self.edge);
             mask.each(|at| {
-                shares[at] += 1.0;
+                shares.add(1.0, at..at + 1);
                 coverage.touch(at / side, at % side..at % side + 1);
             });
         }
     }
 
     fn shares(&self, parts: &Parts, cell: Point, side: usize) -> Painted {
-        let mut shares = vec![0.0; side * side];
+        let mut shares = Shares::new(side * side);
         let (mut coverage, mut mask) = (Coverage::new(side), Mask::new(side));
         for part in &parts.parts {
             self.add_shares((parts, part), cell, (&mut coverage, &mut mask), &mut shares);
         }
+        let mut several = vec![false; side * side];
+        let share = |(at, several): (usize, &mut bool)| {
+            let (share, count) = shares.take(at);
+            *several = count > 1;
+            share
+        };
+        let mut shares: Vec<f64> = several.iter_mut().enumerate().map(share).collect();
+        self.shapes.each_cell(parts, cell, &several, &mut |at, parts, cell| {
+            shares[at] = self.shapes.union_share(parts, cell, parts.parts.iter());
+        });
         Painted::Shares(shares)
     }
 
     fn largest_shares(&self, parts: &Parts, cell: Point, side: usize) -> Painted {
         let (mut tops, mut best) = (vec![0; side * side], vec![0.0; side * side]);
-        let (mut shares, mut all) = (vec![0.0; side * side], vec![0.0; side * side]);
+        // The sum of the shares of all values, and the polygons and lines that these are of.
+        let mut all = vec![(0.0, 0); side * side];
+        let mut shares = Shares::new(side * side);
         let (mut coverage, mut mask) = (Coverage::new(side), Mask::new(side));
-        let same =
-            |a: &Part, b: &Part| self.values[self.value_number(a)] == self.values[self.value_number(b)];
+        let same = |a: &Part, b: &Part| self.number(a) == self.number(b);
         for alike in parts.parts.chunk_by(same) {
             for part in alike {
                 self.add_shares((parts, part), cell, (&mut coverage, &mut mask), &mut shares);
@@ -244,8 +232,8 @@ impl ShapeTree {
             // (Of thousands of values each has few of the cells: no others are gone through for it.)
             for row in 0..side {
                 for at in coverage.take_touched(row).map(|column| row * side + column) {
-                    let share = std::mem::take(&mut shares[at]).min(1.0);
-                    all[at] += share;
+                    let (share, count) = shares.take(at);
+                    all[at] = (all[at].0 + share, all[at].1 + count);
                     if share > best[at] {
                         (tops[at], best[at]) = (number, share);
                     }
@@ -253,11 +241,27 @@ impl ShapeTree {
             }
         }
         // (Of two that are as large the one with the lesser value stays, and both before nothing.)
-        for ((top, best), all) in tops.iter_mut().zip(best).zip(all) {
-            if 1.0 - all > best {
+        let mut several = vec![false; side * side];
+        for (at, (top, best)) in tops.iter_mut().zip(best).enumerate() {
+            let (covered, count) = all[at];
+            if count > 1 {
+                several[at] = true;
+            } else if 1.0 - covered > best {
                 *top = 0;
             }
         }
+        self.shapes.each_cell(parts, cell, &several, &mut |at, parts, cell| {
+            let (mut top, mut best) = (0, 0.0);
+            for alike in parts.parts.chunk_by(same) {
+                let share = self.shapes.union_share(parts, cell, alike.iter());
+                if share > best {
+                    (top, best) = (self.value_number(&alike[0]) as u32 + 1, share);
+                }
+            }
+            // (What is VOID is at least half of the cell then.)
+            let is_void = || 1.0 - self.shapes.union_share(parts, cell, parts.parts.iter()) > best;
+            tops[at] = if best < 0.5 && is_void() { 0 } else { top };
+        });
         Painted::Tops(tops)
     }
 
@@ -297,9 +301,7 @@ impl ShapeTree {
                         };
                         value.copy_from_slice(&self.value_of(number).to_bytes()[..width]);
                     }
-                    Painted::Shares(shares) => {
-                        value.copy_from_slice(&(shares[at].min(1.0) as f32).to_le_bytes())
-                    }
+                    Painted::Shares(shares) => value.copy_from_slice(&(shares[at] as f32).to_le_bytes()),
                 }
                 block.present[at] = true;
             }

@@ -223,6 +223,86 @@ fn shares_are_areas() {
     }
 }
 
+/// Stars that overlap, each with the number of its value, in the order of these.
+fn heap(random: &mut Random, count: u64, values: u64, radius: u64, grid: i64) -> Vec<(u32, Ring)> {
+    let mut stars: Vec<(u32, Ring)> = (0..count)
+        .map(|_| {
+            let middle = [random.below(2000) as f64 / 250.0 + 4.0, random.below(2000) as f64 / 250.0 + 4.0];
+            let radius = (1 + random.below(radius)) as f64 / 2.0;
+            (random.below(values) as u32, star(random, middle, radius, grid))
+        })
+        .collect();
+    stars.sort_by_key(|(value, _)| *value);
+    stars
+}
+
+/// The union of those stars that are wanted.
+fn union_of(stars: &[(u32, Ring)], is_wanted: impl Fn(u32) -> bool) -> Option<Polygon> {
+    let floats =
+        |ring: &Ring| ring.iter().map(|at| at.map(|at| at as f64 / PARTS as f64)).collect::<Vec<_>>();
+    let wanted = stars.iter().filter(|(value, _)| is_wanted(*value));
+    let parts: Vec<_> = wanted.map(|(_, ring)| vec![floats(ring)]).collect();
+    (!parts.is_empty()).then(|| Polygon::of_parts(&parts).unwrap())
+}
+
+fn heap_tree(stars: &[(u32, Ring)], values: &[u64], paint: Paint) -> ShapeTree {
+    let mut shapes = Shapes::default();
+    for (value, ring) in stars {
+        shapes.add(ShapeKind::Polygon, *value, edges(std::slice::from_ref(ring)).into_iter());
+    }
+    tree(shapes, values, (paint, EdgeRule::Area), [16, 16], 4)
+}
+
+#[test]
+fn shares_of_polygons_that_overlap_are_areas_of_their_union() {
+    let mut random = Random(6);
+    // (The last ones are so many small ones that cells are divided, once and as often as they may be.)
+    let heaps = [(2, 16), (3, 8), (5, 12), (12, 16), (300, 3), (1500, 1)];
+    for (round, (count, radius)) in heaps.into_iter().cycle().take(42).enumerate() {
+        if count > 1000 && round > 6 {
+            continue;
+        }
+        let grid = [1, PARTS / 2, PARTS / 8][round % 3];
+        let stars = heap(&mut random, count, 1, radius, grid);
+        let union = union_of(&stars, |_| true).unwrap();
+        let found = cells(&heap_tree(&stars, &[1], Paint::Share), [0, 2, 4][round % 3]);
+        for (at, value) in found.iter().enumerate() {
+            let (x, y) = (at as u64 % 16, at as u64 / 16);
+            let area = area_of_cell(&union, [x, y]);
+            let share = f64::from(f32::from_le_bytes(value.unwrap().to_bytes()[..4].try_into().unwrap()));
+            let slack = if count > 1000 { 1e-4 } else { 1e-6 };
+            assert!((area - share).abs() < slack, "{share}, not {area}, at {x}, {y} of round {round}");
+        }
+    }
+}
+
+#[test]
+fn the_largest_share_is_that_of_unions() {
+    let mut random = Random(7);
+    let mut ties = 0;
+    for round in 0..40 {
+        let stars = heap(&mut random, 4 + round % 9, 3, 10, [1, PARTS / 8][round as usize % 2]);
+        let each: Vec<_> = (0..3).map(|value| union_of(&stars, |of| of == value)).collect();
+        let all = union_of(&stars, |_| true).unwrap();
+        let found =
+            cells(&heap_tree(&stars, &[10, 20, 30], Paint::LargestShare), [0, 2, 4][round as usize % 3]);
+        for (at, found) in found.iter().enumerate() {
+            let cell = [at as u64 % 16, at as u64 / 16];
+            let shares =
+                each.iter().map(|union| union.as_ref().map_or(0.0, |union| area_of_cell(union, cell)));
+            let shares: Vec<f64> = std::iter::once(1.0 - area_of_cell(&all, cell)).chain(shares).collect();
+            let best = (0..4).max_by(|a, b| shares[*a].total_cmp(&shares[*b])).unwrap();
+            if shares.iter().filter(|share| **share > shares[best] - 1e-6).count() > 1 {
+                ties += 1;
+                continue;
+            }
+            let expected = (best > 0).then(|| Value::from([10 * best as u32]));
+            assert_eq!(*found, expected, "{shares:?} at {cell:?} of round {round}");
+        }
+    }
+    assert!(ties < 500, "{ties}");
+}
+
 #[test]
 fn what_is_touched_has_some_of_the_shape() {
     let mut random = Random(4);
