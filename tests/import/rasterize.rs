@@ -219,6 +219,39 @@ fn edges_count_by_centre_touch_and_share() {
 }
 
 #[test]
+fn features_that_overlap_share_a_cell_once() {
+    let folder = tempfile::tempdir().unwrap();
+    // Two that cover the same half, two that overlap in a quarter, two next to each other, and a line over half a cell.
+    let features = [
+        feature(r#"{"v":1}"#, &square(0.0, 0.0, 0.5, 1.0)),
+        feature(r#"{"v":2}"#, &square(0.0, 0.0, 0.5, 1.0)),
+        feature(r#"{"v":1}"#, &square(2.0, 0.0, 2.5, 1.0)),
+        feature(r#"{"v":1}"#, &square(2.25, 0.0, 2.75, 1.0)),
+        feature(r#"{"v":1}"#, &square(4.0, 0.0, 4.5, 1.0)),
+        feature(r#"{"v":1}"#, &square(4.5, 0.0, 5.0, 1.0)),
+        feature(r#"{"v":1}"#, &square(6.0, 0.0, 6.4, 1.0)),
+        feature(r#"{"v":2}"#, &square(6.0, 0.0, 6.4, 1.0)),
+        feature(r#"{"v":3}"#, &square(6.1, 0.0, 6.3, 1.0)),
+    ];
+    let path = document(folder.path(), &features);
+    let shares = cells(&built(
+        &path,
+        &changed(metres(), |options| {
+            options.fractions = true;
+            options.value = FeatureValue::default();
+        }),
+    ));
+    for (column, expected) in [(0, 0.5), (2, 0.75), (4, 1.0), (6, 0.4)] {
+        let share = shares.last().unwrap()[column].unwrap();
+        assert!((share - expected).abs() < 1e-5, "{share} in column {column}, not {expected}");
+    }
+    // Of values that overlap in less than half of a cell the rest is the largest share.
+    let found = cells(&built(&path, &changed(metres(), |options| options.edge = EdgeRule::Area)));
+    let row = found.last().unwrap();
+    assert_eq!([0, 2, 4, 6].map(|column| row[column]), [Some(1.0), Some(1.0), Some(1.0), None]);
+}
+
+#[test]
 fn lines_and_points_and_collections_become_cells() {
     let folder = tempfile::tempdir().unwrap();
     let point = r#"{"type":"MultiPoint","coordinates":[[0.5,0.5],[0.6,0.4],[9.5,9.5]]}"#;

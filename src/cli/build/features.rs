@@ -28,7 +28,7 @@ pub(super) struct FeatureArgs {
     /// them than half of it [default: none, the cells that their points are in]
     #[arg(long, value_name = "NUMBER|ATTRIBUTE")]
     width: Option<LineWidth>,
-    /// Give each cell the share of it that features have, from 0 to 1
+    /// Give each cell the share of it that features have together, from 0 to 1: where polygons overlap, their union counts
     #[arg(long)]
     fractions: bool,
     /// Features alone for which all of this holds, as in 'type=Building,lod>=2': =, !=, <, <=, > or >= between an attribute and a value; with

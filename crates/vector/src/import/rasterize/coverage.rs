@@ -50,7 +50,7 @@ impl Shares {
         true
     }
 
-    /// The sum of what was added to a cell since this was asked, and how many polygons it is of: 1 for one that covers all of it. The sum of
+    /// The sum of what was added to a cell since the last call, and how many polygons it is of: 1 for one that covers all of it. The sum of
     /// several is that of their union if they do not overlap.
     pub(super) fn take(&mut self, cell: usize) -> (f64, u8) {
         let sum = std::mem::take(&mut self.sums[cell]);

@@ -168,12 +168,12 @@ pub struct RasterizeOptions {
     /// The value of cells where features lie on top of each other.
     pub overlaps: Overlaps,
     /// Rule for cells at the edges of polygons. [`EdgeRule::Area`] gives each cell the value that has the largest share of it, nothing being one of
-    /// them. (Lines are in all cells that their points are in.)
+    /// them; polygons of one value that overlap are united. (Lines are in all cells that their points are in.)
     pub edge: EdgeRule,
     /// The width of lines: they have the cells whose centres are no farther from them than half of it. Without one they have all cells that
     /// their points are in.
     pub width: Option<LineWidth>,
-    /// Cells get the share of them that features have, from 0 to 1, instead of a value.
+    /// Cells get the share of them that features have, from 0 to 1, instead of a value. Polygons that overlap are united.
     pub fractions: bool,
     /// The cells.
     pub grid: FeatureGrid,

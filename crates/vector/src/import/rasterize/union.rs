@@ -28,8 +28,8 @@ struct Square {
 /// An edge of one of the polygons.
 type Of = (usize, Edge);
 
-/// The part of an edge right of a square's left side, in sides of the square.
-struct Piece {
+/// The segment of an edge right of a square's left side, in sides of the square.
+struct Segment {
     polygon: usize,
     /// Its ends; the first row is the lower one.
     from: [f64; 2],
@@ -89,7 +89,7 @@ impl Square {
     }
 
     /// The part of an edge on the right of the left side, and where it crosses that.
-    fn piece(self, (polygon, edge): Of) -> (Option<Piece>, Option<Crossing>) {
+    fn segment(self, (polygon, edge): Of) -> (Option<Segment>, Option<Crossing>) {
         let local = |at: Point| [0, 1].map(|axis| (at[axis] - self.low[axis]) as f64 / self.side as f64);
         let is_right = |at: Point| at[0] > self.low[0];
         let rising = edge.rising(1);
@@ -108,11 +108,11 @@ impl Square {
         }
         // (One along a row is not crossed on the way along another.)
         let is_there = from[1] < to[1] && to[1] > 0.0 && from[1] < 1.0;
-        (is_there.then_some(Piece { polygon, from, to }), crossing)
+        (is_there.then_some(Segment { polygon, from, to }), crossing)
     }
 }
 
-impl Piece {
+impl Segment {
     /// Its column at a row that it crosses.
     fn column(&self, y: f64) -> f64 {
         self.from[0] + (self.to[0] - self.from[0]) * ((y - self.from[1]) / (self.to[1] - self.from[1]))
@@ -150,13 +150,13 @@ fn covered(square: Square, edges: Vec<Of>, inside: Vec<bool>, divisions: u32) ->
 }
 
 fn covered_in_slabs(square: Square, edges: &[Of], inside: &[bool]) -> f64 {
-    let (mut pieces, mut crossings) = (Vec::with_capacity(edges.len()), Vec::new());
+    let (mut segments, mut crossings) = (Vec::with_capacity(edges.len()), Vec::new());
     for edge in edges {
-        let (piece, crossing) = square.piece(*edge);
-        pieces.extend(piece);
+        let (segment, crossing) = square.segment(*edge);
+        segments.extend(segment);
         crossings.extend(crossing);
     }
-    let rows = rows_between(&pieces, &crossings);
+    let rows = rows_between(&segments, &crossings);
     let mut sum = 0.0;
     let mut at: Vec<(f64, usize)> = Vec::new();
     for slab in rows.windows(2) {
@@ -167,8 +167,8 @@ fn covered_in_slabs(square: Square, edges: &[Of], inside: &[bool]) -> f64 {
             inside[crossing.polygon] ^= is_between;
         }
         at.clear();
-        let crossed = pieces.iter().filter(|piece| piece.from[1] < y && y < piece.to[1]);
-        at.extend(crossed.map(|piece| (piece.column(y).clamp(0.0, 1.0), piece.polygon)));
+        let crossed = segments.iter().filter(|segment| segment.from[1] < y && y < segment.to[1]);
+        at.extend(crossed.map(|segment| (segment.column(y).clamp(0.0, 1.0), segment.polygon)));
         sort::by(&mut at, &mut |(a, _), (b, _)| a.total_cmp(b));
         sum += (slab[1] - slab[0]) * covered_length(&at, &mut inside);
     }
@@ -192,20 +192,20 @@ fn covered_length(at: &[(f64, usize)], inside: &mut [bool]) -> f64 {
     length
 }
 
-/// Rows from 0 to 1 between which pieces neither begin nor end nor cross each other or a side, in order.
-fn rows_between(pieces: &[Piece], crossings: &[Crossing]) -> Vec<f64> {
+/// Rows from 0 to 1 between which segments neither begin nor end nor cross each other or a side, in order.
+fn rows_between(segments: &[Segment], crossings: &[Crossing]) -> Vec<f64> {
     let mut rows = vec![0.0, 0.5, 1.0];
     rows.extend(crossings.iter().map(|crossing| crossing.y));
-    for piece in pieces {
-        rows.extend([piece.from[1], piece.to[1]]);
-        if (piece.from[0] > 1.0) != (piece.to[0] > 1.0) {
-            let share = (1.0 - piece.from[0]) / (piece.to[0] - piece.from[0]);
-            rows.push(piece.from[1] + (piece.to[1] - piece.from[1]) * share);
+    for segment in segments {
+        rows.extend([segment.from[1], segment.to[1]]);
+        if (segment.from[0] > 1.0) != (segment.to[0] > 1.0) {
+            let share = (1.0 - segment.from[0]) / (segment.to[0] - segment.from[0]);
+            rows.push(segment.from[1] + (segment.to[1] - segment.from[1]) * share);
         }
     }
-    if pieces.len() <= MAX_EDGES {
-        for (number, one) in pieces.iter().enumerate() {
-            for other in pieces[..number].iter().filter(|other| other.polygon != one.polygon) {
+    if segments.len() <= MAX_EDGES {
+        for (number, one) in segments.iter().enumerate() {
+            for other in segments[..number].iter().filter(|other| other.polygon != one.polygon) {
                 rows.extend(crossing_row(one, other));
             }
         }
@@ -217,8 +217,8 @@ fn rows_between(pieces: &[Piece], crossings: &[Crossing]) -> Vec<f64> {
     rows
 }
 
-/// The row in which two pieces cross each other.
-fn crossing_row(one: &Piece, other: &Piece) -> Option<f64> {
+/// The row in which two segments cross each other.
+fn crossing_row(one: &Segment, other: &Segment) -> Option<f64> {
     let (low, high) = (one.from[1].max(other.from[1]), one.to[1].min(other.to[1]));
     if low >= high {
         return None;
