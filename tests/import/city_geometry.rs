@@ -190,6 +190,10 @@ fn addresses_and_extents_follow_the_model() {
         ["part", "whole", "none"].map(|name| file["CityObjects"][name]["geographicalExtent"].clone())
     };
     let extent = json!([85000, 446000, 0, 85004, 446004, 4]);
+    assert_eq!(
+        found["metadata"]["geographicalExtent"],
+        json!([85000.0, 446000.0, 0.0, 85004.0, 446004.0, 4.0])
+    );
     assert_eq!(extents(&found), [extent.clone(), extent, Value::Null]);
     assert_eq!(found["CityObjects"]["part"]["address"][1], json!({ "a": 1.5 }));
 
@@ -206,12 +210,38 @@ fn addresses_and_extents_follow_the_model() {
     let found = written(&model, folder);
     assert_eq!(points(&found), json!([[42510.5, 223000.5, 4.5], [42511.0, 222998.5, 0.25]]));
     let extent = json!([42510.0, 223000.0, 0.0, 42512.0, 223002.0, 2.0]);
+    assert_eq!(found["metadata"]["geographicalExtent"], extent);
     assert_eq!(extents(&found), [extent.clone(), extent, Value::Null]);
 
     // Numbers of vertices that are not there.
     let text = original.to_string().replace("\"boundaries\":[0,2]", "\"boundaries\":[0,11]");
     let error = model_of(&serde_json::from_str(&text).unwrap(), folder).err().unwrap().to_string();
     assert!(error.contains("vertex 11 of 11"), "{error}");
+}
+
+#[test]
+fn objects_of_templates_keep_their_level_of_detail() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let place = |template: usize, x: u32| {
+        json!({ "type": "GeometryInstance", "template": template, "boundaries": [0],
+            "transformationMatrix": [1, 0, 0, x, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1] })
+    };
+    let solid =
+        |lod: &str, first: usize| json!({ "type": "Solid", "lod": lod, "boundaries": [sides(first, false)] });
+    let objects = json!({
+        "of templates": { "type": "PlantCover", "geometry": [place(0, 0), place(1, 0)] },
+        "of both": { "type": "PlantCover", "geometry": [solid("1.2", 0), place(1, 10)] },
+        "own": { "type": "PlantCover", "geometry": [place(0, 20), solid("2.2", 8)] },
+        "of points": { "type": "PlantCover", "geometry": [solid("1.2", 16), place(2, 30)] },
+    });
+    let vertices = [corners(0, 4000), corners(40_000, 44_000), corners(60_000, 64_000)].concat();
+    let mut original = file(objects, vertices, 7415);
+    let points = json!({ "type": "MultiPoint", "lod": "3", "boundaries": [0] });
+    original["geometry-templates"] = json!({ "templates": [solid("1.1", 0), solid("1.3", 0), points], "vertices-templates": corners(0, 3) });
+    let found = written(&model_of(&original, folder).unwrap(), folder);
+    let lod = |name: &str| found["CityObjects"][name]["geometry"][0]["lod"].as_str().unwrap().to_string();
+    assert_eq!(["of templates", "of both", "own", "of points"].map(lod), ["1.3", "1.3", "2.2", "1.2"]);
 }
 
 #[test]

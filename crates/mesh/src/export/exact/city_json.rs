@@ -3,12 +3,12 @@
 use std::io::Write;
 use std::path::Path;
 
-use super::city_objects::{CityObjects, member};
+use super::city_objects::{CityObjects, extent_of, extent_text, member};
 use super::numbering::CornerNumbers;
 use super::semantics::COLUMNS;
 use super::shells::{Shell, Shells};
 use super::surfaces::{List, Surfaces};
-use super::survey::Survey;
+use super::survey::{Survey, join_bounds};
 use super::{ExactSummary, Job, temporary_folder};
 use crate::export::sink::failed;
 use spinney_base::io::Output;
@@ -41,7 +41,10 @@ pub(super) fn write(job: &Job<'_>, mut output: Output) -> Result<ExactSummary> {
     let mut city_objects = CityObjects::new(job, &survey, factor, corners.vertices);
     city_objects.each_address_point(&mut |point| vertex(point, &mut text))?;
     text("\n],\n")?;
-    let (about, lost_files) = about_file(&job.faces.file_attributes()?, job.faces.crs());
+    let parts = u32::try_from(job.faces.parts().len()).unwrap_or(u32::MAX);
+    let bounds = (0..parts).map(|part| survey.bounds(part)).fold(None, join_bounds);
+    let extent = bounds.map(|bounds| extent_of(bounds, grid, factor));
+    let (about, lost_files) = about_file(&job.faces.file_attributes()?, job.faces.crs(), extent);
     text(&about)?;
     text("\"CityObjects\":{")?;
     let mut surfaces = Surfaces::new(&directory, &mut shells)?;
@@ -56,7 +59,6 @@ pub(super) fn write(job: &Job<'_>, mut output: Output) -> Result<ExactSummary> {
     })?;
     let mut open: Option<(Shell, List)> = None;
     let mut next_part = 0;
-    let parts = u32::try_from(job.faces.parts().len()).unwrap_or(u32::MAX);
     // Starts the objects up to a part, whose level of detail it returns. (Parts without faces are objects without geometry.)
     let mut objects = |until: u32, text: &mut dyn FnMut(&str) -> Result<()>| -> Result<String> {
         let mut lod = String::new();
@@ -153,8 +155,8 @@ pub(super) fn metres(unit: &str) -> Option<f64> {
     })
 }
 
-/// Lines with the metadata and the extensions, and the number of files of which what they say is left out.
-fn about_file(files: &[String], crs: Option<&Crs>) -> (String, u64) {
+/// Lines with the metadata and the extensions, and the number of files of which what they say is left out. The extent is that of the model, in units of the file.
+fn about_file(files: &[String], crs: Option<&Crs>, extent: Option<[f64; 6]>) -> (String, u64) {
     let (mut metadata, mut lines) = (Vec::new(), String::new());
     let mut lost = 0;
     // Of several files, none says what the model is.
@@ -177,6 +179,9 @@ fn about_file(files: &[String], crs: Option<&Crs>) -> (String, u64) {
     }
     if let Some(url) = crs.and_then(reference_system) {
         metadata.push(member("referenceSystem", &serde_json::Value::from(url).to_string()));
+    }
+    if let Some(extent) = extent {
+        metadata.push(member("geographicalExtent", &extent_text(extent)));
     }
     if !metadata.is_empty() {
         lines.push_str(&format!("\"metadata\":{{{}}},\n", metadata.join(",")));
@@ -203,8 +208,9 @@ mod tests {
     /// Metadata that is made up.
     #[test]
     fn what_is_no_json_is_left_out() {
-        let about =
-            |texts: &[&str]| about_file(&texts.iter().map(|text| text.to_string()).collect::<Vec<_>>(), None);
+        let about = |texts: &[&str]| {
+            about_file(&texts.iter().map(|text| text.to_string()).collect::<Vec<_>>(), None, None)
+        };
         assert_eq!(about(&[]), (String::new(), 0));
         assert_eq!(about(&["{}"]), (String::new(), 0));
         let text = "{\"metadata\":{\"title\":\"x\",\"referenceSystem\":7},\"extensions\":{\"e\":1}}";

@@ -6,6 +6,7 @@ use super::Job;
 use super::survey::{Survey, join_bounds};
 use crate::import::city_semantics::LOD;
 use spinney_base::Result;
+use spinney_brep::Grid;
 use spinney_brep::attributes::{each_member, map_locations};
 
 /// The type of objects of which nothing else is known, in JSON.
@@ -119,16 +120,11 @@ impl<'a> CityObjects<'a> {
             }
         }
         let grid = self.job.faces.grid();
-        let [low, high] = bounds?.map(|corner| grid.to_world(corner).map(|at| at * self.factor));
-        let now = [low[0], low[1], low[2], high[0], high[1], high[2]];
+        let now = extent_of(bounds?, grid, self.factor);
         let half = grid.width() * self.factor / 2.0;
         let is_same = serde_json::from_str::<[f64; 6]>(given)
             .is_ok_and(|given| given.iter().zip(&now).all(|(given, now)| (given - now).abs() <= half));
-        let json = || {
-            let numbers = now.map(|number| serde_json::Value::from(number).to_string());
-            format!("[{}]", numbers.join(","))
-        };
-        Some(if is_same { given.into() } else { json() })
+        Some(if is_same { given.into() } else { extent_text(now) })
     }
 
     /// Points of the grid for the points of an address, by the text that models have for these.
@@ -194,6 +190,18 @@ impl Names {
         self.taken.insert(unique);
         key
     }
+}
+
+/// A box of the grid in units of the file: the lowest coordinates, then the highest.
+pub(super) fn extent_of([low, high]: [[i32; 3]; 2], grid: &Grid, factor: f64) -> [f64; 6] {
+    let [low, high] = [low, high].map(|corner| grid.to_world(corner).map(|at| at * factor));
+    [low[0], low[1], low[2], high[0], high[1], high[2]]
+}
+
+/// An extent as JSON.
+pub(super) fn extent_text(extent: [f64; 6]) -> String {
+    let numbers = extent.map(|number| serde_json::Value::from(number).to_string());
+    format!("[{}]", numbers.join(","))
 }
 
 #[cfg(test)]

@@ -49,6 +49,11 @@ impl<'a> Instance<'a> {
             matrix.ok_or_else(|| E::custom("an instance of a template without a transformationMatrix"))?;
         Ok(Instance { template: *template, matrix, anchor: *boundaries })
     }
+
+    /// The level of detail of its template, if that has surfaces, given those of all templates.
+    pub(super) fn level(&self, levels: &[Option<f64>]) -> Option<f64> {
+        levels.get(self.template?).copied().flatten()
+    }
 }
 
 /// The map of an instance's points.
@@ -73,6 +78,17 @@ pub(super) struct PlacedTemplate<'a> {
     pub(super) lod: f64,
     pub(super) surfaces: SurfaceTexts<'a>,
     pub(super) placement: Placement,
+}
+
+/// The levels of detail of a file's templates, of those that have surfaces.
+pub(super) fn template_levels(source: &ModelFile, text: &RawValue) -> Result<Vec<Option<f64>>> {
+    let found: Document<'_> =
+        serde_json::from_str(text.get()).map_err(|error| not_json_there(source, text, &error))?;
+    let level = |geometry: &Geometry<'_>| {
+        let level = geometry.level().map_err(|error| not_json_there(source, text, &error))?;
+        Ok(geometry.surfaces().map(|_| level))
+    };
+    found.templates.iter().map(level).collect()
 }
 
 impl<'a> Templates<'a> {

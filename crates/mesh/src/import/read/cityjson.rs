@@ -11,7 +11,7 @@ use serde_json::value::RawValue;
 
 use super::city_geometry::Geometries;
 use super::city_semantics::{LOD, Semantics};
-use super::city_templates::{Placement, Templates};
+use super::city_templates::{Placement, Templates, template_levels};
 use super::corners::{Corners, MAX_CORNERS};
 use super::model_file::ModelFile;
 use super::parts::Parts;
@@ -228,6 +228,8 @@ fn read_metadata(
 struct ReadNames<'a> {
     source: &'a ModelFile,
     vertices: Table<'a>,
+    /// Levels of detail of the file's templates.
+    levels: &'a [Option<f64>],
     parts: &'a mut Parts,
     attributes: &'a mut Attributes,
     /// The part that the next object is.
@@ -250,7 +252,13 @@ impl<'de> Visitor<'de> for ReadNames<'_> {
             let (mut is_plain, mut has_address, mut lod) = (true, false, None);
             let members = each_member(object.get(), |key, value| match key {
                 // (Errors in geometries are reported where they are read.)
-                "geometry" => lod = serde_json::from_str(value).ok().and_then(|own: Geometries<'_>| own.lod),
+                "geometry" => {
+                    if let Ok(Geometries { lod: own, instances, .. }) = serde_json::from_str(value) {
+                        let of_templates =
+                            instances.iter().filter_map(|instance| instance.level(self.levels));
+                        lod = own.into_iter().chain(of_templates).reduce(f64::max);
+                    }
+                }
                 LOD => {}
                 _ => {
                     has_address |= key == "address";
@@ -468,9 +476,13 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
     // One grid for all axes and all documents.
     let mut step: Option<Option<f64>> = None;
     let mut has_templates = false;
+    let mut levels = Vec::new();
     documents(&source, |document, transform| {
         count += 1;
         has_templates |= document.templates.is_some();
+        if let Some(text) = document.templates {
+            levels = template_levels(&source, text)?;
+        }
         let own = transform
             .map(|Transform { scale: [x, y, z], .. }| (x, x == y && y == z && x.is_normal() && x > 0.0));
         let own = own.and_then(|(width, is_one)| is_one.then_some(width));
@@ -484,7 +496,8 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         let Some(text) = document.objects else { return Ok(()) };
         walk(&source, text, &mut None, |failure, json| {
             let (source, parts, attributes) = (&source, &mut parts, &mut attributes);
-            json.deserialize_map(ReadNames { source, vertices, parts, attributes, part: &mut part, failure })
+            let (levels, part) = (&levels[..], &mut part);
+            json.deserialize_map(ReadNames { source, vertices, levels, parts, attributes, part, failure })
         })
     })?;
     let vertex_bounds = bounds.get().ok_or_else(|| source.no_vertices())?;
