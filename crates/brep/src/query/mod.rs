@@ -42,6 +42,7 @@ mod section;
 mod simple_rings;
 #[cfg(test)]
 mod testing;
+mod touching_points;
 mod visited;
 
 pub use cells::CellCoverage;

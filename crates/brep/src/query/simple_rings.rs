@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 
+use super::touching_points;
 use spinney_base::sort;
 
 type Point = [f64; 3];
@@ -19,7 +20,8 @@ fn key(point: &Point) -> Key {
 
 /// Makes rings simple, each of which ends with the point that it begins with and has what is inside on its left, as seen along two
 /// axes of their plane.
-pub(super) fn simple_rings(rings: Vec<Vec<Point>>, axes: [Point; 2]) -> Vec<Vec<Point>> {
+pub(super) fn simple_rings(mut rings: Vec<Vec<Point>>, axes: [Point; 2]) -> Vec<Vec<Point>> {
+    touching_points::insert(&mut rings, axes, 1.0 / FINE);
     let mut counts: BTreeMap<Key, u32> = BTreeMap::new();
     for point in rings.iter().flat_map(|ring| &ring[1..]) {
         *counts.entry(key(point)).or_default() += 1;
@@ -194,6 +196,12 @@ mod tests {
         let (outer, hole) =
             (ring(&[[0, 0], [4, 0], [4, 4], [0, 4]]), ring(&[[0, 0], [1, 2], [4, 4], [2, 1]]));
         assert_eq!(areas(vec![outer, hole]), [6.0, 6.0]);
+        // A point that lies within an edge of the same ring, and two of a hole within the sides around it.
+        let pinched = [[0, 0], [6, 0], [6, 6], [4, 6], [3, 0], [2, 6], [0, 6]];
+        assert_eq!(areas(vec![ring(&pinched)]), [15.0, 15.0]);
+        let (outer, hole) =
+            (ring(&[[0, 0], [8, 0], [8, 8], [0, 8]]), ring(&[[4, 0], [3, 4], [4, 8], [5, 4]]));
+        assert_eq!(areas(vec![outer, hole]), [28.0, 28.0]);
         // Walls that lie on each other bound nothing.
         let (left, right) =
             (ring(&[[0, 0], [2, 0], [2, 2], [0, 2]]), ring(&[[2, 0], [4, 0], [4, 2], [2, 2]]));
