@@ -10,8 +10,20 @@ use spinney::{Error, ExactModel, Output, Result};
 use crate::common::solid::{Polygon, Polygons, Triangle, build, cells, cuboid, plain, unit_cells};
 use crate::common::with;
 
-/// The volume of an exact model of faces, each of a part.
+/// The volume of an exact model of faces, each of a part, after comparing it with that of cells where there is one.
 fn volume(faces: &[(Triangle, u32)], change: impl FnOnce(&mut ExactOptions)) -> Result<f64> {
+    let (volume, cells) = volumes(faces, change)?;
+    if let Some([found, error]) = cells {
+        assert!((found - volume).abs() <= error + 1e-9, "{volume}, but cells have {found} +- {error}");
+    }
+    Ok(volume)
+}
+
+/// The volume of an exact model of faces, each of a part, and that of their cells with its error.
+fn volumes(
+    faces: &[(Triangle, u32)],
+    change: impl FnOnce(&mut ExactOptions),
+) -> Result<(f64, Option<[f64; 2]>)> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.goblin");
     let polygon = |(triangle, part): &(Triangle, u32)| Polygon {
@@ -23,11 +35,11 @@ fn volume(faces: &[(Triangle, u32)], change: impl FnOnce(&mut ExactOptions)) -> 
     let options = with(ExactOptions::new(), change);
     let made = import_exact(vec![model], &options, Output::create(&path).unwrap(), &());
     assert_eq!(path.exists(), made.is_ok());
-    made?;
+    let report = made?;
     let model = ExactModel::open(&path, &Default::default()).unwrap();
     assert_eq!(model.verify(64 << 20, &()).unwrap(), []);
     assert!(model.metadata().tag(Tag::ModelDisplacement).is_some());
-    Ok(MassProperties::of(&model, &()).unwrap().volume)
+    Ok((MassProperties::of(&model, &()).unwrap().volume, report.cells))
 }
 
 #[test]
@@ -42,8 +54,12 @@ fn patches_of_one_surface_are_joined_before_holes_are_closed() {
     // Without a side: what stays open is closed.
     for missing in 0..6 {
         let open: Vec<_> = sides.iter().copied().filter(|(_, part)| *part != missing).collect();
-        assert_eq!(volume(&open, |it| it.close = true).unwrap(), 30.0, "without {missing}");
-        let error = volume(&open, |_| ()).unwrap_err();
+        let (volume, cells) = volumes(&open, |it| it.close = true).unwrap();
+        // (Cells take the patches for one surface, too.)
+        let [found, error] = cells.unwrap();
+        assert_eq!(volume, 30.0, "without {missing}");
+        assert!((found - 30.0).abs() <= error && error < 1.0, "without {missing}: {found} +- {error}");
+        let error = self::volume(&open, |_| ()).unwrap_err();
         assert!(matches!(error, Error::NotASolid { .. }), "{error}");
     }
     // Two boxes in patches, and --skip-bad, which takes patches of one surface as one body.

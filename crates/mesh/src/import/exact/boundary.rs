@@ -157,11 +157,6 @@ pub(super) struct Groups {
 }
 
 impl Groups {
-    /// Whether no objects were joined.
-    pub(super) fn is_empty(&self) -> bool {
-        self.joined.is_empty()
-    }
-
     /// The number of an object's group.
     pub(super) fn group(&self, mut object: u32) -> u32 {
         while let Some(lesser) = self.joined.get(&object) {

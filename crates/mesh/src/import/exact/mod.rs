@@ -9,11 +9,11 @@ mod sums;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use self::boundary::{Boundary, Loop, Open};
+use self::boundary::{Boundary, Groups, Loop, Open};
 use self::objects::Objects;
 use self::snap::Snapper;
 use self::sums::{ObjectSums, compare};
-use super::solid::{bounds, cell_volume, common_crs, flat_faces, provenance};
+use super::solid::{ChosenParts, bounds, cell_volume, common_crs, flat_faces, provenance};
 use super::{Model, ModelInfo};
 use spinney_base::io::{Output, folder};
 use spinney_base::space::Up;
@@ -174,8 +174,7 @@ pub fn import_exact(
     let counts = snapper.planar.counts;
     let mut faces = counts.faces;
     let mut closed = (0, 0);
-    // (Cells take patches of one surface for objects of their own: their volumes are not comparable then.)
-    let mut is_joined = false;
+    let mut groups = Groups::default();
     // Parts of the triangles that close boundaries.
     let mut closing: Vec<u32> = Vec::new();
     // (Objects are closed one by one, but for patches of one surface; without --close, several may bound a body together.)
@@ -186,11 +185,11 @@ pub fn import_exact(
         read(&mut models, &objects, &mut again, &SilentProgress(progress), &mut |face, _| {
             boundary.add_face(face, object(face))
         })?;
-        let Open { loops, groups } = boundary.loops(&path, options.memory / 4, progress)?;
+        let Open { loops, groups: found } = boundary.loops(&path, options.memory / 4, progress)?;
         if !options.close {
             return Err(open_surface(&path, &grid, &objects, &loops));
         }
-        is_joined = !groups.is_empty();
+        groups = found;
         sums.join(&groups);
         closing = target.close(&loops, &snapper, progress, &mut |face| {
             sums.add(groups.group(objects.object(face.part)), face);
@@ -204,10 +203,11 @@ pub fn import_exact(
     let (mut builder, repaired) = target.repaired(options.inside, &work.part(REPAIR_PASSES))?;
     // (By the rule that cells have, whatever --inside is: the repair itself warns of what another rule changes.)
     let volume = repaired.map_or(sums.volume(&grid), |done| done.cells_volume);
-    let is_changed = !is_joined && (closed.0 > 0 || repaired.is_some_and(|done| !done.is_nothing()));
+    let is_changed = closed.0 > 0 || repaired.is_some_and(|done| !done.is_nothing());
     let cells = match is_changed.then(|| sums.bounds(&grid)).flatten() {
         Some(bounds) => {
-            let chosen = (objects.some(), bounds);
+            let (some, objects) = (objects.some(), objects.joined(&groups));
+            let chosen = ChosenParts { some, objects, bounds };
             let frame = (options.up, crs.clone());
             let found = cell_volume(&mut models, chosen, frame, options.memory, &place, progress)?;
             compare(volume, found, &path, progress)?;

@@ -76,6 +76,11 @@ impl Objects {
         (self.taken.len() < self.parts.len()).then(|| self.taken.iter().copied().collect())
     }
 
+    /// The number of the group of objects that each of all parts belongs to.
+    pub(super) fn joined(&self, groups: &Groups) -> Vec<u32> {
+        self.parts.iter().map(|(_, object)| groups.group(*object)).collect()
+    }
+
     /// Names of all parts, by the numbers of objects.
     pub(super) fn names(&self) -> Vec<String> {
         self.parts.iter().map(|(name, _)| name.clone()).collect()

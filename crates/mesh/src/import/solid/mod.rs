@@ -34,4 +34,4 @@ pub use inside::Attribute;
 pub use plan::{DEFAULT_MEMORY, FittedCells, Resolution, SolidImport, SolidOptions, fit_cells, plan_models};
 pub(super) use plan::{bounds, common_crs, flat_faces};
 pub use survey::{SolidSurvey, SurfaceAtPoint, SurveyedNode, plan_part};
-pub(super) use volume::{CellVolume, cell_volume};
+pub(super) use volume::{CellVolume, ChosenParts, cell_volume};

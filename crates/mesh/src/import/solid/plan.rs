@@ -114,6 +114,8 @@ pub struct SolidImport {
     pub(super) extent: [u64; 3],
     /// Numbers of the parts whose faces count, those of one model after those of the one before; otherwise all.
     pub(super) only: Option<BTreeSet<u32>>,
+    /// The object that each of these parts belongs to, if the models do not tell it.
+    pub(super) objects: Option<Vec<u32>>,
     /// Knowledge of the whole surface, where a part of the tree is to be made.
     pub(super) survey: Option<SolidSurvey>,
     description: Vec<(&'static str, String)>,
@@ -179,7 +181,18 @@ pub(super) fn plan_in(
     let lattice = Lattice::new([0; 3], grid.fraction);
     let description = describe(&models, options, &grid, extent);
     let options = options.clone();
-    Ok(SolidImport { models, options, grid, lattice, bounds, extent, only: None, survey: None, description })
+    Ok(SolidImport {
+        models,
+        options,
+        grid,
+        lattice,
+        bounds,
+        extent,
+        only: None,
+        objects: None,
+        survey: None,
+        description,
+    })
 }
 
 /// Fails if the options do not fit the models.

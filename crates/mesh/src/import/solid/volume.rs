@@ -36,13 +36,20 @@ impl Progress for Quiet<'_> {
     }
 }
 
-/// The volume of the cells of some models, or of some of their parts, whose faces have this box; `None` if the memory is not enough.
+/// Parts of models: those that count, if these are not all, the object that each of all belongs to, and the box around their faces.
+pub(in crate::import) struct ChosenParts {
+    pub(in crate::import) some: Option<BTreeSet<u32>>,
+    pub(in crate::import) objects: Vec<u32>,
+    pub(in crate::import) bounds: [[f64; 3]; 2],
+}
+
+/// The volume of the cells of some models, or of some of their parts; `None` if the memory is not enough.
 ///
 /// # Errors
 /// If the models cannot be read, or on cancellation. (They are lost then.)
 pub(in crate::import) fn cell_volume(
     models: &mut Vec<Box<dyn Model>>,
-    (parts, bounds): (Option<BTreeSet<u32>>, [[f64; 3]; 2]),
+    ChosenParts { some, objects, bounds }: ChosenParts,
     (up, crs): (Up, Option<Crs>),
     memory: u64,
     folder: &Path,
@@ -52,7 +59,7 @@ pub(in crate::import) fn cell_volume(
     (options.resolution, options.edge) = (Resolution::Cells(CELLS), EdgeRule::Area);
     (options.up, options.crs, options.memory) = (up, crs, memory);
     let mut import = plan_in(std::mem::take(models), &options, bounds)?;
-    import.only = parts;
+    (import.only, import.objects) = (some, Some(objects));
     let found = import.cell_volume(folder, &Quiet(progress));
     *models = import.models;
     match found {
