@@ -243,8 +243,8 @@ impl SolidImport {
     /// The number of all parts, and the way from a part's number to that of the object that it is or belongs to.
     fn objects(&self) -> (usize, impl Fn(u32) -> u32 + use<>) {
         let mut objects: Vec<u32> = self.objects.iter().flatten().map(|object| object + 1).collect();
-        let untold = if objects.is_empty() { &self.models[..] } else { &[] };
-        for info in untold.iter().map(|model| model.info()) {
+        let models = if objects.is_empty() { &self.models[..] } else { &[] };
+        for info in models.iter().map(|model| model.info()) {
             let first = objects.len() as u32 + 1;
             let object = |part: u32| if info.is_grouped { first } else { first + part };
             objects.extend((0..info.parts.len() as u32).map(object));

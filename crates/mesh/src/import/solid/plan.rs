@@ -114,7 +114,7 @@ pub struct SolidImport {
     pub(super) extent: [u64; 3],
     /// Numbers of the parts whose faces count, those of one model after those of the one before; otherwise all.
     pub(super) only: Option<BTreeSet<u32>>,
-    /// The object that each of these parts belongs to, if the models do not tell it.
+    /// The object that each of these parts belongs to, where that is not one part alone or one file.
     pub(super) objects: Option<Vec<u32>>,
     /// Knowledge of the whole surface, where a part of the tree is to be made.
     pub(super) survey: Option<SolidSurvey>,
