@@ -219,8 +219,9 @@ impl ShapeTree {
 
     fn largest_shares(&self, parts: &Parts, cell: Point, side: usize) -> Painted {
         let (mut tops, mut best) = (vec![0; side * side], vec![0.0; side * side]);
-        // The sum of the shares of all values, and the polygons and lines that these are of.
-        let mut all = vec![(0.0, 0); side * side];
+        // The sum of the shares of all values; cells of which a value has several polygons.
+        let mut all = vec![0.0; side * side];
+        let mut several = vec![false; side * side];
         let mut shares = Shares::new(side * side);
         let (mut coverage, mut mask) = (Coverage::new(side), Mask::new(side));
         let same = |a: &Part, b: &Part| self.number(a) == self.number(b);
@@ -233,7 +234,8 @@ impl ShapeTree {
             for row in 0..side {
                 for at in coverage.take_touched(row).map(|column| row * side + column) {
                     let (share, count) = shares.take(at);
-                    all[at] = (all[at].0 + share, all[at].1 + count);
+                    all[at] += share;
+                    several[at] |= count > 1;
                     if share > best[at] {
                         (tops[at], best[at]) = (number, share);
                     }
@@ -241,13 +243,12 @@ impl ShapeTree {
             }
         }
         // (Of two that are as large the one with the lesser value stays, and both before nothing.)
-        let mut several = vec![false; side * side];
-        for (at, (top, best)) in tops.iter_mut().zip(best).enumerate() {
-            let (covered, count) = all[at];
-            if count > 1 {
-                several[at] = true;
-            } else if 1.0 - covered > best {
+        for (((top, best), all), several) in tops.iter_mut().zip(best).zip(all).zip(&mut several) {
+            if 1.0 - all > best {
                 *top = 0;
+            } else {
+                // Values that overlap leave more VOID than the sum says, which matters where none has half of the cell.
+                *several |= best < 0.5 && all > best;
             }
         }
         self.shapes.each_cell(parts, cell, &several, &mut |at, parts, cell| {
