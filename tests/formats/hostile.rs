@@ -449,6 +449,21 @@ fn many_segments_of_the_same_bytes_cost_little() {
 }
 
 #[test]
+fn sample_types_of_an_earlier_form_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("t.goblin");
+    for (number, expected) in
+        [(6, "earlier form"), (8, "earlier form"), (9, "earlier form"), (13, "or 10 to 12")]
+    {
+        let mut craft = good();
+        craft.layer[0] = number;
+        std::fs::write(&path, craft.bytes()).unwrap();
+        let told = spinney::open(&path).unwrap_err().to_string();
+        assert!(told.contains(expected) && told.contains(&format!("sample type {number}")), "{told}");
+    }
+}
+
+#[test]
 fn headers_that_lie() {
     if !is_alone("hostile::headers_that_lie") {
         return;
