@@ -120,13 +120,23 @@ impl Segment {
 }
 
 /// The share of a square that polygons cover, given their edges in it, and which of them have the middle of its left side inside.
-fn covered(square: Square, edges: Vec<Of>, inside: Vec<bool>, divisions: u32) -> f64 {
+fn covered(square: Square, mut edges: Vec<Of>, mut inside: Vec<bool>, divisions: u32) -> f64 {
     let mut has_edges = vec![false; inside.len()];
     edges.iter().for_each(|(polygon, _)| has_edges[*polygon] = true);
     // (Polygons that cover all of it.)
     if inside.iter().zip(&has_edges).any(|(is_inside, has_edges)| *is_inside && !has_edges) {
         return 1.0;
     }
+    // Others without edges cover nothing: those that are left are numbered anew.
+    let mut next = 0;
+    let mut numbers = Vec::with_capacity(inside.len());
+    for has_edges in &has_edges {
+        numbers.push(next);
+        next += usize::from(*has_edges);
+    }
+    edges.iter_mut().for_each(|(polygon, _)| *polygon = numbers[*polygon]);
+    let mut has_edges = has_edges.into_iter();
+    inside.retain(|_| has_edges.next() == Some(true));
     if edges.len() <= MAX_EDGES || divisions == 0 {
         return covered_in_slabs(square, &edges, &inside);
     }
