@@ -157,7 +157,7 @@ fn smooth_lines_stay_closed() {
 fn memory_does_not_grow_with_lines() {
     use crate::common::command::peak_memory;
     let form = quad(SampleType::U8, 1);
-    let cells = made(form, [1200, 1200, 1], |[x, y, _]| Some(byte((Random(x << 20 | y).next() % 4) as u8)));
+    let cells = made(form, [600, 600, 1], |[x, y, _]| Some(byte((Random(x << 20 | y).next() % 4) as u8)));
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
     let file = path("noise.goblin");
@@ -165,8 +165,9 @@ fn memory_does_not_grow_with_lines() {
     let mut command = std::process::Command::new(assert_cmd::cargo::cargo_bin("spinney"));
     command.args(["-q", "contours", &file, "--at", "0.5,1.5,2.5", "--memory", "16M", "--threads", "2"]);
     let peak = peak_memory(&mut command.args(["-o", &path("noise.csv")]).spawn().unwrap());
-    assert!(fs::metadata(path("noise.csv")).unwrap().len() > 50 << 20);
-    assert!(peak < 120 << 20, "{} MiB", peak >> 20);
+    assert!(fs::metadata(path("noise.csv")).unwrap().len() > 12 << 20);
+    // (The program takes about 40 MiB, however many lines there are.)
+    assert!(peak < 58 << 20, "{} MiB", peak >> 20);
 }
 
 #[test]

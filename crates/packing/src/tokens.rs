@@ -229,10 +229,14 @@ impl Place {
     fn all(table: &Table) -> Vec<Place> {
         let mut start = 0;
         let place = |frequency: &u16| {
+            // (Few tokens of a small block are there, and a division takes longer than all else here.)
+            if *frequency == 0 {
+                return Place::default();
+            }
             let frequency = u32::from(*frequency);
             let own = start;
             start += frequency;
-            let reciprocal = (1u64 << 44).div_ceil(u64::from(frequency.max(1)));
+            let reciprocal = (1u64 << 44).div_ceil(u64::from(frequency));
             Place { frequency, start: own, reciprocal }
         };
         table.frequencies.iter().map(place).collect()
@@ -323,10 +327,10 @@ pub fn pack_numbers(numbers: &[i64], contexts: &[u8], bytes: &mut Vec<u8>) {
     let (fineness, counts) =
         if fine.cost(FINE) < coarse.cost(COARSE) { (FINE, fine) } else { (COARSE, coarse) };
     if fineness == COARSE {
-        let coarse = |token: usize| {
-            (token - token % counts.below) as u16 + coarse_token((token % counts.below) as u16)
-        };
-        let coarse: Vec<u16> = (0..counts.counts.len()).map(coarse).collect();
+        let own: Vec<u16> = (0..counts.below as u16).map(coarse_token).collect();
+        let contexts = (0..counts.counts.len()).step_by(counts.below);
+        let coarse: Vec<u16> =
+            contexts.flat_map(|first| own.iter().map(move |token| first as u16 + token)).collect();
         tokens.iter_mut().for_each(|token| *token = coarse[usize::from(*token)]);
     }
     let tables: Vec<Table> = counts.counts.chunks(counts.below).map(Table::of_counts).collect();
@@ -337,8 +341,8 @@ pub fn pack_numbers(numbers: &[i64], contexts: &[u8], bytes: &mut Vec<u8>) {
     let places: Vec<Place> = tables.iter().flat_map(Place::all).collect();
     // (Counts are of fine tokens, of which there are more.)
     let last = (self::tokens(fineness) - 1) as u16;
-    let rest = |token: usize| number_of(last.min((token % counts.below) as u16), fineness).1;
-    let rests: Vec<u32> = (0..counts.counts.len()).map(rest).collect();
+    let rest = |token: u16| number_of(last.min(token), fineness).1;
+    let rests: Vec<u32> = (0..counts.below as u16).map(rest).collect::<Vec<_>>().repeat(tables.len());
     let mut bits = Bits::default();
     if rests.iter().any(|rest| *rest > 0) {
         for (number, token) in numbers.iter().zip(&tokens) {

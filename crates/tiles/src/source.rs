@@ -47,10 +47,10 @@ impl TileSamples {
     /// Makes room for so many cells along each side, of values of so many bytes, all VOID.
     pub fn start(&mut self, side: usize, width: usize) {
         self.side = side;
-        self.values.clear();
         self.values.resize(side * side * width, 0);
-        self.valid.clear();
+        self.values.fill(0);
         self.valid.resize(side * side, false);
+        self.valid.fill(false);
     }
 
     /// Gives all cells one value, or makes them VOID.

@@ -129,10 +129,18 @@ impl TileSource for TreeTiles<'_> {
             let count = coarse.volume() as usize;
             let (mut from, mut is_there) = (vec![0; count * width], vec![false; count]);
             self.tree.window(level, &coarse, 0.0, &mut from, Some(&mut is_there))?;
-            let mut to = values.chunks_exact_mut(width).zip(valid);
-            for y in cells.min[1]..cells.max[1] {
+            let columns = cells.size()[0] as usize;
+            for (number, y) in (cells.min[1]..cells.max[1]).enumerate() {
+                let first = number * columns;
+                if number > 0 && y >> shift == (y - 1) >> shift {
+                    // The row above has the same cells.
+                    values.copy_within((first - columns) * width..first * width, first * width);
+                    valid.copy_within(first - columns..first, first);
+                    continue;
+                }
                 let row = ((y >> shift) - coarse.min[1]) as usize * across;
-                for (x, (value, valid)) in (cells.min[0]..cells.max[0]).zip(&mut to) {
+                let to = values[first * width..].chunks_exact_mut(width).zip(&mut valid[first..]);
+                for (x, (value, valid)) in (cells.min[0]..cells.max[0]).zip(to) {
                     let cell = row + ((x >> shift) - coarse.min[0]) as usize;
                     *valid = is_there[cell];
                     value.copy_from_slice(&from[cell * width..][..width]);

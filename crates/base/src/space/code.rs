@@ -156,7 +156,7 @@ impl Code {
     pub fn from_cell(dimension: Dimension, level: u8, cell: Cell) -> Option<Code> {
         let axes = dimension.axes();
         let fits = |axis: usize| (cell[axis] as u64) < if axis < axes { 1 << level } else { 1 };
-        if level > dimension.max_depth() || !(0..3).all(fits) {
+        if level > dimension.max_depth() || !(fits(0) && fits(1) && fits(2)) {
             return None;
         }
         let path = match dimension {
@@ -298,20 +298,28 @@ pub fn morton_encode(dimension: Dimension, x: u32) -> u64 {
     }
 }
 
+/// One step of [`morton_encode_2`] and of [`morton_encode_3`]. (Steps one by one, since loops over arrays are slow without optimization.)
+#[inline(always)]
+fn spread(x: u64, shift: u32, mask: u64) -> u64 {
+    (x | x << shift) & mask
+}
+
+/// One step of the inverses.
+#[inline(always)]
+fn gather(x: u64, shift: u32, mask: u64) -> u64 {
+    (x | x >> shift) & mask
+}
+
 #[inline]
 fn morton_encode_2(x: u32) -> u64 {
     // Each step moves the upper half of every group of bits away and leaves a gap as wide as the half: five
     // steps take groups of 32 bits down to single ones.
     let mut x = x as u64;
-    for (shift, mask) in [
-        (16, 0x0000_FFFF_0000_FFFF),
-        (8, 0x00FF_00FF_00FF_00FF),
-        (4, 0x0F0F_0F0F_0F0F_0F0F),
-        (2, 0x3333_3333_3333_3333),
-        (1, 0x5555_5555_5555_5555),
-    ] {
-        x = (x | x << shift) & mask;
-    }
+    x = spread(x, 16, 0x0000_FFFF_0000_FFFF);
+    x = spread(x, 8, 0x00FF_00FF_00FF_00FF);
+    x = spread(x, 4, 0x0F0F_0F0F_0F0F_0F0F);
+    x = spread(x, 2, 0x3333_3333_3333_3333);
+    x = spread(x, 1, 0x5555_5555_5555_5555);
     x
 }
 
@@ -319,15 +327,11 @@ fn morton_encode_2(x: u32) -> u64 {
 fn morton_encode_3(x: u32) -> u64 {
     // As for two axes, with gaps twice as wide. Three times 21 bits are all that 64 have room for.
     let mut x = x as u64 & 0x1F_FFFF;
-    for (shift, mask) in [
-        (32, 0x001F_0000_0000_FFFF),
-        (16, 0x001F_0000_FF00_00FF),
-        (8, 0x100F_00F0_0F00_F00F),
-        (4, 0x10C3_0C30_C30C_30C3),
-        (2, 0x1249_2492_4924_9249),
-    ] {
-        x = (x | x << shift) & mask;
-    }
+    x = spread(x, 32, 0x001F_0000_0000_FFFF);
+    x = spread(x, 16, 0x001F_0000_FF00_00FF);
+    x = spread(x, 8, 0x100F_00F0_0F00_F00F);
+    x = spread(x, 4, 0x10C3_0C30_C30C_30C3);
+    x = spread(x, 2, 0x1249_2492_4924_9249);
     x
 }
 
@@ -335,15 +339,11 @@ fn morton_encode_3(x: u32) -> u64 {
 #[inline]
 fn morton_decode_2(path: u64) -> u32 {
     let mut x = path & 0x5555_5555_5555_5555;
-    for (shift, mask) in [
-        (1, 0x3333_3333_3333_3333),
-        (2, 0x0F0F_0F0F_0F0F_0F0F),
-        (4, 0x00FF_00FF_00FF_00FF),
-        (8, 0x0000_FFFF_0000_FFFF),
-        (16, 0x0000_0000_FFFF_FFFF),
-    ] {
-        x = (x | x >> shift) & mask;
-    }
+    x = gather(x, 1, 0x3333_3333_3333_3333);
+    x = gather(x, 2, 0x0F0F_0F0F_0F0F_0F0F);
+    x = gather(x, 4, 0x00FF_00FF_00FF_00FF);
+    x = gather(x, 8, 0x0000_FFFF_0000_FFFF);
+    x = gather(x, 16, 0x0000_0000_FFFF_FFFF);
     x as u32
 }
 
@@ -351,15 +351,11 @@ fn morton_decode_2(path: u64) -> u32 {
 #[inline]
 fn morton_decode_3(path: u64) -> u32 {
     let mut x = path & 0x1249_2492_4924_9249;
-    for (shift, mask) in [
-        (2, 0x10C3_0C30_C30C_30C3),
-        (4, 0x100F_00F0_0F00_F00F),
-        (8, 0x001F_0000_FF00_00FF),
-        (16, 0x001F_0000_0000_FFFF),
-        (32, 0x0000_0000_001F_FFFF),
-    ] {
-        x = (x | x >> shift) & mask;
-    }
+    x = gather(x, 2, 0x10C3_0C30_C30C_30C3);
+    x = gather(x, 4, 0x100F_00F0_0F00_F00F);
+    x = gather(x, 8, 0x001F_0000_FF00_00FF);
+    x = gather(x, 16, 0x001F_0000_0000_FFFF);
+    x = gather(x, 32, 0x0000_0000_001F_FFFF);
     x as u32
 }
 

@@ -81,6 +81,7 @@ impl ZoneStats {
         match parts {
             [] => unreachable!("a node has children"),
             [one] => (*one).clone(),
+            [a, b] => ZoneStats::add(a, b),
             _ => {
                 // By halves, not one after the other: floating sums are defined as pairwise in Z order.
                 let (a, b) = parts.split_at(parts.len() / 2);

@@ -196,16 +196,19 @@ fn laws_of_sets_hold() {
             |x: &ExactModel, y: &ExactModel| combined(1, &[x, y]),
             |x: &ExactModel, y: &ExactModel| combined(7, &[x, y]),
         );
+        // (Each operation that several laws need is done once.)
+        let (not_b, a_and_b, a_or_b, b_or_c) = (&not(b), &and(a, b), &or(a, b), &or(b, c));
+        let a_minus_b = &combined(2, &[a, b]);
         assert_same(a, a, &what("A xor A"));
-        assert_same(&not(&or(a, b)), &and(&not(a), &not(b)), &what("De Morgan"));
-        assert_same(&or(a, &and(a, b)), a, &what("absorption"));
-        assert_same(&and(a, &or(a, b)), a, &what("absorption"));
-        assert_same(&and(a, &or(b, c)), &or(&and(a, b), &and(a, c)), &what("distribution"));
-        assert_same(&combined(2, &[a, b]), &and(a, &not(b)), &what("difference"));
-        assert_same(&or(&combined(2, &[a, b]), &and(a, b)), a, &what("parts"));
+        assert_same(&not(a_or_b), &and(&not(a), not_b), &what("De Morgan"));
+        assert_same(&or(a, a_and_b), a, &what("absorption"));
+        assert_same(&and(a, a_or_b), a, &what("absorption"));
+        assert_same(&and(a, b_or_c), &or(a_and_b, &and(a, c)), &what("distribution"));
+        assert_same(a_minus_b, &and(a, not_b), &what("difference"));
+        assert_same(&or(a_minus_b, a_and_b), a, &what("parts"));
         assert_same(&combined(6, &[&combined(6, &[a, b]), b]), a, &what("xor twice"));
-        assert_same(&combined(7, &[a, b, c]), &or(a, &or(b, c)), &what("union of three"));
-        assert_same(&combined(2, &[a, b, c]), &combined(2, &[&combined(2, &[a, b]), c]), &what("minus both"));
+        assert_same(&combined(7, &[a, b, c]), &or(a, b_or_c), &what("union of three"));
+        assert_same(&combined(2, &[a, b, c]), &combined(2, &[a_minus_b, c]), &what("minus both"));
     }
 }
 
@@ -435,6 +438,20 @@ fn cells_are_as_the_tables_say() {
             model.face(number, &mut buffer).unwrap();
             buffer.points
         };
+        // Of each body: its leaves, those of each face, and on which side of the other body leaves are that are far from it.
+        let described = [0, 1].map(|own| {
+            let (all, other) = (leaves(&bodies[own]), &bodies[1 - own]);
+            let mut cells_of: HashMap<u64, Vec<usize>> = HashMap::new();
+            for (index, (_, faces, _)) in all.iter().enumerate() {
+                faces.iter().for_each(|face| cells_of.entry(*face).or_default().push(index));
+            }
+            let is_far = |cell: &[[i64; 3]; 2]| {
+                let around = [cell[0].map(|at| at - 2), cell[1].map(|at| at + 2)];
+                winding_in(other, &other.root().unwrap(), &around)
+            };
+            let sides: Vec<Option<i32>> = all.iter().map(|(_, _, cell)| is_far(cell)).collect();
+            (all, cells_of, sides)
+        });
         for operation in BOTH {
             let table = OperationTable::new(set(operation), 2).unwrap();
             let result = result(operation, &[&bodies[0], &bodies[1]]);
@@ -454,19 +471,9 @@ fn cells_are_as_the_tables_say() {
             };
             let find = |at: [i64; 3]| result.leaf_at(at, 1).unwrap();
             for own in 0..2 {
-                let (model, other) = (&bodies[own], &bodies[1 - own]);
-                let is_far = |cell: &[[i64; 3]; 2]| {
-                    let around = [cell[0].map(|at| at - 2), cell[1].map(|at| at + 2)];
-                    winding_in(other, &other.root().unwrap(), &around)
-                };
-                let all = leaves(model);
+                let (model, (all, cells_of, sides)) = (&bodies[own], &described[own]);
                 // A face is what its cells say; where all of these are far, it is as it was.
-                let mut cells_of: HashMap<u64, Vec<usize>> = HashMap::new();
-                for (index, (_, faces, _)) in all.iter().enumerate() {
-                    faces.iter().for_each(|face| cells_of.entry(*face).or_default().push(index));
-                }
-                let sides: Vec<Option<i32>> = all.iter().map(|(_, _, cell)| is_far(cell)).collect();
-                for (face, cells) in cells_of {
+                for (&face, cells) in cells_of {
                     let Some(sides) = cells.iter().map(|cell| sides[*cell]).collect::<Option<Vec<i32>>>()
                     else {
                         continue;

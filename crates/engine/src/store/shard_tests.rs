@@ -258,16 +258,16 @@ fn shards_make_the_bytes_of_one_build() {
         (0, [1, 1, 1]),
         (5, [20, 32, 1]),
         (8, [256, 200, 1]),
-        (9, [512, 270, 1]),
-        (10, [300, 1024, 1]),
-        (11, [1100, 800, 1]),
-        (12, [2100, 260, 1]),
-        (13, [40, 8000, 1]),
+        (9, [512, 260, 1]),
+        (10, [260, 1024, 1]),
+        (11, [1030, 300, 1]),
+        (12, [2060, 20, 1]),
+        (13, [10, 8000, 1]),
     ] {
         compare(&[layer(Quad, depth, extent)], &COUNTS);
     }
     for (depth, extent) in
-        [(0, [1, 1, 1]), (6, [64, 50, 33]), (7, [128, 70, 100]), (8, [200, 70, 65]), (10, [1000, 70, 20])]
+        [(0, [1, 1, 1]), (6, [64, 50, 33]), (7, [128, 66, 20]), (8, [130, 66, 65]), (10, [1000, 66, 2])]
     {
         compare(&[layer(Oct, depth, extent)], &COUNTS);
     }
@@ -286,13 +286,13 @@ fn shards_make_them_by_all_rules_and_types() {
     ];
     for (number, value) in types.into_iter().enumerate() {
         let rule = Rule::ALL[number % Rule::ALL.len()];
-        let mut layer = layer(Dimension::Quad, 10, [600, 520, 1]);
+        let mut layer = layer(Dimension::Quad, 10, [520, 260, 1]);
         (layer.form.value, layer.rule) = (value, rule);
         assert!(value.mask != Mask::None || number < 5);
         compare(&[layer], &[1, 7]);
     }
     for rule in Rule::ALL {
-        let mut layer = layer(Dimension::Oct, 8, [150, 70, 30]);
+        let mut layer = layer(Dimension::Oct, 8, [130, 66, 20]);
         layer.rule = rule;
         compare(&[layer], &[7]);
     }
@@ -301,7 +301,7 @@ fn shards_make_them_by_all_rules_and_types() {
 #[test]
 fn shards_count_more_classes_than_files_list() {
     for rule in [Rule::Majority, Rule::Dominant] {
-        let mut layer = layer(Dimension::Quad, 11, [1050, 520, 1]);
+        let mut layer = layer(Dimension::Quad, 11, [1030, 260, 1]);
         layer.form.value = ValueType::new(SampleType::U16, 1);
         (layer.kind, layer.rule, layer.values) = (DataKind::Categorical, rule, 5000);
         compare(&[layer], &[1, 7, 64]);
@@ -311,7 +311,7 @@ fn shards_count_more_classes_than_files_list() {
 #[test]
 fn shards_are_packed_and_rounded_as_files_are() {
     for (max_error, sample) in [(None, SampleType::U8), (Some(0.5), SampleType::F32)] {
-        let mut layer = layer(Dimension::Quad, 10, [600, 520, 1]);
+        let mut layer = layer(Dimension::Quad, 10, [520, 260, 1]);
         layer.form.value = ValueType::new(sample, 1);
         layer.packing = Packing { codec: Codec::Packed, max_error };
         compare(&[layer], &[1, 7]);
@@ -332,7 +332,7 @@ fn shards_of_sources_and_of_layers_of_several_depths() {
     let mut coarse = layer(Dimension::Quad, 9, [400, 300, 1]);
     coarse.form.value = ValueType::new(SampleType::F32, 1);
     let layers =
-        [layer(Dimension::Quad, 11, [1050, 520, 1]), coarse, layer(Dimension::Quad, 7, [100, 75, 1])];
+        [layer(Dimension::Quad, 11, [1030, 260, 1]), coarse, layer(Dimension::Quad, 7, [100, 75, 1])];
     compare(&layers, &COUNTS);
 }
 

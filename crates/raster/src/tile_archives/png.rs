@@ -48,7 +48,6 @@ impl PngEncoder {
     pub(super) fn encode(&mut self, picture: PngPixels<'_>, width: usize, png: &mut Vec<u8>) {
         png.clear();
         png.extend(b"\x89PNG\r\n\x1a\n");
-        self.rows.clear();
         match picture {
             PngPixels::Indexed(indices, colours) => self.indexed(indices, colours, width, png),
             PngPixels::Colours(pixels) => self.colours(pixels, width, png),
@@ -90,6 +89,7 @@ impl PngEncoder {
         if !trns.is_empty() {
             chunk(png, *b"tRNS", &trns);
         }
+        self.rows.clear();
         for row in indices.chunks_exact(width) {
             self.rows.push(NO_FILTER);
             match bits {
@@ -119,7 +119,7 @@ impl PngEncoder {
 
     fn colours(&mut self, pixels: &[[u8; 4]], width: usize, png: &mut Vec<u8>) {
         let is_opaque = pixels.iter().all(|pixel| pixel[3] == 255);
-        let is_grey = pixels.iter().all(|[red, green, blue, _]| red == green && green == blue);
+        let is_grey = pixels.iter().all(|&[red, green, blue, _]| red == green && green == blue);
         let kind = if is_grey { 0 } else { COLOUR } | if is_opaque { 0 } else { ALPHA };
         header(png, width, pixels.len() / width, 8, kind);
         // What cannot be seen has no colour, which compresses better.
@@ -141,16 +141,16 @@ impl PngEncoder {
         // (A pixel of zeros is in front of each row.)
         let mut above = vec![[0; N]; width + 1];
         let mut here = above.clone();
-        for row in pixels.chunks_exact(width) {
+        let stride = 1 + width * N;
+        self.rows.resize(pixels.len() / width * stride, 0);
+        for (row, bytes) in pixels.chunks_exact(width).zip(self.rows.chunks_exact_mut(stride)) {
             for (here, pixel) in here[1..].iter_mut().zip(row) {
                 *here = if pixel[3] == 0 { [0; N] } else { samples(*pixel) };
             }
-            self.rows.push(PAETH);
-            let start = self.rows.len();
-            self.rows.resize(start + width * N, 0);
+            bytes[0] = PAETH;
             let (left, corner) = (&here.as_flattened()[..width * N], &above.as_flattened()[..width * N]);
             let (own, upper) = (&here.as_flattened()[N..], &above.as_flattened()[N..]);
-            for (at, filtered) in self.rows[start..].iter_mut().enumerate() {
+            for (at, filtered) in bytes[1..].iter_mut().enumerate() {
                 *filtered = own[at].wrapping_sub(predicted(left[at], upper[at], corner[at]));
             }
             std::mem::swap(&mut above, &mut here);

@@ -97,12 +97,12 @@ fn blocks_in_rows_are_those_in_z_order() {
                 if reach > 2 && number > 0 && (type_number + number).is_multiple_of(2) {
                     continue;
                 }
-                let slab = slab(form, [1 << height, 0, 0], 1 << height, spread);
                 let count_classes = matches!(rule, Rule::Majority | Rule::Nearest);
-                let name = format!("{dimension:?} {value} {height} levels, {rule}");
                 if !RowBlock::supports(form, rule, count_classes) {
                     continue;
                 }
+                let slab = slab(form, [1 << height, 0, 0], 1 << height, spread);
+                let name = format!("{dimension:?} {value} {height} levels, {rule}");
                 let classify = |in_rows| slab.classify(form, code, height, None, in_rows);
                 let (BlockContent::Mixed(block), BlockContent::Full(rows)) =
                     (classify(false), classify(true))
