@@ -142,7 +142,7 @@ pub(crate) fn make(name: &str, island: &Island, path: &Path) -> Result<()> {
 
 /// A cell of "large", whose patches are uniform.
 pub(crate) fn large(x: u32, y: u32) -> f64 {
-    let difference = if (x / 8 + y / 8) % 3 == 0 { 3 } else { (x * x + 3 * y) % 7 };
+    let difference = if (x / 8 + y / 8).is_multiple_of(3) { 3 } else { (x * x + 3 * y) % 7 };
     4e15 + 0.5 * f64::from(difference)
 }
 

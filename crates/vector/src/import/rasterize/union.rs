@@ -127,7 +127,7 @@ fn covered(square: Square, mut edges: Vec<Of>, mut inside: Vec<bool>, divisions:
     if inside.iter().zip(&has_edges).any(|(is_inside, has_edges)| *is_inside && !has_edges) {
         return 1.0;
     }
-    // Others without edges cover nothing: those that are left are numbered anew.
+    // Others without edges cover nothing: the rest gets consecutive numbers.
     let mut next = 0;
     let mut numbers = Vec::with_capacity(inside.len());
     for has_edges in &has_edges {
