@@ -13,9 +13,10 @@ use super::shapes::{Part, Parts, ShapeKind, Shapes};
 
 /// Maximum number of edges whose pairs are compared.
 const MAX_EDGES: usize = 64;
-/// Maximum number of times that a cell is divided. Time is then bounded, whatever the number of edges.
+/// Maximum number of times that a cell is divided, so that no edge is checked in more than some dozens of squares.
 const MAX_DIVISIONS: u32 = 4;
-/// Slabs of a square that has more edges after all divisions, instead of those between crossings: the error is below 2^-14 of a cell.
+/// Slabs of a square that has more edges after all divisions, in addition to those between ends, instead of those between crossings: lengths are
+/// then those in the middle of a slab, a 1024th of a cell high at most. (Of 1,500 triangles in a few cells, shares are off by less than 1e-4.)
 const MANY_SLABS: u32 = 64;
 
 /// A square, in parts of cells.
@@ -47,7 +48,7 @@ struct Crossing {
 impl Shapes {
     /// The share of a cell that some of its parts cover together; lines and points cover cells that they meet.
     ///
-    /// Cost: O(n^2) for n edges in the cell, but O(n log n) for more than some thousands.
+    /// Cost: O(n log n) for n edges in the cell that are much shorter than it, and O(n^2) for those that pass through all of it.
     pub(super) fn union_share<'a>(
         &self,
         parts: &Parts,
@@ -89,6 +90,10 @@ impl Square {
     }
 
     /// The part of an edge on the right of the left side, and where it crosses that.
+    ///
+    /// Invariant: rounding moves a crossing along the side, but the segment ends in the same place as the crossing, and whether that is above the
+    /// middle is decided exactly. So a row has each polygon inside as often as it has on the left, changed by all segments that it crosses: no wrong
+    /// place costs more than the slab between this and the right one.
     fn segment(self, (polygon, edge): Of) -> (Option<Segment>, Option<Crossing>) {
         let local = |at: Point| [0, 1].map(|axis| (at[axis] - self.low[axis]) as f64 / self.side as f64);
         let is_right = |at: Point| at[0] > self.low[0];
@@ -167,6 +172,10 @@ fn covered_in_slabs(square: Square, edges: &[Of], inside: &[bool]) -> f64 {
         crossings.extend(crossing);
     }
     let rows = rows_between(&segments, &crossings);
+    sort::by(&mut segments, &mut |a, b| a.from[1].total_cmp(&b.from[1]));
+    let mut next = segments.iter().peekable();
+    // Segments that pass through the slab.
+    let mut crossed: Vec<&Segment> = Vec::new();
     let mut sum = 0.0;
     let mut at: Vec<(f64, usize)> = Vec::new();
     for slab in rows.windows(2) {
@@ -177,8 +186,13 @@ fn covered_in_slabs(square: Square, edges: &[Of], inside: &[bool]) -> f64 {
             inside[crossing.polygon] ^= is_between;
         }
         at.clear();
-        let crossed = segments.iter().filter(|segment| segment.from[1] < y && y < segment.to[1]);
-        at.extend(crossed.map(|segment| (segment.column(y).clamp(0.0, 1.0), segment.polygon)));
+        crossed.retain(|segment| y < segment.to[1]);
+        while let Some(segment) = next.next_if(|segment| segment.from[1] < y) {
+            if y < segment.to[1] {
+                crossed.push(segment);
+            }
+        }
+        at.extend(crossed.iter().map(|segment| (segment.column(y).clamp(0.0, 1.0), segment.polygon)));
         sort::by(&mut at, &mut |(a, _), (b, _)| a.total_cmp(b));
         sum += (slab[1] - slab[0]) * covered_length(&at, &mut inside);
     }
