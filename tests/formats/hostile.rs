@@ -452,14 +452,12 @@ fn many_segments_of_the_same_bytes_cost_little() {
 fn sample_types_of_an_earlier_form_are_named() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.goblin");
-    for (number, expected) in
-        [(6, "earlier form"), (8, "earlier form"), (9, "earlier form"), (13, "or 10 to 12")]
-    {
+    for number in [6, 8, 9] {
         let mut craft = good();
         craft.layer[0] = number;
         std::fs::write(&path, craft.bytes()).unwrap();
         let told = spinney::open(&path).unwrap_err().to_string();
-        assert!(told.contains(expected) && told.contains(&format!("sample type {number}")), "{told}");
+        assert!(told.contains(&format!("earlier form (sample type {number})")), "{told}");
     }
 }
 

@@ -270,6 +270,7 @@ fn shares_of_polygons_that_overlap_are_areas_of_their_union() {
             let (x, y) = (at as u64 % 16, at as u64 / 16);
             let area = area_of_cell(&union, [x, y]);
             let share = f64::from(f32::from_le_bytes(value.unwrap().to_bytes()[..4].try_into().unwrap()));
+            // (Shares are f32, rounded by 2^-25 at most. Of very many edges they are those in the middle of slabs.)
             let slack = if count > 1000 { 1e-4 } else { 1e-6 };
             assert!((area - share).abs() < slack, "{share}, not {area}, at {x}, {y} of round {round}");
         }
@@ -292,6 +293,7 @@ fn the_largest_share_is_that_of_unions() {
                 each.iter().map(|union| union.as_ref().map_or(0.0, |union| area_of_cell(union, cell)));
             let shares: Vec<f64> = std::iter::once(1.0 - area_of_cell(&all, cell)).chain(shares).collect();
             let best = (0..4).max_by(|a, b| shares[*a].total_cmp(&shares[*b])).unwrap();
+            // (Which of two is larger may be decided by the rounding of either.)
             if shares.iter().filter(|share| **share > shares[best] - 1e-6).count() > 1 {
                 ties += 1;
                 continue;
