@@ -187,7 +187,12 @@ fn edits(goblin: &Goblin, path: &Path) -> Outcome<()> {
                 // Cells of another part of the map.
                 let window = format!("window={},{},{SIDE},{SIDE}", from[0], from[1]);
                 let patch = FileView { steps: vec![window.parse()?], ..FileView::of(goblin.path()) };
-                Edit::Paste { patch, at: Some(min.map(|cell| cell as i64)), where_valid: false }
+                Edit::Paste {
+                    patch,
+                    at: Some(min.map(|cell| cell as i64)),
+                    void: true,
+                    options: Default::default(),
+                }
             };
             let edit = || {
                 apply_edits(&mut editor, &mut [Ok(change)].into_iter(), &())?;

@@ -599,7 +599,7 @@ def rows():
         region = ["--window", "101,57,700,800", "--value", value]
         add(f"edit fill {name}", program("edit", "{edited}", "fill", *region, edits=f"{name}.autumn"))
         patch = f"{name}_b.goblin" if name in SHIFTED else f"{name}.goblin"
-        for how, more in [("", []), (" --at", ["--at", "301,203"]), (" --where-valid", ["--where-valid"])]:
+        for how, more in [("", []), (" --at", ["--at", "301,203"]), (" --void", ["--void"])]:
             row = program("edit", "{edited}", "paste", "{0}", *more, trees=[patch], edits=f"{name}.autumn")
             add(f"edit paste{how} {name}", row)
     add("edit paste picture land", paste("land_b", "land.autumn"))

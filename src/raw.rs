@@ -47,7 +47,7 @@ pub mod tree {
 pub mod store {
     pub use spinney_container::{
         ByteSource, FileReference, Finding, LevelCounts, PieceSummary, ScopedTags, Shape, ShardSummary, Tag,
-        TagScope, TreeFormat, check_tree_name, create_tree_file, file_is_tree, file_of,
+        TagScope, TreeFormat, Unit, check_tree_name, create_tree_file, file_is_tree, file_of,
     };
     pub use spinney_engine::store::{
         Packing, ShardCheck, SlabBoxes, TreeTarget, TreeWriter, WantedCells, build_tree, depth_for,
@@ -111,13 +111,14 @@ pub mod query {
 /// Operations as sources, and from files to files: views, other coordinate systems, set operations, edits, conversions.
 pub mod ops {
     pub use spinney_engine::ops::{
-        AffineMap, Alignment, Around, Axis, BlockSource, Blockwise, Calculated, Calculation, CellPatch,
-        Change, Coarse, CoarseNode, Combined, CombinedNode, Connectivity, Difference, Differences, FdRange,
-        FillPatch, LayerInfo, MAX_ZOOM, MadeOperand, MemoryTree, Opaque, Outcome, Pair, PairOfSamples, Patch,
-        Patched, PatchedNode, Prefer, Regions, Sampling, Sieve, TreeFile, TreeFileNode, Turn, View, ViewNode,
-        ViewSource, ViewSourceNode, WarpGrid, WarpTarget, Warped, add_layer, align, apply_edits, blame,
-        build, combine_with, crosstab, crosstab_files, data_box, diff, diff_files, differences, drop_layer,
-        layer_paths, only_layer, transform_to, warp,
+        AffineMap, Around, Axis, BlockSource, Blockwise, Calculated, Calculation, CellPatch, Change,
+        ClassMatching, Coarse, CoarseNode, Combined, CombinedNode, CompareReport, Connectivity, Conversion,
+        Converted, Difference, Differences, FdRange, FillPatch, LayerInfo, MAX_ZOOM, MadeOperand, MemoryTree,
+        Opaque, Outcome, OutputExtent, Pair, PairOfSamples, Patch, Patched, PatchedNode, Prefer,
+        ReconcileOptions, Regions, Sampling, Sieve, TreeFile, TreeFileNode, Turn, View, ViewNode, ViewSource,
+        ViewSourceNode, WarpGrid, WarpTarget, Warped, add_layer, apply_edits, blame, build, combine_with,
+        crosstab, crosstab_files, data_box, diff, diff_files, differences, drop_layer, layer_paths,
+        only_layer, transform_to, warp,
     };
 }
 

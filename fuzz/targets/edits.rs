@@ -83,7 +83,7 @@ fn change(editor: &mut Editor, script: &[u8], cells: Option<EditedCells>) -> Res
                 // What another commit has is not known here.
                 apply_edits(editor, &mut [Ok(Edit::Revert(value.into()))].into_iter(), &()).or_else(
                     |error| {
-                        if matches!(error, Error::Invalid { .. }) { Ok(()) } else { Err(error) }
+                        if matches!(error, Error::Invalid { .. }) { Ok(Vec::new()) } else { Err(error) }
                     },
                 )?;
                 cells = Dataset::of(editor.tree().into()).ok().and_then(|tree| self::cells(&tree));

@@ -20,7 +20,7 @@ from ._options import time_of
 from ._features import Edge, Overlaps, features_over
 from ._progress import memory_of, working
 from ._remote import is_path, path_of
-from ._types import Commit, Path, Progress, Window, commit_of
+from ._types import ClassMatching, Commit, Path, Progress, Units, Window, commit_of
 
 
 def edit(
@@ -37,7 +37,7 @@ def edit(
 
         with spinney.edit("map.autumn", message="A new wood") as e:
             e.fill(3, window=(60, 60, 40, 40))
-            e.paste("survey.goblin", where_valid=True)
+            e.paste("survey.goblin")
 
     All changes become one commit at the end of the block, and none if it is left by an exception; without a block `commit` makes
     it, and `close` forgets all changes. Cells can be assigned to, `e[y0:y1, x0:x1] = array`, which is what `dask.array.store`
@@ -128,7 +128,7 @@ class Edit:
             mask = mask.all(axis=0)
         # (One at a time, whichever threads they come from.)
         with self._lock:
-            self.paste(np.ma.getdata(values), at=first[::-1], mask=mask)
+            self.paste(np.ma.getdata(values), at=first[::-1], mask=mask, void=True)
             self._done[-1] = "Set cells of an array"
 
     def paste(
@@ -137,13 +137,20 @@ class Edit:
         *,
         at: Sequence[int] | None = None,
         view: str | Sequence[str] = (),
-        where_valid: bool = False,
+        void: bool = False,
         mask: Any = None,
+        classes: ClassMatching = "name",
+        units: Units = "convert",
+        round: bool = False,
     ) -> None:
         """Puts a tree file, a picture or an array over a part of the tree.
 
         It goes to where it lies in the world, or with its first cell to the cell `at`, `(column, row)` or `(x, y, z)`, from where it
-        must not stick out; arrays (bands first) need that. With `where_valid` the tree stays as it is where the source is VOID.
+        must not stick out; arrays (bands first) need that. Where the source is VOID the tree stays as it is; with `void` it becomes VOID there.
+
+        The source is brought to the tree's cells and values: classes are matched by name, numbers converted by scale, offset and unit, and
+        resampled where cells differ. With `classes` or `units` as `"number"` numbers are taken as they are stored; `round` rounds numbers that
+        the tree's type cannot hold.
         """
         steps = [view] if isinstance(view, str) else list(view)
         place = None if at is None else [index(number) for number in at]
@@ -163,7 +170,7 @@ class Edit:
                 name, path = "an array", os.path.join(folder, "patch.goblin")
                 self._build(source, path, mask)
             try:
-                self._editor.paste(path, steps, place, where_valid, terms)
+                self._editor.paste(path, steps, place, void, ("a", classes, units, round), terms)
             except (ValueError, TypeError, OSError) as error:
                 # (Nobody knows the tree that was made of it.)
                 if path == name or path not in str(error):
@@ -249,10 +256,18 @@ class Edit:
             self._editor.set(np.ascontiguousarray(places, dtype=np.int64), numbers, terms)
         self._done.append(f"Set {len(places)} cells")
 
-    def apply(self, operation: str, other: Path) -> None:
-        """Makes the tree what an operation (as in `combine`) makes of it and another, which lies where it lies."""
+    def apply(
+        self,
+        operation: str,
+        other: Path,
+        *,
+        classes: ClassMatching = "name",
+        units: Units = "convert",
+        round: bool = False,
+    ) -> None:
+        """Makes the tree what an operation (as in `combine`) makes of it and another, which lies where it lies, and is brought to it as by `paste`."""
         with working(self._progress, self._threads) as terms:
-            self._editor.combine(operation, path_of(other), terms)
+            self._editor.combine(operation, path_of(other), ("a", classes, units, round), terms)
         self._done.append(f"Apply {operation} of {path_of(other)}")
 
     def revert(self, commit: int) -> None:

@@ -12,6 +12,9 @@ from ._options import packing_of
 from ._progress import ALONE, bytes_of, memory_of, working
 from ._remote import is_path, path_of
 from ._types import (
+    ClassMatching,
+    Extent,
+    Units,
     Codec,
     CombinedModel,
     CombinedPolygons,
@@ -74,6 +77,9 @@ def combine(
     fill: float | None = None,
     within: Sequence[float] | Path | None = None,
     margin: int | None = None,
+    extent: Extent = "union",
+    classes: ClassMatching = "name",
+    units: Units = "convert",
     snap: float | None = None,
     value: float | str | None = None,
     overlaps: Overlaps | None = None,
@@ -90,7 +96,11 @@ def combine(
 
     The operations are those of `spinney combine`, set operations also by their numbers (0 to 15). `values` tells whose value stands where a set operation finds both,
     `fill` the value of cells that it makes of nothing, `within` (a box of the world) or `margin` (cells around the
-    files) where it does that. Exact models, also open ones, are combined exactly, as surfaces (set operations only, and none of these options).
+    files) where it does that.
+
+    The result has the first file's cells, over the `extent` of the first (`"a"`), of the others (`"b"`), of all, or what all share (`"intersection"`). The others are
+    brought to it: from other cells and coordinate systems, types, scales, units and numbers of classes; `conversions` of the result says what was
+    converted. With `classes` or `units` as `"number"` numbers are taken as they are stored. Exact models, also open ones, are combined exactly, as surfaces (set operations only, and none of these options).
 
     Features among the `paths` (files of them, or anything with a `__geo_interface__`) are laid over the cells of the trees, with a
     `value` (a number, or an attribute whose texts are names of the trees' categories), `overlaps`, `where` and `edge` as `build` has them.
@@ -104,7 +114,7 @@ def combine(
     operation, limit = str(operation), cast(Any, within)
     trees, features = divided(paths)
     if features and not trees:
-        given = {"values": values != "first", "fill": fill, "margin": margin, "value": value, "overlaps": overlaps, "edge": edge, "codec": codec != "plain", "max_error": max_error}
+        given = {"values": values != "first", "fill": fill, "margin": margin, "value": value, "overlaps": overlaps, "edge": edge, "extent": extent != "union", "classes": classes != "name", "units": units != "convert", "codec": codec != "plain", "max_error": max_error}
         if refused := [name for name, own in given.items() if own not in (None, False)]:
             raise ValueError(f"{', '.join(refused)}: not for polygons")
         region = path_of(limit) if is_path(limit) else None if limit is None else list(limit)
@@ -127,19 +137,31 @@ def combine(
         told = [(place, stack.enter_context(features_over(source, **over))) for place, source in features]  # type: ignore[arg-type]
         terms = stack.enter_context(working(progress, threads, max_bytes))
         made = _native.combine(
-            operation, names, path_of(out), values == "second", fill, box, margin, told, memory_of(memory), packing_of(codec, max_error), terms
+            operation, names, path_of(out), values == "second", fill, box, margin, (extent, classes, units, False), told, memory_of(memory), packing_of(codec, max_error), terms
         )
     return CombinedModel(**made) if "faces" in made else outcome_of(made)
 
 
-def cross(first: Path, second: Path) -> list[tuple[list[float] | None, list[float] | None, int]]:
-    """Which values of one tree meet which of another, and in how many cells; `None` is VOID."""
-    return _native.cross(path_of(first), path_of(second), ALONE)
+def cross(
+    first: Path, second: Path, *, extent: Extent = "union", classes: ClassMatching = "name"
+) -> list[tuple[list[float] | None, list[float] | None, int]]:
+    """Which values of one tree meet which of another, and in how many cells; `None` is VOID. Classes of the second have the first's numbers."""
+    return _native.cross(path_of(first), path_of(second), (extent, classes, "convert", False), ALONE)
 
 
-def diff(first: Path, second: Path, *, ranges: bool = False) -> Differences:
-    """How two trees differ, most often two commits of one file; with `ranges` also where, as runs of FD paths."""
-    sums, found = _native.diff(path_of(first), path_of(second), ranges, ALONE)
+def diff(
+    first: Path,
+    second: Path,
+    *,
+    ranges: bool = False,
+    extent: Extent = "union",
+    classes: ClassMatching = "name",
+    units: Units = "convert",
+) -> Differences:
+    """How two trees differ where they lie in the world, most often two commits of one file; with `ranges` also where, as runs of FD paths.
+
+    The second is brought to the first's cells and values, as by `combine`."""
+    sums, found = _native.diff(path_of(first), path_of(second), ranges, (extent, classes, units, False), ALONE)
     added, removed, changed, blocks, runs = sums
     return Differences(added, removed, changed, blocks, runs, found)
 

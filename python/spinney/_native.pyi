@@ -14,6 +14,7 @@ from ._types import Array
 version: str
 
 _ZoneBand = tuple[float, float, float, float, float, float, tuple[int, float, float, float, list[float]] | None]
+_Reconcile = tuple[str, str, str, bool]
 _Packing = tuple[str, float | None]
 _Contact = tuple[list[str], list[int], str, float, float, list[float]]
 _Terms = tuple[Callable[[int, int], object] | None, int | None, int | None]
@@ -320,7 +321,7 @@ class Model:
 class Editor:
     def __new__(cls, path: Any, memory: int) -> Editor: ...
     def paste(
-        self, patch: Any, steps: list[str], at: list[int] | None, where_valid: bool, terms: _Terms
+        self, patch: Any, steps: list[str], at: list[int] | None, void: bool, reconcile: _Reconcile, terms: _Terms
     ) -> None: ...
     def fill(
         self,
@@ -335,7 +336,7 @@ class Editor:
     def set(
         self, cells: npt.NDArray[np.int64], values: npt.NDArray[Any] | None, terms: _Terms
     ) -> None: ...
-    def combine(self, operation: str, other: Any, terms: _Terms) -> None: ...
+    def combine(self, operation: str, other: Any, reconcile: _Reconcile, terms: _Terms) -> None: ...
     def revert(self, commit: int, terms: _Terms) -> None: ...
     def commit(self, message: str, author: str, time: int | None) -> dict[str, Any] | None: ...
     def close(self) -> None: ...
@@ -476,6 +477,7 @@ def combine(
     fill: float | None,
     within: list[float] | None,
     margin: int | None,
+    reconcile: _Reconcile,
     features: list[tuple[int, dict[str, Any]]],
     memory: int,
     packing: _Packing,
@@ -491,8 +493,12 @@ def combine_polygons(
     memory: int,
     terms: _Terms,
 ) -> dict[str, Any]: ...
-def cross(first: Any, second: Any, terms: _Terms) -> list[tuple[list[float] | None, list[float] | None, int]]: ...
-def diff(first: Any, second: Any, ranges: bool, terms: _Terms) -> tuple[list[int], npt.NDArray[np.uint64] | None]: ...
+def cross(
+    first: Any, second: Any, reconcile: _Reconcile, terms: _Terms
+) -> list[tuple[list[float] | None, list[float] | None, int]]: ...
+def diff(
+    first: Any, second: Any, ranges: bool, reconcile: _Reconcile, terms: _Terms
+) -> tuple[list[int], npt.NDArray[np.uint64] | None]: ...
 def verify(path: Any, quick: bool, memory: int, terms: _Terms) -> list[tuple[str, str]]: ...
 def add_layer(
     path: Any,

@@ -212,12 +212,12 @@ class PointTree(BlockTree, _native.Points):
         progress: Progress = None,
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         """Distances of the k points nearest to each place, of shape (n, k), and their coordinates, (n, k, 3), the nearest first; infinite and NaN
-        where fewer are within the `radius`. In a quadtree z does not count, and places may be rows of x and y."""
+        where fewer are within the `radius`. In a quadtree z does not count; for places that are rows of x and y distances are in plan."""
         if k < 1:
             raise ValueError(f"k: {k}, expected 1 or more")
         given = np.asarray(places, dtype=np.float64)
-        if given.ndim == 2 and given.shape[1] == 2 and self._facts()["axes"] == 2:
-            given = np.column_stack([given, np.zeros(len(given))])
+        if given.ndim == 2 and given.shape[1] == 2:
+            given = np.column_stack([given, np.full(len(given), np.nan)])
         rows = points_of(given, 3, "places")
         with working(progress, threads) as terms:
             distances, found = self._nearest(rows, k, float(radius), memory_of(memory), terms)

@@ -102,6 +102,14 @@ class Box(NamedTuple):
         return self.max_y
 
 
+Extent = Literal["a", "b", "union", "intersection"]
+"""Part of the world that a result covers: that of the first file, of the others, of all, or what all share."""
+ClassMatching = Literal["name", "number"]
+"""How classes of two files are matched."""
+Units = Literal["convert", "number"]
+"""Whether numbers are converted by scale, offset and unit, or taken as they are stored."""
+
+
 @dataclass(frozen=True)
 class BandStatistics:
     """Statistics of one band; the standard deviation is that of the population."""
@@ -314,6 +322,8 @@ class Outcome:
     """Cells of each input that are not VOID."""
     cells: int
     """Cells of the result that are not VOID."""
+    conversions: tuple[str, ...] = ()
+    """What was converted so that inputs mean the same, a line for each."""
 
 
 @dataclass(frozen=True)
@@ -622,4 +632,4 @@ def outcome_of(facts: dict[str, Any]) -> Outcome:
     """The outcome that the native part describes."""
     columns, rows, planes = facts["extent"]
     shape = (rows, columns) if planes == 1 else (planes, rows, columns)
-    return Outcome(shape, facts["depth"], tuple(facts["before"]), facts["after"])
+    return Outcome(shape, facts["depth"], tuple(facts["before"]), facts["after"], tuple(facts["conversions"]))

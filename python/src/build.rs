@@ -435,7 +435,7 @@ impl FileOptions {
             return Err(invalid(format!("grid: {} {text}", path.display())));
         }
         let (frame, extent) = (tree.metadata().frame.clone(), tree.header().extent);
-        Ok(Some(TargetGrid::Cells(Box::new(WarpGrid { frame, extent }))))
+        Ok(Some(TargetGrid::Like(Box::new(WarpGrid { frame, extent }))))
     }
 
     fn solids(&self) -> PyResult<SolidOptions> {

@@ -15,7 +15,7 @@ use spinney::{CellLocator, Code, CombineOperation, Coordinates, Dataset, FileVie
 
 use crate::error::{OrRaise, invalid};
 use crate::features_over::FeatureTerms;
-use crate::files::{commit_facts, is_same_file, named};
+use crate::files::{Reconcile, commit_facts, is_same_file, named};
 use crate::jobs::{self, Terms, access};
 use crate::numbers::PyNumber;
 use crate::part::{coordinates_of, part_of};
@@ -41,7 +41,7 @@ impl Editor {
     fn apply(&self, py: Python<'_>, edit: Edit, terms: Terms) -> PyResult<()> {
         let mut editor = self.get()?;
         let Some(editor) = editor.as_mut() else { return Ok(()) };
-        jobs::run(py, terms, |work| apply_edits(editor, &mut std::iter::once(Ok(edit)), work))
+        jobs::run(py, terms, |work| apply_edits(editor, &mut std::iter::once(Ok(edit)), work).map(drop))
     }
 
     /// Fails if another file is the one that is edited. (Its commits are others.)
@@ -68,13 +68,15 @@ impl Editor {
     }
 
     /// Puts a file over a part of the tree.
+    #[allow(clippy::too_many_arguments)] // those of the Python method
     fn paste(
         &self,
         py: Python<'_>,
         patch: PathBuf,
         steps: Vec<String>,
         at: Option<Vec<i64>>,
-        where_valid: bool,
+        void: bool,
+        reconcile: Reconcile,
         terms: Terms,
     ) -> PyResult<()> {
         self.check_other(&patch)?;
@@ -96,7 +98,7 @@ impl Editor {
                 return Err(PyIndexError::new_err(text));
             }
         }
-        self.apply(py, Edit::Paste { patch: chain, at, where_valid }, terms)
+        self.apply(py, Edit::Paste { patch: chain, at, void, options: reconcile.options()? }, terms)
     }
 
     /// Gives a region one value, or makes it VOID.
@@ -164,7 +166,7 @@ impl Editor {
             let difference = CombineOperation::set(SetOperation::Difference);
             let edit = if is_void { Edit::Merge(difference, source) } else { Edit::Cover(source) };
             drop(tree);
-            apply_edits(editor, &mut std::iter::once(Ok(edit)), work)
+            apply_edits(editor, &mut std::iter::once(Ok(edit)), work).map(drop)
         })
     }
 
@@ -197,9 +199,16 @@ impl Editor {
     }
 
     /// Makes the tree what an operation makes of it and another one.
-    fn combine(&self, py: Python<'_>, operation: &str, other: PathBuf, terms: Terms) -> PyResult<()> {
+    fn combine(
+        &self,
+        py: Python<'_>,
+        operation: &str,
+        other: PathBuf,
+        reconcile: Reconcile,
+        terms: Terms,
+    ) -> PyResult<()> {
         self.check_other(&other)?;
-        self.apply(py, Edit::Apply(named(operation, Prefer::First)?, other), terms)
+        self.apply(py, Edit::Apply(named(operation, Prefer::First)?, other, reconcile.options()?), terms)
     }
 
     /// Makes the tree what it was in another commit.

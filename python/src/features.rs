@@ -41,7 +41,7 @@ impl FileOptions {
                 return Err(invalid("max_zoom is for grid=\"xyz\""));
             }
             (Some(_), None, None) => match self.target()? {
-                Some(TargetGrid::Cells(cells)) => FeatureGrid::Like(*cells),
+                Some(TargetGrid::Like(cells)) => FeatureGrid::Extended(*cells),
                 _ => return Err(invalid("grid: \"xyz\" or a tree file")),
             },
             (None, Some(cells), None) => FeatureGrid::Cells(cells),

@@ -14,7 +14,7 @@ use spinney::raw::brep::is_model_file;
 use spinney::raw::dataset;
 use spinney::raw::io::any_file;
 use spinney::raw::lines::is_line_file;
-use spinney::raw::ops::{self, AffineMap, FdRange, Outcome, Prefer};
+use spinney::raw::ops::{self, AffineMap, FdRange, Outcome, Prefer, ReconcileOptions};
 use spinney::raw::points::is_point_file;
 use spinney::raw::store::autumnal::{self, CompactOptions, History, Keep};
 use spinney::raw::store::file_of;
@@ -51,6 +51,8 @@ fn outcome<'py>(py: Python<'py>, outcome: &Outcome) -> PyResult<Bound<'py, PyDic
     facts.set_item("depth", outcome.depth)?;
     facts.set_item("before", outcome.before.clone())?;
     facts.set_item("after", outcome.after)?;
+    let conversions: Vec<String> = outcome.conversions.iter().map(ToString::to_string).collect();
+    facts.set_item("conversions", conversions)?;
     Ok(facts)
 }
 
@@ -188,12 +190,13 @@ pub(crate) fn combine<'py>(
     fill: Option<PyNumber>,
     within: Option<Vec<f64>>,
     margin: Option<u32>,
+    reconcile: Reconcile,
     features: Vec<(usize, FeatureTerms<'py>)>,
     memory: u64,
     packing: Packing,
     terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let fill = fill.map(|number| number.0);
+    let (fill, reconcile) = (fill.map(|number| number.0), reconcile.options()?);
     let prefer = if prefer_second { Prefer::Second } else { Prefer::First };
     let operation = named(operation, prefer)?;
     let universe = universe_of(operation, within.as_deref(), margin)?;
@@ -202,15 +205,19 @@ pub(crate) fn combine<'py>(
         if !features.is_empty() {
             return Err(invalid("features are laid over trees of cells, not over exact models"));
         }
-        if prefer_second || fill.is_some() || universe.is_some() {
-            return Err(invalid("values, fill, within and margin mean nothing for exact models"));
+        let is_given =
+            prefer_second || fill.is_some() || universe.is_some() || reconcile != ReconcileOptions::default();
+        if is_given {
+            let text =
+                "values, fill, within, margin, extent, classes and units mean nothing for exact models";
+            return Err(invalid(text));
         }
         return combine_exact(py, operation, &paths, &out, (memory, packing.of_model()?), terms);
     }
     let features = features.into_iter().map(|(place, terms)| Ok((place, terms.read()?)));
     let features = features.collect::<PyResult<Vec<_>>>()?;
     let made = jobs::run(py, terms, |work| {
-        let options = CombineOptions { fill, universe: universe.unwrap_or_default() };
+        let options = CombineOptions { fill, universe: universe.unwrap_or_default(), reconcile };
         let makers: Vec<_> = features
             .iter()
             .map(|(_, features)| {
@@ -273,6 +280,23 @@ fn combine_exact<'py>(
     Ok(facts)
 }
 
+/// How operands are brought to the first: extent, classes, units, and whether numbers are rounded.
+#[derive(FromPyObject)]
+pub(crate) struct Reconcile(String, String, String, bool);
+
+impl Reconcile {
+    pub(crate) fn options(&self) -> PyResult<ReconcileOptions> {
+        let Reconcile(extent, classes, units, round) = self;
+        let units_by_number = match &**units {
+            "convert" => false,
+            "number" => true,
+            _ => return Err(invalid(format!("units: {units:?}, expected 'convert' or 'number'"))),
+        };
+        let (extent, classes) = (extent.parse().or_raise()?, classes.parse().or_raise()?);
+        Ok(ReconcileOptions { extent, classes, units_by_number, round: *round })
+    }
+}
+
 /// The operation of a name.
 pub(crate) fn named(name: &str, prefer: Prefer) -> PyResult<CombineOperation> {
     let operation = CombineOperation::named(name, prefer);
@@ -284,8 +308,16 @@ type Pairs<'py> = Vec<(Option<Vec<Bound<'py, PyAny>>>, Option<Vec<Bound<'py, PyA
 
 /// Counts which values of one file meet which of another.
 #[pyfunction]
-pub(crate) fn cross(py: Python<'_>, first: PathBuf, second: PathBuf, terms: Terms) -> PyResult<Pairs<'_>> {
-    let pairs = jobs::run(py, terms, |work| ops::crosstab_files(&first, &second, access(), work))?;
+pub(crate) fn cross(
+    py: Python<'_>,
+    first: PathBuf,
+    second: PathBuf,
+    reconcile: Reconcile,
+    terms: Terms,
+) -> PyResult<Pairs<'_>> {
+    let options = reconcile.options()?;
+    let (pairs, _) =
+        jobs::run(py, terms, |work| ops::crosstab_files(&first, &second, &options, access(), work))?;
     let value = |samples: Option<Vec<Number>>| {
         samples.map(|samples| samples.into_iter().map(|sample| plain(py, sample)).collect()).transpose()
     };
@@ -302,18 +334,20 @@ pub(crate) fn diff<'py>(
     first: PathBuf,
     second: PathBuf,
     ranges: bool,
+    reconcile: Reconcile,
     terms: Terms,
 ) -> PyResult<Compared<'py>> {
-    let mut runs: Vec<FdRange> = Vec::new();
+    let (mut runs, options): (Vec<FdRange>, _) = (Vec::new(), reconcile.options()?);
     let found = jobs::run(py, terms, |work| {
         if !ranges {
-            return ops::differences(&first, &second, access(), work);
+            return ops::differences(&first, &second, &options, access(), work);
         }
-        ops::diff_files(&first, &second, access(), work, &mut |range| {
+        ops::diff_files(&first, &second, &options, access(), work, &mut |range| {
             runs.push(range);
             Ok(())
         })
     })?;
+    let found = found.differences;
     let sums = [found.added, found.removed, found.changed, found.blocks, found.runs];
     let list = Array2::from_shape_fn((runs.len(), 2), |(run, end)| [runs[run].first, runs[run].last][end]);
     Ok((sums, ranges.then(|| PyArray2::from_owned_array(py, list))))

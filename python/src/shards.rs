@@ -71,7 +71,7 @@ pub(crate) fn plan_combine(
     let operation = named(operation, prefer)?;
     let universe = universe_of(operation, within.as_deref(), margin)?.unwrap_or_default();
     let fill = fill.map(|number| number.0);
-    let options = CombineOptions { fill, universe };
+    let options = CombineOptions { fill, universe, ..CombineOptions::default() };
     let spec = JobSpec::Combine { inputs, operation, options, packing: packing.0 };
     jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, access(), work)?.was_there))
 }

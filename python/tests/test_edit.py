@@ -98,7 +98,7 @@ def test_pastes_and_operations(tree: tuple[np.ndarray, str], tmp_path: Path) -> 
     patch = np.ma.masked_less(noise((40, 30), "uint8", 9), 50)
     spinney.build(patch, tmp_path / "patch.goblin", transform=(2, 0, 20, 0, -2, 100), crs="EPSG:32628")
     with spinney.edit(path) as e:
-        e.paste(tmp_path / "patch.goblin", where_valid=True)
+        e.paste(tmp_path / "patch.goblin")
     wanted = array.copy()
     wanted[40:80, 10:40] = np.where(patch.mask, wanted[40:80, 10:40], patch.data)
     assert np.array_equal(spinney.open(path)[...], wanted)

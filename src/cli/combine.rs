@@ -11,7 +11,9 @@ use spinney::raw::report::class_as_json;
 use spinney::raw::shards::JobSpec;
 use spinney::{CombineOperation, CombineOptions, Number, Universe};
 
-use super::args::{Memory, OperationName, OutputLimit, Packing, check_output, numbers, parse_operation};
+use super::args::{
+    Memory, OperationName, OutputLimit, Packing, ReconcileArgs, check_output, numbers, parse_operation,
+};
 use super::features::{FeatureOperands, are_mixed};
 use super::overlay::{self, Question, Region};
 use super::report::{Work, print_json, print_text, report_output};
@@ -20,8 +22,9 @@ use super::{Global, exact};
 /// Make one tree of several: unions, intersections, differences, one over the other, changes.
 ///
 /// Files are walked side by side, as they are on disk; where one decides, the others' detail is not read and
-/// what it has stored is copied as it is. Files that lie elsewhere or have coarser cells (2, 4, 8, ... times
-/// as large) are put where they belong. Names, colours and rule are those of the first file. Features are laid over the cells of the
+/// what it has stored is copied as it is. The result has the first file's cells, over all of the files' extents (--extent). Others are brought
+/// to these: from other cells and coordinate systems (resampled by their rule), types, scales, units and numbers of classes. What was
+/// converted is reported. Rule, names and colours are those of the first file, with new classes added. Features are laid over the cells of the
 /// trees, as `spinney build` would make cells of them; what reaches beyond these is left out.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -73,6 +76,8 @@ pub(crate) struct MergingArgs {
     /// Fill what neither file has in the files' pictures and so many cells around them
     #[arg(long, value_name = "CELLS")]
     margin: Option<u32>,
+    #[command(flatten)]
+    reconcile: ReconcileArgs,
 }
 
 impl MergingArgs {
@@ -111,7 +116,7 @@ impl MergingArgs {
         );
         let (operation, universe) = self.on_trees()?;
         let (inputs, fill) = (self.files.clone(), self.fill);
-        let options = CombineOptions { fill, universe };
+        let options = CombineOptions { fill, universe, reconcile: self.reconcile.options() };
         Ok(JobSpec::Combine { inputs, operation, options, packing })
     }
 }
@@ -181,18 +186,19 @@ fn parse_box(text: &str) -> Result<([f64; 3], [f64; 3]), String> {
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let Args { merging, output, snap, explain, json, memory, packing, limit, features } = args;
-    let MergingArgs { operation: name, files, values, fill, within, margin } = &merging;
+    let MergingArgs { operation: name, files, values, fill, within, margin, reconcile } = &merging;
     let fill = *fill;
     ensure!(!explain || exact::any_model(files, global)?, "--explain is for exact models (`build --brep`)");
     if name.is_table() {
         ensure!(output.is_none(), "cross prints a table: leave out --output");
-        return table(files, json, global);
+        return table(files, reconcile, json, global);
     }
     ensure!(!json, "--json is for the table of cross");
     if files.iter().all(|file| is_feature_file(file)) {
         let given =
             [("--values", *values != "a"), ("--fill", fill.is_some()), ("--margin", margin.is_some())];
-        let given = given.into_iter().chain(packing.given()).find(|(_, is_given)| *is_given);
+        let given = given.into_iter().chain(packing.given()).chain(reconcile.given());
+        let given = given.into_iter().find(|(_, is_given)| *is_given);
         ensure!(given.is_none(), "{} is not for polygons", given.map_or("", |(name, _)| name));
         let path = output.context("--output is missing: where should the result go?")?;
         let is_solid = matches!(within, Some(Within::Box(low, high)) if low[2] != high[2]);
@@ -214,12 +220,13 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
             ("--fill", fill.is_some()),
             ("--within or --margin", within.is_some() || margin.is_some()),
         ];
+        let given: Vec<(&str, bool)> = given.into_iter().chain(reconcile.given()).collect();
         exact::refuse(&files[0], &given)?;
         let codec = packing.of_model(&files[0])?;
         return exact::combine(operation, files, (&path, &limit), codec, (memory.bytes, explain), global);
     }
     let how = packing.with(memory);
-    let options = CombineOptions { fill, universe };
+    let options = CombineOptions { fill, universe, reconcile: reconcile.options() };
     let work = Work::start(global, "cells")?;
     let output = limit.create_tree(&path, global)?;
     let (outcome, counts) = if are_mixed(files) {
@@ -235,6 +242,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
             None => global.report("input", format_args!("{}: {cells} cells", file.display())),
         }
     }
+    global.report_conversions(&outcome.conversions);
     if let Some(universe) = outcome.universe {
         let ([x, y, z], [width, height, depth]) = (universe.min, universe.size());
         global.report("universe", format_args!("{width} x {height} x {depth} cells from {x},{y},{z}"));
@@ -245,9 +253,13 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
 }
 
 /// Prints the table of pairs.
-fn table(files: &[PathBuf], json: bool, global: &Global) -> Result<()> {
+fn table(files: &[PathBuf], reconcile: &ReconcileArgs, json: bool, global: &Global) -> Result<()> {
     let [first, second] = files else { bail!("cross takes two files, not {}", files.len()) };
-    let pairs = ops::crosstab_files(first, second, global.access(), &())?;
+    let work = Work::start(global, "cells")?;
+    let (pairs, conversions) =
+        ops::crosstab_files(first, second, &reconcile.options(), global.access(), &work)?;
+    work.finish();
+    global.report_conversions(&conversions);
     if json {
         let samples = |value: &Option<Vec<Number>>| {
             let value = value.as_ref();

@@ -10,12 +10,13 @@ use spinney::raw::ops;
 use spinney::{CombineOperation, CombineOptions, Error};
 
 use super::Global;
-use super::args::{Memory, OutputLimit, Packing, check_output};
+use super::args::{Memory, OutputLimit, Packing, ReconcileArgs, check_output};
 use super::report::{Work, print_json, print_text, report_output};
 
 /// Show where two trees differ, most often two commits of one file.
 ///
-/// Prints how many cells have come, gone, and got another value. What the commits have in common is not read.
+/// Prints how many cells have come, gone, and got another value, where both lie in the world. The second file is brought to the cells, the
+/// type, the scale, the units and the classes of the first, as by `combine`. What the commits have in common is not read.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -32,6 +33,8 @@ pub(crate) struct Args {
     /// Print JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    reconcile: ReconcileArgs,
     #[command(flatten)]
     memory: Memory,
     #[command(flatten)]
@@ -50,17 +53,27 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let how = args.packing.with(args.memory);
     let paths = [args.first.as_path(), &args.second];
-    let sum = if args.ranges {
+    let work = Work::start(global, "cells")?;
+    let options = args.reconcile.options();
+    let report = if args.ranges {
         let mut out = std::io::BufWriter::new(std::io::stdout().lock());
-        let sum = ops::diff_files(paths[0], paths[1], global.access(), &(), &mut |range| {
+        let report = ops::diff_files(paths[0], paths[1], &options, global.access(), &work, &mut |range| {
             writeln!(out, "{} {}", range.first, range.last).map_err(Error::io("-", "write"))
         })?;
         out.flush()?;
-        sum
+        report
     } else {
-        ops::differences(paths[0], paths[1], global.access(), &())?
+        ops::differences(paths[0], paths[1], &options, global.access(), &work)?
     };
-    let ops::Differences { added, removed, changed, blocks, runs } = sum;
+    work.finish();
+    global.report_conversions(&report.conversions);
+    if report.origin != [0; 3] && args.ranges {
+        let [x, y, z] = report.origin;
+        let text =
+            format_args!("paths are those of a grid that begins at cell {x},{y},{z} of the first file");
+        global.report("grid", text);
+    }
+    let ops::Differences { added, removed, changed, blocks, runs } = report.differences;
     if args.json {
         print_json(&json!({
             "added": added, "removed": removed, "changed": changed, "blocks": blocks, "ranges": runs,
@@ -77,7 +90,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let work = Work::start(global, "cells")?;
     spinney::combine(
         CombineOperation::Changed,
-        CombineOptions::default(),
+        CombineOptions { reconcile: options, ..CombineOptions::default() },
         &files,
         args.limit.create_tree(output, global)?,
         how,

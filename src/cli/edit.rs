@@ -9,6 +9,7 @@ use spinney::edit::{Edit, Editor, FillRegion};
 use spinney::import::raster::ImportOptions;
 use spinney::query::Polygon;
 use spinney::raw::import::cells::CellList;
+use spinney::raw::import::feature::is_feature_file;
 use spinney::raw::import::rasterize::Overlaps;
 use spinney::raw::io::without_query;
 use spinney::raw::ops::{Prefer, add_layer, apply_edits, drop_layer, only_layer};
@@ -19,8 +20,8 @@ use spinney::{
 };
 
 use super::args::{
-    CommitOptions, EditOptions, OperationName, Packing, PartOptions, number, numbers, parse_operation,
-    parse_step, same_file,
+    CommitOptions, EditOptions, MeaningArgs, OperationName, Packing, PartOptions, number, numbers,
+    parse_operation, parse_step, same_file,
 };
 use super::features::{FeatureCells, FeatureTerms, check_features, feature_value};
 use super::report::Work;
@@ -45,7 +46,7 @@ const EXAMPLES: &str = "\
 Examples:
   spinney edit map.autumn fill --in world --window 5,44,17,48 --value 3 -m 'Alps are mountains'
   spinney edit map.autumn fill --zones lakes.gpkg --where 'area>=1e6' --value 80
-  spinney edit map.autumn paste survey.tif --where-valid --author Ann
+  spinney edit map.autumn paste survey.tif --author Ann
   spinney edit map.autumn paste tile.goblin --at 4096,512
   spinney edit map.autumn set cells.csv
   spinney edit part.autumn apply a-b drill.goblin
@@ -76,9 +77,14 @@ struct Paste {
     /// See the file through a step of `transform`, such as rotate=30; may be given several times
     #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
     steps: Vec<ViewStep>,
-    /// Leave the tree as it is where the patch is VOID
+    /// VOID where the patch is VOID, too, within its extent
     #[arg(long)]
-    where_valid: bool,
+    void: bool,
+    /// Round numbers that the tree's type cannot hold
+    #[arg(long)]
+    round: bool,
+    #[command(flatten)]
+    meaning: MeaningArgs,
     #[command(flatten)]
     options: EditOptions,
 }
@@ -133,8 +139,13 @@ struct Apply {
     /// Operation, as in `spinney combine`: union, a-b, min, ...; A is the file
     #[arg(value_parser = parse_operation)]
     operation: OperationName,
-    /// The other tree file
+    /// The other tree file, or a file of features, which has the cells whose centres they cover
     other: PathBuf,
+    /// Round numbers that the tree's type cannot hold
+    #[arg(long)]
+    round: bool,
+    #[command(flatten)]
+    meaning: MeaningArgs,
     #[command(flatten)]
     options: EditOptions,
 }
@@ -223,12 +234,13 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     drop(tree);
     let note = options.note(message);
     let applied = apply_edits(&mut editor, &mut edits, &work);
-    match (&picture, &patch) {
+    let conversions = match (&picture, &patch) {
         (Some(picture), Some(patch)) => applied.map_err(|error| picture.told_of(error, patch))?,
         _ => applied?,
-    }
+    };
     let commit = editor.commit(note)?;
     work.finish();
+    global.report_conversions(&conversions);
     report_commit(global, commit.as_ref());
     Ok(())
 }
@@ -256,10 +268,12 @@ impl Change {
         work: &Work,
     ) -> Result<(Edits, String)> {
         let (edit, message) = match self {
-            Change::Paste(Paste { patch, at, steps, where_valid, .. }) => {
+            Change::Paste(Paste { patch, at, steps, void, round, meaning, .. }) => {
                 let path = picture.map_or(patch.as_path(), |picture| &picture.tree);
-                let chain = FileView { steps, access: tree.access(), ..FileView::of(path) };
-                (Edit::Paste { patch: chain, at, where_valid }, format!("Paste {}", patch.display()))
+                let name = picture.map(|_| patch.clone());
+                let chain = FileView { name, steps, access: tree.access(), ..FileView::of(path) };
+                let options = meaning.options(None, round);
+                (Edit::Paste { patch: chain, at, void, options }, format!("Paste {}", patch.display()))
             }
             Change::Fill(fill) if fill.zones.is_some() => fill.features(tree, memory, work)?,
             Change::Fill(fill) => {
@@ -272,7 +286,9 @@ impl Change {
                         .collect()
                 });
                 let value: Option<Vec<Number>> = value.transpose()?;
-                let what = value.as_ref().map_or("VOID".into(), |value| format!("{value:?}"));
+                let what = value.as_ref().map_or("VOID".into(), |value| {
+                    value.iter().map(Number::to_string).collect::<Vec<_>>().join(",")
+                });
                 let edits = regions.into_iter().map(move |region| Ok(Edit::Fill(region, value.clone())));
                 return Ok((Box::new(edits), format!("Fill {name} with {what}")));
             }
@@ -281,12 +297,23 @@ impl Change {
                 let edits = batches.map(|batch| batch.map(Edit::Set));
                 return Ok((Box::new(edits), format!("Set cells of {}", cells.display())));
             }
-            Change::Apply(Apply { operation: name, other, .. }) => {
+            Change::Apply(Apply { operation: name, other, round, meaning, .. }) => {
                 let operation = name.operation(Prefer::First);
                 let operation =
                     operation.with_context(|| format!("{}: no operation that makes a tree", name.0))?;
                 let message = format!("Apply {} of {}", name.0, other.display());
-                (Edit::Apply(operation, other), message)
+                if is_feature_file(&other) {
+                    let given = meaning.given().into_iter().chain([("--round", round)]);
+                    let given = given.into_iter().find(|(_, is_given)| *is_given);
+                    ensure!(given.is_none(), "{} is for trees", given.map_or("", |(option, _)| option));
+                    let how = FeatureTerms { memory, tells_beyond: true, ..FeatureTerms::default() };
+                    let ground = (tree.header(), tree.metadata());
+                    let cells = FeatureCells::default();
+                    let (features, _) = cells.over(std::slice::from_ref(&other), ground, &how, work)?;
+                    let edit = Edit::Merge(operation, Arc::new(features));
+                    return Ok((Box::new(std::iter::once(Ok(edit))), message));
+                }
+                (Edit::Apply(operation, other, meaning.options(None, round)), message)
             }
             Change::AddLayer(_) | Change::DropLayer(_) => unreachable!("layers are changed as a whole"),
         };

@@ -92,11 +92,11 @@ impl ChainArgs {
         let mut warp = WarpOptions::default();
         (warp.resampling, warp.allow_ballpark) = (self.resampling, self.allow_ballpark);
         Ok(FileView {
-            path: self.file.clone(),
             steps,
             moves: self.moves,
             warp,
             access: global.access().clone(),
+            ..FileView::of(&self.file)
         })
     }
 }

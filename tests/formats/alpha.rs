@@ -200,7 +200,8 @@ fn set_operations_see_through_transparent_cells() {
         std::fs::remove_file(path("c.goblin")).unwrap();
     }
     // What is pasted where there is something leaves the tree where it is transparent.
-    let edit = Edit::Paste { patch: FileView::of(&trees[0]), at: None, where_valid: true };
+    let edit =
+        Edit::Paste { patch: FileView::of(&trees[0]), at: None, void: false, options: Default::default() };
     spinney::edit::edit(&trees[1], [Ok(edit)], Note::default(), 64 << 20, &()).unwrap();
     let tree = spinney::open(&trees[1]).unwrap();
     let (values, valid, _) = level(&tree, tree.depth());

@@ -102,7 +102,12 @@ pub(super) fn random_edit(random: &mut Random, folder: &Path, cells: &mut Cells)
                     false => cells.get(cell),
                 }
             });
-            Edit::Paste { patch: FileView::of(&path), at: Some(at.map(|cell| cell as i64)), where_valid }
+            Edit::Paste {
+                patch: FileView::of(&path),
+                at: Some(at.map(|cell| cell as i64)),
+                void: !where_valid,
+                options: Default::default(),
+            }
         }
         _ => {
             let (other, path) = other(random, extent);
@@ -117,7 +122,7 @@ pub(super) fn random_edit(random: &mut Random, folder: &Path, cells: &mut Cells)
                 };
                 if number >> bit & 1 == 1 { a.or(b) } else { None }
             });
-            Edit::Apply(CombineOperation::set(set_operation(number)), path)
+            Edit::Apply(CombineOperation::set(set_operation(number)), path, Default::default())
         }
     }
 }
@@ -202,10 +207,17 @@ fn script(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataKind,
     let (a, b) = (random.below(last) as usize, random.below(last) as usize);
     let name = |i: usize| format!("{}@{}", path.display(), i + 1);
     let mut cells_in_runs = 0;
-    let found = diff_files(name(a).as_ref(), name(b).as_ref(), &Default::default(), &(), &mut |range| {
-        cells_in_runs += range.last - range.first + 1;
-        Ok(())
-    })
+    let found = diff_files(
+        name(a).as_ref(),
+        name(b).as_ref(),
+        &Default::default(),
+        &Default::default(),
+        &(),
+        &mut |range| {
+            cells_in_runs += range.last - range.first + 1;
+            Ok(())
+        },
+    )
     .unwrap();
     let (mut added, mut removed, mut changed) = (0, 0, 0);
     for (a, b) in before[a].cells.iter().zip(&before[b].cells) {
@@ -216,6 +228,7 @@ fn script(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataKind,
             _ => {}
         }
     }
+    let found = found.differences;
     assert_eq!((found.added, found.removed, found.changed), (added, removed, changed));
     assert_eq!(cells_in_runs, added + removed + changed);
     // And back.
@@ -344,7 +357,7 @@ fn pieces_of_other_commits_are_kept_not_copied() {
         steps: vec!["window=256,0,256,256".parse().unwrap()],
         ..FileView::of(format!("{}@1", path.display()).as_ref())
     };
-    let paste = Edit::Paste { patch: first, at: Some([256, 0, 0]), where_valid: false };
+    let paste = Edit::Paste { patch: first, at: Some([256, 0, 0]), void: true, options: Default::default() };
     let commit = edit(&path, [Ok(paste)], note("a quarter is back"), MEMORY, &()).unwrap().unwrap();
     assert!(commit.written.records <= 3, "{:?}", commit.written);
     let expected =
@@ -409,8 +422,13 @@ fn an_autumnal_file_is_not_replaced() {
         let other = folder.path().join(name);
         let cells = Cells::random(form, 1, [9, 9, 1], 5, false);
         std::fs::write(&other, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
-        let paste = Edit::Paste { patch: FileView::of(&other), at: Some([0; 3]), where_valid: true };
-        for wrong in [paste, Edit::Apply(CombineOperation::Over, other)] {
+        let paste = Edit::Paste {
+            patch: FileView::of(&other),
+            at: Some([0; 3]),
+            void: false,
+            options: Default::default(),
+        };
+        for wrong in [paste, Edit::Apply(CombineOperation::Over, other, Default::default())] {
             let refused = edit(&path, [Ok(wrong)], note("wrong"), MEMORY, &()).unwrap_err();
             assert!(matches!(refused, Error::Invalid { .. }), "{refused}");
         }

@@ -91,7 +91,12 @@ fn with_cells(cells: &Cells) -> (TempDir, PathBuf) {
     let one = made(cells.form, cells.size, |cell| (cell == [0; 3]).then_some(Value::ZERO));
     write_cells(&path, &one, &options(Rule::Nearest, DataKind::Continuous, cells.depth()));
     std::fs::write(&patch, goblin_bytes(cells, Rule::Nearest, DataKind::Continuous)).unwrap();
-    let paste = Edit::Paste { patch: FileView::of(&patch), at: Some([0; 3]), where_valid: false };
+    let paste = Edit::Paste {
+        patch: FileView::of(&patch),
+        at: Some([0; 3]),
+        void: true,
+        options: Default::default(),
+    };
     edit(&path, [Ok(paste)], Note::default(), MEMORY, &()).unwrap().unwrap();
     (folder, path)
 }

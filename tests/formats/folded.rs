@@ -105,20 +105,25 @@ fn differences_are_counted_once_for_many_nodes() {
         [first, second]
     };
     let [first, second] = pair(29);
-    let found = differences(&first, &second, &Default::default(), &()).unwrap();
+    let found =
+        differences(&first, &second, &Default::default(), &Default::default(), &()).unwrap().differences;
     // Cells 2 and 3 of each four; cell 3 and then cell 2 of the next four are no neighbours.
     let (changed, runs) = (1 << 57, 1 << 56);
     assert_eq!(found, Differences { changed, blocks: changed, runs, ..Differences::default() });
-    assert_eq!(differences(&first, &first, &Default::default(), &()).unwrap(), Differences::default());
+    assert_eq!(
+        differences(&first, &first, &Default::default(), &Default::default(), &()).unwrap().differences,
+        Differences::default()
+    );
     // As one by one.
     let [first, second] = pair(8);
     let mut runs = 0;
-    let one_by_one = diff_files(&first, &second, &Default::default(), &(), &mut |_| {
+    let one_by_one = diff_files(&first, &second, &Default::default(), &Default::default(), &(), &mut |_| {
         runs += 1;
         Ok(())
     });
-    let found = differences(&first, &second, &Default::default(), &()).unwrap();
-    assert_eq!((one_by_one.unwrap(), found.runs), (found, runs));
+    let found =
+        differences(&first, &second, &Default::default(), &Default::default(), &()).unwrap().differences;
+    assert_eq!((one_by_one.unwrap().differences, found.runs), (found, runs));
 }
 
 #[test]
@@ -134,7 +139,10 @@ fn copies_that_share_take_the_work_of_the_records() {
     assert!(tree.file_size() < 1 << 15);
     let tree = Dataset::of(tree.into()).unwrap();
     assert_eq!(tree.verify(1 << 20, &()).unwrap(), []);
-    assert_eq!(differences(&from, &to, &Default::default(), &()).unwrap(), Differences::default());
+    assert_eq!(
+        differences(&from, &to, &Default::default(), &Default::default(), &()).unwrap().differences,
+        Differences::default()
+    );
     let again = folder.path().join("again.autumn");
     let output = Output::create(&again).unwrap();
     let commits =

@@ -76,7 +76,7 @@ impl Stack {
             cells.cells[(cell[1] * cells.size[0] + cell[0]) as usize] = new;
             edits.push((cell, new.map(|value| cells.form.value.numbers(value).to_vec())));
         }
-        apply_edits(editor, &mut [Ok(Edit::Set(edits))].into_iter(), &())
+        apply_edits(editor, &mut [Ok(Edit::Set(edits))].into_iter(), &()).map(drop)
     }
 
     /// Adds a layer with a few cells.

@@ -270,12 +270,12 @@ fn files_of_other_places_types_and_cells_are_operands() {
         present += usize::from(expected.is_some());
     }
     assert!(present > 20_000);
-    // Coarser cells come first: the result has the finer ones.
+    // Coarser cells come first: the result has these, and the finer ones' means.
     let step = format!("calc=b1+b.red,b={}", base.path.display());
     let tree = view(&coarse, &[&step]).unwrap();
-    assert_eq!(tree.header().extent, [330, 272, 1]);
+    assert_eq!(tree.header().extent, [165, 136, 1]);
     // Where levels lie on each other, the level's numbers are those that are calculated with.
-    let (level, bounds) = (tree.depth() - 3, Bounds::picture([41, 34, 1]));
+    let (level, bounds) = (tree.depth() - 2, Bounds::picture([41, 34, 1]));
     let (base, coarse) = (base.open(), coarse.open());
     let (a, b) =
         (numbers(&coarse, coarse.depth() - 2, &bounds, 0), numbers(&base, base.depth() - 3, &bounds, 0));

@@ -97,13 +97,13 @@ fn every_edit_does_what_it_says() {
     (now[0], now[1], now[2], now[256 * 199 + 255]) = (4, 6, 0, 5);
     assert_eq!(place.values("i.autumn"), now);
     // The picture itself, elsewhere, and then where it lies.
-    place.edit(&["paste", CLASSES, "--at", "-100,60", "--where-valid"]);
+    place.edit(&["paste", CLASSES, "--at", "-100,60"]);
     now = changed(&now, |x, y| {
         let old = if x + 100 < 256 && y >= 60 { first[(y - 60) * 256 + x + 100] } else { 0 };
         (old != 0).then_some(old)
     });
     assert_eq!(place.values("i.autumn"), now);
-    place.edit(&["paste", CLASSES]);
+    place.edit(&["paste", CLASSES, "--void"]);
     assert_eq!(place.values("i.autumn"), first);
     place.edit(&["apply", "a-b", &format!("{}@2", place.at("i.autumn"))]);
     assert!(place.values("i.autumn").iter().all(|value| *value == 0));
@@ -239,10 +239,10 @@ fn what_cannot_be_done_is_refused_and_changes_nothing() {
         (&["edit", &file, "fill", "--value", "1"], "--window"),
         (&["edit", &file, "fill", "--block", "/4", "--void"], "no node"),
         (&["edit", &file, "fill", "--polygon", "1,1 2,2", "--void"], "three or more"),
-        (&["edit", &file, "paste", RGB, "--at", "0,0"], "a quadtree of u8x3"),
+        (&["edit", &file, "paste", RGB, "--at", "0,0"], "u8x3"),
         (&["edit", &file, "paste", RGB, "--at", "0,0"], RGB),
         (&["edit", &file, "paste", CLASSES, "--at", "256,0"], "outside"),
-        (&["edit", &file, "paste", BALL, "--at", "0,0"], "an octree of u8"),
+        (&["edit", &file, "paste", BALL, "--at", "0,0"], "octree"),
         (&["edit", &file, "paste", &file, "--at", "0,0"], "name a commit"),
         (&["edit", &file, "set", &bad], "line 2"),
         (&["edit", &file, "set", &outside], "one of [256, 200] cells"),

@@ -107,7 +107,7 @@ fn transform_and_build_share_the_warper() {
         }
         // There and back: the island is where it was.
         let back = folder.name("back.goblin");
-        let like_step = format!("like={native}");
+        let like_step = format!("like={native},extent=a");
         command(&["transform", "-q", &built, &like_step, "--resampling", "nearest", "-o", &back])
             .assert()
             .success();
@@ -261,7 +261,7 @@ fn like_resamples_in_one_coordinate_system_by_each_method() {
     };
     let resampled = |way: &[&str]| {
         let out = folder.name("out.goblin");
-        command(&["transform", "-q", &here, &format!("like={there}"), "-o", &out])
+        command(&["transform", "-q", &here, &format!("like={there},extent=a"), "-o", &out])
             .args(way)
             .assert()
             .success();
@@ -296,7 +296,9 @@ fn like_takes_cells_of_any_width() {
     for width in [7.0, 2.9, 14.7, 0.7, 1.1, 3.3] {
         let there = raster(&folder, "there", 3, &[1; 9], (corner, width));
         let [out, both] = ["out.goblin", "both.goblin"].map(|name| folder.name(name));
-        command(&["transform", "-q", &here, &format!("like={there}"), "-o", &out]).assert().success();
+        command(&["transform", "-q", &here, &format!("like={there},extent=a"), "-o", &out])
+            .assert()
+            .success();
         assert_eq!(cells_of(&spinney::open(&out).unwrap()), [7; 9], "{width}");
         command(&["combine", "-q", "add", &out, &there, "-o", &both]).assert().success();
         assert_eq!(cells_of(&spinney::open(&both).unwrap()), [8; 9], "{width}");

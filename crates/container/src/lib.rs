@@ -19,6 +19,7 @@ mod shard;
 mod state;
 mod tag;
 mod trailer;
+mod unit;
 mod versioned;
 
 pub use block_file::{BlockEntry, BlockFile, BlockLocation, BlockWriter};
@@ -41,4 +42,5 @@ pub use shard::{
 pub use state::{CUT, INNER, LEAF, VOID};
 pub use tag::Tag;
 pub use trailer::{Section, SectionWriter, TAIL, Trailer};
+pub use unit::Unit;
 pub use versioned::VersionedSection;

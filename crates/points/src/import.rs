@@ -78,7 +78,7 @@ pub fn plan_files(
                     "build a tree of each",
                 ));
             }
-            let files = LasFiles::open(paths)?;
+            let files = LasFiles::open(paths, options.crs.as_ref())?;
             let remarks = files.remarks();
             (Box::new(files), remarks)
         }

@@ -7,6 +7,7 @@ use super::layer::{Bound, Class, Contours, Draw, Interpolation, Layer, Ramp, Ram
 use super::relief::Lamp;
 use super::scale::Scale;
 use spinney_base::{Error, Progress, Result};
+use spinney_container::Unit;
 use spinney_engine::dataset::Dataset;
 
 /// The layers of a style, from the lowest to the highest, and the numbers that percentiles became; some may be given.
@@ -99,15 +100,8 @@ impl Resolver<'_> {
     fn metres(&self, band: usize) -> [f64; 2] {
         let metadata = self.tree.metadata();
         let (factor, summand) = metadata.scale_offset.get(band).copied().unwrap_or((1.0, 0.0));
-        let unit = metadata.units.get(band).map(|unit| unit.to_ascii_lowercase());
-        let unit = match unit.as_deref() {
-            Some("ft" | "foot" | "feet" | "international foot") => 0.3048,
-            Some("us-ft" | "us survey foot" | "ftus" | "sfoot") => 1200.0 / 3937.0,
-            Some("cm" | "centimetre" | "centimeter") => 0.01,
-            Some("mm" | "millimetre" | "millimeter") => 0.001,
-            Some("km" | "kilometre" | "kilometer") => 1000.0,
-            _ => 1.0,
-        };
+        let unit = metadata.units.get(band).and_then(|unit| Unit::parse(unit)).and_then(Unit::metres);
+        let unit = unit.unwrap_or(1.0);
         [factor * unit, summand * unit]
     }
 

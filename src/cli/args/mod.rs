@@ -13,6 +13,7 @@ mod output;
 mod packing;
 mod part;
 mod places;
+mod reconcile;
 mod seconds;
 mod size;
 mod slice;
@@ -41,6 +42,7 @@ pub(crate) use output::{
 pub(crate) use packing::{Packing, packing};
 pub(crate) use part::PartOptions;
 pub(crate) use places::places;
+pub(crate) use reconcile::{MeaningArgs, ReconcileArgs};
 pub(crate) use seconds::parse_seconds;
 pub(crate) use size::{Size, parse_size};
 pub(crate) use slice::{Slice, parse_slice};

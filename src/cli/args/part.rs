@@ -167,11 +167,23 @@ fn window_cells(tree: &Dataset, window: Window, across: usize) -> Result<Bounds>
     let all: Vec<f64> = axes.iter().map(|axis| extent[*axis] as f64).collect();
     ensure!(
         axes.iter().all(|axis| bounds.min[*axis] < extent[*axis]),
-        "--window: {} is outside the tree, which has {} cells",
+        "--window: {} is outside the tree, which has {} cells{}",
         text(first, ","),
-        text(&all, " x ")
+        text(&all, " x "),
+        as_box_of_the_world(tree, numbers)
     );
     Ok(bounds)
+}
+
+/// Advice for numbers that are a box of the world, where cells were expected.
+fn as_box_of_the_world(tree: &Dataset, numbers: &[f64]) -> String {
+    let half = numbers.len() / 2;
+    let [low, high] = tree.metadata().frame.world_box(&tree.header().picture());
+    let meets = |axis: usize| numbers[axis] < high[axis] && numbers[half + axis] > low[axis];
+    match (0..half).all(meets) {
+        true => "; for a box of the world add --in world".into(),
+        false => String::new(),
+    }
 }
 
 #[cfg(test)]

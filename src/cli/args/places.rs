@@ -14,11 +14,11 @@ pub(crate) fn places<const AXES: usize>(texts: &[String]) -> Result<Vec<[f64; AX
     lines.map(|line| place(&line?)).collect()
 }
 
-/// Reads two coordinates or more, with a comma or space between them; z is 0 where it is not told.
+/// Reads two coordinates or more, with a comma or space between them; a z that is missing is NaN.
 fn place<const AXES: usize>(text: &str) -> Result<[f64; AXES]> {
     let words = text.split([',', ' ', '\t']).filter(|word| !word.is_empty());
     let numbers: Option<Vec<f64>> = words.map(|word| word.parse().ok()).collect();
-    let mut place = [0.0; AXES];
+    let mut place = [f64::NAN; AXES];
     match numbers {
         Some(numbers) if (2..=AXES).contains(&numbers.len()) => {
             place[..numbers.len()].copy_from_slice(&numbers)

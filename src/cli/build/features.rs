@@ -117,7 +117,7 @@ impl FeatureArgs {
             }
             (Some(Grid::Like(path)), ..) => {
                 check_output([path.as_path()], output)?;
-                FeatureGrid::Like(grid_of(&open(path, &common.access)?, 2, path)?)
+                FeatureGrid::Extended(grid_of(&open(path, &common.access)?, 2, path)?)
             }
             (None, _, Some(cell)) => FeatureGrid::Cell(cell),
             (None, Some(cells), None) => FeatureGrid::Cells(cells),

@@ -307,7 +307,7 @@ impl Import {
                     TargetGrid::WebMercator(_) => {
                         format!("web mercator to zoom {}", made.depth.saturating_sub(8))
                     }
-                    TargetGrid::Cells(_) => "the other tree's".into(),
+                    TargetGrid::Cells(_) | TargetGrid::Like(_) => "the other tree's".into(),
                 };
                 Ok(vec![("grid", format!("{grid}, {}", made.resampling))])
             }
@@ -442,7 +442,7 @@ impl Args {
             Some(Grid::Like(_)) if pictures.max_zoom.is_some() => bail!("--max-zoom is for --grid xyz"),
             Some(Grid::Like(path)) => {
                 check_output([path.as_path()], output)?;
-                TargetGrid::Cells(Box::new(grid_of(&open(path, &common.access)?, 2, path)?))
+                TargetGrid::Like(Box::new(grid_of(&open(path, &common.access)?, 2, path)?))
             }
             None => match pictures.of_warping() {
                 Some(option) => bail!("{option} is for --grid"),

@@ -17,6 +17,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use spinney::raw::io::redacted;
+use spinney::raw::ops::Conversion;
 use spinney::raw::report::printable_json;
 use spinney::{Dataset, Output};
 
@@ -34,6 +35,15 @@ impl Global {
         if !self.quiet {
             // Nobody may be listening, which is no reason to fail.
             let _ = writeln!(io::stderr(), "{heading:<10} {}", printable(&redacted(&text.to_string())));
+        }
+    }
+}
+
+impl Global {
+    /// Writes a line for each conversion of a file; whoever does the work says which files were resampled.
+    pub(crate) fn report_conversions(&self, conversions: &[Conversion]) {
+        for conversion in conversions.iter().filter(|conversion| conversion.what != "grid") {
+            self.report("converted", conversion);
         }
     }
 }

@@ -28,7 +28,7 @@ pub(super) struct LabelOptions {
     /// them, and their values are classes
     #[arg(long, value_name = "N", requires = "labels")]
     connect: Option<Connectivity>,
-    /// Tree of the same cells that tells the class of each label, such as that whose components were labelled
+    /// Classes of labels, as a tree of the same cells tells them, such as that whose components were labelled
     #[arg(long, value_name = "FILE", requires = "labels", conflicts_with = "connect")]
     classes: Option<PathBuf>,
     /// File to write: of labels a table as CSV, or JSON (.json); of zones their features, and of --nearest the points, with the answers as attributes

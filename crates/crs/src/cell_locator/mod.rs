@@ -204,24 +204,20 @@ impl CellLocator {
     pub fn parts(&self, parts: &[Vec<Vec<[f64; 2]>>]) -> PolygonParts {
         let Way::World(world) = &self.way else { return parts.to_vec() };
         let World { systems, turn, near, .. } = &**world;
-        let straight = |ring: &Vec<[f64; 2]>| -> Vec<[f64; 2]> {
-            let cell = |[x, y]: &[f64; 2]| self.frame.to_cells([*x, *y, 0.0]).map(|[x, y, _]| [x, y]);
-            ring.iter().filter_map(cell).collect()
-        };
         let is_same = systems.as_ref().is_none_or(Transformation::is_identity);
         if is_same && turn.is_none() {
-            return parts.iter().map(|part| part.iter().map(straight).collect()).collect();
+            return parts.iter().map(|part| part.iter().map(|ring| self.straight(ring)).collect()).collect();
         }
         let mut found = Vec::new();
         for part in parts {
             let Some(outer) = part.first() else { continue };
             for shift in shifts(outer, *turn, near) {
-                let moved =
-                    |ring: &Vec<[f64; 2]>| ring.iter().map(|[x, y]| [x + shift, *y]).collect::<Vec<_>>();
-                let clipped = part.iter().map(|ring| clip::clipped(moved(ring), near));
+                let clipped = part.iter().map(|ring| clip::clipped(moved(ring, shift), near));
                 let rings: Vec<_> = clipped.filter(|ring| ring.len() >= 3).collect();
-                let in_cells =
-                    rings.iter().map(|ring| if is_same { straight(ring) } else { self.curved(ring) });
+                let in_cells = rings.iter().map(|ring| match is_same {
+                    true => self.straight(ring),
+                    false => self.curved(ring, CLOSE),
+                });
                 let in_cells: Vec<_> = in_cells.filter(|ring| ring.len() >= 3).collect();
                 if !in_cells.is_empty() {
                     found.push(in_cells);
@@ -231,10 +227,62 @@ impl CellLocator {
         found
     }
 
+    /// All of a polygon in cells, once, however far from the tree it reaches, of which [`parts`](CellLocator::parts) are what lies near; `None` if
+    /// that is all of it, or a corner is nowhere in the tree's system. Curves are followed to a thousandth of the polygon's size: enough to measure it.
+    pub fn whole_parts(&self, parts: &[Vec<Vec<[f64; 2]>>]) -> Option<PolygonParts> {
+        let Way::World(world) = &self.way else { return None };
+        let World { systems, turn, near, .. } = &**world;
+        let is_same = systems.as_ref().is_none_or(Transformation::is_identity);
+        if is_same && turn.is_none() {
+            return None;
+        }
+        let is_near = |ring: &[[f64; 2]], shift: f64| {
+            let is_in = |[x, y]: &[f64; 2]| {
+                let place = [x + shift, *y];
+                (0..2).all(|axis| near[0][axis] <= place[axis] && place[axis] <= near[1][axis])
+            };
+            ring.iter().all(is_in)
+        };
+        // The turn by which the polygon lies nearest.
+        let middle = |low: f64, high: f64| (low + high) / 2.0;
+        let all = || parts.iter().flatten().flatten();
+        let (west, east) = all().fold((f64::INFINITY, f64::NEG_INFINITY), |(west, east), corner| {
+            (west.min(corner[0]), east.max(corner[0]))
+        });
+        let there = middle(near[0][0], near[1][0]);
+        let shift = turn.filter(|_| there.is_finite() && west <= east);
+        let shift = shift.map_or(0.0, |turn| ((there - middle(west, east)) / turn).round() * turn);
+        if parts.iter().flatten().all(|ring| is_near(ring, shift)) {
+            return None;
+        }
+        let in_cells = |ring: &Vec<[f64; 2]>| {
+            let ring = moved(ring, shift);
+            if is_same {
+                return Some(self.straight(&ring));
+            }
+            let corners = self.curved(&ring, f64::INFINITY);
+            if corners.len() < ring.len() {
+                return None;
+            }
+            let size = |axis: usize| {
+                let ends = corners.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), corner| {
+                    (low.min(corner[axis]), high.max(corner[axis]))
+                });
+                ends.1 - ends.0
+            };
+            Some(self.curved(&ring, (size(0).max(size(1)) * 1e-3).max(CLOSE)))
+        };
+        parts.iter().map(|part| part.iter().map(in_cells).collect()).collect()
+    }
+
+    /// A ring in cells whose edges stay straight.
+    fn straight(&self, ring: &[[f64; 2]]) -> Vec<[f64; 2]> {
+        let cell = |[x, y]: &[f64; 2]| self.frame.to_cells([*x, *y, 0.0]).map(|[x, y, _]| [x, y]);
+        ring.iter().filter_map(cell).collect()
+    }
+
     /// A ring in cells, with corners between where edges are curves.
-    fn curved(&self, ring: &[[f64; 2]]) -> Vec<[f64; 2]> {
-        /// How far the curve may be from the edges that stand for it, in cells.
-        const CLOSE: f64 = 0.01;
+    fn curved(&self, ring: &[[f64; 2]], close: f64) -> Vec<[f64; 2]> {
         /// Halvings of an edge, at most.
         const MOST: u32 = 14;
         let Way::World(world) = &self.way else { return ring.to_vec() };
@@ -266,7 +314,7 @@ impl CellLocator {
                 let is_close = |part: f64| match (start, end, cell(between(a, b, part))) {
                     (Some(start), Some(end), Some(found)) => {
                         let line = between(start, end, part);
-                        (line[0] - found[0]).abs().max((line[1] - found[1]).abs()) <= CLOSE
+                        (line[0] - found[0]).abs().max((line[1] - found[1]).abs()) <= close
                     }
                     (None, None, None) => true,
                     _ => false,
@@ -282,6 +330,14 @@ impl CellLocator {
         }
         corners
     }
+}
+
+/// How far a curve may be from the edges that stand for it, in cells.
+const CLOSE: f64 = 0.01;
+
+/// A ring moved along the first axis.
+fn moved(ring: &[[f64; 2]], shift: f64) -> Vec<[f64; 2]> {
+    ring.iter().map(|[x, y]| [x + shift, *y]).collect()
 }
 
 /// Whole turns by which a ring is to be moved so that it lies near the tree: as first coordinates, the western part first.

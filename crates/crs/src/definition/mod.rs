@@ -213,9 +213,10 @@ impl Crs {
         let show = |crs: Option<&Crs>| crs.map_or("none".into(), Crs::to_string);
         let (found, expected) = (show(found), show(expected));
         let other = if found == expected { "another one: " } else { "" };
+        let known = a.1.or(b.1).map_or(String::new(), |crs| format!(" {}", crs.definition()));
         let expected = format!(
-            "{expected}, as {here} has; if they are in one system, say so with `spinney build --crs` or the step crs= of \
-             `spinney transform`, otherwise bring them into one before building trees"
+            "{expected}, as {here} has; if all are in one system: build with --crs{known}; otherwise build a tree of each, and \
+             `spinney combine over` brings one to the other"
         );
         Err(Error::invalid(format!("coordinate system of {there}"), format!("{other}{found}"), expected))
     }

@@ -75,20 +75,30 @@ impl Dataset {
         let refuse = |found: &str, advice: String| Err(Error::unsupported(self.name(), found, advice));
         if form.axes() != 2 {
             let advice = format!(
-                "surfaces of solids: `spinney export {tree} surface.ply`; or cut a layer: --view slice=z:N"
+                "surfaces of solids: `spinney export {tree} surface.ply`. Or cut a layer, such as that of z = 0, and build a tree of it: \
+                 `spinney get {tree} layer.tif --slice z=0`, `spinney build layer.tif --kind categorical -o layer.goblin`"
             );
             return refuse("polygons of an octree", advice);
+        }
+        if form.value.channels != 1 {
+            let sum = (1..=form.value.channels).map(|channel| {
+                let factor = 256u64.pow(u32::from(form.value.channels - channel));
+                if factor == 1 { format!("b{channel}") } else { format!("b{channel}*{factor}") }
+            });
+            let sum = sum.collect::<Vec<_>>().join("+");
+            let sample = if form.value.channels == 4 { "i64" } else { "i32" };
+            let advice = format!(
+                "classes are one number a cell: `spinney transform {tree} 'calc={sum},type={sample}' -o number.goblin`, \
+                 `spinney build number.goblin --kind categorical -o classes.goblin`"
+            );
+            return refuse("polygons of several channels", advice);
         }
         if self.header().kind != DataKind::Categorical {
             let advice = format!(
                 "areas between some values: `spinney contours {tree} --at V,... --filled -o areas.gpkg`. If the values are classes: \
-                 `spinney build {tree} --kind categorical -o CLASSES.goblin`"
+                 `spinney build {tree} --kind categorical -o classes.goblin`"
             );
-            return refuse("polygons of a tree of amounts", advice);
-        }
-        if form.value.channels != 1 {
-            let advice = "classes are one number a cell: build a tree of one channel, or --view calc='b1 * 65536 + b2 * 256 + b3'";
-            return refuse("polygons of several channels", advice.into());
+            return refuse("polygons of a tree of continuous values", advice);
         }
         Ok(())
     }

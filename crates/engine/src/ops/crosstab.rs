@@ -4,7 +4,6 @@ use std::cmp::Ordering;
 use std::collections::HashMap;
 
 use super::affine::{View, ViewNode};
-use super::view_source::check_form;
 use crate::tree::{Child, Children, Source, no_children};
 use spinney_base::value::{Value, ValueType};
 use spinney_base::{Error, Progress, Result, sort};
@@ -27,10 +26,9 @@ const MOST: usize = 1 << 16;
 /// first. Time is proportional to the nodes of both trees.
 ///
 /// # Errors
-/// If forms or depths differ, there are more than 2^16 pairs, a file is damaged or was changed meanwhile, or on interruption.
+/// If depths differ, there are more than 2^16 pairs, a file is corrupt or was changed meanwhile, or on cancellation.
 pub fn crosstab(first: &View, second: &View, progress: &dyn Progress) -> Result<Vec<Pair>> {
     let form = first.form();
-    check_form((second.source().name(), second.form()), (first.source().name(), form))?;
     if first.depth() != second.depth() {
         let expected = format!("{}, as the first tree has", first.depth());
         return Err(Error::invalid("depth of a tree", second.depth().to_string(), expected));
@@ -51,7 +49,7 @@ pub fn crosstab(first: &View, second: &View, progress: &dyn Progress) -> Result<
     }
     first.check_unchanged()?;
     second.check_unchanged()?;
-    pairs.sorted(form.value)
+    pairs.sorted(form.value, second.form().value)
 }
 
 /// The children of a node; those of a uniform one are like it.
@@ -98,12 +96,12 @@ impl Pairs {
         Ok(())
     }
 
-    fn sorted(mut self, value_type: ValueType) -> Result<Vec<Pair>> {
+    fn sorted(mut self, first: ValueType, second: ValueType) -> Result<Vec<Pair>> {
         self.end_run()?;
         let pairs = self.cells.into_iter().map(|((first, second), cells)| Pair { first, second, cells });
         let mut pairs: Vec<Pair> = pairs.collect();
         sort::by(&mut pairs, &mut |a, b| {
-            by_value(value_type, a.first, b.first).then(by_value(value_type, a.second, b.second))
+            by_value(first, a.first, b.first).then(by_value(second, a.second, b.second))
         });
         Ok(pairs)
     }

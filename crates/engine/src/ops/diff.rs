@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use super::affine::{View, ViewNode};
+use super::reconcile::{Conversion, Needs, ReconcileOptions, Target, reconcile};
 use super::tree_file::{TreeFile, TreeFileNode};
 use super::view_source::check_form;
 use crate::store::autumnal::{self, Remembered};
@@ -10,8 +12,7 @@ use crate::tree::{Child, Children, Source, no_children};
 use spinney_base::io::FileAccess;
 use spinney_base::space::{Code, Dimension};
 use spinney_base::value::Value;
-use spinney_base::{Error, Progress, Result};
-use spinney_crs::Crs;
+use spinney_base::{Error, Progress, Result, TreeType};
 
 /// A block in which two trees differ, uniform in both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,12 +31,15 @@ pub struct Difference {
 /// # Errors
 /// If forms or depths differ, a file is damaged, `found` fails, or on interruption.
 pub fn diff(
-    first: &TreeFile,
-    second: &TreeFile,
+    first: &View,
+    second: &View,
     progress: &dyn Progress,
     found: &mut dyn FnMut(Difference) -> Result<()>,
 ) -> Result<()> {
-    check_alike(first, second)?;
+    check_alike(
+        (first.source().name(), first.form(), first.depth()),
+        (second.source().name(), second.form(), second.depth()),
+    )?;
     let children = first.form().children();
     let root = Code::root(first.form().dimension);
     Comparison { first, second, children, progress, found }.node(root, &first.root()?, &second.root()?)
@@ -52,7 +56,7 @@ pub fn diff_nodes(
     level: u8,
     found: &mut dyn FnMut(Code) -> Result<()>,
 ) -> Result<()> {
-    check_alike(first, second)?;
+    check_alike((first.path(), first.form(), first.depth()), (second.path(), second.form(), second.depth()))?;
     let children = first.form().children();
     let root = Code::root(first.form().dimension);
     let mut nodes = NodesThatDiffer { first, second, children, level, found };
@@ -60,19 +64,19 @@ pub fn diff_nodes(
 }
 
 /// Fails if forms or depths of two trees differ.
-fn check_alike(first: &TreeFile, second: &TreeFile) -> Result<()> {
-    check_form((second.path(), second.form()), (first.path(), first.form()))?;
-    if first.depth() == second.depth() {
+fn check_alike(first: (&Path, TreeType, u8), second: (&Path, TreeType, u8)) -> Result<()> {
+    check_form((second.0, second.1), (first.0, first.1))?;
+    if first.2 == second.2 {
         return Ok(());
     }
-    let expected = format!("{}, as the first tree has", first.depth());
-    Err(Error::invalid("depth of a tree", second.depth().to_string(), expected))
+    let expected = format!("{}, as the first tree has", first.2);
+    Err(Error::invalid("depth of a tree", second.2.to_string(), expected))
 }
 
 /// Two trees that are walked side by side.
 struct Comparison<'a> {
-    first: &'a TreeFile,
-    second: &'a TreeFile,
+    first: &'a View,
+    second: &'a View,
     /// Children of a node.
     children: usize,
     progress: &'a dyn Progress,
@@ -80,7 +84,7 @@ struct Comparison<'a> {
 }
 
 impl Comparison<'_> {
-    fn node(&mut self, code: Code, a: &Child<TreeFileNode>, b: &Child<TreeFileNode>) -> Result<()> {
+    fn node(&mut self, code: Code, a: &Child<ViewNode>, b: &Child<ViewNode>) -> Result<()> {
         match (a, b) {
             (Child::Void, Child::Void) => return Ok(()),
             (Child::Leaf(a), Child::Leaf(b)) if a == b => return Ok(()),
@@ -152,13 +156,13 @@ impl NodesThatDiffer<'_> {
 }
 
 /// Whether two nodes are one record of one file.
-pub(super) fn is_same_record(
-    first: &TreeFile,
-    a: &Child<TreeFileNode>,
-    second: &TreeFile,
-    b: &Child<TreeFileNode>,
+pub(super) fn is_same_record<S: ReusableSource>(
+    first: &S,
+    a: &Child<S::Node>,
+    second: &S,
+    b: &Child<S::Node>,
 ) -> bool {
-    let record = |file: &TreeFile, node: &Child<TreeFileNode>| match node {
+    let record = |file: &S, node: &Child<S::Node>| match node {
         Child::Inner { node, .. } => file.kept(node),
         _ => None,
     };
@@ -166,11 +170,11 @@ pub(super) fn is_same_record(
 }
 
 /// The children of a node; `None` if it is uniform, and they are all like it.
-fn children_of<'c>(
-    file: &TreeFile,
-    child: &Child<TreeFileNode>,
-    children: &'c mut Children<TreeFileNode>,
-) -> Result<Option<&'c Children<TreeFileNode>>> {
+fn children_of<'c, S: Source>(
+    file: &S,
+    child: &Child<S::Node>,
+    children: &'c mut Children<S::Node>,
+) -> Result<Option<&'c Children<S::Node>>> {
     let Child::Inner { node, .. } = child else { return Ok(None) };
     file.children(node, children)?;
     Ok(Some(children))
@@ -213,30 +217,44 @@ pub struct FdRange {
     pub last: u64,
 }
 
-/// Compares two trees, or two commits of one; hands out the runs of cells that differ.
+/// Compares two trees, or two commits of one, where they lie in the world; yields the runs of cells that differ, by the FD codes of the grid
+/// that begins at [`CompareReport::origin`]. The second is brought to the first's cells and values before, as by [`combine`](super::combine).
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
+/// use spinney::raw::ops::diff_files;
 /// let [first, second] = ["fixtures/v1/history.autumn@1", "fixtures/v1/history.autumn@2"];
-/// let differences = spinney::raw::ops::diff_files(first.as_ref(), second.as_ref(), &Default::default(), &(), &mut |_| Ok(()))?;
-/// assert_eq!(differences.blocks, 9);
+/// let report = diff_files(first.as_ref(), second.as_ref(), &Default::default(), &Default::default(), &(), &mut |_| Ok(()))?;
+/// assert_eq!(report.differences.blocks, 9);
 /// # Ok::<(), spinney::Error>(())
 /// ```
 ///
 /// # Errors
-/// If they cannot be read, are of different forms or in different coordinate systems, `range` fails, or on interruption.
+/// If they cannot be read or brought to one grid and type, `range` fails, or on cancellation.
 pub fn diff_files(
     first: &Path,
     second: &Path,
+    options: &ReconcileOptions,
     access: &FileAccess,
     progress: &dyn Progress,
     range: &mut dyn FnMut(FdRange) -> Result<()>,
+) -> Result<CompareReport> {
+    let (first, second, report) = open_both(first, second, options, access, progress)?;
+    let differences = diff_views(&first, &second, progress, range)?;
+    Ok(CompareReport { differences, ..report })
+}
+
+/// Totals of the differences between two views on one grid; yields the runs of cells that differ.
+fn diff_views(
+    first: &View,
+    second: &View,
+    progress: &dyn Progress,
+    range: &mut dyn FnMut(FdRange) -> Result<()>,
 ) -> Result<Differences> {
-    let (first, second) = open_both(first, second, access)?;
     let (axes, depth) = (first.form().axes(), first.depth());
     let mut sum = Differences::default();
     let mut run: Option<FdRange> = None;
-    diff(&first, &second, progress, &mut |found| {
+    diff(first, second, progress, &mut |found| {
         let bits = axes * usize::from(depth - found.code.level());
         let cells = 1u64 << bits;
         sum.add(found.before, found.after, cells);
@@ -257,36 +275,64 @@ pub fn diff_files(
     Ok(sum)
 }
 
-/// Opens two trees of one coordinate system.
-fn open_both(first: &Path, second: &Path, access: &FileAccess) -> Result<(TreeFile, TreeFile)> {
-    let options = access.into();
-    let (first, second) = (TreeFile::open_only(first, &options)?, TreeFile::open_only(second, &options)?);
-    let [here, there] = [&first, &second].map(|file| file.path().display().to_string());
-    let [a, b] = [&first, &second].map(|file| file.metadata().frame.crs.as_ref());
-    Crs::check_same((&here, a), (&there, b))?;
-    Ok((first, second))
+/// Differences of two trees, and how they were brought together.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct CompareReport {
+    /// Totals.
+    pub differences: Differences,
+    /// The cell of the first tree's grid that is the first of the grid in which both are compared.
+    pub origin: [i64; 3],
+    /// What was converted of the second tree.
+    pub conversions: Vec<Conversion>,
+}
+
+/// Opens two trees as views on one grid, with values of one meaning.
+fn open_both(
+    first: &Path,
+    second: &Path,
+    options: &ReconcileOptions,
+    access: &FileAccess,
+    progress: &dyn Progress,
+) -> Result<(View, View, CompareReport)> {
+    let open = |path: &Path| {
+        let view = View::whole(TreeFile::open_only(path, &access.into())?.into())?;
+        Ok((path.display().to_string(), view))
+    };
+    let reconciled =
+        reconcile(vec![open(first)?, open(second)?], &|_| Needs::Values, options, Target::default())?;
+    reconciled.warn_resampled(progress);
+    let origin = reconciled.grid.shift(0).unwrap_or_default().map(|cells| -cells);
+    let report = CompareReport { origin, conversions: reconciled.conversions, ..CompareReport::default() };
+    let views = <[View; 2]>::try_from(reconciled.views);
+    let [first, second] = views.unwrap_or_else(|_| unreachable!("two operands are two views"));
+    Ok((first, second, report))
 }
 
 /// Compares two trees as [`diff_files`] does, for the totals alone: what is stored once for many nodes of both trees is
 /// compared once.
 ///
 /// # Errors
-/// If they cannot be read, are of different forms or in different coordinate systems, or on interruption.
+/// As [`diff_files`].
 pub fn differences(
     first: &Path,
     second: &Path,
+    options: &ReconcileOptions,
     access: &FileAccess,
     progress: &dyn Progress,
-) -> Result<Differences> {
-    let (first, second) = open_both(first, second, access)?;
-    check_alike(&first, &second)?;
-    let dimension = first.form().dimension;
+) -> Result<CompareReport> {
+    let (first_view, second_view, report) = open_both(first, second, options, access, progress)?;
+    let as_they_are = (first_view.as_file(), second_view.as_file());
+    let (Some(first_file), Some(second_file)) = as_they_are else {
+        let differences = diff_views(&first_view, &second_view, progress, &mut |_| Ok(()))?;
+        return Ok(CompareReport { differences, ..report });
+    };
+    let dimension = first_file.form().dimension;
     let known = Remembered::new(KNOWN_PAIRS);
-    let mut totals = Totals { first: &first, second: &second, dimension, known, progress };
-    let sum = totals.node(first.depth(), &first.any_root()?, &second.any_root()?)?.sum;
-    first.check_unchanged()?;
-    second.check_unchanged()?;
-    Ok(sum)
+    let mut totals = Totals { first: first_file, second: second_file, dimension, known, progress };
+    let sum = totals.node(first_file.depth(), &first_file.any_root()?, &second_file.any_root()?)?.sum;
+    first_file.check_unchanged()?;
+    second_file.check_unchanged()?;
+    Ok(CompareReport { differences: sum, ..report })
 }
 
 /// Bytes for the totals of pairs of nodes that were compared already.

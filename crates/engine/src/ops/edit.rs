@@ -3,19 +3,19 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use glam::DVec3;
-
-use super::affine::{AffineMap, View, align};
+use super::affine::View;
 use super::combine::Combined;
 use super::files::FileView;
 use super::operation::CombineOperation;
 use super::patch::{CellPatch, FillPatch, FillRegion, Patch};
 use super::patched::Patched;
+use super::reconcile::{
+    Conversion, Description, Needs, OutputExtent, Position, ReconcileOptions, Target, reconcile,
+};
 use super::tree_file::TreeFile;
-use super::view_source::{ViewSource, check_form};
+use super::view_source::ViewSource;
 use crate::store::Packing;
 use crate::store::autumnal::{Autumnal, Commit, Editor, Note};
-use crate::tree::Source;
 use spinney_base::space::Bounds;
 use spinney_base::value::{Number, Value, ValueType};
 use spinney_base::{Error, Progress, Result};
@@ -29,15 +29,17 @@ pub enum Edit {
         patch: FileView,
         /// The cell that its first one goes to; where it lies in the world if none is given.
         at: Option<[i64; 3]>,
-        /// Only where the other tree is not VOID.
-        where_valid: bool,
+        /// Makes cells VOID where the other tree is, in all of its extent; else the tree's own cells stay there.
+        void: bool,
+        /// Options for bringing its values to the tree.
+        options: ReconcileOptions,
     },
     /// Fills a region with one value (a sample per channel, or one for all), or makes it VOID.
     Fill(FillRegion, Option<Vec<Number>>),
     /// Gives single cells new values.
     Set(Vec<CellValue>),
     /// Makes it what an operation makes of it and another tree, which lies where it lies in the world.
-    Apply(CombineOperation, PathBuf),
+    Apply(CombineOperation, PathBuf, ReconcileOptions),
     /// Puts a tree on the same cells over it, where that has something.
     Cover(Arc<ViewSource>),
     /// Makes it what an operation makes of it and a tree on the same cells.
@@ -90,7 +92,8 @@ pub fn apply_edits(
     editor: &mut Editor,
     edits: &mut dyn Iterator<Item = Result<Edit>>,
     progress: &dyn Progress,
-) -> Result<()> {
+) -> Result<Vec<Conversion>> {
+    let mut conversions = Vec::new();
     let tree = editor.tree();
     if let Some(remark) = tree.remark() {
         progress.warn(tree.path(), remark);
@@ -100,19 +103,31 @@ pub fn apply_edits(
         match edit? {
             Edit::Revert(number) => editor.revert(number)?,
             edit => {
-                let changed = changed(editor.tree(), edit)?;
+                let (changed, description, converted) = changed(editor.tree(), edit, progress)?;
+                conversions.extend(converted);
                 editor.replace(&changed, Packing::default(), progress)?;
+                // (New classes have names and colours.)
+                let mut metadata = editor.tree().metadata().clone();
+                description.describe(&mut metadata);
+                if metadata != *editor.tree().metadata() {
+                    editor.set_metadata(metadata)?;
+                }
             }
         }
         progress.check()?;
     }
-    Ok(())
+    Ok(conversions)
 }
 
 /// The tree after an edit, as a source; nodes that stay are the tree's own, with their stored records.
-fn changed(tree: Arc<Autumnal>, edit: Edit) -> Result<Combined> {
+fn changed(
+    tree: Arc<Autumnal>,
+    edit: Edit,
+    progress: &dyn Progress,
+) -> Result<(Combined, Description, Vec<Conversion>)> {
     let (form, depth, extent) = (tree.header().form, tree.header().depth(), tree.header().extent);
     let value_type = form.value;
+    let (mut description, mut conversions) = (Description::default(), Vec::new());
     let (operation, views) = match edit {
         Edit::Revert(_) => unreachable!("is no new tree"),
         Edit::Fill(region, value) => {
@@ -127,16 +142,19 @@ fn changed(tree: Arc<Autumnal>, edit: Edit) -> Result<Combined> {
                 vec![patched(&tree, Arc::new(CellPatch::new(form, depth, extent, cells)?))?],
             )
         }
-        Edit::Paste { patch, at, where_valid } => {
-            (CombineOperation::Over, pasted(&tree, &patch, at, where_valid)?)
+        Edit::Paste { patch, at, void, options } => {
+            let name = patch.name.as_ref().unwrap_or(&patch.path);
+            let brought =
+                brought(&tree, (name, patch.open()?), at, CombineOperation::Over, &options, progress)?;
+            (description, conversions) = (brought.description, brought.conversions);
+            (CombineOperation::Over, pasted(&tree, brought.view, brought.bounds, void)?)
         }
-        Edit::Apply(operation, path) => {
+        Edit::Apply(operation, path, options) => {
             let file = TreeFile::open_only(&path, &tree.access().into())?;
-            check_form((&path, file.form()), (tree.path(), form))?;
-            let whole_file = View::whole(file.into())?;
-            let (view, bounds) = aligned(whole_file, &tree, &path)?;
-            check_place(&bounds, extent, &path)?;
-            (operation, vec![View::whole(tree.into())?.opaque()?, view.deepened(depth)?.opaque()?])
+            let other = View::whole(file.into())?;
+            let brought = brought(&tree, (&path, other), None, operation, &options, progress)?;
+            (description, conversions) = (brought.description, brought.conversions);
+            (operation, vec![View::whole(tree.into())?.opaque()?, brought.view.deepened(depth)?.opaque()?])
         }
         Edit::Cover(other) => {
             (CombineOperation::Over, vec![View::new(other, extent)?, View::whole(tree.into())?])
@@ -145,7 +163,7 @@ fn changed(tree: Arc<Autumnal>, edit: Edit) -> Result<Combined> {
             (operation, vec![View::whole(tree.into())?.opaque()?, View::new(other, extent)?.opaque()?])
         }
     };
-    Combined::new(views, operation, extent)
+    Ok((Combined::new(views, operation, extent)?, description, conversions))
 }
 
 /// All of a tree with a patch on it.
@@ -154,59 +172,53 @@ fn patched(tree: &Arc<Autumnal>, patch: Arc<dyn Patch>) -> Result<View> {
 }
 
 /// Views for a paste: the pasted tree first, then the tree that it goes over.
-fn pasted(
-    tree: &Arc<Autumnal>,
-    patch: &FileView,
-    at: Option<[i64; 3]>,
-    where_valid: bool,
-) -> Result<Vec<View>> {
+fn pasted(tree: &Arc<Autumnal>, view: View, bounds: Bounds, void: bool) -> Result<Vec<View>> {
     let (depth, extent) = (tree.header().depth(), tree.header().extent);
-    let view = patch.open()?;
-    check_form((&patch.path, view.form()), (tree.path(), tree.header().form))?;
-    let (view, bounds) = match at {
-        Some(at) => {
-            let size = view.extent();
-            let moved = AffineMap::translation(at.map(|cells| cells as f64));
-            let end = |axis: usize| at[axis].saturating_add_unsigned(size[axis]).max(0) as u64;
-            let min = at.map(|cell| cell.max(0) as u64);
-            (view.onto(&moved, extent)?, Bounds { min, max: std::array::from_fn(end) })
-        }
-        None => aligned(view, tree, &patch.path)?,
-    };
-    let bounds = check_place(&bounds, extent, &patch.path)?;
-    let (view, below) = if where_valid {
-        (view.opaque()?, View::whole(tree.clone().into())?)
-    } else {
+    let (view, below) = match void {
+        false => (view.opaque()?, View::whole(tree.clone().into())?),
         // What is VOID in the patch becomes VOID in the tree: first all of the box does.
-        (view, patched(tree, Arc::new(FillPatch::new(FillRegion::Box(bounds), extent, None)?))?)
+        true => (view, patched(tree, Arc::new(FillPatch::new(FillRegion::Box(bounds), extent, None)?))?),
     };
     Ok(vec![view.deepened(depth)?, below])
 }
 
-/// The part of a box of cells that lies in a tree; an error if nothing does.
-fn check_place(bounds: &Bounds, extent: [u64; 3], path: &Path) -> Result<Bounds> {
-    let inside = bounds.intersect(&Bounds::picture(extent));
-    if inside.is_empty() {
+/// A view on the cells of a tree, with values of the tree's meaning.
+struct Brought {
+    view: View,
+    /// The view's box of cells in the tree.
+    bounds: Bounds,
+    description: Description,
+    conversions: Vec<Conversion>,
+}
+
+/// Brings a view to the cells and values of a tree, with its first cell at a cell of the tree or where it lies in the world.
+fn brought(
+    tree: &Arc<Autumnal>,
+    (path, view): (&Path, View),
+    at: Option<[i64; 3]>,
+    operation: CombineOperation,
+    options: &ReconcileOptions,
+    progress: &dyn Progress,
+) -> Result<Brought> {
+    let extent = tree.header().extent;
+    let own = (tree.path().display().to_string(), View::whole(tree.clone().into())?);
+    let needs = |number: usize| match operation.takes_values_of(number, false) || number == 0 {
+        true => Needs::Values,
+        false => Needs::Presence,
+    };
+    let position = at.map_or(Position::World, Position::Cell);
+    let options = ReconcileOptions { extent: OutputExtent::A, ..*options };
+    let target = Target { is_fixed: true, position };
+    let mut reconciled = reconcile(vec![own, (path.display().to_string(), view)], &needs, &options, target)?;
+    reconciled.warn_resampled(progress);
+    let bounds = reconciled.grid.box_of(1).intersect(&Bounds::picture(extent));
+    if bounds.is_empty() {
         let found = "a place outside of the tree";
         return Err(Error::invalid(path.display().to_string(), found, "one that is at least partly inside"));
     }
-    Ok(inside)
-}
-
-/// A view resampled to the cell grid of a tree by both frames, and its box of cells there.
-fn aligned(view: View, tree: &Autumnal, path: &Path) -> Result<(View, Bounds)> {
-    let (frame, extent) = (view.frame(false), tree.header().extent);
-    let (own, name) = (tree.path().display().to_string(), path.display().to_string());
-    let alignments = align(&[(&own, &tree.metadata().frame, extent), (&name, &frame, view.extent())])?;
-    // `align` maps both to a common grid that has room for both and the finer of their cells: from the view's
-    // cells to that grid and back to the tree's cells.
-    let back = alignments[0].map.inverse()?;
-    let map = alignments[1].map.then(&back);
-    let end = DVec3::from(view.extent().map(|cells| cells as f64));
-    let (low, high) = map.bounding_box(DVec3::ZERO, end);
-    let cell = |number: f64| number.round().max(0.0) as u64;
-    let bounds = Bounds { min: low.to_array().map(cell), max: high.to_array().map(cell) };
-    Ok((view.onto(&map, extent)?, bounds))
+    let view = reconciled.views.swap_remove(1);
+    let (description, conversions) = (reconciled.description, reconciled.conversions);
+    Ok(Brought { view, bounds, description, conversions })
 }
 
 /// The value with these samples, or with one sample for all channels.

@@ -2,22 +2,23 @@
 
 use std::path::{Path, PathBuf};
 
-use super::affine::{Sampling, View, align};
+use super::affine::{Sampling, View};
 use super::combine::Combined;
-use super::crosstab::crosstab;
+use super::crosstab::{Pair, crosstab};
 use super::layers::layer_paths;
 use super::operation::CombineOperation;
+use super::reconcile::{Conversion, Description, Needs, ReconcileOptions, Target, reconcile};
 use super::regions::Passes;
 use super::step::ViewStep;
 use super::tree_file::TreeFile;
 use super::universe::{CombineOptions, Universe};
-use super::view_source::{ViewSource, check_form};
+use super::view_source::ViewSource;
 use super::warp::{Resampling, WarpOptions};
 use crate::store::{BuildOptions, TreeTarget, TreeWriter, WriteOptions, check_room};
 use crate::tree::Source;
 use spinney_base::io::{FileAccess, Output};
 use spinney_base::space::Bounds;
-use spinney_base::value::{Number, Value};
+use spinney_base::value::{DataKind, Number, Value};
 use spinney_base::{Error, Progress, Result, SubProgress, TreeType};
 use spinney_container::{FileReference, Header, Metadata, Shape};
 
@@ -26,6 +27,8 @@ use spinney_container::{FileReference, Header, Metadata, Shape};
 pub struct FileView {
     /// The file.
     pub path: PathBuf,
+    /// Its name for messages, if that is another one.
+    pub name: Option<PathBuf>,
     /// How the file, and those that operations name, are opened.
     pub access: FileAccess,
     /// Operations, first to last.
@@ -53,6 +56,8 @@ pub struct Outcome {
     pub expected: Option<f64>,
     /// The cells of the result of which those that no input has were filled, if the operation did that.
     pub universe: Option<Bounds>,
+    /// What was converted so that inputs mean the same: a line for each.
+    pub conversions: Vec<Conversion>,
 }
 
 /// Units of a pass over all cells, for the progress.
@@ -189,6 +194,7 @@ pub fn transform_to(
             fill: None,
             universe: Universe::Usual,
             moves: chain.moves,
+            description: Description::default(),
             provenance: chain.provenance(),
         });
     }
@@ -253,17 +259,28 @@ pub fn combine_with(
     how: WriteOptions,
     progress: &dyn Progress,
 ) -> Result<Outcome> {
-    let mut derivations = Vec::new();
+    let (mut derivations, mut conversions) = (Vec::new(), Vec::new());
     let access = target.access().clone();
     for paths in layers_in_pairs(paths, &access)? {
         let mut names: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
-        let mut views = aligned(open_alike(&paths, &access)?)?;
+        let operands = open_all(&paths, &access)?;
+        let are_bodies = operands.iter().all(|(_, view)| is_coverage(view));
+        let needs = |number: usize| match operation.takes_values_of(number, are_bodies) {
+            true => Needs::Values,
+            false => Needs::Presence,
+        };
+        let reconciled = reconcile(operands, &needs, &options.reconcile, Target::default())?;
+        reconciled.warn_resampled(progress);
+        warn_full(operation, &reconciled.views, &names, progress)?;
+        conversions.extend(reconciled.conversions);
+        let (mut views, mut description) = (reconciled.views, reconciled.description);
         let (first, depth, extent) = (views[0].source(), views[0].depth(), views[0].extent());
         let shape = Shape { depth, ..first.header().shape };
         let header = Header { extent, shape, ..first.header().clone() };
         let metadata = views[0].metadata(false);
         for operand in made {
             let view = View::whole((operand.make)(&header, &metadata)?)?;
+            description.operand += usize::from(operand.place <= description.operand);
             views.insert(operand.place.min(views.len()), view);
             names.insert(operand.place.min(names.len()), operand.name.clone());
         }
@@ -278,10 +295,11 @@ pub fn combine_with(
             fill: options.fill,
             universe: options.universe,
             moves: false,
+            description,
             provenance: format!("{operation} of {}", names.join(" ")),
         });
     }
-    store_all(derivations, target, how, progress)
+    Ok(Outcome { conversions, ..store_all(derivations, target, how, progress)? })
 }
 
 /// The layers of some files that belong together: of files of several layers those of the same names. One that is named, or the only one of its
@@ -335,56 +353,71 @@ fn store_all(
     Ok(all)
 }
 
-/// Counts which values of one file meet which of another: see [`crosstab`].
+/// Counts which values of one file meet which of another, with classes numbered as the first's: see [`crosstab`]; and what was converted.
 ///
 /// # Errors
 /// As [`combine`]; also if there are too many pairs.
 pub fn crosstab_files(
     first: &Path,
     second: &Path,
+    options: &ReconcileOptions,
     access: &FileAccess,
     progress: &dyn Progress,
-) -> Result<Vec<PairOfSamples>> {
-    let views = aligned(open_alike(&[first.into(), second.into()], access)?)?;
-    let value_type = views[0].form().value;
-    let samples = |value: Option<Value>| value.map(|value| value_type.numbers(value).to_vec());
-    let pairs = crosstab(&views[0], &views[1], progress)?;
-    Ok(pairs.into_iter().map(|pair| (samples(pair.first), samples(pair.second), pair.cells)).collect())
+) -> Result<(Vec<PairOfSamples>, Vec<Conversion>)> {
+    let operands = open_all(&[first.into(), second.into()], access)?;
+    let reconciled = reconcile(operands, &|_| Needs::OwnValues, options, Target::default())?;
+    reconciled.warn_resampled(progress);
+    let [first, second] = &reconciled.views[..] else { unreachable!("two operands are two views") };
+    let samples =
+        |view: &View, value: Option<Value>| value.map(|value| view.form().value.numbers(value).to_vec());
+    let pairs = crosstab(first, second, progress)?;
+    let shown = |pair: Pair| (samples(first, pair.first), samples(second, pair.second), pair.cells);
+    Ok((pairs.into_iter().map(shown).collect(), reconciled.conversions))
 }
 
-/// Opens files, all of which must be of one form.
-fn open_alike(paths: &[PathBuf], access: &FileAccess) -> Result<Vec<TreeFile>> {
-    let mut files: Vec<TreeFile> = Vec::new();
-    for path in paths {
+/// Views of all of some files, with their names.
+fn open_all(paths: &[PathBuf], access: &FileAccess) -> Result<Vec<(String, View)>> {
+    let open = |path: &PathBuf| {
         let file = TreeFile::open_only(path, &access.into())?;
-        if let Some(first) = files.first() {
-            check_form((path, file.form()), (&paths[0], first.form()))?;
-        }
-        files.push(file);
-    }
-    if files.is_empty() { Err(Error::invalid("files", "none", "at least one")) } else { Ok(files) }
+        Ok((path.display().to_string(), View::whole(file.into())?))
+    };
+    paths.iter().map(open).collect()
 }
 
-/// Views of files on one grid of cells, all of one depth.
-fn aligned(files: Vec<TreeFile>) -> Result<Vec<View>> {
-    let names: Vec<String> = files.iter().map(|file| file.path().display().to_string()).collect();
-    let trees: Vec<_> = files
-        .iter()
-        .zip(&names)
-        .map(|(file, name)| (name.as_str(), &file.metadata().frame, file.header().extent))
-        .collect();
-    let alignments = align(&trees)?;
-    // Deeper than needed if one of the files is: what it has stored fits as it is.
-    let deepest = files.iter().map(|file| file.depth()).max().unwrap_or(0);
-    files
-        .into_iter()
-        .zip(alignments)
-        .map(|(file, alignment)| {
-            let view = View::whole(file.into())?.onto(&alignment.map, alignment.extent)?;
-            let depth = view.depth().max(deepest);
-            view.deepened(depth)
-        })
-        .collect()
+/// Says which operands of a set operation have no VOID, so that all of their cells are taken for present, where that is hardly meant.
+fn warn_full(
+    operation: CombineOperation,
+    views: &[View],
+    names: &[String],
+    progress: &dyn Progress,
+) -> Result<()> {
+    if !matches!(operation, CombineOperation::Set { .. }) || views.len() < 2 {
+        return Ok(());
+    }
+    for (number, (view, name)) in views.iter().zip(names).enumerate() {
+        let source = view.source();
+        // (Of what is computed nobody knows before it is.)
+        if source.is_computed() || is_coverage(view) && source.file().is_none() {
+            continue;
+        }
+        let totals = source.totals(None)?;
+        let is_full = totals.cells > 0 && totals.void_cells == 0;
+        let has_zero = totals.channels.first().is_some_and(|channel| channel.min == Number::from(0));
+        if is_full && has_zero && (number > 0 || source.header().kind == DataKind::Categorical) {
+            let stem = FileReference::of(Path::new(name)).file.with_extension("");
+            let text = format!(
+                "has no VOID, so that all of its cells are present; if 0 means nothing: `spinney build {name} --nodata 0 -o {}_0.goblin`",
+                stem.display()
+            );
+            progress.warn(Path::new(name), &text);
+        }
+    }
+    Ok(())
+}
+
+/// Whether cells of a view are coverage: how far a body fills them.
+fn is_coverage(view: &View) -> bool {
+    super::coverage::full(view.form(), view.source().header().rule).is_some()
 }
 
 /// INNER nodes that a view of all of a file has, about: those of the file, or as many fewer as its cells are larger.
@@ -410,6 +443,8 @@ struct Derivation {
     moves: bool,
     /// INNER nodes that the result has at least, about, as far as is known.
     least: u64,
+    /// What values mean.
+    description: Description,
     /// A line to add to the first file's provenance.
     provenance: String,
 }
@@ -427,7 +462,7 @@ struct Prepared {
 
 impl Derivation {
     fn form(&self) -> TreeType {
-        self.views[0].source().header().form
+        self.views[0].form()
     }
 
     fn depth(&self) -> u8 {
@@ -440,10 +475,11 @@ impl Derivation {
             false => (self.views, None),
         };
         views.iter().for_each(|view| view.source().tell_remark(progress));
-        let first = &views[0];
-        let (header, extent) = (first.source().header().clone(), first.extent());
+        let (first, described) = (&views[0], &views[self.description.operand]);
+        let (header, extent) = (self.description.header(described.source().header()), first.extent());
         let depth = views.iter().map(View::depth).max().unwrap_or(0);
-        let mut metadata = first.metadata(self.moves);
+        let mut metadata = Metadata { frame: first.frame(self.moves), ..described.metadata(self.moves) };
+        self.description.describe(&mut metadata);
         metadata.provenance.push(match &universe {
             Some(universe) => {
                 let [first, size] =
@@ -475,6 +511,14 @@ impl Prepared {
         let Prepared { source, header, depth, extent, metadata, before, universe } = self;
         let options = BuildOptions { depth, metadata, ..BuildOptions::written_like(&header, how) };
         let tally = writer.source(&source, extent, &options, progress)?;
-        Ok(Outcome { extent, depth, before, after: tally.cells, expected: None, universe })
+        Ok(Outcome {
+            extent,
+            depth,
+            before,
+            after: tally.cells,
+            expected: None,
+            universe,
+            conversions: Vec::new(),
+        })
     }
 }

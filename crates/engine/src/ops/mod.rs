@@ -13,6 +13,7 @@ mod calc;
 mod coarse;
 mod combine;
 mod convert;
+mod converted;
 mod coverage;
 mod crosstab;
 mod data_box;
@@ -25,6 +26,7 @@ mod opaque;
 mod operation;
 mod patch;
 mod patched;
+mod reconcile;
 mod regions;
 mod step;
 mod step_text;
@@ -33,7 +35,7 @@ mod universe;
 mod view_source;
 mod warp;
 
-pub use affine::{AffineMap, Alignment, Around, Axis, Sampling, View, ViewNode, align};
+pub use affine::{AffineMap, Around, Axis, Sampling, View, ViewNode};
 pub use blame::blame;
 pub use blockwise::{BlockSource, Blockwise};
 pub use calc::{Calculated, Calculation};
@@ -41,9 +43,10 @@ pub use coarse::{Coarse, CoarseNode};
 pub use combine::{Combined, CombinedNode, build};
 pub(crate) use convert::build_again;
 pub use convert::convert;
+pub use converted::Converted;
 pub use crosstab::{Pair, crosstab};
 pub use data_box::data_box;
-pub use diff::{Difference, Differences, FdRange, diff, diff_files, diff_nodes, differences};
+pub use diff::{CompareReport, Difference, Differences, FdRange, diff, diff_files, diff_nodes, differences};
 pub use edit::{CellValue, Edit, apply_edits, edit};
 pub use files::{
     FileView, MadeOperand, Outcome, PairOfSamples, combine, combine_with, crosstab_files, transform,
@@ -55,6 +58,7 @@ pub use opaque::Opaque;
 pub use operation::{CombineOperation, Prefer};
 pub use patch::{CellPatch, Change, FillPatch, FillRegion, Patch};
 pub use patched::{Patched, PatchedNode};
+pub use reconcile::{ClassMatching, Conversion, OutputExtent, ReconcileOptions, grid_like};
 pub(crate) use regions::find_labels;
 pub use regions::{
     Connectivity, Label, LabelNeighbour, LabelRequest, LabelSummary, LabelVisitor, Regions, Sieve,

@@ -147,6 +147,16 @@ impl CombineOperation {
         }
     }
 
+    /// Whether values of the tree of this number can be values of the result. Of bodies, how far they fill cells always counts.
+    pub(super) fn takes_values_of(self, tree: usize, are_bodies: bool) -> bool {
+        let CombineOperation::Set { operation, prefer } = self else { return true };
+        let (alone, prefers) = match tree {
+            0 => (operation.contains(true, false), prefer == Prefer::First),
+            _ => (operation.contains(false, true), prefer == Prefer::Second),
+        };
+        are_bodies || alone || prefers && operation.contains(true, true)
+    }
+
     /// Numbers of trees that it takes.
     pub(super) fn takes(self) -> std::ops::RangeInclusive<usize> {
         match self {

@@ -2,16 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::DVec3;
-
 use super::affine::{AffineMap, Axis, View};
 use super::calc::Calculation;
 use super::data_box::data_box;
+use super::reconcile::{CommonGrid, Located, OutputExtent, Position};
 use super::regions::{Connectivity, Passes, Regions, Sieve};
 use super::tree_file::TreeFile;
 use super::warp::{Resampling, WarpGrid, WarpTarget};
 use crate::tree::Source;
-use spinney_base::space::Code;
+use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Result};
 use spinney_crs::{CellLocator, Coordinates, Crs};
 
@@ -47,8 +46,9 @@ pub enum ViewStep {
     Embed(String),
     /// `crs=DEF`: says in which coordinate system the cells lie, in place of what the file says; see [`Crs::parse`].
     Crs(Crs),
-    /// `like=FILE`: onto the cells of another tree, by the frames of both, also in another coordinate system.
-    Like(PathBuf),
+    /// `like=FILE`, `like=FILE,extent=a|b|union|intersection`: onto the cells of another tree (a), by the frames of both, also in another
+    /// coordinate system; over its extent, or that of this tree (b) where data of it lie beyond.
+    Like(PathBuf, Option<OutputExtent>),
     /// `warp=DEF`, `warp=DEF,cell=WIDTH,resampling=WAY`: to another coordinate system, onto square cells where data land.
     Warp(WarpTarget),
     /// `grid=xyz`, `grid=xyz,ZOOM`: onto the cells of web maps, with the world as the root; see [`WarpGrid::web_mercator`].
@@ -103,7 +103,7 @@ impl ViewStep {
             ViewStep::Subtree(code) => subtree(view, code),
             ViewStep::Embed(code) => embed(view, code),
             ViewStep::Crs(crs) => Ok(view.in_system(crs.clone())),
-            ViewStep::Like(path) => like(view, path),
+            ViewStep::Like(path, extent) => like(view, path, *extent),
             ViewStep::Warp(target) => warp(view, target),
             ViewStep::WebMercator(zoom) => {
                 let grid =
@@ -171,13 +171,13 @@ impl ViewStep {
 
     /// Whether the step leads onto cells of another grid, which may lie in another coordinate system: `like=`, `warp=` and `grid=`.
     pub(super) fn leads_to_grid(&self) -> bool {
-        matches!(self, ViewStep::Like(_) | ViewStep::Warp(_) | ViewStep::WebMercator(_))
+        matches!(self, ViewStep::Like(..) | ViewStep::Warp(_) | ViewStep::WebMercator(_))
     }
 
     /// The files that the step reads, besides that of the view.
     pub fn files(&self) -> Vec<&Path> {
         match self {
-            ViewStep::Like(path) => vec![path],
+            ViewStep::Like(path, _) => vec![path],
             ViewStep::Calculation(calculation) => calculation.files().map(PathBuf::as_path).collect(),
             _ => Vec::new(),
         }
@@ -191,7 +191,7 @@ impl ViewStep {
     /// Those of finding names.
     pub fn with_files(&self, name: &dyn Fn(&Path) -> Result<PathBuf>) -> Result<ViewStep> {
         Ok(match self {
-            ViewStep::Like(path) => ViewStep::Like(name(path)?),
+            ViewStep::Like(path, extent) => ViewStep::Like(name(path)?, *extent),
             ViewStep::Calculation(calculation) => {
                 ViewStep::Calculation(Box::new(calculation.with_files(name)?))
             }
@@ -292,39 +292,55 @@ fn warp(view: View, target: &WarpTarget) -> Result<View> {
     view.resampling(target.resampling).warped(&grid)
 }
 
-fn like(view: View, path: &Path) -> Result<View> {
+/// The view on the cells of a file, over the requested part of the world; else over the file's extent, or the view's own where data lie beyond it.
+fn like(view: View, path: &Path, extent: Option<OutputExtent>) -> Result<View> {
     let other = TreeFile::open(path, &view.source().access().into())?;
-    let (there, extent) = (&other.metadata().frame, other.header().extent);
-    let here = view.frame(false);
-    let name = format!("the tree to be like, {}", path.display());
-    if let (Some(a), Some(b)) = (&here.crs, &there.crs)
-        && !a.is_same(b)
-        && view.form().axes() == 2
-    {
-        return view.warped(&WarpGrid { frame: there.clone(), extent });
+    let dimension = view.form().dimension;
+    if other.form().dimension != dimension {
+        let expected = format!("{}, as {} is", dimension.tree_name(), view.source().name().display());
+        return Err(Error::invalid(path.display().to_string(), other.form().dimension.tree_name(), expected));
     }
-    Crs::check_same(("this tree", here.crs.as_ref()), (&name, there.crs.as_ref()))?;
-    let back = AffineMap::from_rows(there.matrix).inverse()?;
-    let map = AffineMap::from_rows(here.matrix).then(&back);
-    // Trees that lie apart would make one without a cell: most often their coordinate systems are two.
-    let cells = |extent: [u64; 3]| DVec3::from(extent.map(|cells| cells as f64));
-    let (low, high) = map.bounding_box(DVec3::ZERO, cells(view.extent()));
-    let axes = view.form().axes();
-    if (0..axes).any(|axis| high[axis] <= 0.0 || low[axis] >= extent[axis] as f64) {
-        let what = format!("place of the tree to be like, {}", path.display());
-        let expected = "one that they share (are both in one coordinate system?)";
-        return Err(Error::invalid(what, "another part of the world than this tree's", expected));
+    let (name, here) = (path.display().to_string(), view.source().name().display().to_string());
+    let target = View::whole(other.into())?;
+    let grid_for = |located: Located<'_>, choice: OutputExtent| {
+        CommonGrid::of(&[Located::of(&name, &target), located], dimension, choice, Position::World)
+    };
+    // (What is VOID around the data is no reason for more cells.)
+    let located = || -> Result<Located<'_>> {
+        let own = Located::of(&here, &view);
+        let data = data_box(&view)?.unwrap_or(own.data);
+        Ok(Located { data, ..own })
+    };
+    let both = grid_for(Located::of(&here, &view), OutputExtent::Union)?;
+    let choice = match extent {
+        Some(extent) => extent,
+        None if both.is_own(target.extent()) => OutputExtent::A,
+        None => match grid_for(located()?, OutputExtent::Union)?.is_own(target.extent()) {
+            true => OutputExtent::A,
+            false => OutputExtent::B,
+        },
+    };
+    let grid = match choice {
+        OutputExtent::A => grid_for(Located::of(&here, &view), choice)?,
+        _ => grid_for(located()?, choice)?,
+    };
+    if grid.box_of(1).is_empty() {
+        let expected = format!("one that both share, or like={name},extent=union");
+        return Err(Error::invalid(
+            format!("extent of {name}"),
+            format!("one without a cell of {here}"),
+            expected,
+        ));
     }
-    let moved = view.clone().onto(&map, extent)?;
     // An affine map takes the centre of a cell, or the file's rule for areas. All other ways are the warper's, also within one system.
     match view.warp().resampling {
-        None | Some(Resampling::Nearest) => Ok(moved),
+        None | Some(Resampling::Nearest) => grid.bring(1, view),
         // (Cells that lie on the other's are the same by any way, and are copied with the nodes that have them.)
-        Some(_) if moved.moves_whole_cells() => Ok(moved),
-        Some(way) if axes > 2 => {
+        Some(_) if grid.shift(1).is_some() => grid.bring(1, view),
+        Some(way) if dimension == Dimension::Oct => {
             let expected = "nearest, or none: cells of an octree are averaged by its own rule";
             Err(Error::invalid("resampling of an octree", way.name(), expected))
         }
-        Some(_) => view.warped(&WarpGrid { frame: there.clone(), extent }),
+        Some(_) => view.warped(&WarpGrid { frame: grid.frame.clone(), extent: grid.extent }),
     }
 }

@@ -64,7 +64,7 @@ impl FromStr for ViewStep {
             "tree-depth" => step.level(ViewStep::TreeDepth, "tree-depth=N, a number of levels"),
             "subtree" => step.node(ViewStep::Subtree),
             "embed" => step.node(ViewStep::Embed),
-            "like" if !step.arguments.is_empty() => Ok(ViewStep::Like(step.arguments.into())),
+            "like" if !step.arguments.is_empty() => step.like(),
             "grid" => step.grid(),
             _ => Err(step.wrong(STEPS)),
         }
@@ -94,7 +94,7 @@ impl<'a> StepText<'a> {
         let finite = |number: &f64| number.is_finite();
         let numbers = numbers(list).filter(|numbers| numbers.iter().all(finite));
         let step = StepText { whole, name, arguments, list, centre, numbers };
-        if step.centre.is_some() && name != "rotate" {
+        if step.centre.is_some() && !matches!(name, "rotate" | "like") {
             return Err(step.wrong("no `@` but in rotate=DEGREES@COL,ROW"));
         }
         Ok(step)
@@ -102,6 +102,13 @@ impl<'a> StepText<'a> {
 
     fn wrong(&self, expected: &str) -> Error {
         Error::invalid("step", format!("`{}`", self.whole), expected)
+    }
+
+    fn like(&self) -> Result<ViewStep> {
+        Ok(match self.arguments.rsplit_once(",extent=") {
+            Some((path, extent)) => ViewStep::Like(path.into(), Some(extent.parse()?)),
+            None => ViewStep::Like(self.arguments.into(), None),
+        })
     }
 
     fn window(&self) -> Result<ViewStep> {
@@ -289,7 +296,10 @@ impl fmt::Display for ViewStep {
             ViewStep::Embed(code) => write!(f, "embed={code}"),
             // (In one line, as a part of the provenance; a break means no more than a space.)
             ViewStep::Crs(crs) => write!(f, "crs={}", crs.definition().replace(['\n', '\r'], " ")),
-            ViewStep::Like(path) => write!(f, "like={}", path.display()),
+            ViewStep::Like(path, extent) => {
+                write!(f, "like={}", path.display())?;
+                extent.map_or(Ok(()), |extent| write!(f, ",extent={extent}"))
+            }
             ViewStep::Warp(target) => write!(f, "warp={target}"),
             ViewStep::WebMercator(None) => write!(f, "grid=xyz"),
             ViewStep::WebMercator(Some(zoom)) => write!(f, "grid=xyz,{zoom}"),
@@ -396,6 +406,7 @@ mod tests {
             "subtree=/031",
             "embed=/",
             "like=other map.goblin",
+            "like=map.autumn@3,extent=union",
             "grid=xyz",
             "grid=xyz,7",
             "warp=EPSG:3035",

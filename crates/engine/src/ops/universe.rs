@@ -4,6 +4,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::affine::{AffineMap, View};
+use super::reconcile::ReconcileOptions;
 use crate::store::depth_for;
 use crate::tree::Source;
 use spinney_base::space::Bounds;
@@ -20,6 +21,9 @@ pub struct CombineOptions {
     pub fill: Option<Number>,
     /// Region in which it makes them: see [`CombineOperation::needs_universe`](super::CombineOperation::needs_universe).
     pub universe: Universe,
+    /// Options for bringing the trees to the first.
+    #[serde(default)]
+    pub reconcile: ReconcileOptions,
 }
 
 /// The universe of operations that fill what is in none of their trees.

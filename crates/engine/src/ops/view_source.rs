@@ -8,6 +8,7 @@ use std::sync::Arc;
 use super::blockwise::Blockwise;
 use super::calc::Calculated;
 use super::coarse::{Coarse, CoarseNode};
+use super::converted::Converted;
 use super::opaque::Opaque;
 use super::patched::{Patched, PatchedNode};
 use super::regions::Regions;
@@ -39,6 +40,8 @@ pub enum ViewSource {
     Calculated(Box<Calculated>),
     /// Another source without its transparent cells, by whose nodes it goes.
     Opaque(Box<Opaque>),
+    /// Another source with converted values, by whose nodes it goes.
+    Converted(Box<Converted>),
     /// A level of a file.
     Coarse(Box<Coarse>),
     /// Components of the cells of another.
@@ -110,6 +113,7 @@ impl ViewSource {
             ViewSource::Warped(tree) => tree.source().path(),
             ViewSource::Calculated(tree) => tree.source().path(),
             ViewSource::Opaque(tree) => tree.source().path(),
+            ViewSource::Converted(tree) => tree.source().path(),
             ViewSource::Coarse(tree) => Some(tree.file().path()),
             ViewSource::Regions(tree) => tree.source().path(),
             ViewSource::Memory(_) | ViewSource::Blockwise(_) => None,
@@ -124,6 +128,7 @@ impl ViewSource {
             ViewSource::Warped(tree) => tree.source().access(),
             ViewSource::Calculated(tree) => tree.source().access(),
             ViewSource::Opaque(tree) => tree.source().access(),
+            ViewSource::Converted(tree) => tree.source().access(),
             ViewSource::Coarse(tree) => tree.file().access().clone(),
             ViewSource::Regions(tree) => tree.source().access(),
             ViewSource::Memory(_) | ViewSource::Blockwise(_) => FileAccess::default(),
@@ -147,6 +152,7 @@ impl ViewSource {
             | ViewSource::Warped(_)
             | ViewSource::Calculated(_)
             | ViewSource::Opaque(_)
+            | ViewSource::Converted(_)
             | ViewSource::Coarse(_)
             | ViewSource::Regions(_)
             | ViewSource::Blockwise(_) => None,
@@ -161,6 +167,7 @@ impl ViewSource {
             | ViewSource::Regions(_)
             | ViewSource::Blockwise(_) => true,
             ViewSource::Opaque(tree) => tree.source().is_computed(),
+            ViewSource::Converted(tree) => tree.source().is_computed(),
             ViewSource::File(_) | ViewSource::Patched(_) | ViewSource::Memory(_) | ViewSource::Coarse(_) => {
                 false
             }
@@ -173,6 +180,7 @@ impl ViewSource {
             ViewSource::Calculated(tree) => tree.is_approximate(),
             ViewSource::Warped(tree) => tree.source().is_approximate(),
             ViewSource::Opaque(tree) => tree.source().is_approximate(),
+            ViewSource::Converted(tree) => tree.source().is_approximate(),
             // (Levels are made by whoever builds them.)
             ViewSource::Regions(_) | ViewSource::Blockwise(_) => true,
             ViewSource::File(TreeFile::Mosaic(tree)) => tree.is_approximate(),
@@ -184,7 +192,11 @@ impl ViewSource {
 
     /// Whether levels are drawn as a whole, not node by node: representatives may be left out.
     pub(crate) fn draws_levels(&self) -> bool {
-        matches!(self, ViewSource::Calculated(_) | ViewSource::File(TreeFile::Mosaic(_)))
+        match self {
+            ViewSource::Calculated(_) | ViewSource::File(TreeFile::Mosaic(_)) => true,
+            ViewSource::Converted(tree) => tree.source().draws_levels(),
+            _ => false,
+        }
     }
 
     /// Representative of an INNER node, where that was left out.
@@ -192,6 +204,7 @@ impl ViewSource {
         match (self, node) {
             (ViewSource::File(file), ViewSourceNode::File(node)) => file.representative(node, given),
             (ViewSource::Opaque(tree), node) => tree.source().representative(node, given),
+            (ViewSource::Converted(tree), node) => tree.representative(node, given),
             _ => Ok(given),
         }
     }
@@ -204,6 +217,7 @@ impl ViewSource {
             ViewSource::Warped(tree) => tree.source().remark(),
             ViewSource::Calculated(tree) => tree.source().remark(),
             ViewSource::Opaque(tree) => tree.source().remark(),
+            ViewSource::Converted(tree) => tree.source().remark(),
             ViewSource::Coarse(tree) => tree.file().remark(),
             ViewSource::Regions(tree) => tree.source().remark(),
             ViewSource::Memory(_) | ViewSource::Blockwise(_) => None,
@@ -216,6 +230,9 @@ impl ViewSource {
             return tree.source().tell_remark(progress);
         }
         if let ViewSource::Regions(tree) = self {
+            return tree.source().tell_remark(progress);
+        }
+        if let ViewSource::Converted(tree) = self {
             return tree.source().tell_remark(progress);
         }
         if let ViewSource::Calculated(tree) = self {
@@ -239,6 +256,7 @@ impl ViewSource {
             ViewSource::Warped(tree) => tree.header(),
             ViewSource::Calculated(tree) => tree.header(),
             ViewSource::Opaque(tree) => tree.source().header(),
+            ViewSource::Converted(tree) => tree.header(),
             ViewSource::Coarse(tree) => tree.header(),
             ViewSource::Regions(tree) => tree.header(),
             ViewSource::Blockwise(tree) => tree.header(),
@@ -254,6 +272,7 @@ impl ViewSource {
             ViewSource::Warped(tree) => tree.metadata(),
             ViewSource::Calculated(tree) => tree.metadata(),
             ViewSource::Opaque(tree) => tree.source().metadata(),
+            ViewSource::Converted(tree) => tree.metadata(),
             ViewSource::Coarse(tree) => tree.metadata(),
             ViewSource::Regions(tree) => tree.metadata(),
             ViewSource::Blockwise(tree) => tree.metadata(),
@@ -269,6 +288,7 @@ impl ViewSource {
             | ViewSource::Warped(_)
             | ViewSource::Calculated(_)
             | ViewSource::Opaque(_)
+            | ViewSource::Converted(_)
             | ViewSource::Coarse(_)
             | ViewSource::Regions(_)
             | ViewSource::Blockwise(_) => None,
@@ -284,6 +304,7 @@ impl ViewSource {
             ViewSource::Memory(_)
             | ViewSource::Warped(_)
             | ViewSource::Calculated(_)
+            | ViewSource::Converted(_)
             | ViewSource::Coarse(_)
             | ViewSource::Regions(_)
             | ViewSource::Blockwise(_) => Ok(0),
@@ -295,6 +316,7 @@ impl ViewSource {
         match self {
             ViewSource::Calculated(tree) => tree.cells_before(),
             ViewSource::Opaque(tree) => tree.source().cells_before(),
+            ViewSource::Converted(tree) => tree.source().cells_before(),
             ViewSource::Regions(tree) => tree.source().cells_before(),
             ViewSource::Coarse(tree) => ViewSource::from(tree.file().clone()).cells_before(),
             // (They would have to be made, all of them.)
@@ -328,6 +350,7 @@ impl ViewSource {
     ) -> Result<()> {
         match (self, node) {
             (ViewSource::Opaque(tree), node) => children_of(&**tree, node, children, node_of),
+            (ViewSource::Converted(tree), node) => children_of(&**tree, node, children, node_of),
             (ViewSource::File(file), ViewSourceNode::File(node)) => {
                 file.children_as(node, children, |node| node_of(ViewSourceNode::File(node)))
             }
@@ -371,6 +394,7 @@ impl ViewSource {
             ViewSource::File(file) => file.draw_at(level, bounds, values, valid),
             ViewSource::Calculated(tree) => tree.draw_at(level, bounds, values, valid),
             ViewSource::Regions(tree) if level == tree.depth() => tree.draw_cells(bounds, values, valid),
+            ViewSource::Converted(tree) => tree.draw_at(level, bounds, values, valid),
             _ => Canvas::new(self.form(), bounds, Value::ZERO, values, Some(valid))?.draw(
                 self,
                 self.root()?,
@@ -498,6 +522,7 @@ impl Source for ViewSource {
             ViewSource::Regions(tree) => tree.root()?.map_node(ViewSourceNode::Regions),
             ViewSource::Blockwise(tree) => tree.root()?.map_node(ViewSourceNode::Blockwise),
             ViewSource::Opaque(tree) => tree.root()?,
+            ViewSource::Converted(tree) => tree.root()?,
         })
     }
 
@@ -512,6 +537,7 @@ impl Source for ViewSource {
             ViewSource::Calculated(tree) => tree.draw(bounds, values, valid),
             ViewSource::Coarse(tree) => tree.draw(bounds, values, valid),
             ViewSource::Regions(tree) => tree.draw(bounds, values, valid),
+            ViewSource::Converted(tree) => tree.draw(bounds, values, valid),
             ViewSource::Patched(_)
             | ViewSource::Memory(_)
             | ViewSource::Opaque(_)
@@ -527,6 +553,7 @@ impl Source for ViewSource {
             (ViewSource::Calculated(tree), ViewSourceNode::Calculated(node)) => tree.cells(node, levels),
             (ViewSource::Regions(tree), ViewSourceNode::Regions(node)) => tree.cells(node, levels),
             (ViewSource::Blockwise(tree), ViewSourceNode::Blockwise(node)) => tree.cells(node, levels),
+            (ViewSource::Converted(tree), node) => tree.cells(node, levels),
             _ => Ok(None),
         }
     }
@@ -538,6 +565,7 @@ impl Source for ViewSource {
             ViewSource::Warped(tree) => tree.check_unchanged(),
             ViewSource::Calculated(tree) => tree.check_unchanged(),
             ViewSource::Opaque(tree) => tree.source().check_unchanged(),
+            ViewSource::Converted(tree) => tree.source().check_unchanged(),
             ViewSource::Coarse(tree) => tree.check_unchanged(),
             ViewSource::Regions(tree) => tree.check_unchanged(),
             ViewSource::Memory(_) | ViewSource::Blockwise(_) => Ok(()),

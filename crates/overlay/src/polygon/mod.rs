@@ -40,6 +40,8 @@ pub struct Polygon {
     parts: Option<Box<Parts>>,
     /// Maximum distance of the edges from those of the parts, along each axis: 0 if these are the same.
     displacement: f64,
+    /// The area of a larger polygon of which this is the part near the cells, in cells.
+    whole_area: Option<f64>,
 }
 
 /// From one vertex to the next.
@@ -131,7 +133,17 @@ impl Polygon {
             return Err(Error::invalid("polygon", format!("{} vertices", edges.len()), "less than 2^32"));
         }
         let (in_bands, ends, sides) = (Vec::new(), Vec::new(), [left, right]);
-        let mut polygon = Polygon { edges, in_bands, ends, low, high, sides, parts: None, displacement: 0.0 };
+        let mut polygon = Polygon {
+            edges,
+            in_bands,
+            ends,
+            low,
+            high,
+            sides,
+            parts: None,
+            displacement: 0.0,
+            whole_area: None,
+        };
         // (No more than rows, and than edges.)
         let count = BANDS.min(polygon.edges.len()).max(1);
         let mut bands = (high - low).ceil().clamp(1.0, count as f64) as usize;
@@ -278,8 +290,24 @@ impl Polygon {
         !(sides.iter().all(|side| *side > slack) || sides.iter().all(|side| *side < -slack))
     }
 
-    /// The area outside of a box, in cells.
+    /// The polygon as the part near the cells of one that has this area, in cells.
+    #[must_use]
+    pub fn part_of(self, area: f64) -> Polygon {
+        Polygon { whole_area: Some(area), ..self }
+    }
+
+    /// The area, in cells.
+    pub fn area(&self) -> f64 {
+        self.edges.iter().map(|edge| area_left(edge, [self.low, self.high], self.sides)).sum::<f64>().abs()
+    }
+
+    /// The area outside of a box, in cells; of a [part](Polygon::part_of) that of the whole polygon.
     pub fn area_outside(&self, bounds: &Bounds) -> f64 {
+        let outside = self.own_area_outside(bounds);
+        self.whole_area.map_or(outside, |whole| (whole - (self.area() - outside)).max(0.0))
+    }
+
+    fn own_area_outside(&self, bounds: &Bounds) -> f64 {
         let [left, right] = [bounds.min[0] as f64, bounds.max[0] as f64];
         let [top, bottom] = [bounds.min[1] as f64, bounds.max[1] as f64];
         let ([from, to], [low, high]) = (self.sides, [self.low, self.high]);

@@ -26,11 +26,11 @@ pub struct LasFiles {
 
 impl LasFiles {
     /// Opens files, and looks at their headers. The points have all attributes that any file has, `no_data` or 0 where their own has none, and lie on the finest of
-    /// the grids.
+    /// the grids. `crs` is the coordinate system of all, whatever the files say.
     ///
     /// # Errors
     /// If there are none, one cannot be read or is damaged, they lie in different coordinate systems, or too far from each other for one grid.
-    pub fn open(paths: &[PathBuf]) -> Result<LasFiles> {
+    pub fn open(paths: &[PathBuf], crs: Option<&Crs>) -> Result<LasFiles> {
         let schemas = paths
             .iter()
             .map(|path| Ok(LasReader::open(path)?.schema().clone()))
@@ -42,7 +42,9 @@ impl LasFiles {
         let one_by_one = |found: String| Error::unsupported(path, found, "build a tree of each");
         for (other, other_path) in schemas.iter().zip(paths) {
             let name = |path: &Path| path.display().to_string();
-            Crs::check_same((&name(path), first.crs.as_ref()), (&name(other_path), other.crs.as_ref()))?;
+            if crs.is_none() {
+                Crs::check_same((&name(path), first.crs.as_ref()), (&name(other_path), other.crs.as_ref()))?;
+            }
             schema.scale = std::array::from_fn(|axis| schema.scale[axis].min(other.scale[axis]));
         }
         let are_angles_joined = are_angles_joined(&schemas);

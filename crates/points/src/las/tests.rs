@@ -165,7 +165,7 @@ fn several_files_have_all_attributes_on_the_finest_grid() {
     let paths = ["a.las", "b.las"].map(|name| folder.path().join(name));
     std::fs::write(&paths[0], las_bytes(1, &records(1, 0, 40), &[], 0.01)).unwrap();
     std::fs::write(&paths[1], las_bytes(2, &records(2, 0, 60), &[], 0.02)).unwrap();
-    let files = LasFiles::open(&paths).unwrap();
+    let files = LasFiles::open(&paths, None).unwrap();
     // (The steps of the second are two of the first; attributes and tags differ.)
     assert!(files.remarks().iter().all(|(_, text)| !text.contains("moved")));
     let tree = tree_of(&paths, folder.path()).unwrap();
@@ -280,7 +280,7 @@ fn scan_angles_of_old_and_new_formats_are_joined() {
     std::fs::write(&old, las_bytes(1, &a, &[], 0.01)).unwrap();
     std::fs::write(&new, las_bytes(6, &b, &[], 0.01)).unwrap();
     for paths in [[old.clone(), new.clone()], [new.clone(), old.clone()]] {
-        let files = LasFiles::open(&paths).unwrap();
+        let files = LasFiles::open(&paths, None).unwrap();
         assert!(files.remarks().iter().any(|(path, text)| *path == old && text.contains("scan_angle")));
         let tree = tree_of(&paths, folder.path()).unwrap();
         assert!(tree.attributes().iter().all(|attribute| attribute.name != "scan_angle_rank"));
@@ -308,7 +308,7 @@ fn extra_dimensions_named_like_others_are_kept() {
         (0..4).for_each(|extra| put(row, 20 + 2 * extra, 1000 * (extra + 1) + number));
     }
     std::fs::write(&path, las_bytes(0, &rows, &extra, 0.01)).unwrap();
-    let remarks = LasFiles::open(std::slice::from_ref(&path)).unwrap().remarks();
+    let remarks = LasFiles::open(std::slice::from_ref(&path), None).unwrap().remarks();
     assert_eq!(remarks.len(), 3, "{remarks:?}");
     let tree = tree_of(std::slice::from_ref(&path), folder.path()).unwrap();
     written(&tree, &out, PointFormat::Las);

@@ -139,6 +139,12 @@ fn search(range: &[IndexedPoint], block: u32, from: [f64; 3], beside: [f64; 3], 
     let (before, rest) = range.split_at(range.len() / 2);
     let Some((middle, behind)) = rest.split_first() else { return };
     let axis = usize::from(middle.axis);
+    if axis >= best.axes {
+        // An axis that does not count excludes nothing.
+        search(before, block, from, beside, best);
+        best.look(from, middle, block);
+        return search(behind, block, from, beside, best);
+    }
     let beyond = from[axis] - middle.place[axis];
     let (near, far) = if beyond < 0.0 { (before, behind) } else { (behind, before) };
     search(near, block, from, beside, best);

@@ -12,7 +12,7 @@ use spinney_base::{Error, Progress, Result, parallel, sort};
 pub struct NearPoint {
     /// Where it is, in the coordinates of the points.
     pub place: [f64; 3],
-    /// How far away that is; in a quadtree along x and y.
+    /// How far away that is; in a quadtree, and from places without z, along x and y.
     pub distance: f64,
     /// Its block and its place there: together its number in the file.
     pub number: (u32, u32),
@@ -49,7 +49,7 @@ const TOGETHER: usize = 1024;
 
 impl PointTree {
     /// Finds the points nearest to each of some places: `most` of them, no farther than `within`; the nearest first, of those that are equally far the
-    /// one that comes first in the file. In a quadtree z does not count.
+    /// one that comes first in the file. In a quadtree z does not count, nor does it for places whose z is NaN.
     ///
     /// Places are gone through in the order of their codes, so that each block is unpacked about once; about `memory` bytes of them are kept.
     ///
@@ -63,7 +63,9 @@ impl PointTree {
         memory: u64,
         progress: &dyn Progress,
     ) -> Result<Vec<Vec<NearPoint>>> {
-        if let Some(place) = places.iter().find(|place| place.iter().any(|number| !number.is_finite())) {
+        if let Some(place) =
+            places.iter().find(|[x, y, z]| !(x.is_finite() && y.is_finite() && !z.is_infinite()))
+        {
             return Err(Error::invalid("place", format!("{place:?}"), "coordinates that are numbers"));
         }
         if most == 0 || within.is_nan() {
@@ -138,10 +140,16 @@ impl Search<'_> {
     /// Squares of how far a place lies beside a box, along each axis that counts.
     #[inline]
     fn beside(&self, from: [f64; 3], [low, high]: &[[f64; 3]; 2]) -> [f64; 3] {
-        std::array::from_fn(|axis| match axis < self.axes {
+        std::array::from_fn(|axis| match axis < self.axes_of(from) {
             true => (low[axis] - from[axis]).max(from[axis] - high[axis]).max(0.0).powi(2),
             false => 0.0,
         })
+    }
+
+    /// The number of axes that count for a place.
+    #[inline]
+    fn axes_of(&self, place: [f64; 3]) -> usize {
+        if place[2].is_nan() { 2 } else { self.axes }
     }
 
     /// Square of the distance from a box.
@@ -160,7 +168,7 @@ impl Search<'_> {
         // (What this thread has at hand needs no lock.)
         let mut at_hand = HashMap::new();
         let near = |place: &u32| {
-            let mut best = Best::new(most, limit, self.axes);
+            let mut best = Best::new(most, limit, self.axes_of(places[*place as usize]));
             if !self.nodes.is_empty() {
                 self.look(0, places[*place as usize], &mut best, &mut at_hand)?;
             }

@@ -13,7 +13,7 @@ use spinney_base::io::{Output, folder};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Progress, Result, SubProgress};
 use spinney_container::check_tree_name;
-use spinney_engine::ops::{Resampling, TreeFile, WarpGrid, WarpOptions, Warped, warp};
+use spinney_engine::ops::{Resampling, TreeFile, WarpGrid, WarpOptions, Warped, grid_like, warp};
 use spinney_engine::store::{Packing, TreeWriter, WantedCells, depth_for};
 
 impl RasterImport {
@@ -76,6 +76,11 @@ impl RasterImport {
                 WarpGrid::web_mercator(*zoom, &frame, extent, options.allow_ballpark)?
             }
             TargetGrid::Cells(grid) => (**grid).clone(),
+            TargetGrid::Like(grid) => {
+                let own = WarpGrid { frame: frame.clone(), extent };
+                let name = self.raster.path().display().to_string();
+                grid_like(("the grid", grid), (&name, &own), options.allow_ballpark)?
+            }
         };
         let near = folder(output.path());
         let temporary = tempfile::Builder::new().prefix(".spinney-").tempdir_in(near);
@@ -156,8 +161,10 @@ pub(super) fn slabs_for(
 pub enum TargetGrid {
     /// That of web maps, down to the tiles of a zoom: see [`WarpGrid::web_mercator`].
     WebMercator(Option<u8>),
-    /// Any other, such as that of another tree.
+    /// Any other.
     Cells(Box<WarpGrid>),
+    /// The cells of another tree, over its extent and the raster's.
+    Like(Box<WarpGrid>),
 }
 
 /// Properties of a tree that was built on another grid than the picture's own.

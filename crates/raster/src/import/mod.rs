@@ -27,7 +27,7 @@ mod worldfile;
 mod xml;
 
 use std::collections::BTreeMap;
-use std::io::{self, Read};
+use std::io::Read;
 use std::path::Path;
 
 pub use self::bands::{Band, BandInfo, select, value_type};
@@ -243,7 +243,10 @@ fn first_bytes(path: &Path, access: &FileAccess) -> Result<Vec<u8>> {
         if OtherFormat::of(path, &[]).is_some() {
             return Err(OtherFormat::refuse_source(path, &[]));
         }
-        return Err(Error::io(path, "open")(io::Error::from(io::ErrorKind::IsADirectory)));
+        let name = path.display();
+        let advice =
+            format!("name its files, as in {name}/*.tif; or, if they are sections of a volume: --pages z");
+        return Err(Error::unsupported(path, "a folder", advice));
     }
     let file = access.input(path)?;
     let mut magic = Vec::new();

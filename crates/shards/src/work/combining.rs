@@ -75,7 +75,7 @@ mod tests {
     fn operations_come_back() {
         let xor = CombineOperation::Set { operation: SetOperation::Equivalence, prefer: Prefer::Second };
         let within = Universe::Within([0.1, -1e-9, 0.0], [1.0 / 3.0, 7.0, 0.0]);
-        let of = |fill, universe| CombineOptions { fill, universe };
+        let of = |fill, universe| CombineOptions { fill, universe, ..CombineOptions::default() };
         for how in [
             (xor, of(Some(Number::from(3)), within)),
             (CombineOperation::Changed, CombineOptions::default()),

@@ -56,7 +56,14 @@ impl Transforming {
     /// The chain on a tree.
     fn chain(&self, path: &Path, access: &FileAccess) -> Result<FileView> {
         let steps = self.steps.iter().map(|step| step.parse()).collect::<Result<_>>()?;
-        Ok(FileView { path: path.into(), steps, moves: self.moves, warp: self.warp, access: access.clone() })
+        Ok(FileView {
+            path: path.into(),
+            name: None,
+            steps,
+            moves: self.moves,
+            warp: self.warp,
+            access: access.clone(),
+        })
     }
 }
 

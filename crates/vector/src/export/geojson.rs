@@ -24,10 +24,20 @@ impl GeoJson {
         let mut text = Text::new(output);
         text.push("{\"type\":\"FeatureCollection\",\"name\":");
         text.push_json(&layer.name);
-        let epsg = layer.crs.as_ref().and_then(|crs| crs.numbers());
-        if let Some(number) = epsg.map(|epsg| epsg.horizontal).filter(|number| *number != WGS84) {
-            let name = format!("urn:ogc:def:crs:EPSG::{number}");
-            text.push(&format!(",\"crs\":{{\"type\":\"name\",\"properties\":{{\"name\":\"{name}\"}}}}"));
+        // (Who reads a document without this member takes its coordinates for longitude and latitude.)
+        let name = layer.crs.as_ref().map(|crs| match crs.numbers() {
+            Some(epsg) if epsg.horizontal == WGS84 => String::new(),
+            Some(epsg) => format!("urn:ogc:def:crs:EPSG::{}", epsg.horizontal),
+            None => crs.definition(),
+        });
+        match name {
+            Some(name) if name.is_empty() => {}
+            Some(name) => {
+                text.push(",\"crs\":{\"type\":\"name\",\"properties\":{\"name\":");
+                text.push_json(&name);
+                text.push("}}");
+            }
+            None => text.push(",\"crs\":null"),
         }
         text.push(",\"features\":[");
         Ok(GeoJson { text, layer, has_features: false })

@@ -76,8 +76,14 @@ fn in_cells(feature: &Feature, places: &CellLocator) -> Result<Option<Polygon>> 
     }
     // (What is wrong with the corners as they came is found before they are brought elsewhere.)
     Polygon::check_parts(&parts)?;
-    let parts = places.parts(&parts);
-    if parts.is_empty() { Ok(None) } else { Polygon::of_parts(&parts).map(Some) }
+    let near = places.parts(&parts);
+    // What lies far from the tree counts for its area alone.
+    let whole = places.whole_parts(&parts).map(|whole| Polygon::of_parts(&whole)).transpose()?;
+    match (near.is_empty(), whole) {
+        (true, whole) => Ok(whole),
+        (false, None) => Polygon::of_parts(&near).map(Some),
+        (false, Some(whole)) => Ok(Some(Polygon::of_parts(&near)?.part_of(whole.area()))),
+    }
 }
 
 impl PolygonLayer {

@@ -166,7 +166,7 @@ impl AffineMap {
     }
 
     /// Whether boxes along the axes stay such boxes.
-    pub(super) fn keeps_axes(&self) -> bool {
+    pub(in crate::ops) fn keeps_axes(&self) -> bool {
         let columns = self.0.matrix3.to_cols_array_2d();
         let single = |numbers: [f64; 3]| numbers.iter().filter(|number| **number != 0.0).count() == 1;
         columns.into_iter().all(single) && (0..3).all(|row| single(columns.map(|column| column[row])))

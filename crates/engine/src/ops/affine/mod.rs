@@ -1,7 +1,6 @@
 //! Affine views of trees: one map between the cells of a result and those of a file, however many steps led
 //! to it, and how trees with different frames fit one grid.
 
-mod align;
 mod area;
 mod classify;
 mod draw;
@@ -9,7 +8,6 @@ mod level;
 mod map;
 mod view;
 
-pub use align::{Alignment, align};
 pub use classify::{Around, ViewNode};
 pub use map::{AffineMap, Axis};
 pub use view::{Sampling, View};

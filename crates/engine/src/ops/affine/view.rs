@@ -5,6 +5,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::map::AffineMap;
+use crate::ops::tree_file::TreeFile;
 use crate::ops::view_source::ViewSource;
 use crate::ops::warp::{Resampling, WarpGrid, WarpOptions, Warped};
 use crate::store::depth_for;
@@ -218,6 +219,11 @@ impl View {
         View { source, ..self }
     }
 
+    /// This view of a source that has other values in the same nodes.
+    pub(in crate::ops) fn over_values(self, source: Arc<ViewSource>) -> View {
+        View { form: source.form(), source, ..self }
+    }
+
     /// This view, which has [levels between](View::levels_above) its cells and the source's, of a source with cells of its size.
     pub(in crate::ops) fn over_scaled(self, source: Arc<ViewSource>, to_own: &AffineMap) -> Result<View> {
         let Lookup { visible, shown, .. } = &self.lookup;
@@ -427,16 +433,20 @@ impl View {
         self.warp.allow_ballpark
     }
 
+    /// Whether the view's cells are those of its source, all of them: steps that move cells or leave some out were not taken.
+    pub(in crate::ops) fn has_its_cells(&self) -> bool {
+        self.to_grid == AffineMap::IDENTITY
+            && self.origin == DVec3::ZERO
+            && self.windows.is_empty()
+            && self.extent == self.source.header().extent
+    }
+
     /// The view on a grid in another coordinate system, as a file of its own would be. Only what has its file's cells can go there.
     ///
     /// # Errors
     /// If steps were taken that move cells or leave some out; else as [`Warped::new`].
     pub fn warped(self, grid: &WarpGrid) -> Result<View> {
-        let has_its_cells = self.to_grid == AffineMap::IDENTITY
-            && self.origin == DVec3::ZERO
-            && self.windows.is_empty()
-            && self.extent == self.source.header().extent;
-        if !has_its_cells {
+        if !self.has_its_cells() {
             let expected = "it as the first step (but for crs=); what others do is done to its result";
             return Err(Error::invalid(
                 "step to a grid in another coordinate system",
@@ -461,15 +471,18 @@ impl View {
         }
     }
 
-    /// Whether each of the view's cells is one of the source's.
-    pub(in crate::ops) fn moves_whole_cells(&self) -> bool {
-        self.lookup.moved.is_some()
-    }
-
     /// Whether the view shows all of its source as it is.
     pub(crate) fn is_whole(&self) -> bool {
         let is_same = self.lookup.to_source == AffineMap::IDENTITY && self.depth == self.source.depth();
         is_same && self.extent == self.source_extent && self.windows.is_empty() && self.crs.is_none()
+    }
+
+    /// The file of which the view shows all, as it is.
+    pub(in crate::ops) fn as_file(&self) -> Option<&TreeFile> {
+        match &*self.source {
+            ViewSource::File(file) if self.is_whole() => Some(file),
+            _ => None,
+        }
     }
 
     /// Whether each of the view's cells shows cells of the source's picture, and nothing beyond it.

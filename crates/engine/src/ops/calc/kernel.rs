@@ -1,6 +1,7 @@
 //! The program over strips of cells, and conversions from values and to them: the one place that knows sample types.
 
 use super::expression::{Binary, Expression, Op, Reducer, Unary};
+use super::operands::Linear;
 use spinney_base::value::{MAX_VALUE_SIZE, Sample, SampleType, Value, ValueType, with_sample_type};
 
 /// Numbers of all strips of a machine, about: they stay in a cache.
@@ -95,17 +96,20 @@ impl<'a> Machine<'a> {
         self.length
     }
 
-    /// Sets an operand's strip: the samples of a channel of some values, VOID where `valid` says so or a sample is missing.
+    /// Sets an operand's strip: the numbers that the samples of a channel mean, VOID where `valid` says so or a sample is missing.
     pub(super) fn load(
         &mut self,
         operand: usize,
-        (value, channel): (ValueType, usize),
+        ((value, channel), (factor, summand)): ((ValueType, usize), Linear),
         bytes: &[u8],
         valid: &[bool],
     ) {
         let strip = &mut self.operands[operand];
         strip.clear();
         value.push_numbers(channel, bytes, strip);
+        if (factor, summand) != (1.0, 0.0) {
+            strip.iter_mut().for_each(|number| *number = *number * factor + summand);
+        }
         for (number, valid) in strip.iter_mut().zip(valid) {
             *number = if *valid { *number } else { VOID };
         }

@@ -4,7 +4,8 @@ use std::path::Path;
 
 use super::calculation::{Calculation, Formula};
 use super::expression::{Expression, Name};
-use crate::ops::affine::{AffineMap, Sampling, View, align};
+use crate::ops::affine::{Sampling, View};
+use crate::ops::reconcile::{ClassMatching, Needs, ReconcileOptions, Scale, Target, reconcile};
 use crate::ops::tree_file::{LayerInfo, TreeFile};
 use crate::ops::view_source::ViewSource;
 use crate::ops::warp::Resampling;
@@ -22,12 +23,17 @@ pub(super) struct Operand {
     pub(super) channel: usize,
 }
 
+/// Factor and summand that make the numbers that are calculated with of those that are stored.
+pub(super) type Linear = (f64, f64);
+
 /// Expressions, one for each channel of the result, and the trees that their operands are channels of, all of one grid and depth. The first
 /// is what the step is done to.
 pub(super) struct Operands {
     pub(super) expressions: Vec<Expression>,
     pub(super) operands: Vec<Operand>,
     pub(super) trees: Vec<View>,
+    /// By operand: the scale of its numbers, in the unit of the first operand where both measure the same. (A composite keeps numbers.)
+    pub(super) scales: Vec<Linear>,
 }
 
 /// A tree by the name that expressions have for it.
@@ -91,7 +97,22 @@ pub(super) fn resolve(calculation: &Calculation, view: &View) -> Result<Operands
         }
     };
     let trees = aligned(base, files)?;
-    Ok(Operands { expressions, operands, trees })
+    let scales = match &calculation.formula {
+        Formula::Composite(_) => operands.iter().map(|_| (1.0, 0.0)).collect(),
+        _ => scales(&operands, &trees),
+    };
+    Ok(Operands { expressions, operands, trees, scales })
+}
+
+/// The scales of operands.
+fn scales(operands: &[Operand], trees: &[View]) -> Vec<Linear> {
+    let scale = |operand: &Operand| Scale::of(trees[operand.tree].source().metadata(), operand.channel);
+    let first = operands.first().map(scale);
+    let linear = |operand: &Operand| {
+        let own = scale(operand);
+        first.as_ref().and_then(|first| own.to_unit_of(first)).unwrap_or(own.plain_numbers())
+    };
+    operands.iter().map(linear).collect()
 }
 
 /// The channel that a name alone stands for: of a layer of that name, or a channel of its own; else, with a point in it, a layer's channel.
@@ -241,35 +262,16 @@ fn names_of(view: &View) -> Vec<String> {
     (0..channels(view)).map(|channel| name(channel).unwrap_or_else(|| format!("b{}", channel + 1))).collect()
 }
 
-/// All trees on the finest of their grids, large enough for all; layers lie where the first does.
+/// All trees on the first's cells, over all of their extents. Classes keep their numbers, by which expressions name them.
 fn aligned(base: Vec<Named>, files: Vec<Named>) -> Result<Vec<View>> {
-    let first = &base[0].view;
-    let names: Vec<String> = [first]
-        .into_iter()
-        .chain(files.iter().map(|file| &file.view))
-        .map(|view| view.source().name().display().to_string())
-        .collect();
-    let (frame, extent) = (first.frame(false), first.extent());
-    let mut places = vec![(names[0].as_str(), &frame, extent)];
-    for (file, name) in files.iter().zip(&names[1..]) {
-        let header = file.view.source().header();
-        places.push((name, &file.view.source().metadata().frame, header.extent));
+    if files.is_empty() {
+        let deepest = base.iter().map(|named| named.view.depth()).max().unwrap_or(0);
+        return base.into_iter().map(|named| named.view.deepened(deepest)).collect();
     }
-    let alignments = align(&places)?;
-    let deepest = base.iter().chain(&files).map(|named| named.view.depth()).max().unwrap_or(0);
-    let of_base = base.iter().map(|layer| (layer.view.clone(), alignments[0]));
-    let of_files =
-        files.iter().zip(&alignments[1..]).map(|(file, alignment)| (file.view.clone(), *alignment));
-    of_base
-        .chain(of_files)
-        .map(|(view, alignment)| {
-            // (What lies there already stays as it is, and is read as fast.)
-            let stays = alignment.map == AffineMap::IDENTITY && alignment.extent == view.extent();
-            let view = if stays { view } else { view.onto(&alignment.map, alignment.extent)? };
-            let depth = view.depth().max(deepest);
-            view.deepened(depth)
-        })
-        .collect()
+    let named = base.into_iter().chain(files);
+    let operands = named.map(|named| (named.view.source().name().display().to_string(), named.view));
+    let options = ReconcileOptions { classes: ClassMatching::Number, ..ReconcileOptions::default() };
+    Ok(reconcile(operands.collect(), &|_| Needs::OwnValues, &options, Target::default())?.views)
 }
 
 impl Operands {

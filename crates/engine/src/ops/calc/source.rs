@@ -175,7 +175,8 @@ impl Calculated {
             let (value_type, channel) = self.operands.channel(operand);
             let value = nodes[self.operands.operands[operand].tree]?;
             let value = value.filter(|value| value_type.present(*value)[channel]);
-            Some(value.map_or(f64::NAN, |value| value_type.samples(value)[channel]))
+            let (factor, summand) = self.operands.scales[operand];
+            Some(value.map_or(f64::NAN, |value| value_type.samples(value)[channel] * factor + summand))
         };
         Ok((0..self.operands.operands.len()).map(number).collect())
     }
@@ -218,7 +219,6 @@ fn left_out(metadata: &Metadata) -> Vec<String> {
     let parts = [
         ("colours", metadata.palette.is_some()),
         ("names of classes", !metadata.class_names.is_empty()),
-        ("scale and offset (numbers are as they are stored)", !metadata.scale_offset.is_empty()),
         ("units", metadata.units.iter().any(|unit| !unit.is_empty())),
     ];
     let left: Vec<&str> = parts.into_iter().filter(|(_, is_there)| *is_there).map(|(what, _)| what).collect();
@@ -303,7 +303,8 @@ impl Painter<'_> {
             let (bytes, valid) = &self.read[self.operands.operands[operand].tree];
             let width = channel.0.size();
             let bytes = &bytes[from * width..(from + count) * width];
-            self.machine.load(operand, channel, bytes, &valid[from..from + count]);
+            let scale = self.operands.scales[operand];
+            self.machine.load(operand, (channel, scale), bytes, &valid[from..from + count]);
         }
         let size = self.value.size();
         let values = &mut self.values[to * size..(to + count) * size];

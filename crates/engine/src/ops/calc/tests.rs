@@ -189,7 +189,7 @@ fn programs_do_what_the_model_does() {
                 bytes.extend_from_slice(&value_of.to_bytes()[..value.size()]);
             }
             let valid: Vec<bool> = columns[*operand].iter().map(Option::is_some).collect();
-            machine.load(number, (value, 0), &bytes, &valid);
+            machine.load(number, ((value, 0), (1.0, 0.0)), &bytes, &valid);
         }
         let found = machine.run(0, cells).to_vec();
         for cell in 0..cells {
@@ -225,7 +225,7 @@ fn medians_of_many_are_those_in_the_middle() {
         for (operand, cells) in cells.iter().enumerate() {
             // 0 is VOID.
             let valid: Vec<bool> = cells.iter().map(|cell| *cell > 0).collect();
-            machine.load(operand, (value, 0), cells, &valid);
+            machine.load(operand, ((value, 0), (1.0, 0.0)), cells, &valid);
         }
         let found = machine.run(0, 5).to_vec();
         for cell in 0..5 {

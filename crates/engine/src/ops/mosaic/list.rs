@@ -4,14 +4,13 @@ use std::collections::{BTreeSet, HashMap};
 use std::path::{Component, Path, PathBuf};
 
 use super::files::open_goblin;
-use crate::ops::affine::{AffineMap, align};
+use crate::ops::reconcile::{CommonGrid, Located, OutputExtent, Position};
 use crate::ops::view_source::check_form;
 use spinney_base::io::{FileAccess, local_path, shown, url_of};
 use spinney_base::space::Bounds;
 use spinney_base::value::DataKind;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{FileReference, HEAVY_THRESHOLD, Header, Metadata, STRIDE, Shape, reach};
-use spinney_crs::Frame;
 use spinney_manifest::{ListedFile, Manifest};
 
 /// A file that is to be listed.
@@ -184,34 +183,45 @@ fn add(
         share(path, &mut manifest.metadata, file, left)?;
     }
     // All in one grid: that of the manifest, moved to where no cell is negative.
+    let located = |name, metadata: &Metadata, extent| Located {
+        name,
+        frame: metadata.frame.clone(),
+        extent,
+        data: Bounds::picture(extent),
+        metres: None,
+        is_coverage: false,
+        allow_ballpark: false,
+    };
     let own = path.display().to_string();
-    let listed = (own.as_str(), &manifest.metadata.frame, manifest.header.extent);
-    let trees: Vec<(&str, &Frame, [u64; 3])> = std::iter::once(listed)
-        .chain(files.iter().map(|file| (file.name.as_str(), &file.metadata.frame, file.header.extent)))
-        .collect();
-    let places = align(&trees)?;
-    let first = |map: &AffineMap| map.to_rows().map(|row| row[3] as u64);
-    for ((name, ..), place) in trees.iter().zip(&places) {
-        if !place.map.is_translation() {
-            let found = "cells of another size or direction";
-            let expected =
-                format!("those of {own}; `spinney transform {name} like=...` makes a tree that matches");
-            return Err(Error::invalid(format!("grid of {name}"), found, expected));
-        }
-    }
-    let moved = first(&places[0].map);
-    let mut frame = manifest.metadata.frame.clone();
-    let origin = frame.to_world(moved.map(|cells| -(cells as f64)));
-    frame.matrix.iter_mut().zip(origin).for_each(|(row, origin)| row[3] = origin);
-    manifest.metadata.frame = frame;
+    // (Messages name a file, since the manifest may not be there yet.)
+    let first = manifest.entries.first().map(|entry| entry.path.clone());
+    let name = first.or(files.first().map(|file| file.name.clone())).unwrap_or_else(|| own.clone());
+    let listed = located(&name, &manifest.metadata, manifest.header.extent);
+    let others = files.iter().map(|file| located(&file.name, &file.metadata, file.header.extent));
+    let operands: Vec<Located<'_>> = std::iter::once(listed).chain(others).collect();
+    let dimension = manifest.header.form.dimension;
+    let grid = CommonGrid::of(&operands, dimension, OutputExtent::Union, Position::World)?;
+    let shift = |number: usize| {
+        grid.shift(number).map(|cells| cells.map(|cells| cells.max(0) as u64)).ok_or_else(|| {
+            let file = operands[number].name;
+            let expected = format!(
+                "those of {name}; `spinney transform {file} like={name} -o OTHER.goblin` makes a tree that matches"
+            );
+            Error::invalid(format!("grid of {file}"), "cells of another size, direction or position", expected)
+        })
+    };
+    let shifts = (0..operands.len()).map(shift).collect::<Result<Vec<_>>>()?;
+    let moved = shifts[0];
+    manifest.metadata.frame = grid.frame.clone();
+    drop(operands);
     for ListedFile { bounds, .. } in &mut manifest.entries {
         *bounds = shifted(bounds, moved);
     }
     let known = manifest.entries.iter().enumerate();
     let mut known: HashMap<(String, Option<String>), usize> =
         known.map(|(at, entry)| ((entry.path.clone(), entry.layer.clone()), at)).collect();
-    for (file, place) in files.into_iter().zip(&places[1..]) {
-        let entry = ListedFile { bounds: shifted(&file.entry.bounds, first(&place.map)), ..file.entry };
+    for (file, place) in files.into_iter().zip(&shifts[1..]) {
+        let entry = ListedFile { bounds: shifted(&file.entry.bounds, *place), ..file.entry };
         match known.get(&(entry.path.clone(), entry.layer.clone())) {
             Some(at) => manifest.entries[*at] = entry,
             None => {

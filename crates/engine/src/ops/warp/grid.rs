@@ -113,6 +113,35 @@ impl WarpTarget {
     }
 }
 
+/// The box of cells of a grid in which some cells of a raster with another frame land, as numbers with fractions; the two are in different
+/// coordinate systems.
+///
+/// # Errors
+/// If a system cannot be computed, or nothing lands anywhere.
+pub(in crate::ops) fn landing_in_cells(
+    grid: &Frame,
+    (frame, columns): (&Frame, u64),
+    data: &Bounds,
+    allow_ballpark: bool,
+) -> Result<([f64; 2], [f64; 2])> {
+    // Cells of this grid are units of the system.
+    let world = Frame { crs: grid.crs.clone(), ..Frame::identity() };
+    let crs = grid.crs.as_ref().map_or("none".into(), Crs::to_string);
+    let nowhere =
+        || Error::invalid("position of the raster", "another one, or none", format!("one that {crs} has"));
+    let map = CellMap::new(&world, frame, columns, allow_ballpark)?;
+    let landing = grid.crs.as_ref().and_then(|crs| Landing::of(&map, frame, data, crs));
+    let Landing { low, high, .. } = landing.ok_or_else(nowhere)?;
+    let (mut first, mut end) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    for corner in [low, [low[0], high[1]], [high[0], low[1]], high] {
+        let [x, y, _] = grid.to_cells([corner[0], corner[1], 0.0]).ok_or_else(nowhere)?;
+        for (axis, at) in [x, y].into_iter().enumerate() {
+            (first[axis], end[axis]) = (first[axis].min(at), end[axis].max(at));
+        }
+    }
+    Ok((first, end))
+}
+
 impl FromStr for WarpTarget {
     type Err = Error;
 

@@ -20,6 +20,7 @@ mod window;
 mod tests;
 
 pub use build::warp;
+pub(super) use grid::landing_in_cells;
 pub use grid::{MAX_ZOOM, WarpTarget};
 pub use options::{Resampling, WarpOptions};
 pub use source::{WarpGrid, Warped};

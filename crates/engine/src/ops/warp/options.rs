@@ -50,10 +50,15 @@ impl Resampling {
         }
     }
 
+    /// Whether the way makes no new numbers of classes.
+    pub(in crate::ops) fn fits(self, kind: DataKind) -> bool {
+        let makes_numbers = matches!(self, Resampling::Bilinear | Resampling::Cubic | Resampling::Area);
+        kind != DataKind::Categorical || !makes_numbers
+    }
+
     /// Fails if the way makes numbers of classes.
     pub(super) fn check(self, kind: DataKind) -> Result<()> {
-        let makes_numbers = matches!(self, Resampling::Bilinear | Resampling::Cubic | Resampling::Area);
-        if kind == DataKind::Categorical && makes_numbers {
+        if !self.fits(kind) {
             let found = format!("{self}, which makes new numbers, of classes");
             return Err(Error::invalid("resampling", found, "nearest or majority"));
         }

@@ -14,6 +14,7 @@ use crate::export::sink::failed;
 use spinney_base::io::Output;
 use spinney_base::{Error, Result};
 use spinney_brep::attributes::each_member;
+use spinney_container::Unit;
 use spinney_crs::Crs;
 
 pub(super) fn write(job: &Job<'_>, mut output: Output) -> Result<ExactSummary> {
@@ -143,16 +144,7 @@ fn unit_factor(job: &Job<'_>, path: &Path) -> Result<f64> {
 
 /// Metres of a unit of length.
 pub(super) fn metres(unit: &str) -> Option<f64> {
-    Some(match unit {
-        "mm" => 0.001,
-        "cm" => 0.01,
-        "m" => 1.0,
-        "km" => 1000.0,
-        "in" => 0.0254,
-        "ft" => 0.3048,
-        "us-ft" => 1200.0 / 3937.0,
-        _ => return None,
-    })
+    Unit::parse(unit)?.metres()
 }
 
 /// Lines with the metadata and the extensions, and the number of files of which what they say is left out. The extent is that of the model, in units of the file.

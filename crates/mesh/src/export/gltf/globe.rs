@@ -3,6 +3,7 @@
 
 use glam::{DMat4, DVec3};
 
+use spinney_container::Unit;
 use spinney_crs::{Frame, Projection};
 
 /// Semi-major axis in metres, and square of the eccentricity, of the ellipsoid of WGS 84.
@@ -24,12 +25,7 @@ impl OnGlobe {
     pub(super) fn touching(frame: &Frame, [least, most]: [[f64; 3]; 2]) -> Option<OnGlobe> {
         let crs = frame.crs.as_ref()?;
         let projection = Projection::new(crs, false).ok()?;
-        let metres = match crs.unit()? {
-            "ft" => 0.3048,
-            "us-ft" => 1200.0 / 3937.0,
-            "km" => 1000.0,
-            _ => 1.0,
-        };
+        let metres = Unit::parse(crs.unit()?).and_then(Unit::metres).unwrap_or(1.0);
         let place = |cells: DVec3| {
             let [x, y, z] = frame.to_world(cells.to_array());
             Some(geocentric(projection.inverse([x, y])?, z * metres))

@@ -131,6 +131,8 @@ pub enum FeatureGrid {
     Cell(f64),
     /// The cells of another tree, wherever the features lie.
     Like(WarpGrid),
+    /// The cells of another tree, over its extent and that of the features.
+    Extended(WarpGrid),
 }
 
 impl FeatureGrid {

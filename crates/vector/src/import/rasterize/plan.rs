@@ -8,7 +8,7 @@ use spinney_base::value::{DataKind, Number, Palette, ValueType};
 use spinney_base::{Error, Progress, Result, TreeType};
 use spinney_container::Metadata;
 use spinney_crs::{CellLocator, Coordinates, Crs, Frame};
-use spinney_engine::ops::{Blockwise, ViewSource};
+use spinney_engine::ops::{Blockwise, ViewSource, WarpGrid, grid_like};
 use spinney_engine::store::builder::BuildOptions;
 use spinney_engine::store::{build, depth_for};
 
@@ -118,9 +118,9 @@ pub fn plan_features(
             advice: "allow more, or choose features with --where and combine the trees".into(),
         });
     }
-    let (frame, extent, depth) = fit(&survey, options)?;
+    let (frame, extent, depth) = fit(&survey, options, (&name, crs.as_ref()))?;
     let frame = match options.grid {
-        FeatureGrid::Like(_) => frame,
+        FeatureGrid::Like(_) | FeatureGrid::Extended(_) => frame,
         _ => Frame { crs: crs.clone(), ..frame },
     };
     let (value_type, kind) = values.form(options);
@@ -153,8 +153,41 @@ fn feature_options(options: &RasterizeOptions) -> FeatureOptions {
     FeatureOptions { attributes: Some(attributes), memory: options.memory / 2, ..options.features.clone() }
 }
 
+/// Refuses a cell that is larger than features whose coordinates are degrees: it is meant to be in metres.
+fn check_degrees(cell: f64, [min, max]: [[f64; 2]; 2], (name, crs): (&Path, Option<&Crs>)) -> Result<()> {
+    let size = [max[0] - min[0], max[1] - min[1]];
+    let longest = size[0].max(size[1]);
+    if crs.and_then(Crs::unit) != Some("degrees") || cell <= longest || longest == 0.0 {
+        return Ok(());
+    }
+    /// Cells along the longer side that are proposed.
+    const PROPOSED: f64 = 256.0;
+    let found = format!("{cell} degrees, of features that are {:.6} x {:.6} degrees", size[0], size[1]);
+    let stem = name.file_stem().unwrap_or_default().to_string_lossy();
+    let digits = -((longest / PROPOSED).log10().floor());
+    let proposed = (longest / PROPOSED * 10f64.powf(digits)).round() / 10f64.powf(digits);
+    let middle = [(min[0] + max[0]) / 2.0, (min[1] + max[1]) / 2.0];
+    let expected = format!(
+        "a width in degrees, such as --cell {proposed}; for metres bring them to a system in metres first: \
+         `spinney transform {} warp=EPSG:{} -o {stem}_metres.geojson`",
+        name.display(),
+        utm_zone(middle)
+    );
+    Err(Error::invalid("width of a cell", found, expected))
+}
+
+/// The number of the zone of UTM (WGS 84) that a longitude and latitude lie in.
+fn utm_zone([longitude, latitude]: [f64; 2]) -> u32 {
+    let zone = ((longitude + 180.0).rem_euclid(360.0) / 6.0).floor() as u32 + 1;
+    zone + if latitude < 0.0 { 32700 } else { 32600 }
+}
+
 /// Lays cells over the box around features.
-fn fit(survey: &Survey, options: &RasterizeOptions) -> Result<(Frame, [u64; 3], u8)> {
+fn fit(
+    survey: &Survey,
+    options: &RasterizeOptions,
+    (name, crs): (&Path, Option<&Crs>),
+) -> Result<(Frame, [u64; 3], u8)> {
     let [min, max] = survey.bounds;
     let size = [max[0] - min[0], max[1] - min[1]];
     let most = 1u64 << Dimension::Quad.max_depth();
@@ -164,6 +197,22 @@ fn fit(survey: &Survey, options: &RasterizeOptions) -> Result<(Frame, [u64; 3], 
         FeatureGrid::Like(grid) => {
             let depth = options.depth.unwrap_or(depth_for(grid.extent).max(1));
             return Ok((grid.frame.clone(), grid.extent, depth));
+        }
+        FeatureGrid::Extended(grid) => {
+            /// Parts along each side of the box in which its place in another coordinate system is found.
+            const PARTS: u64 = 256;
+            let side = |axis: usize| {
+                let least = f64::EPSILON * min[axis].abs().max(max[axis].abs()).max(1.0);
+                size[axis].max(least) / PARTS as f64
+            };
+            let frame = Frame::planar([side(0), 0.0, min[0], 0.0, -side(1), max[1]]);
+            // (Of a grid whose system is unknown, features are in its coordinates.)
+            let crs = grid.frame.crs.as_ref().map(|own| crs.unwrap_or(own).clone());
+            let frame = Frame { crs, ..frame };
+            let own = WarpGrid { frame, extent: [PARTS, PARTS, 1] };
+            let WarpGrid { frame, extent } =
+                grid_like(("the grid", grid), (&name.display().to_string(), &own), false)?;
+            return Ok((frame, extent, options.depth.unwrap_or(depth_for(extent).max(1))));
         }
         FeatureGrid::Cells(cells) => {
             if !(1..=most).contains(cells) {
@@ -179,6 +228,7 @@ fn fit(survey: &Survey, options: &RasterizeOptions) -> Result<(Frame, [u64; 3], 
             if !(cell.is_finite() && *cell > 0.0) {
                 return Err(Error::invalid("cell", cell.to_string(), "a width above zero"));
             }
+            check_degrees(*cell, survey.bounds, (name, crs))?;
             (*cell, [(min[0] / cell + TOUCH).floor() * cell, (max[1] / cell - TOUCH).ceil() * cell])
         }
     };
@@ -385,7 +435,7 @@ impl FeatureImport {
                 Error::corrupt(input, format!("feature {number}"), found, "coordinates near the cells")
             })?;
             if loader.shapes.edges.len() as u64 > 2 * self.survey.corners + (1 << 20)
-                && !matches!(self.options.grid, FeatureGrid::Like(_))
+                && !matches!(self.options.grid, FeatureGrid::Like(_) | FeatureGrid::Extended(_))
             {
                 return Err(Error::Changed { path: input.into(), what: "was overwritten" });
             }

@@ -1,0 +1,219 @@
+//! Trees whose values are converted: to another type, scale or unit, to other numbers of classes, or to what says only that a cell is present.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use super::affine::View;
+use super::tree_file::TreeFile;
+use super::view_source::{ViewSource, ViewSourceNode};
+use crate::tree::{CellBlock, Child, Children, Source};
+use spinney_base::space::Bounds;
+use spinney_base::value::{Mask, Number, Value, ValueType};
+use spinney_base::{Result, TreeType};
+use spinney_container::{Header, Metadata};
+
+/// The conversion of a value.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum ValueMap {
+    /// Each becomes this one.
+    Presence(Value),
+    /// Each sample becomes factor * sample + summand, by channel; a channel that there is not becomes full opacity.
+    Linear([(f64, f64); 4]),
+    /// Numbers of classes become others; those that are not listed stay.
+    Classes(BTreeMap<Number, Number>),
+}
+
+/// A source with converted values, node by node as it is.
+pub struct Converted {
+    source: Arc<ViewSource>,
+    header: Header,
+    metadata: Metadata,
+    map: ValueMap,
+}
+
+impl Converted {
+    /// A source whose values become those of a type; `metadata` are those of the result.
+    pub(super) fn new(
+        source: Arc<ViewSource>,
+        to: ValueType,
+        map: ValueMap,
+        metadata: Metadata,
+    ) -> Converted {
+        let header = source.header();
+        let header = Header { form: TreeType { value: to, ..header.form }, ..header.clone() };
+        Converted { source, header, metadata, map }
+    }
+
+    /// The source with its own values.
+    pub(super) fn source(&self) -> &ViewSource {
+        &self.source
+    }
+
+    pub(super) fn header(&self) -> &Header {
+        &self.header
+    }
+
+    pub(super) fn metadata(&self) -> &Metadata {
+        &self.metadata
+    }
+
+    /// The representative of an INNER node, where that was left out.
+    pub(super) fn representative(&self, node: &ViewSourceNode, given: Value) -> Result<Value> {
+        match &*self.source {
+            ViewSource::File(TreeFile::Mosaic(_)) | ViewSource::Converted(_) => {
+                Ok(self.value(self.source.representative(node, given)?))
+            }
+            _ => Ok(given),
+        }
+    }
+
+    /// A value of the source as one of the result.
+    fn value(&self, value: Value) -> Value {
+        let (from, to) = (self.source.form().value, self.header.form.value);
+        match &self.map {
+            ValueMap::Presence(present) => *present,
+            ValueMap::Classes(numbers) => {
+                let number = from.first_number(value);
+                let number = numbers.get(&number).copied().unwrap_or(number);
+                to.nearest_numbers(|_| number)
+            }
+            ValueMap::Linear(maps) => {
+                let (numbers, present) = (from.numbers(value), from.present(value));
+                let channels = usize::from(from.channels);
+                let missing = to.all_missing().filter(|_| matches!(from.mask, Mask::Missing(_)));
+                to.nearest_numbers(|channel| {
+                    if channel >= channels {
+                        return opaque(from);
+                    }
+                    match missing {
+                        Some(missing) if !present[channel] => to.numbers(missing)[channel],
+                        _ => linear(maps[channel], numbers[channel]),
+                    }
+                })
+            }
+        }
+    }
+
+    fn node(&self, child: Child<ViewSourceNode>) -> Child<ViewSourceNode> {
+        match child {
+            Child::Void => Child::Void,
+            Child::Leaf(value) => Child::Leaf(self.value(value)),
+            Child::Inner { representative, node } => {
+                Child::Inner { representative: self.value(representative), node }
+            }
+        }
+    }
+
+    /// Draws a box of cells of a level inside the tree's space as [`Source::draw`] does.
+    ///
+    /// # Errors
+    /// If the source is corrupt there.
+    pub(super) fn draw_at(
+        &self,
+        level: u8,
+        bounds: &Bounds,
+        values: &mut [u8],
+        valid: &mut [bool],
+    ) -> Result<()> {
+        let mut read = vec![0; valid.len() * self.source.form().width()];
+        self.source.draw_at(level, bounds, &mut read, valid)?;
+        self.convert(&read, valid, values);
+        Ok(())
+    }
+
+    /// Converts cells in rows; what is VOID is left as it is.
+    fn convert(&self, from: &[u8], valid: &[bool], to: &mut [u8]) {
+        let (width, new_width) = (self.source.form().width(), self.header.form.width());
+        // (Neighbours are alike.)
+        let mut last: Option<(Value, [u8; 16])> = None;
+        let cells = from.chunks_exact(width).zip(to.chunks_exact_mut(new_width)).zip(valid);
+        for ((from, to), _) in cells.filter(|(_, valid)| **valid) {
+            let value = Value::from_bytes(from);
+            let bytes = match last {
+                Some((before, bytes)) if before == value => bytes,
+                _ => self.value(value).to_bytes(),
+            };
+            last = Some((value, bytes));
+            to.copy_from_slice(&bytes[..new_width]);
+        }
+    }
+}
+
+/// The sample that means full opacity.
+fn opaque(value_type: ValueType) -> Number {
+    match value_type.sample.size() {
+        _ if value_type.sample.is_float() => 1.into(),
+        1 => 255.into(),
+        _ => 65535.into(),
+    }
+}
+
+/// A number by a linear map, exactly where all three are integers.
+fn linear((factor, summand): (f64, f64), number: Number) -> Number {
+    if (factor, summand) == (1.0, 0.0) {
+        return number;
+    }
+    let whole = |number: f64| (number == number.trunc() && number.abs() < 9e15).then_some(number as i128);
+    if let (Some(factor), Some(summand), Some(number)) = (whole(factor), whole(summand), number.to_integer())
+        && let Some(result) = number.checked_mul(factor).and_then(|product| product.checked_add(summand))
+    {
+        return match (u64::try_from(result), i64::try_from(result)) {
+            (Ok(result), _) => Number::Unsigned(result),
+            (_, Ok(result)) => Number::Signed(result),
+            _ => Number::Float(result as f64),
+        };
+    }
+    Number::Float(number.to_f64() * factor + summand)
+}
+
+impl Source for Converted {
+    type Node = ViewSourceNode;
+
+    fn form(&self) -> TreeType {
+        self.header.form
+    }
+
+    fn depth(&self) -> u8 {
+        self.source.depth()
+    }
+
+    fn root(&self) -> Result<Child<ViewSourceNode>> {
+        Ok(self.node(self.source.root()?))
+    }
+
+    fn children(&self, node: &ViewSourceNode, children: &mut Children<ViewSourceNode>) -> Result<()> {
+        self.source.children(node, children)?;
+        for child in children.iter_mut() {
+            *child = self.node(*child);
+        }
+        Ok(())
+    }
+
+    fn draw(&self, bounds: &Bounds, values: &mut [u8], valid: &mut [bool]) -> Result<bool> {
+        let mut read = vec![0; valid.len() * self.source.form().width()];
+        let is_drawn = self.source.draw(bounds, &mut read, valid)?;
+        if is_drawn {
+            self.convert(&read, valid, values);
+        }
+        Ok(is_drawn)
+    }
+
+    fn cells(&self, node: &ViewSourceNode, levels: u8) -> Result<Option<CellBlock>> {
+        let Some(cells) = self.source.cells(node, levels)? else { return Ok(None) };
+        let mut converted = CellBlock::void(cells.present.len(), self.header.form.width());
+        self.convert(&cells.values, &cells.present, &mut converted.values);
+        converted.present = cells.present;
+        Ok(Some(converted))
+    }
+
+    fn check_unchanged(&self) -> Result<()> {
+        self.source.check_unchanged()
+    }
+}
+
+impl View {
+    /// This view with converted values.
+    pub(super) fn converted(self, converted: Converted) -> View {
+        self.over_values(Arc::new(ViewSource::Converted(Box::new(converted))))
+    }
+}
