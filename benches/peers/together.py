@@ -121,7 +121,7 @@ def on_grid(a: Raster, b: Raster) -> tuple[tuple[int, int], tuple[int, int], npt
 
 
 def warped(a: Raster, b: Raster) -> Any:
-    """Bilinear interpolation at the centres of the first's cells; the extent is checked elsewhere, here it is the first's."""
+    """Bilinear interpolation at the centres of the first's cells; the extent is the first's (--extent a)."""
     rows, columns = a.stored.shape
     x = a.left + (np.arange(columns) + 0.5) * a.cell
     y = a.top - (np.arange(rows) + 0.5) * a.cell

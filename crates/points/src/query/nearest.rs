@@ -12,7 +12,7 @@ use spinney_base::{Error, Progress, Result, parallel, sort};
 pub struct NearPoint {
     /// Where it is, in the coordinates of the points.
     pub place: [f64; 3],
-    /// How far away that is; in a quadtree, and from places without z, along x and y.
+    /// The distance; in a quadtree, and from positions without z, along x and y.
     pub distance: f64,
     /// Its block and its place there: together its number in the file.
     pub number: (u32, u32),
@@ -49,7 +49,7 @@ const TOGETHER: usize = 1024;
 
 impl PointTree {
     /// Finds the points nearest to each of some places: `most` of them, no farther than `within`; the nearest first, of those that are equally far the
-    /// one that comes first in the file. In a quadtree z does not count, nor does it for places whose z is NaN.
+    /// one that comes first in the file. In a quadtree z does not count, nor for a position whose z is NaN.
     ///
     /// Places are gone through in the order of their codes, so that each block is unpacked about once; about `memory` bytes of them are kept.
     ///

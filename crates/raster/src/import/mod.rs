@@ -246,7 +246,7 @@ fn first_bytes(path: &Path, access: &FileAccess) -> Result<Vec<u8>> {
         let name = path.display();
         let advice =
             format!("name its files, as in {name}/*.tif; or, if they are sections of a volume: --pages z");
-        return Err(Error::unsupported(path, "a folder", advice));
+        return Err(Error::unsupported(path, "a directory", advice));
     }
     let file = access.input(path)?;
     let mut magic = Vec::new();
