@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
+import numpy as np
 import numpy.typing as npt
 
 from . import _native
@@ -107,7 +108,7 @@ def build(
     - a mesh: one of trimesh, anything with `vertices` and `faces`, or a pair of arrays of these; see models.
     - paths of files of features (GeoJSON, FlatGeobuf, GeoPackage, shapefile, CSV), or anything with a `__geo_interface__` (a GeoDataFrame,
       shapely): points, lines and polygons become the cells that they have, of the width `cell` in units of their coordinates, `cells` along
-      the longer side, or those of a `grid`; with `value` (a number, or the name of an attribute), `overlaps`, `width` (of lines), `edge`, `fractions`, `where`
+      the longer side, or those of a `grid`; with `value` (a number, or the name of an attribute), `overlaps`, `dtype`, `width` (of lines), `edge`, `fractions`, `where`
       (`"code=3,area>100"`) and `layer` as `spinney build` has them.
     - paths of models of solids (PLY, OBJ, STL, OFF, CityJSON): `cells` along the longest side or the width of a `cell` or
       those of another octree (`grid`), and `edge`, `attribute`, `shell`, `up` and `unit` as `spinney build` has them.
@@ -177,9 +178,9 @@ def build(
             raise ValueError("a tree as a source is the only one; spinney.combine lays trees over each other, spinney.add_layer adds one to a file")
         source = Dataset(paths[0], [], None, False, None)
     if hasattr(source, "__geo_interface__") and not is_mesh(source):
-        refuse("arrays", for_arrays | {"transform": transform})
+        refuse("arrays", for_arrays | {"transform": transform, "dtype": None})
         with feature_file(source, out) as (path, own):
-            said: dict[str, Any] = {name: given for name, given in for_files.items() if name != "pages"} | {"value": value, "fractions": fractions}
+            said: dict[str, Any] = {name: given for name, given in for_files.items() if name != "pages"} | {"value": value, "fractions": fractions, "dtype": dtype}
             return build(path, out, kind=kind, rule=rule, crs=own if crs is None else crs, depth=depth, memory=memory, share=share, codec=codec, max_error=max_error, time=time, max_bytes=max_bytes, threads=threads, progress=progress, **said)
     if isinstance(source, Level):
         source = source._as_tree()
@@ -205,11 +206,12 @@ def build(
         refuse("pictures", of_stacks)
         for_files["unit"] = unit or unit_of([(None, source)])
     if paths is not None or meshes:
-        refuse("arrays", for_arrays)
+        refuse("arrays", for_arrays | {"dtype": None})
         numbers = None if transform is None else numbers_of(transform)
         for_import = common | for_files | {"transform": numbers, "keep_transparent": keep_transparent, "shell": shell, "allow_ballpark": allow_ballpark, "fractions": bool(fractions)}
         for_import |= {"stack": stack, "names": None if names is None else names_of(names), "times": seen}
         for_import["bands"] = None if bands is None else list(bands)
+        for_import["sample"] = None if dtype is None else np.dtype(dtype).name
         with working(progress, threads, max_bytes) as terms:
             return _native.build_files(paths or [], meshes, path_of(out), for_import, terms)
     if isinstance(source, list | tuple) and any(isinstance(part, Dataset) for part in source):

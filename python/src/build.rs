@@ -314,6 +314,7 @@ pub(crate) struct FileOptions {
     /// Value of features: a number or the name of an attribute.
     pub(crate) value: Option<String>,
     pub(crate) overlaps: Option<String>,
+    pub(crate) sample: Option<String>,
     pub(crate) width: Option<String>,
     pub(crate) fractions: bool,
     #[pyo3(item("where"))]
@@ -495,7 +496,7 @@ pub(crate) fn build_files(
         });
     }
     if options.has_feature_options() {
-        return Err(invalid("value, overlaps, width, fractions and where are for features"));
+        return Err(invalid("value, overlaps, dtype, width, fractions and where are for features"));
     }
     if !meshes.is_empty() || any_file(&paths, &|path| mesh::is_model(path, access())).or_raise()? {
         let (mut solid, meshes) = (options.solids()?, arrays_of(&meshes)?);

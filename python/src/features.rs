@@ -1,13 +1,14 @@
 //! Options of trees of features.
 
 use pyo3::prelude::*;
-use spinney::Crs;
 use spinney::import::feature::RasterizeOptions;
 use spinney::raw::import::raster::TargetGrid;
 use spinney::raw::import::rasterize::FeatureGrid;
+use spinney::{Crs, SampleType};
 
 use crate::build::FileOptions;
 use crate::error::{OrRaise, invalid};
+use crate::samples::sample_of;
 
 impl FileOptions {
     /// All that is asked of features.
@@ -53,6 +54,7 @@ impl FileOptions {
             self.value.as_ref().map(|text| text.parse()).transpose().or_raise()?.unwrap_or_default();
         let overlaps = self.overlaps.as_ref().map(|text| text.parse()).transpose().or_raise()?;
         options.overlaps = overlaps.unwrap_or_default();
+        options.sample = self.sample.as_deref().map(sample_type).transpose()?;
         options.width = self.width.as_ref().map(|text| text.parse()).transpose().or_raise()?;
         let edge = self.edge.as_ref().map(|name| name.parse()).transpose().or_raise()?;
         (options.edge, options.fractions) = (edge.unwrap_or_default(), self.fractions);
@@ -72,8 +74,14 @@ impl FileOptions {
     pub(crate) fn has_feature_options(&self) -> bool {
         self.value.is_some()
             || self.overlaps.is_some()
+            || self.sample.is_some()
             || self.width.is_some()
             || self.fractions
             || self.filter.is_some()
     }
+}
+
+/// The type of samples that NumPy names so.
+fn sample_type(name: &str) -> PyResult<SampleType> {
+    sample_of(name).ok_or_else(|| invalid(format!("dtype: {name}, expected a number's type that trees have")))
 }

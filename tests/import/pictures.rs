@@ -382,7 +382,7 @@ fn what_is_no_raster_is_refused() {
     let path = folder.path().join("a");
     let options = RasterOptions::default();
     assert!(matches!(open(&path, &options), Err(Error::Io { .. })));
-    assert!(matches!(open(folder.path(), &options), Err(Error::Io { .. })));
+    assert!(matches!(open(folder.path(), &options), Err(Error::Unsupported { .. })));
     fs::write(&path, "").unwrap();
     assert!(matches!(open(&path, &options), Err(Error::Corrupt { .. })));
     fs::write(&path, "some text that is no picture").unwrap();

@@ -80,10 +80,10 @@ fn overlaps_are_what_is_asked_for() {
     let path = document(folder.path(), &features);
     let squares = [(0, 6, 5.0), (2, 8, -9.0), (4, 10, 7.0)];
     for (overlaps, sample) in [
-        (Overlaps::Last, SampleType::I8),
-        (Overlaps::First, SampleType::I8),
-        (Overlaps::Min, SampleType::I8),
-        (Overlaps::Max, SampleType::I8),
+        (Overlaps::Last, SampleType::I32),
+        (Overlaps::First, SampleType::I32),
+        (Overlaps::Min, SampleType::I32),
+        (Overlaps::Max, SampleType::I32),
         (Overlaps::Sum, SampleType::F64),
         (Overlaps::Count, SampleType::U32),
         (Overlaps::Mean, SampleType::F64),
@@ -148,15 +148,15 @@ fn texts_are_classes_and_what_is_left_out_is_told() {
     assert_eq!(tree.header().kind, DataKind::Categorical);
     let classes = tree.statistics(None, &()).unwrap().classes;
     assert_eq!(classes, [(1.into(), 16), (2.into(), 16)]);
-    // Numbers get the smallest type that has them all; numbers beside texts are nobody's.
+    // The type of numbers does not depend on which there are, but for those beyond 32 bits; numbers beside texts are refused.
     for (values, sample) in [
-        (["1", "255"], SampleType::U8),
-        (["1", "256"], SampleType::U16),
-        (["-1", "200"], SampleType::I16),
+        (["1", "255"], SampleType::I32),
+        (["1", "2147483647"], SampleType::I32),
+        (["-1", "2147483648"], SampleType::I64),
         (["true", "false"], SampleType::U8),
-        (["0.5", "2"], SampleType::F32),
+        (["0.5", "2"], SampleType::F64),
         (["0.1", "2"], SampleType::F64),
-        (["1", "9007199254740993"], SampleType::U64),
+        (["1", "18446744073709551615"], SampleType::U64),
         (["-1", "9007199254740993"], SampleType::I64),
     ] {
         let features =

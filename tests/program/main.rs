@@ -59,6 +59,7 @@ mod cli_stacks;
 mod cli_styles;
 #[cfg(feature = "cli")]
 mod cli_tin;
+mod cli_together;
 #[cfg(feature = "cli")]
 mod cli_volumes;
 mod cli_warp;

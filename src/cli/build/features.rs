@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
+use spinney::SampleType;
 use spinney::import::feature::{
     FeatureFilter, FeatureImport, FeatureOptions, FeatureValue, RasterizeOptions, plan_features,
 };
@@ -24,6 +25,9 @@ pub(super) struct FeatureArgs {
     /// Value of cells where features lie on top of each other: last, first, min, max, sum, count or mean [default: last]
     #[arg(long, value_name = "RULE")]
     overlaps: Option<Overlaps>,
+    /// Type of the cells' numbers: u8, i8, u16, i16, u32, i32, u64, i64, f32 or f64 [default: of an attribute i32 or i64 of integers, f64 of others]
+    #[arg(long = "type", value_name = "TYPE", value_parser = parse_type)]
+    sample: Option<SampleType>,
     /// Width of lines in units of the tree's coordinates: a number, or an attribute; they have the cells whose centres are no farther from
     /// them than half of it [default: none, the cells that their points are in]
     #[arg(long, value_name = "NUMBER|ATTRIBUTE")]
@@ -52,12 +56,19 @@ pub(super) enum Index {
     Lines,
 }
 
+fn parse_type(text: &str) -> Result<SampleType, String> {
+    let found = SampleType::ALL.into_iter().find(|sample| sample.name() == text);
+    let names = SampleType::ALL.map(SampleType::name).join(", ");
+    found.ok_or_else(|| format!("expected {names}"))
+}
+
 impl FeatureArgs {
     /// An option that was given, which makes no sense for other inputs.
     pub(super) fn given(&self) -> Option<&'static str> {
         let given = [
             ("--value", self.value.is_some()),
             ("--overlaps", self.overlaps.is_some()),
+            ("--type", self.sample.is_some()),
             ("--width", self.width.is_some()),
             ("--fractions", self.fractions),
             ("--where", self.filter.is_some()),
@@ -92,6 +103,7 @@ impl FeatureArgs {
             "--depth",
             "--edge",
             "--value",
+            "--type",
             "--overlaps",
             "--width",
             "--fractions",
@@ -132,7 +144,7 @@ impl FeatureArgs {
         let mut options = RasterizeOptions::new(grid);
         options.value = self.value.clone().unwrap_or_default();
         options.overlaps = self.overlaps.unwrap_or_default();
-        options.width = self.width.clone();
+        (options.width, options.sample) = (self.width.clone(), self.sample);
         (options.edge, options.fractions) = (edge.unwrap_or_default(), self.fractions);
         (options.kind, options.rule) = pictures.kind_and_rule();
         (options.depth, options.crs, options.share, options.time) = (*depth, crs.clone(), *share, *time);

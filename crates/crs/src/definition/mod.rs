@@ -155,6 +155,11 @@ impl Crs {
         }
     }
 
+    /// The definition by numbers where they are known, else all of it.
+    pub fn short_definition(&self) -> String {
+        self.numbers().map_or_else(|| self.definition(), |numbers| numbers.to_string())
+    }
+
     /// The unit in which the system's plane is measured: "degrees", "m", "ft", "us-ft" or "km". `None` if it is
     /// another one or unknown.
     pub fn unit(&self) -> Option<&'static str> {
@@ -213,7 +218,7 @@ impl Crs {
         let show = |crs: Option<&Crs>| crs.map_or("none".into(), Crs::to_string);
         let (found, expected) = (show(found), show(expected));
         let other = if found == expected { "another one: " } else { "" };
-        let known = a.1.or(b.1).map_or(String::new(), |crs| format!(" {}", crs.definition()));
+        let known = a.1.or(b.1).map_or(String::new(), |crs| format!(" {}", crs.short_definition()));
         let expected = format!(
             "{expected}, as {here} has; if all are in one system: build with --crs{known}; otherwise build a tree of each, and \
              `spinney combine over` brings one to the other"

@@ -2,7 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
+use super::affine::View;
 use super::files::FileView;
+use super::reconcile::{CommonGrid, Located, OutputExtent, Position};
 use super::tree_file::TreeFile;
 use crate::store::autumnal::{Commit, Editor, Note};
 use crate::store::{BuildOptions, TreeWriter, WriteOptions};
@@ -70,25 +72,22 @@ pub fn add_layer(
     let view = chain.open()?;
     let depth = file_depth(layers.iter().map(|layer| &layer.header));
     let finest = layers.iter().position(|layer| layer.header.depth() == depth).unwrap_or(0);
-    let frame = file.open_layer(finest)?.metadata().frame.clone();
-    let metadata = Metadata { name: name.into(), ..view.metadata(chain.moves) };
+    let finest = file.open_layer(finest)?;
+    let frame = finest.metadata().frame.clone();
     let axes = view.form().axes();
-    let coarser = coarser_by(&frame, &metadata.frame, (axes, depth)).ok_or_else(|| {
-        let advice =
-            format!("bring it onto the file's grid first (`spinney transform like={}`)", path.display());
-        Error::unsupported(
-            &chain.path,
-            "a grid on which the file's cells, or 2, 4, 8 ... of them, do not lie,",
-            advice,
-        )
-    })?;
+    let coarser = coarser_by(&frame, &view.frame(chain.moves), (axes, depth));
+    let (view, coarser) = match coarser {
+        Some(coarser) => (view, coarser),
+        None => (on_cells_of(finest, path, (&chain.path, view), progress)?, 0),
+    };
+    let metadata = Metadata { name: name.into(), ..view.metadata(chain.moves) };
     let layer_depth = depth - coarser;
     if view.extent().iter().any(|cells| *cells > 1 << layer_depth) {
         let found = format!("{:?} cells", view.extent());
         return Err(Error::invalid(
             "layer",
             found,
-            format!("at most {} along each axis", 1u64 << layer_depth),
+            format!("at most {} along each axis; {}", 1u64 << layer_depth, cut(path, &chain.path)),
         ));
     }
     let (extent, header) = (view.extent(), view.source().header().clone());
@@ -117,6 +116,45 @@ pub fn add_layer(
         }
         TreeFile::Mosaic(_) => Err(only_listed(path)),
     }
+}
+
+/// A view on the cells of a file's layer, from its first cell on.
+fn on_cells_of(
+    layer: TreeFile,
+    path: &Path,
+    (other, view): (&Path, View),
+    progress: &dyn Progress,
+) -> Result<View> {
+    let (dimension, expected) = (view.form().dimension, layer.form().dimension);
+    if dimension != expected {
+        let expected = format!("{}, as {} is", expected.tree_name(), path.display());
+        return Err(Error::invalid(other.display().to_string(), dimension.tree_name(), expected));
+    }
+    let target = View::whole(layer.into())?;
+    let (name, own) = (path.display().to_string(), other.display().to_string());
+    let operands = [Located::of(&name, &target), Located::of(&own, &view)];
+    let grid = CommonGrid::of(&operands, dimension, OutputExtent::Union, Position::World)?;
+    if grid.shift(0) != Some([0; 3]) {
+        let expected = format!("one that begins within {name}; {}", cut(path, other));
+        return Err(Error::invalid(
+            format!("extent of {own}"),
+            "one that reaches before its first cell",
+            expected,
+        ));
+    }
+    if let Some(text) = grid.resampled(1, &view) {
+        progress.warn(other, &text);
+    }
+    grid.bring(1, view)
+}
+
+/// Advice for a tree of which a part lies beyond a file.
+fn cut(path: &Path, other: &Path) -> String {
+    format!(
+        "`spinney transform {} like={},extent=a -o cut.goblin` cuts it off",
+        other.display(),
+        path.display()
+    )
 }
 
 /// Takes a layer out of a file: a Goblin file is written anew, an Autumnal file gets a commit without it, which is returned.

@@ -344,7 +344,7 @@ fn check_systems((first, own): (&str, Option<&Crs>), (second, other): (&str, Opt
     };
     let expected = format!(
         "{known}, as {known_name} has; if it is in that system: `spinney transform {unknown} 'crs={}' -o KNOWN.goblin`",
-        known.definition()
+        known.short_definition()
     );
     Err(Error::invalid(format!("coordinate system of {unknown}"), "none", expected))
 }

@@ -4,7 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use spinney_base::space::{Dimension, EdgeRule};
-use spinney_base::value::{DataKind, Number, Rule};
+use spinney_base::value::{DataKind, Number, Rule, SampleType};
 use spinney_base::{Error, Result};
 use spinney_container::{Header, Metadata};
 use spinney_crs::{Coordinates, Crs, web_mercator};
@@ -179,7 +179,9 @@ pub struct RasterizeOptions {
     pub fractions: bool,
     /// The cells.
     pub grid: FeatureGrid,
-    /// Kind of the values; whole numbers and texts are classes if nothing is said.
+    /// Type of the values; that of the attribute if not given: i32 or i64 of integers, f64 of real numbers.
+    pub sample: Option<SampleType>,
+    /// Kind of the values; texts and a number for all are classes if not given, numbers of an attribute continuous values.
     pub kind: Option<DataKind>,
     /// Rule for coarser cells; the kind's if nothing is said.
     pub rule: Option<Rule>,
@@ -210,6 +212,7 @@ impl RasterizeOptions {
             width: None,
             fractions: false,
             grid,
+            sample: None,
             kind: None,
             rule: None,
             depth: None,
@@ -286,7 +289,17 @@ impl RasterizeOptions {
                 "nothing: cells get the share of them that features have",
             ));
         }
+        if self.sample.is_some() && (self.fractions || self.overlaps.is_computed()) {
+            let expected = "none: numbers that are computed have one of their own";
+            return Err(Error::invalid("type", "one, with fractions, sums, counts or means", expected));
+        }
         let Some(ground) = &self.ground else {
+            if let (FeatureValue::Number(number), Some(sample)) = (&self.value, self.sample)
+                && !sample.can_hold(*number)
+            {
+                let found = format!("{}, which cannot hold {number}", sample.name());
+                return Err(Error::invalid("type", found, "one that holds the value"));
+            }
             return match &self.value {
                 FeatureValue::Samples(_) => {
                     Err(Error::invalid("value", "several numbers", "one number, or the name of an attribute"))

@@ -11,14 +11,14 @@ use crate::import::feature::FeatureAttribute;
 /// The values of all features, as far as they are known.
 #[derive(Debug, Default)]
 pub(super) struct Values {
-    /// Whether numbers are there that are not whole, and whether all of them are numbers of single precision.
-    has_fractions: bool,
-    has_doubles: bool,
-    /// Least and greatest whole number.
+    /// Whether there are real numbers, integers and truth values.
+    has_reals: bool,
+    has_integers: bool,
+    has_booleans: bool,
+    /// Minimum and maximum of all integers, those among real numbers, too.
     range: Option<[i128; 2]>,
     /// Texts, and their classes once all are known.
     texts: BTreeMap<String, Number>,
-    has_numbers: bool,
     /// A number that is not whole, if there is one.
     fraction: Option<f64>,
 }
@@ -35,15 +35,20 @@ impl Values {
         match attribute {
             FeatureAttribute::None => {}
             FeatureAttribute::Number(number) if number.is_nan() => {}
-            FeatureAttribute::Integer(number) => self.add_integer((*number).into()),
-            FeatureAttribute::Boolean(is) => self.add_integer((*is).into()),
-            FeatureAttribute::Number(number) if number.fract() == 0.0 && number.abs() < 9e15 => {
-                self.add_integer(*number as i128);
+            FeatureAttribute::Integer(number) => {
+                self.has_integers = true;
+                self.add_integer((*number).into());
+            }
+            FeatureAttribute::Boolean(is) => {
+                self.has_booleans = true;
+                self.add_integer((*is).into());
             }
             FeatureAttribute::Number(number) => {
-                (self.has_fractions, self.has_numbers) = (true, true);
-                self.has_doubles |= f64::from(*number as f32) != *number;
-                self.fraction = Some(*number);
+                self.has_reals = true;
+                match number.fract() == 0.0 && number.abs() < 9e15 {
+                    true => self.add_integer(*number as i128),
+                    false => self.fraction = Some(*number),
+                }
             }
             FeatureAttribute::Text(text) | FeatureAttribute::Json(text) => {
                 if !self.texts.contains_key(text) {
@@ -59,8 +64,6 @@ impl Values {
     }
 
     fn add_integer(&mut self, number: i128) {
-        self.has_numbers = true;
-        self.has_doubles |= (number as f32) as i128 != number;
         let [low, high] = self.range.unwrap_or([number; 2]);
         self.range = Some([low.min(number), high.max(number)]);
     }
@@ -70,7 +73,8 @@ impl Values {
     /// # Errors
     /// If there are numbers beside them; if the tree has no such class, or cannot hold some number.
     pub(super) fn finish(&mut self, name: &str, options: &RasterizeOptions) -> Result<()> {
-        if self.has_numbers && !self.texts.is_empty() {
+        let has_numbers = self.has_reals || self.has_integers || self.has_booleans;
+        if has_numbers && !self.texts.is_empty() {
             let text = self.texts.keys().next().cloned().unwrap_or_default();
             let found = format!("`{name}`, which has numbers and texts, such as `{text}`");
             return Err(Error::invalid("value", found, "an attribute that is one of both"));
@@ -79,7 +83,14 @@ impl Values {
             for (class, number) in self.texts.values_mut().zip(1u64..) {
                 *class = number.into();
             }
-            return Ok(());
+            let classes = self.texts.values().next_back().copied();
+            return match options.sample.and_then(|sample| self.unfit(sample, classes)) {
+                Some(number) => {
+                    let found = format!("one that cannot hold {number}, which `{name}` has");
+                    Err(Error::invalid("type", found, "one that holds all values"))
+                }
+                None => Ok(()),
+            };
         };
         let classes = &ground.metadata.class_names;
         for (text, class) in &mut self.texts {
@@ -87,9 +98,7 @@ impl Values {
             *class = *found.ok_or_else(|| unknown_class(text, classes))?.0;
         }
         let sample = ground.header.form.value.sample;
-        let numbers = self.range.into_iter().flatten().map(number_of).chain(self.fraction.map(Number::from));
-        let unfit = numbers.into_iter().find(|number| !sample.can_hold(*number));
-        match unfit.filter(|_| !sample.is_float() && !options.overlaps.is_computed()) {
+        match self.unfit(sample, None).filter(|_| !options.overlaps.is_computed()) {
             Some(number) => {
                 let found = format!("`{name}`, which has {number}");
                 Err(Error::invalid(
@@ -100,6 +109,12 @@ impl Values {
             }
             None => Ok(()),
         }
+    }
+
+    /// A number that a type of integers cannot hold, among those that there are and another one.
+    fn unfit(&self, sample: SampleType, other: Option<Number>) -> Option<Number> {
+        let numbers = self.range.into_iter().flatten().map(number_of).chain(self.fraction.map(Number::from));
+        numbers.chain(other).find(|number| !sample.is_float() && !sample.can_hold(*number))
     }
 
     /// The number that cells of an attribute have; `None` if it has no value.
@@ -122,7 +137,8 @@ impl Values {
         self.texts.iter().map(|(text, class)| (*class, text.clone()))
     }
 
-    /// Type and kind of the cells.
+    /// Type and kind of the cells. The type of an attribute does not depend on its values, so that trees of several files of one kind are alike:
+    /// integers are i32, or i64 where one needs it, real numbers f64.
     pub(super) fn form(&self, options: &RasterizeOptions) -> (ValueType, DataKind) {
         if let Some(ground) = &options.ground {
             return (ground.header.form.value, ground.header.kind);
@@ -133,13 +149,21 @@ impl Values {
             options if options.overlaps.is_computed() => (SampleType::F64, DataKind::Continuous),
             RasterizeOptions { value: FeatureValue::Number(number), .. } => match number.to_integer() {
                 Some(number) => (of_range([number; 2]), DataKind::Categorical),
-                None => (float(f64::from(number.to_f64() as f32) != number.to_f64()), DataKind::Continuous),
+                None => {
+                    let is_single = f64::from(number.to_f64() as f32) == number.to_f64();
+                    (if is_single { SampleType::F32 } else { SampleType::F64 }, DataKind::Continuous)
+                }
             },
             _ if !self.texts.is_empty() => (of_range([0, self.texts.len() as i128]), DataKind::Categorical),
-            _ if self.has_fractions => (float(self.has_doubles), DataKind::Continuous),
-            _ => (of_range(self.range.unwrap_or_default()), DataKind::Categorical),
+            _ if self.has_reals => (SampleType::F64, DataKind::Continuous),
+            _ if self.has_booleans && !self.has_integers => (SampleType::U8, DataKind::Categorical),
+            _ => {
+                let wide = [SampleType::I32, SampleType::I64, SampleType::U64];
+                let sample = wide.into_iter().find(|sample| self.unfit(*sample, None).is_none());
+                (sample.unwrap_or(SampleType::F64), DataKind::Continuous)
+            }
         };
-        (ValueType::new(sample, 1), options.kind.unwrap_or(kind))
+        (ValueType::new(options.sample.unwrap_or(sample), 1), options.kind.unwrap_or(kind))
     }
 }
 
@@ -164,10 +188,6 @@ fn unknown_class(text: &str, classes: &BTreeMap<Number, String>) -> Error {
         known => format!("names of the tree's classes: {}", known.join(", ")),
     };
     Error::invalid("value", format!("`{text}`"), expected)
-}
-
-fn float(needs_doubles: bool) -> SampleType {
-    if needs_doubles { SampleType::F64 } else { SampleType::F32 }
 }
 
 /// The smallest type that has all whole numbers of a range.

@@ -1,0 +1,371 @@
+//! Two files together: every operation over every kind of difference, and advice that works as it is printed.
+
+use std::path::Path;
+
+use spinney::raw::store::{Tag, Unit};
+use spinney::{Crs, DataKind, Dimension, Frame, Metadata, Number, Rule, SampleType, TreeType, ValueType};
+use tempfile::TempDir;
+
+use crate::common::command::command;
+use crate::common::{Cells, options, write_cells};
+
+/// Cells along each axis of both files.
+const SIZE: [u64; 3] = [12, 10, 1];
+
+/// What all cells of the first file mean, and all of the second.
+const FIRST: f64 = 7.5;
+const SECOND: f64 = 24.0;
+
+/// A file whose cells all mean the same.
+struct Uniform {
+    sample: SampleType,
+    meaning: f64,
+    scale: (f64, f64),
+    unit: &'static str,
+    frame: Frame,
+    kind: DataKind,
+    size: [u64; 3],
+    names: &'static [(u64, &'static str)],
+    dimension: Dimension,
+}
+
+impl Uniform {
+    fn new(sample: SampleType, meaning: f64, frame: Frame) -> Uniform {
+        let (scale, kind) = ((1.0, 0.0), DataKind::Continuous);
+        let (unit, size, names, dimension) = ("", SIZE, &[][..], Dimension::Quad);
+        Uniform { sample, meaning, scale, unit, frame, kind, size, names, dimension }
+    }
+
+    fn write(&self, path: &Path) {
+        let form = TreeType::new(self.dimension, ValueType::new(self.sample, 1));
+        let stored = (self.meaning - self.scale.1) / self.scale.0;
+        let value = form.value.nearest(|_| stored);
+        assert_eq!(form.value.samples(value)[0], stored, "a number of the type");
+        let count = self.size.iter().product::<u64>() as usize;
+        let cells = Cells { form, size: self.size, cells: vec![Some(value); count] };
+        let mut options = options(self.kind.default_rule(), self.kind, cells.depth());
+        options.metadata = Metadata {
+            frame: self.frame.clone(),
+            scale_offset: if self.scale == (1.0, 0.0) { Vec::new() } else { vec![self.scale] },
+            units: if self.unit.is_empty() { Vec::new() } else { vec![self.unit.into()] },
+            class_names: self
+                .names
+                .iter()
+                .map(|(number, name)| (Number::from(*number), name.to_string()))
+                .collect(),
+            ..Metadata::default()
+        };
+        write_cells(path, &cells, &options);
+    }
+}
+
+/// Cells of `cell` metres whose first begins at a place.
+fn frame(cell: f64, x: f64, y: f64) -> Frame {
+    Frame { crs: Some(Crs::epsg(32632)), ..Frame::planar([cell, 0.0, x, 0.0, -cell, y]) }
+}
+
+struct Place(TempDir);
+
+impl Place {
+    fn new() -> Place {
+        Place(tempfile::tempdir().unwrap())
+    }
+
+    fn at(&self, name: &str) -> std::path::PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// Runs the program in the folder: whether it succeeded, and what it said.
+    fn run(&self, arguments: &[&str]) -> (bool, String) {
+        let output = command(arguments).current_dir(self.0.path()).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code().is_some(), "{arguments:?} ended by a signal");
+        (output.status.success(), said.into_owned())
+    }
+
+    fn done(&self, arguments: &[&str]) -> String {
+        let (is_done, said) = self.run(arguments);
+        assert!(is_done, "{arguments:?}: {said}");
+        said
+    }
+
+    /// What a file means at a place of the world, in metres if it is a length; `None` is VOID or outside.
+    fn meaning(&self, name: &str, x: f64, y: f64) -> Option<f64> {
+        let said = self.done(&["-q", "point", name, &format!("{x},{y}")]);
+        let stored: f64 = said.trim().parse().ok()?;
+        let tree = spinney::open(self.at(name)).unwrap();
+        let (scale, offset) = tree.metadata().scale_offset.first().copied().unwrap_or((1.0, 0.0));
+        let unit = tree.metadata().units.first().and_then(|unit| Unit::parse(unit));
+        Some((stored * scale + offset) * unit.and_then(Unit::metres).unwrap_or(1.0))
+    }
+}
+
+/// Words of a command as a shell reads them.
+fn words(command: &str) -> Vec<String> {
+    let (mut found, mut word, mut quote) = (Vec::new(), None::<String>, None);
+    for letter in command.chars() {
+        match (letter, quote) {
+            (letter, Some(open)) if letter == open => quote = None,
+            ('\'' | '"', None) => {
+                quote = Some(letter);
+                word.get_or_insert_default();
+            }
+            (' ', None) => found.extend(word.take()),
+            _ => word.get_or_insert_default().push(letter),
+        }
+    }
+    found.extend(word);
+    found
+}
+
+/// The commands of a message: what stands between backticks and begins with the program's name.
+fn commands(message: &str) -> Vec<Vec<String>> {
+    let quoted = message.split('`').skip(1).step_by(2);
+    quoted.filter_map(|text| text.strip_prefix("spinney ")).map(words).collect()
+}
+
+/// The operations, as commands that read `a.goblin` and another file, and write `out.goblin` if they write a tree.
+const OPERATIONS: [&[&str]; 18] = [
+    &["combine", "over", "a.goblin", "OTHER", "-o", "out.goblin"],
+    &["combine", "union", "a.goblin", "OTHER", "-o", "out.goblin"],
+    &["combine", "and", "a.goblin", "OTHER", "-o", "out.goblin"],
+    &["combine", "and", "a.goblin", "OTHER", "--values", "b", "-o", "out.goblin"],
+    &["combine", "a-b", "a.goblin", "OTHER", "-o", "out.goblin"],
+    &["combine", "b-a", "a.goblin", "OTHER", "-o", "out.goblin"],
+    &["combine", "xor", "a.goblin", "OTHER", "-o", "out.goblin"],
+    &["combine", "mask", "a.goblin", "OTHER", "-o", "out.goblin"],
+    &["combine", "max", "a.goblin", "OTHER", "-o", "out.goblin"],
+    &["combine", "add", "a.goblin", "OTHER", "-o", "out.goblin"],
+    &["combine", "changed", "a.goblin", "OTHER", "-o", "out.goblin"],
+    &["combine", "cross", "a.goblin", "OTHER"],
+    &["diff", "a.goblin", "OTHER"],
+    &["transform", "a.goblin", "calc=b1+b,b=OTHER", "-o", "out.goblin"],
+    &["transform", "OTHER", "like=a.goblin", "-o", "out.goblin"],
+    &["edit", "a.autumn", "paste", "OTHER"],
+    &["edit", "a.autumn", "apply", "max", "OTHER"],
+    &["edit", "a.autumn", "add-layer", "OTHER", "second"],
+];
+
+/// What an operation makes of both meanings where the first file alone is, where both are, and where the second alone is; `None` if that is not
+/// a number, or nothing is written.
+fn expected(operation: &[&str]) -> Option<[Option<f64>; 3]> {
+    let [a, b] = [Some(FIRST), Some(SECOND)];
+    Some(match (operation[0], operation[1], operation.contains(&"--values")) {
+        ("combine", "over" | "union", _) => [a, a, b],
+        ("combine", "and", true) => [None, b, None],
+        ("combine", "and" | "mask", _) => [None, a, None],
+        ("combine", "a-b", _) => [a, None, None],
+        ("combine", "b-a", _) => [None, None, b],
+        ("combine", "xor", _) => [a, None, b],
+        ("combine", "max", _) => [None, b, None],
+        ("combine", "add", _) => [None, Some(FIRST + SECOND), None],
+        ("combine", "changed", _) => [a, b, b],
+        ("transform", "a.goblin", _) => [None, Some(FIRST + SECOND), None],
+        ("transform", ..) => [None, b, b],
+        _ => return None,
+    })
+}
+
+#[test]
+fn every_operation_converts_every_difference_or_says_how() {
+    let here = || frame(10.0, 500_000.0, 5_200_000.0);
+    let moved = |cell: f64, x: f64, y: f64| frame(cell, 500_000.0 + x, 5_200_000.0 + y);
+    let of = |sample, frame| Uniform::new(sample, SECOND, frame);
+    let i16s = || of(SampleType::I16, moved(10.0, 60.0, 0.0));
+    let without_crs = |frame: Frame| Frame { crs: None, ..frame };
+    let differences: Vec<(&str, Uniform)> = vec![
+        ("extent", i16s()),
+        ("part of a cell", of(SampleType::I16, moved(10.0, 63.0, -2.0))),
+        ("other cells", of(SampleType::I16, moved(7.0, 60.0, 0.0))),
+        ("larger cells", Uniform { size: [6, 5, 1], ..of(SampleType::I16, moved(20.0, 60.0, 0.0)) }),
+        ("smaller cells", Uniform { size: [24, 20, 1], ..of(SampleType::I16, moved(5.0, 60.0, 0.0)) }),
+        ("u8", of(SampleType::U8, moved(10.0, 60.0, 0.0))),
+        ("f32", of(SampleType::F32, moved(10.0, 60.0, 0.0))),
+        ("f64", of(SampleType::F64, moved(10.0, 60.0, 0.0))),
+        ("i64", of(SampleType::I64, moved(10.0, 60.0, 0.0))),
+        ("scale", Uniform { scale: (0.5, 0.0), ..i16s() }),
+        ("fine scale", Uniform { scale: (0.01, 5.0), ..i16s() }),
+        ("odd scale", Uniform { scale: (0.75, 0.0), ..i16s() }),
+        ("unit", Uniform { unit: "cm", meaning: SECOND * 100.0, ..i16s() }),
+        ("no unit", Uniform { unit: "", ..i16s() }),
+        ("unit of something else", Uniform { unit: "degC", ..i16s() }),
+        ("no coordinate system", of(SampleType::I16, without_crs(moved(10.0, 60.0, 0.0)))),
+        ("classes", Uniform { kind: DataKind::Categorical, names: &[(24, "wood")], ..i16s() }),
+        ("three axes", Uniform { dimension: Dimension::Oct, size: [4, 4, 4], ..i16s() }),
+    ];
+    let mut wrong = Vec::new();
+    for (difference, second) in &differences {
+        for operation in OPERATIONS {
+            let place = Place::new();
+            let first =
+                Uniform { scale: (0.1, 0.0), unit: "m", ..Uniform::new(SampleType::I16, FIRST, here()) };
+            first.write(&place.at("a.goblin"));
+            second.write(&place.at("b.goblin"));
+            place.done(&["-q", "convert", "a.goblin", "a.autumn"]);
+            let with = |other: &str, more: &[&str]| -> Vec<String> {
+                let words = operation.iter().map(|word| word.replace("OTHER", other));
+                words.chain(more.iter().map(ToString::to_string)).collect()
+            };
+            let run = |words: &[String]| place.run(&words.iter().map(String::as_str).collect::<Vec<_>>());
+            let name = format!("{difference}, {}", operation.join(" "));
+            let (mut is_done, mut said) = run(&with("b.goblin", &[]));
+            if !is_done {
+                // What is said is done, again if there is more to do: commands make another second file, options are added.
+                let (mut other, mut option) = ("b.goblin".to_string(), Vec::new());
+                for _ in 0..3 {
+                    let before = (other.clone(), option.len());
+                    for advised in commands(&said) {
+                        let (is_advised, says) = run(&advised);
+                        if !is_advised {
+                            wrong.push(format!("{name}: {said}  advised {advised:?}: {says}"));
+                        }
+                        other = advised.last().unwrap().clone();
+                    }
+                    let options =
+                        ["--units number", "--round"].into_iter().filter(|option| said.contains(option));
+                    option.extend(options.flat_map(|option| option.split(' ')));
+                    if before == (other.clone(), option.len()) {
+                        break;
+                    }
+                    (is_done, said) = run(&with(&other, &option));
+                    if is_done {
+                        break;
+                    }
+                }
+                if !is_done && *difference != "three axes" {
+                    wrong.push(format!("{name}, as advised: {said}"));
+                }
+                continue;
+            }
+            if *difference == "three axes" {
+                wrong.push(format!("{name}: done: {said}"));
+                continue;
+            }
+            let Some(expected) = expected(operation).filter(|_| *difference != "classes") else { continue };
+            // (Of calculations values are without a scale; numbers of both are those of the first's unit.)
+            let places = [(500_005.0, 5_199_985.0), (500_095.0, 5_199_965.0), (500_135.0, 5_199_965.0)];
+            for (expected, (x, y)) in expected.into_iter().zip(places) {
+                let found = place.meaning("out.goblin", x, y);
+                let fits = match (found, expected) {
+                    (Some(found), Some(expected)) => (found - expected).abs() < 1e-5,
+                    (found, expected) => found == expected,
+                };
+                if !fits {
+                    wrong.push(format!("{name}: {found:?} at {x},{y}, expected {expected:?}: {said}"));
+                }
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{} are wrong:\n{}", wrong.len(), wrong.join("\n"));
+}
+
+#[test]
+fn classes_are_matched_by_name() {
+    let place = Place::new();
+    let at = |x: f64| frame(10.0, 500_000.0 + x, 5_200_000.0);
+    let classes = |number: f64, x: f64, names| Uniform {
+        kind: DataKind::Categorical,
+        names,
+        ..Uniform::new(SampleType::U8, number, at(x))
+    };
+    classes(1.0, 0.0, &[(1, "forest"), (2, "lake")]).write(&place.at("a.goblin"));
+    classes(1.0, 120.0, &[(1, "lake"), (2, "meadow")]).write(&place.at("b.goblin"));
+    classes(2.0, 240.0, &[(1, "lake"), (2, "meadow")]).write(&place.at("c.goblin"));
+    let said = place.done(&["combine", "over", "a.goblin", "b.goblin", "c.goblin", "-o", "out.goblin"]);
+    assert!(said.contains("lake 1 becomes 2") && said.contains("meadow 2 becomes 3"), "{said}");
+    let tree = spinney::open(place.at("out.goblin")).unwrap();
+    let names: Vec<String> =
+        tree.metadata().class_names.iter().map(|(number, name)| format!("{number} {name}")).collect();
+    assert_eq!(names, ["1 forest", "2 lake", "3 meadow"]);
+    let found: Vec<String> = tree
+        .statistics(None, &())
+        .unwrap()
+        .classes
+        .iter()
+        .map(|(number, cells)| format!("{number}: {cells}"))
+        .collect();
+    assert_eq!(found, ["1: 120", "2: 120", "3: 120"]);
+    // By number, if that is asked for.
+    place.done(&["-q", "combine", "over", "a.goblin", "b.goblin", "-o", "out.goblin", "--classes", "number"]);
+    let tree = spinney::open(place.at("out.goblin")).unwrap();
+    assert_eq!(tree.statistics(None, &()).unwrap().classes, [(Number::from(1), 240)]);
+    // In an edited file new names come with the cells.
+    place.done(&["-q", "combine", "over", "a.goblin", "b.goblin", "-o", "land.autumn"]);
+    place.done(&["-q", "transform", "c.goblin", "translate=0,0", "-o", "moved.goblin"]);
+    place.done(&["edit", "land.autumn", "paste", "c.goblin", "--at", "3,2"]);
+    let tree = spinney::open(place.at("land.autumn")).unwrap();
+    assert_eq!(tree.metadata().class_names.values().collect::<Vec<_>>(), ["forest", "lake", "meadow"]);
+    assert!(tree.statistics(None, &()).unwrap().classes.iter().any(|(number, _)| *number == Number::from(3)));
+    // A table of pairs has the first's numbers.
+    place.done(&["-q", "edit", "land.autumn", "paste", "a.goblin"]);
+    let table = place.done(&["-q", "combine", "cross", "land.autumn", "b.goblin", "--json"]);
+    assert!(table.contains("\"second\":[2]") || table.contains("\"second\": [\n      2"), "{table}");
+}
+
+#[test]
+fn lengths_of_solids_are_converted() {
+    let place = Place::new();
+    let unit = |name: &str, cell: f64| {
+        let solid = Uniform {
+            dimension: Dimension::Oct,
+            size: [10, 10, 10],
+            frame: Frame {
+                matrix: [[cell, 0.0, 0.0, 0.0], [0.0, cell, 0.0, 0.0], [0.0, 0.0, cell, 0.0]],
+                ..Frame::identity()
+            },
+            ..Uniform::new(SampleType::U8, 255.0, Frame::identity())
+        };
+        let form = TreeType::new(Dimension::Oct, ValueType::new(SampleType::U8, 1));
+        let cells = Cells { form, size: solid.size, cells: vec![Some(form.value.nearest(|_| 255.0)); 1000] };
+        let mut options = options(Rule::Occupancy, DataKind::Continuous, cells.depth());
+        options.metadata.frame = solid.frame.clone();
+        options.metadata.set_tag(Tag::Unit, name);
+        write_cells(&place.at(&format!("{name}.goblin")), &cells, &options);
+    };
+    unit("m", 0.1);
+    unit("mm", 100.0);
+    for operation in ["union", "and"] {
+        place.done(&["-q", "combine", operation, "m.goblin", "mm.goblin", "-o", "out.goblin"]);
+        let tree = spinney::open(place.at("out.goblin")).unwrap();
+        assert_eq!(
+            (tree.header().extent, tree.statistics(None, &()).unwrap().cells),
+            ([10; 3], 1000),
+            "{operation}"
+        );
+    }
+    assert!(place.done(&["diff", "m.goblin", "mm.goblin"]).contains("blocks     0,"));
+}
+
+#[test]
+fn longitudes_go_round_the_world_once() {
+    let place = Place::new();
+    let world = |name: &str, west: f64| {
+        let frame =
+            Frame { crs: Some(Crs::epsg(4326)), ..Frame::planar([10.0, 0.0, west, 0.0, -10.0, 90.0]) };
+        let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::F32, 1));
+        let longitude = |index: u64| {
+            let east = west + 10.0 * (index % 36) as f64;
+            if east >= 180.0 { east - 360.0 } else { east }
+        };
+        let cells = (0..36 * 18).map(|index| Some(form.value.nearest(|_| longitude(index)))).collect();
+        let cells = Cells { form, size: [36, 18, 1], cells };
+        let mut options = options(Rule::Mean, DataKind::Continuous, cells.depth());
+        options.metadata.frame = frame;
+        write_cells(&place.at(name), &cells, &options);
+    };
+    world("east.goblin", 0.0);
+    world("west.goblin", -180.0);
+    assert!(place.done(&["diff", "west.goblin", "east.goblin"]).contains("blocks     0,"));
+    assert!(place.done(&["diff", "east.goblin", "west.goblin"]).contains("blocks     0,"));
+    for step in ["like=west.goblin", "like=west.goblin,extent=a"] {
+        place.done(&["-q", "transform", "east.goblin", step, "-o", "out.goblin"]);
+        assert!(place.done(&["diff", "west.goblin", "out.goblin"]).contains("blocks     0,"), "{step}");
+    }
+    place.done(&["-q", "combine", "over", "west.goblin", "east.goblin", "-o", "out.goblin"]);
+    assert_eq!(spinney::open(place.at("out.goblin")).unwrap().header().extent, [36, 18, 1]);
+    // A part beyond the seam comes to lie next to the other.
+    place.done(&["-q", "transform", "east.goblin", "window=30,0,6,18", "-o", "part.goblin"]);
+    place.done(&["-q", "transform", "west.goblin", "window=18,0,6,18", "-o", "near.goblin"]);
+    place.done(&["-q", "combine", "over", "near.goblin", "part.goblin", "-o", "out.goblin"]);
+    assert_eq!(spinney::open(place.at("out.goblin")).unwrap().header().extent, [12, 18, 1]);
+}
