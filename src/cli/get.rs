@@ -189,6 +189,10 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let is_placed = args.slice.is_some() && !coordinates.are_cells();
     let cell = slice.cell(&tree, is_placed)?;
     (bounds.min[across], bounds.max[across]) = (cell, cell + 1);
+    if is_octree && args.slice.is_none() {
+        let slices = tree.header().extent[across];
+        global.report("slice", format_args!("z={cell} of {slices} (--slice z=N for another)"));
+    }
     // Columns and rows are the other two axes, in order.
     let [columns, rows] = [[1, 2], [0, 2], [0, 1]][across].map(|axis: usize| bounds.size()[axis]);
     let level = level_of(&tree, args.level)?;

@@ -124,6 +124,7 @@ Steps:
   window=W,S,E,N,in=world  the cells in a box of the world; in=lonlat: of longitudes and latitudes
   crop                     the smallest box around all data
   opaque                   VOID for transparent pixels, those of opacity 0
+  void=N                   VOID for cells that have this number, in all channels
   translate=DX,DY[,DZ]     by cells or parts of cells; room is made on the far sides
   scale=F  scale=FX,FY     so many times as many cells along each axis
   rotate=DEG[@COL,ROW]     turns about a centre (the middle); clockwise, since rows go down
@@ -136,15 +137,16 @@ Steps:
   subtree=/031             a node becomes the root
   embed=/2                 the root becomes a node of a larger tree
   crs=DEF                  says in which coordinate system the cells lie: EPSG:NUMBER, WKT, PROJJSON, '+proj=...' or @FILE
-  like=OTHER.goblin        onto the cells of another tree, where it lies in the world, also in another
-                           coordinate system
+  like=OTHER.goblin[,extent=PART]
+                           onto the cells of another tree (a), where it lies in the world, also in another coordinate system;
+                           PART is a, b (this tree's extent), union or intersection [default: a, or b where data lie beyond a]
   warp=DEF[,cell=W][,resampling=WAY]
                            to another coordinate system, onto square cells of width W where data land, as far as
                            they lie in its area of use [default: cells as large as the tree's, in its middle]
   grid=xyz[,ZOOM]          onto the cells of web maps, in web mercator with the world as the root
   calc=EXPR[,a=FILE ...][,type=T]
                            one channel, f32 or of type T, of what is calculated with the channels, b1, b2, ... or by
-                           their names, and with files on the same grid: + - * / < <= > >= == != and or not,
+                           their names, and of files brought to the same cells: scale and offset are applied, + - * / < <= > >= == != and or not,
                            where(condition, then, else), abs, sqrt, and of any count min, max, mean, median, count
   reduce=WAY[,a=FILE ...][,type=T]
                            the median, mean, min, max or count of all channels, and those of files

@@ -12,7 +12,7 @@ use spinney::import::raster::ImportOptions;
 use spinney::raw::dataset;
 use spinney::raw::export::image::Format;
 use spinney::raw::import::raster::{self, Pixels, RasterOptions};
-use spinney::raw::ops::Prefer;
+use spinney::raw::ops::{ClassMatching, Prefer, ReconcileOptions};
 use spinney::{
     CombineOperation, CombineOptions, Crs, DataKind, FileView, Output, Region, SampleType, SetOperation,
     Value, WriteOptions,
@@ -151,9 +151,12 @@ impl Bench {
         self.made += 1;
         let out = self.path(&format!("{}.goblin", self.made));
         let files = [a.file.clone(), b.file.clone()];
+        // (NumPy compares numbers; in the two files of land cover one colour has two of them.)
+        let reconcile = ReconcileOptions { classes: ClassMatching::Number, ..ReconcileOptions::default() };
+        let options = CombineOptions { reconcile, ..CombineOptions::default() };
         spinney::combine(
             operation,
-            CombineOptions::default(),
+            options,
             &files,
             Output::create(&out).unwrap(),
             WriteOptions::new(MEMORY),

@@ -75,7 +75,7 @@ impl Place {
         self.0.path().join(name)
     }
 
-    /// Runs the program in the folder: whether it succeeded, and what it said.
+    /// Runs the program in the directory: whether it succeeded, and what it said.
     fn run(&self, arguments: &[&str]) -> (bool, String) {
         let output = command(arguments).current_dir(self.0.path()).output().unwrap();
         let said = String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
@@ -118,7 +118,7 @@ fn words(command: &str) -> Vec<String> {
     found
 }
 
-/// The commands of a message: what stands between backticks and begins with the program's name.
+/// The commands of a message: the text between backticks that begins with the program's name.
 fn commands(message: &str) -> Vec<Vec<String>> {
     let quoted = message.split('`').skip(1).step_by(2);
     quoted.filter_map(|text| text.strip_prefix("spinney ")).map(words).collect()
@@ -257,6 +257,115 @@ fn every_operation_converts_every_difference_or_says_how() {
         }
     }
     assert!(wrong.is_empty(), "{} are wrong:\n{}", wrong.len(), wrong.join("\n"));
+}
+
+/// Advice of single commands: what fails, and what succeeds when all that the message says is done in its order.
+#[test]
+fn advice_is_a_command_that_works() {
+    let place = Place::new();
+    let here = frame(10.0, 500_000.0, 5_200_000.0);
+    let off = frame(10.0, 500_003.0, 5_200_000.0);
+    Uniform::new(SampleType::F32, 7.5, here.clone()).write(&place.at("dem.goblin"));
+    Uniform::new(SampleType::F32, 7.5, off).write(&place.at("off.goblin"));
+    let solid = Uniform {
+        dimension: Dimension::Oct,
+        size: [4, 4, 4],
+        ..Uniform::new(SampleType::U8, 1.0, Frame::identity())
+    };
+    solid.write(&place.at("solid.goblin"));
+    let fixture = |name: &str| format!("{}/fixtures/{name}", env!("CARGO_MANIFEST_DIR"));
+    std::fs::copy(fixture("island_rgb.png"), place.at("rgb.png")).unwrap();
+    std::fs::copy(fixture("island_classes.tif"), place.at("classes.tif")).unwrap();
+    place.done(&["-q", "build", "rgb.png", "-o", "rgb.goblin"]);
+    place.done(&["-q", "build", "classes.tif", "-o", "classes.goblin"]);
+    place.done(&["-q", "convert", "dem.goblin", "dem.autumn"]);
+    // Zeros where a mask has nothing, and no VOID.
+    let bytes = [&b"P5 12 10 255\n"[..], &[0; 60], &[1; 60]].concat();
+    std::fs::write(place.at("mask.pgm"), bytes).unwrap();
+    let corners = "10,0,500000,0,-10,5200000";
+    let crs = "EPSG:32632";
+    place.done(&[
+        "-q",
+        "build",
+        "mask.pgm",
+        "--kind",
+        "categorical",
+        "--crs",
+        crs,
+        "--transform",
+        corners,
+        "-o",
+        "mask.goblin",
+    ]);
+    place.done(&["-q", "build", "mask.pgm", "--crs", crs, "--transform", corners, "-o", "lonely.goblin"]);
+    let scaled = |scale: &str| {
+        let source =
+            "<SourceFilename relativeToVRT=\"1\">classes.tif</SourceFilename><SourceBand>1</SourceBand>";
+        format!(
+            "<VRTDataset rasterXSize=\"256\" rasterYSize=\"200\"><SRS>EPSG:32628</SRS><GeoTransform>300000,50,0,3200000,0,-50</GeoTransform><VRTRasterBand dataType=\"Byte\" band=\"1\"><Scale>{scale}</Scale><SimpleSource>{source}</SimpleSource></VRTRasterBand></VRTDataset>"
+        )
+    };
+    std::fs::write(place.at("tenths.vrt"), scaled("0.1")).unwrap();
+    std::fs::write(place.at("ones.vrt"), scaled("1")).unwrap();
+    let cases: [(&[&str], &[&str]); 9] = [
+        (
+            &["export", "solid.goblin", "p.geojson", "--polygons"],
+            &["export", "layer.goblin", "p.geojson", "--polygons"],
+        ),
+        (
+            &["export", "rgb.goblin", "p.geojson", "--polygons"],
+            &["export", "classes.goblin", "p.geojson", "--polygons"],
+        ),
+        (
+            &["export", "dem.goblin", "p.geojson", "--polygons"],
+            &["export", "classes.goblin", "p.geojson", "--polygons"],
+        ),
+        (&["transform", "classes.tif", "like=dem.goblin", "-o", "x.goblin"], &["info", "classes.goblin"]),
+        (
+            &["manifest", "-o", "all.manifest.json", "dem.goblin", "off.goblin"],
+            &["manifest", "-o", "all.manifest.json", "dem.goblin", "OTHER.goblin"],
+        ),
+        (&["build", "tenths.vrt", "ones.vrt", "-o", "x.goblin"], &["verify", "both.goblin"]),
+        (&["edit", "dem.autumn", "paste", "rgb.goblin"], &[]),
+        (
+            &["combine", "and", "dem.goblin", "mask.goblin", "-o", "x.goblin"],
+            &["combine", "and", "dem.goblin", "mask_0.goblin", "-o", "x.goblin"],
+        ),
+        (
+            &["get", "dem.goblin", "x.tif", "--window", "500000,5199900,500100,5200000"],
+            &["get", "dem.goblin", "x.tif", "--window", "500000,5199900,500100,5200000", "--in", "world"],
+        ),
+    ];
+    for (command, then) in cases {
+        let (is_done, said) = place.run(command);
+        let is_warning = command[0] == "combine";
+        assert_eq!(is_done, is_warning, "{command:?}: {said}");
+        assert!(
+            said.contains("--in world") || then.is_empty() || !commands(&said).is_empty(),
+            "{command:?}: {said}"
+        );
+        for advised in commands(&said) {
+            place.done(&advised.iter().map(String::as_str).collect::<Vec<_>>());
+        }
+        if !then.is_empty() {
+            place.done(then);
+        }
+    }
+    assert_eq!(
+        spinney::open(place.at("x.goblin")).unwrap().statistics(None, &()).unwrap().cells,
+        60,
+        "what the mask has"
+    );
+    // A document without a coordinate system is read back without one.
+    let plain = Uniform {
+        kind: DataKind::Categorical,
+        frame: Frame { crs: None, ..here },
+        ..Uniform::new(SampleType::U8, 3.0, Frame::identity())
+    };
+    plain.write(&place.at("plain.goblin"));
+    place.done(&["-q", "export", "plain.goblin", "plain.geojson", "--polygons"]);
+    place.done(&["-q", "build", "plain.geojson", "--value", "class", "--cell", "10", "-o", "back.goblin"]);
+    assert!(place.done(&["diff", "plain.goblin", "back.goblin"]).contains("blocks     0,"));
 }
 
 #[test]

@@ -19,7 +19,11 @@ pub(crate) fn report_built(global: &Global, path: &Path, start: Instant, input: 
     let Some(file) = there else {
         return global.report("output", format_args!("standard output, in {time}"));
     };
-    let (name, size) = (path.display(), quantity::bytes(file.length));
+    let name = path.display();
+    if path.is_dir() {
+        return global.report("output", format_args!("{name}, in {time}"));
+    }
+    let size = quantity::bytes(file.length);
     let share = input.filter(|input| *input > 0).map_or(String::new(), |input| {
         let percent = 100.0 * file.length as f64 / input as f64;
         format!(", {percent:.1} % of the input's {}", quantity::bytes(input))

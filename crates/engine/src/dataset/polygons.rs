@@ -94,8 +94,10 @@ impl Dataset {
             return refuse("polygons of several channels", advice);
         }
         if self.header().kind != DataKind::Categorical {
+            let bounds = self.value_bounds()?;
+            let middle = bounds.first().map_or(0.0, |(low, high)| (low + high) / 2.0);
             let advice = format!(
-                "areas between some values: `spinney contours {tree} --at V,... --filled -o areas.gpkg`. If the values are classes: \
+                "areas between some values: `spinney contours {tree} --at {middle} --filled -o areas.gpkg`. If the values are classes: \
                  `spinney build {tree} --kind categorical -o classes.goblin`"
             );
             return refuse("polygons of a tree of continuous values", advice);

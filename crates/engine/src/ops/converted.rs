@@ -9,7 +9,7 @@ use super::view_source::{ViewSource, ViewSourceNode};
 use crate::tree::{CellBlock, Child, Children, Source};
 use spinney_base::space::Bounds;
 use spinney_base::value::{Mask, Number, Value, ValueType};
-use spinney_base::{Result, TreeType};
+use spinney_base::{Error, Result, TreeType};
 use spinney_container::{Header, Metadata};
 
 /// The conversion of a value.
@@ -19,6 +19,8 @@ pub(super) enum ValueMap {
     Presence(Value),
     /// Each sample becomes factor * sample + summand, by channel; a channel that there is not becomes full opacity.
     Linear([(f64, f64); 4]),
+    /// Cells with this value become VOID; all others stay.
+    Void(Value),
     /// Numbers of classes become others; those that are not listed stay.
     Classes(BTreeMap<Number, Number>),
 }
@@ -57,6 +59,11 @@ impl Converted {
         &self.metadata
     }
 
+    /// Whether levels above the cells have the numbers of other cells than these.
+    pub(super) fn leaves_cells_out(&self) -> bool {
+        matches!(self.map, ValueMap::Void(_))
+    }
+
     /// The representative of an INNER node, where that was left out.
     pub(super) fn representative(&self, node: &ViewSourceNode, given: Value) -> Result<Value> {
         match &*self.source {
@@ -72,6 +79,7 @@ impl Converted {
         let (from, to) = (self.source.form().value, self.header.form.value);
         match &self.map {
             ValueMap::Presence(present) => *present,
+            ValueMap::Void(_) => value,
             ValueMap::Classes(numbers) => {
                 let number = from.first_number(value);
                 let number = numbers.get(&number).copied().unwrap_or(number);
@@ -97,6 +105,7 @@ impl Converted {
     fn node(&self, child: Child<ViewSourceNode>) -> Child<ViewSourceNode> {
         match child {
             Child::Void => Child::Void,
+            Child::Leaf(value) if self.map == ValueMap::Void(value) => Child::Void,
             Child::Leaf(value) => Child::Leaf(self.value(value)),
             Child::Inner { representative, node } => {
                 Child::Inner { representative: self.value(representative), node }
@@ -122,13 +131,17 @@ impl Converted {
     }
 
     /// Converts cells in rows; what is VOID is left as it is.
-    fn convert(&self, from: &[u8], valid: &[bool], to: &mut [u8]) {
+    fn convert(&self, from: &[u8], valid: &mut [bool], to: &mut [u8]) {
         let (width, new_width) = (self.source.form().width(), self.header.form.width());
         // (Neighbours are alike.)
         let mut last: Option<(Value, [u8; 16])> = None;
-        let cells = from.chunks_exact(width).zip(to.chunks_exact_mut(new_width)).zip(valid);
-        for ((from, to), _) in cells.filter(|(_, valid)| **valid) {
+        let cells = from.chunks_exact(width).zip(to.chunks_exact_mut(new_width)).zip(valid.iter_mut());
+        for ((from, to), valid) in cells.filter(|(_, valid)| **valid) {
             let value = Value::from_bytes(from);
+            if self.map == ValueMap::Void(value) {
+                *valid = false;
+                continue;
+            }
             let bytes = match last {
                 Some((before, bytes)) if before == value => bytes,
                 _ => self.value(value).to_bytes(),
@@ -201,8 +214,8 @@ impl Source for Converted {
     fn cells(&self, node: &ViewSourceNode, levels: u8) -> Result<Option<CellBlock>> {
         let Some(cells) = self.source.cells(node, levels)? else { return Ok(None) };
         let mut converted = CellBlock::void(cells.present.len(), self.header.form.width());
-        self.convert(&cells.values, &cells.present, &mut converted.values);
         converted.present = cells.present;
+        self.convert(&cells.values, &mut converted.present, &mut converted.values);
         Ok(Some(converted))
     }
 
@@ -212,6 +225,21 @@ impl Source for Converted {
 }
 
 impl View {
+    /// This view with VOID for cells that have a number in all channels, which is the result's nodata.
+    ///
+    /// # Errors
+    /// If the type cannot hold the number.
+    pub(super) fn without_number(self, number: Number) -> Result<View> {
+        let value_type = self.form().value;
+        let value = value_type.splat(number).ok_or_else(|| {
+            let expected = format!("one that {value_type} can hold");
+            Error::invalid("number of VOID cells", number.to_string(), expected)
+        })?;
+        let metadata = Metadata { nodata: Some(number), ..self.source().metadata().clone() };
+        let source = self.source().clone();
+        Ok(self.converted(Converted::new(source, value_type, ValueMap::Void(value), metadata)))
+    }
+
     /// This view with converted values.
     pub(super) fn converted(self, converted: Converted) -> View {
         self.over_values(Arc::new(ViewSource::Converted(Box::new(converted))))

@@ -406,7 +406,7 @@ fn warn_full(
         if is_full && has_zero && (number > 0 || source.header().kind == DataKind::Categorical) {
             let stem = FileReference::of(Path::new(name)).file.with_extension("");
             let text = format!(
-                "has no VOID, so that all of its cells are present; if 0 means nothing: `spinney build {name} --nodata 0 -o {}_0.goblin`",
+                "has no VOID, so that all of its cells are present; if 0 means nothing: `spinney transform {name} void=0 -o {}_0.goblin`",
                 stem.display()
             );
             progress.warn(Path::new(name), &text);

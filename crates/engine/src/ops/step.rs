@@ -11,6 +11,7 @@ use super::tree_file::TreeFile;
 use super::warp::{Resampling, WarpGrid, WarpTarget};
 use crate::tree::Source;
 use spinney_base::space::{Code, Dimension};
+use spinney_base::value::Number;
 use spinney_base::{Error, Result};
 use spinney_crs::{CellLocator, Coordinates, Crs};
 
@@ -36,6 +37,8 @@ pub enum ViewStep {
     AffineMap(AffineMap),
     /// `opaque`: VOID for what is transparent, where values have opacity.
     Opaque,
+    /// `void=N`: VOID for cells that have this number in all channels.
+    Void(Number),
     /// `depth=N`: coarser or finer cells, so that the tree has N levels below its root.
     Depth(u8),
     /// `tree-depth=N`: N levels below the root over the same cells, with room for more on the far sides.
@@ -98,6 +101,7 @@ impl ViewStep {
             ViewStep::Rotate(degrees, turn, centre) => rotate(view, *degrees, *turn, *centre),
             ViewStep::AffineMap(map) => view.transform(map),
             ViewStep::Opaque => view.opaque(),
+            ViewStep::Void(number) => view.without_number(*number),
             ViewStep::Depth(depth) => view.resample(*depth),
             ViewStep::TreeDepth(depth) => view.deepened(*depth),
             ViewStep::Subtree(code) => subtree(view, code),

@@ -11,7 +11,7 @@ use spinney_crs::{Coordinates, Crs};
 
 /// All steps, for the message about an unknown one.
 const STEPS: &str = "window=, crop, translate=, scale=, rotate=, mirror=, transpose, axes=, affine=, depth=, \
-                     tree-depth=, subtree=, embed=, crs=, like=, warp=, grid=, opaque, calc=, reduce=, \
+                     tree-depth=, subtree=, embed=, crs=, like=, warp=, grid=, opaque, void=, calc=, reduce=, \
                      composite=, components= or sieve=";
 
 impl FromStr for ViewStep {
@@ -66,6 +66,10 @@ impl FromStr for ViewStep {
             "embed" => step.node(ViewStep::Embed),
             "like" if !step.arguments.is_empty() => step.like(),
             "grid" => step.grid(),
+            "void" => match step.arguments.parse() {
+                Ok(number) => Ok(ViewStep::Void(number)),
+                Err(_) => Err(step.wrong("void=NUMBER, the number of cells that become VOID")),
+            },
             _ => Err(step.wrong(STEPS)),
         }
     }
@@ -278,6 +282,7 @@ impl fmt::Display for ViewStep {
             }
             ViewStep::Crop => f.write_str("crop"),
             ViewStep::Opaque => f.write_str("opaque"),
+            ViewStep::Void(number) => write!(f, "void={number}"),
             ViewStep::Translate(by) => write!(f, "translate={}", List(planar(by))),
             ViewStep::Scale(factors) => write!(f, "scale={}", List(factors)),
             ViewStep::Rotate(degrees, turn, centre) => {
@@ -407,6 +412,8 @@ mod tests {
             "embed=/",
             "like=other map.goblin",
             "like=map.autumn@3,extent=union",
+            "void=0",
+            "void=-9999.5",
             "grid=xyz",
             "grid=xyz,7",
             "warp=EPSG:3035",
@@ -444,7 +451,7 @@ mod tests {
             assert!(
                 error.contains(text)
                     && error.contains(
-                        "tree-depth=, subtree=, embed=, crs=, like=, warp=, grid=, opaque, calc=, reduce=, composite=, components= or sieve="
+                        "tree-depth=, subtree=, embed=, crs=, like=, warp=, grid=, opaque, void=, calc=, reduce=, composite=, components= or sieve="
                     ),
                 "{error}"
             );

@@ -180,7 +180,7 @@ impl ViewSource {
             ViewSource::Calculated(tree) => tree.is_approximate(),
             ViewSource::Warped(tree) => tree.source().is_approximate(),
             ViewSource::Opaque(tree) => tree.source().is_approximate(),
-            ViewSource::Converted(tree) => tree.source().is_approximate(),
+            ViewSource::Converted(tree) => tree.leaves_cells_out() || tree.source().is_approximate(),
             // (Levels are made by whoever builds them.)
             ViewSource::Regions(_) | ViewSource::Blockwise(_) => true,
             ViewSource::File(TreeFile::Mosaic(tree)) => tree.is_approximate(),

@@ -170,7 +170,12 @@ fn offset(first: &dyn Raster, other: &dyn Raster) -> Result<[i64; 2]> {
         return Err(Error::invalid(
             both(),
             format!("{} and {}", name(a), name(b)),
-            "the same kind of pixels",
+            format!(
+                "the same kind of pixels; a tree of each is brought to the first's: `spinney build {} -o below.goblin`, \
+                 `spinney build {} -o above.goblin`, `spinney combine over above.goblin below.goblin -o both.goblin`",
+                first.path().display(),
+                other.path().display()
+            ),
         ));
     }
     let [here, there] = [first, other].map(|raster| raster.path().display().to_string());
