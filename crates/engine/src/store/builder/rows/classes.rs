@@ -1,30 +1,33 @@
 //! Majorities of blocks in rows, from counts of classes that are carried up.
 //!
 //! Class after class is counted in the nodes of all levels, in ascending order, and takes a node over where it has more cells
-//! than all before: so counts are bytes in rows, whose loops are without branches, and ties go to the lowest class.
+//! than all before: so counts are bytes in rows, whose loops are without branches. Nodes where several classes have most cells
+//! are marked on the way, and settled at the end from the bottom up, since the values of their children decide (see [`break_tie`]).
 
-use std::ops::Range;
+use std::ops::{BitOr, Range};
+
+use smallvec::SmallVec;
 
 use super::{RowBlock, child_rows, neighbours, reduce};
-use spinney_base::value::{SampleType, Value};
+use spinney_base::value::{SampleType, Value, break_tie};
 
-/// Cells whose number a byte holds, as a power of two.
-const BYTE_BITS: usize = 7;
+/// Cells that are counted in bytes, as a power of two: twice as many are a byte, too.
+const BYTE_BITS: usize = 6;
 
 /// Bands of rows (in octrees: of slices) that a block is cut into, as a power of two. A class is counted in those alone from
 /// its first cell to its last: in maps, most classes are at few places.
 const BAND_BITS: usize = 3;
 
-/// Knowledge of the nodes of a level.
+/// Knowledge of the nodes of a level. All counts are twice the cells.
 struct Counts<T> {
-    /// The most frequent class so far, and its cells.
+    /// The most frequent class so far, and its count; 1 more if another class has as many cells.
     winners: Vec<u8>,
     best: Vec<T>,
-    /// The cells of the class that is being counted.
+    /// The count of the class that is being counted.
     counted: Vec<T>,
 }
 
-impl<T: Copy + Default + PartialOrd> Counts<T> {
+impl<T: Copy + Default + PartialOrd + BitOr<Output = T> + From<bool> + Into<u32>> Counts<T> {
     fn new(nodes: usize) -> Counts<T> {
         Counts {
             winners: vec![0; nodes],
@@ -40,10 +43,91 @@ impl<T: Copy + Default + PartialOrd> Counts<T> {
         for ((winner, best), count) in winners.zip(&self.counted[nodes]) {
             // (A mask of bits, since a choice of bytes would be compiled to branches.)
             let is_more = u8::from(*count > *best).wrapping_neg();
-            *best = if *count > *best { *count } else { *best };
+            // (What is odd is no count, and stays odd until more is counted. A node has more than 0 of some class.)
+            let is_tied = T::from(*count == *best);
+            *best = (if *count > *best { *count } else { *best }) | is_tied;
             *winner = *winner & !is_more | class & is_more;
         }
     }
+
+    /// The values of the nodes, `up` levels above the cells, once all classes are counted; `below` has those of their children.
+    fn settle(mut self, cells: &Cells<'_>, up: usize, below: &[u8]) -> Vec<u8> {
+        let side = cells.side >> up;
+        if up == 1 && cells.axes == 2 {
+            // Of four cells tied classes are two twice, or all four: the first cell has one of them.
+            for (row, first) in below.chunks_exact(4 * side).enumerate() {
+                let nodes = row * side..(row + 1) * side;
+                let winners = self.winners[nodes.clone()].iter_mut().zip(&self.best[nodes]);
+                for ((winner, best), pair) in winners.zip(neighbours(&first[..2 * side])) {
+                    let is_tied = ((*best).into() as u8 & 1).wrapping_neg();
+                    *winner = *winner & !is_tied | pair as u8 & is_tied;
+                }
+            }
+            return self.winners;
+        }
+        for row in 0..self.winners.len() / side {
+            let nodes = row * side..(row + 1) * side;
+            // (Few are tied: rows without any are passed over fast.)
+            if self.best[nodes.clone()].iter().fold(0, |any, best| any | (*best).into()) & 1 == 0 {
+                continue;
+            }
+            let children = child_rows(cells.axes, 2 * side, below, row);
+            for (x, node) in nodes.enumerate() {
+                let best: u32 = self.best[node].into();
+                if best & 1 == 1 {
+                    self.winners[node] = cells.winner([x, row % side, row / side], up, &children, best / 2);
+                }
+            }
+        }
+        self.winners
+    }
+}
+
+/// The cells of a block, in rows.
+struct Cells<'a> {
+    axes: usize,
+    side: usize,
+    values: &'a [u8],
+}
+
+impl Cells<'_> {
+    /// The class that wins the tie of a node, `up` levels above the cells, whose most frequent classes have so many cells each.
+    fn winner(&self, node: [usize; 3], up: usize, children: &[&[u8]; 4], most: u32) -> u8 {
+        let rows = children[..1 << (self.axes - 1)].iter();
+        let values: SmallVec<[u8; 8]> = rows.flat_map(|row| &row[2 * node[0]..][..2]).copied().collect();
+        for (at, value) in values.iter().enumerate() {
+            if !values[..at].contains(value)
+                && self.rows(node, up).map(|row| count_of(*value, row)).sum::<u32>() == most
+            {
+                return *value;
+            }
+        }
+        let mut counts = [0; 256];
+        self.rows(node, up).flatten().for_each(|cell| counts[usize::from(*cell)] += 1);
+        let tied: Vec<_> = (0..=u8::MAX)
+            .filter(|class| counts[usize::from(*class)] == most)
+            .map(|class| Value::from([class]))
+            .collect();
+        let children = values.iter().map(|value| Value::from([*value]));
+        break_tie(children, &tied, most.into()).to_bytes()[0]
+    }
+
+    /// The rows of cells of a node.
+    fn rows(&self, [x, y, z]: [usize; 3], up: usize) -> impl Iterator<Item = &[u8]> {
+        let (length, slices) = (1 << up, if self.axes == 2 { 1 } else { 1 << up });
+        (0..slices).flat_map(move |slice| {
+            let first = (((z << up) + slice) * self.side + (y << up)) * self.side + (x << up);
+            (0..length).map(move |row| &self.values[first + row * self.side..][..length])
+        })
+    }
+}
+
+/// How many cells of a row have a class.
+#[inline]
+fn count_of(class: u8, row: &[u8]) -> u32 {
+    let (chunks, rest) = row.as_chunks::<16>();
+    let of = |cells: &[u8]| u32::from(cells.iter().map(|cell| u8::from(*cell == class)).sum::<u8>());
+    chunks.iter().map(|chunk| of(chunk)).sum::<u32>() + of(rest)
 }
 
 /// Gives all nodes of a block, whose values are single bytes, their majorities; returns the cells of each value.
@@ -86,7 +170,7 @@ pub(super) fn majorities(block: &mut RowBlock) -> Vec<(Value, u64)> {
                 }
                 let (counted, columns) = (&mut level.counted[here.clone()], &mut columns[..side]);
                 match lower.last() {
-                    None => count(axes, &cells[below], counted, columns, |cell| u8::from(cell == class)),
+                    None => count(axes, &cells[below], counted, columns, |cell| 2 * u8::from(cell == class)),
                     Some(lower) => count(axes, &lower.counted[below], counted, columns, |count| count),
                 }
                 level.take_over(class, here);
@@ -110,8 +194,16 @@ pub(super) fn majorities(block: &mut RowBlock) -> Vec<(Value, u64)> {
             }
         }
     }
-    let narrow = narrow.into_iter().map(|level| level.winners);
-    let winners: Vec<Vec<u8>> = narrow.chain(wide.into_iter().map(|level| level.winners)).collect();
+    let cells = Cells { axes, side: block.side(0), values: cells };
+    let mut winners: Vec<Vec<u8>> = Vec::with_capacity(height);
+    for (up, level) in (1..).zip(narrow) {
+        let below = winners.last().map_or(cells.values, |below| below);
+        winners.push(level.settle(&cells, up, below));
+    }
+    for (up, level) in (narrow_levels + 1..).zip(wide) {
+        let below = winners.last().map_or(cells.values, |below| below);
+        winners.push(level.settle(&cells, up, below));
+    }
     for winners in winners {
         block.push_level();
         block.last_two().1.values = winners;
@@ -128,8 +220,8 @@ fn count(axes: usize, children: &[u8], counts: &mut [u8], columns: &mut [u8], of
         for children in child_rows(axes, side, children, row) {
             columns.iter_mut().zip(children).for_each(|(column, child)| *column += of(*child));
         }
-        // Invariant: no sum is more than 2^BYTE_BITS, which is what a node has of cells in the levels that
-        // are counted in bytes. So nothing is carried from one column to its neighbour.
+        // Invariant: no sum is more than twice 2^BYTE_BITS, which is what a node has of cells in the levels
+        // that are counted in bytes. So nothing is carried from one column to its neighbour.
         for (count, columns) in counts.iter_mut().zip(neighbours(columns)) {
             *count = (columns + (columns >> 8)) as u8;
         }
