@@ -53,34 +53,42 @@ impl<T: Copy + Default + PartialOrd + BitOr<Output = T> + From<bool> + Into<u32>
     /// The values of the nodes, `up` levels above the cells, once all classes are counted; `below` has those of their children.
     fn settle(mut self, cells: &Cells<'_>, up: usize, below: &[u8]) -> Vec<u8> {
         let side = cells.side >> up;
-        if up == 1 && cells.axes == 2 {
-            // Of four cells tied classes are two twice, or all four: the first cell has one of them.
-            for (row, first) in below.chunks_exact(4 * side).enumerate() {
-                let nodes = row * side..(row + 1) * side;
-                let winners = self.winners[nodes.clone()].iter_mut().zip(&self.best[nodes]);
-                for ((winner, best), pair) in winners.zip(neighbours(&first[..2 * side])) {
-                    let is_tied = ((*best).into() as u8 & 1).wrapping_neg();
-                    *winner = *winner & !is_tied | pair as u8 & is_tied;
-                }
-            }
-            return self.winners;
-        }
+        let odd = |best: T| best.into() & 1 == 1;
         for row in 0..self.winners.len() / side {
             let nodes = row * side..(row + 1) * side;
             // (Few are tied: rows without any are passed over fast.)
-            if self.best[nodes.clone()].iter().fold(0, |any, best| any | (*best).into()) & 1 == 0 {
+            if !odd(self.best[nodes.clone()].iter().fold(T::default(), |any, best| any | *best)) {
                 continue;
             }
             let children = child_rows(cells.axes, 2 * side, below, row);
             for (x, node) in nodes.enumerate() {
-                let best: u32 = self.best[node].into();
-                if best & 1 == 1 {
-                    self.winners[node] = cells.winner([x, row % side, row / side], up, &children, best / 2);
+                let best = self.best[node];
+                if odd(best) {
+                    self.winners[node] =
+                        cells.winner([x, row % side, row / side], up, &children, best.into() / 2);
                 }
             }
         }
         self.winners
     }
+}
+
+/// The values of the nodes above the cells of a quadtree. Of four cells the most frequent class is that of the first, if another
+/// one has it, too, or if all differ; else that of two others, if any are alike.
+fn pairs(cells: &[u8], side: usize) -> Vec<u8> {
+    let mut values = vec![0; cells.len() / 4];
+    let alike = |a: u16, b: u16| u16::from(a == b).wrapping_neg();
+    for (values, rows) in values.chunks_exact_mut(side / 2).zip(cells.chunks_exact(2 * side)) {
+        let (upper, lower) = rows.split_at(side);
+        for ((value, upper), lower) in values.iter_mut().zip(neighbours(upper)).zip(neighbours(lower)) {
+            let [a, b, c, d] = [upper & 0xFF, upper >> 8, lower & 0xFF, lower >> 8];
+            let is_first = alike(a, b) | alike(a, c) | alike(a, d);
+            let is_second = !is_first & (alike(b, c) | alike(b, d));
+            let is_third = !is_first & !is_second & alike(c, d);
+            *value = (a & !is_second & !is_third | b & is_second | c & is_third) as u8;
+        }
+    }
+    values
 }
 
 /// The cells of a block, in rows.
@@ -92,27 +100,40 @@ struct Cells<'a> {
 
 impl Cells<'_> {
     /// The class that wins the tie of a node, `up` levels above the cells, whose most frequent classes have so many cells each.
+    #[inline]
     fn winner(&self, node: [usize; 3], up: usize, children: &[&[u8]; 4], most: u32) -> u8 {
-        let rows = children[..1 << (self.axes - 1)].iter();
-        let values: SmallVec<[u8; 8]> = rows.flat_map(|row| &row[2 * node[0]..][..2]).copied().collect();
+        let (mut values, rows) = ([0; 8], 1 << (self.axes - 1));
+        for (pair, row) in values.as_chunks_mut::<2>().0.iter_mut().zip(&children[..rows]) {
+            pair.copy_from_slice(&row[2 * node[0]..][..2]);
+        }
+        let values = &values[..2 * rows];
         for (at, value) in values.iter().enumerate() {
-            if !values[..at].contains(value)
-                && self.rows(node, up).map(|row| count_of(*value, row)).sum::<u32>() == most
-            {
+            if !values[..at].contains(value) && self.count(node, up, *value) == most {
                 return *value;
             }
         }
-        let mut counts = [0; 256];
-        self.rows(node, up).flatten().for_each(|cell| counts[usize::from(*cell)] += 1);
-        let tied: Vec<_> = (0..=u8::MAX)
-            .filter(|class| counts[usize::from(*class)] == most)
-            .map(|class| Value::from([class]))
-            .collect();
-        let children = values.iter().map(|value| Value::from([*value]));
-        break_tie(children, &tied, most.into()).to_bytes()[0]
+        self.hashed(node, up, values, most)
+    }
+
+    /// The same where no child has one of the classes.
+    #[cold]
+    fn hashed(&self, node: [usize; 3], up: usize, children: &[u8], most: u32) -> u8 {
+        let mut has = [false; 256];
+        self.rows(node, up).flatten().for_each(|cell| has[usize::from(*cell)] = true);
+        let is_tied = |class: &u8| has[usize::from(*class)] && self.count(node, up, *class) == most;
+        let tied: SmallVec<[Value; 8]> =
+            (0..=u8::MAX).filter(is_tied).map(|class| Value::from([class])).collect();
+        break_tie(children.iter().map(|value| Value::from([*value])), &tied, most.into()).to_bytes()[0]
+    }
+
+    /// How many cells of a node have a class.
+    #[inline]
+    fn count(&self, node: [usize; 3], up: usize, class: u8) -> u32 {
+        self.rows(node, up).map(|row| count_of(class, row)).sum()
     }
 
     /// The rows of cells of a node.
+    #[inline]
     fn rows(&self, [x, y, z]: [usize; 3], up: usize) -> impl Iterator<Item = &[u8]> {
         let (length, slices) = (1 << up, if self.axes == 2 { 1 } else { 1 << up });
         (0..slices).flat_map(move |slice| {
@@ -122,12 +143,30 @@ impl Cells<'_> {
     }
 }
 
-/// How many cells of a row have a class.
+/// How many cells of a row, whose number is a power of two, have a class.
 #[inline]
 fn count_of(class: u8, row: &[u8]) -> u32 {
-    let (chunks, rest) = row.as_chunks::<16>();
-    let of = |cells: &[u8]| u32::from(cells.iter().map(|cell| u8::from(*cell == class)).sum::<u8>());
-    chunks.iter().map(|chunk| of(chunk)).sum::<u32>() + of(rest)
+    // (Bytes of words that differ by exclusive or are not 0.)
+    const LOW: u64 = u64::MAX / 255;
+    let zeros = |word: u64| {
+        let word = word ^ LOW * u64::from(class);
+        let is_some = (word & 0x7F * LOW) + 0x7F * LOW | word;
+        ((!is_some >> 7 & LOW).wrapping_mul(LOW) >> 56) as u32
+    };
+    match *row {
+        [a, b] => u32::from(a == class) + u32::from(b == class),
+        [a, b, c, d] => {
+            // (The upper bytes are those of another class.)
+            let word = u64::from(u32::from_le_bytes([a, b, c, d])) | u64::from(!class) * (LOW << 32);
+            zeros(word)
+        }
+        [a, b, c, d, e, f, g, h] => zeros(u64::from_le_bytes([a, b, c, d, e, f, g, h])),
+        _ => {
+            let of =
+                |cells: &[u8; 16]| u32::from(cells.iter().map(|cell| u8::from(*cell == class)).sum::<u8>());
+            row.as_chunks().0.iter().map(of).sum()
+        }
+    }
 }
 
 /// Gives all nodes of a block, whose values are single bytes, their majorities; returns the cells of each value.
@@ -173,7 +212,10 @@ pub(super) fn majorities(block: &mut RowBlock) -> Vec<(Value, u64)> {
                     None => count(axes, &cells[below], counted, columns, |cell| 2 * u8::from(cell == class)),
                     Some(lower) => count(axes, &lower.counted[below], counted, columns, |count| count),
                 }
-                level.take_over(class, here);
+                // (What four cells have, they say at once.)
+                if up > 1 || axes > 2 {
+                    level.take_over(class, here);
+                }
             } else {
                 let (lower, level) = wide.split_at_mut(up - narrow_levels - 1);
                 let level = &mut level[0];
@@ -198,7 +240,10 @@ pub(super) fn majorities(block: &mut RowBlock) -> Vec<(Value, u64)> {
     let mut winners: Vec<Vec<u8>> = Vec::with_capacity(height);
     for (up, level) in (1..).zip(narrow) {
         let below = winners.last().map_or(cells.values, |below| below);
-        winners.push(level.settle(&cells, up, below));
+        winners.push(match (up, axes) {
+            (1, 2) => pairs(cells.values, cells.side),
+            _ => level.settle(&cells, up, below),
+        });
     }
     for (up, level) in (narrow_levels + 1..).zip(wide) {
         let below = winners.last().map_or(cells.values, |below| below);
