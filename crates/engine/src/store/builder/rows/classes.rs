@@ -75,17 +75,25 @@ impl<T: Copy + Default + PartialOrd + BitOr<Output = T> + From<bool> + Into<u32>
 
 /// The values of the nodes above the cells of a quadtree. Of four cells the most frequent class is that of the first, if another
 /// one has it, too, or if all differ; else that of two others, if any are alike.
-fn pairs(cells: &[u8], side: usize) -> Vec<u8> {
+fn values_of_four(cells: &[u8], side: usize) -> Vec<u8> {
     let mut values = vec![0; cells.len() / 4];
-    let alike = |a: u16, b: u16| u16::from(a == b).wrapping_neg();
+    let mut columns = [(); 4].map(|()| vec![0; side / 2]);
+    let alike = |a: u8, b: u8| u8::from(a == b).wrapping_neg();
     for (values, rows) in values.chunks_exact_mut(side / 2).zip(cells.chunks_exact(2 * side)) {
         let (upper, lower) = rows.split_at(side);
-        for ((value, upper), lower) in values.iter_mut().zip(neighbours(upper)).zip(neighbours(lower)) {
-            let [a, b, c, d] = [upper & 0xFF, upper >> 8, lower & 0xFF, lower >> 8];
+        // (Columns first, so that there are instructions for all that follows.)
+        let [a, b, c, d] = &mut columns;
+        for (first, second, row) in [(&mut *a, &mut *b, upper), (&mut *c, &mut *d, lower)] {
+            first.iter_mut().zip(neighbours(row)).for_each(|(first, pair)| *first = pair as u8);
+            second.iter_mut().zip(neighbours(row)).for_each(|(second, pair)| *second = (pair >> 8) as u8);
+        }
+        for ((((value, a), b), c), d) in values.iter_mut().zip(a).zip(b).zip(c).zip(d) {
+            let (a, b, c, d) = (*a, *b, *c, *d);
             let is_first = alike(a, b) | alike(a, c) | alike(a, d);
-            let is_second = !is_first & (alike(b, c) | alike(b, d));
-            let is_third = !is_first & !is_second & alike(c, d);
-            *value = (a & !is_second & !is_third | b & is_second | c & is_third) as u8;
+            let is_second = alike(b, c) | alike(b, d);
+            let is_third = alike(c, d);
+            let others = b & is_second | (c & is_third | a & !is_third) & !is_second;
+            *value = a & is_first | others & !is_first;
         }
     }
     values
@@ -107,10 +115,12 @@ impl Cells<'_> {
             pair.copy_from_slice(&row[2 * node[0]..][..2]);
         }
         let values = &values[..2 * rows];
-        for (at, value) in values.iter().enumerate() {
-            if !values[..at].contains(value) && self.count(node, up, *value) == most {
+        let mut last = None;
+        for value in values {
+            if last != Some(*value) && self.count(node, up, *value) == most {
                 return *value;
             }
+            last = Some(*value);
         }
         self.hashed(node, up, values, most)
     }
@@ -118,9 +128,16 @@ impl Cells<'_> {
     /// The same where no child has one of the classes.
     #[cold]
     fn hashed(&self, node: [usize; 3], up: usize, children: &[u8], most: u32) -> u8 {
-        let mut has = [false; 256];
-        self.rows(node, up).flatten().for_each(|cell| has[usize::from(*cell)] = true);
-        let is_tied = |class: &u8| has[usize::from(*class)] && self.count(node, up, *class) == most;
+        let mut has = [0u64; 4];
+        for first in self.slices(node, up) {
+            for row in 0..1 << up {
+                let cells = &self.values[first + row * self.side..][..1 << up];
+                cells.iter().for_each(|cell| has[usize::from(cell >> 6)] |= 1 << (cell & 63));
+            }
+        }
+        let is_tied = |class: &u8| {
+            has[usize::from(class >> 6)] >> (class & 63) & 1 == 1 && self.count(node, up, *class) == most
+        };
         let tied: SmallVec<[Value; 8]> =
             (0..=u8::MAX).filter(is_tied).map(|class| Value::from([class])).collect();
         break_tie(children.iter().map(|value| Value::from([*value])), &tied, most.into()).to_bytes()[0]
@@ -129,44 +146,53 @@ impl Cells<'_> {
     /// How many cells of a node have a class.
     #[inline]
     fn count(&self, node: [usize; 3], up: usize, class: u8) -> u32 {
-        self.rows(node, up).map(|row| count_of(class, row)).sum()
+        const LOW: u64 = u64::MAX / 255;
+        let (pattern, other) = (LOW * u64::from(class), LOW * u64::from(!class));
+        // Bytes of 1 where those of a word are the class, of 0 where they are not.
+        let flags = |word: u64| {
+            let word = word ^ pattern;
+            !((word & 0x7F * LOW) + 0x7F * LOW | word) >> 7 & LOW
+        };
+        let mut count = 0;
+        for first in self.slices(node, up) {
+            let values = &self.values[first..];
+            let pair = |row: usize| u64::from(u16::from_le_bytes(*cells_at(values, row * self.side)));
+            let four = |row: usize| u64::from(u32::from_le_bytes(*cells_at(values, row * self.side)));
+            let eight = |row: usize| u64::from_le_bytes(*cells_at(values, row * self.side));
+            let sum = match up {
+                1 => flags(pair(0) | pair(1) << 16 | other << 32),
+                2 => flags(four(0) | four(1) << 32) + flags(four(2) | four(3) << 32),
+                3 => (0..8).map(|row| flags(eight(row))).sum(),
+                _ => {
+                    for row in 0..1 << up {
+                        let (chunks, _) = values[row * self.side..][..1 << up].as_chunks::<16>();
+                        for chunk in chunks {
+                            let found = chunk.iter().map(|cell| u8::from(*cell == class)).sum::<u8>();
+                            count += u32::from(found);
+                        }
+                    }
+                    0
+                }
+            };
+            // (The sum of all bytes, which is no more than 64.)
+            count += (sum.wrapping_mul(LOW) >> 56) as u32;
+        }
+        count
     }
 
-    /// The rows of cells of a node.
+    /// The indices of the first cells of a node, of each slice that it has.
     #[inline]
-    fn rows(&self, [x, y, z]: [usize; 3], up: usize) -> impl Iterator<Item = &[u8]> {
-        let (length, slices) = (1 << up, if self.axes == 2 { 1 } else { 1 << up });
-        (0..slices).flat_map(move |slice| {
-            let first = (((z << up) + slice) * self.side + (y << up)) * self.side + (x << up);
-            (0..length).map(move |row| &self.values[first + row * self.side..][..length])
-        })
+    fn slices(&self, [x, y, z]: [usize; 3], up: usize) -> impl Iterator<Item = usize> {
+        let (side, axes) = (self.side, self.axes);
+        let slices = if axes == 2 { 1 } else { 1 << up };
+        (0..slices).map(move |slice| (((z << up) + slice) * side + (y << up)) * side + (x << up))
     }
 }
 
-/// How many cells of a row, whose number is a power of two, have a class.
+/// So many cells from one on.
 #[inline]
-fn count_of(class: u8, row: &[u8]) -> u32 {
-    // (Bytes of words that differ by exclusive or are not 0.)
-    const LOW: u64 = u64::MAX / 255;
-    let zeros = |word: u64| {
-        let word = word ^ LOW * u64::from(class);
-        let is_some = (word & 0x7F * LOW) + 0x7F * LOW | word;
-        ((!is_some >> 7 & LOW).wrapping_mul(LOW) >> 56) as u32
-    };
-    match *row {
-        [a, b] => u32::from(a == class) + u32::from(b == class),
-        [a, b, c, d] => {
-            // (The upper bytes are those of another class.)
-            let word = u64::from(u32::from_le_bytes([a, b, c, d])) | u64::from(!class) * (LOW << 32);
-            zeros(word)
-        }
-        [a, b, c, d, e, f, g, h] => zeros(u64::from_le_bytes([a, b, c, d, e, f, g, h])),
-        _ => {
-            let of =
-                |cells: &[u8; 16]| u32::from(cells.iter().map(|cell| u8::from(*cell == class)).sum::<u8>());
-            row.as_chunks().0.iter().map(of).sum()
-        }
-    }
+fn cells_at<const N: usize>(cells: &[u8], at: usize) -> &[u8; N] {
+    cells[at..].first_chunk().expect("a node's row has all of its cells")
 }
 
 /// Gives all nodes of a block, whose values are single bytes, their majorities; returns the cells of each value.
@@ -241,7 +267,7 @@ pub(super) fn majorities(block: &mut RowBlock) -> Vec<(Value, u64)> {
     for (up, level) in (1..).zip(narrow) {
         let below = winners.last().map_or(cells.values, |below| below);
         winners.push(match (up, axes) {
-            (1, 2) => pairs(cells.values, cells.side),
+            (1, 2) => values_of_four(cells.values, cells.side),
             _ => level.settle(&cells, up, below),
         });
     }
