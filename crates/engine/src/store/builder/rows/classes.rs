@@ -7,6 +7,7 @@
 use std::ops::{BitOr, Range};
 
 use smallvec::SmallVec;
+use zerocopy::IntoBytes;
 
 use super::{RowBlock, child_rows, neighbours, reduce};
 use spinney_base::value::{SampleType, Value, break_tie};
@@ -52,20 +53,22 @@ impl<T: Copy + Default + PartialOrd + BitOr<Output = T> + From<bool> + Into<u32>
 
     /// The values of the nodes, `up` levels above the cells, once all classes are counted; `below` has those of their children.
     fn settle(mut self, cells: &Cells<'_>, up: usize, below: &[u8]) -> Vec<u8> {
+        /// Nodes that are passed over at once if none is tied.
+        const SPAN: usize = 16;
         let side = cells.side >> up;
-        let odd = |best: T| best.into() & 1 == 1;
+        let is_odd = |best: T| best.into() & 1 == 1;
         for row in 0..self.winners.len() / side {
-            let nodes = row * side..(row + 1) * side;
-            // (Few are tied: rows without any are passed over fast.)
-            if !odd(self.best[nodes.clone()].iter().fold(T::default(), |any, best| any | *best)) {
-                continue;
-            }
             let children = child_rows(cells.axes, 2 * side, below, row);
-            for (x, node) in nodes.enumerate() {
-                let best = self.best[node];
-                if odd(best) {
-                    self.winners[node] =
-                        cells.winner([x, row % side, row / side], up, &children, best.into() / 2);
+            let nodes = row * side..(row + 1) * side;
+            let spans = self.winners[nodes.clone()].chunks_mut(SPAN).zip(self.best[nodes].chunks(SPAN));
+            for (span, (winners, best)) in spans.enumerate() {
+                if is_odd(best.iter().fold(T::default(), |any, best| any | *best)) {
+                    for (x, (winner, best)) in (span * SPAN..).zip(winners.iter_mut().zip(best)) {
+                        if is_odd(*best) {
+                            let node = [x, row % side, row / side];
+                            *winner = cells.winner(node, up, &children, (*best).into() / 2);
+                        }
+                    }
                 }
             }
         }
@@ -73,30 +76,20 @@ impl<T: Copy + Default + PartialOrd + BitOr<Output = T> + From<bool> + Into<u32>
     }
 }
 
-/// The values of the nodes above the cells of a quadtree. Of four cells the most frequent class is that of the first, if another
-/// one has it, too, or if all differ; else that of two others, if any are alike.
-fn values_of_four(cells: &[u8], side: usize) -> Vec<u8> {
-    let mut values = vec![0; cells.len() / 4];
-    let mut columns = [(); 4].map(|()| vec![0; side / 2]);
-    let alike = |a: u8, b: u8| u8::from(a == b).wrapping_neg();
-    for (values, rows) in values.chunks_exact_mut(side / 2).zip(cells.chunks_exact(2 * side)) {
-        let (upper, lower) = rows.split_at(side);
-        // (Columns first, so that there are instructions for all that follows.)
-        let [a, b, c, d] = &mut columns;
-        for (first, second, row) in [(&mut *a, &mut *b, upper), (&mut *c, &mut *d, lower)] {
-            first.iter_mut().zip(neighbours(row)).for_each(|(first, pair)| *first = pair as u8);
-            second.iter_mut().zip(neighbours(row)).for_each(|(second, pair)| *second = (pair >> 8) as u8);
+impl Counts<u8> {
+    /// [`Counts::settle`] for the nodes above the cells of a quadtree. Of four cells the tied classes are two twice, or all: the
+    /// first cell has one of them.
+    fn settle_fours(mut self, cells: &Cells<'_>) -> Vec<u8> {
+        let side = cells.side / 2;
+        let nodes = self.winners.chunks_exact_mut(side).zip(self.best.chunks_exact(side));
+        for ((winners, best), rows) in nodes.zip(cells.values.chunks_exact(4 * side)) {
+            for ((winner, best), pair) in winners.iter_mut().zip(best).zip(neighbours(&rows[..2 * side])) {
+                let is_tied = (best & 1).wrapping_neg();
+                *winner = *winner & !is_tied | pair as u8 & is_tied;
+            }
         }
-        for ((((value, a), b), c), d) in values.iter_mut().zip(a).zip(b).zip(c).zip(d) {
-            let (a, b, c, d) = (*a, *b, *c, *d);
-            let is_first = alike(a, b) | alike(a, c) | alike(a, d);
-            let is_second = alike(b, c) | alike(b, d);
-            let is_third = alike(c, d);
-            let others = b & is_second | (c & is_third | a & !is_third) & !is_second;
-            *value = a & is_first | others & !is_first;
-        }
+        self.winners
     }
-    values
 }
 
 /// The cells of a block, in rows.
@@ -104,6 +97,22 @@ struct Cells<'a> {
     axes: usize,
     side: usize,
     values: &'a [u8],
+}
+
+/// A byte of 1 for each byte of a word.
+const ONES: u64 = u64::MAX / 255;
+
+/// How many bytes of some words, eight at most, are a class.
+#[inline]
+fn count_in(words: &[u64], class: u8) -> u32 {
+    let pattern = ONES * u64::from(class);
+    let mut sum = 0;
+    for word in words {
+        let word = word ^ pattern;
+        // Bytes of 1 where those of the word are 0.
+        sum += !((word & 0x7F * ONES) + 0x7F * ONES | word) >> 7 & ONES;
+    }
+    (sum.wrapping_mul(ONES) >> 56) as u32
 }
 
 impl Cells<'_> {
@@ -115,84 +124,83 @@ impl Cells<'_> {
             pair.copy_from_slice(&row[2 * node[0]..][..2]);
         }
         let values = &values[..2 * rows];
-        let mut last = None;
-        for value in values {
-            if last != Some(*value) && self.count(node, up, *value) == most {
-                return *value;
-            }
-            last = Some(*value);
-        }
-        self.hashed(node, up, values, most)
-    }
-
-    /// The same where no child has one of the classes.
-    #[cold]
-    fn hashed(&self, node: [usize; 3], up: usize, children: &[u8], most: u32) -> u8 {
-        let mut has = [0u64; 4];
-        for first in self.slices(node, up) {
-            for row in 0..1 << up {
-                let cells = &self.values[first + row * self.side..][..1 << up];
-                cells.iter().for_each(|cell| has[usize::from(cell >> 6)] |= 1 << (cell & 63));
-            }
-        }
-        let is_tied = |class: &u8| {
-            has[usize::from(class >> 6)] >> (class & 63) & 1 == 1 && self.count(node, up, *class) == most
-        };
-        let tied: SmallVec<[Value; 8]> =
-            (0..=u8::MAX).filter(is_tied).map(|class| Value::from([class])).collect();
-        break_tie(children.iter().map(|value| Value::from([*value])), &tied, most.into()).to_bytes()[0]
-    }
-
-    /// How many cells of a node have a class.
-    #[inline]
-    fn count(&self, node: [usize; 3], up: usize, class: u8) -> u32 {
-        const LOW: u64 = u64::MAX / 255;
-        let (pattern, other) = (LOW * u64::from(class), LOW * u64::from(!class));
-        // Bytes of 1 where those of a word are the class, of 0 where they are not.
-        let flags = |word: u64| {
-            let word = word ^ pattern;
-            !((word & 0x7F * LOW) + 0x7F * LOW | word) >> 7 & LOW
-        };
-        let mut count = 0;
-        for first in self.slices(node, up) {
-            let values = &self.values[first..];
-            let pair = |row: usize| u64::from(u16::from_le_bytes(*cells_at(values, row * self.side)));
-            let four = |row: usize| u64::from(u32::from_le_bytes(*cells_at(values, row * self.side)));
-            let eight = |row: usize| u64::from_le_bytes(*cells_at(values, row * self.side));
-            let sum = match up {
-                1 => flags(pair(0) | pair(1) << 16 | other << 32),
-                2 => flags(four(0) | four(1) << 32) + flags(four(2) | four(3) << 32),
-                3 => (0..8).map(|row| flags(eight(row))).sum(),
-                _ => {
-                    for row in 0..1 << up {
-                        let (chunks, _) = values[row * self.side..][..1 << up].as_chunks::<16>();
-                        for chunk in chunks {
-                            let found = chunk.iter().map(|cell| u8::from(*cell == class)).sum::<u8>();
-                            count += u32::from(found);
-                        }
-                    }
-                    0
-                }
+        if self.axes * up <= BYTE_BITS {
+            let mut words = [0; 8];
+            let words = self.words(node, up, &mut words);
+            let has_most = |class: &&u8| count_in(words, **class) == most;
+            return match values.iter().find(has_most) {
+                Some(first) => *first,
+                None => hashed(words.as_bytes(), values, most),
             };
-            // (The sum of all bytes, which is no more than 64.)
-            count += (sum.wrapping_mul(LOW) >> 56) as u32;
         }
-        count
+        let has_most =
+            |class: &&u8| self.rows(node, up).map(|row| count_of(row, **class)).sum::<u32>() == most;
+        match values.iter().find(has_most) {
+            Some(first) => *first,
+            None => hashed(&self.rows(node, up).collect::<Vec<_>>().concat(), values, most),
+        }
     }
 
-    /// The indices of the first cells of a node, of each slice that it has.
+    /// The cells of a node that has eight or more, and no more than 2^[`BYTE_BITS`], in words.
     #[inline]
-    fn slices(&self, [x, y, z]: [usize; 3], up: usize) -> impl Iterator<Item = usize> {
-        let (side, axes) = (self.side, self.axes);
-        let slices = if axes == 2 { 1 } else { 1 << up };
-        (0..slices).map(move |slice| (((z << up) + slice) * side + (y << up)) * side + (x << up))
+    fn words<'w>(&self, [x, y, z]: [usize; 3], up: usize, words: &'w mut [u64; 8]) -> &'w [u64] {
+        let first = (((z << up) * self.side) + (y << up)) * self.side + (x << up);
+        let values = &self.values[first..];
+        let row = |slice: usize, row: usize| &values[(slice * self.side + row) * self.side..];
+        let two = |row: &[u8]| u64::from(u16::from_le_bytes(*row.first_chunk().expect("two cells")));
+        let four = |row: &[u8]| u64::from(u32::from_le_bytes(*row.first_chunk().expect("four cells")));
+        let eight = |row: &[u8]| u64::from_le_bytes(*row.first_chunk().expect("eight cells"));
+        match (self.axes, up) {
+            (2, 2) => {
+                words[0] = four(row(0, 0)) | four(row(0, 1)) << 32;
+                words[1] = four(row(0, 2)) | four(row(0, 3)) << 32;
+                &words[..2]
+            }
+            (2, _) => {
+                words.iter_mut().enumerate().for_each(|(at, word)| *word = eight(row(0, at)));
+                words
+            }
+            (_, 1) => {
+                let slice = |slice| two(row(slice, 0)) | two(row(slice, 1)) << 16;
+                words[0] = slice(0) | slice(1) << 32;
+                &words[..1]
+            }
+            _ => {
+                for (at, word) in words.iter_mut().enumerate() {
+                    let (slice, first) = (at / 2, at % 2 * 2);
+                    *word = four(row(slice, first)) | four(row(slice, first + 1)) << 32;
+                }
+                words
+            }
+        }
+    }
+
+    /// The rows of cells of a node.
+    fn rows(&self, [x, y, z]: [usize; 3], up: usize) -> impl Iterator<Item = &[u8]> {
+        let (side, slices) = (self.side, if self.axes == 2 { 1 } else { 1 << up });
+        (0..slices).flat_map(move |slice| {
+            let first = (((z << up) + slice) * side + (y << up)) * side + (x << up);
+            (0..1 << up).map(move |row| &self.values[first + row * side..][..1 << up])
+        })
     }
 }
 
-/// So many cells from one on.
+/// How many cells of a row, which is no shorter than eight, have a class.
 #[inline]
-fn cells_at<const N: usize>(cells: &[u8], at: usize) -> &[u8; N] {
-    cells[at..].first_chunk().expect("a node's row has all of its cells")
+fn count_of(row: &[u8], class: u8) -> u32 {
+    let (chunks, rest) = row.as_chunks::<16>();
+    let of = |cells: &[u8]| u32::from(cells.iter().map(|cell| u8::from(*cell == class)).sum::<u8>());
+    chunks.iter().map(|chunk| of(chunk)).sum::<u32>() + of(rest)
+}
+
+/// The class that wins a tie among so many cells of each where no child has one of the tied classes.
+#[cold]
+fn hashed(cells: &[u8], children: &[u8], most: u32) -> u8 {
+    let mut counts = [0; 256];
+    cells.iter().for_each(|cell| counts[usize::from(*cell)] += 1);
+    let tied = (0..=u8::MAX).zip(counts).filter(|(_, count)| *count == most);
+    let tied: SmallVec<[Value; 8]> = tied.map(|(class, _)| Value::from([class])).collect();
+    break_tie(children.iter().map(|value| Value::from([*value])), &tied, most.into()).to_bytes()[0]
 }
 
 /// Gives all nodes of a block, whose values are single bytes, their majorities; returns the cells of each value.
@@ -238,10 +246,7 @@ pub(super) fn majorities(block: &mut RowBlock) -> Vec<(Value, u64)> {
                     None => count(axes, &cells[below], counted, columns, |cell| 2 * u8::from(cell == class)),
                     Some(lower) => count(axes, &lower.counted[below], counted, columns, |count| count),
                 }
-                // (What four cells have, they say at once.)
-                if up > 1 || axes > 2 {
-                    level.take_over(class, here);
-                }
+                level.take_over(class, here);
             } else {
                 let (lower, level) = wide.split_at_mut(up - narrow_levels - 1);
                 let level = &mut level[0];
@@ -267,7 +272,7 @@ pub(super) fn majorities(block: &mut RowBlock) -> Vec<(Value, u64)> {
     for (up, level) in (1..).zip(narrow) {
         let below = winners.last().map_or(cells.values, |below| below);
         winners.push(match (up, axes) {
-            (1, 2) => values_of_four(cells.values, cells.side),
+            (1, 2) => level.settle_fours(&cells),
             _ => level.settle(&cells, up, below),
         });
     }
