@@ -233,7 +233,8 @@ impl Mosaic {
                 };
                 self.majority_of(&self.finer(&node, finer), &sample).map_or(*first, |(value, _)| value)
             } else {
-                value_of(self.header.rule, &[], &self.count(&found), samples)
+                let children: Vec<_> = found.iter().map(|value| Some((*value, false))).collect();
+                value_of(self.header.rule, &children, &self.count(&found), samples)
             };
             drawn.valid[to] = true;
             value.write(&mut drawn.values[to * width..(to + 1) * width]);
