@@ -257,7 +257,7 @@ fn no_class_grows_with_the_levels() {
         }
         // Where the lowest class wins, it grows, and the highest shrinks. (Of few nodes this is seen less.)
         for (above, [lowest, .., highest, order]) in (1..).zip(biases(clustered, by_number)) {
-            let least = if above < 4 { 3.0 } else { 1.0 };
+            let least = if above < 3 { 3.0 } else { 1.0 };
             let is_biased = lowest > least && highest < -least && order < -least;
             assert!(is_biased, "{clustered}, {above} levels above: {lowest}, {highest}, {order}");
         }
