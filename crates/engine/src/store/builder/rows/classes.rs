@@ -101,6 +101,8 @@ struct Cells<'a> {
 
 /// A byte of 1 for each byte of a word.
 const ONES: u64 = u64::MAX / 255;
+/// All bits of a word's bytes but the highest ones.
+const LOW: u64 = 0x7F * ONES;
 
 /// How many bytes of some words, eight at most, are a class.
 #[inline]
@@ -110,7 +112,7 @@ fn count_in(words: &[u64], class: u8) -> u32 {
     for word in words {
         let word = word ^ pattern;
         // Bytes of 1 where those of the word are 0.
-        sum += !((word & 0x7F * ONES) + 0x7F * ONES | word) >> 7 & ONES;
+        sum += (!(((word & LOW) + LOW) | word) >> 7) & ONES;
     }
     (sum.wrapping_mul(ONES) >> 56) as u32
 }
