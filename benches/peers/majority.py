@@ -19,12 +19,12 @@ def pair(counts):
 def judge(counts, level):
     """Ours wrong, pixels, mixed pixels and GDAL's wrong among them, in a band of a level."""
     most = counts.max(axis=0)
-    # Ties go to the lowest class, which is the first.
-    wrong = int((counts.argmax(axis=0) != level["ours"]).sum())
+    # Any of the most frequent classes is right, for both.
+    own = numpy.take_along_axis(counts, level["ours"][None].astype(numpy.intp), axis=0)[0]
+    wrong = int((own < most).sum())
     mixed = most < counts.sum(axis=0)
     bad = None
     if level["gdal"] is not None:
-        # Any of the most frequent classes is right for GDAL.
         held = numpy.take_along_axis(counts, level["gdal"][None].astype(numpy.intp), axis=0)[0]
         bad = int((mixed & (held < most)).sum())
     return numpy.array([wrong, most.size, int(mixed.sum()), bad or 0])

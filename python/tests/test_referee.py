@@ -104,14 +104,37 @@ def level_of(layer: Layer, shift: int) -> tuple[np.ndarray, np.ndarray]:
             below = layer.cells[part][layer.valid[part]]
             if below.size:
                 valid[row, column] = True
-                values[row, column] = one_of(below, layer.rule)
+                whole = np.s_[row * side : row * side + side, column * side : column * side + side]
+                values[row, column] = majority_of(layer, whole, side) if layer.rule == "majority" else one_of(below, layer.rule)
     return values, valid
 
 
+def majority_of(layer: Layer, part: tuple[slice, slice], side: int) -> Any:
+    """The most frequent class of a node; None if it has no cells. Of several the first child that has one of them decides, or a hash of all children."""
+    found: np.ndarray = layer.cells[part][layer.valid[part]]
+    if not found.size or side == 1:
+        return found.flat[0] if found.size else None
+    half = side // 2
+    quarters = [
+        majority_of(layer, np.s_[row : row + half, column : column + half], half)
+        for row in (part[0].start, part[0].start + half)
+        for column in (part[1].start, part[1].start + half)
+    ]
+    children = [child for child in quarters if child is not None]
+    classes, counts = np.unique(found, return_counts=True)
+    tied = classes[counts == counts.max()]
+    for child in children:
+        if child in tied:
+            return child
+    mixed = int(counts.max())
+    for child in children:
+        raw = np.asarray(child).tobytes().ljust(8, b"\0")
+        mixed = (mixed ^ int.from_bytes(raw, "little")) * 0x9E3779B97F4A7C15 % 2**64
+        mixed ^= mixed >> 32
+    return tied[mixed % len(tied)]
+
+
 def one_of(below: np.ndarray, rule: str) -> Any:
-    if rule == "majority":
-        classes, counts = np.unique(below, return_counts=True)
-        return classes[counts.argmax()]
     if rule != "mean":
         return getattr(below, rule)()
     if below.dtype.kind == "f":

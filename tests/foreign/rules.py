@@ -195,7 +195,7 @@ class Pyramid:
             kept, there = found.least if f.rule == "min" else found.most
             return np.where(there, kept, self._lack())
         if f.rule == "majority":
-            return self.classes[found.counts.argmax(0)] if len(self.classes) else values[0]
+            return self._majorities(found, values, states) if len(self.classes) else values[0]
         weights = [np.where(s == LEAF, 3, np.where(s == VOID, 0, 2)) for s in states]
         if f.rule == "nearest":
             choice = (np.array(weights) > 0).argmax(0)
@@ -204,6 +204,29 @@ class Pyramid:
             totals = [(s > 0) * sum(w * same(a, b) for b, w in zip(values, weights)) for a, s in zip(values, states)]
             choice = np.array(totals).argmax(0)
         return np.take_along_axis(np.array(values), choice[None, ..., None], 0)[0]
+
+    def _majorities(self, found: Level, values: list[Values], states: list[Array]) -> Values:
+        """Of tied classes that of the first child that has one of them, else that which a hash of the children's values names."""
+        most = found.counts.max(0)
+        tied = found.counts == most
+        ties = tied.sum(0)
+        with np.errstate(all="ignore"):
+            mixed = most.astype(np.uint64)
+            for value, state in zip(values, states):
+                parts = np.zeros((*state.shape, 16), np.uint8)
+                raw = np.ascontiguousarray(value).view(np.uint8)
+                parts[..., : raw.shape[-1]] = raw
+                words = parts.view("<u8")
+                new = (mixed ^ words[..., 0] ^ words[..., 1]) * np.uint64(0x9E3779B97F4A7C15)
+                mixed = np.where(state == VOID, mixed, new ^ (new >> np.uint64(32)))
+        # The class whose turn it is among the tied ones.
+        chosen = (mixed % np.maximum(ties, 1).astype(np.uint64)).astype(np.int64)
+        turn = np.cumsum(tied, 0) - 1
+        number = (tied & (turn == chosen)).argmax(0)
+        for value, state in reversed(list(zip(values, states))):
+            own = np.array([(raw_bits(value) == raw_bits(c)).all(-1) for c in self.classes]) & tied & (state != VOID)
+            number = np.where(own.any(0), own.argmax(0), number)
+        return self.classes[number]
 
     def _lack(self) -> Values:
         f = self.form

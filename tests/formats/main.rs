@@ -51,4 +51,5 @@ mod packed;
 mod packed_history;
 mod ranges;
 mod rounding;
+mod ties;
 mod wide;

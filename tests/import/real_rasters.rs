@@ -261,11 +261,39 @@ fn blocks(grid: &Grid, side: u64, of: impl Fn(&[f64]) -> f64) -> Grid {
     })
 }
 
-fn majority(values: &[f64]) -> f64 {
-    let mut counts: BTreeMap<i64, usize> = BTreeMap::new();
+/// The most frequent value of some cells; of several the first of `deciding` that is one of them, or what a hash says.
+fn majority(values: &[f64], deciding: &[f64]) -> f64 {
+    let mut counts: BTreeMap<i64, u64> = BTreeMap::new();
     values.iter().for_each(|value| *counts.entry(*value as i64).or_default() += 1);
-    // The last of several that are largest, which is the least value.
-    counts.into_iter().rev().max_by_key(|(_, count)| *count).unwrap().0 as f64
+    let most = *counts.values().max().unwrap();
+    let tied: Vec<i64> =
+        counts.into_iter().filter(|(_, count)| *count == most).map(|(value, _)| value).collect();
+    if let Some(first) = deciding.iter().find(|value| tied.contains(&(**value as i64))) {
+        return *first;
+    }
+    let hash = deciding.iter().fold(most, |hash, value| {
+        let hash = (hash ^ *value as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        hash ^ hash >> 32
+    });
+    tied[(hash % tied.len() as u64) as usize] as f64
+}
+
+/// The most frequent value of each block of `side` x `side`: of several, the children of a node decide, or the first cell where
+/// blocks are no nodes.
+fn majorities(grid: &Grid, side: u64) -> Grid {
+    if side != 4 {
+        return blocks(grid, side, |values| majority(values, values));
+    }
+    let children = majorities(grid, 2);
+    made(grid.form, [grid.size[0].div_ceil(4), grid.size[1].div_ceil(4), 1], |[x, y, _]| {
+        let of = |grid: &Grid, side: u64| {
+            let cells =
+                (0..side * side).filter_map(|i| grid.get([x * side + i % side, y * side + i / side, 0]));
+            cells.map(number).collect::<Vec<f64>>()
+        };
+        let values = of(grid, 4);
+        (!values.is_empty()).then(|| value(majority(&values, &of(&children, 2))))
+    })
 }
 
 /// Windows, symmetries and scalings of one raster.
@@ -316,7 +344,7 @@ fn one_raster(name: &str, kind: DataKind) {
             if is_float { mean } else { (mean + 0.5).floor() }
         };
         let (rule, expected) = match kind {
-            DataKind::Categorical => ("majority", blocks(grid, side, majority)),
+            DataKind::Categorical => ("majority", majorities(grid, side)),
             DataKind::Continuous => ("mean", blocks(grid, side, mean)),
         };
         check(&format!("scale={factor}"), &format!("{rule}(a, {side})"), expected);

@@ -35,6 +35,7 @@ mod pixels;
 mod polygons;
 mod queries;
 mod set_operations;
+mod shares;
 mod solid_measures;
 mod solids;
 #[cfg(feature = "mesh")]

@@ -190,9 +190,9 @@ fn covered(cells: &Cells, rule: Rule, from: [f64; 3], to: [f64; 3]) -> Option<Va
         (from[i].floor() as i64..to[i].ceil() as i64)
             .map(move |cell| (cell, to[i].min(cell as f64 + 1.0) - from[i].max(cell as f64)))
     };
-    for (x, a) in axis(0) {
+    for (z, c) in axis(2) {
         for (y, b) in axis(1) {
-            for (z, c) in axis(2) {
+            for (x, a) in axis(0) {
                 if let Some(value) = cells.at([x, y, z]).filter(|_| a.min(b).min(c) > 1e-7) {
                     match shares.iter_mut().find(|(other, _)| *other == value) {
                         Some((_, share)) => *share += a * b * c,
@@ -206,8 +206,8 @@ fn covered(cells: &Cells, rule: Rule, from: [f64; 3], to: [f64; 3]) -> Option<Va
     let most = shares.iter().map(|(_, share)| *share).fold(0.0, f64::max);
     match rule {
         Rule::Majority => {
-            let best = shares.iter().filter(|(_, share)| *share > most - 1e-6).map(|(value, _)| *value);
-            best.min_by(|a, b| value_type.order(*a, *b))
+            // The first of several, row by row.
+            shares.iter().find(|(_, share)| *share > most - 1e-6).map(|(value, _)| *value)
         }
         _ if shares.is_empty() => None,
         _ => Some(value_type.nearest(|channel| {

@@ -61,13 +61,25 @@ def mean(a, n):
 
 
 def majority(a, n):
-    """The most frequent value, the least of several."""
+    """The most frequent value. Of several the children of a node decide (4 x 4), or the first cell."""
     cells = blocks(a, n)
     data, there = cells.data, ~np.ma.getmaskarray(cells)
     count = np.stack([((data == data[..., i : i + 1]) & there).sum(axis=2) for i in range(n * n)], axis=2)
     count = np.where(there, count, -1)
-    best = np.where(count == count.max(axis=2, keepdims=True), data, np.iinfo(data.dtype).max)
-    return np.ma.masked_array(best.min(axis=2), ~there.any(axis=2))
+    best = count == count.max(axis=2, keepdims=True)
+    result = np.take_along_axis(data, best.argmax(axis=2)[..., None], axis=2)[..., 0]
+    if n == 4:
+        children = blocks(majority(a, 2), 2)
+        for at in np.argwhere((there & best & (data != result[..., None])).any(axis=2)):
+            at = tuple(at)
+            tied = sorted(set(data[at][best[at] & there[at]].tolist()))
+            deciding = children[at].compressed().tolist()
+            hashed = int(count[at].max())
+            for value in deciding:
+                hashed = (hashed ^ value) * 0x9E3779B97F4A7C15 % 2**64
+                hashed ^= hashed >> 32
+            result[at] = next((value for value in deciding if value in tied), tied[hashed % len(tied)])
+    return np.ma.masked_array(result, ~there.any(axis=2))
 
 
 bad = 0

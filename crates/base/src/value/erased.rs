@@ -67,6 +67,11 @@ impl Value {
         bytes
     }
 
+    /// The bytes as two numbers, combined by exclusive or.
+    pub(super) fn folded(self) -> u64 {
+        self.words[0] ^ self.words[1]
+    }
+
     /// Writes the value's bytes, of which there are as many as the slice has room for.
     #[inline]
     pub fn write(self, bytes: &mut [u8]) {

@@ -4,6 +4,7 @@
 mod dispatch;
 mod double;
 mod erased;
+mod majority;
 mod missing;
 mod native;
 mod number;
@@ -20,6 +21,7 @@ pub use dispatch::with_native_type;
 pub use double::DoubleDouble;
 pub use erased::{MAX_VALUE_SIZE, with_sample_type};
 pub use erased::{Numbers, Samples, Value};
+pub use majority::break_tie;
 pub use native::Native;
 pub use number::Number;
 pub use palette::Palette;

@@ -14,7 +14,9 @@ pub enum Rule {
     /// tree and rounded once (integers: to the nearest, a half upwards), so no bias builds up by level.
     /// Sums of integers are exact; sums of floating samples are double-double, added pairwise in Z order.
     Mean,
-    /// The value that covers most cells below, from exact counts; ties go to the lowest value.
+    /// The value that covers most cells below, from exact counts. A tie goes to the first child, in child
+    /// order, whose value is one of the tied ones; if there is none, a hash of the children's values
+    /// chooses. So no class is preferred for its number.
     Majority,
     /// The survey's local rule on the children alone: a LEAF child's value weighs 3, an INNER child's
     /// representative 2; ties go to the first in child order. It gives the literature's tables.

@@ -1,7 +1,10 @@
 //! Tallies: exact counts, extremes and sums over all the cells below a node.
 
+use std::cmp::Ordering;
+
 use super::dispatch::with_native_type;
 use super::erased::Value;
+use super::majority::break_tie;
 use super::native::Native;
 use super::rule::Rule;
 use super::sums::Sums;
@@ -158,16 +161,34 @@ impl ZoneStats {
         with_native_type!(self.value_type, V => erase(V::mean(&self.sum, cells)))
     }
 
-    /// The class with most cells, the lowest if there are several.
-    fn majority(&self) -> Option<Value> {
-        let mut best: Option<(Value, u64)> = None;
-        // They come by ascending value.
-        for class in &self.classes {
-            if best.is_none_or(|best| class.1 > best.1) {
-                best = Some(*class);
-            }
+    /// The cells of the most frequent classes, and how many classes have as many.
+    fn most_frequent(&self) -> (u64, usize) {
+        self.classes.iter().fold((0, 0), |(most, ties), (_, cells)| match cells.cmp(&most) {
+            Ordering::Less => (most, ties),
+            Ordering::Equal => (most, ties + 1),
+            Ordering::Greater => (*cells, 1),
+        })
+    }
+
+    /// Whether several classes have most cells, so that the children decide on the majority.
+    pub fn is_tied(&self) -> bool {
+        self.most_frequent().1 > 1
+    }
+
+    /// Whether no class has more cells than this one.
+    pub fn is_most_frequent(&self, class: Value) -> bool {
+        let (most, _) = self.most_frequent();
+        self.classes.iter().any(|(value, cells)| *value == class && *cells == most)
+    }
+
+    /// The class with most cells; of several, see [`break_tie`].
+    fn majority(&self, children: impl Iterator<Item = Value> + Clone) -> Option<Value> {
+        let (most, ties) = self.most_frequent();
+        let mut best = self.classes.iter().filter(|(_, cells)| *cells == most).map(|(value, _)| *value);
+        match ties {
+            0 | 1 => best.next(),
+            _ => Some(break_tie(children, &best.collect::<Vec<_>>(), most)),
         }
-        best.map(|(value, _)| value)
     }
 }
 
@@ -204,7 +225,7 @@ pub fn representative(
     let value = match rule {
         Rule::Mean => Some(tally.mean()),
         Rule::Occupancy => Some(tally.mean_over(cells)),
-        Rule::Majority => tally.majority(),
+        Rule::Majority => tally.majority(values()),
         Rule::Dominant => Some(dominant(&children.iter().flatten().copied().collect::<Vec<_>>())),
         Rule::Min => value_type.join_all(values(), ValueType::min),
         Rule::Max => value_type.join_all(values(), ValueType::max),
@@ -239,9 +260,9 @@ fn merge_counts(value_type: ValueType, a: &[(Value, u64)], b: &[(Value, u64)]) -
     let (mut a, mut b) = (a.iter().copied().peekable(), b.iter().copied().peekable());
     while let (Some((first, _)), Some((second, _))) = (a.peek(), b.peek()) {
         match value_type.order(*first, *second) {
-            std::cmp::Ordering::Less => merged.extend(a.next()),
-            std::cmp::Ordering::Greater => merged.extend(b.next()),
-            std::cmp::Ordering::Equal => merged.extend(a.next().zip(b.next()).map(|(a, b)| (a.0, a.1 + b.1))),
+            Ordering::Less => merged.extend(a.next()),
+            Ordering::Greater => merged.extend(b.next()),
+            Ordering::Equal => merged.extend(a.next().zip(b.next()).map(|(a, b)| (a.0, a.1 + b.1))),
         }
     }
     merged.extend(a);

@@ -25,8 +25,8 @@ pub(super) struct Area<'a> {
     sums: [f64; 4],
     /// Samples are added up as they are relative to this: see [`ValueType::samples_from`].
     base: Option<Value>,
-    /// Area of each value.
-    shares: Vec<(Value, f64)>,
+    /// Area of each value, and the first cell that has it in the box: by z, y and x.
+    shares: Vec<(Value, f64, [i64; 3])>,
     /// The least or largest sample of each channel.
     extreme: Option<Value>,
     /// The value of the one node that is the whole box.
@@ -82,7 +82,10 @@ impl<'a> Area<'a> {
         }
         match child {
             Child::Void => {}
-            Child::Leaf(value) => self.count(*value, share),
+            Child::Leaf(value) => {
+                let first = |axis: usize| at[axis].max((self.min[axis] + TINY).floor() as i64);
+                self.count(*value, share, [2, 1, 0].map(|axis| if axis < axes { first(axis) } else { 0 }));
+            }
             // What the source has for the whole node was made by the same rule.
             Child::Inner { representative, node } if inside && all && !self.goes_to_cells => {
                 self.exact = Some(self.source.representative(node, *representative)?);
@@ -100,7 +103,7 @@ impl<'a> Area<'a> {
         Ok(())
     }
 
-    fn count(&mut self, value: Value, share: f64) {
+    fn count(&mut self, value: Value, share: f64, cell: [i64; 3]) {
         let value_type = self.form.value;
         self.area += share;
         match self.rule {
@@ -125,9 +128,9 @@ impl<'a> Area<'a> {
                 );
             }
             Rule::Majority | Rule::Dominant | Rule::Nearest => {
-                match self.shares.iter_mut().find(|(other, _)| *other == value) {
-                    Some((_, sum)) => *sum += share,
-                    None => self.shares.push((value, share)),
+                match self.shares.iter_mut().find(|(other, ..)| *other == value) {
+                    Some((_, sum, first)) => (*sum, *first) = (*sum + share, cell.min(*first)),
+                    None => self.shares.push((value, share, cell)),
                 }
             }
         }
@@ -159,10 +162,11 @@ impl<'a> Area<'a> {
             }
             Rule::Min | Rule::Max => value_type.join_all(self.extreme.into_iter(), ValueType::min),
             Rule::Majority | Rule::Dominant | Rule::Nearest => {
-                // Areas that differ by rounding alone are equal; the least value wins, as in counting.
-                let most = self.shares.iter().map(|(_, area)| *area).fold(0.0, f64::max);
-                let best = self.shares.iter().filter(|(_, area)| *area >= most - TINY);
-                best.map(|(value, _)| *value).min_by(|a, b| value_type.order(*a, *b))
+                // Areas that differ by rounding alone are equal; the value of the first cell wins, row by row, so that
+                // none is preferred for its number. (In Z order the first one would depend on how the source is stored.)
+                let most = self.shares.iter().map(|(_, area, _)| *area).fold(0.0, f64::max);
+                let best = self.shares.iter().filter(|(_, area, _)| *area >= most - TINY);
+                best.min_by_key(|(.., first)| *first).map(|(value, ..)| *value)
             }
         }
     }

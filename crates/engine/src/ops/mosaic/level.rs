@@ -120,11 +120,34 @@ impl Mosaic {
             if tally.cells > 0 {
                 let to = index(bounds, at);
                 valid[to] = true;
-                let cells = dimension.cells(above);
-                value_of(self.header.rule, &tally, cells).write(&mut values[to * width..(to + 1) * width]);
+                let children = self.deciding_children(code, &tally)?;
+                let value = value_of(self.header.rule, &children, &tally, dimension.cells(above));
+                value.write(&mut values[to * width..(to + 1) * width]);
             }
         }
         Ok(())
+    }
+
+    /// The values of the children of a node in child order, as far as its majority depends on them: none without a tie, and none after
+    /// the first that decides it.
+    fn deciding_children(&self, code: Code, tally: &ZoneStats) -> Result<Vec<Option<(Value, bool)>>> {
+        let mut children = Vec::new();
+        if self.header.rule != Rule::Majority || !tally.is_tied() {
+            return Ok(children);
+        }
+        let width = self.header.form.width();
+        for step in 0..self.header.form.children() {
+            let child = code.child(step);
+            let min = child.cell().map(u64::from);
+            let mut drawn = Drawn::void(Bounds { min, max: min.map(|cell| cell + 1) }, width);
+            self.draw_at(child.level(), &drawn.bounds, &mut drawn.values, &mut drawn.valid)?;
+            let value = drawn.value(min, width);
+            children.push(value.map(|value| (value, true)));
+            if value.is_some_and(|value| tally.is_most_frequent(value)) {
+                break;
+            }
+        }
+        Ok(children)
     }
 
     /// Copies what is not VOID to its places in a box, where it is wanted.
@@ -201,12 +224,55 @@ impl Mosaic {
             let Some(first) = found.first() else { continue };
             let is_uniform = found.iter().all(|value| value == first)
                 && (found.len() as u64 == samples || self.header.rule != Rule::Occupancy);
-            let value =
-                if is_uniform { *first } else { value_of(self.header.rule, &self.count(&found), samples) };
+            let value = if is_uniform {
+                *first
+            } else if self.header.rule == Rule::Majority {
+                let sample = |min: [u64; 3]| {
+                    let sample = Bounds { min, max: min.map(|cell| cell + 1) };
+                    part.contains(&sample).then(|| own.value(min, width)).flatten()
+                };
+                self.majority_of(&self.finer(&node, finer), &sample).map_or(*first, |(value, _)| value)
+            } else {
+                let children: Vec<_> = found.iter().map(|value| Some((*value, false))).collect();
+                value_of(self.header.rule, &children, &self.count(&found), samples)
+            };
             drawn.valid[to] = true;
             value.write(&mut drawn.values[to * width..(to + 1) * width]);
         }
         Ok(())
+    }
+
+    /// The majority and the tally of a box of samples, of `2^n` along each axis, as those of a node; `None` if it has none.
+    fn majority_of(
+        &self,
+        samples: &Bounds,
+        sample: &dyn Fn([u64; 3]) -> Option<Value>,
+    ) -> Option<(Value, ZoneStats)> {
+        let form = self.header.form;
+        let half = samples.size()[0] / 2;
+        if half == 0 {
+            let value = sample(samples.min)?;
+            return Some((value, ZoneStats::leaf(form.value, value, 1, true)));
+        }
+        let children: Vec<_> = (0..form.children())
+            .map(|step| {
+                let min: [u64; 3] =
+                    std::array::from_fn(|axis| samples.min[axis] + (step as u64 >> axis & 1) * half);
+                let max =
+                    std::array::from_fn(
+                        |axis| if axis < form.axes() { min[axis] + half } else { min[axis] + 1 },
+                    );
+                self.majority_of(&Bounds { min, max }, sample)
+            })
+            .collect();
+        let tallies: Vec<_> = children.iter().flatten().map(|(_, tally)| tally).collect();
+        if tallies.is_empty() {
+            return None;
+        }
+        let tally = ZoneStats::merge(&tallies);
+        let values: Vec<_> =
+            children.iter().map(|child| child.as_ref().map(|(value, _)| (*value, true))).collect();
+        Some((representative(Rule::Majority, &values, &tally, 0), tally))
     }
 
     /// The tally of some cells.
@@ -228,12 +294,13 @@ impl Mosaic {
     }
 }
 
-/// The value of a node of so many cells by a rule. (Rules that go by children have the class of most cells.)
-fn value_of(rule: Rule, tally: &ZoneStats, cells: u64) -> Value {
+/// The value of a node of so many cells by a rule; the children decide between classes with as many cells. (Rules that go by children
+/// have the class of most cells.)
+fn value_of(rule: Rule, children: &[Option<(Value, bool)>], tally: &ZoneStats, cells: u64) -> Value {
     match rule {
         Rule::Min => tally.min,
         Rule::Max => tally.max,
-        Rule::Dominant | Rule::Nearest => representative(Rule::Majority, &[], tally, cells),
-        rule => representative(rule, &[], tally, cells),
+        Rule::Dominant | Rule::Nearest => representative(Rule::Majority, children, tally, cells),
+        rule => representative(rule, children, tally, cells),
     }
 }

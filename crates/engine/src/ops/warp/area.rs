@@ -284,10 +284,14 @@ impl Sums {
                     None => self.values.push((value, *area)),
                 }
             }
-            // Areas that differ by rounding alone are equal; the least value wins, as in counting.
+            // Areas that differ by rounding alone are equal; the value that was met first wins, row by row of the source: so none
+            // is preferred for its number.
             let most = self.values.iter().map(|(_, area)| *area).fold(0.0, f64::max);
-            let best = self.values.iter().filter(|(_, area)| *area >= most - TINY).map(|(value, _)| *value);
-            return best.min_by(|a, b| value_type.order(*a, *b)).unwrap_or(first);
+            return self
+                .values
+                .iter()
+                .find(|(_, area)| *area >= most - TINY)
+                .map_or(first, |(value, _)| *value);
         }
         // (A mean does not depend on where numbers are counted from; a sum does.)
         let base = if rule == Rule::Mean { first } else { Value::ZERO };

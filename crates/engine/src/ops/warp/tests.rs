@@ -122,11 +122,15 @@ impl Raster {
             let low = numbers.into_iter().fold(f64::INFINITY, f64::min).floor() as i64;
             low..numbers.into_iter().fold(f64::NEG_INFINITY, f64::max).ceil() as i64
         };
-        let mut shares = [0.0; 256];
+        let (mut shares, mut met) = ([0.0; 256], Vec::new());
         for y in range(1) {
             for x in range(0) {
                 if let Some(value) = self.value(x, y, turn) {
-                    shares[usize::from(value)] += clipped_area(&corners, x as f64, y as f64);
+                    let area = clipped_area(&corners, x as f64, y as f64);
+                    shares[usize::from(value)] += area;
+                    if area > 1e-9 {
+                        met.push(value);
+                    }
                 }
             }
         }
@@ -136,7 +140,8 @@ impl Raster {
         }
         if is_majority {
             let most = shares.iter().copied().fold(0.0, f64::max);
-            return shares.iter().position(|share| *share >= most - 1e-9).map(|value| value as u8);
+            // The first of several, row by row.
+            return met.into_iter().find(|value| shares[usize::from(*value)] >= most - 1e-9);
         }
         let sum: f64 = shares.iter().enumerate().map(|(value, share)| value as f64 * share).sum();
         Some((sum / area + 0.5).floor() as u8)

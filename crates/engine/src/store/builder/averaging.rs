@@ -3,7 +3,6 @@
 //!
 //! These are kernels: compiled for each type of values or width of records, and chosen once per block.
 
-use std::cmp::Ordering;
 use std::marker::PhantomData;
 
 use smallvec::SmallVec;
@@ -14,7 +13,7 @@ use crate::store::records::Record;
 use crate::store::records::subtree::{RECORDS_ARE_CHECKED, each_leaf};
 use crate::tree::Child;
 use spinney_base::sort;
-use spinney_base::value::{Native, Rule, Value, ValueType, dominant, with_native_type};
+use spinney_base::value::{Native, Rule, Value, ValueType, break_tie, dominant};
 use spinney_container::{INNER, LEAF, VOID};
 
 /// A rule at work on a block, from the bottom up.
@@ -40,12 +39,6 @@ pub(super) trait Averaging<R: Record> {
 #[inline]
 pub(super) fn decode<R: Record, V: Native>(bytes: R::Bytes) -> V {
     V::from_wire(V::Wire::read_from_bytes(bytes.as_bytes()).expect("records are as wide as values"))
-}
-
-/// A value of known type from bytes whose width is known at run time.
-#[inline]
-fn value_of<V: Native>(bytes: &[u8]) -> V {
-    V::from_wire(V::Wire::read_from_bytes(bytes).expect("bytes of one value"))
 }
 
 /// A value's bytes.
@@ -109,27 +102,19 @@ impl<V: Native, R: Record> Averaging<R> for Means<V> {
 
 /// [`Rule::Majority`]: counts per class, as a range of one arena; in any order.
 ///
-/// Compiled for each width alone: the values' type matters only where counts are equal, and comes as a function.
+/// Compiled for each width alone: the values' type matters only where lists are sorted.
 pub(super) struct Majorities<R: Record> {
     arena: Vec<(R::Bytes, u64)>,
     value_type: ValueType,
-    /// Order of two values' bytes.
-    order: fn(&[u8], &[u8]) -> Ordering,
 }
 
 /// Lists of up to so many entries are searched from end to end, longer ones sorted: measured with 12 and with
 /// 200 classes at random.
 const LINEAR_SEARCH_MAX: u32 = 64;
 
-/// The order of two values' bytes.
-fn order_bytes<V: Native>(a: &[u8], b: &[u8]) -> Ordering {
-    value_of::<V>(a).order(value_of::<V>(b))
-}
-
 impl<R: Record> Majorities<R> {
     pub(super) fn new(value_type: ValueType) -> Self {
-        let order = with_native_type!(value_type, V => order_bytes::<V> as fn(&[u8], &[u8]) -> Ordering);
-        Majorities { arena: Vec::new(), value_type, order }
+        Majorities { arena: Vec::new(), value_type }
     }
 
     /// The counts of a node, by ascending value.
@@ -161,14 +146,31 @@ impl<R: Record> Majorities<R> {
         }
     }
 
-    /// The value with the highest count in the arena's last list, which begins at `start`; the least of
-    /// several.
+    /// The value with the highest count in the arena's last list, which begins at `start`; of several the children decide.
     #[inline]
-    fn most_frequent(&self, start: usize) -> Option<R::Bytes> {
-        let rank = |a: &&(R::Bytes, u64), b: &&(R::Bytes, u64)| {
-            a.1.cmp(&b.1).then_with(|| (self.order)(b.0.as_bytes(), a.0.as_bytes()))
-        };
-        self.arena[start..].iter().max_by(rank).map(|(value, _)| *value)
+    fn most_frequent(&self, start: usize, states: &[u8], values: &[R::Bytes]) -> Option<R::Bytes> {
+        let list = &self.arena[start..];
+        let (mut best, mut is_tied) = (*list.first()?, false);
+        for (value, cells) in &list[1..] {
+            is_tied = *cells == best.1 || is_tied && *cells < best.1;
+            if *cells > best.1 {
+                best = (*value, *cells);
+            }
+        }
+        Some(if is_tied { self.winner(list, best.1, states, values) } else { best.0 })
+    }
+
+    /// The class of a list that wins a tie of those with so many cells: see [`break_tie`].
+    fn winner(&self, list: &[(R::Bytes, u64)], most: u64, states: &[u8], values: &[R::Bytes]) -> R::Bytes {
+        let children =
+            || states.iter().zip(values).filter(|(state, _)| **state != VOID).map(|(_, value)| value);
+        if let Some(first) = children().find(|child| list.contains(&(**child, most))) {
+            return *first;
+        }
+        let best = list.iter().filter(|(_, cells)| *cells == most);
+        let mut tied: Vec<_> = best.map(|(value, _)| Value::from_bytes(value.as_bytes())).collect();
+        tied.sort_unstable_by_key(|value| self.value_type.order_key(*value));
+        from_value::<R>(break_tie(children().map(|value| Value::from_bytes(value.as_bytes())), &tied, most))
     }
 
     /// Sorts the arena's last list, which begins at `start`, and makes one entry of equal values.
@@ -223,7 +225,7 @@ impl<R: Record> Averaging<R> for Majorities<R> {
         if !few {
             self.sum_from(start);
         }
-        let majority = self.most_frequent(start).unwrap_or(R::ZERO);
+        let majority = self.most_frequent(start, states, values).unwrap_or(R::ZERO);
         ((start as u32, (self.arena.len() - start) as u32), majority)
     }
 

@@ -1,30 +1,34 @@
 //! Majorities of blocks in rows, from counts of classes that are carried up.
 //!
 //! Class after class is counted in the nodes of all levels, in ascending order, and takes a node over where it has more cells
-//! than all before: so counts are bytes in rows, whose loops are without branches, and ties go to the lowest class.
+//! than all before: so counts are bytes in rows, whose loops are without branches. Nodes where several classes have most cells
+//! are marked on the way, and settled at the end from the bottom up, since the values of their children decide (see [`break_tie`]).
 
-use std::ops::Range;
+use std::ops::{BitOr, Range};
+
+use smallvec::SmallVec;
+use zerocopy::IntoBytes;
 
 use super::{RowBlock, child_rows, neighbours, reduce};
-use spinney_base::value::{SampleType, Value};
+use spinney_base::value::{SampleType, Value, break_tie};
 
-/// Cells whose number a byte holds, as a power of two.
-const BYTE_BITS: usize = 7;
+/// Cells that are counted in bytes, as a power of two: twice as many are a byte, too.
+const BYTE_BITS: usize = 6;
 
 /// Bands of rows (in octrees: of slices) that a block is cut into, as a power of two. A class is counted in those alone from
 /// its first cell to its last: in maps, most classes are at few places.
 const BAND_BITS: usize = 3;
 
-/// Knowledge of the nodes of a level.
+/// Knowledge of the nodes of a level. All counts are twice the cells.
 struct Counts<T> {
-    /// The most frequent class so far, and its cells.
+    /// The most frequent class so far, and its count; 1 more if another class has as many cells.
     winners: Vec<u8>,
     best: Vec<T>,
-    /// The cells of the class that is being counted.
+    /// The count of the class that is being counted.
     counted: Vec<T>,
 }
 
-impl<T: Copy + Default + PartialOrd> Counts<T> {
+impl<T: Copy + Default + PartialOrd + BitOr<Output = T> + From<bool> + Into<u32>> Counts<T> {
     fn new(nodes: usize) -> Counts<T> {
         Counts {
             winners: vec![0; nodes],
@@ -40,10 +44,165 @@ impl<T: Copy + Default + PartialOrd> Counts<T> {
         for ((winner, best), count) in winners.zip(&self.counted[nodes]) {
             // (A mask of bits, since a choice of bytes would be compiled to branches.)
             let is_more = u8::from(*count > *best).wrapping_neg();
-            *best = if *count > *best { *count } else { *best };
+            // (What is odd is no count, and stays odd until more is counted. A node has more than 0 of some class.)
+            let is_tied = T::from(*count == *best);
+            *best = (if *count > *best { *count } else { *best }) | is_tied;
             *winner = *winner & !is_more | class & is_more;
         }
     }
+
+    /// The values of the nodes, `up` levels above the cells, once all classes are counted; `below` has those of their children.
+    fn settle(mut self, cells: &Cells<'_>, up: usize, below: &[u8]) -> Vec<u8> {
+        /// Nodes that are passed over at once if none is tied.
+        const SPAN: usize = 16;
+        let side = cells.side >> up;
+        let is_odd = |best: T| best.into() & 1 == 1;
+        for row in 0..self.winners.len() / side {
+            let children = child_rows(cells.axes, 2 * side, below, row);
+            let nodes = row * side..(row + 1) * side;
+            let spans = self.winners[nodes.clone()].chunks_mut(SPAN).zip(self.best[nodes].chunks(SPAN));
+            for (span, (winners, best)) in spans.enumerate() {
+                if is_odd(best.iter().fold(T::default(), |any, best| any | *best)) {
+                    for (x, (winner, best)) in (span * SPAN..).zip(winners.iter_mut().zip(best)) {
+                        if is_odd(*best) {
+                            let node = [x, row % side, row / side];
+                            *winner = cells.winner(node, up, &children, (*best).into() / 2);
+                        }
+                    }
+                }
+            }
+        }
+        self.winners
+    }
+}
+
+impl Counts<u8> {
+    /// [`Counts::settle`] for the nodes above the cells of a quadtree. Of four cells the tied classes are two twice, or all: the
+    /// first cell has one of them.
+    fn settle_fours(mut self, cells: &Cells<'_>) -> Vec<u8> {
+        let side = cells.side / 2;
+        let nodes = self.winners.chunks_exact_mut(side).zip(self.best.chunks_exact(side));
+        for ((winners, best), rows) in nodes.zip(cells.values.chunks_exact(4 * side)) {
+            for ((winner, best), pair) in winners.iter_mut().zip(best).zip(neighbours(&rows[..2 * side])) {
+                let is_tied = (best & 1).wrapping_neg();
+                *winner = *winner & !is_tied | pair as u8 & is_tied;
+            }
+        }
+        self.winners
+    }
+}
+
+/// The cells of a block, in rows.
+struct Cells<'a> {
+    axes: usize,
+    side: usize,
+    values: &'a [u8],
+}
+
+/// A byte of 1 for each byte of a word.
+const ONES: u64 = u64::MAX / 255;
+/// All bits of a word's bytes but the highest ones.
+const LOW: u64 = 0x7F * ONES;
+
+/// How many bytes of some words, eight at most, are a class.
+#[inline]
+fn count_in(words: &[u64], class: u8) -> u32 {
+    let pattern = ONES * u64::from(class);
+    let mut sum = 0;
+    for word in words {
+        let word = word ^ pattern;
+        // Bytes of 1 where those of the word are 0.
+        sum += (!(((word & LOW) + LOW) | word) >> 7) & ONES;
+    }
+    (sum.wrapping_mul(ONES) >> 56) as u32
+}
+
+impl Cells<'_> {
+    /// The class that wins the tie of a node, `up` levels above the cells, whose most frequent classes have so many cells each.
+    #[inline]
+    fn winner(&self, node: [usize; 3], up: usize, children: &[&[u8]; 4], most: u32) -> u8 {
+        let (mut values, rows) = ([0; 8], 1 << (self.axes - 1));
+        for (pair, row) in values.as_chunks_mut::<2>().0.iter_mut().zip(&children[..rows]) {
+            pair.copy_from_slice(&row[2 * node[0]..][..2]);
+        }
+        let values = &values[..2 * rows];
+        if self.axes * up <= BYTE_BITS {
+            let mut words = [0; 8];
+            let words = self.words(node, up, &mut words);
+            let has_most = |class: &&u8| count_in(words, **class) == most;
+            return match values.iter().find(has_most) {
+                Some(first) => *first,
+                None => hashed(words.as_bytes(), values, most),
+            };
+        }
+        let has_most =
+            |class: &&u8| self.rows(node, up).map(|row| count_of(row, **class)).sum::<u32>() == most;
+        match values.iter().find(has_most) {
+            Some(first) => *first,
+            None => hashed(&self.rows(node, up).collect::<Vec<_>>().concat(), values, most),
+        }
+    }
+
+    /// The cells of a node that has eight or more, and no more than 2^[`BYTE_BITS`], in words.
+    #[inline]
+    fn words<'w>(&self, [x, y, z]: [usize; 3], up: usize, words: &'w mut [u64; 8]) -> &'w [u64] {
+        let first = (((z << up) * self.side) + (y << up)) * self.side + (x << up);
+        let values = &self.values[first..];
+        let row = |slice: usize, row: usize| &values[(slice * self.side + row) * self.side..];
+        let two = |row: &[u8]| u64::from(u16::from_le_bytes(*row.first_chunk().expect("two cells")));
+        let four = |row: &[u8]| u64::from(u32::from_le_bytes(*row.first_chunk().expect("four cells")));
+        let eight = |row: &[u8]| u64::from_le_bytes(*row.first_chunk().expect("eight cells"));
+        match (self.axes, up) {
+            (2, 2) => {
+                words[0] = four(row(0, 0)) | four(row(0, 1)) << 32;
+                words[1] = four(row(0, 2)) | four(row(0, 3)) << 32;
+                &words[..2]
+            }
+            (2, _) => {
+                words.iter_mut().enumerate().for_each(|(at, word)| *word = eight(row(0, at)));
+                words
+            }
+            (_, 1) => {
+                let slice = |slice| two(row(slice, 0)) | two(row(slice, 1)) << 16;
+                words[0] = slice(0) | slice(1) << 32;
+                &words[..1]
+            }
+            _ => {
+                for (at, word) in words.iter_mut().enumerate() {
+                    let (slice, first) = (at / 2, at % 2 * 2);
+                    *word = four(row(slice, first)) | four(row(slice, first + 1)) << 32;
+                }
+                words
+            }
+        }
+    }
+
+    /// The rows of cells of a node.
+    fn rows(&self, [x, y, z]: [usize; 3], up: usize) -> impl Iterator<Item = &[u8]> {
+        let (side, slices) = (self.side, if self.axes == 2 { 1 } else { 1 << up });
+        (0..slices).flat_map(move |slice| {
+            let first = (((z << up) + slice) * side + (y << up)) * side + (x << up);
+            (0..1 << up).map(move |row| &self.values[first + row * side..][..1 << up])
+        })
+    }
+}
+
+/// How many cells of a row, which is no shorter than eight, have a class.
+#[inline]
+fn count_of(row: &[u8], class: u8) -> u32 {
+    let (chunks, rest) = row.as_chunks::<16>();
+    let of = |cells: &[u8]| u32::from(cells.iter().map(|cell| u8::from(*cell == class)).sum::<u8>());
+    chunks.iter().map(|chunk| of(chunk)).sum::<u32>() + of(rest)
+}
+
+/// The class that wins a tie among so many cells of each where no child has one of the tied classes.
+#[cold]
+fn hashed(cells: &[u8], children: &[u8], most: u32) -> u8 {
+    let mut counts = [0; 256];
+    cells.iter().for_each(|cell| counts[usize::from(*cell)] += 1);
+    let tied = (0..=u8::MAX).zip(counts).filter(|(_, count)| *count == most);
+    let tied: SmallVec<[Value; 8]> = tied.map(|(class, _)| Value::from([class])).collect();
+    break_tie(children.iter().map(|value| Value::from([*value])), &tied, most.into()).to_bytes()[0]
 }
 
 /// Gives all nodes of a block, whose values are single bytes, their majorities; returns the cells of each value.
@@ -86,7 +245,7 @@ pub(super) fn majorities(block: &mut RowBlock) -> Vec<(Value, u64)> {
                 }
                 let (counted, columns) = (&mut level.counted[here.clone()], &mut columns[..side]);
                 match lower.last() {
-                    None => count(axes, &cells[below], counted, columns, |cell| u8::from(cell == class)),
+                    None => count(axes, &cells[below], counted, columns, |cell| 2 * u8::from(cell == class)),
                     Some(lower) => count(axes, &lower.counted[below], counted, columns, |count| count),
                 }
                 level.take_over(class, here);
@@ -110,8 +269,19 @@ pub(super) fn majorities(block: &mut RowBlock) -> Vec<(Value, u64)> {
             }
         }
     }
-    let narrow = narrow.into_iter().map(|level| level.winners);
-    let winners: Vec<Vec<u8>> = narrow.chain(wide.into_iter().map(|level| level.winners)).collect();
+    let cells = Cells { axes, side: block.side(0), values: cells };
+    let mut winners: Vec<Vec<u8>> = Vec::with_capacity(height);
+    for (up, level) in (1..).zip(narrow) {
+        let below = winners.last().map_or(cells.values, |below| below);
+        winners.push(match (up, axes) {
+            (1, 2) => level.settle_fours(&cells),
+            _ => level.settle(&cells, up, below),
+        });
+    }
+    for (up, level) in (narrow_levels + 1..).zip(wide) {
+        let below = winners.last().map_or(cells.values, |below| below);
+        winners.push(level.settle(&cells, up, below));
+    }
     for winners in winners {
         block.push_level();
         block.last_two().1.values = winners;
@@ -128,8 +298,8 @@ fn count(axes: usize, children: &[u8], counts: &mut [u8], columns: &mut [u8], of
         for children in child_rows(axes, side, children, row) {
             columns.iter_mut().zip(children).for_each(|(column, child)| *column += of(*child));
         }
-        // Invariant: no sum is more than 2^BYTE_BITS, which is what a node has of cells in the levels that
-        // are counted in bytes. So nothing is carried from one column to its neighbour.
+        // Invariant: no sum is more than twice 2^BYTE_BITS, which is what a node has of cells in the levels
+        // that are counted in bytes. So nothing is carried from one column to its neighbour.
         for (count, columns) in counts.iter_mut().zip(neighbours(columns)) {
             *count = (columns + (columns >> 8)) as u8;
         }
