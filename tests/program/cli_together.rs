@@ -445,6 +445,57 @@ fn lengths_of_solids_are_converted() {
     assert!(place.done(&["diff", "m.goblin", "mm.goblin"]).contains("blocks     0,"));
 }
 
+/// Boxes on cells of other sizes and directions, against the volumes of formulas.
+#[test]
+fn solids_on_other_cells_are_combined() {
+    let place = Place::new();
+    let block = |name: &str, text: &str, cell: &str| {
+        std::fs::write(place.at("block.csg"), text).unwrap();
+        place.done(&["-q", "build", "block.csg", "--cell", cell, "--edge", "area", "-o", name]);
+    };
+    block("a.goblin", "block(0,0,0, 8,8,8);", "0.25");
+    block("b.goblin", "block(4.1,1,2, 12.3,9,10);", "0.3");
+    place.done(&["-q", "transform", "b.goblin", "rotate=90,x", "-o", "turned.goblin"]);
+    let volume = |name: &str| {
+        let tree = spinney::open(place.at(name)).unwrap();
+        let cell = tree.metadata().frame.linear().determinant().abs();
+        let mean = tree.statistics(None, &()).unwrap();
+        mean.channels[0].mean / 255.0 * mean.cells as f64 * cell
+    };
+    let (own, other) = (512.0, 8.2 * 8.0 * 8.0);
+    // What both have: x from 4.1 to 8, y from 1 to 8, z from 2 to 8.
+    let shared = 3.9 * 7.0 * 6.0;
+    for second in ["b.goblin", "turned.goblin"] {
+        for (operation, expected) in [
+            ("union", own + other - shared),
+            ("and", shared),
+            ("a-b", own - shared),
+            ("xor", own + other - 2.0 * shared),
+        ] {
+            place.done(&["-q", "combine", operation, "a.goblin", second, "-o", "out.goblin"]);
+            let found = volume("out.goblin");
+            assert!(
+                (found / expected - 1.0).abs() < 0.04,
+                "{operation} {second}: {found}, expected {expected}"
+            );
+        }
+        place.done(&["-q", "transform", second, "like=a.goblin", "-o", "out.goblin"]);
+        assert!((volume("out.goblin") / other - 1.0).abs() < 0.02, "{second}: {}", volume("out.goblin"));
+    }
+}
+
+#[test]
+fn a_file_of_web_maps_is_exported_around_its_data() {
+    let place = Place::new();
+    let input = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_elevation.tif");
+    place.done(&["-q", "build", input, "--grid", "xyz", "-o", "world.goblin"]);
+    place.done(&["-q", "export", "world.goblin", "island.tif"]);
+    place.done(&["-q", "build", "island.tif", "-o", "back.goblin"]);
+    let [world, back] = ["world.goblin", "back.goblin"].map(|name| spinney::open(place.at(name)).unwrap());
+    assert!(back.header().extent.iter().all(|cells| *cells < 1000) && world.header().extent[0] > 100_000);
+    assert!(place.done(&["diff", "world.goblin", "back.goblin"]).contains("blocks     0,"));
+}
+
 #[test]
 fn longitudes_go_round_the_world_once() {
     let place = Place::new();

@@ -21,7 +21,9 @@ use spinney_base::io::batch;
 use spinney_base::value::{DataKind, Number};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Metadata, TagScope};
+use spinney_crs::web_mercator_depth;
 use spinney_engine::dataset::Dataset;
+use spinney_engine::ops::ViewStep;
 
 /// Tiles, compression and nodata of a cloud-optimized GeoTIFF.
 #[derive(Clone, Debug, PartialEq)]
@@ -94,6 +96,8 @@ pub struct CogSummary {
 /// # Ok::<(), spinney::Error>(())
 /// ```
 ///
+/// Of a file on the grid of web maps, whose root is the world, the cells around the data are written.
+///
 /// # Errors
 /// If the tree is an octree, its picture is empty, tiles have a size that TIFF does not know or need more memory than is
 /// allowed, the table of tiles alone needs more room than there is, the tree is damaged or was changed meanwhile, the output
@@ -112,6 +116,8 @@ pub fn export_cog(
         let expected = "a multiple of 16, from 64 to 4096";
         return Err(Error::invalid("tile size", request.tile_size.to_string(), expected));
     }
+    let part = part_of_world(tree, request.tile_size)?;
+    let tree = part.as_ref().unwrap_or(tree);
     let (spec, void) = picture(tree, request)?;
     let has_masks = spec.needs_mask();
     void.check((output.path(), spec.value.sample), Format::Tiff, progress)?;
@@ -163,6 +169,19 @@ pub fn export_cog(
     write_sidecar((&path, &access), Format::Tiff, &spec.metadata, progress)?;
     let overviews = levels.len() - 1;
     Ok(CogSummary { overviews, tiles: stored, sparse_tiles: tiles - stored, has_masks })
+}
+
+/// Of a file on the grid of web maps the cells around its data, from a cell on that begins one of each overview; nothing of other trees.
+fn part_of_world(tree: &Dataset, tile_size: u32) -> Result<Option<Dataset>> {
+    let (frame, extent) = (&tree.metadata().frame, tree.header().extent);
+    let file = tree.as_file().filter(|_| web_mercator_depth(frame, extent).is_some());
+    let Some((file, data)) = file.zip(tree.data_box()?) else { return Ok(None) };
+    let [width, height, _] = data.size();
+    let overviews = (width.max(height) / u64::from(tile_size)).max(1).ilog2();
+    let first = data.min.map(|cell| cell >> overviews << overviews);
+    let size = [0, 1, 2].map(|axis| data.max[axis] - first[axis]);
+    let window = ViewStep::Window(first.map(|cell| cell as i64), size);
+    Dataset::of(file.into())?.view(&[window]).map(Some)
 }
 
 /// The picture of a tree's deepest level, with the tree's statistics among what is known of it, and the number for VOID.
