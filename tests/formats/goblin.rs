@@ -92,8 +92,10 @@ fn averages_are_exact_at_every_level() {
                 let expected_mean = (valid > 0).then(|| byte(((2 * sum + valid) / (2 * valid)) as u8));
                 assert_eq!(mean.value_at(code).unwrap(), expected_mean, "{code}");
                 let most = counts.iter().max().unwrap();
-                let class = counts.iter().position(|count| count == most).unwrap() as u8;
-                assert_eq!(majority.value_at(code).unwrap(), (valid > 0).then_some(byte(class)), "{code}");
+                // (Which of several classes it is, the tests of ties say.)
+                let found = majority.value_at(code).unwrap();
+                assert_eq!(found.is_some(), valid > 0, "{code}");
+                assert!(found.is_none_or(|class| counts[as_byte(class) as usize] == *most), "{code}");
             }
         }
     }
