@@ -177,7 +177,7 @@ pub mod points {
         export_points, has_points, is_las_file, is_point_file, ordered_number, plan_points, position,
     };
     #[cfg(feature = "vector")]
-    pub use spinney_vector::{CellRule, PointRaster, rasterize_points};
+    pub use spinney_vector::{CellRule, PointRaster, rasterize_points, region_of_polygons};
 }
 
 /// Trees of lines: each piece of a line once, in the deepest node that is no smaller than it and has its middle, and the features with their attributes.

@@ -7,6 +7,7 @@ pub mod objects;
 pub mod overlay;
 mod point_raster;
 mod surfaces;
+mod within;
 pub mod zonal;
 
 pub use line_tree::{CrossingSummary, JoinSummary, export_lines, join_crossing_lines, join_nearest_lines};
@@ -14,3 +15,4 @@ pub use point_raster::{CellRule, PointRaster, rasterize_points};
 pub use surfaces::{
     SurfaceFiles, SurfacePoints, SurfaceRaster, export_isolines, read_heights, read_surfaces, write_surface,
 };
+pub use within::region_of_polygons;

@@ -54,7 +54,8 @@ file's own system (in GeoJSON longitude and latitude unless it has a member crs)
 layer's name and time.
 
 Of trees of lines counts and lengths are printed; with --nearest points are joined to the lines nearest to them, with --crossing what other lines
-cross is counted.
+cross is counted. Files in another coordinate system are brought to the tree's, in which --radius and distances are; points that --nearest writes
+stay in their own, and those of --crossing are in the tree's.
 
 With --labels there is a table of all values, each of which is a label: number of cells, area in square metres (of
 octrees volume, in the model's unit), the box of its cells (first column and row, columns and rows, and the same
@@ -157,7 +158,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     );
     if let Some(tree) = points::open(&args.tree.file, global)? {
         global.check_options(&args.tree.file, points::KIND, &["--window", "--in", "--level", "--json"])?;
-        let selection = PointPlaces::default().selection(&tree, &args.part, args.level)?;
+        let selection = PointPlaces::default().selection(&tree, &args.part, args.level, global)?;
         return points::stats(&tree, &selection, args.json, global);
     }
     ensure!(!args.each, "--each is for exact models; of trees --labels and --zones make tables");
