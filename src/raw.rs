@@ -263,6 +263,7 @@ pub mod import {
         };
         pub use spinney_vector::import::{FeatureLines, open_feature_lines, plan_point_files};
         pub use spinney_vector::objects::choose_objects;
+        pub use spinney_vector::{ReprojectOptions, SystemChange, reproject_features};
         pub use spinney_vector::zonal::FeatureZones;
     }
 

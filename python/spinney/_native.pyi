@@ -457,6 +457,7 @@ def object_contacts(paths: list[Any], snap: float | None, memory: int, terms: _T
 def build_brep(
     paths: list[Any], meshes: list[dict[str, Any]], out: Any, options: dict[str, Any], terms: _Terms
 ) -> dict[str, Any]: ...
+def reproject(path: Any, steps: list[str], out: Any, allow_ballpark: bool, memory: int, terms: _Terms) -> int: ...
 def transform(
     path: Any,
     steps: list[str],
