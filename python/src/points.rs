@@ -189,6 +189,7 @@ impl Points {
 
     /// Distances and coordinates of the points nearest to places: infinite and NaN where there are fewer.
     #[pyo3(name = "_nearest")]
+    #[allow(clippy::too_many_arguments)] // those of the Python function
     fn nearest<'py>(
         &self,
         py: Python<'py>,

@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Result, bail, ensure};
-use spinney::import::feature::{FeatureFilter, FeatureValue, RasterizeOptions, plan_features};
+use spinney::import::feature::{
+    FeatureFilter, FeatureOptions, FeatureValue, RasterizeOptions, plan_features,
+};
 use spinney::query::EdgeRule;
 use spinney::raw::import::feature::{ReprojectOptions, SystemChange, is_feature_file, reproject_features};
 use spinney::raw::import::rasterize::Overlaps;
@@ -216,9 +218,9 @@ impl Reprojection<'_> {
     pub(crate) fn write(&self, path: &Path, memory: u64, limit: &OutputLimit, global: &Global) -> Result<()> {
         let start = Instant::now();
         global.check_options(self.file, "a file of features", &["--allow-ballpark"])?;
-        let mut options = ReprojectOptions::default();
-        options.steps = SystemChange::of_view(self.file, self.steps)?;
-        (options.allow_ballpark, options.features.memory) = (self.allow_ballpark, memory);
+        let steps = SystemChange::of_view(self.file, self.steps)?;
+        let features = FeatureOptions { memory, ..FeatureOptions::default() };
+        let options = ReprojectOptions { steps, allow_ballpark: self.allow_ballpark, features };
         let format = vector_format(None, path)?;
         let output = limit.create(path, global)?;
         let work = Work::start(global, "features")?;

@@ -221,9 +221,10 @@ fn zones_are_those_of_the_program() {
         ("ball", column, "edge=area&crs=cells", &["--edge", "area", "--in", "cells"]),
     ] {
         let body = format!(r#"{{"type":"Polygon","coordinates":{ring}}}"#);
-        std::fs::write(folder.path().join("zone.geojson"), &body).unwrap();
+        let zone = folder.path().join("zone.geojson");
+        std::fs::write(&zone, &body).unwrap();
         let name = format!("{file}.goblin");
-        let asked = [&["stats", &*name, "--zones", "zone.geojson", "--json"], arguments].concat();
+        let asked = [&["stats", &*name, "--zones", zone.to_str().unwrap(), "--json"], arguments].concat();
         let expected = program(&folder, &asked);
         let answer = server.post(&format!("/zonal/{file}?{query}"), body.as_bytes());
         assert_eq!(String::from_utf8(answer.good()).unwrap(), expected, "{file}");

@@ -18,6 +18,9 @@ use spinney_lines::{LineTree, LineValue};
 /// Values that are kept of features that were read, at most.
 const KEPT: usize = 1 << 20;
 
+/// Bounds of a layer, which are found if its format needs them.
+type LayerBounds<'b> = &'b mut dyn FnMut() -> Result<[[f64; 2]; 2]>;
+
 /// A layer of points in the making, each with the attributes of a feature of a file, the number of a feature of the tree, and the attributes of that one.
 pub(super) struct Joined<'t> {
     tree: &'t LineTree,
@@ -46,7 +49,7 @@ impl<'t> Joined<'t> {
         names: Option<&[String]>,
         (schema, own): (&FeatureSchema, &[(&str, AttributeType)]),
         output: Option<(Output, VectorFormat)>,
-        (crs, bounds): (Option<Crs>, &mut dyn FnMut() -> Result<[[f64; 2]; 2]>),
+        (crs, bounds): (Option<Crs>, LayerBounds<'_>),
     ) -> Result<Joined<'t>> {
         let chosen = chosen_of(tree, names)?;
         let mut attributes = schema.attributes.clone();
