@@ -263,6 +263,11 @@ fn ones(folder: &std::path::Path, crs: &str, transform: &str) -> String {
     tree
 }
 
+/// West, south, east and north.
+type Bounds = [f64; 4];
+/// Zones: their system as a member of GeoJSON, boxes, and the formula from there to a raster's coordinates.
+type ZonesOf<'z> = (&'z str, [Bounds; 5], fn([f64; 2]) -> [f64; 2]);
+
 /// Cells and what lies outside of zones in other coordinate systems are those of the formulas, to 0.5 %.
 #[test]
 fn what_lies_outside_of_zones_in_other_systems_is_what_formulas_say() {
@@ -285,28 +290,17 @@ fn what_lies_outside_of_zones_in_other_systems_is_what_formulas_say() {
         [620_000.0, 5_320_000.0, 640_000.0, 5_340_000.0],
         [300_000.0, 5_800_000.0, 400_000.0, 5_900_000.0],
     ];
-    let cases: [(&str, String, [f64; 4], f64, &str, [[f64; 4]; 5], fn([f64; 2]) -> [f64; 2]); 2] = [
-        (
-            "EPSG:32632",
-            format!("100,0,{},0,-100,{}", low[0], high[1]),
-            [low[0], high[1] - 4800.0, low[0] + 6400.0, high[1]],
-            1e4,
-            "",
-            in_degrees,
-            utm,
-        ),
-        (
-            "EPSG:4326",
-            "0.02,0,9,0,-0.02,48.8".into(),
-            [9.0, 48.8 - 0.96, 9.0 + 1.28, 48.8],
-            4e-4,
-            r#""crs":{"type":"name","properties":{"name":"EPSG:32632"}},"#,
-            in_metres,
-            degrees,
-        ),
+    // Of each raster its bounds and the area of a cell; of its zones their system, boxes and formula.
+    let metres = ([low[0], high[1] - 4800.0, low[0] + 6400.0, high[1]], 1e4);
+    let degrees_of_raster = ([9.0, 48.8 - 0.96, 9.0 + 1.28, 48.8], 4e-4);
+    let declared = r#""crs":{"type":"name","properties":{"name":"EPSG:32632"}},"#;
+    let transform = format!("100,0,{},0,-100,{}", low[0], high[1]);
+    let cases: [(&str, &str, (Bounds, f64), ZonesOf<'_>); 2] = [
+        ("EPSG:32632", &transform, metres, ("", in_degrees, utm)),
+        ("EPSG:4326", "0.02,0,9,0,-0.02,48.8", degrees_of_raster, (declared, in_metres, degrees)),
     ];
-    for (crs, transform, extent, cell, declared, boxes, formula) in cases {
-        let tree = ones(folder.path(), crs, &transform);
+    for (crs, transform, (extent, cell), (declared, boxes, formula)) in cases {
+        let tree = ones(folder.path(), crs, transform);
         let ring = |[west, south, east, north]: [f64; 4]| {
             [[west, south], [east, south], [east, north], [west, north], [west, south]]
         };
