@@ -97,7 +97,7 @@ pub use spinney_base::{Error, Progress, Result, SetOperation, TreeType};
 #[cfg(feature = "brep")]
 pub use spinney_brep::ExactModel;
 pub use spinney_container::{Codec, Header, Metadata, OpenOptions};
-pub use spinney_crs::{CellLocator, Coordinates, Crs, Frame};
+pub use spinney_crs::{CellLocator, Coordinates, Crs, Frame, WorldLocator};
 pub use spinney_engine::dataset::Dataset;
 pub use spinney_engine::ops::{
     CombineOperation, CombineOptions, FileView, Resampling, Universe, ViewStep, WarpOptions, combine,

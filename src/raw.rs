@@ -177,7 +177,7 @@ pub mod points {
         export_points, has_points, is_las_file, is_point_file, ordered_number, plan_points, position,
     };
     #[cfg(feature = "vector")]
-    pub use spinney_vector::{CellRule, PointRaster, rasterize_points};
+    pub use spinney_vector::{CellRule, PointRaster, rasterize_points, region_of_polygons};
 }
 
 /// Trees of lines: each piece of a line once, in the deepest node that is no smaller than it and has its middle, and the features with their attributes.
@@ -264,6 +264,7 @@ pub mod import {
         pub use spinney_vector::import::{FeatureLines, open_feature_lines, plan_point_files};
         pub use spinney_vector::objects::choose_objects;
         pub use spinney_vector::zonal::FeatureZones;
+        pub use spinney_vector::{ReprojectOptions, SystemChange, reproject_features};
     }
 
     /// Meshes: solids of cells, and exact models.
@@ -361,9 +362,10 @@ pub mod export {
 #[cfg(feature = "report")]
 pub mod report {
     pub use spinney_report::{
-        Bins, JsonNumbers, OUTSIDE, PointLayers, PointReport, ZoneForm, ZoneReport, bins_as_json, bins_of,
-        bins_with, cell_area, channels_as_json, class_as_json, class_name, commit_as_json, printable_json,
-        statistics_as_json, statistics_of, void_share, write_number,
+        Bins, CellMeasure, JsonNumbers, OUTSIDE, PointLayers, PointReport, ZoneForm, ZoneReport,
+        bins_as_json, bins_of, bins_with, channels_as_json, class_as_json, class_name, commit_as_json,
+        measure_key, measure_name, printable_json, statistics_as_json, statistics_of, void_share, world_unit,
+        write_number,
     };
 }
 

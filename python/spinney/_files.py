@@ -49,7 +49,7 @@ def transform(
     max_bytes: int | str | None = None,
     threads: int | None = None,
     progress: Progress = None,
-) -> Outcome | MovedModel:
+) -> Outcome | MovedModel | int:
     """Makes a tree of a part of another, moved, scaled, mirrored or turned.
 
     Steps are those of `spinney transform` (`spinney help transform` lists them): `"rotate=30"`, `["crop", "scale=0.5"]`.
@@ -59,8 +59,17 @@ def transform(
 
     Exact models are moved in the world (`translate=`, `scale=`, `rotate=`, `mirror=`, `transpose`, `axes=`, `affine=`, `crs=`): whole steps of their grids, quarter
     turns, mirrors and one factor exactly, others with corners moved to the nearest points of a grid, also of steps `snap`; `unit` names the result's unit of length.
+
+    Files of features are written in another coordinate system (`"warp=EPSG:25832"`, and `"crs=EPSG:4326"` says in which they are): `transform("x.gpkg", "warp=EPSG:25832", "y.gpkg")`
+    returns the number of features. Vertices are transformed one by one.
     """
     chain = [steps] if isinstance(steps, str) else list(steps)
+    if _native.is_feature_file(path_of(path)):
+        given = {"resampling": resampling, "move": move or None, "snap": snap, "unit": unit, "max_error": max_error, "codec": None if codec == "plain" else codec}
+        if wrong := [name for name, value in given.items() if value is not None]:
+            raise ValueError(f"{', '.join(wrong)}: means nothing for a file of features")
+        with working(progress, threads, max_bytes) as terms:
+            return _native.reproject(path_of(path), chain, path_of(out), allow_ballpark, memory_of(memory), terms)
     with working(progress, threads, max_bytes) as terms:
         made = _native.transform(
             path_of(path), chain, path_of(out), resampling, allow_ballpark, move, (snap, unit), memory_of(memory), packing_of(codec, max_error), terms

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _native
-from ._arrays import points_of
+from ._arrays import coordinates_of_points, points_of
 from ._block_trees import BlockTree
 from ._features import features_over
 from ._files import MEMORY
@@ -18,7 +18,8 @@ from ._options import names_of
 from ._progress import memory_of, working
 from ._metadata import crs_text
 from ._remote import is_path, path_of, remote_access_of
-from ._types import Path, Points, Progress
+from ._types import Coordinates, Path, Points, Progress
+from ._zonal import definition_of
 
 
 @dataclass(frozen=True)
@@ -171,16 +172,21 @@ class LineTree(BlockTree, _native.Lines):
         *,
         k: int = 1,
         radius: float = np.inf,
+        coordinates: Coordinates = None,
         threads: int | None = None,
         progress: Progress = None,
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64], npt.NDArray[np.float64]]:
         """Distances of the lines of the k features nearest to each place, of shape (n, k), the numbers of these features, (n, k), and the nearest places on them, (n, k, 2),
-        the nearest first; infinite, -1 and NaN where fewer are within the `radius`."""
+        the nearest first; infinite, -1 and NaN where fewer are within the `radius`. Coordinates are in the file's own system, those of a GeoSeries in its `crs`, or in other `coordinates`
+        ("lonlat", "EPSG:3035", any coordinate system); results are always in the file's own."""
         if k < 1:
             raise ValueError(f"k: {k}, expected 1 or more")
-        rows = points_of(places, 2, "places")
+        given, own = coordinates_of_points(places, 2)
+        rows = points_of(given, 2, "places")
+        if coordinates is None:
+            coordinates = "world" if own is None or self.crs is None else definition_of(own)
         with working(progress, threads) as terms:
-            distances, features, found = self._nearest(rows, k, float(radius), terms)
+            distances, features, found = self._nearest(rows, k, float(radius), coordinates, terms)
         return distances, features, found.reshape(len(rows), k, 2)
 
     def crossings(self, lines: Any, *, threads: int | None = None, progress: Progress = None) -> LineCrossings:

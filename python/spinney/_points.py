@@ -18,7 +18,7 @@ from ._progress import memory_of, working
 from ._remote import path_of, remote_access_of
 from ._sources import paths_of
 from ._metadata import crs_text
-from ._types import Path, Points, Progress
+from ._types import Coordinates, Path, Points, Progress
 
 Polygons = Sequence[Sequence[Points]]
 """Parts, each of an outer ring and its holes: rows of x and y."""
@@ -207,12 +207,15 @@ class PointTree(BlockTree, _native.Points):
         *,
         k: int = 1,
         radius: float = np.inf,
+        coordinates: Coordinates = None,
         memory: int | str = MEMORY,
         threads: int | None = None,
         progress: Progress = None,
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         """Distances of the k points nearest to each place, of shape (n, k), and their coordinates, (n, k, 3), the nearest first; infinite and NaN
-        where fewer are within the `radius`. In a quadtree z does not count; for places that are rows of x and y distances are in plan."""
+        where fewer are within the `radius`. In a quadtree z does not count; for places that are rows of x and y distances are in plan. Coordinates are
+        in the file's own system, or in other `coordinates` ("lonlat", "EPSG:3035", any coordinate system), with z as it is; distances and coordinates of the result
+        are always in the file's own."""
         if k < 1:
             raise ValueError(f"k: {k}, expected 1 or more")
         given = np.asarray(places, dtype=np.float64)
@@ -220,7 +223,7 @@ class PointTree(BlockTree, _native.Points):
             given = np.column_stack([given, np.full(len(given), np.nan)])
         rows = points_of(given, 3, "places")
         with working(progress, threads) as terms:
-            distances, found = self._nearest(rows, k, float(radius), memory_of(memory), terms)
+            distances, found = self._nearest(rows, k, float(radius), memory_of(memory), "world" if coordinates is None else coordinates, terms)
         return distances, found.reshape(len(rows), k, 3)
 
     def write(

@@ -334,6 +334,7 @@ class Solid:
     cells: int
     """Cells of the level that are not empty."""
     volume: float
+    """NaN, as areas are, where the world is in degrees, since heights have another unit."""
     volume_cells: float
     """Volume in cells of the level."""
     centre: tuple[float, float, float] | None
@@ -494,7 +495,8 @@ class CombinedPolygons:
 
 @dataclass(frozen=True, eq=False)
 class Mass:
-    """Measures of an exact model: exact numbers for its grid, each rounded once (but for the area)."""
+    """Measures of an exact model: exact numbers for its grid, each rounded once (but for the area). Volume and area are NaN where the world is in degrees, since
+    heights have another unit."""
 
     volume: float
     area: float

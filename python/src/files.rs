@@ -8,10 +8,12 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use spinney::brep::{Motion, TransformOptions};
 use spinney::edit::{Commit, Note};
+use spinney::export::VectorFormat;
 use spinney::lines::LineTree;
 use spinney::points::PointTree;
 use spinney::raw::brep::is_model_file;
 use spinney::raw::dataset;
+use spinney::raw::import::feature::{ReprojectOptions, SystemChange, reproject_features};
 use spinney::raw::io::any_file;
 use spinney::raw::lines::is_line_file;
 use spinney::raw::ops::{self, AffineMap, FdRange, Outcome, Prefer, ReconcileOptions};
@@ -142,6 +144,28 @@ pub(crate) fn transform<'py>(
     let how = packing.with(memory);
     let made = jobs::run(py, terms, |work| spinney::transform(&chain, work.create_tree(&out)?, how, work))?;
     outcome(py, &made)
+}
+
+/// Writes the features of a file in another coordinate system; returns their number.
+#[pyfunction]
+pub(crate) fn reproject(
+    py: Python<'_>,
+    path: PathBuf,
+    steps: Vec<String>,
+    out: PathBuf,
+    allow_ballpark: bool,
+    memory: u64,
+    terms: Terms,
+) -> PyResult<u64> {
+    check_output(std::slice::from_ref(&path), &out)?;
+    let format = VectorFormat::of(&out).ok_or_else(|| {
+        let expected = "expected .geojson, .csv, .svg, .gpkg, .fgb, .shp, .obj or .ply";
+        invalid(format!("{}: {expected}", out.display()))
+    })?;
+    let steps = SystemChange::of_view(&path, &steps_of(&steps)?).or_raise()?;
+    let mut options = ReprojectOptions { steps, allow_ballpark, ..ReprojectOptions::default() };
+    options.features.memory = memory;
+    jobs::run(py, terms, |work| reproject_features(&path, &options, work.create(&out)?, format, work))
 }
 
 /// Makes an exact model of another one that is moved; returns counts by name.

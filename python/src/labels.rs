@@ -77,11 +77,7 @@ impl Tree {
         let (count, pairs) = (columns.cells.len(), columns.faces.len());
         let has_classes = !columns.classes.is_empty() || request.connect.is_some() && count == 0;
         let frame = &opened.tree.metadata().frame;
-        let measure = if axes == 3 {
-            Some(frame.linear().determinant().abs())
-        } else {
-            frame.cell_square_metres().ok()
-        };
+        let measure = if axes == 3 { frame.cell_volume().ok() } else { frame.cell_square_metres().ok() };
         let channels = usize::from(value.channels);
         let classes = || array(py, value.sample, &[count, channels], &columns.classes);
         Ok((

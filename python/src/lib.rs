@@ -55,7 +55,8 @@ mod _native {
     use super::features_over::is_features;
     #[pymodule_export]
     use super::files::{
-        add_layer, blame, combine, compact, convert, cross, diff, drop_layer, log, recover, transform, verify,
+        add_layer, blame, combine, compact, convert, cross, diff, drop_layer, log, recover, reproject,
+        transform, verify,
     };
     #[pymodule_export]
     use super::jobs::refuse;

@@ -16,6 +16,7 @@ use spinney::{Crs, Metadata, Progress as _, Result};
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms};
+use crate::part::coordinates_of;
 use crate::remote::{RemoteAccess, path_object};
 use crate::tree::crs_text;
 
@@ -187,10 +188,16 @@ impl Lines {
         places: PyReadonlyArray2<'py, f64>,
         most: usize,
         radius: f64,
+        coordinates: &Bound<'py, PyAny>,
         terms: Terms,
     ) -> PyResult<Near<'py>> {
         let tree = self.get()?;
-        let places: Vec<[f64; 2]> = places.as_slice()?.as_chunks::<2>().0.to_vec();
+        let mut places: Vec<[f64; 2]> = places.as_slice()?.as_chunks::<2>().0.to_vec();
+        let locator = tree.locator(&coordinates_of(coordinates)?).or_raise()?;
+        for place in &mut places {
+            let [x, y] = locator.locate([place[0], place[1]]).or_raise()?;
+            (place[0], place[1]) = (x, y);
+        }
         let room = places.len().checked_mul(most).filter(|room| *room < 1 << 40);
         let room = room.ok_or_else(|| invalid(format!("k: {most} lines for {} places", places.len())))?;
         let (distances, features, found) = jobs::run(py, terms, |work| {

@@ -195,8 +195,11 @@ impl Model {
             Ok(mass)
         })?;
         let facts = PyDict::new(py);
-        facts.set_item("volume", mass.volume)?;
-        facts.set_item("area", mass.area)?;
+        // (Degrees and heights have no unit in common.)
+        let is_known = model.file().metadata().frame.cell_volume().is_ok();
+        let known = |measure: f64| if is_known { measure } else { f64::NAN };
+        facts.set_item("volume", known(mass.volume))?;
+        facts.set_item("area", known(mass.area))?;
         facts.set_item("centre", mass.centre)?;
         facts.set_item("second_moments", mass.second_moments)?;
         facts.set_item("inertia", mass.inertia)?;

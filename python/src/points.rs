@@ -19,6 +19,7 @@ use spinney::{Crs, Dimension, Progress as _, Result, SampleType};
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms, access};
+use crate::part::coordinates_of;
 use crate::remote::{RemoteAccess, path_object};
 use crate::tree::crs_text;
 
@@ -188,6 +189,7 @@ impl Points {
 
     /// Distances and coordinates of the points nearest to places: infinite and NaN where there are fewer.
     #[pyo3(name = "_nearest")]
+    #[allow(clippy::too_many_arguments)] // those of the Python function
     fn nearest<'py>(
         &self,
         py: Python<'py>,
@@ -195,10 +197,16 @@ impl Points {
         most: usize,
         radius: f64,
         memory: u64,
+        coordinates: &Bound<'py, PyAny>,
         terms: Terms,
     ) -> PyResult<Near<'py>> {
         let tree = self.get()?;
-        let places: Vec<[f64; 3]> = places.as_slice()?.as_chunks::<3>().0.to_vec();
+        let mut places: Vec<[f64; 3]> = places.as_slice()?.as_chunks::<3>().0.to_vec();
+        let locator = tree.locator(&coordinates_of(coordinates)?).or_raise()?;
+        for place in &mut places {
+            let [x, y] = locator.locate([place[0], place[1]]).or_raise()?;
+            (place[0], place[1]) = (x, y);
+        }
         let room = places.len().checked_mul(most).filter(|room| *room < 1 << 40);
         let room = room.ok_or_else(|| invalid(format!("k: {most} points for {} places", places.len())))?;
         let (distances, found) = jobs::run(py, terms, |work| {

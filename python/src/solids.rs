@@ -58,12 +58,14 @@ impl Tree {
         let facts = PyDict::new(py);
         facts.set_item("level", solid.level)?;
         facts.set_item("cells", solid.cells)?;
-        facts.set_item("volume", solid.world_volume())?;
+        let is_known = opened.tree.metadata().frame.cell_volume().is_ok();
+        facts.set_item("volume", if is_known { solid.world_volume() } else { f64::NAN })?;
         facts.set_item("volume_cells", solid.volume)?;
         facts.set_item("centre", solid.world_centre())?;
         facts.set_item("bounds", solid.world_bounds())?;
-        facts.set_item("area", surface.as_ref().map(|surface| surface.smooth_area()))?;
-        facts.set_item("block_area", surface.as_ref().map(|surface| surface.block_area()))?;
+        let known = |area: f64| if is_known { area } else { f64::NAN };
+        facts.set_item("area", surface.as_ref().map(|surface| known(surface.smooth_area())))?;
+        facts.set_item("block_area", surface.as_ref().map(|surface| known(surface.block_area())))?;
         Ok(facts)
     }
 

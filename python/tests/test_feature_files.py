@@ -66,3 +66,17 @@ def test_regions_and_contours_become_features(island: str, relief: str, tmp_path
     spinney.build_lines(tmp_path / f"contours.{ending}", tmp_path / "contours.goblin")
     with spinney.open_lines(tmp_path / "contours.goblin") as tree:
         assert len(tree) > 1
+
+
+def test_features_are_brought_to_another_system(tmp_path: Path) -> None:
+    radius = 6378137
+    feature = {"type": "Feature", "id": 4, "properties": {"name": "a"}, "geometry": {"type": "Point", "coordinates": [8.5, 47.25, 3]}}
+    given, made = tmp_path / "given.geojson", tmp_path / "made.geojson"
+    given.write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    assert spinney.transform(given, "warp=EPSG:3857", made) == 1
+    found = json.loads(made.read_text())["features"][0]
+    expected = (radius * np.radians(8.5), radius * np.arctanh(np.sin(np.radians(47.25))), 3)
+    assert found["geometry"]["coordinates"] == pytest.approx(expected, abs=1e-6)
+    assert (found["id"], found["properties"]) == (4, {"name": "a"})
+    with pytest.raises(ValueError, match="move"):
+        spinney.transform(given, "warp=EPSG:3857", made, move=True)

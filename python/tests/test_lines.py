@@ -125,3 +125,17 @@ def test_what_makes_no_sense_is_told(tree: Path, tmp_path: Path) -> None:
             lines.features(window=(0, 0, 1, 1), crossing=[(0, 0), (1, 1)])
     with pytest.raises(OSError):
         spinney.open_points(tree)
+
+
+def test_positions_in_other_systems(tmp_path: Path) -> None:
+    path = tmp_path / "mercator.goblin"
+    line = {"type": "Feature", "properties": {}, "geometry": {"type": "LineString", "coordinates": [(0, 0), (1000, 0)]}}
+    spinney.build_lines(line, path, crs="EPSG:3857")
+    radius = 6378137
+    degrees = [(np.degrees(300 / radius), np.degrees(np.arcsin(np.tanh(40 / radius))))]
+    with spinney.open_lines(path) as lines:
+        distances, features, places = lines.nearest(degrees, coordinates="lonlat")
+        assert distances[0, 0] == pytest.approx(40, abs=1e-4) and features[0, 0] == 0
+        assert places[0, 0] == pytest.approx((300, 0), abs=1e-4)
+        with pytest.raises(ValueError, match="no cells"):
+            lines.nearest(degrees, coordinates="cells")

@@ -1,20 +1,26 @@
-//! Files of features where trees are asked for: laid over the cells of a tree, for `edit`, `combine` and `find`.
+//! Files of features where trees are asked for: laid over the cells of a tree, for `edit`, `combine` and `find`, or brought to another coordinate system, for
+//! `transform`.
 
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use anyhow::{Result, bail, ensure};
-use spinney::import::feature::{FeatureFilter, FeatureValue, RasterizeOptions, plan_features};
+use spinney::import::feature::{
+    FeatureFilter, FeatureOptions, FeatureValue, RasterizeOptions, plan_features,
+};
 use spinney::query::EdgeRule;
-use spinney::raw::import::feature::is_feature_file;
+use spinney::raw::import::feature::{ReprojectOptions, SystemChange, is_feature_file, reproject_features};
 use spinney::raw::import::rasterize::Overlaps;
 use spinney::raw::ops::{MadeOperand, Outcome, ViewSource, combine_with};
 use spinney::{
     CombineOperation, CombineOptions, Coordinates, Header, Metadata, Number, Output, Progress, Rule,
-    WriteOptions,
+    ViewStep, WriteOptions,
 };
 
-use super::report::Work;
+use super::Global;
+use super::args::{OutputLimit, vector_format};
+use super::report::{Work, report_output};
 
 /// Which features count, and which cells are theirs.
 #[derive(clap::Args, Clone, Debug, Default)]
@@ -198,4 +204,30 @@ pub(crate) fn check_features(file: &Path, option: &str) -> Result<()> {
         file.display()
     );
     Ok(())
+}
+
+/// A file of features that is brought to another coordinate system.
+pub(crate) struct Reprojection<'a> {
+    pub(crate) file: &'a Path,
+    pub(crate) steps: &'a [ViewStep],
+    pub(crate) allow_ballpark: bool,
+}
+
+impl Reprojection<'_> {
+    /// Writes the features, in the format of the output's name.
+    pub(crate) fn write(&self, path: &Path, memory: u64, limit: &OutputLimit, global: &Global) -> Result<()> {
+        let start = Instant::now();
+        global.check_options(self.file, "a file of features", &["--allow-ballpark"])?;
+        let steps = SystemChange::of_view(self.file, self.steps)?;
+        let features = FeatureOptions { memory, ..FeatureOptions::default() };
+        let options = ReprojectOptions { steps, allow_ballpark: self.allow_ballpark, features };
+        let format = vector_format(None, path)?;
+        let output = limit.create(path, global)?;
+        let work = Work::start(global, "features")?;
+        let written = reproject_features(self.file, &options, output, format, &work)?;
+        work.finish();
+        global.report("features", written);
+        report_output(global, path, start);
+        Ok(())
+    }
 }

@@ -78,7 +78,7 @@ pub(crate) struct Args {
     slice: Option<Slice>,
     #[command(flatten)]
     places: PointPlaces,
-    /// Lines of a file of features, in the tree's own coordinates: of a tree of lines the features that they cross or touch are written
+    /// Lines of a file of features, which are brought to the tree's coordinate system from that of their file: of a tree of lines the features that they cross or touch are written
     #[arg(long, value_name = "LINES", conflicts_with_all = ["window", "within", "ball"])]
     crossing: Option<PathBuf>,
     /// Attributes of points or lines that are written, as in intensity,classification [default: all]
@@ -136,7 +136,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         ];
         global.check_options(&args.tree.file, points::KIND, &fitting)?;
         ensure!(args.part.is_given() || args.part.coordinates().given().is_none(), IN_IS_FOR);
-        let selection = args.places.selection(&tree, &args.part, args.level)?;
+        let selection = args.places.selection(&tree, &args.part, args.level, global)?;
         return points::get(
             &tree,
             &selection,

@@ -1,13 +1,14 @@
 //! `spinney point`: single cells, a few from the command line or many from standard input.
 
 use std::io::{self, BufRead, Write};
+use std::path::Path;
 use std::sync::Mutex;
 
 use anyhow::{Context as _, Result, anyhow, ensure};
 use rayon::prelude::*;
 use spinney::raw::io::url_of;
 use spinney::raw::report::{OUTSIDE, PointLayers};
-use spinney::{Coordinates, Dataset};
+use spinney::{Coordinates, Dataset, WorldLocator};
 
 use super::args::{CoordinatesOption, ViewedTree, level_of};
 use super::exact::PointQuestion;
@@ -26,6 +27,7 @@ const EXAMPLES: &str = "Examples:
   spinney point house.goblin --distance 3.5,2.25,1.1
   spinney point house.goblin --rays first 3.5,2.25,9,0,0,-1
   spinney point house.goblin --rays all < rays.csv > hits.csv
+  spinney point roads.goblin --in lonlat 7.66,45.98 --nearest 3
 
 A line of the answer has a point's samples, those of all layers, `void` where nothing is there, or `outside` of the tree's picture; of exact models `inside`, `outside` or `boundary`, or with --distance how far the surface is: negative inside. With --rays there is a line of CSV \
 for each place where a ray, given by its origin and direction, passes through the surface: the number of the ray from 1, the distance in lengths of the \
@@ -56,7 +58,8 @@ pub(crate) struct Args {
     #[arg(long)]
     distance: bool,
     /// Ask for the nearest ones of a tree of points or of lines: so many points, or features, for each place; a line has the place's number, the distance and
-    /// the coordinates, of lines those of the nearest place and the feature's number, from 0 [default: 1]
+    /// the coordinates, of lines those of the nearest place and the feature's number, from 0; distance and coordinates are in the tree's own system, whatever --in
+    /// says [default: 1]
     #[arg(long, value_name = "K")]
     nearest: Option<usize>,
     /// Distance within which points or lines of such a tree are looked for [default: any]
@@ -70,14 +73,19 @@ pub(crate) struct Args {
 impl Args {
     /// Fails if options were given that queries for the nearest points or lines do not take.
     fn check_near(&self, what: &str, global: &Global) -> Result<()> {
-        global.check_options(&self.tree.file, what, &["--nearest", "--radius", "--in"])?;
-        let is_world = matches!(self.coordinates.given(), None | Some(Coordinates::World));
-        ensure!(
-            is_world,
-            "{}: is {what}; places are given in its own coordinates (--in world)",
-            self.tree.file.display()
-        );
-        Ok(())
+        global.check_options(&self.tree.file, what, &["--nearest", "--radius", "--in"])
+    }
+
+    /// What is requested around each position: so many points or features, within a distance, of positions that are brought to the tree.
+    fn near(&self, locator: WorldLocator) -> Near {
+        locator.remarks().iter().for_each(|remark| warn(remark));
+        let within = self.radius.unwrap_or(f64::INFINITY);
+        Near { most: self.nearest.unwrap_or(1), within, locator }
+    }
+
+    /// The coordinates of positions.
+    fn coordinates(&self) -> &Coordinates {
+        self.coordinates.given().unwrap_or(&Coordinates::World)
     }
 
     /// The question about points of exact models.
@@ -88,6 +96,20 @@ impl Args {
             (false, false) => PointQuestion::Place,
         }
     }
+}
+
+/// A request for what is nearest to positions.
+pub(crate) struct Near {
+    /// Points or features for each position, at most.
+    pub(crate) most: usize,
+    /// How far away they may be, in the tree's unit.
+    pub(crate) within: f64,
+    /// From the coordinates of the positions to those of the tree.
+    pub(crate) locator: WorldLocator,
+}
+
+fn in_file(path: &Path) -> String {
+    path.display().to_string()
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
@@ -104,13 +126,13 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     }
     if let Some(tree) = lines::open(&args.tree.file, global)? {
         args.check_near(lines::KIND, global)?;
-        let within = args.radius.unwrap_or(f64::INFINITY);
-        return lines::nearest(&tree, &args.points, (args.nearest.unwrap_or(1), within), global);
+        let near = args.near(tree.locator(args.coordinates()).with_context(|| in_file(&args.tree.file))?);
+        return lines::nearest(&tree, &args.points, &near, global);
     }
     if let Some(tree) = points::open(&args.tree.file, global)? {
         args.check_near(points::KIND, global)?;
-        let within = args.radius.unwrap_or(f64::INFINITY);
-        return points::nearest(&tree, &args.points, (args.nearest.unwrap_or(1), within), global);
+        let near = args.near(tree.locator(args.coordinates()).with_context(|| in_file(&args.tree.file))?);
+        return points::nearest(&tree, &args.points, &near, global);
     }
     ensure!(
         args.nearest.is_none() && args.radius.is_none(),
@@ -124,7 +146,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let level = level_of(finest, args.level)?;
     global.report_approximate(finest, level);
     let from = if args.points.is_empty() { "standard input, line" } else { "point" };
-    let coordinates = args.coordinates.given().unwrap_or(&Coordinates::World);
+    let coordinates = args.coordinates();
     let layers: Vec<&Dataset> = trees.iter().collect();
     let layers = PointLayers::new(&layers, coordinates, Some(level))?;
     layers.places().remarks().iter().for_each(|remark| warn(remark));

@@ -5,12 +5,13 @@ use std::time::Instant;
 
 use anyhow::{Result, bail, ensure};
 use spinney::brep::TransformOptions;
+use spinney::raw::import::feature::is_feature_file;
 use spinney::raw::points::{PointRaster, rasterize_points};
 use spinney::{FileView, Resampling, ViewStep, WarpOptions};
 
 use super::args::{Memory, OutputLimit, Packing, UNITS, check_output, parse_step};
 use super::report::{Work, report_output};
-use super::{Global, exact, points};
+use super::{Global, exact, features, points};
 
 /// Make a tree of a part of another, moved, scaled, mirrored or turned, or of what is calculated with others.
 ///
@@ -24,6 +25,8 @@ use super::{Global, exact, points};
 /// Exact models are moved in the world: whole steps of the grid, quarter turns, mirrors, exchanged axes and one factor for
 /// all axes exactly, others with their corners moved to the nearest points of a grid.
 ///
+/// Files of features are brought to another coordinate system, with their attributes, heights and ids.
+///
 /// The picture stays where it is in the world, however its cells are arranged; with --move it moves with its
 /// cells.
 #[derive(clap::Args)]
@@ -31,7 +34,7 @@ use super::{Global, exact, points};
 pub(crate) struct Args {
     #[command(flatten)]
     chain: ChainArgs,
-    /// File to write; - is standard output
+    /// File to write, of features in the format of its name; - is standard output
     #[arg(short, long, value_name = "OUT.goblin")]
     output: PathBuf,
     /// Width of the steps of a new grid for exact models, to which all corners are moved
@@ -52,7 +55,7 @@ pub(crate) struct Args {
 /// A file, and what is done to it.
 #[derive(clap::Args)]
 pub(crate) struct ChainArgs {
-    /// Tree file, or exact model
+    /// Tree file, exact model, or file of features
     file: PathBuf,
     /// Steps, in order, as `spinney transform --help` tells them
     #[arg(value_name = "STEP", value_parser = parse_any_step, allow_hyphen_values = false)]
@@ -158,6 +161,9 @@ Steps:
 Steps of exact models, in coordinates of the world, about its origin:
   translate=DX,DY,DZ  scale=F  scale=FX,FY,FZ  mirror=x  transpose  axes=+y,-x,+z  affine=12 numbers  crs=DEF
   rotate=DEG,AXIS[@X,Y,Z]  counterclockwise seen from the axis' end, also about another point
+Of files of features (GeoJSON, GeoPackage, FlatGeobuf, shapefile, CSV), which are written as any of these, .svg, .obj or .ply, by the output's name:
+  warp=DEF                 every vertex to another coordinate system, one by one: edges are straight between them
+  crs=DEF                  says in which coordinate system they are, whatever the file says
 Of trees of points:
   raster=RULE,cell=W[,attribute=NAME]
                            a quadtree of cells of width W: the min, max or mean of the points' z (or an attribute), or their count
@@ -180,6 +186,7 @@ Examples:
   spinney transform landcover.goblin sieve=100 -o clean.goblin
   spinney transform part.goblin rotate=90,x translate=0,0,12.5 -o placed.goblin
   spinney transform inches.goblin scale=25.4 --unit mm -o part.goblin
+  spinney transform parcels.gpkg warp=EPSG:25832 -o parcels_25832.gpkg
   spinney transform scan.goblin raster=max,cell=0.5 -o surface.goblin";
 
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
@@ -188,6 +195,15 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let file = &chain.file;
     let (steps, rasters) = chain.steps();
     check_output([&**file].into_iter().chain(steps.iter().flat_map(ViewStep::files)), &path)?;
+    if is_feature_file(file) {
+        ensure!(
+            rasters.is_empty(),
+            "{}: is a file of features, which raster= means nothing for",
+            file.display()
+        );
+        let features = features::Reprojection { file, steps: &steps, allow_ballpark: chain.allow_ballpark };
+        return features.write(&path, memory.bytes, &limit, global);
+    }
     if let Some(tree) = points::open(file, global)? {
         let [raster] = &rasters[..] else {
             bail!(

@@ -185,10 +185,14 @@ fn layers_lie_in_one_frame() {
     let [path, other] = ["s.goblin", "other.goblin"].map(|name| folder.path().join(name));
     let layers = random_layers(1, 3);
     write(&layers, &path);
-    for (matrix, fits) in [(1.0, true), (2.0, true), (8.0, true), (3.0, false), (0.5, false)] {
+    // (Cells of 3 and of half a cell are resampled to the file's.)
+    for (matrix, begins_before) in
+        [(1.0, false), (2.0, false), (8.0, false), (3.0, false), (0.5, false), (3.5, true)]
+    {
         let cells = Cells::random(QUAD, 1, [30, 30, 1], 9, true);
         let mut metadata = Metadata::default();
         (metadata.frame.matrix[0][0], metadata.frame.matrix[1][1]) = (matrix, matrix);
+        metadata.frame.matrix[0][3] = if begins_before { -20.0 } else { 0.0 };
         let options = options(Rule::Mean, DataKind::Continuous, 5).metadata(metadata);
         write_cells(&other, &cells, &options);
         let name = format!("by {matrix}");
@@ -200,12 +204,12 @@ fn layers_lie_in_one_frame() {
             WriteOptions::new(1 << 24),
             &(),
         );
-        assert_eq!(added.is_ok(), fits, "{matrix}: {:?}", added.err());
+        assert_eq!(added.is_ok(), !begins_before, "{matrix}: {:?}", added.err());
     }
     let file = spinney::open(&path).unwrap();
     let depth = spinney::open(&path).unwrap().depth();
     let depths: Vec<u8> = file.layers().unwrap().iter().map(|layer| layer.header.depth()).collect();
-    assert_eq!(depths, [depth, depth, depth - 1, depth - 3]);
+    assert_eq!(depths, [depth, depth, depth - 1, depth - 3, depth, depth]);
 }
 
 /// Every commit is one state of all layers; what an edit leaves alone keeps its root.

@@ -82,3 +82,181 @@ fn features_fill_and_are_combined_and_searched() {
     }
     assert!(!folder.path().join("x.goblin").exists());
 }
+
+/// Longitude and latitude of a position in web mercator, by its formula.
+fn degrees(x: f64, y: f64) -> [f64; 2] {
+    let radius = 6_378_137.0;
+    [(x / radius).to_degrees(), (y / radius).tanh().asin().to_degrees()]
+}
+
+/// JSON with each position of coordinates changed.
+fn moved(value: &serde_json::Value, change: &dyn Fn(f64, f64) -> [f64; 2]) -> serde_json::Value {
+    use serde_json::Value;
+    match value {
+        Value::Array(numbers) if numbers.first().is_some_and(Value::is_number) => {
+            let [x, y] = change(numbers[0].as_f64().unwrap(), numbers[1].as_f64().unwrap());
+            let rest = numbers[2..].iter().map(|number| number.as_f64().unwrap());
+            [x, y].into_iter().chain(rest).map(Value::from).collect()
+        }
+        Value::Array(members) => members.iter().map(|member| moved(member, change)).collect(),
+        Value::Object(members) => {
+            let member = |(name, member): (&String, &Value)| match name.as_str() {
+                "coordinates" | "geometry" | "geometries" => (name.clone(), moved(member, change)),
+                _ => (name.clone(), member.clone()),
+            };
+            members.iter().map(member).collect()
+        }
+        other => other.clone(),
+    }
+}
+
+/// Whether two values of JSON are the same, but for numbers that differ by no more than this.
+fn is_close(a: &serde_json::Value, b: &serde_json::Value, most: f64) -> bool {
+    use serde_json::Value::{Array, Number, Object};
+    match (a, b) {
+        (Number(a), Number(b)) => (a.as_f64().unwrap() - b.as_f64().unwrap()).abs() <= most,
+        (Array(a), Array(b)) => a.len() == b.len() && a.iter().zip(b).all(|(a, b)| is_close(a, b, most)),
+        (Object(a), Object(b)) => {
+            a.len() == b.len() && a.iter().all(|(name, a)| b.get(name).is_some_and(|b| is_close(a, b, most)))
+        }
+        _ => a == b,
+    }
+}
+
+/// The features of a file of GeoJSON.
+fn features_of(path: &str) -> serde_json::Value {
+    let text = std::fs::read_to_string(path).unwrap();
+    serde_json::from_str::<serde_json::Value>(&text).unwrap()["features"].take()
+}
+
+const GEOMETRIES: [&str; 8] = [
+    r#"{"type":"Point","coordinates":[1000.5,2000.25,5.5]}"#,
+    r#"{"type":"MultiPoint","coordinates":[[10,20,1],[30,40,2]]}"#,
+    r#"{"type":"LineString","coordinates":[[-500,7,1],[9000000,3000000,2],[5,6,3]]}"#,
+    r#"{"type":"MultiLineString","coordinates":[[[0,0,1],[5,5,2]],[[7,7,3],[8,9,4],[10,12,5]]]}"#,
+    r#"{"type":"Polygon","coordinates":[[[0,0,1],[100,0,2],[100,100,3],[0,100,4],[0,0,1]],[[10,10,5],[10,20,6],[20,20,7],[10,10,5]]]}"#,
+    r#"{"type":"MultiPolygon","coordinates":[[[[0,0,1],[9,0,2],[9,9,3],[0,0,1]]],[[[20,0,4],[29,0,5],[29,9,6],[20,0,4]]]]}"#,
+    r#"{"type":"GeometryCollection","geometries":[{"type":"Point","coordinates":[3,4,5]},{"type":"LineString","coordinates":[[1,2,3],[4,5,6]]}]}"#,
+    "null",
+];
+
+/// A file of features in web mercator with such geometries, ids and attributes of all types.
+fn mercator(path: &str, geometries: &[&str]) -> serde_json::Value {
+    let feature = |(number, geometry): (usize, &&str)| {
+        format!(
+            r#"{{"type":"Feature","id":{},"properties":{{"whole":{number},"part":{}.5,"name":"n {number}","is":{},"list":[{number}],"none":null}},"geometry":{geometry}}}"#,
+            3 * number + 2,
+            number * 7,
+            number % 2 == 0
+        )
+    };
+    let features: Vec<String> = geometries.iter().enumerate().map(feature).collect();
+    let crs = r#""crs":{"type":"name","properties":{"name":"EPSG:3857"}}"#;
+    let text = format!(r#"{{"type":"FeatureCollection",{crs},"features":[{}]}}"#, features.join(","));
+    std::fs::write(path, text).unwrap();
+    features_of(path)
+}
+
+#[test]
+fn features_of_all_kinds_are_brought_to_another_system() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (input, output) = (at("in.geojson"), at("out.geojson"));
+    let given = mercator(&input, &GEOMETRIES);
+    // Vertices are those of the formula, one by one; heights, ids and attributes stay.
+    spinney(&["transform", &input, "warp=EPSG:4326", "-o", &output]).success();
+    let expected = moved(&given, &degrees);
+    assert!(is_close(&features_of(&output), &expected, 1e-9), "{:#}", features_of(&output));
+    // There and back again, through all formats that have several kinds.
+    for name in ["x.gpkg", "x.fgb", "x.csv", "x.geojson"] {
+        let (other, back) = (at(name), at("back.geojson"));
+        spinney(&["-q", "transform", &input, "warp=EPSG:4326", "-o", &other]).success();
+        let steps = ["crs=EPSG:4326", "warp=EPSG:3857"];
+        spinney(&["-q", "transform", &other, steps[0], steps[1], "-o", &back]).success();
+        let found = features_of(&back);
+        assert_eq!(found.as_array().unwrap().len(), 8, "{name}");
+        for (found, given) in found.as_array().unwrap().iter().zip(given.as_array().unwrap()) {
+            assert!(is_close(&found["geometry"], &given["geometry"], 1e-5), "{name}: {found} {given}");
+            for own in ["whole", "part", "name"] {
+                assert_eq!(found["properties"][own], given["properties"][own], "{name}: {found}");
+            }
+            let id = if matches!(name, "x.gpkg" | "x.geojson") {
+                &found["id"]
+            } else {
+                &found["properties"]["id"]
+            };
+            assert_eq!(*id, given["id"], "{name}: {found}");
+        }
+        if name == "x.gpkg" {
+            let mut reader = spinney::raw::import::feature::open_features(
+                other.as_ref(),
+                &spinney::import::feature::FeatureOptions::default(),
+            )
+            .unwrap();
+            assert_eq!(reader.schema().crs.as_ref().unwrap().to_string(), "EPSG:4326");
+            assert!(reader.next().unwrap().is_some());
+        }
+    }
+    // Shapefiles have lines or polygons. (Their outer rings go the other way round.)
+    for geometry in &GEOMETRIES[2..6] {
+        let given = mercator(&input, &[geometry]);
+        let (other, back) = (at("x.shp"), at("back.geojson"));
+        spinney(&["-q", "transform", &input, "warp=EPSG:4326", "-o", &other]).success();
+        spinney(&["-q", "transform", &other, "warp=EPSG:3857", "-o", &back]).success();
+        let vertices = |value: &serde_json::Value| -> Vec<[i64; 3]> {
+            let text = value[0]["geometry"]["coordinates"].to_string().replace(['[', ']'], "");
+            let numbers: Vec<f64> = text.split(',').map(|number| number.parse().unwrap()).collect();
+            let rounded = |vertex: &[f64]| [0, 1, 2].map(|axis| (vertex[axis] * 1e4).round() as i64);
+            let mut vertices: Vec<_> = numbers.chunks(3).map(rounded).collect();
+            vertices.sort();
+            vertices
+        };
+        assert_eq!(vertices(&features_of(&back)), vertices(&given), "{geometry}");
+    }
+}
+
+#[test]
+fn systems_of_features_are_declared_and_losses_are_reported() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (input, output) = (at("in.geojson"), at("out.geojson"));
+    // A declaration changes no number.
+    let given = mercator(&input, &GEOMETRIES);
+    spinney(&["transform", &input, "crs=EPSG:25832", "-o", &output]).success();
+    assert_eq!(features_of(&output).to_string().replace(".0", ""), given.to_string().replace(".0", ""));
+    assert!(std::fs::read_to_string(&output).unwrap().contains("25832"));
+    // Heights that not all features have, and a drawing.
+    mercator(&input, &[GEOMETRIES[0], r#"{"type":"Point","coordinates":[1,2]}"#]);
+    let said = stderr(spinney(&["transform", &input, "warp=EPSG:4326", "-o", &output]).success());
+    assert!(said.contains("heights and measures of 1 features"), "{said}");
+    assert_eq!(features_of(&output)[0]["geometry"]["coordinates"].as_array().unwrap().len(), 2);
+    spinney(&["-q", "transform", &input, "warp=EPSG:4326", "-o", &at("x.svg")]).success();
+    // What cannot be done leaves no file.
+    let (table, polar) = (at("table.csv"), at("polar.geojson"));
+    std::fs::write(&table, "x,y\n5,95\n").unwrap();
+    std::fs::write(
+        &polar,
+        r#"{"type":"Feature","id":"north","properties":{},"geometry":{"type":"Point","coordinates":[5,95]}}"#,
+    )
+    .unwrap();
+    let none = at("none.geojson");
+    for (arguments, text) in [
+        (&["transform", &table, "warp=EPSG:3857", "-o", &none][..], "crs=EPSG:NUMBER"),
+        (
+            &["transform", &polar, "warp=EPSG:3857", "-o", &none],
+            "feature 1 (id \"north\") with a vertex at 5,95",
+        ),
+        (&["transform", &input, "-o", &none], "without a step"),
+        (&["transform", &input, "scale=2", "-o", &none], "features have two steps"),
+        (&["transform", &input, "warp=EPSG:4326,cell=3", "-o", &none], "cell= or resampling="),
+        (&["transform", &input, "warp=EPSG:4326", "--resampling", "nearest", "-o", &none], "--resampling"),
+        (&["transform", &input, "warp=EPSG:4326", "--codec", "packed", "-o", &none], "--codec"),
+        (&["transform", &input, "warp=EPSG:4326", "-o", &at("x.goblin")], "unknown format"),
+        (&["transform", &input, "warp=EPSG:4326", "-o", &input], "is an input"),
+        (&["transform", &input, "raster=mean,cell=1", "-o", &none], "raster="),
+    ] {
+        let told = complaint(arguments, 1);
+        assert!(told.contains(text), "{arguments:?}: {told}");
+    }
+    assert!(!folder.path().join("none.geojson").exists());
+}

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
-use crate::common::command::{complaint, spinney, stdout};
+use crate::common::command::{complaint, spinney, stderr, stdout};
 
 /// Streets of a town as GeoJSON: a grid of straight ones and a ring of several pieces, in steps of a tenth.
 fn streets(folder: &Path) -> String {
@@ -162,6 +162,111 @@ fn what_other_lines_cross_is_found() {
     stdout(&["build", &input, "-o", &cells, "--cell", "5"]);
     assert!(complaint_of(&["get", &cells, &at("x.png"), "--crossing", &rivers]).contains("trees of lines"));
     assert!(complaint_of(&["stats", &cells, "--crossing", &rivers]).contains("trees of lines"));
+}
+
+/// Longitude and latitude of a position in web mercator, by its formula.
+fn degrees([x, y]: [f64; 2]) -> [f64; 2] {
+    let radius = 6_378_137.0;
+    [(x / radius).to_degrees(), (y / radius).tanh().asin().to_degrees()]
+}
+
+/// Web mercator is a formula: what is given in degrees has the results of what is given in metres.
+#[test]
+fn positions_and_features_in_other_systems_are_brought_to_the_tree() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let input = streets(folder.path());
+    let text = fs::read_to_string(&input).unwrap().replace("25833", "3857");
+    fs::write(&input, text).unwrap();
+    let tree = at("l.goblin");
+    stdout(&["build", &input, "-o", &tree, "--index", "lines"]);
+    // Positions: the distance and the nearest position are in the tree's system.
+    let [longitude, latitude] = degrees([305.0, 3.0]);
+    let place = format!("{longitude},{latitude}");
+    for system in ["lonlat", "EPSG:4326", "EPSG:4258"] {
+        let told = stdout(&["point", &tree, &place, "--in", system]);
+        let words: Vec<&str> = told.trim().split(['\t', ',']).collect();
+        let numbers: Vec<f64> = words.iter().map(|word| word.parse().unwrap()).collect();
+        let expected = [1.0, 3.0, 305.0, 0.0, 20.0];
+        assert_eq!(numbers.len(), 5, "{told}");
+        assert!(numbers.iter().zip(expected).all(|(own, other)| (own - other).abs() < 1e-4), "{told}");
+    }
+    assert_eq!(stdout(&["point", &tree, "305,3", "--in", "EPSG:3857"]), "1\t3\t305,0\t20\n");
+    assert!(complaint_of(&["point", &tree, "305,3", "--in", "cells"]).contains("there are no cells"));
+    assert!(complaint_of(&["point", &tree, "5,95", "--in", "lonlat"]).contains("point 1"));
+    // Points of a file: distances are those in metres, and the points stay in their own system.
+    let places: Vec<[f64; 2]> =
+        (0..30).map(|number| [f64::from(7 * number), f64::from(11 * number % 190)]).collect();
+    let feature = |kind: &str, coordinates: String, crs: &str| {
+        format!(
+            r#"{{"type":"FeatureCollection"{crs},"features":[{{"type":"Feature","properties":{{}},"geometry":{{"type":"{kind}","coordinates":{coordinates}}}}}]}}"#
+        )
+    };
+    let collection = |places: &[[f64; 2]]| {
+        let points = places.iter().map(|place| {
+            format!(r#"{{"type":"Feature","properties":{{}},"geometry":{{"type":"Point","coordinates":{place:?}}}}}"#)
+        });
+        format!(r#"{{"type":"FeatureCollection","features":[{}]}}"#, points.collect::<Vec<_>>().join(","))
+    };
+    let (metres, lonlat) = (at("metres.geojson"), at("lonlat.geojson"));
+    let crs = r#","crs":{"type":"name","properties":{"name":"EPSG:3857"}}"#;
+    let in_metres =
+        collection(&places).replacen(r#""FeatureCollection""#, &format!(r#""FeatureCollection"{crs}"#), 1);
+    fs::write(&metres, in_metres).unwrap();
+    let in_degrees: Vec<[f64; 2]> = places.iter().copied().map(degrees).collect();
+    fs::write(&lonlat, collection(&in_degrees)).unwrap();
+    let joined = |input: &str| -> Vec<(f64, i64, f64)> {
+        let output = at("joined.geojson");
+        stdout(&["stats", &tree, "--nearest", input, "-o", &output]);
+        let text = fs::read_to_string(&output).unwrap();
+        let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let of_feature = |feature: &serde_json::Value| {
+            let properties = &feature["properties"];
+            let x = feature["geometry"]["coordinates"][0].as_f64().unwrap();
+            (properties["distance"].as_f64().unwrap(), properties["line"].as_i64().unwrap(), x)
+        };
+        json["features"].as_array().unwrap().iter().map(of_feature).collect()
+    };
+    let (own, other) = (joined(&metres), joined(&lonlat));
+    assert_eq!(own.len(), 30);
+    for (number, (own, other)) in own.iter().zip(&other).enumerate() {
+        assert!((own.0 - other.0).abs() < 1e-4, "{own:?} {other:?}");
+        assert!(own.0 < 1e-4 || own.1 == other.1, "{own:?} {other:?}");
+        assert!((own.2 - places[number][0]).abs() < 1e-9 && (other.2 - in_degrees[number][0]).abs() < 1e-7);
+    }
+    // Lines of a file: crossings are in the tree's system.
+    let line = [[-5.0, 5.25], [50.0, 5.75]];
+    fs::write(&metres, feature("LineString", format!("{line:?}"), crs)).unwrap();
+    fs::write(&lonlat, feature("LineString", format!("{:?}", line.map(degrees)), "")).unwrap();
+    let crossed = |input: &str| -> Vec<[f64; 2]> {
+        let output = at("crossed.geojson");
+        stdout(&["stats", &tree, "--crossing", input, "-o", &output]);
+        let text = fs::read_to_string(&output).unwrap();
+        assert!(text.contains("3857"), "{text}");
+        let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let place = |feature: &serde_json::Value| {
+            [0, 1].map(|axis| feature["geometry"]["coordinates"][axis].as_f64().unwrap())
+        };
+        json["features"].as_array().unwrap().iter().map(place).collect()
+    };
+    let (own, other) = (crossed(&metres), crossed(&lonlat));
+    assert_eq!((own.len(), other.len()), (3, 3));
+    for (own, other) in own.iter().zip(&other) {
+        assert!((own[0] - other[0]).hypot(own[1] - other[1]) < 1e-3, "{own:?} {other:?}");
+    }
+    let names = |input: &str| {
+        stdout(&["get", &tree, &at("names.csv"), "--crossing", input, "--attribute", "name"]);
+        fs::read_to_string(at("names.csv")).unwrap()
+    };
+    assert_eq!(names(&metres), names(&lonlat));
+    // A tree without a system.
+    let (table, plain) = (at("plain.csv"), at("plain.goblin"));
+    fs::write(&table, "wkt\n\"LINESTRING (0 0,100 0)\"\n").unwrap();
+    stdout(&["build", &table, "-o", &plain, "--index", "lines"]);
+    let told = complaint_of(&["point", &plain, "5,5", "--in", "lonlat"]);
+    assert!(told.contains("coordinate system of the tree") && told.contains("--crs"), "{told}");
+    let told = stderr(spinney(&["stats", &plain, "--crossing", &lonlat]).success());
+    assert!(told.contains("taken to be in its own coordinates"), "{told}");
 }
 
 #[test]

@@ -194,6 +194,49 @@ fn parts_are_those_of_looking_at_all_points() {
     assert!(complaint(&["point", &tree, "1,2,3,4"], 1).contains("expected coordinates"));
 }
 
+/// Web mercator is a formula: what is given in degrees has the results of what is given in metres.
+#[test]
+fn positions_and_polygons_in_other_systems_are_brought_to_the_tree() {
+    let folder = tempfile::tempdir().unwrap();
+    let (csv, points) = table(folder.path(), 4000);
+    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let tree = name("p.goblin");
+    spinney(&["build", &csv, "-o", &tree, "--index", "points", "--crs", "EPSG:3857"]).success();
+    let radius = 6_378_137.0;
+    let degrees = |[x, y]: [f64; 2]| [(x / radius).to_degrees(), (y / radius).tanh().asin().to_degrees()];
+    let [longitude, latitude] = degrees([500_123.4, 5_200_111.1]);
+    let numbers = |text: &str| -> Vec<f64> {
+        text.trim().split(['\t', ',', '\n']).map(|word| word.parse().unwrap()).collect()
+    };
+    let own = numbers(&stdout(&["point", &tree, "500123.4,5200111.1,20", "--nearest", "3"]));
+    let place = format!("{longitude},{latitude},20");
+    let other = numbers(&stdout(&["point", &tree, &place, "--nearest", "3", "--in", "lonlat"]));
+    assert_eq!((own.len(), other.len()), (15, 15));
+    assert!(own.iter().zip(&other).all(|(own, other)| (own - other).abs() < 1e-5), "{own:?} {other:?}");
+    // A triangle, and one outside of the tree.
+    let triangle = |west: f64, south: f64| {
+        let corners = [[0.0, 0.0], [150.0, 0.0], [0.0, 150.0], [0.0, 0.0]];
+        let ring = corners.map(|[x, y]| degrees([west + x, south + y]));
+        let zone = name("zone.geojson");
+        fs::write(&zone, format!(r#"{{"type":"Polygon","coordinates":[{ring:?}]}}"#)).unwrap();
+        zone
+    };
+    let zone = triangle(500_100.003, 5_200_050.003);
+    let inside = |place: &[f64; 3]| {
+        let [x, y] = [place[0] - 500_100.003, place[1] - 5_200_050.003];
+        x > 0.0 && y > 0.0 && x + y < 150.0
+    };
+    let found = stdout(&["get", &tree, "-", "--format", "csv", "--within", &zone]);
+    assert_eq!(lines(&found).len(), points.iter().filter(|(place, _)| inside(place)).count());
+    let zone = triangle(900_000.0, 100_000.0);
+    assert!(lines(&stdout(&["get", &tree, "-", "--format", "csv", "--within", &zone])).is_empty());
+    // Of a tree without a system coordinates are its own.
+    spinney(&["build", &csv, "-o", &tree, "--index", "points"]).success();
+    assert!(complaint(&["point", &tree, "7,46", "--in", "lonlat"], 1).contains("--crs"));
+    let warned = stderr(spinney(&["get", &tree, "-", "--format", "csv", "--within", &zone]).success());
+    assert!(warned.contains("taken to be in its own coordinates"), "{warned}");
+}
+
 #[test]
 fn rasters_have_what_the_points_of_each_cell_come_to() {
     let folder = tempfile::tempdir().unwrap();

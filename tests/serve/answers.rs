@@ -213,6 +213,26 @@ fn zones_are_those_of_the_program() {
         assert_eq!(answer.header("content-type"), Some("application/json"));
         assert_eq!(String::from_utf8(answer.good()).unwrap(), expected, "{file} {query}");
     }
+    // A polygon in degrees, partly outside of a raster in metres; and a column of an octree, which has a volume.
+    let lonlat = "[[[-17.2,28.7],[-17,28.7],[-17,28.9],[-17.2,28.9],[-17.2,28.7]]]";
+    let column = "[[[0,0],[9,0],[9,9],[0,9],[0,0]]]";
+    for (file, ring, query, arguments) in [
+        ("classes", lonlat, "edge=area", &["--edge", "area"][..]),
+        ("ball", column, "edge=area&crs=cells", &["--edge", "area", "--in", "cells"]),
+    ] {
+        let body = format!(r#"{{"type":"Polygon","coordinates":{ring}}}"#);
+        let zone = folder.path().join("zone.geojson");
+        std::fs::write(&zone, &body).unwrap();
+        let name = format!("{file}.goblin");
+        let asked = [&["stats", &*name, "--zones", zone.to_str().unwrap(), "--json"], arguments].concat();
+        let expected = program(&folder, &asked);
+        let answer = server.post(&format!("/zonal/{file}?{query}"), body.as_bytes());
+        assert_eq!(String::from_utf8(answer.good()).unwrap(), expected, "{file}");
+        let json: serde_json::Value = serde_json::from_str(&expected).unwrap();
+        let zone = &json["zones"][0];
+        assert!(file == "ball" || zone["outside_cells"].as_f64().unwrap() > 0.0, "{zone}");
+        assert_eq!(zone.get("volume").is_some(), file == "ball", "{zone}");
+    }
     // Corners may be as far away as numbers go.
     let far = br#"{"type":"Polygon","coordinates":[[[0,0],[1e308,1e308],[-1e308,1e308],[0,0]]]}"#;
     for edge in ["centre", "touch", "area"] {

@@ -48,7 +48,7 @@ pub const FIRST_BYTES: usize = 512;
 const DRAW: &str = "convert it to GeoJSON first (`ogr2ogr zones.geojson IN`): `spinney build zones.geojson --cell 10 --value FIELD -o OUT.goblin` makes cells of features, \
     and polygons are zones for `spinney stats TREE --zones zones.geojson`";
 const FEATURES: &str = "it has no cells: `spinney build FILE --cell 10 --value FIELD -o OUT.goblin` makes cells of its features; its polygons are zones for \
-    `spinney stats TREE --zones FILE`";
+    `spinney stats TREE --zones FILE`, and `spinney transform FILE warp=EPSG:NUMBER -o OUT.gpkg` brings it to another coordinate system";
 const TRANSLATE: &str = "convert it to GeoTIFF first (`gdal_translate IN OUT.tif`)";
 const VARIABLES: &str = "convert the variable that is meant to GeoTIFF first (`gdalinfo IN` lists them; `gdal_translate 'NETCDF:\"IN\":NAME' OUT.tif`, or HDF5: for NETCDF:); \
     in Python, open it with xarray, and give the DataArray to spinney.build";

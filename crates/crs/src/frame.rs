@@ -101,6 +101,17 @@ impl Frame {
         Ok((a * e - b * d).abs())
     }
 
+    /// Volume of a cell of an octree, in cubes of the unit of the world.
+    ///
+    /// # Errors
+    /// The reason why it is not known: there is no one unit of all axes.
+    pub fn cell_volume(&self) -> Result<f64, &'static str> {
+        match self.crs.as_ref().and_then(Crs::unit) {
+            Some("degrees") => Err("degrees and heights have no unit in common; build in a projected system"),
+            _ => Ok(self.linear().determinant().abs()),
+        }
+    }
+
     /// Least and greatest coordinates in the world of a box of cells.
     pub fn world_box(&self, cells: &Bounds) -> [[f64; 3]; 2] {
         let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);

@@ -11,6 +11,7 @@ mod projection;
 mod registry;
 mod transformation;
 mod web_mercator;
+mod world_locator;
 
 pub use cell_locator::{CellLocator, PolygonParts, corners_text};
 pub use control_points::{ControlPoint, ControlPoints};
@@ -22,3 +23,4 @@ pub use transformation::Transformation;
 pub use web_mercator::{
     WEB_MERCATOR, WEB_MERCATOR_HALF, WEB_MERCATOR_LATITUDE, web_mercator, web_mercator_depth,
 };
+pub use world_locator::WorldLocator;

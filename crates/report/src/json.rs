@@ -5,14 +5,6 @@ use std::borrow::Cow;
 use spinney_base::value::Number;
 use spinney_engine::dataset::Dataset;
 
-/// Square metres of a cell, or the reason why they are not known.
-///
-/// # Errors
-/// If cells are not alike, or count in no known unit: the reason.
-pub fn cell_area(tree: &Dataset) -> Result<f64, &'static str> {
-    tree.metadata().frame.cell_square_metres()
-}
-
 /// The name of a class; nothing if it has none.
 pub fn class_name(tree: &Dataset, value: Number) -> Option<&str> {
     tree.metadata().class_names.get(&value).map(String::as_str)

@@ -2,13 +2,15 @@
 
 mod commits;
 mod json;
+mod measure;
 mod numbers;
 mod points;
 mod statistics;
 mod zones;
 
 pub use commits::commit_as_json;
-pub use json::{cell_area, class_name, printable_json};
+pub use json::{class_name, printable_json};
+pub use measure::{CellMeasure, measure_key, measure_name, world_unit};
 pub use numbers::{JsonNumbers, class_as_json};
 pub use points::{OUTSIDE, PointLayers, PointReport, write_number};
 pub use statistics::{

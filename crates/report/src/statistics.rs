@@ -7,7 +7,7 @@ use spinney_base::value::{Number, SampleType};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::query::{ChannelStatistics, Statistics};
 
-use crate::{JsonNumbers, cell_area, class_name};
+use crate::{CellMeasure, JsonNumbers, class_name, measure_key, world_unit};
 
 /// Statistics of some boxes of cells together; of all cells where none are given.
 ///
@@ -82,24 +82,30 @@ pub fn statistics_as_json(
     bins: &[(f64, u64)],
     numbers: JsonNumbers,
 ) -> Value {
-    let (area, of) = (cell_area(tree).ok(), tree.header().form.value.sample);
+    let (each, of) =
+        (CellMeasure::of(tree).ok().map(|measure| measure.of_cell), tree.header().form.value.sample);
+    let key = measure_key(tree);
     let class = |(value, cells): &(Number, u64)| {
         json!({
             "value": numbers.class(*value, of),
             "name": class_name(tree, *value),
             "cells": numbers.count(*cells),
-            "area_m2": area.map(|area| area * *cells as f64),
+            (key): each.map(|each| each * *cells as f64),
         })
     };
-    json!({
+    let mut json = json!({
         "layer": tree.metadata().name,
         "cells": numbers.count(statistics.cells),
         "void_cells": numbers.count(statistics.void_cells),
         "void_share": void_share(statistics),
-        "area_m2": area.map(|area| area * statistics.cells as f64),
+        (key): each.map(|each| each * statistics.cells as f64),
         "channels": channels_as_json(statistics, of, numbers),
         "classes": statistics.classes.iter().map(class).collect::<Vec<_>>(),
         "histogram": bins_as_json(bins, numbers),
         "segments_read": statistics.segments_read,
-    })
+    });
+    if key == "volume" {
+        json["unit"] = json!(world_unit(tree));
+    }
+    json
 }

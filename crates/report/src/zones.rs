@@ -7,7 +7,7 @@ use spinney_engine::query::{ZoneChannel, ZoneStatistics};
 use spinney_vector::import::feature::Feature;
 use spinney_vector::import::zones::PolygonLayer;
 
-use crate::{JsonNumbers, cell_area, class_name, printable_json};
+use crate::{CellMeasure, JsonNumbers, class_name, measure_key, printable_json, world_unit};
 
 /// The form of polygons' statistics in JSON.
 #[derive(Clone, Copy)]
@@ -59,24 +59,30 @@ impl ZoneForm<'_> {
 
     /// Statistics of a zone's cells.
     fn zone(&self, tree: &Dataset, zone: &ZoneStatistics) -> Map<String, Value> {
-        let (area, of) = (cell_area(tree).ok(), tree.header().form.value.sample);
+        let (each, of) =
+            (CellMeasure::of(tree).ok().map(|measure| measure.of_cell), tree.header().form.value.sample);
+        let key = measure_key(tree);
         let class = |(value, cells): &(Number, f64)| {
             json!({
                 "value": self.numbers.class(*value, of),
                 "name": class_name(tree, *value),
                 "cells": cells,
-                "area_m2": area.map(|area| area * cells),
+                (key): each.map(|each| each * cells),
             })
         };
-        members([
+        let mut zone = members([
             ("cells", json!(zone.cells)),
             ("void_cells", json!(zone.void_cells)),
             ("void_share", json!(zone.void_share())),
             ("outside_cells", json!(zone.outside_cells)),
-            ("area_m2", json!(area.map(|area| area * zone.cells))),
+            (key, json!(each.map(|each| each * zone.cells))),
             ("channels", zone.channels.iter().map(|channel| self.channel(channel, of)).collect()),
             ("classes", zone.classes.iter().map(class).collect()),
-        ])
+        ]);
+        if key == "volume" {
+            zone.insert("unit".into(), json!(world_unit(tree)));
+        }
+        zone
     }
 
     /// Statistics of a channel of a zone's cells.

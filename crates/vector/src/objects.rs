@@ -103,6 +103,8 @@ pub fn export_objects(
         bounds: [[low[0], low[1]], [high[0], high[1]]],
     };
     let mut writer = VectorWriter::create(output, format, layer)?;
+    // (Degrees and heights have no unit in common.)
+    let is_known = model.metadata().frame.cell_volume().is_ok();
     for part in &parts {
         progress.check()?;
         let about = parsed(model.part_attributes(part.part)?);
@@ -117,8 +119,8 @@ pub fn export_objects(
             if kind.is_empty() { AttributeValue::None } else { AttributeValue::Text(&kind) },
             AttributeValue::Boolean(*is_closed),
             AttributeValue::Integer(measures.faces as i64),
-            of_body(measures.volume),
-            AttributeValue::Number(measures.area),
+            if is_known { of_body(measures.volume) } else { AttributeValue::None },
+            if is_known { AttributeValue::Number(measures.area) } else { AttributeValue::None },
             number(measures.bounds.map(|[low, _]| low[2])),
             number(measures.bounds.map(|[_, high]| high[2])),
         ];

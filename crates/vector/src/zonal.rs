@@ -2,9 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::import::feature::FeatureReader;
 use crate::import::zones::{PolygonLayer, PolygonReader, invalid_polygons};
 use spinney_base::{Error, Progress, Result};
-use spinney_crs::{CellLocator, Coordinates};
+use spinney_crs::{CellLocator, Coordinates, Frame};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::query::{ZonalRequest, ZoneStatistics};
 
@@ -126,5 +127,23 @@ pub(crate) fn in_file(path: &Path, error: Error) -> Error {
             Error::invalid(format!("{}: {what}", path.display()), found, expected)
         }
         other => other,
+    }
+}
+
+/// The coordinates of a file's features, if they are to be brought to a frame; its own if one of the two systems is not known, which is reported if it is the frame's.
+pub(crate) fn coordinates_in(
+    frame: &Frame,
+    path: &Path,
+    reader: &dyn FeatureReader,
+    progress: &dyn Progress,
+) -> Coordinates {
+    match &reader.schema().crs {
+        None => Coordinates::World,
+        Some(_) if frame.crs.is_none() => {
+            let text = "the tree has no coordinate system: features are taken to be in its own coordinates";
+            progress.warn(path, text);
+            Coordinates::World
+        }
+        Some(crs) => Coordinates::System(crs.clone()),
     }
 }

@@ -10,7 +10,7 @@ use spinney::raw::tin::{
     Duplicates, LayerInput, LayerOptions, LayerSurface, SurfaceFiles, SurfaceInput, SurfacePoints,
     SurfaceRaster, SurfaceReport, build_layers, read_surfaces, triangulate, write_surface,
 };
-use spinney::{Output, Progress};
+use spinney::{Frame, Output, Progress};
 
 use super::features::FeatureArgs;
 use super::pictures::PictureArgs;
@@ -167,6 +167,8 @@ impl SurfaceImport {
                     outlines,
                     duplicates,
                 };
+                let frame = Frame { crs: crs.clone(), ..Frame::identity() };
+                let unknown = frame.cell_volume().err();
                 options.crs = crs;
                 let report = build_layers(&input, &options, output, progress)?;
                 let mut lines = told(&report.surface);
@@ -177,10 +179,11 @@ impl SurfaceImport {
                 }
                 for layer in &report.layers {
                     let nothing = if layer.volume > 0.0 { "" } else { "; not in the model" };
-                    lines.push((
-                        "layer",
-                        format!("{}: volume {}, area {}{nothing}", layer.name, layer.volume, layer.area),
-                    ));
+                    let measures = match unknown {
+                        Some(reason) => format!("volume and area unknown: {reason}"),
+                        None => format!("volume {}, area {}", layer.volume, layer.area),
+                    };
+                    lines.push(("layer", format!("{}: {measures}{nothing}", layer.name)));
                 }
                 lines.push(("faces", report.faces.to_string()));
                 Ok(lines)

@@ -33,12 +33,13 @@ pub(crate) fn find_object(
     work.finish();
     for part in parts {
         let own = measures.iter().find(|measures| measures.part == part);
+        let is_known = model.metadata().frame.cell_volume().is_ok();
         let about = model.part_attributes(part)?;
         let line = || {
             if is_json {
-                object_as_json(part, name, own, &about)
+                object_as_json(part, name, (own, is_known), &about)
             } else {
-                object_as_text(part, name, own, &about)
+                object_as_text(part, name, (own, is_known), &about)
             }
         };
         found.take(0, "", &line)?;
@@ -62,17 +63,28 @@ fn near_names<'a>(names: &'a [String], name: &str) -> Vec<&'a str> {
     near.into_iter().take(MOST).map(String::as_str).collect()
 }
 
-fn object_as_text(part: u32, name: &str, measures: Option<&PartMeasures>, about: &Option<String>) -> String {
+/// A line about an object; its volume is left out where its unit is not known.
+fn object_as_text(
+    part: u32,
+    name: &str,
+    (measures, is_known): (Option<&PartMeasures>, bool),
+    about: &Option<String>,
+) -> String {
     let none = || "-".to_string();
     let bounds =
         measures.and_then(|own| own.measures.bounds).map_or_else(none, |bounds| list(bounds.as_flattened()));
-    let closed = measures.filter(|own| own.is_closed);
+    let closed = measures.filter(|own| own.is_closed && is_known);
     let volume = closed.map_or_else(none, |own| own.measures.volume.to_string());
     let about = about.as_deref().map_or(String::new(), |about| format!("\t{about}"));
     format!("{part} {bounds} {volume}\t{name}{about}")
 }
 
-fn object_as_json(part: u32, name: &str, measures: Option<&PartMeasures>, about: &Option<String>) -> String {
+fn object_as_json(
+    part: u32,
+    name: &str,
+    (measures, is_known): (Option<&PartMeasures>, bool),
+    about: &Option<String>,
+) -> String {
     let closed = measures.filter(|own| own.is_closed);
     // (A text that is no JSON is shown as it is.)
     let about = about.as_deref().map(|text| serde_json::from_str(text).unwrap_or_else(|_| Value::from(text)));
@@ -82,8 +94,8 @@ fn object_as_json(part: u32, name: &str, measures: Option<&PartMeasures>, about:
         "faces": measures.map_or(0, |own| own.measures.faces),
         "closed": closed.is_some(),
         "world": measures.and_then(|own| own.measures.bounds),
-        "volume": closed.map(|own| own.measures.volume),
-        "area": measures.map(|own| own.measures.area),
+        "volume": closed.filter(|_| is_known).map(|own| own.measures.volume),
+        "area": measures.filter(|_| is_known).map(|own| own.measures.area),
         "attributes": about,
     });
     object.to_string()

@@ -84,11 +84,12 @@ fn as_json(model: &ExactModel, mass: &MassProperties, euler: Option<&Euler>) -> 
             "genus": euler.genus,
         })
     });
+    let is_known = model.metadata().frame.cell_volume().is_ok();
     json!({
         "file": shown(model.path()),
         "unit": model.metadata().tag(Tag::Unit),
-        "volume": mass.volume,
-        "surface": mass.area,
+        "volume": is_known.then_some(mass.volume),
+        "surface": is_known.then_some(mass.area),
         "centre": mass.centre,
         "second_moments": mass.second_moments,
         "inertia": mass.inertia,
@@ -102,8 +103,13 @@ fn as_text(model: &ExactModel, mass: &MassProperties, euler: Option<&Euler>) -> 
     let unit = unit(model);
     let power = |power: u8| if unit.is_empty() { String::new() } else { format!("{unit}{power}") };
     writeln!(text, "body       exact: {} faces", mass.faces)?;
-    writeln!(text, "  volume   {}{}", mass.volume, power(3))?;
-    writeln!(text, "  surface  {}{}", mass.area, power(2))?;
+    match model.metadata().frame.cell_volume() {
+        Ok(_) => {
+            writeln!(text, "  volume   {}{}", mass.volume, power(3))?;
+            writeln!(text, "  surface  {}{}", mass.area, power(2))?;
+        }
+        Err(reason) => writeln!(text, "  volume   unknown: {reason}\n  surface  unknown: {reason}")?,
+    }
     if let Some(centre) = mass.centre {
         writeln!(text, "  centre   {}", list(centre))?;
     }

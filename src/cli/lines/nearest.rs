@@ -2,23 +2,22 @@
 
 use std::io::{self, Write as _};
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use spinney::lines::LineTree;
 
 use super::super::Global;
 use super::super::args;
+use super::super::point::Near;
 use super::super::report::Work;
 
 /// Prints a line for each of the lines nearest to each place: the place's number, distance, the nearest place, the feature's number.
-pub(crate) fn nearest(
-    tree: &LineTree,
-    places: &[String],
-    (most, within): (usize, f64),
-    global: &Global,
-) -> Result<()> {
-    let places = args::places(places)?;
+pub(crate) fn nearest(tree: &LineTree, places: &[String], near: &Near, global: &Global) -> Result<()> {
+    let mut places: Vec<[f64; 2]> = args::places(places)?;
+    for (number, place) in places.iter_mut().enumerate() {
+        *place = near.locator.locate(*place).with_context(|| format!("point {}", number + 1))?;
+    }
     let work = Work::start(global, "places")?;
-    let found = tree.nearest(&places, most, within, &work)?;
+    let found = tree.nearest(&places, near.most, near.within, &work)?;
     work.finish();
     let mut out = io::BufWriter::with_capacity(1 << 20, io::stdout().lock());
     for (number, found) in found.iter().enumerate() {

@@ -9,13 +9,13 @@ use std::path::Path;
 
 use anyhow::{Result, bail};
 use spinney::Coordinates;
-use spinney::import::feature::{FeatureFilter, FeatureOptions};
+use spinney::import::feature::FeatureFilter;
 use spinney::points::{PointRegion, PointTree};
-use spinney::raw::import::feature::open_features;
-use spinney::raw::points::is_point_file;
+use spinney::raw::points::{is_point_file, region_of_polygons};
 
 use super::Global;
 use super::args::PartOptions;
+use super::report::Work;
 
 pub(super) use get::get;
 pub(super) use info::info;
@@ -36,7 +36,8 @@ pub(super) const KIND: &str = "a tree of points";
 /// Where points are asked for, as options say it.
 #[derive(clap::Args, Debug, Default)]
 pub(crate) struct PointPlaces {
-    /// Place in which points are asked for, of trees of points: the polygons of a file of features, in the tree's own coordinates
+    /// Place in which points are asked for, of trees of points: the polygons of a file of features, which are brought to the
+    /// tree's coordinate system from that of their file
     #[arg(long, value_name = "FEATURES", conflicts_with_all = ["window", "ball"])]
     within: Option<std::path::PathBuf>,
     /// Ball around X,Y,Z in which points are asked for, of trees of points: no farther away than R
@@ -70,13 +71,14 @@ impl PointPlaces {
         tree: &PointTree,
         part: &PartOptions,
         level: Option<u8>,
+        global: &Global,
     ) -> Result<spinney::points::Selection> {
         let is_world = matches!(part.coordinates().given(), None | Some(Coordinates::World));
         if !is_world {
             bail!("--in: of points places are given in their own coordinates (--in world)");
         }
         let region = match (&self.within, self.ball, part.corners()) {
-            (Some(path), ..) => PointRegion::Polygons(polygons(path, tree)?),
+            (Some(path), ..) => region_of_polygons(tree, path, &Work::start(global, "polygons")?)?,
             (None, Some([x, y, z, radius]), _) => PointRegion::Ball([x, y, z], radius),
             (None, None, Some(corners)) => PointRegion::Box(corners),
             (None, None, None) => PointRegion::All,
@@ -85,29 +87,4 @@ impl PointPlaces {
             self.filter.as_ref().map(|filter| filter.for_points(tree.attributes())).transpose()?;
         Ok(spinney::points::Selection { region, level, conditions: conditions.unwrap_or_default() })
     }
-}
-
-/// All polygons of a file of features.
-fn polygons(path: &Path, tree: &PointTree) -> Result<Vec<Vec<Vec<[f64; 2]>>>> {
-    let mut reader = open_features(path, &FeatureOptions::default())?;
-    if let (Some(own), Some(other)) = (&tree.metadata().frame.crs, &reader.schema().crs)
-        && !own.is_same(other)
-    {
-        bail!(
-            "{}: its polygons are in {other}, the points in {own}; bring them to that system first",
-            path.display()
-        );
-    }
-    let mut parts = Vec::new();
-    while let Some(feature) = reader.next()? {
-        match feature.geometry {
-            Some(spinney::raw::import::feature::FeatureGeometry::Polygons(own)) => parts.extend(own),
-            None => {}
-            Some(_) => bail!("{}: has features that are no polygons", path.display()),
-        }
-    }
-    if parts.is_empty() {
-        bail!("{}: has no polygons", path.display());
-    }
-    Ok(parts)
 }

@@ -15,6 +15,11 @@ fn list(numbers: &[f64; 3]) -> String {
     numbers.map(|number| ((number * 1e6).round() / 1e6).to_string()).join(", ")
 }
 
+/// The volume of a cell, or why it is not known.
+fn cell_volume(tree: &Dataset) -> Result<f64, &'static str> {
+    tree.metadata().frame.cell_volume()
+}
+
 /// A solid as JSON, with its surface if that was measured.
 pub(crate) fn as_json(
     tree: &Dataset,
@@ -24,7 +29,7 @@ pub(crate) fn as_json(
     let mut json = json!({
         "level": solid.level,
         "unit": unit(tree),
-        "volume": solid.world_volume(),
+        "volume": cell_volume(tree).ok().map(|_| solid.world_volume()),
         "volume_cells": solid.volume,
         "occupied_cells": solid.cells,
         "centre": solid.world_centre(),
@@ -33,8 +38,9 @@ pub(crate) fn as_json(
         "bounds_cells": solid.bounds.map(|bounds| [bounds.min, bounds.max]),
     });
     if let Some(surface) = surface {
-        json["surface"] = surface.smooth_area().into();
-        json["surface_of_blocks"] = surface.block_area().into();
+        let is_known = cell_volume(tree).is_ok();
+        json["surface"] = is_known.then(|| surface.smooth_area()).into();
+        json["surface_of_blocks"] = is_known.then(|| surface.block_area()).into();
         json["faces"] = json!(surface.faces);
     }
     json
@@ -55,15 +61,14 @@ pub(crate) fn as_text(
         tree.depth(),
         unit(tree).unwrap_or(UNKNOWN)
     )?;
-    writeln!(
-        text,
-        "  volume   {}{} ({:.3} cells, {} occupied)",
-        solid.world_volume(),
-        behind_number(tree, "3"),
-        solid.volume,
-        solid.cells
-    )?;
-    if let Some(surface) = surface {
+    let volume = match cell_volume(tree) {
+        Ok(_) => format!("{}{}", solid.world_volume(), behind_number(tree, "3")),
+        Err(reason) => format!("unknown: {reason}"),
+    };
+    writeln!(text, "  volume   {volume} ({:.3} cells, {} occupied)", solid.volume, solid.cells)?;
+    if let (Some(_), Err(reason)) = (surface, cell_volume(tree)) {
+        writeln!(text, "  surface  unknown: {reason}")?;
+    } else if let Some(surface) = surface {
         let (smooth, blocks) = (surface.smooth_area(), surface.block_area());
         let square = behind_number(tree, "2");
         let faces: u64 = surface.faces.iter().sum();

@@ -9,7 +9,7 @@ use anyhow::{Context as _, Result, bail, ensure};
 use serde_json::json;
 use spinney::raw::ops::Connectivity;
 use spinney::raw::query::{Label, LabelRequest};
-use spinney::raw::report::{cell_area, class_as_json, class_name, printable_json};
+use spinney::raw::report::{CellMeasure, class_as_json, class_name, measure_key, printable_json};
 use spinney::{Dataset, Number, Output};
 
 use super::super::args::check_output;
@@ -140,16 +140,12 @@ impl Table<'_> {
 
     /// Name of the measure of cells, of quadtrees and of octrees.
     fn measure(&self) -> &'static str {
-        if self.axes() == 3 { "volume" } else { "area_m2" }
+        measure_key(self.tree)
     }
 
     /// Square metres of some cells, if they are known; of octrees their volume in the model's unit.
     fn measured(&self, cells: u64) -> Option<f64> {
-        let each = match self.axes() {
-            3 => Some(self.tree.metadata().frame.linear().determinant().abs()),
-            _ => cell_area(self.tree).ok(),
-        };
-        each.map(|each| each * cells as f64)
+        CellMeasure::of(self.tree).ok().map(|measure| measure.of_cell * cells as f64)
     }
 
     /// The class of a label, and its name.

@@ -10,7 +10,8 @@ use serde_json::json;
 use spinney::import::feature::FeatureFilter;
 use spinney::query::Statistics;
 use spinney::raw::report::{
-    JsonNumbers, bins_with, cell_area, class_name, statistics_as_json, statistics_of, void_share,
+    CellMeasure, JsonNumbers, bins_with, class_name, measure_name, statistics_as_json, statistics_of,
+    void_share,
 };
 use spinney::{Dataset, Rule};
 
@@ -54,7 +55,8 @@ file's own system (in GeoJSON longitude and latitude unless it has a member crs)
 layer's name and time.
 
 Of trees of lines counts and lengths are printed; with --nearest points are joined to the lines nearest to them, with --crossing what other lines
-cross is counted.
+cross is counted. Files in another coordinate system are brought to the tree's, in which --radius and distances are; points that --nearest writes
+stay in their own, and those of --crossing are in the tree's.
 
 With --labels there is a table of all values, each of which is a label: number of cells, area in square metres (of
 octrees volume, in the model's unit), the box of its cells (first column and row, columns and rows, and the same
@@ -64,7 +66,8 @@ components of equal cells, as transform components= numbers them, and classes th
 --memory.
 
 Areas in square metres are printed for projected coordinate systems that count in metres, except Web
-Mercator. Cells of degrees differ in area.";
+Mercator. Cells of degrees differ in area. Cells of octrees have volumes, in the cube of the world's unit; in degrees
+and metres together these are not known, either.";
 
 /// Exact statistics of any part
 #[derive(clap::Args)]
@@ -157,7 +160,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     );
     if let Some(tree) = points::open(&args.tree.file, global)? {
         global.check_options(&args.tree.file, points::KIND, &["--window", "--in", "--level", "--json"])?;
-        let selection = PointPlaces::default().selection(&tree, &args.part, args.level)?;
+        let selection = PointPlaces::default().selection(&tree, &args.part, args.level, global)?;
         return points::stats(&tree, &selection, args.json, global);
     }
     ensure!(!args.each, "--each is for exact models; of trees --labels and --zones make tables");
@@ -297,15 +300,17 @@ fn row_of(fields: &[&str]) -> String {
 fn print(tree: &Dataset, stats: &Statistics, histogram: &[(f64, u64)]) -> Result<()> {
     use std::fmt::Write;
     let mut text = String::new();
-    let area = cell_area(tree);
+    let measure = CellMeasure::of(tree);
     write!(text, "cells      {}, and {} VOID", stats.cells, stats.void_cells)?;
     match void_share(stats) {
         Some(share) if share > 0.0 => writeln!(text, " ({:.4} %)", 100.0 * share)?,
         _ => writeln!(text)?,
     }
-    match area {
-        Ok(area) => writeln!(text, "area       {:.0} m2", area * stats.cells as f64)?,
-        Err(reason) => writeln!(text, "area       unknown: {reason}")?,
+    match &measure {
+        Ok(measure) => {
+            writeln!(text, "{:<10} {}", measure_name(tree), measure.text(stats.cells as f64))?;
+        }
+        Err(reason) => writeln!(text, "{:<10} unknown: {reason}", measure_name(tree))?,
     }
     if stats.classes.is_empty() {
         for (index, channel) in stats.channels.iter().enumerate() {
@@ -335,8 +340,8 @@ fn print(tree: &Dataset, stats: &Statistics, histogram: &[(f64, u64)]) -> Result
         for (value, cells) in &stats.classes {
             let share = 100.0 * *cells as f64 / stats.cells as f64;
             write!(text, "{value:>8} {cells:>14} cells {share:>8.4} %")?;
-            if let Ok(area) = area {
-                write!(text, " {:>16.0} m2", area * *cells as f64)?;
+            if let Ok(measure) = &measure {
+                write!(text, " {:>19}", measure.text(*cells as f64))?;
             }
             writeln!(text, "  {}", class_name(tree, *value).unwrap_or_default())?;
         }

@@ -12,6 +12,7 @@ use spinney_base::Result;
 use spinney_base::io::{FileAccess, ReadBackend};
 use spinney_base::space::{Code, Dimension};
 use spinney_container::{BlockFile, BlockLocation, Content, List, Metadata, OpenOptions};
+use spinney_crs::{Coordinates, WorldLocator};
 
 /// A tree of lines in a file.
 pub struct LineTree {
@@ -163,6 +164,15 @@ impl LineTree {
     pub fn bounds(&self) -> Result<Option<[[f64; 2]; 2]>> {
         let root = self.root()?;
         Ok(root.map(|root| root.bounds.map(|corner| self.grid.to_world(corner))))
+    }
+
+    /// The way from coordinates to those of the lines.
+    ///
+    /// # Errors
+    /// Those of [`WorldLocator::new`], or if the file is corrupt.
+    pub fn locator(&self, coordinates: &Coordinates) -> Result<WorldLocator> {
+        let bounds = self.bounds()?.unwrap_or_default();
+        WorldLocator::new(coordinates, self.metadata().frame.crs.as_ref(), bounds, self.grid.scale)
     }
 
     /// The node in a place of the list.

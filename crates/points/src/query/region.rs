@@ -41,6 +41,8 @@ impl PointRegion {
                 grid.places_in(*corners).map_or(GridRegion::Nothing, GridRegion::Box)
             }
             PointRegion::Ball(centre, radius) => GridRegion::Ball(*centre, *radius),
+            // (Polygons of another coordinate system may have no part near the tree.)
+            PointRegion::Polygons(parts) if parts.is_empty() => GridRegion::Nothing,
             PointRegion::Polygons(parts) => {
                 let step = |at: [f64; 2]| -> [f64; 2] {
                     std::array::from_fn(|axis| {

@@ -7,11 +7,13 @@ use super::writer::{BLOCKS, Entry, NODES, SUMMARY};
 use crate::attribute::{PointAttribute, RowLayout};
 use crate::codec::{BlockLayout, MAX_POINTS, decode};
 use crate::grid::PointGrid;
+use crate::query::Selection;
 use crate::statistics::{Statistics, statistics_bytes};
 use spinney_base::Result;
 use spinney_base::io::{FileAccess, ReadBackend};
 use spinney_base::space::{Code, Dimension};
 use spinney_container::{BlockFile, Content, List, Metadata, OpenOptions};
+use spinney_crs::{Coordinates, WorldLocator};
 
 /// A tree of points in a file.
 pub struct PointTree {
@@ -193,6 +195,19 @@ impl PointTree {
         let bytes = self.file.block(&place, &entry.block)?;
         decode(&bytes, entry.block.count as usize, &self.block, wanted)
             .ok_or_else(|| self.file.corrupt(place, "bytes that no columns have", "columns that were packed"))
+    }
+
+    /// The way from coordinates to those of the points.
+    ///
+    /// # Errors
+    /// Those of [`WorldLocator::new`], or if the file is corrupt.
+    pub fn locator(&self, coordinates: &Coordinates) -> Result<WorldLocator> {
+        let columns = self.statistics(&Selection::default(), &())?.columns;
+        let ends = |axis: usize| columns[axis].map_or([0.0; 2], |found| [found.min, found.max]);
+        let (x, y) = (ends(0), ends(1));
+        let step = self.grid.scale[0].max(self.grid.scale[1]);
+        let crs = self.metadata().frame.crs.as_ref();
+        WorldLocator::new(coordinates, crs, [[x[0], y[0]], [x[1], y[1]]], step)
     }
 
     /// Whether the tree divides x and y only.

@@ -110,17 +110,22 @@ export class PolygonTool {
 
   #report(zone) {
     const made = [];
-    const { cells, void_cells, area_m2, channels, classes } = zone;
+    const { cells, void_cells, channels, classes, unit } = zone;
+    // Octrees have volumes in the cube of the world's unit.
+    const isVolume = "volume" in zone;
+    const measureOf = (found) => (isVolume ? found.volume : found.area_m2) ?? null;
+    const measureUnit = isVolume ? (unit === "cells" ? "cells" : `${unit ?? "unit"}³`) : "m²";
+    const measure = measureOf(zone);
     if (classes.length) {
-      const rows = classes.map((found) => [found.name || text(found.value), text(found.area_m2 ?? found.cells), `${((100 * found.cells) / cells).toFixed(2)} %`]);
-      made.push(table(["class", area_m2 === null ? "cells" : "m²", ""], rows));
+      const rows = classes.map((found) => [found.name || text(found.value), text(measureOf(found) ?? found.cells), `${((100 * found.cells) / cells).toFixed(2)} %`]);
+      made.push(table(["class", measure === null ? "cells" : measureUnit, ""], rows));
     } else {
       channels.forEach((channel, at) => {
         const rows = ["mean", "min", "max", "sum", "standard_deviation"].map((name) => [name.replace("_", " "), text(channel[name])]);
         made.push(table([this.header.channelNames[at] || `band ${at + 1}`, ""], rows));
       });
     }
-    const area = area_m2 === null ? "" : `, ${text(area_m2)} m²`;
+    const area = measure === null || measureUnit === "cells" ? "" : `, ${text(measure)} ${measureUnit}`;
     made.push(paragraph(`${text(cells)} cells${area}${void_cells ? `, ${text(void_cells)} without a value` : ""}`, "faint"));
     return made;
   }

@@ -200,7 +200,10 @@ export interface ClassCount {
   value: Sample;
   name: string | null;
   cells: Count;
-  area_m2: number | null;
+  /** Of rasters. */
+  area_m2?: number | null;
+  /** Of volumes, in the cube of the world's unit. */
+  volume?: number | null;
 }
 
 export interface Bin {
@@ -214,7 +217,11 @@ export interface Statistics {
   cells: Count;
   void_cells: Count;
   void_share: number | null;
-  area_m2: number | null;
+  /** Of rasters. */
+  area_m2?: number | null;
+  /** Of volumes, in the cube of `unit`, the unit of the world. */
+  volume?: number | null;
+  unit?: string | null;
   channels: { cells: Count; min: Sample; max: Sample; mean: number; standard_deviation: number }[];
   classes: ClassCount[];
   histogram: Bin[];
@@ -240,9 +247,13 @@ export interface ZoneStatistics {
   void_cells: number;
   void_share: number | null;
   outside_cells: number;
-  area_m2: number | null;
+  /** Of rasters. */
+  area_m2?: number | null;
+  /** Of volumes, in the cube of `unit`, the unit of the world. */
+  volume?: number | null;
+  unit?: string | null;
   channels: ZoneChannel[];
-  classes: { value: Sample; name: string | null; cells: number; area_m2: number | null }[];
+  classes: { value: Sample; name: string | null; cells: number; area_m2?: number | null; volume?: number | null }[];
 }
 
 export interface Zone extends Partial<ZoneStatistics> {

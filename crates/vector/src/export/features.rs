@@ -9,13 +9,21 @@ struct Part<'a> {
     kind: GeometryKind,
     is_outer: bool,
     points: &'a [[f64; 2]],
+    /// Their heights; empty if there are none.
+    heights: &'a [f64],
 }
 
 impl Part<'_> {
+    /// A point with its height, or 0.
+    fn point(&self, index: usize) -> [f64; 3] {
+        let [x, y] = self.points[index];
+        [x, y, self.heights.get(index).copied().unwrap_or(0.0)]
+    }
+
     /// The first point of a ring that does not end with it.
-    fn closing(&self) -> Option<[f64; 2]> {
+    fn closing(&self) -> Option<[f64; 3]> {
         let is_open = self.kind == GeometryKind::Polygon && self.points.first() != self.points.last();
-        self.points.first().copied().filter(|_| is_open)
+        (is_open && !self.points.is_empty()).then(|| self.point(0))
     }
 }
 
@@ -28,8 +36,17 @@ pub struct FeatureParts<'a> {
 impl<'a> FeatureParts<'a> {
     /// All parts of a geometry.
     pub fn of(geometry: &'a FeatureGeometry) -> FeatureParts<'a> {
+        FeatureParts::with_heights(geometry, &[])
+    }
+
+    /// All parts of a geometry, with heights of all of its points; there may be none.
+    pub(crate) fn with_heights(geometry: &'a FeatureGeometry, mut heights: &'a [f64]) -> FeatureParts<'a> {
         let mut parts = Vec::new();
         collect(geometry, &mut parts);
+        for part in &mut parts {
+            let (own, rest) = heights.split_at(part.points.len().min(heights.len()));
+            (part.heights, heights) = (own, rest);
+        }
         let first = parts.first().map(|part| part.kind);
         let kind = geometry.kind().or(first).unwrap_or(GeometryKind::Polygon);
         FeatureParts { parts, kind }
@@ -53,11 +70,13 @@ fn collect<'a>(geometry: &'a FeatureGeometry, parts: &mut Vec<Part<'a>>) {
                 kind: GeometryKind::Point,
                 is_outer: true,
                 points: std::slice::from_ref(point),
+                heights: &[],
             };
             parts.extend(points.iter().map(part));
         }
         FeatureGeometry::Lines(lines) => {
-            let part = |points: &'a Vec<_>| Part { kind: GeometryKind::Line, is_outer: true, points };
+            let part =
+                |points: &'a Vec<_>| Part { kind: GeometryKind::Line, is_outer: true, points, heights: &[] };
             parts.extend(lines.iter().map(part));
         }
         FeatureGeometry::Polygons(polygons) => {
@@ -66,6 +85,7 @@ fn collect<'a>(geometry: &'a FeatureGeometry, parts: &mut Vec<Part<'a>>) {
                     kind: GeometryKind::Polygon,
                     is_outer: index == 0,
                     points,
+                    heights: &[],
                 };
                 parts.extend(rings.iter().enumerate().map(part));
             }
@@ -98,14 +118,14 @@ impl Geometry for FeatureParts<'_> {
 
     fn points(&self, part: usize, each: &mut dyn FnMut(&[[f64; 3]]) -> Result<()>) -> Result<()> {
         let Some(part) = self.parts.get(part) else { return Ok(()) };
-        let in_space = |[x, y]: [f64; 2]| [x, y, 0.0];
-        let mut held = Vec::with_capacity(part.points.len().min(1024));
-        for points in part.points.chunks(1024) {
+        let count = part.points.len();
+        let mut held = Vec::with_capacity(count.min(1024));
+        for first in (0..count).step_by(1024) {
             held.clear();
-            held.extend(points.iter().copied().map(in_space));
+            held.extend((first..count.min(first + 1024)).map(|index| part.point(index)));
             each(&held)?;
         }
-        part.closing().map_or(Ok(()), |point| each(&[in_space(point)]))
+        part.closing().map_or(Ok(()), |point| each(&[point]))
     }
 
     fn is_outer(&self, part: usize) -> bool {

@@ -36,15 +36,15 @@ enum Answer {
     Measure(ZoneMeasure),
     /// A quantile, by its place among those that are asked for.
     Quantile(usize),
-    /// Cells of a class, or what these have in square metres.
+    /// Cells of a class, or their area or volume.
     Class(Number, f64),
 }
 
 /// Writes the features of a file as they came, in their order, joined with the statistics of the cells in them, of each of some layers; returns their
 /// number. Features that are no polygons have none.
 ///
-/// There is a column for each measure and quantile, and for each class of trees that count classes: its area in square metres (`area_3`) where
-/// the coordinate system tells, else its cells (`cells_3`). Names begin with the layer's (`B08_mean`) if there are several, and end with
+/// There is a column for each measure and quantile, and for each class of trees that count classes: its area in square metres (`area_3`), of octrees its volume in
+/// the cube of the world's unit (`volume_3`), where the coordinate system says how large cells are, else its cells (`cells_3`). Names begin with the layer's (`B08_mean`) if there are several, and end with
 /// the channel's number (`mean_2`) if there are several channels; those of attributes that are the same get a number. Ids are those of the
 /// format if it has such, else an attribute `id`. Corners are in the coordinates that are given, or in the file's own, and stay in these.
 ///
@@ -320,8 +320,12 @@ fn columns_of(
         }
     }
     if counts_classes && is_asked(&ZoneMeasure::Classes) {
-        let area = tree.metadata().frame.cell_square_metres();
-        let (name, area) = area.map_or(("cells", 1.0), |area| ("area", area));
+        let frame = &tree.metadata().frame;
+        let (name, measure) = match header.form.axes() {
+            3 => ("volume", frame.cell_volume()),
+            _ => ("area", frame.cell_square_metres()),
+        };
+        let (name, area) = measure.map_or(("cells", 1.0), |each| (name, each));
         let classes = tree.statistics(None, progress)?.classes;
         if classes.len() > MAX_CLASSES {
             let advice = "choose measures without classes, or print JSON";

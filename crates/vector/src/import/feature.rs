@@ -48,7 +48,7 @@ pub struct Feature {
     pub heights: Heights,
 }
 
-/// The geometry of a feature: x and y (z of points: [`Heights::of_points`]). One without parts is empty.
+/// The geometry of a feature: x and y (z: [`Heights::of_points`]). One without parts is empty.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FeatureGeometry {
     /// Points.
@@ -69,6 +69,33 @@ impl FeatureGeometry {
             FeatureGeometry::Lines(_) => Some(GeometryKind::Line),
             FeatureGeometry::Polygons(_) => Some(GeometryKind::Polygon),
             FeatureGeometry::Collection(_) => None,
+        }
+    }
+
+    /// All points, and vertices of lines and rings, in their order.
+    pub fn points(&self) -> Box<dyn Iterator<Item = &[f64; 2]> + '_> {
+        match self {
+            FeatureGeometry::Points(points) => Box::new(points.iter()),
+            FeatureGeometry::Lines(lines) => Box::new(lines.iter().flatten()),
+            FeatureGeometry::Polygons(parts) => Box::new(parts.iter().flatten().flatten()),
+            FeatureGeometry::Collection(members) => {
+                Box::new(members.iter().flat_map(FeatureGeometry::points))
+            }
+        }
+    }
+
+    /// The same, to be changed.
+    pub(crate) fn for_each_point<E>(
+        &mut self,
+        change: &mut dyn FnMut(&mut [f64; 2]) -> std::result::Result<(), E>,
+    ) -> std::result::Result<(), E> {
+        match self {
+            FeatureGeometry::Points(points) => points.iter_mut().try_for_each(change),
+            FeatureGeometry::Lines(lines) => lines.iter_mut().flatten().try_for_each(change),
+            FeatureGeometry::Polygons(parts) => parts.iter_mut().flatten().flatten().try_for_each(change),
+            FeatureGeometry::Collection(members) => {
+                members.iter_mut().try_for_each(|member| member.for_each_point(change))
+            }
         }
     }
 

@@ -186,11 +186,11 @@ impl FlatGeobuf {
         if geometry.is_some() {
             (heights.are_there, heights.have_measures) = (self.has_heights, self.has_measures);
         }
-        if let (true, Some(FeatureGeometry::Points(points)), Some(own)) = (self.has_heights, &geometry, &own)
-        {
-            heights.of_points = own.z().map(|z| z.iter().collect()).unwrap_or_default();
-            if heights.of_points.len() != points.len() {
-                return Err(format!("{} points and {} heights", points.len(), heights.of_points.len()));
+        if let (true, Some(geometry), Some(own)) = (self.has_heights, &geometry, &own) {
+            let count = geometry.points().count();
+            heights_of(own, count, &mut heights.of_points);
+            if heights.of_points.len() != count {
+                return Err(format!("{count} points and {} heights", heights.of_points.len()));
             }
         }
         Ok(Feature { id: None, attributes, geometry, heights })
@@ -347,6 +347,19 @@ fn points(own: &Geometry<'_>, take: &mut dyn FnMut(usize) -> Parsed<()>) -> Pars
         return Err("a point of one number".into());
     }
     Ok((0..numbers.len() / 2).map(|index| [numbers.get(2 * index), numbers.get(2 * index + 1)]).collect())
+}
+
+/// Adds the heights of a geometry with at most so many points: up to one more. (Parts are no deeper than the geometry that was read.)
+fn heights_of(own: &Geometry<'_>, most: usize, heights: &mut Vec<f64>) {
+    for height in own.z().into_iter().flatten().take(most + 1 - heights.len().min(most + 1)) {
+        heights.push(height);
+    }
+    for part in own.parts().into_iter().flatten() {
+        if heights.len() > most {
+            return;
+        }
+        heights_of(&part, most, heights);
+    }
 }
 
 /// Points, divided where parts end.

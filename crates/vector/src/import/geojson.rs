@@ -16,7 +16,7 @@ use super::feature::{
     Wanted,
 };
 use super::heights::Heights;
-use super::scanner::{Input, List, Record, Scanner, Step};
+use super::scanner::{Input, List, Record, ScannedItem, Scanner};
 use crate::export::GeometryKind;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
@@ -85,7 +85,7 @@ impl FeatureReader for GeoJson {
         let mut record = Record::default();
         self.scanner.set_number(self.number);
         while let Some(step) = self.scanner.step(&mut record)? {
-            if matches!(step, Step::Document(Some(_))) {
+            if matches!(step, ScannedItem::Document(Some(_))) {
                 continue;
             }
             let found = feature(step, &record, &self.columns);
@@ -122,8 +122,8 @@ struct Sketch {
 
 impl Sketch {
     /// Adds what was found; whether it is a feature.
-    fn add(&mut self, step: Step, record: &Record, wanted: &mut Wanted) -> Parsed<bool> {
-        if let Step::Document(list) = step {
+    fn add(&mut self, step: ScannedItem, record: &Record, wanted: &mut Wanted) -> Parsed<bool> {
+        if let ScannedItem::Document(list) = step {
             let kind = record.kind()?;
             let expected = match kind.as_str() {
                 "FeatureCollection" => Some(List::Features),
@@ -167,10 +167,10 @@ impl Sketch {
 }
 
 /// Whether what was found is a geometry alone.
-fn is_bare(step: Step, record: &Record) -> Parsed<bool> {
+fn is_bare(step: ScannedItem, record: &Record) -> Parsed<bool> {
     match step {
-        Step::Element(list) => Ok(list == List::Geometries),
-        Step::Document(_) => Ok(record.kind()? != "Feature"),
+        ScannedItem::Element(list) => Ok(list == List::Geometries),
+        ScannedItem::Document(_) => Ok(record.kind()? != "Feature"),
     }
 }
 
@@ -243,7 +243,7 @@ fn system(crs: Option<&str>) -> Parsed<Option<Crs>> {
     Crs::parse(name).map(Some).map_err(|error| format!("a member `crs` of another kind: {error}"))
 }
 
-fn feature(step: Step, record: &Record, columns: &Columns) -> Parsed<Feature> {
+fn feature(step: ScannedItem, record: &Record, columns: &Columns) -> Parsed<Feature> {
     let mut attributes = vec![FeatureAttribute::None; columns.attributes.len()];
     let mut heights = Heights::default();
     if is_bare(step, record)? {
@@ -316,8 +316,8 @@ fn geometry(
     let coordinates = || coordinates.ok_or_else(|| "a geometry without coordinates".to_owned());
     match kind {
         "Point" if coordinates()? == "[]" => Ok(FeatureGeometry::Points(Vec::new())),
-        "Point" => Ok(FeatureGeometry::Points(points(vec![parsed(coordinates()?)?], heights))),
-        "MultiPoint" => Ok(FeatureGeometry::Points(points(parsed(coordinates()?)?, heights))),
+        "Point" => Ok(FeatureGeometry::Points(positions(vec![parsed(coordinates()?)?], heights))),
+        "MultiPoint" => Ok(FeatureGeometry::Points(positions(parsed(coordinates()?)?, heights))),
         "LineString" => Ok(FeatureGeometry::Lines(vec![positions(parsed(coordinates()?)?, heights)])),
         "MultiLineString" => Ok(FeatureGeometry::Lines(lines(parsed(coordinates()?)?, heights))),
         "Polygon" => Ok(FeatureGeometry::Polygons(vec![lines(parsed(coordinates()?)?, heights)])),
@@ -335,13 +335,8 @@ fn geometry(
     }
 }
 
-/// Positions of a geometry of points.
-fn points(points: Vec<Position>, heights: &mut Heights) -> Vec<[f64; 2]> {
-    points.iter().for_each(|point| heights.add_point(point.height));
-    positions(points, heights)
-}
-
 fn positions(positions: Vec<Position>, heights: &mut Heights) -> Vec<[f64; 2]> {
+    positions.iter().for_each(|position| heights.add_point(position.height));
     heights.are_there |= positions.iter().any(|position| position.height.is_some());
     heights.have_measures |= positions.iter().any(|position| position.has_more);
     positions.into_iter().map(|position| position.numbers).collect()

@@ -3,11 +3,12 @@
 /// Heights and measures that the points of a geometry have.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Heights {
-    /// Whether there are heights. Those of lines and polygons are read over.
+    /// Whether there are heights.
     pub are_there: bool,
     /// Whether there are measures, which are read over.
     pub have_measures: bool,
-    /// Heights of a geometry of points, as many as it has points, where it has heights.
+    /// Heights of all points, and of all vertices of lines and rings, in their order: as many as there are, where all have one. (Of polygons in
+    /// shapefiles only where rings are in the order of the file.)
     pub of_points: Vec<f64>,
 }
 

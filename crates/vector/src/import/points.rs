@@ -151,7 +151,6 @@ impl Survey {
         let mut without_geometry = 0u64;
         while let Some(feature) = reader.next()? {
             let heights = &feature.heights;
-            with_heights += heights.of_points.len() as u64;
             features_with_heights += u64::from(heights.are_there);
             with_measures += u64::from(heights.have_measures);
             without_geometry += u64::from(match &feature.geometry {
@@ -162,6 +161,7 @@ impl Survey {
             let place = match &feature.geometry {
                 Some(FeatureGeometry::Points(own)) => {
                     points += own.len() as u64;
+                    with_heights += heights.of_points.len() as u64;
                     match (&own[..], &heights.of_points[..]) {
                         ([[x, y]], [z]) => [*x, *y, *z],
                         ([[x, y]], _) => [*x, *y, f64::NAN],

@@ -41,7 +41,7 @@ impl Record {
 
 /// What was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Step {
+pub(super) enum ScannedItem {
     /// An object of a list.
     Element(List),
     /// The end of a document, whose members are in the record, with its list, which came before.
@@ -118,7 +118,7 @@ impl Scanner {
     }
 
     /// The next object, whose members replace those of the record; `None` at the end of the file.
-    pub(super) fn step(&mut self, record: &mut Record) -> Result<Option<Step>> {
+    pub(super) fn step(&mut self, record: &mut Record) -> Result<Option<ScannedItem>> {
         *record = Record::default();
         self.used = 0;
         loop {
@@ -136,7 +136,7 @@ impl Scanner {
                     let Some(key) = self.key(is_first)? else {
                         self.state = State::Outside;
                         *record = std::mem::take(&mut self.document);
-                        return Ok(Some(Step::Document(self.list)));
+                        return Ok(Some(ScannedItem::Document(self.list)));
                     };
                     let list = match key.as_str() {
                         "features" => Some(List::Features),
@@ -178,7 +178,7 @@ impl Scanner {
                     }
                     self.state = State::List { list, is_first: false };
                     self.object(record)?;
-                    return Ok(Some(Step::Element(list)));
+                    return Ok(Some(ScannedItem::Element(list)));
                 }
             }
         }

@@ -184,11 +184,35 @@ fn heights(shape: &[u8], geometry: Option<&FeatureGeometry>) -> std::result::Res
     let mut heights = Heights { are_there: (10..20).contains(&kind), ..Heights::default() };
     heights.have_measures = kind > 20;
     let Some(geometry) = geometry else { return Ok(Heights::default()) };
-    if let (true, FeatureGeometry::Points(points)) = (heights.are_there, geometry) {
-        let (at, count) = if kind == 11 { (20, 1) } else { (40 + 16 * points.len() + 16, points.len()) };
-        let bytes = shape.get(at..).and_then(|rest| rest.get(..8 * count));
-        let bytes = bytes.ok_or_else(|| format!("{count} heights in {} bytes", shape.len()))?;
-        heights.of_points = bytes.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
+    if !heights.are_there {
+        return Ok(heights);
+    }
+    let numbers = |bytes: &[u8]| -> Vec<f64> {
+        bytes.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect()
+    };
+    // Where heights begin, their number, and where the points that they are of begin.
+    let word =
+        |at: usize| shape.get(at..).and_then(|rest| rest.first_chunk().copied()).map(u32::from_le_bytes);
+    let (at, count, begin) = match geometry {
+        FeatureGeometry::Points(_) if kind == 11 => (20, 1, 4),
+        FeatureGeometry::Points(points) => (40 + 16 * points.len() + 16, points.len(), 40),
+        _ => {
+            let (parts, count) =
+                (word(36).unwrap_or_default() as usize, word(40).unwrap_or_default() as usize);
+            (44 + 4 * parts + 16 * count + 16, count, 44 + 4 * parts)
+        }
+    };
+    let bytes = shape.get(at..).and_then(|rest| rest.get(..8 * count));
+    let bytes = bytes.ok_or_else(|| format!("{count} heights in {} bytes", shape.len()))?;
+    // (Rings may have been put into another order.)
+    let points = shape.get(begin..begin + 16 * count).map(numbers).unwrap_or_default();
+    if geometry
+        .points()
+        .flatten()
+        .map(|number| number.to_bits())
+        .eq(points.iter().map(|number| number.to_bits()))
+    {
+        heights.of_points = numbers(bytes);
     }
     Ok(heights)
 }

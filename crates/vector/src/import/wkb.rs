@@ -123,7 +123,8 @@ impl Reader<'_> {
     }
 
     fn point(&mut self, axes: Axes) -> Parsed<[f64; 2]> {
-        let [x, y, ..] = self.coordinates(axes)?;
+        let [x, y, height, _] = self.coordinates(axes)?;
+        self.heights.add_point(axes.height.then_some(height));
         Ok([x, y])
     }
 

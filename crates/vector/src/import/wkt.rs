@@ -122,18 +122,9 @@ impl<'t> Reader<'t> {
     }
 
     fn point(&mut self) -> Parsed<[f64; 2]> {
-        self.coordinates().map(|(point, _)| point)
-    }
-
-    /// A point of a geometry of points.
-    fn own_point(&mut self) -> Parsed<[f64; 2]> {
         let (point, height) = self.coordinates()?;
         self.heights.add_point(height);
         Ok(point)
-    }
-
-    fn own_points(&mut self) -> Parsed<Vec<[f64; 2]>> {
-        self.list(Reader::own_point)
     }
 
     fn points(&mut self) -> Parsed<Vec<[f64; 2]>> {
@@ -150,7 +141,7 @@ impl<'t> Reader<'t> {
         let kind = word.trim_end_matches(['Z', 'M']);
         self.is_measured = &word[kind.len()..] == "M";
         match kind {
-            "POINT" => Ok(FeatureGeometry::Points(self.own_points()?)).and_then(|points| match &points {
+            "POINT" => Ok(FeatureGeometry::Points(self.points()?)).and_then(|points| match &points {
                 FeatureGeometry::Points(several) if several.len() > 1 => Err("a point of several".into()),
                 _ => Ok(points),
             }),
@@ -159,8 +150,8 @@ impl<'t> Reader<'t> {
             "MULTIPOINT" => {
                 // (With parentheses around each point, or without.)
                 let member = |reader: &mut Self| match reader.rest.starts_with(['(', 'E', 'e']) {
-                    true => reader.own_points(),
-                    false => Ok(vec![reader.own_point()?]),
+                    true => reader.points(),
+                    false => Ok(vec![reader.point()?]),
                 };
                 Ok(FeatureGeometry::Points(self.list(member)?.into_iter().flatten().collect()))
             }

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use super::joined::{Joined, JoinedPoint, check_system};
+use super::joined::{Joined, JoinedPoint, locator_of};
 use crate::export::{AttributeType, AttributeValue, VectorFormat};
 use crate::import::feature::{Feature, FeatureGeometry, FeatureOptions, open_features};
 use spinney_base::io::Output;
@@ -25,10 +25,11 @@ pub struct CrossingSummary {
 const TOGETHER: usize = 1 << 16;
 
 /// Finds what the lines of a file of features cross or touch in a tree of lines. With an output, a point is written for each pair of pieces between vertices that have a
-/// place in common: the attributes of the file's feature, the number of the tree's feature (`line`, from 0), and the attributes of that one, or some of them.
+/// place in common: the attributes of the file's feature, the number of the tree's feature (`line`, from 0), and the attributes of that one, or some of them. Lines in another coordinate
+/// system are brought to the tree's, in which the points are.
 ///
 /// # Errors
-/// If a feature is no line, the systems differ, there is no attribute of a name, a file cannot be read, or the output cannot be written.
+/// If a feature is no line, its system cannot be computed, there is no attribute of a name, a file cannot be read, or the output cannot be written.
 pub fn join_crossing_lines(
     tree: &LineTree,
     lines: &Path,
@@ -37,11 +38,13 @@ pub fn join_crossing_lines(
     progress: &dyn Progress,
 ) -> Result<CrossingSummary> {
     let mut reader = open_features(lines, &FeatureOptions::default())?;
-    check_system(tree, lines, &*reader)?;
+    let locator = locator_of(tree, lines, &*reader, progress)?;
     let own = [("line", AttributeType::Integer)];
     // (All crossings lie on lines of the tree.)
     let mut bounds = || Ok(tree.bounds()?.unwrap_or_default());
-    let mut joined = Joined::new(tree, names, (reader.schema(), &own), output, &mut bounds)?;
+    // (Crossings are on lines of the tree.)
+    let crs = tree.metadata().frame.crs.clone().or_else(|| reader.schema().crs.clone());
+    let mut joined = Joined::new(tree, names, (reader.schema(), &own), output, (crs, &mut bounds))?;
     let count = reader.schema().count;
     let mut summary = CrossingSummary::default();
     let mut crossed = BTreeSet::new();
@@ -52,9 +55,11 @@ pub fn join_crossing_lines(
             let Some(mut feature) = reader.next()? else { break };
             summary.lines += 1;
             for line in lines_of(lines, summary.lines, &mut feature)? {
-                vertices += line.len();
-                owners.push(features.len());
-                all.push(line);
+                for line in locator.lines(line) {
+                    vertices += line.len();
+                    owners.push(features.len());
+                    all.push(line);
+                }
             }
             features.push(feature);
         }

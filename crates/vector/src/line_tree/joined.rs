@@ -9,12 +9,17 @@ use crate::export::{
     VectorWriter, push_attribute,
 };
 use crate::import::feature::{Feature, FeatureGeometry, FeatureReader, FeatureSchema};
+use crate::zonal::{coordinates_in, in_file};
 use spinney_base::io::Output;
-use spinney_base::{Error, Progress, Result, sort};
+use spinney_base::{Progress, Result, sort};
+use spinney_crs::{Crs, WorldLocator};
 use spinney_lines::{LineTree, LineValue};
 
 /// Values that are kept of features that were read, at most.
 const KEPT: usize = 1 << 20;
+
+/// Bounds of a layer, which are found if its format needs them.
+type LayerBounds<'b> = &'b mut dyn FnMut() -> Result<[[f64; 2]; 2]>;
 
 /// A layer of points in the making, each with the attributes of a feature of a file, the number of a feature of the tree, and the attributes of that one.
 pub(super) struct Joined<'t> {
@@ -37,13 +42,14 @@ pub(super) struct JoinedPoint<'f> {
 }
 
 impl<'t> Joined<'t> {
-    /// Starts a layer, with attributes of its own between those of the file and those of the tree, of which some are chosen; without an output the names are checked.
+    /// Starts a layer in a coordinate system, with attributes of its own between those of the file and those of the tree, of which some are chosen; without an output the names
+    /// are checked.
     pub(super) fn new(
         tree: &'t LineTree,
         names: Option<&[String]>,
         (schema, own): (&FeatureSchema, &[(&str, AttributeType)]),
         output: Option<(Output, VectorFormat)>,
-        bounds: &mut dyn FnMut() -> Result<[[f64; 2]; 2]>,
+        (crs, bounds): (Option<Crs>, LayerBounds<'_>),
     ) -> Result<Joined<'t>> {
         let chosen = chosen_of(tree, names)?;
         let mut attributes = schema.attributes.clone();
@@ -55,7 +61,6 @@ impl<'t> Joined<'t> {
         let mut writer = None;
         if let Some((output, format)) = output {
             let bounds = if format.wants_bounds() { bounds()? } else { [[0.0; 2]; 2] };
-            let crs = schema.crs.clone().or(tree.metadata().frame.crs.clone());
             let (kind, name) = (Some(GeometryKind::Point), layer_name(output.path()));
             let layer = VectorLayer { name, kind, is_multi: false, has_z: false, attributes, crs, bounds };
             writer = Some(VectorWriter::create(output, format, layer)?);
@@ -114,13 +119,15 @@ impl<'t> Joined<'t> {
     }
 }
 
-/// Fails if the features of a file are in another system than the tree.
-pub(super) fn check_system(tree: &LineTree, path: &Path, reader: &dyn FeatureReader) -> Result<()> {
-    if let (Some(own), Some(other)) = (&tree.metadata().frame.crs, &reader.schema().crs)
-        && !own.is_same(other)
-    {
-        let advice = format!("bring them to the system of the lines first, {own}");
-        return Err(Error::unsupported(path, format!("features in {other}"), advice));
-    }
-    Ok(())
+/// The way from the system of a file's features to that of the tree.
+pub(super) fn locator_of(
+    tree: &LineTree,
+    path: &Path,
+    reader: &dyn FeatureReader,
+    progress: &dyn Progress,
+) -> Result<WorldLocator> {
+    let coordinates = coordinates_in(&tree.metadata().frame, path, reader, progress);
+    let locator = tree.locator(&coordinates).map_err(|error| in_file(path, error))?;
+    locator.remarks().iter().for_each(|remark| progress.warn(path, remark));
+    Ok(locator)
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::joined::{Joined, JoinedPoint, check_system};
+use super::joined::{Joined, JoinedPoint, locator_of};
 use crate::export::{AttributeType, AttributeValue, VectorFormat, bounds_of};
 use crate::import::feature::{Feature, FeatureGeometry, FeatureOptions, open_features};
 use spinney_base::io::Output;
@@ -28,10 +28,11 @@ const TOGETHER: usize = 1 << 16;
 const MEMORY: u64 = 256 << 20;
 
 /// Joins each point of a file of features to the line nearest to it, of at most a distance: its attributes get the number of the line's feature (`line`, from 0), the
-/// distance, and the attributes of that feature, or some of them. With an output, the points are written to it.
+/// distance, and the attributes of that feature, or some of them. With an output, the points are written to it. Points in another coordinate system are brought to the tree's, in
+/// which distances are; those that are written stay in their own.
 ///
 /// # Errors
-/// If a feature is no single point, the systems differ, there is no attribute of a name, a file cannot be read, or the output cannot be written.
+/// If a feature is no single point, or has no position in the tree's system, which cannot be computed, there is no attribute of a name, a file cannot be read, or the output cannot be written.
 pub fn join_nearest_lines(
     tree: &LineTree,
     points: &Path,
@@ -41,13 +42,20 @@ pub fn join_nearest_lines(
     progress: &dyn Progress,
 ) -> Result<JoinSummary> {
     let mut reader = open_features(points, &FeatureOptions::default())?;
-    check_system(tree, points, &*reader)?;
+    let locator = locator_of(tree, points, &*reader, progress)?;
     let own = [("line", AttributeType::Integer), ("distance", AttributeType::Number)];
     // (Ids of rows must be whole numbers, each once, which only another such table is sure to have.)
     let is_table = |path: &Path| path.to_string_lossy().to_ascii_lowercase().contains(".gpkg");
     let keeps_ids = !matches!(output, Some((_, VectorFormat::GeoPackage))) || is_table(points);
-    let mut joined =
-        Joined::new(tree, names, (reader.schema(), &own), output, &mut || bounds_in(points, progress))?;
+    // (The points are written as they are in their file.)
+    let crs = reader.schema().crs.clone().or_else(|| tree.metadata().frame.crs.clone());
+    let mut joined = Joined::new(
+        tree,
+        names,
+        (reader.schema(), &own),
+        output,
+        (crs, &mut || bounds_in(points, progress)),
+    )?;
     let count = reader.schema().count;
     let nearest = NearestLines::new(tree, MEMORY)?;
     let mut summary = JoinSummary::default();
@@ -56,7 +64,9 @@ pub fn join_nearest_lines(
         while features.len() < TOGETHER {
             let Some(feature) = reader.next()? else { break };
             let number = summary.points + features.len() as u64 + 1;
-            places.extend(place_of(points, number, &feature)?);
+            if let Some(place) = place_of(points, number, &feature)? {
+                places.push(locator.position(place).ok_or_else(|| no_position(points, number, place))?);
+            }
             features.push(feature);
         }
         if features.is_empty() {
@@ -103,6 +113,13 @@ fn place_of(path: &Path, number: u64, feature: &Feature) -> Result<Option<[f64; 
             Err(Error::unsupported(path, format!("feature {number}, which is no single point,"), advice))
         }
     }
+}
+
+/// The error of a feature that the coordinate system of a tree has no position for.
+fn no_position(path: &Path, number: u64, [x, y]: [f64; 2]) -> Error {
+    let found =
+        format!("feature {number} at {x},{y}, which the coordinate system of the tree has no position for,");
+    Error::unsupported(path, found, "leave it out, or correct it")
 }
 
 /// Least and greatest place of all points of a file.

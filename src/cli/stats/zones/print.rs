@@ -7,7 +7,7 @@ use spinney::query::{ZoneMeasure, ZoneStatistics};
 use spinney::raw::export::vector::quantile_name;
 use spinney::raw::import::feature::PolygonLayer;
 use spinney::raw::query::ZoneChannel;
-use spinney::raw::report::{JsonNumbers, ZoneForm, ZoneReport, cell_area, class_name};
+use spinney::raw::report::{CellMeasure, JsonNumbers, ZoneForm, ZoneReport, class_name, measure_key};
 use spinney::{Dataset, Metadata, Number};
 
 use super::super::super::report::print_text;
@@ -41,7 +41,7 @@ impl<'a> Report<'a> {
     /// The text before all features.
     pub(super) fn begin(trees: &'a [&'a Dataset], options: &'a ZoneOptions, format: Format) -> Report<'a> {
         let text = match format {
-            Format::Csv => csv_heading(options),
+            Format::Csv => csv_heading(trees, options),
             Format::Json | Format::Text => String::new(),
         };
         let json = ZoneReport::begin(ZoneForm {
@@ -108,14 +108,17 @@ impl<'a> Report<'a> {
 }
 
 /// The first line of a table.
-fn csv_heading(options: &ZoneOptions) -> String {
-    let attributes = options.attribute.iter().flatten().map(String::as_str);
-    let before = ["zone", "id"].into_iter().chain(attributes);
+fn csv_heading(trees: &[&Dataset], options: &ZoneOptions) -> String {
     let more: Vec<String> = more_measures(options)
         .map(|measure| measure.name().into())
         .chain(options.quantiles.iter().copied().map(quantile_name))
         .collect();
-    let columns: Vec<&str> = before.chain(COLUMNS).chain(more.iter().map(String::as_str)).collect();
+    let attributes = options.attribute.iter().flatten().map(String::as_str);
+    let before = ["zone", "id"].into_iter().chain(attributes);
+    // (Layers of a file are all quadtrees, or all octrees.)
+    let measure = trees.first().map_or(AREA, |tree| measure_key(tree));
+    let own = COLUMNS.map(|name| if name == AREA { measure } else { name });
+    let columns: Vec<&str> = before.chain(own).chain(more.iter().map(String::as_str)).collect();
     row_of(&columns)
 }
 
@@ -127,6 +130,9 @@ fn more_measures(options: &ZoneOptions) -> impl Iterator<Item = ZoneMeasure> {
     options.measures.iter().copied().filter(move |measure| !is_there(measure))
 }
 
+/// The column of areas, in octrees of volumes.
+const AREA: &str = "area_m2";
+
 /// Columns of a table behind those of the feature.
 const COLUMNS: [&str; 12] = [
     "layer",
@@ -135,7 +141,7 @@ const COLUMNS: [&str; 12] = [
     "class",
     "cells",
     "void_cells",
-    "area_m2",
+    AREA,
     "min",
     "max",
     "mean",
@@ -162,8 +168,9 @@ fn write_rows(
     options: &ZoneOptions,
 ) {
     let Metadata { name, time, .. } = tree.metadata();
-    let area = cell_area(tree).ok();
-    let area_of = |cells: f64| area.map(|area| (area * cells).to_string()).unwrap_or_default();
+    let measure = CellMeasure::of(tree).ok();
+    let area_of =
+        |cells: f64| measure.as_ref().map(|own| (own.of_cell * cells).to_string()).unwrap_or_default();
     let number = |number: f64| if number.is_nan() { String::new() } else { number.to_string() };
     let mut write = |index: usize, own: [String; 10]| {
         let layer = [name.clone(), time.clone().unwrap_or_default()];
@@ -211,7 +218,7 @@ fn write_zone(
     zone: &ZoneStatistics,
     options: &ZoneOptions,
 ) -> Result<()> {
-    let area = cell_area(tree);
+    let measure = CellMeasure::of(tree).ok().filter(|measure| measure.unit != "cells");
     write!(text, "{name}  {} cells, and {} VOID", rounded(zone.cells), rounded(zone.void_cells))?;
     if zone.void_cells > 0.0 {
         write!(text, " ({:.4} %)", 100.0 * zone.void_share())?;
@@ -219,15 +226,15 @@ fn write_zone(
     if zone.outside_cells > 0.0 {
         write!(text, ", {} outside", rounded(zone.outside_cells))?;
     }
-    match area {
-        Ok(area) => writeln!(text, "  {:.0} m2", area * zone.cells)?,
-        Err(_) => writeln!(text)?,
+    match &measure {
+        Some(measure) => writeln!(text, "  {}", measure.text(zone.cells))?,
+        None => writeln!(text)?,
     }
     for (value, cells) in &zone.classes {
         let share = 100.0 * cells / zone.cells;
         write!(text, "{value:>8} {:>14} cells {share:>8.4} %", rounded(*cells))?;
-        if let Ok(area) = area {
-            write!(text, " {:>16.0} m2", area * cells)?;
+        if let Some(measure) = &measure {
+            write!(text, " {:>19}", measure.text(*cells))?;
         }
         writeln!(text, "  {}", class_name(tree, *value).unwrap_or_default())?;
     }

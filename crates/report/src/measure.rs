@@ -1,0 +1,66 @@
+//! Areas and volumes of cells.
+
+use spinney_container::Tag;
+use spinney_engine::dataset::Dataset;
+
+/// The unit of a tree's world: that of the model, or of the coordinate system; cells where the frame is the identity. `None` if it is not known.
+pub fn world_unit(tree: &Dataset) -> Option<&str> {
+    let (metadata, frame) = (tree.metadata(), &tree.metadata().frame);
+    metadata.tag(Tag::Unit).or_else(|| match &frame.crs {
+        Some(crs) => crs.unit(),
+        None => frame.is_identity().then_some("cells"),
+    })
+}
+
+/// What cells of a tree measure in the world: area in quadtrees, volume in octrees.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CellMeasure {
+    /// Area or volume of a cell.
+    pub of_cell: f64,
+    /// Its unit: `m2` of areas; of volumes the cube of the world's unit, such as `m3`, `unit3` where that is not known, or `cells`.
+    pub unit: String,
+    has_volume: bool,
+}
+
+impl CellMeasure {
+    /// The measure of a tree's cells.
+    ///
+    /// # Errors
+    /// If cells are not alike, or axes have several units or none that is known: the reason.
+    pub fn of(tree: &Dataset) -> Result<CellMeasure, &'static str> {
+        let frame = &tree.metadata().frame;
+        if !has_volume(tree) {
+            let of_cell = frame.cell_square_metres()?;
+            return Ok(CellMeasure { of_cell, unit: "m2".into(), has_volume: false });
+        }
+        let of_cell = frame.cell_volume()?;
+        let unit = match world_unit(tree) {
+            Some("cells") => "cells".into(),
+            unit => format!("{}3", unit.unwrap_or("unit")),
+        };
+        Ok(CellMeasure { of_cell, unit, has_volume: true })
+    }
+
+    /// So many cells in the world, with the unit, as text: areas as integers, volumes to six decimals.
+    pub fn text(&self, cells: f64) -> String {
+        let measure = self.of_cell * cells;
+        match self.has_volume {
+            true => format!("{} {}", (measure * 1e6).round() / 1e6, self.unit),
+            false => format!("{measure:.0} {}", self.unit),
+        }
+    }
+}
+
+fn has_volume(tree: &Dataset) -> bool {
+    tree.header().form.axes() == 3
+}
+
+/// The name of what cells of a tree measure: `area` or `volume`.
+pub fn measure_name(tree: &Dataset) -> &'static str {
+    if has_volume(tree) { "volume" } else { "area" }
+}
+
+/// The member of JSON, and the column of tables, that has it: `area_m2`, or `volume` in the cube of the world's unit.
+pub fn measure_key(tree: &Dataset) -> &'static str {
+    if has_volume(tree) { "volume" } else { "area_m2" }
+}

@@ -1,0 +1,295 @@
+//! Files of features in another coordinate system, feature by feature.
+
+use std::path::Path;
+
+use crate::export::{
+    AttributeType, AttributeValue, FeatureParts, Geometry, GeometryKind, VectorFeature, VectorFormat,
+    VectorLayer, VectorWriter, push_attribute,
+};
+use crate::import::feature::{Feature, FeatureOptions, open_features};
+use spinney_base::io::Output;
+use spinney_base::{Error, Progress, Result};
+use spinney_crs::{Crs, Transformation};
+use spinney_engine::ops::{ViewStep, WarpTarget};
+
+/// An operation on the coordinate system of features.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SystemChange {
+    /// The system that coordinates are in, whatever the file says.
+    Declare(Crs),
+    /// The system that coordinates are brought to.
+    Transform(Crs),
+}
+
+impl SystemChange {
+    /// Steps of views as those of the features of a file.
+    ///
+    /// # Errors
+    /// If there are none, or one that features do not have.
+    pub fn of_view(path: &Path, steps: &[ViewStep]) -> Result<Vec<SystemChange>> {
+        let advice = "features have two steps: warp=DEF brings them to another coordinate system, crs=DEF says in which they are";
+        let refused = |found: String| Error::unsupported(path, found, advice);
+        let of = |step: &ViewStep| match step {
+            ViewStep::Crs(crs) => Ok(SystemChange::Declare(crs.clone())),
+            ViewStep::Warp(WarpTarget { crs, cell: None, resampling: None }) => {
+                Ok(SystemChange::Transform(crs.clone()))
+            }
+            ViewStep::Warp(_) => Err(refused("cell= or resampling= of a file of features".into())),
+            step => Err(refused(format!("the step {step} of a file of features"))),
+        };
+        match steps {
+            [] => Err(refused("a file of features without a step".into())),
+            steps => steps.iter().map(of).collect(),
+        }
+    }
+}
+
+/// Options of bringing features to another coordinate system.
+#[derive(Clone, Debug, Default)]
+pub struct ReprojectOptions {
+    /// What is done, in order.
+    pub steps: Vec<SystemChange>,
+    /// Whether datums are taken for WGS 84 whose shift to it is unknown or needs a grid.
+    pub allow_ballpark: bool,
+    /// How features are read.
+    pub features: FeatureOptions,
+}
+
+/// Writes the features of a file in another coordinate system, feature by feature, in their order; returns their number. The file is read twice.
+///
+/// Vertices are transformed one by one, as by ogr2ogr: an edge is straight between them in the new system. Attributes, heights and the layer's name stay. Ids are
+/// those of the format if it has such, else an attribute `id`. Measures are left out, and heights where some features have none, with a warning.
+///
+/// # Errors
+/// If the file cannot be read or says no coordinate system and none is declared, a system cannot be computed, a vertex has no position in it, with the
+/// feature's number, or the output cannot be written.
+pub fn reproject_features(
+    input: &Path,
+    options: &ReprojectOptions,
+    output: Output,
+    format: VectorFormat,
+    progress: &dyn Progress,
+) -> Result<u64> {
+    let mut reader = open_features(input, &options.features)?;
+    let schema = reader.schema().clone();
+    let chain = SystemChain::new(input, schema.crs.as_ref(), options)?;
+    chain.remarks().for_each(|remark| progress.warn(input, &remark));
+    // What the layer says of its features is known before the first is written.
+    let mut survey = LayerSurvey::default();
+    while let Some(mut feature) = reader.next()? {
+        chain.apply(input, survey.features + 1, &mut feature)?;
+        survey.add(&feature, format);
+        if survey.features.is_multiple_of(1 << 12) {
+            progress.check()?;
+        }
+    }
+    let path = output.path().to_path_buf();
+    let mut attributes = schema.attributes.clone();
+    let has_id_column = survey.has_ids && !survey.keeps_ids(format);
+    if has_id_column {
+        push_attribute(&mut attributes, "id".into(), survey.id_type.unwrap_or(AttributeType::Mixed));
+    }
+    let layer = VectorLayer {
+        name: layer_name(schema.name, &path),
+        kind: survey.kind.flatten(),
+        is_multi: survey.is_multi,
+        has_z: survey.has_z(),
+        attributes,
+        crs: chain.crs.clone(),
+        bounds: survey.bounds.unwrap_or_default(),
+    };
+    let mut writer = FeatureWriter {
+        has_z: layer.has_z,
+        has_id_column,
+        keeps_ids: survey.keeps_ids(format),
+        writer: VectorWriter::create(output, format, layer)?,
+        losses: 0,
+    };
+    let mut reader = open_features(input, &options.features)?;
+    let mut done = 0;
+    while let Some(mut feature) = reader.next()? {
+        done += 1;
+        chain.apply(input, done, &mut feature)?;
+        writer.write(&feature)?;
+        if done.is_multiple_of(1024) {
+            progress.check()?;
+            progress.advance(1024, survey.features);
+        }
+    }
+    if writer.losses > 0 {
+        progress.warn(&path, &format!("heights and measures of {} features are left out", writer.losses));
+    }
+    writer.writer.finish(progress)?;
+    Ok(done)
+}
+
+/// The layer's name, or else that of the file.
+fn layer_name(name: String, path: &Path) -> String {
+    let stem = path.file_stem().filter(|stem| *stem != "-");
+    match name.is_empty() {
+        true => stem.map_or_else(|| "features".into(), |stem| stem.to_string_lossy().into_owned()),
+        false => name,
+    }
+}
+
+/// The way of a vertex through all systems.
+struct SystemChain {
+    transformations: Vec<(Transformation, Crs)>,
+    /// The system at the end, where known.
+    crs: Option<Crs>,
+}
+
+impl SystemChain {
+    fn new(path: &Path, own: Option<&Crs>, options: &ReprojectOptions) -> Result<SystemChain> {
+        let mut chain = SystemChain { transformations: Vec::new(), crs: own.cloned() };
+        for step in &options.steps {
+            let target = match step {
+                SystemChange::Declare(crs) => crs,
+                SystemChange::Transform(crs) => {
+                    let Some(from) = &chain.crs else {
+                        let advice = "say which it is before the transformation, with crs=EPSG:NUMBER";
+                        return Err(Error::unsupported(path, "features without a coordinate system", advice));
+                    };
+                    let transformation = Transformation::new(from, crs, options.allow_ballpark)?;
+                    chain.transformations.push((transformation, crs.clone()));
+                    crs
+                }
+            };
+            chain.crs = Some(target.clone());
+        }
+        Ok(chain)
+    }
+
+    fn remarks(&self) -> impl Iterator<Item = String> {
+        self.transformations.iter().flat_map(|(transformation, _)| transformation.remarks())
+    }
+
+    /// Transforms all vertices of a feature.
+    fn apply(&self, path: &Path, number: u64, feature: &mut Feature) -> Result<()> {
+        let Feature { id, geometry: Some(geometry), .. } = feature else { return Ok(()) };
+        let id = id.as_ref().map(|id| format!(" (id {id})")).unwrap_or_default();
+        geometry.for_each_point(&mut |vertex| {
+            for (transformation, target) in &self.transformations {
+                let [x, y] = *vertex;
+                *vertex = transformation.forward(*vertex).ok_or_else(|| {
+                    let found = format!(
+                        "feature {number}{id} with a vertex at {x},{y}, which is no position in {target},"
+                    );
+                    Error::unsupported(
+                        path,
+                        found,
+                        "leave it out with --where, or choose another coordinate system",
+                    )
+                })?;
+            }
+            Ok(())
+        })
+    }
+}
+
+/// What features have in common.
+#[derive(Default)]
+struct LayerSurvey {
+    features: u64,
+    /// Their kind; `Some(None)` if they are of several kinds.
+    kind: Option<Option<GeometryKind>>,
+    is_multi: bool,
+    bounds: Option<[[f64; 2]; 2]>,
+    /// Features with vertices, and of these those all of whose vertices have heights.
+    with_vertices: u64,
+    with_heights: u64,
+    has_ids: bool,
+    /// Type of the attribute that has them in formats without ids.
+    id_type: Option<AttributeType>,
+    /// Whether ids cannot be those of rows: integers that ascend.
+    has_other_ids: bool,
+    last_id: Option<i64>,
+}
+
+impl LayerSurvey {
+    fn add(&mut self, feature: &Feature, format: VectorFormat) {
+        self.features += 1;
+        self.has_ids |= feature.id.is_some();
+        if let Some(id) = &feature.id {
+            let own = if id.is_string() { AttributeType::Text } else { AttributeType::Integer };
+            let own = if id.is_f64() || id.is_u64() && !id.is_i64() { AttributeType::Mixed } else { own };
+            self.id_type = Some(self.id_type.map_or(own, |before| before.with(own)));
+        }
+        if format == VectorFormat::GeoPackage
+            && let Some(id) = &feature.id
+        {
+            let id = id.as_i64();
+            self.has_other_ids |= id.is_none() || id <= self.last_id;
+            self.last_id = id.or(self.last_id);
+        }
+        let Some(geometry) = &feature.geometry else { return };
+        let parts = FeatureParts::of(geometry);
+        let own = geometry.kind();
+        self.kind = Some(match self.kind {
+            None => own,
+            Some(kind) => kind.filter(|kind| own == Some(*kind)),
+        });
+        self.is_multi |= (0..parts.parts()).filter(|part| parts.is_outer(*part)).count() > 1;
+        let mut count = 0;
+        for vertex in geometry.points() {
+            count += 1;
+            let [low, high] = self.bounds.get_or_insert([*vertex; 2]);
+            for axis in 0..2 {
+                low[axis] = low[axis].min(vertex[axis]);
+                high[axis] = high[axis].max(vertex[axis]);
+            }
+        }
+        self.with_vertices += u64::from(count > 0);
+        self.with_heights += u64::from(count > 0 && feature.heights.of_points.len() == count);
+    }
+
+    fn has_z(&self) -> bool {
+        self.with_heights > 0 && self.with_heights == self.with_vertices
+    }
+
+    fn keeps_ids(&self, format: VectorFormat) -> bool {
+        match format {
+            VectorFormat::GeoJson => true,
+            VectorFormat::GeoPackage => !self.has_other_ids,
+            _ => false,
+        }
+    }
+}
+
+/// A file of features in the making.
+struct FeatureWriter {
+    writer: VectorWriter,
+    has_z: bool,
+    has_id_column: bool,
+    keeps_ids: bool,
+    /// Features whose heights or measures are left out.
+    losses: u64,
+}
+
+impl FeatureWriter {
+    fn write(&mut self, feature: &Feature) -> Result<()> {
+        let heights = &feature.heights;
+        self.losses += u64::from(heights.have_measures || heights.are_there && !self.has_z);
+        let mut values: Vec<AttributeValue<'_>> =
+            feature.attributes.iter().map(AttributeValue::from).collect();
+        let id = feature.id.as_ref().map(|id| match id {
+            serde_json::Value::String(text) => text.clone(),
+            id => id.to_string(),
+        });
+        if self.has_id_column {
+            let whole = feature.id.as_ref().and_then(serde_json::Value::as_i64);
+            values.push(match (whole, &id) {
+                (Some(whole), _) => AttributeValue::Integer(whole),
+                (None, Some(text)) => AttributeValue::Text(text),
+                (None, None) => AttributeValue::None,
+            });
+        }
+        let z: &[f64] = if self.has_z { &heights.of_points } else { &[] };
+        let geometry = feature.geometry.as_ref().map(|geometry| FeatureParts::with_heights(geometry, z));
+        self.writer.write_feature(&VectorFeature {
+            id: feature.id.as_ref().filter(|_| self.keeps_ids),
+            geometry: geometry.as_ref().map(|parts| (parts.kind(), parts as &dyn Geometry)),
+            attributes: &values,
+        })
+    }
+}

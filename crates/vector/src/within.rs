@@ -1,0 +1,44 @@
+//! Polygons in which points of a tree are requested.
+
+use std::path::Path;
+
+use crate::import::feature::{FeatureGeometry, FeatureOptions, open_features};
+use crate::zonal::{coordinates_in, in_file};
+use spinney_base::{Error, Progress, Result};
+use spinney_crs::PolygonParts;
+use spinney_points::{PointRegion, PointTree};
+
+/// All polygons of a file of features, brought to the coordinate system of a tree of points as zones are brought to that of a raster.
+///
+/// # Errors
+/// If a feature is no polygon, there are none, the file cannot be read, or one of the two systems cannot be computed.
+pub fn region_of_polygons(tree: &PointTree, path: &Path, progress: &dyn Progress) -> Result<PointRegion> {
+    let mut reader = open_features(path, &FeatureOptions::default())?;
+    let coordinates = coordinates_in(&tree.metadata().frame, path, &*reader, progress);
+    let locator = tree.locator(&coordinates).map_err(|error| in_file(path, error))?;
+    locator.remarks().iter().for_each(|remark| progress.warn(path, remark));
+    let mut parts = PolygonParts::new();
+    let (mut number, mut polygons) = (0u64, 0u64);
+    while let Some(feature) = reader.next()? {
+        number += 1;
+        match feature.geometry {
+            Some(FeatureGeometry::Polygons(own)) => {
+                polygons += 1;
+                parts.extend(locator.parts(own));
+            }
+            None => {}
+            Some(_) => {
+                let found = format!("feature {number}, which is no polygon,");
+                return Err(Error::unsupported(path, found, "points are requested within polygons alone"));
+            }
+        }
+    }
+    if polygons == 0 {
+        return Err(Error::unsupported(
+            path,
+            "a file without polygons",
+            "points are requested within polygons",
+        ));
+    }
+    Ok(PointRegion::Polygons(parts))
+}
