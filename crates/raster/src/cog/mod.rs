@@ -23,7 +23,6 @@ use spinney_base::{Error, Progress, Result};
 use spinney_container::{Metadata, TagScope};
 use spinney_crs::web_mercator_depth;
 use spinney_engine::dataset::Dataset;
-use spinney_engine::ops::ViewStep;
 
 /// Tiles, compression and nodata of a cloud-optimized GeoTIFF.
 #[derive(Clone, Debug, PartialEq)]
@@ -179,8 +178,8 @@ fn part_of_world(tree: &Dataset, tile_size: u32) -> Result<Option<Dataset>> {
     let [width, height, _] = data.size();
     let overviews = (width.max(height) / u64::from(tile_size)).max(1).ilog2();
     let first = data.min.map(|cell| cell >> overviews << overviews);
-    let size = [0, 1, 2].map(|axis| data.max[axis] - first[axis]);
-    let window = ViewStep::Window(first.map(|cell| cell as i64), size);
+    let [width, height] = [0, 1].map(|axis| data.max[axis] - first[axis]);
+    let window = format!("window={},{},{width},{height}", first[0], first[1]).parse()?;
     Dataset::of(file.into())?.view(&[window]).map(Some)
 }
 
