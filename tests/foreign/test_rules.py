@@ -119,14 +119,14 @@ class Node:
         if rule == "majority":
             most = max(self.all.values())
             tied = [v for v in sorted(self.all) if self.all[v] == most]
-            deciding = [tuple(key(x) for x in n.value) for n in there]
+            deciding = [tuple(key(x) for x in n.value or ()) for n in there]
             mixed = most
             for n in there:
                 raw = n.bits().ljust(16, b"\0")
                 mixed = (mixed ^ int.from_bytes(raw[:8], "little") ^ int.from_bytes(raw[8:], "little")) * 0x9E3779B97F4A7C15 % 2**64
                 mixed ^= mixed >> 32
             chosen = next((v for v in deciding if v in tied), tied[mixed % len(tied)])
-            return next((n.value for n in there if tuple(key(x) for x in n.value) == chosen), tuple(x for x, _ in chosen))
+            return next((n.value for n in there if tuple(key(x) for x in n.value or ()) == chosen), tuple(x for x, _ in chosen))
         if rule == "dominant":
             weights: Counter[str] = Counter()
             for n in there:

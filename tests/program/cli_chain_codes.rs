@@ -47,7 +47,7 @@ fn regions_and_lines_become_chains_and_trees() {
         (&["export", map, &lines, "--lines", &roads, "--directions", "4"], "8 for lines"),
         (&["export", map, &lines, "--lines", &roads, "--class", "4"], "for regions, not for --lines"),
         (&["export", map, &lines, "--lines", &tree], "is no file of features"),
-        (&["export", "fixtures/v1/elevation.goblin", &text], "amounts"),
+        (&["export", "fixtures/v1/elevation.goblin", &text], "continuous values"),
         (&["show", &text], "a chain code"),
     ] {
         let told = stderr(spinney(arguments).failure());

@@ -55,12 +55,12 @@ fn lines_as_geojson_have_values_and_a_coordinate_system() {
         })
         .sum();
     assert!(turn < 0.0, "higher values are on the right");
-    // Without one, or in WGS 84, nothing is said.
-    for crs in [None, Some(Crs::epsg(4326))] {
+    // In WGS 84 nothing is said, and null where no system is known.
+    for (crs, member) in [(None, Some(&serde_json::Value::Null)), (Some(Crs::epsg(4326)), None)] {
         let (folder, file) = hill(crs);
         let out = folder.path().join("lines.json");
         spinney(&["-q", "contours", &file, "--at", "40,60", "-o", out.to_str().unwrap()]).success();
-        assert!(features(&out).0.get("crs").is_none());
+        assert_eq!(features(&out).0.get("crs"), member);
     }
 }
 
@@ -228,10 +228,11 @@ fn systems_without_a_number_go_into_files_or_are_told() {
     let esri = fs::read_to_string(folder.path().join("a.prj")).unwrap();
     assert!(esri.starts_with("PROJCS[\"unknown\",GEOGCS["), "{esri}");
     assert!(Crs::parse(&esri).is_ok());
-    // GeoJSON has no words for it.
+    // GeoJSON names it by its definition.
     let (said, json) = run("a.geojson");
-    assert!(said.contains("a.geojson: the coordinate system is not in the file"), "{said}");
-    assert!(!String::from_utf8_lossy(&json).contains("\"crs\""));
+    assert!(!said.contains("coordinate system"), "{said}");
+    let json: serde_json::Value = serde_json::from_slice(&json).unwrap();
+    assert!(Crs::parse(json["crs"]["properties"]["name"].as_str().unwrap()).is_ok(), "{json}");
     // A shapefile tells of systems with a number, too.
     let (folder, file) = hill(Some(Crs::epsg(32632)));
     let out = folder.path().join("a.shp");

@@ -155,9 +155,10 @@ impl Crs {
         }
     }
 
-    /// The definition by numbers where they are known, else all of it.
+    /// A definition that [`Crs::parse`] reads: numbers where they are known, else WKT, else the definition as it is.
     pub fn short_definition(&self) -> String {
-        self.numbers().map_or_else(|| self.definition(), |numbers| numbers.to_string())
+        let text = || self.to_wkt2().unwrap_or_else(|_| self.definition());
+        self.numbers().map_or_else(text, |numbers| numbers.to_string())
     }
 
     /// The unit in which the system's plane is measured: "degrees", "m", "ft", "us-ft" or "km". `None` if it is

@@ -152,13 +152,16 @@ impl VectorLayer {
     pub(super) fn unknown_system(&self, format: VectorFormat) -> Option<String> {
         let crs = self.crs.as_ref()?;
         let is_told = match format {
-            VectorFormat::GeoJson => crs.numbers().is_some(),
             VectorFormat::GeoPackage | VectorFormat::FlatGeobuf => {
                 crs.numbers().is_some() || crs.to_wkt2().is_ok() || crs.foreign_text().is_some()
             }
             VectorFormat::Shapefile => shapefile::definition(crs).is_some(),
-            // (These have no place for one.)
-            VectorFormat::Csv | VectorFormat::Svg | VectorFormat::Obj | VectorFormat::Ply => true,
+            // (Documents of GeoJSON have any definition; the others have no place for one.)
+            VectorFormat::GeoJson
+            | VectorFormat::Csv
+            | VectorFormat::Svg
+            | VectorFormat::Obj
+            | VectorFormat::Ply => true,
         };
         (!is_told)
             .then(|| format!("the coordinate system is not in the file, which has no words for it: {crs}"))
