@@ -1,12 +1,14 @@
 //! Commits of Autumnal files, and how they differ.
 
+use std::sync::Arc;
+
 use serde::Deserialize;
 use serde_json::{Value, json};
 use spinney_base::space::Bounds;
 use spinney_base::{Error, Result};
 use spinney_container::FileReference;
 use spinney_engine::dataset::Dataset;
-use spinney_engine::ops::{TreeFile, diff as differences};
+use spinney_engine::ops::{TreeFile, View, diff as differences};
 use spinney_engine::store::autumnal::History;
 use spinney_report::{JsonNumbers, commit_as_json};
 
@@ -58,7 +60,9 @@ pub(crate) fn diff(opened: &Opened, part: &Part, request: &Request) -> Result<Fo
     let at = |commit: Option<u64>| {
         let layer = Some(tree.layer_number().to_string());
         let place = FileReference { file: opened.file.name.as_path().into(), commit, layer };
-        TreeFile::at(&place, &opened.file.options())
+        let file = TreeFile::at(&place, &opened.file.options())?;
+        let extent = file.header().extent;
+        View::new(Arc::new(file.into()), extent)
     };
     let [first, second] = [at(Some(request.from))?, at(request.to)?];
     let limit = request.limit.unwrap_or(BLOCKS);
