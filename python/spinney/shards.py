@@ -31,7 +31,7 @@ from ._types import Codec, Path, Progress, Resampling
 __all__ = ["Job", "plan", "plan_combine", "plan_transform"]
 
 #: Options of features and models, which shards are not made of.
-_OTHERS = ("cells", "cell", "grid", "max_zoom", "resampling", "edge", "attribute", "up", "unit", "value", "overlaps", "width", "where")
+_OTHERS = ("cells", "cell", "grid", "max_zoom", "resampling", "edge", "attribute", "up", "unit", "value", "overlaps", "sample", "width", "where")
 
 
 def plan(

@@ -115,7 +115,7 @@ def test_pastes_and_operations(tree: tuple[np.ndarray, str], tmp_path: Path) -> 
     with spinney.edit(path) as e:
         with pytest.raises(IndexError, match="stick out"):
             e.paste(patch, at=(-10, 70))
-        e.paste(patch[:20, 10:], at=(0, 70))
+        e.paste(patch[:20, 10:], at=(0, 70), void=True)
     assert np.array_equal(spinney.open(path).read(1, masked=True)[70:, :20].filled(0), patch[:20, 10:].filled(0))
 
 

@@ -51,7 +51,9 @@ def test_cells_are_those_of_gdal(tmp_path: Path) -> None:
     for seed in range(30):
         document = layer(np.random.default_rng(seed), 12)
         path.write_text(json.dumps(document))
-        spinney.build(path, out, grid=like, value="v")
+        # (Features reach beyond the cells of the other tree, and extend the result.)
+        spinney.build(path, tmp_path / "all.goblin", grid=like, value="v")
+        spinney.transform(tmp_path / "all.goblin", f"like={like},extent=a", out)
         with spinney.open(out) as ds:
             found = ds.read(masked=True)[0].filled(0)
         # (Each part alone: GDAL takes what parts share out, which overlap here.)
@@ -62,7 +64,9 @@ def test_cells_are_those_of_gdal(tmp_path: Path) -> None:
         ]
         single = {**document, "features": [{"type": "Feature", "properties": {"v": v}, "geometry": g} for g, v in shapes]}
         path.write_text(json.dumps(single))
-        spinney.build(path, out, grid=like, value="v")
+        # (Features reach beyond the cells of the other tree, and extend the result.)
+        spinney.build(path, tmp_path / "all.goblin", grid=like, value="v")
+        spinney.transform(tmp_path / "all.goblin", f"like={like},extent=a", out)
         with spinney.open(out) as ds:
             found_single = ds.read(masked=True)[0].filled(0)
         expected = features.rasterize(shapes, (SIDE, SIDE), transform=(1, 0, 0, 0, -1, SIDE), dtype="uint8")

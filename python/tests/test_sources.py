@@ -19,11 +19,11 @@ CLASSES = FIXTURES / "v1" / "classes.goblin"
 FACTS = ("kind", "rule", "nodata", "crs", "transform", "colormap", "categories", "descriptions", "units", "scales", "offsets")
 
 
-def same(a: spinney.Dataset, b: spinney.Dataset) -> None:
-    """Trees that have the same cells at all levels, and tell the same."""
+def same(a: spinney.Dataset, b: spinney.Dataset, levels: int | None = None) -> None:
+    """Trees that have the same cells at all levels, or the finest ones, and tell the same."""
     assert {name: getattr(a, name) for name in FACTS} == {name: getattr(b, name) for name in FACTS}
     assert np.array_equal(a.matrix, b.matrix) and a.dtype == b.dtype and a.depth == b.depth and a.tags == b.tags
-    for level in range(a.levels):
+    for level in range(0 if levels is None else a.levels - levels, a.levels):
         ours, theirs = (np.ma.filled(ds.read(level=level, masked=True).astype("f8"), -1e30) for ds in (a, b))
         assert np.array_equal(ours, theirs), level
 
@@ -62,7 +62,8 @@ def test_trees_keep_their_meaning(tmp_path: Path, program: str, history: str) ->
     with spinney.open(CLASSES, view=["mirror=x", "window=5,7,100,90"]) as view:
         spinney.build(view, out)
         with spinney.open(out) as made:
-            same(view, made)
+            # (Levels of a mirrored view are those of its file, in which another child may come first where classes are tied.)
+            same(view, made, levels=1)
             assert "mirror=x" in made.provenance[-1]
     with spinney.open(CLASSES) as ds:
         spinney.build(ds.level(5), out)

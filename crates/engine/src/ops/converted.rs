@@ -93,9 +93,13 @@ impl Converted {
                     if channel >= channels {
                         return opaque(from);
                     }
-                    match missing {
-                        Some(missing) if !present[channel] => to.numbers(missing)[channel],
-                        _ => linear(maps[channel], numbers[channel]),
+                    match (missing, linear(maps[channel], numbers[channel])) {
+                        (Some(missing), _) if !present[channel] => to.numbers(missing)[channel],
+                        // (Integers are the nearest ones, a half upwards, as in means.)
+                        (_, Number::Float(number)) if !to.sample.is_float() => {
+                            Number::Float((number + 0.5).floor())
+                        }
+                        (_, number) => number,
                     }
                 })
             }
