@@ -114,11 +114,11 @@ pub mod ops {
         AffineMap, Around, Axis, BlockSource, Blockwise, Calculated, Calculation, CellPatch, Change,
         ClassMatching, Coarse, CoarseNode, Combined, CombinedNode, CompareReport, Connectivity, Conversion,
         Converted, Difference, Differences, FdRange, FillPatch, LayerInfo, MAX_ZOOM, MadeOperand, MemoryTree,
-        Opaque, Outcome, OutputExtent, Pair, PairOfSamples, Patch, Patched, PatchedNode, Prefer,
-        ReconcileOptions, Regions, Sampling, Sieve, TreeFile, TreeFileNode, Turn, View, ViewNode, ViewSource,
-        ViewSourceNode, WarpGrid, WarpTarget, Warped, add_layer, apply_edits, blame, build, combine_with,
-        crosstab, crosstab_files, data_box, diff, diff_files, differences, drop_layer, layer_paths,
-        only_layer, transform_to, warp,
+        Outcome, OutputExtent, Pair, PairOfSamples, Patch, Patched, PatchedNode, Prefer, ReconcileOptions,
+        Regions, Sampling, Sieve, TreeFile, TreeFileNode, Turn, View, ViewNode, ViewSource, ViewSourceNode,
+        WarpGrid, WarpTarget, Warped, add_layer, apply_edits, blame, build, combine_with, crosstab,
+        crosstab_files, data_box, diff, diff_files, differences, drop_layer, layer_paths, only_layer,
+        transform_to, warp,
     };
 }
 

@@ -1,21 +1,17 @@
 //! Damaged and crafted Goblin files: an error or the right answer, never a panic, a hang, or memory without bound.
 
 use std::io::Write;
-use std::sync::{Arc, LazyLock};
+use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
 use spinney::query::Condition;
-use spinney::raw::ops::{self, AffineMap, Axis, Combined, Sampling, View, ViewSource};
 use spinney::raw::store::goblin::Goblin;
-use spinney::tree::{Child, MemTree, Source};
-use spinney::{
-    Bounds, CombineOperation, DataKind, Dataset, Error, Number, OpenOptions, Output, Result, Rule,
-    SampleType, SetOperation,
-};
+use spinney::tree::{Child, Source};
+use spinney::{Bounds, DataKind, Dataset, Error, Number, OpenOptions, Result, Rule, SampleType};
 
 use crate::common::command::{is_alone, own_peak_memory};
 use crate::common::reference::{self, Cut};
-use crate::common::{self, Cells, OCT, QUAD, Random, goblin_bytes, quad, set_operation, try_children};
+use crate::common::{Cells, OCT, QUAD, Random, goblin_bytes, quad, try_children};
 use crate::targets::seal;
 
 /// What a file says to every question, in a form that can be compared.
@@ -150,7 +146,7 @@ pub(super) fn truncate_and_flip(bytes: &[u8], cuts: usize, flips: u64) {
 }
 
 /// A small file of several segments.
-fn map() -> &'static [u8] {
+pub(crate) fn map() -> &'static [u8] {
     static MAP: LazyLock<Vec<u8>> = LazyLock::new(|| {
         let cells = Cells::random(QUAD, 8, [400, 380, 1], 60, true);
         goblin_bytes(&cells, Rule::Majority, DataKind::Categorical)
@@ -190,7 +186,7 @@ fn damage_to_files_that_are_cut_everywhere_is_found() {
     }
 }
 
-const HEADER: usize = 24;
+pub(crate) const HEADER: usize = 24;
 
 /// A file taken apart, to be put together with right checksums and wrong contents.
 #[derive(Clone)]
@@ -557,48 +553,4 @@ fn versions() {
 
 fn memory_stays_bounded() {
     assert!(own_peak_memory() < 1 << 30, "{} bytes", own_peak_memory());
-}
-
-/// Records that say anything, unchecked: what is made of them may be nonsense, but is made or refused.
-#[test]
-fn operations_on_records_that_lie() {
-    let folder = tempfile::tempdir().unwrap();
-    let options = OpenOptions::new().check(false);
-    let good = Arc::new(ViewSource::from(Goblin::from_bytes(map().to_vec()).unwrap()));
-    let mut random = Random(12);
-    for round in 0..120u64 {
-        let mut bytes = map().to_vec();
-        for _ in 0..1 + round % 5 {
-            // The segments follow the header.
-            let at = HEADER + random.below(bytes.len() as u64 / 2) as usize;
-            bytes[at] ^= 1 << random.below(8);
-        }
-        let Ok(file) = Goblin::from_backend("map".as_ref(), Box::new(bytes), &options) else { continue };
-        let file = Arc::new(ViewSource::from(file));
-        let extent = file.header().extent;
-        let of = |file: &Arc<ViewSource>| View::new(file.clone(), extent).unwrap();
-        let view = || of(&file);
-        let views = [
-            view(),
-            view().window([3, 5, 0], [300, 300, 1]).unwrap(),
-            view().transform(&AffineMap::rotation(Axis::Z, 30.0, [9.0; 3])).unwrap(),
-            view().scale([0.3, 0.3, 1.0]).unwrap().sampled(Sampling::Area(Rule::Majority)).unwrap(),
-        ];
-        let view = &views[(round % 4) as usize];
-        let header = file.header();
-        let options = common::options(header.rule, header.kind, view.depth());
-        let output = Output::create(&folder.path().join("made.goblin")).unwrap();
-        let alone = Combined::new(vec![view.clone()], CombineOperation::Over, view.extent()).unwrap();
-        let _ = ops::build(&alone, &options, output, &());
-        let xor = CombineOperation::set(SetOperation::SymmetricDifference);
-        let combined = Combined::new(vec![of(&file), of(&file)], xor, extent).unwrap();
-        let _ = MemTree::from_source(&combined, Rule::Nearest);
-        for number in [6, 7] {
-            let set = CombineOperation::set(set_operation(number));
-            let combined = Combined::new(vec![of(&good), of(&file)], set, extent).unwrap();
-            let options = common::options(header.rule, header.kind, header.shape.depth);
-            let output = Output::create(&folder.path().join("made.goblin")).unwrap();
-            let _ = ops::build(&combined, &options, output, &());
-        }
-    }
 }

@@ -40,6 +40,7 @@ mod frozen;
 mod fuzz_corpus;
 mod goblin;
 mod hostile;
+mod hostile_operations;
 #[cfg(unix)]
 mod kill;
 mod layers;

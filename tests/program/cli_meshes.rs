@@ -189,3 +189,21 @@ fn memory_stays_within_its_budget() {
     let found = stats["solid"]["volume"].as_f64().or(stats["volume"].as_f64()).unwrap();
     assert!((found / volume - 1.0).abs() < 5e-3, "{found}, expected {volume}");
 }
+
+#[test]
+fn export_of_a_volume_without_void_names_the_command_that_makes_zero_void() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    // A plate of 255 in a block of 0.
+    let bytes: Vec<u8> = (0..8 * 8 * 8).map(|cell| if cell / 8 % 8 == 3 { 255 } else { 0 }).collect();
+    std::fs::write(at("mask.raw"), bytes).unwrap();
+    spinney(&["build", &at("mask.raw"), "--raw-size", "8,8,8", "--raw-type", "u8", "-o", &at("mask.goblin")])
+        .success();
+    let said = stderr(spinney(&["export", &at("mask.goblin"), &at("all.stl")]).success());
+    let command = said.split('`').nth(1).unwrap_or_else(|| panic!("{said}"));
+    let words: Vec<&str> = command.split(' ').skip(1).collect();
+    spinney(&words).success();
+    let said = stderr(spinney(&["export", words[words.len() - 1], &at("plate.stl")]).success());
+    assert!(!said.contains("void=0"), "{said}");
+    assert_eq!(spinney::open(words[words.len() - 1]).unwrap().statistics(None, &()).unwrap().cells, 64);
+}

@@ -276,7 +276,6 @@ fn advice_is_a_command_that_works() {
     let fixture = |name: &str| format!("{}/fixtures/{name}", env!("CARGO_MANIFEST_DIR"));
     std::fs::copy(fixture("island_rgb.png"), place.at("rgb.png")).unwrap();
     std::fs::copy(fixture("island_classes.tif"), place.at("classes.tif")).unwrap();
-    place.done(&["-q", "build", "rgb.png", "-o", "rgb.goblin"]);
     place.done(&["-q", "build", "classes.tif", "-o", "classes.goblin"]);
     place.done(&["-q", "convert", "dem.goblin", "dem.autumn"]);
     // Zeros where a mask has nothing, and no VOID.
@@ -284,6 +283,7 @@ fn advice_is_a_command_that_works() {
     std::fs::write(place.at("mask.pgm"), bytes).unwrap();
     let corners = "10,0,500000,0,-10,5200000";
     let crs = "EPSG:32632";
+    place.done(&["-q", "build", "rgb.png", "--crs", crs, "--transform", corners, "-o", "rgb.goblin"]);
     place.done(&[
         "-q",
         "build",
@@ -307,7 +307,7 @@ fn advice_is_a_command_that_works() {
     };
     std::fs::write(place.at("tenths.vrt"), scaled("0.1")).unwrap();
     std::fs::write(place.at("ones.vrt"), scaled("1")).unwrap();
-    let cases: [(&[&str], &[&str]); 9] = [
+    let cases: [(&[&str], &[&str]); 10] = [
         (
             &["export", "solid.goblin", "p.geojson", "--polygons"],
             &["export", "layer.goblin", "p.geojson", "--polygons"],
@@ -326,7 +326,12 @@ fn advice_is_a_command_that_works() {
             &["manifest", "-o", "all.manifest.json", "dem.goblin", "OTHER.goblin"],
         ),
         (&["build", "tenths.vrt", "ones.vrt", "-o", "x.goblin"], &["verify", "both.goblin"]),
-        (&["edit", "dem.autumn", "paste", "rgb.goblin"], &[]),
+        // (Of colours the first channel, of heights one that is all three.)
+        (&["edit", "dem.autumn", "paste", "rgb.goblin"], &["info", "OTHER.goblin"]),
+        (
+            &["combine", "over", "rgb.goblin", "mask.goblin", "-o", "x.goblin"],
+            &["combine", "over", "rgb.goblin", "OTHER.goblin", "--extent", "a", "-o", "x.goblin"],
+        ),
         (
             &["combine", "and", "dem.goblin", "mask.goblin", "-o", "x.goblin"],
             &["combine", "and", "dem.goblin", "mask_0.goblin", "-o", "x.goblin"],
@@ -338,7 +343,7 @@ fn advice_is_a_command_that_works() {
     ];
     for (command, then) in cases {
         let (is_done, said) = place.run(command);
-        let is_warning = command[0] == "combine";
+        let is_warning = command[1] == "and";
         assert_eq!(is_done, is_warning, "{command:?}: {said}");
         assert!(
             said.contains("--in world") || then.is_empty() || !commands(&said).is_empty(),

@@ -13,7 +13,7 @@ enum Quantity {
 /// A unit of measure: a number `n` of it is `n * factor + offset` of its quantity's base unit (m, K, m/s, Pa, 1).
 ///
 /// ```
-/// use spinney::raw::store::Unit;
+/// use spinney_container::Unit;
 /// let (feet, celsius) = (Unit::parse("Feet").unwrap(), Unit::parse("degC").unwrap());
 /// assert_eq!((feet.factor, celsius.offset), (0.3048, 273.15));
 /// assert!(Unit::parse("bushels").is_none());

@@ -12,7 +12,7 @@ pub fn world_unit(tree: &Dataset) -> Option<&str> {
     })
 }
 
-/// What cells of a tree measure in the world: area in quadtrees, volume in octrees.
+/// The size of a tree's cells in the world: area in quadtrees, volume in octrees.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CellMeasure {
     /// Area or volume of a cell.

@@ -47,7 +47,7 @@ impl SystemChange {
 /// Options of bringing features to another coordinate system.
 #[derive(Clone, Debug, Default)]
 pub struct ReprojectOptions {
-    /// What is done, in order.
+    /// The operations, in order.
     pub steps: Vec<SystemChange>,
     /// Whether datums are taken for WGS 84 whose shift to it is unknown or needs a grid.
     pub allow_ballpark: bool,
@@ -187,7 +187,7 @@ impl SystemChain {
     }
 }
 
-/// What features have in common.
+/// Properties that all features of a layer share.
 #[derive(Default)]
 struct LayerSurvey {
     features: u64,
@@ -272,18 +272,8 @@ impl FeatureWriter {
         self.losses += u64::from(heights.have_measures || heights.are_there && !self.has_z);
         let mut values: Vec<AttributeValue<'_>> =
             feature.attributes.iter().map(AttributeValue::from).collect();
-        let id = feature.id.as_ref().map(|id| match id {
-            serde_json::Value::String(text) => text.clone(),
-            id => id.to_string(),
-        });
-        if self.has_id_column {
-            let whole = feature.id.as_ref().and_then(serde_json::Value::as_i64);
-            values.push(match (whole, &id) {
-                (Some(whole), _) => AttributeValue::Integer(whole),
-                (None, Some(text)) => AttributeValue::Text(text),
-                (None, None) => AttributeValue::None,
-            });
-        }
+        let id = self.has_id_column.then(|| feature.id_attribute());
+        values.extend(id.iter().map(AttributeValue::from));
         let z: &[f64] = if self.has_z { &heights.of_points } else { &[] };
         let geometry = feature.geometry.as_ref().map(|geometry| FeatureParts::with_heights(geometry, z));
         self.writer.write_feature(&VectorFeature {

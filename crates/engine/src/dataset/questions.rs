@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::{Dataset, Tree};
-use crate::ops::{CombineOperation, Combined, TreeFile, View, ViewSource};
+use crate::ops::{CombineOperation, Combined, TreeFile, View, ViewSource, void_advice};
 use crate::query::{
     Condition, FoundBlock, PointSamples, Statistics, StoredRows, autumnal_histogram, autumnal_statistics,
     check_level, source_find, source_histogram, source_statistics, values_one_by_one,
@@ -233,6 +233,19 @@ impl Dataset {
                 let is_whole = self.totals(None)?.cells >= picture.volume();
                 Ok(!is_whole && self.totals(Some(bounds))?.cells < bounds.volume())
             }
+        }
+    }
+
+    /// Advice on a tree without VOID in which 0 may stand for nothing, so that its cells have no surface but the tree's own: the command that
+    /// makes 0 VOID. `None` if some cells are VOID, none is 0, or cells are computed.
+    ///
+    /// # Errors
+    /// If the file is damaged.
+    pub fn void_advice(&self) -> Result<Option<String>> {
+        let name = self.name().display().to_string();
+        match &self.tree {
+            Tree::View(viewed) => void_advice(&name, viewed.source()),
+            _ => self.as_file().map_or(Ok(None), |file| void_advice(&name, &file.into())),
         }
     }
 

@@ -1,4 +1,4 @@
-//! Trees whose values are converted: to another type, scale or unit, to other numbers of classes, or to what says only that a cell is present.
+//! Trees whose values are converted: to another type, scale or unit, to other numbers of classes, to VOID, or to one that says only that a cell is present.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -21,6 +21,8 @@ pub(super) enum ValueMap {
     Linear([(f64, f64); 4]),
     /// Cells with this value become VOID; all others stay.
     Void(Value),
+    /// Transparent cells become VOID; all others stay. Levels above the cells are what they were: nothing that is transparent counts in them.
+    Transparent,
     /// Numbers of classes become others; those that are not listed stay.
     Classes(BTreeMap<Number, Number>),
 }
@@ -74,12 +76,21 @@ impl Converted {
         }
     }
 
+    /// Whether cells with a value become VOID.
+    fn is_dropped(&self, value: Value) -> bool {
+        match self.map {
+            ValueMap::Void(dropped) => value == dropped,
+            ValueMap::Transparent => self.header.form.value.is_transparent(value),
+            _ => false,
+        }
+    }
+
     /// A value of the source as one of the result.
     fn value(&self, value: Value) -> Value {
         let (from, to) = (self.source.form().value, self.header.form.value);
         match &self.map {
             ValueMap::Presence(present) => *present,
-            ValueMap::Void(_) => value,
+            ValueMap::Void(_) | ValueMap::Transparent => value,
             ValueMap::Classes(numbers) => {
                 let number = from.first_number(value);
                 let number = numbers.get(&number).copied().unwrap_or(number);
@@ -109,7 +120,7 @@ impl Converted {
     fn node(&self, child: Child<ViewSourceNode>) -> Child<ViewSourceNode> {
         match child {
             Child::Void => Child::Void,
-            Child::Leaf(value) if self.map == ValueMap::Void(value) => Child::Void,
+            Child::Leaf(value) if self.is_dropped(value) => Child::Void,
             Child::Leaf(value) => Child::Leaf(self.value(value)),
             Child::Inner { representative, node } => {
                 Child::Inner { representative: self.value(representative), node }
@@ -142,7 +153,7 @@ impl Converted {
         let cells = from.chunks_exact(width).zip(to.chunks_exact_mut(new_width)).zip(valid.iter_mut());
         for ((from, to), valid) in cells.filter(|(_, valid)| **valid) {
             let value = Value::from_bytes(from);
-            if self.map == ValueMap::Void(value) {
+            if self.is_dropped(value) {
                 *valid = false;
                 continue;
             }
@@ -244,8 +255,28 @@ impl View {
         Ok(self.converted(Converted::new(source, value_type, ValueMap::Void(value), metadata)))
     }
 
+    /// The view with VOID for cells that are transparent: those of values with opacity ([`Mask::Alpha`]) where that is 0.
+    ///
+    /// # Errors
+    /// If the file is damaged, which tells whether there are any.
+    pub fn opaque(self) -> Result<View> {
+        let value_type = self.source().header().form.value;
+        if value_type.mask != Mask::Alpha {
+            return Ok(self);
+        }
+        // A file without any is seen as it is, so that what it has stored can be taken over.
+        if let ViewSource::File(_) = &**self.source() {
+            let totals = self.source().totals(None)?;
+            if totals.channels.iter().all(|channel| channel.cells == totals.cells) {
+                return Ok(self);
+            }
+        }
+        let (source, metadata) = (self.source().clone(), self.source().metadata().clone());
+        Ok(self.converted(Converted::new(source, value_type, ValueMap::Transparent, metadata)))
+    }
+
     /// This view with converted values.
     pub(super) fn converted(self, converted: Converted) -> View {
-        self.over_values(Arc::new(ViewSource::Converted(Box::new(converted))))
+        self.over(Arc::new(ViewSource::Converted(Box::new(converted))))
     }
 }

@@ -282,7 +282,7 @@ pub struct CompareReport {
     pub differences: Differences,
     /// The cell of the first tree's grid that is the first of the grid in which both are compared.
     pub origin: [i64; 3],
-    /// What was converted of the second tree.
+    /// Conversions of the second tree.
     pub conversions: Vec<Conversion>,
 }
 
@@ -312,7 +312,7 @@ fn open_both(
 /// compared once.
 ///
 /// # Errors
-/// As [`diff_files`].
+/// Those of [`diff_files`].
 pub fn differences(
     first: &Path,
     second: &Path,

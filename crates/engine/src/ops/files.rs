@@ -56,7 +56,7 @@ pub struct Outcome {
     pub expected: Option<f64>,
     /// The cells of the result of which those that no input has were filled, if the operation did that.
     pub universe: Option<Bounds>,
-    /// What was converted so that inputs mean the same: a line for each.
+    /// Conversions of inputs to the first's grid and values: a line for each.
     pub conversions: Vec<Conversion>,
 }
 
@@ -396,23 +396,33 @@ fn warn_full(
     }
     for (number, (view, name)) in views.iter().zip(names).enumerate() {
         let source = view.source();
-        // (Of what is computed nobody knows before it is.)
-        if source.is_computed() || is_coverage(view) && source.file().is_none() {
+        let is_meant = number == 0 && source.header().kind != DataKind::Categorical;
+        if is_meant || is_coverage(view) && source.file().is_none() {
             continue;
         }
-        let totals = source.totals(None)?;
-        let is_full = totals.cells > 0 && totals.void_cells == 0;
-        let has_zero = totals.channels.first().is_some_and(|channel| channel.min == Number::from(0));
-        if is_full && has_zero && (number > 0 || source.header().kind == DataKind::Categorical) {
-            let stem = FileReference::of(Path::new(name)).file.with_extension("");
-            let text = format!(
-                "has no VOID, so that all of its cells are present; if 0 means nothing: `spinney transform {name} void=0 -o {}_0.goblin`",
-                stem.display()
-            );
+        if let Some(text) = void_advice(name, source)? {
             progress.warn(Path::new(name), &text);
         }
     }
     Ok(())
+}
+
+/// Advice on a tree without VOID in which 0 may stand for nothing: the command that makes it VOID. `None` if some cells are VOID, none is 0,
+/// or cells are computed, so that nobody knows before they are.
+pub(crate) fn void_advice(name: &str, source: &ViewSource) -> Result<Option<String>> {
+    if source.is_computed() {
+        return Ok(None);
+    }
+    let totals = source.totals(None)?;
+    let is_full = totals.cells > 0 && totals.void_cells == 0;
+    let has_zero = totals.channels.first().is_some_and(|channel| channel.min == Number::from(0));
+    Ok((is_full && has_zero).then(|| {
+        let stem = FileReference::of(Path::new(name)).file.with_extension("");
+        format!(
+            "has no VOID, so that all of its cells are present; if 0 means nothing: `spinney transform {name} void=0 -o {}_0.goblin`",
+            stem.display()
+        )
+    }))
 }
 
 /// Whether cells of a view are coverage: how far a body fills them.
@@ -443,7 +453,7 @@ struct Derivation {
     moves: bool,
     /// INNER nodes that the result has at least, about, as far as is known.
     least: u64,
-    /// What values mean.
+    /// The meaning of the values.
     description: Description,
     /// A line to add to the first file's provenance.
     provenance: String,

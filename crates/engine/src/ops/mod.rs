@@ -22,7 +22,6 @@ mod edit;
 mod files;
 mod layers;
 mod mosaic;
-mod opaque;
 mod operation;
 mod patch;
 mod patched;
@@ -48,13 +47,13 @@ pub use crosstab::{Pair, crosstab};
 pub use data_box::data_box;
 pub use diff::{CompareReport, Difference, Differences, FdRange, diff, diff_files, diff_nodes, differences};
 pub use edit::{CellValue, Edit, apply_edits, edit};
+pub(crate) use files::void_advice;
 pub use files::{
     FileView, MadeOperand, Outcome, PairOfSamples, combine, combine_with, crosstab_files, transform,
     transform_to,
 };
 pub use layers::{add_layer, drop_layer, layer_paths, only_layer};
 pub use mosaic::{Mosaic, MosaicNode, list_files};
-pub use opaque::Opaque;
 pub use operation::{CombineOperation, Prefer};
 pub use patch::{CellPatch, Change, FillPatch, FillRegion, Patch};
 pub use patched::{Patched, PatchedNode};

@@ -9,7 +9,6 @@ use super::blockwise::Blockwise;
 use super::calc::Calculated;
 use super::coarse::{Coarse, CoarseNode};
 use super::converted::Converted;
-use super::opaque::Opaque;
 use super::patched::{Patched, PatchedNode};
 use super::regions::Regions;
 use super::tree_file::{TreeFile, TreeFileNode, other_node};
@@ -38,8 +37,6 @@ pub enum ViewSource {
     Warped(Box<Warped>),
     /// What is calculated with the cells of others.
     Calculated(Box<Calculated>),
-    /// Another source without its transparent cells, by whose nodes it goes.
-    Opaque(Box<Opaque>),
     /// Another source with converted values, by whose nodes it goes.
     Converted(Box<Converted>),
     /// A level of a file.
@@ -112,7 +109,6 @@ impl ViewSource {
             ViewSource::Patched(tree) => Some(tree.file().path()),
             ViewSource::Warped(tree) => tree.source().path(),
             ViewSource::Calculated(tree) => tree.source().path(),
-            ViewSource::Opaque(tree) => tree.source().path(),
             ViewSource::Converted(tree) => tree.source().path(),
             ViewSource::Coarse(tree) => Some(tree.file().path()),
             ViewSource::Regions(tree) => tree.source().path(),
@@ -127,7 +123,6 @@ impl ViewSource {
             ViewSource::Patched(tree) => tree.file().access().clone(),
             ViewSource::Warped(tree) => tree.source().access(),
             ViewSource::Calculated(tree) => tree.source().access(),
-            ViewSource::Opaque(tree) => tree.source().access(),
             ViewSource::Converted(tree) => tree.source().access(),
             ViewSource::Coarse(tree) => tree.file().access().clone(),
             ViewSource::Regions(tree) => tree.source().access(),
@@ -151,7 +146,6 @@ impl ViewSource {
             ViewSource::Memory(_)
             | ViewSource::Warped(_)
             | ViewSource::Calculated(_)
-            | ViewSource::Opaque(_)
             | ViewSource::Converted(_)
             | ViewSource::Coarse(_)
             | ViewSource::Regions(_)
@@ -166,7 +160,6 @@ impl ViewSource {
             | ViewSource::Calculated(_)
             | ViewSource::Regions(_)
             | ViewSource::Blockwise(_) => true,
-            ViewSource::Opaque(tree) => tree.source().is_computed(),
             ViewSource::Converted(tree) => tree.source().is_computed(),
             ViewSource::File(_) | ViewSource::Patched(_) | ViewSource::Memory(_) | ViewSource::Coarse(_) => {
                 false
@@ -179,7 +172,6 @@ impl ViewSource {
         match self {
             ViewSource::Calculated(tree) => tree.is_approximate(),
             ViewSource::Warped(tree) => tree.source().is_approximate(),
-            ViewSource::Opaque(tree) => tree.source().is_approximate(),
             ViewSource::Converted(tree) => tree.leaves_cells_out() || tree.source().is_approximate(),
             // (Levels are made by whoever builds them.)
             ViewSource::Regions(_) | ViewSource::Blockwise(_) => true,
@@ -203,7 +195,6 @@ impl ViewSource {
     pub(super) fn representative(&self, node: &ViewSourceNode, given: Value) -> Result<Value> {
         match (self, node) {
             (ViewSource::File(file), ViewSourceNode::File(node)) => file.representative(node, given),
-            (ViewSource::Opaque(tree), node) => tree.source().representative(node, given),
             (ViewSource::Converted(tree), node) => tree.representative(node, given),
             _ => Ok(given),
         }
@@ -216,7 +207,6 @@ impl ViewSource {
             ViewSource::Patched(tree) => tree.file().remark(),
             ViewSource::Warped(tree) => tree.source().remark(),
             ViewSource::Calculated(tree) => tree.source().remark(),
-            ViewSource::Opaque(tree) => tree.source().remark(),
             ViewSource::Converted(tree) => tree.source().remark(),
             ViewSource::Coarse(tree) => tree.file().remark(),
             ViewSource::Regions(tree) => tree.source().remark(),
@@ -226,9 +216,6 @@ impl ViewSource {
 
     /// Hands the remark on the file, if there is one, to whoever waits for the work.
     pub(super) fn tell_remark(&self, progress: &dyn Progress) {
-        if let ViewSource::Opaque(tree) = self {
-            return tree.source().tell_remark(progress);
-        }
         if let ViewSource::Regions(tree) = self {
             return tree.source().tell_remark(progress);
         }
@@ -255,7 +242,6 @@ impl ViewSource {
             ViewSource::Memory(tree) => &tree.header,
             ViewSource::Warped(tree) => tree.header(),
             ViewSource::Calculated(tree) => tree.header(),
-            ViewSource::Opaque(tree) => tree.source().header(),
             ViewSource::Converted(tree) => tree.header(),
             ViewSource::Coarse(tree) => tree.header(),
             ViewSource::Regions(tree) => tree.header(),
@@ -271,7 +257,6 @@ impl ViewSource {
             ViewSource::Memory(tree) => &tree.metadata,
             ViewSource::Warped(tree) => tree.metadata(),
             ViewSource::Calculated(tree) => tree.metadata(),
-            ViewSource::Opaque(tree) => tree.source().metadata(),
             ViewSource::Converted(tree) => tree.metadata(),
             ViewSource::Coarse(tree) => tree.metadata(),
             ViewSource::Regions(tree) => tree.metadata(),
@@ -287,7 +272,6 @@ impl ViewSource {
             ViewSource::Memory(_)
             | ViewSource::Warped(_)
             | ViewSource::Calculated(_)
-            | ViewSource::Opaque(_)
             | ViewSource::Converted(_)
             | ViewSource::Coarse(_)
             | ViewSource::Regions(_)
@@ -300,11 +284,10 @@ impl ViewSource {
         match self {
             ViewSource::File(file) => file.shared_records(),
             ViewSource::Patched(tree) => tree.file().claimed_records(),
-            ViewSource::Opaque(tree) => tree.source().shared_records(),
+            ViewSource::Converted(tree) => tree.source().shared_records(),
             ViewSource::Memory(_)
             | ViewSource::Warped(_)
             | ViewSource::Calculated(_)
-            | ViewSource::Converted(_)
             | ViewSource::Coarse(_)
             | ViewSource::Regions(_)
             | ViewSource::Blockwise(_) => Ok(0),
@@ -315,7 +298,6 @@ impl ViewSource {
     pub(super) fn cells_before(&self) -> Result<u64> {
         match self {
             ViewSource::Calculated(tree) => tree.cells_before(),
-            ViewSource::Opaque(tree) => tree.source().cells_before(),
             ViewSource::Converted(tree) => tree.source().cells_before(),
             ViewSource::Regions(tree) => tree.source().cells_before(),
             ViewSource::Coarse(tree) => ViewSource::from(tree.file().clone()).cells_before(),
@@ -349,7 +331,6 @@ impl ViewSource {
         node_of: impl Fn(ViewSourceNode) -> N,
     ) -> Result<()> {
         match (self, node) {
-            (ViewSource::Opaque(tree), node) => children_of(&**tree, node, children, node_of),
             (ViewSource::Converted(tree), node) => children_of(&**tree, node, children, node_of),
             (ViewSource::File(file), ViewSourceNode::File(node)) => {
                 file.children_as(node, children, |node| node_of(ViewSourceNode::File(node)))
@@ -521,7 +502,6 @@ impl Source for ViewSource {
             ViewSource::Coarse(tree) => tree.root()?.map_node(ViewSourceNode::Coarse),
             ViewSource::Regions(tree) => tree.root()?.map_node(ViewSourceNode::Regions),
             ViewSource::Blockwise(tree) => tree.root()?.map_node(ViewSourceNode::Blockwise),
-            ViewSource::Opaque(tree) => tree.root()?,
             ViewSource::Converted(tree) => tree.root()?,
         })
     }
@@ -538,10 +518,7 @@ impl Source for ViewSource {
             ViewSource::Coarse(tree) => tree.draw(bounds, values, valid),
             ViewSource::Regions(tree) => tree.draw(bounds, values, valid),
             ViewSource::Converted(tree) => tree.draw(bounds, values, valid),
-            ViewSource::Patched(_)
-            | ViewSource::Memory(_)
-            | ViewSource::Opaque(_)
-            | ViewSource::Blockwise(_) => Ok(false),
+            ViewSource::Patched(_) | ViewSource::Memory(_) | ViewSource::Blockwise(_) => Ok(false),
         }
     }
 
@@ -564,7 +541,6 @@ impl Source for ViewSource {
             ViewSource::Patched(tree) => tree.check_unchanged(),
             ViewSource::Warped(tree) => tree.check_unchanged(),
             ViewSource::Calculated(tree) => tree.check_unchanged(),
-            ViewSource::Opaque(tree) => tree.source().check_unchanged(),
             ViewSource::Converted(tree) => tree.source().check_unchanged(),
             ViewSource::Coarse(tree) => tree.check_unchanged(),
             ViewSource::Regions(tree) => tree.check_unchanged(),

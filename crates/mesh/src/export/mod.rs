@@ -173,6 +173,7 @@ pub fn export_mesh(
         FaceAttribute::None => BlockAttribute::Nothing,
         _ => BlockAttribute::Value,
     };
+    warn_full(tree, progress)?;
     let mut blocks = tree.cell_blocks(level, carry)?;
     let metadata = tree.metadata();
     let frame = metadata.frame.coarser(tree.depth() - level);
@@ -204,6 +205,7 @@ pub fn surface_mesh(tree: &Dataset, request: &MeshRequest, progress: &dyn Progre
     let is_occupancy = tree.header().rule == Rule::Occupancy;
     let carry =
         if request.smooth && is_occupancy { BlockAttribute::Coverage } else { BlockAttribute::Nothing };
+    warn_full(tree, progress)?;
     let mut blocks = tree.cell_blocks(level, carry)?;
     let frame = tree.metadata().frame.coarser(tree.depth() - level);
     let margin = Precision::of(&frame, level)?.margin(MeshFormat::Obj);
@@ -211,6 +213,16 @@ pub fn surface_mesh(tree: &Dataset, request: &MeshRequest, progress: &dyn Progre
     let surface = if request.smooth { Surface::Smooth { margin } } else { Surface::Faces };
     write_surface(&mut *blocks, Mesh::new(Box::new(sink), &frame, true), surface, progress)?;
     Ok(arrays::Arrays::take(made))
+}
+
+/// Warns of a tree that may be a volume whose 0 means nothing, as in masks of 0 and 255: its surface is that of its box.
+fn warn_full(tree: &Dataset, progress: &dyn Progress) -> Result<()> {
+    if tree.header().rule != Rule::Occupancy
+        && let Some(text) = tree.void_advice()?
+    {
+        progress.warn(tree.name(), &text);
+    }
+    Ok(())
 }
 
 /// Writes the surface of the cells that any source has in blocks; `frame` is that of these cells, and

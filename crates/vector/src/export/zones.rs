@@ -201,18 +201,8 @@ impl ZoneWriter {
             self.columns.iter().map(|column| column.value(&zones[column.layer])).collect();
         let mut values: Vec<AttributeValue<'_>> =
             feature.attributes.iter().map(AttributeValue::from).collect();
-        let id = feature.id.as_ref().map(|id| match id {
-            serde_json::Value::String(text) => text.clone(),
-            id => id.to_string(),
-        });
-        if self.has_id_column {
-            values.push(match (&feature.id, &id) {
-                (Some(id), Some(text)) => {
-                    id.as_i64().map_or(AttributeValue::Text(text), AttributeValue::Integer)
-                }
-                _ => AttributeValue::None,
-            });
-        }
+        let id = self.has_id_column.then(|| feature.id_attribute());
+        values.extend(id.iter().map(AttributeValue::from));
         values.extend(answers.iter().map(AttributeValue::from));
         let geometry = feature.geometry.as_ref().map(FeatureParts::of);
         self.writer.write_feature(&VectorFeature {

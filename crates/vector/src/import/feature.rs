@@ -48,6 +48,19 @@ pub struct Feature {
     pub heights: Heights,
 }
 
+impl Feature {
+    /// The id as an attribute: an integer, or else its text.
+    pub(crate) fn id_attribute(&self) -> FeatureAttribute {
+        match &self.id {
+            None => FeatureAttribute::None,
+            Some(Value::String(text)) => FeatureAttribute::Text(text.clone()),
+            Some(id) => {
+                id.as_i64().map_or_else(|| FeatureAttribute::Text(id.to_string()), FeatureAttribute::Integer)
+            }
+        }
+    }
+}
+
 /// The geometry of a feature: x and y (z: [`Heights::of_points`]). One without parts is empty.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FeatureGeometry {
@@ -84,7 +97,7 @@ impl FeatureGeometry {
         }
     }
 
-    /// The same, to be changed.
+    /// Changes all points, and vertices of lines and rings, in their order; stops at the first error of `change`.
     pub(crate) fn for_each_point<E>(
         &mut self,
         change: &mut dyn FnMut(&mut [f64; 2]) -> std::result::Result<(), E>,

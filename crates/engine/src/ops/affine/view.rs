@@ -214,13 +214,8 @@ impl View {
         }
     }
 
-    /// This view of another source of the same cells.
-    pub(in crate::ops) fn over(self, source: Arc<ViewSource>) -> View {
-        View { source, ..self }
-    }
-
     /// This view of a source that has other values in the same nodes.
-    pub(in crate::ops) fn over_values(self, source: Arc<ViewSource>) -> View {
+    pub(in crate::ops) fn over(self, source: Arc<ViewSource>) -> View {
         View { form: source.form(), source, ..self }
     }
 

@@ -10,7 +10,7 @@ use spinney_base::io::{FileAccess, local_path, shown, url_of};
 use spinney_base::space::Bounds;
 use spinney_base::value::DataKind;
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{FileReference, HEAVY_THRESHOLD, Header, Metadata, STRIDE, Shape, reach};
+use spinney_container::{FileReference, HEAVY_THRESHOLD, Header, Metadata, STRIDE, Shape, Tag, reach};
 use spinney_manifest::{ListedFile, Manifest};
 
 /// A file that is to be listed.
@@ -183,14 +183,8 @@ fn add(
         share(path, &mut manifest.metadata, file, left)?;
     }
     // All in one grid: that of the manifest, moved to where no cell is negative.
-    let located = |name, metadata: &Metadata, extent| Located {
-        name,
-        frame: metadata.frame.clone(),
-        extent,
-        data: Bounds::picture(extent),
-        metres: None,
-        is_coverage: false,
-        allow_ballpark: false,
+    let located = |name, metadata: &Metadata, extent| {
+        Located::new(name, metadata.frame.clone(), metadata.tag(Tag::Unit), extent)
     };
     let own = path.display().to_string();
     // (Messages name a file, since the manifest may not be there yet.)

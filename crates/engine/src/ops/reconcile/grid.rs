@@ -59,7 +59,8 @@ impl FromStr for OutputExtent {
     }
 }
 
-/// Positions agree if they differ by less than this, in cells.
+/// Positions agree if they differ by less than this, in cells: frames of one grid differ by rounding (degrees with six decimals, origins
+/// with centimetres), which no cell of a result should show.
 const CLOSE: f64 = 1e-3;
 
 /// A box of cells: where it begins, and where it ends.
@@ -96,19 +97,13 @@ pub fn grid_like(
     (own_name, own): (&str, &WarpGrid),
     allow_ballpark: bool,
 ) -> Result<WarpGrid> {
-    let located = |name, grid: &WarpGrid| Located {
-        name,
-        frame: grid.frame.clone(),
-        extent: grid.extent,
-        data: Bounds::picture(grid.extent),
-        metres: None,
-        is_coverage: false,
+    let operands = [(name, other), (own_name, own)];
+    let operands = operands.map(|(name, grid)| Located {
         allow_ballpark,
-    };
-    let operands = [located(name, other), located(own_name, own)];
-    let CommonGrid { frame, extent, .. } =
-        CommonGrid::of(&operands, Dimension::Quad, OutputExtent::Union, Position::World)?;
-    Ok(WarpGrid { frame, extent })
+        ..Located::new(name, grid.frame.clone(), None, grid.extent)
+    });
+    let grid = CommonGrid::of(&operands, Dimension::Quad, OutputExtent::Union, Position::World)?;
+    Ok(grid.warp_grid())
 }
 
 /// Where the second of two operands lies.
@@ -138,19 +133,25 @@ pub(in crate::ops) struct Located<'a> {
 }
 
 impl<'a> Located<'a> {
+    /// All cells of an extent, which are not coverage; `unit` is the tree's unit of length, if it has one.
+    pub(in crate::ops) fn new(
+        name: &'a str,
+        frame: Frame,
+        unit: Option<&str>,
+        extent: [u64; 3],
+    ) -> Located<'a> {
+        let metres = unit.filter(|_| frame.crs.is_none()).and_then(Unit::parse).and_then(Unit::metres);
+        let data = Bounds::picture(extent);
+        Located { name, frame, extent, data, metres, is_coverage: false, allow_ballpark: false }
+    }
+
     /// The cells of a view.
     pub(in crate::ops) fn of(name: &'a str, view: &View) -> Located<'a> {
-        let frame = view.frame(false);
         let unit = view.source().metadata().tag(Tag::Unit);
-        let metres = unit.filter(|_| frame.crs.is_none()).and_then(Unit::parse).and_then(Unit::metres);
         Located {
-            name,
-            frame,
-            extent: view.extent(),
-            data: Bounds::picture(view.extent()),
-            metres,
             is_coverage: view.source().header().rule == Rule::Occupancy,
             allow_ballpark: view.allows_ballpark(),
+            ..Located::new(name, view.frame(false), unit, view.extent())
         }
     }
 }
@@ -281,10 +282,15 @@ impl CommonGrid {
         }
     }
 
+    /// The grid as a target of the warper.
+    fn warp_grid(&self) -> WarpGrid {
+        WarpGrid { frame: self.frame.clone(), extent: self.extent }
+    }
+
     /// A view of an operand on the grid.
     ///
     /// # Errors
-    /// As [`View::onto`] and [`View::warped`].
+    /// Those of [`View::onto`] and [`View::warped`].
     pub(in crate::ops) fn bring(&self, number: usize, view: View) -> Result<View> {
         match &self.mappings[number] {
             CellMapping::Affine { map, .. } if *map == AffineMap::IDENTITY && self.is_own(view.extent()) => {
@@ -309,16 +315,14 @@ impl CommonGrid {
                 let is_planar = view.form().dimension == Dimension::Quad;
                 let is_possible = is_planar && !is_nested && view.has_its_cells();
                 if let Some(way) = way.filter(|way| is_possible && way.fits(view.source().header().kind)) {
-                    let grid = WarpGrid { frame: self.frame.clone(), extent: self.extent };
-                    return view.resampling(Some(way)).warped(&grid);
+                    return view.resampling(Some(way)).warped(&self.warp_grid());
                 }
                 let view = if is_nearest { view } else { view.sampled(Sampling::Area(rule))? };
                 view.onto(&to_grid, self.extent)
             }
             CellMapping::Warp { copies } => {
-                let grid = WarpGrid { frame: self.frame.clone(), extent: self.extent };
                 let view = if *copies { view.resampling(Some(Resampling::Nearest)) } else { view };
-                view.warped(&grid)
+                view.warped(&self.warp_grid())
             }
         }
     }
@@ -370,6 +374,9 @@ fn around_the_world(own: &CellBox, other: &CellBox, turn: f64) -> Turned {
 }
 
 /// The cells of which a box covers half along each axis, or any part: one at least.
+///
+/// Half a cell is what resampling gives a value to, so that a border cell that the box hardly touches is not added as VOID. Coverage is a
+/// share of a cell: the least part of a body is kept.
 fn whole_cells((low, high): CellBox, any_part: bool) -> CellBox {
     let outer = ((low + CLOSE).floor(), (high - CLOSE).ceil());
     if any_part {
@@ -419,6 +426,10 @@ fn length_map(first: &Located<'_>, second: &Located<'_>) -> AffineMap {
 }
 
 /// The map without rounding errors, and whether it takes whole cells to whole blocks of cells, or whole blocks of cells to cells.
+///
+/// Invariant of nested maps: every factor is exactly 0 or a power of two with its sign, one in each row and column, all of them at least 1
+/// or all at most 1; the first cell is exactly at a whole cell, or of smaller cells at a whole one of theirs. So `bring` copies nodes without
+/// arithmetic on their values, and `shift` has exact integers.
 fn cleaned(map: &AffineMap, extent: [u64; 3]) -> (AffineMap, bool) {
     let mut rows = map.to_rows();
     let most = extent.into_iter().max().unwrap_or(1) as f64;

@@ -7,6 +7,7 @@ mod classes;
 mod grid;
 mod values;
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
 
@@ -17,6 +18,7 @@ use crate::query::source_statistics;
 use crate::tree::Source;
 use classes::{Classes, Renumbered};
 use serde::{Deserialize, Serialize};
+use spinney_base::space::Dimension;
 use spinney_base::value::{DataKind, Number, Rule, SampleType, Value, ValueType};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Header, Metadata};
@@ -41,14 +43,14 @@ pub struct ReconcileOptions {
     pub round: bool,
 }
 
-/// A line about what was converted of an operand.
+/// A report of one conversion of an operand.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Conversion {
     /// The operand's name: its path.
     pub operand: String,
-    /// What was converted: `grid`, `type`, `scale`, `unit` or `classes`.
+    /// The converted property: `grid`, `type`, `scale` (with the unit), `classes` or `kind`.
     pub what: &'static str,
-    /// From what to what.
+    /// A description of the conversion: from what to what.
     pub text: String,
 }
 
@@ -58,7 +60,7 @@ impl fmt::Display for Conversion {
     }
 }
 
-/// What an operation needs of an operand.
+/// The part of an operand that an operation needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Needs {
     /// Its values, as values of the result.
@@ -77,7 +79,7 @@ pub(super) struct Reconciled {
     pub(super) grid: CommonGrid,
     /// The meaning of values.
     pub(super) description: Description,
-    /// What was converted.
+    /// The conversions, operand by operand.
     pub(super) conversions: Vec<Conversion>,
 }
 
@@ -146,24 +148,27 @@ pub(super) fn reconcile(
     options: &ReconcileOptions,
     Target { is_fixed, position }: Target,
 ) -> Result<Reconciled> {
-    let Some((first_name, first)) = operands.first() else {
-        return Err(Error::invalid("files", "none", "at least one"));
-    };
-    let dimension = first.form().dimension;
-    for (name, view) in &operands {
-        if view.form().dimension != dimension {
-            let expected = format!("{}, as {first_name} is", dimension.tree_name());
-            return Err(Error::invalid(name.clone(), view.form().dimension.tree_name(), expected));
-        }
-    }
+    let dimension = common_dimension(&operands)?;
     let located: Vec<Located<'_>> = operands.iter().map(|(name, view)| Located::of(name, view)).collect();
     let grid = CommonGrid::of(&located, dimension, options.extent, position)?;
     let mut conversions = Vec::new();
     let described_by = (0..operands.len()).find(|number| needs(*number) != Needs::Presence).unwrap_or(0);
     let (classes, renumbered) = match_classes(&operands, described_by, needs, options)?;
-    let valued: Vec<usize> = (0..operands.len()).filter(|number| needs(*number) == Needs::Values).collect();
-    let (space, mut maps) = common_values(&operands, &valued, &renumbered, options, is_fixed)?;
-    let is_continuous = !is_fixed && mixes_kinds(&operands, &valued);
+    let valued = |number: usize| Valued::of(number, &operands[number], &renumbered[number]);
+    let valued: Vec<Valued<'_>> =
+        (0..operands.len()).filter(|number| needs(*number) == Needs::Values).map(valued).collect();
+    let (space, mut maps) = match &valued[..] {
+        [] => (None, BTreeMap::new()),
+        valued => {
+            let (space, maps) = values::common(valued, options, is_fixed)?;
+            (Some(space), maps)
+        }
+    };
+    let is_continuous = !is_fixed && mixes_kinds(&valued);
+    if is_continuous {
+        let text = "categorical and continuous values are joined as continuous ones, without names and colours of classes".into();
+        conversions.push(Conversion { operand: operands[described_by].0.clone(), what: "kind", text });
+    }
     let mut described = operands[described_by].1.source().metadata().clone();
     if let Some(space) = &space {
         space.describe(&mut described);
@@ -172,53 +177,41 @@ pub(super) fn reconcile(
     let on_cells = operands.iter().enumerate().filter(|(number, _)| grid.shift(*number).is_some());
     let deepest = on_cells.map(|(_, (_, view))| view.depth()).max().unwrap_or(0);
     let mut views = Vec::with_capacity(operands.len());
-    if is_continuous {
-        let text = "categorical and continuous values are joined as continuous ones, without names and colours of classes".into();
-        conversions.push(Conversion { operand: operands[described_by].0.clone(), what: "kind", text });
-    }
     for (number, (name, view)) in operands.into_iter().enumerate() {
         let mut say = |what, text| conversions.push(Conversion { operand: name.clone(), what, text });
         if let Some(text) = grid.resampled(number, &view) {
             say("grid", text);
         }
+        let (needs, classes) = (needs(number), &renumbered[number]);
         let metadata = view.source().metadata();
         let from = view.form().value;
-        let to = match (&space, needs(number)) {
+        let to = match (&space, needs) {
             (Some(space), Needs::Values | Needs::Presence) => space.value,
-            _ => wide_enough(from, &renumbered[number]),
+            _ => wide_enough(from, classes),
         };
-        let map = match (needs(number), maps[number].take()) {
-            (Needs::Presence, _) => (from != to).then_some(ValueMap::Presence(Value::ZERO)),
-            (_, _) if !renumbered[number].is_empty() => {
-                say("classes", list(&renumbered[number], metadata));
-                let numbers = renumbered[number].iter().map(|class| (class.from, class.to)).collect();
-                Some(ValueMap::Classes(numbers))
+        let map = match needs {
+            Needs::Presence => (from != to).then_some(ValueMap::Presence(Value::ZERO)),
+            _ if !classes.is_empty() => {
+                Some(ValueMap::Classes(classes.iter().map(|class| (class.from, class.to)).collect()))
             }
-            (_, map) => map,
+            _ => maps.remove(&number),
         };
-        if let Some(ValueMap::Linear(map)) = &map {
-            let is_new =
-                |(channel, pair): (usize, &(f64, f64))| (*pair != (1.0, 0.0)).then_some((channel, *pair));
-            if let Some((channel, (factor, summand))) = map.iter().enumerate().find_map(is_new) {
-                let unit = |metadata: &Metadata| metadata.units.get(channel).cloned().unwrap_or_default();
-                let (here, there) = (unit(&described), unit(metadata));
-                let summand = if summand == 0.0 { String::new() } else { format!(", plus {summand}") };
-                let units = if here == there || there.is_empty() {
-                    String::new()
-                } else {
-                    format!(" ({there} to {here})")
-                };
-                let text = format!("numbers times {factor}{summand}{units}");
-                say("scale", text);
+        match &map {
+            Some(ValueMap::Classes(_)) => say("classes", list(classes, metadata)),
+            Some(ValueMap::Linear(maps)) => {
+                if let Some(text) = scaled(maps, &metadata.units, &described.units) {
+                    say("scale", text);
+                }
             }
+            _ => {}
         }
-        if from.without_mask() != to.without_mask() && needs(number) == Needs::Values {
+        if from.without_mask() != to.without_mask() && needs == Needs::Values {
             say("type", format!("{from} as {to}"));
         }
         let view = match map {
             Some(map) => {
                 let mut own = metadata.clone();
-                if needs(number) == Needs::Values {
+                if needs == Needs::Values {
                     (own.scale_offset, own.units) = (described.scale_offset.clone(), described.units.clone());
                     own.alpha = described.alpha;
                 }
@@ -233,6 +226,21 @@ pub(super) fn reconcile(
     let views = views.into_iter().map(|view| view.deepened(deepest)).collect::<Result<_>>()?;
     let description = Description { operand: described_by, space, classes, is_continuous };
     Ok(Reconciled { views, grid, description, conversions })
+}
+
+/// The dimension of all operands, of which there must be one at least.
+fn common_dimension(operands: &[(String, View)]) -> Result<Dimension> {
+    let Some((first_name, first)) = operands.first() else {
+        return Err(Error::invalid("files", "none", "at least one"));
+    };
+    let dimension = first.form().dimension;
+    match operands.iter().find(|(_, view)| view.form().dimension != dimension) {
+        None => Ok(dimension),
+        Some((name, view)) => {
+            let expected = format!("{}, as {first_name} is", dimension.tree_name());
+            Err(Error::invalid(name.clone(), view.form().dimension.tree_name(), expected))
+        }
+    }
 }
 
 /// Matches the classes of operands with those of the operand that describes the result; for each operand the classes that get another number.
@@ -266,8 +274,8 @@ fn match_classes(
 }
 
 /// Whether some operands of which values are needed are categorical, and others continuous.
-fn mixes_kinds(operands: &[(String, View)], valued: &[usize]) -> bool {
-    let mut kinds = valued.iter().map(|number| operands[*number].1.source().header().kind);
+fn mixes_kinds(valued: &[Valued<'_>]) -> bool {
+    let mut kinds = valued.iter().map(|operand| operand.view.source().header().kind);
     let first = kinds.next();
     kinds.any(|kind| Some(kind) != first)
 }
@@ -283,38 +291,23 @@ fn present_numbers(view: &View) -> Result<Vec<Number>> {
     Ok(statistics.classes.into_iter().map(|(number, _)| number).collect())
 }
 
-/// The values of the result, and the way there of each operand whose values are needed.
-#[allow(clippy::type_complexity)]
-fn common_values(
-    operands: &[(String, View)],
-    valued: &[usize],
-    renumbered: &[Vec<Renumbered>],
-    options: &ReconcileOptions,
-    is_fixed: bool,
-) -> Result<(Option<ValueSpace>, Vec<Option<ValueMap>>)> {
-    let mut maps: Vec<Option<ValueMap>> = operands.iter().map(|_| None).collect();
-    let of = |number: &usize| {
-        let (name, view) = &operands[*number];
-        let classes_to = renumbered[*number].iter().map(|class| class.to.to_f64()).reduce(f64::max);
-        Valued { name, view, classes_to }
-    };
-    let list: Vec<Valued<'_>> = valued.iter().map(of).collect();
-    if list.is_empty() {
-        return Ok((None, maps));
-    }
-    let (space, found) = values::common(&list, options, is_fixed)?;
-    for (number, map) in valued.iter().zip(found) {
-        maps[*number] = map;
-    }
-    Ok((Some(space), maps))
-}
-
 /// A type that holds the new numbers of classes.
 fn wide_enough(value: ValueType, renumbered: &[Renumbered]) -> ValueType {
     let fits = |sample: SampleType| renumbered.iter().all(|class| sample.can_hold(class.to));
     let candidates = [value.sample, SampleType::U16, SampleType::I32, SampleType::I64, SampleType::U64];
     let sample = candidates.into_iter().find(|sample| fits(*sample)).unwrap_or(value.sample);
     ValueType { sample, ..value }
+}
+
+/// The map of the first channel whose numbers change, as text, with the units on both sides where they differ.
+fn scaled(maps: &[(f64, f64)], from: &[String], to: &[String]) -> Option<String> {
+    let channel = maps.iter().position(|map| *map != (1.0, 0.0))?;
+    let (factor, summand) = maps[channel];
+    let summand = if summand == 0.0 { String::new() } else { format!(", plus {summand}") };
+    let unit = |units: &[String]| units.get(channel).cloned().unwrap_or_default();
+    let (from, to) = (unit(from), unit(to));
+    let units = if from == to || from.is_empty() { String::new() } else { format!(" ({from} to {to})") };
+    Some(format!("numbers times {factor}{summand}{units}"))
 }
 
 /// Classes that get other numbers, as text: at most ten.

@@ -1,6 +1,9 @@
 //! The values that operands are brought to: one type, scale and unit for all.
 
+use std::collections::BTreeMap;
+
 use super::ReconcileOptions;
+use super::classes::Renumbered;
 use crate::ops::affine::View;
 use crate::ops::converted::ValueMap;
 use crate::tree::Source;
@@ -27,9 +30,7 @@ impl Scale {
         let (factor, summand) = metadata.scale_offset.get(channel).copied().unwrap_or((1.0, 0.0));
         Scale { factor, summand, unit: metadata.units.get(channel).cloned().unwrap_or_default() }
     }
-}
 
-impl Scale {
     /// Factor and summand from stored numbers to their meaning.
     pub(in crate::ops) fn plain_numbers(&self) -> (f64, f64) {
         (self.factor, self.summand)
@@ -67,13 +68,21 @@ impl ValueSpace {
 
 /// An operand whose values are needed.
 pub(super) struct Valued<'a> {
-    pub(super) name: &'a str,
+    /// Its number among all operands.
+    number: usize,
+    name: &'a str,
     pub(super) view: &'a View,
     /// The largest number that its classes get, if some get another one.
-    pub(super) classes_to: Option<f64>,
+    classes_to: Option<f64>,
 }
 
-impl Valued<'_> {
+impl<'a> Valued<'a> {
+    /// An operand, of which some classes get other numbers.
+    pub(super) fn of(number: usize, (name, view): &'a (String, View), classes: &[Renumbered]) -> Valued<'a> {
+        let classes_to = classes.iter().map(|class| class.to.to_f64()).reduce(f64::max);
+        Valued { number, name, view, classes_to }
+    }
+
     fn value(&self) -> ValueType {
         self.view.form().value
     }
@@ -106,7 +115,7 @@ type Maps = [(f64, f64); 4];
 /// The maps that change nothing.
 const PLAIN: Maps = [(1.0, 0.0); 4];
 
-/// Finds values that can be what those of all operands are, and the way there of each; operands whose values stay have none.
+/// The smallest space that has the values of all operands, and the maps of those whose values change, by the operand's number.
 ///
 /// # Errors
 /// If numbers would be lost, units measure different things, or numbers of channels differ.
@@ -114,17 +123,16 @@ pub(super) fn common(
     operands: &[Valued<'_>],
     options: &ReconcileOptions,
     is_fixed: bool,
-) -> Result<(ValueSpace, Vec<Option<ValueMap>>)> {
+) -> Result<(ValueSpace, BTreeMap<usize, ValueMap>)> {
     let first = &operands[0];
     let channels = channels(operands, is_fixed)?;
-    let scales =
+    let mut scales =
         if options.units_by_number { own_scales(first, channels) } else { units(operands, channels)? };
     let mask = mask(operands, channels);
     let of = |sample: SampleType| ValueType { sample, channels, mask };
     let mut maps = maps(operands, &scales, options);
     let all_integers = operands.iter().all(|operand| !operand.value().sample.is_float());
     let are_whole = maps.iter().flatten().all(is_whole);
-    let mut scales = scales;
     let sample = match is_fixed {
         true => {
             check_fixed(operands, &maps, options)?;
@@ -146,10 +154,9 @@ pub(super) fn common(
     }
     let maps = operands.iter().zip(maps).map(|(operand, map)| {
         let stays = operand.value() == value && map == PLAIN;
-        (!stays).then_some(ValueMap::Linear(map))
+        (!stays).then_some((operand.number, ValueMap::Linear(map)))
     });
-    let maps = maps.collect();
-    Ok((ValueSpace { value, scales }, maps))
+    Ok((ValueSpace { value, scales }, maps.flatten().collect()))
 }
 
 /// The number of channels of the result: all have as many, but for opacity.
@@ -164,10 +171,12 @@ fn channels(operands: &[Valued<'_>], is_fixed: bool) -> Result<u8> {
     for operand in &operands[1..] {
         let is_same = colours(operand) == colours(first);
         if !is_same || is_fixed && operand.value().channels > first.value().channels {
+            let step = channels_step(operand.value(), colours(first));
             let expected = format!(
-                "{}, as {} has; `spinney transform` with composite= or calc= chooses channels",
+                "{}, as {} has; `spinney transform {} {step} -o OTHER.goblin` makes a tree that has as many",
                 first.value(),
-                first.name
+                first.name,
+                operand.name,
             );
             return Err(Error::invalid(
                 format!("channels of {}", operand.name),
@@ -177,6 +186,15 @@ fn channels(operands: &[Valued<'_>], is_fixed: bool) -> Result<u8> {
         }
     }
     Ok(if is_fixed { first.value().channels } else { most })
+}
+
+/// The step that makes so many channels of values: the first ones, the last of these again where there are fewer.
+fn channels_step(value: ValueType, wanted: u8) -> String {
+    let channel = |number: u8| format!("b{}", number.min(value.channels));
+    match wanted {
+        1 => format!("calc=b1,type={}", value.sample.name()),
+        _ => format!("composite={}", (1..=wanted).map(channel).collect::<Vec<_>>().join(",")),
+    }
 }
 
 /// Which samples count in the result: with opacity if one has it.
@@ -238,10 +256,14 @@ fn maps(operands: &[Valued<'_>], scales: &[Scale], options: &ReconcileOptions) -
     operands.iter().map(map).collect()
 }
 
-/// A number, or the whole one that it is but for rounding.
+/// A quotient of scales that is as close to a whole number as this, relative to it, is that number: scales are decimal fractions
+/// (0.3 / 0.1 is 2.9999999999999996), whose quotients are off by a few times 2^-53, and have fewer digits than nine.
+const DECIMAL_ROUNDING: f64 = 1e-9;
+
+/// A number, or the whole one that it is but for [rounding](DECIMAL_ROUNDING).
 fn near_whole(number: f64) -> f64 {
     let whole = number.round();
-    if (number - whole).abs() <= 1e-9 * whole.abs().max(1.0) { whole } else { number }
+    if (number - whole).abs() <= DECIMAL_ROUNDING * whole.abs().max(1.0) { whole } else { number }
 }
 
 fn is_whole((factor, summand): &(f64, f64)) -> bool {

@@ -117,6 +117,8 @@ impl Raster {
 
     /// By clipping the quadrangle against each cell (Sutherland and Hodgman).
     fn naive_area(&self, corners: [[f64; 2]; 4], turn: Option<i64>, is_majority: bool) -> Option<u8> {
+        /// Areas that differ by less are the same: sums of some hundred products of coordinates below 100.
+        const ROUNDING: f64 = 1e-9;
         let range = |axis: usize| {
             let numbers = corners.map(|corner| corner[axis]);
             let low = numbers.into_iter().fold(f64::INFINITY, f64::min).floor() as i64;
@@ -128,20 +130,20 @@ impl Raster {
                 if let Some(value) = self.value(x, y, turn) {
                     let area = clipped_area(&corners, x as f64, y as f64);
                     shares[usize::from(value)] += area;
-                    if area > 1e-9 {
+                    if area > ROUNDING {
                         met.push(value);
                     }
                 }
             }
         }
         let area: f64 = shares.iter().sum();
-        if area < 1e-9 {
+        if area < ROUNDING {
             return None;
         }
         if is_majority {
             let most = shares.iter().copied().fold(0.0, f64::max);
             // The first of several, row by row.
-            return met.into_iter().find(|value| shares[usize::from(*value)] >= most - 1e-9);
+            return met.into_iter().find(|value| shares[usize::from(*value)] >= most - ROUNDING);
         }
         let sum: f64 = shares.iter().enumerate().map(|(value, share)| value as f64 * share).sum();
         Some((sum / area + 0.5).floor() as u8)
