@@ -40,7 +40,6 @@ mod frozen;
 mod fuzz_corpus;
 mod goblin;
 mod hostile;
-mod hostile_operations;
 #[cfg(unix)]
 mod kill;
 mod layers;
@@ -53,4 +52,5 @@ mod packed_history;
 mod ranges;
 mod rounding;
 mod ties;
+mod untrusted_operations;
 mod wide;

@@ -1,4 +1,4 @@
-//! Operations on Goblin files whose records are wrong, which nobody has checked.
+//! Operations on Goblin files whose records are wrong and were not checked.
 
 use std::sync::Arc;
 
