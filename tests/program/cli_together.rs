@@ -417,6 +417,34 @@ fn classes_are_matched_by_name() {
 }
 
 #[test]
+fn colours_with_opacity_lie_over_colours_without() {
+    let place = Place::new();
+    let rgba = [0, 64, 128, 255].map(|opacity| [200, 100, 50, opacity]).as_flattened().repeat(4);
+    let header = "P7\nWIDTH 4\nHEIGHT 4\nDEPTH 4\nMAXVAL 255\nTUPLTYPE RGB_ALPHA\nENDHDR\n";
+    std::fs::write(place.at("rgba.pam"), [header.as_bytes(), &rgba].concat()).unwrap();
+    std::fs::write(place.at("rgb.pam"), [&b"P6 4 4 255\n"[..], &[10, 20, 30].repeat(16)].concat()).unwrap();
+    for name in ["rgba", "rgb"] {
+        let (from, to) = (format!("{name}.pam"), format!("{name}.goblin"));
+        let corner = "10,0,500000,0,-10,5200000";
+        place.done(&["-q", "build", &from, "--crs", "EPSG:32632", "--transform", corner, "-o", &to]);
+    }
+    let row = |files: [&str; 2]| {
+        let said = place.done(&["combine", "over", files[0], files[1], "-o", "out.goblin"]);
+        assert!(said.contains("u8x3 as u8x4"), "{said}");
+        [5.0, 15.0, 25.0, 35.0].map(|x| {
+            let position = format!("{},5199995", 500_000.0 + x);
+            place.done(&["point", "out.goblin", "--in", "world", &position]).trim().to_string()
+        })
+    };
+    let under = "10,20,30,255";
+    assert_eq!(
+        row(["rgba.goblin", "rgb.goblin"]),
+        [under, "200,100,50,64", "200,100,50,128", "200,100,50,255"]
+    );
+    assert_eq!(row(["rgb.goblin", "rgba.goblin"]), [under; 4]);
+}
+
+#[test]
 fn lengths_of_solids_are_converted() {
     let place = Place::new();
     let unit = |name: &str, cell: f64| {

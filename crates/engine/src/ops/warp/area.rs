@@ -1,5 +1,8 @@
 //! Values of areas: source cells by the exact area that a target cell covers of each.
 
+use smallvec::SmallVec;
+
+use super::average::average;
 use super::lattice::Lattice;
 use super::window::{Window, floor};
 use crate::tree::CellBlock;
@@ -8,7 +11,7 @@ use spinney_base::value::{Rule, Value};
 /// A source cell by its index in the window, and the area of it that is covered.
 type Share = (usize, f64);
 
-/// Areas that differ by less are the same.
+/// Areas that differ by less than this part of the cell are equal: they differ by rounding alone.
 const TINY: f64 = 1e-9;
 
 /// Gives each cell the mean of the source cells that it covers, or the value that covers most of it. `lattice` has the cells' corners.
@@ -27,19 +30,30 @@ pub(super) fn cover(
         Lattice::Separable { columns, rows } => Some((spans(columns), spans(rows))),
         Lattice::Points { .. } => None,
     };
+    if rule == Rule::Mean
+        && let Some((columns, rows)) = &spans
+    {
+        average(window, columns, rows, block);
+    }
     let mut runs = Runs::default();
     let settles = Runs::settle(window, rule);
     for y in 0..height {
+        if !block.present[y * width..(y + 1) * width].contains(&false) {
+            continue;
+        }
         let span = spans.as_ref().filter(|_| settles).map(|(columns, rows)| (columns, &rows[y]));
         if let Some((_, rows)) = span {
             runs.find(window, rows);
         }
         for x in 0..width {
+            let index = y * width + x;
+            if block.present[index] {
+                continue;
+            }
             if let Some((columns, (top, _))) = span
                 && let Some(found) = runs.uniform(window, &columns[x], *top)
             {
                 if let Some(value) = found {
-                    let index = y * width + x;
                     block.values[index * bytes_each..(index + 1) * bytes_each].copy_from_slice(value);
                     block.present[index] = true;
                 }
@@ -58,7 +72,6 @@ pub(super) fn cover(
                 continue;
             }
             let value = sums.value(window, &shares, whole, rule);
-            let index = y * width + x;
             value.write(&mut block.values[index * bytes_each..(index + 1) * bytes_each]);
             block.present[index] = true;
         }
@@ -66,15 +79,17 @@ pub(super) fn cover(
 }
 
 /// The cells along one axis that each interval between two places covers: the first, and how much of each.
-type Span = (i64, Vec<f64>);
+pub(super) type Span = (i64, SmallVec<[f64; 4]>);
 
 fn spans(places: &[f64]) -> Vec<Span> {
     let span = |pair: &[f64]| -> Span {
         let (from, to) = (pair[0].min(pair[1]), pair[0].max(pair[1]));
         if !(from.is_finite() && to.is_finite()) {
-            return (0, Vec::new());
+            return (0, SmallVec::new());
         }
-        let (first, last) = (floor(from), floor(to - TINY).max(floor(from)));
+        let tiny = TINY * (to - from).min(1.0);
+        let first = floor(from + tiny);
+        let last = floor(to - tiny).max(first);
         let part = |cell: i64| (to.min(cell as f64 + 1.0) - from.max(cell as f64)).max(0.0);
         (first, (first..=last).map(part).collect())
     };
@@ -165,9 +180,7 @@ impl Runs {
 fn rectangle(window: &Window, (left, columns): &Span, (top, rows): &Span, shares: &mut Vec<Share>) -> f64 {
     for (y, down) in (*top..).zip(rows) {
         for (x, along) in (*left..).zip(columns) {
-            shares.extend(
-                window.present(x, y).map(|index| (index, down * along)).filter(|(_, area)| *area > TINY),
-            );
+            shares.extend(window.present(x, y).map(|index| (index, down * along)));
         }
     }
     columns.iter().sum::<f64>() * rows.iter().sum::<f64>()
@@ -214,6 +227,10 @@ impl Outline {
         for (i, from) in inside.iter().enumerate() {
             self.edge(stride, *from, inside[(i + 1) % 4]);
         }
+        // (Of the quadrangle by the cross product of its diagonals.)
+        let across = |from: usize, to: usize| [0, 1].map(|axis| corners[to][axis] - corners[from][axis]);
+        let (down, up) = (across(0, 2), across(1, 3));
+        let tiny = TINY * ((down[0] * up[1] - down[1] * up[0]) / 2.0).abs().min(1.0);
         let mut whole = 0.0;
         for (row, areas) in self.areas.chunks_exact(stride).enumerate() {
             let mut sum = 0.0;
@@ -222,7 +239,7 @@ impl Outline {
                 let area = f64::abs(sum);
                 whole += area;
                 let index = window.present(first[0] + column as i64, first[1] + row as i64);
-                shares.extend(index.map(|index| (index, area)).filter(|_| area > TINY));
+                shares.extend(index.map(|index| (index, area)).filter(|_| area > tiny));
             }
         }
         whole
@@ -290,7 +307,7 @@ impl Sums {
             return self
                 .values
                 .iter()
-                .find(|(_, area)| *area >= most - TINY)
+                .find(|(_, area)| *area >= most * (1.0 - TINY))
                 .map_or(first, |(value, _)| *value);
         }
         // (A mean does not depend on where numbers are counted from; a sum does.)

@@ -1,6 +1,7 @@
 //! Values between the centres of source cells.
 
 use super::lattice::Lattice;
+use super::samples::{Samples, rounded};
 use super::window::{Window, floor};
 use crate::tree::CellBlock;
 use spinney_base::value::{Mask, Sample, with_sample_type};
@@ -50,20 +51,6 @@ fn interpolate_samples<S: Sample>(
         grid.convolve(lattice, [width, height], keys, &mut store);
     } else {
         grid.convolve(lattice, [width, height], |t| [1.0 - t, t], &mut store);
-    }
-}
-
-/// The sample closest to a number; means of integers are rounded as those of whole cells are, and what cubic convolution overshoots
-/// is cut off.
-#[inline]
-fn rounded<S: Sample>(base: S, number: f64) -> S {
-    if const { S::TYPE.is_float() } {
-        S::from_f64_lossy(number)
-    } else if const { S::TYPE.size() < size_of::<u64>() } {
-        // (Without a call of a function.)
-        S::from_f64_lossy(floor(number + 0.5) as f64)
-    } else {
-        S::from_relative(base, number)
     }
 }
 
@@ -155,38 +142,7 @@ impl Grid {
     }
 }
 
-/// The samples of a window as numbers.
-struct Samples<'a, S> {
-    window: &'a Window,
-    /// Numbers are relative to this: see [`Sample::relative_to`].
-    base: S,
-}
-
-impl<'a, S: Sample> Samples<'a, S> {
-    fn new(window: &'a Window) -> Self {
-        Samples {
-            window,
-            base: window
-                .valid
-                .iter()
-                .position(|valid| *valid)
-                .map_or(S::default(), |index| S::read(&window.bytes[index * window.value.size()..])),
-        }
-    }
-
-    /// The samples of all cells, one channel after the other, NaN where there is none.
-    fn numbers(&self) -> Vec<f64> {
-        let Window { value, valid, bytes, .. } = self.window;
-        let mut numbers = Vec::with_capacity(valid.len() * usize::from(value.channels));
-        for at in (0..value.size()).step_by(S::TYPE.size()) {
-            numbers.extend(bytes.chunks_exact(value.size()).zip(valid).map(|(bytes, valid)| {
-                let counts = *valid && value.mask.present(S::TYPE.size(), bytes)[at / S::TYPE.size()];
-                if counts { S::read(&bytes[at..]).relative_to(self.base) } else { f64::NAN }
-            }));
-        }
-        numbers
-    }
-
+impl<S: Sample> Samples<'_, S> {
     /// The sample at a place around which one may be missing; `None` is VOID.
     #[cold]
     fn careful(&self, [column, row]: [f64; 2], is_cubic: bool, channel: usize) -> Option<S> {
@@ -208,27 +164,6 @@ impl<'a, S: Sample> Samples<'a, S> {
             // (A sample that is missing in all cells around.)
             None => self.raw(nearest, channel),
         })
-    }
-
-    #[inline]
-    fn raw(&self, index: usize, channel: usize) -> S {
-        let size = S::TYPE.size();
-        S::read(&self.window.bytes[index * self.window.value.size() + channel * size..])
-    }
-
-    /// Whether a channel of a cell has a sample that counts.
-    #[inline]
-    fn counts(&self, index: usize, channel: usize) -> bool {
-        let Window { value, bytes, .. } = self.window;
-        value.mask.present(S::TYPE.size(), &bytes[index * value.size()..][..value.size()])[channel]
-    }
-
-    /// The sample of a channel of a cell, if it is there.
-    #[inline]
-    fn number(&self, x: i64, y: i64, channel: usize) -> Option<f64> {
-        let index = self.window.present(x, y)?;
-        let number = self.raw(index, channel).relative_to(self.base);
-        (!number.is_nan() && self.counts(index, channel)).then_some(number)
     }
 
     /// The mean of the four samples around a place, weighted by nearness, without those that are not there.

@@ -4,6 +4,7 @@
 //! asks for, block by block; where the file is alike all over, blocks are settled without looking at cells.
 
 mod area;
+mod average;
 mod build;
 mod grid;
 mod interpolate;
@@ -12,6 +13,7 @@ mod lattice;
 mod mapping;
 mod nearest;
 mod options;
+mod samples;
 mod source;
 mod uniform;
 mod window;

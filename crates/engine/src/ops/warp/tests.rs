@@ -117,8 +117,8 @@ impl Raster {
 
     /// By clipping the quadrangle against each cell (Sutherland and Hodgman).
     fn naive_area(&self, corners: [[f64; 2]; 4], turn: Option<i64>, is_majority: bool) -> Option<u8> {
-        /// Areas that differ by less are the same: sums of some hundred products of coordinates below 100.
-        const ROUNDING: f64 = 1e-9;
+        // Areas that differ by less are the same: sums of some hundred products of coordinates below 1 (or the cell's size).
+        let rounding = 1e-9 * area_of(&corners).min(1.0);
         let range = |axis: usize| {
             let numbers = corners.map(|corner| corner[axis]);
             let low = numbers.into_iter().fold(f64::INFINITY, f64::min).floor() as i64;
@@ -130,20 +130,20 @@ impl Raster {
                 if let Some(value) = self.value(x, y, turn) {
                     let area = clipped_area(&corners, x as f64, y as f64);
                     shares[usize::from(value)] += area;
-                    if area > ROUNDING {
+                    if area > rounding {
                         met.push(value);
                     }
                 }
             }
         }
         let area: f64 = shares.iter().sum();
-        if area < ROUNDING {
+        if area <= rounding {
             return None;
         }
         if is_majority {
             let most = shares.iter().copied().fold(0.0, f64::max);
             // The first of several, row by row.
-            return met.into_iter().find(|value| shares[usize::from(*value)] >= most - ROUNDING);
+            return met.into_iter().find(|value| shares[usize::from(*value)] >= most - rounding);
         }
         let sum: f64 = shares.iter().enumerate().map(|(value, share)| value as f64 * share).sum();
         Some((sum / area + 0.5).floor() as u8)
@@ -151,8 +151,8 @@ impl Raster {
 }
 
 fn clipped_area(corners: &[[f64; 2]; 4], x: f64, y: f64) -> f64 {
-    let mut polygon = corners.to_vec();
-    for (axis, edge, sign) in [(0, x, 1.0), (0, x + 1.0, -1.0), (1, y, 1.0), (1, y + 1.0, -1.0)] {
+    let mut polygon: Vec<[f64; 2]> = corners.iter().map(|corner| [corner[0] - x, corner[1] - y]).collect();
+    for (axis, edge, sign) in [(0, 0.0, 1.0), (0, 1.0, -1.0), (1, 0.0, 1.0), (1, 1.0, -1.0)] {
         let inside = |point: &[f64; 2]| sign * (point[axis] - edge);
         let mut next = Vec::new();
         for (i, a) in polygon.iter().enumerate() {
@@ -168,8 +168,14 @@ fn clipped_area(corners: &[[f64; 2]; 4], x: f64, y: f64) -> f64 {
         }
         polygon = next;
     }
-    let turned = polygon.iter().skip(1).chain(polygon.first());
-    polygon.iter().zip(turned).map(|(a, b)| a[0] * b[1] - b[0] * a[1]).sum::<f64>().abs() / 2.0
+    area_of(&polygon)
+}
+
+fn area_of(polygon: &[[f64; 2]]) -> f64 {
+    let Some(&[x, y]) = polygon.first() else { return 0.0 };
+    let moved: Vec<[f64; 2]> = polygon.iter().map(|point| [point[0] - x, point[1] - y]).collect();
+    let pairs = moved.windows(2).map(|pair| pair[0][0] * pair[1][1] - pair[0][1] * pair[1][0]);
+    pairs.sum::<f64>().abs() / 2.0
 }
 
 /// Compares the cells of some boxes, of large ones every seventh; counts those that differ by one at a tie of rounding.
@@ -303,12 +309,19 @@ fn channels_are_interpolated_each_by_itself() {
 fn cells_far_larger_and_smaller_than_the_sources() {
     let degrees = 360.0 / SIDE as f64;
     let raster = Raster::at(4326, [degrees, 0.0, -180.0, 0.0, -degrees / 2.0, 90.0], noise);
-    for (depth, part) in
-        [(0, [0, 0, 1, 1]), (2, [0, 0, 4, 4]), (12, [3000, 1000, 50, 50]), (20, [500_000, 400_000, 9, 9])]
-    {
+    let turned =
+        Raster::at(32632, [200_000.0, 70_000.0, 400_000.0, 80_000.0, -200_000.0, 5_400_000.0], noise);
+    for (name, raster, depth, part) in [
+        ("world", &raster, 0, [0, 0, 1, 1]),
+        ("world", &raster, 2, [0, 0, 4, 4]),
+        ("world", &raster, 12, [3000, 1000, 50, 50]),
+        ("world", &raster, 20, [500_000, 400_000, 9, 9]),
+        ("world", &raster, 26, [30_000_000, 25_000_000, 4, 4]),
+        ("turned", &turned, 26, [35_600_000, 23_000_000, 4, 4]),
+    ] {
         for resampling in [Resampling::Nearest, Resampling::Bilinear, Resampling::Area, Resampling::Majority]
         {
-            compare("world", &raster, &xyz(depth), resampling, &[part]);
+            compare(name, raster, &xyz(depth), resampling, &[part]);
         }
     }
 }
