@@ -208,7 +208,7 @@ fn meshes_of_trees_tell_what_they_lose() {
     let mut named = Metadata { class_names: [(1.into(), "wall".into())].into(), ..placed.clone() };
     named.palette = Some(Palette { colours: vec![[1; 4]; 256] });
     let tree = |form: TreeType, (rule, kind): (Rule, DataKind), metadata: &Metadata| {
-        let cells = made(form, [4; 3], |[x, ..]| Some(value(form.value, x)));
+        let cells = made(form, [4; 3], |[x, ..]| Some(value(form.value, x + 1)));
         opened(|path| {
             write_cells(path, &cells, &options(rule, kind, cells.depth()).metadata(metadata.clone()));
         })

@@ -83,6 +83,7 @@ pub fn export_glb(
     progress: &dyn Progress,
 ) -> Result<u64> {
     options.check()?;
+    super::warn_full(tree, progress)?;
     let maker = TileMaker::new(tree, request)?;
     let planned = maker.finest(progress)?;
     let pool = Pool::default();

@@ -53,6 +53,7 @@ pub fn export_tileset(
     progress: &dyn Progress,
 ) -> Result<TilesetSummary> {
     options.check()?;
+    super::super::warn_full(tree, progress)?;
     let maker = TileMaker::new(tree, request)?;
     let mut total = 0;
     maker.visit(progress, |_| total += 1)?;
