@@ -1,4 +1,4 @@
-"""The coder of packed segments and extents (section 37 of formats.md), and errors (section 39)."""
+"""The coder of packed segments and extents (section 37 of formats.md), and errors (section 38)."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from typing import Hashable
 import numpy as np
 from basics import Bytes, check
 from trees import Form, Values
+
+NAMES, SOLID, NUMBERS = 0, 2, 3
 
 # How far a bit's probability moves.
 STEPS = [(1 << 17) // (2 * n + 3) for n in range(128)]
@@ -66,19 +68,39 @@ def context_of(size: int) -> int:
     return 2 * bits - 2 + (size >> bits - 2 & 1)
 
 
+def leb128(data: bytes, at: int) -> tuple[int, int]:
+    """A number in LEB128, and where the next one begins."""
+    found = 0
+    for shift in range(0, 35, 7):
+        check(at < len(data), "a packed segment ends too early")
+        found |= (data[at] & 0x7F) << shift
+        at += 1
+        if data[at - 1] < 0x80:
+            return found, at
+    check(False, "a length of a packed segment")
+    return 0, at
+
+
 class Coder:
     """Decisions, one after the other, and their probabilities."""
 
     def __init__(self, data: bytes) -> None:
         head = Bytes(data)
-        self.checksum, self.model, self.state, self.other = head.get("IBQQ")
-        check(len(data) % 4 == 1, "words of a packed segment")
-        self.words: list[int] = np.frombuffer(data, "<u4", offset=21).tolist()
+        self.checksum, self.model = head.get("IB")
+        check(self.model in (NAMES, SOLID, NUMBERS), "a packed segment of no model")
+        at, lengths = 5, [len(data) - 5, 0]
+        if self.model == NUMBERS:
+            for number in range(2):
+                lengths[number], at = leb128(data, at)
+        nodes, self.header = (data[at : at + lengths[0]], data[at + lengths[0] : at + sum(lengths)])
+        self.streams = data[at + sum(lengths) :]
+        check(at + sum(lengths) <= len(data) and len(nodes) >= 16 and len(nodes) % 4 == 0, "parts of a packed segment")
+        self.state, self.other = Bytes(nodes).get("QQ")
+        self.words: list[int] = np.frombuffer(nodes, "<u4", offset=16).tolist()
         self.front, self.back = 0, len(self.words)
         self.left, self.left_bits = 0, 0
         self.bits: dict[Hashable, list[int]] = {}
         self.symbols: dict[Hashable, tuple[list[int], list[int]]] = {}
-        check(self.model < 3, "a packed segment of no model")
         check(min(self.state, self.other) >= 1 << 32, "states of a packed segment")
 
     def _next(self, state: int) -> None:
@@ -168,6 +190,8 @@ class Numbers:
         self.sample, small = form.type, form.type.itemsize <= 2
         self.bits = 32 if small else 64
         self.type = np.dtype(f"i{self.bits // 8}")
+        # Bits of the lanes that dense blocks are computed with.
+        self.lanes = 8 * max(form.type.itemsize, 2)
         self.told = (0, 2) if small and form.channels > 2 else ()
         self.order = [1, 0, 2, 3][: form.channels] if self.told else list(range(form.channels))
 

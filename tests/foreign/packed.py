@@ -8,11 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 from basics import check, crc32c
-from coder import Coder, Numbers, context_of, wrap
-from planes import KINDS, Block, part
+from coder import NUMBERS, SOLID, Coder, Numbers, context_of, wrap
+from planes import KINDS, Block, part, read_numbers
 from trees import CUT, INNER, LEAF, VOID, Form, Values
 
-NAMES, NUMBERS, SOLID = range(3)
 # The symbol of what has no value, and the place of the children of what has none.
 NONE = -1
 
@@ -151,10 +150,17 @@ class Below:
         self.samples = packing.samples(self.nodes.symbols)
         for node, value in self.fullness.items():
             self.samples[node] = value
+        # (The segment's own node has no value, as VOID has none.)
+        value = lambda node: packing.values[max(self.nodes.symbols[node], 0)]  # noqa: E731
+        dense = self.nodes.dense.items() if packing.amounts else ()
+        self.blocks = {node: Block(self.form, self.coder, value(node), mark, deep) for node, (mark, deep) in dense}
+
+    def records(self) -> bytes:
+        """All records. (The numbers of dense blocks are there now.)"""
         blocks = {node: self._dense(node, mark, deep) for node, (mark, deep) in self.nodes.dense.items()}
         parts: list[bytes] = []
         self._records(1, blocks, parts)
-        self.records = b"".join(parts)
+        return b"".join(parts)
 
     # Section 38.
 
@@ -279,11 +285,10 @@ class Below:
         return skip
 
     def _dense(self, node: int, mark: int, deep: int) -> bytes:
-        """A dense block. All of it is decoded here, or its nodes have been like all others."""
+        """A dense block: one of numbers, or its nodes have been like all others."""
         if self.packing.amounts:
-            # (The segment's own node has no value, as VOID has none.)
-            block = Block(self.form, self.coder, self.packing.values[max(self.nodes.symbols[node], 0)], mark, deep)
-            states, values, bits = block.states, block.values, block.bits
+            block = self.blocks[node]
+            states, values, bits = block.states(), block.values, block.bits
         else:
             states, values, bits = self._rows(node, mark, deep)
         rows = b"".join(level.tobytes() for level in values[1:])
@@ -331,8 +336,10 @@ def unpack(form: Form, height: int, data: bytes, size: int) -> bytes:
     packing = Packing(form, data)
     packing.read_table(size)
     below = Below(packing, height, form.reach, size)
-    plain = below.records + below.counts()
+    counts = below.counts()
     packing.coder.finish()
+    read_numbers(form, packing.coder, list(below.blocks.values()))
+    plain = below.records() + counts
     check(len(plain) == size and crc32c(plain) == packing.coder.checksum, "checksum of what is unpacked")
     return plain
 
@@ -351,7 +358,7 @@ class Unpacked(NamedTuple):
 def unpack_runs(form: Form, reach: int, count: int, data: bytes, most: int) -> tuple[list[Unpacked], bytes]:
     """So many records of an extent, and the bytes beside their runs. Runs and these bytes are at most so many."""
     packing = Packing(form, data)
-    coder, found, last = packing.coder, [], NONE
+    coder, last = packing.coder, NONE
     room = coder.number()
     check(room <= most, "records are larger than their extent")
     size = coder.number()
@@ -363,6 +370,7 @@ def unpack_runs(form: Form, reach: int, count: int, data: bytes, most: int) -> t
     if not packing.amounts:
         packing.read_table(room)
     room -= size
+    heads: list[tuple[int, bytes, Below]] = []
     for _ in range(count):
         height = coder.tree("height", 5)
         check(1 <= height <= form.depth, "a record of no such height")
@@ -371,12 +379,11 @@ def unpack_runs(form: Form, reach: int, count: int, data: bytes, most: int) -> t
         else:
             last = packing.new([] if last == NONE else [last], True)
             value = packing.samples([last]).tobytes()
-        below = Below(packing, height, reach, room, last)
-        room -= len(below.records)
-        check(room >= 0, "runs are larger than their extent")
-        found.append(Unpacked(height, value, below.records))
+        heads.append((height, value, Below(packing, height, reach, room, last)))
     coder.finish()
-    check(room == 0, "runs are smaller than their extent says")
+    read_numbers(form, coder, [block for _, _, below in heads for block in below.blocks.values()])
+    found = [Unpacked(height, value, below.records()) for height, value, below in heads]
+    check(sum(len(run.run) for run in found) == room, "runs are of another size than their extent says")
     checked = b"".join(bytes([height]) + value + run for height, value, run in found)
     check(crc32c(checked + beside) == coder.checksum, "checksum of what is unpacked")
     return found, bytes(beside)

@@ -3,48 +3,132 @@
 from __future__ import annotations
 
 from functools import cache
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from basics import check
-from coder import Coder, Numbers, context_of, multiple, starts, wrap
+from coder import Coder, Numbers, multiple, turned, wrap
 from trees import CUT, LEAF, VOID, Form, Values, kids, states_above
 
 ViewStep = tuple[int, ...]
 
 
-class Weights(NamedTuple):
-    """A plane: the child, its siblings with weights, their factor, and children of neighbours with steps (x first) and weights."""
+class Plane(NamedTuple):
+    """The child, its siblings with weights, bits of their sizes, and children of neighbours with steps (x first), one or two with a weight."""
 
     child: int
     siblings: list[tuple[int, int]]
-    factor: int
-    near: list[tuple[int, ViewStep, int]]
+    bits: int
+    near: list[tuple[list[tuple[int, ViewStep]], int]]
 
-    def weights(self, axes: int) -> list[tuple[int, ViewStep, int]]:
-        """All of them, siblings with a step to where they are."""
-        return [(child, (0,) * axes, weight) for child, weight in self.siblings] + self.near
+    def defaults(self, axes: int) -> list[int]:
+        """Weights of features if none are stored."""
+        signs = self.signs(axes)
+        across = [16 * signs[0] * signs[1]] if axes == 2 else []
+        return [16 * sign for sign in signs] + across + [0] * axes + [w for _, w in self.siblings] + [w for _, w in self.near]
+
+    def signs(self, axes: int) -> list[int]:
+        return [1 if self.child >> a & 1 else -1 for a in range(axes)]
 
 
 PLANES = {
     2: [
-        Weights(0, [], 0, []),
-        Weights(3, [(0, -12)], 32, [(0, (1, 0), 0), (0, (0, 1), 0), (0, (1, 1), 0)]),
-        Weights(1, [(0, -4), (3, -8)], 16, [(0, (1, 0), 2), (3, (0, -1), 2)]),
-        Weights(2, [(0, -8), (3, -8), (1, -11)], 11, [(0, (0, 1), 1), (3, (-1, 0), 1)]),
+        Plane(0, [], 0, []),
+        Plane(3, [(0, -12)], 5, [([(0, (1, 0)), (0, (0, 1))], 0), ([(0, (1, 1))], 0)]),
+        Plane(1, [(0, -4), (3, -8)], 4, [([(0, (1, 0)), (3, (0, -1))], 2), ([(0, (0, 1)), (3, (-1, 0))], 0)]),
+        Plane(2, [(0, -8), (3, -8), (1, -11)], 3, [([(0, (0, 1)), (3, (-1, 0))], 1)]),
     ],
     3: [
-        Weights(0, [], 0, []),
-        Weights(7, [(0, -12)], 32, [(0, (1, 1, 1), 0)]),
-        Weights(1, [(0, 1), (7, -3)], 16, [(0, (1, 0, 0), 2)]),
-        Weights(6, [(1, -10), (7, 1)], 11, [(7, (-1, 0, 0), 2)]),
-        Weights(2, [(0, 1), (7, -1), (6, 1)], 11, [(0, (0, 1, 0), 2)]),
-        Weights(5, [(2, -10), (7, 1)], 8, [(7, (0, -1, 0), 2)]),
-        Weights(3, [(7, 4), (1, 4), (2, 4), (0, -4), (6, -4), (5, -4)], 6, [(7, (0, 0, -1), 2)]),
-        Weights(4, [(3, -11), (0, -2), (7, -2), (1, -2), (6, -2), (2, -2), (5, -2)], 5, [(0, (0, 0, 1), 1)]),
+        Plane(0, [], 0, []),
+        Plane(7, [(0, -12)], 5, [([(0, (1, 1, 1))], 0)]),
+        Plane(1, [(0, 1), (7, -3)], 4, [([(0, (1, 0, 0))], 2)]),
+        Plane(6, [(1, -10), (7, 1)], 3, [([(7, (-1, 0, 0))], 2)]),
+        Plane(2, [(0, 1), (7, -1), (6, 1)], 3, [([(0, (0, 1, 0))], 2)]),
+        Plane(5, [(2, -10), (7, 1)], 3, [([(7, (0, -1, 0))], 2)]),
+        Plane(3, [(7, 4), (1, 4), (2, 4), (0, -4), (6, -4), (5, -4)], 3, [([(7, (0, 0, -1))], 2)]),
+        Plane(4, [(3, -11), (0, -2), (7, -2), (1, -2), (6, -2), (2, -2), (5, -2)], 2, [([(0, (0, 0, 1))], 1)]),
     ],
 }
+
+# States of the bottom nodes of dense blocks whose bit is not set, and is.
+KINDS = [(VOID, VOID), (LEAF, LEAF), (CUT, CUT), (VOID, LEAF), (VOID, CUT), (LEAF, CUT)]
+# The weights of tables, by index.
+WEIGHTS = [*range(8), *((4 + k % 4) << k // 4 - 1 for k in range(8, 32))]
+
+# fmt: off
+# Default frequencies: of errors in the first plane, in others, of sums, and of eight.
+FIRST = [
+    [241, 3, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 10],
+    [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 256],
+    [212, 23, 15, 2, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 2],
+    [179, 39, 24, 5, 6, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1],
+    [132, 53, 41, 10, 11, 4, 3, 1, 0, 0, 0, 0, 0, 0, 0, 1],
+    [94, 59, 48, 15, 20, 8, 7, 3, 1, 0, 0, 0, 0, 0, 0, 1],
+    [66, 43, 37, 23, 32, 22, 18, 7, 5, 1, 1, 0, 0, 0, 0, 1],
+    [41, 30, 27, 20, 35, 27, 32, 18, 14, 5, 4, 1, 1, 0, 0, 1],
+    [22, 19, 19, 15, 27, 23, 37, 27, 31, 15, 11, 4, 3, 1, 0, 2],
+    [22, 21, 19, 17, 30, 25, 37, 26, 28, 12, 9, 3, 2, 1, 2, 2],
+    [22, 20, 19, 17, 31, 25, 37, 24, 27, 12, 10, 5, 4, 1, 1, 1],
+    [18, 17, 17, 16, 29, 25, 38, 26, 29, 14, 13, 5, 4, 1, 1, 3],
+]
+OTHERS = [
+    [255, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1],
+    [254, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1],
+    [252, 2, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1],
+    [244, 8, 3, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1],
+    [231, 16, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1],
+    [162, 59, 29, 3, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1],
+    [110, 73, 47, 12, 11, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1],
+    [86, 63, 46, 22, 25, 8, 4, 1, 0, 0, 0, 0, 0, 0, 0, 1],
+    [53, 45, 39, 27, 39, 23, 20, 6, 3, 0, 0, 0, 0, 0, 0, 1],
+    [58, 49, 38, 29, 38, 20, 16, 5, 2, 0, 0, 0, 0, 0, 0, 1],
+    [60, 51, 38, 29, 37, 19, 15, 4, 2, 0, 0, 0, 0, 0, 0, 1],
+    [57, 51, 37, 29, 36, 21, 17, 5, 2, 0, 0, 0, 0, 0, 0, 1],
+]
+SUMS = [
+    [16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16],
+    [16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16],
+    [16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16],
+    [65, 60, 49, 58, 13, 6, 3, 1, 0, 0, 0, 0, 0, 0, 0, 1],
+    [16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16],
+    [16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16],
+    [0, 0, 0, 0, 0, 227, 0, 28, 0, 0, 0, 0, 0, 0, 0, 1],
+    [57, 56, 37, 76, 7, 16, 1, 5, 0, 0, 0, 0, 0, 0, 0, 1],
+    [16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16],
+    [16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16],
+    [2, 17, 0, 203, 0, 30, 0, 3, 0, 0, 0, 0, 0, 0, 0, 1],
+    [50, 54, 29, 101, 5, 13, 1, 2, 0, 0, 0, 0, 0, 0, 0, 1],
+    [16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16],
+    [16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16],
+    [23, 71, 1, 157, 0, 3, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1],
+    [59, 69, 28, 90, 4, 4, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1],
+    [255, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1],
+    [253, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1],
+    [211, 22, 18, 3, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1],
+    [113, 53, 48, 32, 7, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1],
+    [16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16],
+    [16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16],
+    [71, 3, 119, 0, 60, 0, 2, 0, 0, 0, 0, 0, 0, 0, 0, 1],
+    [78, 34, 86, 24, 29, 0, 4, 0, 0, 0, 0, 0, 0, 0, 0, 1],
+    [16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16],
+    [16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16],
+    [6, 4, 24, 0, 189, 0, 31, 0, 1, 0, 0, 0, 0, 0, 0, 1],
+    [63, 34, 69, 26, 47, 0, 15, 0, 1, 0, 0, 0, 0, 0, 0, 1],
+    [16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16],
+    [16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16],
+    [0, 8, 11, 0, 32, 0, 172, 0, 32, 0, 0, 0, 0, 0, 0, 1],
+    [66, 39, 66, 30, 28, 1, 21, 0, 4, 0, 0, 0, 0, 0, 0, 1],
+    [16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16],
+    [16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16],
+    [16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16],
+    [69, 49, 64, 38, 24, 1, 9, 0, 1, 0, 0, 0, 0, 0, 0, 1],
+]
+FLATS = [
+    [254, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0],
+    [255, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0],
+    [255, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0],
+]
+# fmt: on
 
 
 def shifted(values: Values, step: ViewStep) -> Values:
@@ -57,63 +141,32 @@ def _at(shape: tuple[int, ...], step: ViewStep) -> tuple[Values, ...]:
     return np.ix_(*[np.clip(np.arange(n) + v, 0, n - 1) for n, v in zip(shape, step[::-1])])
 
 
-# fmt: off
-# Lengths of symbols of sums, by the number of halves from -4 to 4.
-SUMS = [
-    [2245, 25, 27, 34, 63, 202, 6857, 7184, 7488, 6157, 1612, 271, 39, 32, 37, 495],
-    [52, 10, 20, 34, 289, 1224, 9691, 7628, 7371, 5230, 924, 178, 19, 12, 16, 70],
-    [32, 11, 11, 18, 133, 1328, 12848, 7206, 6215, 4048, 694, 130, 18, 14, 13, 49],
-    [23, 10, 11, 11, 36, 423, 10806, 9394, 7511, 3742, 620, 117, 16, 11, 10, 27],
-    [16, 10, 10, 10, 15, 70, 1992, 3554, 22706, 3640, 589, 99, 15, 11, 10, 21],
-    [21, 10, 10, 11, 18, 75, 3066, 4380, 8940, 11078, 4463, 602, 39, 12, 11, 32],
-    [33, 11, 12, 11, 17, 72, 3762, 4872, 7482, 8752, 5635, 1861, 151, 23, 12, 62],
-    [53, 11, 12, 12, 19, 79, 4488, 5759, 8770, 8719, 2745, 1663, 297, 36, 14, 91],
-    [255, 26, 26, 29, 32, 106, 4790, 6454, 8444, 8104, 2473, 544, 78, 55, 43, 1309],
-]
-# fmt: on
-SUM_STARTS = [starts(row) for row in SUMS]
-
-# States of the bottom nodes of dense blocks whose bit is not set, and is.
-KINDS = [(VOID, VOID), (LEAF, LEAF), (CUT, CUT), (VOID, LEAF), (VOID, CUT), (LEAF, CUT)]
-
-
 def part(child: int, axes: int) -> tuple[slice, ...]:
     """Where a child stands among the nodes of its level."""
     return tuple(slice(child >> a & 1, None, 2) for a in reversed(range(axes)))
 
 
 class Block:
-    """A dense block of numbers: values level by level, the states of the root's children, and bits."""
+    """A dense block of numbers: values level by level, and bits."""
 
     def __init__(self, form: Form, coder: Coder, root: tuple[int, ...], mark: int, deep: int) -> None:
-        self.form, self.coder, self.axes, self.numbers = form, coder, form.axes, Numbers(form)
+        self.form, self.coder, self.axes, self.root = form, coder, form.axes, root
         clear, bit = KINDS[mark]
         self.bits = self._bits(1 << deep) if mark > 2 else np.zeros((1 << deep,) * self.axes, np.uint8)
-        states = np.where(self.bits, bit, clear).astype(np.uint8)
+        self.bottom = np.where(self.bits, bit, clear).astype(np.uint8)
         # Where nodes are VOID, level by level.
-        self.void = [states == VOID]
+        self.void = [self.bottom == VOID]
         for _ in range(deep - 1):
             self.void.insert(0, np.logical_and.reduce(kids(self.void[0], self.axes)))
-        numbers: list[list[Values]] = [[] for _ in root]
-        samples = numbers.copy()
-        for channel in self.numbers.order:
-            start, power = root[channel], None
-            if channel in self.numbers.told:
-                start -= root[1]
-            elif form.type.kind == "f" and coder.bit(("power", channel)):
-                power = wrap(coder.raw(8), 8)
-                start = multiple(self.numbers.samples(np.array(start)), power)
-            found = self._channel(channel, start)
-            if channel in self.numbers.told:
-                found = [a + b for a, b in zip(found, numbers[1])]
-            numbers[channel] = found
-            samples[channel] = [self.numbers.samples(level, power) for level in found]
-        self.values = [np.stack(level, -1) for level in zip(*samples)]
-        for level, void in zip(self.values, self.void):
-            level[void] = 0
+        self.values: list[Values] = []
+
+    def states(self) -> list[int]:
+        """The states of the root's children."""
+        states = self.bottom
         for level in reversed(self.values[1:]):
             states = states_above(states, level, self.axes)
-        self.states: list[int] = states.ravel().tolist()
+        found: list[int] = states.ravel().tolist()
+        return found
 
     def _bits(self, side: int) -> Values:
         """Bits of the bottom nodes. (Around them is a border of zeros.)"""
@@ -126,80 +179,237 @@ class Block:
                     row[x] = self.coder.bit(contexts[near])
         return np.array(b, np.uint8)[1:, 1:, 2:-1].reshape((side,) * self.axes)
 
-    def _channel(self, channel: int, root: int) -> list[Values]:
-        """Numbers of a channel, level by level."""
-        found = [np.full((1,) * self.axes, wrap(root, self.numbers.bits), self.numbers.type)]
-        for void in self.void:
-            found.append(self._level(channel, found[-1], void))
+
+class Bits:
+    """Bits from the lowest of the first byte up."""
+
+    def __init__(self, data: bytes, first: int = 0) -> None:
+        self.bits, self.at, self.size = int.from_bytes(data, "little"), first, 8 * len(data)
+
+    def take(self, count: int) -> int:
+        self.at += count
+        check(self.at <= self.size, "bits of dense blocks end too early")
+        return self.bits >> self.at - count & (1 << count) - 1
+
+    def finish(self) -> None:
+        check(self.size - self.at < 8 and not self.bits >> self.at, "bits of dense blocks are left")
+
+
+def read_numbers(form: Form, coder: Coder, blocks: list[Block]) -> None:
+    """The numbers of all dense blocks of a coder."""
+    if not blocks:
+        check(not coder.header and not coder.streams, "numbers of no dense blocks")
+        return
+    header, streams = Bits(coder.header), Streams(coder.streams)
+    order = Numbers(form)
+    numbers: dict[int, list[list[Values]]] = {}
+    samples: dict[int, list[list[Values]]] = {}
+    for channel in order.order:
+        lanes, power = order.lanes, None
+        if form.type.kind == "f" and header.take(1):
+            power = wrap(header.take(8), 8)
+            lanes = 64 if header.take(1) else 32
+        reader = Channel(form, header, streams, lanes, blocks)
+        numbers[channel], samples[channel] = [], []
+        for number, block in enumerate(blocks):
+            start = block.root[channel]
+            if power is not None:
+                start = multiple(order.samples(np.array(start)), power)
+            if channel in order.told:
+                start -= block.root[1]
+            found = reader.block(start, block)
+            if channel in order.told:
+                found = [a + b for a, b in zip(found, numbers[1][number])]
+            numbers[channel].append(found)
+            samples[channel].append([order.samples(level, power) for level in found])
+    for number, block in enumerate(blocks):
+        block.values = [np.stack(level, -1) for level in zip(*(samples[channel][number] for channel in range(form.channels)))]
+        for level, void in zip(block.values, block.void):
+            level[void] = 0
+    header.finish()
+    streams.finish()
+
+
+class Streams:
+    """Bits of states, and raw bits."""
+
+    def __init__(self, data: bytes) -> None:
+        check(len(data) >= 13, "streams of dense blocks end too early")
+        self.states, size = list(data[:8]), int.from_bytes(data[8:12], "little")
+        self.bits, self.raw = Bits(data[13 : 13 + size], data[12] % 32), Bits(data[13 + size :])
+        check(13 + size <= len(data), "streams of dense blocks end too early")
+
+    def symbol(self, table: list[tuple[int, int, int]], state: int) -> int:
+        symbol, bits, following = table[self.states[state]]
+        self.states[state] = following + self.bits.take(bits)
+        return symbol
+
+    def finish(self) -> None:
+        check(not any(self.states), "last states of dense blocks")
+        check(self.bits.at == self.bits.size, "bits of states are left")
+        self.raw.finish()
+
+
+def frequencies(weights: list[int]) -> list[int]:
+    """The frequencies of weights."""
+    total = sum(weights)
+    if not total:
+        return [256] + [0] * 15
+    found = [max((256 * w + total // 2) // total, 1) if w else 0 for w in weights]
+    found[found.index(max(found))] += 256 - sum(found)
+    return found
+
+
+def table_of(found: list[int]) -> list[tuple[int, int, int]]:
+    """Of each state the symbol, how many bits follow, and the next state without these."""
+    symbols = [0] * 256
+    for at, symbol in enumerate(s for s, count in enumerate(found) for _ in range(count)):
+        symbols[163 * at % 256] = symbol
+    numbers, table = list(found), []
+    for symbol in symbols:
+        bits = 9 - numbers[symbol].bit_length()
+        table.append((symbol, bits, (numbers[symbol] << bits) % 256))
+        numbers[symbol] += 1
+    return table
+
+
+class Channel:
+    """A channel of all blocks."""
+
+    def __init__(self, form: Form, header: Bits, streams: Streams, lanes: int, blocks: list[Block]) -> None:
+        self.axes, self.mean, self.lanes, self.streams = form.axes, form.rule == "mean", lanes, streams
+        self.type = np.dtype(f"i{lanes // 8}")
+        self.fraction = min(header.take(3) + 2, 6)
+        self.weights = [plane.defaults(self.axes) for plane in PLANES[self.axes]]
+        if header.take(1):
+            self.weights = [[header.take(6) - 32 for _ in weights] for weights in self.weights]
+        levels = [len(block.void) for block in blocks]
+        self.steps = [header.take(6) if header.take(1) else 0 for count in levels for _ in range(count)]
+        check(max(self.steps) < lanes, "numbers of too large a step")
+        self.sizes = 16 if lanes == 16 else lanes + 1
+        contexts = [rows[min(b, 11)] for rows in (FIRST, OTHERS) for b in range(self.sizes)] + SUMS + FLATS
+        for context in range(header.take(8)):
+            check(context < len(contexts), "tables of no context")
+            if header.take(1):
+                last = header.take(4)
+                weights = [WEIGHTS[header.take(5)] for _ in range(last + 1)]
+                contexts[context] = frequencies(weights + [0] * (15 - last))
+        self.tables = [table_of(found) for found in contexts]
+
+    def block(self, root: int, block: Block) -> list[Values]:
+        """Numbers of a block, level by level."""
+        found = [np.full((1,) * self.axes, wrap(root, self.lanes), self.type)]
+        for void in block.void:
+            found.append(self._level(found[-1], void, self.steps.pop(0)))
         return found[1:]
 
-    def _level(self, channel: int, parents: Values, void: Values) -> Values:
+    def _shift(self, values: Values, bits: int) -> Values:
+        return values << bits if bits > 0 else values >> -bits
+
+    def _size(self, values: Values) -> Values:
+        """Values without signs, as numbers that add up without end: see `_limit`."""
+        if self.lanes == 16:
+            return np.minimum(np.abs(values.astype("i8")), 32767)
+        return np.abs(values).view(f"u{self.lanes // 8}").astype(object)
+
+    def _limit(self, size: Values) -> Values:
+        """Sums of sizes: they end at the maximum, or wrap."""
+        return np.minimum(size, 32767) if self.lanes == 16 else size % (1 << self.lanes)
+
+    def _grow(self, size: Values, bits: int) -> Values:
+        """A size times a power of two."""
+        size = self._limit(size)
+        if bits <= 0:
+            # (Of wide lanes a size has a sign here.)
+            signed = size if self.lanes == 16 else (size + (1 << self.lanes - 1)) % (1 << self.lanes) - (1 << self.lanes - 1)
+            return self._limit(signed >> -bits)
+        return np.minimum(size, 32767 >> bits) << bits if self.lanes == 16 else self._limit(size << bits)
+
+    def _level(self, parents: Values, void: Values, step: int) -> Values:
         """Numbers of the children of parents."""
-        step = self.coder.raw(6) if self.coder.bit(("step", channel)) else 0
-        check(step < self.numbers.bits, "numbers of too large a step")
-        level, zeros = np.zeros(void.shape, self.numbers.type), np.zeros_like(parents)
-        near = {step: shifted(parents, step) - parents for step in product((-1, 0, 1), repeat=self.axes)}
-        uneven = unevenness(near, self.axes)
+        axes, fraction = self.axes, self.fraction
+        level, others = np.zeros(void.shape, self.type), np.zeros_like(parents)
+        slopes, curved, uneven = [], [], self._size(np.zeros_like(parents))
+        for axis in range(axes):
+            ahead = tuple(int(a == axis) for a in range(axes))
+            up, down = shifted(parents, ahead) - parents, parents - shifted(parents, tuple(-v for v in ahead))
+            slopes.append(self._shift(up + down, fraction - 3))
+            curved.append(self._shift(up - down, fraction - 3))
+            uneven = self._limit(uneven + self._size(up) + self._size(down) + 2 * self._size(up - down))
+        even_parts = list(slopes)
+        if axes == 2:
+            corners = [shifted(parents, corner) for corner in ((1, 1), (-1, 1), (1, -1), (-1, -1))]
+            even_parts.append(corners[0] - corners[1] - corners[2] + corners[3] >> 6 - fraction)
         wrong: dict[int, Values] = {}
-        others = zeros
-        for number, plane in enumerate(PLANES[self.axes]):
-            even = evenly(near, plane.child, self.axes)
-            expected = sum((weight * shifted(wrong[child], step) for child, step, weight in plane.weights(self.axes)), zeros)
-            size = sum((np.abs(wrong[child]).view(uneven.dtype) * plane.factor for child, _ in plane.siblings), np.zeros_like(uneven))
-            size = size + sum(4 * np.abs(shifted(wrong[child], step)).view(uneven.dtype) for child, step, _ in plane.near)
-            empty = void[part(plane.child, self.axes)]
-            summed = np.zeros_like(empty)
-            if plane is PLANES[self.axes][-1] and self.form.rule == "mean":
-                summed = ~np.logical_or.reduce(kids(void, self.axes))
-            rows = [v.ravel().tolist() for v in (parents, even + (expected >> 4), uneven + (size >> 6), empty, summed, others)]
-            found = [self._difference((channel, number), step, *of) for of in zip(*rows)]
-            differences = np.array(found, parents.dtype).reshape(parents.shape)
-            wrong[plane.child], others = 64 * differences - even, others + differences
-            level[part(plane.child, self.axes)] = parents + differences
+        planes = PLANES[axes]
+        for number, plane in enumerate(planes):
+            near = [(pair, [shifted(wrong[child], s) for child, s in pair]) for pair, _ in plane.near]
+            own = [wrong[child] for child, _ in plane.siblings]
+            features = [[f] for f in even_parts + curved + own] + [rows for _, rows in near]
+            prediction, terms, wide = np.zeros_like(parents), 0, "i8" if self.lanes == 16 else self.type
+            for rows, weight in zip(features, self.weights[number]):
+                for row in rows:
+                    prediction = prediction + (row.astype(wide) * weight >> 6).astype(self.type)
+                    terms += 1
+            of_own = sum((self._size(row) for row in own), self._size(np.zeros_like(parents)))
+            of_near = sum((self._size(row) for _, rows in near for row in rows), self._size(np.zeros_like(parents)))
+            size = uneven + self._grow(of_own, plane.bits - fraction) + self._grow(of_near, 2 - fraction)
+            bits = np.vectorize(lambda size: int(size).bit_length(), otypes=[int])(self._limit(size))
+            is_last = self.mean and number + 1 == len(planes)
+            summed = ~np.logical_or.reduce(kids(void, axes)) if is_last else np.zeros(parents.shape, bool)
+            expected, contexts = self._expect(number, step, parents, others, prediction, terms, bits, summed)
+            plain, group = (2 * self.sizes + 16, 2) if is_last and not step else (self.sizes * min(number, 1), min(number, 1))
+            here = part(plane.child, axes)
+            there = ~void[here]
+            differences = np.zeros_like(parents)
+            found = self._read(contexts[there].tolist(), plain, 2 * self.sizes + 36 + group)
+            differences[there] = expected[there] + (np.array(found, "O").astype(self.type) << step)
+            even = np.zeros_like(parents)
+            signs = plane.signs(axes)
+            for sign, row in zip([*signs, signs[0] * signs[1]], even_parts):
+                even = even + sign * row
+            wrong[plane.child], others = (differences << fraction) - even, others + differences
+            level[here] = parents + differences
         return level
 
-    def _difference(self, key: tuple[int, int], step: int, parent: int, expected: int, size: int, empty: bool, summed: bool, others: int) -> int:
-        """How a child differs from its parent; `others` is what its siblings' differences add up to."""
-        if empty:
-            return 0
-        bits, context = self.numbers.bits, context_of(size)
-        whole = wrap(expected + 32, bits) >> 6
-        if step:
-            whole, context = (-others, 0) if summed else (whole, max(context - 2 * step, 0))
-            nearest = wrap(parent + whole + (1 << step - 1), bits) >> step << step
-            return wrap(nearest + (self.coder.error(("error", *key), context) << step) - parent, bits)
-        if not summed:
-            return wrap(whole + self.coder.error(("error", *key), context), bits)
-        halves = min(max(wrap(64 * others + expected + 16, bits) >> 5, -4), 4)
-        symbol = self.coder.symbol(("sum", key[0], halves, min(max(context >> 1, 1), 8)), SUM_STARTS[halves + 4])
-        return wrap((symbol - 8 if symbol else self.coder.signed()) - others, bits)
+    def _expect(
+        self, number: int, step: int, parents: Values, others: Values, prediction: Values, terms: int, bits: Values, summed: Values
+    ) -> tuple[Values, Values]:
+        """What the children of a plane differ from their parents, and contexts."""
+        first, s = self.sizes * min(number, 1), self.fraction - 2
+        expected = prediction + self.type.type(((1 << s) >> 1) + terms // 2) >> s
+        sums = (others << s) + prediction + self.type.type((1 << max(s - 1, 0) >> 1) + terms // 2) << 1 >> s
+        if not step:
+            contexts = 2 * self.sizes + 16 + 4 * np.clip(sums, -4, 4).astype(int) + np.minimum(bits // 2, 3)
+            return np.where(summed, -others, expected), np.where(summed, contexts, first + bits)
+        nearest = np.where(summed, parents - others, parents + expected) + self.type.type(1 << step - 1) >> step << step
+        return nearest - parents, np.where(summed, first, first + np.maximum(bits - step, 0))
 
-
-def unevenness(near: dict[ViewStep, Values], axes: int) -> Values:
-    """Of parents, by how their neighbours differ from them. Sizes have no sign."""
-    size = lambda v: np.abs(v).view(f"u{v.itemsize}")  # noqa: E731
-    found: Values = np.zeros_like(size(near[(0,) * axes]))
-    for before, after in ends(axes):
-        e, w = near[after], -near[before]
-        found += size(e) + size(w) + 2 * size(e - w)
-    if axes == 2:
-        corners = [size(near[x, y]) for x, y in product((-1, 1), repeat=2)]
-        found += corners[0] + corners[1] + corners[2] + corners[3] >> 1
-    return found
-
-
-def evenly(near: dict[ViewStep, Values], child: int, axes: int) -> Values:
-    """The even differences of a child from its parents."""
-    signs = [1 if child >> a & 1 else -1 for a in range(axes)]
-    found: Values = np.zeros_like(near[(0,) * axes])
-    for sign, (before, after) in zip(signs, ends(axes)):
-        found += 8 * sign * (near[after] - near[before])
-    if axes == 2:
-        found += signs[0] * signs[1] * (near[1, 1] - near[-1, 1] - near[1, -1] + near[-1, -1])
-    return found
-
-
-def ends(axes: int) -> list[tuple[ViewStep, ViewStep]]:
-    """The steps back and forth along each axis."""
-    steps = [tuple(int(a == b) for b in range(axes)) for a in range(axes)]
-    return [(tuple(-v for v in step), step) for step in steps]
+    def _read(self, contexts: list[int], plain: int, eight: int) -> list[int]:
+        """Numbers of a plane, by their contexts."""
+        streams, tables = self.streams, self.tables
+        symbols = [0] * len(contexts)
+        whole = len(contexts) // 8 * 8
+        for at in range(0, whole, 8):
+            if contexts[at : at + 8] == [plain] * 8 and not streams.symbol(tables[eight], 0):
+                for lane in range(8):
+                    symbols[at + lane] = -1
+                continue
+            for lane in range(8):
+                symbols[at + lane] = streams.symbol(tables[contexts[at + lane]], lane)
+        for at in range(whole, len(contexts)):
+            symbols[at] = streams.symbol(tables[contexts[at]], 0)
+        found = []
+        for symbol, context in zip(symbols, contexts):
+            is_error = context < 2 * self.sizes
+            noise = max(context % self.sizes - 8, 0) if is_error else 0
+            if symbol < 0:
+                upper, raw = 0, 0
+            elif symbol == 15:
+                upper, raw = 0, self.lanes
+            elif symbol < 4 or not is_error:
+                upper, raw = symbol, noise
+            else:
+                upper, raw = 2 | symbol & 1, symbol // 2 - 1 + noise
+            found.append(wrap(turned(upper << raw | streams.raw.take(raw)), self.lanes))
+        return found

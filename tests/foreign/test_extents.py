@@ -18,7 +18,7 @@ from typing import NamedTuple
 import pytest
 from autumnal import Autumn, Packed
 from basics import Code, Damaged, Unknown, crc32c
-from packed import NAMES, NUMBERS, SOLID
+from coder import NAMES, NUMBERS, SOLID
 from trees import LEAF, VOID, Values, raw_bits
 
 
@@ -69,33 +69,31 @@ HISTORIES = {
             ((7, 7, 1, 1), 30000),
         ],
         (
-            "eNrtXAtUlVUWPv9/70VBeaiID7h4IUAQBBJMEFFUIiVSS2kmSgcSSgovDFyUccJHippPVKZBm5mwskwbbCw1X1mOQz6yxjRtKcLlIfJS3vH4gTP7PP5rNmvNUmdmrak537/+e/bZZ+/z2Huf1+Uutk"
-            "3ONGUuNNpICCEZ6RCBed+YWegeIckS0vk2nEECAgICAgICAgICAgICAgL/syDX/yeSTAkalRHP0+fvyIwbJS0TlhIQEBAQEBAQEBAQEBAQ+Onf/7UqI42n6XdkRv3Kv1FYSkBAQEBAQEBAQEBAQEDg"
-            "p4tHs0wmSgRyRj+W7LXtPFr6sMfiTowQe9dafiLQiSMklpI3EmjJuhP3Afox/Q6tKtOJZ1EpD0rPkRivEwdmxgI9hkqNRmNRAa/XFwUgohGMQqB0LCJSE9BEFIHGo3C0R6e2DhyJUZOgjGiMB7kQ+C"
-            "Qa4VAeBnlCW6GBaDBtNQ7a8EZ+lCYlAdCCSvdFQ9Awi1QwesRSEgKPSndzO/RyO9wZuwZSCTGpHkwkMe7Bd/qLkGotzOtCCNOaiHYvyPZghfKZfbpwB96lIfUokGunJV1AfY/bKN1OpUiOSHWAdAs8"
-            "pITQzfAwmkm1c6lO4LfwuhSgWF17kdx9vkT6RFotxUvuUje6jD5E6SgGeaGZfYYi0hV1IDBI60bquAlg2L4IU6N0Quehk7zz7SDfRp0QAW4IB0eo2hHcVcxt4ZSeCM8E7qpwSMNQKKXHUikSBCQ0xq"
-            "NxQLNwCAZ+EETqk0Bbg9OGWtwW+gNXhYCGSjuAc90g54BIYI4FbbXkYeQPtC9ihveB15PSfrR18mmQkYV2kEgge6OH4NNAR+WLRiIfsFMsH9VDXMoLJDyQO+W7oxEg7UppFyrl8oN6XbiGDG3bwmuN"
-            "tmtIX9zhdeX9Gg6vE1JDgARHLw+OXnBuBw8nCUq7KU3q0sFnX/S+lugPgtee6muQDsJOQizk+yEtfLJ+jUB6sKUzHZUb7S9rnfD1UE5oZ3iGgL0Z7QLyw7m2Cx2JHr2lJakzfdUSZ+CrY3eFdwDQjv"
-            "AMRXbIibbnCOkANIhKDYVaneAltB1w+yHWcyI/CFpnfXKBPurBwkSb1O9s6S1YFrzwJO2hK7wjKN8NeQJ3JKUHIrm0N1+Ok4NlO7lYOimtkl6SIiVXqR4VolcgHEnFvZiZIhzCxRoCCPOg8ICmW6hT"
-            "ZDC3jHr4IB2hIUwd1EunQzufMr2YrAdkjivUce3cWWyNiKQ1EReymdiAW3EjPLVU+3vItfKZ3AzcBnyL0w24Cd+mdD3I1uJqSrdhooNQK12dOkC3g8/2dkgRasGPAl0LmjehpiraRiOuh9rqqFQN8K"
-            "rxDd6TOgu/Glda+NWgWQdyFVS7Aeqqg/ZJyS0oqeE9qQaJGyBD6BugXY7LKH0TpOshx7SJRjXXuA2t1fCaKkHDDA+jq0C3nNKlkJZAroRqV1C+mZeUwHOd0uW41MInPJV/HdJSXAx5sggQ+WJ4mLaZ"
-            "yjGpEgvditkLU4VOVkZrqdUboN/EH6oNVX8QG6r+IPZRNW4BV/VfE2avWm+TRYrYzAx2uGkZoWpFM/RJtSKxrmp1Yl3V6hUwvjIoY9pkhGaLfcwWK1ZSb1ZbrKtavRnG0IhJ3KzTMs+28ughfrqzo3"
-            "TQ3uokEmuNwFUg4lVvqrsL8WYrj2my69AzBt91yEIVS+NQxsooTb1cKK+Vo+X+8ldSrjQPJqIVnYhpMBGbYPAk3Ej1XVBlG3QVUwPchKFep3QrGJ+Y8GtuvmaYTph2mnThJpQyFzVDPbf5NGmHjrfw"
-            "gKzFxAix3Kk1IB9LJ2sXVNLKt/Auus52cadqYVLLdAgttKY2rkGmci93SjkYuIw7opyGc7mlvRvQCnMpCVN1ktRQVxDaFtnASkeOLUTbGvJWsAqSkgGwMjrAYYbQWpDS8NXbHnh2sASx3UYP65wedi"
-            "W2No6ANdpAS8jO5YlGUZrwVL4X7GJesLgxp1RCD+tgVGrPVeuQntfwACZ0vWUBarBYsxssTpytoW03UV90WGyu7k5k15JBRt21dDA+xpfH6fZLJukRqQMdoStxAx6KyMo1SkscqoDp4OBATeRON097"
-            "2mV2LguiK7Rsf7bvNd0ceSqcagZCWTcdiHqMIYGhru6YzkQWYJiueKwtUv9FKV9XDGfU7i80lZ9+d9Xq/+H8T5eiCSx/nPPXvlx74pWOl4L56aZx0r1V9yBykqToZ3Ba9klPyDAlpRtM/qbkFwzec6"
-            "ZHRfkZMkzpyWkZfoZM4/zUhWnpSRkZSYk++uSFaanppqREw+Jk0wLDy8nGRMP8VKMp2ZiZmpnBAkzgnv0/8Z/9P3VI41Th/5+//zXshkZxgPMX/DLxbKF7Y8g3iCzqEpIlsl7DqcXhbn3Dj1LV5ms2"
-            "BsRLKZ2usdaQWfSV3nykIBkFfb4/6j3XjaNrF+et+dj+gOtxl6eWpJ7KqrlsKFqUphk0zLhrV1FseM6kKZesIwa/ttdF9072wGKnA+e2h8UXFE+86t+0YLN2+JlX7Lcd/SRuxZL8TX0bPQt7I/cFVB"
-            "3qh9bfXpSb57nmT30TVh4Wbr1//09heTfuwO2hBfGfn/S/8hwsDjYP4H/bd4YMl4JbnqALSFn3m5nf7obGMvKf2bj98urQ1fjcbq1m12yHmkM5lTO9BuqrJp46es2prt/iDNegGTvP+R0r03oq7lVX"
-            "et72xddO10ZnLjb/9vGSgHd/k6nrueS71apwVXRkduNHz59sXllYWvTkc4MvbE9+NdIcczzus9at7x3Z+vFXm77Y8eqpU1Yf50Qei3sz8dSQpvWt+z3xXJeV3qGJY3uiY0OyGis2Tj23bnBwwDb32D"
-            "9Xz8986etvFr/vZzhilzq3wn++y7d52mtZ00+krZKQMWzajSuv6iZP6x9+JWLFgo3mPTr5r1rTVhuDbdrPxf+RLH+YO1B7ZdCiW0Md+ljTS/r9+3/Amqot0inl9pKRkClZW2qcA+kzDs/G5DxbVlMw"
-            "IPfCJruY3ilZy2ZIj7/hlb1zw/JfT0mMy8vtfzbl5OWY7EMfXhhSGuPuv2K5NOymNsA5blzpnPb1pqI9mztexpvGzKto27naY2Wx2yXbT/9wcJ/jqmPz3CdfRG8sOng8+e2Kg0tOHs2/3t0zLDencH"
-            "mXbcXY83v0B353uqYq59iFwKsJSWMK0We+RQlnMvdZZb9elLJ25/mg2XNcfKcG+HsvDBv50YmLPdnT9y+sLJ6R+8How29F7506M3ZtsO0L0+KffndyzsH8BMftLVOywr2jjYrbMrtJe173LjixeXfx"
-            "BetfZKx6MaqgLKq91lS5cqfx95Ezlj+xxS0v97no4X+pSvrS+SPfZZ/u7zFFHVyXh6u/3jwx9MstjiFhrSM9Lh+zqbt6xe57L8Ptvzm98/aAnZeil0VILw62l7Xth+PJZDK+Ydfffl3dsDrrGynl61"
-            "csWOqiP/fd+exdH2xoDo1xyvNfWj7p8y//fua1P64+mT6waHm/xOFZ9+F/6rMoln+T8w+dCXOvWj3PLEHhY/e8J9v8yz1ZuSUrwyRHBclk00csG3i/kSXLfZASFKmoJxYBAQEBAQEBAYH7Pf/TkxX/"
-            "j385nJ9kPPih61MRRZIsycgvKjklxZBgeD41y5D6gmFMoCHLEGqYn5SSksEOes/OTn7RmJToPXqcz1ylRW6zoWc8ONmRzAOc8BBSfKbACU9BUZKiHk0FBAQEBAQEBAQEBAQEBAT+3ft/PMsv5fzE4z"
-            "sq5284u1TSwP3f8+77/8Nj4P4PHz/4AuDpmdMjlXz5Gw29+Gvg4g+ZB7j4Y6y4R9CL/yxZQbOEfwQEBAQEBAQEBAQEBAQE/qP3f/5D5tc4//rpleEem6V6SQv3/8Af3f/J9f+uP//HGjPYDwCCAgE+"
-            "c+H2fzFYIdd+Lf0q4OIDfBXgh5TT4+lXAfHiNwD/NfwDI0LuDw=="
+            "eNrtXAtUlVUWPv9/7yVAeaiIAvfihQBREEwwRURRiZJIbZJmReVAQkkhMHBRsvCNkqaSMQ3mzASVaVrYaGH5Kh2HMtPykbYUeYO8lHc8fuDMPo//as1as9TVmjU15/vXf88+++x9Hnvv87rrwusz0k3pi5OsJYSQ"
+            "jHSIoHzvhHnoNiHJEtL5NJ9EAgICAgICAgICAgICAgIC/7Mg1/9H4k2xGpURw9NnbspMGiutEJYSEBAQEBAQEBAQEBAQEPj13/+1KiOFp6k3Zcb+wa9FWEpAQEBAQEBAQEBAQEBA4NeLBzJMJkqM54xBLNlj03Oo"
+            "7D6PpT0YIfZmm38i0INDJZaSNwxoyaoH3wP0g4Y3tapMD55HpTwoPV9ivB48Pj0K6AlUahyaiPJ5vT7IHxGNQDQZSiciIjUVTUOhaAoKQbt1auvAkRg1HcqIxhSQmwyfRCMEyoMhT2gLNBQNp61GQxveyJfSpMQf"
+            "WlBpSzQCOZmlAtH95pLJ8Kh0H7fDALfDzbFrIJUQk+rHRBLjfnyzvwip1sK8LoQwrYloD4BsP1Yon9mnF3fjHRpSjwK5LlrSC9SPuJPSXVSK5IhUN0i3w0NKCN0GD6OZVBeX6gF+O69LAYrVtQfJfadLpU+ldVKM"
+            "5C71oYvoI5SKIpEXmnvPSES6og4EBmnVQh03FQxriTA1Sg90HjrJO98F8p3UCaHghhBwhKodyl3F3BZC6WnwTOWuCoE0GAVReiKVIkFAQmMKmgQ0C4dA4AdApD4KtBU4baTZbUG3uGoyaKi0PTjXDXL2iATmRNBW"
+            "S+5DfkD7IGb4MfB6UtqXtk4+jTIy0/YSCWRvdC98GumofNBoNAbsFMVHdS+X8gIJD+RO+e5oFEi7UlpPpfS31KvnGjK0bQOvFdqmIX1xh9eV98sZXkekhgAJjgEeHAPg3G4eThKU9lGa1KWDT0v0vpboD4PXjupr"
+            "kA7CTkIs5AchLXyyfo1CBrClCx2VG+0va53wDVBOaBd4RoC9Ga0HeWeuracjMaC3tSR1oa9a4gJ8deyu8A4B2gGekcgWOdL2HCAdgoZRqZFQqyO8hLYF7iDEek7kh0HrrE966KMBLEy0Sf0u5t6CZcELj9IeusI7"
+            "ivLdkCdwR1N6KJLLBvLkaDlQtpVLpOPSWul5KUxylZpQIXoZwpFUPICZKUIgXKwggDAPCg9oup06RQZzy6ifD9IBGsLUQQN0OnTxKTOAyXpA5rhCHdfFncXWiDBaE3Ehm4nNuAO3wNNAtX+EXAefyW3AbcbXOd2M"
+            "W/ENSjeBbAOuo3QnJjoIddDVqRt0u/ls74IUoXb8ANANoHkNaqqlbbTgJqitkUrVA68O1/CeNJr5dbjazK8DzUaQq6LazVBXI7RPSq5DST3vSR1I1IAMoWtAuxJXUPoaSDdBjmkTjTqucQNaq+c1VYNGOTyMrgXd"
+            "SkqXQVoKuVKqXUX55bykFJ6rlK7EZWY+4an8q5CW4RLIk0WAyJfAw7TLqRyTKjXTHZi9MFXoZGW0llq9GfpN/KHaUPUHsaHqD2IfVeM6cFX/tWL2qvW2mqWIzcrBDtfMI1StWA59Uq1IrKtanVhXtXoVjK8Cypg2"
+            "GWG52T7lZitWU2/Wma2rWr0NxtCCSdxs0DLPdvDoIX66uaN0097qJBJrLcBVIOJVb6q7C/FmB49psuvQMwbfdchCFUXjUMbKWE2TXChnyxHyYPmMlCMtgIloQSdiCkzEVhg8CTdSfS9U2QldxdQA12CoVyndAcYn"
+            "JvyWm68NphOmnSZduAalzEVtUM8NPk26oOPtPCAbMDFCFHdqPchH0cnaC5V08C28l66zvdypWpjUMh1CO62pk2uQqTzAnVIJBq7gjqik4Vxpbq8GWmEuJWGqTpJ66gpC2yBrWOnIsYVoW0HeAlZBUjIEVkZ7OMwQ"
+            "WgtSGr562wHPFpYgttsYYJ0zwK7E1sZRsEYbaQnZuTzRWEoTnsr3gl3MCxY35pRq6GEjjErtuWod0vN6HsCEbjIvQM1ma/aBxYmzNbTtVuqLbrPN1d2J7FoyyKi7lg7Gx/jyJN0+ySTdL3Wjg3QlbsYjEVm5xmqJ"
+            "QxUwHRwcqInc6eZpR7vMzmUBdIWW7b62vKKbL8+CU81QKOujA1GPMSQw1NUd05nIAgzTFY+1Reo/L+XpSuCM2velpvroD5ct/h/O/3QpmsryRzh/+ertU445r9bz003L9Nur7m7kJEnBmNPymNTYNFN8qtHkZ0p4"
+            "1ug9f3Z4uK8xzZSakJLma0xPWpi8OCU1Pi0tPm6MIWFxSnKqKT7OuDTBtMj4QkJSnHFhcpIpISk9OT2NBZjAbft/2r/7f6Bz5AvC/799/2vYDY3iAOe/f/+oF8cGL7c4h8iiLiFZIus1nFrsf6pv/Fmq2nz9Jv8Y"
+            "TQZK7HGNsoLskjOG8oP5CSjg2L7wna6bxjUszV3/sd0nrkf0v1uWfCKj/qKxeEmKZphT0o4dxVEhWdNnXrAKHf7KHr3u3cyhJY6fnNoWHJNfMu2yX+uiLVrnky/bvX7o0+hVy/I2W7Z4Fg6E7fWvPTAIbbyxJCfX"
+            "c/3fLGPXfCYce6f+n8nyHtyB85o2F1meO579FCwO1nfhf5t3RzhrqiUU2P7ILMKr6Hsr/ftd0F5a3hObtl1cF7QOn9ql1ex4zL7+QFb1XK+hhtppJw5dcWwctDTNNWBOwSnfwxVaT8W99lL/Oz74ylcNEelLy196"
+            "uNT/vRfTdf0XfLZaFK6NCMts2f/M8bY1hWXFjz41/Oy2hNVh5ZFHor/o2Lrz4NaPz2z+8s3VJ05YfJwVdjj6rbgTI1o3duzzxE/r13gHxU3sj4ianNFStWnWqQ3DA/1fd4/6sG5h+vPfnlv6vq/xoG3y01V+C/Xf"
+            "52qvZMz+PGWthJKCH6q5tFo346HBIZdCVy3aVL5bJ/9Da9pqbbRJ+U34P4zlD3MHjn7y4Hez+ww1VvSSfuf+H7K+9jVNn4xOKDeWjYZ8aXZZ0nxIn7B/MjLryYr6/CE5ZzfbRg7MzFgxR3p4u1dmwasr/zgzLjo3"
+            "Z/DXiccvRmYe+OjsiLJId79VKyWna1p/l+hJZfO7NpqKd2/pfgFvnrCgqrNgnceaErcLNkf/UrTXYe3hBe4zzqPtS4qOJLxTVbTs+KG8q339TjlZhSt7baomnt5t+ORPX9XXZh0+O/5ybPyEQvSFT3HsyfS9Fplv"
+            "FCdmF5wOeGy+3meWv5/34uDR+z8/3585e9/i6pI5OR+M++ztiD2z5kZlB9o8+1DM4+/NyCrKi3XY1j4zI8Q7IklxW2E7ffcb3vmfb9lVctbq92lrnwvPrwjvajBVrylI+nPYnJWPvOaWm/NUhPPfa+O/cdnvs+Lo"
+            "vn5TeNGGXFz37ZZpQd+85jA5uGO0x8XD1o2XL9n+6GW88U/Hd98ZUnAhYkWo9NxwO1nb9VkMmU9J220H221odGq0qkms3Lhq0XK94dQPpzN3fPBqW1CkY67f8srpx7757uQrf113PHVo8cpBcc4Zt+t/6rNwls/n"
+            "/J0vu4xwuvpRrCRB6YO3vSlb/8dNWbkuK06Sg4Jksusjlh1/p6Ely/cgJSBMUY8sAgICAgICAgICd3j+pwcr/h//XuL8D7UfuhXsCzlG/r8fcg9PSEw0xhqfSc4wJj9rnDDemGEMMi6MT0xMY+e8cZOUdrnTmh7s"
+            "QIFk7uJYh5AyZiYc6xQULinqgVRAQEBAQEBAQEBAQEBAQOCXu//HsPxyzh/VOffK/oVF2ZIGSj1/ev+/bwLc/+Hjli8AHp87O0zJk89p6FcAoEMyd/EVAMaKeyj9CmCerKB5wj8CAgICAgICAgICAgICAr/o/Z//"
+            "ijmT889Uda3Y33YoXCJ/nOjxs/s/uf7fevsPGA+AG//5QIVc9bX0+n/+Lq7/vkj5agq9/seIXwD8V/Av7l/rmA=="
         ),
     ),
     "solid": History(
@@ -144,15 +142,14 @@ HISTORIES = {
             ((3, 3, 4, 4), 7),
         ],
         (
-            "eNrt3W9IE2EcB/Dnubk7EVdXYBRknJDVyEzNzCz8E6YYRBlZUUgzt+pqbmu71aCiK6IXBdEfiAgq7UVFBlEQIRHVqwrMFyUkUVQviiCIQVAvjqjn7p6p6x/OGWl8P7I99zx3eybPd4z77YaerIlq0b"
-            "ZAFiWECEQkpgrvUS8ZKiclvW/XewgAAAAAAAAAjFpm+b/cp7U4EwMh3oYHjpnWu2gVVgoAAAAAAABg7Nf/YmJA5+2BgWMmx3euxkoBAAAAAAAAjF1LY5pmbRTZ/Tt8vO9iaHb+WX2tJLGOMI4Qq3Wx"
-            "lrmSTTzWUWy7//Z7Et/9uzYhxhCJ0h3Wc2Xy55R4K/Lntr+pIN2j9hRxs2W/QTe1939lrSxL0mvano14h5S/YG6U2P0uPj6juujaAsf0S9TuxquGNl06xwnucEtE84UVrVBTNyuzVjfU1RUoES2shi"
-            "IFSjTQGmwLhX2RiM/rzlXbQsGw5vMqu1Rtq7JdDXiV1mBAUwPRYDRiTkYRbWr5l/6c/86SI1XI///P32FulNl9lY8/8z5cNjneUGC+zwvmalL2I2YKRE5+fPUPbWLd918XH9A8saZvqjnZlBPVGz/t"
-            "oK+oK/NU58sP77pvfn5Rv6+04yN9mPtlk0eae38Covi3+Zfb/cQX/aQLtevm0CWPJyUyTTH/DHZzsEcIlDaZrx5doaLeTvV2J9Z8VOZfkZz/83PZ5PaV8Vo6+QuUOAfl79SPUT3uwJqPyvwX2/1GPi"
-            "7Gbh/7cPORKye9/IVB+Qu6h70DYMlHXf5WJpV2/wwfP3y0a++TbbeeUrazfsjnZVl/PC8ziEypwU4nCJvV7BSl+qoSqGAoi43EySqMXP58qQ/x8drO8tNZrvg3ypacFNapfr/SomwKxpTgZmVeiRIz"
-            "71p9fn/ETnpDUyCibgn4vLPmu5sHchbSybmC5WyQSjZTJXICAAAAAAAAGJH6f2Vy/e94vzznzcRGF3WkWP+XDa7/HcOu/x2GUm7V/9WC0b8bAAAAAAAAANKr/z12/yAfv3z+au6Kjh4/zWD1f0Fy/V"
-            "/Myv/iX1f/C63qXxSs6j/Dqv7FYVX/eWVW9b8SV/8BAAAAAAAARrD+53/3X+PjezqK7+bPvJFNnaz+z0+u/8tKlZh5N+gTgDUrGmrtBzrN2VIu+Rmr3vdkGIlPIgAAAAAAAABgxOt/3e7zhtTt6rk0"
-            "TfbvpuLP1//N8r/019f/F7ibZVkwiEiISIksD+Pav2QcL7I+Cwg5jf7/Rgh/yXcAwFcD"
+            "eNrt3V9IU1EcB/Bzzty9YlrzIbOoOEZFkdU0UzMz7Y/SQ1lmf+ilqZs11G1udzZ66eZrEf2BXqKwiAJ7iIIeIoKkBw3qJQJF+kdkQlIMgnq4CJ37T11RzD+Vxvcj27nn3D+T89vG/e4OvVARVaItgTRKCGFEIroS"
+            "7xkvSZaTkhcDhzwEAAAAAAAAAKYtPf7v9Cl1TnsgZLXh0W0Wv9hYg5kCAAAAAAAAmPn5X7IHVKttH90mO95Wi5kCAAAAAAAAmLm2xxTFWHCb/YfWeN+N0Kpll9UDsiw6bDYhRpshWqEznXiMrcTyyO3XZGv1r1pb"
+            "TCAypa3GY6VajylbrWQ9tvlNBfkRNQ8R11vxGzyl5vph0bpcsvyWdqSjvEnVn+kL+Wb/vjW+vNx9u8ix9CY1u/HNyR1uMtuxleG6iOILc2WN4m/kK2p3VFbm8ogS9ociuTwaaAi2hMK+SMTnXbnI3xIKhhWflx/z"
+            "K0d5kz/g5Q3BgOIPRIPRiH4witKOr/4FP9e/Lf/UZtT//6+/Q18oNPtN1nhmZz9pnVfzXn+fZ/psUvEjpTLiSty//IfWnveTd6RuRy7JkSr6Fopu7/zz5Ye/tNI3NCP14q1XQx+e3vv6supEwdXPtGfRt3qPvLYr"
+            "E8X4l/UvNvv2F/3ka9sOrqZbnmXZNR1n/VPEzSH2YJTu0589KqeS2kHVDifmfFrWvySx/v1X0smDzjnKZOrPKHGOqb9TPUvVuANzPi3rX2r291jjUuzB2aF7TzLmTq7+bEz9meoR7wCY8mlXf6MmZWb/kjWe1saK"
+            "B+8eWUepWFuV9IlZ2m9PzDTiolQT5xNEHFXvuMf7tGKUabxUs89WYcrqb830cWu8unvTZX69dxcVL2KypNLf3MzreH0wxoONfF0+j+l3Db7m5ohZ6PWjpWWTKW2JKK1GysSRylAbAAAAAAAAgCnP/7sT839PzH3a"
+            "/W74MXUklf8LR/O/Y8L536HxYiP/lzNtZDUAAAAAAAAATF3+95j9mDW+vOt5+6yBqmyaItbyxPyfJ+J/3tj0v0EEfokZ6T/FSP/ShNJ/TqGR/nfj6j8AAAAAAADAH8r/1t/9V+z8r157Hd67gFOnWLssMf8XFvCY"
+            "fjfmE4D91Tu2mTvq25Nxx3/ByP6eFM3+JAIAAAAAAAAApjz/q4n5f/B6PPJp68csKv18/V+P/wnpv8jlYhqRCBEbu1wTuPYva+fcRv4PObWR/0AIf8F35HRGjg=="
         ),
     ),
 }
@@ -233,7 +230,7 @@ def test_heads_that_cannot_be(name: str) -> None:
             *((0, struct.pack("<I", n)) for n in (0, size - 1, size + 1, (1 << 20) + 1)),
             *((4, struct.pack("<H", n)) for n in (0, count - 1, count + 1, 481)),
             # Model, or where the first record starts; first state, or the second one; the tree's depth.
-            *((60 if packed else 56, bytes([n])) for n in (3, 255)),
+            *((60 if packed else 56, bytes([n])) for n in (1 if packed else 3, 255)),
             *((61, bytes(8)) for _ in range(packed)),
             (13, bytes([file.header.depth + 1])),
         ]

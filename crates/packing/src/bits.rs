@@ -12,12 +12,6 @@ pub(crate) trait BitCoder: Sized {
     /// Whether bits are read, so that those handed over do not count.
     const READS: bool;
 
-    /// Lets many bits be coded at once, for which a reader stays in registers.
-    #[inline(always)]
-    fn many(&mut self, code: impl FnOnce(&mut Self)) {
-        code(self);
-    }
-
     /// Writes a bit, or reads one.
     fn bit(&mut self, probability: &mut Adaptive, bit: bool) -> bool;
     /// Writes one of [`SYMBOLS`] symbols, or reads one.
@@ -189,13 +183,6 @@ impl<'b> BitReader<'b> {
 
 impl BitCoder for BitReader<'_> {
     const READS: bool = true;
-
-    #[inline(always)]
-    fn many(&mut self, code: impl FnOnce(&mut Self)) {
-        let mut here = *self;
-        code(&mut here);
-        *self = here;
-    }
 
     #[inline(always)]
     fn bit(&mut self, probability: &mut Adaptive, _: bool) -> bool {

@@ -1,16 +1,17 @@
-//! Dense blocks of numbers: their bits, channels and levels.
+//! Dense blocks of numbers: their channels and levels. Those of a segment are coded together, channel by channel.
 
 use spinney_base::TreeType;
-use spinney_base::value::Rule;
+use spinney_base::value::{Rule, SampleType};
 use spinney_container::{RecordLayout, VOID};
 
-use crate::adaptive::Adaptive;
-use crate::bits::BitCoder;
-use crate::errors::PlaneContexts;
-use crate::masks::{MaskContexts, code_mask};
+use crate::grids::Grid;
+use crate::lanes::Lane;
 use crate::nodes::Dense;
-use crate::planes::{Grid, LevelCoder, for_rows};
-use crate::samples::{Numbering, Whole, is_narrow, read_float};
+use crate::plain::write_dense_head;
+use crate::planes::{BlockNumbers, BlockShape, ChannelForm, Pending, decode, encode};
+use crate::samples::{Numbering, is_narrow, read_float};
+use crate::symbols::{HeaderReader, HeaderWriter, SymbolReader, SymbolWriter};
+use crate::void_nodes::VoidNodes;
 
 /// The channels in the order in which they are coded, and of each the one that it is told from by difference.
 pub(crate) fn channel_order(form: TreeType) -> &'static [(usize, Option<usize>)] {
@@ -21,109 +22,305 @@ pub(crate) fn channel_order(form: TreeType) -> &'static [(usize, Option<usize>)]
     if channels >= 3 && is_narrow(form.value.sample) { &COLOURS[..channels] } else { &PLAIN[..channels] }
 }
 
-/// Probabilities for the dense blocks of a segment.
-pub(crate) struct BlockContexts {
-    mask: MaskContexts,
-    channels: Vec<PlaneContexts>,
-}
+/// The numbers of a channel of a block, from its root down.
+type Levels<T> = Vec<Grid<T>>;
 
-impl BlockContexts {
-    pub(crate) fn new(form: TreeType) -> BlockContexts {
-        let channels = (0..form.value.channels).map(|_| PlaneContexts::new(form.children())).collect();
-        BlockContexts { mask: [Adaptive::default(); 64], channels }
-    }
-}
-
-/// A dense block of numbers that is coded.
-pub(crate) struct NumberBlock<'b> {
-    pub(crate) form: TreeType,
-    pub(crate) rule: Rule,
+/// A dense block of numbers.
+pub(crate) struct NumberBlock {
+    /// The node that it begins at.
+    pub(crate) node: u32,
     pub(crate) dense: Dense,
-    /// The value of the node that it begins at, or zeros.
-    pub(crate) root: &'b [u8],
-    /// All its bytes, or the room for them; states and places of its record do not count.
-    pub(crate) bytes: &'b mut [u8],
+    /// The value of that node, or zeros.
+    pub(crate) root: [u8; 16],
+    /// The bits of the bottom nodes, if it has some.
+    pub(crate) mask: Vec<u8>,
+    /// The first of its bytes in the records.
+    start: usize,
 }
 
-/// Codes a dense block.
-pub(crate) fn code_block<K: BitCoder>(coder: &mut K, contexts: &mut BlockContexts, block: NumberBlock<'_>) {
-    match is_narrow(block.form.value.sample) {
-        true => code_numbers::<K, i32>(coder, contexts, block),
-        false => code_numbers::<K, i64>(coder, contexts, block),
+impl NumberBlock {
+    /// One with the bits that its bytes have, or without any.
+    pub(crate) fn new(layout: &RecordLayout, node: u32, dense: Dense, bytes: Option<&[u8]>) -> NumberBlock {
+        let length =
+            if dense.kind.has_mask() { layout.dimension.cells(dense.levels) as usize / 8 } else { 0 };
+        let mask = match bytes {
+            Some(bytes) => bytes[layout.dense_mask_at(dense.levels)..][..length].to_vec(),
+            None => vec![0; length],
+        };
+        NumberBlock { node, dense, root: [0; 16], mask, start: 0 }
+    }
+
+    /// Begins in records at a place: puts its bits to its bytes.
+    pub(crate) fn begin(&mut self, layout: &RecordLayout, start: usize, bytes: &mut [u8]) {
+        self.start = start;
+        bytes[layout.dense_mask_at(self.dense.levels)..][..self.mask.len()].copy_from_slice(&self.mask);
+    }
+
+    /// The nodes that are VOID, if some may be.
+    fn void(&self, layout: &RecordLayout) -> Option<VoidNodes> {
+        (self.dense.kind.states().1 == Some(VOID))
+            .then(|| VoidNodes::new(layout, self.dense.levels, &self.mask))
+    }
+
+    /// The values of a level and all that follows them, in the records.
+    fn values<'r>(&self, layout: &RecordLayout, level: u8, records: &'r [u8]) -> &'r [u8] {
+        &records[self.start + layout.dense_values_at(level)..]
     }
 }
 
-fn code_numbers<K: BitCoder, T: Whole>(
-    coder: &mut K,
-    contexts: &mut BlockContexts,
-    NumberBlock { form, rule, dense, root, bytes: block }: NumberBlock<'_>,
-) {
-    let (layout, sample) = (RecordLayout::new(form), form.value.sample);
-    let void = dense.kind.has_mask().then(|| {
-        let bits = &mut block[layout.dense_mask_at(dense.levels)..]
-            [..layout.dimension.cells(dense.levels) as usize / 8];
-        code_mask(coder, &mut contexts.mask, (layout.dimension.axes(), dense.levels), bits);
-        (dense.kind.states().1 == Some(VOID)).then(|| VoidNodes::new(&layout, dense.levels, bits))
-    });
-    let void = void.flatten();
-    let void_children = |level: u8| void.as_ref().map(|void| &void.children[usize::from(level)][..]);
-    let is_void = |level: u8| void.as_ref().map(|void| &void.nodes[usize::from(level)][..]);
-    let mut coded: Vec<Vec<Grid<T>>> = vec![Vec::new(); usize::from(form.value.channels)];
+/// Copies the values of dense blocks from records to others, where there is nothing but zeros for VOID nodes.
+pub(crate) fn copy_values(form: TreeType, blocks: &[NumberBlock], from: &[u8], to: &mut [u8]) {
+    let layout = RecordLayout::new(form);
+    for block in blocks {
+        let void = block.void(&layout);
+        for level in 1..=block.dense.levels {
+            let start = block.start + layout.dense_values_at(level);
+            let values = start..start + layout.dimension.cells(level) as usize * layout.width;
+            let to = &mut to[values.clone()];
+            to.copy_from_slice(&from[values]);
+            if let Some(void) = &void {
+                let values = to.chunks_exact_mut(layout.width).zip(&void.nodes[usize::from(level)]);
+                values.filter(|(_, void)| **void).for_each(|(value, _)| value.fill(0));
+            }
+        }
+        write_dense_head(&layout, block.dense, &mut to[block.start..]);
+    }
+}
+
+/// What dense blocks have in common.
+#[derive(Clone, Copy)]
+struct BlockForm {
+    layout: RecordLayout,
+    sample: SampleType,
+    form: ChannelForm,
+}
+
+impl BlockForm {
+    fn new(form: TreeType, rule: Rule) -> BlockForm {
+        let layout = RecordLayout::new(form);
+        let form_of = ChannelForm { axes: layout.dimension.axes(), has_sums: rule == Rule::Mean };
+        BlockForm { layout, sample: form.value.sample, form: form_of }
+    }
+}
+
+/// Packs the numbers of dense blocks in records: a header, and streams.
+pub(crate) fn pack_blocks(
+    form: TreeType,
+    rule: Rule,
+    blocks: &[NumberBlock],
+    records: &[u8],
+) -> (Vec<u8>, Vec<u8>) {
+    let common = BlockForm::new(form, rule);
+    let void: Vec<Option<VoidNodes>> = blocks.iter().map(|block| block.void(&common.layout)).collect();
+    let (mut header, mut writer) = (HeaderWriter::default(), SymbolWriter::default());
+    let mut channels: Vec<Box<dyn Pending>> = Vec::new();
     for &(channel, like) in channel_order(form) {
-        let from = channel * sample.size();
-        let numbering = choose_numbering::<K>(form, channel, &layout, dense, root, block, is_void);
-        let numbering = numbering.code(coder, &mut contexts.channels[channel].is_scaled);
-        let number = |value: &[u8]| T::from_i64(numbering.read(&value[from..]));
-        let mut top = Grid::new(1, layout.dimension.axes());
-        top.row_mut(0, 0)[0] = number(root);
-        if let Some(like) = like {
-            let other = coded[like][0].at(0, 0, [0; 3])[0];
-            top.row_mut(0, 0)[0] = number(root).sub(other);
-        }
-        top.pad();
-        let mut grids = vec![top];
-        let has_sums = rule == Rule::Mean;
-        let mut levels = LevelCoder::new(&mut contexts.channels[channel], layout.dimension.axes(), has_sums);
-        for level in 1..=dense.levels {
-            let mut grid = Grid::<T>::new(1 << level, layout.dimension.axes());
-            let other = like.map(|like| &coded[like][usize::from(level)]);
-            let bytes = &mut block[layout.dense_values_at(level) + from..];
-            if !K::READS {
-                take_level(&mut grid, other, numbering, layout.width, bytes);
-            }
-            levels.level(coder, &grids[usize::from(level) - 1], &mut grid, void_children(level - 1));
-            if K::READS {
-                put_level(&grid, other, numbering, (layout.width, is_void(level)), bytes);
-            }
-            grid.pad();
-            grids.push(grid);
-        }
-        coded[channel] = grids;
+        let numbering = choose_numbering(&common, channel, (blocks, records), &void);
+        numbering.write(&mut header);
+        let sink = (&mut header, &mut writer);
+        channels.push(match numbering.lanes {
+            16 => pack_channel::<i16>(sink, &common, numbering, (channel, like), (blocks, &void, records)),
+            32 => pack_channel::<i32>(sink, &common, numbering, (channel, like), (blocks, &void, records)),
+            _ => pack_channel::<i64>(sink, &common, numbering, (channel, like), (blocks, &void, records)),
+        });
     }
+    channels.iter().rev().for_each(|channel| channel.states(&mut writer));
+    (header.finish(), writer.finish())
 }
 
-/// Takes the numbers of a level, or what they are more than those of another channel, from bytes that begin with the first sample; the next
-/// ones stand so many bytes behind each other.
-fn take_level<T: Whole>(
-    grid: &mut Grid<T>,
-    other: Option<&Grid<T>>,
+fn pack_channel<T: Lane>(
+    (header, writer): (&mut HeaderWriter, &mut SymbolWriter),
+    common: &BlockForm,
     numbering: Numbering,
-    width: usize,
-    bytes: &[u8],
-) {
-    let mut samples = bytes.chunks(width).map(|bytes| T::from_i64(numbering.read(bytes)));
-    for_rows(grid.side, grid.axes, |_, y, z| {
-        let out = grid.row_mut(y, z);
-        out.iter_mut().zip(&mut samples).for_each(|(out, number)| *out = number);
-        if let Some(other) = other {
-            let other = other.at(y, z, [0; 3]);
-            out.iter_mut().zip(other).for_each(|(out, other)| *out = out.sub(*other));
+    (channel, like): (usize, Option<usize>),
+    (blocks, void, records): (&[NumberBlock], &[Option<VoidNodes>], &[u8]),
+) -> Box<dyn Pending> {
+    let numbers: Vec<BlockNumbers<'_, T>> = blocks
+        .iter()
+        .zip(void)
+        .map(|(block, void)| BlockNumbers {
+            grids: take_block(common, numbering, (channel, like), (block, records), void.as_ref()),
+            void: void.as_ref().map(|void| &void.children),
+        })
+        .collect();
+    Box::new(encode(header, writer, common.form, &numbers))
+}
+
+/// Takes the numbers of a channel of a block, or what they are more than those of another channel, from the root down; VOID nodes have
+/// the numbers of their parents.
+fn take_block<T: Lane>(
+    common: &BlockForm,
+    numbering: Numbering,
+    (channel, like): (usize, Option<usize>),
+    (block, records): (&NumberBlock, &[u8]),
+    void: Option<&VoidNodes>,
+) -> Levels<T> {
+    let (layout, size) = (&common.layout, numbering.size());
+    let number = |value: &[u8]| {
+        let own = T::from_i64(numbering.read(&value[channel * size..]));
+        like.map_or(own, |like| own.minus(T::from_i64(numbering.read(&value[like * size..]))))
+    };
+    let mut top = Grid::new(1, common.form.axes);
+    top.row_mut([0, 0])[0] = number(&block.root);
+    top.pad();
+    let mut grids = vec![top];
+    for level in 1..=block.dense.levels {
+        let mut grid = Grid::<T>::new(1 << level, common.form.axes);
+        let above = &grids[grids.len() - 1];
+        let void = void.map(|void| &void.nodes[usize::from(level)][..]);
+        let values = block.values(layout, level, records);
+        let mut other = vec![T::default(); 1 << level];
+        for (index, [y, z]) in grid.rows().enumerate() {
+            let row = grid.row_mut([y, z]);
+            let values = &values[index * row.len() * layout.width..][..row.len() * layout.width];
+            numbering.read_all(&values[channel * size..], layout.width, row);
+            if let Some(like) = like {
+                numbering.read_all(&values[like * size..], layout.width, &mut other);
+                row.iter_mut().zip(&other).for_each(|(to, other)| *to = to.minus(*other));
+            }
+            if let Some(void) = void {
+                let parents = above.row([y / 2, z / 2], [0; 3]);
+                let void = &void[index * row.len()..][..row.len()];
+                for (x, to) in row.iter_mut().enumerate().filter(|(x, _)| void[*x]) {
+                    *to = parents[x / 2];
+                }
+            }
         }
+        grid.pad();
+        grids.push(grid);
+    }
+    grids
+}
+
+/// How the samples of a channel become integers.
+fn choose_numbering(
+    common: &BlockForm,
+    channel: usize,
+    (blocks, records): (&[NumberBlock], &[u8]),
+    void: &[Option<VoidNodes>],
+) -> Numbering {
+    let (layout, sample) = (&common.layout, common.sample);
+    if !sample.is_float() {
+        return Numbering::ordered(sample);
+    }
+    let number = |bytes: &[u8]| read_float(sample, &bytes[channel * sample.size()..]);
+    let of_level = |block: usize, level: u8| {
+        let bytes = blocks[block].values(layout, level, records).chunks_exact(layout.width);
+        let void = void[block].as_ref().map_or(&[][..], |void| &void.nodes[usize::from(level)]);
+        let samples = bytes.take(layout.dimension.cells(level) as usize).enumerate();
+        let samples = samples.filter(|(at, _)| !void.get(*at).copied().unwrap_or_default());
+        samples.map(|(_, bytes)| number(bytes))
+    };
+    let blocks = || blocks.iter().enumerate();
+    let above =
+        blocks().flat_map(|(at, block)| (1..block.dense.levels).flat_map(move |level| of_level(at, level)));
+    let bottom = || blocks().flat_map(|(at, block)| of_level(at, block.dense.levels));
+    let roots = blocks().map(|(_, block)| number(&block.root));
+    Numbering::choose(sample, above.chain(roots).chain(bottom()), bottom())
+}
+
+/// Reads the numbers of dense blocks into records. `None` if these are not their bytes.
+pub(crate) fn unpack_blocks(
+    form: TreeType,
+    rule: Rule,
+    (blocks, records): (&[NumberBlock], &mut [u8]),
+    (header, bytes): (&[u8], &[u8]),
+) -> Option<()> {
+    let common = BlockForm::new(form, rule);
+    let void: Vec<Option<VoidNodes>> = blocks.iter().map(|block| block.void(&common.layout)).collect();
+    let mut header = HeaderReader::new(header);
+    let mut reader = SymbolReader::new(bytes)?;
+    let mut kept = Vec::new();
+    for &(channel, like) in channel_order(form) {
+        let numbering = Numbering::read_from(common.sample, &mut header);
+        let is_kept = like.is_none() && channel_order(form).iter().any(|(_, like)| *like == Some(channel));
+        let source = (&mut header, &mut reader);
+        match numbering.lanes {
+            16 => {
+                let other = like.map(|_| &kept[..]);
+                let mut own = Vec::new();
+                let keep = is_kept.then_some(&mut own);
+                unpack_channel::<i16>(
+                    source,
+                    &common,
+                    numbering,
+                    channel,
+                    (blocks, &void, records),
+                    other,
+                    keep,
+                );
+                if is_kept {
+                    kept = own;
+                }
+            }
+            32 => unpack_channel::<i32>(
+                source,
+                &common,
+                numbering,
+                channel,
+                (blocks, &void, records),
+                None,
+                None,
+            ),
+            _ => unpack_channel::<i64>(
+                source,
+                &common,
+                numbering,
+                channel,
+                (blocks, &void, records),
+                None,
+                None,
+            ),
+        }
+    }
+    for block in blocks {
+        write_dense_head(&common.layout, block.dense, &mut records[block.start..]);
+    }
+    (header.is_whole() && reader.is_whole()).then_some(())
+}
+
+fn unpack_channel<T: Lane>(
+    (header, reader): (&mut HeaderReader<'_>, &mut SymbolReader<'_>),
+    common: &BlockForm,
+    numbering: Numbering,
+    channel: usize,
+    (blocks, void, records): (&[NumberBlock], &[Option<VoidNodes>], &mut [u8]),
+    other: Option<&[Levels<T>]>,
+    mut keep: Option<&mut Vec<Levels<T>>>,
+) {
+    let number =
+        |value: &[u8], channel: usize| T::from_i64(numbering.read(&value[channel * numbering.size()..]));
+    let mut shapes = Vec::with_capacity(blocks.len());
+    for (at, (block, void)) in blocks.iter().zip(void).enumerate() {
+        let mut root = number(&block.root, channel);
+        if let Some(other) = other {
+            root = root.minus(other[at][0].row([0, 0], [0; 3])[0]);
+        }
+        if let Some(keep) = &mut keep {
+            let mut top = Grid::new(1, common.form.axes);
+            top.row_mut([0, 0])[0] = root;
+            keep.push(vec![top]);
+        }
+        let void = void.as_ref().map(|void| &void.children);
+        shapes.push(BlockShape { root, levels: block.dense.levels, void });
+    }
+    T::with_scratch(|scratch| {
+        decode(scratch, header, reader, common.form, &shapes, |at, level, grid| {
+            let void = void[at].as_ref().map(|void| &void.nodes[usize::from(level)][..]);
+            let other = other.map(|other| &other[at][usize::from(level)]);
+            let start = blocks[at].start + common.layout.dense_values_at(level) + channel * numbering.size();
+            let values = &mut records[start..];
+            put_level(grid, other, numbering, (common.layout.width, void), values);
+            if let Some(keep) = &mut keep {
+                keep[at].push(grid.clone());
+            }
+        });
     });
 }
 
-/// Puts them there, but for those of VOID nodes, which have zeros.
-fn put_level<T: Whole>(
+/// Puts the numbers of a level to bytes that begin with the first sample; the next ones are so many bytes apart. VOID nodes
+/// have zeros.
+fn put_level<T: Lane>(
     grid: &Grid<T>,
     other: Option<&Grid<T>>,
     numbering: Numbering,
@@ -131,79 +328,19 @@ fn put_level<T: Whole>(
     bytes: &mut [u8],
 ) {
     let side = grid.side;
-    grid.each_row(|row, y, z| {
-        let bytes = &mut bytes[row * side * width..];
-        let numbers = grid.at(y, z, [0; 3]).iter();
-        match other.map(|other| other.at(y, z, [0; 3])) {
+    for (index, row) in grid.rows().enumerate() {
+        let bytes = &mut bytes[index * side * width..];
+        let numbers = grid.row(row, [0; 3]).iter();
+        match other.map(|other| other.row(row, [0; 3])) {
             None => numbering.write_all(numbers.map(|number| number.to_i64()), bytes, width),
             Some(other) => {
-                let sums = numbers.zip(other).map(|(number, other)| number.add(*other).to_i64());
+                let sums = numbers.zip(other).map(|(number, other)| number.plus(*other).to_i64());
                 numbering.write_all(sums, bytes, width);
             }
         }
         if let Some(void) = void {
-            let void = void[row * side..][..side].iter().zip(bytes.chunks_mut(width));
+            let void = void[index * side..][..side].iter().zip(bytes.chunks_mut(width));
             void.filter(|(void, _)| **void).for_each(|(_, bytes)| bytes[..numbering.size()].fill(0));
         }
-    });
-}
-
-/// How the samples of a channel become whole numbers, where they are to be written.
-fn choose_numbering<'v, K: BitCoder>(
-    form: TreeType,
-    channel: usize,
-    layout: &RecordLayout,
-    dense: Dense,
-    root: &[u8],
-    block: &[u8],
-    is_void: impl Fn(u8) -> Option<&'v [bool]>,
-) -> Numbering {
-    let sample = form.value.sample;
-    if K::READS || !sample.is_float() {
-        return Numbering::ordered(sample);
-    }
-    let number = |bytes: &[u8]| read_float(sample, &bytes[channel * sample.size()..]);
-    let of_level = |level: u8| {
-        let bytes = block[layout.dense_values_at(level)..].chunks_exact(layout.width);
-        let void = is_void(level).unwrap_or_default();
-        let samples = bytes.take(layout.dimension.cells(level) as usize).enumerate();
-        samples.filter(|(at, _)| !void.get(*at).copied().unwrap_or_default()).map(|(_, bytes)| number(bytes))
-    };
-    let all = (1..=dense.levels).flat_map(of_level).chain([number(root)]);
-    Numbering::choose(sample, all, of_level(dense.levels))
-}
-
-/// Which nodes of a dense block are VOID, level by level.
-struct VoidNodes {
-    nodes: Vec<Vec<bool>>,
-    /// Of each node above the bottom: a bit for each child that is VOID.
-    children: Vec<Vec<u8>>,
-}
-
-impl VoidNodes {
-    /// By the bits of the bottom nodes.
-    fn new(layout: &RecordLayout, levels: u8, bits: &[u8]) -> VoidNodes {
-        let bottom = (0..layout.dimension.cells(levels) as usize)
-            .map(|at| bits[at / 8] >> (at % 8) & 1 == 0)
-            .collect();
-        let mut all = VoidNodes { nodes: vec![bottom], children: Vec::new() };
-        for level in (0..levels).rev() {
-            let (side, below) = (1 << level, &all.nodes[all.nodes.len() - 1]);
-            let mut children = vec![0; layout.dimension.cells(level) as usize];
-            for_rows(side, layout.dimension.axes(), |row, y, z| {
-                let out = &mut children[row * side..][..side];
-                for child in 0..layout.children() {
-                    let row = (2 * z + (child >> 2)) * 2 * side + 2 * y + (child >> 1 & 1);
-                    let void = below[row * 2 * side..][..2 * side].iter().skip(child & 1).step_by(2);
-                    out.iter_mut().zip(void).for_each(|(out, void)| *out |= u8::from(*void) << child);
-                }
-            });
-            let whole = u8::MAX >> (8 - layout.children());
-            all.nodes.push(children.iter().map(|children: &u8| *children == whole).collect());
-            all.children.push(children);
-        }
-        all.nodes.reverse();
-        all.children.reverse();
-        all
     }
 }

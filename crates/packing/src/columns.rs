@@ -5,8 +5,7 @@
 
 use crate::adaptive::{Adaptive, AdaptiveSymbols};
 use crate::bits::{BitCoder, BitReader, BitWriter, fold, unfold};
-use crate::errors::{SIZES, code_error, size_context};
-use crate::initial;
+use crate::errors::{SIZES, code_error, initial_symbols, size_context};
 
 /// A way through columns of numbers: one that writes them, or one that reads them.
 pub struct Columns<'b> {
@@ -44,7 +43,7 @@ impl Columns<'_> {
     }
 
     fn new(way: Way<'_>, bits: usize, numbers: usize) -> Columns<'_> {
-        let near = || Near { size: 0, symbols: (0..SIZES).map(initial::of_errors).collect() };
+        let near = || Near { size: 0, symbols: (0..SIZES).map(initial_symbols).collect() };
         Columns {
             way,
             bits: vec![Adaptive::default(); bits],

@@ -1,16 +1,10 @@
-//! Numbers near 0 and small sums, in the context of how large they may be.
+//! Numbers near 0, in the context of how large they may be.
 
-use crate::adaptive::{Adaptive, AdaptiveSymbols, SYMBOLS};
+use crate::adaptive::{AdaptiveSymbols, SYMBOLS};
 use crate::bits::{BitCoder, fold, unfold};
-use crate::initial;
 
-/// Contexts of a plane by how much is expected to be wrong: two per doubling.
+/// Contexts by how much is expected to be wrong: two per doubling.
 pub(crate) const SIZES: usize = 128;
-/// Contexts of sums: by what they are expected to be, in halves from -2 to 2, and by how much is expected to be wrong.
-pub(crate) const SUMS: usize = 9;
-pub(crate) const SUM_SIZES: usize = 8;
-/// The symbol of a sum of 0.
-const NO_SUM: i64 = 8;
 /// From this context on, the lower bits of what is wrong are as often set as not: one more per doubling.
 const NOISE: usize = 14;
 
@@ -24,24 +18,30 @@ pub(crate) fn size_context(size: u64) -> usize {
     2 * bits - 2 + (size >> (bits - 2) & 1) as usize
 }
 
-/// Probabilities for one channel.
-pub(crate) struct PlaneContexts {
-    /// Of errors, by plane and size.
-    pub(crate) errors: Vec<AdaptiveSymbols>,
-    /// Of sums, by what is expected and size.
-    pub(crate) sums: Vec<AdaptiveSymbols>,
-    /// Whether floating samples are multiples of a power of two.
-    pub(crate) is_scaled: Adaptive,
-    /// Whether some of the lowest bits are 0 in a whole level.
-    pub(crate) has_steps: Adaptive,
-}
+/// Parts of 2^15 for symbols of errors, by context up to 13; then by whether a context is odd.
+const ERRORS: [[i16; SYMBOLS]; 16] = [
+    [15472, 4646, 3873, 1555, 1555, 782, 782, 628, 628, 473, 473, 396, 396, 318, 318, 473],
+    [32064, 293, 211, 33, 44, 21, 18, 11, 10, 9, 9, 9, 9, 9, 9, 9],
+    [31831, 386, 313, 49, 55, 25, 22, 12, 11, 10, 9, 9, 9, 9, 9, 9],
+    [29287, 1725, 1314, 121, 139, 56, 36, 15, 11, 10, 9, 9, 9, 9, 9, 9],
+    [26461, 3141, 2454, 236, 233, 81, 63, 21, 14, 10, 9, 9, 9, 9, 9, 9],
+    [24911, 3691, 3073, 373, 420, 117, 77, 25, 15, 10, 10, 10, 9, 9, 9, 9],
+    [24993, 3598, 2782, 479, 546, 158, 97, 32, 17, 11, 10, 9, 9, 9, 9, 9],
+    [20461, 5337, 4327, 894, 1057, 327, 208, 61, 29, 12, 10, 9, 9, 9, 9, 9],
+    [18860, 5846, 4728, 1071, 1288, 454, 311, 90, 44, 16, 12, 10, 10, 9, 9, 10],
+    [15674, 7361, 5612, 1258, 1555, 571, 431, 156, 69, 21, 13, 10, 10, 9, 9, 9],
+    [13243, 7758, 6259, 1701, 2073, 716, 570, 232, 117, 32, 18, 11, 10, 10, 9, 9],
+    [11375, 7526, 6209, 2453, 2860, 936, 758, 301, 204, 63, 29, 13, 12, 10, 10, 9],
+    [9819, 7041, 5824, 2665, 3468, 1706, 1225, 448, 323, 115, 72, 20, 13, 10, 10, 9],
+    [8790, 6430, 5278, 2894, 3958, 2054, 1755, 667, 519, 197, 129, 44, 20, 12, 10, 11],
+    [8032, 6374, 4693, 3274, 4014, 2245, 2178, 875, 596, 212, 155, 52, 33, 14, 11, 10],
+    [5829, 5121, 4217, 3297, 4681, 2887, 3156, 1501, 1179, 391, 288, 102, 68, 24, 16, 11],
+];
 
-impl PlaneContexts {
-    pub(crate) fn new(children: usize) -> PlaneContexts {
-        let errors = (0..children * SIZES).map(|at| initial::of_errors(at % SIZES)).collect();
-        let sums = (0..SUMS * SUM_SIZES).map(|at| initial::of_sums(at / SUM_SIZES)).collect();
-        PlaneContexts { errors, sums, is_scaled: Adaptive::default(), has_steps: Adaptive::default() }
-    }
+/// Probabilities of the symbols of errors in a context.
+pub(crate) fn initial_symbols(context: usize) -> AdaptiveSymbols {
+    let last = ERRORS.len() - 2;
+    AdaptiveSymbols::new(&ERRORS[if context < last { context } else { last + context % 2 }])
 }
 
 /// The least number of each symbol, and how many bits tell the others.
@@ -83,19 +83,4 @@ pub(crate) fn code_error<K: BitCoder>(
     let (first, lower) = FIRST_OF[symbol];
     let bits = u32::from(lower) + noise;
     unfold((u64::from(first) << noise) + coder.raw(whole & ((1 << bits) - 1), bits))
-}
-
-/// Codes a small sum.
-#[inline(always)]
-pub(crate) fn code_sum<K: BitCoder>(
-    coder: &mut K,
-    contexts: &mut [AdaptiveSymbols],
-    context: usize,
-    sum: i64,
-) -> i64 {
-    let symbol = Some(sum.wrapping_add(NO_SUM)).filter(|symbol| (1..16).contains(symbol)).unwrap_or(0);
-    match coder.symbol(&mut contexts[context], symbol as usize) {
-        0 => coder.signed(sum),
-        symbol => symbol as i64 - NO_SUM,
-    }
 }

@@ -4,29 +4,30 @@ use spinney_base::TreeType;
 use spinney_base::value::{DataKind, Rule, SampleType, ValueType};
 use spinney_container::{INNER, RecordLayout, VOID};
 
+use crate::adaptive::Adaptive;
 use crate::bits::BitCoder;
-use crate::blocks::{BlockContexts, NumberBlock, code_block};
+use crate::blocks::NumberBlock;
 use crate::fullness::{FullnessContexts, code_fullness};
+use crate::masks::{MaskContexts, code_mask};
 use crate::nodes::{
     BEYOND, FIRST_VALUE, MIXED, NOTHING, NewValues, NodeContexts, NodeForm, Nodes, ROOT, code_nodes,
 };
 use crate::plain::{Parsed, Writer, parse};
+use crate::segment::Damage;
 use crate::values::{NumberValues, Numbers, TableValues, bytes, numbers, order};
 
 /// A way to take the values of nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Model {
     /// Names, in a table; dense blocks are nodes like all others.
-    Names,
-    /// Numbers; dense blocks are coded plane by plane.
-    Numbers,
+    Names = 0,
     /// How full a solid is: as names, but that INNER nodes have what is below them.
-    Solid,
+    Solid = 2,
+    /// Numbers; dense blocks are coded plane by plane, with tables that are stored. (1 was with probabilities that follow what was seen.)
+    Numbers = 3,
 }
 
 impl Model {
-    const ALL: [Model; 3] = [Model::Names, Model::Numbers, Model::Solid];
-
     /// The one that writers choose. Readers take values by any of them, whatever rule and kind are.
     pub(crate) fn of(value: ValueType, rule: Rule, kind: DataKind) -> Model {
         match (rule, kind) {
@@ -36,10 +37,18 @@ impl Model {
         }
     }
 
-    /// The one with a number, if values can be taken so.
-    pub(crate) fn from_number(number: u8, value: ValueType) -> Option<Model> {
-        let model = Model::ALL.get(usize::from(number)).copied()?;
-        (model != Model::Solid || can_be_solid(value)).then_some(model)
+    /// The one with a number.
+    ///
+    /// # Errors
+    /// If there is none, or values cannot be taken so.
+    pub(crate) fn from_number(number: u8, value: ValueType) -> Result<Model, Damage> {
+        match number {
+            0 => Ok(Model::Names),
+            1 => Err(Damage::OLDER),
+            2 if can_be_solid(value) => Ok(Model::Solid),
+            3 => Ok(Model::Numbers),
+            _ => Err(Damage("no such model")),
+        }
     }
 
     /// Whether values are told by their place in a table.
@@ -120,11 +129,10 @@ impl<'r> Taken<'r> {
         &self.parsed.nodes
     }
 
-    /// The bytes of the dense blocks that are apart.
-    pub(crate) fn blocks(&self, layout: &RecordLayout) -> Blocks {
+    /// The dense blocks that are apart, without the values of the nodes that they begin at.
+    pub(crate) fn blocks(&self, layout: &RecordLayout) -> Vec<NumberBlock> {
         let blocks = self.parsed.blocks.iter().map(|(node, dense, place)| {
-            let start = place * layout.size;
-            (*node, self.records[start..][..dense.places(layout) * layout.size].to_vec())
+            NumberBlock::new(layout, *node, *dense, Some(&self.records[place * layout.size..]))
         });
         blocks.collect()
     }
@@ -159,9 +167,6 @@ pub(crate) fn distinct(form: TreeType, values: impl Iterator<Item = Numbers>) ->
     known
 }
 
-/// Dense blocks that are apart, by the nodes that they begin at: all their bytes, but for the states of the record.
-pub(crate) type Blocks = Vec<(u32, Vec<u8>)>;
-
 /// The values of nodes, by their model.
 enum Values {
     Table(TableValues),
@@ -172,10 +177,9 @@ enum Values {
 pub(crate) struct ModelCoder {
     model: Model,
     form: TreeType,
-    rule: Rule,
     layout: RecordLayout,
     contexts: NodeContexts,
-    blocks: BlockContexts,
+    masks: MaskContexts,
     fullness: FullnessContexts,
     values: Values,
     /// The bytes of values by their symbols, less [`FIRST_VALUE`].
@@ -192,7 +196,7 @@ pub(crate) struct RunRoom {
 
 impl ModelCoder {
     /// With the values that are in the table; or, where there is none, with all those to be written.
-    pub(crate) fn new(model: Model, (form, rule): (TreeType, Rule), known: &[Numbers]) -> ModelCoder {
+    pub(crate) fn new(model: Model, form: TreeType, known: &[Numbers]) -> ModelCoder {
         let values = match model.has_table() {
             true => Values::Table(TableValues::new(known.len())),
             false => Values::Numbers(NumberValues::new(form, known.to_vec())),
@@ -200,10 +204,9 @@ impl ModelCoder {
         let mut coder = ModelCoder {
             model,
             form,
-            rule,
             layout: RecordLayout::new(form),
             contexts: NodeContexts::new(form.children()),
-            blocks: BlockContexts::new(form),
+            masks: [Adaptive::default(); 64],
             fullness: FullnessContexts::default(),
             values,
             known: Vec::new(),
@@ -248,13 +251,13 @@ impl ModelCoder {
         values.known = known;
     }
 
-    /// Codes records, below a node with the symbol `root`, and the dense blocks that are apart.
+    /// Codes records, below a node with the symbol `root`, and the bits of the dense blocks that are apart, whose numbers come later.
     pub(crate) fn run<K: BitCoder>(
         &mut self,
         coder: &mut K,
         room: RunRoom,
         (truth, root): (&Nodes, u32),
-        blocks: &mut Blocks,
+        blocks: &mut Vec<NumberBlock>,
     ) -> Option<Nodes> {
         let form = NodeForm {
             height: room.height,
@@ -275,43 +278,47 @@ impl ModelCoder {
             code_fullness(coder, &mut nodes, (axes, room.height), truth, &leaves, &mut self.fullness);
         }
         if self.model == Model::Numbers {
-            self.code_blocks(coder, room.length, &nodes, blocks)?;
+            self.code_masks(coder, room.length, &nodes, blocks)?;
         }
         Some(nodes)
     }
 
-    /// Codes the dense blocks that are apart.
-    fn code_blocks<K: BitCoder>(
+    /// Codes the bits of the dense blocks that are apart.
+    fn code_masks<K: BitCoder>(
         &mut self,
         coder: &mut K,
         length: usize,
         nodes: &Nodes,
-        blocks: &mut Blocks,
+        blocks: &mut Vec<NumberBlock>,
     ) -> Option<()> {
         let mut rest = length;
         for (number, (node, dense)) in nodes.dense_blocks().iter().copied().enumerate() {
             let size = dense.places(&self.layout) * self.layout.size;
             rest = rest.checked_sub(size)?;
             if K::READS {
-                blocks.push((node, vec![0; size]));
+                blocks.push(NumberBlock::new(&self.layout, node, dense, None));
             }
-            let root = self.value(nodes.symbol(node));
-            let (form, rule, bytes) = (self.form, self.rule, &mut blocks[number].1);
-            code_block(coder, &mut self.blocks, NumberBlock { form, rule, dense, root: &root, bytes });
+            let block = &mut blocks[number];
+            block.root = self.value(nodes.symbol(node));
+            if dense.kind.has_mask() {
+                let form = (self.layout.dimension.axes(), dense.levels);
+                code_mask(coder, &mut self.masks, form, &mut block.mask);
+            }
         }
         Some(())
     }
 
-    /// Writes the records of nodes, of so many places at most, to an empty buffer. `None` if these are not enough, or nodes make no dense
+    /// Writes the records of nodes, of so many places at most, after those that are there. Dense blocks that are apart have no
+    /// numbers yet, and get their places. `None` if these are not enough, or nodes make no dense
     /// block where one is said to be.
     pub(crate) fn write(
         &self,
         nodes: &Nodes,
-        blocks: &Blocks,
+        blocks: &mut [NumberBlock],
         most: usize,
         records: &mut Vec<u8>,
     ) -> Option<()> {
-        Writer { layout: &self.layout, nodes, values: &self.known, blocks }.write(ROOT, records, most)
+        Writer { layout: &self.layout, nodes, values: &self.known }.write(ROOT, records, most, blocks)
     }
 }
 

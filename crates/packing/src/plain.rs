@@ -2,6 +2,7 @@
 
 use spinney_container::{DenseBlock, INNER, LEAF, RecordHead, RecordLayout, VOID, dense_child};
 
+use crate::blocks::NumberBlock;
 use crate::nodes::{Dense, FIRST_VALUE, MIXED, NOTHING, Nodes, ROOT};
 
 /// A plain segment, taken apart.
@@ -112,8 +113,6 @@ pub(crate) struct Writer<'w> {
     pub(crate) nodes: &'w Nodes,
     /// Values by their symbols, less [`FIRST_VALUE`].
     pub(crate) values: &'w [[u8; 16]],
-    /// Dense blocks that were apart, by the nodes that they begin at: all their bytes, but for the states of the record.
-    pub(crate) blocks: &'w [(u32, Vec<u8>)],
 }
 
 impl Writer<'_> {
@@ -134,9 +133,16 @@ impl Writer<'_> {
         Some(())
     }
 
-    /// Writes the record of an INNER node and what is below it, into so many places at most. `None` if these are not enough, or nodes
+    /// Writes the record of an INNER node and what is below it, into so many places at most. Dense blocks that were apart, in the order
+    /// of the nodes that they begin at, have no numbers yet, and get their places. `None` if the places are not enough, or nodes
     /// make no dense block where one is said to be.
-    pub(crate) fn write(&self, node: u32, records: &mut Vec<u8>, most: usize) -> Option<()> {
+    pub(crate) fn write(
+        &self,
+        node: u32,
+        records: &mut Vec<u8>,
+        most: usize,
+        blocks: &mut [NumberBlock],
+    ) -> Option<()> {
         let (layout, nodes) = (self.layout, self.nodes);
         let start = records.len();
         if let Some(dense) = nodes.dense(node) {
@@ -144,18 +150,14 @@ impl Writer<'_> {
             if skip > most.checked_sub(start / layout.size)? {
                 return None;
             }
-            match self.blocks.binary_search_by_key(&node, |(node, _)| *node) {
-                Ok(found) => records.extend_from_slice(&self.blocks[found].1),
+            records.resize(start + skip * layout.size, 0);
+            match blocks.binary_search_by_key(&node, |block| block.node) {
+                Ok(found) => blocks[found].begin(layout, start, &mut records[start..]),
                 Err(_) => {
-                    records.resize(start + skip * layout.size, 0);
                     self.fill(dense, (node, 0, 0), &mut records[start..])?;
+                    write_dense_head(layout, dense, &mut records[start..]);
                 }
             }
-            let block = DenseBlock::new(*layout, dense.kind, dense.levels, &records[start..]);
-            let state = |child: usize| u32::from(block.state(1, child)) << (2 * child);
-            let states = (0..layout.children()).map(state).sum();
-            let head = RecordHead { states, skip: skip as u32, dense: dense.kind.number() };
-            layout.write_head(&mut records[start..][..layout.size], head);
             return Some(());
         }
         if start / layout.size >= most {
@@ -173,7 +175,7 @@ impl Writer<'_> {
             }
         }
         for node in (first..).take(layout.children()).filter(|node| nodes.state(*node) == INNER) {
-            self.write(node, records, most)?;
+            self.write(node, records, most, blocks)?;
         }
         let skip = ((records.len() - start) / layout.size) as u32;
         layout.write_head(&mut records[start..][..layout.size], RecordHead { states, skip, dense: 0 });
@@ -209,6 +211,25 @@ impl Writer<'_> {
         }
         Some(())
     }
+}
+
+/// Writes the head of a dense block whose values and bits are there: these say what its root's children are.
+pub(crate) fn write_dense_head(layout: &RecordLayout, dense: Dense, bytes: &mut [u8]) {
+    let block = DenseBlock::new(*layout, dense.kind, dense.levels, bytes);
+    let state = |child: usize| u32::from(block.state(1, child)) << (2 * child);
+    let states = (0..layout.children()).map(state).sum();
+    let head = RecordHead { states, skip: dense.places(layout) as u32, dense: dense.kind.number() };
+    layout.write_head(&mut bytes[..layout.size], head);
+}
+
+/// Places of the record of an INNER node and of what is below it. `None` if an INNER node has no children.
+pub(crate) fn places(layout: &RecordLayout, nodes: &Nodes, node: u32) -> Option<usize> {
+    if let Some(dense) = nodes.dense(node) {
+        return Some(dense.places(layout));
+    }
+    let first = nodes.first(node)?;
+    let below = (first..).take(layout.children()).filter(|node| nodes.state(*node) == INNER);
+    below.map(|node| places(layout, nodes, node)).sum::<Option<usize>>().map(|below| 1 + below)
 }
 
 /// Calls `each` for every LEAF, with its number and its cells.

@@ -6,9 +6,11 @@ use spinney_container::RecordLayout;
 
 use crate::adaptive::{Adaptive, AdaptiveSymbols, SYMBOLS};
 use crate::bits::{BitCoder, BitReader, BitWriter};
+use crate::blocks::{NumberBlock, copy_values};
 use crate::model::{Model, ModelCoder, NO_VALUE, RunRoom, Taken, distinct, symbol_of};
-use crate::nodes::Nodes;
-use crate::segment::Damage;
+use crate::nodes::{Nodes, ROOT};
+use crate::plain::places;
+use crate::segment::{Damage, Parts, write_parts};
 use crate::values::{Numbers, code_table, numbers};
 
 /// The meaning of runs.
@@ -67,14 +69,7 @@ pub(crate) fn pack_runs_by(
 ) -> Option<Vec<u8>> {
     let length = beside.len() + runs.iter().map(|run| run.records.len()).sum::<usize>();
     let packed = pack_as(model, form, runs, (beside, length))?;
-    if packed.len() >= length {
-        return None;
-    }
-    // (As it is with segments: nothing is written that does not become the same again.)
-    let unpacked = unpack_runs(form, runs.len(), length, &packed).ok()?;
-    let is_same = |(run, other): (&Run<&[u8]>, &Run<Vec<u8>>)| *run == other.as_slices();
-    let is_same = unpacked.beside == beside && runs.iter().zip(&unpacked.runs).all(is_same);
-    is_same.then_some(packed)
+    (packed.len() < length).then_some(packed)
 }
 
 fn pack_as(
@@ -91,10 +86,23 @@ fn pack_as(
     taken.iter_mut().try_for_each(|taken| taken.set_symbols(&known))?;
     let mut writer = BitWriter::default();
     let contents = Contents { runs, taken: &taken, known: &known, beside };
-    code_runs(&mut writer, model, form, (runs.len(), length, length), &contents)?;
+    let (coded, mut blocks) = code_runs(&mut writer, model, form, (runs.len(), length, length), &contents)?;
     let mut packed = checksum(runs.iter().copied(), beside).to_le_bytes().to_vec();
     packed.push(model as u8);
-    writer.finish(&mut packed);
+    // (As it is with segments: nothing is written that does not become the same again.)
+    let records = runs.iter().flat_map(|run| run.records).copied().collect::<Vec<u8>>();
+    let (mut written, lengths) = coded.write(&layout, &mut blocks)?;
+    let is_same = |((run, coded), length): ((&Run<&[u8]>, &CodedRun), usize)| {
+        length == run.records.len() && coded.representative == run.representative
+    };
+    if written.len() != records.len() || !runs.iter().zip(&coded.runs).zip(lengths).all(is_same) {
+        return None;
+    }
+    copy_values(form.form, &blocks, &records, &mut written);
+    if written != records {
+        return None;
+    }
+    write_parts(writer, (model, form.form, form.rule), (&blocks, &records), &mut packed);
     Some(packed)
 }
 
@@ -104,14 +112,26 @@ fn pack_as(
 /// If the bytes are not those of such runs.
 pub fn unpack_runs(form: &RunForm, count: usize, most: usize, packed: &[u8]) -> Result<UnpackedRuns, Damage> {
     let (start, rest) = packed.split_at_checked(START).ok_or(Damage("too few bytes"))?;
-    let model = Model::from_number(start[4], form.form.value).ok_or(Damage("no such model"))?;
-    let mut reader = BitReader::new(rest).ok_or(Damage("no states"))?;
+    let model = Model::from_number(start[4], form.form.value)?;
+    let parts = Parts::of(model, rest).ok_or(Damage("parts that cannot be"))?;
+    let mut reader = BitReader::new(parts.nodes).ok_or(Damage("no states"))?;
     let contents = Contents { runs: &[], taken: &[], known: &[], beside: &[] };
-    let unpacked = code_runs(&mut reader, model, form, (count, most, 0), &contents);
-    let unpacked = unpacked.ok_or(Damage("records that cannot be"))?;
+    let coded = code_runs(&mut reader, model, form, (count, most, 0), &contents);
+    let (coded, mut blocks) = coded.ok_or(Damage("records that cannot be"))?;
     if !reader.is_whole() {
         return Err(Damage("another length"));
     }
+    let (mut records, lengths) =
+        coded.write(&RecordLayout::new(form.form), &mut blocks).ok_or(Damage("records that cannot be"))?;
+    let numbers = parts.unpack_blocks(form.form, form.rule, (&blocks, &mut records));
+    numbers.ok_or(Damage("numbers that cannot be"))?;
+    let mut rest = &records[..];
+    let runs = coded.runs.into_iter().zip(lengths).map(|(run, length)| {
+        let (records, others) = rest.split_at(length);
+        rest = others;
+        Run { height: run.height, representative: run.representative, records: records.to_vec() }
+    });
+    let unpacked = UnpackedRuns { runs: runs.collect(), beside: coded.beside };
     let found = checksum(unpacked.runs.iter().map(Run::as_slices), &unpacked.beside);
     if found.to_le_bytes() != start[..4] {
         return Err(Damage("another checksum"));
@@ -137,15 +157,49 @@ struct Contents<'c> {
     beside: &'c [u8],
 }
 
-/// Codes runs, of which there are so many, that take `length` bytes, and no more than `most`, with what is beside them. Tells both where they are
-/// read.
+/// Runs as nodes.
+struct CodedRuns {
+    coder: ModelCoder,
+    runs: Vec<CodedRun>,
+    /// Bytes of all records at most.
+    length: usize,
+    beside: Vec<u8>,
+}
+
+/// A run as nodes.
+struct CodedRun {
+    height: u8,
+    representative: Vec<u8>,
+    nodes: Nodes,
+    /// Dense blocks of numbers.
+    blocks: usize,
+}
+
+impl CodedRuns {
+    /// The records of all runs, and how many bytes each takes; dense blocks have no numbers yet, and get their offsets.
+    /// `None` if they take another length than is stored.
+    fn write(&self, layout: &RecordLayout, blocks: &mut [NumberBlock]) -> Option<(Vec<u8>, Vec<usize>)> {
+        let (mut records, mut lengths, mut blocks) = (Vec::new(), Vec::new(), blocks);
+        for run in &self.runs {
+            let (own, others) = blocks.split_at_mut_checked(run.blocks)?;
+            blocks = others;
+            let start = records.len();
+            self.coder.write(&run.nodes, own, self.length / layout.size, &mut records)?;
+            lengths.push(records.len() - start);
+        }
+        (records.len() == self.length).then_some((records, lengths))
+    }
+}
+
+/// Codes runs, of which there are so many, that take `length` bytes, and no more than `most`, with what is beside them. Tells both, and the dense
+/// blocks of numbers in their order.
 fn code_runs<K: BitCoder>(
     coder: &mut K,
     model: Model,
     form: &RunForm,
     (count, most, length): (usize, usize, usize),
     contents: &Contents<'_>,
-) -> Option<UnpackedRuns> {
+) -> Option<(CodedRuns, Vec<NumberBlock>)> {
     let layout = RecordLayout::new(form.form);
     let length = usize::try_from(coder.number(length as u64)).ok().filter(|length| *length <= most)?;
     let (mut rest, mut heights) = (length, [Adaptive::default(); 1 << HEIGHT_BITS]);
@@ -155,9 +209,9 @@ fn code_runs<K: BitCoder>(
         true => code_table(coder, form.form, contents.known, length / layout.width + count)?,
         false => contents.known.to_vec(),
     };
-    let mut model_coder = ModelCoder::new(model, (form.form, form.rule), &table);
-    let (mut before, none) = (None, Nodes::default());
-    let mut runs = Vec::new();
+    let mut model_coder = ModelCoder::new(model, form.form, &table);
+    let (mut before, none, records) = (None, Nodes::default(), rest);
+    let (mut runs, mut all_blocks) = (Vec::new(), Vec::new());
     for number in 0..count {
         let truth = contents.runs.get(number);
         let nodes = contents.taken.get(number).map_or(&none, Taken::nodes);
@@ -176,16 +230,14 @@ fn code_runs<K: BitCoder>(
         let room = RunRoom { height, reach: form.reach, length: rest };
         let mut blocks = contents.taken.get(number).map_or(Vec::new(), |taken| taken.blocks(&layout));
         let nodes = model_coder.run(coder, room, (nodes, root), &mut blocks)?;
-        if K::READS {
-            let mut records = Vec::new();
-            model_coder.write(&nodes, &blocks, rest / layout.size, &mut records)?;
-            // Invariant: what runs may take gets less by what each has taken. So however many runs there are said to be, all of them
-            // together take no more than their bytes do.
-            rest -= records.len();
-            runs.push(Run { height, representative: value[..layout.width].to_vec(), records });
-        }
+        // Invariant: what runs may take gets less by what each takes. So however many runs there are said to be, all of them
+        // together take no more than their bytes do.
+        rest = rest.checked_sub(places(&layout, &nodes, ROOT)? * layout.size)?;
+        let representative = value[..layout.width].to_vec();
+        runs.push(CodedRun { height, representative, nodes, blocks: blocks.len() });
+        all_blocks.append(&mut blocks);
     }
-    (!K::READS || rest == 0).then_some(UnpackedRuns { runs, beside })
+    Some((CodedRuns { coder: model_coder, runs, length: records, beside }, all_blocks))
 }
 
 /// Bits of a run's height.

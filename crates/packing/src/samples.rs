@@ -2,79 +2,10 @@
 
 use spinney_base::value::SampleType;
 
-use crate::adaptive::Adaptive;
-use crate::bits::BitCoder;
+use crate::lanes::Lane;
+use crate::symbols::{HeaderReader, HeaderWriter};
 
-/// A whole number that arithmetic wraps round in.
-pub(crate) trait Whole: Copy + Default + Ord {
-    fn from_i64(number: i64) -> Self;
-    fn to_i64(self) -> i64;
-    fn add(self, other: Self) -> Self;
-    fn sub(self, other: Self) -> Self;
-    fn times(self, factor: i32) -> Self;
-    /// Divided by a power of two, downwards.
-    fn down(self, shift: u32) -> Self;
-    /// The distance from 0.
-    fn size(self) -> Self::Size;
-    /// A number without a sign, as large: distances, and sums of them.
-    type Size: Copy + Default;
-    fn grow(size: Self::Size, more: Self::Size, factor: u32) -> Self::Size;
-    fn shrink(size: Self::Size, shift: u32) -> Self::Size;
-    fn to_u64(size: Self::Size) -> u64;
-}
-
-macro_rules! whole {
-    ($signed:ty, $unsigned:ty) => {
-        impl Whole for $signed {
-            #[inline(always)]
-            fn from_i64(number: i64) -> $signed {
-                number as $signed
-            }
-            #[inline(always)]
-            fn to_i64(self) -> i64 {
-                self as i64
-            }
-            #[inline(always)]
-            fn add(self, other: $signed) -> $signed {
-                self.wrapping_add(other)
-            }
-            #[inline(always)]
-            fn sub(self, other: $signed) -> $signed {
-                self.wrapping_sub(other)
-            }
-            #[inline(always)]
-            fn times(self, factor: i32) -> $signed {
-                self.wrapping_mul(factor as $signed)
-            }
-            #[inline(always)]
-            fn down(self, shift: u32) -> $signed {
-                self >> shift
-            }
-            #[inline(always)]
-            fn size(self) -> $unsigned {
-                self.unsigned_abs()
-            }
-            type Size = $unsigned;
-            #[inline(always)]
-            fn grow(size: $unsigned, more: $unsigned, factor: u32) -> $unsigned {
-                size.wrapping_add(more.wrapping_mul(factor as $unsigned))
-            }
-            #[inline(always)]
-            fn shrink(size: $unsigned, shift: u32) -> $unsigned {
-                size >> shift
-            }
-            #[inline(always)]
-            fn to_u64(size: $unsigned) -> u64 {
-                size as u64
-            }
-        }
-    };
-}
-
-whole!(i32, u32);
-whole!(i64, u64);
-
-/// Whether samples and all that is made of them fit into 32 bits.
+/// Whether samples have at most 16 bits.
 pub(crate) fn is_narrow(sample: SampleType) -> bool {
     sample.size() <= 2
 }
@@ -110,7 +41,7 @@ pub(crate) fn write(sample: SampleType, number: i64, bytes: &mut [u8]) {
     write_all(sample, [number].into_iter(), bytes, sample.size());
 }
 
-/// Writes samples, each so many bytes behind the one before.
+/// Writes samples, each so many bytes after the one before.
 #[inline(always)]
 pub(crate) fn write_all(
     sample: SampleType,
@@ -125,6 +56,12 @@ pub(crate) fn write_all(
         width: usize,
         sample: impl Fn(i64) -> [u8; N],
     ) {
+        if width == N {
+            for (number, bytes) in numbers.zip(bytes.as_chunks_mut::<N>().0) {
+                *bytes = sample(number);
+            }
+            return;
+        }
         for (number, bytes) in numbers.zip(bytes.chunks_mut(width)) {
             if let Some(bytes) = bytes.first_chunk_mut() {
                 *bytes = sample(number);
@@ -147,27 +84,33 @@ pub(crate) fn write_all(
     }
 }
 
-/// How the samples of a channel become whole numbers in a dense block.
+/// How the samples of a channel become integers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Numbering {
     sample: SampleType,
-    /// Of floating samples: the power of two times which all are whole; if none is told, they are their bits.
+    /// Of floating samples: the power of two times which all are whole; if there is none, they are their bits.
     scale: Option<i8>,
+    /// Bits of the lanes that numbers are computed with: 16, 32 or 64.
+    pub(crate) lanes: u32,
 }
 
-/// The bits of the place of a scale among numbers with as many bits.
-const SCALE_BITS: u32 = 8;
-/// Whole numbers of floating samples have at most so many bits.
+/// Whole numbers of floating samples have at most so many bits, and in lanes of 32 bits so many.
 const MAX_BITS: i32 = 62;
+const MAX_MIDDLE_BITS: i32 = 29;
 
 impl Numbering {
     /// By the order of the samples.
     pub(crate) fn ordered(sample: SampleType) -> Numbering {
-        Numbering { sample, scale: None }
+        let lanes = match sample.size() {
+            1 | 2 => 16,
+            4 => 32,
+            _ => 64,
+        };
+        Numbering { sample, scale: None, lanes }
     }
 
-    /// The one that suits samples of all nodes of a block and, among these, those at its bottom: as multiples of a power of two if
-    /// these have fewer digits than there is room for, as if they had been rounded.
+    /// The one that suits floating samples of all nodes and, among these, those at the bottom of dense blocks: as multiples of a power of
+    /// two if these have fewer digits than there is room for, as if they had been rounded.
     pub(crate) fn choose(
         sample: SampleType,
         all: impl Iterator<Item = f64>,
@@ -177,18 +120,32 @@ impl Numbering {
         let (Some(all), Some(bottom)) = (digits(all), digits(bottom)) else { return ordered };
         // (Digits of a sample: 24 and 53.)
         let few = if sample == SampleType::F32 { 22 } else { 50 };
-        let is_rounded = bottom.1 - bottom.0 < few && all.1 - all.0 < MAX_BITS;
-        let scale = i8::try_from(-all.0).ok().filter(|_| is_rounded);
-        Numbering { scale, ..ordered }
+        let bits = all.1 - all.0;
+        let is_rounded = bottom.1 - bottom.0 < few && bits < MAX_BITS;
+        match i8::try_from(-all.0).ok().filter(|_| is_rounded) {
+            Some(scale) => {
+                Numbering { sample, scale: Some(scale), lanes: if bits < MAX_MIDDLE_BITS { 32 } else { 64 } }
+            }
+            None => ordered,
+        }
     }
 
-    /// Codes it.
-    pub(crate) fn code<K: BitCoder>(self, coder: &mut K, is_scaled: &mut Adaptive) -> Numbering {
-        if !self.sample.is_float() || !coder.bit(is_scaled, self.scale.is_some()) {
-            return Numbering { scale: None, ..self };
+    pub(crate) fn write(self, header: &mut HeaderWriter) {
+        if self.sample.is_float() {
+            header.put(self.scale.is_some().into(), 1);
+            if let Some(scale) = self.scale {
+                header.put(u64::from(scale as u8), 8);
+                header.put((self.lanes == 64).into(), 1);
+            }
         }
-        let scale = coder.raw(u64::from(self.scale.unwrap_or_default() as u8), SCALE_BITS);
-        Numbering { scale: Some(scale as u8 as i8), ..self }
+    }
+
+    pub(crate) fn read_from(sample: SampleType, header: &mut HeaderReader<'_>) -> Numbering {
+        if !sample.is_float() || header.take(1) == 0 {
+            return Numbering::ordered(sample);
+        }
+        let scale = Some(header.take(8) as u8 as i8);
+        Numbering { sample, scale, lanes: if header.take(1) == 1 { 64 } else { 32 } }
     }
 
     /// Bytes of a sample.
@@ -205,7 +162,47 @@ impl Numbering {
         }
     }
 
-    /// Writes samples, each so many bytes behind the one before.
+    /// Reads samples, each so many bytes after the one before.
+    pub(crate) fn read_all<T: Lane>(self, bytes: &[u8], width: usize, numbers: &mut [T]) {
+        #[inline(always)]
+        fn each<T, const N: usize>(
+            bytes: &[u8],
+            width: usize,
+            numbers: &mut [T],
+            number: impl Fn(&[u8; N]) -> T,
+        ) {
+            if width == N {
+                let all = numbers.iter_mut().zip(bytes.as_chunks::<N>().0);
+                return all.for_each(|(to, bytes)| *to = number(bytes));
+            }
+            for (to, bytes) in numbers.iter_mut().zip(bytes.chunks(width)) {
+                if let Some(bytes) = bytes.first_chunk() {
+                    *to = number(bytes);
+                }
+            }
+        }
+        match (self.sample, self.scale) {
+            (SampleType::U8, _) => {
+                each(bytes, width, numbers, |bytes: &[u8; 1]| T::from_i64(bytes[0].into()))
+            }
+            (SampleType::I16, _) => {
+                each(bytes, width, numbers, |bytes| T::from_i64(i16::from_le_bytes(*bytes).into()))
+            }
+            (SampleType::U16, _) => {
+                each(bytes, width, numbers, |bytes| T::from_i64(u16::from_le_bytes(*bytes).into()))
+            }
+            (SampleType::F32, None) => {
+                each(bytes, width, numbers, |bytes: &[u8; 4]| T::from_i64(read(SampleType::F32, bytes)))
+            }
+            _ => {
+                for (to, bytes) in numbers.iter_mut().zip(bytes.chunks(width)) {
+                    *to = T::from_i64(self.read(bytes));
+                }
+            }
+        }
+    }
+
+    /// Writes samples, each so many bytes after the one before.
     #[inline(always)]
     pub(crate) fn write_all(self, numbers: impl Iterator<Item = i64>, bytes: &mut [u8], width: usize) {
         let Some(scale) = self.scale else { return write_all(self.sample, numbers, bytes, width) };

@@ -5,8 +5,9 @@ use spinney_base::value::{DataKind, Rule};
 use spinney_container::RecordLayout;
 
 use crate::bits::{BitCoder, BitReader, BitWriter};
+use crate::blocks::{NumberBlock, copy_values, pack_blocks, unpack_blocks};
 use crate::counts::{code_counts, parse_counts};
-use crate::model::{Blocks, Model, ModelCoder, NO_VALUE, RunRoom, Taken, distinct};
+use crate::model::{Model, ModelCoder, NO_VALUE, RunRoom, Taken, distinct};
 use crate::nodes::Nodes;
 use crate::values::{Numbers, code_table};
 
@@ -29,6 +30,11 @@ pub struct SegmentForm {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Damage(pub &'static str);
 
+impl Damage {
+    /// None, but numbers as older versions packed them.
+    pub const OLDER: Damage = Damage("numbers that an older version packed");
+}
+
 /// Class counts that a segment lists, at most.
 const MAX_COUNTS: usize = 1024;
 
@@ -44,15 +50,7 @@ pub fn pack(segment: &SegmentForm, places: u32, plain: &[u8]) -> Option<Vec<u8>>
 pub(crate) fn pack_by(model: Model, segment: &SegmentForm, places: u32, plain: &[u8]) -> Option<Vec<u8>> {
     let layout = RecordLayout::new(segment.form);
     let (records, counts) = plain.split_at_checked(places as usize * layout.size)?;
-    let packed = pack_as(model, segment, &layout, records, counts)?;
-    if packed.len() >= plain.len() {
-        return None;
-    }
-    // Invariant: nothing is written that does not become the same bytes again. What the model has no words for (another writer's
-    // records, or damaged ones) stays plain; and a mistake in here loses no data.
-    let classes = (counts.len() / (layout.width + 8)) as u16;
-    let is_same = unpack(segment, places, classes, &packed).is_ok_and(|unpacked| unpacked == plain);
-    is_same.then_some(packed)
+    pack_as(model, segment, &layout, records, counts).filter(|packed| packed.len() < plain.len())
 }
 
 fn pack_as(
@@ -75,10 +73,22 @@ fn pack_as(
     let mut writer = BitWriter::default();
     let table = if model.has_table() { &known } else { &table };
     let contents = Contents { nodes: taken.nodes(), table, known: &known, counts };
-    code_segment(&mut writer, model, segment, layout, records.len(), contents, &mut blocks)?;
+    let (coder, nodes, coded_counts) =
+        code_segment(&mut writer, model, segment, layout, records.len(), contents, &mut blocks)?;
+    // Invariant: nothing is written that does not become the same bytes again. What the model has no words for (another writer's records,
+    // or damaged ones) stays plain.
+    let mut written = Vec::with_capacity(records.len());
+    coder.write(&nodes, &mut blocks, records.len() / layout.size, &mut written)?;
+    if written.len() != records.len() {
+        return None;
+    }
+    copy_values(segment.form, &blocks, records, &mut written);
+    if written != records || coded_counts != counts {
+        return None;
+    }
     let mut packed = crc32c::crc32c_append(crc32c::crc32c(records), counts).to_le_bytes().to_vec();
     packed.push(model as u8);
-    writer.finish(&mut packed);
+    write_parts(writer, (model, segment.form, segment.rule), (&blocks, records), &mut packed);
     Some(packed)
 }
 
@@ -90,16 +100,19 @@ pub fn unpack(segment: &SegmentForm, places: u32, classes: u16, packed: &[u8]) -
     let layout = RecordLayout::new(segment.form);
     let length = places as usize * layout.size;
     let (start, rest) = packed.split_at_checked(START).ok_or(Damage("too few bytes"))?;
-    let model = Model::from_number(start[4], segment.form.value).ok_or(Damage("no such model"))?;
-    let mut reader = BitReader::new(rest).ok_or(Damage("no states"))?;
+    let model = Model::from_number(start[4], segment.form.value)?;
+    let parts = Parts::of(model, rest).ok_or(Damage("parts that cannot be"))?;
+    let mut reader = BitReader::new(parts.nodes).ok_or(Damage("no states"))?;
     let mut blocks = Vec::new();
     let none = Nodes::default();
     let contents = Contents { nodes: &none, table: &[], known: &[], counts: &[] };
     let coded = code_segment(&mut reader, model, segment, &layout, length, contents, &mut blocks);
     let (coder, nodes, counts) = coded.ok_or(Damage("nodes that cannot be"))?;
     let mut plain = Vec::with_capacity(length + counts.len());
-    let written = coder.write(&nodes, &blocks, places as usize, &mut plain);
+    let written = coder.write(&nodes, &mut blocks, places as usize, &mut plain);
     written.ok_or(Damage("records that cannot be"))?;
+    let numbers = parts.unpack_blocks(segment.form, segment.rule, (&blocks, &mut plain));
+    numbers.ok_or(Damage("numbers that cannot be"))?;
     let is_whole = reader.is_whole() && plain.len() == length;
     plain.extend_from_slice(&counts);
     if !is_whole || counts.len() != usize::from(classes) * (layout.width + 8) {
@@ -109,6 +122,82 @@ pub fn unpack(segment: &SegmentForm, places: u32, classes: u16, packed: &[u8]) -
         return Err(Damage("another checksum"));
     }
     Ok(plain)
+}
+
+/// Bytes of what is adaptive, and of the numbers of dense blocks, if there are some.
+pub(crate) struct Parts<'p> {
+    /// Bytes of a [`BitReader`].
+    pub(crate) nodes: &'p [u8],
+    /// Of the numbers of dense blocks the header, and the streams.
+    numbers: (&'p [u8], &'p [u8]),
+}
+
+/// Writes all parts; with numbers the lengths of all but the last.
+pub(crate) fn write_parts(
+    writer: BitWriter,
+    (model, form, rule): (Model, TreeType, Rule),
+    (blocks, records): (&[NumberBlock], &[u8]),
+    packed: &mut Vec<u8>,
+) {
+    if model != Model::Numbers {
+        return writer.finish(packed);
+    }
+    let mut nodes = Vec::new();
+    writer.finish(&mut nodes);
+    let (header, streams) = match blocks {
+        [] => Default::default(),
+        _ => pack_blocks(form, rule, blocks, records),
+    };
+    for length in [nodes.len(), header.len()] {
+        write_length(length, packed);
+    }
+    [nodes, header, streams].iter().for_each(|part| packed.extend_from_slice(part));
+}
+
+/// Writes a length in LEB128: seven bits per byte from the lowest up, and a bit whether more follow.
+fn write_length(mut length: usize, bytes: &mut Vec<u8>) {
+    while length >= 0x80 {
+        bytes.push(length as u8 | 0x80);
+        length >>= 7;
+    }
+    bytes.push(length as u8);
+}
+
+fn read_length(bytes: &mut &[u8]) -> Option<usize> {
+    let mut length = 0;
+    for at in 0..5 {
+        let (byte, rest) = bytes.split_first()?;
+        *bytes = rest;
+        length |= usize::from(byte & 0x7f) << (7 * at);
+        if byte & 0x80 == 0 {
+            return Some(length);
+        }
+    }
+    None
+}
+
+impl<'p> Parts<'p> {
+    pub(crate) fn of(model: Model, mut bytes: &'p [u8]) -> Option<Parts<'p>> {
+        if model != Model::Numbers {
+            return Some(Parts { nodes: bytes, numbers: Default::default() });
+        }
+        let (nodes, header) = (read_length(&mut bytes)?, read_length(&mut bytes)?);
+        let (nodes, rest) = bytes.split_at_checked(nodes)?;
+        Some(Parts { nodes, numbers: rest.split_at_checked(header)? })
+    }
+
+    /// Reads the numbers of dense blocks into records.
+    pub(crate) fn unpack_blocks(
+        &self,
+        form: TreeType,
+        rule: Rule,
+        blocks: (&[NumberBlock], &mut [u8]),
+    ) -> Option<()> {
+        match blocks.0 {
+            [] => (self.numbers.0.is_empty() && self.numbers.1.is_empty()).then_some(()),
+            _ => unpack_blocks(form, rule, blocks, self.numbers),
+        }
+    }
 }
 
 /// All that is to be written; nothing where it is read.
@@ -130,13 +219,13 @@ fn code_segment<K: BitCoder>(
     layout: &RecordLayout,
     length: usize,
     contents: Contents<'_>,
-    blocks: &mut Blocks,
+    blocks: &mut Vec<NumberBlock>,
 ) -> Option<(ModelCoder, Nodes, Vec<u8>)> {
-    let SegmentForm { form, rule, height, reach, .. } = *segment;
+    let SegmentForm { form, height, reach, .. } = *segment;
     // (Each value takes its width, in records or class counts.)
     let table = code_table(coder, form, contents.table, length / layout.width + MAX_COUNTS)?;
     let known = if model.has_table() { &table } else { contents.known };
-    let mut model_coder = ModelCoder::new(model, (form, rule), known);
+    let mut model_coder = ModelCoder::new(model, form, known);
     let room = RunRoom { height, reach, length };
     let nodes = model_coder.run(coder, room, (contents.nodes, NO_VALUE), blocks)?;
     let all = model.has_table().then_some(&nodes);

@@ -8,8 +8,7 @@ use spinney_base::value::SampleType;
 use crate::adaptive::{Adaptive, AdaptiveSymbols};
 use crate::bits::BitCoder;
 use crate::blocks::channel_order;
-use crate::errors::{SIZES, code_error, size_context};
-use crate::initial;
+use crate::errors::{SIZES, code_error, initial_symbols, size_context};
 use crate::nodes::{FIRST_VALUE, NOTHING, NewValues};
 use crate::samples;
 
@@ -104,7 +103,7 @@ impl NumberValues {
     /// With values that are to be written, or none.
     pub(crate) fn new(form: TreeType, known: Vec<Numbers>) -> NumberValues {
         let errors = SIZES * usize::from(form.value.channels);
-        let errors = (0..errors).map(|at| initial::of_errors(at % SIZES)).collect();
+        let errors = (0..errors).map(|at| initial_symbols(at % SIZES)).collect();
         NumberValues { form, known, symbols: HashMap::new(), is_void: Adaptive::default(), errors }
     }
 }

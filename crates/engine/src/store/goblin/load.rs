@@ -199,8 +199,10 @@ impl Goblin {
             return Err(self.corrupt(part(), found, "bytes that become fewer"));
         }
         let form = segment_form(&self.header, node).ok_or_else(|| self.changed(index))?;
-        let bytes = unpack(&form, records, classes, packed)
-            .map_err(|Damage(what)| self.corrupt(part(), what, "a segment that was packed"))?;
+        let bytes = unpack(&form, records, classes, packed).map_err(|damage| match damage {
+            Damage::OLDER => Error::unsupported(&self.file.path, Damage::OLDER.0, "build it again"),
+            Damage(what) => self.corrupt(part(), what, "a segment that was packed"),
+        })?;
         if bytes.len() as u64 != plain {
             return Err(self.corrupt(part(), format!("{} bytes", bytes.len()), &format!("{plain}")));
         }

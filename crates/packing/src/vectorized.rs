@@ -1,0 +1,32 @@
+//! Functions that are compiled for processors with wider vectors, too.
+
+/// Defines a function that does what its body says, compiled twice on x86-64: for all processors, and for those with AVX2, which are
+/// recognized at run time. All arithmetic is that of integers, or of single elements: results are the same.
+macro_rules! vectorized {
+    (
+        $(#[$meta:meta])*
+        fn $name:ident | $baseline:ident | $avx2:ident $(<$lane:ident>)? ($($argument:ident: $type:ty),* $(,)?) $(-> $result:ty)?
+        $body:block
+    ) => {
+        $(#[$meta])*
+        #[inline]
+        fn $name $(<$lane: Lane>)? ($($argument: $type),*) $(-> $result)? {
+            #[cfg(target_arch = "x86_64")]
+            if std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("bmi2") {
+                // SAFETY: the processor has both.
+                #[allow(unsafe_code, reason = "functions for some processors are unsafe to call; a fifth of the time of decoding")]
+                return unsafe { $avx2 $(::<$lane>)? ($($argument),*) };
+            }
+            $baseline $(::<$lane>)? ($($argument),*)
+        }
+
+        #[inline(never)]
+        fn $baseline $(<$lane: Lane>)? ($($argument: $type),*) $(-> $result)? $body
+
+        #[cfg(target_arch = "x86_64")]
+        #[target_feature(enable = "avx2,bmi2")]
+        fn $avx2 $(<$lane: Lane>)? ($($argument: $type),*) $(-> $result)? $body
+    };
+}
+
+pub(crate) use vectorized;
