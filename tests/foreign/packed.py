@@ -151,9 +151,9 @@ class Below:
         for node, value in self.fullness.items():
             self.samples[node] = value
         # (The segment's own node has no value, as VOID has none.)
-        value = lambda node: packing.values[max(self.nodes.symbols[node], 0)]  # noqa: E731
+        value_of = lambda node: packing.values[max(self.nodes.symbols[node], 0)]  # noqa: E731
         dense = self.nodes.dense.items() if packing.amounts else ()
-        self.blocks = {node: Block(self.form, self.coder, value(node), mark, deep) for node, (mark, deep) in dense}
+        self.blocks = {node: Block(self.form, self.coder, value_of(node), mark, deep) for node, (mark, deep) in dense}
 
     def records(self) -> bytes:
         """All records. (The numbers of dense blocks are there now.)"""
