@@ -35,7 +35,7 @@ pub(crate) struct NumberBlock {
     /// The bits of the bottom nodes, if it has some.
     pub(crate) mask: Vec<u8>,
     /// The first of its bytes in the records.
-    start: usize,
+    pub(crate) start: usize,
 }
 
 impl NumberBlock {

@@ -24,6 +24,8 @@ mod masks;
 mod model;
 mod nodes;
 mod plain;
+#[cfg(test)]
+mod plane_tests;
 mod planes;
 mod predict;
 mod room;

@@ -15,17 +15,17 @@ use crate::segment::pack_by;
 use crate::{Damage, Run, RunForm, SegmentForm, pack, pack_runs, unpack, unpack_runs};
 
 /// A small generator of numbers (xorshift), so that tests are the same every time.
-struct Random(u64);
+pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
-    fn next(&mut self) -> u64 {
+    pub(crate) fn next(&mut self) -> u64 {
         self.0 ^= self.0 << 13;
         self.0 ^= self.0 >> 7;
         self.0 ^= self.0 << 17;
         self.0
     }
 
-    fn below(&mut self, most: u64) -> u64 {
+    pub(crate) fn below(&mut self, most: u64) -> u64 {
         (self.next() >> 16) % most
     }
 }

@@ -12,7 +12,7 @@ macro_rules! vectorized {
         #[inline]
         fn $name $(<$lane: Lane>)? ($($argument: $type),*) $(-> $result)? {
             #[cfg(target_arch = "x86_64")]
-            if std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("bmi2") {
+            if $crate::vectorized::is_wanted() && std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("bmi2") {
                 // SAFETY: the processor has both.
                 #[allow(unsafe_code, reason = "functions for some processors are unsafe to call; a fifth of the time of decoding")]
                 return unsafe { $avx2 $(::<$lane>)? ($($argument),*) };
@@ -30,3 +30,35 @@ macro_rules! vectorized {
 }
 
 pub(crate) use vectorized;
+
+/// Whether functions for some processors are called where they can be.
+#[cfg(not(test))]
+#[inline(always)]
+pub(crate) fn is_wanted() -> bool {
+    true
+}
+
+#[cfg(test)]
+pub(crate) use for_tests::{baseline_only, is_wanted};
+
+/// A switch, so that tests compare both ways.
+#[cfg(test)]
+mod for_tests {
+    use std::cell::Cell;
+
+    thread_local! {
+        static IS_WANTED: Cell<bool> = const { Cell::new(true) };
+    }
+
+    pub(crate) fn is_wanted() -> bool {
+        IS_WANTED.get()
+    }
+
+    /// Calls with the functions for all processors alone.
+    pub(crate) fn baseline_only<R>(call: impl FnOnce() -> R) -> R {
+        IS_WANTED.set(false);
+        let result = call();
+        IS_WANTED.set(true);
+        result
+    }
+}
