@@ -3,9 +3,11 @@
 use crate::contexts::Contexts;
 use crate::grids::Grid;
 use crate::lanes::Lane;
-use crate::predict::{
-    Level, MAX_FEATURES, MAX_FRACTION, MIN_FRACTION, Predictor, Weights, default_weights, is_wanted, planes,
+use crate::plane_form::{
+    MAX_FEATURES, MAX_FRACTION, MIN_FRACTION, Predictor, Weights, default_weights, planes,
 };
+use crate::plane_kernels::is_wanted;
+use crate::predict::Level;
 
 /// Levels are sampled whose parents are so many along each side at least, but for trees without such ones.
 const MIN_SIDE: usize = 32;

@@ -24,6 +24,8 @@ mod masks;
 mod model;
 mod nodes;
 mod plain;
+mod plane_form;
+mod plane_kernels;
 #[cfg(test)]
 mod plane_tests;
 mod planes;

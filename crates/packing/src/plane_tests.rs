@@ -15,7 +15,7 @@ use crate::vectorized::baseline_only;
 enum Content {
     /// Any bits.
     Noise,
-    /// The least and the greatest bits.
+    /// The minimum, the maximum, and special bits.
     Extremes,
     /// Slopes, with some noise.
     Slopes,
@@ -102,13 +102,12 @@ fn numbers_of_any_size_come_back_by_all_ways() {
                     assert!(packed == simple, "{form:?} {content:?}");
                     let unpack = || {
                         let mut found = vec![0; records.len()];
-                        let places: Vec<usize> = blocks.iter().map(|block| block.start).collect();
                         let mut own: Vec<NumberBlock> = Vec::new();
-                        for (block, start) in blocks.iter().zip(places) {
+                        for block in &blocks {
                             let layout = RecordLayout::new(form);
                             let mut copy = NumberBlock::new(&layout, block.node, block.dense, None);
                             (copy.mask, copy.root) = (block.mask.clone(), block.root);
-                            copy.begin(&layout, start, &mut found[start..]);
+                            copy.begin(&layout, block.start, &mut found[block.start..]);
                             own.push(copy);
                         }
                         let parts = (&packed.0[..], &packed.1[..]);
@@ -125,7 +124,7 @@ fn numbers_of_any_size_come_back_by_all_ways() {
 }
 
 #[test]
-fn damaged_streams_are_noticed_or_become_other_numbers() {
+fn corrupt_streams_are_refused_or_become_other_numbers() {
     let mut random = Random(43);
     let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::I16, 1));
     let (blocks, records) = blocks(form, Content::Slopes, &mut random);

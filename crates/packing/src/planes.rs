@@ -1,13 +1,16 @@
 //! Dense blocks of numbers: each level plane by plane, by the streams of a segment.
 
 use crate::contexts::{Contexts, MAX_CONTEXTS, Plain};
+use crate::defaults;
 use crate::fit::fit;
 use crate::grids::Grid;
 use crate::lanes::Lane;
-use crate::predict::{Level, MAX_FEATURES, MIN_FRACTION, Predictor, Weights, default_weights, planes};
+use crate::plane_form::{
+    MAX_FEATURES, MAX_FRACTION, MIN_FRACTION, Predictor, Weights, default_weights, planes,
+};
+use crate::predict::Level;
 use crate::symbols::{HeaderReader, HeaderWriter, Planes, SymbolReader, SymbolWriter};
 use crate::tables::{Entry, STATES, Tables, choose, read, write_entries};
-use crate::{defaults, predict};
 
 /// The nodes of a dense block that are VOID, of each level above the bottom: a bit for each child.
 pub(crate) type VoidChildren = Vec<Vec<u8>>;
@@ -205,7 +208,7 @@ fn write_predictor(header: &mut HeaderWriter, axes: usize, predictor: &Predictor
 }
 
 fn read_predictor(header: &mut HeaderReader<'_>, axes: usize) -> Predictor {
-    let fraction = (header.take(3) as u32 + MIN_FRACTION).min(predict::MAX_FRACTION);
+    let fraction = (header.take(3) as u32 + MIN_FRACTION).min(MAX_FRACTION);
     let mut weights = default_weights(axes);
     if header.take(1) == 1 {
         for (plane, weights) in planes(axes).iter().zip(&mut weights) {

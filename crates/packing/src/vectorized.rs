@@ -5,12 +5,12 @@
 macro_rules! vectorized {
     (
         $(#[$meta:meta])*
-        fn $name:ident | $baseline:ident | $avx2:ident $(<$lane:ident>)? ($($argument:ident: $type:ty),* $(,)?) $(-> $result:ty)?
+        $visibility:vis fn $name:ident | $baseline:ident | $avx2:ident $(<$lane:ident>)? ($($argument:ident: $type:ty),* $(,)?) $(-> $result:ty)?
         $body:block
     ) => {
         $(#[$meta])*
         #[inline]
-        fn $name $(<$lane: Lane>)? ($($argument: $type),*) $(-> $result)? {
+        $visibility fn $name $(<$lane: Lane>)? ($($argument: $type),*) $(-> $result)? {
             #[cfg(target_arch = "x86_64")]
             if $crate::vectorized::is_wanted() && std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("bmi2") {
                 // SAFETY: the processor has both.

@@ -1,0 +1,106 @@
+//! The planes of a level, in the order in which they are coded, and what predicts each.
+
+/// A child of a neighbour, and the step to its parent.
+type NearChild = (usize, [isize; 3]);
+
+/// A plane of children, and what predicts it.
+pub(crate) struct Plane {
+    pub(crate) child: usize,
+    /// Siblings whose errors of interpolation count, and their weights at first, in 16ths.
+    pub(crate) own: &'static [(usize, i8)],
+    /// Children of neighbours, which are pairs or single ones with one weight each.
+    pub(crate) near: &'static [(&'static [NearChild], i8)],
+    /// Bits by which errors of siblings are enlarged as sizes of what may be wrong.
+    pub(crate) own_size: u32,
+}
+
+/// Bits by which errors of neighbours' children are enlarged as sizes.
+pub(crate) const NEAR_SIZE: u32 = 2;
+
+const QUAD_PLANES: [Plane; 4] = [
+    Plane { child: 0, own: &[], near: &[], own_size: 0 },
+    Plane {
+        child: 3,
+        own: &[(0, -12)],
+        near: &[(&[(0, [1, 0, 0]), (0, [0, 1, 0])], 0), (&[(0, [1, 1, 0])], 0)],
+        own_size: 5,
+    },
+    Plane {
+        child: 1,
+        own: &[(0, -4), (3, -8)],
+        near: &[(&[(0, [1, 0, 0]), (3, [0, -1, 0])], 2), (&[(0, [0, 1, 0]), (3, [-1, 0, 0])], 0)],
+        own_size: 4,
+    },
+    Plane {
+        child: 2,
+        own: &[(0, -8), (3, -8), (1, -11)],
+        near: &[(&[(0, [0, 1, 0]), (3, [-1, 0, 0])], 1)],
+        own_size: 3,
+    },
+];
+
+const OCT_PLANES: [Plane; 8] = [
+    Plane { child: 0, own: &[], near: &[], own_size: 0 },
+    Plane { child: 7, own: &[(0, -12)], near: &[(&[(0, [1, 1, 1])], 0)], own_size: 5 },
+    Plane { child: 1, own: &[(0, 1), (7, -3)], near: &[(&[(0, [1, 0, 0])], 2)], own_size: 4 },
+    Plane { child: 6, own: &[(1, -10), (7, 1)], near: &[(&[(7, [-1, 0, 0])], 2)], own_size: 3 },
+    Plane { child: 2, own: &[(0, 1), (7, -1), (6, 1)], near: &[(&[(0, [0, 1, 0])], 2)], own_size: 3 },
+    Plane { child: 5, own: &[(2, -10), (7, 1)], near: &[(&[(7, [0, -1, 0])], 2)], own_size: 3 },
+    Plane {
+        child: 3,
+        own: &[(7, 4), (1, 4), (2, 4), (0, -4), (6, -4), (5, -4)],
+        near: &[(&[(7, [0, 0, -1])], 2)],
+        own_size: 3,
+    },
+    Plane {
+        child: 4,
+        own: &[(3, -11), (0, -2), (7, -2), (1, -2), (6, -2), (2, -2), (5, -2)],
+        near: &[(&[(0, [0, 0, 1])], 1)],
+        own_size: 2,
+    },
+];
+
+/// The planes of trees with so many axes, in the order in which they are coded.
+pub(crate) fn planes(axes: usize) -> &'static [Plane] {
+    if axes == 2 { &QUAD_PLANES } else { &OCT_PLANES }
+}
+
+/// Features of a plane at most.
+pub(crate) const MAX_FEATURES: usize = 16;
+/// Weights of the features of planes, in 16ths.
+pub(crate) type Weights = [[i8; MAX_FEATURES]; 8];
+
+impl Plane {
+    /// How many features predict it: slopes, how they change across (in quadtrees), curvatures, siblings, neighbours' children.
+    pub(crate) fn features(&self, axes: usize) -> usize {
+        2 * axes + usize::from(axes == 2) + self.own.len() + self.near.len()
+    }
+}
+
+/// Weights where none are stored: values change evenly, but for what was wrong about others.
+pub(crate) fn default_weights(axes: usize) -> Weights {
+    let mut all = [[0; MAX_FEATURES]; 8];
+    for (plane, weights) in planes(axes).iter().zip(&mut all) {
+        let sign = |axis: usize| if plane.child >> axis & 1 == 1 { 1 } else { -1 };
+        let slopes = (0..axes).map(|axis| 16 * sign(axis));
+        let across = (axes == 2).then(|| 16 * sign(0) * sign(1));
+        let curved = (0..axes).map(|_| 0);
+        let others =
+            plane.own.iter().map(|(_, weight)| *weight).chain(plane.near.iter().map(|(_, weight)| *weight));
+        let features = slopes.chain(across).chain(curved).chain(others);
+        weights.iter_mut().zip(features).for_each(|(weight, feature)| *weight = feature);
+    }
+    all
+}
+
+/// What predicts a channel.
+#[derive(Clone, Copy)]
+pub(crate) struct Predictor {
+    /// Fraction bits of features: at least [`MIN_FRACTION`].
+    pub(crate) fraction: u32,
+    pub(crate) weights: Weights,
+}
+
+/// Features have at least so many fraction bits, and predictions so many fewer than features.
+pub(crate) const MIN_FRACTION: u32 = 2;
+pub(crate) const MAX_FRACTION: u32 = 6;
