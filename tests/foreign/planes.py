@@ -209,7 +209,8 @@ def read_numbers(form: Form, coder: Coder, blocks: list[Block]) -> None:
         if form.type.kind == "f" and header.take(1):
             power = wrap(header.take(8), 8)
             lanes = 64 if header.take(1) else 32
-        reader = Channel(form, header, streams, lanes, blocks)
+        mantissa = np.finfo(form.type).nmant if form.type.kind == "f" and power is None else None
+        reader = Channel(form, header, streams, (lanes, mantissa), blocks)
         numbers[channel], samples[channel] = [], []
         for number, block in enumerate(blocks):
             start = block.root[channel]
@@ -276,8 +277,10 @@ def table_of(found: list[int]) -> list[tuple[int, int, int]]:
 class Channel:
     """A channel of all blocks."""
 
-    def __init__(self, form: Form, header: Bits, streams: Streams, lanes: int, blocks: list[Block]) -> None:
-        self.axes, self.mean, self.lanes, self.streams = form.axes, form.rule == "mean", lanes, streams
+    def __init__(self, form: Form, header: Bits, streams: Streams, numbers: tuple[int, int | None], blocks: list[Block]) -> None:
+        self.axes, self.mean, self.streams = form.axes, form.rule == "mean", streams
+        lanes, self.mantissa = numbers
+        self.lanes = lanes
         self.type = np.dtype(f"i{lanes // 8}")
         self.fraction = min(header.take(3) + 2, 6)
         self.weights = [plane.defaults(self.axes) for plane in PLANES[self.axes]]
@@ -328,7 +331,7 @@ class Channel:
     def _level(self, parents: Values, void: Values, step: int) -> Values:
         """Numbers of the children of parents."""
         axes, fraction = self.axes, self.fraction
-        level, others = np.zeros(void.shape, self.type), np.zeros_like(parents)
+        level, others, unlike = np.zeros(void.shape, self.type), np.zeros_like(parents), np.zeros_like(parents)
         slopes, curved, uneven = [], [], self._size(np.zeros_like(parents))
         for axis in range(axes):
             ahead = tuple(int(a == axis) for a in range(axes))
@@ -357,6 +360,8 @@ class Channel:
             bits = np.vectorize(lambda size: int(size).bit_length(), otypes=[int])(self._limit(size))
             is_last = self.mean and number + 1 == len(planes)
             summed = ~np.logical_or.reduce(kids(void, axes)) if is_last else np.zeros(parents.shape, bool)
+            if self.mantissa is not None:
+                summed &= unlike >> self.mantissa == 0
             expected, contexts = self._expect(number, step, parents, others, prediction, terms, bits, summed)
             plain, group = (2 * self.sizes + 16, 2) if is_last and not step else (self.sizes * min(number, 1), min(number, 1))
             here = part(plane.child, axes)
@@ -370,6 +375,7 @@ class Channel:
                 even = even + sign * row
             wrong[plane.child], others = (differences << fraction) - even, others + differences
             level[here] = parents + differences
+            unlike |= level[here] ^ parents
         return level
 
     def _expect(

@@ -96,9 +96,15 @@ struct BlockForm {
 }
 
 impl BlockForm {
+    /// What the levels of a channel with such numbers have in common.
+    fn channel(&self, numbering: Numbering) -> ChannelForm {
+        ChannelForm { mantissa: numbering.mantissa(), ..self.form }
+    }
+
     fn new(form: TreeType, rule: Rule) -> BlockForm {
         let layout = RecordLayout::new(form);
-        let form_of = ChannelForm { axes: layout.dimension.axes(), has_sums: rule == Rule::Mean };
+        let form_of =
+            ChannelForm { axes: layout.dimension.axes(), has_sums: rule == Rule::Mean, mantissa: None };
         BlockForm { layout, sample: form.value.sample, form: form_of }
     }
 }
@@ -143,7 +149,7 @@ fn pack_channel<T: Lane>(
             void: void.as_ref().map(|void| &void.children),
         })
         .collect();
-    Box::new(encode(header, writer, common.form, &numbers))
+    Box::new(encode(header, writer, common.channel(numbering), &numbers))
 }
 
 /// Takes the numbers of a channel of a block, or what they are more than those of another channel, from the root down; VOID nodes have
@@ -305,7 +311,7 @@ fn unpack_channel<T: Lane>(
         shapes.push(BlockShape { root, levels: block.dense.levels, void });
     }
     T::with_scratch(|scratch| {
-        decode(scratch, header, reader, common.form, &shapes, |at, level, grid| {
+        decode(scratch, header, reader, common.channel(numbering), &shapes, |at, level, grid| {
             let void = void[at].as_ref().map(|void| &void.nodes[usize::from(level)][..]);
             let other = other.map(|other| &other[at][usize::from(level)]);
             let start = blocks[at].start + common.layout.dense_values_at(level) + channel * numbering.size();

@@ -18,6 +18,7 @@ pub(crate) trait Lane: Copy + Default + PartialEq + 'static {
     fn left(self, bits: u32) -> Self;
     fn right(self, bits: u32) -> Self;
     fn or(self, other: Self) -> Self;
+    fn xor(self, other: Self) -> Self;
     /// The size of a difference.
     fn size(self) -> Self;
     /// The sum of two sizes: of 16 bits at most the maximum, else it wraps.
@@ -139,6 +140,10 @@ macro_rules! lane {
             #[inline(always)]
             fn or(self, other: $signed) -> $signed {
                 self | other
+            }
+            #[inline(always)]
+            fn xor(self, other: $signed) -> $signed {
+                self ^ other
             }
             #[inline(always)]
             fn within_4(self) -> i8 {

@@ -21,6 +21,8 @@ pub(crate) struct ChannelForm {
     pub(crate) axes: usize,
     /// Whether representatives are means, so that the differences of siblings from their parent add up to nearly 0.
     pub(crate) has_sums: bool,
+    /// Of numbers that are the bits of floating samples, how many of these are the mantissa: differences of others add up to anything.
+    pub(crate) mantissa: Option<u32>,
 }
 
 /// Bits of the number of lowest bits that are 0 in a level.
@@ -56,13 +58,14 @@ impl<T: Lane> Level<T> {
     ) -> Plain {
         let is_sum = form.has_sums && number + 1 == planes(form.axes).len();
         let nodes = self.side.pow(form.axes as u32);
+        let not_summed = if is_sum { self.not_summed(form, parents, void) } else { None };
         if step > 0 {
             self.predict(number, weights, false);
             for (index, row) in parents.rows().enumerate() {
                 let row = parents.row(row, [0; 3]).iter().zip(index * self.side..);
                 for (own, at) in row {
                     let error = Contexts::<T>::error(number == 0, 0);
-                    if is_sum && void.is_none_or(|void| void[at] == 0) {
+                    if is_sum && !not_summed.as_ref().is_some_and(|not_summed| not_summed[at]) {
                         // (In steps there is little but what makes the sum 0.)
                         self.expected[at] = nearest(own.minus(self.others[at]), step).minus(*own);
                         self.contexts[at] = error;
@@ -75,18 +78,41 @@ impl<T: Lane> Level<T> {
             }
             return Contexts::<T>::flat(number == 0, false);
         }
-        if let Some(void) = void.filter(|_| is_sum) {
-            // (Where a child is VOID, a mean tells less of the others.)
+        if let Some(not_summed) = not_summed {
             self.predict(number, weights, false);
             let (expected, contexts) = (self.expected[..nodes].to_vec(), self.contexts[..nodes].to_vec());
             self.predict(number, weights, true);
-            for (at, _) in void.iter().enumerate().filter(|(_, void)| **void != 0) {
-                (self.expected[at], self.contexts[at]) = (expected[at], contexts[at]);
+            let own = self.expected.iter_mut().zip(&mut self.contexts);
+            for ((own, not_summed), other) in own.zip(not_summed).zip(expected.iter().zip(&contexts)) {
+                (*own.0, *own.1) = if not_summed { (*other.0, *other.1) } else { (*own.0, *own.1) };
             }
         } else {
             self.predict(number, weights, is_sum);
         }
         Contexts::<T>::flat(number == 0, is_sum)
+    }
+
+    /// Of each parent whether the differences of its children may add up to anything, as far as is known before the last plane; `None` if
+    /// those of all add up to nearly 0.
+    fn not_summed(&self, form: ChannelForm, parents: &Grid<T>, void: Option<&[u8]>) -> Option<Vec<bool>> {
+        // (Where a child is VOID, a mean says less of the others.)
+        let is_void = void.map(|void| void.iter().map(|void| *void != 0).collect());
+        let Some(mantissa) = form.mantissa else { return is_void };
+        let planes = planes(form.axes);
+        let mut unlike = vec![T::default(); self.side.pow(form.axes as u32)];
+        for (index, row) in parents.rows().enumerate() {
+            let (parents, nodes) = (parents.row(row, [0; 3]), index * self.side..(index + 1) * self.side);
+            for plane in &planes[..planes.len() - 1] {
+                let all = unlike[nodes.clone()].iter_mut().zip(&self.changes[plane.child][nodes.clone()]);
+                for ((unlike, change), parent) in all.zip(parents) {
+                    *unlike = unlike.or(parent.plus(*change).xor(*parent));
+                }
+            }
+        }
+        let mut not_summed = is_void.unwrap_or_else(|| vec![false; unlike.len()]);
+        let all = not_summed.iter_mut().zip(unlike);
+        all.for_each(|(not_summed, unlike)| *not_summed |= unlike.right(mantissa) != T::default());
+        Some(not_summed)
     }
 }
 

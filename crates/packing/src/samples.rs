@@ -130,6 +130,15 @@ impl Numbering {
         }
     }
 
+    /// Bits of the mantissa, if numbers are the bits of floating samples.
+    pub(crate) fn mantissa(self) -> Option<u32> {
+        match (self.sample, self.scale) {
+            (SampleType::F32, None) => Some(f32::MANTISSA_DIGITS - 1),
+            (SampleType::F64, None) => Some(f64::MANTISSA_DIGITS - 1),
+            _ => None,
+        }
+    }
+
     pub(crate) fn write(self, header: &mut HeaderWriter) {
         if self.sample.is_float() {
             header.put(self.scale.is_some().into(), 1);

@@ -11,15 +11,12 @@ use spinney_base::value::{Sample, with_sample_type};
 ///
 /// Samples of 64 bits stay, too: their sums may not be exact where all cells are equal.
 pub(super) fn average(window: &Window, columns: &[Span], rows: &[Span], block: &mut CellBlock) {
-    if window.value.sample.size() < size_of::<u64>() && !window.valid.is_empty() {
-        with_sample_type!(window.value.sample, S => average_samples::<S>(window, columns, rows, block));
+    let sample = window.value.sample;
+    if sample.size() >= size_of::<u64>() || window.valid.is_empty() {
+        return;
     }
-}
-
-fn average_samples<S: Sample>(window: &Window, columns: &[Span], rows: &[Span], block: &mut CellBlock) {
-    let samples = Samples::<S>::new(window);
-    let numbers = samples.numbers();
-    let (bytes_each, size, width) = (window.value.size(), S::TYPE.size(), columns.len());
+    let numbers = with_sample_type!(sample, S => Samples::<S>::new(window).numbers());
+    let (bytes_each, width) = (window.value.size(), columns.len());
     let [stride, height] = window.size;
     // Of each cell the first column in the window, and the parts of columns that it covers.
     let along: Vec<(usize, &[f64], f64)> = columns
@@ -31,6 +28,7 @@ fn average_samples<S: Sample>(window: &Window, columns: &[Span], rows: &[Span], 
         })
         .collect();
     let mut sums = vec![0.0; numbers.len() / height];
+    let mut means = vec![0.0; usize::from(window.value.channels) * width];
     for (y, (top, parts)) in rows.iter().enumerate() {
         let first = top - window.origin[1];
         if parts.is_empty() || first < 0 || first as usize + parts.len() > height {
@@ -43,25 +41,29 @@ fn average_samples<S: Sample>(window: &Window, columns: &[Span], rows: &[Span], 
             }
         }
         let down: f64 = parts.iter().sum();
+        for (means, sums) in means.chunks_exact_mut(width).zip(sums.chunks_exact(stride)) {
+            for (mean, (first, parts, along)) in means.iter_mut().zip(&along) {
+                let sums = sums[*first..][..parts.len()].iter();
+                // (The mean is NaN if a sample is missing, and of no columns.)
+                *mean = sums.zip(*parts).map(|(sum, part)| sum * part).sum::<f64>() / (along * down);
+            }
+        }
         let cells = y * width..(y + 1) * width;
-        let values =
-            block.values[cells.start * bytes_each..cells.end * bytes_each].chunks_exact_mut(bytes_each);
-        for ((value, present), (first, parts, along)) in values.zip(&mut block.present[cells]).zip(&along) {
-            let mean = |sums: &[f64]| {
-                let sum: f64 =
-                    sums[*first..][..parts.len()].iter().zip(*parts).map(|(sum, part)| sum * part).sum();
-                sum / (along * down)
-            };
-            // (The mean is NaN if a sample is missing, and of no columns.)
-            *present = true;
-            for (sums, sample) in sums.chunks_exact(stride).zip(value.chunks_exact_mut(size)) {
-                let mean = mean(sums);
-                *present &= !mean.is_nan();
-                rounded(samples.base, mean).write(sample);
-            }
-            if !*present {
-                value.fill(0);
-            }
+        let values = &mut block.values[cells.start * bytes_each..cells.end * bytes_each];
+        with_sample_type!(sample, S => store::<S>(&means, values, &mut block.present[cells]));
+    }
+}
+
+/// Stores the means of a row, of one channel after the other, but for cells of which one is NaN.
+fn store<S: Sample>(means: &[f64], values: &mut [u8], present: &mut [bool]) {
+    let (width, size) = (present.len(), S::TYPE.size());
+    let cells = values.chunks_exact_mut(means.len() / width * size).zip(present);
+    for (x, (value, present)) in cells.enumerate() {
+        let means = means[x..].iter().step_by(width);
+        *present = !means.clone().any(|mean| mean.is_nan());
+        if *present {
+            let samples = value.chunks_exact_mut(size).zip(means);
+            samples.for_each(|(sample, mean)| rounded(S::default(), *mean).write(sample));
         }
     }
 }
