@@ -343,11 +343,11 @@ class Channel:
         if axes == 2:
             corners = [shifted(parents, corner) for corner in ((1, 1), (-1, 1), (1, -1), (-1, -1))]
             even_parts.append(corners[0] - corners[1] - corners[2] + corners[3] >> 6 - fraction)
-        wrong: dict[int, Values] = {}
+        residuals: dict[int, Values] = {}
         planes = PLANES[axes]
         for number, plane in enumerate(planes):
-            near = [(pair, [shifted(wrong[child], s) for child, s in pair]) for pair, _ in plane.near]
-            own = [wrong[child] for child, _ in plane.siblings]
+            near = [(pair, [shifted(residuals[child], s) for child, s in pair]) for pair, _ in plane.near]
+            own = [residuals[child] for child, _ in plane.siblings]
             features = [[f] for f in even_parts + curved + own] + [rows for _, rows in near]
             prediction, terms, wide = np.zeros_like(parents), 0, "i8" if self.lanes == 16 else self.type
             for rows, weight in zip(features, self.weights[number]):
@@ -373,7 +373,7 @@ class Channel:
             signs = plane.signs(axes)
             for sign, row in zip([*signs, signs[0] * signs[1]], even_parts):
                 even = even + sign * row
-            wrong[plane.child], others = (differences << fraction) - even, others + differences
+            residuals[plane.child], others = (differences << fraction) - even, others + differences
             level[here] = parents + differences
             unlike |= level[here] ^ parents
         return level

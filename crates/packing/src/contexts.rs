@@ -10,7 +10,7 @@ pub(crate) const SYMBOLS: usize = 16;
 pub(crate) const ESCAPE: usize = SYMBOLS - 1;
 /// Errors whose size has more bits than this have lower bits that are as often set as not: one more per bit.
 const NOISE: usize = 8;
-/// Contexts of sums: by what they are expected to be, in halves from -2 to 2, and by the size of what may be wrong.
+/// Contexts of sums: by what they are expected to be, in halves from -2 to 2, and by the expected size.
 const SUMS: usize = 9 * SUM_SIZES;
 const SUM_SIZES: usize = 4;
 /// Samples that are coded by one symbol if they are all as expected in contexts without any uncertainty.
@@ -21,7 +21,7 @@ pub(crate) const MAX_CONTEXTS: usize = 256;
 /// What a context has.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
-    /// Errors of the first plane, or of others, by bits of the size of what may be wrong.
+    /// Errors of the first plane, or of others, by bits of the expected size.
     Error { is_first: bool, size: usize },
     /// Sums of siblings, by halves from 0 to 8 and size.
     Sum { halves: usize, size: usize },

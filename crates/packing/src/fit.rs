@@ -97,7 +97,7 @@ const DIGITS: i32 = 14;
 /// No feature has more than this in them.
 const MOST: f32 = 2047.0;
 
-/// Adds the products of a row: of numbers in parts of the size of what may be wrong, a power of two.
+/// Adds the products of a row: of numbers in parts of the expected size, a power of two.
 fn add_row<T: Lane>(
     level: &Level<T>,
     axes: usize,

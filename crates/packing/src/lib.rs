@@ -1,7 +1,8 @@
 //! Segments of trees in few bytes, and back: the packed codec (sections 37 to 41 of formats.md).
 //!
-//! A segment's nodes are coded level by level, each in the context of the nodes around it, and dense blocks of numbers plane by plane, foretold by
-//! the level above. What is unpacked is the plain segment, byte for byte. Knows what stands in a segment, and nothing of files.
+//! A segment's nodes are coded level by level, each in the context of the nodes around it, with probabilities that follow what was coded ([`bits`]).
+//! Dense blocks of numbers are coded plane by plane ([`planes`]): all children of a plane are predicted from the level above ([`predict`]), with weights
+//! that are fitted ([`fit`]), and their errors are coded by tables that are stored ([`tables`], [`symbols`]). What is unpacked is the plain segment, byte for byte. Knows what stands in a segment, and nothing of files.
 //!
 //! [`Columns`] codes numbers of which somebody else knows what they mean, such as those of exact models; [`pack_numbers`] does so for many numbers that
 //! mean the same, such as those of points, and much faster.

@@ -10,7 +10,7 @@ pub(crate) struct Plane {
     pub(crate) own: &'static [(usize, i8)],
     /// Children of neighbours, which are pairs or single ones with one weight each.
     pub(crate) near: &'static [(&'static [NearChild], i8)],
-    /// Bits by which errors of siblings are enlarged as sizes of what may be wrong.
+    /// Bits by which residuals of siblings are enlarged as expected sizes.
     pub(crate) own_size: u32,
 }
 
@@ -77,7 +77,7 @@ impl Plane {
     }
 }
 
-/// Weights where none are stored: values change evenly, but for what was wrong about others.
+/// Weights where none are stored: values change evenly, but for residuals of others.
 pub(crate) fn default_weights(axes: usize) -> Weights {
     let mut all = [[0; MAX_FEATURES]; 8];
     for (plane, weights) in planes(axes).iter().zip(&mut all) {

@@ -68,7 +68,7 @@ impl<T: Lane> Terms<'_, T> {
 }
 
 impl<T: Lane> Sizes<'_, T> {
-    /// Sizes of what may be wrong about some samples of a row.
+    /// Expected sizes of the residuals of some samples of a row.
     #[inline(always)]
     fn sizes<const N: usize>(&self, at: [usize; 2]) -> [T; N] {
         let sum = |all: &[Rows<'_, T>], (left, right): (u32, u32)| {
@@ -236,27 +236,27 @@ pub(crate) fn across_row<T: Lane>(fraction: u32, corners: [&[T]; 4], across: &mu
 }
 
 vectorized! {
-    /// What is wrong about interpolated differences of a row, in parts of 2^fraction.
-    pub(crate) fn wrong_row | wrong_row_baseline | wrong_row_avx2<T>(
+    /// Residuals of a row: differences less the interpolated ones, in parts of 2^fraction.
+    pub(crate) fn residual_row | residual_row_baseline | residual_row_avx2<T>(
         fraction: u32,
         slopes: &[(&[T], bool)],
         changes: &[T],
-        wrong: &mut [T],
+        residuals: &mut [T],
     ) {
     let width = changes.len();
-    let wrong = &mut wrong[..width];
+    let residuals = &mut residuals[..width];
     for x in 0..width {
-        wrong[x] = changes[x].left(fraction);
+        residuals[x] = changes[x].left(fraction);
     }
     for (row, is_less) in slopes {
         let row = &row[..width];
         if *is_less {
             for x in 0..width {
-                wrong[x] = wrong[x].plus(row[x]);
+                residuals[x] = residuals[x].plus(row[x]);
             }
         } else {
             for x in 0..width {
-                wrong[x] = wrong[x].minus(row[x]);
+                residuals[x] = residuals[x].minus(row[x]);
             }
         }
     }

@@ -6,7 +6,7 @@
 use crate::grids::{Grid, rows};
 use crate::lanes::Lane;
 use crate::plane_form::{MAX_FEATURES, MIN_FRACTION, NEAR_SIZE, Plane, Weights, planes};
-use crate::plane_kernels::{Rows, Shape, Sizes, Terms, across_row, errors, slope_row, sums, wrong_row};
+use crate::plane_kernels::{Rows, Shape, Sizes, Terms, across_row, errors, residual_row, slope_row, sums};
 
 /// A level that is coded, and what predicts it.
 #[derive(Default)]
@@ -19,8 +19,8 @@ pub(crate) struct Level<T> {
     across: Vec<T>,
     curved: [Vec<T>; 3],
     uneven: Vec<T>,
-    /// What is wrong about children, by child.
-    wrong: [Grid<T>; 8],
+    /// Residuals of children, by child.
+    residuals: [Grid<T>; 8],
     /// Sums of the differences of finished planes.
     pub(crate) others: Vec<T>,
     /// What the plane is expected to differ from its parents, and contexts.
@@ -52,8 +52,8 @@ impl<T: Lane> Level<T> {
         grow(&mut self.contexts, nodes);
         self.uneven[..nodes].fill(T::default());
         self.others[..nodes].fill(T::default());
-        for wrong in &mut self.wrong[..1 << axes] {
-            wrong.reset(side, axes);
+        for residuals in &mut self.residuals[..1 << axes] {
+            residuals.reset(side, axes);
         }
         for (number, row) in rows(side, axes).enumerate() {
             let nodes = number * side..(number + 1) * side;
@@ -113,7 +113,7 @@ impl<T: Lane> Level<T> {
         let moved = |child: usize, step: [isize; 3]| {
             let wide = self.side as isize + 2;
             let by = (step[2] * wide + step[1]) * wide + step[0];
-            Rows { numbers: self.wrong[child].numbers(), moved: Some(by) }
+            Rows { numbers: self.residuals[child].numbers(), moved: Some(by) }
         };
         for ((child, _), own) in plane.own.iter().zip(&mut sizes.own) {
             *own = moved(*child, [0; 3]);
@@ -165,7 +165,7 @@ impl<T: Lane> Level<T> {
         if number + 1 == planes.len() {
             return;
         }
-        let mut wrong = std::mem::take(&mut self.wrong[child]);
+        let mut residuals = std::mem::take(&mut self.residuals[child]);
         for (index, row) in rows(self.side, self.axes).enumerate() {
             let nodes = index * self.side..(index + 1) * self.side;
             let mut slopes = [(&[][..], false); 4];
@@ -179,10 +179,15 @@ impl<T: Lane> Level<T> {
             } else {
                 self.axes
             };
-            wrong_row(self.fraction, &slopes[..count], &self.changes[child][nodes], wrong.row_mut(row));
+            residual_row(
+                self.fraction,
+                &slopes[..count],
+                &self.changes[child][nodes],
+                residuals.row_mut(row),
+            );
         }
-        wrong.pad();
-        self.wrong[child] = wrong;
+        residuals.pad();
+        self.residuals[child] = residuals;
     }
 
     /// Puts the children together.
