@@ -318,7 +318,7 @@ fn unpack_channel<T: Lane>(
             let values = &mut records[start..];
             put_level(grid, other, numbering, (common.layout.width, void), values);
             if let Some(keep) = &mut keep {
-                keep[at].push(grid.clone());
+                keep[at].push(grid.copy());
             }
         });
     });

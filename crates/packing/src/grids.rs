@@ -3,7 +3,7 @@
 use crate::lanes::Lane;
 
 /// Numbers of all nodes of a level.
-#[derive(Clone, Default)]
+#[derive(Default)]
 pub(crate) struct Grid<T> {
     pub(crate) side: usize,
     pub(crate) axes: usize,
@@ -20,10 +20,16 @@ impl<T: Lane> Grid<T> {
     /// Makes it one of another level, whose numbers are any.
     pub(crate) fn reset(&mut self, side: usize, axes: usize) {
         (self.side, self.axes) = (side, axes);
-        let room = (side + 2).pow(axes as u32);
-        if self.numbers.len() < room {
-            self.numbers.resize(room, T::default());
+        let count = (side + 2).pow(axes as u32);
+        if self.numbers.len() < count {
+            self.numbers.resize(count, T::default());
         }
+    }
+
+    /// A copy without the numbers that are left of larger levels.
+    pub(crate) fn copy(&self) -> Grid<T> {
+        let count = (self.side + 2).pow(self.axes as u32);
+        Grid { side: self.side, axes: self.axes, numbers: self.numbers[..count].to_vec() }
     }
 
     /// Index of the first node of a row, moved by a step.

@@ -32,7 +32,7 @@ pub struct Damage(pub &'static str);
 
 impl Damage {
     /// None, but numbers as older versions packed them.
-    pub const OLDER: Damage = Damage("numbers that an older version packed");
+    pub const OLDER: Damage = Damage("the packing of numbers by an older version");
 }
 
 /// Class counts that a segment lists, at most.
