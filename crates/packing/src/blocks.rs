@@ -87,7 +87,7 @@ pub(crate) fn copy_values(form: TreeType, blocks: &[NumberBlock], from: &[u8], t
     }
 }
 
-/// What dense blocks have in common.
+/// Form of all dense blocks of a segment.
 #[derive(Clone, Copy)]
 struct BlockForm {
     layout: RecordLayout,
@@ -96,7 +96,7 @@ struct BlockForm {
 }
 
 impl BlockForm {
-    /// What the levels of a channel with such numbers have in common.
+    /// Form of the levels of a channel with such numbers.
     fn channel(&self, numbering: Numbering) -> ChannelForm {
         ChannelForm { mantissa: numbering.mantissa(), ..self.form }
     }

@@ -18,7 +18,7 @@ pub(crate) const FLAT: usize = 8;
 /// Contexts at most.
 pub(crate) const MAX_CONTEXTS: usize = 256;
 
-/// What a context has.
+/// Kind of numbers that a context has.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
     /// Errors of the first plane, or of others, by bits of the expected size.
@@ -52,13 +52,13 @@ impl<T: Lane> Contexts<T> {
     }
 
     /// The context without any uncertainty, and the one for whether all of several samples are as expected there.
-    pub(crate) fn flat(is_first: bool, is_sum: bool) -> Plain {
+    pub(crate) fn flat(is_first: bool, is_sum: bool) -> FlatContexts {
         let (context, number) = match (is_first, is_sum) {
             (true, false) => (Self::error(true, 0), 0),
             (false, false) => (Self::error(false, 0), 1),
             (_, true) => (Self::sum(0, 0), 2),
         };
-        Plain { context, all: (Self::FIRST_FLAT + number) as u8 }
+        FlatContexts { context, all: (Self::FIRST_FLAT + number) as u8 }
     }
 
     pub(crate) fn kind(context: usize) -> Kind {
@@ -83,7 +83,7 @@ impl<T: Lane> Contexts<T> {
         }
     }
 
-    /// What a symbol means in a context: the upper bits of a number, and how many lower bits follow.
+    /// Meaning of a symbol in a context: the upper bits of a number, and how many lower bits follow.
     #[inline]
     pub(crate) fn meaning(context: usize, symbol: usize) -> (u32, u32) {
         let noise = Self::noise(context);
@@ -111,7 +111,7 @@ impl<T: Lane> Contexts<T> {
 
 /// A context without any uncertainty.
 #[derive(Clone, Copy)]
-pub(crate) struct Plain {
+pub(crate) struct FlatContexts {
     pub(crate) context: u8,
     /// The context of whether all of [`FLAT`] samples in that one are as expected.
     pub(crate) all: u8,

@@ -74,7 +74,7 @@ pub(crate) fn fit<'b, T: Lane>(
     predictor
 }
 
-/// The rows of a level that are looked at, with their numbers.
+/// Rows of a level that are sampled, with their numbers.
 fn wanted_rows<T: Lane>(parents: &Grid<T>) -> impl Iterator<Item = (usize, [usize; 2])> + use<T> {
     let step = step_of(parents.side);
     parents.rows().enumerate().filter(move |(_, row)| is_wanted(*row, step))
@@ -134,18 +134,22 @@ fn add_row<T: Lane>(
 
 #[inline(never)]
 fn dot(a: &[i16], b: &[i16]) -> i64 {
-    // (Products have 22 bits, and a row of a dense block at most 256 of them.)
+    // Invariant: no sum of 32 bits overflows, as numbers are at most MOST (11 bits) and a chunk has 256 products. Sums are exact, so that all
+    // processors, whatever vectors they have, find the same weights and write the same bytes.
     let sums = a.chunks(256).zip(b.chunks(256)).map(|(a, b)| {
         a.iter().zip(b).map(|(a, b)| i32::from(*a) * i32::from(*b)).fold(0i32, i32::wrapping_add)
     });
     sums.map(i64::from).sum()
 }
 
+/// How much weights are drawn to the default ones, as a fraction of the largest sum of squares: features that hardly vary keep their default.
+const RIDGE: f64 = 1e-4;
+
 /// The weights of least squares, a little drawn to those that hold without them (ridge regression), by Gaussian elimination.
 fn solve(squares: &Squares, features: usize, default: &[i8; MAX_FEATURES]) -> [i8; MAX_FEATURES] {
     let square = |a: usize, b: usize| squares[a.min(b)][a.max(b)] as f64;
     let most = (0..features).map(|at| square(at, at)).fold(0.0, f64::max);
-    let ridge = most * 1e-4 + 1.0;
+    let ridge = most * RIDGE + 1.0;
     let mut rows: Vec<Vec<f64>> = (0..features)
         .map(|at| {
             let mut row: Vec<f64> = (0..features).map(|other| square(at, other)).collect();

@@ -93,7 +93,7 @@ pub(crate) fn default_weights(axes: usize) -> Weights {
     all
 }
 
-/// What predicts a channel.
+/// Fraction bits and weights by which the nodes of a channel are predicted.
 #[derive(Clone, Copy)]
 pub(crate) struct Predictor {
     /// Fraction bits of features: at least [`MIN_FRACTION`].

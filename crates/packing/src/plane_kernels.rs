@@ -210,19 +210,19 @@ vectorized! {
         uneven: &mut [T],
     ) {
         let [before, own, after] = rows;
-    let width = own.len();
-    let (before, after) = (&before[..width], &after[..width]);
-    let (slopes, curved, uneven) = (&mut slopes[..width], &mut curved[..width], &mut uneven[..width]);
-    // (An eighth: a child is a quarter of a cell away, and the difference is that of two cells.)
-    let (left, right) = (fraction.saturating_sub(3), 3u32.saturating_sub(fraction));
-    for x in 0..width {
-        let (up, down) = (after[x].minus(own[x]), own[x].minus(before[x]));
-        let bend = up.minus(down);
-        slopes[x] = up.plus(down).left(left).right(right);
-        curved[x] = bend.left(left).right(right);
-        let bent = bend.size();
-        uneven[x] = uneven[x].add_size(up.size().add_size(down.size()).add_size(bent.add_size(bent)));
-    }
+        let width = own.len();
+        let (before, after) = (&before[..width], &after[..width]);
+        let (slopes, curved, uneven) = (&mut slopes[..width], &mut curved[..width], &mut uneven[..width]);
+        // (An eighth: a child is a quarter of a cell away, and the difference is that of two cells.)
+        let (left, right) = (fraction.saturating_sub(3), 3u32.saturating_sub(fraction));
+        for x in 0..width {
+            let (up, down) = (after[x].minus(own[x]), own[x].minus(before[x]));
+            let bend = up.minus(down);
+            slopes[x] = up.plus(down).left(left).right(right);
+            curved[x] = bend.left(left).right(right);
+            let bent = bend.size();
+            uneven[x] = uneven[x].add_size(up.size().add_size(down.size()).add_size(bent.add_size(bent)));
+        }
     }
 }
 
@@ -243,23 +243,23 @@ vectorized! {
         changes: &[T],
         residuals: &mut [T],
     ) {
-    let width = changes.len();
-    let residuals = &mut residuals[..width];
-    for x in 0..width {
-        residuals[x] = changes[x].left(fraction);
-    }
-    for (row, is_less) in slopes {
-        let row = &row[..width];
-        if *is_less {
-            for x in 0..width {
-                residuals[x] = residuals[x].plus(row[x]);
-            }
-        } else {
-            for x in 0..width {
-                residuals[x] = residuals[x].minus(row[x]);
+        let width = changes.len();
+        let residuals = &mut residuals[..width];
+        for x in 0..width {
+            residuals[x] = changes[x].left(fraction);
+        }
+        for (row, is_less) in slopes {
+            let row = &row[..width];
+            if *is_less {
+                for x in 0..width {
+                    residuals[x] = residuals[x].plus(row[x]);
+                }
+            } else {
+                for x in 0..width {
+                    residuals[x] = residuals[x].minus(row[x]);
+                }
             }
         }
-    }
     }
 }
 

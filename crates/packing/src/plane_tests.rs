@@ -10,7 +10,7 @@ use crate::nodes::Dense;
 use crate::tests::Random;
 use crate::vectorized::baseline_only;
 
-/// What the samples of a block are like.
+/// Samples of a block.
 #[derive(Clone, Copy, Debug)]
 enum Content {
     /// Any bits.

@@ -1,6 +1,6 @@
 //! Dense blocks of numbers: each level plane by plane, by the streams of a segment.
 
-use crate::contexts::{Contexts, MAX_CONTEXTS, Plain};
+use crate::contexts::{Contexts, FlatContexts, MAX_CONTEXTS};
 use crate::defaults;
 use crate::fit::fit;
 use crate::grids::Grid;
@@ -15,7 +15,7 @@ use crate::tables::{Entry, STATES, Tables, choose, read, write_entries};
 /// The nodes of a dense block that are VOID, of each level above the bottom: a bit for each child.
 pub(crate) type VoidChildren = Vec<Vec<u8>>;
 
-/// What all levels of a channel have in common.
+/// Form of all levels of a channel.
 #[derive(Clone, Copy)]
 pub(crate) struct ChannelForm {
     pub(crate) axes: usize,
@@ -55,7 +55,7 @@ impl<T: Lane> Level<T> {
         weights: &Weights,
         parents: &Grid<T>,
         void: Option<&[u8]>,
-    ) -> Plain {
+    ) -> FlatContexts {
         let is_sum = form.has_sums && number + 1 == planes(form.axes).len();
         let nodes = self.side.pow(form.axes as u32);
         let not_summed = if is_sum { self.not_summed(form, parents, void) } else { None };

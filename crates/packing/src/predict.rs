@@ -9,6 +9,9 @@ use crate::plane_form::{MAX_FEATURES, MIN_FRACTION, NEAR_SIZE, Plane, Weights, p
 use crate::plane_kernels::{Rows, Shape, Sizes, Terms, across_row, errors, residual_row, slope_row, sums};
 
 /// A level that is coded, and what predicts it.
+///
+/// Invariant: a writer and a reader compute the same predictions and contexts. A plane is predicted only from its parents and from `changes` of planes
+/// before it; what is VOID has its parent's number; and arithmetic wraps, so that corrupt numbers lead to other numbers and nothing else.
 #[derive(Default)]
 pub(crate) struct Level<T> {
     pub(crate) side: usize,
@@ -23,7 +26,7 @@ pub(crate) struct Level<T> {
     residuals: [Grid<T>; 8],
     /// Sums of the differences of finished planes.
     pub(crate) others: Vec<T>,
-    /// What the plane is expected to differ from its parents, and contexts.
+    /// Expected differences of the plane from its parents, and contexts.
     pub(crate) expected: Vec<T>,
     pub(crate) contexts: Vec<u8>,
     /// Differences from the parents, by child.
@@ -221,7 +224,7 @@ impl<T: Lane> Level<T> {
         }
     }
 
-    /// What the features of a row are, for fitting: of pairs the sum.
+    /// Calls with each feature of a row and its number, for fitting: of pairs the sum.
     pub(crate) fn features(&self, plane: usize, row: [usize; 2], mut each: impl FnMut(usize, &[T])) {
         let plane = &planes(self.axes)[plane];
         let (terms, sizes) = self.terms(plane, &[1; MAX_FEATURES]);

@@ -3,13 +3,13 @@
 //! Eight states take turns, sample by sample, so that a processor looks up one while others are still computed. A reader goes forward through
 //! both streams; a writer of states goes backward, since each is a stack.
 
-use crate::contexts::{Contexts, ESCAPE, FLAT, MAX_CONTEXTS, Plain, SYMBOLS};
+use crate::contexts::{Contexts, ESCAPE, FLAT, FlatContexts, MAX_CONTEXTS, SYMBOLS};
 use crate::lanes::Lane;
 use crate::tables::{EncodeTable, Entry, Frequencies, Histogram, STATE_BITS, STATES};
 use crate::vectorized::vectorized;
 
 /// States that take turns.
-pub(crate) const LANES: usize = 8;
+pub(crate) const STATE_COUNT: usize = 8;
 
 /// 64 bits from a bit on, of which at least 57 count; zeros after the end.
 #[inline(always)]
@@ -83,19 +83,8 @@ impl<'b> HeaderReader<'b> {
     }
 }
 
-/// Masks of so many lowest bits: a load is less than a shift by a variable.
-static MASKS: [u32; 32] = {
-    let mut masks = [0; 32];
-    let mut bits = 0;
-    while bits < 32 {
-        masks[bits] = (1u32 << bits) - 1;
-        bits += 1;
-    }
-    masks
-};
-
-/// Masks of so many lowest bits, up to 63.
-static WIDE_MASKS: [u64; 64] = {
+/// Masks of so many lowest bits, up to 63: a load is less than a shift by a variable.
+static MASKS: [u64; 64] = {
     let mut masks = [0; 64];
     let mut bits = 0;
     while bits < 64 {
@@ -107,7 +96,7 @@ static WIDE_MASKS: [u64; 64] = {
 
 /// A reader of both streams.
 pub(crate) struct SymbolReader<'b> {
-    states: [u32; LANES],
+    states: [u32; STATE_COUNT],
     /// Bytes of the states' bits, and the next bit.
     bits: &'b [u8],
     bit: usize,
@@ -119,7 +108,7 @@ pub(crate) struct SymbolReader<'b> {
 impl<'b> SymbolReader<'b> {
     /// `bytes` are those of [`SymbolWriter::finish`]. `None` if they are too few.
     pub(crate) fn new(bytes: &'b [u8]) -> Option<SymbolReader<'b>> {
-        let (states, rest) = bytes.split_first_chunk::<LANES>()?;
+        let (states, rest) = bytes.split_first_chunk::<STATE_COUNT>()?;
         let (length, rest) = rest.split_first_chunk::<4>()?;
         let (skipped, rest) = rest.split_first()?;
         let (bits, raw) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
@@ -134,7 +123,7 @@ impl<'b> SymbolReader<'b> {
 
     /// Whether all bits have been read, and nothing is left.
     pub(crate) fn is_whole(&self) -> bool {
-        self.states == [0; LANES]
+        self.states == [0; STATE_COUNT]
             && self.bit == self.bits.len() * 8
             && self.raw_bit.div_ceil(8) == self.raw.len()
             && word(self.raw, self.raw_bit) == 0
@@ -145,7 +134,7 @@ impl<'b> SymbolReader<'b> {
     pub(crate) fn tokens(
         &mut self,
         entries: &[Entry; MAX_CONTEXTS * STATES],
-        flat: Plain,
+        flat: FlatContexts,
         contexts: &[u8],
         tokens: &mut [u16],
     ) {
@@ -161,21 +150,23 @@ impl<'b> SymbolReader<'b> {
 vectorized! {
     fn read_tokens | read_tokens_baseline | read_tokens_avx2(
         source: (&[u8], &[Entry; MAX_CONTEXTS * STATES]),
-        flat: Plain,
+        flat: FlatContexts,
         position: &mut usize,
-        states: &mut [u32; LANES],
+        states: &mut [u32; STATE_COUNT],
         contexts: &[u8],
         tokens: &mut [u16],
     ) {
         let (bytes, entries) = source;
         let mut bit = *position;
         let [mut s0, mut s1, mut s2, mut s3, mut s4, mut s5, mut s6, mut s7] = *states;
-        // Bits of up to four entries are added up in the lowest byte.
+        // Invariant: states are below 256, as entries add to less than that whatever bits follow, and at the end of the bytes zeros follow.
+        // So corrupt bytes lead to other symbols and nothing else. A word has bits for four entries, of 8 at most each; they are added up in
+        // the lowest byte.
         macro_rules! step {
             ($word:ident, $sum:ident, $state:ident, $context:expr, $token:expr) => {
                 let entry = entries
                     [(usize::from($context) << STATE_BITS | $state as usize) & (MAX_CONTEXTS * STATES - 1)];
-                $state = (entry >> 24) + ($word as u32 & MASKS[entry as usize & 31]);
+                $state = (entry >> 24) + ($word & MASKS[entry as usize & 31]) as u32;
                 $word >>= entry & 63;
                 *$token = (entry >> 8) as u16;
                 $sum += entry & 255;
@@ -238,7 +229,7 @@ vectorized! {
                     let token = $tokens[$at];
                     let count = usize::from(token & 63);
                     let upper = u64::from(token >> 8) << count;
-                    $numbers[$at] = T::from_i64((upper | word & WIDE_MASKS[count]) as i64);
+                    $numbers[$at] = T::from_i64((upper | word & MASKS[count]) as i64);
                     word >>= count;
                     sum += count;
                 })*
@@ -250,8 +241,8 @@ vectorized! {
             let count = usize::from(token & 255);
             let above = u64::from(token >> 8).checked_shl(count as u32).unwrap_or(0);
             // (Two halves: the lower one first.)
-            let lower = word(bytes, *bit) & WIDE_MASKS[count.min(32)];
-            let upper = word(bytes, *bit + 32) & WIDE_MASKS[count.saturating_sub(32) % 64];
+            let lower = word(bytes, *bit) & MASKS[count.min(32)];
+            let upper = word(bytes, *bit + 32) & MASKS[count.saturating_sub(32) % 64];
             *bit += count;
             T::from_i64((above | upper << 32 | lower) as i64)
         };
@@ -290,19 +281,19 @@ pub(crate) struct Planes<T> {
     numbers: Vec<T>,
     symbols: Vec<u8>,
     /// The last number of each plane, and its context without uncertainty.
-    ends: Vec<(usize, Plain)>,
+    ends: Vec<(usize, FlatContexts)>,
 }
 
 impl<T: Lane> Planes<T> {
     /// Adds a plane: folded numbers and their contexts.
-    pub(crate) fn push(&mut self, flat: Plain, contexts: &[u8], numbers: &[T]) {
+    pub(crate) fn push(&mut self, flat: FlatContexts, contexts: &[u8], numbers: &[T]) {
         self.contexts.extend_from_slice(contexts);
         self.numbers.extend_from_slice(numbers);
         self.ends.push((self.contexts.len(), flat));
     }
 
     /// Ranges of planes.
-    fn ranges(&self) -> Vec<(std::ops::Range<usize>, Plain)> {
+    fn ranges(&self) -> Vec<(std::ops::Range<usize>, FlatContexts)> {
         let starts = std::iter::once(0).chain(self.ends.iter().map(|(end, _)| *end));
         starts.zip(&self.ends).map(|(start, (end, flat))| (start..*end, *flat)).collect()
     }
@@ -347,6 +338,9 @@ fn is_zero<T: Lane>(numbers: &[T]) -> bool {
 }
 
 /// A writer of both streams: raw bits in order, then states from the last channel to the first.
+///
+/// Invariant: states are written in exactly the reverse of the order in which they are read: channels, planes, eights, then samples of an eight, and the
+/// symbol of an eight after its samples.
 #[derive(Default)]
 pub(crate) struct SymbolWriter {
     raw: Vec<u32>,
@@ -355,7 +349,7 @@ pub(crate) struct SymbolWriter {
     words: Vec<u32>,
     rest: u64,
     count: u32,
-    states: Option<[u32; LANES]>,
+    states: Option<[u32; STATE_COUNT]>,
 }
 
 impl SymbolWriter {
@@ -421,14 +415,14 @@ impl SymbolWriter {
             })
             .collect();
         let Ok(tables) = <&[EncodeTable; MAX_CONTEXTS]>::try_from(&tables[..]) else { return };
-        let mut states = self.states.unwrap_or([STATES as u32; LANES]);
+        let mut states = self.states.unwrap_or([STATES as u32; STATE_COUNT]);
         let (mut rest, mut count) = (self.rest, self.count);
         let words = &mut self.words;
         macro_rules! put {
             ($context:expr, $symbol:expr, $state:expr) => {
                 let before = $state;
                 let bits = tables[usize::from($context)].back($symbol, &mut $state);
-                rest = rest << bits | u64::from(before & MASKS[bits as usize]);
+                rest = rest << bits | u64::from(before) & MASKS[bits as usize];
                 count += bits;
             };
         }
@@ -454,7 +448,7 @@ impl SymbolWriter {
                 let is_flat = contexts == [flat.context; FLAT];
                 let is_other = !is_flat || !is_zero(numbers);
                 if is_other {
-                    for lane in (0..LANES).rev() {
+                    for lane in (0..STATE_COUNT).rev() {
                         put!(contexts[lane], symbols[lane], states[lane]);
                         if lane % 2 == 0 {
                             flush!();
@@ -472,7 +466,7 @@ impl SymbolWriter {
 
     /// The bytes of both streams.
     pub(crate) fn finish(mut self) -> Vec<u8> {
-        let states = self.states.unwrap_or([STATES as u32; LANES]);
+        let states = self.states.unwrap_or([STATES as u32; STATE_COUNT]);
         let mut bytes = states.map(|state| state as u8).to_vec();
         // (The first bits of the first word are not used.)
         let skipped = (32 - self.count) % 32;

@@ -157,7 +157,7 @@ fn to_weights<T: Lane>(context: usize, histogram: &Histogram) -> [u8; SYMBOLS] {
     })
 }
 
-/// What a histogram takes with some frequencies, in parts of a bit; `None` if a symbol has no code.
+/// Size of the symbols of a histogram with some frequencies, in parts of a bit; `None` if a symbol has no code.
 fn cost<T: Lane>(context: usize, histogram: &Histogram, frequencies: &Frequencies) -> Option<u64> {
     let mut sum = 0;
     for (symbol, count) in histogram.iter().enumerate().filter(|(_, count)| **count > 0) {

@@ -1,31 +1,32 @@
 //! Functions that are compiled for processors with wider vectors, too.
 
 /// Defines a function that does what its body says, compiled twice on x86-64: for all processors, and for those with AVX2, which are
-/// recognized at run time. All arithmetic is that of integers, or of single elements: results are the same.
+/// recognized at run time. All arithmetic is that of integers: results are the same. (On AArch64
+/// all processors have NEON.)
 macro_rules! vectorized {
     (
         $(#[$meta:meta])*
-        $visibility:vis fn $name:ident | $baseline:ident | $avx2:ident $(<$lane:ident>)? ($($argument:ident: $type:ty),* $(,)?) $(-> $result:ty)?
+        $visibility:vis fn $name:ident | $baseline:ident | $avx2:ident $(<$lane:ident>)? ($($argument:ident: $type:ty),* $(,)?)
         $body:block
     ) => {
         $(#[$meta])*
         #[inline]
-        $visibility fn $name $(<$lane: Lane>)? ($($argument: $type),*) $(-> $result)? {
+        $visibility fn $name $(<$lane: Lane>)? ($($argument: $type),*) {
             #[cfg(target_arch = "x86_64")]
             if $crate::vectorized::is_wanted() && std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("bmi2") {
                 // SAFETY: the processor has both.
-                #[allow(unsafe_code, reason = "functions for some processors are unsafe to call; a fifth of the time of decoding")]
+                #[allow(unsafe_code, reason = "functions for some processors are unsafe to call; decoding takes a tenth less time for 16 bits, a quarter less for 32")]
                 return unsafe { $avx2 $(::<$lane>)? ($($argument),*) };
             }
             $baseline $(::<$lane>)? ($($argument),*)
         }
 
         #[inline(never)]
-        fn $baseline $(<$lane: Lane>)? ($($argument: $type),*) $(-> $result)? $body
+        fn $baseline $(<$lane: Lane>)? ($($argument: $type),*) $body
 
         #[cfg(target_arch = "x86_64")]
         #[target_feature(enable = "avx2,bmi2")]
-        fn $avx2 $(<$lane: Lane>)? ($($argument: $type),*) $(-> $result)? $body
+        fn $avx2 $(<$lane: Lane>)? ($($argument: $type),*) $body
     };
 }
 

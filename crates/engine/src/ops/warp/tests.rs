@@ -117,8 +117,9 @@ impl Raster {
 
     /// By clipping the quadrangle against each cell (Sutherland and Hodgman).
     fn naive_area(&self, corners: [[f64; 2]; 4], turn: Option<i64>, is_majority: bool) -> Option<u8> {
-        // Areas that differ by less are the same: sums of some hundred products of coordinates below 1 (or the cell's size).
-        let rounding = 1e-9 * area_of(&corners).min(1.0);
+        /// Areas that differ by less, relative to the cell's own, are the same: sums of some hundred products of coordinates below 1.
+        const ROUNDING: f64 = 1e-9;
+        let rounding = ROUNDING * area_of(&corners).min(1.0);
         let range = |axis: usize| {
             let numbers = corners.map(|corner| corner[axis]);
             let low = numbers.into_iter().fold(f64::INFINITY, f64::min).floor() as i64;
