@@ -1,19 +1,27 @@
 //! Neighbours of nodes: the eight of a quadtree's node, and the eighteen of an octree's across faces and edges.
+//!
+//! The children of a node and what is next to them are a *grid* of four cells along each axis, x fastest, with the children in the middle. So the
+//! neighbours of a child have the same distances in the grid for each of them.
 
-/// Where the neighbour of a child lies in a direction.
+/// The neighbour of a child in a direction.
 #[derive(Clone, Copy, Default)]
-pub(crate) struct Step {
+pub(crate) struct Neighbour {
     /// The direction from the parent to the node that is or has the neighbour; [`SIBLING`] if the parent itself has it.
     pub(crate) towards: u8,
     /// The number of the neighbour among the children there.
     pub(crate) child: u8,
 }
 
-/// The direction of a neighbour that has the same parent.
-pub(crate) const SIBLING: u8 = u8::MAX;
+/// The direction of a neighbour that has the same parent: behind all others.
+pub(crate) const SIBLING: u8 = MAX_DIRECTIONS as u8;
+/// Directions at most.
+pub(crate) const MAX_DIRECTIONS: usize = 18;
+/// Directions across faces of an octree's node, which come first.
+pub(crate) const FACES: usize = 6;
 
 /// The directions of neighbours: first those along one axis, then those along two; of each by z, y, x.
-const fn directions<const D: usize>(axes: usize) -> [[i8; 3]; D] {
+const fn directions<const D: usize>() -> [[i8; 3]; D] {
+    let is_flat = D == 8;
     let mut all = [[0; 3]; D];
     let (mut count, mut along) = (0, 1);
     while along <= 2 {
@@ -21,7 +29,7 @@ const fn directions<const D: usize>(axes: usize) -> [[i8; 3]; D] {
         while number < 27 {
             let offset = [number % 3 - 1, number / 3 % 3 - 1, number / 9 - 1];
             let axes_used = (offset[0] != 0) as usize + (offset[1] != 0) as usize + (offset[2] != 0) as usize;
-            if axes_used == along && (axes == 3 || offset[2] == 0) {
+            if axes_used == along && (!is_flat || offset[2] == 0) {
                 all[count] = [offset[0] as i8, offset[1] as i8, offset[2] as i8];
                 count += 1;
             }
@@ -33,41 +41,109 @@ const fn directions<const D: usize>(axes: usize) -> [[i8; 3]; D] {
     all
 }
 
-/// Steps from each child in each direction.
-pub(crate) const fn steps<const C: usize, const D: usize>() -> [[Step; D]; C] {
-    let axes = C.trailing_zeros() as usize;
-    let directions = directions::<D>(axes);
-    let mut all = [[Step { towards: SIBLING, child: 0 }; D]; C];
-    let mut child = 0;
-    while child < C {
-        let mut direction = 0;
-        while direction < D {
-            let (mut towards, mut there, mut axis) = ([0i8; 3], 0u8, 0);
-            while axis < axes {
-                let place = (child >> axis & 1) as i8 + directions[direction][axis];
-                towards[axis] = if place < 0 {
-                    -1
-                } else if place > 1 {
-                    1
-                } else {
-                    0
-                };
-                there |= ((place & 1) as u8) << axis;
-                axis += 1;
-            }
-            let mut found = 0;
-            let mut number = SIBLING;
-            while found < D {
-                let d = directions[found];
-                if d[0] == towards[0] && d[1] == towards[1] && d[2] == towards[2] {
-                    number = found as u8;
+/// Where the neighbours of nodes with `C` children are, in `D` directions.
+pub(crate) struct Around<const C: usize, const D: usize> {
+    /// The neighbours of each child.
+    pub(crate) of_child: [[Neighbour; D]; C],
+    /// The cells of the grid that belong to the neighbour in a direction, with the number among its children, and how many there are.
+    pub(crate) cells: [([(u8, u8); 4], usize); D],
+    /// The cell of the grid of each child.
+    pub(crate) centers: [u8; C],
+    /// From the first cell around a child to each of its neighbours.
+    pub(crate) offsets: [u8; D],
+}
+
+/// From the first cell around a child to its own.
+pub(crate) const fn to_center<const D: usize>() -> usize {
+    if D == 8 { 5 } else { 21 }
+}
+
+impl<const C: usize, const D: usize> Around<C, D> {
+    pub(crate) const fn new() -> Around<C, D> {
+        let mut around = Around {
+            of_child: [[Neighbour { towards: SIBLING, child: 0 }; D]; C],
+            cells: [([(0, 0); 4], 0); D],
+            centers: [0; C],
+            offsets: [0; D],
+        };
+        let directions = directions::<D>();
+        let axes = C.trailing_zeros() as usize;
+        let mut child = 0;
+        while child < C {
+            let mut direction = 0;
+            while direction < D {
+                let (mut towards, mut there, mut axis) = ([0i8; 3], 0u8, 0);
+                let (mut offset, mut center) = (0, 0);
+                while axis < axes {
+                    let own = (child >> axis & 1) as i8;
+                    let at = own + directions[direction][axis];
+                    towards[axis] = (at > 1) as i8 - (at < 0) as i8;
+                    there |= ((at & 1) as u8) << axis;
+                    offset += ((directions[direction][axis] + 1) as u8) << (2 * axis);
+                    center += ((own + 1) as u8) << (2 * axis);
+                    axis += 1;
                 }
-                found += 1;
+                around.offsets[direction] = offset;
+                around.centers[child] = center;
+                let mut found = 0;
+                while found < D {
+                    let d = directions[found];
+                    if d[0] == towards[0] && d[1] == towards[1] && d[2] == towards[2] {
+                        around.of_child[child][direction] = Neighbour { towards: found as u8, child: there };
+                        around.add(found, (center + offset - to_center::<D>() as u8, there));
+                    }
+                    found += 1;
+                }
+                if towards[0] == 0 && towards[1] == 0 && towards[2] == 0 {
+                    around.of_child[child][direction].child = there;
+                }
+                direction += 1;
             }
-            all[child][direction] = Step { towards: number, child: there };
-            direction += 1;
+            child += 1;
         }
-        child += 1;
+        around
     }
-    all
+
+    /// Adds a cell of the neighbour in a direction, once.
+    const fn add(&mut self, direction: usize, cell: (u8, u8)) {
+        let (cells, count) = &mut self.cells[direction];
+        let mut at = 0;
+        while at < *count {
+            if cells[at].0 == cell.0 {
+                return;
+            }
+            at += 1;
+        }
+        cells[*count] = cell;
+        *count += 1;
+    }
+}
+
+/// Which neighbours of a child are among some cells of its grid, in 8 bits: of a quadtree's eight one each; of an octree's six across faces one
+/// each, and of those across edges about how many there are. `cells` begin with the first cell around the child.
+#[inline(always)]
+pub(crate) fn pattern<const D: usize>(cells: u64) -> usize {
+    const EDGES: u64 = {
+        let (directions, mut edges, mut at) = (directions::<MAX_DIRECTIONS>(), 0, FACES);
+        while at < MAX_DIRECTIONS {
+            let [x, y, z] = directions[at];
+            edges |= 1 << (21 + x + 4 * y + 16 * z);
+            at += 1;
+        }
+        edges
+    };
+    let cells = if D == 8 {
+        // (Cells 0, 1, 2, 4, 6, 8, 9 and 10: around 5, which is the child's.)
+        cells & 7 | cells >> 1 & 8 | cells >> 2 & 16 | cells >> 3 & 0xe0
+    } else {
+        // (Cells 5, 17, 20, 22, 25 and 37: around 21.)
+        let faces = cells >> 5 & 1
+            | cells >> 16 & 2
+            | cells >> 18 & 4
+            | cells >> 19 & 8
+            | cells >> 21 & 16
+            | cells >> 32 & 32;
+        faces << 2 | u64::from((cells & EDGES).count_ones().min(11) / 3)
+    };
+    cells as usize
 }

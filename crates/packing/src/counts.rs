@@ -3,7 +3,7 @@
 use spinney_base::TreeType;
 
 use crate::bits::BitCoder;
-use spinney_container::{CUT, LEAF};
+use spinney_container::CUT;
 
 use crate::nodes::{FIRST_VALUE, Nodes};
 use crate::plain::each_leaf;
@@ -42,9 +42,8 @@ pub(crate) fn code_counts<K: BitCoder>(
     let whole = nodes.filter(|nodes| (0..nodes.len()).all(|node| nodes.state(node) != CUT));
     let found = whole.map(|nodes| {
         let mut found = vec![0; table.len()];
-        each_leaf(nodes, form.axes(), height, &mut |node, cells| {
-            debug_assert_eq!(nodes.state(node), LEAF);
-            if let Some(found) = found.get_mut((nodes.symbol(node).wrapping_sub(FIRST_VALUE)) as usize) {
+        each_leaf(nodes, form.axes(), height, |symbol, cells| {
+            if let Some(found) = found.get_mut((symbol.wrapping_sub(FIRST_VALUE)) as usize) {
                 *found += cells;
             }
         });

@@ -1,5 +1,7 @@
 //! Ways to take the values of nodes, and the nodes of records by one of them.
 
+use std::collections::HashMap;
+
 use spinney_base::TreeType;
 use spinney_base::value::{DataKind, Rule, SampleType, ValueType};
 use spinney_container::{INNER, RecordLayout, VOID};
@@ -12,7 +14,7 @@ use crate::masks::{MaskContexts, code_mask};
 use crate::nodes::{
     BEYOND, FIRST_VALUE, MIXED, NOTHING, NewValues, NodeContexts, NodeForm, Nodes, ROOT, code_nodes,
 };
-use crate::plain::{Parsed, Writer, parse};
+use crate::plain::{Parsed, Rows, Writer, parse};
 use crate::segment::Damage;
 use crate::values::{NumberValues, Numbers, TableValues, bytes, numbers, order};
 
@@ -68,10 +70,10 @@ fn can_be_solid(value: ValueType) -> bool {
 
 /// Records that are to be written, taken apart.
 pub(crate) struct Taken<'r> {
-    model: Model,
-    form: TreeType,
     records: &'r [u8],
     parsed: Parsed,
+    /// All values that nodes have, each once. Their numbers are the nodes' symbols until those of all values are known.
+    values: Vec<Numbers>,
 }
 
 impl<'r> Taken<'r> {
@@ -82,45 +84,39 @@ impl<'r> Taken<'r> {
         form: TreeType,
         records: &'r [u8],
     ) -> Option<Taken<'r>> {
-        let parsed = parse(layout, records, model == Model::Numbers)?;
-        Some(Taken { model, form, records, parsed })
+        let mut parsed = parse(layout, records, model == Model::Numbers)?;
+        let nodes = &mut parsed.nodes;
+        let mut distinct = DistinctValues::default();
+        for node in ROOT + 1..nodes.len() {
+            let value = &records[parsed.values[node as usize] as usize..][..form.width()];
+            let symbol = if nodes.state(node) == VOID {
+                NOTHING
+            } else if model.is_mixed(nodes, node) {
+                nodes.set_fullness(node, value[0]);
+                MIXED
+            } else {
+                FIRST_VALUE + distinct.number_of(value)
+            };
+            nodes.set_symbol(node, symbol);
+        }
+        let values = distinct.values.iter().map(|value| numbers(form, value)).collect();
+        Some(Taken { records, parsed, values })
     }
 
-    fn value(&self, node: u32) -> &'r [u8] {
-        &self.records[self.parsed.values[node as usize] as usize..][..self.form.width()]
-    }
-
-    /// The values that nodes have, as often as they have them.
+    /// The values that nodes have.
     pub(crate) fn values(&self) -> impl Iterator<Item = Numbers> {
-        let nodes = &self.parsed.nodes;
-        let has_value =
-            |node: &u32| nodes.state(*node) != VOID && !self.model.is_mixed(&self.parsed.nodes, *node);
-        (ROOT + 1..nodes.len()).filter(has_value).map(|node| numbers(self.form, self.value(node)))
+        self.values.iter().copied()
     }
 
     /// Gives nodes the symbols of their values, all of which must be known.
-    pub(crate) fn set_symbols(&mut self, known: &[Numbers]) -> Option<()> {
-        // (Neighbours are often alike.)
-        let mut last = None;
-        for node in ROOT + 1..self.parsed.nodes.len() {
-            let symbol = if self.parsed.nodes.state(node) == VOID {
-                NOTHING
-            } else if self.model.is_mixed(&self.parsed.nodes, node) {
-                let fullness = self.value(node)[0];
-                self.parsed.nodes.set_fullness(node, fullness);
-                MIXED
-            } else {
-                let value = self.value(node);
-                match last {
-                    Some((before, symbol)) if before == value => symbol,
-                    _ => {
-                        let symbol = symbol_of(self.form, known, &numbers(self.form, value))?;
-                        last = Some((value, symbol));
-                        symbol
-                    }
-                }
-            };
-            self.parsed.nodes.set_symbol(node, symbol);
+    pub(crate) fn set_symbols(&mut self, form: TreeType, known: &[Numbers]) -> Option<()> {
+        let symbols = self.values.iter().map(|value| symbol_of(form, known, value));
+        let symbols = symbols.collect::<Option<Vec<u32>>>()?;
+        let nodes = &mut self.parsed.nodes;
+        for node in ROOT + 1..nodes.len() {
+            if let Some(number) = nodes.symbol(node).checked_sub(FIRST_VALUE) {
+                nodes.set_symbol(node, symbols[number as usize]);
+            }
         }
         Some(())
     }
@@ -138,6 +134,42 @@ impl<'r> Taken<'r> {
     }
 }
 
+/// Values, each once, in the order in which they came.
+#[derive(Default)]
+struct DistinctValues {
+    values: Vec<[u8; 16]>,
+    numbers: HashMap<u128, u32>,
+    /// A value that came before and one more than its number, or 0, by its lowest bits: most values are among few.
+    recent: [(u128, u32); 32],
+}
+
+impl DistinctValues {
+    fn number_of(&mut self, value: &[u8]) -> u32 {
+        // (Copies of a width that is known are a single step.)
+        let key = match *value {
+            [byte] => u128::from(byte),
+            [a, b] => u16::from_le_bytes([a, b]).into(),
+            [a, b, c, d] => u32::from_le_bytes([a, b, c, d]).into(),
+            _ => {
+                let mut bytes = [0; 16];
+                bytes[..value.len()].copy_from_slice(value);
+                u128::from_le_bytes(bytes)
+            }
+        };
+        let slot = key as usize % self.recent.len();
+        let (recent, next) = self.recent[slot];
+        if let Some(number) = next.checked_sub(1).filter(|_| recent == key) {
+            return number;
+        }
+        let number = *self.numbers.entry(key).or_insert_with(|| {
+            self.values.push(key.to_le_bytes());
+            self.values.len() as u32 - 1
+        });
+        self.recent[slot] = (key, number + 1);
+        number
+    }
+}
+
 /// The symbol of a value among those that are known, which are sorted.
 pub(crate) fn symbol_of(form: TreeType, known: &[Numbers], value: &Numbers) -> Option<u32> {
     let key = order(form, value);
@@ -147,23 +179,9 @@ pub(crate) fn symbol_of(form: TreeType, known: &[Numbers], value: &Numbers) -> O
 
 /// Values in ascending order, each once.
 pub(crate) fn distinct(form: TreeType, values: impl Iterator<Item = Numbers>) -> Vec<Numbers> {
-    let mut known: Vec<Numbers> = Vec::new();
-    let sort = |known: &mut Vec<Numbers>| {
-        known.sort_unstable_by_key(|numbers| order(form, numbers));
-        known.dedup();
-    };
-    // (Those that come again and again are not all held.)
-    let mut room = 4096;
-    for value in values {
-        if known.last() != Some(&value) {
-            known.push(value);
-        }
-        if known.len() >= room {
-            sort(&mut known);
-            room = 2 * known.len().max(room / 2);
-        }
-    }
-    sort(&mut known);
+    let mut known: Vec<Numbers> = values.collect();
+    known.sort_unstable_by_key(|numbers| order(form, numbers));
+    known.dedup();
     known
 }
 
@@ -318,7 +336,8 @@ impl ModelCoder {
         most: usize,
         records: &mut Vec<u8>,
     ) -> Option<()> {
-        Writer { layout: &self.layout, nodes, values: &self.known }.write(ROOT, records, most, blocks)
+        let rows = Rows::default();
+        Writer { layout: &self.layout, nodes, values: &self.known, rows }.write(ROOT, records, most, blocks)
     }
 }
 
@@ -334,7 +353,7 @@ fn code_all<K: BitCoder>(
     values: &mut impl NewValues,
 ) -> Option<Nodes> {
     match axes {
-        2 => code_nodes::<K, 4, 8>(form, coder, contexts, truth, values),
-        _ => code_nodes::<K, 8, 18>(form, coder, contexts, truth, values),
+        2 => code_nodes::<K, 4, 8, 16>(form, coder, contexts, truth, values),
+        _ => code_nodes::<K, 8, 18, 64>(form, coder, contexts, truth, values),
     }
 }

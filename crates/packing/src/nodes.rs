@@ -1,7 +1,7 @@
 //! The nodes of a segment: coded level by level from the top, each in the context of its neighbours.
 
 use crate::adaptive::{Adaptive, AdaptiveSymbols, SYMBOLS};
-use crate::around::{SIBLING, Step, steps};
+use crate::around::{Around, FACES, MAX_DIRECTIONS, SIBLING, pattern, to_center};
 use crate::bits::BitCoder;
 use spinney_base::space::Dimension;
 use spinney_container::{CUT, DenseKind, INNER, LEAF, RecordLayout, VOID, dense_levels};
@@ -76,6 +76,11 @@ impl Nodes {
 
     pub(crate) fn len(&self) -> u32 {
         self.words.len() as u32
+    }
+
+    fn reserve(&mut self, more: usize) {
+        self.words.reserve(more);
+        self.first.reserve(more);
     }
 
     #[inline]
@@ -168,8 +173,6 @@ pub(crate) trait NewValues {
 
 /// Neighbours' symbols that are tried before a value counts as new.
 const CANDIDATES: usize = 4;
-/// Directions across faces of an octree's node, which come first.
-const FACES: usize = 6;
 /// Levels above the cells that have contexts of their own.
 const HEIGHTS: usize = 8;
 
@@ -202,17 +205,14 @@ impl NodeContexts {
     }
 }
 
-/// The neighbours of which something is true, in 8 bits: of a quadtree's eight one each; of an octree's six across faces one each, and
-/// of those across edges about how many there are.
-#[inline(always)]
-fn pattern<const D: usize>(words: &[u32; D], is_true: impl Fn(u32) -> bool) -> usize {
-    let bits = |words: &[u32]| words.iter().fold(0, |bits, word| bits << 1 | usize::from(is_true(*word)));
-    if D == 8 {
-        bits(words)
-    } else {
-        let edges: usize = words[FACES..].iter().map(|word| usize::from(is_true(*word))).sum();
-        (bits(&words[..FACES]) << 2) | (edges.min(11) / 3)
-    }
+/// An INNER node whose children are coded next.
+#[derive(Clone, Copy)]
+struct Pending {
+    node: u32,
+    /// The parent's number among the INNER nodes of its level, and the node's among the parent's children.
+    parent: u32,
+    child: u8,
+    is_in_block: bool,
 }
 
 /// Codes all nodes below one with the symbol `root`: `truth` has those to be written. `None` if there are more than there can be, or values that are
@@ -223,23 +223,22 @@ fn pattern<const D: usize>(words: &[u32; D], is_true: impl Fn(u32) -> bool) -> u
 ///
 /// The neighbours of an INNER node are found from those of its parent, which took the same way: a neighbour is a sibling, or a child of a
 /// neighbour of the parent, or that one itself where it has no children. So no node is ever searched for.
-pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize>(
+pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize, const G: usize>(
     form: &NodeForm,
     coder: &mut K,
     contexts: &mut NodeContexts,
     (truth, root): (&Nodes, u32),
     values: &mut impl NewValues,
 ) -> Option<Nodes> {
-    let steps: &[[Step; D]; C] = &const { steps::<C, D>() };
+    let around: &Around<C, D> = const { &Around::new() };
     let mut nodes = Nodes::new();
     nodes.set_symbol(ROOT, root);
+    // The words of the children of each node above the bottom, as its neighbours see them: of a node without known children its own.
+    let mut families: Vec<[u32; C]> = nodes.words.iter().map(|word| [*word; C]).collect();
     let mut true_dense = truth.dense.iter().peekable();
-    let true_fullness = |node| truth.fullness(node);
     // Of each INNER node of the level above: its neighbours.
     let mut above: Vec<[u32; D]> = Vec::new();
-    // The INNER nodes of this level: the parent's place in `above`, the number among its children, and whether it is in a
-    // dense block.
-    let mut level = vec![(ROOT, 0, 0, false)];
+    let mut level = vec![Pending { node: ROOT, parent: 0, child: 0, is_in_block: false }];
     let (mut count, mut depth) = (0, 0);
     while !level.is_empty() {
         depth += 1;
@@ -252,24 +251,32 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize>(
         let is_bottom = depth == form.height;
         let height = usize::from(form.height - depth).min(HEIGHTS - 1);
         let may_be_cut = depth == form.reach && !is_bottom;
-        let mut neighbours: Vec<[u32; D]> = Vec::with_capacity(level.len());
-        let mut next = Vec::new();
-        for &(node, parent, child, mut is_in_block) in &level {
+        let mut neighbours: Vec<[u32; D]> = Vec::with_capacity(if is_bottom { 0 } else { level.len() });
+        let mut next = Vec::with_capacity(neighbours.capacity());
+        nodes.reserve(C * level.len());
+        if !is_bottom {
+            families.reserve(C * level.len());
+        }
+        // Of the last parent's neighbours and itself: the first child, and which of its children's numbers count; or the node, and none.
+        let mut of_parent = [(OUTSIDE, 0); MAX_DIRECTIONS + 1];
+        let mut parent = u32::MAX;
+        for pending in &level {
+            let Pending { node, child, mut is_in_block, .. } = *pending;
             let mut near = [OUTSIDE; D];
             if node != ROOT {
-                let siblings = node - child as u32;
-                let of_parent = &above[parent as usize];
-                for (near, step) in near.iter_mut().zip(&steps[child]) {
-                    *near = match step.towards {
-                        SIBLING => siblings + u32::from(step.child),
-                        towards => {
-                            let there = of_parent[usize::from(towards)];
-                            match nodes.first[there as usize] {
-                                NONE => there,
-                                first => first + u32::from(step.child),
-                            }
-                        }
-                    };
+                if parent != pending.parent {
+                    parent = pending.parent;
+                    for (found, there) in of_parent.iter_mut().zip(&above[parent as usize]) {
+                        *found = match nodes.first[*there as usize] {
+                            NONE => (*there, 0),
+                            first => (first, u32::MAX),
+                        };
+                    }
+                    of_parent[usize::from(SIBLING)] = (node - u32::from(child), u32::MAX);
+                }
+                for (near, neighbour) in near.iter_mut().zip(&around.of_child[usize::from(child)]) {
+                    let (first, children) = of_parent[usize::from(neighbour.towards)];
+                    *near = first + (u32::from(neighbour.child) & children);
                 }
             }
             if !is_in_block {
@@ -283,56 +290,68 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize>(
                     }
                 }
             }
+            // The neighbours' children, if these are known, else the neighbours.
+            // Invariant: a node has a family only when all of its children have been coded. So a reader, who has no others, finds the same;
+            // and a neighbour whose turn comes later counts as it is seen from above.
             let symbol = nodes.symbol(node);
             let first = nodes.words.len();
-            // The neighbours' children, if these are known, else the neighbours.
-            // Invariant: a node has its first child's number only when all of its children are there, which is when they have been coded. So
-            // a reader, who has no others, finds the same; and a neighbour whose turn comes later counts as it is seen from above.
-            let firsts = near.map(|near| nodes.first[near as usize]);
-            let own = near.map(|near| nodes.words[near as usize]);
-            let mut children = [UNKNOWN << SYMBOL_AT; C];
-            for (child, steps) in steps.iter().enumerate() {
-                let mut words = [0; D];
-                for (word, step) in words.iter_mut().zip(steps) {
-                    *word = match step.towards {
-                        SIBLING => children[usize::from(step.child) % C],
-                        towards => match firsts[usize::from(towards) % D] {
-                            NONE => own[usize::from(towards) % D],
-                            first => nodes.words[first as usize + usize::from(step.child)],
-                        },
-                    };
+            let mut grid = [UNKNOWN << SYMBOL_AT; G];
+            let (mut inner, mut alike) = (0, 0);
+            for (near, (cells, count)) in near.iter().zip(&around.cells) {
+                let family = &families[*near as usize];
+                for (cell, child) in &cells[..*count] {
+                    let word = family[usize::from(*child) % C];
+                    grid[usize::from(*cell) % G] = word;
+                    inner |= u64::from(word & IS_INNER != 0) << cell;
+                    alike |= u64::from(word >> SYMBOL_AT == symbol) << cell;
                 }
-                let truth = if K::READS { 0 } else { truth.words[first + child] };
+            }
+            let mut children = [0; C];
+            for (child, center) in around.centers.iter().enumerate() {
+                let begin = usize::from(*center) - to_center::<D>();
+                let truth_word = if K::READS { 0 } else { truth.words[first + child] };
                 let mut state = LEAF;
                 if !is_bottom {
-                    let context = (height * C + child) << 8 | pattern(&words, |word| word & IS_INNER != 0);
-                    if coder.bit(&mut contexts.splits[context], truth & IS_INNER != 0) {
+                    let context = (height * C + child) << 8 | pattern::<D>(inner >> begin);
+                    if coder.bit(&mut contexts.splits[context], truth_word & IS_INNER != 0) {
                         state = INNER;
-                        if may_be_cut && coder.bit(&mut contexts.cuts[child], truth as u8 & 3 == CUT) {
+                        if may_be_cut && coder.bit(&mut contexts.cuts[child], truth_word as u8 & 3 == CUT) {
                             state = CUT;
                         }
                     }
                 }
                 let mut found = MIXED;
                 if state == LEAF || !form.is_mixed {
-                    let place = Place { symbol, child, state, is_bottom };
-                    found = code_value(coder, contexts, values, place, &words, truth >> SYMBOL_AT)?;
+                    let place = Place { symbol, alike, child, begin, state, is_bottom };
+                    let around = (&grid, &around.offsets);
+                    found = code_value(coder, contexts, values, place, around, truth_word >> SYMBOL_AT)?;
                     if found == NOTHING {
                         state = VOID;
                     }
                 } else if state == CUT {
                     let this = (first + child) as u32;
-                    nodes.set_fullness(this, code_fullness(coder, contexts, &words, true_fullness(this)));
+                    let faces =
+                        around.offsets[..FACES].iter().map(|offset| grid[begin + usize::from(*offset)]);
+                    nodes.set_fullness(this, code_fullness(coder, contexts, faces, truth.fullness(this)));
                 }
-                children[child] = word(state, found);
-                if state == INNER {
-                    next.push(((first + child) as u32, neighbours.len() as u32, child, is_in_block));
+                let word = word(state, found);
+                children[child] = word;
+                grid[usize::from(*center) % G] = word;
+                inner |= u64::from(word & IS_INNER != 0) << center;
+                alike |= u64::from(found == symbol) << center;
+                if !is_bottom && state == INNER {
+                    let (node, parent) = ((first + child) as u32, neighbours.len() as u32);
+                    next.push(Pending { node, parent, child: child as u8, is_in_block });
                 }
             }
             nodes.words.extend_from_slice(&children);
             nodes.first.extend_from_slice(&[NONE; C]);
             nodes.set_first(node, first as u32);
-            neighbours.push(near);
+            families[node as usize] = children;
+            if !is_bottom {
+                families.extend(children.map(|word| [word; C]));
+                neighbours.push(near);
+            }
         }
         (above, level) = (neighbours, next);
     }
@@ -342,39 +361,54 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize>(
 /// Where a value is coded.
 #[derive(Clone, Copy)]
 struct Place {
-    /// The parent's symbol.
+    /// The parent's symbol, and the cells of the grid that have it too.
     symbol: u32,
-    /// The number among the parent's children.
+    alike: u64,
+    /// The number among the parent's children, and the first cell around it.
     child: usize,
+    begin: usize,
     state: u8,
     is_bottom: bool,
 }
 
 /// Codes the symbol of a node that has a value or is VOID. `None` if it is a value that is none.
 #[inline(always)]
-fn code_value<K: BitCoder, const D: usize>(
+fn code_value<K: BitCoder, const D: usize, const G: usize>(
     coder: &mut K,
     contexts: &mut NodeContexts,
     values: &mut impl NewValues,
     place: Place,
-    words: &[u32; D],
+    (grid, offsets): (&[u32; G], &[u8; D]),
     truth: u32,
 ) -> Option<u32> {
     let is_inner = place.state >= INNER;
     let kind = (usize::from(is_inner) * 2 + usize::from(place.is_bottom)) * CANDIDATES;
     let mut candidates = [NONE; CANDIDATES];
     let mut tried = 0;
-    let around = words.iter().map(|word| word >> SYMBOL_AT);
-    for candidate in std::iter::once(place.symbol).chain(around) {
-        // (What is INNER is not VOID.)
-        let is_value = candidate >= FIRST_VALUE || candidate == NOTHING && !is_inner;
-        if !is_value || candidates[..tried].contains(&candidate) {
+    // (VOID, which is 0 and wraps to above all values, is one where nodes have no children.)
+    let below = u32::from(!is_inner);
+    let is_value = |symbol: u32| symbol.wrapping_sub(below) >= FIRST_VALUE - below;
+    let mut is_it = |candidate, rank, alike: u64| {
+        let context = ((kind + rank) * contexts.children + place.child) << 8 | pattern::<D>(alike);
+        coder.bit(&mut contexts.matches[context], truth == candidate)
+    };
+    if is_value(place.symbol) {
+        if is_it(place.symbol, 0, place.alike >> place.begin) {
+            return Some(place.symbol);
+        }
+        candidates[0] = place.symbol;
+        tried = 1;
+    }
+    for &offset in offsets {
+        let candidate = grid[(place.begin + usize::from(offset)) % G] >> SYMBOL_AT;
+        if !is_value(candidate) || candidates[..tried].contains(&candidate) {
             continue;
         }
-        let rank = if candidate == place.symbol { 0 } else { 1 + tried.min(2) };
-        let alike = pattern(words, |word| word >> SYMBOL_AT == candidate);
-        let context = ((kind + rank) * contexts.children + place.child) << 8 | alike;
-        if coder.bit(&mut contexts.matches[context], truth == candidate) {
+        let alike = offsets.iter().fold(0, |alike, offset| {
+            let word = grid[(place.begin + usize::from(*offset)) % G];
+            alike | u64::from(word >> SYMBOL_AT == candidate) << offset
+        });
+        if is_it(candidate, 1 + tried.min(2), alike) {
             return Some(candidate);
         }
         candidates[tried] = candidate;
@@ -411,15 +445,14 @@ fn code_dense<K: BitCoder>(
 }
 
 /// Codes how full a CUT node is.
-fn code_fullness<K: BitCoder, const D: usize>(
+fn code_fullness<K: BitCoder>(
     coder: &mut K,
     contexts: &mut NodeContexts,
-    words: &[u32; D],
+    faces: impl Iterator<Item = u32> + Clone,
     fullness: u8,
 ) -> u8 {
-    let faces = words[..FACES].iter();
-    let is_value = |word: &&u32| **word & IS_INNER == 0 && **word >> SYMBOL_AT >= FIRST_VALUE;
-    let is_void = |found: &&u32| **found == word(VOID, NOTHING);
+    let is_value = |word: &u32| *word & IS_INNER == 0 && *word >> SYMBOL_AT >= FIRST_VALUE;
+    let is_void = |found: &u32| *found == word(VOID, NOTHING);
     let (full, empty) = (faces.clone().filter(is_value).count(), faces.filter(is_void).count());
     let context = &mut contexts.sixteenths[full * (FACES + 1) + empty];
     let upper = coder.symbol(context, usize::from(fullness >> 4));

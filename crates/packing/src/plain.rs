@@ -1,6 +1,6 @@
 //! Plain segments as nodes, and back.
 
-use spinney_container::{DenseBlock, INNER, LEAF, RecordHead, RecordLayout, VOID, dense_child};
+use spinney_container::{DenseBlock, INNER, LEAF, RecordHead, RecordLayout, dense_child};
 
 use crate::blocks::NumberBlock;
 use crate::nodes::{Dense, FIRST_VALUE, MIXED, NOTHING, Nodes, ROOT};
@@ -113,31 +113,33 @@ pub(crate) struct Writer<'w> {
     pub(crate) nodes: &'w Nodes,
     /// Values by their symbols, less [`FIRST_VALUE`].
     pub(crate) values: &'w [[u8; 16]],
+    pub(crate) rows: Rows,
+}
+
+/// Reused memory of dense blocks: two levels of nodes in rows, and where the children of the first begin.
+#[derive(Default)]
+pub(crate) struct Rows {
+    level: Vec<u32>,
+    below: Vec<u32>,
+    families: Vec<(u32, u32)>,
 }
 
 impl Writer<'_> {
-    /// Writes the value of a node at the beginning of some bytes. `None` if it has none.
-    #[inline]
-    fn put_value(&self, node: u32, bytes: &mut [u8]) -> Option<()> {
-        let value = match self.nodes.symbol(node) {
-            MIXED => &[self.nodes.fullness(node); 16],
-            symbol => self.values.get(symbol.wrapping_sub(FIRST_VALUE) as usize)?,
-        };
-        // (Copies of a width that is known are a single step.)
-        match self.layout.width {
-            1 => bytes[0] = value[0],
-            2 => bytes[..2].copy_from_slice(&value[..2]),
-            4 => bytes[..4].copy_from_slice(&value[..4]),
-            width => bytes[..width].copy_from_slice(&value[..width]),
+    /// The value of a node, zeros of VOID. `None` if it has none.
+    #[inline(always)]
+    fn value(&self, node: u32) -> Option<[u8; 16]> {
+        match self.nodes.symbol(node) {
+            NOTHING => Some([0; 16]),
+            MIXED => Some([self.nodes.fullness(node); 16]),
+            symbol => self.values.get(symbol.wrapping_sub(FIRST_VALUE) as usize).copied(),
         }
-        Some(())
     }
 
     /// Writes the record of an INNER node and what is below it, into so many places at most. Dense blocks that were apart, in the order
     /// of the nodes that they begin at, have no numbers yet, and get their places. `None` if the places are not enough, or nodes
     /// make no dense block where one is said to be.
     pub(crate) fn write(
-        &self,
+        &mut self,
         node: u32,
         records: &mut Vec<u8>,
         most: usize,
@@ -154,7 +156,7 @@ impl Writer<'_> {
             match blocks.binary_search_by_key(&node, |block| block.node) {
                 Ok(found) => blocks[found].begin(layout, start, &mut records[start..]),
                 Err(_) => {
-                    self.fill(dense, (node, 0, 0), &mut records[start..])?;
+                    self.fill(dense, node, &mut records[start..])?;
                     write_dense_head(layout, dense, &mut records[start..]);
                 }
             }
@@ -170,9 +172,7 @@ impl Writer<'_> {
             let node = first + child as u32;
             let state = nodes.state(node);
             states |= u32::from(state) << (2 * child);
-            if state != VOID {
-                self.put_value(node, &mut records[start + child * layout.width..])?;
-            }
+            put(&self.value(node)?, layout.width, &mut records[start + child * layout.width..]);
         }
         for node in (first..).take(layout.children()).filter(|node| nodes.state(*node) == INNER) {
             self.write(node, records, most, blocks)?;
@@ -182,34 +182,81 @@ impl Writer<'_> {
         Some(())
     }
 
-    /// Writes what is below a node of a dense block, which has a number in a level of it.
-    fn fill(&self, dense: Dense, (node, level, index): (u32, u8, usize), block: &mut [u8]) -> Option<()> {
+    /// Writes the nodes of a dense block below its root: values of all levels, and bits of the bottom. `None` if they make no such block.
+    fn fill(&mut self, dense: Dense, root: u32, block: &mut [u8]) -> Option<()> {
         let (layout, nodes) = (self.layout, self.nodes);
-        // (A uniform node above the bottom has none: all below are as it is.)
-        let children = nodes.first(node);
-        if children.is_none() && nodes.state(node) == INNER {
+        let Rows { mut level, mut below, mut families } = std::mem::take(&mut self.rows);
+        // (LEAFs above the bottom stand for all nodes below them.)
+        level.clear();
+        level.push(root);
+        for depth in 1..=dense.levels {
+            // Of each node its first child, and which bits of its children's numbers count; or itself, and none.
+            families.clear();
+            families.extend(level.iter().map(|node| match nodes.first(*node) {
+                Some(first) => (first, u32::MAX),
+                None => (*node, 0),
+            }));
+            if families.iter().any(|(node, mask)| *mask == 0 && nodes.state(*node) == INNER) {
+                return None;
+            }
+            let side = 1 << (depth - 1);
+            below.resize(level.len() * layout.children(), 0);
+            for (number, row) in families.chunks_exact(side).enumerate() {
+                for child in (0..layout.children() as u32).step_by(2) {
+                    let start = dense_child(depth, number * side, child as usize);
+                    let pairs = below[start..][..2 * side].as_chunks_mut().0;
+                    for (pair, (first, mask)) in pairs.iter_mut().zip(row) {
+                        *pair = [first + (child & mask), first + ((child + 1) & mask)];
+                    }
+                }
+            }
+            std::mem::swap(&mut level, &mut below);
+            let values = &mut block[layout.dense_values_at(depth)..][..level.len() * layout.width];
+            match layout.width {
+                1 => self.put_values::<1>(&level, values)?,
+                2 => self.put_values::<2>(&level, values)?,
+                4 => self.put_values::<4>(&level, values)?,
+                8 => self.put_values::<8>(&level, values)?,
+                _ => {
+                    for (node, bytes) in level.iter().zip(values.chunks_exact_mut(layout.width)) {
+                        put(&self.value(*node)?, layout.width, bytes);
+                    }
+                }
+            }
+        }
+        let (set, other) = dense.kind.states();
+        let is_state = |node: &u32| Some(nodes.state(*node)) == other || nodes.state(*node) == set;
+        if !level.iter().all(is_state) {
             return None;
         }
-        for child in 0..layout.children() {
-            let below = children.map_or(node, |first| first + child as u32);
-            let (state, at) = (nodes.state(below), dense_child(level + 1, index, child));
-            if state != VOID {
-                let start = layout.dense_values_at(level + 1) + at * layout.width;
-                self.put_value(below, &mut block[start..])?;
-            }
-            if level + 1 < dense.levels {
-                self.fill(dense, (below, level + 1, at), block)?;
-                continue;
-            }
-            match dense.kind.states() {
-                (set, Some(_)) if state == set => {
-                    block[layout.dense_mask_at(dense.levels) + at / 8] |= 1 << (at % 8);
-                }
-                (set, other) if state == set || Some(state) == other => {}
-                _ => return None,
+        if other.is_some() {
+            let mask = &mut block[layout.dense_mask_at(dense.levels)..];
+            for (bits, nodes_of_byte) in mask.iter_mut().zip(level.chunks(8)) {
+                let bit_of = |(bit, node): (usize, &u32)| u8::from(nodes.state(*node) == set) << bit;
+                *bits = nodes_of_byte.iter().enumerate().map(bit_of).sum();
             }
         }
+        self.rows = Rows { level, below, families };
         Some(())
+    }
+
+    /// Writes the values of nodes one behind the other. `None` if one has none.
+    fn put_values<const N: usize>(&self, nodes: &[u32], bytes: &mut [u8]) -> Option<()> {
+        for (node, bytes) in nodes.iter().zip(bytes.as_chunks_mut::<N>().0) {
+            *bytes = *self.value(*node)?.first_chunk()?;
+        }
+        Some(())
+    }
+}
+
+/// Writes a value of so many bytes. (Copies of a width that is known are a single step.)
+#[inline(always)]
+fn put(value: &[u8; 16], width: usize, bytes: &mut [u8]) {
+    match width {
+        1 => bytes[0] = value[0],
+        2 => bytes[..2].copy_from_slice(&value[..2]),
+        4 => bytes[..4].copy_from_slice(&value[..4]),
+        width => bytes[..width].copy_from_slice(&value[..width]),
     }
 }
 
@@ -232,23 +279,16 @@ pub(crate) fn places(layout: &RecordLayout, nodes: &Nodes, node: u32) -> Option<
     below.map(|node| places(layout, nodes, node)).sum::<Option<usize>>().map(|below| 1 + below)
 }
 
-/// Calls `each` for every LEAF, with its number and its cells.
-pub(crate) fn each_leaf(nodes: &Nodes, axes: usize, height: u8, each: &mut dyn FnMut(u32, u64)) {
-    let mut level = vec![ROOT];
-    let mut below = height;
+/// Calls `each` for every LEAF, with its symbol and its cells.
+pub(crate) fn each_leaf(nodes: &Nodes, axes: usize, height: u8, mut each: impl FnMut(u32, u64)) {
+    // (Those of a level stand one behind the other: as many as the level above has nodes with children, times these.)
+    let (mut level, mut below) = (ROOT..ROOT + 1, height);
     while !level.is_empty() && below > 0 {
         below -= 1;
-        let mut next = Vec::new();
-        for node in level {
-            let Some(first) = nodes.first(node) else { continue };
-            for child in (first..).take(1 << axes) {
-                match nodes.state(child) {
-                    LEAF => each(child, 1 << (axes * usize::from(below))),
-                    INNER => next.push(child),
-                    _ => {}
-                }
-            }
+        let parents = level.clone().filter(|node| nodes.first(*node).is_some()).count();
+        level = level.end..level.end + (parents << axes) as u32;
+        for node in level.clone().filter(|node| nodes.state(*node) == LEAF) {
+            each(nodes.symbol(node), 1 << (axes * usize::from(below)));
         }
-        level = next;
     }
 }

@@ -83,7 +83,7 @@ fn pack_as(
     let mut taken = taken.collect::<Option<Vec<_>>>()?;
     let own = runs.iter().filter(|_| model != Model::Solid).map(|run| numbers(form.form, run.representative));
     let known = distinct(form.form, taken.iter().flat_map(Taken::values).chain(own));
-    taken.iter_mut().try_for_each(|taken| taken.set_symbols(&known))?;
+    taken.iter_mut().try_for_each(|taken| taken.set_symbols(form.form, &known))?;
     let mut writer = BitWriter::default();
     let contents = Contents { runs, taken: &taken, known: &known, beside };
     let (coded, mut blocks) = code_runs(&mut writer, model, form, (runs.len(), length, length), &contents)?;

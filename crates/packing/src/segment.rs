@@ -68,7 +68,7 @@ fn pack_as(
         true => (distinct(form, taken.values().chain(counted)), Vec::new()),
         false => (distinct(form, taken.values()), distinct(form, counted)),
     };
-    taken.set_symbols(&known)?;
+    taken.set_symbols(form, &known)?;
     let mut blocks = taken.blocks(layout);
     let mut writer = BitWriter::default();
     let table = if model.has_table() { &known } else { &table };
