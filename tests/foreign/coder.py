@@ -11,7 +11,7 @@ import numpy as np
 from basics import Bytes, check
 from trees import Form, Values
 
-NAMES, SOLID, NUMBERS = 0, 2, 3
+NAMES, SOLID, NUMBERS = 0, 2, 4
 
 # How far a bit's probability moves.
 STEPS = [(1 << 17) // (2 * n + 3) for n in range(128)]

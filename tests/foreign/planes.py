@@ -141,6 +141,11 @@ def _at(shape: tuple[int, ...], step: ViewStep) -> tuple[Values, ...]:
     return np.ix_(*[np.clip(np.arange(n) + v, 0, n - 1) for n, v in zip(shape, step[::-1])])
 
 
+def by_rows(values: Values) -> Values:
+    """Values of a group in the order of coding: of each row that of the first block, then that of the next one."""
+    return np.swapaxes(values, -1, -2)
+
+
 def part(child: int, axes: int) -> tuple[slice, ...]:
     """Where a child stands among the nodes of its level."""
     return tuple(slice(child >> a & 1, None, 2) for a in reversed(range(axes)))
@@ -152,6 +157,7 @@ class Block:
     def __init__(self, form: Form, coder: Coder, root: tuple[int, ...], mark: int, deep: int) -> None:
         self.form, self.coder, self.axes, self.root = form, coder, form.axes, root
         clear, bit = KINDS[mark]
+        self.may_be_void = mark > 2 and clear == VOID
         self.bits = self._bits(1 << deep) if mark > 2 else np.zeros((1 << deep,) * self.axes, np.uint8)
         self.bottom = np.where(self.bits, bit, clear).astype(np.uint8)
         # Where nodes are VOID, level by level.
@@ -180,6 +186,18 @@ class Block:
         return np.array(b, np.uint8)[1:, 1:, 2:-1].reshape((side,) * self.axes)
 
 
+def groups_of(blocks: list[Block], axes: int) -> list[list[int]]:
+    """The numbers of blocks that are coded together: of as many levels, with VOID nodes or without, of at most 65536 bottom nodes."""
+    alike: dict[tuple[int, bool], list[int]] = {}
+    for number, block in enumerate(blocks):
+        alike.setdefault((-len(block.void), block.may_be_void), []).append(number)
+    groups = []
+    for (levels, _), numbers in sorted(alike.items()):
+        most = max(65536 >> -levels * axes, 1)
+        groups += [numbers[at : at + most] for at in range(0, len(numbers), most)]
+    return groups
+
+
 class Bits:
     """Bits from the lowest of the first byte up."""
 
@@ -201,7 +219,7 @@ def read_numbers(form: Form, coder: Coder, blocks: list[Block]) -> None:
         check(not coder.header and not coder.streams, "numbers of no dense blocks")
         return
     header, streams = Bits(coder.header), Streams(coder.streams)
-    order = Numbers(form)
+    order, groups = Numbers(form), groups_of(blocks, form.axes)
     numbers: dict[int, list[list[Values]]] = {}
     samples: dict[int, list[list[Values]]] = {}
     for channel in order.order:
@@ -210,19 +228,22 @@ def read_numbers(form: Form, coder: Coder, blocks: list[Block]) -> None:
             power = wrap(header.take(8), 8)
             lanes = 64 if header.take(1) else 32
         mantissa = np.finfo(form.type).nmant if form.type.kind == "f" and power is None else None
-        reader = Channel(form, header, streams, (lanes, mantissa), blocks)
-        numbers[channel], samples[channel] = [], []
-        for number, block in enumerate(blocks):
+        starts = []
+        for block in blocks:
             start = block.root[channel]
             if power is not None:
                 start = multiple(order.samples(np.array(start)), power)
-            if channel in order.told:
-                start -= block.root[1]
-            found = reader.block(start, block)
-            if channel in order.told:
-                found = [a + b for a, b in zip(found, numbers[1][number])]
-            numbers[channel].append(found)
-            samples[channel].append([order.samples(level, power) for level in found])
+            starts.append(start - block.root[1] if channel in order.told else start)
+        reader = Channel(form, header, streams, (lanes, mantissa), [blocks[group[0]] for group in groups])
+        numbers[channel], samples[channel] = [[] for _ in blocks], [[] for _ in blocks]
+        for group in groups:
+            together = reader.group([starts[number] for number in group], [blocks[number] for number in group])
+            for at, number in enumerate(group):
+                found = [level[..., at] for level in together]
+                if channel in order.told:
+                    found = [a + b for a, b in zip(found, numbers[1][number])]
+                numbers[channel][number] = found
+                samples[channel][number] = [order.samples(level, power) for level in found]
     for number, block in enumerate(blocks):
         block.values = [np.stack(level, -1) for level in zip(*(samples[channel][number] for channel in range(form.channels)))]
         for level, void in zip(block.values, block.void):
@@ -275,9 +296,9 @@ def table_of(found: list[int]) -> list[tuple[int, int, int]]:
 
 
 class Channel:
-    """A channel of all blocks."""
+    """A channel of all blocks. `firsts` are the first blocks of all groups; the last axis of values is the block of a group."""
 
-    def __init__(self, form: Form, header: Bits, streams: Streams, numbers: tuple[int, int | None], blocks: list[Block]) -> None:
+    def __init__(self, form: Form, header: Bits, streams: Streams, numbers: tuple[int, int | None], firsts: list[Block]) -> None:
         self.axes, self.mean, self.streams = form.axes, form.rule == "mean", streams
         lanes, self.mantissa = numbers
         self.lanes = lanes
@@ -286,7 +307,7 @@ class Channel:
         self.weights = [plane.defaults(self.axes) for plane in PLANES[self.axes]]
         if header.take(1):
             self.weights = [[header.take(6) - 32 for _ in weights] for weights in self.weights]
-        levels = [len(block.void) for block in blocks]
+        levels = [len(block.void) for block in firsts]
         self.steps = [header.take(6) if header.take(1) else 0 for count in levels for _ in range(count)]
         check(max(self.steps) < lanes, "numbers of too large a step")
         self.sizes = 16 if lanes == 16 else lanes + 1
@@ -299,11 +320,11 @@ class Channel:
                 contexts[context] = frequencies(weights + [0] * (15 - last))
         self.tables = [table_of(found) for found in contexts]
 
-    def block(self, root: int, block: Block) -> list[Values]:
-        """Numbers of a block, level by level."""
-        found = [np.full((1,) * self.axes, wrap(root, self.lanes), self.type)]
-        for void in block.void:
-            found.append(self._level(found[-1], void, self.steps.pop(0)))
+    def group(self, roots: list[int], blocks: list[Block]) -> list[Values]:
+        """Numbers of the blocks of a group, level by level."""
+        found = [np.array([wrap(root, self.lanes) for root in roots], self.type).reshape((1,) * self.axes + (-1,))]
+        for voids in zip(*(block.void for block in blocks)):
+            found.append(self._level(found[-1], np.stack(voids, -1), self.steps.pop(0)))
         return found[1:]
 
     def _shift(self, values: Values, bits: int) -> Values:
@@ -365,10 +386,10 @@ class Channel:
             expected, contexts = self._expect(number, step, parents, others, prediction, terms, bits, summed)
             plain, group = (2 * self.sizes + 16, 2) if is_last and not step else (self.sizes * min(number, 1), min(number, 1))
             here = part(plane.child, axes)
-            there = ~void[here]
+            there = by_rows(~void[here])
             differences = np.zeros_like(parents)
-            found = self._read(contexts[there].tolist(), plain, 2 * self.sizes + 36 + group)
-            differences[there] = expected[there] + (np.array(found, "O").astype(self.type) << step)
+            found = self._read(by_rows(contexts)[there].tolist(), plain, 2 * self.sizes + 36 + group)
+            by_rows(differences)[there] = by_rows(expected)[there] + (np.array(found, "O").astype(self.type) << step)
             even = np.zeros_like(parents)
             signs = plane.signs(axes)
             for sign, row in zip([*signs, signs[0] * signs[1]], even_parts):

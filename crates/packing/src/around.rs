@@ -12,7 +12,7 @@ pub(crate) struct Neighbour {
     pub(crate) child: u8,
 }
 
-/// The direction of a neighbour that has the same parent: behind all others.
+/// The direction of a neighbour that has the same parent: after all others.
 pub(crate) const SIBLING: u8 = MAX_DIRECTIONS as u8;
 /// Directions at most.
 pub(crate) const MAX_DIRECTIONS: usize = 18;

@@ -5,10 +5,11 @@ use spinney_base::value::{Rule, SampleType};
 use spinney_container::{RecordLayout, VOID};
 
 use crate::grids::Grid;
+use crate::groups::Group;
 use crate::lanes::Lane;
 use crate::nodes::Dense;
 use crate::plain::write_dense_head;
-use crate::planes::{BlockNumbers, BlockShape, ChannelForm, Pending, decode, encode};
+use crate::planes::{ChannelForm, GroupNumbers, GroupShape, Pending, Scratch, decode, encode};
 use crate::samples::{Numbering, is_narrow, read_float};
 use crate::symbols::{HeaderReader, HeaderWriter, SymbolReader, SymbolWriter};
 use crate::void_nodes::VoidNodes;
@@ -22,7 +23,7 @@ pub(crate) fn channel_order(form: TreeType) -> &'static [(usize, Option<usize>)]
     if channels >= 3 && is_narrow(form.value.sample) { &COLOURS[..channels] } else { &PLAIN[..channels] }
 }
 
-/// The numbers of a channel of a block, from its root down.
+/// The numbers of a channel of a group of blocks, from their roots down.
 type Levels<T> = Vec<Grid<T>>;
 
 /// A dense block of numbers.
@@ -117,20 +118,20 @@ pub(crate) fn pack_blocks(
     records: &[u8],
 ) -> (Vec<u8>, Vec<u8>) {
     let common = BlockForm::new(form, rule);
-    let void: Vec<Option<VoidNodes>> = blocks.iter().map(|block| block.void(&common.layout)).collect();
+    let groups = Group::all(&common.layout, blocks);
     let (mut header, mut writer) = (HeaderWriter::default(), SymbolWriter::default());
     let mut channels: Vec<Box<dyn Pending>> = Vec::new();
     for &(channel, like) in channel_order(form) {
-        let numbering = choose_numbering(&common, channel, (blocks, records), &void);
+        let numbering = choose_numbering(&common, channel, (blocks, records), &groups);
         numbering.write(&mut header);
         let sink = (&mut header, &mut writer);
         channels.push(match numbering.lanes {
-            16 => pack_channel::<i16>(sink, &common, numbering, (channel, like), (blocks, &void, records)),
-            32 => pack_channel::<i32>(sink, &common, numbering, (channel, like), (blocks, &void, records)),
-            _ => pack_channel::<i64>(sink, &common, numbering, (channel, like), (blocks, &void, records)),
+            16 => pack_channel::<i16>(sink, &common, numbering, (channel, like), (blocks, &groups, records)),
+            32 => pack_channel::<i32>(sink, &common, numbering, (channel, like), (blocks, &groups, records)),
+            _ => pack_channel::<i64>(sink, &common, numbering, (channel, like), (blocks, &groups, records)),
         });
     }
-    channels.iter().rev().for_each(|channel| channel.states(&mut writer));
+    channels.into_iter().rev().for_each(|channel| channel.states(&mut writer));
     (header.finish(), writer.finish())
 }
 
@@ -139,56 +140,60 @@ fn pack_channel<T: Lane>(
     common: &BlockForm,
     numbering: Numbering,
     (channel, like): (usize, Option<usize>),
-    (blocks, void, records): (&[NumberBlock], &[Option<VoidNodes>], &[u8]),
+    (blocks, groups, records): (&[NumberBlock], &[Group], &[u8]),
 ) -> Box<dyn Pending> {
-    let numbers: Vec<BlockNumbers<'_, T>> = blocks
-        .iter()
-        .zip(void)
-        .map(|(block, void)| BlockNumbers {
-            grids: take_block(common, numbering, (channel, like), (block, records), void.as_ref()),
-            void: void.as_ref().map(|void| &void.children),
-        })
-        .collect();
-    Box::new(encode(header, writer, common.channel(numbering), &numbers))
+    T::with_scratch(|scratch| {
+        let taken = groups.iter().map(|group| GroupNumbers {
+            grids: take_group(scratch, common, numbering, (channel, like), (blocks, group, records)),
+            void: group.void_children.as_ref(),
+        });
+        let taken: Vec<GroupNumbers<'_, T>> = taken.collect();
+        let pending = encode(scratch, header, writer, common.channel(numbering), &taken);
+        taken.into_iter().for_each(|group| scratch.put_back(group.grids));
+        Box::new(pending) as Box<dyn Pending>
+    })
 }
 
-/// Takes the numbers of a channel of a block, or what they are more than those of another channel, from the root down; VOID nodes have
+/// Takes the numbers of a channel of a group of blocks, or what they are more than those of another channel, from the roots down; VOID nodes have
 /// the numbers of their parents.
-fn take_block<T: Lane>(
+fn take_group<T: Lane>(
+    scratch: &mut Scratch<T>,
     common: &BlockForm,
     numbering: Numbering,
     (channel, like): (usize, Option<usize>),
-    (block, records): (&NumberBlock, &[u8]),
-    void: Option<&VoidNodes>,
+    (blocks, group, records): (&[NumberBlock], &Group, &[u8]),
 ) -> Levels<T> {
     let (layout, size) = (&common.layout, numbering.size());
     let number = |value: &[u8]| {
         let own = T::from_i64(numbering.read(&value[channel * size..]));
         like.map_or(own, |like| own.minus(T::from_i64(numbering.read(&value[like * size..]))))
     };
-    let mut top = Grid::new(1, common.form.axes);
-    top.row_mut([0, 0])[0] = number(&block.root);
+    let mut top = scratch.grid(group.shape(0));
+    for (to, block) in group.shape(0).blocks_mut(top.row_mut([0, 0])).zip(&group.blocks) {
+        to[0] = number(&blocks[*block].root);
+    }
     top.pad();
     let mut grids = vec![top];
-    for level in 1..=block.dense.levels {
-        let mut grid = Grid::<T>::new(1 << level, common.form.axes);
-        let above = &grids[grids.len() - 1];
-        let void = void.map(|void| &void.nodes[usize::from(level)][..]);
-        let values = block.values(layout, level, records);
-        let mut other = vec![T::default(); 1 << level];
-        for (index, [y, z]) in grid.rows().enumerate() {
-            let row = grid.row_mut([y, z]);
-            let values = &values[index * row.len() * layout.width..][..row.len() * layout.width];
-            numbering.read_all(&values[channel * size..], layout.width, row);
-            if let Some(like) = like {
-                numbering.read_all(&values[like * size..], layout.width, &mut other);
-                row.iter_mut().zip(&other).for_each(|(to, other)| *to = to.minus(*other));
-            }
-            if let Some(void) = void {
-                let parents = above.row([y / 2, z / 2], [0; 3]);
-                let void = &void[index * row.len()..][..row.len()];
-                for (x, to) in row.iter_mut().enumerate().filter(|(x, _)| void[*x]) {
-                    *to = parents[x / 2];
+    for level in 1..=group.levels {
+        let shape = group.shape(level);
+        let (mut grid, above) = (scratch.grid(shape), &grids[grids.len() - 1]);
+        let mut other = vec![T::default(); shape.side];
+        for (index, [y, z]) in shape.rows().enumerate() {
+            let parents = above.shape.blocks(above.row([y / 2, z / 2], [0; 3]));
+            let all = shape.blocks_mut(grid.row_mut([y, z])).zip(parents).zip(&group.blocks);
+            for (at, ((row, parents), block)) in all.enumerate() {
+                let values = blocks[*block].values(layout, level, records);
+                let values = &values[index * row.len() * layout.width..][..row.len() * layout.width];
+                numbering.read_all(&values[channel * size..], layout.width, row);
+                if let Some(like) = like {
+                    numbering.read_all(&values[like * size..], layout.width, &mut other);
+                    row.iter_mut().zip(&other).for_each(|(to, other)| *to = to.minus(*other));
+                }
+                if let Some(void) = group.void(at, level) {
+                    let void = &void[index * row.len()..][..row.len()];
+                    for (x, to) in row.iter_mut().enumerate().filter(|(x, _)| void[*x]) {
+                        *to = parents[x / 2];
+                    }
                 }
             }
         }
@@ -203,25 +208,27 @@ fn choose_numbering(
     common: &BlockForm,
     channel: usize,
     (blocks, records): (&[NumberBlock], &[u8]),
-    void: &[Option<VoidNodes>],
+    groups: &[Group],
 ) -> Numbering {
     let (layout, sample) = (&common.layout, common.sample);
     if !sample.is_float() {
         return Numbering::ordered(sample);
     }
     let number = |bytes: &[u8]| read_float(sample, &bytes[channel * sample.size()..]);
-    let of_level = |block: usize, level: u8| {
-        let bytes = blocks[block].values(layout, level, records).chunks_exact(layout.width);
-        let void = void[block].as_ref().map_or(&[][..], |void| &void.nodes[usize::from(level)]);
-        let samples = bytes.take(layout.dimension.cells(level) as usize).enumerate();
-        let samples = samples.filter(|(at, _)| !void.get(*at).copied().unwrap_or_default());
+    let of_level = |group: usize, level: u8| {
+        let group = &groups[group];
+        let samples = group.blocks.iter().enumerate().flat_map(move |(at, block)| {
+            let bytes = blocks[*block].values(layout, level, records).chunks_exact(layout.width);
+            let void = group.void(at, level).unwrap_or_default();
+            let samples = bytes.take(layout.dimension.cells(level) as usize).enumerate();
+            samples.filter(|(at, _)| !void.get(*at).copied().unwrap_or_default())
+        });
         samples.map(|(_, bytes)| number(bytes))
     };
-    let blocks = || blocks.iter().enumerate();
-    let above =
-        blocks().flat_map(|(at, block)| (1..block.dense.levels).flat_map(move |level| of_level(at, level)));
-    let bottom = || blocks().flat_map(|(at, block)| of_level(at, block.dense.levels));
-    let roots = blocks().map(|(_, block)| number(&block.root));
+    let all = || groups.iter().map(|group| group.levels).enumerate();
+    let above = all().flat_map(|(at, levels)| (1..levels).flat_map(move |level| of_level(at, level)));
+    let bottom = || all().flat_map(|(at, levels)| of_level(at, levels));
+    let roots = blocks.iter().map(|block| number(&block.root));
     Numbering::choose(sample, above.chain(roots).chain(bottom()), bottom())
 }
 
@@ -233,7 +240,7 @@ pub(crate) fn unpack_blocks(
     (header, bytes): (&[u8], &[u8]),
 ) -> Option<()> {
     let common = BlockForm::new(form, rule);
-    let void: Vec<Option<VoidNodes>> = blocks.iter().map(|block| block.void(&common.layout)).collect();
+    let groups = Group::all(&common.layout, blocks);
     let mut header = HeaderReader::new(header);
     let mut reader = SymbolReader::new(bytes)?;
     let mut kept = Vec::new();
@@ -241,42 +248,15 @@ pub(crate) fn unpack_blocks(
         let numbering = Numbering::read_from(common.sample, &mut header);
         let is_kept = like.is_none() && channel_order(form).iter().any(|(_, like)| *like == Some(channel));
         let source = (&mut header, &mut reader);
+        let parts = (blocks, &groups[..], &mut records[..]);
         match numbering.lanes {
             16 => {
                 let other = like.map(|_| &kept[..]);
-                let mut own = Vec::new();
-                let keep = is_kept.then_some(&mut own);
-                unpack_channel::<i16>(
-                    source,
-                    &common,
-                    numbering,
-                    channel,
-                    (blocks, &void, records),
-                    other,
-                    keep,
-                );
-                if is_kept {
-                    kept = own;
-                }
+                let own = unpack_channel::<i16>(source, &common, (numbering, channel), parts, other, is_kept);
+                kept = if is_kept { own } else { kept };
             }
-            32 => unpack_channel::<i32>(
-                source,
-                &common,
-                numbering,
-                channel,
-                (blocks, &void, records),
-                None,
-                None,
-            ),
-            _ => unpack_channel::<i64>(
-                source,
-                &common,
-                numbering,
-                channel,
-                (blocks, &void, records),
-                None,
-                None,
-            ),
+            32 => _ = unpack_channel::<i32>(source, &common, (numbering, channel), parts, None, false),
+            _ => _ = unpack_channel::<i64>(source, &common, (numbering, channel), parts, None, false),
         }
     }
     for block in blocks {
@@ -285,68 +265,72 @@ pub(crate) fn unpack_blocks(
     (header.is_whole() && reader.is_whole()).then_some(())
 }
 
+/// Reads a channel into records: of the differences from another one, if that is given. Returns its levels if these are kept.
 fn unpack_channel<T: Lane>(
     (header, reader): (&mut HeaderReader<'_>, &mut SymbolReader<'_>),
     common: &BlockForm,
-    numbering: Numbering,
-    channel: usize,
-    (blocks, void, records): (&[NumberBlock], &[Option<VoidNodes>], &mut [u8]),
+    (numbering, channel): (Numbering, usize),
+    (blocks, groups, records): (&[NumberBlock], &[Group], &mut [u8]),
     other: Option<&[Levels<T>]>,
-    mut keep: Option<&mut Vec<Levels<T>>>,
-) {
-    let number =
-        |value: &[u8], channel: usize| T::from_i64(numbering.read(&value[channel * numbering.size()..]));
-    let mut shapes = Vec::with_capacity(blocks.len());
-    for (at, (block, void)) in blocks.iter().zip(void).enumerate() {
-        let mut root = number(&block.root, channel);
+    is_kept: bool,
+) -> Vec<Levels<T>> {
+    let root =
+        |block: &usize| T::from_i64(numbering.read(&blocks[*block].root[channel * numbering.size()..]));
+    let (mut shapes, mut kept) = (Vec::with_capacity(groups.len()), Vec::new());
+    for (at, group) in groups.iter().enumerate() {
+        let mut roots: Vec<T> = group.blocks.iter().map(root).collect();
         if let Some(other) = other {
-            root = root.minus(other[at][0].row([0, 0], [0; 3])[0]);
+            let others = group.shape(0).blocks(other[at][0].row([0, 0], [0; 3]));
+            roots.iter_mut().zip(others).for_each(|(root, other)| *root = root.minus(other[0]));
         }
-        if let Some(keep) = &mut keep {
-            let mut top = Grid::new(1, common.form.axes);
-            top.row_mut([0, 0])[0] = root;
-            keep.push(vec![top]);
+        let shape = GroupShape { roots, levels: group.levels, void: group.void_children.as_ref() };
+        if is_kept {
+            let mut top = Grid::default();
+            shape.top(common.form.axes, &mut top);
+            kept.push(vec![top]);
         }
-        let void = void.as_ref().map(|void| &void.children);
-        shapes.push(BlockShape { root, levels: block.dense.levels, void });
+        shapes.push(shape);
     }
     T::with_scratch(|scratch| {
         decode(scratch, header, reader, common.channel(numbering), &shapes, |at, level, grid| {
-            let void = void[at].as_ref().map(|void| &void.nodes[usize::from(level)][..]);
-            let other = other.map(|other| &other[at][usize::from(level)]);
-            let start = blocks[at].start + common.layout.dense_values_at(level) + channel * numbering.size();
-            let values = &mut records[start..];
-            put_level(grid, other, numbering, (common.layout.width, void), values);
-            if let Some(keep) = &mut keep {
-                keep[at].push(grid.copy());
+            let (group, other) = (&groups[at], other.map(|other| &other[at][usize::from(level)]));
+            let first = common.layout.dense_values_at(level) + channel * numbering.size();
+            let starts: Vec<usize> = group.blocks.iter().map(|block| blocks[*block].start + first).collect();
+            put_level((group, level), (grid, other), (numbering, common.layout.width), &starts, records);
+            if is_kept {
+                kept[at].push(grid.copy());
             }
         });
     });
+    kept
 }
 
-/// Puts the numbers of a level to bytes that begin with the first sample; the next ones are so many bytes apart. VOID nodes
-/// have zeros.
+/// Puts the numbers of a level of each block to bytes from its start on: samples are so many bytes apart. VOID nodes have zeros.
 fn put_level<T: Lane>(
-    grid: &Grid<T>,
-    other: Option<&Grid<T>>,
-    numbering: Numbering,
-    (width, void): (usize, Option<&[bool]>),
-    bytes: &mut [u8],
+    (group, level): (&Group, u8),
+    (grid, other): (&Grid<T>, Option<&Grid<T>>),
+    (numbering, width): (Numbering, usize),
+    starts: &[usize],
+    records: &mut [u8],
 ) {
-    let side = grid.side;
-    for (index, row) in grid.rows().enumerate() {
-        let bytes = &mut bytes[index * side * width..];
-        let numbers = grid.row(row, [0; 3]).iter();
-        match other.map(|other| other.row(row, [0; 3])) {
-            None => numbering.write_all(numbers.map(|number| number.to_i64()), bytes, width),
-            Some(other) => {
-                let sums = numbers.zip(other).map(|(number, other)| number.plus(*other).to_i64());
-                numbering.write_all(sums, bytes, width);
+    let shape = grid.shape;
+    for (index, row) in shape.rows().enumerate() {
+        let numbers = shape.blocks(grid.row(row, [0; 3]));
+        let mut others = other.map(|other| shape.blocks(other.row(row, [0; 3])));
+        for (at, (numbers, start)) in numbers.zip(starts).enumerate() {
+            let bytes = &mut records[start + index * shape.side * width..];
+            let numbers = numbers.iter();
+            match others.as_mut().and_then(Iterator::next) {
+                None => numbering.write_all(numbers.map(|number| number.to_i64()), bytes, width),
+                Some(other) => {
+                    let sums = numbers.zip(other).map(|(number, other)| number.plus(*other).to_i64());
+                    numbering.write_all(sums, bytes, width);
+                }
             }
-        }
-        if let Some(void) = void {
-            let void = void[index * side..][..side].iter().zip(bytes.chunks_mut(width));
-            void.filter(|(void, _)| **void).for_each(|(_, bytes)| bytes[..numbering.size()].fill(0));
+            if let Some(void) = group.void(at, level) {
+                let void = void[index * shape.side..][..shape.side].iter().zip(bytes.chunks_mut(width));
+                void.filter(|(void, _)| **void).for_each(|(_, bytes)| bytes[..numbering.size()].fill(0));
+            }
         }
     }
 }

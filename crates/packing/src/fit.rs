@@ -4,7 +4,7 @@ use crate::contexts::Contexts;
 use crate::grids::Grid;
 use crate::lanes::Lane;
 use crate::plane_form::{
-    MAX_FEATURES, MAX_FRACTION, MIN_FRACTION, Predictor, Weights, default_weights, planes,
+    MAX_FEATURES, MAX_FRACTION, MIN_FRACTION, Predictor, WEIGHT_BITS, Weights, default_weights, planes,
 };
 use crate::plane_kernels::is_wanted;
 use crate::predict::Level;
@@ -26,11 +26,12 @@ pub(crate) fn fit<'b, T: Lane>(
     axes: usize,
 ) -> Predictor {
     let default = default_weights(axes);
-    let most = blocks.clone().filter_map(|grids| grids.last()).map(|grid| grid.side / 2).max().unwrap_or(0);
+    let most =
+        blocks.clone().filter_map(|grids| grids.last()).map(|grid| grid.shape.side / 2).max().unwrap_or(0);
     let least = MIN_SIDE.min(most);
     let pairs = || {
         let all = blocks.clone().flat_map(|grids| grids.windows(2));
-        all.filter(|pair| pair[0].side >= least).map(|pair| (&pair[0], &pair[1]))
+        all.filter(|pair| pair[0].shape.side >= least).map(|pair| (&pair[0], &pair[1]))
     };
     // Nearly all differences fit into the room for them.
     let mut bits = [0u64; 65];
@@ -38,8 +39,8 @@ pub(crate) fn fit<'b, T: Lane>(
         level.take(parents, children);
         for (number, _) in wanted_rows(parents) {
             for changes in &level.changes[..1 << axes] {
-                let changes = &changes[number * parents.side..][..parents.side];
-                changes.iter().for_each(|change| bits[usize::from(change.size().size_bits())] += 1);
+                let changes = parents.shape.blocks(row_of(parents, number, changes)).flatten();
+                changes.for_each(|change| bits[usize::from(change.size().size_bits())] += 1);
             }
         }
     }
@@ -55,7 +56,7 @@ pub(crate) fn fit<'b, T: Lane>(
     for (parents, children) in pairs() {
         begin_finished(level, fraction, parents, children);
         for (plane, squares) in squares.iter_mut().enumerate() {
-            level.predict_rows(plane, &default, false, step_of(parents.side));
+            level.predict_rows(plane, &default, false, step_of(parents.shape.side));
             wanted_rows(parents).for_each(|row| add_row(level, axes, plane, row, squares));
         }
         last = Some(parents);
@@ -65,26 +66,36 @@ pub(crate) fn fit<'b, T: Lane>(
         let features = planes(axes)[plane].features(axes);
         predictor.weights[plane] = solve(squares, features, &default[plane]);
     }
-    // Few large numbers may have decided: what most samples take counts, of the level that is still there.
-    let cost =
-        last.map(|parents| [&predictor.weights, &default].map(|weights| cost_of(level, parents, weights)));
-    if cost.is_none_or(|[fitted, default]| default <= fitted) {
+    // Few large numbers may have decided, and weights have to be stored: what most samples take counts, of the level that is still there.
+    let stored: usize = planes(axes).iter().map(|plane| plane.features(axes)).sum();
+    let cost = last.map(|parents| {
+        let rows = step_of(parents.shape.side) as u64;
+        [&predictor.weights, &default].map(|weights| rows * cost_of(level, parents, weights))
+    });
+    let is_worth = |[fitted, default]: [u64; 2]| fitted + stored as u64 * u64::from(WEIGHT_BITS) < default;
+    if !cost.is_some_and(is_worth) {
         predictor.weights = default;
     }
     predictor
 }
 
+/// A row of some nodes.
+fn row_of<'n, T: Lane, N>(parents: &Grid<T>, number: usize, nodes: &'n [N]) -> &'n [N] {
+    let width = parents.shape.width();
+    &nodes[number * width..][..width]
+}
+
 /// Rows of a level that are sampled, with their numbers.
 fn wanted_rows<T: Lane>(parents: &Grid<T>) -> impl Iterator<Item = (usize, [usize; 2])> + use<T> {
-    let step = step_of(parents.side);
-    parents.rows().enumerate().filter(move |(_, row)| is_wanted(*row, step))
+    let step = step_of(parents.shape.side);
+    parents.shape.rows().enumerate().filter(move |(_, row)| is_wanted(*row, step))
 }
 
 /// Begins with a level of which all planes are known.
 fn begin_finished<T: Lane>(level: &mut Level<T>, fraction: u32, parents: &Grid<T>, children: &Grid<T>) {
     level.begin(fraction, parents);
     level.take(parents, children);
-    (0..1 << parents.axes).for_each(|plane| level.finish(plane));
+    (0..1 << parents.shape.axes).for_each(|plane| level.finish(plane));
 }
 
 /// One row of so many is sampled.
@@ -105,31 +116,43 @@ fn add_row<T: Lane>(
     (number, row): (usize, [usize; 2]),
     squares: &mut Squares,
 ) {
-    let width = level.side;
+    let shape = level.shape;
+    let row_nodes = number * shape.width()..(number + 1) * shape.width();
     let first = Contexts::<T>::error(plane == 0, 0);
-    let bits = level.contexts[number * width..][..width].iter().map(|context| context - first);
+    let bits = shape.blocks(&level.contexts[row_nodes.clone()]).flatten().map(|context| context - first);
     let unit = |bits: u8| {
         // (At least 8: small sizes are uncertain themselves.)
         let exponent = DIGITS - level.fraction() as i32 - i32::from(bits.max(3));
         f32::from_bits(((127 + exponent) as u32) << 23)
     };
     let units: Vec<f32> = bits.map(unit).collect();
+    let width = units.len();
     let count = planes(axes)[plane].features(axes);
     let mut features = vec![0i16; (count + 1) * width];
     let mut put = |feature: usize, numbers: &[T], shift: u32| {
-        let to = features[feature * width..][..width].iter_mut();
-        for ((to, number), unit) in to.zip(numbers).zip(&units) {
-            *to = (number.left(shift).to_f32() * unit).clamp(-MOST, MOST) as i16;
+        let to = features[feature * width..][..width].chunks_mut(shape.side);
+        for (numbers, (to, units)) in shape.blocks(numbers).zip(to.zip(units.chunks(shape.side))) {
+            for ((to, number), unit) in to.iter_mut().zip(numbers).zip(units) {
+                *to = round((number.left(shift).to_f32() * unit).clamp(-MOST, MOST));
+            }
         }
     };
     level.features(plane, row, |feature, numbers| put(feature, numbers, 0));
     let child = planes(axes)[plane].child;
-    put(count, &level.changes[child][number * width..][..width], level.fraction());
+    put(count, &level.changes[child][row_nodes], level.fraction());
     for (at, row) in features.chunks_exact(width).enumerate() {
         for (other, with) in features.chunks_exact(width).enumerate().skip(at) {
             squares[at][other] += dot(row, with);
         }
     }
+}
+
+/// The nearest integer of a small one, without the checks of a cast: so that loops become vectors.
+#[inline(always)]
+fn round(number: f32) -> i16 {
+    // (With so large a number added the last bit of the sum is worth 1.)
+    const LARGE: f32 = (3 << 22) as f32;
+    (number + LARGE).to_bits().wrapping_sub(LARGE.to_bits()) as i16
 }
 
 #[inline(never)]
@@ -180,13 +203,14 @@ fn solve(squares: &Squares, features: usize, default: &[i8; MAX_FEATURES]) -> [i
 
 /// About what the rows that are sampled take with some weights: bits of errors.
 fn cost_of<T: Lane>(level: &mut Level<T>, parents: &Grid<T>, weights: &Weights) -> u64 {
-    let (side, axes) = (parents.side, parents.axes);
+    let shape = parents.shape;
     let mut sum = 0;
-    for (plane, what) in planes(axes).iter().enumerate() {
-        level.predict_rows(plane, weights, false, step_of(side));
+    for (plane, what) in planes(shape.axes).iter().enumerate() {
+        level.predict_rows(plane, weights, false, step_of(shape.side));
         for (number, _) in wanted_rows(parents) {
-            let nodes = number * side..(number + 1) * side;
-            let pairs = level.changes[what.child][nodes.clone()].iter().zip(&level.expected[nodes]);
+            let [changes, expected] = [&level.changes[what.child], &level.expected]
+                .map(|nodes| shape.blocks(row_of(parents, number, nodes)).flatten());
+            let pairs = changes.zip(expected);
             let bits = pairs.map(|(change, expected)| change.minus(*expected).size().size_bits());
             sum += bits.map(u64::from).sum::<u64>();
         }

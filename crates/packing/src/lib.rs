@@ -20,6 +20,9 @@ mod fit;
 mod fixed_log;
 mod fullness;
 mod grids;
+mod groups;
+#[cfg(test)]
+mod heavy_tests;
 mod lanes;
 mod masks;
 mod model;

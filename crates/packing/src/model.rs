@@ -25,8 +25,8 @@ pub(crate) enum Model {
     Names = 0,
     /// How full a solid is: as names, but that INNER nodes have what is below them.
     Solid = 2,
-    /// Numbers; dense blocks are coded plane by plane, with tables that are stored. (1 was with probabilities that follow what was seen.)
-    Numbers = 3,
+    /// Numbers; dense blocks are coded plane by plane, with tables that are stored. (1 and 3 were of versions that are no longer read.)
+    Numbers = 4,
 }
 
 impl Model {
@@ -46,9 +46,9 @@ impl Model {
     pub(crate) fn from_number(number: u8, value: ValueType) -> Result<Model, Damage> {
         match number {
             0 => Ok(Model::Names),
-            1 => Err(Damage::OLDER),
+            1 | 3 => Err(Damage::OLDER),
             2 if can_be_solid(value) => Ok(Model::Solid),
-            3 => Ok(Model::Numbers),
+            4 => Ok(Model::Numbers),
             _ => Err(Damage("no such model")),
         }
     }

@@ -186,7 +186,7 @@ impl Writer<'_> {
     fn fill(&mut self, dense: Dense, root: u32, block: &mut [u8]) -> Option<()> {
         let (layout, nodes) = (self.layout, self.nodes);
         let Rows { mut level, mut below, mut families } = std::mem::take(&mut self.rows);
-        // (LEAFs above the bottom stand for all nodes below them.)
+        // (LEAFs above the bottom represent all nodes below them.)
         level.clear();
         level.push(root);
         for depth in 1..=dense.levels {
@@ -240,7 +240,7 @@ impl Writer<'_> {
         Some(())
     }
 
-    /// Writes the values of nodes one behind the other. `None` if one has none.
+    /// Writes the values of nodes consecutively. `None` if one has none.
     fn put_values<const N: usize>(&self, nodes: &[u32], bytes: &mut [u8]) -> Option<()> {
         for (node, bytes) in nodes.iter().zip(bytes.as_chunks_mut::<N>().0) {
             *bytes = *self.value(*node)?.first_chunk()?;
@@ -281,7 +281,7 @@ pub(crate) fn places(layout: &RecordLayout, nodes: &Nodes, node: u32) -> Option<
 
 /// Calls `each` for every LEAF, with its symbol and its cells.
 pub(crate) fn each_leaf(nodes: &Nodes, axes: usize, height: u8, mut each: impl FnMut(u32, u64)) {
-    // (Those of a level stand one behind the other: as many as the level above has nodes with children, times these.)
+    // (Those of a level are consecutive: as many as the level above has nodes with children, times these.)
     let (mut level, mut below) = (ROOT..ROOT + 1, height);
     while !level.is_empty() && below > 0 {
         below -= 1;

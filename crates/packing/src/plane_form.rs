@@ -67,6 +67,9 @@ pub(crate) fn planes(axes: usize) -> &'static [Plane] {
 
 /// Features of a plane at most.
 pub(crate) const MAX_FEATURES: usize = 16;
+/// Bits of a weight that is stored.
+pub(crate) const WEIGHT_BITS: u32 = 6;
+
 /// Weights of the features of planes, in 16ths.
 pub(crate) type Weights = [[i8; MAX_FEATURES]; 8];
 

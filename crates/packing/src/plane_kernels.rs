@@ -1,6 +1,7 @@
 //! Loops over the rows of a level: features, predictions and contexts of all nodes of a plane, as vectors.
 
 use crate::contexts::Contexts;
+use crate::grids::Shape;
 use crate::lanes::Lane;
 use crate::plane_form::MAX_FEATURES;
 use crate::vectorized::vectorized;
@@ -23,9 +24,9 @@ impl<'t, T: Lane> Rows<'t, T> {
     }
 
     /// A row.
-    pub(crate) fn row(&self, [plain, bordered]: [usize; 2], side: usize) -> &'t [T] {
+    pub(crate) fn row(&self, [plain, bordered]: [usize; 2], width: usize) -> &'t [T] {
         let start = self.moved.map_or(plain, |by| bordered.wrapping_add_signed(by));
-        &self.numbers[start..start + side]
+        &self.numbers[start..start + width]
     }
 }
 
@@ -95,34 +96,35 @@ impl<T: Lane> Sizes<'_, T> {
 
 /// The rows of a level that are predicted.
 #[derive(Clone, Copy)]
-pub(crate) struct Shape {
-    pub(crate) side: usize,
-    pub(crate) axes: usize,
+pub(crate) struct Sampled {
+    pub(crate) shape: Shape,
     /// Of each so many rows one, from a number on.
     pub(crate) step: usize,
 }
 
 /// Calls for each chunk of all rows, and for each sample after these, with its index, and that in a grid with its border.
 macro_rules! in_chunks {
-    ($shape:expr, |$at:ident| $chunk:block, $one:block) => {
-        let Shape { side, axes, step } = $shape;
-        let wide = side + 2;
+    ($rows:expr, |$at:ident| $chunk:block, $one:block) => {
+        let Sampled { shape, step } = $rows;
+        let Shape { side, axes, .. } = shape;
+        let width = shape.width();
         let mut number = 0;
         for z in 0..if axes == 3 { side } else { 1 } {
             for y in 0..side {
-                let row = number * side;
+                let row = number * width;
                 number += 1;
                 if !is_wanted([y, z], step) {
                     continue;
                 }
-                let bordered = ((if axes == 3 { z + 1 } else { 0 }) * wide + y + 1) * wide + 1;
+                let plane = if axes == 3 { z + 1 } else { 0 };
+                let bordered = (plane * (side + 2) + y + 1) * (width + 2) + 1;
                 let mut x = 0;
-                while x + CHUNK <= side {
+                while x + CHUNK <= width {
                     let $at = [row + x, bordered + x];
                     $chunk
                     x += CHUNK;
                 }
-                while x < side {
+                while x < width {
                     let $at = [row + x, bordered + x];
                     $one
                     x += 1;
@@ -143,7 +145,7 @@ vectorized! {
     pub(crate) fn errors | errors_baseline | errors_avx2 <T>(
         terms: &Terms<'_, T>,
         sizes: &Sizes<'_, T>,
-        shape: Shape,
+        rows: Sampled,
         how: (bool, u32, T),
         expected: &mut [T],
         contexts: &mut [u8]
@@ -163,7 +165,7 @@ vectorized! {
                 }
             }};
         }
-        in_chunks!(shape, |at| { some!(CHUNK, at) }, { some!(1, at) });
+        in_chunks!(rows, |at| { some!(CHUNK, at) }, { some!(1, at) });
     }
 }
 
@@ -172,7 +174,7 @@ vectorized! {
     pub(crate) fn sums | sums_baseline | sums_avx2 <T>(
         terms: &Terms<'_, T>,
         sizes: &Sizes<'_, T>,
-        shape: Shape,
+        rows: Sampled,
         how: (u32, T),
         others: &[T],
         expected: &mut [T],
@@ -196,7 +198,7 @@ vectorized! {
                 }
             }};
         }
-        in_chunks!(shape, |at| { some!(CHUNK, at) }, { some!(1, at) });
+        in_chunks!(rows, |at| { some!(CHUNK, at) }, { some!(1, at) });
     }
 }
 

@@ -3,14 +3,15 @@
 use crate::contexts::{Contexts, FlatContexts, MAX_CONTEXTS};
 use crate::defaults;
 use crate::fit::fit;
-use crate::grids::Grid;
+use crate::grids::{Grid, Shape};
 use crate::lanes::Lane;
 use crate::plane_form::{
-    MAX_FEATURES, MAX_FRACTION, MIN_FRACTION, Predictor, Weights, default_weights, planes,
+    MAX_FEATURES, MAX_FRACTION, MIN_FRACTION, Predictor, WEIGHT_BITS, Weights, default_weights, planes,
 };
 use crate::predict::Level;
 use crate::symbols::{HeaderReader, HeaderWriter, Planes, SymbolReader, SymbolWriter};
 use crate::tables::{Entry, STATES, Tables, choose, read, write_entries};
+use spinney_container::MAX_DENSE_LEVELS;
 
 /// The nodes of a dense block that are VOID, of each level above the bottom: a bit for each child.
 pub(crate) type VoidChildren = Vec<Vec<u8>>;
@@ -27,8 +28,7 @@ pub(crate) struct ChannelForm {
 
 /// Bits of the number of lowest bits that are 0 in a level.
 const STEP_BITS: u32 = 6;
-/// Bits of a weight, which is at least -32.
-const WEIGHT_BITS: u32 = 6;
+/// A weight that is 0, as it is stored.
 const WEIGHT_ZERO: i8 = 32;
 
 /// Reused memory of a thread.
@@ -44,6 +44,24 @@ pub(crate) struct Scratch<T> {
     contexts: Vec<u8>,
     parents: Grid<T>,
     children: Grid<T>,
+    /// Levels and planes of a writer that are not in use.
+    grids: Vec<Grid<T>>,
+    planes: Vec<Planes<T>>,
+}
+
+impl<T: Lane> Scratch<T> {
+    /// A level whose numbers are any.
+    pub(crate) fn grid(&mut self, shape: Shape) -> Grid<T> {
+        let mut grid = self.grids.pop().unwrap_or_default();
+        grid.reset(shape);
+        grid
+    }
+
+    /// Takes levels back: as many as one group has.
+    pub(crate) fn put_back(&mut self, grids: Vec<Grid<T>>) {
+        self.grids.extend(grids);
+        self.grids.truncate(usize::from(MAX_DENSE_LEVELS) + 1);
+    }
 }
 
 impl<T: Lane> Level<T> {
@@ -57,12 +75,12 @@ impl<T: Lane> Level<T> {
         void: Option<&[u8]>,
     ) -> FlatContexts {
         let is_sum = form.has_sums && number + 1 == planes(form.axes).len();
-        let nodes = self.side.pow(form.axes as u32);
+        let (width, nodes) = (self.shape.width(), self.shape.nodes());
         let not_summed = if is_sum { self.not_summed(form, parents, void) } else { None };
         if step > 0 {
             self.predict(number, weights, false);
-            for (index, row) in parents.rows().enumerate() {
-                let row = parents.row(row, [0; 3]).iter().zip(index * self.side..);
+            for (index, row) in parents.shape.rows().enumerate() {
+                let row = parents.row(row, [0; 3]).iter().zip(index * width..);
                 for (own, at) in row {
                     let error = Contexts::<T>::error(number == 0, 0);
                     if is_sum && !not_summed.as_ref().is_some_and(|not_summed| not_summed[at]) {
@@ -99,9 +117,10 @@ impl<T: Lane> Level<T> {
         let is_void = void.map(|void| void.iter().map(|void| *void != 0).collect());
         let Some(mantissa) = form.mantissa else { return is_void };
         let planes = planes(form.axes);
-        let mut unlike = vec![T::default(); self.side.pow(form.axes as u32)];
-        for (index, row) in parents.rows().enumerate() {
-            let (parents, nodes) = (parents.row(row, [0; 3]), index * self.side..(index + 1) * self.side);
+        let width = self.shape.width();
+        let mut unlike = vec![T::default(); self.shape.nodes()];
+        for (index, row) in parents.shape.rows().enumerate() {
+            let (parents, nodes) = (parents.row(row, [0; 3]), index * width..(index + 1) * width);
             for plane in &planes[..planes.len() - 1] {
                 let all = unlike[nodes.clone()].iter_mut().zip(&self.changes[plane.child][nodes.clone()]);
                 for ((unlike, change), parent) in all.zip(parents) {
@@ -123,10 +142,36 @@ fn nearest<T: Lane>(number: T, step: u32) -> T {
     number.plus(half).right(step).left(step)
 }
 
-/// The numbers of a dense block's channel, from its root down, and its VOID nodes. VOID nodes have the numbers of their parents.
-pub(crate) struct BlockNumbers<'v, T> {
+/// The numbers of a channel of some dense blocks side by side, from their roots down, and their VOID nodes. VOID nodes have the numbers of their
+/// parents; columns between blocks are VOID.
+pub(crate) struct GroupNumbers<'v, T> {
     pub(crate) grids: Vec<Grid<T>>,
     pub(crate) void: Option<&'v VoidChildren>,
+}
+
+/// Calls with the nodes of a plane that are coded, in their order, some at a time: with the first, and how many follow it.
+#[inline(always)]
+fn each_coded(shape: Shape, void: Option<(&[u8], usize)>, mut each: impl FnMut(usize, usize)) {
+    match void {
+        None if shape.count == 1 => each(0, shape.nodes()),
+        None => {
+            for row in (0..shape.nodes()).step_by(shape.width()) {
+                for block in 0..shape.count {
+                    each(row + block * (shape.side + 2), shape.side);
+                }
+            }
+        }
+        Some((void, child)) => {
+            let is_void = |void: &u8| *void >> child & 1 == 1;
+            let mut at = 0;
+            for run in void.chunk_by(|one, other| is_void(one) == is_void(other)) {
+                if !is_void(&run[0]) {
+                    each(at, run.len());
+                }
+                at += run.len();
+            }
+        }
+    }
 }
 
 /// A channel whose states are to be written.
@@ -138,62 +183,49 @@ pub(crate) struct PendingChannel<T> {
 /// A channel of any lanes.
 pub(crate) trait Pending {
     /// Writes the states.
-    fn states(&self, writer: &mut SymbolWriter);
+    fn states(self: Box<Self>, writer: &mut SymbolWriter);
 }
 
 impl<T: Lane> Pending for PendingChannel<T> {
-    fn states(&self, writer: &mut SymbolWriter) {
+    fn states(mut self: Box<Self>, writer: &mut SymbolWriter) {
         writer.states(&self.planes, &self.tables);
+        self.planes.clear();
+        T::with_scratch(|scratch| scratch.planes.push(self.planes));
     }
 }
 
-/// Writes the channel of some blocks: predictor, steps and tables to the header, raw bits to the writer.
+/// Writes the channel of some groups of blocks: predictor, steps and tables to the header, raw bits to the writer.
 pub(crate) fn encode<T: Lane>(
+    scratch: &mut Scratch<T>,
     header: &mut HeaderWriter,
     writer: &mut SymbolWriter,
     form: ChannelForm,
-    blocks: &[BlockNumbers<'_, T>],
+    groups: &[GroupNumbers<'_, T>],
 ) -> PendingChannel<T> {
-    let mut level = Level::default();
-    let predictor = fit(&mut level, blocks.iter().map(|block| &block.grids[..]), form.axes);
+    let Scratch { level, planes: unused, .. } = scratch;
+    let predictor = fit(level, groups.iter().map(|group| &group.grids[..]), form.axes);
     write_predictor(header, form.axes, &predictor);
-    let mut all = Planes::default();
-    let (mut contexts, mut numbers) = (Vec::new(), Vec::new());
-    for block in blocks {
-        for (above, pair) in block.grids.windows(2).enumerate() {
+    let mut all = unused.pop().unwrap_or_default();
+    for group in groups {
+        for (above, pair) in group.grids.windows(2).enumerate() {
             let (parents, children) = (&pair[0], &pair[1]);
-            let void = block.void.map(|void| &void[above][..]);
+            let void = group.void.map(|void| &void[above][..]);
             level.begin(predictor.fraction, parents);
             level.take(parents, children);
-            let step = step_of(&level, form.axes, parents, void);
+            let step = step_of(level, form.axes, parents, void);
             header.put(u64::from(step > 0), 1);
             if step > 0 {
                 header.put(step.into(), STEP_BITS);
             }
             for (number, plane) in planes(form.axes).iter().enumerate() {
                 let flat = level.prepare((number, step), form, &predictor.weights, parents, void);
-                let nodes = parents.side.pow(form.axes as u32);
-                let changes = level.changes[plane.child][..nodes].iter();
-                let errors = changes.zip(&level.expected[..nodes]);
-                let errors = errors.map(|(change, expected)| change.minus(*expected).right(step).fold());
-                match void {
-                    None => {
-                        numbers.clear();
-                        numbers.extend(errors);
-                        all.push(flat, &level.contexts[..nodes], &numbers);
-                    }
-                    Some(void) => {
-                        contexts.clear();
-                        numbers.clear();
-                        for ((error, context), void) in errors.zip(&level.contexts).zip(void) {
-                            if void >> plane.child & 1 == 0 {
-                                contexts.push(*context);
-                                numbers.push(error);
-                            }
-                        }
-                        all.push(flat, &contexts, &numbers);
-                    }
-                }
+                let (changes, expected) = (&level.changes[plane.child], &level.expected);
+                each_coded(parents.shape, void.map(|void| (void, plane.child)), |at, count| {
+                    let errors = changes[at..at + count].iter().zip(&expected[at..at + count]);
+                    let errors = errors.map(|(change, expected)| change.minus(*expected).right(step).fold());
+                    all.push(&level.contexts[at..at + count], errors);
+                });
+                all.end(flat);
                 level.finish(number);
             }
         }
@@ -206,9 +238,12 @@ pub(crate) fn encode<T: Lane>(
 
 /// How many of the lowest bits are 0 in the numbers of all children that are not VOID.
 fn step_of<T: Lane>(level: &Level<T>, axes: usize, parents: &Grid<T>, void: Option<&[u8]>) -> u32 {
-    let mut all = T::default();
-    for (index, row) in parents.rows().enumerate() {
-        for (at, parent) in (index * level.side..).zip(parents.row(row, [0; 3])) {
+    let (mut all, shape) = (T::default(), parents.shape);
+    for (index, row) in shape.rows().enumerate() {
+        let nodes = (index * shape.width()..).zip(parents.row(row, [0; 3]));
+        for (at, parent) in
+            nodes.enumerate().filter(|(x, _)| x % (shape.side + 2) < shape.side).map(|(_, node)| node)
+        {
             for child in (0..1 << axes).filter(|child| void.is_none_or(|void| void[at] >> child & 1 == 0)) {
                 all = all.or(parent.plus(level.changes[child][at]));
             }
@@ -247,38 +282,47 @@ fn read_predictor(header: &mut HeaderReader<'_>, axes: usize) -> Predictor {
     Predictor { fraction, weights }
 }
 
-/// A channel of a block that is read: its root, its levels, and its VOID nodes.
-pub(crate) struct BlockShape<'v, T> {
-    pub(crate) root: T,
+/// A channel of a group of blocks that is read: their roots, their levels, and their VOID nodes.
+pub(crate) struct GroupShape<'v, T> {
+    pub(crate) roots: Vec<T>,
     pub(crate) levels: u8,
     pub(crate) void: Option<&'v VoidChildren>,
 }
 
-/// Reads the channel of some blocks: calls with the block's number, each level from that of the root's children down, and its numbers.
+impl<T: Lane> GroupShape<'_, T> {
+    /// The roots as a level.
+    pub(crate) fn top(&self, axes: usize, top: &mut Grid<T>) {
+        let shape = Shape { side: 1, axes, count: self.roots.len() };
+        top.reset(shape);
+        let row = shape.blocks_mut(top.row_mut([0, 0])).zip(&self.roots);
+        row.for_each(|(to, root)| to[0] = *root);
+        top.pad();
+    }
+}
+
+/// Reads the channel of some groups of blocks: calls with the group's number, each level from that of the roots' children down, and its numbers.
 pub(crate) fn decode<T: Lane>(
     scratch: &mut Scratch<T>,
     header: &mut HeaderReader<'_>,
     reader: &mut SymbolReader<'_>,
     form: ChannelForm,
-    blocks: &[BlockShape<'_, T>],
+    groups: &[GroupShape<'_, T>],
     mut each: impl FnMut(usize, u8, &Grid<T>),
 ) {
     let predictor = read_predictor(header, form.axes);
-    let steps: Vec<u32> = blocks
+    let steps: Vec<u32> = groups
         .iter()
-        .flat_map(|block| 0..block.levels)
+        .flat_map(|group| 0..group.levels)
         .map(|_| if header.take(1) == 1 { (header.take(STEP_BITS) as u32).min(T::BITS - 1) } else { 0 })
         .collect();
     scratch.read_tables(header);
     let mut steps = steps.into_iter();
     let (mut parents, mut children) =
         (std::mem::take(&mut scratch.parents), std::mem::take(&mut scratch.children));
-    for (number, block) in blocks.iter().enumerate() {
-        parents.reset(1, form.axes);
-        parents.row_mut([0, 0])[0] = block.root;
-        parents.pad();
-        for above in 0..block.levels {
-            let void = block.void.map(|void| &void[usize::from(above)][..]);
+    for (number, group) in groups.iter().enumerate() {
+        group.top(form.axes, &mut parents);
+        for above in 0..group.levels {
+            let void = group.void.map(|void| &void[usize::from(above)][..]);
             let step = steps.next().unwrap_or(0);
             scratch.level(reader, form, &predictor, (step, void), &parents);
             scratch.level.children(&parents, &mut children);
@@ -322,49 +366,44 @@ impl<T: Lane> Scratch<T> {
         let Scratch { level, entries, tokens, numbers, contexts, .. } = self;
         let Ok(entries) = <&[Entry; MAX_CONTEXTS * STATES]>::try_from(&entries[..]) else { return };
         level.begin(predictor.fraction, parents);
-        let nodes = parents.side.pow(form.axes as u32);
+        let shape = parents.shape;
+        let nodes = shape.nodes();
         tokens.resize(nodes.max(tokens.len()), 0);
         numbers.resize(nodes.max(numbers.len()), T::default());
         for (number, plane) in planes(form.axes).iter().enumerate() {
             let flat = level.prepare((number, step), form, &predictor.weights, parents, void);
-            let is_coded = |void: &u8| void >> plane.child & 1 == 0;
-            let coded = match void {
-                None => &level.contexts[..nodes],
-                Some(void) => {
-                    contexts.clear();
-                    let all = level.contexts.iter().zip(void);
-                    contexts.extend(all.filter(|(_, void)| is_coded(void)).map(|(context, _)| *context));
-                    &contexts[..]
-                }
+            let void = void.map(|void| (void, plane.child));
+            let coded = if void.is_none() && shape.count == 1 {
+                &level.contexts[..nodes]
+            } else {
+                contexts.clear();
+                each_coded(shape, void, |at, count| {
+                    contexts.extend_from_slice(&level.contexts[at..at + count]);
+                });
+                &contexts[..]
             };
             let count = coded.len();
             reader.tokens(entries, flat, coded, &mut tokens[..count]);
             reader.numbers(&tokens[..count], &mut numbers[..count]);
-            let changes = &mut level.changes[plane.child][..nodes];
-            let expected = &level.expected[..nodes];
-            match void {
-                None if step == 0 => correct(expected, &numbers[..nodes], changes),
-                None => {
-                    for ((change, number), expected) in changes.iter_mut().zip(&*numbers).zip(expected) {
-                        *change = expected.plus(number.unfold().left(step));
-                    }
-                }
-                Some(void) => {
-                    changes.fill(T::default());
-                    let all = changes.iter_mut().zip(expected).zip(void).filter(|(_, void)| is_coded(void));
-                    for (((change, expected), _), number) in all.zip(&*numbers) {
-                        *change = expected.plus(number.unfold().left(step));
-                    }
-                }
+            let (changes, expected) = (&mut level.changes[plane.child][..nodes], &level.expected[..nodes]);
+            if void.is_some() {
+                changes.fill(T::default());
             }
+            let mut rest = &numbers[..count];
+            each_coded(shape, void, |at, count| {
+                let (own, others) = rest.split_at(count);
+                rest = others;
+                correct((&expected[at..at + count], own, step), &mut changes[at..at + count]);
+            });
             level.finish(number);
         }
     }
 }
 
-#[inline(never)]
-fn correct<T: Lane>(expected: &[T], errors: &[T], changes: &mut [T]) {
+/// Changes of nodes by what is expected and errors in steps.
+#[inline]
+fn correct<T: Lane>((expected, errors, step): (&[T], &[T], u32), changes: &mut [T]) {
     for ((change, error), expected) in changes.iter_mut().zip(errors).zip(expected) {
-        *change = expected.plus(error.unfold());
+        *change = expected.plus(error.unfold().left(step));
     }
 }

@@ -3,10 +3,10 @@
 //! A plane is the same child of all nodes of a level. All that predicts a plane, and its contexts, is there when it begins: so both are computed
 //! row by row, as vectors.
 
-use crate::grids::{Grid, rows};
+use crate::grids::{Grid, Shape};
 use crate::lanes::Lane;
 use crate::plane_form::{MAX_FEATURES, MIN_FRACTION, NEAR_SIZE, Plane, Weights, planes};
-use crate::plane_kernels::{Rows, Shape, Sizes, Terms, across_row, errors, residual_row, slope_row, sums};
+use crate::plane_kernels::{Rows, Sampled, Sizes, Terms, across_row, errors, residual_row, slope_row, sums};
 
 /// A level that is coded, and what predicts it.
 ///
@@ -14,8 +14,7 @@ use crate::plane_kernels::{Rows, Shape, Sizes, Terms, across_row, errors, residu
 /// before it; what is VOID has its parent's number; and arithmetic wraps, so that corrupt numbers lead to other numbers and nothing else.
 #[derive(Default)]
 pub(crate) struct Level<T> {
-    pub(crate) side: usize,
-    axes: usize,
+    pub(crate) shape: Shape,
     fraction: u32,
     /// Of each parent: slopes along the axes, how they change across, curvatures, and how uneven it is.
     slopes: [Vec<T>; 3],
@@ -42,9 +41,9 @@ fn grow<T: Clone + Default>(numbers: &mut Vec<T>, room: usize) {
 impl<T: Lane> Level<T> {
     /// Begins with a level below some parents.
     pub(crate) fn begin(&mut self, fraction: u32, parents: &Grid<T>) {
-        let (side, axes) = (parents.side, parents.axes);
-        (self.side, self.axes, self.fraction) = (side, axes, fraction);
-        let nodes = side.pow(axes as u32);
+        let (shape, axes) = (parents.shape, parents.shape.axes);
+        (self.shape, self.fraction) = (shape, fraction);
+        let (width, nodes) = (shape.width(), shape.nodes());
         for numbers in self.slopes[..axes].iter_mut().chain(&mut self.curved[..axes]) {
             grow(numbers, nodes);
         }
@@ -56,10 +55,10 @@ impl<T: Lane> Level<T> {
         self.uneven[..nodes].fill(T::default());
         self.others[..nodes].fill(T::default());
         for residuals in &mut self.residuals[..1 << axes] {
-            residuals.reset(side, axes);
+            residuals.reset(shape);
         }
-        for (number, row) in rows(side, axes).enumerate() {
-            let nodes = number * side..(number + 1) * side;
+        for (number, row) in shape.rows().enumerate() {
+            let nodes = number * width..(number + 1) * width;
             let own = parents.row(row, [0; 3]);
             for axis in 0..axes {
                 let mut step = [0; 3];
@@ -94,13 +93,13 @@ impl<T: Lane> Level<T> {
             terms.all += 1;
         };
         let plain = |numbers: &'t [T]| Rows { numbers, moved: None };
-        for slopes in &self.slopes[..self.axes] {
+        for slopes in &self.slopes[..self.shape.axes] {
             push(plain(slopes), weight());
         }
-        if self.axes == 2 {
+        if self.shape.axes == 2 {
             push(plain(&self.across), weight());
         }
-        for curved in &self.curved[..self.axes] {
+        for curved in &self.curved[..self.shape.axes] {
             push(plain(curved), weight());
         }
         let shift = |bits: u32| (bits.saturating_sub(self.fraction), self.fraction.saturating_sub(bits));
@@ -114,8 +113,8 @@ impl<T: Lane> Level<T> {
             near_shift: shift(NEAR_SIZE),
         };
         let moved = |child: usize, step: [isize; 3]| {
-            let wide = self.side as isize + 2;
-            let by = (step[2] * wide + step[1]) * wide + step[0];
+            let (high, wide) = (self.shape.side as isize + 2, self.shape.width() as isize + 2);
+            let by = (step[2] * high + step[1]) * wide + step[0];
             Rows { numbers: self.residuals[child].numbers(), moved: Some(by) }
         };
         for ((child, _), own) in plane.own.iter().zip(&mut sizes.own) {
@@ -141,46 +140,47 @@ impl<T: Lane> Level<T> {
 
     /// Predicts one of so many rows of a plane: see [`is_wanted`].
     pub(crate) fn predict_rows(&mut self, number: usize, weights: &Weights, is_sum: bool, step: usize) {
-        let plane = &planes(self.axes)[number];
+        let plane = &planes(self.shape.axes)[number];
         let (mut expected, mut contexts) =
             (std::mem::take(&mut self.expected), std::mem::take(&mut self.contexts));
         let (terms, sizes) = self.terms(plane, &weights[number]);
-        let shape = Shape { side: self.side, axes: self.axes, step };
+        let rows = Sampled { shape: self.shape, step };
         let shift = self.fraction - MIN_FRACTION;
         // (Half, and half of each product, as these are rounded down.)
         let half = |bits: u32| T::from_i64((1 << bits >> 1) + terms.all as i64 / 2);
         if is_sum {
             let how = (shift, half(shift.saturating_sub(1)));
-            sums(&terms, &sizes, shape, how, &self.others, &mut expected, &mut contexts);
+            sums(&terms, &sizes, rows, how, &self.others, &mut expected, &mut contexts);
         } else {
             let how = (number == 0, shift, half(shift));
-            errors(&terms, &sizes, shape, how, &mut expected, &mut contexts);
+            errors(&terms, &sizes, rows, how, &mut expected, &mut contexts);
         }
         (self.expected, self.contexts) = (expected, contexts);
     }
 
     /// Finishes a plane whose changes are known.
     pub(crate) fn finish(&mut self, number: usize) {
-        let planes = planes(self.axes);
+        let axes = self.shape.axes;
+        let planes = planes(axes);
         let child = planes[number].child;
-        let nodes = self.side.pow(self.axes as u32);
+        let (width, nodes) = (self.shape.width(), self.shape.nodes());
         add(&mut self.others[..nodes], &self.changes[child][..nodes]);
         if number + 1 == planes.len() {
             return;
         }
         let mut residuals = std::mem::take(&mut self.residuals[child]);
-        for (index, row) in rows(self.side, self.axes).enumerate() {
-            let nodes = index * self.side..(index + 1) * self.side;
+        for (index, row) in self.shape.rows().enumerate() {
+            let nodes = index * width..(index + 1) * width;
             let mut slopes = [(&[][..], false); 4];
             let is_lower = |axis: usize| child >> axis & 1 == 0;
-            for (axis, slope) in slopes[..self.axes].iter_mut().enumerate() {
+            for (axis, slope) in slopes[..axes].iter_mut().enumerate() {
                 *slope = (&self.slopes[axis][nodes.clone()], is_lower(axis));
             }
-            let count = if self.axes == 2 {
+            let count = if axes == 2 {
                 slopes[2] = (&self.across[nodes.clone()], is_lower(0) != is_lower(1));
                 3
             } else {
-                self.axes
+                axes
             };
             residual_row(
                 self.fraction,
@@ -195,14 +195,18 @@ impl<T: Lane> Level<T> {
 
     /// Puts the children together.
     pub(crate) fn children(&self, parents: &Grid<T>, children: &mut Grid<T>) {
-        children.reset(2 * self.side, self.axes);
-        for (index, [y, z]) in rows(self.side, self.axes).enumerate() {
-            let nodes = index * self.side..(index + 1) * self.side;
+        let shape = self.shape;
+        children.reset(shape.below());
+        for (index, [y, z]) in shape.rows().enumerate() {
+            let nodes = index * shape.width()..(index + 1) * shape.width();
             let parents = parents.row([y, z], [0; 3]);
-            for pair in 0..1 << (self.axes - 1) {
+            for pair in 0..1 << (shape.axes - 1) {
                 let [first, second] = [0, 1].map(|x| &self.changes[2 * pair + x][nodes.clone()]);
                 let to = children.row_mut([2 * y + (pair & 1), 2 * z + (pair >> 1)]);
-                join(parents, first, second, to);
+                let all = shape.below().blocks_mut(to).zip(shape.blocks(parents));
+                for ((to, parents), changes) in all.zip(shape.blocks(first).zip(shape.blocks(second))) {
+                    join(parents, changes, to);
+                }
             }
         }
         children.pad();
@@ -210,30 +214,35 @@ impl<T: Lane> Level<T> {
 
     /// Takes the differences of children from their parents.
     pub(crate) fn take(&mut self, parents: &Grid<T>, children: &Grid<T>) {
-        (self.side, self.axes) = (parents.side, parents.axes);
-        let nodes = parents.side.pow(parents.axes as u32);
-        self.changes[..1 << parents.axes].iter_mut().for_each(|changes| grow(changes, nodes));
-        for (index, [y, z]) in rows(self.side, self.axes).enumerate() {
-            let nodes = index * self.side..(index + 1) * self.side;
+        let shape = parents.shape;
+        self.shape = shape;
+        self.changes[..1 << shape.axes].iter_mut().for_each(|changes| grow(changes, shape.nodes()));
+        for (index, [y, z]) in shape.rows().enumerate() {
+            let nodes = index * shape.width()..(index + 1) * shape.width();
             let parents = parents.row([y, z], [0; 3]);
-            for pair in 0..1 << (self.axes - 1) {
+            for pair in 0..1 << (shape.axes - 1) {
                 let from = children.row([2 * y + (pair & 1), 2 * z + (pair >> 1)], [0; 3]);
                 let (first, second) = self.changes.split_at_mut(2 * pair + 1);
-                part(parents, from, &mut first[2 * pair][nodes.clone()], &mut second[0][nodes.clone()]);
+                let first = shape.blocks_mut(&mut first[2 * pair][nodes.clone()]);
+                let second = shape.blocks_mut(&mut second[0][nodes.clone()]);
+                let all = shape.below().blocks(from).zip(shape.blocks(parents));
+                for ((from, parents), changes) in all.zip(first.zip(second)) {
+                    part(parents, from, changes);
+                }
             }
         }
     }
 
     /// Calls with each feature of a row and its number, for fitting: of pairs the sum.
     pub(crate) fn features(&self, plane: usize, row: [usize; 2], mut each: impl FnMut(usize, &[T])) {
-        let plane = &planes(self.axes)[plane];
+        let plane = &planes(self.shape.axes)[plane];
         let (terms, sizes) = self.terms(plane, &[1; MAX_FEATURES]);
         let at = self.at(row);
         let singles = terms.count - sizes.nears;
         for (feature, (rows, _)) in terms.terms[..singles].iter().enumerate() {
-            each(feature, rows.row(at, self.side));
+            each(feature, rows.row(at, self.shape.width()));
         }
-        let mut near = sizes.near[..sizes.nears].iter().map(|rows| rows.row(at, self.side));
+        let mut near = sizes.near[..sizes.nears].iter().map(|rows| rows.row(at, self.shape.width()));
         for (feature, (rows, _)) in (singles..).zip(plane.near) {
             match (near.next(), rows.len()) {
                 (Some(one), 1) => each(feature, one),
@@ -248,9 +257,10 @@ impl<T: Lane> Level<T> {
 
     /// Indices of the first node of a row, without and with the border of grids.
     fn at(&self, [y, z]: [usize; 2]) -> [usize; 2] {
-        let wide = self.side + 2;
-        let plane = if self.axes == 3 { z + 1 } else { 0 };
-        [(z * self.side + y) * self.side, (plane * wide + y + 1) * wide + 1]
+        let Shape { side, axes, .. } = self.shape;
+        let width = self.shape.width();
+        let plane = if axes == 3 { z + 1 } else { 0 };
+        [(z * side + y) * width, (plane * (side + 2) + y + 1) * (width + 2) + 1]
     }
 
     /// Fraction bits of features.
@@ -265,15 +275,15 @@ fn add<T: Lane>(sums: &mut [T], numbers: &[T]) {
     }
 }
 
-#[inline(never)]
-fn join<T: Lane>(parents: &[T], first: &[T], second: &[T], to: &mut [T]) {
+#[inline]
+fn join<T: Lane>(parents: &[T], (first, second): (&[T], &[T]), to: &mut [T]) {
     for (((to, first), second), parent) in to.chunks_exact_mut(2).zip(first).zip(second).zip(parents) {
         (to[0], to[1]) = (first.plus(*parent), second.plus(*parent));
     }
 }
 
-#[inline(never)]
-fn part<T: Lane>(parents: &[T], from: &[T], first: &mut [T], second: &mut [T]) {
+#[inline]
+fn part<T: Lane>(parents: &[T], from: &[T], (first, second): (&mut [T], &mut [T])) {
     for (((from, first), second), parent) in from.chunks_exact(2).zip(first).zip(second).zip(parents) {
         (*first, *second) = (from[0].minus(*parent), from[1].minus(*parent));
     }

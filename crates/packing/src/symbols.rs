@@ -285,11 +285,23 @@ pub(crate) struct Planes<T> {
 }
 
 impl<T: Lane> Planes<T> {
-    /// Adds a plane: folded numbers and their contexts.
-    pub(crate) fn push(&mut self, flat: FlatContexts, contexts: &[u8], numbers: &[T]) {
+    /// Adds some of a plane: folded numbers and their contexts.
+    pub(crate) fn push(&mut self, contexts: &[u8], numbers: impl Iterator<Item = T>) {
         self.contexts.extend_from_slice(contexts);
-        self.numbers.extend_from_slice(numbers);
+        self.numbers.extend(numbers);
+    }
+
+    /// Ends a plane.
+    pub(crate) fn end(&mut self, flat: FlatContexts) {
         self.ends.push((self.contexts.len(), flat));
+    }
+
+    /// Removes all planes, and keeps the memory.
+    pub(crate) fn clear(&mut self) {
+        self.contexts.clear();
+        self.numbers.clear();
+        self.symbols.clear();
+        self.ends.clear();
     }
 
     /// Ranges of planes.
@@ -401,20 +413,14 @@ impl SymbolWriter {
     /// Writes the states of a channel: the last one first.
     #[inline(never)]
     pub(crate) fn states<T: Lane>(&mut self, planes: &Planes<T>, tables: &[Frequencies]) {
-        let used = {
-            let mut used = [false; MAX_CONTEXTS];
-            planes.contexts.iter().for_each(|context| used[usize::from(*context)] = true);
-            planes.ends.iter().for_each(|(_, flat)| used[usize::from(flat.all)] = true);
-            used
-        };
-        let none = [0; SYMBOLS];
-        let tables: Vec<EncodeTable> = (0..MAX_CONTEXTS)
-            .map(|context| {
-                let table = tables.get(context).filter(|_| used[context]).unwrap_or(&none);
-                EncodeTable::new(table)
-            })
-            .collect();
-        let Ok(tables) = <&[EncodeTable; MAX_CONTEXTS]>::try_from(&tables[..]) else { return };
+        let mut used = [false; MAX_CONTEXTS];
+        planes.contexts.iter().for_each(|context| used[usize::from(*context)] = true);
+        planes.ends.iter().for_each(|(_, flat)| used[usize::from(flat.all)] = true);
+        let mut all = vec![EncodeTable::EMPTY; MAX_CONTEXTS];
+        for ((table, frequencies), _) in all.iter_mut().zip(tables).zip(used).filter(|(_, used)| *used) {
+            *table = EncodeTable::new(frequencies);
+        }
+        let Ok(tables) = <&[EncodeTable; MAX_CONTEXTS]>::try_from(&all[..]) else { return };
         let mut states = self.states.unwrap_or([STATES as u32; STATE_COUNT]);
         let (mut rest, mut count) = (self.rest, self.count);
         let words = &mut self.words;

@@ -54,6 +54,7 @@ pub(crate) fn write_entries<T: Lane>(frequencies: &Frequencies, context: usize, 
 }
 
 /// A writer's table.
+#[derive(Clone)]
 pub(crate) struct EncodeTable {
     /// The states of each symbol, one symbol after the other.
     states: [u16; STATES],
@@ -64,8 +65,12 @@ pub(crate) struct EncodeTable {
 }
 
 impl EncodeTable {
+    /// One without symbols.
+    pub(crate) const EMPTY: EncodeTable =
+        EncodeTable { states: [0; STATES], first: [0; SYMBOLS], bits: [0; SYMBOLS] };
+
     pub(crate) fn new(frequencies: &Frequencies) -> EncodeTable {
-        let mut table = EncodeTable { states: [0; STATES], first: [0; SYMBOLS], bits: [0; SYMBOLS] };
+        let mut table = EncodeTable::EMPTY;
         let mut next = [0; SYMBOLS];
         let mut start = 0;
         for (symbol, count) in frequencies.iter().enumerate() {

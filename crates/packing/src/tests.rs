@@ -128,17 +128,17 @@ fn kind(number: u8) -> DenseKind {
 }
 
 /// All types of values.
-fn value_types() -> impl Iterator<Item = ValueType> {
+pub(crate) fn value_types() -> impl Iterator<Item = ValueType> {
     let of = |sample| (1..=4).map(move |channels| ValueType::new(sample, channels));
     SampleType::ALL.into_iter().flat_map(of).filter(|value| value.is_supported())
 }
 
-fn segment(form: TreeType, height: u8, kind: DataKind, rule: Rule) -> SegmentForm {
+pub(crate) fn segment(form: TreeType, height: u8, kind: DataKind, rule: Rule) -> SegmentForm {
     SegmentForm { form, rule, kind, height, reach: 5 }
 }
 
 /// A plain segment of so many different values; none of them is the mean of others.
-fn random_segment(form: SegmentForm, values: u64, seed: u64) -> (u32, Vec<u8>) {
+pub(crate) fn random_segment(form: SegmentForm, values: u64, seed: u64) -> (u32, Vec<u8>) {
     let layout = RecordLayout::new(form.form);
     let mut trees = Trees {
         layout,
@@ -253,7 +253,7 @@ fn what_is_smooth_becomes_small() {
 }
 
 /// Bytes of which one bit or a few are changed.
-fn damaged(bytes: &[u8], random: &mut Random) -> Vec<u8> {
+pub(crate) fn damaged(bytes: &[u8], random: &mut Random) -> Vec<u8> {
     let mut damaged = bytes.to_vec();
     for _ in 0..1 + random.below(3) {
         let at = random.below(damaged.len() as u64) as usize;
@@ -288,7 +288,7 @@ fn damaged_segments_are_told() {
         }
         for _ in 0..500 {
             let noise: Vec<u8> = (0..random.below(200)).map(|_| random.next() as u8).collect();
-            let model = [noise.get(..4).unwrap_or(&[0; 4]), &[(random.next() % 3) as u8], &noise].concat();
+            let model = [noise.get(..4).unwrap_or(&[0; 4]), &[random.below(5) as u8], &noise].concat();
             assert!(unpack(&form, places, 3, &model).is_err());
         }
         for wrong in [0, 1, places - 1, places + 1] {
@@ -403,7 +403,7 @@ fn damaged_runs_are_told() {
         }
         for _ in 0..500 {
             let noise: Vec<u8> = (0..random.below(200)).map(|_| random.next() as u8).collect();
-            let start = [&[0; 4][..], &[(random.next() % 3) as u8], &noise].concat();
+            let start = [&[0; 4][..], &[random.below(5) as u8], &noise].concat();
             assert!(unpack_runs(&form, 20, 1 << 20, &start).is_err());
         }
     }

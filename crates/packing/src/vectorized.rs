@@ -33,7 +33,7 @@ macro_rules! vectorized {
 pub(crate) use vectorized;
 
 /// Whether functions for some processors are called where they can be.
-#[cfg(not(test))]
+#[cfg(all(not(test), target_arch = "x86_64"))]
 #[inline(always)]
 pub(crate) fn is_wanted() -> bool {
     true

@@ -2,7 +2,7 @@
 
 use spinney_container::RecordLayout;
 
-use crate::grids::rows;
+use crate::grids::Shape;
 
 /// Which nodes of a dense block are VOID, level by level from its root down.
 pub(crate) struct VoidNodes {
@@ -21,8 +21,9 @@ impl VoidNodes {
         let mut all = VoidNodes { nodes: vec![bottom], children: Vec::new() };
         for level in (0..levels).rev() {
             let (side, below) = (1 << level, &all.nodes[all.nodes.len() - 1]);
+            let shape = Shape { side, axes, count: 1 };
             let mut children = vec![0; layout.dimension.cells(level) as usize];
-            for (index, [y, z]) in rows(side, axes).enumerate() {
+            for (index, [y, z]) in shape.rows().enumerate() {
                 let out = &mut children[index * side..][..side];
                 for child in 0..layout.children() {
                     let row = (2 * z + (child >> 2)) * 2 * side + 2 * y + (child >> 1 & 1);

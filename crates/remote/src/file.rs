@@ -15,10 +15,18 @@ use super::disk_cache::{DiskCache, KeptFile};
 use super::store::Place;
 use super::{Stores, error, stat};
 
-/// Bytes at a file's beginning and at its end that are fetched to open it: header and meta pages, trailer, metadata and the top of the index.
-/// Of small files these would otherwise be most of what a question takes.
+/// Bytes at a file's beginning that are fetched to open it: the header, and of files that may be Autumnal the meta pages. Small files are
+/// opened for little more than these.
 const HEAD: u64 = (8 << 10) + 64;
+const GOBLIN_HEAD: u64 = 512;
+/// Bytes at its end: trailer, metadata, the top of the index, and of files with few segments all of it.
 const TAIL: u64 = 24 << 10;
+
+/// Bytes to fetch at the beginning of a file with a name.
+fn head_of(url: &str) -> u64 {
+    let name = url.split(['?', '#']).next().unwrap_or_default();
+    if name.ends_with(".goblin") { GOBLIN_HEAD } else { HEAD }
+}
 
 /// Requests of a file at the same time.
 const AT_ONCE: usize = 32;
@@ -52,7 +60,8 @@ pub(super) fn open(
     let path = Path::new(url);
     let connections = &stores.connections;
     let place = Place::of(url, storage, connections)?;
-    let ends = [GetRange::Bounded(0..HEAD), GetRange::Suffix(TAIL)];
+    let first = head_of(url);
+    let ends = [GetRange::Bounded(0..first), GetRange::Suffix(TAIL)];
     let request = (connections.as_ref(), path, "open");
     let both = async {
         let [head, tail] = ends.map(|range| get(&place, range, request));
@@ -66,8 +75,8 @@ pub(super) fn open(
     match tail? {
         Ok(tail) => came.push(tail),
         // Azure knows no ranges from the end.
-        Err(Failed::Store(object_store::Error::NotSupported { .. })) if state.length > HEAD => {
-            let range = GetRange::Bounded(state.length.saturating_sub(TAIL).max(HEAD)..state.length);
+        Err(Failed::Store(object_store::Error::NotSupported { .. })) if state.length > first => {
+            let range = GetRange::Bounded(state.length.saturating_sub(TAIL).max(first)..state.length);
             let tail = connections.wait(path, get(&place, range, request))??;
             came.push(tail.map_err(|cause| cause.of_file(path, "open"))?);
             requests += 1;

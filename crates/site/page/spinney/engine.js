@@ -29,18 +29,29 @@ export function setModule(source) {
   compiled.catch(() => {});
 }
 
+/** A function with vectors of 128 bits, which the module has, too. */
+const SIMD = new Uint8Array([0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 10, 1, 8, 0, 65, 0, 253, 15, 253, 98, 11]);
+
+async function compileBytes(bytes) {
+  if (!WebAssembly.validate(SIMD)) {
+    const message = "WebAssembly without SIMD (simd128), which the module needs: use Chrome 91, Firefox 89, Safari 16.4, Node 16.4 or newer";
+    throw new SpinneyError({ code: "unsupported", message });
+  }
+  return WebAssembly.compile(bytes);
+}
+
 async function compile(from) {
   const source = await from;
   if (source instanceof WebAssembly.Module) return source;
-  if (source instanceof ArrayBuffer || ArrayBuffer.isView(source)) return WebAssembly.compile(source);
+  if (source instanceof ArrayBuffer || ArrayBuffer.isView(source)) return compileBytes(source);
   const url = source ?? new URL("./module_bg.wasm", import.meta.url);
   if (isNode && new URL(url, "file:///").protocol === "file:") {
     const { readFile } = await import(/* webpackIgnore: true */ /* @vite-ignore */ "node:fs/promises");
-    return WebAssembly.compile(await readFile(new URL(url, "file:///")));
+    return compileBytes(await readFile(new URL(url, "file:///")));
   }
   const response = url instanceof Response ? url : await fetch(url);
   if (!response.ok) throw new SpinneyError({ code: "io", message: `${response.url}: the module is not to be had: ${response.status}`, file: response.url });
-  return WebAssembly.compile(await response.arrayBuffer());
+  return compileBytes(await response.arrayBuffer());
 }
 
 /** Loads the module, once. */

@@ -1,0 +1,70 @@
+//! Many random segments. They take minutes:
+//!
+//!     cargo test --release -p spinney-packing -- --ignored
+
+use spinney_base::TreeType;
+use spinney_base::space::Dimension;
+use spinney_base::value::{DataKind, Rule, ValueType};
+
+use crate::model::Model;
+use crate::segment::{SegmentForm, pack_by, unpack};
+use crate::tests::{Random, damaged, random_segment, segment, value_types};
+use crate::vectorized::baseline_only;
+
+/// A form of any type, and a model that suits it.
+fn random_form(types: &[ValueType], random: &mut Random) -> (SegmentForm, Model) {
+    let dimension = if random.below(2) == 0 { Dimension::Quad } else { Dimension::Oct };
+    let form = TreeType::new(dimension, types[random.below(types.len() as u64) as usize]);
+    let (kind, rule, model) = match random.below(4) {
+        0 => (DataKind::Categorical, Rule::Majority, Model::Names),
+        1 => (
+            DataKind::Continuous,
+            Rule::Occupancy,
+            Model::of(form.value, Rule::Occupancy, DataKind::Continuous),
+        ),
+        2 => (DataKind::Continuous, Rule::Max, Model::Numbers),
+        _ => (DataKind::Continuous, Rule::Mean, Model::Numbers),
+    };
+    (segment(form, 3 + random.below(4) as u8, kind, rule), model)
+}
+
+#[test]
+#[ignore = "heavy: 100,000 segments"]
+fn segments_are_the_same_by_all_processors_ways() {
+    let (types, mut random) = (value_types().collect::<Vec<_>>(), Random(61));
+    let mut packed_count = 0;
+    for seed in 0..100_000 {
+        let (form, model) = random_form(&types, &mut random);
+        let (places, plain) = random_segment(form, 1 + random.below(6), seed);
+        let packed = pack_by(model, &form, places, &plain);
+        assert!(packed == baseline_only(|| pack_by(model, &form, places, &plain)), "{form:?} {seed}");
+        let Some(packed) = packed else { continue };
+        packed_count += 1;
+        assert!(unpack(&form, places, 0, &packed).as_ref() == Ok(&plain), "{form:?} {seed}");
+        let simple = baseline_only(|| unpack(&form, places, 0, &packed));
+        assert!(simple.as_ref() == Ok(&plain), "{form:?} {seed}");
+    }
+    assert!(packed_count > 50_000, "{packed_count}");
+}
+
+#[test]
+#[ignore = "heavy: 1,000,000 corrupt segments"]
+fn damaged_segments_are_refused_or_the_same() {
+    let (types, mut random) = (value_types().collect::<Vec<_>>(), Random(67));
+    let mut tried = 0;
+    for seed in 0.. {
+        let (form, model) = random_form(&types, &mut random);
+        let (places, plain) = random_segment(form, 1 + random.below(6), seed);
+        let Some(packed) = pack_by(model, &form, places, &plain) else { continue };
+        for _ in 0..100 {
+            // (Some bits do not matter.)
+            if let Ok(found) = unpack(&form, places, 0, &damaged(&packed, &mut random)) {
+                assert!(found == plain, "{form:?} {seed}");
+            }
+        }
+        tried += 100;
+        if tried == 1_000_000 {
+            break;
+        }
+    }
+}
