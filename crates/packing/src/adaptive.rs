@@ -1,20 +1,21 @@
-//! Probabilities that follow what was seen.
+//! Adaptive probabilities, which follow the bits and symbols seen.
 
-/// The probability that a bit is set, which follows the bits seen.
+/// Probability that a bit is set, which follows the bits seen.
 #[derive(Clone, Copy)]
 pub(crate) struct Adaptive {
-    /// In parts of 2^16.
+    /// Probability in units of 2^-16.
     pub(crate) set: u16,
-    /// Bits seen, up to [`MAX_SEEN`].
+    /// Number of bits seen, up to [`MAX_SEEN`].
     seen: u16,
 }
 
-/// Beyond so many bits, each counts as much as the one before.
+/// After this many bits, each further bit has the same weight.
 const MAX_SEEN: u16 = 127;
-/// No probability comes nearer to 0 or 1 than this, in parts of 2^16.
+/// Minimum distance of a probability from 0 and 1, in units of 2^-16.
 const LEAST: u16 = 32;
 
-/// Parts of 2^16 by which a probability moves to what was seen, by how much was seen before: 2 / (2n + 3).
+/// Fraction by which a probability moves towards the bit seen, by the number of bits seen before: 2
+/// / (2n + 3), in units of 2^-16.
 static STEPS: [u32; MAX_SEEN as usize + 1] = {
     let mut steps = [0; MAX_SEEN as usize + 1];
     let mut seen = 0;
@@ -32,11 +33,12 @@ impl Default for Adaptive {
 }
 
 impl Adaptive {
-    /// Moves towards what was seen.
+    /// Moves the probability towards the bit seen.
     #[inline(always)]
     pub(crate) fn update(&mut self, bit: bool) {
-        // Invariant: `set` stays between LEAST and 2^16 - 1 - LEAST, as the room on either side is never left by more than it is. So
-        // neither bit's part is ever empty, and both fit 16 bits.
+        // Invariant: `set` stays between LEAST and 2^16 - 1 - LEAST, as it never moves farther than
+        // the distance to either bound. So neither bit's range is ever empty, and both fit into 16
+        // bits.
         let step = STEPS[usize::from(self.seen) & MAX_SEEN as usize];
         let room = if bit { u32::from(u16::MAX - LEAST - self.set) } else { u32::from(self.set - LEAST) };
         let change = ((room * step) >> 16) as u16;
@@ -45,19 +47,20 @@ impl Adaptive {
     }
 }
 
-/// Symbols that [`AdaptiveSymbols`] tells apart.
+/// Number of symbols that [`AdaptiveSymbols`] distinguishes.
 pub(crate) const SYMBOLS: usize = 16;
-/// Bits of the sum of the probabilities of symbols: so few that processors compute with sixteen of them at once.
+/// Probabilities of symbols add up to 2^15: few enough bits that processors compute with sixteen of
+/// them at once.
 const SYMBOL_BITS: u32 = 15;
-/// No symbol is less probable than this, in parts of 2^15.
+/// Minimum probability of a symbol, in units of 2^-15.
 const MIN_SYMBOL: i16 = 6;
 
-/// The probabilities of 16 symbols, which follow the symbols seen.
+/// Probabilities of 16 symbols, which follow the symbols seen.
 #[derive(Clone, Copy)]
 pub(crate) struct AdaptiveSymbols {
-    /// Where each symbol's part of 2^15 begins.
+    /// Start of each symbol's range in 2^15.
     starts: [i16; SYMBOLS],
-    /// Symbols seen, as long as that matters.
+    /// Number of symbols seen, as long as it affects the rate.
     seen: u16,
 }
 
@@ -68,7 +71,7 @@ impl Default for AdaptiveSymbols {
 }
 
 impl AdaptiveSymbols {
-    /// With parts of 2^15.
+    /// Creates probabilities in units of 2^-15.
     pub(crate) fn new(parts: &[i16; SYMBOLS]) -> AdaptiveSymbols {
         let mut start = 0i16;
         let mut starts = [0; SYMBOLS];
@@ -80,7 +83,7 @@ impl AdaptiveSymbols {
     }
 }
 
-/// Where all parts would begin if nothing but one symbol came.
+/// Limits of all starts if only one symbol ever came.
 static GOALS: [[i16; SYMBOLS]; SYMBOLS] = {
     let mut goals = [[0; SYMBOLS]; SYMBOLS];
     let mut symbol = 0;
@@ -98,7 +101,7 @@ static GOALS: [[i16; SYMBOLS]; SYMBOLS] = {
 };
 
 impl AdaptiveSymbols {
-    /// Start and length of a symbol's part, of 2^16.
+    /// Returns the start and the length of a symbol's range in 2^16.
     #[inline(always)]
     pub(crate) fn part(&self, symbol: usize) -> (u32, u32) {
         let start = self.starts[symbol] as u32;
@@ -106,7 +109,7 @@ impl AdaptiveSymbols {
         (start << 1, (end - start) << 1)
     }
 
-    /// The symbol whose part has a number below 2^16.
+    /// Returns the symbol whose range has a number below 2^16.
     #[inline(always)]
     pub(crate) fn find(&self, low: u32) -> usize {
         let low = (low >> 1) as i16;
@@ -115,22 +118,25 @@ impl AdaptiveSymbols {
         first + is_before(first + 1) + is_before(first + 2) + is_before(first + 3)
     }
 
-    /// Moves all starts to where they would be if nothing but this symbol came, by a sixteenth at first, then less.
+    /// Moves all starts towards those that they would have if only this symbol came: by a sixteenth
+    /// at first, then by less.
     #[inline(always)]
     pub(crate) fn update(&mut self, symbol: usize) {
         let seen = usize::from(self.seen).min(RATES.len() - 1);
         let shift = RATES[seen];
         self.seen = seen as u16 + u16::from(seen + 1 < RATES.len());
-        // Invariant: each part stays at least as long as MIN_SYMBOL: starts move by the same share of the way to goals that are at least
-        // that far apart. So every symbol can come at any time, and a part never takes all of 2^15.
-        // (Read anew, all at once: else compilers put vectors together of what was compared before.)
+        // Invariant: each range stays at least as long as MIN_SYMBOL, since all starts move by the
+        // same fraction of the way to goals that are at least that far apart. So every symbol can
+        // come at any time, and no range ever covers all of 2^15. (`black_box` makes the compiler
+        // load all starts again as a vector. Otherwise it assembles the vector from the scalars
+        // that were compared before.)
         let starts = std::hint::black_box(&mut self.starts);
         let (before, goals) = (*starts, &GOALS[symbol & (SYMBOLS - 1)]);
         *starts = std::array::from_fn(|at| before[at] + ((goals[at] - before[at]) >> shift));
     }
 }
 
-/// Shifts of [`AdaptiveSymbols::update`] by the symbols seen before.
+/// Shifts of [`AdaptiveSymbols::update`], by the number of symbols seen before.
 static RATES: [u8; 81] = {
     let mut rates = [4; 81];
     let mut seen = 8;

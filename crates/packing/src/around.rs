@@ -1,25 +1,28 @@
-//! Neighbours of nodes: the eight of a quadtree's node, and the eighteen of an octree's across faces and edges.
+//! Neighbours of nodes: 8 in a quadtree, and 18 in an octree, across faces and edges.
 //!
-//! The children of a node and what is next to them are a *grid* of four cells along each axis, x fastest, with the children in the middle. So the
-//! neighbours of a child have the same distances in the grid for each of them.
+//! The children of a node and the cells around them form a *grid* of four cells along each axis, x
+//! fastest, with the children in the middle. So the offsets from a child to its neighbours are the
+//! same for all children.
 
-/// The neighbour of a child in a direction.
+/// Neighbour of a child in a direction.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Neighbour {
-    /// The direction from the parent to the node that is or has the neighbour; [`SIBLING`] if the parent itself has it.
+    /// Direction from the parent to the node that is, or contains, the neighbour; [`SIBLING`] if
+    /// that node is the parent itself.
     pub(crate) towards: u8,
-    /// The number of the neighbour among the children there.
+    /// Index of the neighbour among the children of that node.
     pub(crate) child: u8,
 }
 
-/// The direction of a neighbour that has the same parent: after all others.
+/// Direction of a neighbour with the same parent; larger than all others.
 pub(crate) const SIBLING: u8 = MAX_DIRECTIONS as u8;
-/// Directions at most.
+/// Maximum number of directions.
 pub(crate) const MAX_DIRECTIONS: usize = 18;
-/// Directions across faces of an octree's node, which come first.
+/// Number of directions across faces of an octree's node. They come first.
 pub(crate) const FACES: usize = 6;
 
-/// The directions of neighbours: first those along one axis, then those along two; of each by z, y, x.
+/// Returns the directions of neighbours: first those along one axis, then those along two, each
+/// group ordered by z, then y, then x.
 const fn directions<const D: usize>() -> [[i8; 3]; D] {
     let is_flat = D == 8;
     let mut all = [[0; 3]; D];
@@ -41,19 +44,20 @@ const fn directions<const D: usize>() -> [[i8; 3]; D] {
     all
 }
 
-/// Where the neighbours of nodes with `C` children are, in `D` directions.
+/// Positions of the neighbours of nodes with `C` children, in `D` directions.
 pub(crate) struct Around<const C: usize, const D: usize> {
-    /// The neighbours of each child.
+    /// Neighbours of each child.
     pub(crate) of_child: [[Neighbour; D]; C],
-    /// The cells of the grid that belong to the neighbour in a direction, with the number among its children, and how many there are.
+    /// Per direction: the grid cells that the parent's neighbour covers, with the index of each
+    /// among its children, and the number of these cells.
     pub(crate) cells: [([(u8, u8); 4], usize); D],
-    /// The cell of the grid of each child.
+    /// Grid cell of each child.
     pub(crate) centers: [u8; C],
-    /// From the first cell around a child to each of its neighbours.
+    /// Offsets from the first grid cell of a child's neighbourhood to its neighbours.
     pub(crate) offsets: [u8; D],
 }
 
-/// From the first cell around a child to its own.
+/// Returns the offset from the first grid cell of a child's neighbourhood to the child.
 pub(crate) const fn to_center<const D: usize>() -> usize {
     if D == 8 { 5 } else { 21 }
 }
@@ -104,7 +108,7 @@ impl<const C: usize, const D: usize> Around<C, D> {
         around
     }
 
-    /// Adds a cell of the neighbour in a direction, once.
+    /// Adds a cell of the neighbour in a direction, unless it has been added.
     const fn add(&mut self, direction: usize, cell: (u8, u8)) {
         let (cells, count) = &mut self.cells[direction];
         let mut at = 0;
@@ -119,8 +123,10 @@ impl<const C: usize, const D: usize> Around<C, D> {
     }
 }
 
-/// Which neighbours of a child are among some cells of its grid, in 8 bits: of a quadtree's eight one each; of an octree's six across faces one
-/// each, and of those across edges about how many there are. `cells` begin with the first cell around the child.
+/// Returns which neighbours of a child are in a set of grid cells, in 8 bits. A quadtree has one
+/// bit per neighbour. An octree has one bit per face neighbour, and two bits for a third of the
+/// number of edge neighbours. `cells` is a mask that begins with the first cell of the child's
+/// neighbourhood.
 #[inline(always)]
 pub(crate) fn pattern<const D: usize>(cells: u64) -> usize {
     const EDGES: u64 = {
@@ -133,10 +139,10 @@ pub(crate) fn pattern<const D: usize>(cells: u64) -> usize {
         edges
     };
     let cells = if D == 8 {
-        // (Cells 0, 1, 2, 4, 6, 8, 9 and 10: around 5, which is the child's.)
+        // (Cells 0, 1, 2, 4, 6, 8, 9 and 10 are around 5, the child's cell.)
         cells & 7 | cells >> 1 & 8 | cells >> 2 & 16 | cells >> 3 & 0xe0
     } else {
-        // (Cells 5, 17, 20, 22, 25 and 37: around 21.)
+        // (Cells 5, 17, 20, 22, 25 and 37 are next to 21, the child's cell.)
         let faces = cells >> 5 & 1
             | cells >> 16 & 2
             | cells >> 18 & 4

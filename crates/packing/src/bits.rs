@@ -1,25 +1,27 @@
-//! Bits by adaptive probabilities: rANS (Duda, arXiv:1311.2540) with two states of 64 bits that take turns, and give and take words of 32.
+//! Entropy coder with adaptive probabilities: rANS (Duda, arXiv:1311.2540) with two 64-bit states
+//! that alternate, and 32-bit words.
 //!
-//! One state's part can be looked up while the other's is still computed.
+//! Two states let a processor look up a symbol for one while it still computes the other.
 //!
-//! All that is coded is written by the very functions that read it ([`BitCoder`]), so that neither can go other ways than the other. Invariant of
-//! all of these: where to go, and in which context, may follow only from what has been coded before, never from what is to be written.
+//! The same functions write and read ([`BitCoder`]), so the two directions cannot diverge.
+//! Invariant of all these functions: control flow and contexts depend only on what has been coded
+//! before, never on what is to be written.
 
 use crate::adaptive::{Adaptive, AdaptiveSymbols};
 
-/// A way through bits: one that writes them, or one that reads them. Whoever codes something with it says both at once.
+/// Coder that either writes or reads bits. Functions that use it define both directions at once.
 pub(crate) trait BitCoder: Sized {
-    /// Whether bits are read, so that those handed over do not count.
+    /// Whether bits are read. The values passed in are then ignored.
     const READS: bool;
 
     /// Writes a bit, or reads one.
     fn bit(&mut self, probability: &mut Adaptive, bit: bool) -> bool;
     /// Writes one of [`SYMBOLS`] symbols, or reads one.
     fn symbol(&mut self, probabilities: &mut AdaptiveSymbols, symbol: usize) -> usize;
-    /// Writes or reads up to 32 bits that are as often set as not.
+    /// Writes or reads up to 32 bits that are equally often 0 and 1.
     fn short(&mut self, bits: u32, count: u32) -> u32;
 
-    /// Writes or reads up to 64 bits that are as often set as not: the lower 32 first.
+    /// Writes or reads up to 64 bits that are equally often 0 and 1, the lower 32 first.
     #[inline(always)]
     fn raw(&mut self, bits: u64, count: u32) -> u64 {
         if count <= 32 {
@@ -29,41 +31,43 @@ pub(crate) trait BitCoder: Sized {
         u64::from(self.short((bits >> 32) as u32, count - 32)) << 32 | u64::from(lower)
     }
 
-    /// Writes or reads a number that may be of any size: how many bits it has, then these.
+    /// Writes or reads a number of any size: its bit count, then its bits.
     fn number(&mut self, number: u64) -> u64 {
         let bits = self.raw(u64::from(u64::BITS - number.leading_zeros()), 7).min(64) as u32;
         self.raw(number, bits)
     }
 
-    /// Writes or reads a number with a sign that may be of any size.
+    /// Writes or reads a signed number of any size.
     fn signed(&mut self, number: i64) -> i64 {
         unfold(self.number(fold(number)))
     }
 }
 
-/// A number with its sign in the lowest bit, so that small ones of both signs are small: 2n, or -2n - 1.
+/// Moves the sign of a number to the lowest bit, so that small numbers of both signs are small: 2n,
+/// or -2n - 1.
 #[inline(always)]
 pub(crate) fn fold(number: i64) -> u64 {
     (number << 1 ^ number >> 63) as u64
 }
 
-/// The number that [`fold`] made another one of.
+/// Reverses [`fold`].
 #[inline(always)]
 pub(crate) fn unfold(folded: u64) -> i64 {
     (folded >> 1) as i64 ^ -((folded & 1) as i64)
 }
 
-/// The least state between two parts.
+/// Minimum state between two symbols.
 const LOW: u64 = 1 << 32;
-/// Bits of the sum of all probabilities.
+/// Probabilities add up to 2 to the power of this.
 const TOTAL_BITS: u32 = 16;
 
-/// A writer of bits. They are coded when all are there, the last first: each state is a stack, of which a reader takes first what was put there last.
+/// Bit writer. Symbols are encoded once all are known, the last one first: each state is a stack,
+/// from which a reader takes first what was pushed last.
 #[derive(Default)]
 pub(crate) struct BitWriter {
-    /// Length and start of each part of 2^16, in the order in which they are read.
+    /// Length and start of each symbol's range in 2^16, in reading order.
     parts: Vec<(u16, u16)>,
-    /// Bits that are as often set as not, in words from the lowest bit up; and those that fill none yet.
+    /// Raw bits, in words from the lowest bit up, and those that do not fill a word yet.
     raw: Vec<u32>,
     some: u64,
     count: u32,
@@ -75,7 +79,7 @@ impl BitCoder for BitWriter {
     #[inline(always)]
     fn bit(&mut self, probability: &mut Adaptive, bit: bool) -> bool {
         let set = probability.set;
-        // (Neither is 2^16: probabilities stay between.)
+        // (Neither length is 2^16, since probabilities are never 0 or 1.)
         self.parts.push(if bit { (set, 0) } else { (0u16.wrapping_sub(set), set) });
         probability.update(bit);
         bit
@@ -103,13 +107,14 @@ impl BitCoder for BitWriter {
 }
 
 impl BitWriter {
-    /// The bytes of all bits.
+    /// Appends the encoded bytes.
     pub(crate) fn finish(self, bytes: &mut Vec<u8>) {
         let mut words = Vec::with_capacity(self.parts.len() / 16);
         let mut states = [LOW; 2];
         for (number, &(frequency, start)) in self.parts.iter().enumerate().rev() {
-            // Invariant: the state is from 2^32 up to 2^64, before each part and behind it. A word is put away if the state would leave
-            // that, which is just where a reader will find it below 2^32 and take a word.
+            // Invariant: the state is from 2^32 up to 2^64, before and after each symbol. A word is
+            // emitted if the state would leave this range, which is exactly where a reader finds
+            // its state below 2^32 and takes a word.
             let state = &mut states[number % 2];
             let frequency = u64::from(frequency);
             if *state >= frequency << (64 - TOTAL_BITS) {
@@ -120,29 +125,29 @@ impl BitWriter {
         }
         states.iter().for_each(|state| bytes.extend_from_slice(&state.to_le_bytes()));
         let words = words.iter().rev();
-        // (Words of raw bits come from the end, so that nobody needs to know where they begin.)
+        // (Raw words are read from the end, so their start need not be stored.)
         let last = (self.count > 0).then_some(self.some as u32);
         let words = words.chain(&last).chain(self.raw.iter().rev());
         words.for_each(|word| bytes.extend_from_slice(&word.to_le_bytes()));
     }
 }
 
-/// A reader of bits. At the end of the bytes it goes on with zeros, which [`BitReader::is_whole`] tells: how long a hostile segment is read
-/// is bounded by what it is read into.
+/// Bit reader. Zeros follow the end of the bytes, which [`BitReader::is_whole`] reports. The work
+/// on an untrusted segment is bounded by the size of its output.
 #[derive(Clone, Copy)]
 pub(crate) struct BitReader<'b> {
-    /// The state that the next part is taken of, and the one for the part after that.
+    /// State of the next symbol, and state of the one after it.
     state: u64,
     other: u64,
     rest: &'b [u8],
     is_short: bool,
-    /// Raw bits that were taken from the end of the rest.
+    /// Raw bits that were taken from the end of `rest`.
     some: u64,
     count: u32,
 }
 
 impl<'b> BitReader<'b> {
-    /// `None` if there are too few bytes, or states that nobody writes.
+    /// Creates a reader. Returns `None` if there are too few bytes, or invalid states.
     pub(crate) fn new(bytes: &'b [u8]) -> Option<BitReader<'b>> {
         let (state, rest) = bytes.split_first_chunk()?;
         let (other, rest) = rest.split_first_chunk()?;
@@ -151,7 +156,8 @@ impl<'b> BitReader<'b> {
         is_state.then_some(BitReader { state, other, rest, is_short: false, some: 0, count: 0 })
     }
 
-    /// Takes a part of so many of 2^16 off the state, and turns to the other one.
+    /// Removes a symbol with a range of length `frequency` from the state, and switches to the
+    /// other state.
     #[inline(always)]
     fn take(&mut self, frequency: u64, above_start: u64) {
         let mut state = frequency * (self.state >> TOTAL_BITS) + above_start;
@@ -175,7 +181,8 @@ impl<'b> BitReader<'b> {
         }
     }
 
-    /// Whether there were as many bytes as bits, and the bits are what somebody wrote.
+    /// Returns whether all bytes were read, no bits were missing, and the final states are those of
+    /// a writer.
     pub(crate) fn is_whole(&self) -> bool {
         !self.is_short && self.rest.is_empty() && self.state == LOW && self.other == LOW && self.some == 0
     }

@@ -1,4 +1,5 @@
-//! Dense blocks of numbers: their channels and levels. Those of a segment are coded together, channel by channel.
+//! Channels and levels of dense blocks of numbers. All dense blocks of a segment are coded
+//! together, channel by channel.
 
 use spinney_base::TreeType;
 use spinney_base::value::{Rule, SampleType};
@@ -14,33 +15,34 @@ use crate::samples::{Numbering, is_narrow, read_float};
 use crate::symbols::{HeaderReader, HeaderWriter, SymbolReader, SymbolWriter};
 use crate::void_nodes::VoidNodes;
 
-/// The channels in the order in which they are coded, and of each the one that it is told from by difference.
+/// Returns the channels in coding order, and for each the channel that it is coded as the
+/// difference from.
 pub(crate) fn channel_order(form: TreeType) -> &'static [(usize, Option<usize>)] {
     const PLAIN: [(usize, Option<usize>); 4] = [(0, None), (1, None), (2, None), (3, None)];
-    // Red and blue are much like green.
+    // Red and blue are similar to green.
     const COLOURS: [(usize, Option<usize>); 4] = [(1, None), (0, Some(1)), (2, Some(1)), (3, None)];
     let channels = usize::from(form.value.channels);
     if channels >= 3 && is_narrow(form.value.sample) { &COLOURS[..channels] } else { &PLAIN[..channels] }
 }
 
-/// The numbers of a channel of a group of blocks, from their roots down.
+/// Numbers of a channel of a group of blocks, from the roots down.
 type Levels<T> = Vec<Grid<T>>;
 
-/// A dense block of numbers.
+/// Dense block of numbers.
 pub(crate) struct NumberBlock {
-    /// The node that it begins at.
+    /// Node that the block begins at.
     pub(crate) node: u32,
     pub(crate) dense: Dense,
-    /// The value of that node, or zeros.
+    /// Value of that node, or zeros.
     pub(crate) root: [u8; 16],
-    /// The bits of the bottom nodes, if it has some.
+    /// State bits of the bottom nodes; empty if the kind has none.
     pub(crate) mask: Vec<u8>,
-    /// The first of its bytes in the records.
+    /// Offset of the block's first byte in the records.
     pub(crate) start: usize,
 }
 
 impl NumberBlock {
-    /// One with the bits that its bytes have, or without any.
+    /// Creates a block with the state bits in its bytes, or with zeros.
     pub(crate) fn new(layout: &RecordLayout, node: u32, dense: Dense, bytes: Option<&[u8]>) -> NumberBlock {
         let length =
             if dense.kind.has_mask() { layout.dimension.cells(dense.levels) as usize / 8 } else { 0 };
@@ -51,25 +53,25 @@ impl NumberBlock {
         NumberBlock { node, dense, root: [0; 16], mask, start: 0 }
     }
 
-    /// Begins in records at a place: puts its bits to its bytes.
+    /// Sets the block's offset in the records, and writes its state bits there.
     pub(crate) fn begin(&mut self, layout: &RecordLayout, start: usize, bytes: &mut [u8]) {
         self.start = start;
         bytes[layout.dense_mask_at(self.dense.levels)..][..self.mask.len()].copy_from_slice(&self.mask);
     }
 
-    /// The nodes that are VOID, if some may be.
+    /// Returns the VOID nodes, if there may be any.
     fn void(&self, layout: &RecordLayout) -> Option<VoidNodes> {
         (self.dense.kind.states().1 == Some(VOID))
             .then(|| VoidNodes::new(layout, self.dense.levels, &self.mask))
     }
 
-    /// The values of a level and all that follows them, in the records.
+    /// Returns the records from the values of a level on.
     fn values<'r>(&self, layout: &RecordLayout, level: u8, records: &'r [u8]) -> &'r [u8] {
         &records[self.start + layout.dense_values_at(level)..]
     }
 }
 
-/// Copies the values of dense blocks from records to others, where there is nothing but zeros for VOID nodes.
+/// Copies the values of dense blocks between records. VOID nodes get zeros.
 pub(crate) fn copy_values(form: TreeType, blocks: &[NumberBlock], from: &[u8], to: &mut [u8]) {
     let layout = RecordLayout::new(form);
     for block in blocks {
@@ -88,7 +90,7 @@ pub(crate) fn copy_values(form: TreeType, blocks: &[NumberBlock], from: &[u8], t
     }
 }
 
-/// Form of all dense blocks of a segment.
+/// Properties of all dense blocks of a segment.
 #[derive(Clone, Copy)]
 struct BlockForm {
     layout: RecordLayout,
@@ -97,7 +99,7 @@ struct BlockForm {
 }
 
 impl BlockForm {
-    /// Form of the levels of a channel with such numbers.
+    /// Returns the properties of a channel with a numbering.
     fn channel(&self, numbering: Numbering) -> ChannelForm {
         ChannelForm { mantissa: numbering.mantissa(), ..self.form }
     }
@@ -110,7 +112,7 @@ impl BlockForm {
     }
 }
 
-/// Packs the numbers of dense blocks in records: a header, and streams.
+/// Packs the numbers of dense blocks in records. Returns a header and streams.
 pub(crate) fn pack_blocks(
     form: TreeType,
     rule: Rule,
@@ -154,8 +156,8 @@ fn pack_channel<T: Lane>(
     })
 }
 
-/// Takes the numbers of a channel of a group of blocks, or what they are more than those of another channel, from the roots down; VOID nodes have
-/// the numbers of their parents.
+/// Reads the numbers of a channel of a group of blocks, or their differences from another channel,
+/// from the roots down. VOID nodes have the numbers of their parents.
 fn take_group<T: Lane>(
     scratch: &mut Scratch<T>,
     common: &BlockForm,
@@ -203,7 +205,7 @@ fn take_group<T: Lane>(
     grids
 }
 
-/// How the samples of a channel become integers.
+/// Chooses how the samples of a channel become integers.
 fn choose_numbering(
     common: &BlockForm,
     channel: usize,
@@ -232,7 +234,8 @@ fn choose_numbering(
     Numbering::choose(sample, above.chain(roots).chain(bottom()), bottom())
 }
 
-/// Reads the numbers of dense blocks into records. `None` if these are not their bytes.
+/// Reads the numbers of dense blocks into records. Returns `None` if the bytes are not those of
+/// such blocks.
 pub(crate) fn unpack_blocks(
     form: TreeType,
     rule: Rule,
@@ -265,7 +268,8 @@ pub(crate) fn unpack_blocks(
     (header.is_whole() && reader.is_whole()).then_some(())
 }
 
-/// Reads a channel into records: of the differences from another one, if that is given. Returns its levels if these are kept.
+/// Reads a channel into records. If `other` is given, the channel is stored as the difference from
+/// it. Returns the channel's levels if `is_kept`.
 fn unpack_channel<T: Lane>(
     (header, reader): (&mut HeaderReader<'_>, &mut SymbolReader<'_>),
     common: &BlockForm,
@@ -305,7 +309,8 @@ fn unpack_channel<T: Lane>(
     kept
 }
 
-/// Puts the numbers of a level of each block to bytes from its start on: samples are so many bytes apart. VOID nodes have zeros.
+/// Writes the numbers of a level to the records, for each block from its start on, with `width`
+/// bytes from sample to sample. VOID nodes get zeros.
 fn put_level<T: Lane>(
     (group, level): (&Group, u8),
     (grid, other): (&Grid<T>, Option<&Grid<T>>),

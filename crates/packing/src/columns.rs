@@ -1,13 +1,15 @@
-//! Columns of whole numbers: somebody who knows what stands where takes it apart, and codes it number by number, each in a context of its own.
+//! Columns of integers. The caller knows their structure, and codes them number by number, each in
+//! a context of its choice.
 //!
-//! One function says what is coded, whether it is written or read: where it goes, and in which context, may follow only from what was coded
-//! before ([`Columns`] hands out what was coded, and takes no notice of what it is given when it reads).
+//! One function defines both writing and reading. Its control flow and contexts may depend only on
+//! numbers coded before. ([`Columns`] returns the coded number, and ignores the argument when it
+//! reads.)
 
 use crate::adaptive::{Adaptive, AdaptiveSymbols};
 use crate::bits::{BitCoder, BitReader, BitWriter, fold, unfold};
 use crate::errors::{SIZES, code_error, initial_symbols, size_context};
 
-/// A way through columns of numbers: one that writes them, or one that reads them.
+/// Coder of columns of numbers that either writes or reads.
 pub struct Columns<'b> {
     way: Way<'b>,
     bits: Vec<Adaptive>,
@@ -19,24 +21,25 @@ enum Way<'b> {
     Reads(BitReader<'b>),
 }
 
-/// A context of numbers near 0.
+/// Context of numbers near 0.
 struct Near {
-    /// How large they have been of late: about 32 times as much.
+    /// Recent magnitude of the numbers, times about 32.
     size: u64,
-    /// Probabilities by that.
+    /// Probabilities by magnitude.
     symbols: Vec<AdaptiveSymbols>,
 }
 
-/// Numbers count as no larger than this for those that follow.
+/// Limit of a number's contribution to the recent magnitude.
 const MOST: u64 = 1 << 40;
 
 impl Columns<'_> {
-    /// A way that writes, with so many contexts of bits and of numbers.
+    /// Creates a writer with numbers of contexts for bits and for numbers.
     pub fn writer(bits: usize, numbers: usize) -> Columns<'static> {
         Columns::new(Way::Writes(BitWriter::default()), bits, numbers)
     }
 
-    /// A way that reads what was written with as many contexts; `None` if there are too few bytes, or states that nobody writes.
+    /// Creates a reader of what was written with as many contexts. Returns `None` if there are too
+    /// few bytes, or invalid states.
     pub fn reader(bytes: &[u8], bits: usize, numbers: usize) -> Option<Columns<'_>> {
         let reader = BitReader::new(bytes).filter(|_| bytes.len().is_multiple_of(4))?;
         Some(Columns::new(Way::Reads(reader), bits, numbers))
@@ -60,8 +63,8 @@ impl Columns<'_> {
         }
     }
 
-    /// Writes or reads a number of so many bits, from the highest on a bit each, in the context of those before it. The numbers of the contexts
-    /// are as many as there are such numbers, from the one that is told on.
+    /// Writes or reads a number of `count` bits, from the highest on, each in the context of those
+    /// before it. Uses 2^`count` contexts from `context` on.
     pub fn bits(&mut self, context: usize, count: u32, number: usize) -> usize {
         let mut found = 1;
         for bit in (0..count).rev() {
@@ -70,7 +73,8 @@ impl Columns<'_> {
         found - (1 << count)
     }
 
-    /// Writes or reads a number near 0, about as large as those before it in its context.
+    /// Writes or reads a number near 0 whose magnitude is similar to those before it in its
+    /// context.
     pub fn near(&mut self, context: usize, number: i64) -> i64 {
         let Near { size, symbols } = &mut self.numbers[context];
         let of_size = size_context(*size);
@@ -82,12 +86,12 @@ impl Columns<'_> {
         number
     }
 
-    /// Writes or reads a number that has no sign and is mostly small.
+    /// Writes or reads an unsigned number that is mostly small.
     pub fn count(&mut self, context: usize, number: u64) -> u64 {
         fold(self.near(context, unfold(number)))
     }
 
-    /// Writes or reads a number of any size, in no context.
+    /// Writes or reads a number of any size, without a context.
     pub fn number(&mut self, number: u64) -> u64 {
         match &mut self.way {
             Way::Writes(writer) => writer.number(number),
@@ -95,7 +99,7 @@ impl Columns<'_> {
         }
     }
 
-    /// The bytes of all that was written; nothing of a way that reads.
+    /// Returns the bytes that were written; nothing for a reader.
     pub fn finish(self) -> Vec<u8> {
         let mut bytes = Vec::new();
         if let Way::Writes(writer) = self.way {
@@ -104,7 +108,7 @@ impl Columns<'_> {
         bytes
     }
 
-    /// Whether all was read that there is, and it is what somebody wrote.
+    /// Returns whether all bytes were read, and they are those of a writer.
     pub fn is_whole(&self) -> bool {
         match &self.way {
             Way::Writes(_) => true,
@@ -117,7 +121,7 @@ impl Columns<'_> {
 mod tests {
     use super::*;
 
-    /// Codes numbers of all kinds.
+    /// Codes numbers by every method.
     fn code(columns: &mut Columns<'_>, numbers: &mut [i64]) {
         for (at, number) in numbers.iter_mut().enumerate() {
             *number = match at % 4 {
@@ -152,7 +156,7 @@ mod tests {
         let mut read = vec![0; numbers.len()];
         code(&mut columns, &mut read);
         assert!(columns.is_whole() && read == numbers);
-        // One that has more behind it, or less, is told; nothing else happens.
+        // Missing or trailing bytes are reported, and have no other effect.
         for damaged in [&bytes[..bytes.len() - 4], &[&bytes[..], &[0; 4]].concat()] {
             let mut columns = Columns::reader(damaged, 9, 3).unwrap();
             code(&mut columns, &mut read);

@@ -1,4 +1,18 @@
-//! Contexts of what is coded in planes, and what symbols mean there.
+//! Contexts of the symbols of planes, and the meaning of symbols in them.
+//!
+//! With `C` sizes per plane kind ([`Contexts::SIZES`]: 16, 33 or 65 for lanes of 16, 32 or 64
+//! bits), the contexts of a channel are
+//!
+//! | contexts | count | what is coded |
+//! | --- | --- | --- |
+//! | 0 to `C` - 1 | `C` | errors of the first plane, by the bits `b` of the expected size |
+//! | `C` to 2`C` - 1 | `C` | errors of the other planes, by `b` |
+//! | 2`C` to 2`C` + 35 | 36 | sums of siblings: 2`C` + 16 + 4`h` + min(`b` / 2, 3) |
+//! | 2`C` + 36 | 1 | whether any of 8 samples in context 0 has an error |
+//! | 2`C` + 37 | 1 | whether any of 8 samples in context `C` has an error |
+//! | 2`C` + 38 | 1 | whether any of 8 samples in context 2`C` + 16 has an error |
+//!
+//! where `h` is the expected sum in halves, from -4 to 4. So there are 71, 105 or 169 contexts.
 
 use std::marker::PhantomData;
 
@@ -6,52 +20,58 @@ use crate::lanes::Lane;
 
 /// Symbols of a context.
 pub(crate) const SYMBOLS: usize = 16;
-/// The symbol of numbers that no other symbol has: all of their bits follow.
+/// Symbol of numbers that no other symbol has. All bits of the number follow as raw bits.
 pub(crate) const ESCAPE: usize = SYMBOLS - 1;
-/// Errors whose size has more bits than this have lower bits that are as often set as not: one more per bit.
+/// If the expected size of an error has more bits than this, each further bit adds one lowest bit
+/// that is noise and is stored raw.
 const NOISE: usize = 8;
-/// Contexts of sums: by what they are expected to be, in halves from -2 to 2, and by the expected size.
+/// Number of contexts of sums: by the expected sum, in halves from -2 to 2, and by the expected
+/// size.
 const SUMS: usize = 9 * SUM_SIZES;
 const SUM_SIZES: usize = 4;
-/// Samples that are coded by one symbol if they are all as expected in contexts without any uncertainty.
+/// Number of samples that one symbol codes if all are as expected, in contexts of minimum
+/// uncertainty.
 pub(crate) const FLAT: usize = 8;
-/// Contexts at most.
+/// Maximum number of contexts.
 pub(crate) const MAX_CONTEXTS: usize = 256;
 
-/// Kind of numbers that a context has.
+/// Kind of the numbers of a context.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
-    /// Errors of the first plane, or of others, by bits of the expected size.
+    /// Error in the first plane or another one, by the bits of the expected size.
     Error { is_first: bool, size: usize },
-    /// Sums of siblings, by halves from 0 to 8 and size.
+    /// Sum of siblings, by the expected sum in halves plus 4 (0 to 8), and by the expected size.
     Sum { halves: usize, size: usize },
-    /// Whether any of [`FLAT`] samples is not as expected: in the first plane, in others, of sums.
+    /// Whether any of [`FLAT`] samples is not as expected: in the first plane (0), in others (1),
+    /// or of sums (2).
     Flat(usize),
 }
 
-/// The contexts of lanes of some width.
+/// Contexts of lanes of a given width.
 pub(crate) struct Contexts<T>(PhantomData<T>);
 
 impl<T: Lane> Contexts<T> {
-    /// Sizes that errors are distinguished by. (Sizes of 16 bits have no sign.)
+    /// Number of expected sizes that contexts of errors distinguish. (Sizes of 16-bit lanes have at
+    /// most 15 bits.)
     pub(crate) const SIZES: usize = if T::BITS == 16 { 16 } else { T::BITS as usize + 1 };
     const FIRST_FLAT: usize = 2 * Self::SIZES + SUMS;
     pub(crate) const COUNT: usize = Self::FIRST_FLAT + 3;
 
-    /// The context of an error in the first plane or another one.
+    /// Returns the context of an error in the first plane or another one.
     #[inline(always)]
     pub(crate) fn error(is_first: bool, size_bits: u8) -> u8 {
         size_bits + if is_first { 0 } else { Self::SIZES as u8 }
     }
 
-    /// The context of a sum that is expected to have so many halves, from -4 to 4.
+    /// Returns the context of a sum whose expected value is `halves` halves, from -4 to 4.
     #[inline(always)]
     pub(crate) fn sum(halves: i8, size_bits: u8) -> u8 {
         (2 * Self::SIZES as u8 + 16).wrapping_add_signed(4 * halves)
             + (size_bits / 2).min(SUM_SIZES as u8 - 1)
     }
 
-    /// The context without any uncertainty, and the one for whether all of several samples are as expected there.
+    /// Returns the context of minimum uncertainty, and the context of whether several samples are
+    /// all as expected there.
     pub(crate) fn flat(is_first: bool, is_sum: bool) -> FlatContexts {
         let (context, number) = match (is_first, is_sum) {
             (true, false) => (Self::error(true, 0), 0),
@@ -75,7 +95,7 @@ impl<T: Lane> Contexts<T> {
         }
     }
 
-    /// The lowest bits of a number in a context that are no part of its symbol.
+    /// Returns how many of the lowest bits of a number in a context are not covered by its symbol.
     pub(crate) fn noise(context: usize) -> u32 {
         match Self::kind(context) {
             Kind::Error { size, .. } => size.saturating_sub(NOISE) as u32,
@@ -83,7 +103,8 @@ impl<T: Lane> Contexts<T> {
         }
     }
 
-    /// Meaning of a symbol in a context: the upper bits of a number, and how many lower bits follow.
+    /// Returns the meaning of a symbol in a context: the upper bits of a number, and how many lower
+    /// bits follow.
     #[inline]
     pub(crate) fn meaning(context: usize, symbol: usize) -> (u32, u32) {
         let noise = Self::noise(context);
@@ -96,28 +117,29 @@ impl<T: Lane> Contexts<T> {
         }
     }
 
-    /// The symbol of a number in a context of errors.
+    /// Returns the symbol of a number in a context of errors.
     #[inline(always)]
     pub(crate) fn error_symbol(number: u64, noise: u32) -> u8 {
         ERROR_SYMBOLS[(number >> noise).min(255) as usize]
     }
 
-    /// The symbol of a number in a context of sums.
+    /// Returns the symbol of a number in a context of sums.
     #[inline(always)]
     pub(crate) fn sum_symbol(number: u64) -> u8 {
         number.min(ESCAPE as u64) as u8
     }
 }
 
-/// A context without any uncertainty.
+/// Context of minimum uncertainty.
 #[derive(Clone, Copy)]
 pub(crate) struct FlatContexts {
     pub(crate) context: u8,
-    /// The context of whether all of [`FLAT`] samples in that one are as expected.
+    /// Context of whether any of [`FLAT`] samples in `context` is not as expected.
     pub(crate) all: u8,
 }
 
-/// The symbols of errors: up to 3 each has one; then there are two per doubling, and the last is all that is larger.
+/// Symbols of errors: one for each number up to 3, then two per doubling; larger numbers are
+/// escapes.
 static ERROR_SYMBOLS: [u8; 256] = {
     let mut symbols = [ESCAPE as u8; 256];
     let mut number = 0;

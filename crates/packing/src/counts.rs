@@ -9,7 +9,7 @@ use crate::nodes::{FIRST_VALUE, Nodes};
 use crate::plain::each_leaf;
 use crate::values::{Numbers, bytes, numbers};
 
-/// The values and cells of class counts as they stand in a plain segment.
+/// Returns the values and cell counts of a plain segment's class counts.
 pub(crate) fn parse_counts(form: TreeType, counts: &[u8]) -> Vec<(Numbers, u64)> {
     let entries = counts.chunks_exact(form.width() + 8);
     let entry = |entry: &[u8]| {
@@ -19,10 +19,11 @@ pub(crate) fn parse_counts(form: TreeType, counts: &[u8]) -> Vec<(Numbers, u64)>
     entries.map(entry).collect()
 }
 
-/// Codes the cells of each value of a table, of which class counts list those that have any; `counts` are those to be written.
-/// `nodes` has all nodes and a symbol for each value, if that is so.
+/// Codes the cell counts of all values of a table. `counts` are those to be written. Returns the
+/// class counts, which list the values with at least one cell. `nodes` is given if it has all
+/// nodes, and a symbol for each value.
 ///
-/// Where nothing is cut off, the nodes tell them.
+/// If no node is CUT, the counts follow from the nodes, and need not be stored.
 pub(crate) fn code_counts<K: BitCoder>(
     coder: &mut K,
     (form, height): (TreeType, u8),
@@ -32,7 +33,7 @@ pub(crate) fn code_counts<K: BitCoder>(
 ) -> Vec<u8> {
     let counts = parse_counts(form, counts);
     let mut cells = vec![0; table.len()];
-    // (Both are sorted, and the table has all that is counted.)
+    // (Both are sorted, and the table has all counted values.)
     let mut listed = counts.iter().peekable();
     for (value, cells) in table.iter().zip(&mut cells) {
         if let Some((_, counted)) = listed.next_if(|(listed, _)| listed == value) {

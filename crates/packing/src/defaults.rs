@@ -1,4 +1,7 @@
-//! Frequencies that symbols have in contexts of which a segment stores no table: as they are on average in elevations and photographs.
+//! Default frequencies of symbols, for contexts without a stored table.
+//!
+//! They are averages over elevation rasters and photographs. They are part of the format (section
+//! 39 of formats.md lists the same tables), so they must not change. Rows of sixteens are uniform.
 
 use std::sync::LazyLock;
 
@@ -6,7 +9,8 @@ use crate::contexts::{Contexts, Kind};
 use crate::lanes::Lane;
 use crate::tables::{Entry, Frequencies, STATES, write_entries};
 
-/// Of errors in the first plane, by bits of the size; the last for all larger ones.
+/// Errors in the first plane, by the bits of the expected size. The last row is for all larger
+/// sizes.
 #[rustfmt::skip]
 const FIRST: [Frequencies; 12] = [
     [241, 3, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 10],
@@ -23,7 +27,7 @@ const FIRST: [Frequencies; 12] = [
     [18, 17, 17, 16, 29, 25, 38, 26, 29, 14, 13, 5, 4, 1, 1, 3],
 ];
 
-/// Of errors in other planes.
+/// Errors in other planes, by the same.
 #[rustfmt::skip]
 const OTHERS: [Frequencies; 12] = [
     [255, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1],
@@ -40,7 +44,7 @@ const OTHERS: [Frequencies; 12] = [
     [57, 51, 37, 29, 36, 21, 17, 5, 2, 0, 0, 0, 0, 0, 0, 1],
 ];
 
-/// Of sums, by halves and size.
+/// Sums: four sizes for each number of halves from -4 to 4.
 #[rustfmt::skip]
 const SUMS: [Frequencies; 36] = [
     [16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16, 16],
@@ -81,7 +85,7 @@ const SUMS: [Frequencies; 36] = [
     [69, 49, 64, 38, 24, 1, 9, 0, 1, 0, 0, 0, 0, 0, 0, 1],
 ];
 
-/// Of whether samples are not all as expected.
+/// Whether any of eight samples is not as expected: in the first plane, in others, and of sums.
 #[rustfmt::skip]
 const FLATS: [Frequencies; 3] = [
     [254, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0],
@@ -89,7 +93,7 @@ const FLATS: [Frequencies; 3] = [
     [255, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0],
 ];
 
-/// Of all contexts.
+/// Returns the tables of all contexts.
 fn tables_of<T: Lane>() -> Vec<Frequencies> {
     let last = FIRST.len() - 1;
     (0..Contexts::<T>::COUNT)
@@ -130,12 +134,12 @@ impl Defaults {
     }
 }
 
-/// Default tables of all contexts.
+/// Returns the default tables of all contexts.
 pub(crate) fn tables<T: Lane>() -> &'static [Frequencies] {
     &Defaults::get::<T>().tables
 }
 
-/// Entries of default tables for a reader, contexts one after the other.
+/// Returns the entries of the default tables for a reader, context by context.
 pub(crate) fn entries<T: Lane>() -> &'static [Entry] {
     &Defaults::get::<T>().entries
 }

@@ -1,14 +1,14 @@
-//! Numbers near 0, in the context of how large they may be.
+//! Numbers near 0, coded in the context of their expected magnitude.
 
 use crate::adaptive::{AdaptiveSymbols, SYMBOLS};
 use crate::bits::{BitCoder, fold, unfold};
 
-/// Contexts by how much is expected to be wrong: two per doubling.
+/// Number of contexts by expected magnitude: two per doubling.
 pub(crate) const SIZES: usize = 128;
-/// From this context on, the lower bits of what is wrong are as often set as not: one more per doubling.
+/// From this context on, the lower bits of an error are noise: one bit more per doubling.
 const NOISE: usize = 14;
 
-/// The context of a size: two per doubling.
+/// Returns the context of a magnitude: two per doubling.
 #[inline(always)]
 pub(crate) fn size_context(size: u64) -> usize {
     if size < 2 {
@@ -18,7 +18,8 @@ pub(crate) fn size_context(size: u64) -> usize {
     2 * bits - 2 + (size >> (bits - 2) & 1) as usize
 }
 
-/// Parts of 2^15 for symbols of errors, by context up to 13; then by whether a context is odd.
+/// Initial probabilities of the symbols of errors, in units of 2^-15: by context up to 13, then for
+/// larger even and larger odd contexts.
 const ERRORS: [[i16; SYMBOLS]; 16] = [
     [15472, 4646, 3873, 1555, 1555, 782, 782, 628, 628, 473, 473, 396, 396, 318, 318, 473],
     [32064, 293, 211, 33, 44, 21, 18, 11, 10, 9, 9, 9, 9, 9, 9, 9],
@@ -38,13 +39,13 @@ const ERRORS: [[i16; SYMBOLS]; 16] = [
     [5829, 5121, 4217, 3297, 4681, 2887, 3156, 1501, 1179, 391, 288, 102, 68, 24, 16, 11],
 ];
 
-/// Probabilities of the symbols of errors in a context.
+/// Returns the initial probabilities of a context.
 pub(crate) fn initial_symbols(context: usize) -> AdaptiveSymbols {
     let last = ERRORS.len() - 2;
     AdaptiveSymbols::new(&ERRORS[if context < last { context } else { last + context % 2 }])
 }
 
-/// The least number of each symbol, and how many bits tell the others.
+/// Smallest number of each symbol, and the number of raw bits that follow.
 static FIRST_OF: [(u8, u8); SYMBOLS] = {
     let mut all = [(0, 0); SYMBOLS];
     let mut symbol = 0;
@@ -57,7 +58,7 @@ static FIRST_OF: [(u8, u8); SYMBOLS] = {
     all
 };
 
-/// Codes a number near 0 whose size is about that of its context.
+/// Codes a number near 0 whose magnitude is about that of its context.
 #[inline(always)]
 pub(crate) fn code_error<K: BitCoder>(
     coder: &mut K,
@@ -68,7 +69,8 @@ pub(crate) fn code_error<K: BitCoder>(
     let noise = (context.saturating_sub(NOISE) / 2) as u32;
     let whole = fold(error);
     let upper = whole >> noise;
-    // Up to 4 each has a symbol; then there are two per doubling, and lower bits; the last is all that is larger.
+    // Each number below 4 has a symbol. Then there are two symbols per doubling, with raw bits. The
+    // last symbol is for all larger numbers.
     let symbol = if upper < 4 {
         upper as usize
     } else {

@@ -1,4 +1,4 @@
-//! Weights of predictions, fitted to a channel by least squares.
+//! Weights of the predictions of a channel, fitted by least squares.
 
 use crate::contexts::Contexts;
 use crate::grids::Grid;
@@ -9,17 +9,19 @@ use crate::plane_form::{
 use crate::plane_kernels::is_wanted;
 use crate::predict::Level;
 
-/// Levels are sampled whose parents are so many along each side at least, but for trees without such ones.
+/// Minimum side of the parents of sampled levels, unless all levels are smaller.
 const MIN_SIDE: usize = 32;
-/// One row of so many is sampled.
+/// One row in this many is sampled.
 const ROWS: usize = 8;
-/// Weights have no more than this, in 16ths.
+/// Maximum magnitude of a weight, in 16ths.
 const MAX_WEIGHT: f64 = 31.0;
 
-/// Sums of products of features and differences from parents, of a plane: exact, so that they do not depend on the order of rows.
+/// Sums of products of a plane's features and of the difference from the parent. They are exact, so
+/// they do not depend on the order of rows.
 type Squares = [[i64; MAX_FEATURES + 1]; MAX_FEATURES + 1];
 
-/// Fits what predicts a channel to the numbers of its dense blocks, each from the root down to the bottom.
+/// Fits the predictor of a channel to the numbers of its dense blocks. `blocks` yields the levels
+/// of each block, from the root down.
 pub(crate) fn fit<'b, T: Lane>(
     level: &mut Level<T>,
     blocks: impl Iterator<Item = &'b [Grid<T>]> + Clone,
@@ -33,7 +35,7 @@ pub(crate) fn fit<'b, T: Lane>(
         let all = blocks.clone().flat_map(|grids| grids.windows(2));
         all.filter(|pair| pair[0].shape.side >= least).map(|pair| (&pair[0], &pair[1]))
     };
-    // Nearly all differences fit into the room for them.
+    // Choose the number of fraction bits so that all differences but one in 1024 fit into a lane.
     let mut bits = [0u64; 65];
     for (parents, children) in pairs() {
         level.take(parents, children);
@@ -66,7 +68,9 @@ pub(crate) fn fit<'b, T: Lane>(
         let features = planes(axes)[plane].features(axes);
         predictor.weights[plane] = solve(squares, features, &default[plane]);
     }
-    // Few large numbers may have decided, and weights have to be stored: what most samples take counts, of the level that is still there.
+    // A few large numbers may dominate least squares, and fitted weights must be stored. So they
+    // are used only if they save bits in the sampled rows of the last level, which `level` still
+    // has.
     let stored: usize = planes(axes).iter().map(|plane| plane.features(axes)).sum();
     let cost = last.map(|parents| {
         let rows = step_of(parents.shape.side) as u64;
@@ -79,36 +83,37 @@ pub(crate) fn fit<'b, T: Lane>(
     predictor
 }
 
-/// A row of some nodes.
+/// Returns a row of an array of nodes.
 fn row_of<'n, T: Lane, N>(parents: &Grid<T>, number: usize, nodes: &'n [N]) -> &'n [N] {
     let width = parents.shape.width();
     &nodes[number * width..][..width]
 }
 
-/// Rows of a level that are sampled, with their numbers.
+/// Yields the sampled rows of a level with their indices.
 fn wanted_rows<T: Lane>(parents: &Grid<T>) -> impl Iterator<Item = (usize, [usize; 2])> + use<T> {
     let step = step_of(parents.shape.side);
     parents.shape.rows().enumerate().filter(move |(_, row)| is_wanted(*row, step))
 }
 
-/// Begins with a level of which all planes are known.
+/// Starts a level, and finishes all its planes.
 fn begin_finished<T: Lane>(level: &mut Level<T>, fraction: u32, parents: &Grid<T>, children: &Grid<T>) {
     level.begin(fraction, parents);
     level.take(parents, children);
     (0..1 << parents.shape.axes).for_each(|plane| level.finish(plane));
 }
 
-/// One row of so many is sampled.
+/// Returns `n` if one row in `n` of a level is sampled.
 fn step_of(side: usize) -> usize {
     if side >= 2 * ROWS { ROWS } else { 1 }
 }
 
-/// Digits that features have in sums of products.
+/// Fraction bits of scaled features in sums of products.
 const DIGITS: i32 = 14;
-/// No feature has more than this in them.
+/// Limit of the magnitude of scaled features.
 const MOST: f32 = 2047.0;
 
-/// Adds the products of a row: of numbers in parts of the expected size, a power of two.
+/// Adds the products of a row. Each sample is scaled by the inverse of its expected size, as a
+/// power of two.
 fn add_row<T: Lane>(
     level: &Level<T>,
     axes: usize,
@@ -121,7 +126,7 @@ fn add_row<T: Lane>(
     let first = Contexts::<T>::error(plane == 0, 0);
     let bits = shape.blocks(&level.contexts[row_nodes.clone()]).flatten().map(|context| context - first);
     let unit = |bits: u8| {
-        // (At least 8: small sizes are uncertain themselves.)
+        // (At least 8, since small sizes are uncertain.)
         let exponent = DIGITS - level.fraction() as i32 - i32::from(bits.max(3));
         f32::from_bits(((127 + exponent) as u32) << 23)
     };
@@ -147,28 +152,32 @@ fn add_row<T: Lane>(
     }
 }
 
-/// The nearest integer of a small one, without the checks of a cast: so that loops become vectors.
+/// Rounds a small number to the nearest integer, without the checks of a cast, so that loops are
+/// vectorized.
 #[inline(always)]
 fn round(number: f32) -> i16 {
-    // (With so large a number added the last bit of the sum is worth 1.)
+    // (At this magnitude the last bit of an `f32` is worth 1.)
     const LARGE: f32 = (3 << 22) as f32;
     (number + LARGE).to_bits().wrapping_sub(LARGE.to_bits()) as i16
 }
 
 #[inline(never)]
 fn dot(a: &[i16], b: &[i16]) -> i64 {
-    // Invariant: no sum of 32 bits overflows, as numbers are at most MOST (11 bits) and a chunk has 256 products. Sums are exact, so that all
-    // processors, whatever vectors they have, find the same weights and write the same bytes.
+    // Invariant: no 32-bit sum overflows, since numbers are at most MOST (11 bits) and a chunk has
+    // 256 products. Sums are exact, so all processors find the same weights and write the same
+    // bytes, whatever their vector width.
     let sums = a.chunks(256).zip(b.chunks(256)).map(|(a, b)| {
         a.iter().zip(b).map(|(a, b)| i32::from(*a) * i32::from(*b)).fold(0i32, i32::wrapping_add)
     });
     sums.map(i64::from).sum()
 }
 
-/// How much weights are drawn to the default ones, as a fraction of the largest sum of squares: features that hardly vary keep their default.
+/// Strength with which weights are pulled to the default ones, as a fraction of the largest sum of
+/// squares. Features that hardly vary keep their default.
 const RIDGE: f64 = 1e-4;
 
-/// The weights of least squares, a little drawn to those that hold without them (ridge regression), by Gaussian elimination.
+/// Solves for the least-squares weights, pulled to the default ones (ridge regression), by Gaussian
+/// elimination.
 fn solve(squares: &Squares, features: usize, default: &[i8; MAX_FEATURES]) -> [i8; MAX_FEATURES] {
     let square = |a: usize, b: usize| squares[a.min(b)][a.max(b)] as f64;
     let most = (0..features).map(|at| square(at, at)).fold(0.0, f64::max);
@@ -201,7 +210,7 @@ fn solve(squares: &Squares, features: usize, default: &[i8; MAX_FEATURES]) -> [i
     weights
 }
 
-/// About what the rows that are sampled take with some weights: bits of errors.
+/// Estimates the size of the sampled rows with some weights: the sum of the bits of all errors.
 fn cost_of<T: Lane>(level: &mut Level<T>, parents: &Grid<T>, weights: &Weights) -> u64 {
     let shape = parents.shape;
     let mut sum = 0;

@@ -1,9 +1,10 @@
-//! Logarithms in whole numbers, the same on every machine.
+//! Logarithms in integer arithmetic, identical on every machine.
 
-/// Bits of a logarithm behind the point.
+/// Fraction bits of a logarithm.
 pub const LOG_BITS: u32 = 12;
 
-/// The logarithm to base 2 of a number above 0, within 0.09: between powers of two it goes straight.
+/// Returns the logarithm of a positive number to base 2, with an error below 0.09: it is
+/// interpolated linearly between powers of two. The result is in units of 2^-[`LOG_BITS`].
 pub fn log2(number: u64) -> u64 {
     let whole = 63 - number.leading_zeros();
     let behind = match whole.checked_sub(LOG_BITS) {

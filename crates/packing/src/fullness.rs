@@ -1,4 +1,4 @@
-//! How full the nodes of solids are, from what is below them.
+//! Fullness of the nodes of solids, predicted from the nodes below them.
 
 use crate::adaptive::AdaptiveSymbols;
 use crate::bits::BitCoder;
@@ -9,8 +9,9 @@ use crate::nodes::{FIRST_VALUE, Nodes, ROOT};
 /// Probabilities of differences: of small ones, and of the upper bits of others.
 pub(crate) type FullnessContexts = [AdaptiveSymbols; 2];
 
-/// Codes how full INNER nodes are, from the bottom up: exactly what is below them makes it where all of that is known, else about that.
-/// `truth` has what is to be written, `values` the values of LEAF nodes by their symbols.
+/// Codes the fullness of INNER nodes, from the bottom up. If everything below a node is known, its
+/// fullness follows exactly; otherwise the difference from the expected fullness is coded. `truth`
+/// has the nodes to be written, and `values` the values of LEAF nodes by symbol.
 pub(crate) fn code_fullness<K: BitCoder>(
     coder: &mut K,
     nodes: &mut Nodes,
@@ -19,7 +20,7 @@ pub(crate) fn code_fullness<K: BitCoder>(
     values: &[u8],
     contexts: &mut FullnessContexts,
 ) {
-    // (What is below a node has higher numbers than it.)
+    // (Children have higher indices than their parents.)
     let mut heights = vec![height; nodes.len() as usize];
     for node in ROOT..nodes.len() {
         if let Some(first) = nodes.first(node) {
@@ -29,7 +30,7 @@ pub(crate) fn code_fullness<K: BitCoder>(
     }
     let leaf =
         |symbol: u32| values.get(symbol.wrapping_sub(FIRST_VALUE) as usize).copied().unwrap_or_default();
-    // Sums of all cells below, and whether they are known.
+    // Sum over all cells below each node, and whether it is exact.
     let mut sums = vec![(0u128, true); nodes.len() as usize];
     for node in (ROOT + 1..nodes.len()).rev() {
         let at = node as usize;
@@ -54,7 +55,8 @@ pub(crate) fn code_fullness<K: BitCoder>(
     }
 }
 
-/// Codes a difference of two bytes, which is mostly small: differences from -7 to 7 have a symbol each.
+/// Codes a difference of two bytes, which is mostly small: differences from -7 to 7 have a symbol
+/// each.
 fn code_error<K: BitCoder>(coder: &mut K, contexts: &mut FullnessContexts, error: u8) -> u8 {
     let near = error.wrapping_add(8);
     match coder.symbol(&mut contexts[0], usize::from(if (1..16).contains(&near) { near } else { 0 })) {

@@ -1,42 +1,44 @@
-//! Numbers of the nodes of a level in rows, with those at the border once more around them.
+//! Numbers of the nodes of a level in rows, with a border that repeats the outermost numbers.
 
 use crate::lanes::Lane;
 
-/// The nodes of a level of blocks of equal size, which are side by side along x: so that rows are long where blocks are small.
+/// Shape of a level of equally large blocks, which are side by side along x. So rows are long even
+/// if blocks are small.
 ///
-/// Between two blocks are two columns: the border of each. Rows of nodes have them, too, with numbers that nothing depends on.
+/// Two columns separate neighbouring blocks: the border of each. Rows of nodes include these
+/// columns, with numbers that nothing depends on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Shape {
     /// Nodes of a block along each axis.
     pub(crate) side: usize,
     pub(crate) axes: usize,
-    /// Blocks, at least one.
+    /// Number of blocks, at least 1.
     pub(crate) count: usize,
 }
 
 impl Shape {
-    /// Nodes of a row, with the columns between blocks.
+    /// Returns the number of nodes of a row, including the columns between blocks.
     pub(crate) fn width(self) -> usize {
         self.count * (self.side + 2) - 2
     }
 
-    /// Nodes of all rows.
+    /// Returns the number of nodes of all rows.
     pub(crate) fn nodes(self) -> usize {
         self.width() * self.side.pow(self.axes as u32 - 1)
     }
 
-    /// The children of all nodes.
+    /// Returns the shape of the children of all nodes.
     pub(crate) fn below(self) -> Shape {
         Shape { side: 2 * self.side, ..self }
     }
 
-    /// Rows by y and z, in the order of their nodes.
+    /// Returns the y and z of all rows, in the order of their nodes.
     pub(crate) fn rows(self) -> impl Iterator<Item = [usize; 2]> {
         let Shape { side, axes, .. } = self;
         (0..if axes == 3 { side } else { 1 }).flat_map(move |z| (0..side).map(move |y| [y, z]))
     }
 
-    /// The nodes of a row by block, without the columns between.
+    /// Yields the nodes of a row block by block, without the columns between blocks.
     pub(crate) fn blocks<N>(self, row: &[N]) -> impl Iterator<Item = &[N]> {
         row.chunks(self.side + 2).map(move |block| &block[..self.side])
     }
@@ -54,7 +56,7 @@ pub(crate) struct Grid<T> {
 }
 
 impl<T: Lane> Grid<T> {
-    /// Makes it one of another level, whose numbers are any.
+    /// Changes the shape. The numbers are unspecified afterwards.
     pub(crate) fn reset(&mut self, shape: Shape) {
         self.shape = shape;
         let count = self.count();
@@ -63,17 +65,17 @@ impl<T: Lane> Grid<T> {
         }
     }
 
-    /// Numbers with those of the border.
+    /// Returns the number of elements, including the border.
     fn count(&self) -> usize {
         (self.shape.width() + 2) * (self.shape.side + 2).pow(self.shape.axes as u32 - 1)
     }
 
-    /// A copy without the numbers that are left of larger levels.
+    /// Returns a copy without the elements that are left over from larger levels.
     pub(crate) fn copy(&self) -> Grid<T> {
         Grid { shape: self.shape, numbers: self.numbers[..self.count()].to_vec() }
     }
 
-    /// Index of the first node of a row, moved by a step.
+    /// Returns the index of a row's first node, moved by an offset in x, y and z.
     #[inline(always)]
     fn start(&self, [y, z]: [usize; 2], step: [isize; 3]) -> usize {
         let Shape { side, axes, .. } = self.shape;
@@ -82,7 +84,7 @@ impl<T: Lane> Grid<T> {
         row * (self.shape.width() + 2) + 1usize.wrapping_add_signed(step[0])
     }
 
-    /// The neighbours of a row of nodes, which lie a step away, each along an axis by one at most.
+    /// Returns the neighbours of a row of nodes at an offset of at most 1 along each axis.
     #[inline(always)]
     pub(crate) fn row(&self, row: [usize; 2], step: [isize; 3]) -> &[T] {
         let start = self.start(row, step);
@@ -96,12 +98,12 @@ impl<T: Lane> Grid<T> {
         &mut self.numbers[start..start + width]
     }
 
-    /// All numbers, with those of the border.
+    /// Returns all elements, including the border.
     pub(crate) fn numbers(&self) -> &[T] {
         &self.numbers
     }
 
-    /// Repeats the numbers at the border around each block.
+    /// Fills the border around each block with the outermost numbers.
     pub(crate) fn pad(&mut self) {
         let Shape { side, axes, .. } = self.shape;
         let wide = self.shape.width() + 2;

@@ -1,4 +1,5 @@
-//! Dense blocks of as many levels, which are coded together: side by side, so that what is computed row by row has long rows.
+//! Groups of dense blocks with equally many levels, which are coded together: side by side, so that
+//! rows are long for vectorized loops.
 
 use spinney_container::{DenseKind, RecordLayout, VOID};
 
@@ -7,23 +8,25 @@ use crate::grids::Shape;
 use crate::planes::VoidChildren;
 use crate::void_nodes::VoidNodes;
 
-/// Bottom nodes of a group, but for one block alone: memory is that of the largest block of a quadtree.
+/// Maximum number of bottom nodes of a group of several blocks. So a group needs no more memory
+/// than the largest block of a quadtree.
 const MAX_NODES: usize = 1 << 16;
 
-/// Some blocks of equal numbers of levels, in their order.
+/// Blocks with equally many levels, in their order.
 pub(crate) struct Group {
     pub(crate) levels: u8,
     axes: usize,
-    /// Their numbers.
+    /// Indices of the blocks.
     pub(crate) blocks: Vec<usize>,
-    /// The nodes of each that are VOID; nothing if none may be.
+    /// VOID nodes of each block; empty if no node may be VOID.
     void: Vec<VoidNodes>,
-    /// The same as the rows of a level have it.
+    /// VOID children per node, in the layout of a level's rows.
     pub(crate) void_children: Option<VoidChildren>,
 }
 
 impl Group {
-    /// All groups of some blocks: those of many levels first, of as many those first that have no VOID nodes.
+    /// Returns the groups of all blocks: those of many levels first, and of equally many levels
+    /// those without VOID nodes first.
     pub(crate) fn all(layout: &RecordLayout, blocks: &[NumberBlock]) -> Vec<Group> {
         let may_be_void = |kind: DenseKind| kind.states().1 == Some(VOID);
         let key = |number: &usize| {
@@ -51,7 +54,7 @@ impl Group {
         if !self.void.is_empty() {
             let level = |level| {
                 let shape = self.shape(level);
-                // (Columns between blocks have no numbers either.)
+                // (The columns between blocks count as VOID.)
                 let mut children = vec![u8::MAX; shape.nodes()];
                 for (number, row) in children.chunks_mut(shape.width()).enumerate() {
                     for (to, void) in shape.blocks_mut(row).zip(&self.void) {
@@ -67,12 +70,12 @@ impl Group {
         self
     }
 
-    /// The nodes of a level below the blocks' roots.
+    /// Returns the shape of a level, counted from the roots of the blocks.
     pub(crate) fn shape(&self, level: u8) -> Shape {
         Shape { side: 1 << level, axes: self.axes, count: self.blocks.len() }
     }
 
-    /// Which nodes of a level of one of the blocks are VOID, if some may be.
+    /// Returns which nodes of a block are VOID on a level, if any may be.
     pub(crate) fn void(&self, block: usize, level: u8) -> Option<&[bool]> {
         Some(&self.void.get(block)?.nodes[usize::from(level)])
     }

@@ -1,4 +1,4 @@
-//! Many random segments. They take minutes:
+//! Tests with many random segments. They take minutes:
 //!
 //!     cargo test --release -p spinney-packing -- --ignored
 
@@ -11,7 +11,7 @@ use crate::segment::{SegmentForm, pack_by, unpack};
 use crate::tests::{Random, damaged, random_segment, segment, value_types};
 use crate::vectorized::baseline_only;
 
-/// A form of any type, and a model that suits it.
+/// Returns a form of any type, and a model that suits it.
 fn random_form(types: &[ValueType], random: &mut Random) -> (SegmentForm, Model) {
     let dimension = if random.below(2) == 0 { Dimension::Quad } else { Dimension::Oct };
     let form = TreeType::new(dimension, types[random.below(types.len() as u64) as usize]);
@@ -57,7 +57,7 @@ fn damaged_segments_are_refused_or_the_same() {
         let (places, plain) = random_segment(form, 1 + random.below(6), seed);
         let Some(packed) = pack_by(model, &form, places, &plain) else { continue };
         for _ in 0..100 {
-            // (Some bits do not matter.)
+            // (Some bits have no effect.)
             if let Ok(found) = unpack(&form, places, 0, &damaged(&packed, &mut random)) {
                 assert!(found == plain, "{form:?} {seed}");
             }

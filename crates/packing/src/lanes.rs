@@ -1,15 +1,17 @@
-//! Integers of 16, 32 and 64 bits that planes are computed with: all arithmetic wraps, so that no number is refused and none has two results.
+//! Integers of 16, 32 and 64 bits for computing with planes. All arithmetic wraps, so every input
+//! is valid and has exactly one result.
 
 use std::cell::RefCell;
 
 use crate::planes::Scratch;
 
-/// An integer that samples and their differences are computed with.
+/// Integer type for samples and their differences.
 pub(crate) trait Lane: Copy + Default + PartialEq + 'static {
-    /// Calls with the memory that a thread uses again and again.
+    /// Calls a function with the thread's reused buffers.
     fn with_scratch<R>(call: impl FnOnce(&mut Scratch<Self>) -> R) -> R;
     const BITS: u32;
-    /// Bits that a difference and its fraction take together, so that sums of some of them fit.
+    /// Bits available for a difference and its fraction, so that sums of several features still
+    /// fit.
     const ROOM: u32;
     fn from_i64(number: i64) -> Self;
     fn to_i64(self) -> i64;
@@ -19,25 +21,25 @@ pub(crate) trait Lane: Copy + Default + PartialEq + 'static {
     fn right(self, bits: u32) -> Self;
     fn or(self, other: Self) -> Self;
     fn xor(self, other: Self) -> Self;
-    /// The size of a difference.
+    /// Returns the magnitude of a difference.
     fn size(self) -> Self;
-    /// The sum of two sizes: of 16 bits at most the maximum, else it wraps.
+    /// Adds two magnitudes: saturating in 16 bits, otherwise wrapping.
     fn add_size(self, other: Self) -> Self;
-    /// A size times a power of two: of 16 bits at most the maximum, else it wraps.
+    /// Multiplies a magnitude by a power of two: saturating in 16 bits, otherwise wrapping.
     fn grow_size(self, bits: u32) -> Self;
-    /// Bits of a size, without those that are 0 above all others.
+    /// Returns the number of bits of a magnitude, without leading zeros.
     fn size_bits(self) -> u8;
-    /// A number between -4 and 4, as near as can be.
+    /// Clamps a number to -4 to 4.
     fn within_4(self) -> i8;
-    /// A weight as [`Lane::times`] takes it.
+    /// Converts a weight to the argument of [`Lane::times`].
     fn weight(sixty_fourths: i8) -> Self;
-    /// A number times a weight, in 64ths, rounded down.
+    /// Multiplies by a weight in 64ths, rounded down.
     fn times(self, weight: Self) -> Self;
-    /// A number with its sign in the lowest bit: 2n, or -2n - 1.
+    /// Moves the sign to the lowest bit: 2n, or -2n - 1.
     fn fold(self) -> Self;
-    /// The number that [`Lane::fold`] made another one of.
+    /// Reverses [`Lane::fold`].
     fn unfold(self) -> Self;
-    /// The bits as a number without a sign.
+    /// Returns the bit pattern as an unsigned number.
     fn bits(self) -> u64;
     fn to_f32(self) -> f32;
 }
@@ -87,7 +89,8 @@ macro_rules! narrow_sizes {
         }
         #[inline(always)]
         fn size_bits(self) -> u8 {
-            // (Of the exponent of a float: processors without an instruction for bits have vectors of floats.)
+            // (From the exponent of a float: processors without a vector instruction for leading
+            // zeros have vectors of floats.)
             ((f32::from(self).to_bits() >> 23) as i32 - 126).max(0) as u8
         }
         #[inline(always)]
@@ -108,7 +111,7 @@ macro_rules! lane {
                 thread_local! {
                     static SCRATCH: RefCell<Scratch<$signed>> = RefCell::default();
                 }
-                // (Nothing that is called decodes anything itself.)
+                // (`call` never borrows the buffers again, since it decodes nothing else.)
                 SCRATCH.with_borrow_mut(call)
             }
             const BITS: u32 = <$signed>::BITS;

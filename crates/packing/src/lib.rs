@@ -1,11 +1,15 @@
-//! Segments of trees in few bytes, and back: the packed codec (sections 37 to 41 of formats.md).
+//! Packed codec: lossless compression of tree segments (sections 37 to 41 of formats.md).
 //!
-//! A segment's nodes are coded level by level, each in the context of the nodes around it, with probabilities that follow what was coded ([`bits`]).
-//! Dense blocks of numbers are coded plane by plane ([`planes`]): all children of a plane are predicted from the level above ([`predict`]), with weights
-//! that are fitted ([`fit`]), and their errors are coded by tables that are stored ([`tables`], [`symbols`]). What is unpacked is the plain segment, byte for byte. Knows what stands in a segment, and nothing of files.
+//! The nodes of a segment are coded level by level, each in the context of its neighbours, with
+//! adaptive probabilities ([`bits`]). Dense blocks of numbers are coded plane by plane
+//! ([`planes`]). All children of a plane are predicted from the level above ([`predict`]), with
+//! fitted weights ([`fit`]). Their residuals are coded with static tables, stored or default
+//! ([`tables`], [`symbols`]). Unpacking yields the plain segment, byte for byte. This crate knows
+//! the contents of segments, but not of files.
 //!
-//! [`Columns`] codes numbers of which somebody else knows what they mean, such as those of exact models; [`pack_numbers`] does so for many numbers that
-//! mean the same, such as those of points, and much faster.
+//! [`Columns`] codes integers whose meaning only the caller knows, such as those of exact models.
+//! [`pack_numbers`] codes many integers of the same meaning, such as those of points, and is much
+//! faster.
 
 mod adaptive;
 mod around;

@@ -1,13 +1,14 @@
-//! Bits of the bottom nodes of dense blocks.
+//! State bits of the bottom nodes of dense blocks.
 
 use crate::adaptive::Adaptive;
 use crate::bits::BitCoder;
 
-/// Probabilities of bits by those before them.
+/// Probabilities of bits, by the six bits before them.
 pub(crate) type MaskContexts = [Adaptive; 64];
 
-/// Codes a bit for each bottom node of a block with so many levels, row by row, in the context of six before it: the two before it in its
-/// row, three around it in the row before, and in octrees the one in the same place of the layer before.
+/// Codes a bit for each bottom node of a block, row by row, in the context of six earlier bits: the
+/// two before it in its row, the three around its position in the row before, and in octrees the
+/// one at the same position of the layer before.
 pub(crate) fn code_mask<K: BitCoder>(
     coder: &mut K,
     contexts: &mut MaskContexts,
@@ -21,7 +22,7 @@ pub(crate) fn code_mask<K: BitCoder>(
         let start = row * side;
         let before = (row % side > 0).then(|| start - side);
         let below = start.checked_sub(side * side);
-        // The row's last two bits, and those of the row before up to the next place.
+        // The last two bits of this row, and three bits of the row before, up to the next position.
         let mut own = 0;
         let mut above = before.map_or(0, |before| is_set(bits, before));
         for x in 0..side {

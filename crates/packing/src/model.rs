@@ -1,4 +1,4 @@
-//! Ways to take the values of nodes, and the nodes of records by one of them.
+//! Models of the values of nodes, and the coding of records with them.
 
 use std::collections::HashMap;
 
@@ -18,19 +18,22 @@ use crate::plain::{Parsed, Rows, Writer, parse};
 use crate::segment::Damage;
 use crate::values::{NumberValues, Numbers, TableValues, bytes, numbers, order};
 
-/// A way to take the values of nodes.
+/// Model of the values of nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Model {
-    /// Names, in a table; dense blocks are nodes like all others.
+    /// Categories in a table. Dense blocks are coded like all other nodes.
     Names = 0,
-    /// How full a solid is: as names, but that INNER nodes have what is below them.
+    /// Fullness of a solid: as categories, but the values of INNER nodes follow from the nodes
+    /// below.
     Solid = 2,
-    /// Numbers; dense blocks are coded plane by plane, with tables that are stored. (1 and 3 were of versions that are no longer read.)
+    /// Numbers. Dense blocks are coded plane by plane, with stored tables. (1 and 3 belonged to
+    /// versions that are no longer read.)
     Numbers = 4,
 }
 
 impl Model {
-    /// The one that writers choose. Readers take values by any of them, whatever rule and kind are.
+    /// Returns the model that writers choose. Readers accept any model, whatever the rule and the
+    /// kind.
     pub(crate) fn of(value: ValueType, rule: Rule, kind: DataKind) -> Model {
         match (rule, kind) {
             (Rule::Occupancy, _) if can_be_solid(value) => Model::Solid,
@@ -39,10 +42,10 @@ impl Model {
         }
     }
 
-    /// The one with a number.
+    /// Returns the model with a number.
     ///
     /// # Errors
-    /// If there is none, or values cannot be taken so.
+    /// If there is no such model, or it does not support the values.
     pub(crate) fn from_number(number: u8, value: ValueType) -> Result<Model, Damage> {
         match number {
             0 => Ok(Model::Names),
@@ -53,12 +56,12 @@ impl Model {
         }
     }
 
-    /// Whether values are told by their place in a table.
+    /// Returns whether values are coded as indices of a table.
     pub(crate) fn has_table(self) -> bool {
         self != Model::Numbers
     }
 
-    /// Whether a node's value is made of what is below it.
+    /// Returns whether a node's value is derived from the nodes below it.
     fn is_mixed(self, nodes: &Nodes, node: u32) -> bool {
         self == Model::Solid && nodes.state(node) >= INNER
     }
@@ -68,16 +71,17 @@ fn can_be_solid(value: ValueType) -> bool {
     value.sample == SampleType::U8 && value.channels == 1
 }
 
-/// Records that are to be written, taken apart.
+/// Parsed records to be written.
 pub(crate) struct Taken<'r> {
     records: &'r [u8],
     parsed: Parsed,
-    /// All values that nodes have, each once. Their numbers are the nodes' symbols until those of all values are known.
+    /// Distinct values of the nodes. The nodes' symbols are indices of this list until
+    /// [`Taken::set_symbols`].
     values: Vec<Numbers>,
 }
 
 impl<'r> Taken<'r> {
-    /// `None` if records contradict themselves.
+    /// Parses records. Returns `None` if they are inconsistent.
     pub(crate) fn new(
         model: Model,
         layout: &RecordLayout,
@@ -103,12 +107,13 @@ impl<'r> Taken<'r> {
         Some(Taken { records, parsed, values })
     }
 
-    /// The values that nodes have.
+    /// Yields the distinct values of the nodes.
     pub(crate) fn values(&self) -> impl Iterator<Item = Numbers> {
         self.values.iter().copied()
     }
 
-    /// Gives nodes the symbols of their values, all of which must be known.
+    /// Sets the nodes' symbols to those of their values. Returns `None` if a value is not in
+    /// `known`.
     pub(crate) fn set_symbols(&mut self, form: TreeType, known: &[Numbers]) -> Option<()> {
         let symbols = self.values.iter().map(|value| symbol_of(form, known, value));
         let symbols = symbols.collect::<Option<Vec<u32>>>()?;
@@ -125,7 +130,8 @@ impl<'r> Taken<'r> {
         &self.parsed.nodes
     }
 
-    /// The dense blocks that are apart, without the values of the nodes that they begin at.
+    /// Returns the dense blocks that are coded separately, without the values of the nodes that
+    /// they begin at.
     pub(crate) fn blocks(&self, layout: &RecordLayout) -> Vec<NumberBlock> {
         let blocks = self.parsed.blocks.iter().map(|(node, dense, place)| {
             NumberBlock::new(layout, *node, *dense, Some(&self.records[place * layout.size..]))
@@ -134,18 +140,19 @@ impl<'r> Taken<'r> {
     }
 }
 
-/// Values, each once, in the order in which they came.
+/// Distinct values, in the order of their first occurrence.
 #[derive(Default)]
 struct DistinctValues {
     values: Vec<[u8; 16]>,
     numbers: HashMap<u128, u32>,
-    /// A value that came before and one more than its number, or 0, by its lowest bits: most values are among few.
+    /// Cache of recent values, by their lowest bits: each with its index plus 1, or 0 if the slot
+    /// is empty. Most values are among a few.
     recent: [(u128, u32); 32],
 }
 
 impl DistinctValues {
     fn number_of(&mut self, value: &[u8]) -> u32 {
-        // (Copies of a width that is known are a single step.)
+        // (Copies of a known width are one instruction.)
         let key = match *value {
             [byte] => u128::from(byte),
             [a, b] => u16::from_le_bytes([a, b]).into(),
@@ -170,14 +177,14 @@ impl DistinctValues {
     }
 }
 
-/// The symbol of a value among those that are known, which are sorted.
+/// Returns the symbol of a value among known ones, which are sorted.
 pub(crate) fn symbol_of(form: TreeType, known: &[Numbers], value: &Numbers) -> Option<u32> {
     let key = order(form, value);
     let found = known.binary_search_by_key(&key, |numbers| order(form, numbers)).ok()?;
     Some(FIRST_VALUE + found as u32)
 }
 
-/// Values in ascending order, each once.
+/// Returns the distinct values in ascending order.
 pub(crate) fn distinct(form: TreeType, values: impl Iterator<Item = Numbers>) -> Vec<Numbers> {
     let mut known: Vec<Numbers> = values.collect();
     known.sort_unstable_by_key(|numbers| order(form, numbers));
@@ -185,13 +192,13 @@ pub(crate) fn distinct(form: TreeType, values: impl Iterator<Item = Numbers>) ->
     known
 }
 
-/// The values of nodes, by their model.
+/// Coder of the nodes' values, by model.
 enum Values {
     Table(TableValues),
     Numbers(NumberValues),
 }
 
-/// Codes the records of runs: what one of them has taught holds for the next ones.
+/// Coder of the records of runs. Its probabilities carry over from each run to the next.
 pub(crate) struct ModelCoder {
     model: Model,
     form: TreeType,
@@ -200,11 +207,12 @@ pub(crate) struct ModelCoder {
     masks: MaskContexts,
     fullness: FullnessContexts,
     values: Values,
-    /// The bytes of values by their symbols, less [`FIRST_VALUE`].
+    /// Bytes of the values, by symbol less [`FIRST_VALUE`].
     known: Vec<[u8; 16]>,
 }
 
-/// Where records stand: levels down to the cells, levels down to where what is heavy is cut off, and bytes that they may take.
+/// Limits of a run: levels down to the cells, levels down to nodes that may be CUT, and bytes of
+/// its records.
 #[derive(Clone, Copy)]
 pub(crate) struct RunRoom {
     pub(crate) height: u8,
@@ -213,7 +221,8 @@ pub(crate) struct RunRoom {
 }
 
 impl ModelCoder {
-    /// With the values that are in the table; or, where there is none, with all those to be written.
+    /// Creates a coder with the values of the table, or, without a table, with all values to be
+    /// written.
     pub(crate) fn new(model: Model, form: TreeType, known: &[Numbers]) -> ModelCoder {
         let values = match model.has_table() {
             true => Values::Table(TableValues::new(known.len())),
@@ -238,7 +247,8 @@ impl ModelCoder {
         self.known.extend(new);
     }
 
-    /// Codes the value of a run's own node, whose symbol it tells: that of the run before is near it.
+    /// Codes the value of a run's own node, and returns its symbol. It is likely to be near that of
+    /// the run before.
     pub(crate) fn representative<K: BitCoder>(
         &mut self,
         coder: &mut K,
@@ -254,13 +264,13 @@ impl ModelCoder {
         found.filter(|symbol| *symbol >= FIRST_VALUE)
     }
 
-    /// The bytes of the value with a symbol.
+    /// Returns the bytes of the value with a symbol.
     pub(crate) fn value(&self, symbol: u32) -> [u8; 16] {
         let at = symbol.wrapping_sub(FIRST_VALUE) as usize;
         self.known.get(at).copied().unwrap_or_default()
     }
 
-    /// Takes over values that are new.
+    /// Adds the bytes of new values to `known`.
     fn learn(&mut self) {
         let Values::Numbers(values) = &mut self.values else { return };
         let known = std::mem::take(&mut values.known);
@@ -269,7 +279,8 @@ impl ModelCoder {
         values.known = known;
     }
 
-    /// Codes records, below a node with the symbol `root`, and the bits of the dense blocks that are apart, whose numbers come later.
+    /// Codes records below a node with the symbol `root`, and the bits of the dense blocks that are
+    /// coded separately. The numbers of these blocks come later.
     pub(crate) fn run<K: BitCoder>(
         &mut self,
         coder: &mut K,
@@ -301,7 +312,7 @@ impl ModelCoder {
         Some(nodes)
     }
 
-    /// Codes the bits of the dense blocks that are apart.
+    /// Codes the bits of the dense blocks that are coded separately.
     fn code_masks<K: BitCoder>(
         &mut self,
         coder: &mut K,
@@ -326,9 +337,9 @@ impl ModelCoder {
         Some(())
     }
 
-    /// Writes the records of nodes, of so many places at most, after those that are there. Dense blocks that are apart have no
-    /// numbers yet, and get their places. `None` if these are not enough, or nodes make no dense
-    /// block where one is said to be.
+    /// Appends the records of nodes, as long as they take at most `most` slots. Dense blocks that
+    /// are coded separately get their offsets, but no numbers yet. Returns `None` if there are too
+    /// few slots, or if nodes do not form the dense block that they should.
     pub(crate) fn write(
         &self,
         nodes: &Nodes,
@@ -341,7 +352,7 @@ impl ModelCoder {
     }
 }
 
-/// The symbol of a node of which no value is told.
+/// Symbol of a node whose value is not given.
 pub(crate) const NO_VALUE: u32 = BEYOND;
 
 fn code_all<K: BitCoder>(

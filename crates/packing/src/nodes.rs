@@ -1,4 +1,4 @@
-//! The nodes of a segment: coded level by level from the top, each in the context of its neighbours.
+//! Nodes of a segment, coded level by level from the top, each in the context of its neighbours.
 
 use crate::adaptive::{Adaptive, AdaptiveSymbols, SYMBOLS};
 use crate::around::{Around, FACES, MAX_DIRECTIONS, SIBLING, pattern, to_center};
@@ -6,25 +6,25 @@ use crate::bits::BitCoder;
 use spinney_base::space::Dimension;
 use spinney_container::{CUT, DenseKind, INNER, LEAF, RecordLayout, VOID, dense_levels};
 
-/// No node.
+/// Index of no node.
 pub(crate) const NONE: u32 = u32::MAX;
-/// The node that stands for all that lies outside of the segment's node.
+/// Node that represents everything outside the segment's node.
 const OUTSIDE: u32 = 0;
 /// The segment's own node.
 pub(crate) const ROOT: u32 = 1;
 
-/// The symbol of VOID.
+/// Symbol of VOID.
 pub(crate) const NOTHING: u32 = 0;
-/// The symbol of what lies outside of the segment's node, and of that one.
+/// Symbol of [`OUTSIDE`] and [`ROOT`], which is no value.
 pub(crate) const BEYOND: u32 = 1;
-/// The symbol of INNER nodes whose values are made of what is below them.
+/// Symbol of INNER and CUT nodes whose values are derived from the nodes below them.
 pub(crate) const MIXED: u32 = 2;
-/// The symbol of siblings that come later.
+/// Symbol of siblings that are not coded yet.
 const UNKNOWN: u32 = 3;
-/// The symbol of the first value.
+/// Symbol of the first value; the others follow.
 pub(crate) const FIRST_VALUE: u32 = 4;
 
-/// A dense block: its kind, and its levels below the node that it begins at.
+/// Kind of a dense block, and its levels below the node that it begins at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Dense {
     pub(crate) kind: DenseKind,
@@ -32,29 +32,30 @@ pub(crate) struct Dense {
 }
 
 impl Dense {
-    /// Places that it takes.
+    /// Record slots that the block takes, including its head.
     pub(crate) fn places(self, layout: &RecordLayout) -> usize {
         1 + layout.dense_places(self.kind, self.levels)
     }
 }
 
-/// All nodes of a segment: those of a level one behind the other, siblings together.
+/// All nodes of a segment, level by level, with siblings contiguous.
 #[derive(Default)]
 pub(crate) struct Nodes {
-    /// The state of each node in two bits, whether a dense block begins at it in the next, and its symbol above.
+    /// Per node: the state in bits 0 and 1, whether a dense block begins there in bit 2, and the
+    /// symbol above.
     words: Vec<u32>,
-    /// The first child of each node.
+    /// First child of each node, or [`NONE`].
     first: Vec<u32>,
-    /// The dense blocks, by the nodes that they begin at.
+    /// Dense blocks and the nodes that they begin at, in ascending order of nodes.
     dense: Vec<(u32, Dense)>,
-    /// How full nodes are, of 255: of those that are CUT and INNER in a solid, as far as that has been said.
+    /// Fullness of CUT and INNER nodes of a solid, in 255ths; 0 where it is not set.
     fullness: Vec<u8>,
 }
 
-/// The bit of a word for INNER and CUT.
+/// Bit of a word that is set for INNER and CUT.
 const IS_INNER: u32 = 2;
 const IS_DENSE: u32 = 4;
-/// Bits below the symbol.
+/// Number of bits below the symbol.
 const SYMBOL_AT: u32 = 3;
 
 #[inline(always)]
@@ -63,7 +64,7 @@ fn word(state: u8, symbol: u32) -> u32 {
 }
 
 impl Nodes {
-    /// The two nodes that all segments have.
+    /// Returns the two nodes that every segment has: [`OUTSIDE`] and [`ROOT`].
     pub(crate) fn new() -> Nodes {
         let words = vec![word(VOID, BEYOND), word(INNER, BEYOND)];
         Nodes { words, first: vec![NONE; 2], ..Nodes::default() }
@@ -98,7 +99,7 @@ impl Nodes {
         *word = symbol << SYMBOL_AT | *word & ((1 << SYMBOL_AT) - 1);
     }
 
-    /// The first child of a node, if its children are known.
+    /// Returns the first child of a node, if its children are known.
     #[inline]
     pub(crate) fn first(&self, node: u32) -> Option<u32> {
         Some(self.first[node as usize]).filter(|first| *first != NONE)
@@ -108,12 +109,12 @@ impl Nodes {
         self.first[node as usize] = first;
     }
 
-    /// The dense blocks and the nodes that they begin at, in ascending order.
+    /// Returns the dense blocks and the nodes that they begin at, in ascending order of nodes.
     pub(crate) fn dense_blocks(&self) -> &[(u32, Dense)] {
         &self.dense
     }
 
-    /// The dense block that begins at a node.
+    /// Returns the dense block that begins at a node.
     #[inline]
     pub(crate) fn dense(&self, node: u32) -> Option<Dense> {
         if self.words[node as usize] & IS_DENSE == 0 {
@@ -123,13 +124,13 @@ impl Nodes {
         Some(self.dense[found].1)
     }
 
-    /// Says that a dense block begins at a node, which comes behind all of which that was said before.
+    /// Records that a dense block begins at a node. Nodes must be in ascending order.
     pub(crate) fn push_dense(&mut self, node: u32, dense: Dense) {
         self.words[node as usize] |= IS_DENSE;
         self.dense.push((node, dense));
     }
 
-    /// How full a node is.
+    /// Returns the fullness of a node, in 255ths.
     #[inline]
     pub(crate) fn fullness(&self, node: u32) -> u8 {
         self.fullness.get(node as usize).copied().unwrap_or_default()
@@ -143,25 +144,25 @@ impl Nodes {
     }
 }
 
-/// Properties of the nodes that are coded, which both sides know.
+/// Properties of the coded nodes that the writer and the reader both know.
 #[derive(Clone, Copy)]
 pub(crate) struct NodeForm {
-    /// Levels down to the cells.
+    /// Levels from the segment's node down to the cells.
     pub(crate) height: u8,
-    /// Levels down to where what is heavy is cut off.
+    /// Levels from the segment's node down to the level whose nodes may be CUT.
     pub(crate) reach: u8,
-    /// Whether INNER and CUT nodes get their values later.
+    /// Whether the values of INNER and CUT nodes are coded later.
     pub(crate) is_mixed: bool,
-    /// Whether the nodes below the roots of dense blocks come later.
+    /// Whether the nodes below the roots of dense blocks are coded separately.
     pub(crate) dense_apart: bool,
-    /// INNER nodes at most.
+    /// Maximum number of INNER nodes.
     pub(crate) most: usize,
 }
 
-/// Codes values that no neighbour has.
+/// Coder of values that no neighbour has.
 pub(crate) trait NewValues {
-    /// Writes or reads the symbol of a value, or of VOID if that may be; `near` are symbols of the parent and of neighbours. `None` if
-    /// there is no such value.
+    /// Writes or reads the symbol of a value, or of VOID if that is allowed. `near` has the symbols
+    /// of the parent and the neighbours. Returns `None` if there is no such value.
     fn new_value<K: BitCoder>(
         &mut self,
         coder: &mut K,
@@ -171,20 +172,21 @@ pub(crate) trait NewValues {
     ) -> Option<u32>;
 }
 
-/// Neighbours' symbols that are tried before a value counts as new.
+/// Number of symbols of the parent and the neighbours that are tried before a value counts as new.
 const CANDIDATES: usize = 4;
-/// Levels above the cells that have contexts of their own.
+/// Number of levels above the cells with contexts of their own.
 const HEIGHTS: usize = 8;
 
-/// Probabilities by context.
+/// Adaptive probabilities by context.
 pub(crate) struct NodeContexts {
-    /// Children of a node.
+    /// Number of children of a node.
     children: usize,
     splits: Vec<Adaptive>,
     cuts: Vec<Adaptive>,
     matches: Vec<Adaptive>,
     dense: Vec<Adaptive>,
-    /// Of how full CUT nodes are: sixteenths by how many neighbours are full and empty, and sixteenths of these by themselves.
+    /// Upper four bits of the fullness of CUT nodes, by the numbers of full and of empty face
+    /// neighbours; and the lower four bits, by the upper ones.
     sixteenths: Vec<AdaptiveSymbols>,
     parts: Vec<AdaptiveSymbols>,
 }
@@ -205,24 +207,26 @@ impl NodeContexts {
     }
 }
 
-/// An INNER node whose children are coded next.
+/// INNER node whose children are coded next.
 #[derive(Clone, Copy)]
 struct Pending {
     node: u32,
-    /// The parent's number among the INNER nodes of its level, and the node's among the parent's children.
+    /// Index of the parent among the INNER nodes of its level, and index of the node among the
+    /// parent's children.
     parent: u32,
     child: u8,
     is_in_block: bool,
 }
 
-/// Codes all nodes below one with the symbol `root`: `truth` has those to be written. `None` if there are more than there can be, or values that are
-/// none.
+/// Codes all nodes below a root with the symbol `root`. A writer takes them from `truth`; a reader
+/// ignores it. Returns `None` if there are too many nodes or levels, or if a value does not exist.
 ///
-/// Nodes come level by level, parents in the order in which they came as children. So all of the level above is known, and of
-/// a node's own level what comes before it.
+/// Nodes are coded level by level, and parents in the order in which they were coded as children.
+/// Hence the whole level above is known, and all earlier nodes of the same level.
 ///
-/// The neighbours of an INNER node are found from those of its parent, which took the same way: a neighbour is a sibling, or a child of a
-/// neighbour of the parent, or that one itself where it has no children. So no node is ever searched for.
+/// The neighbours of an INNER node are derived from its parent's neighbours. A neighbour is a
+/// sibling, a child of a neighbour of the parent, or that neighbour itself if it has no children.
+/// So no node is ever searched for.
 pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize, const G: usize>(
     form: &NodeForm,
     coder: &mut K,
@@ -233,18 +237,20 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize, const G: u
     let around: &Around<C, D> = const { &Around::new() };
     let mut nodes = Nodes::new();
     nodes.set_symbol(ROOT, root);
-    // The words of the children of each node above the bottom, as its neighbours see them: of a node without known children its own.
+    // Words of the children of each node above the bottom, as neighbours see them. A node without
+    // known children repeats its own word.
     let mut families: Vec<[u32; C]> = nodes.words.iter().map(|word| [*word; C]).collect();
     let mut true_dense = truth.dense.iter().peekable();
-    // Of each INNER node of the level above: its neighbours.
+    // Neighbours of each INNER node of the level above.
     let mut above: Vec<[u32; D]> = Vec::new();
     let mut level = vec![Pending { node: ROOT, parent: 0, child: 0, is_in_block: false }];
     let (mut count, mut depth) = (0, 0);
     while !level.is_empty() {
         depth += 1;
         count += level.len();
-        // Invariant: no node is deeper than the cells, and there are no more than the plain segment has room for: a few hostile bytes
-        // cannot make many nodes of likely bits, which cost nearly nothing.
+        // Invariant: no node is deeper than the cells, and there are no more nodes than fit into
+        // the plain segment. Likely bits cost nearly nothing, so without this limit a few bytes of
+        // an untrusted file could make many nodes.
         if depth > form.height || count > form.most {
             return None;
         }
@@ -257,7 +263,8 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize, const G: u
         if !is_bottom {
             families.reserve(C * level.len());
         }
-        // Of the last parent's neighbours and itself: the first child, and which of its children's numbers count; or the node, and none.
+        // Per direction, and for the last parent itself: the first child and a mask of all bits for
+        // the child's index, or a node without children and the mask 0.
         let mut of_parent = [(OUTSIDE, 0); MAX_DIRECTIONS + 1];
         let mut parent = u32::MAX;
         for pending in &level {
@@ -290,9 +297,10 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize, const G: u
                     }
                 }
             }
-            // The neighbours' children, if these are known, else the neighbours.
-            // Invariant: a node has a family only when all of its children have been coded. So a reader, who has no others, finds the same;
-            // and a neighbour whose turn comes later counts as it is seen from above.
+            // The neighbours' children if these are known, else the neighbours themselves.
+            // Invariant: a node has a family only once all of its children are coded. So a reader
+            // finds the same families as the writer. A neighbour that is coded later counts with
+            // its own word.
             let symbol = nodes.symbol(node);
             let first = nodes.words.len();
             let mut grid = [UNKNOWN << SYMBOL_AT; G];
@@ -358,20 +366,21 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize, const G: u
     Some(nodes)
 }
 
-/// Where a value is coded.
+/// Context of a value.
 #[derive(Clone, Copy)]
 struct Place {
-    /// The parent's symbol, and the cells of the grid that have it too.
+    /// Symbol of the parent, and a mask of the grid cells that have it too.
     symbol: u32,
     alike: u64,
-    /// The number among the parent's children, and the first cell around it.
+    /// Index among the parent's children, and the first grid cell of the neighbourhood.
     child: usize,
     begin: usize,
     state: u8,
     is_bottom: bool,
 }
 
-/// Codes the symbol of a node that has a value or is VOID. `None` if it is a value that is none.
+/// Codes the symbol of a node that has a value or is VOID. Returns `None` if there is no such
+/// value.
 #[inline(always)]
 fn code_value<K: BitCoder, const D: usize, const G: usize>(
     coder: &mut K,
@@ -385,7 +394,8 @@ fn code_value<K: BitCoder, const D: usize, const G: usize>(
     let kind = (usize::from(is_inner) * 2 + usize::from(place.is_bottom)) * CANDIDATES;
     let mut candidates = [NONE; CANDIDATES];
     let mut tried = 0;
-    // (VOID, which is 0 and wraps to above all values, is one where nodes have no children.)
+    // (VOID is a candidate only for nodes without children: there 0 wraps to a number above all
+    // values.)
     let below = u32::from(!is_inner);
     let is_value = |symbol: u32| symbol.wrapping_sub(below) >= FIRST_VALUE - below;
     let mut is_it = |candidate, rank, alike: u64| {
@@ -421,8 +431,8 @@ fn code_value<K: BitCoder, const D: usize, const G: usize>(
     (new != NOTHING || !is_inner).then_some(new)
 }
 
-/// Codes which dense block begins at a node of a tree whose nodes have so many children: by a bit whether one does, then by six for what kind and
-/// how many levels. `None` if there is no such block.
+/// Codes which dense block begins at a node of a tree with so many children per node: a bit whether
+/// there is one, then six bits for its kind and levels. Returns `None` if there is no such block.
 fn code_dense<K: BitCoder>(
     coder: &mut K,
     contexts: &mut [Adaptive],
@@ -444,7 +454,7 @@ fn code_dense<K: BitCoder>(
     Some(Some(Dense { kind, levels }))
 }
 
-/// Codes how full a CUT node is.
+/// Codes the fullness of a CUT node.
 fn code_fullness<K: BitCoder>(
     coder: &mut K,
     contexts: &mut NodeContexts,

@@ -1,22 +1,24 @@
-//! Plain segments as nodes, and back.
+//! Conversion of plain segments to nodes, and back.
 
 use spinney_container::{DenseBlock, INNER, LEAF, RecordHead, RecordLayout, dense_child};
 
 use crate::blocks::NumberBlock;
 use crate::nodes::{Dense, FIRST_VALUE, MIXED, NOTHING, Nodes, ROOT};
 
-/// A plain segment, taken apart.
+/// Parsed plain segment.
 pub(crate) struct Parsed {
-    /// All nodes, but for those below the roots of dense blocks if these are apart; none has its symbol yet.
+    /// All nodes, except those below the roots of dense blocks if these are coded separately.
+    /// Symbols are not set yet.
     pub(crate) nodes: Nodes,
-    /// Where each node's value begins in the segment.
+    /// Offset of each node's value in the segment.
     pub(crate) values: Vec<u32>,
-    /// Dense blocks that are apart: the node that each begins at, and the place of its record.
+    /// Dense blocks that are coded separately: the node that each begins at, and the index of its
+    /// record.
     pub(crate) blocks: Vec<(u32, Dense, usize)>,
 }
 
-/// An INNER node whose children come next: its number, the place of its record or of its dense block's, and in a block its level there
-/// and its number in that level.
+/// INNER node whose children come next: its index, the index of its record or of its dense block's
+/// record, and in a block its level and its index in that level.
 #[derive(Clone, Copy)]
 struct Pending {
     node: u32,
@@ -25,7 +27,7 @@ struct Pending {
     index: usize,
 }
 
-/// Takes a segment's records apart. `None` if they contradict themselves.
+/// Parses a segment's records. Returns `None` if they are inconsistent.
 pub(crate) fn parse(layout: &RecordLayout, records: &[u8], dense_apart: bool) -> Option<Parsed> {
     let mut parsed = Parsed { nodes: Nodes::new(), values: vec![0; 2], blocks: Vec::new() };
     let mut level = vec![Pending { node: ROOT, place: 0, level: 0, index: 0 }];
@@ -48,7 +50,7 @@ pub(crate) fn parse(layout: &RecordLayout, records: &[u8], dense_apart: bool) ->
             }
             parsed.in_block(layout, &block, pending, &mut next);
         }
-        // (Records that several nodes claim would make many nodes of few bytes.)
+        // (Records that several nodes share could make many nodes of few bytes.)
         if parsed.values.len() > 2 + records.len() / layout.width {
             return None;
         }
@@ -107,16 +109,17 @@ impl Parsed {
     }
 }
 
-/// A writer of the records of a segment.
+/// Writer of a segment's records.
 pub(crate) struct Writer<'w> {
     pub(crate) layout: &'w RecordLayout,
     pub(crate) nodes: &'w Nodes,
-    /// Values by their symbols, less [`FIRST_VALUE`].
+    /// Values, by symbol less [`FIRST_VALUE`].
     pub(crate) values: &'w [[u8; 16]],
     pub(crate) rows: Rows,
 }
 
-/// Reused memory of dense blocks: two levels of nodes in rows, and where the children of the first begin.
+/// Reused buffers for dense blocks: two levels of nodes in rows, and the first children of the
+/// upper one.
 #[derive(Default)]
 pub(crate) struct Rows {
     level: Vec<u32>,
@@ -125,7 +128,7 @@ pub(crate) struct Rows {
 }
 
 impl Writer<'_> {
-    /// The value of a node, zeros of VOID. `None` if it has none.
+    /// Returns the value of a node; zeros for VOID. Returns `None` if the symbol is unknown.
     #[inline(always)]
     fn value(&self, node: u32) -> Option<[u8; 16]> {
         match self.nodes.symbol(node) {
@@ -135,9 +138,10 @@ impl Writer<'_> {
         }
     }
 
-    /// Writes the record of an INNER node and what is below it, into so many places at most. Dense blocks that were apart, in the order
-    /// of the nodes that they begin at, have no numbers yet, and get their places. `None` if the places are not enough, or nodes
-    /// make no dense block where one is said to be.
+    /// Writes the record of an INNER node and all below it, as long as the records take at most
+    /// `most` slots. Dense blocks that are coded separately, in the order of the nodes that they
+    /// begin at, get their offsets, but no numbers yet. Returns `None` if there are too few slots,
+    /// or if nodes do not form the dense block that they should.
     pub(crate) fn write(
         &mut self,
         node: u32,
@@ -182,7 +186,8 @@ impl Writer<'_> {
         Some(())
     }
 
-    /// Writes the nodes of a dense block below its root: values of all levels, and bits of the bottom. `None` if they make no such block.
+    /// Writes the nodes of a dense block below its root: the values of all levels, and the bits of
+    /// the bottom nodes. Returns `None` if the nodes do not form such a block.
     fn fill(&mut self, dense: Dense, root: u32, block: &mut [u8]) -> Option<()> {
         let (layout, nodes) = (self.layout, self.nodes);
         let Rows { mut level, mut below, mut families } = std::mem::take(&mut self.rows);
@@ -190,7 +195,8 @@ impl Writer<'_> {
         level.clear();
         level.push(root);
         for depth in 1..=dense.levels {
-            // Of each node its first child, and which bits of its children's numbers count; or itself, and none.
+            // Per node: its first child and a mask of all bits for a child's index, or the node
+            // itself and the mask 0.
             families.clear();
             families.extend(level.iter().map(|node| match nodes.first(*node) {
                 Some(first) => (first, u32::MAX),
@@ -240,7 +246,7 @@ impl Writer<'_> {
         Some(())
     }
 
-    /// Writes the values of nodes consecutively. `None` if one has none.
+    /// Writes the values of nodes consecutively. Returns `None` if one has no value.
     fn put_values<const N: usize>(&self, nodes: &[u32], bytes: &mut [u8]) -> Option<()> {
         for (node, bytes) in nodes.iter().zip(bytes.as_chunks_mut::<N>().0) {
             *bytes = *self.value(*node)?.first_chunk()?;
@@ -249,7 +255,7 @@ impl Writer<'_> {
     }
 }
 
-/// Writes a value of so many bytes. (Copies of a width that is known are a single step.)
+/// Writes a value of `width` bytes. (Copies of a known width are one instruction.)
 #[inline(always)]
 fn put(value: &[u8; 16], width: usize, bytes: &mut [u8]) {
     match width {
@@ -260,7 +266,8 @@ fn put(value: &[u8; 16], width: usize, bytes: &mut [u8]) {
     }
 }
 
-/// Writes the head of a dense block whose values and bits are there: these say what its root's children are.
+/// Writes the head of a dense block, given its values and bits, from which the states of the root's
+/// children follow.
 pub(crate) fn write_dense_head(layout: &RecordLayout, dense: Dense, bytes: &mut [u8]) {
     let block = DenseBlock::new(*layout, dense.kind, dense.levels, bytes);
     let state = |child: usize| u32::from(block.state(1, child)) << (2 * child);
@@ -269,7 +276,8 @@ pub(crate) fn write_dense_head(layout: &RecordLayout, dense: Dense, bytes: &mut 
     layout.write_head(&mut bytes[..layout.size], head);
 }
 
-/// Places of the record of an INNER node and of what is below it. `None` if an INNER node has no children.
+/// Returns the number of record slots of an INNER node and all below it. Returns `None` if an INNER
+/// node has no children.
 pub(crate) fn places(layout: &RecordLayout, nodes: &Nodes, node: u32) -> Option<usize> {
     if let Some(dense) = nodes.dense(node) {
         return Some(dense.places(layout));
@@ -279,9 +287,10 @@ pub(crate) fn places(layout: &RecordLayout, nodes: &Nodes, node: u32) -> Option<
     below.map(|node| places(layout, nodes, node)).sum::<Option<usize>>().map(|below| 1 + below)
 }
 
-/// Calls `each` for every LEAF, with its symbol and its cells.
+/// Calls `each` with the symbol and the cell count of every LEAF.
 pub(crate) fn each_leaf(nodes: &Nodes, axes: usize, height: u8, mut each: impl FnMut(u32, u64)) {
-    // (Those of a level are consecutive: as many as the level above has nodes with children, times these.)
+    // (The nodes of a level are contiguous. Their number is that of the nodes with children in the
+    // level above, times the children per node.)
     let (mut level, mut below) = (ROOT..ROOT + 1, height);
     while !level.is_empty() && below > 0 {
         below -= 1;

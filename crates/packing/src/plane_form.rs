@@ -1,20 +1,21 @@
-//! The planes of a level, in the order in which they are coded, and what predicts each.
+//! Planes of a level, in coding order, and the features that predict them.
 
-/// A child of a neighbour, and the step to its parent.
+/// Child of a neighbour, and the offset to that neighbour.
 type NearChild = (usize, [isize; 3]);
 
-/// A plane of children, and what predicts it.
+/// Plane of children, and the features that predict it.
 pub(crate) struct Plane {
     pub(crate) child: usize,
-    /// Siblings whose errors of interpolation count, and their weights at first, in 16ths.
+    /// Siblings whose residuals are features, and their default weights in 16ths.
     pub(crate) own: &'static [(usize, i8)],
-    /// Children of neighbours, which are pairs or single ones with one weight each.
+    /// Children of neighbours whose residuals are features: single ones, or pairs that share a
+    /// weight.
     pub(crate) near: &'static [(&'static [NearChild], i8)],
-    /// Bits by which residuals of siblings are enlarged as expected sizes.
+    /// Bits by which the residuals of siblings are shifted to the left for expected sizes.
     pub(crate) own_size: u32,
 }
 
-/// Bits by which errors of neighbours' children are enlarged as sizes.
+/// Bits by which the residuals of neighbours' children are shifted to the left for expected sizes.
 pub(crate) const NEAR_SIZE: u32 = 2;
 
 const QUAD_PLANES: [Plane; 4] = [
@@ -60,27 +61,29 @@ const OCT_PLANES: [Plane; 8] = [
     },
 ];
 
-/// The planes of trees with so many axes, in the order in which they are coded.
+/// Returns the planes of trees with so many axes, in coding order.
 pub(crate) fn planes(axes: usize) -> &'static [Plane] {
     if axes == 2 { &QUAD_PLANES } else { &OCT_PLANES }
 }
 
-/// Features of a plane at most.
+/// Maximum number of features of a plane.
 pub(crate) const MAX_FEATURES: usize = 16;
-/// Bits of a weight that is stored.
+/// Bits of a stored weight.
 pub(crate) const WEIGHT_BITS: u32 = 6;
 
-/// Weights of the features of planes, in 16ths.
+/// Weights of the features of all planes, in 16ths.
 pub(crate) type Weights = [[i8; MAX_FEATURES]; 8];
 
 impl Plane {
-    /// How many features predict it: slopes, how they change across (in quadtrees), curvatures, siblings, neighbours' children.
+    /// Returns the number of features: slopes, the mixed second difference (in quadtrees),
+    /// curvatures, siblings, and neighbours' children.
     pub(crate) fn features(&self, axes: usize) -> usize {
         2 * axes + usize::from(axes == 2) + self.own.len() + self.near.len()
     }
 }
 
-/// Weights where none are stored: values change evenly, but for residuals of others.
+/// Returns the weights if none are stored: linear interpolation, corrected by the residuals of
+/// siblings and neighbours' children.
 pub(crate) fn default_weights(axes: usize) -> Weights {
     let mut all = [[0; MAX_FEATURES]; 8];
     for (plane, weights) in planes(axes).iter().zip(&mut all) {
@@ -96,14 +99,14 @@ pub(crate) fn default_weights(axes: usize) -> Weights {
     all
 }
 
-/// Fraction bits and weights by which the nodes of a channel are predicted.
+/// Fraction bits and weights with which the nodes of a channel are predicted.
 #[derive(Clone, Copy)]
 pub(crate) struct Predictor {
-    /// Fraction bits of features: at least [`MIN_FRACTION`].
+    /// Fraction bits of features, at least [`MIN_FRACTION`].
     pub(crate) fraction: u32,
     pub(crate) weights: Weights,
 }
 
-/// Features have at least so many fraction bits, and predictions so many fewer than features.
+/// Minimum number of fraction bits of features. Predictions have this many fewer than features.
 pub(crate) const MIN_FRACTION: u32 = 2;
 pub(crate) const MAX_FRACTION: u32 = 6;

@@ -1,4 +1,5 @@
-//! Loops over the rows of a level: features, predictions and contexts of all nodes of a plane, as vectors.
+//! Vectorized loops over the rows of a level: features, predictions and contexts of all nodes of a
+//! plane.
 
 use crate::contexts::Contexts;
 use crate::grids::Shape;
@@ -6,7 +7,8 @@ use crate::lanes::Lane;
 use crate::plane_form::MAX_FEATURES;
 use crate::vectorized::vectorized;
 
-/// Numbers of all nodes of a level: of a grid with its border, moved by some numbers, or without.
+/// Numbers of all nodes of a level. With `moved`, they have the border of a grid, and are read at
+/// an offset of so many elements; otherwise they have no border.
 #[derive(Clone, Copy)]
 pub(crate) struct Rows<'t, T> {
     pub(crate) numbers: &'t [T],
@@ -16,36 +18,37 @@ pub(crate) struct Rows<'t, T> {
 impl<'t, T: Lane> Rows<'t, T> {
     pub(crate) const NONE: Rows<'static, T> = Rows { numbers: &[], moved: None };
 
-    /// Some numbers of a row, whose first index is given for both.
+    /// Returns `N` numbers of a row, given the index of the first one without and with a border.
     #[inline(always)]
     fn some<const N: usize>(&self, [plain, bordered]: [usize; 2]) -> Option<&'t [T; N]> {
         let start = self.moved.map_or(plain, |by| bordered.wrapping_add_signed(by));
         self.numbers.get(start..start + N)?.first_chunk()
     }
 
-    /// A row.
+    /// Returns a row, given the index of its first number without and with a border.
     pub(crate) fn row(&self, [plain, bordered]: [usize; 2], width: usize) -> &'t [T] {
         let start = self.moved.map_or(plain, |by| bordered.wrapping_add_signed(by));
         &self.numbers[start..start + width]
     }
 }
 
-/// Features and their weights, but for those without any; of pairs of neighbours' children each is one.
+/// Features with a weight other than 0, and their weights. Both of a pair of neighbours' children
+/// are features of their own.
 pub(crate) struct Terms<'t, T> {
     pub(crate) terms: [(Rows<'t, T>, T); MAX_FEATURES],
     pub(crate) count: usize,
-    /// How many there are with those without any weight.
+    /// Number of features, including those whose weight is 0.
     pub(crate) all: usize,
 }
 
-/// Errors that sizes are made of.
+/// Residuals and unevenness from which expected sizes are computed.
 pub(crate) struct Sizes<'t, T> {
     pub(crate) uneven: &'t [T],
     pub(crate) own: [Rows<'t, T>; 8],
     pub(crate) owns: usize,
     pub(crate) near: [Rows<'t, T>; 4],
     pub(crate) nears: usize,
-    /// Bits by which own ones, and those near, are shifted to the left, then to the right.
+    /// Shifts to the left, then to the right, of the sums of `own` and of `near`.
     pub(crate) own_shift: (u32, u32),
     pub(crate) near_shift: (u32, u32),
 }
@@ -54,7 +57,7 @@ pub(crate) struct Sizes<'t, T> {
 const CHUNK: usize = 16;
 
 impl<T: Lane> Terms<'_, T> {
-    /// Sums of the products of some samples of a row.
+    /// Returns the weighted sums of the features of `N` samples of a row.
     #[inline(always)]
     fn sums<const N: usize>(&self, at: [usize; 2]) -> [T; N] {
         let mut sums = [T::default(); N];
@@ -69,7 +72,7 @@ impl<T: Lane> Terms<'_, T> {
 }
 
 impl<T: Lane> Sizes<'_, T> {
-    /// Expected sizes of the residuals of some samples of a row.
+    /// Returns the expected magnitudes of the residuals of `N` samples of a row.
     #[inline(always)]
     fn sizes<const N: usize>(&self, at: [usize; 2]) -> [T; N] {
         let sum = |all: &[Rows<'_, T>], (left, right): (u32, u32)| {
@@ -94,15 +97,16 @@ impl<T: Lane> Sizes<'_, T> {
     }
 }
 
-/// The rows of a level that are predicted.
+/// Rows of a level that are predicted.
 #[derive(Clone, Copy)]
 pub(crate) struct Sampled {
     pub(crate) shape: Shape,
-    /// Of each so many rows one, from a number on.
+    /// One row in `step` is predicted: see [`is_wanted`].
     pub(crate) step: usize,
 }
 
-/// Calls for each chunk of all rows, and for each sample after these, with its index, and that in a grid with its border.
+/// Runs a block for each chunk of every row, and another for each remaining sample, with the index
+/// in arrays without and with the border of grids.
 macro_rules! in_chunks {
     ($rows:expr, |$at:ident| $chunk:block, $one:block) => {
         let Sampled { shape, step } = $rows;
@@ -134,14 +138,14 @@ macro_rules! in_chunks {
     };
 }
 
-/// Some numbers from a place on.
+/// Returns `C` numbers from an index on.
 #[inline(always)]
 fn chunk_mut<N, const C: usize>(numbers: &mut [N], at: usize) -> Option<&mut [N; C]> {
     numbers.get_mut(at..at + C)?.first_chunk_mut()
 }
 
 vectorized! {
-    /// Predicts differences from parents, and the contexts of errors.
+    /// Predicts differences from parents, and the contexts of their errors.
     pub(crate) fn errors | errors_baseline | errors_avx2 <T>(
         terms: &Terms<'_, T>,
         sizes: &Sizes<'_, T>,
@@ -170,7 +174,8 @@ vectorized! {
 }
 
 vectorized! {
-    /// Predicts sums of differences from parents: what is expected makes the sum 0, and the context says what it will be.
+    /// Predicts sums of differences from parents: the expected difference makes the sum 0, and the
+    /// context depends on the expected sum.
     pub(crate) fn sums | sums_baseline | sums_avx2 <T>(
         terms: &Terms<'_, T>,
         sizes: &Sizes<'_, T>,
@@ -203,7 +208,8 @@ vectorized! {
 }
 
 vectorized! {
-    /// Slopes of a row along an axis, in parts of 2^fraction by child, curvatures, and how uneven it is there.
+    /// Computes the slopes of a row along an axis per child, in units of 2^-fraction, the
+    /// curvatures, and adds the unevenness along the axis.
     pub(crate) fn slope_row | slope_row_baseline | slope_row_avx2<T>(
         fraction: u32,
         rows: [&[T]; 3],
@@ -215,7 +221,8 @@ vectorized! {
         let width = own.len();
         let (before, after) = (&before[..width], &after[..width]);
         let (slopes, curved, uneven) = (&mut slopes[..width], &mut curved[..width], &mut uneven[..width]);
-        // (An eighth: a child is a quarter of a cell away, and the difference is that of two cells.)
+        // (An eighth: a child's centre is a quarter of a cell away, and the difference is over two
+        // cells.)
         let (left, right) = (fraction.saturating_sub(3), 3u32.saturating_sub(fraction));
         for x in 0..width {
             let (up, down) = (after[x].minus(own[x]), own[x].minus(before[x]));
@@ -228,7 +235,8 @@ vectorized! {
     }
 }
 
-/// How slopes of a row along one axis change along the other.
+/// Computes how the slopes of a row along one axis change along the other: the mixed second
+/// difference.
 #[inline(never)]
 pub(crate) fn across_row<T: Lane>(fraction: u32, corners: [&[T]; 4], across: &mut [T]) {
     let [nw, ne, sw, se] = corners.map(|row| &row[..across.len()]);
@@ -238,7 +246,8 @@ pub(crate) fn across_row<T: Lane>(fraction: u32, corners: [&[T]; 4], across: &mu
 }
 
 vectorized! {
-    /// Residuals of a row: differences less the interpolated ones, in parts of 2^fraction.
+    /// Computes the residuals of a row: differences less the interpolated ones, in units of
+    /// 2^-fraction.
     pub(crate) fn residual_row | residual_row_baseline | residual_row_avx2<T>(
         fraction: u32,
         slopes: &[(&[T], bool)],
@@ -265,7 +274,7 @@ vectorized! {
     }
 }
 
-/// Whether a row by its y and z is one of those of which there is one of so many.
+/// Returns whether a row, by its y and z, is the one in `step` that is sampled.
 pub(crate) fn is_wanted([y, z]: [usize; 2], step: usize) -> bool {
     (y + z) % step == step / 2
 }

@@ -1,4 +1,5 @@
-//! Dense blocks of numbers of any size, round and round, by all processors' ways.
+//! Round trips of dense blocks of numbers of any size, with the vectorized and the baseline
+//! functions.
 
 use spinney_base::TreeType;
 use spinney_base::space::Dimension;
@@ -10,14 +11,14 @@ use crate::nodes::Dense;
 use crate::tests::Random;
 use crate::vectorized::baseline_only;
 
-/// Samples of a block.
+/// Pattern of the samples of a block.
 #[derive(Clone, Copy, Debug)]
 enum Content {
-    /// Any bits.
+    /// Random bits.
     Noise,
-    /// The minimum, the maximum, and special bits.
+    /// Minimum, maximum, and special bit patterns.
     Extremes,
-    /// Slopes, with some noise.
+    /// Slopes with some noise.
     Slopes,
     /// Multiples of 64 at the bottom.
     Steps,
@@ -28,7 +29,7 @@ enum Content {
 const CONTENTS: [Content; 5] =
     [Content::Noise, Content::Extremes, Content::Slopes, Content::Steps, Content::Uniform];
 
-/// Bits of a sample at a place.
+/// Returns the bits of a sample at a position.
 fn sample(content: Content, sample: SampleType, [x, y, z]: [usize; 3], random: &mut Random) -> u64 {
     let number = match content {
         Content::Noise => return random.next(),
@@ -47,13 +48,13 @@ fn sample(content: Content, sample: SampleType, [x, y, z]: [usize; 3], random: &
     }
 }
 
-/// Blocks with random bits, and their records.
+/// Returns blocks with random bits, and their records.
 fn blocks(form: TreeType, content: Content, random: &mut Random) -> (Vec<NumberBlock>, Vec<u8>) {
     let count = 1 + random.below(6) as u32;
     some_blocks(form, content, (count, 3), random)
 }
 
-/// So many blocks, of which there are so many sizes.
+/// Returns `count` blocks of several sizes.
 fn some_blocks(
     form: TreeType,
     content: Content,
@@ -88,7 +89,7 @@ fn some_blocks(
         block.begin(&layout, start, &mut records[start..]);
         blocks.push(block);
     }
-    // (VOID nodes have zeros, and heads say what is there.)
+    // (VOID nodes have zeros, and the heads are rewritten.)
     let from = records.clone();
     copy_values(form, &blocks, &from, &mut records);
     (blocks, records)
@@ -115,7 +116,7 @@ fn numbers_of_any_size_come_back_by_all_ways() {
     }
 }
 
-/// Packs and unpacks blocks by all processors' ways.
+/// Packs and unpacks blocks with the vectorized and the baseline functions.
 fn check(form: TreeType, rule: Rule, blocks: &[NumberBlock], records: &[u8]) {
     let packed = pack_blocks(form, rule, blocks, records);
     let simple = baseline_only(|| pack_blocks(form, rule, blocks, records));
@@ -149,7 +150,8 @@ fn more_blocks_than_a_group_has_come_back() {
     }
 }
 
-/// What blocks become whose header and streams are some bytes, by all processors' ways.
+/// Unpacks blocks from an arbitrary header and streams, with the vectorized and the baseline
+/// functions.
 fn check_bytes(
     form: TreeType,
     (blocks, records): (&[NumberBlock], &[u8]),
@@ -159,7 +161,8 @@ fn check_bytes(
         let mut found = records.to_vec();
         (unpack_blocks(form, Rule::Mean, (blocks, &mut found), (header, streams)), found)
     };
-    // (Nothing more than no panic, and the same numbers: checksums find the rest.)
+    // (The test requires only that nothing panics, and that both results are equal. Checksums find
+    // all other errors.)
     assert!(unpack() == baseline_only(unpack), "{form:?}");
 }
 
@@ -171,7 +174,8 @@ fn tables_and_weights_of_any_bits_mean_the_same_to_all_processors() {
             let form = TreeType::new(dimension, ValueType::new(sample, 1));
             let (blocks, records) = blocks(form, Content::Extremes, &mut random);
             for bits in 0..8 {
-                // Ones are rare in some headers, zeros in others: largest weights and steps, few and many tables.
+                // Ones are rare in some headers and zeros in others: maximum weights and steps, few
+                // and many tables.
                 let mut noise = |count: u64| -> Vec<u8> {
                     let byte = |random: &mut Random| match bits {
                         0 => u8::MAX,

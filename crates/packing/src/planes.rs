@@ -1,4 +1,4 @@
-//! Dense blocks of numbers: each level plane by plane, by the streams of a segment.
+//! Numbers of dense blocks, coded level by level and plane by plane into the streams of a segment.
 
 use crate::contexts::{Contexts, FlatContexts, MAX_CONTEXTS};
 use crate::defaults;
@@ -13,51 +13,53 @@ use crate::symbols::{HeaderReader, HeaderWriter, Planes, SymbolReader, SymbolWri
 use crate::tables::{Entry, STATES, Tables, choose, read, write_entries};
 use spinney_container::MAX_DENSE_LEVELS;
 
-/// The nodes of a dense block that are VOID, of each level above the bottom: a bit for each child.
+/// VOID nodes of a dense block: for each level above the bottom and each node, a bit per child.
 pub(crate) type VoidChildren = Vec<Vec<u8>>;
 
-/// Form of all levels of a channel.
+/// Properties of all levels of a channel.
 #[derive(Clone, Copy)]
 pub(crate) struct ChannelForm {
     pub(crate) axes: usize,
-    /// Whether representatives are means, so that the differences of siblings from their parent add up to nearly 0.
+    /// Whether representatives are means. The differences of siblings from their parent then add up
+    /// to nearly 0.
     pub(crate) has_sums: bool,
-    /// Of numbers that are the bits of floating samples, how many of these are the mantissa: differences of others add up to anything.
+    /// Mantissa bits, if numbers are the bit patterns of floating samples. Where the bits above the
+    /// mantissa differ, the differences of siblings may add up to anything.
     pub(crate) mantissa: Option<u32>,
 }
 
-/// Bits of the number of lowest bits that are 0 in a level.
+/// Header bits of a level's step: the number of lowest bits that are 0 in all its numbers.
 const STEP_BITS: u32 = 6;
-/// A weight that is 0, as it is stored.
+/// Offset of stored weights: this value means 0.
 const WEIGHT_ZERO: i8 = 32;
 
-/// Reused memory of a thread.
+/// Reused buffers of a thread.
 #[derive(Default)]
 pub(crate) struct Scratch<T> {
     level: Level<T>,
     entries: Vec<Entry>,
-    /// Contexts whose entries are not the default ones.
+    /// Whether the entries of a context differ from the default ones.
     is_own: Vec<bool>,
     tokens: Vec<u16>,
     numbers: Vec<T>,
-    /// Contexts and numbers of the nodes of a plane that are not VOID.
+    /// Contexts of the nodes of a plane that are not VOID.
     contexts: Vec<u8>,
     parents: Grid<T>,
     children: Grid<T>,
-    /// Levels and planes of a writer that are not in use.
+    /// Unused grids and planes of a writer.
     grids: Vec<Grid<T>>,
     planes: Vec<Planes<T>>,
 }
 
 impl<T: Lane> Scratch<T> {
-    /// A level whose numbers are any.
+    /// Returns a grid whose numbers are unspecified.
     pub(crate) fn grid(&mut self, shape: Shape) -> Grid<T> {
         let mut grid = self.grids.pop().unwrap_or_default();
         grid.reset(shape);
         grid
     }
 
-    /// Takes levels back: as many as one group has.
+    /// Takes grids back for reuse, at most as many as a group has levels.
     pub(crate) fn put_back(&mut self, grids: Vec<Grid<T>>) {
         self.grids.extend(grids);
         self.grids.truncate(usize::from(MAX_DENSE_LEVELS) + 1);
@@ -65,7 +67,8 @@ impl<T: Lane> Scratch<T> {
 }
 
 impl<T: Lane> Level<T> {
-    /// Predicts a plane of a level whose numbers are multiples of `2^step`, and whose VOID children are those of bits.
+    /// Predicts a plane of a level whose numbers are multiples of `2^step`. `void` has the VOID
+    /// children of each parent as bits.
     fn prepare(
         &mut self,
         (number, step): (usize, u32),
@@ -84,7 +87,8 @@ impl<T: Lane> Level<T> {
                 for (own, at) in row {
                     let error = Contexts::<T>::error(number == 0, 0);
                     if is_sum && !not_summed.as_ref().is_some_and(|not_summed| not_summed[at]) {
-                        // (In steps there is little but what makes the sum 0.)
+                        // (In units of the step, making the sum 0 is nearly always exact: hence the
+                        // context of the smallest size.)
                         self.expected[at] = nearest(own.minus(self.others[at]), step).minus(*own);
                         self.contexts[at] = error;
                     } else {
@@ -110,10 +114,11 @@ impl<T: Lane> Level<T> {
         Contexts::<T>::flat(number == 0, is_sum)
     }
 
-    /// Of each parent whether the differences of its children may add up to anything, as far as is known before the last plane; `None` if
-    /// those of all add up to nearly 0.
+    /// Returns for each parent whether the differences of its children may add up to anything, as
+    /// far as the planes before the last one show. Returns `None` if the sums of all parents are
+    /// nearly 0.
     fn not_summed(&self, form: ChannelForm, parents: &Grid<T>, void: Option<&[u8]>) -> Option<Vec<bool>> {
-        // (Where a child is VOID, a mean says less of the others.)
+        // (Where a child is VOID, the mean says less about the others.)
         let is_void = void.map(|void| void.iter().map(|void| *void != 0).collect());
         let Some(mantissa) = form.mantissa else { return is_void };
         let planes = planes(form.axes);
@@ -135,21 +140,22 @@ impl<T: Lane> Level<T> {
     }
 }
 
-/// The multiple of a power of two that is nearest to a number.
+/// Returns the multiple of `2^step` that is nearest to a number.
 #[inline(always)]
 fn nearest<T: Lane>(number: T, step: u32) -> T {
     let half = T::from_i64(1 << (step - 1));
     number.plus(half).right(step).left(step)
 }
 
-/// The numbers of a channel of some dense blocks side by side, from their roots down, and their VOID nodes. VOID nodes have the numbers of their
-/// parents; columns between blocks are VOID.
+/// Numbers of a channel of some dense blocks side by side, from their roots down, and their VOID
+/// nodes. VOID nodes have the numbers of their parents. The columns between blocks are VOID.
 pub(crate) struct GroupNumbers<'v, T> {
     pub(crate) grids: Vec<Grid<T>>,
     pub(crate) void: Option<&'v VoidChildren>,
 }
 
-/// Calls with the nodes of a plane that are coded, in their order, some at a time: with the first, and how many follow it.
+/// Calls `each` for the coded nodes of a plane, in their order, with the index and the length of
+/// each contiguous range.
 #[inline(always)]
 fn each_coded(shape: Shape, void: Option<(&[u8], usize)>, mut each: impl FnMut(usize, usize)) {
     match void {
@@ -174,15 +180,15 @@ fn each_coded(shape: Shape, void: Option<(&[u8], usize)>, mut each: impl FnMut(u
     }
 }
 
-/// A channel whose states are to be written.
+/// Channel whose states are still to be written.
 pub(crate) struct PendingChannel<T> {
     planes: Planes<T>,
     tables: Tables,
 }
 
-/// A channel of any lanes.
+/// Pending channel of lanes of any width.
 pub(crate) trait Pending {
-    /// Writes the states.
+    /// Writes the states of the channel.
     fn states(self: Box<Self>, writer: &mut SymbolWriter);
 }
 
@@ -194,7 +200,8 @@ impl<T: Lane> Pending for PendingChannel<T> {
     }
 }
 
-/// Writes the channel of some groups of blocks: predictor, steps and tables to the header, raw bits to the writer.
+/// Writes a channel of some groups of blocks: predictor, steps and tables to the header, and raw
+/// bits to the writer. The states are left to the returned channel.
 pub(crate) fn encode<T: Lane>(
     scratch: &mut Scratch<T>,
     header: &mut HeaderWriter,
@@ -236,7 +243,7 @@ pub(crate) fn encode<T: Lane>(
     PendingChannel { planes: all, tables }
 }
 
-/// How many of the lowest bits are 0 in the numbers of all children that are not VOID.
+/// Returns how many of the lowest bits are 0 in the numbers of all children that are not VOID.
 fn step_of<T: Lane>(level: &Level<T>, axes: usize, parents: &Grid<T>, void: Option<&[u8]>) -> u32 {
     let (mut all, shape) = (T::default(), parents.shape);
     for (index, row) in shape.rows().enumerate() {
@@ -282,7 +289,7 @@ fn read_predictor(header: &mut HeaderReader<'_>, axes: usize) -> Predictor {
     Predictor { fraction, weights }
 }
 
-/// A channel of a group of blocks that is read: their roots, their levels, and their VOID nodes.
+/// Channel of a group of blocks to be read: numbers of the roots, levels, and VOID nodes.
 pub(crate) struct GroupShape<'v, T> {
     pub(crate) roots: Vec<T>,
     pub(crate) levels: u8,
@@ -290,7 +297,7 @@ pub(crate) struct GroupShape<'v, T> {
 }
 
 impl<T: Lane> GroupShape<'_, T> {
-    /// The roots as a level.
+    /// Fills a grid with the roots.
     pub(crate) fn top(&self, axes: usize, top: &mut Grid<T>) {
         let shape = Shape { side: 1, axes, count: self.roots.len() };
         top.reset(shape);
@@ -300,7 +307,8 @@ impl<T: Lane> GroupShape<'_, T> {
     }
 }
 
-/// Reads the channel of some groups of blocks: calls with the group's number, each level from that of the roots' children down, and its numbers.
+/// Reads a channel of some groups of blocks. Calls `each` with the index of the group and each
+/// level, from that of the roots' children down, with its numbers.
 pub(crate) fn decode<T: Lane>(
     scratch: &mut Scratch<T>,
     header: &mut HeaderReader<'_>,
@@ -334,7 +342,7 @@ pub(crate) fn decode<T: Lane>(
 }
 
 impl<T: Lane> Scratch<T> {
-    /// Reads tables, and makes entries of them.
+    /// Reads the tables, and builds their entries.
     fn read_tables(&mut self, header: &mut HeaderReader<'_>) {
         let default = defaults::entries::<T>();
         if self.entries.is_empty() {
@@ -400,7 +408,8 @@ impl<T: Lane> Scratch<T> {
     }
 }
 
-/// Changes of nodes by what is expected and errors in steps.
+/// Computes differences from parents by expected differences and folded residuals in units of
+/// `2^step`.
 #[inline]
 fn correct<T: Lane>((expected, errors, step): (&[T], &[T], u32), changes: &mut [T]) {
     for ((change, error), expected) in changes.iter_mut().zip(errors).zip(expected) {

@@ -1,31 +1,33 @@
-//! Predictions of the nodes of a level from the level above and from planes of the same level that are finished.
+//! Predictions of the nodes of a level, from the level above and from finished planes of the same
+//! level.
 //!
-//! A plane is the same child of all nodes of a level. All that predicts a plane, and its contexts, is there when it begins: so both are computed
-//! row by row, as vectors.
+//! A plane is the same child of all nodes of a level. All predictors and contexts of a plane are
+//! known before the plane starts, so they are computed row by row, in vectorized loops.
 
 use crate::grids::{Grid, Shape};
 use crate::lanes::Lane;
 use crate::plane_form::{MAX_FEATURES, MIN_FRACTION, NEAR_SIZE, Plane, Weights, planes};
 use crate::plane_kernels::{Rows, Sampled, Sizes, Terms, across_row, errors, residual_row, slope_row, sums};
 
-/// A level that is coded, and what predicts it.
+/// Level that is coded, with the inputs of its predictions.
 ///
-/// Invariant: a writer and a reader compute the same predictions and contexts. A plane is predicted only from its parents and from `changes` of planes
-/// before it; what is VOID has its parent's number; and arithmetic wraps, so that corrupt numbers lead to other numbers and nothing else.
+/// Invariant: a writer and a reader compute the same predictions and contexts. A plane is predicted
+/// only from its parents and from `changes` of earlier planes, and VOID nodes have their parent's
+/// number. All arithmetic wraps, so corrupt input yields other numbers, and nothing worse.
 #[derive(Default)]
 pub(crate) struct Level<T> {
     pub(crate) shape: Shape,
     fraction: u32,
-    /// Of each parent: slopes along the axes, how they change across, curvatures, and how uneven it is.
+    /// Per parent: slopes along the axes, the mixed second difference, curvatures, and unevenness.
     slopes: [Vec<T>; 3],
     across: Vec<T>,
     curved: [Vec<T>; 3],
     uneven: Vec<T>,
-    /// Residuals of children, by child.
+    /// Residuals, by child.
     residuals: [Grid<T>; 8],
-    /// Sums of the differences of finished planes.
+    /// Sums of the differences of finished planes from their parents.
     pub(crate) others: Vec<T>,
-    /// Expected differences of the plane from its parents, and contexts.
+    /// Expected differences of the current plane from its parents, and contexts.
     pub(crate) expected: Vec<T>,
     pub(crate) contexts: Vec<u8>,
     /// Differences from the parents, by child.
@@ -39,7 +41,7 @@ fn grow<T: Clone + Default>(numbers: &mut Vec<T>, room: usize) {
 }
 
 impl<T: Lane> Level<T> {
-    /// Begins with a level below some parents.
+    /// Starts a level below some parents: computes slopes, curvatures and unevenness.
     pub(crate) fn begin(&mut self, fraction: u32, parents: &Grid<T>) {
         let (shape, axes) = (parents.shape, parents.shape.axes);
         (self.shape, self.fraction) = (shape, fraction);
@@ -82,7 +84,8 @@ impl<T: Lane> Level<T> {
         }
     }
 
-    /// The features of a plane (pairs are two), and what sizes are made of.
+    /// Returns the weighted features of a plane (pairs count twice), and the inputs of expected
+    /// sizes.
     fn terms<'t>(&'t self, plane: &Plane, weights: &[i8]) -> (Terms<'t, T>, Sizes<'t, T>) {
         let mut terms = Terms { terms: [(Rows::NONE, T::default()); MAX_FEATURES], count: 0, all: 0 };
         let mut weights = weights.iter().map(|weight| T::weight(*weight));
@@ -133,12 +136,13 @@ impl<T: Lane> Level<T> {
         (terms, sizes)
     }
 
-    /// Predicts a plane: fills what is expected, and contexts. `is_sum` says that sums of siblings are coded.
+    /// Predicts a plane: fills `expected` and `contexts`. With `is_sum`, sums of siblings are
+    /// coded.
     pub(crate) fn predict(&mut self, number: usize, weights: &Weights, is_sum: bool) {
         self.predict_rows(number, weights, is_sum, 1);
     }
 
-    /// Predicts one of so many rows of a plane: see [`is_wanted`].
+    /// Predicts one row in `step` of a plane: see [`is_wanted`].
     pub(crate) fn predict_rows(&mut self, number: usize, weights: &Weights, is_sum: bool, step: usize) {
         let plane = &planes(self.shape.axes)[number];
         let (mut expected, mut contexts) =
@@ -146,7 +150,8 @@ impl<T: Lane> Level<T> {
         let (terms, sizes) = self.terms(plane, &weights[number]);
         let rows = Sampled { shape: self.shape, step };
         let shift = self.fraction - MIN_FRACTION;
-        // (Half, and half of each product, as these are rounded down.)
+        // (Products are rounded down: adding half a unit for each of them, and for the sum,
+        // corrects the bias.)
         let half = |bits: u32| T::from_i64((1 << bits >> 1) + terms.all as i64 / 2);
         if is_sum {
             let how = (shift, half(shift.saturating_sub(1)));
@@ -158,7 +163,8 @@ impl<T: Lane> Level<T> {
         (self.expected, self.contexts) = (expected, contexts);
     }
 
-    /// Finishes a plane whose changes are known.
+    /// Finishes a plane whose differences are known: adds them to `others`, and computes its
+    /// residuals.
     pub(crate) fn finish(&mut self, number: usize) {
         let axes = self.shape.axes;
         let planes = planes(axes);
@@ -193,7 +199,7 @@ impl<T: Lane> Level<T> {
         self.residuals[child] = residuals;
     }
 
-    /// Puts the children together.
+    /// Interleaves all planes into the grid of the children.
     pub(crate) fn children(&self, parents: &Grid<T>, children: &mut Grid<T>) {
         let shape = self.shape;
         children.reset(shape.below());
@@ -212,7 +218,7 @@ impl<T: Lane> Level<T> {
         children.pad();
     }
 
-    /// Takes the differences of children from their parents.
+    /// Computes the differences of the children from their parents.
     pub(crate) fn take(&mut self, parents: &Grid<T>, children: &Grid<T>) {
         let shape = parents.shape;
         self.shape = shape;
@@ -233,7 +239,8 @@ impl<T: Lane> Level<T> {
         }
     }
 
-    /// Calls with each feature of a row and its number, for fitting: of pairs the sum.
+    /// Calls `each` with every feature of a row and its index, for fitting. A pair is one feature,
+    /// the sum of both.
     pub(crate) fn features(&self, plane: usize, row: [usize; 2], mut each: impl FnMut(usize, &[T])) {
         let plane = &planes(self.shape.axes)[plane];
         let (terms, sizes) = self.terms(plane, &[1; MAX_FEATURES]);
@@ -255,7 +262,7 @@ impl<T: Lane> Level<T> {
         }
     }
 
-    /// Indices of the first node of a row, without and with the border of grids.
+    /// Returns the index of a row's first node, in arrays without and with the border of grids.
     fn at(&self, [y, z]: [usize; 2]) -> [usize; 2] {
         let Shape { side, axes, .. } = self.shape;
         let width = self.shape.width();
@@ -263,7 +270,7 @@ impl<T: Lane> Level<T> {
         [(z * side + y) * width, (plane * (side + 2) + y + 1) * (width + 2) + 1]
     }
 
-    /// Fraction bits of features.
+    /// Returns the number of fraction bits of features.
     pub(crate) fn fraction(&self) -> u32 {
         self.fraction
     }

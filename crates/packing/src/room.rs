@@ -1,16 +1,16 @@
-//! How many bytes few bytes may become.
+//! Limits of the size of unpacked bytes.
 
-/// Bits of the bytes that packed bytes become at most.
+/// Bits of the maximum number of unpacked bytes.
 pub const PLAIN_BITS: u32 = 27;
-/// Bytes that they become at most, however many they are.
+/// Maximum number of unpacked bytes.
 const MAX_PLAIN: u64 = 1 << (PLAIN_BITS - 1);
-/// Bytes that they become at most: so many, and for each of them more.
+/// Unpacked bytes that are allowed in addition to [`PLAIN_PER_BYTE`].
 const PLAIN_FREE: u64 = 64 << 10;
-/// Bytes that each of them becomes at most.
+/// Unpacked bytes that are allowed per packed byte.
 pub const PLAIN_PER_BYTE: u64 = 4096;
 
-/// Whether so many packed bytes may become so many plain ones: else a small file could ask for a lot of memory, and
-/// time. What would become more is written plain.
+/// Returns whether `packed` bytes may unpack to `plain` bytes. Without a limit, a small file could
+/// make a reader use much memory and time. Writers store what exceeds the limit unpacked.
 pub fn may_unpack(packed: u64, plain: u64) -> bool {
     plain <= MAX_PLAIN && plain <= PLAIN_FREE.saturating_add(packed.saturating_mul(PLAIN_PER_BYTE))
 }

@@ -1,4 +1,4 @@
-//! Runs of records, many together: what one of them has taught holds for the next ones.
+//! Runs of records, packed together: adaptive probabilities carry over from each run to the next.
 
 use spinney_base::TreeType;
 use spinney_base::value::{DataKind, Rule};
@@ -13,27 +13,27 @@ use crate::plain::places;
 use crate::segment::{Damage, Parts, write_parts};
 use crate::values::{Numbers, code_table, numbers};
 
-/// The meaning of runs.
+/// Common properties of runs.
 #[derive(Clone, Copy, Debug)]
 pub struct RunForm {
     /// Quadtree or octree, and the type of the values.
     pub form: TreeType,
-    /// Rule of the representatives.
+    /// Aggregation rule of the representatives.
     pub rule: Rule,
-    /// The meaning of the values.
+    /// Kind of the values: categorical or continuous.
     pub kind: DataKind,
-    /// Levels of a run, where the cells are no nearer.
+    /// Levels of a run, unless the cells are closer.
     pub reach: u8,
 }
 
-/// The records of a node and of those below it, down to some levels.
+/// Records of a node and of the nodes below it, down to a given number of levels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Run<B> {
     /// Levels from the node down to the cells.
     pub height: u8,
-    /// The node's value: so many bytes as one has.
+    /// Value of the node, with the width of a value.
     pub representative: B,
-    /// Its records and those below it.
+    /// Records of the node and those below it.
     pub records: B,
 }
 
@@ -43,24 +43,24 @@ impl Run<Vec<u8>> {
     }
 }
 
-/// Runs, and the bytes that belong to them.
+/// Unpacked runs, and the bytes stored with them.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UnpackedRuns {
-    /// The runs, in the order in which they were packed.
+    /// Runs, in packing order.
     pub runs: Vec<Run<Vec<u8>>>,
-    /// The bytes beside them.
+    /// Additional bytes that were packed with the runs.
     pub beside: Vec<u8>,
 }
 
-/// Bytes of the checksum of all that is packed and the number of the model, which come first.
+/// Length of the prefix: the checksum of all that is packed, and the model's number.
 const START: usize = 5;
 
-/// Packs runs, and bytes that belong to them. `None` where these would not become fewer bytes.
+/// Packs runs, and additional bytes. Returns `None` if the result is not smaller.
 pub fn pack_runs(form: &RunForm, runs: &[Run<&[u8]>], beside: &[u8]) -> Option<Vec<u8>> {
     pack_runs_by(Model::of(form.form.value, form.rule, form.kind), form, runs, beside)
 }
 
-/// Packs runs by any of the models that readers know.
+/// Packs runs with any of the models that readers support.
 pub(crate) fn pack_runs_by(
     model: Model,
     form: &RunForm,
@@ -89,7 +89,7 @@ fn pack_as(
     let (coded, mut blocks) = code_runs(&mut writer, model, form, (runs.len(), length, length), &contents)?;
     let mut packed = checksum(runs.iter().copied(), beside).to_le_bytes().to_vec();
     packed.push(model as u8);
-    // (As it is with segments: nothing is written that does not become the same again.)
+    // (As with segments: only what unpacks to the same bytes is written.)
     let records = runs.iter().flat_map(|run| run.records).copied().collect::<Vec<u8>>();
     let (mut written, lengths) = coded.write(&layout, &mut blocks)?;
     let is_same = |((run, coded), length): ((&Run<&[u8]>, &CodedRun), usize)| {
@@ -106,7 +106,7 @@ fn pack_as(
     Some(packed)
 }
 
-/// Unpacks so many runs, and the bytes that belong to them, which take `most` bytes together at most.
+/// Unpacks `count` runs, and the additional bytes, which take at most `most` bytes together.
 ///
 /// # Errors
 /// If the bytes are not those of such runs.
@@ -139,7 +139,7 @@ pub fn unpack_runs(form: &RunForm, count: usize, most: usize, packed: &[u8]) -> 
     Ok(unpacked)
 }
 
-/// The checksum of runs, one behind the other, and of what is beside them.
+/// Computes the checksum of consecutive runs and of the additional bytes.
 fn checksum<'r>(runs: impl Iterator<Item = Run<&'r [u8]>>, beside: &[u8]) -> u32 {
     let of_runs = runs.fold(0, |sum, run| {
         let sum = crc32c::crc32c_append(sum, &[run.height]);
@@ -148,11 +148,11 @@ fn checksum<'r>(runs: impl Iterator<Item = Run<&'r [u8]>>, beside: &[u8]) -> u32
     crc32c::crc32c_append(of_runs, beside)
 }
 
-/// All that is to be written; nothing where it is read.
+/// Contents to be written; empty for a reader.
 struct Contents<'c> {
     runs: &'c [Run<&'c [u8]>],
     taken: &'c [Taken<'c>],
-    /// Values by their symbols.
+    /// Values, by symbol less [`crate::nodes::FIRST_VALUE`].
     known: &'c [Numbers],
     beside: &'c [u8],
 }
@@ -161,23 +161,23 @@ struct Contents<'c> {
 struct CodedRuns {
     coder: ModelCoder,
     runs: Vec<CodedRun>,
-    /// Bytes of all records at most.
+    /// Total length of all records, in bytes.
     length: usize,
     beside: Vec<u8>,
 }
 
-/// A run as nodes.
+/// Run as nodes.
 struct CodedRun {
     height: u8,
     representative: Vec<u8>,
     nodes: Nodes,
-    /// Dense blocks of numbers.
+    /// Number of dense blocks of numbers.
     blocks: usize,
 }
 
 impl CodedRuns {
-    /// The records of all runs, and how many bytes each takes; dense blocks have no numbers yet, and get their offsets.
-    /// `None` if they take another length than is stored.
+    /// Writes the records of all runs. Returns them with the length of each run. Dense blocks get
+    /// their offsets, but no numbers yet. Returns `None` if the total length is not the stored one.
     fn write(&self, layout: &RecordLayout, blocks: &mut [NumberBlock]) -> Option<(Vec<u8>, Vec<usize>)> {
         let (mut records, mut lengths, mut blocks) = (Vec::new(), Vec::new(), blocks);
         for run in &self.runs {
@@ -191,8 +191,8 @@ impl CodedRuns {
     }
 }
 
-/// Codes runs, of which there are so many, that take `length` bytes, and no more than `most`, with what is beside them. Tells both, and the dense
-/// blocks of numbers in their order.
+/// Codes `count` runs and the additional bytes, which take `length` bytes together, and at most
+/// `most`. Returns both, and the dense blocks of numbers in their order.
 fn code_runs<K: BitCoder>(
     coder: &mut K,
     model: Model,
@@ -204,7 +204,7 @@ fn code_runs<K: BitCoder>(
     let length = usize::try_from(coder.number(length as u64)).ok().filter(|length| *length <= most)?;
     let (mut rest, mut heights) = (length, [Adaptive::default(); 1 << HEIGHT_BITS]);
     let beside = code_bytes(coder, contents.beside, &mut rest)?;
-    // (Each value takes its width in records, but for those of the runs' own nodes.)
+    // (Each value takes its width in the records, except those of the runs' own nodes.)
     let table = match model.has_table() {
         true => code_table(coder, form.form, contents.known, length / layout.width + count)?,
         false => contents.known.to_vec(),
@@ -230,8 +230,8 @@ fn code_runs<K: BitCoder>(
         let room = RunRoom { height, reach: form.reach, length: rest };
         let mut blocks = contents.taken.get(number).map_or(Vec::new(), |taken| taken.blocks(&layout));
         let nodes = model_coder.run(coder, room, (nodes, root), &mut blocks)?;
-        // Invariant: what runs may take gets less by what each takes. So however many runs there are said to be, all of them
-        // together take no more than their bytes do.
+        // Invariant: each run reduces the bytes left for the others. So however many runs a file
+        // claims, together they take no more than `most` bytes.
         rest = rest.checked_sub(places(&layout, &nodes, ROOT)? * layout.size)?;
         let representative = value[..layout.width].to_vec();
         runs.push(CodedRun { height, representative, nodes, blocks: blocks.len() });
@@ -243,7 +243,8 @@ fn code_runs<K: BitCoder>(
 /// Bits of a run's height.
 const HEIGHT_BITS: u32 = 5;
 
-/// Codes a height, bit by bit in the context of those above. `None` if it is that of a cell.
+/// Codes a height, bit by bit, each in the context of those above. Returns `None` if it is 0, that
+/// of a cell.
 fn code_height<K: BitCoder>(coder: &mut K, contexts: &mut [Adaptive], height: u8) -> Option<u8> {
     let mut path = 1;
     for bit in (0..HEIGHT_BITS).rev() {
@@ -253,7 +254,8 @@ fn code_height<K: BitCoder>(coder: &mut K, contexts: &mut [Adaptive], height: u8
     Some((path & 31) as u8).filter(|height| *height > 0)
 }
 
-/// Codes bytes, each by its upper four bits and by the lower ones in the context of these; no more than there is room for.
+/// Codes bytes: the upper four bits of each, then the lower four in the context of the upper ones.
+/// Returns `None` if more than `rest` bytes are left.
 fn code_bytes<K: BitCoder>(coder: &mut K, bytes: &[u8], rest: &mut usize) -> Option<Vec<u8>> {
     let count = usize::try_from(coder.number(bytes.len() as u64)).ok()?;
     *rest = rest.checked_sub(count)?;

@@ -1,22 +1,23 @@
-//! Samples as whole numbers in their order, and back.
+//! Conversion of samples to integers of the same order, and back.
 
 use spinney_base::value::SampleType;
 
 use crate::lanes::Lane;
 use crate::symbols::{HeaderReader, HeaderWriter};
 
-/// Whether samples have at most 16 bits.
+/// Returns whether samples have at most 16 bits.
 pub(crate) fn is_narrow(sample: SampleType) -> bool {
     sample.size() <= 2
 }
 
-/// The order of floating numbers as that of whole ones (IEEE 754 total order), and back: all but the sign are turned round where it
-/// is set.
+/// Maps the bits of a floating-point number to an integer of the same order (IEEE 754 totalOrder),
+/// and back: if the sign bit is set, all other bits are inverted.
 fn turn(bits: i64, width: u32) -> i64 {
     bits ^ (bits >> 63) & (i64::MAX >> (u64::BITS - width))
 }
 
-/// The sample at the beginning of some bytes. Unsigned samples of 64 bits lose their order, and nothing else.
+/// Reads the sample at the beginning of some bytes. Unsigned 64-bit samples lose their order, but
+/// no bits.
 #[inline(always)]
 pub(crate) fn read(sample: SampleType, bytes: &[u8]) -> i64 {
     fn first<const N: usize>(bytes: &[u8]) -> [u8; N] {
@@ -35,13 +36,13 @@ pub(crate) fn read(sample: SampleType, bytes: &[u8]) -> i64 {
     }
 }
 
-/// Writes a sample; of a number that is none, the lower bits.
+/// Writes a sample. A number outside the sample's range loses its upper bits.
 #[inline(always)]
 pub(crate) fn write(sample: SampleType, number: i64, bytes: &mut [u8]) {
     write_all(sample, [number].into_iter(), bytes, sample.size());
 }
 
-/// Writes samples, each so many bytes after the one before.
+/// Writes samples, each `width` bytes after the one before.
 #[inline(always)]
 pub(crate) fn write_all(
     sample: SampleType,
@@ -84,22 +85,23 @@ pub(crate) fn write_all(
     }
 }
 
-/// How the samples of a channel become integers.
+/// Mapping from the samples of a channel to integers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Numbering {
     sample: SampleType,
-    /// Of floating samples: the power of two times which all are whole; if there is none, they are their bits.
+    /// For floating samples, the exponent of the power of two by which samples are multiplied to
+    /// become integers. `None` maps their bit patterns.
     scale: Option<i8>,
-    /// Bits of the lanes that numbers are computed with: 16, 32 or 64.
+    /// Bits of the lanes in which numbers are computed: 16, 32 or 64.
     pub(crate) lanes: u32,
 }
 
-/// Whole numbers of floating samples have at most so many bits, and in lanes of 32 bits so many.
+/// Maximum number of bits of scaled floating samples, in lanes of 64 bits and of 32 bits.
 const MAX_BITS: i32 = 62;
 const MAX_MIDDLE_BITS: i32 = 29;
 
 impl Numbering {
-    /// By the order of the samples.
+    /// Returns the mapping that keeps the order of the samples.
     pub(crate) fn ordered(sample: SampleType) -> Numbering {
         let lanes = match sample.size() {
             1 | 2 => 16,
@@ -109,8 +111,9 @@ impl Numbering {
         Numbering { sample, scale: None, lanes }
     }
 
-    /// The one that suits floating samples of all nodes and, among these, those at the bottom of dense blocks: as multiples of a power of
-    /// two if these have fewer digits than there is room for, as if they had been rounded.
+    /// Chooses the mapping of floating samples, given those of all nodes, and among these those at
+    /// the bottom of dense blocks. If the samples at the bottom use fewer binary digits than their
+    /// type has, as rounded values do, numbers are multiples of a power of two.
     pub(crate) fn choose(
         sample: SampleType,
         all: impl Iterator<Item = f64>,
@@ -118,7 +121,7 @@ impl Numbering {
     ) -> Numbering {
         let ordered = Numbering::ordered(sample);
         let (Some(all), Some(bottom)) = (digits(all), digits(bottom)) else { return ordered };
-        // (Digits of a sample: 24 and 53.)
+        // (The types have 24 and 53 digits.)
         let few = if sample == SampleType::F32 { 22 } else { 50 };
         let bits = all.1 - all.0;
         let is_rounded = bottom.1 - bottom.0 < few && bits < MAX_BITS;
@@ -130,7 +133,7 @@ impl Numbering {
         }
     }
 
-    /// Bits of the mantissa, if numbers are the bits of floating samples.
+    /// Returns the number of mantissa bits, if numbers are the bit patterns of floating samples.
     pub(crate) fn mantissa(self) -> Option<u32> {
         match (self.sample, self.scale) {
             (SampleType::F32, None) => Some(f32::MANTISSA_DIGITS - 1),
@@ -157,12 +160,12 @@ impl Numbering {
         Numbering { sample, scale, lanes: if header.take(1) == 1 { 64 } else { 32 } }
     }
 
-    /// Bytes of a sample.
+    /// Returns the bytes of a sample.
     pub(crate) fn size(self) -> usize {
         self.sample.size()
     }
 
-    /// The whole number of the sample at the beginning of some bytes.
+    /// Returns the integer of the sample at the beginning of some bytes.
     #[inline(always)]
     pub(crate) fn read(self, bytes: &[u8]) -> i64 {
         match self.scale {
@@ -171,7 +174,7 @@ impl Numbering {
         }
     }
 
-    /// Reads samples, each so many bytes after the one before.
+    /// Reads samples, each `width` bytes after the one before.
     pub(crate) fn read_all<T: Lane>(self, bytes: &[u8], width: usize, numbers: &mut [T]) {
         #[inline(always)]
         fn each<T, const N: usize>(
@@ -211,11 +214,11 @@ impl Numbering {
         }
     }
 
-    /// Writes samples, each so many bytes after the one before.
+    /// Writes samples, each `width` bytes after the one before.
     #[inline(always)]
     pub(crate) fn write_all(self, numbers: impl Iterator<Item = i64>, bytes: &mut [u8], width: usize) {
         let Some(scale) = self.scale else { return write_all(self.sample, numbers, bytes, width) };
-        // (Powers of two: neither product is rounded, but where a sample has no room for all digits.)
+        // (Powers of two: products are exact, unless the sample type has too few digits.)
         let factor = 1.0 / power(scale);
         for (number, bytes) in numbers.zip(bytes.chunks_mut(width)) {
             let number = number as f64 * factor;
@@ -227,12 +230,12 @@ impl Numbering {
     }
 }
 
-/// A power of two.
+/// Returns a power of two.
 fn power(exponent: i8) -> f64 {
     f64::from_bits(((1023 + i64::from(exponent)) as u64) << 52)
 }
 
-/// The floating sample at the beginning of some bytes.
+/// Reads the floating sample at the beginning of some bytes.
 #[inline(always)]
 pub(crate) fn read_float(sample: SampleType, bytes: &[u8]) -> f64 {
     match (sample, bytes.first_chunk(), bytes.first_chunk()) {
@@ -242,8 +245,8 @@ pub(crate) fn read_float(sample: SampleType, bytes: &[u8]) -> f64 {
     }
 }
 
-/// The places of the lowest digit that any of some numbers has, and of the highest, as powers of two. `None` if one is no number, or
-/// a zero with a sign, which whole numbers are not.
+/// Returns the exponents, as powers of two, of the lowest and the highest binary digit of some
+/// numbers. Returns `None` if one is not finite, or is a negative zero, which is no integer.
 fn digits(numbers: impl Iterator<Item = f64>) -> Option<(i32, i32)> {
     let (mut lowest, mut highest) = (i32::MAX, i32::MIN);
     for number in numbers {
@@ -253,7 +256,7 @@ fn digits(numbers: impl Iterator<Item = f64>) -> Option<(i32, i32)> {
             return None;
         }
         if bits != 0 {
-            // (Numbers that are nearly 0 have no leading digit; they are far beyond all scales.)
+            // (Subnormal numbers have no leading digit, but they are far below all scales.)
             let fraction = fraction | 1 << 52;
             lowest = lowest.min(exponent - 1075 + fraction.trailing_zeros() as i32);
             highest = highest.max(exponent - 1023);

@@ -1,4 +1,4 @@
-//! A whole segment: what it is taken for, and all of its parts in order.
+//! Packing of a whole segment, with all its components in order.
 
 use spinney_base::TreeType;
 use spinney_base::value::{DataKind, Rule};
@@ -11,42 +11,43 @@ use crate::model::{Model, ModelCoder, NO_VALUE, RunRoom, Taken, distinct};
 use crate::nodes::Nodes;
 use crate::values::{Numbers, code_table};
 
-/// The meaning of a segment's bytes.
+/// Properties of a segment that its bytes do not contain.
 #[derive(Clone, Copy, Debug)]
 pub struct SegmentForm {
     /// Quadtree or octree, and the type of the values.
     pub form: TreeType,
-    /// Rule of the representatives.
+    /// Aggregation rule of the representatives.
     pub rule: Rule,
-    /// The meaning of the values.
+    /// Kind of the values: categorical or continuous.
     pub kind: DataKind,
     /// Levels from the segment's node down to the cells.
     pub height: u8,
-    /// Levels from the segment's node down to where what is heavy is cut off.
+    /// Levels from the segment's node down to the level whose nodes may be CUT.
     pub reach: u8,
 }
 
-/// The reason why bytes are no packed segment.
+/// Reason why bytes are not a packed segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Damage(pub &'static str);
 
 impl Damage {
-    /// None, but numbers as older versions packed them.
+    /// Not corruption, but numbers packed by an older version, which are no longer read.
     pub const OLDER: Damage = Damage("the packing of numbers by an older version");
 }
 
-/// Class counts that a segment lists, at most.
+/// Maximum number of class counts of a segment.
 const MAX_COUNTS: usize = 1024;
 
-/// Bytes of the checksum of the plain segment and the number of the model, which come first.
+/// Length of the prefix: the checksum of the plain segment, and the model's number.
 const START: usize = 5;
 
-/// Packs a segment of so many places, whose class counts follow its records. `None` where it would not shrink.
+/// Packs a plain segment of `places` record slots, followed by its class counts. Returns `None` if
+/// the result is not smaller.
 pub fn pack(segment: &SegmentForm, places: u32, plain: &[u8]) -> Option<Vec<u8>> {
     pack_by(Model::of(segment.form.value, segment.rule, segment.kind), segment, places, plain)
 }
 
-/// Packs a segment by any of the models that readers know.
+/// Packs a segment with any of the models that readers support.
 pub(crate) fn pack_by(model: Model, segment: &SegmentForm, places: u32, plain: &[u8]) -> Option<Vec<u8>> {
     let layout = RecordLayout::new(segment.form);
     let (records, counts) = plain.split_at_checked(places as usize * layout.size)?;
@@ -63,7 +64,7 @@ fn pack_as(
     let form = segment.form;
     let mut taken = Taken::new(model, layout, form, records)?;
     let counted = parse_counts(form, counts).into_iter().map(|(value, _)| value);
-    // The values that there are, sorted.
+    // All values, sorted.
     let (known, table) = match model.has_table() {
         true => (distinct(form, taken.values().chain(counted)), Vec::new()),
         false => (distinct(form, taken.values()), distinct(form, counted)),
@@ -75,8 +76,8 @@ fn pack_as(
     let contents = Contents { nodes: taken.nodes(), table, known: &known, counts };
     let (coder, nodes, coded_counts) =
         code_segment(&mut writer, model, segment, layout, records.len(), contents, &mut blocks)?;
-    // Invariant: nothing is written that does not become the same bytes again. What the model has no words for (another writer's records,
-    // or damaged ones) stays plain.
+    // Invariant: only what unpacks to the same bytes is written. Whatever the model cannot
+    // represent (corrupt records, or those of another writer) stays plain.
     let mut written = Vec::with_capacity(records.len());
     coder.write(&nodes, &mut blocks, records.len() / layout.size, &mut written)?;
     if written.len() != records.len() {
@@ -92,7 +93,7 @@ fn pack_as(
     Some(packed)
 }
 
-/// Unpacks a segment that has so many places and class counts.
+/// Unpacks a segment of `places` record slots and `classes` class counts.
 ///
 /// # Errors
 /// If the bytes are not those of such a segment.
@@ -124,15 +125,15 @@ pub fn unpack(segment: &SegmentForm, places: u32, classes: u16, packed: &[u8]) -
     Ok(plain)
 }
 
-/// Bytes of what is adaptive, and of the numbers of dense blocks, if there are some.
+/// Byte ranges of the adaptive coder, and of the numbers of dense blocks, if any.
 pub(crate) struct Parts<'p> {
     /// Bytes of a [`BitReader`].
     pub(crate) nodes: &'p [u8],
-    /// Of the numbers of dense blocks the header, and the streams.
+    /// Header and streams of the numbers of dense blocks.
     numbers: (&'p [u8], &'p [u8]),
 }
 
-/// Writes all parts; with numbers the lengths of all but the last.
+/// Writes all byte ranges. With numbers, the lengths of all but the last precede them.
 pub(crate) fn write_parts(
     writer: BitWriter,
     (model, form, rule): (Model, TreeType, Rule),
@@ -154,7 +155,8 @@ pub(crate) fn write_parts(
     [nodes, header, streams].iter().for_each(|part| packed.extend_from_slice(part));
 }
 
-/// Writes a length in LEB128: seven bits per byte from the lowest up, and a bit whether more follow.
+/// Writes a length in LEB128: seven bits per byte, from the lowest up, and a bit whether more
+/// follow.
 fn write_length(mut length: usize, bytes: &mut Vec<u8>) {
     while length >= 0x80 {
         bytes.push(length as u8 | 0x80);
@@ -200,18 +202,19 @@ impl<'p> Parts<'p> {
     }
 }
 
-/// All that is to be written; nothing where it is read.
+/// Contents to be written; empty for a reader.
 struct Contents<'c> {
     nodes: &'c Nodes,
-    /// Values with numbers: of all nodes, or of class counts alone where the nodes' are numbers.
+    /// Values of the table: all values, or only those of class counts if the nodes' values are
+    /// numbers.
     table: &'c [Numbers],
-    /// Values by their symbols.
+    /// Values, by symbol less [`crate::nodes::FIRST_VALUE`].
     known: &'c [Numbers],
     counts: &'c [u8],
 }
 
-/// Codes all parts of a segment, in their order: its records take `length` bytes. Tells its nodes, with the coder that knows their values, and its
-/// class counts.
+/// Codes all components of a segment in order. Its records take `length` bytes. Returns the coder,
+/// which knows the nodes' values, the nodes, and the class counts.
 fn code_segment<K: BitCoder>(
     coder: &mut K,
     model: Model,
@@ -222,7 +225,7 @@ fn code_segment<K: BitCoder>(
     blocks: &mut Vec<NumberBlock>,
 ) -> Option<(ModelCoder, Nodes, Vec<u8>)> {
     let SegmentForm { form, height, reach, .. } = *segment;
-    // (Each value takes its width, in records or class counts.)
+    // (Each value takes its width in the records or in the class counts.)
     let table = code_table(coder, form, contents.table, length / layout.width + MAX_COUNTS)?;
     let known = if model.has_table() { &table } else { contents.known };
     let mut model_coder = ModelCoder::new(model, form, known);

@@ -1,17 +1,18 @@
-//! Streams of a packed segment's planes: bits of states and raw bits, each from its lowest bit up.
+//! Streams of a packed segment's planes: bits of states, and raw bits, each from the lowest bit up.
 //!
-//! Eight states take turns, sample by sample, so that a processor looks up one while others are still computed. A reader goes forward through
-//! both streams; a writer of states goes backward, since each is a stack.
+//! Eight states take turns, sample by sample, so that a processor overlaps the look-up for one with
+//! the computation of others. A reader traverses both streams forwards. A writer emits states
+//! backwards, since each state is a stack.
 
 use crate::contexts::{Contexts, ESCAPE, FLAT, FlatContexts, MAX_CONTEXTS, SYMBOLS};
 use crate::lanes::Lane;
 use crate::tables::{EncodeTable, Entry, Frequencies, Histogram, STATE_BITS, STATES};
 use crate::vectorized::vectorized;
 
-/// States that take turns.
+/// Number of states that take turns.
 pub(crate) const STATE_COUNT: usize = 8;
 
-/// 64 bits from a bit on, of which at least 57 count; zeros after the end.
+/// Returns 64 bits from a bit position on, of which at least 57 are valid. Zeros follow the end.
 #[inline(always)]
 fn word(bytes: &[u8], bit: usize) -> u64 {
     let at = bit / 8;
@@ -30,7 +31,7 @@ fn last_word(bytes: &[u8], bit: usize) -> u64 {
     u64::from_le_bytes(word) >> (bit % 8)
 }
 
-/// A writer of few bits.
+/// Bit writer of the header.
 #[derive(Default)]
 pub(crate) struct HeaderWriter {
     bytes: Vec<u8>,
@@ -50,7 +51,7 @@ impl HeaderWriter {
         }
     }
 
-    /// The bytes, of which the last is filled with zeros.
+    /// Returns the bytes. The last one is padded with zeros.
     pub(crate) fn finish(mut self) -> Vec<u8> {
         if self.count > 0 {
             self.bytes.push(self.rest as u8);
@@ -59,7 +60,7 @@ impl HeaderWriter {
     }
 }
 
-/// A reader of few bits, which are zeros after the end.
+/// Bit reader of the header. Zeros follow the end.
 pub(crate) struct HeaderReader<'b> {
     bytes: &'b [u8],
     bit: usize,
@@ -77,13 +78,13 @@ impl<'b> HeaderReader<'b> {
         bits
     }
 
-    /// Whether all bytes were read, and what is left of the last one is 0.
+    /// Returns whether all bytes were read, and the unread bits of the last one are 0.
     pub(crate) fn is_whole(&self) -> bool {
         self.bit.div_ceil(8) == self.bytes.len() && word(self.bytes, self.bit) == 0
     }
 }
 
-/// Masks of so many lowest bits, up to 63: a load is less than a shift by a variable.
+/// Masks of the lowest 0 to 63 bits: a load is cheaper than a shift by a variable.
 static MASKS: [u64; 64] = {
     let mut masks = [0; 64];
     let mut bits = 0;
@@ -94,19 +95,20 @@ static MASKS: [u64; 64] = {
     masks
 };
 
-/// A reader of both streams.
+/// Reader of both streams.
 pub(crate) struct SymbolReader<'b> {
     states: [u32; STATE_COUNT],
-    /// Bytes of the states' bits, and the next bit.
+    /// Bytes of the states' bits, and the position of the next bit.
     bits: &'b [u8],
     bit: usize,
-    /// Bytes of raw bits, and the next bit.
+    /// Bytes of the raw bits, and the position of the next bit.
     raw: &'b [u8],
     raw_bit: usize,
 }
 
 impl<'b> SymbolReader<'b> {
-    /// `bytes` are those of [`SymbolWriter::finish`]. `None` if they are too few.
+    /// Creates a reader of the bytes of [`SymbolWriter::finish`]. Returns `None` if there are too
+    /// few.
     pub(crate) fn new(bytes: &'b [u8]) -> Option<SymbolReader<'b>> {
         let (states, rest) = bytes.split_first_chunk::<STATE_COUNT>()?;
         let (length, rest) = rest.split_first_chunk::<4>()?;
@@ -121,7 +123,7 @@ impl<'b> SymbolReader<'b> {
         })
     }
 
-    /// Whether all bits have been read, and nothing is left.
+    /// Returns whether all bits have been read, and the states are 0.
     pub(crate) fn is_whole(&self) -> bool {
         self.states == [0; STATE_COUNT]
             && self.bit == self.bits.len() * 8
@@ -129,8 +131,8 @@ impl<'b> SymbolReader<'b> {
             && word(self.raw, self.raw_bit) == 0
     }
 
-    /// Reads a token for each context: how many raw bits follow in its lower byte, and the upper bits of the number in its upper byte.
-    /// `entries` has those of all contexts.
+    /// Reads a token for each context: the number of raw bits in the lower byte, and the upper bits
+    /// of the number in the upper byte. `entries` has the decoding tables of all contexts.
     pub(crate) fn tokens(
         &mut self,
         entries: &[Entry; MAX_CONTEXTS * STATES],
@@ -141,7 +143,7 @@ impl<'b> SymbolReader<'b> {
         read_tokens((self.bits, entries), flat, &mut self.bit, &mut self.states, contexts, tokens);
     }
 
-    /// Reads the raw bits of tokens: makes numbers of them.
+    /// Reads the raw bits of tokens, and completes the numbers.
     pub(crate) fn numbers<T: Lane>(&mut self, tokens: &[u16], numbers: &mut [T]) {
         read_numbers(self.raw, &mut self.raw_bit, tokens, numbers);
     }
@@ -159,9 +161,10 @@ vectorized! {
         let (bytes, entries) = source;
         let mut bit = *position;
         let [mut s0, mut s1, mut s2, mut s3, mut s4, mut s5, mut s6, mut s7] = *states;
-        // Invariant: states are below 256, as entries add to less than that whatever bits follow, and at the end of the bytes zeros follow.
-        // So corrupt bytes lead to other symbols and nothing else. A word has bits for four entries, of 8 at most each; they are added up in
-        // the lowest byte.
+        // Invariant: states are below 256, since entries add up to less than that whatever bits
+        // follow, and zeros follow the end of the bytes. So corrupt bytes yield other symbols, but
+        // nothing worse. A word has enough bits for four entries of at most 8 bits each. `sum`
+        // accumulates their counts in its lowest byte.
         macro_rules! step {
             ($word:ident, $sum:ident, $state:ident, $context:expr, $token:expr) => {
                 let entry = entries
@@ -221,7 +224,7 @@ vectorized! {
     ) {
         let mut bit = *position;
         let numbers = &mut numbers[..tokens.len()];
-        // Some tokens whose raw bits are in one word.
+        // Tokens whose raw bits all fit into one word.
         macro_rules! some {
             ($($at:literal)*, $tokens:ident, $numbers:ident) => {
                 let (mut word, mut sum) = (word(bytes, bit), 0);
@@ -240,7 +243,7 @@ vectorized! {
         let one = |token: u16, bit: &mut usize| {
             let count = usize::from(token & 255);
             let above = u64::from(token >> 8).checked_shl(count as u32).unwrap_or(0);
-            // (Two halves: the lower one first.)
+            // (Two halves, the lower one first.)
             let lower = word(bytes, *bit) & MASKS[count.min(32)];
             let upper = word(bytes, *bit + 32) & MASKS[count.saturating_sub(32) % 64];
             *bit += count;
@@ -253,7 +256,8 @@ vectorized! {
                 let [a, b, c, d] = [0, 1, 2, 3].map(|next| u64::from(tokens[at + next]));
                 a | b << 16 | c << 32 | d << 48
             };
-            // Counts of raw bits, of two tokens each.
+            // Union of the raw bit counts of all eight tokens, in four 16-bit lanes: an upper bound
+            // for the tests below.
             let counts = (four(0) | four(4)) & 0x00ff_00ff_00ff_00ff;
             if counts == 0 {
                 for (number, token) in numbers.iter_mut().zip(tokens) {
@@ -274,18 +278,18 @@ vectorized! {
     }
 }
 
-/// Numbers of a channel that are to be written, in the order in which they are read.
+/// Numbers of a channel to be written, in reading order.
 #[derive(Default)]
 pub(crate) struct Planes<T> {
     contexts: Vec<u8>,
     numbers: Vec<T>,
     symbols: Vec<u8>,
-    /// The last number of each plane, and its context without uncertainty.
+    /// End of each plane, and its context of minimum uncertainty.
     ends: Vec<(usize, FlatContexts)>,
 }
 
 impl<T: Lane> Planes<T> {
-    /// Adds some of a plane: folded numbers and their contexts.
+    /// Adds folded numbers of a plane, and their contexts.
     pub(crate) fn push(&mut self, contexts: &[u8], numbers: impl Iterator<Item = T>) {
         self.contexts.extend_from_slice(contexts);
         self.numbers.extend(numbers);
@@ -296,7 +300,7 @@ impl<T: Lane> Planes<T> {
         self.ends.push((self.contexts.len(), flat));
     }
 
-    /// Removes all planes, and keeps the memory.
+    /// Removes all planes, but keeps the memory.
     pub(crate) fn clear(&mut self) {
         self.contexts.clear();
         self.numbers.clear();
@@ -304,13 +308,13 @@ impl<T: Lane> Planes<T> {
         self.ends.clear();
     }
 
-    /// Ranges of planes.
+    /// Returns the ranges of the planes.
     fn ranges(&self) -> Vec<(std::ops::Range<usize>, FlatContexts)> {
         let starts = std::iter::once(0).chain(self.ends.iter().map(|(end, _)| *end));
         starts.zip(&self.ends).map(|(start, (end, flat))| (start..*end, *flat)).collect()
     }
 
-    /// Makes symbols of all numbers, and counts them by context.
+    /// Computes the symbols of all numbers, and counts them by context.
     pub(crate) fn count(&mut self) -> Box<[Histogram; MAX_CONTEXTS]> {
         let mut histograms = Box::new([[0; SYMBOLS]; MAX_CONTEXTS]);
         let noises: [u32; MAX_CONTEXTS] =
@@ -349,10 +353,10 @@ fn is_zero<T: Lane>(numbers: &[T]) -> bool {
     numbers.iter().fold(T::default(), |all, number| all.or(*number)) == T::default()
 }
 
-/// A writer of both streams: raw bits in order, then states from the last channel to the first.
+/// Writer of both streams: raw bits in order, then states from the last channel to the first.
 ///
-/// Invariant: states are written in exactly the reverse of the order in which they are read: channels, planes, eights, then samples of an eight, and the
-/// symbol of an eight after its samples.
+/// Invariant: states are written in exactly the reverse of the reading order: channels, planes,
+/// groups of eight, then samples of a group, and the symbol of a group after its samples.
 #[derive(Default)]
 pub(crate) struct SymbolWriter {
     raw: Vec<u32>,
@@ -365,9 +369,10 @@ pub(crate) struct SymbolWriter {
 }
 
 impl SymbolWriter {
-    /// Writes the raw bits of a channel whose numbers have been counted; symbols without a code in its tables become escapes.
+    /// Writes the raw bits of a channel whose numbers have been counted. Symbols without a code in
+    /// their table become escapes.
     pub(crate) fn raw<T: Lane>(&mut self, planes: &mut Planes<T>, tables: &[Frequencies]) {
-        // Of each context and symbol: the one that is coded, and its raw bits.
+        // Per context and symbol: the symbol that is coded, and the number of its raw bits.
         let mut coded = Box::new([[(0u8, 0u8); SYMBOLS]; MAX_CONTEXTS]);
         for (context, (coded, table)) in coded.iter_mut().zip(tables).enumerate() {
             for (symbol, coded) in coded.iter_mut().enumerate() {
@@ -410,7 +415,7 @@ impl SymbolWriter {
         (self.raw_rest, self.raw_count) = (rest, filled);
     }
 
-    /// Writes the states of a channel: the last one first.
+    /// Writes the states of a channel, the last one first.
     #[inline(never)]
     pub(crate) fn states<T: Lane>(&mut self, planes: &Planes<T>, tables: &[Frequencies]) {
         let mut used = [false; MAX_CONTEXTS];
@@ -470,7 +475,7 @@ impl SymbolWriter {
         (self.states, self.rest, self.count) = (Some(states), rest, count);
     }
 
-    /// The bytes of both streams.
+    /// Returns the bytes of both streams.
     pub(crate) fn finish(mut self) -> Vec<u8> {
         let states = self.states.unwrap_or([STATES as u32; STATE_COUNT]);
         let mut bytes = states.map(|state| state as u8).to_vec();

@@ -1,4 +1,4 @@
-//! Tables of the symbols of contexts: tANS (Duda, arXiv:1311.2540) with 256 states.
+//! Coding tables of contexts: tANS (Duda, arXiv:1311.2540) with 256 states.
 
 use crate::contexts::{Contexts, ESCAPE, Kind, MAX_CONTEXTS, SYMBOLS};
 use crate::defaults;
@@ -7,21 +7,22 @@ use crate::symbols::{HeaderReader, HeaderWriter};
 
 /// Bits of a state.
 pub(crate) const STATE_BITS: u32 = 8;
-/// States of a table, and the sum of the frequencies of its symbols.
+/// Number of states of a table, and sum of the frequencies of its symbols.
 pub(crate) const STATES: usize = 1 << STATE_BITS;
 
-/// How many of the states of a table each symbol has.
+/// Number of states of each symbol of a table.
 pub(crate) type Frequencies = [u16; SYMBOLS];
-/// How often each symbol comes.
+/// Number of occurrences of each symbol.
 pub(crate) type Histogram = [u32; SYMBOLS];
 
-/// The state that the n-th part of a table has, parts of one symbol consecutive.
+/// Returns the state of a table's slot. Slots of one symbol are consecutive; their states are
+/// spread evenly.
 #[inline(always)]
 fn spread(part: usize) -> usize {
     part.wrapping_mul(STATES / 2 + STATES / 8 + 3) & (STATES - 1)
 }
 
-/// The symbol of each state.
+/// Returns the symbol of each state.
 fn symbols(frequencies: &Frequencies) -> [u8; STATES] {
     let (mut symbols, mut part) = ([0; STATES], 0);
     for (symbol, count) in (0u8..).zip(frequencies) {
@@ -33,11 +34,11 @@ fn symbols(frequencies: &Frequencies) -> [u8; STATES] {
     symbols
 }
 
-/// An entry of a reader's table: from the lowest byte up how many bits of the state follow, how many lower bits of the number, its upper
-/// bits, and what the next state is without those that follow.
+/// Entry of a decoding table. From the lowest byte up: number of state bits to read, number of raw
+/// bits, upper bits of the number, and the next state before the state bits are added.
 pub(crate) type Entry = u32;
 
-/// Makes a table for reading.
+/// Builds a decoding table.
 pub(crate) fn write_entries<T: Lane>(frequencies: &Frequencies, context: usize, entries: &mut [Entry]) {
     let meanings: [u32; SYMBOLS] = std::array::from_fn(|symbol| {
         let (upper, lower) = Contexts::<T>::meaning(context, symbol);
@@ -53,19 +54,20 @@ pub(crate) fn write_entries<T: Lane>(frequencies: &Frequencies, context: usize, 
     }
 }
 
-/// A writer's table.
+/// Encoding table.
 #[derive(Clone)]
 pub(crate) struct EncodeTable {
-    /// The states of each symbol, one symbol after the other.
+    /// States of each symbol, symbol by symbol.
     states: [u16; STATES],
-    /// Of each symbol where its states begin, less how many it has.
+    /// Per symbol: the index of its first state, less its frequency.
     first: [i16; SYMBOLS],
-    /// Of each symbol what is added to a state so that its upper half is how many bits follow.
+    /// Per symbol: what is added to a state so that the upper 16 bits are the number of bits to
+    /// write.
     bits: [u32; SYMBOLS],
 }
 
 impl EncodeTable {
-    /// One without symbols.
+    /// Table without symbols.
     pub(crate) const EMPTY: EncodeTable =
         EncodeTable { states: [0; STATES], first: [0; SYMBOLS], bits: [0; SYMBOLS] };
 
@@ -78,7 +80,8 @@ impl EncodeTable {
             table.first[symbol] = start as i16 - *count as i16;
             start += usize::from(*count);
             if let Some(less) = count.checked_sub(1) {
-                // The bits that follow are those that make a state one of `count` up to twice as many: `most`, or one less.
+                // Writing this many bits brings a state into the range from `count` to less than
+                // twice that. It takes `most` bits, or one fewer.
                 let most = STATE_BITS - less.checked_ilog2().unwrap_or(0);
                 table.bits[symbol] = (most << 16).wrapping_sub(u32::from(*count) << most);
             }
@@ -91,7 +94,8 @@ impl EncodeTable {
         table
     }
 
-    /// Goes from a state to the one before it, by a symbol: returns how many of the state's lowest bits are to be written.
+    /// Replaces a state by its predecessor, by a symbol. Returns how many of the state's lowest
+    /// bits must be written.
     #[inline(always)]
     pub(crate) fn back(&self, symbol: u8, state: &mut u32) -> u32 {
         let symbol = usize::from(symbol) % SYMBOLS;
@@ -104,15 +108,16 @@ impl EncodeTable {
 
 /// Bits of a weight in a stored table.
 const WEIGHT_BITS: u32 = 5;
-/// The weights that symbols may have: four per doubling.
+/// Weights that symbols may have: four per doubling.
 const WEIGHTS: [u32; 1 << WEIGHT_BITS] = [
     0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, 24, 28, 32, 40, 48, 56, 64, 80, 96, 112, 128, 160, 192,
     224, 256, 320, 384, 448,
 ];
-/// The weight of the most frequent symbol of a table that is stored.
+/// Weight of the most frequent symbol of a stored table.
 const MAX_WEIGHT: u64 = 256;
 
-/// The frequencies that weights mean: each that is not 0 at least 1; what is left over or missing is that of the largest.
+/// Converts weights to frequencies that add up to [`STATES`]. A symbol with a weight other than 0
+/// has at least 1. The largest frequency absorbs the rounding error.
 pub(crate) fn of_weights(weights: &[u8; SYMBOLS]) -> Frequencies {
     let weights = weights.map(|weight| WEIGHTS[usize::from(weight) % WEIGHTS.len()]);
     let sum: u32 = weights.iter().sum();
@@ -131,12 +136,13 @@ pub(crate) fn of_weights(weights: &[u8; SYMBOLS]) -> Frequencies {
             most = symbol;
         }
     }
-    // Invariant: the greatest has at least a sixteenth of all, and the others round up by less than that.
+    // Invariant: the largest frequency is at least a sixteenth of all states, and the others gain
+    // less than that by rounding up.
     frequencies[most] = (i32::from(frequencies[most]) + rest).max(1) as u16;
     frequencies
 }
 
-/// The weights that suit a histogram. Symbols that are rare become escapes.
+/// Returns the weights that fit a histogram best. Rare symbols (below one in 1024) become escapes.
 fn to_weights<T: Lane>(context: usize, histogram: &Histogram) -> [u8; SYMBOLS] {
     let mut histogram = histogram.map(u64::from);
     let all: u64 = histogram.iter().sum();
@@ -152,7 +158,7 @@ fn to_weights<T: Lane>(context: usize, histogram: &Histogram) -> [u8; SYMBOLS] {
         if count == 0 {
             return 0;
         }
-        // The nearest by ratio: up to the geometric mean of it and the next one.
+        // Nearest by ratio: up to the geometric mean of this weight and the next one.
         let scaled = count * MAX_WEIGHT;
         let nearest = (1..WEIGHTS.len() - 1).find(|at| {
             let between = u128::from(WEIGHTS[*at]) * u128::from(WEIGHTS[at + 1]);
@@ -162,7 +168,8 @@ fn to_weights<T: Lane>(context: usize, histogram: &Histogram) -> [u8; SYMBOLS] {
     })
 }
 
-/// Size of the symbols of a histogram with some frequencies, in parts of a bit; `None` if a symbol has no code.
+/// Returns the size of the symbols of a histogram with some frequencies, in units of
+/// 2^-[`LOG_BITS`] bits. Returns `None` if a symbol has no code.
 fn cost<T: Lane>(context: usize, histogram: &Histogram, frequencies: &Frequencies) -> Option<u64> {
     let mut sum = 0;
     for (symbol, count) in histogram.iter().enumerate().filter(|(_, count)| **count > 0) {
@@ -180,9 +187,10 @@ fn cost<T: Lane>(context: usize, histogram: &Histogram, frequencies: &Frequencie
     Some(sum)
 }
 
-/// Bits of a logarithm after the point.
+/// Fraction bits of a logarithm.
 const LOG_BITS: u32 = 12;
-/// Logarithms of frequencies to base 2, bit by bit: of a number from 1 up to 2 the next bit says whether its square is 2 or more.
+/// Logarithms of frequencies to base 2, computed bit by bit: for a number in [1, 2), the next bit
+/// is set if its square is 2 or more.
 const LOGS: [u64; STATES + 1] = {
     const ONE: u64 = 1 << 30;
     let mut logs = [0; STATES + 1];
@@ -205,7 +213,7 @@ const LOGS: [u64; STATES + 1] = {
     logs
 };
 
-/// The tables of all contexts of a channel.
+/// Tables of all contexts of a channel.
 pub(crate) type Tables = Vec<Frequencies>;
 
 /// Chooses the tables of a channel, and writes those that are not the default.
@@ -222,7 +230,7 @@ pub(crate) fn choose<T: Lane>(histograms: &[Histogram; MAX_CONTEXTS], header: &m
             let own = cost::<T>(context, histogram, &of_weights(&weights))
                 .map(|cost| cost + (u64::from(bits) << LOG_BITS));
             let default = cost::<T>(context, histogram, &defaults[context]);
-            // (One of both has codes for all: the first.)
+            // (At least one of them has codes for all symbols: `own`.)
             let is_better = match (own, default) {
                 (Some(own), Some(default)) => own < default,
                 (own, _) => own.is_some(),
@@ -248,12 +256,12 @@ pub(crate) fn choose<T: Lane>(histograms: &[Histogram; MAX_CONTEXTS], header: &m
         .collect()
 }
 
-/// The last symbol that has a weight.
+/// Returns the last symbol whose weight is not 0.
 fn last(weights: &[u8; SYMBOLS]) -> u32 {
     weights.iter().rposition(|weight| *weight > 0).unwrap_or(0) as u32
 }
 
-/// Reads the tables of a channel: those that are not the default, by context.
+/// Reads the tables of a channel, by context; `None` for the default.
 pub(crate) fn read<T: Lane>(header: &mut HeaderReader<'_>) -> Vec<Option<Frequencies>> {
     let count = (header.take(8) as usize).min(Contexts::<T>::COUNT);
     let mut tables = vec![None; Contexts::<T>::COUNT];

@@ -1,4 +1,4 @@
-//! Segments of random trees, round and round.
+//! Round trips of segments of random trees.
 
 use spinney_base::TreeType;
 use spinney_base::space::Dimension;
@@ -14,7 +14,7 @@ use crate::runs::pack_runs_by;
 use crate::segment::pack_by;
 use crate::{Damage, Run, RunForm, SegmentForm, pack, pack_runs, unpack, unpack_runs};
 
-/// A small generator of numbers (xorshift), so that tests are the same every time.
+/// Small random number generator (xorshift), so that tests are reproducible.
 pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
@@ -30,7 +30,7 @@ impl Random {
     }
 }
 
-/// A maker of records of random trees.
+/// Generator of the records of random trees.
 struct Trees {
     layout: RecordLayout,
     height: u8,
@@ -45,7 +45,7 @@ impl Trees {
         (0..self.layout.width).map(|at| (number >> (8 * (at % 8))) as u8).collect()
     }
 
-    /// The record of a node so many levels below the segment's, and all below it.
+    /// Appends the record of a node at a depth below the segment's node, and all below it.
     fn record(&mut self, depth: u8, records: &mut Vec<u8>) {
         let (layout, bottom) = (self.layout, self.height.min(self.reach) - depth);
         if dense_levels(layout.dimension).contains(&bottom) && self.random.below(3) == 0 {
@@ -77,7 +77,7 @@ impl Trees {
         );
     }
 
-    /// A dense block of any kind.
+    /// Appends a dense block of a random kind.
     fn block(&mut self, levels: u8, records: &mut Vec<u8>) {
         let layout = self.layout;
         let marks: &[u8] = if self.height > self.reach { &[2, 4, 5] } else { &[1, 3] };
@@ -98,7 +98,7 @@ impl Trees {
                 }
             }
         }
-        // Nodes below which all is alike have the value of that.
+        // Nodes with uniform contents have the value of their cells.
         let block = &mut records[start..];
         for level in 1..levels {
             for at in 0..(layout.dimension.cells(level) as usize) {
@@ -122,12 +122,12 @@ impl Trees {
     }
 }
 
-/// The kind of dense blocks with a number.
+/// Returns the kind of dense blocks with a number.
 fn kind(number: u8) -> DenseKind {
     DenseKind::from_number(number).unwrap()
 }
 
-/// All types of values.
+/// Yields all value types.
 pub(crate) fn value_types() -> impl Iterator<Item = ValueType> {
     let of = |sample| (1..=4).map(move |channels| ValueType::new(sample, channels));
     SampleType::ALL.into_iter().flat_map(of).filter(|value| value.is_supported())
@@ -137,7 +137,8 @@ pub(crate) fn segment(form: TreeType, height: u8, kind: DataKind, rule: Rule) ->
     SegmentForm { form, rule, kind, height, reach: 5 }
 }
 
-/// A plain segment of so many different values; none of them is the mean of others.
+/// Returns a plain segment with `values` different values. Representatives are random, not means of
+/// their children.
 pub(crate) fn random_segment(form: SegmentForm, values: u64, seed: u64) -> (u32, Vec<u8>) {
     let layout = RecordLayout::new(form.form);
     let mut trees = Trees {
@@ -168,10 +169,12 @@ fn random_segments_of_all_types_come_back() {
                     let form = segment(TreeType::new(dimension, value), height, kind, rule);
                     let (places, plain) = random_segment(form, 3, seed);
                     let packed = pack(&form, places, &plain);
-                    // (Random names are many equal ones; numbers that foretell nothing of each other may stay plain.)
+                    // (Random categories repeat often; random numbers cannot be predicted, and may
+                    // stay plain.)
                     let may_stay = kind == DataKind::Continuous || plain.len() < 400;
                     assert!(packed.is_some() || may_stay, "{form:?} {} bytes", plain.len());
-                    // Readers know each model for every rule and kind: other writers may choose another one.
+                    // Readers support each model with every rule and kind, since other writers may
+                    // choose another one.
                     let others = [Model::Names, Model::Numbers];
                     let others = others.map(|model| pack_by(model, &form, places, &plain));
                     for packed in others.into_iter().chain([packed]).flatten() {
@@ -252,7 +255,7 @@ fn what_is_smooth_becomes_small() {
     assert!(sizes[0] >= 2 && sizes[1] >= 4, "{sizes:?}");
 }
 
-/// Bytes of which one bit or a few are changed.
+/// Returns bytes of which 1 to 3 bits are flipped.
 pub(crate) fn damaged(bytes: &[u8], random: &mut Random) -> Vec<u8> {
     let mut damaged = bytes.to_vec();
     for _ in 0..1 + random.below(3) {
@@ -281,7 +284,7 @@ fn damaged_segments_are_told() {
         }
         for _ in 0..500 {
             let damaged = damaged(&packed, &mut random);
-            // (Some bits do not matter: then it is the same segment.)
+            // (Some bits have no effect: then the segment is the same.)
             if let Ok(unpacked) = unpack(&form, places, 0, &damaged) {
                 assert_eq!(unpacked, plain);
             }
@@ -306,7 +309,7 @@ fn records_that_claim_others_are_not_packed() {
         Rule::Majority,
     );
     let layout = RecordLayout::new(form.form);
-    // Each record says that all of its children are INNER and take no places.
+    // All children of each record are INNER, but take no record slots.
     let mut plain = vec![0; 64 * layout.size];
     for record in plain.chunks_exact_mut(layout.size) {
         layout.write_head(record, RecordHead { states: 0b1010_1010, skip: 0, dense: 0 });
@@ -315,7 +318,7 @@ fn records_that_claim_others_are_not_packed() {
     assert_eq!(pack(&form, 65, &plain), None);
 }
 
-/// Runs of random trees of several heights.
+/// Returns runs of random trees of several heights.
 fn random_runs(form: &RunForm, count: u64, seed: u64) -> Vec<Run<Vec<u8>>> {
     let run = |number| {
         let height = if number % 7 == 6 { form.reach + 2 } else { form.reach };

@@ -1,34 +1,36 @@
-//! Columns of numbers by tokens: those of a few thousand numbers and more, coded and decoded fast, with probabilities that are counted first.
+//! Columns of at least a few thousand numbers, coded as tokens: fast, with probabilities that are
+//! counted in advance.
 //!
-//! A number is a *token*, which tells about how large it is, and the bits that are left. Tokens are coded by rANS (Duda, arXiv:1311.2540) with
-//! two states of 32 bits that take turns, and probabilities in parts of 2^12, which stand before them; the bits that are left stand as they are.
-//! Tokens of one *context* have probabilities of their own; who reads knows each number's context before its token.
+//! A number is split into a *token*, which determines its approximate magnitude, and the remaining
+//! bits. Tokens are coded by rANS (Duda, arXiv:1311.2540) with two 32-bit states that alternate.
+//! Their probabilities, in units of 2^-12, precede them. The remaining bits are stored raw. Each
+//! *context* has its own probabilities; a reader must know each number's context before its token.
 
 use crate::bits::{fold, unfold};
 use crate::fixed_log::{LOG_BITS, log2};
 
-/// Contexts at most.
+/// Maximum number of contexts.
 pub const MAX_CONTEXTS: usize = 8;
 
-/// Bits of the sum of all probabilities.
+/// Probabilities add up to 2 to the power of this.
 const TOTAL_BITS: u32 = 12;
 const TOTAL: u32 = 1 << TOTAL_BITS;
-/// The least state between two tokens.
+/// Minimum state between two tokens.
 const LOW: u32 = 1 << 16;
 
-/// Numbers of fewer bits have a token each. Many such tokens suit numbers of which some come often and their neighbours do not, such as times
-/// between pulses.
+/// Numbers of at most this many bits have a token each. Fine tokens suit numbers of which some are
+/// frequent while their neighbours are not, such as times between pulses.
 const COARSE: u32 = 4;
 const FINE: u32 = 9;
-/// Tokens at most.
+/// Maximum number of tokens.
 const TOKENS: usize = tokens(FINE);
 
-/// Number of the tokens of all numbers.
+/// Returns the number of tokens that cover all numbers.
 const fn tokens(fineness: u32) -> usize {
     (1 << fineness) + 4 * (64 - fineness as usize)
 }
 
-/// The token of a number, and how many of its lowest bits the token does not tell.
+/// Returns the token of a number, and the number of remaining bits.
 #[inline(always)]
 fn token_of(number: u64, fineness: u32) -> (u16, u32) {
     if number < 1 << fineness {
@@ -41,7 +43,7 @@ fn token_of(number: u64, fineness: u32) -> (u16, u32) {
     (token as u16, rest)
 }
 
-/// The least number with a token, and the number of bits behind it.
+/// Returns the smallest number of a token, and the number of remaining bits.
 #[inline(always)]
 fn number_of(token: u16, fineness: u32) -> (u64, u32) {
     let token = u32::from(token);
@@ -50,7 +52,7 @@ fn number_of(token: u16, fineness: u32) -> (u64, u32) {
     (u64::from(4 + above % 4) << rest, rest)
 }
 
-/// Bits one after the other, from the lowest of each byte up.
+/// Bit writer, from the lowest bit of each byte up.
 #[derive(Default)]
 struct Bits {
     bytes: Vec<u8>,
@@ -70,7 +72,7 @@ impl Bits {
 
     #[inline(always)]
     fn put_short(&mut self, bits: u64, count: u32) {
-        // Invariant: fewer than 32 bits wait, so that 32 more have room.
+        // Invariant: fewer than 32 bits are pending, so 32 more fit.
         self.some |= bits << self.count;
         self.count += count;
         if self.count >= 32 {
@@ -87,7 +89,7 @@ impl Bits {
     }
 }
 
-/// A reader of [`Bits`]. Behind the last byte it goes on with zeros, which [`BitSlice::is_whole`] tells.
+/// Reader of [`Bits`]. Zeros follow the last byte, which [`BitSlice::is_whole`] reports.
 struct BitSlice<'b> {
     rest: &'b [u8],
     some: u64,
@@ -130,7 +132,7 @@ impl<'b> BitSlice<'b> {
         self.count += 32;
     }
 
-    /// Whether there were as many bits as were taken, and no byte is left.
+    /// Returns whether no bits were missing, and no byte is left.
     fn is_whole(&self) -> bool {
         !self.is_short && self.rest.is_empty()
     }
@@ -142,7 +144,8 @@ struct Table {
 }
 
 impl Table {
-    /// The probabilities nearest to counts of tokens; each token that there is has at least one part.
+    /// Computes the probabilities nearest to token counts. Each token that occurs has a frequency
+    /// of at least 1.
     fn of_counts(counts: &[u32]) -> Table {
         let all: u64 = counts.iter().map(|count| u64::from(*count)).sum();
         let mut frequencies = vec![0u16; counts.len()];
@@ -154,7 +157,8 @@ impl Table {
                 left -= i64::from(*frequency);
             }
         }
-        // What was rounded away goes to the most frequent ones, or comes from them. (There are fewer tokens than parts: one can give.)
+        // The rounding error is added to, or taken from, the most frequent tokens. (There are fewer
+        // tokens than [`TOTAL`], so one has more than 1.)
         while left != 0 && all > 0 {
             let most = (0..counts.len())
                 .max_by_key(|token| (frequencies[*token], TOKENS - token))
@@ -166,12 +170,13 @@ impl Table {
         Table { frequencies }
     }
 
-    /// Writes the first and last token that there is, and each frequency between: how many bits it has, then all but the highest. Behind
-    /// a frequency of 0 stands how many more of them follow, up to 15.
+    /// Writes the first and the last token that occur, and each frequency in between: its bit
+    /// count, then all bits but the highest. After a frequency of 0 comes the number of further
+    /// zeros, up to 15.
     fn write(&self, bits: &mut Bits) {
         let is_there = |token: &usize| self.frequencies[*token] > 0;
         let Some(first) = (0..self.frequencies.len()).find(is_there) else {
-            // (The last before the first: there is none.)
+            // (The last token before the first: there are none.)
             return bits.put(1, 20);
         };
         let last = (0..self.frequencies.len()).rev().find(is_there).unwrap_or(first);
@@ -191,7 +196,8 @@ impl Table {
         }
     }
 
-    /// Reads what was written; `None` if the parts do not make a whole.
+    /// Reads what [`Table::write`] wrote. Returns `None` if the frequencies do not add up to
+    /// [`TOTAL`].
     fn read(bits: &mut BitSlice<'_>, fineness: u32) -> Option<Table> {
         let mut frequencies = vec![0; tokens(fineness)];
         let (first, last) = (bits.take(10) as usize, bits.take(10) as usize);
@@ -215,21 +221,22 @@ impl Table {
     }
 }
 
-/// Numbers for writing a token.
+/// Constants for encoding a token.
 #[derive(Clone, Copy, Default)]
 struct Place {
     frequency: u32,
     start: u32,
-    /// 2^44 by the frequency, rounded up.
+    /// 2^44 divided by the frequency, rounded up.
     reciprocal: u64,
 }
 
 impl Place {
-    /// The places of all tokens.
+    /// Computes the constants of all tokens.
     fn all(table: &Table) -> Vec<Place> {
         let mut start = 0;
         let place = |frequency: &u16| {
-            // (Few tokens of a small block are there, and a division takes longer than all else here.)
+            // (A small block has few of all tokens, and a division costs more than everything else
+            // here.)
             if *frequency == 0 {
                 return Place::default();
             }
@@ -242,26 +249,27 @@ impl Place {
         table.frequencies.iter().map(place).collect()
     }
 
-    /// The state behind this token.
+    /// Returns the state after this token.
     #[inline(always)]
     fn after(&self, state: u32) -> u32 {
-        // Exact: the reciprocal times the frequency is less than 2^12 above 2^44, and the state is below 2^32.
+        // Exact: the reciprocal times the frequency exceeds 2^44 by less than 2^12, and the state
+        // is below 2^32.
         let whole = ((u128::from(state) * u128::from(self.reciprocal)) >> 44) as u32;
         (whole << TOTAL_BITS) + (state - whole * self.frequency + self.start)
     }
 }
 
-/// Counts of tokens by context, of tokens below a number.
+/// Token counts by context, for `below` tokens each.
 struct Counts {
     counts: Vec<u32>,
     below: usize,
 }
 
 impl Counts {
-    /// Those of fine tokens. Each becomes its place among the tokens of all contexts.
+    /// Counts fine tokens. Replaces each by its index among the tokens of all contexts.
     fn of(tokens: &mut [u16], contexts: &[u8]) -> Counts {
         let below = number_of_kinds(tokens.iter().copied());
-        // (At most 8 times 732: tokens of all contexts have room in 16 bits.)
+        // (At most 8 times 732: the indices fit into 16 bits.)
         for (token, context) in tokens.iter_mut().zip(contexts) {
             *token += u16::from(*context) * below as u16;
         }
@@ -270,7 +278,7 @@ impl Counts {
         Counts { counts, below }
     }
 
-    /// Those of coarser tokens.
+    /// Returns the counts of coarse tokens.
     fn coarser(&self) -> Counts {
         let mut coarser = vec![0; self.counts.len()];
         for (own, all) in coarser.chunks_mut(self.below).zip(self.counts.chunks(self.below)) {
@@ -281,7 +289,8 @@ impl Counts {
         Counts { counts: coarser, below: self.below }
     }
 
-    /// About the bits, in parts of 2^[`LOG_BITS`], that tokens take, their probabilities, and the bits behind.
+    /// Estimates the size of tokens, probabilities and remaining bits, in units of 2^-[`LOG_BITS`]
+    /// bits.
     fn cost(&self, fineness: u32) -> u64 {
         let mut bits = 0;
         for counts in self.counts.chunks(self.below) {
@@ -296,20 +305,22 @@ impl Counts {
     }
 }
 
-/// One more than the greatest of some numbers; 1 if there are none.
+/// Returns the maximum of some numbers plus 1; 1 if there are none.
 fn number_of_kinds(numbers: impl Iterator<Item = u16>) -> usize {
-    // (`max` compares references, one by one.)
+    // (`max` of an iterator would compare references, one by one.)
     usize::from(numbers.fold(0, u16::max)) + 1
 }
 
-/// The coarse token of the least number with a fine one.
+/// Returns the coarse token of the smallest number of a fine one.
 fn coarse_token(fine: u16) -> u16 {
     token_of(number_of(fine, FINE).0, COARSE).0
 }
 
-/// Writes numbers, each in its context, behind what is there; who reads them must know how many there are, and the context of each.
+/// Appends numbers, each coded in its context. A reader must know how many numbers there are, and
+/// the context of each.
 ///
-/// `contexts` has a number below [`MAX_CONTEXTS`] for each number, or nothing, which means that all are in context 0.
+/// `contexts` has a number below [`MAX_CONTEXTS`] for each number. If it is empty, all numbers are
+/// in context 0.
 ///
 /// ```
 /// # use spinney_packing::{pack_numbers, unpack_numbers};
@@ -339,7 +350,7 @@ pub fn pack_numbers(numbers: &[i64], contexts: &[u8], bytes: &mut Vec<u8>) {
     tables.iter().for_each(|table| table.write(&mut head));
     let head = head.finish();
     let places: Vec<Place> = tables.iter().flat_map(Place::all).collect();
-    // (Counts are of fine tokens, of which there are more.)
+    // (Counts are indexed by fine tokens, of which there are more.)
     let last = (self::tokens(fineness) - 1) as u16;
     let rest = |token: u16| number_of(last.min(token), fineness).1;
     let rests: Vec<u32> = (0..counts.below as u16).map(rest).collect::<Vec<_>>().repeat(tables.len());
@@ -357,8 +368,9 @@ pub fn pack_numbers(numbers: &[i64], contexts: &[u8], bytes: &mut Vec<u8>) {
         if place.frequency == TOTAL {
             return state;
         }
-        // Invariant: the state is from 2^16 up to 2^32, before each token and behind it. A word is put away if the state would leave
-        // that, which is just where a reader will find it below 2^16 and take a word.
+        // Invariant: the state is from 2^16 up to 2^32, before and after each token. A word is
+        // emitted if the state would leave this range, which is exactly where a reader finds its
+        // state below 2^16 and takes a word.
         if state >= place.frequency << (32 - TOTAL_BITS) {
             words.push(state as u16);
             return place.after(state >> 16);
@@ -381,8 +393,8 @@ pub fn pack_numbers(numbers: &[i64], contexts: &[u8], bytes: &mut Vec<u8>) {
     bytes.extend_from_slice(&bits);
 }
 
-/// Reads numbers that were written with the same contexts, as many as there is room for; hands out the bytes behind them. `None` if they are
-/// not what somebody wrote.
+/// Reads as many numbers as `numbers` holds, written with the same contexts. Returns the bytes
+/// after them, or `None` if the bytes are not those of a writer.
 pub fn unpack_numbers<'b>(bytes: &'b [u8], contexts: &[u8], numbers: &mut [i64]) -> Option<&'b [u8]> {
     let used = number_of_kinds(contexts.iter().map(|context| u16::from(*context)));
     if used > MAX_CONTEXTS || !(contexts.is_empty() || contexts.len() == numbers.len()) {
@@ -402,7 +414,7 @@ pub fn unpack_numbers<'b>(bytes: &'b [u8], contexts: &[u8], numbers: &mut [i64])
     let (states, rest) = rest.split_first_chunk::<8>()?;
     let (words, rest) = rest.split_at_checked(words.checked_mul(2)?)?;
     let (bits, rest) = rest.split_at_checked(bits)?;
-    // For each of the parts of a state: what it means.
+    // Meaning of each slot of a state.
     let lookups: Vec<Vec<Part>> = tables.iter().map(|table| Part::all(table, fineness)).collect();
     let state = |at: usize| u32::from_le_bytes(states[at..at + 4].try_into().expect("four bytes"));
     let mut states = [state(0), state(4)];
@@ -412,7 +424,7 @@ pub fn unpack_numbers<'b>(bytes: &'b [u8], contexts: &[u8], numbers: &mut [i64])
     for (index, number) in numbers.iter_mut().enumerate() {
         let context = contexts.get(index).map_or(0, |context| usize::from(*context));
         let state = &mut states[index % 2];
-        // (There is none where the context has no tokens.)
+        // (Without tokens, a context has no slots.)
         let part = lookups[context].get((*state & (TOTAL - 1)) as usize)?;
         if part.frequency < TOTAL as u16 {
             *state = u32::from(part.frequency) * (*state >> TOTAL_BITS) + u32::from(part.place);
@@ -429,19 +441,19 @@ pub fn unpack_numbers<'b>(bytes: &'b [u8], contexts: &[u8], numbers: &mut [i64])
     is_whole.then_some(rest)
 }
 
-/// Meaning of one of the 2^12 parts of a state.
+/// Meaning of one of the 2^12 slots of a state.
 #[derive(Clone, Copy)]
 struct Part {
-    /// The least number with its token, and the bits behind it.
+    /// Smallest number of the token, and the number of remaining bits.
     least: u64,
     rest: u8,
     frequency: u16,
-    /// The part's place among those of its token.
+    /// Index of the slot among those of its token.
     place: u16,
 }
 
 impl Part {
-    /// The meaning of all parts; nothing if no token is there.
+    /// Returns the meaning of all slots; empty if there are no tokens.
     fn all(table: &Table, fineness: u32) -> Vec<Part> {
         let mut parts = Vec::new();
         for (token, frequency) in table.frequencies.iter().enumerate() {
@@ -490,7 +502,7 @@ mod tests {
                     let numbers: Vec<i64> = (0..count).map(|_| number(random())).collect();
                     let contexts: Vec<u8> = match kinds {
                         0 => Vec::new(),
-                        // (Not all are there.)
+                        // (Not all contexts occur.)
                         kinds => {
                             (0..count).map(|_| (random() >> 40) as u8 % kinds).map(|kind| kind & 6).collect()
                         }
@@ -532,7 +544,7 @@ mod tests {
         let numbers: Vec<i64> = (0..40_000).map(|_| i64::from(random().is_multiple_of(20))).collect();
         let mut bytes = Vec::new();
         pack_numbers(&numbers, &[], &mut bytes);
-        // (The entropy is 0.286 bits a number.)
+        // (The entropy is 0.286 bits per number.)
         assert!(bytes.len() < 1500, "{}", bytes.len());
         bytes.clear();
         pack_numbers(&[5; 40_000], &[], &mut bytes);

@@ -1,4 +1,4 @@
-//! Values of nodes: the table of those that a segment has, and how new ones are coded.
+//! Values of nodes: the table of a segment's values, and the coding of new ones.
 
 use std::collections::HashMap;
 
@@ -12,10 +12,10 @@ use crate::errors::{SIZES, code_error, initial_symbols, size_context};
 use crate::nodes::{FIRST_VALUE, NOTHING, NewValues};
 use crate::samples;
 
-/// The samples of a value as whole numbers.
+/// Samples of a value as integers.
 pub(crate) type Numbers = [i64; 4];
 
-/// The samples of a value.
+/// Returns the samples of a value.
 pub(crate) fn numbers(form: TreeType, value: &[u8]) -> Numbers {
     let (sample, channels) = (form.value.sample, usize::from(form.value.channels));
     let mut numbers = [0; 4];
@@ -24,7 +24,7 @@ pub(crate) fn numbers(form: TreeType, value: &[u8]) -> Numbers {
     numbers
 }
 
-/// The bytes of a value.
+/// Returns the bytes of a value.
 pub(crate) fn bytes(form: TreeType, numbers: Numbers) -> [u8; 16] {
     let (sample, channels) = (form.value.sample, usize::from(form.value.channels));
     let mut bytes = [0; 16];
@@ -33,13 +33,14 @@ pub(crate) fn bytes(form: TreeType, numbers: Numbers) -> [u8; 16] {
     bytes
 }
 
-/// A key that sorts values in the order of section 7 of formats.md.
+/// Returns a key that sorts values in the order of section 7 of formats.md.
 pub(crate) fn order(form: TreeType, numbers: &Numbers) -> [u64; 4] {
     let turned = if form.value.sample == SampleType::U64 { 0 } else { 1 << 63 };
     numbers.map(|number| number as u64 ^ turned)
 }
 
-/// Codes a list of values that are sorted, each by its difference from the one before. `None` if there are more than `most`.
+/// Codes a sorted list of values, each as the difference from the one before. Returns `None` if
+/// there are more than `most`.
 pub(crate) fn code_table<K: BitCoder>(
     coder: &mut K,
     form: TreeType,
@@ -58,11 +59,11 @@ pub(crate) fn code_table<K: BitCoder>(
     Some(coded)
 }
 
-/// Values that are in a table: new ones are coded by their number there.
+/// Values in a table. New ones are coded by their index in it.
 pub(crate) struct TableValues {
     bits: u32,
     count: usize,
-    /// Probabilities of the bits of a number, by those above them.
+    /// Probabilities of the bits of an index, by the bits above them.
     contexts: Vec<Adaptive>,
 }
 
@@ -89,10 +90,10 @@ impl NewValues for TableValues {
     }
 }
 
-/// Values that are numbers: new ones are coded by what they differ from the mean of neighbours.
+/// Values that are numbers. New ones are coded as the difference from the mean of their neighbours.
 pub(crate) struct NumberValues {
     form: TreeType,
-    /// Values so far, by their symbols less [`FIRST_VALUE`].
+    /// Values so far, by symbol less [`FIRST_VALUE`].
     pub(crate) known: Vec<Numbers>,
     symbols: HashMap<Numbers, u32>,
     is_void: Adaptive,
@@ -100,7 +101,7 @@ pub(crate) struct NumberValues {
 }
 
 impl NumberValues {
-    /// With values that are to be written, or none.
+    /// Creates a coder with the values to be written, or with none.
     pub(crate) fn new(form: TreeType, known: Vec<Numbers>) -> NumberValues {
         let errors = SIZES * usize::from(form.value.channels);
         let errors = (0..errors).map(|at| initial_symbols(at % SIZES)).collect();
@@ -139,7 +140,7 @@ impl NewValues for NumberValues {
         if !K::READS {
             return Some(symbol);
         }
-        // (Bits that a sample has no room for are lost.)
+        // (Reduces the numbers to the range of the sample type.)
         let coded = numbers(self.form, &bytes(self.form, coded));
         let next = FIRST_VALUE + self.known.len() as u32;
         let symbol = *self.symbols.entry(coded).or_insert(next);

@@ -1,18 +1,18 @@
-//! Nodes of a dense block that are VOID, by the bits of its bottom nodes.
+//! VOID nodes of a dense block, derived from the state bits of its bottom nodes.
 
 use spinney_container::RecordLayout;
 
 use crate::grids::Shape;
 
-/// Which nodes of a dense block are VOID, level by level from its root down.
+/// VOID nodes of a dense block, level by level from its root down.
 pub(crate) struct VoidNodes {
     pub(crate) nodes: Vec<Vec<bool>>,
-    /// Of each node above the bottom: a bit for each child that is VOID.
+    /// VOID children of each node above the bottom, as a bit per child.
     pub(crate) children: Vec<Vec<u8>>,
 }
 
 impl VoidNodes {
-    /// By the bits of the bottom nodes.
+    /// Derives the nodes from the bits of the bottom nodes.
     pub(crate) fn new(layout: &RecordLayout, levels: u8, bits: &[u8]) -> VoidNodes {
         let axes = layout.dimension.axes();
         let bottom = (0..layout.dimension.cells(levels) as usize)

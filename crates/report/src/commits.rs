@@ -5,7 +5,7 @@ use spinney_engine::store::autumnal::Commit;
 
 use crate::JsonNumbers;
 
-/// A commit: its note, and the records and bytes that it wrote.
+/// Returns a commit as JSON: its note, and the records and bytes that it wrote.
 pub fn commit_as_json(commit: &Commit, numbers: JsonNumbers) -> Value {
     let (note, written) = (&commit.note, &commit.written);
     json!({

@@ -1,17 +1,17 @@
-//! Parts of answers that several have.
+//! Components that several results have in common.
 
 use std::borrow::Cow;
 
 use spinney_base::value::Number;
 use spinney_engine::dataset::Dataset;
 
-/// The name of a class; nothing if it has none.
+/// Returns the name of a class, if it has one.
 pub fn class_name(tree: &Dataset, value: Number) -> Option<&str> {
     tree.metadata().class_names.get(&value).map(String::as_str)
 }
 
-/// JSON without control characters other than line ends: its strings have escapes of their own for those that
-/// are left in them, which are delete and the second set of control characters.
+/// Returns JSON without control characters other than line ends. The JSON writer leaves delete and
+/// the C1 control characters unescaped in strings; here they are escaped, too.
 pub fn printable_json(text: &str) -> Cow<'_, str> {
     if !text.chars().any(|c| c.is_control() && c != '\n') {
         return text.into();

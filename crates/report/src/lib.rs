@@ -1,4 +1,4 @@
-//! Answers as JSON, as the program prints them and the server sends them: the same text for the same question.
+//! Query results as JSON, identical in the program's output and the server's responses.
 
 mod commits;
 mod json;

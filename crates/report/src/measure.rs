@@ -3,7 +3,8 @@
 use spinney_container::Tag;
 use spinney_engine::dataset::Dataset;
 
-/// The unit of a tree's world: that of the model, or of the coordinate system; cells where the frame is the identity. `None` if it is not known.
+/// Returns the unit of a tree's world coordinates: that of the model, or of the coordinate
+/// reference system, or cells if the frame is the identity. Returns `None` if the unit is unknown.
 pub fn world_unit(tree: &Dataset) -> Option<&str> {
     let (metadata, frame) = (tree.metadata(), &tree.metadata().frame);
     metadata.tag(Tag::Unit).or_else(|| match &frame.crs {
@@ -12,21 +13,22 @@ pub fn world_unit(tree: &Dataset) -> Option<&str> {
     })
 }
 
-/// The size of a tree's cells in the world: area in quadtrees, volume in octrees.
+/// Size of a tree's cells in the world: area in quadtrees, volume in octrees.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CellMeasure {
     /// Area or volume of a cell.
     pub of_cell: f64,
-    /// Its unit: `m2` of areas; of volumes the cube of the world's unit, such as `m3`, `unit3` where that is not known, or `cells`.
+    /// Unit: `m2` for areas. For volumes, the cube of the world unit, such as `m3`; `unit3` if that
+    /// is unknown, or `cells`.
     pub unit: String,
     has_volume: bool,
 }
 
 impl CellMeasure {
-    /// The measure of a tree's cells.
+    /// Returns the size of a tree's cells.
     ///
     /// # Errors
-    /// If cells are not alike, or axes have several units or none that is known: the reason.
+    /// If cells differ in size, or the units of the axes differ or are unknown: the reason.
     pub fn of(tree: &Dataset) -> Result<CellMeasure, &'static str> {
         let frame = &tree.metadata().frame;
         if !has_volume(tree) {
@@ -41,7 +43,8 @@ impl CellMeasure {
         Ok(CellMeasure { of_cell, unit, has_volume: true })
     }
 
-    /// So many cells in the world, with the unit, as text: areas as integers, volumes to six decimals.
+    /// Formats the area or volume of `cells` cells with its unit: areas as integers, volumes with
+    /// up to six decimals.
     pub fn text(&self, cells: f64) -> String {
         let measure = self.of_cell * cells;
         match self.has_volume {
@@ -55,12 +58,13 @@ fn has_volume(tree: &Dataset) -> bool {
     tree.header().form.axes() == 3
 }
 
-/// The name of what cells of a tree measure: `area` or `volume`.
+/// Returns the name of what is measured: `area` or `volume`.
 pub fn measure_name(tree: &Dataset) -> &'static str {
     if has_volume(tree) { "volume" } else { "area" }
 }
 
-/// The member of JSON, and the column of tables, that has it: `area_m2`, or `volume` in the cube of the world's unit.
+/// Returns the JSON member and table column for the measure: `area_m2`, or `volume` in the cube of
+/// the world unit.
 pub fn measure_key(tree: &Dataset) -> &'static str {
     if has_volume(tree) { "volume" } else { "area_m2" }
 }

@@ -1,33 +1,35 @@
-//! Numbers in JSON, as programs read them that have 64 bits, and as JavaScript does, whose numbers are whole to 2^53 alone.
+//! Numbers in JSON, for readers with 64-bit integers, and for JavaScript, whose integers are exact
+//! only up to 2^53 - 1.
 
 use serde_json::{Value, json};
 use spinney_base::value::{Number, SampleType};
 
-/// Whole numbers beyond are not all numbers of JavaScript.
+/// Maximum integer that JavaScript numbers represent exactly, like all smaller ones.
 const MAX_EXACT: u64 = (1 << 53) - 1;
 
-/// The way numbers stand in JSON.
+/// Representation of numbers in JSON.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JsonNumbers {
-    /// As they are; `null` where they are not finite, for which JSON has no word.
+    /// As JSON numbers, and `null` if they are not finite, since JSON cannot represent these.
     Plain,
-    /// As they are, where JavaScript reads them so; otherwise `{"$big": "..."}`, of which it makes a BigInt, and `{"$float": "..."}`, which is infinite. Samples of
-    /// types of 64 bits are always big.
+    /// As JSON numbers where JavaScript reads them exactly. Otherwise `{"$big": "..."}`, which
+    /// becomes a BigInt, or `{"$float": "..."}` for infinite numbers. Samples of 64-bit integer
+    /// types are always `$big`.
     Marked,
 }
 
 impl JsonNumbers {
-    /// A whole number that JavaScript makes a BigInt of.
+    /// Returns an integer that JavaScript turns into a BigInt.
     pub fn big(number: impl ToString) -> Value {
         json!({ "$big": number.to_string() })
     }
 
-    /// A count.
+    /// Returns a count.
     pub fn count(self, count: u64) -> Value {
         if self == JsonNumbers::Marked && count > MAX_EXACT { Self::big(count) } else { json!(count) }
     }
 
-    /// A sample.
+    /// Returns a sample.
     pub fn sample(self, number: Number, of: SampleType) -> Value {
         let is_marked = self == JsonNumbers::Marked;
         match number {
@@ -41,7 +43,7 @@ impl JsonNumbers {
         }
     }
 
-    /// The value of a class: an integer where it is one.
+    /// Returns the value of a class, as an integer if it is one.
     pub fn class(self, value: Number, of: SampleType) -> Value {
         if self == JsonNumbers::Plain {
             return class_as_json(value);
@@ -59,9 +61,9 @@ fn is_long(of: SampleType) -> bool {
     matches!(of, SampleType::U64 | SampleType::I64)
 }
 
-/// The value of a class: an integer where it is one.
+/// Returns the value of a class, as an integer if it is one.
 pub fn class_as_json(value: Number) -> Value {
-    /// Floating numbers beyond are no longer all the whole ones.
+    /// Up to this number, floating-point numbers represent all integers.
     const MOST: f64 = 9_007_199_254_740_992.0;
     match value {
         Number::Float(float) if float.fract() == 0.0 && float.abs() <= MOST => json!(float as i64),

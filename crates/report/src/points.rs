@@ -1,4 +1,4 @@
-//! Samples of single cells, of all layers of a file.
+//! Samples of single cells, for all layers of a file.
 
 use std::io::Write as _;
 
@@ -11,13 +11,14 @@ use spinney_engine::query::PointSamples;
 
 use crate::printable_json;
 
-/// The cell of points that are outside of the picture.
+/// Cell of points outside the raster or volume.
 pub const OUTSIDE: [u64; 3] = [u64::MAX; 3];
 
-/// Layers that are asked for single cells: those of the layer with the smallest cells, at one level.
+/// Layers that are queried for single cells, given as cells of the layer with the smallest cells,
+/// at one level.
 pub struct PointLayers<'a> {
     trees: &'a [&'a Dataset],
-    /// Levels of the one with the smallest cells.
+    /// Depth of the layer with the smallest cells.
     depth: u8,
     level: u8,
     axes: usize,
@@ -25,10 +26,14 @@ pub struct PointLayers<'a> {
 }
 
 impl<'a> PointLayers<'a> {
-    /// The layers of a file, of which there is at least one, and places in some coordinates; without a level the deepest.
+    /// Prepares queries of a file's layers, of which there is at least one, at points in some
+    /// coordinates. The default level is the deepest.
     ///
     /// # Errors
-    /// If there is no such level, or no way from the coordinates to the cells.
+    /// If there is no such level, or no transformation from the coordinates to the cells.
+    ///
+    /// # Panics
+    /// If there are no layers.
     pub fn new(
         trees: &'a [&'a Dataset],
         coordinates: &Coordinates,
@@ -48,32 +53,32 @@ impl<'a> PointLayers<'a> {
         Ok(PointLayers { trees, depth, level, axes: finest.header().form.axes(), places })
     }
 
-    /// Coordinates that a point has: two in quadtrees, three in octrees.
+    /// Returns the number of coordinates of a point: two in quadtrees, three in octrees.
     pub fn axes(&self) -> usize {
         self.axes
     }
 
-    /// The way from the coordinates to cells.
+    /// Returns the transformation from the coordinates to cells.
     pub fn places(&self) -> &CellLocator {
         &self.places
     }
 
-    /// The cell of the level in which a point lies; [`OUTSIDE`] if that is not in the picture.
+    /// Returns the cell of the level that contains a point, or [`OUTSIDE`].
     pub fn cell(&self, point: [f64; 3]) -> [u64; 3] {
-        // (Quadtrees have one layer, wherever that is.)
+        // (A quadtree has one layer of cells, so z is ignored.)
         let flat = |[x, y, z]: [f64; 3]| if self.axes == 3 { [x, y, z] } else { [x, y, 0.0] };
         let cell = self.places.cell(point).map(flat).filter(|cell| self.places.is_inside(*cell));
         let shift = self.depth - self.level;
         cell.map_or(OUTSIDE, |cell| cell.map(|coordinate| coordinate.floor() as u64 >> shift))
     }
 
-    /// Samples of some cells, of all layers.
+    /// Reads the samples of some cells, for all layers.
     ///
     /// # Errors
-    /// If the file is damaged there.
+    /// If the file is corrupt there.
     pub fn ask<'c>(&self, cells: &'c [[u64; 3]]) -> Result<PointReport<'c>> {
         let of_layers = self.trees.iter().map(|tree| {
-            // A layer of larger cells has the same levels, but for the deepest.
+            // Layers with larger cells lack the deepest levels.
             let shift = self.level.saturating_sub(tree.depth());
             let (level, mut samples) = (self.level - shift, PointSamples::default());
             let coarser =
@@ -85,7 +90,7 @@ impl<'a> PointLayers<'a> {
         Ok(PointReport { cells, of_layers: of_layers.collect::<Result<_>>()? })
     }
 
-    /// The beginning of each layer's answer in JSON: its name and its time.
+    /// Returns the beginning of each layer's result in JSON: its name and its time.
     pub fn headings(&self) -> Vec<String> {
         let heading = |tree: &&Dataset| {
             let (layer, time) = (json!(tree.metadata().name), json!(tree.metadata().time));
@@ -95,18 +100,19 @@ impl<'a> PointLayers<'a> {
     }
 }
 
-/// Samples of some cells, of all layers.
+/// Samples of some cells, for all layers.
 pub struct PointReport<'c> {
     cells: &'c [[u64; 3]],
-    /// With whether samples are of double precision.
+    /// Samples of each layer, and whether they have double precision.
     of_layers: Vec<(PointSamples, bool)>,
 }
 
 impl PointReport<'_> {
-    /// Writes a cell's answer as text: samples of all layers with commas between, `void` or `outside`.
+    /// Writes the result of a cell as a text line: the samples of all layers, separated by commas,
+    /// or `void`, or `outside`.
     ///
     /// # Panics
-    /// If there were not so many cells.
+    /// If there are not so many cells.
     pub fn write_text(&self, index: usize, text: &mut Vec<u8>) {
         for (layer, (samples, is_double)) in self.of_layers.iter().enumerate() {
             if layer > 0 {
@@ -128,10 +134,11 @@ impl PointReport<'_> {
         text.push(b'\n');
     }
 
-    /// Writes a cell's answer as a line of JSON: `headings` are those of [`PointLayers::headings`].
+    /// Writes the result of a cell as a line of JSON. `headings` are those of
+    /// [`PointLayers::headings`].
     ///
     /// # Panics
-    /// If there were not so many cells.
+    /// If there are not so many cells.
     pub fn write_json(&self, headings: &[String], index: usize, text: &mut Vec<u8>) {
         let is_outside = if self.cells[index] == OUTSIDE { "true" } else { "false" };
         text.extend(format!("{{\"outside\":{is_outside},\"layers\":[").bytes());
@@ -144,7 +151,7 @@ impl PointReport<'_> {
                 Some(numbers) => {
                     for (channel, number) in numbers.iter().enumerate() {
                         text.push(if channel > 0 { b',' } else { b'[' });
-                        // (JSON has no word for what is not finite.)
+                        // (JSON cannot represent numbers that are not finite.)
                         if number.is_finite() {
                             write_number(*number, *is_double, text);
                         } else {
@@ -160,7 +167,7 @@ impl PointReport<'_> {
     }
 }
 
-/// Writes a number; a whole one, as most are, without the detour over floating-point printing.
+/// Writes a number. Integers, the most frequent case, skip the slower floating-point formatting.
 pub fn write_number(number: Number, is_double: bool, text: &mut Vec<u8>) {
     let written = match number {
         Number::Float(number) if number as i64 as f64 == number => write!(text, "{}", number as i64),

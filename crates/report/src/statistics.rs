@@ -9,23 +9,24 @@ use spinney_engine::query::{ChannelStatistics, Statistics};
 
 use crate::{CellMeasure, JsonNumbers, class_name, measure_key, world_unit};
 
-/// Statistics of some boxes of cells together; of all cells where none are given.
+/// Returns the combined statistics of some boxes of cells, or of all cells if none are given.
 ///
 /// # Errors
-/// If the file is damaged there.
+/// If the file is corrupt there.
 pub fn statistics_of(tree: &Dataset, boxes: Option<&[Bounds]>) -> Result<Statistics> {
     let Some(boxes) = boxes else { return tree.statistics(None, &()) };
     let parts = boxes.iter().map(|bounds| tree.statistics(Some(*bounds), &()));
     Ok(Statistics::of_parts(&parts.collect::<Result<Vec<_>>>()?))
 }
 
-/// Bins of a histogram of the first channel, each with its least value and its cells.
+/// Bins of a histogram of the first channel, each with its minimum value and its cell count.
 pub type Bins = Vec<(f64, u64)>;
 
-/// So many bins of the first channel from a least value to a greatest, of some boxes of cells together.
+/// Returns the histogram of the first channel in some boxes of cells: `bins` bins of equal width
+/// from `low` to `high`.
 ///
 /// # Errors
-/// If the file is damaged there.
+/// If the file is corrupt there.
 pub fn bins_of(tree: &Dataset, boxes: &[Bounds], (low, high): (f64, f64), bins: u32) -> Result<Bins> {
     let mut cells = vec![0; bins as usize];
     for bounds in boxes {
@@ -37,10 +38,11 @@ pub fn bins_of(tree: &Dataset, boxes: &[Bounds], (low, high): (f64, f64), bins: 
     Ok((0..).map(|bin| low + f64::from(bin) * width).zip(cells).collect())
 }
 
-/// The bins that go with statistics, between its extremes: none of classes, or where all values are alike.
+/// Returns the histogram that accompanies statistics, from minimum to maximum. It is empty for
+/// classes, and if all values are equal.
 ///
 /// # Errors
-/// If the file is damaged there.
+/// If the file is corrupt there.
 pub fn bins_with(tree: &Dataset, boxes: &[Bounds], statistics: &Statistics, bins: u32) -> Result<Bins> {
     match statistics.channels.first() {
         Some(first) if statistics.classes.is_empty() && first.min < first.max && bins > 0 => {
@@ -50,13 +52,13 @@ pub fn bins_with(tree: &Dataset, boxes: &[Bounds], statistics: &Statistics, bins
     }
 }
 
-/// The part of the cells that is VOID; nothing of no cells.
+/// Returns the fraction of cells that are VOID, or `None` if there are no cells.
 pub fn void_share(statistics: &Statistics) -> Option<f64> {
     let all = statistics.cells + statistics.void_cells;
     (all > 0).then(|| statistics.void_cells as f64 / all as f64)
 }
 
-/// Extremes, mean and standard deviation of each channel.
+/// Returns the extremes, mean and standard deviation of each channel as JSON.
 pub fn channels_as_json(statistics: &Statistics, of: SampleType, numbers: JsonNumbers) -> Vec<Value> {
     let channel = |channel: &ChannelStatistics| {
         json!({
@@ -70,12 +72,12 @@ pub fn channels_as_json(statistics: &Statistics, of: SampleType, numbers: JsonNu
     statistics.channels.iter().map(channel).collect()
 }
 
-/// Bins as JSON.
+/// Returns bins as JSON.
 pub fn bins_as_json(bins: &[(f64, u64)], numbers: JsonNumbers) -> Value {
     bins.iter().map(|(from, cells)| json!({ "from": from, "cells": numbers.count(*cells) })).collect()
 }
 
-/// Statistics of a layer, and a histogram.
+/// Returns the statistics of a layer, and a histogram, as JSON.
 pub fn statistics_as_json(
     tree: &Dataset,
     statistics: &Statistics,

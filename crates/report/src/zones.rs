@@ -9,23 +9,24 @@ use spinney_vector::import::zones::PolygonLayer;
 
 use crate::{CellMeasure, JsonNumbers, class_name, measure_key, printable_json, world_unit};
 
-/// The form of polygons' statistics in JSON.
+/// Options of the JSON of polygon statistics.
 #[derive(Clone, Copy)]
 pub struct ZoneForm<'a> {
-    /// The layers that were asked.
+    /// Layers that were queried.
     pub trees: &'a [&'a Dataset],
-    /// The quantiles that were asked for.
+    /// Quantiles that were requested.
     pub quantiles: &'a [f64],
-    /// Names of the attributes that are told; all if there is no list.
+    /// Names of the attributes to report; all if `None`.
     pub attributes: Option<&'a [String]>,
-    /// Whether statistics stand in a list of layers, also of one.
+    /// Whether statistics are in a list of layers even if there is only one.
     pub has_layers: bool,
-    /// The way numbers stand in it.
+    /// Representation of numbers.
     pub numbers: JsonNumbers,
 }
 
 impl ZoneForm<'_> {
-    /// Statistics of the feature with a number among those of a layer of polygons, of all layers of the tree.
+    /// Returns the statistics of the feature at index `number` of a layer of polygons, for all
+    /// layers of the tree.
     pub fn as_json(&self, layer: &PolygonLayer, number: usize, zones: &[ZoneStatistics]) -> Value {
         let mut json = self.feature(layer, &layer.features[number]);
         match zones {
@@ -43,7 +44,7 @@ impl ZoneForm<'_> {
         json.into()
     }
 
-    /// Id, name and attributes of a feature.
+    /// Returns the id, name and attributes of a feature.
     fn feature(&self, layer: &PolygonLayer, feature: &Feature) -> Map<String, Value> {
         let is_wanted = |name: &String| self.attributes.is_none_or(|wanted| wanted.contains(name));
         let values =
@@ -57,7 +58,7 @@ impl ZoneForm<'_> {
         ])
     }
 
-    /// Statistics of a zone's cells.
+    /// Returns the statistics of a zone's cells.
     fn zone(&self, tree: &Dataset, zone: &ZoneStatistics) -> Map<String, Value> {
         let (each, of) =
             (CellMeasure::of(tree).ok().map(|measure| measure.of_cell), tree.header().form.value.sample);
@@ -85,7 +86,7 @@ impl ZoneForm<'_> {
         zone
     }
 
-    /// Statistics of a channel of a zone's cells.
+    /// Returns the statistics of a channel of a zone's cells.
     fn channel(&self, channel: &ZoneChannel, of: SampleType) -> Value {
         let ZoneChannel { cells, min, max, sum, mean, standard_deviation, values } = channel;
         let mut json = json!({
@@ -108,12 +109,13 @@ impl ZoneForm<'_> {
     }
 }
 
-/// Members of an object, in their order.
+/// Returns an object with members in the given order.
 fn members<const N: usize>(members: [(&str, Value); N]) -> Map<String, Value> {
     members.into_iter().map(|(name, value)| (name.to_string(), value)).collect()
 }
 
-/// Statistics of polygons as the text of JSON, feature by feature. (As text, which takes a tenth of the memory that values would.)
+/// Polygon statistics as a JSON string, feature by feature. (A string takes a tenth of the memory
+/// of JSON values.)
 pub struct ZoneReport<'a> {
     form: ZoneForm<'a>,
     /// Number of features so far.
@@ -122,32 +124,33 @@ pub struct ZoneReport<'a> {
 }
 
 impl<'a> ZoneReport<'a> {
-    /// The text before all features.
+    /// Creates a report with the JSON before all features.
     pub fn begin(form: ZoneForm<'a>) -> ZoneReport<'a> {
         ZoneReport { form, count: 0, text: "{\n  \"zones\": [".into() }
     }
 
-    /// Adds the statistics of the next feature, which has such a number among those of the layer, of all layers of the tree.
+    /// Adds the statistics of the next feature, at index `number` of the layer, for all layers of
+    /// the tree.
     pub fn add(&mut self, layer: &PolygonLayer, number: usize, zones: &[ZoneStatistics]) {
         let separator = if self.count > 0 { ",\n" } else { "\n" };
         self.count += 1;
         let json = format!("{:#}", self.form.as_json(layer, number, zones));
-        // (Strings in JSON have no ends of lines.)
+        // (Strings in JSON contain no line ends.)
         let lines: Vec<String> = json.lines().map(|line| format!("    {line}")).collect();
         self.text.extend([separator, &lines.join("\n")]);
     }
 
-    /// Adds the text behind all features.
+    /// Adds the JSON after all features.
     pub fn finish(&mut self) {
         self.text.push_str(if self.count > 0 { "\n  ]\n}\n" } else { "]\n}\n" });
     }
 
-    /// Bytes of text that were not taken yet.
+    /// Returns the length of the JSON not taken yet, in bytes.
     pub fn held(&self) -> usize {
         self.text.len()
     }
 
-    /// Takes the text so far.
+    /// Takes the JSON written since the last call.
     pub fn take(&mut self) -> String {
         let text = std::mem::take(&mut self.text);
         printable_json(&text).into_owned()

@@ -1,8 +1,10 @@
-//! Tiles: squares of a grid, zoom by zoom, as maps ask for them: where they lie, their samples and their colours.
+//! Map tiles: squares of a grid at each zoom, with their positions, samples and colours.
 //!
-//! A [`TileSource`] gives the samples of tiles: those of the world's square in web mercator, straight from a tree that lies on it
-//! ([`TreeTiles::world`]) or warped as they are drawn ([`WarpedTiles`]); or those of a tree's own square ([`TreeTiles::native`]). A
-//! [`TilePainter`] is a style made ready for them, and [`draw_tile`] gives the pixels of one tile.
+//! A [`TileSource`] provides the samples of tiles. The tiles divide either the world square of web
+//! mercator or a tree's own square. World tiles come straight from a tree on that grid
+//! ([`TreeTiles::world`]), or are warped as they are drawn ([`WarpedTiles`]); native tiles are
+//! nodes of the tree ([`TreeTiles::native`]). A [`TilePainter`] is a style prepared for a tree's
+//! tiles. [`draw_tile`] returns the pixels of one tile.
 //!
 //! ```
 //! # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();

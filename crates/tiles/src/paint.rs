@@ -9,28 +9,29 @@ use spinney_base::{Progress, Result};
 use spinney_engine::dataset::Dataset;
 use spinney_style::{Ground, PercentileNumbers, SampleBlock, Style, StylePainter};
 
-/// How values of a tree become colours.
+/// Description of how a tree's values become colours.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TileColours {
-    /// The style's document.
+    /// JSON document of the style.
     pub style: String,
-    /// The numbers that its percentiles are.
+    /// Values of the style's percentiles.
     pub percentiles: PercentileNumbers,
-    /// Hash of what is made of these with the tree's palette and units: another one whenever tiles look different.
+    /// Hash of these and the tree's palette and units. It changes whenever the tiles' appearance
+    /// changes.
     pub look: String,
 }
 
-/// Pixels of a tile; its rows follow each other without a margin.
+/// Pixels of a tile, row by row, without a margin.
 #[derive(Clone, Debug, Default)]
 pub struct TilePixels {
-    /// Numbers of colours, if the painter has a palette.
+    /// Palette indices, if the painter has a palette.
     pub indices: Vec<u8>,
-    /// Else red, green, blue and opacity of each pixel.
+    /// Otherwise red, green, blue and opacity of each pixel.
     pub colours: Vec<[u8; 4]>,
 }
 
 impl TilePixels {
-    /// Red, green, blue and opacity of each pixel, where numbers are those of a palette.
+    /// Returns red, green, blue and opacity of each pixel, looking up indices in the palette.
     fn into_colours(self, palette: Option<&[[u8; 4]; 256]>) -> Vec<[u8; 4]> {
         match palette {
             Some(colours) => self.indices.iter().map(|index| colours[usize::from(*index)]).collect(),
@@ -39,9 +40,9 @@ impl TilePixels {
     }
 }
 
-/// A style made ready for the tiles of a tree.
+/// Style prepared for the tiles of a tree.
 ///
-/// Tiles without any value are left out, also if the style has a colour for VOID.
+/// Tiles without any value are omitted, even if the style has a colour for VOID.
 #[derive(Debug)]
 pub struct TilePainter {
     painter: StylePainter,
@@ -50,7 +51,7 @@ pub struct TilePainter {
 }
 
 impl TilePainter {
-    /// Makes a style ready.
+    /// Prepares a style.
     ///
     /// # Errors
     /// Those of [`StylePainter::new`].
@@ -58,7 +59,7 @@ impl TilePainter {
         TilePainter::with_numbers(style, tree, None, progress)
     }
 
-    /// Makes a style ready, with numbers that its percentiles are, where they are given.
+    /// Prepares a style, with given percentile values if there are any.
     ///
     /// # Errors
     /// Those of [`StylePainter::new`].
@@ -80,30 +81,30 @@ impl TilePainter {
         Ok(TilePainter { painter, palette, colours })
     }
 
-    /// The painter.
+    /// Returns the painter.
     pub fn painter(&self) -> &StylePainter {
         &self.painter
     }
 
-    /// Cells around a tile that its pixels depend on.
+    /// Returns the width in cells of the margin around a tile that its pixels depend on.
     pub fn margin(&self) -> usize {
         self.painter.margin() as usize
     }
 
-    /// The colours whose numbers it paints; `None` if it paints colours.
+    /// Returns the palette whose indices are painted, or `None` if colours are painted.
     pub fn palette(&self) -> Option<&[[u8; 4]; 256]> {
         self.palette.as_deref()
     }
 
-    /// The colours as an archive tells of them.
+    /// Returns the description of the colours, as archives store it.
     pub fn colours(&self) -> &TileColours {
         &self.colours
     }
 
-    /// Paints a tile of a source, of which there are the samples with the margin's cells around it.
+    /// Paints a tile of a source from its samples, which include the margin.
     ///
     /// # Errors
-    /// If the samples are not of the type that the style was made ready for.
+    /// If the samples are not of the type that the style was prepared for.
     pub fn paint(
         &self,
         source: &dyn TileSource,
@@ -142,7 +143,8 @@ impl TilePainter {
     }
 }
 
-/// Gives transparent pixels the colour of the nearest pixel that is not, counted in steps between neighbours; they stay transparent.
+/// Gives transparent pixels the colour of the nearest opaque pixel, by steps between direct
+/// neighbours. They stay transparent.
 fn spread_colours(pixels: &mut [[u8; 4]], side: usize) {
     let mut is_reached: Vec<bool> = pixels.iter().map(|pixel| pixel[3] > 0).collect();
     if !is_reached.contains(&false) {
@@ -170,7 +172,8 @@ fn spread_colours(pixels: &mut [[u8; 4]], side: usize) {
     }
 }
 
-/// Pixels of a tile of `side` cells a side: red, green, blue and opacity, row by row; `None` where nothing is there.
+/// Draws the pixels of a tile of `side` cells a side: red, green, blue and opacity, row by row.
+/// Returns `None` if no cell has a value.
 ///
 /// # Errors
 /// If the source cannot be read.
@@ -180,7 +183,7 @@ pub fn draw_tile(
     tile: TileId,
     side: usize,
 ) -> Result<Option<Vec<[u8; 4]>>> {
-    // (Where bytes are far away, what tells that nothing is there is fetched together with what would be drawn.)
+    // (For remote files, the reads of `content` and those of `tile` go into one batch.)
     let mut is_unread = false;
     let content = defer_missing(source.content(tile), &mut is_unread)?;
     if content == Some(TileContent::Empty) {

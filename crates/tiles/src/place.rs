@@ -1,26 +1,28 @@
-//! Places of tiles: zoom, column and row, their order along the Hilbert curve, and where they lie on the globe.
+//! Tile addresses: zoom, column and row, their order along the Hilbert curve, and their position on
+//! the globe.
 
 use std::f64::consts::PI;
 
 use spinney_base::{Error, Result};
 use spinney_crs::WEB_MERCATOR_LATITUDE;
 
-/// The deepest zoom: tiles there have 64-bit numbers along the Hilbert curve with room to spare.
+/// Maximum zoom. Tile numbers along the Hilbert curve fit easily into 64 bits there.
 pub const MAX_ZOOM: u8 = 28;
 
-/// A tile of the world's square: at zoom z there are 2^z columns from west to east, and as many rows from north to south.
+/// Tile of the world square. Zoom `z` has `2^z` columns from west to east, and as many rows from
+/// north to south.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct TileId {
-    /// The zoom, which is the level of the tile's node in a tree whose root is the world.
+    /// Zoom: the level of the tile's node in a tree whose root is the world.
     pub zoom: u8,
-    /// The column, from the west.
+    /// Column, from the west.
     pub column: u32,
-    /// The row, from the north.
+    /// Row, from the north.
     pub row: u32,
 }
 
 impl TileId {
-    /// The number of the tile in `PMTiles` archives: all zooms one after the other, each along the Hilbert curve.
+    /// Returns the tile's number in `PMTiles` archives: zoom by zoom, each along the Hilbert curve.
     ///
     /// ```
     /// use spinney::raw::export::tiles::TileId;
@@ -30,15 +32,15 @@ impl TileId {
         first_number(self.zoom) + self.along_curve()
     }
 
-    /// The tile with a number, if it is at no zoom below [`MAX_ZOOM`].
+    /// Returns the tile with a number, or `None` if its zoom would exceed [`MAX_ZOOM`].
     pub fn from_number(number: u64) -> Option<TileId> {
         let zoom = (0..=MAX_ZOOM).rev().find(|zoom| first_number(*zoom) <= number)?;
         let along = number - first_number(zoom);
         (along < 1 << (2 * zoom)).then(|| TileId::on_curve(zoom, along))
     }
 
-    /// Steps along the Hilbert curve from the first tile of the zoom. Those of a tile's children are the four from four times
-    /// its own on.
+    /// Returns the distance along the Hilbert curve from the first tile of the zoom. The distances
+    /// of a tile's children are the four from four times its own on.
     pub fn along_curve(self) -> u64 {
         let (mut x, mut y, mut along) = (self.column, self.row, 0);
         for bit in (0..self.zoom).rev() {
@@ -46,7 +48,7 @@ impl TileId {
             along = along << 2 | u64::from((3 * right) ^ down);
             if down == 0 {
                 if right == 1 {
-                    // (Only bits below this one count from here on.)
+                    // (Only the bits below this one matter from here on.)
                     (x, y) = (!x, !y);
                 }
                 (x, y) = (y, x);
@@ -55,7 +57,7 @@ impl TileId {
         along
     }
 
-    /// The tile so many steps along the curve.
+    /// Returns the tile at a distance along the curve.
     pub fn on_curve(zoom: u8, along: u64) -> TileId {
         let (mut x, mut y) = (0, 0);
         for bit in 0..zoom {
@@ -76,27 +78,27 @@ impl TileId {
     }
 }
 
-/// Number of a zoom's first tile: that of all tiles above it.
+/// Returns the number of a zoom's first tile, which is the number of tiles of all zooms above it.
 pub fn first_number(zoom: u8) -> u64 {
     ((1 << (2 * zoom)) - 1) / 3
 }
 
-/// A rectangle of tiles of one zoom.
+/// Rectangle of tiles of one zoom.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TileRange {
-    /// The first column and row.
+    /// First column and row.
     pub min: [u32; 2],
-    /// The column and the row behind the last.
+    /// Column and row after the last.
     pub max: [u32; 2],
 }
 
 impl TileRange {
-    /// All tiles of a zoom.
+    /// Returns all tiles of a zoom.
     pub fn world(zoom: u8) -> TileRange {
         TileRange { min: [0; 2], max: [1 << zoom; 2] }
     }
 
-    /// The tiles of a zoom that have a part of a box in degrees: west, south, east, north.
+    /// Returns the tiles of a zoom that overlap a box in degrees: west, south, east, north.
     pub fn of_degrees(zoom: u8, [west, south, east, north]: [f64; 4]) -> TileRange {
         let side = f64::from(1u32 << zoom);
         let column = |longitude: f64| (longitude + 180.0) / 360.0 * side;
@@ -104,14 +106,14 @@ impl TileRange {
             let latitude = latitude.clamp(-WEB_MERCATOR_LATITUDE, WEB_MERCATOR_LATITUDE).to_radians();
             (1.0 - latitude.tan().asinh() / PI) / 2.0 * side
         };
-        // (Borders that are a rounding error beyond a tile's do not add the next one.)
+        // (A border that exceeds that of a tile by a rounding error does not add the next tile.)
         let first = |at: f64| (at + 1e-9).floor().clamp(0.0, side - 1.0) as u32;
         let end = |at: f64| (at - 1e-9).ceil().clamp(1.0, side) as u32;
         let min = [first(column(west)), first(row(north))];
         TileRange { min, max: [end(column(east)).max(min[0] + 1), end(row(south)).max(min[1] + 1)] }
     }
 
-    /// The tiles that are in both.
+    /// Returns the tiles that are in both ranges.
     #[must_use]
     pub fn intersect(&self, other: &TileRange) -> TileRange {
         TileRange {
@@ -120,24 +122,24 @@ impl TileRange {
         }
     }
 
-    /// Whether there are none.
+    /// Returns whether there are no tiles.
     pub fn is_empty(&self) -> bool {
         (0..2).any(|axis| self.min[axis] >= self.max[axis])
     }
 
-    /// Whether all of another are among them.
+    /// Returns whether all tiles of another range are in this one.
     pub fn contains(&self, other: &TileRange) -> bool {
         (0..2).all(|axis| self.min[axis] <= other.min[axis] && other.max[axis] <= self.max[axis])
     }
 
-    /// The tiles of a deeper zoom, or of its own, below a tile.
+    /// Returns the tiles below a tile, at a zoom that is deeper or its own.
     pub fn below(tile: TileId, zoom: u8) -> TileRange {
         let shift = zoom - tile.zoom;
         let min = [tile.column, tile.row];
         TileRange { min: min.map(|at| at << shift), max: min.map(|at| (at + 1) << shift) }
     }
 
-    /// West, south, east and north in degrees.
+    /// Returns west, south, east and north in degrees.
     pub fn degrees(&self, zoom: u8) -> [f64; 4] {
         let side = f64::from(1u32 << zoom);
         let longitude = |column: u32| f64::from(column) / side * 360.0 - 180.0;
@@ -146,7 +148,8 @@ impl TileRange {
     }
 }
 
-/// Checks that a box in degrees is west, south, east, north, and has some width and height on the globe.
+/// Checks that a box in degrees is given as west, south, east, north, lies on the globe, and has a
+/// positive width and height.
 ///
 /// # Errors
 /// If it does not.
@@ -164,7 +167,7 @@ pub fn check_degrees(degrees: [f64; 4]) -> Result<()> {
 mod tests {
     use super::*;
 
-    /// The examples of the `PMTiles` specification, version 3.
+    /// Examples of the `PMTiles` specification, version 3.
     #[test]
     fn numbers_are_those_of_the_specification() {
         let examples =

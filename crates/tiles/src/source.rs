@@ -1,4 +1,4 @@
-//! Samples that tiles are made of, from whatever grid they come.
+//! Samples of tiles, independent of the grid that they come from.
 
 use super::place::{TileId, TileRange};
 use spinney_base::Result;
@@ -8,14 +8,14 @@ use spinney_base::value::{Value, ValueType};
 use spinney_crs::{Frame, web_mercator};
 use spinney_engine::tree::Child;
 
-/// Knowledge of a tile without drawing it, and so of all tiles below it.
+/// Contents of a tile that are known without drawing it, and so those of all tiles below it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum TileContent {
-    /// Nothing is there.
+    /// No cell has a value.
     Empty,
-    /// All of its cells have this value.
+    /// All cells have this value.
     Uniform(Value),
-    /// It must be drawn. It may turn out to be uniform.
+    /// The tile must be drawn, and may turn out to be uniform.
     Detail,
 }
 
@@ -29,22 +29,22 @@ impl<N> From<Child<N>> for TileContent {
     }
 }
 
-/// The samples of a tile with some cells around it: `side` rows of `side` cells, north first.
+/// Samples of a tile with a margin of cells around it: `side` rows of `side` cells, north first.
 #[derive(Clone, Debug, Default)]
 pub struct TileSamples {
-    /// Cells along each side, those around the tile included.
+    /// Cells along each side, including the margin.
     pub side: usize,
-    /// Values, little-endian, a cell's samples together.
+    /// Values, little-endian, with the samples of a cell contiguous.
     pub values: Vec<u8>,
     /// Whether each cell has a value; `false` is VOID.
     pub valid: Vec<bool>,
 }
 
-/// Draws a box of cells: their values, and whether each has one.
+/// Function that draws a box of cells: their values, and whether each has one.
 pub(super) type DrawBox<'a> = dyn Fn(&Bounds, &mut [u8], &mut [bool]) -> Result<()> + 'a;
 
 impl TileSamples {
-    /// Makes room for so many cells along each side, of values of so many bytes, all VOID.
+    /// Resizes the buffers to `side` cells a side with values of `width` bytes, all VOID.
     pub fn start(&mut self, side: usize, width: usize) {
         self.side = side;
         self.values.resize(side * side * width, 0);
@@ -53,7 +53,7 @@ impl TileSamples {
         self.valid.fill(false);
     }
 
-    /// Gives all cells one value, or makes them VOID.
+    /// Sets all cells to one value, or to VOID.
     pub fn fill(&mut self, side: usize, width: usize, value: Option<Value>) {
         self.start(side, width);
         if let Some(value) = value {
@@ -64,9 +64,10 @@ impl TileSamples {
         }
     }
 
-    /// Draws a tile of `side` cells a side, with `margin` cells around it, by boxes of the square's cells at the tile's zoom. Rows end where the
-    /// square ends; so do columns, unless they go around the globe and go on behind the antimeridian. `draw` gives each cell of a box its
-    /// value of `width` bytes.
+    /// Draws a tile of `side` cells a side, with `margin` cells around it, by boxes of the square's
+    /// cells at the tile's zoom. Rows outside the square stay VOID. So do columns, unless
+    /// `is_around` is set: then they continue beyond the antimeridian. `draw` writes a value of
+    /// `width` bytes for each cell of a box.
     ///
     /// # Errors
     /// Those of `draw`.
@@ -118,75 +119,84 @@ impl TileSamples {
 /// Geographic extent of data.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GeographicExtent {
-    /// West, south, east and north in degrees: -180 to 180 if data cross the 180th meridian.
+    /// West, south, east and north in degrees; west and east are -180 and 180 if the data cross the
+    /// 180th meridian.
     pub bounds: [f64; 4],
-    /// Longitude and latitude of the centre, also if data cross the 180th meridian.
+    /// Longitude and latitude of the centre, which is meaningful even if the data cross the 180th
+    /// meridian.
     pub centre: [f64; 2],
 }
 
 impl GeographicExtent {
-    /// The extent of a box, with its own centre.
+    /// Returns the extent of a box, with the centre of the box.
     pub fn of_bounds(bounds: [f64; 4]) -> GeographicExtent {
         let [west, south, east, north] = bounds;
         GeographicExtent { bounds, centre: [(west + east) / 2.0, (south + north) / 2.0] }
     }
 }
 
-/// Samples of the tiles of a square.
+/// Source of the samples of a square's tiles.
 pub trait TileSource: Sync {
-    /// Type of the values.
+    /// Returns the type of the values.
     fn value_type(&self) -> ValueType;
 
-    /// The place in the world of the square's cells where it has `2^level` of them a side: the world's square in web mercator, unless the
-    /// source has another one.
+    /// Returns the georeferencing of the square's cells where it has `2^level` of them a side. The
+    /// default is the world square in web mercator.
     fn frame(&self, level: u8) -> Frame {
         web_mercator(level)
     }
 
-    /// How the samples are made, in words, where they are not those of a tree as they are: another text wherever tiles may differ.
+    /// Returns a description of how samples are derived, if they are not those of a tree unchanged.
+    /// Sources whose tiles may differ return different strings.
     fn signature(&self) -> String {
         String::new()
     }
 
-    /// Whether samples may leave the bounds of the tree's values, as those of a cubic convolution do.
+    /// Returns whether samples may exceed the range of the tree's values, as with cubic
+    /// convolution.
     fn overshoots(&self) -> bool {
         false
     }
 
-    /// The deepest zoom that is worth drawing: that with about the source's own cells, for tiles of so many cells a side.
+    /// Returns the maximum zoom worth drawing, for tiles of `side` cells a side: the one whose
+    /// cells are about as large as the source's own.
     fn max_zoom(&self, side: usize) -> u8;
 
-    /// West, south, east and north of the source in degrees.
+    /// Returns west, south, east and north of the source in degrees.
     fn degrees(&self) -> [f64; 4];
 
-    /// The place of the source's data: for whoever shows the tiles, and not of what is drawn.
+    /// Returns the geographic extent of the source's data. It serves viewers of the tiles, and does
+    /// not affect what is drawn.
     ///
     /// # Errors
     /// If the source cannot be read.
     fn data_place(&self) -> Result<GeographicExtent>;
 
-    /// Tells what is known of a tile without drawing it. Takes microseconds; `Detail` is always right.
+    /// Returns what is known about a tile without drawing it. Takes microseconds.
+    /// [`TileContent::Detail`] is always a valid result.
     ///
     /// # Errors
     /// If the source cannot be read.
     fn content(&self, tile: TileId) -> Result<TileContent>;
 
-    /// The samples of a tile of `side` cells a side, with `margin` cells around it. What is beyond the square is VOID.
+    /// Reads the samples of a tile of `side` cells a side, with `margin` cells around it. Cells
+    /// outside the square are VOID.
     ///
     /// # Errors
     /// If the source cannot be read.
     fn tile(&self, tile: TileId, side: usize, margin: usize, samples: &mut TileSamples) -> Result<()>;
 
-    /// The tiles of a zoom that depend on a block of the tree.
+    /// Returns the tiles of a zoom that depend on a block of the tree.
     fn tiles_of(&self, block: Code, zoom: u8) -> TileRange;
 
-    /// The level of the tree's nodes that are about as large as a tile of a zoom, or its half: whoever asks for the tiles of many
-    /// smaller blocks may ask for those of the nodes that these lie in instead.
+    /// Returns the level of the tree's nodes that are about as large as a tile of a zoom, or half
+    /// as large along each side. A caller that needs the tiles of many smaller blocks may query
+    /// those of the nodes that contain the blocks instead.
     fn block_level(&self, zoom: u8) -> u8;
 
-    /// Makes sure that what was read is still there: asked once at the end.
+    /// Checks that the source has not changed since it was read. Called once at the end.
     ///
     /// # Errors
-    /// If it was changed meanwhile.
+    /// If it has changed.
     fn check_unchanged(&self) -> Result<()>;
 }

@@ -9,10 +9,10 @@ use spinney_base::{Error, Result};
 use spinney_crs::{Frame, web_mercator, web_mercator_depth};
 use spinney_engine::dataset::Dataset;
 
-/// The level of the world's square whose columns tell on which side of the globe data lie.
+/// Level of the world square at which the columns with data are determined.
 const COLUMN_LEVEL: u8 = 8;
 
-/// First and number of the longest run of flags that are not set.
+/// Returns the start and the length of the longest run of unset flags.
 fn widest_gap(flags: &[bool]) -> (usize, usize) {
     let (mut widest, mut start) = ((0, 0), 0);
     for (index, flag) in flags.iter().chain([&true]).enumerate() {
@@ -26,7 +26,7 @@ fn widest_gap(flags: &[bool]) -> (usize, usize) {
     widest
 }
 
-/// Tiles of a tree's own square: each is a node of it.
+/// Tiles of a tree's own square: each is a node of the tree.
 pub struct TreeTiles<'a> {
     tree: &'a Dataset,
     depth: u8,
@@ -35,7 +35,8 @@ pub struct TreeTiles<'a> {
 }
 
 impl<'a> TreeTiles<'a> {
-    /// The tiles of a tree, if its root is the world's square in web mercator; see [`web_mercator_depth`].
+    /// Returns the tiles of a tree, if its root is the world square in web mercator; see
+    /// [`web_mercator_depth`].
     pub fn world(tree: &'a Dataset) -> Option<TreeTiles<'a>> {
         let header = tree.header();
         let depth = web_mercator_depth(&tree.metadata().frame, header.extent)?;
@@ -43,7 +44,8 @@ impl<'a> TreeTiles<'a> {
         is_tree.then_some(TreeTiles { tree, depth, is_world: true })
     }
 
-    /// The tiles of a quadtree's square, wherever it lies: zoom 0 has all of it, with the first cell in its north-western corner.
+    /// Returns the tiles of a quadtree's own square, wherever it is. Zoom 0 has all of it, with the
+    /// first cell in its north-western corner.
     pub fn native(tree: &'a Dataset) -> TreeTiles<'a> {
         TreeTiles { tree, depth: tree.depth(), is_world: false }
     }
@@ -83,7 +85,8 @@ impl TileSource for TreeTiles<'_> {
         let cells = |corner: [u64; 3]| [corner[0] as u32, corner[1] as u32];
         let range = TileRange { min: cells(data.min), max: cells(data.max) };
         let mut place = GeographicExtent::of_bounds(range.degrees(self.depth));
-        // Where a wide gap lies between data in the east and in the west, these are beside each other.
+        // If a wide gap separates data in the west from data in the east, they are neighbours
+        // across the antimeridian.
         let level = self.depth.min(COLUMN_LEVEL);
         let side = 1usize << level;
         let all = Bounds::space(Dimension::Quad, level);
@@ -93,7 +96,7 @@ impl TileSource for TreeTiles<'_> {
         let has_data: Vec<bool> =
             (0..side).map(|column| valid.iter().skip(column).step_by(side).any(|is| *is)).collect();
         let (start, length) = widest_gap(&has_data);
-        // (One that ends at the map's edges is no gap between data.)
+        // (A gap at the edge of the map does not separate data.)
         if start > 0 && start + length < side && length > side / 4 {
             let middle = (start + length) as f64 + (side - length) as f64 / 2.0;
             place.centre[0] = (middle / side as f64 * 360.0).rem_euclid(360.0) - 180.0;
@@ -113,7 +116,7 @@ impl TileSource for TreeTiles<'_> {
 
     fn tile(&self, tile: TileId, side: usize, margin: usize, samples: &mut TileSamples) -> Result<()> {
         let width = self.value_type().size();
-        // The level with the tile's cells, or, where the tree ends above it, the deepest.
+        // The level with the tile's cells, or the deepest one if the tree has no such level.
         let wanted = tile.zoom + side.trailing_zeros() as u8;
         let level = wanted.min(self.depth);
         let shift = wanted - level;

@@ -1,4 +1,4 @@
-//! Tiles of rasters on any grid: warped as they are drawn, from the raster's own levels.
+//! Tiles of rasters on any grid, warped as they are drawn, from the raster's own levels.
 
 use std::sync::Arc;
 
@@ -13,30 +13,32 @@ use spinney_engine::dataset::Dataset;
 use spinney_engine::ops::{Resampling, ViewSource, WarpGrid, WarpOptions, Warped};
 use spinney_engine::tree::Source as _;
 
-/// Tiles of a raster that lies on another grid than web mercator's.
+/// Tiles of a raster that is not on the web mercator grid.
 ///
-/// Each zoom takes its values from the coarsest level of the raster that is fine enough for it, two cells along a pixel's side unless the options tell
-/// another number: no tile reads many more cells than it has pixels.
+/// Each zoom reads the coarsest level of the raster that is fine enough. By default, that is one
+/// with at least two cells along a pixel's side, or one cell if the resampling method does not
+/// aggregate an area. So no tile reads many more cells than it has pixels.
 pub struct WarpedTiles {
-    /// By zoom.
+    /// Warped raster of each zoom.
     warped: Vec<Warped>,
     source_depth: u8,
     source_extent: [u64; 3],
     side: usize,
     max_zoom: u8,
-    /// The zoom whose pixels are closest in size to the raster's cells.
+    /// Zoom whose pixels are closest in size to the raster's cells.
     closest: u8,
     degrees: [f64; 4],
-    /// Longitude and latitude of the raster's middle, where it has one.
+    /// Longitude and latitude of the raster's middle, where they are defined.
     middle: Option<[f64; 2]>,
 }
 
 impl WarpedTiles {
-    /// The tiles of a raster, of so many cells a side, down to a zoom: if none is given, to that whose cells are closest in size to the
-    /// raster's. `frame` is the place of the raster's cells in the world.
+    /// Creates the tiles of a raster, with `side` cells a side, down to `max_zoom`; by default,
+    /// down to the zoom whose cells are closest in size to the raster's. `frame` is the
+    /// georeferencing of the raster's cells.
     ///
     /// # Errors
-    /// Those of [`Warped::new`].
+    /// If `max_zoom` is too deep, and those of [`Warped::new`].
     pub fn new(
         source: Arc<ViewSource>,
         frame: &Frame,
@@ -48,7 +50,7 @@ impl WarpedTiles {
         let (source_depth, source_extent) = (header.depth(), header.extent);
         let levels = side.trailing_zeros() as u8;
         let finest = WarpGrid::web_mercator(None, frame, source_extent, options.allow_ballpark)?;
-        // (Tiles of twice the side have as many cells a zoom before.)
+        // (Tiles with twice the side have as many cells at one zoom less.)
         let closest = (finest.extent[0].trailing_zeros() as u8).saturating_sub(levels);
         let max_zoom = max_zoom.unwrap_or(closest);
         let most = MAX_ZOOM.min(Dimension::Quad.max_depth().saturating_sub(levels));
@@ -74,7 +76,7 @@ impl WarpedTiles {
         })
     }
 
-    /// Remarks on how well the raster's coordinate system is known.
+    /// Returns warnings about the accuracy of the raster's coordinate reference system.
     pub fn remarks(&self) -> Vec<String> {
         self.warped.first().map(Warped::remarks).unwrap_or_default()
     }
@@ -89,7 +91,7 @@ impl TileSource for WarpedTiles {
         self.warped.iter().any(|warped| warped.resampling() == Resampling::Cubic)
     }
 
-    /// The ways in which the zooms get their values.
+    /// Lists the resampling method of each zoom.
     fn signature(&self) -> String {
         let ways: Vec<&str> = self.warped.iter().map(|warped| warped.resampling().name()).collect();
         format!("warped {}", ways.join(","))
@@ -105,7 +107,8 @@ impl TileSource for WarpedTiles {
 
     fn data_place(&self) -> Result<GeographicExtent> {
         let place = GeographicExtent::of_bounds(self.degrees);
-        // (A raster that goes on behind the antimeridian is on both sides of the map: its middle is where it is.)
+        // (A raster that crosses the antimeridian is on both sides of the map, so its middle is the
+        // centre.)
         let is_split = self.degrees[0] == -180.0 && self.degrees[2] == 180.0;
         Ok(match self.middle {
             Some([longitude, _]) if is_split => {
@@ -130,7 +133,7 @@ impl TileSource for WarpedTiles {
     fn tile(&self, tile: TileId, side: usize, margin: usize, samples: &mut TileSamples) -> Result<()> {
         let warped = self.at(tile.zoom)?;
         samples.draw(tile, (side, margin), self.value_type().size(), true, &|cells, values, valid| {
-            // (It draws any box.)
+            // (The warped source can draw any box.)
             warped.draw(cells, values, valid).map(|_| ())
         })
     }
@@ -147,7 +150,8 @@ impl TileSource for WarpedTiles {
     }
 
     fn block_level(&self, zoom: u8) -> u8 {
-        // At the closest zoom a tile has about as many cells as pixels; nodes of the half of these a side.
+        // At the closest zoom, a tile has about as many cells as pixels. Use nodes of half its
+        // side.
         let cells =
             i16::from(self.side.trailing_zeros() as u8) - 1 + i16::from(self.closest) - i16::from(zoom);
         let depth = i16::from(self.source_depth);
@@ -159,11 +163,12 @@ impl TileSource for WarpedTiles {
     }
 }
 
-/// The world's tiles of a tree, of so many cells a side: its nodes, or, where it lies on another grid, those that it is warped to, down to a
-/// zoom ([`WarpedTiles::new`]).
+/// Returns the world tiles of a tree, with `side` cells a side. They are its nodes if it is on the
+/// web mercator grid; otherwise they are warped, down to `max_zoom` ([`WarpedTiles::new`]).
 ///
 /// # Errors
-/// If a way of resampling is given for a tree that needs none, the tree is a view on another grid, or it has no place in the world.
+/// If resampling is requested for a tree that needs none, if the tree is a view on another grid, or
+/// if it has no position in the world.
 pub fn tile_source<'a>(
     tree: &'a Dataset,
     side: usize,
@@ -195,7 +200,7 @@ pub fn tile_source<'a>(
     Ok(Box::new(tiles))
 }
 
-/// Longitude, from -180 to 180, and latitude of a raster's middle.
+/// Returns the longitude, from -180 to 180, and the latitude of a raster's middle.
 fn middle_of(frame: &Frame, extent: [u64; 3], allow_ballpark: bool) -> Result<Option<[f64; 2]>> {
     let Some(crs) = &frame.crs else { return Ok(None) };
     let [x, y, _] = frame.to_world(extent.map(|cells| cells as f64 / 2.0));
@@ -203,8 +208,9 @@ fn middle_of(frame: &Frame, extent: [u64; 3], allow_ballpark: bool) -> Result<Op
     Ok(middle.map(|[longitude, latitude]| [(longitude + 180.0).rem_euclid(360.0) - 180.0, latitude]))
 }
 
-/// West, south, east and north of a raster in degrees: of a lattice of its points, and a hair more for what edges bend between
-/// these. All of the world where that does not tell.
+/// Returns west, south, east and north of a raster in degrees. They bound a lattice of its points,
+/// with a small margin for edges that curve between these. Returns the whole world if that is not
+/// conclusive.
 pub fn degrees_of(frame: &Frame, extent: [u64; 3], allow_ballpark: bool) -> Result<[f64; 4]> {
     const STEPS: u32 = 256;
     const HAIR: f64 = 1e-5;
@@ -238,7 +244,8 @@ pub fn degrees_of(frame: &Frame, extent: [u64; 3], allow_ballpark: bool) -> Resu
     }
     let hair = [0, 1].map(|axis| HAIR * (high[axis] - low[axis]));
     if low[0] - hair[0] < -180.0 || high[0] + hair[0] > 180.0 {
-        // (What goes on behind the antimeridian is on both sides of the map, unless it ends there.)
+        // (A raster that extends beyond the antimeridian is on both sides of the map, unless it
+        // ends there.)
         let ends_there = low[0] >= -180.0 - 1e-9 && high[0] <= 180.0 + 1e-9;
         (low[0], high[0]) =
             if ends_there { (low[0].max(-180.0), high[0].min(180.0)) } else { (-180.0, 180.0) };
