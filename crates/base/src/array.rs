@@ -1,10 +1,11 @@
-//! Arrays made element by element, for kernels.
+//! Array constructors that work element by element, for kernels.
 //!
-//! The standard library's functions of these names drop the elements made so far if a closure panics, so that each closure
-//! compiles to about ten functions. In kernels, which are compiled for many types, these were a seventh of the engine's code
-//! before optimization. Elements that are `Copy` need none of that.
+//! The standard library's functions of these names drop the finished elements if a closure panics.
+//! Each closure therefore compiles to about ten functions. Kernels are compiled for many types, and
+//! these functions were a seventh of the engine's code before optimization. Elements that are
+//! `Copy` need no such cleanup.
 
-/// An array of elements made from their indices.
+/// Returns an array whose elements are computed from their indices.
 #[inline]
 pub fn from_fn<T: Copy + Default, const N: usize>(mut element: impl FnMut(usize) -> T) -> [T; N] {
     let mut array = [T::default(); N];
@@ -16,7 +17,7 @@ pub fn from_fn<T: Copy + Default, const N: usize>(mut element: impl FnMut(usize)
     array
 }
 
-/// An array of elements made from those of another one.
+/// Returns an array whose elements are computed from those of another array.
 #[inline]
 pub fn map<T: Copy, U: Copy + Default, const N: usize>(
     array: [T; N],

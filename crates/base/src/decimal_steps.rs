@@ -1,10 +1,11 @@
 //! Multiples of decimal steps.
 
-/// Multiples of a step counted from a base: levels of contours, planes of sections.
+/// Multiples of a step, counted from a base: levels of contours, planes of sections.
 ///
-/// Both numbers count as their shortest decimals, as they were written: the third multiple of 0.1 is the double
-/// nearest to 0.3, where `3.0 * 0.1` is 0.30000000000000004. Each multiple is rounded once. (Only if base and step together need more than
-/// 18 digits, such as 1e9 and 1e-15, is the sum that of doubles.)
+/// Base and step are taken as their shortest decimals, as the user wrote them: the third multiple
+/// of 0.1 is the f64 nearest to 0.3, whereas `3.0 * 0.1` is 0.30000000000000004. Each multiple is
+/// rounded once. If base and step together need more than 18 digits, such as 1e9 and 1e-15,
+/// multiples are computed with f64 arithmetic instead.
 ///
 /// ```
 /// use spinney_base::DecimalSteps;
@@ -29,29 +30,31 @@ struct Decimals {
     scale: f64,
 }
 
-/// Powers of ten up to this one are doubles.
+/// Largest exponent up to which all powers of ten are exact in an f64.
 const MAX_EXACT_POWER: u32 = 22;
 
-/// Integers up to this one are doubles.
+/// Largest integer up to which all integers are exact in an f64.
 const MAX_EXACT: u128 = 1 << f64::MANTISSA_DIGITS;
 
 impl DecimalSteps {
-    /// Multiples of `step`, which are counted from `base`. Both are finite.
+    /// Creates the multiples of `step`, counted from `base`. Both must be finite.
     pub fn new(base: f64, step: f64) -> DecimalSteps {
         DecimalSteps { base, step, decimals: Decimals::new(base, step) }
     }
 
-    /// The base.
+    /// Returns the base.
     pub fn base(&self) -> f64 {
         self.base
     }
 
-    /// The step.
+    /// Returns the step.
     pub fn step(&self) -> f64 {
         self.step
     }
 
-    /// The base plus `number` steps. Cost: a few nanoseconds, or some hundred where the digits are more than a double has.
+    /// Returns the base plus `number` steps.
+    ///
+    /// Cost: a few nanoseconds, or some hundred if the result has more digits than an f64.
     #[inline]
     pub fn value(&self, number: i64) -> f64 {
         let Some(Decimals { base, step, decimals, scale }) = &self.decimals else {
@@ -59,7 +62,7 @@ impl DecimalSteps {
         };
         let sum = i128::from(*base) + i128::from(*step) * i128::from(number);
         if sum.unsigned_abs() <= MAX_EXACT && *decimals <= MAX_EXACT_POWER {
-            // Integer and power are exact, so that the division alone rounds.
+            // Dividend and divisor are exact, so only the division rounds.
             return sum as f64 / scale;
         }
         format!("{sum}e-{decimals}").parse().unwrap_or(f64::NAN)
@@ -70,18 +73,19 @@ impl Decimals {
     fn new(base: f64, step: f64) -> Option<Decimals> {
         let [base, step] = [digits(base)?, digits(step)?];
         let decimals = base.1.max(step.1);
-        // (Of 0 there are as many decimals as of the other.)
+        // Zero is exact with any number of decimals, so it takes those of the other number.
         let integer = |(digits, own): (i64, u32)| match digits {
             0 => Some(0),
             _ => digits.checked_mul(10i64.checked_pow(decimals - own)?),
         };
-        // (Not by `powi`, which may round.)
+        // Parsed, since `powi` may round.
         let scale = format!("1e{}", decimals.min(MAX_EXACT_POWER)).parse().ok()?;
         Some(Decimals { base: integer(base)?, step: integer(step)?, decimals, scale })
     }
 }
 
-/// The shortest decimal of a number: its digits as an integer, and the number of decimals among them.
+/// Returns the shortest decimal of a number: its digits as an integer, and how many of them are
+/// decimals.
 fn digits(number: f64) -> Option<(i64, u32)> {
     let text = format!("{number:e}");
     let (digits, exponent) = text.split_once('e')?;
@@ -98,7 +102,8 @@ fn digits(number: f64) -> Option<(i64, u32)> {
 mod tests {
     use super::*;
 
-    /// A multiple by integer arithmetic on digits, each with its number of decimals.
+    /// Computes a multiple with integer arithmetic. Arguments are digits and their number of
+    /// decimals.
     fn expected(base: (i128, usize), step: (i128, usize), number: i64) -> f64 {
         let decimals = base.1.max(step.1);
         let scaled = |(digits, own): (i128, usize)| digits * 10i128.pow((decimals - own) as u32);

@@ -1,4 +1,4 @@
-//! The one error type of the library.
+//! Error type of the library.
 
 use std::fmt;
 use std::io;
@@ -6,11 +6,12 @@ use std::path::{Path, PathBuf};
 
 use crate::url::{redacted, shown, url_of};
 
-/// Result of anything in this library that can fail.
+/// Result of a fallible operation of this library.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// A failure: which file, what was found there, what was expected, and what to do about it. Messages have no secrets of URLs: see
-/// [`io::redacted`](crate::io::redacted).
+/// A failure: in which file, what was found there, what was expected, and what to do about it.
+///
+/// Messages contain no secrets of URLs: see [`io::redacted`](crate::io::redacted).
 #[derive(thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -21,11 +22,11 @@ pub enum Error {
         path: PathBuf,
         /// The operation that failed, as a verb phrase: "open", "write the directory".
         doing: &'static str,
-        /// The operating system's answer.
+        /// Error of the operating system.
         #[source]
         cause: io::Error,
     },
-    /// The file's bytes break the rules of its format.
+    /// The file's bytes violate the rules of its format.
     #[error(
         "{}: {}: found {}, expected {}; the file is damaged or not what its name says",
         shown(path),
@@ -36,14 +37,14 @@ pub enum Error {
     Corrupt {
         /// The file.
         path: PathBuf,
-        /// The part of the file: a section, record, tag or offset.
+        /// Location in the file: a section, record, tag or offset.
         place: String,
-        /// Description of what stands there.
+        /// Description of the bytes that were found.
         found: String,
-        /// Description of what the format asks for.
+        /// Description of what the format requires.
         expected: String,
     },
-    /// The file is (or may be) fine, but uses something that is not supported.
+    /// The file is (or may be) valid, but uses a feature that is not supported.
     #[error("{}: {} is not supported; {}", shown(path), redacted(found), redacted(advice))]
     Unsupported {
         /// The file.
@@ -53,14 +54,14 @@ pub enum Error {
         /// Advice to the user: what to do instead.
         advice: String,
     },
-    /// The file has another format, where a tree is expected.
+    /// The file has another format, but a tree is expected.
     #[error("{}: is no tree but {found}; {}", shown(path), redacted(advice))]
     NotATree {
         /// The file.
         path: PathBuf,
-        /// Name of what it is.
+        /// Name of the format.
         found: String,
-        /// Advice to the user: what to do with it.
+        /// Advice to the user: what to do with the file.
         advice: String,
     },
     /// The surface of a model does not bound a solid.
@@ -68,16 +69,16 @@ pub enum Error {
     NotASolid {
         /// The file.
         path: PathBuf,
-        /// Description of what is wrong with the surface.
+        /// Description of the surface's defect.
         what: String,
-        /// The places where it is, in words: at most 100.
+        /// Descriptions of the defect's locations: at most 100.
         places: Vec<String>,
-        /// Number of all such places.
+        /// Number of all such locations.
         count: u64,
         /// Advice to the user: what to do instead.
         advice: String,
     },
-    /// Reading the file would need more memory than was allowed.
+    /// Reading the file would need more memory than is allowed.
     #[error(
         "{}: {what} needs {needed} bytes of memory, the limit is {limit}; {}",
         shown(path),
@@ -86,16 +87,16 @@ pub enum Error {
     TooLarge {
         /// The file.
         path: PathBuf,
-        /// Name of what would have to be held in memory.
+        /// Name of the data that would have to be in memory.
         what: String,
-        /// Bytes it needs.
+        /// Bytes needed.
         needed: u64,
         /// Bytes allowed.
         limit: u64,
         /// Advice to the user.
         advice: String,
     },
-    /// More bytes would be written than there is free space, or than is allowed.
+    /// The output would be larger than the free space, or than is allowed.
     #[error(
         "{}: about {needed} bytes would be written, and {limit} {whose}; {}",
         shown(path),
@@ -104,24 +105,24 @@ pub enum Error {
     InsufficientSpace {
         /// The file.
         path: PathBuf,
-        /// Bytes that would be written, no more than an estimate.
+        /// Estimated size of the output in bytes.
         needed: u64,
-        /// Bytes that may be.
+        /// Maximum number of bytes.
         limit: u64,
-        /// Meaning of the limit: "are free in its folder", "are allowed".
+        /// Meaning of the limit, as a verb phrase: "are allowed".
         whose: &'static str,
         /// Advice to the user.
         advice: String,
     },
-    /// The file is being edited by somebody else.
+    /// Another process is editing the file.
     #[error("{}: is being edited by {holder}; try again when it is done", shown(path))]
     Locked {
         /// The file.
         path: PathBuf,
-        /// Who has it, as far as is known.
+        /// Process that holds the lock, as far as is known.
         holder: String,
     },
-    /// The file was changed by somebody else while it was read.
+    /// Another process changed the file while it was read.
     #[error(
         "{}: {what} while it was read: the answer may be of the one state or the other, or of both; ask again",
         shown(path)
@@ -132,12 +133,12 @@ pub enum Error {
         /// The change: "was overwritten", "was cut short".
         what: &'static str,
     },
-    /// A file, or what would be made of it, differs from the plan.
+    /// A file, or the output that would be made from it, differs from the plan.
     #[error("{}: {}, but {} was planned; {advice}", shown(path), redacted(found), redacted(expected))]
     PlanMismatch {
         /// The file.
         path: PathBuf,
-        /// Description of what is there.
+        /// Description of what was found.
         found: String,
         /// Description of what was planned.
         expected: String,
@@ -153,13 +154,13 @@ pub enum Error {
     Moved {
         /// The path at which it was opened.
         path: PathBuf,
-        /// The fate of the file: "was removed", "was replaced by another file".
+        /// What happened to the file: "was removed", "was replaced by another file".
         what: &'static str,
-        /// The place of the edited file, if it has one that is known.
+        /// Present path of the edited file, if it has one and that is known.
         file: Option<PathBuf>,
     },
-    /// An earlier write or sync failed, so that nobody knows what is on the disk: whoever edits the file must
-    /// open it again.
+    /// An earlier write or sync failed, so the state on disk is unknown. To continue, open the file
+    /// again.
     #[error(
         "{}: nothing more can be written, an earlier write or sync failed; open the file again, its last commit is whole",
         shown(path)
@@ -168,26 +169,26 @@ pub enum Error {
         /// The file.
         path: PathBuf,
     },
-    /// An argument makes no sense, by itself or for this file.
+    /// An argument is invalid, in itself or for this file.
     #[error("{}: got {}, expected {}", redacted(what), redacted(found), redacted(expected))]
     Invalid {
         /// The argument, option or parameter.
         what: String,
-        /// The argument as it was given.
+        /// The value that was given.
         found: String,
-        /// Description of what is possible.
+        /// Description of the valid values.
         expected: String,
     },
-    /// Bytes of a remote file have not been fetched yet: fetch them, and run the query again.
-    /// See [`io::batch`](crate::io::batch).
+    /// Bytes of a remote file have not been fetched yet: fetch them, and run the query again. See
+    /// [`io::batch`](crate::io::batch).
     #[error("bytes of a file elsewhere that are needed have not been fetched; fetch them and ask again")]
     NotFetched,
-    /// The user interrupted the work; nothing was left behind.
+    /// The operation was cancelled. It left no output.
     #[error("interrupted; no output was written")]
     Interrupted,
 }
 
-/// The message, with those of the causes: paths and strings in it may be URLs with secrets.
+/// Prints the message with those of its causes, without the secrets of URLs in paths and strings.
 impl fmt::Debug for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut text = self.to_string();
@@ -200,12 +201,12 @@ impl fmt::Debug for Error {
     }
 }
 
-/// For messages: where a file is now.
+/// For messages: the present path of a file.
 fn now_at(file: &Option<PathBuf>) -> String {
     file.as_ref().map_or(String::new(), |file| format!(", but in {}", shown(file)))
 }
 
-/// For messages: places, one per line.
+/// For messages: locations, one per line.
 fn listed(places: &[String], count: u64) -> String {
     let mut text: String = places.iter().map(|place| format!("\n  {}", redacted(place))).collect();
     let more = count.saturating_sub(places.len() as u64);
@@ -216,8 +217,12 @@ fn listed(places: &[String], count: u64) -> String {
 }
 
 impl Error {
-    /// An operating-system error while `doing` something to `path`; use with `map_err`. One that has an error of this library inside, as of
-    /// an [`io::InputFile`](crate::io::InputFile), becomes that.
+    /// Returns a conversion of operating-system errors, for `map_err`. `doing` is the operation on
+    /// `path` that failed, as in [`Error::Io`].
+    ///
+    /// An error of this library inside of the [`io::Error`], such as one from an
+    /// [`io::InputFile`](crate::io::InputFile), is returned unchanged. If `path` is a URL that was
+    /// passed to the operating system, the result is [`Error::Unsupported`].
     pub fn io(path: impl Into<PathBuf>, doing: &'static str) -> impl FnOnce(io::Error) -> Error {
         let path = path.into();
         move |cause| {
@@ -225,7 +230,8 @@ impl Error {
                 Ok(inside) => return inside,
                 Err(cause) => cause,
             };
-            // (The system knows no URLs: that there is no file of that name would say the wrong thing.)
+            // The system takes a URL for a file name, and its "no such file" would mislead the
+            // user.
             if cause.raw_os_error().is_some() && url_of(&path).is_some() {
                 let advice = "copy it to this machine first (trees and exact models are read where they are)";
                 return Error::unsupported(
@@ -238,17 +244,18 @@ impl Error {
         }
     }
 
-    /// The error inside of one of the system, of the same kind, for readers and writers that others use: [`Error::io`] finds it there.
+    /// Wraps this error in an [`io::Error`] of the same kind, for `Read` and `Write`
+    /// implementations. [`Error::io`] unwraps it.
     pub fn into_io(self) -> io::Error {
         let kind = match &self {
-            // (What is interrupted here is not to be tried again.)
+            // Callers of `Read` and `Write` retry after `Interrupted`, which must not happen here.
             Error::Io { cause, .. } if cause.kind() != io::ErrorKind::Interrupted => cause.kind(),
             _ => io::ErrorKind::Other,
         };
         io::Error::new(kind, self)
     }
 
-    /// Bytes of `path` that break the format's rules.
+    /// Creates an [`Error::Corrupt`].
     pub fn corrupt(
         path: impl AsRef<Path>,
         place: impl Into<String>,
@@ -263,12 +270,12 @@ impl Error {
         }
     }
 
-    /// Something in `path` that is not supported, and what the user can do instead.
+    /// Creates an [`Error::Unsupported`]; `advice` is what the user can do instead.
     pub fn unsupported(path: impl AsRef<Path>, found: impl Into<String>, advice: impl Into<String>) -> Error {
         Error::Unsupported { path: path.as_ref().to_path_buf(), found: found.into(), advice: advice.into() }
     }
 
-    /// An argument that makes no sense.
+    /// Creates an [`Error::Invalid`].
     pub fn invalid(what: impl Into<String>, found: impl Into<String>, expected: impl Into<String>) -> Error {
         Error::Invalid { what: what.into(), found: found.into(), expected: expected.into() }
     }

@@ -1,11 +1,11 @@
-//! The kind of a tree, known at run time.
+//! Type of a tree, known at run time.
 
 use std::fmt;
 
 use crate::space::Dimension;
 use crate::value::ValueType;
 
-/// The dimension of a tree and the type of its values.
+/// Dimension of a tree and type of its values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct TreeType {
     /// Quadtree or octree.
@@ -15,39 +15,39 @@ pub struct TreeType {
 }
 
 impl TreeType {
-    /// A tree of this dimension with values of this type.
+    /// Creates the type of trees with this dimension and these values.
     #[inline]
     pub const fn new(dimension: Dimension, value: ValueType) -> TreeType {
         TreeType { dimension, value }
     }
 
-    /// The form with values of which all samples count.
+    /// Returns this type without a mask: all samples of its values count.
     #[must_use]
     #[inline]
     pub const fn without_mask(self) -> TreeType {
         TreeType { value: self.value.without_mask(), ..self }
     }
 
-    /// Number of axes.
+    /// Returns the number of axes.
     #[inline]
     pub const fn axes(self) -> usize {
         self.dimension.axes()
     }
 
-    /// Children of an inner node.
+    /// Returns the number of children of an INNER node.
     #[inline]
     pub const fn children(self) -> usize {
         self.dimension.children()
     }
 
-    /// Bytes of a value.
+    /// Returns the size of a value in bytes.
     #[inline]
     pub const fn width(self) -> usize {
         self.value.size()
     }
 }
 
-/// For messages, with an article: "a quadtree of u8x3".
+/// Formats the type for messages, with an article: "a quadtree of u8x3".
 impl fmt::Display for TreeType {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let article = if self.dimension == Dimension::Quad { "a" } else { "an" };

@@ -5,11 +5,18 @@ use std::path::Path;
 
 use crate::{Error, Result};
 
-/// Runs a decoder of another crate on bytes that nobody has checked. Such crates use asserts, `expect` and
-/// (in debug builds) overflow checks for what they take to be impossible; hostile files prove them wrong now
-/// and then, and that must cost the user an error message, not the process.
+/// Runs a decoder of another crate on unchecked bytes, and turns a panic into an error.
+///
+/// Such decoders use asserts, `expect` and (in debug builds) overflow checks for states that they
+/// consider impossible. Untrusted files reach such states now and then. The user must then get an
+/// error message, not an abort of the process.
+///
+/// # Errors
+/// Those of the decoder; [`Error::Corrupt`] if it panics. `place` describes the location in the
+/// file.
 pub fn guard<T>(path: &Path, place: &str, decode: impl FnOnce() -> Result<T>) -> Result<T> {
-    // A decoder that panicked is in an unknown state, but is never used again: the error ends the reading.
+    // A decoder that has panicked is in an unknown state, but it is not used again: the error ends
+    // the read.
     catch_unwind(AssertUnwindSafe(decode)).unwrap_or_else(|_| Err(broken(path, place)))
 }
 

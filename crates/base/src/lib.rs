@@ -1,4 +1,4 @@
-//! The base of all of Spinney: errors, files, space, values, work for several threads.
+//! Foundation of all Spinney crates: errors, file I/O, space, values, and multithreading.
 
 pub mod array;
 mod decimal_steps;

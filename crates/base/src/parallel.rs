@@ -1,5 +1,7 @@
-//! Work for several threads. The thread pool's own code is compiled once, for plain functions, and not anew
-//! wherever it is used for each of the many types of trees.
+//! Multithreading with rayon.
+//!
+//! rayon's code is compiled once, for plain functions, and not once for each use with each of the
+//! many tree types.
 
 use std::any::Any;
 use std::cell::RefCell;
@@ -7,22 +9,23 @@ use std::sync::{Arc, Mutex};
 
 use rayon::prelude::*;
 
-/// State of the work that a thread does, which the threads that it shares this work with inherit: the batch of reads that they
-/// belong to.
+/// State that the threads of an operation share: the batch of reads that they belong to.
+///
+/// A thread that forks work passes its context to the threads that run it.
 pub(crate) type Context = Arc<dyn Any + Send + Sync>;
 
 thread_local! {
     static CONTEXT: RefCell<Option<Context>> = const { RefCell::new(None) };
 }
 
-/// The context of this thread's work.
+/// Returns the context of this thread's current work.
 pub(crate) fn context() -> Option<Context> {
     CONTEXT.with_borrow(Clone::clone)
 }
 
-/// Does some work in a context, or in none.
+/// Runs a function in a context, or in none.
 pub(crate) fn with_context<R>(context: Option<Context>, work: impl FnOnce() -> R) -> R {
-    /// The context that the thread returns to, even if the work panics.
+    /// Restores the thread's previous context, even if the function panics.
     struct Before(Option<Context>);
     impl Drop for Before {
         fn drop(&mut self) {
@@ -33,10 +36,13 @@ pub(crate) fn with_context<R>(context: Option<Context>, work: impl FnOnce() -> R
     work()
 }
 
-/// Applies a function to each item with the threads of the current rayon pool; the results have the items'
-/// order.
+/// Applies a function to each item on the threads of the current rayon pool. The results have the
+/// order of the items.
+///
+/// # Panics
+/// If the function panics for an item.
 pub fn map<T: Sync, R: Send>(items: &[T], make: impl Fn(&T) -> R + Sync) -> Vec<R> {
-    // (Plain loops: this is compiled for very many types.)
+    // Plain loops: this is compiled for very many types.
     let mut made: Vec<Mutex<Option<R>>> = Vec::with_capacity(items.len());
     for _ in items {
         made.push(Mutex::new(None));
@@ -57,18 +63,19 @@ pub fn map<T: Sync, R: Send>(items: &[T], make: impl Fn(&T) -> R + Sync) -> Vec<
     results
 }
 
-/// Number of threads of the current rayon pool.
+/// Returns the number of threads of the current rayon pool.
 pub fn threads() -> usize {
     rayon::current_num_threads()
 }
 
 fn for_each(count: usize, visit: &(dyn Fn(usize) + Sync)) {
-    // (A thread that waits for others may take up work of another question.)
+    // A thread that waits in rayon may steal a job of another operation, so each job sets its
+    // context.
     let context = context();
     (0..count).into_par_iter().for_each(|index| with_context(context.clone(), || visit(index)));
 }
 
-/// Runs two functions, at the same time where a thread is free, and returns both results.
+/// Runs two functions, in parallel if a thread is free, and returns both results.
 pub fn join<A: Send, B: Send>(first: impl FnOnce() -> A + Send, second: impl FnOnce() -> B + Send) -> (A, B) {
     let (mut first, mut second) = (Some(first), Some(second));
     let (mut a, mut b) = (None, None);
@@ -81,7 +88,10 @@ fn run_both(first: &mut (dyn FnMut() + Send), second: &mut (dyn FnMut() + Send))
     rayon::join(|| with_context(context.clone(), first), || with_context(context.clone(), second));
 }
 
-/// Things that threads take to work with and put back: what one job has read serves another.
+/// Pool of reusable objects, such as readers with buffers.
+///
+/// A thread takes an object for one job and returns it afterwards, so that later jobs benefit from
+/// what earlier ones have read.
 pub struct Pool<T>(Mutex<Vec<T>>);
 
 impl<T> Default for Pool<T> {
@@ -91,7 +101,11 @@ impl<T> Default for Pool<T> {
 }
 
 impl<T: Send> Pool<T> {
-    /// Runs a job with one of the things, made anew if all are in use. One whose job fails is not used again.
+    /// Runs a job with an object of the pool, or with a new one if all are in use. After a failed
+    /// job the object is dropped.
+    ///
+    /// # Errors
+    /// Those of `make` and of `job`.
     pub fn with<R, E>(
         &self,
         make: impl FnOnce() -> Result<T, E>,

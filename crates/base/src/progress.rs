@@ -1,37 +1,43 @@
-//! Progress of long work, and its interruption.
+//! Progress and cancellation of long operations.
 
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use crate::{Error, Result};
 
-/// Receives the progress of long work. All methods may be called from any thread.
+/// Receives the progress of long operations. All methods may be called from any thread.
 pub trait Progress: Sync {
-    /// Reports the work (cells, for a build) that was done since the last call, and the total.
+    /// Reports the units (cells, for a build) that were completed since the last call, and the
+    /// total.
     fn advance(&self, done: u64, total: u64) {
         let _ = (done, total);
     }
 
-    /// Tells something about a file that is no failure, but should be known to whoever works with it.
+    /// Reports a condition of a file that is no failure, but that its user should know.
     fn warn(&self, file: &Path, text: &str) {
         let _ = (file, text);
     }
 
-    /// Whether the work should stop as soon as possible.
+    /// Whether the operation should stop as soon as possible.
     fn interrupted(&self) -> bool {
         false
     }
 
-    /// Fails with [`Error::Interrupted`] if the work should stop.
+    /// Fails if the operation should stop.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`] after cancellation.
     fn check(&self) -> Result<()> {
         if self.interrupted() { Err(Error::Interrupted) } else { Ok(()) }
     }
 }
 
-/// No progress wanted.
+/// Ignores progress, and never cancels.
 impl Progress for () {}
 
-/// Progress of a part of the work that counts other units: it forwards warnings and cancellation, and does not advance the whole.
+/// Progress of a suboperation that counts other units.
+///
+/// It forwards warnings and cancellation, but does not advance the whole operation.
 pub struct SilentProgress<'a>(pub &'a dyn Progress);
 
 impl Progress for SilentProgress<'_> {
@@ -44,18 +50,19 @@ impl Progress for SilentProgress<'_> {
     }
 }
 
-/// Progress of one of several parts of long work, each of which counts units of its own: the part advances the whole by `share` of
-/// `total` units.
+/// Progress of one of several suboperations that each count their own units.
+///
+/// A complete suboperation advances the whole operation by `share` of `total` units.
 pub struct SubProgress<'a> {
     whole: &'a dyn Progress,
     share: u64,
     total: u64,
-    /// Units of the part that are done.
+    /// Completed units of the suboperation.
     done: Mutex<u64>,
 }
 
 impl<'a> SubProgress<'a> {
-    /// A part that has `share` of `total` units.
+    /// Creates the progress of a suboperation that accounts for `share` of `total` units.
     pub fn new(whole: &'a dyn Progress, share: u64, total: u64) -> SubProgress<'a> {
         SubProgress { whole, share, total, done: Mutex::new(0) }
     }

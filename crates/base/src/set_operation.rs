@@ -56,7 +56,7 @@ pub enum SetOperation {
     Everything,
 }
 
-/// The names on the command line, by index; the first one is printed.
+/// Names on the command line, by index. The first name is the one that is printed.
 const NAMES: [&[&str]; 16] = [
     &["none"],
     &["intersection", "and"],
@@ -97,45 +97,50 @@ impl SetOperation {
         SetOperation::Everything,
     ];
 
-    /// Index of the operation, 0 to 15 (N. A. Tyukachev): bit 0 is set if the result has what is in both sets, bit 1 what is in A
-    /// alone, bit 2 what is in B alone, bit 3 what is in neither.
+    /// Returns the index of the operation, 0 to 15 (N. A. Tyukachev). The result contains
+    ///
+    /// - the elements of both sets if bit 0 is set,
+    /// - those of A alone if bit 1 is set,
+    /// - those of B alone if bit 2 is set,
+    /// - those of neither set if bit 3 is set.
     pub const fn index(self) -> u8 {
         self as u8
     }
 
-    /// The operation with an index; `None` above 15.
+    /// Returns the operation with an index; `None` above 15.
     pub const fn from_index(index: u8) -> Option<SetOperation> {
         if index < 16 { Some(SetOperation::ALL[index as usize]) } else { None }
     }
 
-    /// Whether the result has an element that is in A, or not, and in B, or not.
+    /// Whether the result contains an element, depending on whether A and B contain it.
     pub const fn contains(self, in_first: bool, in_second: bool) -> bool {
         let bit = 2 * !in_first as u8 + !in_second as u8;
         self.index() >> bit & 1 == 1
     }
 
-    /// Whether the result has what is in neither set, so that it is unbounded if nothing limits it.
+    /// Whether the result contains the elements of neither set, so that only an outer limit bounds
+    /// it.
     pub const fn is_unbounded(self) -> bool {
         self.index() & 8 != 0
     }
 
-    /// This operation without elements that are in neither set.
+    /// Returns this operation without the elements of neither set.
     pub const fn bounded(self) -> SetOperation {
         SetOperation::ALL[(self.index() & 7) as usize]
     }
 
-    /// The operation whose result is the complement of this one's.
+    /// Returns the operation whose result is the complement of this one's.
     pub const fn complement(self) -> SetOperation {
         SetOperation::ALL[(self.index() ^ 15) as usize]
     }
 
-    /// The operation that has the same result with A and B exchanged.
+    /// Returns the operation that has the same result if A and B are exchanged.
     pub const fn exchanged(self) -> SetOperation {
         let index = self.index();
         SetOperation::ALL[(index & 0b1001 | index >> 1 & 0b10 | index << 1 & 0b100) as usize]
     }
 
-    /// The name on the command line.
+    /// Returns the name on the command line.
     pub const fn name(self) -> &'static str {
         NAMES[self as usize][0]
     }
@@ -147,7 +152,7 @@ impl fmt::Display for SetOperation {
     }
 }
 
-/// From a name on the command line, or an index.
+/// Parses a name on the command line, or an index.
 impl FromStr for SetOperation {
     type Err = Error;
 

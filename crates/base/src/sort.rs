@@ -1,23 +1,27 @@
-//! Sorting, compiled once. The standard library's sorts are compiled anew for each type of items and each way to compare
-//! them, ten kilobytes each time; here they are compiled for plain numbers, and items are put where their keys come.
+//! Sort functions that are compiled once.
 //!
-//! | what is there | function | order of equals | memory beside the items |
+//! The standard library compiles its sorts again for each item type and each comparison, ten
+//! kilobytes each time. The functions of this module compile the sort for plain numbers only. They
+//! sort keys, and then permute the items.
+//!
+//! | items | function | stable | extra memory |
 //! |---|---|---|---|
-//! | numbers | [`numbers32`], [`numbers64`], [`numbers128`], [`floats`], [`point_pairs`] | (cannot be told) | none |
-//! | items with a key of 64 bits | [`by_key`] | as they came | 16 bytes for each |
-//! | items with a key of 128 bits | [`by_wide_key`] | as they came | 48 bytes for each |
-//! | items that can only be compared | [`by`] | as they came | 12 bytes for each |
-//! | very many items, by their own order | [`watched`] | any | none |
+//! | numbers | [`numbers32`], [`numbers64`], [`numbers128`], [`floats`] | irrelevant | none |
+//! | pairs of points | [`point_pairs`] | irrelevant | none |
+//! | items with a key of 64 bits | [`by_key`] | yes | 16 bytes per item |
+//! | items with a key of 128 bits | [`by_wide_key`] | yes | 48 bytes per item |
+//! | items with a comparison only | [`by`] | yes | 12 bytes per item |
+//! | very many items, by their `Ord` | [`watched`] | no | none |
 //!
-//! All take n log n steps. Lists of at most twenty items, as most are where geometry is at work, are sorted by insertion
-//! without memory beside them.
+//! All take O(n log n) time. Lists of at most twenty items are sorted by insertion, without extra
+//! memory; most lists of geometry code are that short.
 
 use std::cmp::Ordering;
 use std::mem;
 
 use crate::{Progress, Result, parallel};
 
-/// Lists that are sorted by insertion have at most so many items (as in the standard library).
+/// Maximum length of lists that are sorted by insertion (as in the standard library).
 const SHORT: usize = 20;
 
 /// Sorts numbers in place.
@@ -52,7 +56,7 @@ fn sort64(numbers: &mut [u64]) {
     numbers.sort_unstable();
 }
 
-/// Sorts numbers in place: what has several parts, too, of which the first ones are in the upper bits.
+/// Sorts numbers in place. For tuples, pack the first components into the upper bits.
 #[inline]
 pub fn numbers128(numbers: &mut [u128]) {
     if numbers.len() > 1 {
@@ -97,8 +101,8 @@ fn sort_point_pairs(pairs: &mut [[[i32; 3]; 2]]) {
     pairs.sort_unstable();
 }
 
-/// Sorts items by a number of each; those with the same one stay in the order in which they came. Of short lists a key is
-/// made several times, of others once.
+/// Sorts items by a key, stably. Calls `key` several times per item of a short list, otherwise
+/// once.
 ///
 /// ```
 /// use spinney_base::sort;
@@ -124,7 +128,8 @@ pub fn by_key<T>(items: &mut [T], mut key: impl FnMut(&T) -> u64) {
     }
 }
 
-/// Sorts as [`by_key`] does, by longer numbers: of keys with several parts, or several channels.
+/// Sorts items like [`by_key`], with a key of 128 bits: for keys with several components or
+/// channels.
 ///
 /// ```
 /// use spinney_base::sort::{by_wide_key, point_key};
@@ -149,8 +154,9 @@ pub fn by_wide_key<T>(items: &mut [T], mut key: impl FnMut(&T) -> u128) {
     }
 }
 
-/// Sorts items that have no plain key by comparing them; equal ones stay in the order in which they came. The comparison is
-/// not compiled into the sort, but called: [`by_key`] is faster.
+/// Sorts items that have no integer key by comparison, stably.
+///
+/// Each comparison is a dynamic call, so [`by_key`] is faster.
 ///
 /// ```
 /// let mut names = vec![String::from("b"), "a".into()];
@@ -159,7 +165,8 @@ pub fn by_wide_key<T>(items: &mut [T], mut key: impl FnMut(&T) -> u128) {
 /// ```
 ///
 /// # Panics
-/// If the order of many items is found to be none, as `slice::sort_by`.
+/// If `compare` is found not to be a total order; only for more than twenty items, as in
+/// `slice::sort_by`.
 pub fn by<T>(items: &mut [T], compare: &mut dyn FnMut(&T, &T) -> Ordering) {
     if items.len() > SHORT {
         let mut order = order_by(items.len(), &mut |a, b| compare(&items[a], &items[b]));
@@ -175,7 +182,8 @@ pub fn by<T>(items: &mut [T], compare: &mut dyn FnMut(&T, &T) -> Ordering) {
     }
 }
 
-/// Sorts items in place, on all threads of the current rayon pool, and ends within a fraction of a second if it is to stop.
+/// Sorts items in place, on all threads of the current rayon pool. Returns within a fraction of a
+/// second after cancellation.
 ///
 /// ```
 /// let mut numbers = vec![3, 1, 2];
@@ -185,9 +193,9 @@ pub fn by<T>(items: &mut [T], compare: &mut dyn FnMut(&T, &T) -> Ordering) {
 /// ```
 ///
 /// # Errors
-/// On interruption; the items are then in no order.
+/// On cancellation; the items are then in unspecified order.
 pub fn watched<T: Ord + Send>(items: &mut [T], progress: &dyn Progress) -> Result<()> {
-    /// Items that are sorted in one go.
+    /// Maximum number of items that are sorted without a check for cancellation.
     const AT_ONCE: usize = 1 << 17;
     if items.len() <= AT_ONCE {
         items.sort_unstable();
@@ -201,22 +209,22 @@ pub fn watched<T: Ord + Send>(items: &mut [T], progress: &dyn Progress) -> Resul
     first.and(second)
 }
 
-/// Puts items into the order of numbers that have their places in the lower halves.
+/// Arranges items by keys. The lower half of each number is the item's index.
 #[inline(never)]
 fn arrange(mut numbers: Vec<u128>, swap: &mut dyn FnMut(usize, usize)) {
     sort128(&mut numbers);
     permute(&mut numbers, swap, |number, place| mem::replace(number, place as u128) as usize);
 }
 
-/// Puts items into the order of keys, which come with their places.
+/// Arranges items by keys, each with the item's index.
 #[inline(never)]
 fn arrange_wide(mut keys: Vec<(u128, usize)>, swap: &mut dyn FnMut(usize, usize)) {
-    // (A stable sort makes use of runs that are in order already.)
+    // A stable sort exploits presorted runs.
     keys.sort();
     permute(&mut keys, swap, |(_, known), place| mem::replace(known, place));
 }
 
-/// The places of items in their order.
+/// Returns the indices of items in sorted order.
 #[inline(never)]
 fn order_by(count: usize, compare: &mut dyn FnMut(usize, usize) -> Ordering) -> Vec<usize> {
     let mut order: Vec<usize> = (0..count).collect();
@@ -224,14 +232,15 @@ fn order_by(count: usize, compare: &mut dyn FnMut(usize, usize) -> Ordering) -> 
     order
 }
 
-/// Puts items into an order of places.
+/// Arranges items in the order of these indices.
 #[inline(never)]
 fn arrange_as(order: &mut [usize], swap: &mut dyn FnMut(usize, usize)) {
     permute(order, swap, mem::replace);
 }
 
-/// Puts at each place what is at the place that the order has there, cycle by cycle. `replace` puts a place into an
-/// entry of the order, and returns the one that was there.
+/// Moves to each index the item at the index that `order` has there, one cycle at a time.
+///
+/// `replace` stores an index in an entry of the order and returns the previous index of that entry.
 fn permute<K>(order: &mut [K], swap: &mut dyn FnMut(usize, usize), replace: impl Fn(&mut K, usize) -> usize) {
     for start in 0..order.len() {
         let mut at = start;
@@ -246,7 +255,7 @@ fn permute<K>(order: &mut [K], swap: &mut dyn FnMut(usize, usize), replace: impl
     }
 }
 
-/// A number in whose order floats are as [`f64::total_cmp`] has them.
+/// Returns a key whose order is that of [`f64::total_cmp`].
 ///
 /// ```
 /// use spinney_base::sort::float_key;
@@ -258,27 +267,27 @@ pub fn float_key(number: f64) -> u64 {
     bits ^ if bits >> 63 == 1 { u64::MAX } else { 1 << 63 }
 }
 
-/// A number in whose order pairs are.
+/// Returns a key whose order is that of pairs.
 #[inline]
 pub fn pair_key([first, second]: [u32; 2]) -> u64 {
     u64::from(first) << 32 | u64::from(second)
 }
 
-/// A number in whose order points of a plane are.
+/// Returns a key whose order is that of points in a plane.
 #[inline]
 pub fn flat_key(point: [i64; 2]) -> u128 {
     let [x, y] = point.map(|at| u128::from(at as u64 ^ 1 << 63));
     x << 64 | y
 }
 
-/// A number below 2^96 in whose order points are.
+/// Returns a key below 2^96 whose order is that of points.
 #[inline]
 pub fn point_key(point: [i32; 3]) -> u128 {
     let [x, y, z] = point.map(|at| u128::from(at as u32 ^ 1 << 31));
     x << 64 | y << 32 | z
 }
 
-/// The point of a [`point_key`].
+/// Returns the point of a [`point_key`].
 #[inline]
 pub fn key_point(key: u128) -> [i32; 3] {
     [64, 32, 0].map(|shift| ((key >> shift) as u32 ^ 1 << 31) as i32)
@@ -288,7 +297,7 @@ pub fn key_point(key: u128) -> [i32; 3] {
 mod tests {
     use super::*;
 
-    /// Numbers that are the same in each run (splitmix64).
+    /// Reproducible random numbers (splitmix64).
     struct Random(u64);
 
     impl Random {
@@ -301,7 +310,8 @@ mod tests {
         }
     }
 
-    /// Lists of many lengths, short and long, with few and many different keys, in no order and in order.
+    /// Returns lists of many lengths, with few and many distinct keys, shuffled, sorted and
+    /// reversed.
     fn lists() -> Vec<Vec<(u64, usize)>> {
         let mut random = Random(7);
         let mut lists = Vec::new();
@@ -321,7 +331,7 @@ mod tests {
     #[test]
     fn items_come_as_from_a_stable_sort() {
         for list in lists() {
-            // (What is no plain data is moved, too.)
+            // Strings check that items with a destructor are moved correctly.
             let list: Vec<(u64, String)> =
                 list.iter().map(|(key, place)| (*key, place.to_string())).collect();
             let mut expected = list.clone();

@@ -1,23 +1,24 @@
-//! Numbers of serialized options as strings, for `#[serde(with = "spinney_base::text_fields")]`: every digit
-//! stays, and so do NaN and infinities, which JSON does not have.
+//! Numbers of serialized options as strings, for `#[serde(with = "spinney_base::text_fields")]`.
+//!
+//! Strings keep every digit, and they can hold NaN and infinities, which JSON lacks.
 
 use serde::de::{DeserializeOwned, Error};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::value::Number;
 
-/// A number, or some of them in options and arrays.
+/// A number, or options and arrays of numbers.
 pub trait TextField: Sized {
-    /// Its strings.
+    /// String representation.
     type Text: Serialize + DeserializeOwned;
 
-    /// Converts numbers to strings.
+    /// Converts the numbers to strings.
     fn to_text(&self) -> Self::Text;
 
-    /// Parses numbers; an error says what was found.
+    /// Parses the numbers. An error describes the string or count that was found.
     ///
     /// # Errors
-    /// If a string is no number, or their count is wrong.
+    /// If a string is no number, or the count is wrong.
     fn of_text(text: Self::Text) -> Result<Self, String>;
 }
 
@@ -75,7 +76,7 @@ pub fn serialize<T: TextField, S: Serializer>(field: &T, serializer: S) -> Resul
 /// Deserializes a field.
 ///
 /// # Errors
-/// Those of the deserializer, and if strings are no numbers.
+/// Those of the deserializer; also if a string is no number, or the count is wrong.
 pub fn deserialize<'de, T: TextField, D: Deserializer<'de>>(deserializer: D) -> Result<T, D::Error> {
     T::of_text(T::Text::deserialize(deserializer)?).map_err(D::Error::custom)
 }

@@ -1,40 +1,43 @@
-//! URLs as paths: which paths are URLs of remote files, and the parts of these.
+//! URLs as paths: detection of remote files, components of URLs, removal of secrets.
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
-/// Schemes of the URLs of remote files.
+/// URL schemes of remote files.
 const SCHEMES: [&str; 12] =
     ["http", "https", "s3", "s3a", "gs", "gcs", "az", "adl", "azure", "abfs", "abfss", "memory"];
 
-/// The URL that a path is, if the file is remote.
+/// Returns the URL of a remote file; `None` for local paths.
 pub fn url_of(path: &Path) -> Option<&str> {
     let text = path.to_str()?;
     let (scheme, _) = text.split_once("://")?;
     SCHEMES.iter().any(|known| scheme.eq_ignore_ascii_case(known)).then_some(text)
 }
 
-/// A URL up to its query, and the query, which may have a signature.
+/// Splits a URL before its query or fragment. The query may contain a signature.
 pub fn split_query(url: &str) -> (&str, &str) {
     url.split_at(url.find(['?', '#']).unwrap_or(url.len()))
 }
 
-/// A path without the query that a URL may have.
+/// Returns the path without the query and fragment of a URL.
 pub fn without_query(path: &Path) -> &Path {
     url_of(path).map_or(path, |url| Path::new(split_query(url).0))
 }
 
-/// Characters that end a URL in a text.
+/// Characters that end a URL within a string.
 const ENDS: [char; 7] = ['"', '<', '>', '`', '|', '{', '}'];
 
-/// Characters that belong to the sentence around a URL, where they are its last ones.
+/// Characters that belong to the surrounding sentence if they follow a URL.
 const PUNCTUATION: [char; 6] = [':', ',', ';', '.', ')', '\''];
 
-/// Replacement of a secret: it shows that there is one, and [`is_redacted`] finds it.
+/// Replacement of a secret. [`is_redacted`] recognizes it.
 const REDACTED: &str = "...";
 
-/// A text without the secrets of the URLs in it: user info, query and fragment are replaced by `...`, since a query may be a signature
-/// or a token. All that is shown or stored of URLs passes here. It leaves a text that it has made as it is.
+/// Returns the string without the secrets of the URLs in it.
+///
+/// User info, query and fragment are replaced by `...`, since a query may be a signature or a
+/// token. Every string with a URL passes through this function before it is shown or stored. The
+/// function is idempotent.
 pub fn redacted(text: &str) -> Cow<'_, str> {
     let mut clean = String::new();
     let mut done = 0;
@@ -61,17 +64,17 @@ pub fn redacted(text: &str) -> Cow<'_, str> {
     Cow::Owned(clean)
 }
 
-/// Adds what follows the scheme of a URL, without secrets.
+/// Appends the rest of a URL after its scheme, without secrets.
 fn push_redacted(clean: &mut String, scheme: &str, url: &str) {
     let (place, query) = split_query(url);
     let host_end = place.find('/').unwrap_or(place.len());
-    // (A password with a slash in it ends the host too early: such a host has a port that is no number.)
+    // A slash in a password ends the host too early. Such a "host" has a port that is no number.
     let is_host = place[..host_end]
         .rsplit_once(':')
         .is_none_or(|(_, port)| port.ends_with(']') || port.bytes().all(|byte| byte.is_ascii_digit()));
     let in_host = place[..host_end].rfind('@');
     let user_end = if is_host || in_host.is_some() { in_host } else { place.rfind('@') };
-    // (Azure writes the container there.)
+    // In Azure URLs the user info is the container's name.
     let is_container = scheme.starts_with("abfs") || scheme.starts_with("wasb");
     match user_end.filter(|end| !is_container || place[..*end].contains(':')) {
         Some(end) => {
@@ -87,7 +90,7 @@ fn push_redacted(clean: &mut String, scheme: &str, url: &str) {
     }
 }
 
-/// A path as it is shown or stored: a URL without its secrets, see [`redacted`].
+/// Returns a path as it is shown or stored: URLs without secrets, see [`redacted`].
 pub fn shown(path: &Path) -> Cow<'_, str> {
     let Some(url) = url_of(path) else {
         return match path.to_string_lossy() {
@@ -95,21 +98,21 @@ pub fn shown(path: &Path) -> Cow<'_, str> {
             Cow::Owned(text) => Cow::Owned(redacted(&text).into_owned()),
         };
     };
-    // (All of it is the URL, whatever characters it has.)
+    // The whole path is the URL, including any white space and quotes.
     let (scheme, rest) = url.split_once("://").unwrap_or(("", url));
     let mut clean = format!("{scheme}://");
     push_redacted(&mut clean, scheme, rest);
     if clean == url { Cow::Borrowed(url) } else { Cow::Owned(clean) }
 }
 
-/// Whether a URL has lost its secrets by [`shown`]: it leads nowhere without them.
+/// Whether [`shown`] has removed the secrets of a URL, so that it can no longer be opened.
 pub fn is_redacted(url: &str) -> bool {
     let (place, query) = split_query(url);
     let host = place.split_once("://").map_or("", |(_, rest)| rest);
     query.get(1..) == Some(REDACTED) || host.starts_with("...@")
 }
 
-/// The path of a local file, which may be given as a `file://` URL.
+/// Returns the path of a local file, which may be given as a `file://` URL.
 pub fn local_path(path: &Path) -> Cow<'_, Path> {
     let url = path.to_str().and_then(|text| text.strip_prefix("file://"));
     match url.map(|rest| rest.strip_prefix("localhost").unwrap_or(rest)) {
@@ -118,7 +121,7 @@ pub fn local_path(path: &Path) -> Cow<'_, Path> {
     }
 }
 
-/// Part of a URL with its escapes, such as `%20`, decoded.
+/// Decodes the escapes of a URL component, such as `%20`.
 fn decoded(text: &str) -> String {
     let bytes = text.as_bytes();
     let hex = |at: usize| bytes.get(at).and_then(|digit| (*digit as char).to_digit(16));

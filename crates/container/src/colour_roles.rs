@@ -1,19 +1,22 @@
-//! Roles of channels: which of them are red, green, blue, opacity, or nothing that is seen.
+//! Colour roles of channels: red, green, blue, opacity, or not displayed.
 
 use super::metadata::Metadata;
 use super::tag::Tag;
 
-/// Names of roles that say no more than that a channel is one.
+/// Role names without information.
 const PLAIN: [&str; 4] = ["", "Undefined", "Gray", "Palette"];
 
 impl Metadata {
-    /// The role of each channel by GDAL's names ("Red", "NIR", "Undefined"); nothing where they are the usual ones: grey, or
-    /// red, green and blue, and opacity where [`Metadata::alpha`] says so.
+    /// Returns the role of each channel by its GDAL name ("Red", "NIR", "Undefined").
+    ///
+    /// Empty if the channels have their usual roles: grey, or red, green and blue; opacity where
+    /// [`Metadata::alpha`] says so.
     pub fn colour_roles(&self) -> Vec<&str> {
         self.tag(Tag::ColourRoles).map_or(Vec::new(), |roles| roles.split(',').collect())
     }
 
-    /// Keeps the roles of all channels, unless they are the usual ones; those that are unknown are empty.
+    /// Stores the roles of all channels, unless they are the usual ones. An empty string is an
+    /// unknown role.
     pub fn set_colour_roles(&mut self, roles: &[String]) {
         let usual = |channel: usize, role: &str| match channel {
             channel if self.alpha.map(usize::from) == Some(channel) => role == "Alpha",
@@ -24,17 +27,18 @@ impl Metadata {
         if !roles.iter().enumerate().any(is_told) {
             return;
         }
-        // (A comma is no part of any name.)
+        // Role names contain no comma, which is the separator.
         let name = |role: &String| if role.is_empty() { "Undefined".into() } else { role.replace(',', " ") };
         self.set_tag(Tag::ColourRoles, roles.iter().map(name).collect::<Vec<_>>().join(","));
     }
 
-    /// The channels that are seen as red, green and blue: those of these roles, else the first three.
+    /// Indices of the channels to display as red, green and blue: those with these roles, or else
+    /// the first three.
     pub fn rgb_channels(&self) -> [usize; 3] {
         let roles = self.colour_roles();
         let channel = |role: &str| roles.iter().position(|other| other.eq_ignore_ascii_case(role));
         match ["Red", "Green", "Blue"].map(channel) {
-            // (Values have at most four channels: a tag may say anything.)
+            // Values have at most four channels, but a tag may contain anything.
             [Some(red @ 0..4), Some(green @ 0..4), Some(blue @ 0..4)] => [red, green, blue],
             _ => [0, 1, 2],
         }

@@ -1,4 +1,4 @@
-//! Dense blocks: nodes whose subtree stands as rows of values instead of records (section 6 of formats.md).
+//! Dense blocks: subtrees stored as rows of values instead of records (section 6 of formats.md).
 
 use std::ops::RangeInclusive;
 
@@ -8,11 +8,11 @@ use spinney_base::value::Value;
 use super::record_layout::{RecordHead, RecordLayout};
 use super::state::{CUT, INNER, LEAF, VOID};
 
-/// Levels below the root of a dense block, at most.
+/// Maximum number of levels below the root of a dense block.
 pub const MAX_DENSE_LEVELS: u8 = 8;
 
-/// The numbers of levels that dense blocks can have below their root: 8 to 256 values along each axis of a quadtree, 4 to 16
-/// of an octree.
+/// Returns the valid numbers of levels below the root of a dense block: 8 to 256 values along each
+/// axis of a quadtree, 4 to 16 of an octree.
 pub const fn dense_levels(dimension: Dimension) -> RangeInclusive<u8> {
     match dimension {
         Dimension::Quad => 3..=MAX_DENSE_LEVELS,
@@ -20,8 +20,9 @@ pub const fn dense_levels(dimension: Dimension) -> RangeInclusive<u8> {
     }
 }
 
-/// The states of the bottom nodes of a dense block: all have the first; or those whose bit is set have it, and the others
-/// the second. The index is the number in the record; that of records that are no dense blocks is 0.
+/// States of the bottom nodes, indexed by the number in the record; 0 marks a record that is not a
+/// dense block. Nodes whose mask bit is set have the first state, the others the second. Without a
+/// second state, there is no mask and all nodes have the first.
 const BOTTOM_STATES: [Option<(u8, Option<u8>)>; 6] = [
     None,
     Some((LEAF, None)),
@@ -31,36 +32,36 @@ const BOTTOM_STATES: [Option<(u8, Option<u8>)>; 6] = [
     Some((CUT, Some(LEAF))),
 ];
 
-/// The number of a kind of dense blocks: what the states of their bottom nodes are.
+/// Kind of a dense block: the states that its bottom nodes have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DenseKind(u8);
 
 impl DenseKind {
-    /// All bottom nodes are LEAFs.
+    /// All bottom nodes are LEAF.
     pub const ALL_LEAF: DenseKind = DenseKind(1);
-    /// Bottom nodes are LEAFs or VOID.
+    /// Bottom nodes are LEAF or VOID.
     pub const LEAF_OR_VOID: DenseKind = DenseKind(3);
 
-    /// Whether blocks have a bit for each bottom node.
+    /// Returns whether blocks of this kind have a mask with one bit per bottom node.
     #[inline]
     pub const fn has_mask(self) -> bool {
         matches!(BOTTOM_STATES[self.0 as usize], Some((_, Some(_))))
     }
 
-    /// Whether no bottom node is cut off.
+    /// Returns whether no bottom node is CUT.
     #[inline]
     pub fn is_leaves(self) -> bool {
         self == DenseKind::ALL_LEAF || self == DenseKind::LEAF_OR_VOID
     }
 
-    /// The kind with a number, if there is one.
+    /// Returns the kind with this number, if there is one.
     #[inline]
     pub fn from_number(number: u8) -> Option<DenseKind> {
         BOTTOM_STATES.get(usize::from(number)).copied().flatten().map(|_| DenseKind(number))
     }
 
-    /// The kind for bottom nodes of so many states: a bit for VOID, LEAF and CUT (1, 2 and 8) each. `None` if there are too
-    /// many.
+    /// Returns the kind for a set of bottom states, given as bits 1 (VOID), 2 (LEAF) and 8 (CUT);
+    /// `None` if no kind has this set.
     #[inline]
     pub fn of_states(states: u8) -> Option<DenseKind> {
         let of = |(first, second): (u8, Option<u8>)| 1 << first | second.map_or(0, |second| 1 << second);
@@ -74,7 +75,7 @@ impl DenseKind {
         self.0
     }
 
-    /// The state of bottom nodes, and the other state of those whose bit is not set.
+    /// State of the bottom nodes, and the state of those whose mask bit is not set.
     #[inline]
     pub fn states(self) -> (u8, Option<u8>) {
         BOTTOM_STATES[usize::from(self.0)].unwrap_or((VOID, None))
@@ -82,7 +83,7 @@ impl DenseKind {
 }
 
 impl RecordLayout {
-    /// Nodes of the levels 2 to `levels` of a dense block.
+    /// Number of nodes of levels 2 to `levels` of a dense block.
     #[inline]
     const fn dense_nodes(&self, levels: u8) -> usize {
         // A geometric sum: c^2 + c^3 ... for c children.
@@ -90,26 +91,27 @@ impl RecordLayout {
         (self.dimension.cells(levels + 1) as usize - children * children) / (children - 1)
     }
 
-    /// Places of records that a dense block takes behind its own.
+    /// Number of record slots that a dense block occupies after its own record.
     #[inline]
     pub const fn dense_places(&self, kind: DenseKind, levels: u8) -> usize {
         let mask = if kind.has_mask() { self.dimension.cells(levels) as usize / 8 } else { 0 };
         (self.dense_nodes(levels) * self.width + mask).div_ceil(self.size)
     }
 
-    /// Kind and levels of the dense block that a record begins by its head; `None` if that is none.
+    /// Kind and levels of the dense block with this record head; `None` if it is not a dense block.
     #[inline]
     fn dense_kind(&self, head: RecordHead) -> Option<(DenseKind, u8)> {
         let kind = DenseKind::from_number(head.dense)?;
-        // Invariant: blocks of one kind with different numbers of levels are of different lengths, which
-        // records need not tell therefore: each level more has four (or eight) times as many values as the
-        // one before.
+        // The number of levels is not stored: it follows from the length. Blocks of one kind with
+        // different numbers of levels have different lengths, since each further level has four (or
+        // eight) times as many values.
         let levels = dense_levels(self.dimension)
             .find(|levels| self.dense_places(kind, *levels) + 1 == head.skip as usize)?;
         Some((kind, levels))
     }
 
-    /// The dense block whose record has a number and this head; `None` if that is no dense block, or not a whole one.
+    /// Returns the dense block of the record with index `at` and this head. `None` if it is not a
+    /// dense block, or not contained in `records` completely.
     #[inline]
     pub fn dense<'r>(&self, records: &'r [u8], at: usize, head: RecordHead) -> Option<DenseBlock<'r>> {
         let (kind, levels) = self.dense_kind(head)?;
@@ -117,62 +119,66 @@ impl RecordLayout {
         Some(DenseBlock { layout: *self, kind, levels, bytes })
     }
 
-    /// Offset of the values of a level below a dense block's root, from the block's first byte on.
+    /// Byte offset of a level's values in a dense block.
     #[inline]
     pub const fn dense_values_at(&self, level: u8) -> usize {
-        // (The children of the root are in its record: Z order of two along each axis is that of rows.)
+        // The root's record has the values of its children. Z order of two nodes along each axis
+        // equals row order.
         if level > 1 { self.size + self.dense_nodes(level - 1) * self.width } else { 0 }
     }
 
-    /// Offset of the bits of the bottom nodes of a dense block with so many levels, if it has some.
+    /// Byte offset of the mask of a dense block with `levels` levels, if its kind has a mask.
     #[inline]
     pub const fn dense_mask_at(&self, levels: u8) -> usize {
         self.size + self.dense_nodes(levels) * self.width
     }
 }
 
-/// The index in its level of a dense block of the node at a place there: x fastest, then y, then z.
+/// Index of a node in its level of a dense block by position: x fastest, then y, then z.
 #[inline]
 const fn dense_index(level: u8, [x, y, z]: [usize; 3]) -> usize {
-    // (In quadtrees z is 0.)
+    // In quadtrees z is 0.
     (z << level | y) << level | x
 }
 
-/// The place in its level of a dense block of the node with an index.
+/// Position of the node with this index in its level of a dense block.
 #[inline]
 const fn dense_place(level: u8, index: usize) -> [usize; 3] {
     let mask = (1 << level) - 1;
     [index & mask, index >> level & mask, index >> (2 * level)]
 }
 
-/// The index in its level of a dense block of a child of a node of the level above (0 is the root, whose index is 0).
+/// Returns the index in `level` of the child `step` of the node `parent` one level above. Level 0
+/// is the root, which has index 0.
 #[inline]
 pub const fn dense_child(level: u8, parent: usize, step: usize) -> usize {
     let [x, y, z] = dense_place(level - 1, parent);
     dense_index(level, [x << 1 | step & 1, y << 1 | step >> 1 & 1, z << 1 | step >> 2])
 }
 
-/// A dense block in a run of records.
+/// A dense block in a slice of records.
 #[derive(Clone, Copy)]
 pub struct DenseBlock<'r> {
     /// Layout of its record.
     pub layout: RecordLayout,
-    /// Which states its bottom nodes have.
+    /// States of its bottom nodes.
     pub kind: DenseKind,
-    /// Levels below the root.
+    /// Number of levels below the root.
     pub levels: u8,
     /// The record and the payload.
     bytes: &'r [u8],
 }
 
 impl<'r> DenseBlock<'r> {
-    /// A block of so many levels, of which these are all bytes: those of its record, and all behind it.
+    /// Creates a block of `levels` levels from its bytes: the record and the payload that follows
+    /// it.
     #[inline]
     pub fn new(layout: RecordLayout, kind: DenseKind, levels: u8, bytes: &'r [u8]) -> DenseBlock<'r> {
         DenseBlock { layout, kind, levels, bytes }
     }
 
-    /// The values of all nodes of a level below the root, in rows: x fastest, then y, then z. Zeros where nodes are VOID.
+    /// The values of all nodes of a level below the root, in rows: x fastest, then y, then z.
+    /// Values of VOID nodes are zeros.
     #[inline]
     pub fn values(&self, level: u8) -> &'r [u8] {
         let layout = &self.layout;
@@ -181,7 +187,7 @@ impl<'r> DenseBlock<'r> {
         &self.bytes[start..start + nodes * layout.width]
     }
 
-    /// One bit per bottom node, if these have one of two states.
+    /// The mask with one bit per bottom node, if bottom nodes have two states.
     #[inline]
     pub fn mask(&self) -> Option<&'r [u8]> {
         self.kind.states().1?;
@@ -190,19 +196,19 @@ impl<'r> DenseBlock<'r> {
         Some(&self.bytes[start..start + layout.dimension.cells(self.levels) as usize / 8])
     }
 
-    /// Children of a node.
+    /// Number of children of a node.
     #[inline]
     pub fn children(&self) -> usize {
         self.layout.children()
     }
 
-    /// Whether all nodes below are other than VOID.
+    /// Returns whether no node of the block is VOID.
     #[inline]
     pub fn is_full(&self) -> bool {
         self.kind.states().1 != Some(VOID)
     }
 
-    /// The state of a bottom node: VOID, LEAF or CUT.
+    /// State of a bottom node: VOID, LEAF or CUT.
     #[inline]
     pub fn bottom_state(&self, index: usize) -> u8 {
         match (self.kind.states(), self.mask()) {
@@ -211,19 +217,19 @@ impl<'r> DenseBlock<'r> {
         }
     }
 
-    /// The index in its level of the node at a place there.
+    /// Index in its level of the node at a position.
     #[inline]
     pub fn index(&self, level: u8, place: [usize; 3]) -> usize {
         dense_index(level, place)
     }
 
-    /// The place of the node with an index in its level.
+    /// Position of the node with this index in its level.
     #[inline]
     pub fn place(&self, level: u8, index: usize) -> [usize; 3] {
         dense_place(level, index)
     }
 
-    /// The state of a node of a level below the root.
+    /// State of a node of a level below the root.
     #[inline]
     pub fn state(&self, level: u8, index: usize) -> u8 {
         let below = self.levels - level;
@@ -241,7 +247,7 @@ impl<'r> DenseBlock<'r> {
         for (y, z) in rows {
             let start = self.index(self.levels, [x, y, z]);
             for index in start..start + (1 << below) {
-                // (Nodes that are cut off differ below.)
+                // Subtrees of CUT nodes are not uniform.
                 let is_same = state != CUT
                     && self.bottom_state(index) == state
                     && (state == VOID || value_at(index) == value);
@@ -253,7 +259,7 @@ impl<'r> DenseBlock<'r> {
         state
     }
 
-    /// Whether nothing but VOID is below a node of a level below the root.
+    /// Returns whether all bottom nodes under a node are VOID.
     #[inline]
     pub fn is_void(&self, level: u8, index: usize) -> bool {
         if self.is_full() {
@@ -269,28 +275,29 @@ impl<'r> DenseBlock<'r> {
         })
     }
 
-    /// The value of a node of a level below the root.
+    /// Value of a node of a level below the root.
     #[inline]
     pub fn value(&self, level: u8, index: usize) -> Value {
         let width = self.layout.width;
         Value::read(&self.values(level)[index * width..], width).expect("a value for each node")
     }
 
-    /// The value of the node at some level below the root that has these coordinates among all nodes of that level; `None` is
-    /// VOID.
+    /// Value of the node of `level` with these cell coordinates, of which only the low `level` bits
+    /// count; `None` if it is VOID.
     #[inline]
     pub fn value_at(&self, level: u8, cell: Cell) -> Option<Value> {
         let index = self.index(level, cell.map(|cell| cell as usize & ((1 << level) - 1)));
         (!self.is_void(level, index)).then(|| self.value(level, index))
     }
 
-    /// The index in its level of a child of a node of the level above (0 is the root, whose index is 0).
+    /// Index in `level` of the child `step` of the node `parent` one level above. Level 0 is the
+    /// root, which has index 0.
     #[inline]
     pub fn child(&self, level: u8, parent: usize, step: usize) -> usize {
         dense_child(level, parent, step)
     }
 
-    /// All of the block's bottom: the first place, and places along each axis.
+    /// Origin and size of the whole bottom level.
     #[inline]
     pub fn whole(&self) -> ([usize; 3], [usize; 3]) {
         let side = 1 << self.levels;

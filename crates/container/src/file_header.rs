@@ -1,4 +1,4 @@
-//! The first bytes of tree files of both formats: what they contain, and how large their space is.
+//! The file header of both formats: content type, dimension and depth.
 
 use std::path::Path;
 
@@ -11,11 +11,11 @@ use spinney_base::io::{FileAccess, ReadBackend};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 
-/// Readers refuse files of a newer major version.
+/// Readers reject files of another major version.
 pub(crate) const MAJOR: u16 = 1;
 pub(crate) const MINOR: u16 = 0;
 
-/// What a file contains.
+/// Content type of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Content {
     /// One or more trees of cells.
@@ -26,22 +26,23 @@ pub enum Content {
     Points = 3,
     /// A tree of lines.
     Lines = 4,
-    /// A shard summary, which merging the shards of a tree reads.
+    /// A shard summary: input for merging the shards of a tree.
     Shard = 6,
 }
 
-/// The first 24 bytes of a file, which the trailer of a Goblin file repeats.
+/// The first 24 bytes of a file. The trailer of a Goblin file repeats them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FileHeader {
-    /// The format.
+    /// The file format.
     pub format: TreeFormat,
-    /// What is in the file.
+    /// The content type.
     pub content: Content,
-    /// Quadtrees or octrees.
+    /// Dimension: quadtree or octree.
     pub dimension: Dimension,
-    /// Levels below the root of the file's space; trees may have fewer.
+    /// Depth of the file's space: levels below the root. Trees may have fewer.
     pub depth: u8,
-    /// Trees of a Goblin file; 0 in Autumnal files, whose commits tell, and in those of other content.
+    /// Number of trees in a Goblin file with cells. 0 in Autumnal files, whose commits record it,
+    /// and in files with other content.
     pub layers: u32,
 }
 
@@ -59,28 +60,28 @@ struct RawFileHeader {
     checksum: U32,
 }
 
-/// Bytes of the header.
+/// Bytes of the file header.
 pub const HEADER_SIZE: usize = size_of::<RawFileHeader>();
 const _: () = assert!(HEADER_SIZE == 24);
 
-/// Layers of a file at most.
+/// Maximum number of layers in a file.
 pub const MAX_LAYERS: u32 = 1 << 16;
 
 impl FileHeader {
-    /// Reads and checks the header of a tree file of either format, whatever its content.
+    /// Reads and checks the header of a tree file of either format and any content.
     ///
     /// # Errors
-    /// If it cannot be read, or is that of no file that this program knows.
+    /// If it cannot be read, or is not a known header.
     pub fn read(path: &Path, file: &dyn ReadBackend) -> Result<FileHeader> {
-        // (More than the header: what is no tree may be told by it.)
+        // Read more than the header: the error names other formats by their first bytes.
         let length = file.len().min(FIRST_BYTES as u64) as usize;
         FileHeader::from_bytes(path, &file.read(0, length)?)
     }
 
-    /// The header of a file; `None` if it is missing, or is that of no file that this program knows.
+    /// Returns the header of a file; `None` if the file is missing or has no known header.
     ///
     /// # Errors
-    /// If the file system or the host of the file fails: that says nothing about its type.
+    /// If the file system or the remote host fails, which says nothing about the file type.
     pub fn find(path: &Path, access: &FileAccess) -> Result<Option<FileHeader>> {
         let Some(file) = access.probe(path)? else { return Ok(None) };
         match FileHeader::read(path, &*file) {
@@ -89,10 +90,10 @@ impl FileHeader {
         }
     }
 
-    /// Reads and checks the header of a file with trees of cells.
+    /// Reads and checks the header of a file with cells.
     ///
     /// # Errors
-    /// If it cannot be read, or is none of those.
+    /// If it cannot be read, or the content is not cells.
     pub fn read_cells(path: &Path, file: &dyn ReadBackend) -> Result<FileHeader> {
         let header = FileHeader::read(path, file)?;
         match header.content {
@@ -117,7 +118,7 @@ impl FileHeader {
         }
     }
 
-    /// The header's bytes.
+    /// Encodes the header.
     pub fn to_bytes(&self) -> [u8; HEADER_SIZE] {
         let mut raw = RawFileHeader {
             magic: self.format.magic(),
@@ -134,7 +135,7 @@ impl FileHeader {
         raw.as_bytes().try_into().expect("as long as it is")
     }
 
-    /// Checks and understands the first bytes of a file.
+    /// Checks and decodes the first bytes of a file.
     pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<FileHeader> {
         let corrupt = |found: String, expected: &str| Error::corrupt(path, "header", found, expected);
         let formats = [TreeFormat::Goblin, TreeFormat::Autumnal];

@@ -1,13 +1,13 @@
 //! Findings of verification.
 
-/// Something that is wrong with a file.
+/// A problem found by verification.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
-    /// The part of the file.
+    /// Location in the file.
     pub place: String,
-    /// Description of what is wrong with it.
+    /// Description of the problem.
     pub problem: String,
 }
 
-/// Number of findings that are collected before verification is given up.
+/// Number of findings after which verification stops.
 pub const MAX_FINDINGS: usize = 100;

@@ -1,4 +1,4 @@
-//! The formats of tree files.
+//! File formats, and paths that name a commit or a layer of a file.
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
@@ -7,24 +7,26 @@ use super::file_header::{Content, FileHeader};
 use spinney_base::io::{FileAccess, local_path, split_query, url_of};
 use spinney_base::{Error, Result};
 
-/// The formats of tree files.
+/// The format of a tree file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TreeFormat {
-    /// Compact, read-only, published.
+    /// Compact, read-only, for publication.
     Goblin,
-    /// Pointered, edited, with history.
+    /// Pointer-based, editable, with history.
     Autumnal,
 }
 
 impl TreeFormat {
-    /// The format that a file of this name gets: Autumnal if it ends with `.autumn`, else Goblin.
+    /// Returns the format that a file of this name is written in: Autumnal if it ends with
+    /// `.autumn`, else Goblin.
     pub fn of(path: &Path) -> TreeFormat {
         let path = url_of(path).map_or(path, |url| Path::new(split_query(url).0));
         let is_autumnal = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("autumn"));
         if is_autumnal { TreeFormat::Autumnal } else { TreeFormat::Goblin }
     }
 
-    /// The first bytes of every file: one that is no text, the name, and an end of line.
+    /// The magic number at the start of every file: a byte that is not valid in text, the name, and
+    /// an end of line.
     pub fn magic(self) -> [u8; 8] {
         match self {
             TreeFormat::Goblin => *b"\x93Goblin\n",
@@ -41,15 +43,18 @@ impl TreeFormat {
     }
 }
 
-/// The file, the commit and the layer that a path refers to: `map.autumn@12` is commit 12 of `map.autumn`, `stack.goblin:B08` the layer `B08`
-/// of `stack.goblin`, `stack.autumn@12:B08` that of a commit; unless there is a file of that name.
+/// File, commit and layer that a path refers to.
+///
+/// `map.autumn@12` is commit 12 of `map.autumn`, `stack.goblin:B08` is layer `B08` of
+/// `stack.goblin`, and `stack.autumn@12:B08` is that layer of a commit. A local path that exists
+/// always refers to the file itself.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FileReference<'p> {
     /// The file.
     pub file: Cow<'p, Path>,
-    /// The number of the commit; the newest if none is named.
+    /// Commit number; `None` is the newest commit.
     pub commit: Option<u64>,
-    /// The layer: its name, or its number from 0; the first if none is named.
+    /// Name or 0-based number of the layer; `None` is the first layer.
     pub layer: Option<String>,
 }
 
@@ -67,7 +72,8 @@ impl<'p> FileReference<'p> {
         if path.exists() {
             return whole(Cow::Borrowed(path));
         }
-        // (A layer's name may have colons, slashes and `@` too: the shortest path that leads to a file counts.)
+        // Layer names may also contain colons, slashes and `@`: the shortest prefix that is a file
+        // wins.
         let text = path.to_str().unwrap_or_default();
         for (at, _) in text.match_indices(':').filter(|(at, _)| *at > 0) {
             let file = Path::new(&text[..at]);
@@ -85,7 +91,7 @@ impl<'p> FileReference<'p> {
         }
     }
 
-    /// The place that a URL means: commit and layer stand behind the last name of its path, before a query.
+    /// Parses a URL. Commit and layer follow the last name of its path, before any query.
     fn of_url(url: &'p str) -> FileReference<'p> {
         let (before, query) = split_query(url);
         let name = before.rfind('/').map_or(0, |slash| slash + 1);
@@ -106,23 +112,23 @@ impl<'p> FileReference<'p> {
         FileReference { file, commit, layer }
     }
 
-    /// The place without what it borrows.
+    /// Clones borrowed data.
     fn into_owned<'o>(self) -> FileReference<'o> {
         let FileReference { file, commit, layer } = self;
         FileReference { file: Cow::Owned(file.into_owned()), commit, layer }
     }
 
-    /// The path that means this file and commit, and a layer of it.
+    /// Returns the path of a layer of this file and commit.
     pub fn of_layer(&self, name: &str) -> PathBuf {
         self.with(&format!(":{name}"))
     }
 
-    /// The path that means this file and commit.
+    /// Returns the path of this file and commit.
     pub fn of_commit(&self) -> PathBuf {
         self.with("")
     }
 
-    /// The file and the commit, and something behind.
+    /// Path of the file and commit with a suffix, which goes before a URL's query.
     fn with(&self, more: &str) -> PathBuf {
         let commit = self.commit.map_or(String::new(), |commit| format!("@{commit}"));
         if let Some(url) = url_of(&self.file) {
@@ -134,10 +140,10 @@ impl<'p> FileReference<'p> {
         path.into()
     }
 
-    /// The number of the layer that is meant, among some with names.
+    /// Resolves the layer to its number, given the names of all layers.
     ///
     /// # Errors
-    /// If there is none of that name or number.
+    /// If no layer has that name or number.
     pub fn layer_number<'n>(&self, names: impl ExactSizeIterator<Item = &'n str> + Clone) -> Result<usize> {
         let Some(layer) = &self.layer else { return Ok(0) };
         let named = names.clone().position(|name| name == layer);
@@ -159,7 +165,7 @@ impl<'p> FileReference<'p> {
     }
 }
 
-/// The file and the number of a path that ends with `@` and a number.
+/// Splits a path that ends with `@` and a number.
 fn split_commit(path: &Path) -> Option<(PathBuf, u64)> {
     let name = path.file_name()?.to_str()?;
     let (name, number) = name.rsplit_once('@')?;
@@ -168,15 +174,16 @@ fn split_commit(path: &Path) -> Option<(PathBuf, u64)> {
     Some((path.with_file_name(name), number))
 }
 
-/// The file that a path means, without commit and layer.
+/// Returns the file that a path refers to, without commit and layer.
 pub fn file_of(path: &Path) -> Cow<'_, Path> {
     FileReference::of(path).file
 }
 
-/// Whether a file, or one of its commits, is a tree of cells of either format, whatever its name.
+/// Returns whether a path refers to a file with cells, of either format. The file name does not
+/// matter.
 ///
 /// # Errors
-/// If the file system or the host of the file fails: see [`FileHeader::find`].
+/// If the file system or the remote host fails: see [`FileHeader::find`].
 pub fn file_is_tree(path: &Path, access: &FileAccess) -> Result<bool> {
     Ok(FileHeader::find(&file_of(path), access)?.is_some_and(|header| header.content == Content::Cells))
 }

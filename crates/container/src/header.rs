@@ -1,4 +1,4 @@
-//! The header of a tree: what its values are, and how it is cut into segments.
+//! The header of a tree: value type, extent, and how the tree is cut into segments.
 
 use std::path::Path;
 use std::str::FromStr;
@@ -13,19 +13,20 @@ use spinney_base::space::{Bounds, Dimension};
 use spinney_base::value::{DataKind, Mask, Rule, SampleType, ValueType};
 use spinney_base::{Error, Result};
 
-/// Packing of records.
+/// Compression of records.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Codec {
-    /// Not at all: mapped records are used where they stand.
+    /// Uncompressed: mapped records are used in place.
     #[default]
     Plain,
-    /// Few bytes: each segment is unpacked before it is used. Of a tree: some segments may be packed.
+    /// Compressed: a segment is unpacked before use. In a tree with this codec, some segments may
+    /// be packed.
     Packed,
 }
 
 impl Codec {
-    /// All codecs, by their numbers in files.
+    /// All codecs, indexed by their numbers in files.
     pub const ALL: [Codec; 2] = [Codec::Plain, Codec::Packed];
 
     /// The codec's name.
@@ -36,10 +37,10 @@ impl Codec {
         }
     }
 
-    /// The codec of a number in a file.
+    /// Returns the codec with this number.
     ///
     /// # Errors
-    /// If there is none; `what` says whose it is.
+    /// If there is none. `what` is appended to the message.
     pub fn of_number(path: &Path, number: u8, what: &str) -> Result<Codec> {
         Codec::ALL.get(usize::from(number)).copied().ok_or_else(|| {
             let advice = "read it with a program that has this codec";
@@ -62,15 +63,15 @@ impl FromStr for Codec {
 pub struct Header {
     /// Quadtree or octree, and the type of the values.
     pub form: TreeType,
-    /// Rule of the representatives.
+    /// Rule that computes representatives.
     pub rule: Rule,
-    /// The meaning of the values.
+    /// Meaning of the values: categorical or continuous.
     pub kind: DataKind,
-    /// Packing of records.
+    /// Compression of records.
     pub codec: Codec,
-    /// Numbers by which the tree is cut into segments.
+    /// Parameters that cut the tree into segments.
     pub shape: Shape,
-    /// Cells along each axis that can be other than VOID: the picture's size.
+    /// Raster size: cells along each axis that can be other than VOID.
     pub extent: [u64; 3],
 }
 
@@ -86,7 +87,7 @@ struct RawHeader {
     reach: u8,
     stride: u8,
     heavy_threshold: U32,
-    /// 1 if single samples can be missing, 2 if the last channel is opacity.
+    /// 1 if single samples can be missing, 2 if the last channel is opacity, else 0.
     mask: u8,
     zero: [u8; 3],
     missing: [u8; 8],
@@ -97,7 +98,8 @@ struct RawHeader {
 pub(crate) const TREE_HEADER_SIZE: usize = size_of::<RawHeader>();
 const _: () = assert!(TREE_HEADER_SIZE == 48);
 
-/// Sample types whose statistics had sums of squares of 16 bytes, before they had 24: `f64`, `u64` and `i64`.
+/// Retired numbers of `f64`, `u64` and `i64`, from when their statistics stored sums of squares in
+/// 16 bytes instead of 24.
 const OLD_NUMBERS: [u8; 3] = [6, 8, 9];
 
 /// The number of a sample type in headers.
@@ -117,26 +119,26 @@ impl Header {
         self.shape.depth
     }
 
-    /// The picture: all cells that can be other than VOID.
+    /// Bounds of the raster: all cells that can be other than VOID.
     #[inline]
     pub fn picture(&self) -> Bounds {
         Bounds::picture(self.extent)
     }
 
-    /// The part of a box that is in the picture; all of the picture if there is no box.
+    /// Intersects a box with the raster; returns the whole raster if there is no box.
     #[inline]
     pub fn within_picture(&self, bounds: Option<Bounds>) -> Bounds {
         let picture = self.picture();
         bounds.map_or(picture, |bounds| bounds.intersect(&picture))
     }
 
-    /// Whether classes are counted per zone.
+    /// Returns whether zonal statistics count classes.
     #[inline]
     pub fn counts_classes(&self) -> bool {
         self.kind == DataKind::Categorical || self.rule == Rule::Majority
     }
 
-    /// The header's bytes, as both formats have them.
+    /// Encodes the header, the same way in both formats.
     pub fn to_bytes(&self) -> [u8; 48] {
         let (mask, missing) = match self.form.value.mask {
             Mask::None => (0, [0; 8]),
@@ -161,11 +163,11 @@ impl Header {
         raw.as_bytes().try_into().expect("as long as it is")
     }
 
-    /// Checks and understands the header of one of a file's trees. `file` is the file's own: its dimension is the tree's, and its
-    /// depth the most that the tree may have.
+    /// Checks and decodes the header of one tree of a file. The file header provides the dimension
+    /// and the maximum depth. `place` names the header in messages.
     ///
     /// # Errors
-    /// If a number is none that this program knows, or contradicts another.
+    /// If a number is unknown or contradicts another.
     pub fn from_bytes(
         path: &Path,
         place: &str,
@@ -181,8 +183,9 @@ impl Header {
         if shape.depth > most_depth {
             return Err(number("depth", raw.depth, &format!("at most {most_depth}, the file's")));
         }
-        // So that skips can count the records of a segment: those of 2^reach cells along each axis, and of one candidate that
-        // is not heavy in each of 2^stride parts.
+        // These limits keep the record count of a segment within `skip`. A segment holds the
+        // records of 2^reach cells along each axis, and those of up to children^stride candidates
+        // that are not heavy.
         let (most, most_records) = if dimension == Dimension::Quad { (10, 1 << 20) } else { (8, 1 << 28) };
         let fits = (1..shape.reach).contains(&shape.stride)
             && shape.reach <= most

@@ -1,4 +1,4 @@
-//! The table of the trees in a Goblin file: its layers.
+//! The layer table of a Goblin file: one entry per tree.
 
 use std::io::Write;
 use std::path::Path;
@@ -12,31 +12,32 @@ use super::trailer::Section;
 use crate::INNER;
 use spinney_base::{Error, Result, sort};
 
-/// One tree of a file: what is known of it without reading anything else.
+/// One tree of a file, as described by the layer table alone.
 ///
-/// Its segments, directory and the lower levels of its index are one run of bytes, in which all places are told from the run's
-/// first byte on: whoever copies the run to another file changes nothing in it.
+/// Its segments, segment index and the lower levels of the index over the segment index are one
+/// contiguous range of bytes, the *run*. All offsets in the run are relative to its start, so it
+/// can be copied to another file unchanged.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layer {
-    /// The layer's name; empty if it is the only one and needs none.
+    /// Name; may be empty if it is the only layer.
     pub name: String,
-    /// What its values are.
+    /// Header of the tree.
     pub header: Header,
     /// State of the root: VOID, LEAF or INNER.
     pub root_state: u8,
-    /// Value or representative of the root, as on disk, padded with zeros.
+    /// Value or representative of the root in the on-disk encoding, padded with zeros.
     pub root_value: [u8; 16],
-    /// Segments, which is the number of directory entries.
+    /// Number of segments, and of entries in the segment index.
     pub segments: u64,
-    /// Places of records in all segments.
+    /// Number of record slots in all segments.
     pub stored_records: u64,
-    /// Place and bytes of the run.
+    /// Location of the run. Its checksum is not used.
     pub run: Section,
-    /// The first byte of the crown in the run.
+    /// Offset in the run of the segments of the top levels.
     pub crown: u64,
-    /// The first byte of the directory in the run, which is the end of the segments.
+    /// Offset in the run of the segment index, which follows the segments.
     pub directory: u64,
-    /// The top of the index over the directory's pages.
+    /// The top of the index over the pages of the segment index.
     pub top: Section,
     /// The metadata.
     pub metadata: Section,
@@ -67,14 +68,14 @@ struct RawLayer {
 
 const _: () = assert!(size_of::<RawLayer>() == 152);
 
-/// Reads and writes the section with the layers of a file.
+/// Encoder and decoder of a file's layer table.
 pub struct LayerTable;
 
 impl LayerTable {
-    /// The section's tag.
+    /// Tag of the section.
     pub const TAG: [u8; 4] = *b"LAYR";
 
-    /// The section's bytes: an entry for each layer, then all names.
+    /// Encodes the section: an entry for each layer, then all names.
     ///
     /// # Errors
     /// If a name has more than 65535 bytes.
@@ -110,10 +111,11 @@ impl LayerTable {
         Ok(bytes)
     }
 
-    /// Checks and understands the section of a file of so many bytes: each layer lies in the file, and its parts in its run.
+    /// Checks and decodes the section. `file_length` is the file size in bytes.
     ///
     /// # Errors
-    /// If that is not so.
+    /// If an entry is invalid or a layer is not inside the file or its run is not in order, if
+    /// names are missing or not unique, or if ranges of layers overlap.
     pub fn from_bytes(path: &Path, file: &FileHeader, file_length: u64, bytes: &[u8]) -> Result<Vec<Layer>> {
         let corrupt =
             |place: &str, found: String, expected: &str| Error::corrupt(path, place, found, expected);
@@ -170,7 +172,7 @@ impl LayerTable {
             }
             layers.push(layer);
         }
-        // (Names are asked for; empty ones are for files that need none.)
+        // Several layers must have unique, non-empty names.
         let mut seen = std::collections::HashSet::new();
         if count > 1
             && let Some(layer) =
@@ -186,7 +188,7 @@ impl LayerTable {
             let found = format!("{} bytes behind the names", names.len());
             return Err(corrupt("table of layers", found, "none"));
         }
-        // Else a small file could have very many layers of much to read.
+        // Otherwise a small file could make a reader read large overlapping layers many times.
         let mut parts: Vec<Section> = layers
             .iter()
             .flat_map(|layer| [layer.run, layer.top, layer.metadata])

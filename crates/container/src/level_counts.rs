@@ -1,27 +1,28 @@
-//! Numbers of nodes by level and state.
+//! Node counts by level and state.
 
 use serde::{Deserialize, Serialize};
 
 use crate::INNER;
 
-/// Nodes per level. A VOID or LEAF node is counted where it stands, not again at deeper levels.
+/// Node counts per level. A VOID or LEAF node counts only at its own level, not again at deeper
+/// levels.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LevelCounts {
     levels: Vec<[u64; 3]>,
 }
 
 impl LevelCounts {
-    /// VOID, LEAF and INNER nodes of each level, the root first.
+    /// Counts of VOID, LEAF and INNER nodes of each level, from the root down.
     #[inline]
     pub fn levels(&self) -> &[[u64; 3]] {
         &self.levels
     }
 
-    /// Adds VOID, LEAF and INNER nodes at a level.
+    /// Adds counts of VOID, LEAF and INNER nodes at a level.
     #[inline]
     pub fn add(&mut self, level: u8, nodes: [u64; 3]) {
         let level = level as usize;
-        // So that the list ends at the deepest level that has nodes.
+        // Keeps the deepest level with nodes as the last one.
         if nodes == [0; 3] {
             return;
         }
@@ -33,13 +34,13 @@ impl LevelCounts {
         }
     }
 
-    /// Adds all of another tree part's counts.
+    /// Adds the counts of another subtree with the same root level.
     #[inline]
     pub fn merge(&mut self, other: &LevelCounts) {
         self.merge_below(0, other);
     }
 
-    /// Adds counts that begin with a node at `level`.
+    /// Adds the counts of a subtree whose root is at `level`.
     #[inline]
     pub fn merge_below(&mut self, level: u8, other: &LevelCounts) {
         for (below, nodes) in other.levels.iter().enumerate() {
@@ -47,7 +48,7 @@ impl LevelCounts {
         }
     }
 
-    /// INNER nodes of all levels: the records of the tree.
+    /// Number of INNER nodes of all levels, which is the number of records.
     #[inline]
     pub fn records(&self) -> u64 {
         self.levels.iter().fold(0, |sum, level| sum.saturating_add(level[usize::from(INNER)]))

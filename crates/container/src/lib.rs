@@ -1,4 +1,5 @@
-//! The container that all tree files have in common: header, metadata, sections, trailer; and the layout of the records in segments.
+//! The container that all tree files share (header, metadata, sections, trailer), and the layout of
+//! records in segments.
 
 mod block_file;
 mod colour_roles;

@@ -1,4 +1,4 @@
-//! Lists of entries of one size in a file, sorted by a code that each begins with.
+//! Sorted lists in a file. Entries have a fixed size and begin with a code, the sort key.
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -7,7 +7,7 @@ use crate::Section;
 use spinney_base::io::ReadBackend;
 use spinney_base::{Error, Result};
 
-/// A list of a file: where it is mapped, or held.
+/// A list in a file, used from the mapped file or held in memory.
 pub struct List {
     place: (usize, usize),
     entry: usize,
@@ -15,10 +15,11 @@ pub struct List {
 }
 
 impl List {
-    /// The list of a section, with the right checksum; it is held where the file is not mapped.
+    /// Reads the list of a section and verifies its checksum. The list is held in memory if the
+    /// file is not mapped.
     ///
     /// # Errors
-    /// If it cannot be read, is damaged, or has other bytes than whole entries.
+    /// If it cannot be read, is corrupt, or its length is not a multiple of the entry size.
     pub fn open(
         path: &Path,
         backend: &dyn ReadBackend,
@@ -37,7 +38,7 @@ impl List {
         Ok(List { place: (section.offset as usize, section.length as usize), entry, held })
     }
 
-    /// Whether it has no entry.
+    /// Returns whether the list has no entries.
     pub fn is_empty(&self) -> bool {
         self.place.1 == 0
     }
@@ -47,7 +48,7 @@ impl List {
         self.place.1 / self.entry
     }
 
-    /// An entry. (A mapped file that was cut short since gives none.)
+    /// Returns an entry. `None` also if a mapped file was truncated since it was opened.
     #[inline]
     pub fn get<'f>(&'f self, backend: &'f dyn ReadBackend, index: usize) -> Option<&'f [u8]> {
         let bytes = match &self.held {
@@ -57,14 +58,15 @@ impl List {
         bytes.get(index * self.entry..(index + 1) * self.entry)
     }
 
-    /// The code of an entry; the greatest number if there is none.
+    /// The code of an entry; `u64::MAX` if there is no such entry.
     #[inline]
     pub fn code(&self, backend: &dyn ReadBackend, index: usize) -> u64 {
         let code = self.get(backend, index).and_then(|entry| entry.first_chunk());
         code.map_or(u64::MAX, |code| u64::from_le_bytes(*code))
     }
 
-    /// The first entry from one on whose code is not below a number.
+    /// Returns the index of the first entry from `from` on whose code is at least `code`, by binary
+    /// search.
     pub fn find(&self, backend: &dyn ReadBackend, from: usize, code: u64) -> usize {
         let (mut low, mut high) = (from, self.len());
         while low < high {

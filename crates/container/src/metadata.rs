@@ -1,4 +1,4 @@
-//! The metadata section: everything about a file that is not needed to find its way in it.
+//! The metadata section: everything about a file that navigation does not need.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -13,54 +13,58 @@ use spinney_base::value::{Number, Palette};
 use spinney_base::{Error, Result};
 use spinney_crs::{ControlPoints, Frame};
 
-/// Georeference, meaning and provenance of the data.
+/// Georeferencing, meaning and provenance of the data.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Metadata {
-    /// The name of the tree among those of its file; empty where it needs none. (Tables of layers have it, not the section.)
+    /// Name of the tree in its file; may be empty if there is only one. Stored in the layer table,
+    /// not in this section.
     #[serde(skip)]
     pub name: String,
-    /// Georeference of the cells.
+    /// Georeferencing of the cells.
     pub frame: Frame,
-    /// The number that VOID had in the input, and gets in outputs that need one.
+    /// Nodata value of the input. Outputs that need one use it for VOID.
     pub nodata: Option<Number>,
     /// Colours of the values.
     pub palette: Option<Palette>,
     /// Names of the values.
     pub class_names: BTreeMap<Number, String>,
-    /// A name per channel; empty strings or nothing where unknown.
+    /// A name per channel; an empty string if unknown. The list may be empty.
     pub band_names: Vec<String>,
-    /// Factor and summand per channel that make physical units of samples; nothing where there is nothing to
-    /// do.
+    /// Scale and offset per channel, which convert samples to physical units. Empty if samples need
+    /// no conversion.
     pub scale_offset: Vec<(f64, f64)>,
-    /// Unit per channel of what scale and offset make; empty strings or nothing where unknown.
+    /// Unit of the converted samples per channel; an empty string if unknown. The list may be
+    /// empty.
     pub units: Vec<String>,
-    /// Number of the channel that is opacity.
+    /// Index of the opacity channel.
     pub alpha: Option<u8>,
-    /// Nodes per level.
+    /// Node counts per level.
     pub counts: LevelCounts,
-    /// Provenance of the data, in order: one line per input or operation. The section has no secrets of URLs in it.
+    /// Provenance of the data, in order: one line per input or operation. Secrets in URLs are
+    /// removed when the section is written.
     pub provenance: Vec<String>,
-    /// Anything else.
+    /// Other metadata.
     pub tags: BTreeMap<String, String>,
-    /// Anything else that is said of one channel, or in a domain.
+    /// Other metadata of one channel or domain.
     pub scoped_tags: ScopedTags,
     /// Ground control points.
     pub control_points: Option<ControlPoints>,
-    /// The time of what is seen, as ISO 8601 writes it.
+    /// Acquisition time in ISO 8601.
     pub time: Option<String>,
-    /// Cells along an axis that each sample of the input has been repeated to: 3 if 60 m came onto a grid of 20 m.
+    /// Number of cells along an axis that repeat one sample of the input: 3 if 60 m data was
+    /// resampled to a grid of 20 m.
     pub repeated: u32,
 }
 
-/// Tags by what they are about.
+/// Tags by scope.
 pub type ScopedTags = BTreeMap<TagScope, BTreeMap<String, String>>;
 
-/// The subject of some tags: one channel, a domain (a room of its own for names, as in GDAL), or both.
+/// Scope of some tags: a channel, a domain (a namespace of names, as in GDAL), or both.
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct TagScope {
-    /// The channel, from 0; `None` is the whole picture.
+    /// The channel, from 0; `None` is the whole raster.
     pub channel: Option<u16>,
-    /// The domain; empty is the usual one.
+    /// The domain; empty is the default one.
     pub domain: String,
 }
 
@@ -87,15 +91,16 @@ impl Default for Metadata {
     }
 }
 
-/// Bytes that metadata may have, on disk and decoded: a hostile length must not ask for more.
+/// Maximum size of metadata in bytes, on disk and decoded. It limits the memory that an untrusted
+/// length can allocate.
 const LIMIT: usize = 16 << 20;
 const SECTION: VersionedSection<LIMIT> = VersionedSection { name: "metadata", version: 1 };
 
 impl Metadata {
-    /// The section's bytes.
+    /// Encodes the section.
     ///
     /// # Errors
-    /// If there are more than 16 MiB.
+    /// If it would have more than 16 MiB.
     pub fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
         let is_clean = self.provenance.iter().all(|line| matches!(redacted(line), Cow::Borrowed(_)));
         let own = match is_clean {
@@ -111,22 +116,22 @@ impl Metadata {
         })
     }
 
-    /// The provenance without secrets of URLs: see [`redacted`].
+    /// The provenance without secrets in URLs: see [`redacted`].
     pub fn clean_provenance(&self) -> Vec<String> {
         self.provenance.iter().map(|line| redacted(line).into_owned()).collect()
     }
 
-    /// Checks the section's length, which must be done before anybody makes room for its bytes.
+    /// Checks the section's length. Callers must do so before they allocate a buffer for its bytes.
     pub fn check_length(path: &Path, length: u64) -> Result<()> {
         let fits = length <= LIMIT as u64;
         let found = || format!("{length} bytes");
         fits.then_some(()).ok_or_else(|| Error::corrupt(path, "metadata", found(), "at most 16 MiB"))
     }
 
-    /// Reads the section.
+    /// Decodes the section.
     ///
     /// # Errors
-    /// If it is damaged, or of a newer version.
+    /// If it is corrupt, or of a newer version.
     pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Metadata> {
         Metadata::check_length(path, bytes.len() as u64)?;
         SECTION.decode(path, bytes).map(|(metadata, _)| metadata)

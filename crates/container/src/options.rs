@@ -1,4 +1,4 @@
-//! Options of opening tree files.
+//! Options for opening tree files.
 
 use std::fmt;
 use std::path::Path;
@@ -7,28 +7,30 @@ use std::sync::Arc;
 use spinney_base::Result;
 use spinney_base::io::{FileAccess, FileId, ReadBackend};
 
-/// Options of reading a file.
+/// Options for reading a file.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct OpenOptions {
-    /// How the file, and each one that it names, is read: mapped or at positions, its caches, and the client for remote files.
+    /// How this file and the files that it refers to are read: mapping or positioned reads, caches,
+    /// and the client for remote files.
     pub access: FileAccess,
-    /// Check each segment's checksum the first time it is used.
+    /// Verify each segment's checksum on first use.
     pub check: bool,
-    /// Options of the store of a file elsewhere, as its programs name them: `aws_region`, `aws_access_key_id`, `endpoint`, ...
+    /// Options of a remote store, by the names that its tools use: `aws_region`,
+    /// `aws_access_key_id`, `endpoint`, ...
     pub storage: Vec<(String, String)>,
-    /// The way to the file's bytes, if they are not where its name says.
+    /// Source of the file's bytes, if they are not at its path.
     pub source: Option<ByteSource>,
 }
 
-/// Opens the bytes of a file, whatever it is in.
+/// A callback that opens a file's bytes.
 #[derive(Clone)]
 pub struct ByteSource(Arc<OpenBytes>);
 
 type OpenBytes = dyn Fn(&Path) -> Result<Box<dyn ReadBackend>> + Send + Sync;
 
 impl ByteSource {
-    /// A source that is asked each time that the file is opened, with the name that it is opened by.
+    /// Creates a source. The callback runs each time that the file is opened, and gets its path.
     pub fn new(open: impl Fn(&Path) -> Result<Box<dyn ReadBackend>> + Send + Sync + 'static) -> ByteSource {
         ByteSource(Arc::new(open))
     }
@@ -59,42 +61,43 @@ impl From<&FileAccess> for OpenOptions {
 }
 
 impl OpenOptions {
-    /// The default: mapped, with checks, no remote files.
+    /// The default options: mapped, with checks, no remote files.
     pub fn new() -> OpenOptions {
         OpenOptions::default()
     }
 
-    /// Sets how the file, and each one that it names, is read: see [`OpenOptions::access`](field@OpenOptions::access).
+    /// Sets how this file and the files that it refers to are read: see
+    /// [`OpenOptions::access`](field@OpenOptions::access).
     #[must_use]
     pub fn access(self, access: FileAccess) -> OpenOptions {
         OpenOptions { access, ..self }
     }
 
-    /// Reads at positions instead of mapping the file, with a cache of `cache` bytes for each file.
+    /// Uses positioned reads instead of mapping, with a cache of `cache` bytes per file.
     #[must_use]
     pub fn positioned(self, cache: u64) -> OpenOptions {
         OpenOptions { access: self.access.positioned(cache), ..self }
     }
 
-    /// Chooses whether checksums are checked the first time that something is used.
+    /// Sets whether checksums are verified on first use.
     #[must_use]
     pub fn check(self, check: bool) -> OpenOptions {
         OpenOptions { check, ..self }
     }
 
-    /// Options of the store of a file elsewhere: see [`OpenOptions::storage`](field@OpenOptions::storage).
+    /// Sets options of a remote store: see [`OpenOptions::storage`](field@OpenOptions::storage).
     #[must_use]
     pub fn storage(self, options: impl IntoIterator<Item = (String, String)>) -> OpenOptions {
         OpenOptions { storage: options.into_iter().collect(), ..self }
     }
 
-    /// Reads bytes that are not where the file's name says: see [`OpenOptions::source`](field@OpenOptions::source).
+    /// Sets a source of the file's bytes: see [`OpenOptions::source`](field@OpenOptions::source).
     #[must_use]
     pub fn source(self, source: ByteSource) -> OpenOptions {
         OpenOptions { source: Some(source), ..self }
     }
 
-    /// The file's bytes, the way that was asked for.
+    /// Opens the file with these options.
     ///
     /// # Errors
     /// If the file cannot be opened.
@@ -102,8 +105,8 @@ impl OpenOptions {
         self.open_with_id(path).map(|(backend, _)| backend)
     }
 
-    /// The file's bytes, the way that was asked for, and which file it is: two looks at a path may see two
-    /// files.
+    /// Opens the file with these options and returns its identity. One call does both, because two
+    /// opens of a path may see two files.
     ///
     /// # Errors
     /// If the file cannot be opened.

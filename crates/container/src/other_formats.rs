@@ -1,4 +1,4 @@
-//! Formats of other programs: how their files are known, and what is to be done with them here.
+//! Detection of other file formats, with advice for each.
 
 use std::path::Path;
 
@@ -7,42 +7,43 @@ use spinney_base::{Error, Result};
 
 use crate::format::TreeFormat;
 
-/// A format of other programs.
+/// A file format other than Spinney's own.
 #[derive(Debug)]
 pub struct OtherFormat {
     /// Noun for one such file, with its article.
     name: &'static str,
-    /// Endings of names, in lower case.
+    /// File name extensions, in lower case.
     endings: &'static [&'static str],
-    /// Marks in a file's first bytes, one of which it has; nothing where only the name tells.
+    /// Marks in the first bytes, one of which a file must have. Empty if the format is known by
+    /// name only.
     marks: &'static [Mark],
     role: Role,
 }
 
-/// Bytes that tell a format.
+/// Bytes that identify a format.
 #[derive(Debug)]
 enum Mark {
-    /// At a place.
+    /// At an offset.
     At(usize, &'static [u8]),
-    /// Anywhere among the first bytes.
+    /// Anywhere in the first bytes.
     Within(&'static str),
 }
 
-/// What files of a format are to Spinney.
+/// What Spinney does with files of a format.
 #[derive(Debug)]
 enum Role {
-    /// `spinney build` makes trees of them.
+    /// Input of `spinney build`.
     Source,
-    /// They are read, but no trees are made of them: what they are for.
+    /// Read, but not a plain source of cells: advice on what the files are for.
     Read(&'static str),
-    /// They are not read: what to do instead.
+    /// Not read: what to do instead.
     Refused(&'static str),
 }
 
 use Mark::{At, Within};
 use Role::{Read, Refused, Source};
 
-/// Bytes of a file's start that formats are told by.
+/// Number of bytes at a file's start that format detection inspects.
 pub const FIRST_BYTES: usize = 512;
 
 const DRAW: &str = "convert it to GeoJSON first (`ogr2ogr zones.geojson IN`): `spinney build zones.geojson --cell 10 --value FIELD -o OUT.goblin` makes cells of features, \
@@ -72,7 +73,8 @@ const fn format(
     OtherFormat { name, endings, marks, role }
 }
 
-/// All formats that are known. Of several that have the same mark, the one with the name's ending is meant, else the first.
+/// All known formats. If several formats have the mark of a file, the one with the file's extension
+/// wins, else the first.
 static FORMATS: &[OtherFormat] = &[
     format(
         "a TIFF picture",
@@ -85,7 +87,7 @@ static FORMATS: &[OtherFormat] = &[
     format("a WebP picture", &["webp"], &[At(8, b"WEBP")], Source),
     format("a BMP image", &["bmp", "dib"], &[], Source),
     format("a GIF image", &["gif"], &[At(0, b"GIF8")], Source),
-    // (The extension .hdr is that of ENVI's headers.)
+    // The extension .hdr belongs to ENVI headers.
     format("a Radiance HDR image", &["rgbe"], &[At(0, b"#?RADIANCE"), At(0, b"#?RGBE")], Source),
     format("a PNM image", &["pbm", "pgm", "ppm", "pnm", "pam"], &[], Source),
     format("a QOI image", &["qoi"], &[At(0, b"qoif")], Source),
@@ -239,17 +241,18 @@ static FORMATS: &[OtherFormat] = &[
     ),
 ];
 
-/// What is read, for whoever has something else.
+/// List of readable formats, for files of other formats.
 const WHAT_IS_READ: &str = "TIFF, PNG, JPEG, WebP, OpenEXR, BMP, GIF, PNM, TGA, QOI, Radiance HDR, .hgt and NPY are read, and PLY, OBJ, STL, OFF, CityJSON and CityJSONSeq; \
     GDAL converts most other rasters (`gdal_translate IN OUT.tif`)";
 
 impl OtherFormat {
-    /// The format of a file by its first bytes, up to [`FIRST_BYTES`] of them, and its name.
+    /// Detects the format of a file by its first bytes, up to [`FIRST_BYTES`] of them, and its
+    /// name.
     pub fn of(path: &Path, first: &[u8]) -> Option<&'static OtherFormat> {
         let ending = ending(path);
         let has_name = |format: &&OtherFormat| format.endings.contains(&ending.as_str());
         let marked = || FORMATS.iter().filter(|format| format.marks.iter().any(|mark| mark.is_in(first)));
-        // (What has the name of a source and not its bytes is something else.)
+        // A file that has the name of a source format but not its mark is something else.
         let by_name = || FORMATS.iter().find(|format| has_name(format) && !format.needs_mark());
         marked().find(has_name).or_else(|| marked().next()).or_else(by_name)
     }
@@ -258,7 +261,7 @@ impl OtherFormat {
         !self.marks.is_empty() && matches!(self.role, Role::Source)
     }
 
-    /// Refuses a file of a format that is not read at all.
+    /// Returns the error for a file whose format is not read at all; `None` for other files.
     pub fn refuse_unread(path: &Path, first: &[u8]) -> Option<Error> {
         match OtherFormat::of(path, first) {
             Some(OtherFormat { name, role: Refused(advice), .. }) => {
@@ -268,7 +271,7 @@ impl OtherFormat {
         }
     }
 
-    /// Refuses a file of which no tree can be made.
+    /// Returns the error for a file that is not a source of trees.
     pub fn refuse_source(path: &Path, first: &[u8]) -> Error {
         if let Some(error) = OtherFormat::refuse_unread(path, first) {
             return error;
@@ -281,7 +284,8 @@ impl OtherFormat {
         }
     }
 
-    /// Refuses a file that is no tree, where one is expected, if it is known what it is.
+    /// Returns the error for a file that is not a tree but should be; `None` if its format is
+    /// unknown.
     pub(crate) fn refuse_tree(path: &Path, first: &[u8]) -> Option<Error> {
         let OtherFormat { name, role, .. } = OtherFormat::of(path, first)?;
         let file = shown(path);
@@ -310,10 +314,10 @@ impl Mark {
     }
 }
 
-/// Refuses a name for a tree that is one of files of another format.
+/// Checks that a tree's file name does not have the extension of another format.
 ///
 /// # Errors
-/// If it is.
+/// If it has.
 pub fn check_tree_name(path: &Path) -> Result<()> {
     let ending = ending(path);
     let Some(format) = FORMATS.iter().find(|format| format.endings.contains(&ending.as_str())) else {
@@ -326,25 +330,25 @@ pub fn check_tree_name(path: &Path) -> Result<()> {
     Err(Error::unsupported(path, format!("a tree with the name of {}", format.name), advice))
 }
 
-/// Starts the file of a tree, as [`FileAccess::create`] does.
+/// Creates the file of a tree, as [`FileAccess::create`] does.
 ///
 /// # Errors
-/// If the name is one of files of another format; else those of [`FileAccess::create`].
+/// If the name has the extension of another format; also those of [`FileAccess::create`].
 pub fn create_tree_file(path: &Path, access: &FileAccess) -> Result<Output> {
     check_tree_name(path)?;
     match TreeFormat::of(path) {
-        // (Those of this format alone are written from the beginning to the end.)
+        // Only Goblin files are written sequentially.
         TreeFormat::Goblin => access.append_only(path),
         TreeFormat::Autumnal => access.create(path),
     }
 }
 
-/// The ending of a name, in lower case, without its dot.
+/// File name extension in lower case, without the dot.
 fn ending(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase()
 }
 
-/// A path as a word of a command.
+/// A path quoted as a shell word.
 fn shown(path: &Path) -> String {
     let text = path.display().to_string();
     let is_plain = |c: char| c.is_alphanumeric() || "/\\._-+@:%,~".contains(c);

@@ -1,25 +1,26 @@
-//! The layout of records: sizes, and where in a record its parts are.
+//! The layout of records: sizes and field offsets.
 
 use spinney_base::TreeType;
 use spinney_base::space::Dimension;
 use spinney_base::value::Value;
 
-/// Bits of the state of one child.
+/// Bits of a child's state.
 pub const STATE_BITS: usize = 2;
-/// The bits of one state.
+/// Mask of a child's state.
 const STATE_MASK: u32 = 3;
 
-/// Size and field offsets of the records of a tree whose form is known at run time.
+/// Size and field offsets of a tree's records, for a tree type known at run time.
 ///
-/// A quadtree's record has four values, states in one byte, skip in three; an octree's has eight values,
-/// states in two bytes, two zero bytes, skip in four. The upper three bits of skip are the mark of dense blocks.
+/// A quadtree's record has four values, states in one byte and `skip` in three. An octree's record
+/// has eight values, states in two bytes, two zero bytes and `skip` in four. The upper three bits
+/// of `skip` mark dense blocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RecordLayout {
     /// Quadtree or octree.
     pub dimension: Dimension,
     /// Bytes of a value.
     pub width: usize,
-    /// Offset of the states, behind the values.
+    /// Offset of the states, which follow the values.
     states_at: usize,
     /// Bytes of a record.
     pub size: usize,
@@ -28,23 +29,23 @@ pub struct RecordLayout {
 /// States and skip of a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RecordHead {
-    /// Two bits per child, child 0 lowest.
+    /// Two bits per child; child 0 has the lowest.
     pub states: u32,
-    /// Number of places of records that this node's subtree occupies in its segment, this one included.
+    /// Number of record slots of this node's subtree in its segment, including its own.
     pub skip: u32,
-    /// The number of the kind of dense block that the subtree is stored as; 0 if it is stored as records.
+    /// Kind number of the dense block that stores the subtree; 0 if it is stored as records.
     pub dense: u8,
 }
 
-/// Bits of the mark of dense blocks, the upper ones of skip.
+/// Number of upper bits of `skip` that mark dense blocks.
 const DENSE_BITS: u32 = 3;
 
-/// Bits of skip that count places, in quadtrees and in octrees.
+/// Number of bits of `skip` that count record slots, in quadtrees and in octrees.
 const QUAD_SKIP_BITS: u32 = 24 - DENSE_BITS;
 const OCT_SKIP_BITS: u32 = 32 - DENSE_BITS;
 
 impl RecordHead {
-    /// The head that stands in the last four bytes of a quadtree's record: states, then skip and mark.
+    /// Decodes the last four bytes of a quadtree's record: states, then skip and mark.
     #[inline]
     pub const fn of_quad(word: u32) -> RecordHead {
         let bits = word >> 8;
@@ -52,7 +53,7 @@ impl RecordHead {
         RecordHead { states: word & 0xff, skip, dense: (bits >> QUAD_SKIP_BITS) as u8 }
     }
 
-    /// The head that stands in the last eight bytes of an octree's record: states, zeros, then skip and mark.
+    /// Decodes the last eight bytes of an octree's record: states, zeros, then skip and mark.
     #[inline]
     pub const fn of_oct(word: u64) -> RecordHead {
         let bits = (word >> 32) as u32;
@@ -60,39 +61,39 @@ impl RecordHead {
         RecordHead { states: word as u32 & 0xffff, skip, dense: (bits >> OCT_SKIP_BITS) as u8 }
     }
 
-    /// The last four bytes of a quadtree's record.
+    /// Encodes the last four bytes of a quadtree's record.
     #[inline]
     pub const fn to_quad(self) -> u32 {
         self.states & 0xff | (self.skip | (self.dense as u32) << QUAD_SKIP_BITS) << 8
     }
 
-    /// The last eight bytes of an octree's record.
+    /// Encodes the last eight bytes of an octree's record.
     #[inline]
     pub const fn to_oct(self) -> u64 {
         (self.states & 0xffff) as u64 | ((self.skip | (self.dense as u32) << OCT_SKIP_BITS) as u64) << 32
     }
 
-    /// State of one child.
+    /// State of a child.
     #[inline]
     pub fn state(self, child: usize) -> u8 {
         state_of(self.states, child)
     }
 }
 
-/// State of one child among those of all.
+/// Extracts the state of a child from the states of all.
 #[inline]
 pub const fn state_of(states: u32, child: usize) -> u8 {
     (states >> (STATE_BITS * child) & STATE_MASK) as u8
 }
 
 impl RecordLayout {
-    /// The layout for trees of a form.
+    /// The layout for a tree type.
     #[inline]
     pub const fn new(form: TreeType) -> RecordLayout {
         RecordLayout::of_width(form.dimension, form.width())
     }
 
-    /// The layout for values of so many bytes.
+    /// The layout for values of `width` bytes.
     #[inline]
     pub const fn of_width(dimension: Dimension, width: usize) -> RecordLayout {
         let states_at = dimension.children() * width;
@@ -103,25 +104,26 @@ impl RecordLayout {
         RecordLayout { dimension, width, states_at, size: states_at + rest }
     }
 
-    /// Children of a node.
+    /// Number of children of a node.
     #[inline]
     pub const fn children(&self) -> usize {
         self.dimension.children()
     }
 
-    /// Bytes that an INNER node takes at least: those of its children's values, which a dense block has of it.
+    /// Minimum bytes of an INNER node: its children's values, which is what a dense block stores of
+    /// it.
     #[inline]
     pub const fn least_node(&self) -> u64 {
         (self.children() * self.width) as u64
     }
 
-    /// Records in so many bytes.
+    /// Number of records in a slice of bytes.
     #[inline]
     pub fn count(&self, records: &[u8]) -> usize {
         records.len() / self.size
     }
 
-    /// States and skip of the record with a number; `None` where there is no such record.
+    /// States and skip of the record with index `at`; `None` if there is no such record.
     #[inline]
     pub fn head(&self, records: &[u8], at: usize) -> Option<RecordHead> {
         let start = at * self.size + self.states_at;
@@ -135,7 +137,8 @@ impl RecordLayout {
         })
     }
 
-    /// Value (LEAF) or representative (INNER, CUT) of a child of the record with a number; zeros for VOID.
+    /// Value (LEAF) or representative (INNER, CUT) of a child of the record with index `at`; zeros
+    /// for VOID.
     ///
     /// # Panics
     /// If there is no such record.
@@ -145,13 +148,13 @@ impl RecordLayout {
         Value::read(&records[start..], self.width).expect("as many bytes as the record has")
     }
 
-    /// The bytes of a subtree of so many records from the one with a number on; `None` where there are fewer.
+    /// The bytes of `skip` record slots from index `at` on; `None` if there are fewer.
     #[inline]
     pub fn subtree<'r>(&self, records: &'r [u8], at: usize, skip: u32) -> Option<&'r [u8]> {
         records.get(at * self.size..(at + skip as usize) * self.size)
     }
 
-    /// Writes a record: its children's values, one after the other, and its head.
+    /// Writes a record: its children's values in order, and its head.
     #[inline]
     pub fn write(&self, record: &mut [u8], values: &[u8], head: RecordHead) {
         record[..self.states_at].copy_from_slice(values);

@@ -1,8 +1,8 @@
-//! Rules that tell which nodes of a tree may own a segment, and how deep segments reach.
+//! Rules for cutting a tree into segments: which nodes may own a segment, and its depth.
 
 use spinney_base::space::Dimension;
 
-/// Levels of records in a segment (`h`), where files are written.
+/// Levels of records in a segment (`h`) of written files.
 #[inline]
 pub const fn reach(dimension: Dimension) -> u8 {
     match dimension {
@@ -11,13 +11,13 @@ pub const fn reach(dimension: Dimension) -> u8 {
     }
 }
 
-/// Levels between nodes that may own a segment (`s`), where files are written.
+/// Levels between nodes that may own a segment (`s`) in written files.
 pub const STRIDE: u8 = 2;
 
-/// A subtree with more records than this owns a segment (`T`), where files are written.
+/// Record count above which a subtree owns a segment (`T`) in written files.
 pub const HEAVY_THRESHOLD: u32 = 4096;
 
-/// The numbers of a file that say how its tree is cut into segments.
+/// Parameters that cut the tree of a file into segments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shape {
     /// Levels below the root.
@@ -31,27 +31,28 @@ pub struct Shape {
 }
 
 impl Shape {
-    /// Whether trees of both shapes are cut into segments alike, depth aside.
+    /// Returns whether trees of both shapes are cut into segments by the same rules. Depth does not
+    /// matter.
     #[inline]
     pub fn is_cut_like(&self, other: &Shape) -> bool {
         (self.reach, self.stride, self.heavy_threshold) == (other.reach, other.stride, other.heavy_threshold)
     }
 
-    /// Whether nodes of this level are candidates: they own a segment if they are heavy. The root is no
-    /// candidate by this measure, it owns a segment anyway.
+    /// Returns whether nodes of this level are candidates, which own a segment if they are heavy.
+    /// The root is not a candidate: it always owns a segment.
     #[inline]
     pub fn is_candidate(&self, level: u8) -> bool {
         let blocks = self.block_level();
         level > 0 && level <= blocks && (blocks - level).is_multiple_of(self.stride)
     }
 
-    /// The deepest level of candidates: the level of the blocks that trees are built from.
+    /// Deepest level of candidates: the level of the blocks from which trees are built.
     #[inline]
     pub fn block_level(&self) -> u8 {
         self.depth.saturating_sub(self.reach)
     }
 
-    /// The deepest level, at most `level`, whose nodes can own a segment.
+    /// Deepest level, at most `level`, whose nodes can own a segment.
     #[inline]
     pub fn segment_level(&self, level: u8) -> u8 {
         let blocks = self.block_level();
@@ -60,24 +61,25 @@ impl Shape {
         blocks.saturating_sub(up)
     }
 
-    /// The level of the segment that cuts off below a candidate's own.
+    /// Level of the segment that contains the CUT link to a candidate's segment.
     #[inline]
     pub fn parent_segment_level(&self, level: u8) -> u8 {
         if level == 0 { 0 } else { self.segment_level(level - 1) }
     }
 
-    /// The level above which segments stand together, behind all others: the *crown*. 0 where there is none.
+    /// Level above which segments are stored together, after all others: the *top levels*. 0 if
+    /// there are none.
     ///
-    /// One read of it gives the overview of a whole file, and files of parts of a space can be put one behind the other under
-    /// a new crown.
+    /// One read of the top levels provides an overview of the whole file. Files of adjacent
+    /// subtrees can be concatenated under new top levels.
     #[inline]
     pub fn crown_level(&self) -> u8 {
         let blocks = self.block_level();
         blocks.saturating_sub(6).max(blocks.min(3))
     }
 
-    /// The level of the INNER nodes that a segment of a node at `level` cuts off; the records above are in
-    /// it.
+    /// Level of the INNER nodes that are CUT in the segment of a node at `level`. The segment
+    /// contains the records above.
     #[inline]
     pub fn cut_level(&self, level: u8) -> u8 {
         level.saturating_add(self.reach)

@@ -1,10 +1,10 @@
-//! States of the children of an inner node, as files have them.
+//! States of an INNER node's children, as encoded in files.
 
-/// Nothing there.
+/// No data.
 pub const VOID: u8 = 0;
-/// One value all over.
+/// One value throughout.
 pub const LEAF: u8 = 1;
-/// More detail below, whose record is in this segment.
+/// More detail below; the record is in this segment.
 pub const INNER: u8 = 2;
-/// More detail below, whose record is in another segment.
+/// More detail below; the record is in another segment.
 pub const CUT: u8 = 3;

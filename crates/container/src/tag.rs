@@ -1,49 +1,53 @@
-//! The tags that Spinney itself writes into metadata.
+//! Metadata tags that Spinney itself writes.
 
 use super::metadata::Metadata;
 
-/// A tag that Spinney writes. Whatever else [`Metadata::tags`] have came with the data.
+/// A tag that Spinney writes. All other [`Metadata::tags`] come from the input data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tag {
-    /// Unit of length of the world, where no coordinate system tells it.
+    /// Unit of length of world coordinates, if no coordinate reference system defines it.
     Unit,
-    /// The role of each channel in a picture's colours, where it is not the usual one: see
+    /// Colour role of each channel, unless the roles are the usual ones: see
     /// [`colour_roles`](Metadata::colour_roles).
     ColourRoles,
-    /// By how much samples of cells may differ from what they were, since they were rounded.
+    /// Maximum error of cell samples due to rounding.
     MaxError,
-    /// The furthest that a corner of an exact model was moved, in its unit of length.
+    /// Maximum distance by which a vertex of an exact model was moved, in its unit of length.
     ModelDisplacement,
-    /// Faces of an exact model whose corners do not lie in one plane on the grid, which were cut into triangles.
+    /// Number of faces of an exact model that are not planar on the grid and were cut into
+    /// triangles.
     ModelCutFaces,
-    /// Faces of an exact model that have no area on the grid.
+    /// Number of faces of an exact model without area on the grid.
     ModelSlivers,
-    /// Triangles that close boundaries of an exact model.
+    /// Number of triangles that close boundaries of an exact model.
     ModelClosingTriangles,
-    /// Faces of an exact model that repairs divided or removed.
+    /// Number of faces of an exact model that repairs divided or removed.
     ModelRepairedFaces,
-    /// Places where an exact model's surface passes through itself, since its vertices were moved to the grid.
+    /// Number of locations where an exact model's surface intersects itself because its vertices
+    /// were moved to the grid.
     ModelThinPlaces,
-    /// The text of primitives and operations that a solid or an exact model was made of.
+    /// Source text of the primitives and operations that define a solid or an exact model.
     Csg,
-    /// The rule for cells on a solid's boundary.
+    /// Rule for cells on a solid's boundary.
     SolidBoundary,
-    /// The test that decided what lies inside a solid.
+    /// Test that decided what lies inside a solid.
     SolidSurface,
-    /// Triangles of a solid's surface.
+    /// Number of triangles of a solid's surface.
     SolidTriangles,
-    /// The furthest that a vertex of a solid's surface was moved, in its unit of length.
+    /// Maximum distance by which a vertex of a solid's surface was moved, in its unit of length.
     SolidDisplacement,
-    /// Triangles of a solid's surface that were there more than once, for each time but the first.
+    /// Number of duplicate triangles of a solid's surface, not counting the first of each.
     SolidDoubledTriangles,
-    /// Faces of a solid's surface that crossed themselves, or lost their area on the grid.
+    /// Number of faces of a solid's surface that intersected themselves or lost their area on the
+    /// grid.
     SolidRepairedFaces,
-    /// Cells far from a solid's surface that lie in its holes, where the answer is a guess.
+    /// Number of cells far from a solid's surface whose state is a guess, because they lie in its
+    /// holes.
     SolidUndecidedCells,
 }
 
 impl Tag {
-    /// The tag's key in files.
+    /// Key of the tag in files.
     pub fn key(self) -> &'static str {
         match self {
             Tag::Unit => "unit",
@@ -68,17 +72,17 @@ impl Tag {
 }
 
 impl Metadata {
-    /// The text of a tag; `None` if there is no such tag.
+    /// Value of a tag; `None` if there is no such tag.
     pub fn tag(&self, tag: Tag) -> Option<&str> {
         self.tags.get(tag.key()).map(String::as_str)
     }
 
-    /// Writes a tag, in place of what it said before.
+    /// Sets a tag and replaces its previous value.
     pub fn set_tag(&mut self, tag: Tag, text: impl Into<String>) {
         self.tags.insert(tag.key().into(), text.into());
     }
 
-    /// Says that samples of cells differ by at most so much more from what they were.
+    /// Adds `most` to the recorded maximum error of cell samples.
     pub fn add_error(&mut self, most: f64) {
         let before = self.tag(Tag::MaxError).and_then(|text| text.parse().ok()).unwrap_or(0.0);
         self.set_tag(Tag::MaxError, (before + most).to_string());

@@ -1,4 +1,5 @@
-//! The trailer at the end of a Goblin file: its header once more, and where the sections are.
+//! The trailer at the end of a Goblin file: a copy of the file header, and the locations of the
+//! sections.
 
 use std::borrow::Cow;
 use std::io::{self, Write};
@@ -15,10 +16,10 @@ use spinney_base::{Error, Result};
 /// Last bytes of every Goblin file.
 const END_MAGIC: [u8; 8] = *b"\nnilboG\x93";
 
-/// A section at the end of a file.
+/// Location of a section in a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Section {
-    /// First byte in the file.
+    /// Offset of the first byte in the file.
     pub offset: u64,
     /// Number of bytes.
     pub length: u64,
@@ -27,13 +28,13 @@ pub struct Section {
 }
 
 impl Section {
-    /// First byte in the file, and the one behind the last.
+    /// Byte range in the file.
     pub fn range(&self) -> Range<u64> {
         self.offset..self.offset + self.length
     }
 
-    /// The section's bytes, which the trailer's checks have found to lie inside the file, with the right
-    /// checksum.
+    /// Reads the section and verifies its checksum. The section must lie inside the file, which
+    /// decoding the trailer has checked.
     pub fn read<'f>(&self, path: &Path, backend: &'f dyn ReadBackend, name: &str) -> Result<Cow<'f, [u8]>> {
         let bytes = backend.read(self.offset, self.length as usize)?;
         let checksum = crc32c::crc32c(&bytes);
@@ -48,9 +49,9 @@ impl Section {
 /// The decoded trailer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trailer {
-    /// The file's header, once more: who has the end of a file needs no other bytes to begin.
+    /// Copy of the file header: a reader that has the end of a file needs no other bytes to start.
     pub header: FileHeader,
-    /// Sections by their tags.
+    /// Sections by tag.
     pub sections: Vec<([u8; 4], Section)>,
 }
 
@@ -79,19 +80,19 @@ struct RawEnd {
     magic: [u8; 8],
 }
 
-/// Bytes of the longest trailer; a longer one is refused.
+/// Maximum bytes of a trailer. Readers reject longer ones.
 const MAX_TRAILER: usize = 4096;
-/// Bytes from the end of a file that are sure to hold the trailer.
+/// Number of bytes at the end of a file that always contain the trailer.
 pub const TAIL: usize = MAX_TRAILER + size_of::<RawEnd>();
 
 impl Trailer {
-    /// The section with a tag; one of no bytes where there is none.
+    /// Returns the section with this tag, or an empty one if there is none.
     pub fn section(&self, tag: [u8; 4]) -> Section {
         let found = self.sections.iter().find(|(name, _)| *name == tag);
         found.map_or(Section::default(), |(_, section)| *section)
     }
 
-    /// The trailer of a file that has `before` bytes so far.
+    /// Encodes the trailer of a file that has `before` bytes so far.
     pub fn to_bytes(&self, before: u64) -> Vec<u8> {
         let length = size_of::<RawTrailer>() + self.sections.len() * size_of::<RawSection>();
         let raw = RawTrailer {
@@ -115,7 +116,7 @@ impl Trailer {
         bytes
     }
 
-    /// Checks and understands the last bytes of a file of `file_length` bytes.
+    /// Checks and decodes the trailer from the last bytes of a file of `file_length` bytes.
     pub fn from_bytes(path: &Path, tail: &[u8], file_length: u64) -> Result<Trailer> {
         let corrupt = |found: String, expected: &str| Error::corrupt(path, "trailer", found, expected);
         let Ok((rest, end)) = RawEnd::ref_from_suffix(tail) else {
@@ -156,22 +157,22 @@ impl Trailer {
                     "sections inside the file",
                 ));
             }
-            // (Those of later minor versions, too, which nobody asks for.)
+            // Keeps unknown sections, too, which later minor versions may add.
             trailer.sections.push((raw.tag, section));
         }
         Ok(trailer)
     }
 }
 
-/// Passes the bytes of a section on to the output, counts them and makes their checksum.
+/// Forwards the bytes of a section to the output, and computes their count and checksum.
 pub struct SectionWriter<'a> {
     out: &'a mut Output,
-    /// Place and checksum of what was written so far.
+    /// Location and checksum of the bytes written so far.
     pub written: Section,
 }
 
 impl SectionWriter<'_> {
-    /// A writer of a section that starts so many bytes behind the file's beginning.
+    /// Creates a writer of a section that starts at this offset in the file.
     pub fn new(out: &mut Output, offset: u64) -> SectionWriter<'_> {
         SectionWriter { out, written: Section { offset, length: 0, checksum: 0 } }
     }

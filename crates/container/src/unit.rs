@@ -1,4 +1,4 @@
-//! Units of measure by the names that files have for them.
+//! Units of measure by the names used in files.
 
 /// The quantity that a unit measures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -10,7 +10,8 @@ enum Quantity {
     Ratio,
 }
 
-/// A unit of measure: a number `n` of it is `n * factor + offset` of its quantity's base unit (m, K, m/s, Pa, 1).
+/// A unit of measure: `n` units are `n * factor + offset` of the quantity's base unit (m, K, m/s,
+/// Pa, 1).
 ///
 /// ```
 /// use spinney_container::Unit;
@@ -21,13 +22,13 @@ enum Quantity {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Unit {
     quantity: Quantity,
-    /// Base units of one unit.
+    /// Base units per unit.
     pub factor: f64,
-    /// Base units at zero.
+    /// Value in base units of zero units.
     pub offset: f64,
 }
 
-/// A unit, and its names in lower case.
+/// Quantity, factor, offset and lower-case names of a unit.
 type Row = (Quantity, f64, f64, &'static [&'static str]);
 
 #[rustfmt::skip]
@@ -58,19 +59,20 @@ const UNITS: [Row; 23] = [
 ];
 
 impl Unit {
-    /// The unit of a name, whatever its case; `None` where nothing is known of it.
+    /// Returns the unit with this name, ignoring case; `None` if the name is unknown.
     pub fn parse(name: &str) -> Option<Unit> {
         let name = name.trim().to_lowercase();
         let (quantity, factor, offset, _) = *UNITS.iter().find(|(.., names)| names.contains(&&*name))?;
         Some(Unit { quantity, factor, offset })
     }
 
-    /// Metres of one unit; `None` if it measures no length.
+    /// Metres per unit; `None` if it does not measure length.
     pub fn metres(self) -> Option<f64> {
         (self.quantity == Quantity::Length).then_some(self.factor)
     }
 
-    /// Factor and summand that make numbers of this unit of those of another; `None` if the two measure different quantities.
+    /// Scale and offset that convert numbers of `other` to this unit; `None` if the two measure
+    /// different quantities.
     pub fn from(self, other: Unit) -> Option<(f64, f64)> {
         let is_same = self.quantity == other.quantity;
         is_same.then(|| (other.factor / self.factor, (other.offset - self.offset) / self.factor))

@@ -1,4 +1,4 @@
-//! Structs of sections, which are stored after their version number.
+//! Sections that store a struct after a version number.
 
 use std::path::Path;
 
@@ -6,8 +6,8 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use spinney_base::{Error, Result};
 
-/// A kind of section: its name for messages, its version, and the most bytes that it may have, on disk and
-/// decoded: an untrusted length must not allocate more.
+/// A type of section: its name for messages and its version. `LIMIT` is the maximum size in bytes,
+/// on disk and decoded. It limits the memory that an untrusted length can allocate.
 pub struct VersionedSection<const LIMIT: usize> {
     /// The name.
     pub name: &'static str,
@@ -16,17 +16,17 @@ pub struct VersionedSection<const LIMIT: usize> {
 }
 
 impl<const LIMIT: usize> VersionedSection<LIMIT> {
-    /// The bytes of a struct; `None` if they exceed the limit.
+    /// Encodes a struct; `None` if it exceeds the limit.
     pub fn encode<T: Serialize>(&self, value: &T) -> Option<Vec<u8>> {
         let config = bincode::config::standard().with_limit::<LIMIT>();
         let bytes = bincode::serde::encode_to_vec((self.version, value), config).ok();
         bytes.filter(|bytes| bytes.len() <= LIMIT)
     }
 
-    /// The struct of some bytes, and how many of them it takes; `path` is for messages.
+    /// Decodes a struct and returns how many bytes it used. `path` is for messages.
     ///
     /// # Errors
-    /// If they are not those of such a struct, or of another version.
+    /// If the bytes are invalid, or of another version.
     pub fn decode<T: DeserializeOwned>(&self, path: &Path, bytes: &[u8]) -> Result<(T, usize)> {
         let VersionedSection { name, version } = self;
         let config = bincode::config::standard().with_limit::<LIMIT>();

@@ -1,4 +1,4 @@
-//! A manifest as JSON.
+//! JSON format of manifests.
 
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
@@ -13,7 +13,7 @@ use spinney_base::{Error, Result, TreeType};
 use spinney_container::{Codec, HEAVY_THRESHOLD, Header, Metadata, STRIDE, Shape, reach};
 use spinney_crs::Frame;
 
-/// The document, in the order in which it is written.
+/// The document. Fields are in output order.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Document {
@@ -46,7 +46,7 @@ struct Document {
     files: Vec<FileDocument>,
 }
 
-/// A file. (`at` is its first cell in the common space.)
+/// A file. `at` is its first cell in the common space.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct FileDocument {
@@ -60,7 +60,7 @@ struct FileDocument {
     tag: String,
 }
 
-/// A manifest's text: a line for each file, so that changes are seen as such.
+/// Formats a manifest as JSON, with one line per file for readable diffs.
 pub(super) fn write(manifest: &Manifest) -> String {
     let Manifest { header, metadata, entries } = manifest;
     let document = Document {
@@ -102,10 +102,10 @@ pub(super) fn write(manifest: &Manifest) -> String {
     format!("{{\n{},\n  \"files\": [\n{}\n  ]\n}}\n", lines.join(",\n"), files.join(",\n"))
 }
 
-/// Reads and checks a manifest's text.
+/// Parses and checks a manifest.
 pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Manifest> {
     let corrupt = |found: String, expected: &str| Error::corrupt(path, "manifest", found, expected);
-    // (The version first: what a newer one has is no damage.)
+    // Check the version first: a newer document is not corrupt.
     #[derive(Deserialize)]
     struct Mark {
         spinney_manifest: u32,
@@ -137,7 +137,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Manifest> {
         shape,
         extent: document.extent,
     };
-    // What holds for a file's header holds for this one.
+    // Validate like the header of a tree file.
     let header = match document.values.is_supported() {
         true => Header::from_bytes(path, "manifest", &header.to_bytes(), (dimension, dimension.max_depth()))?,
         false => return Err(corrupt(format!("values {}", document.values), "those of a tree")),
@@ -172,7 +172,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Manifest> {
     Ok(Manifest { header, metadata, entries })
 }
 
-/// Checks a file's numbers against the space.
+/// Checks the fields of a file entry against the common space.
 fn entry(path: &Path, header: &Header, file: FileDocument) -> Result<ListedFile> {
     let corrupt = |found: String, expected: String| {
         Error::corrupt(path, format!("file {}", file.path), found, expected)

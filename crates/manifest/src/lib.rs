@@ -1,4 +1,7 @@
-//! Manifests: texts (JSON) that tell many files as one, with all that opening them would tell, so that a question opens those it touches.
+//! Manifests: JSON files that describe many tree files as one.
+//!
+//! A manifest stores what opening the files would yield, so that a query opens only the files that
+//! it needs.
 
 mod document;
 mod listed_file;

@@ -10,29 +10,30 @@ use spinney_container::TAIL;
 /// A file of a manifest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ListedFile {
-    /// The file: a path, relative to the manifest's folder unless it is absolute, or a URL.
+    /// The file: an absolute path, a path relative to the manifest's directory, or a URL.
     pub path: String,
-    /// The layer; the first if none is named.
+    /// The layer; `None` is the first layer.
     pub layer: Option<String>,
-    /// The cells of the common space that the file's picture covers.
+    /// The cells of the common space that the file's raster covers.
     pub bounds: Bounds,
-    /// Levels of the file's tree below its root.
+    /// Depth of the file's tree.
     pub depth: u8,
-    /// The state that the file had when it was listed.
+    /// The version of the file when it was listed.
     pub tag: FileTag,
 }
 
-/// State of a file, told by its length and its last bytes: these have checksums of all that stands before them.
+/// Identity of a file version: its length and a checksum of its last bytes. Those contain checksums
+/// of all other data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FileTag {
-    /// Bytes of the file.
+    /// File size in bytes.
     pub length: u64,
-    /// CRC-32C of its last bytes, as many as are sure to hold a Goblin file's trailer.
+    /// CRC-32C of the last bytes, as many as always contain a Goblin file's trailer.
     pub checksum: u32,
 }
 
 impl FileTag {
-    /// The state of an open file. Reads its last 4 KiB.
+    /// Returns the tag of an open file. Reads its last 4 KiB.
     ///
     /// # Errors
     /// If it cannot be read.
@@ -45,10 +46,10 @@ impl FileTag {
 }
 
 impl ListedFile {
-    /// The place of the file, for a manifest at a path.
+    /// Returns the path or URL of the file, given that of the manifest.
     ///
     /// # Errors
-    /// If a manifest that came from elsewhere names a file of this machine.
+    /// If a remote manifest names a file of this machine.
     pub fn file(&self, manifest: &Path) -> Result<PathBuf> {
         let own = Path::new(&self.path);
         if url_of(own).is_some() {
@@ -57,7 +58,7 @@ impl ListedFile {
         let Some(url) = url_of(manifest) else {
             return Ok(manifest.parent().unwrap_or(Path::new("")).join(own));
         };
-        // (What somebody else has written must not choose files here.)
+        // A remote manifest is untrusted and must not select local files.
         if own.is_absolute() || self.path.starts_with("file:") {
             let found = format!("the file {}, which is none of its server,", self.path);
             return Err(Error::unsupported(manifest, found, "name files beside it, or URLs"));

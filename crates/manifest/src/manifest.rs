@@ -1,4 +1,4 @@
-//! A manifest: what its files have in common, and the files.
+//! A manifest: common properties, and the list of files.
 
 use std::path::Path;
 
@@ -10,27 +10,27 @@ use spinney_base::{Error, Result};
 use spinney_container::{FIRST_BYTES, Header, Metadata};
 use spinney_crs::Frame;
 
-/// The first name in a manifest, which tells what it is, and the number of its version.
+/// First key of a manifest, which identifies the format. Its value is the version.
 pub(super) const MARK: &str = "spinney_manifest";
-/// The version that is written, and the newest that is read.
+/// The version that is written, and the only one that is read.
 pub(super) const VERSION: u32 = 1;
-/// Bytes of a manifest at most: a million files.
+/// Maximum bytes of a manifest: 256 for each of a million files.
 const MAX_BYTES: u64 = 256 << 20;
-/// Files of a manifest at most.
+/// Maximum number of files in a manifest.
 pub(super) const MAX_FILES: usize = 1 << 20;
 
 /// Many files on one grid of cells.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Manifest {
-    /// Form, rule, kind, depth and extent of all of them together.
+    /// Tree type, rule, kind, depth and extent of the common space.
     pub header: Header,
-    /// Frame, names, colours and tags that they share.
+    /// Frame, names, colours and tags that all files share.
     pub metadata: Metadata,
-    /// The files; where two overlap the later lies on top.
+    /// The files. If two overlap, the later one is on top.
     pub entries: Vec<ListedFile>,
 }
 
-/// Whether the first bytes of a file are those of a manifest.
+/// Returns whether the first bytes of a file are those of a manifest.
 pub fn is_manifest(first: &[u8]) -> bool {
     let first = &first[..first.len().min(FIRST_BYTES)];
     let start = first.iter().position(|byte| !byte.is_ascii_whitespace()).unwrap_or(first.len());
@@ -38,10 +38,10 @@ pub fn is_manifest(first: &[u8]) -> bool {
     rest.strip_prefix(b"\"").is_some_and(|rest| rest.starts_with(MARK.as_bytes()))
 }
 
-/// Whether a file is a manifest, by its name and its first bytes.
+/// Returns whether a file is a manifest, by its name and first bytes.
 ///
 /// # Errors
-/// If the file system or the host of the file fails.
+/// If the file system or the remote host fails.
 pub fn is_manifest_file(path: &Path, access: &FileAccess) -> Result<bool> {
     let extension = without_query(path).extension();
     if !extension.is_some_and(|extension| extension.eq_ignore_ascii_case("json")) {
@@ -53,19 +53,20 @@ pub fn is_manifest_file(path: &Path, access: &FileAccess) -> Result<bool> {
 }
 
 impl Manifest {
-    /// Reads a manifest's text, and checks all of its numbers: none of its files is opened.
+    /// Parses and validates a manifest without opening its files.
     ///
     /// # Errors
-    /// If it is damaged, or of a newer version.
+    /// If it is corrupt, or of another version.
     pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Manifest> {
         Manifest::check_length(path, bytes.len() as u64)?;
         document::read(path, bytes)
     }
 
-    /// Checks the length of a manifest, which must be done before anybody makes room for its bytes.
+    /// Checks the length of a manifest. Callers must do so before they allocate a buffer for its
+    /// bytes.
     ///
     /// # Errors
-    /// If there are too many.
+    /// If it is too long.
     pub fn check_length(path: &Path, length: u64) -> Result<()> {
         if length <= MAX_BYTES {
             return Ok(());
@@ -89,16 +90,20 @@ impl Manifest {
         Manifest::from_bytes(path, &bytes)
     }
 
-    /// The manifest's text.
+    /// Formats the manifest as JSON.
     pub fn to_text(&self) -> String {
         document::write(self)
     }
 
-    /// Changes a manifest, or makes it: `change` gets the one that is there, if `path` leads to one and `is_update` asks for it. It is replaced as a
-    /// whole: readers see the old one or the new one, and a crash leaves either. A file beside it keeps others from changing it meanwhile.
+    /// Creates or updates a local manifest.
+    ///
+    /// `change` receives the existing manifest if `is_update`, else `None`. The file is replaced
+    /// atomically: readers see the old or the new manifest, also after a crash. A lock file next to
+    /// it excludes concurrent updates.
     ///
     /// # Errors
-    /// [`Error::Locked`] if somebody else is changing it; those of `change`, and of reading and writing.
+    /// [`Error::Locked`] if another process is changing it; those of `change`, of reading and of
+    /// writing. A remote manifest is unsupported.
     pub fn update(
         path: &Path,
         is_update: bool,
@@ -121,7 +126,7 @@ impl Manifest {
         Ok(after)
     }
 
-    /// The manifest in the smallest space that has all of its files: the first cell of one of them, along each axis, is the first of all.
+    /// Shrinks the space to the files' bounding box, and moves the frame accordingly.
     fn fitted(mut self, path: &Path) -> Result<Manifest> {
         let boxes = self.entries.iter().map(|entry| entry.bounds);
         let Some(hull) = boxes.reduce(|all, bounds| all.hull(&bounds)) else {
@@ -146,7 +151,7 @@ impl Manifest {
     }
 }
 
-/// A frame whose first cell is another one.
+/// Moves a frame so that its first cell is at `first`.
 fn moved_frame(frame: &Frame, first: [f64; 3]) -> Frame {
     let origin = frame.to_world(first);
     let mut moved = frame.clone();

@@ -1,5 +1,5 @@
-//! Files of records of numbers in formats of other programs: what their headers tell, and the numbers behind them. Pictures, meshes and
-//! points are made of these elsewhere.
+//! Readers of numeric record formats of other programs: NPY, PLY and plain text. They decode
+//! headers and numbers. Other crates build rasters, meshes and points from these.
 
 pub mod npy;
 pub mod ply;

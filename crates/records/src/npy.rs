@@ -6,46 +6,48 @@ use std::path::Path;
 use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 
-/// The first bytes of every NPY file.
+/// Magic number of NPY files.
 pub const MAGIC: &[u8] = b"\x93NUMPY";
 
-/// Bytes that a header may have.
+/// Maximum bytes of a header.
 const MOST: u32 = 1 << 16;
 
-/// Items of an array.
+/// Item type of an array.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Items {
-    /// Samples of a type, by its name as `NumPy` writes it: `<f4`.
+    /// Samples of one type, by its name in NumPy: `<f4`.
     Samples(String),
     /// Records.
     Records(Vec<NpyField>),
 }
 
-/// NpyField of records.
+/// Field of a record.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NpyField {
-    /// Its name; none where bytes between fields are passed over.
+    /// Name; empty for padding between fields.
     pub name: String,
     /// Name of its type.
     pub descr: String,
 }
 
-/// NpyHeader of an array.
+/// Header of an array.
 #[derive(Debug)]
 pub struct NpyHeader {
-    /// Its items.
+    /// Its item type.
     pub items: Items,
-    /// Whether the first index runs fastest.
+    /// Whether the first index varies fastest.
     pub fortran_order: bool,
     /// Length along each axis.
     pub shape: Vec<u64>,
 }
 
 impl NpyHeader {
-    /// Reads the header of an array, of version 1.0, 2.0 or 3.0; the first sample comes next.
+    /// Reads the header of an array, of version 1.0, 2.0 or 3.0. Leaves `input` at the first
+    /// sample.
     ///
     /// # Errors
-    /// If there is none, it is longer than 64 KiB, or tells anything but types by their names, an order and a shape.
+    /// If there is none, it is longer than 64 KiB, or contains anything but named types, an order
+    /// and a shape.
     pub fn read(input: &mut dyn Read, path: &Path) -> Result<NpyHeader> {
         let corrupt = |found: &str, expected: &str| Error::corrupt(path, "the header", found, expected);
         let failed = |error: io::Error| match error.kind() {
@@ -84,7 +86,7 @@ impl NpyHeader {
         })
     }
 
-    /// The name of the samples' type.
+    /// Type name of the samples.
     ///
     /// # Errors
     /// If the array has records.
@@ -98,13 +100,14 @@ impl NpyHeader {
         }
     }
 
-    /// The shape in words: `(3, 4, 5)`.
+    /// The shape as a string: `(3, 4, 5)`.
     pub fn shape_text(&self) -> String {
         let lengths: Vec<String> = self.shape.iter().map(u64::to_string).collect();
         format!("({})", lengths.join(", "))
     }
 
-    /// The header as bytes of version 1.0, or of 2.0 where it is long, filled up so that the samples begin at a multiple of 64.
+    /// Encodes the header as version 1.0, or 2.0 if it is long, padded so that the samples begin at
+    /// a multiple of 64 bytes.
     pub fn bytes(&self) -> Vec<u8> {
         let items = match &self.items {
             Items::Samples(descr) => format!("'{descr}'"),
@@ -143,7 +146,7 @@ impl NpyHeader {
     }
 }
 
-/// The name of a type of samples, little-endian.
+/// NumPy name of a sample type, little-endian.
 pub fn descr_of(sample: SampleType) -> &'static str {
     match sample {
         SampleType::U8 => "|u1",
@@ -159,7 +162,8 @@ pub fn descr_of(sample: SampleType) -> &'static str {
     }
 }
 
-/// Type, order and shape from a dictionary as Python writes it; each has to be there once, and nothing else.
+/// Parses type, order and shape from a Python dictionary. Each key must occur exactly once, and no
+/// others may.
 fn dictionary(text: &str) -> Option<NpyHeader> {
     let mut literal = Literal(text);
     let (mut items, mut fortran_order, mut shape) = (None, None, None);
@@ -177,7 +181,7 @@ fn dictionary(text: &str) -> Option<NpyHeader> {
             return None;
         }
     }
-    // No array of NumPy has more dimensions, and no type that anybody reads a longer name.
+    // NumPy arrays have at most 64 dimensions, and no supported type name is longer than 64 bytes.
     let is_short = |descr: &String| descr.len() <= 64;
     let items = items.filter(|items| match items {
         Items::Samples(descr) => is_short(descr),
@@ -188,11 +192,11 @@ fn dictionary(text: &str) -> Option<NpyHeader> {
     literal.0.trim_ascii().is_empty().then_some(header)
 }
 
-/// The rest of a text in Python's notation.
+/// The rest of a Python literal.
 struct Literal<'a>(&'a str);
 
 impl<'a> Literal<'a> {
-    /// Steps over blanks and a token, if it comes next.
+    /// Skips blanks and a token if it comes next; returns whether it did.
     fn take(&mut self, token: &str) -> bool {
         let rest = self.0.trim_ascii_start().strip_prefix(token);
         self.0 = rest.unwrap_or(self.0);
@@ -203,7 +207,7 @@ impl<'a> Literal<'a> {
         self.take(token).then_some(())
     }
 
-    /// Steps over a comma after an item; whether it is there, or the end comes next.
+    /// Skips a comma after an item. Returns whether it was there, or the end comes next.
     fn goes_on(&mut self, end: &str) -> bool {
         self.take(",") || self.0.trim_ascii_start().starts_with(end)
     }
@@ -216,7 +220,7 @@ impl<'a> Literal<'a> {
         (!text.contains('\\')).then_some(text)
     }
 
-    /// Reads the name of a type, or a list of names of fields with theirs.
+    /// Reads a type name, or a list of pairs of field name and type name.
     fn items(&mut self) -> Option<Items> {
         if !self.take("[") {
             return self.string().map(|descr| Items::Samples(descr.into()));
@@ -238,7 +242,7 @@ impl<'a> Literal<'a> {
         if self.take("True") { Some(true) } else { self.expect("False").map(|()| false) }
     }
 
-    /// Reads whole numbers in parentheses.
+    /// Reads a tuple of integers.
     fn tuple(&mut self) -> Option<Vec<u64>> {
         self.expect("(")?;
         let mut numbers = Vec::new();
@@ -246,7 +250,7 @@ impl<'a> Literal<'a> {
             let text = self.0.trim_ascii_start();
             let end = text.find(|c: char| !c.is_ascii_digit())?;
             numbers.push(text[..end].parse().ok()?);
-            // (Python 2 wrote long numbers with an L.)
+            // Python 2 appended an L to long integers.
             self.0 = text[end..].strip_prefix('L').unwrap_or(&text[end..]);
             self.goes_on(")").then_some(())?;
         }
@@ -296,7 +300,7 @@ mod tests {
             let again = NpyHeader::read(&mut &bytes[..], Path::new("a.npy")).unwrap();
             assert_eq!((again.items, again.shape), (header.items, header.shape));
         }
-        // (Longer than those that are read.)
+        // Longer than what `read` accepts.
         let header = NpyHeader { items: records(&many), fortran_order: false, shape: vec![7] };
         assert_eq!(header.bytes()[6], 2);
     }

@@ -1,14 +1,15 @@
-//! Text formats, taken apart without copying: lines, words and numbers, with line numbers for messages.
+//! Parsing of text formats without copying: lines, words and numbers, and line numbers for
+//! messages.
 
-/// A piece of a file as it can be shown in a message: short, on one line, whatever bytes it has.
+/// Formats bytes of a file for a message: short, on one line, with escapes.
 pub fn shown(bytes: &[u8]) -> String {
     const MOST: usize = 40;
     let text = bytes[..bytes.len().min(MOST)].escape_ascii();
     if bytes.len() > MOST { format!("\"{text}\"... ({} bytes)", bytes.len()) } else { format!("\"{text}\"") }
 }
 
-/// The number of the line, from 1, that the byte at an offset belongs to. Reads everything before it: for
-/// messages.
+/// Returns the 1-based number of the line that contains an offset. Scans everything before it: use
+/// it for messages only.
 pub fn line_number(bytes: &[u8], offset: usize) -> u64 {
     let ends_line = |at: &usize| match bytes[*at] {
         b'\n' => true,
@@ -18,7 +19,7 @@ pub fn line_number(bytes: &[u8], offset: usize) -> u64 {
     (0..offset.min(bytes.len())).filter(ends_line).count() as u64 + 1
 }
 
-/// Lines of a text, ended by LF, CR LF or CR.
+/// Iterator over lines, which end with LF, CR LF or CR.
 #[derive(Clone)]
 pub struct Lines<'a> {
     bytes: &'a [u8],
@@ -27,7 +28,7 @@ pub struct Lines<'a> {
 }
 
 impl<'a> Lines<'a> {
-    /// Lines from an offset on.
+    /// Creates an iterator that starts at an offset.
     pub fn new(bytes: &'a [u8], offset: usize) -> Lines<'a> {
         Lines { bytes, offset }
     }
@@ -49,7 +50,7 @@ impl<'a> Iterator for Lines<'a> {
     }
 }
 
-/// Words of a text: whatever is between blanks and line ends.
+/// Iterator over words, which are separated by blanks and line ends.
 #[derive(Clone)]
 pub struct Words<'a> {
     bytes: &'a [u8],
@@ -58,7 +59,7 @@ pub struct Words<'a> {
 }
 
 impl<'a> Words<'a> {
-    /// Words from an offset on.
+    /// Creates an iterator that starts at an offset.
     pub fn new(bytes: &'a [u8], offset: usize) -> Words<'a> {
         Words { bytes, offset }
     }
@@ -82,19 +83,19 @@ fn is_blank(byte: u8) -> bool {
     matches!(byte, b' ' | b'\t' | b'\n' | b'\r' | 0x0b | 0x0c)
 }
 
-/// The words of one line.
+/// Iterates over the words of one line.
 pub fn words(line: &[u8]) -> Words<'_> {
     Words::new(line, 0)
 }
 
-/// A number with or without fraction; not those that are infinite or none.
+/// Parses a finite number.
 pub fn real(word: &[u8]) -> Option<f64> {
     let number: f64 = str::from_utf8(word).ok()?.parse().ok()?;
     number.is_finite().then_some(number)
 }
 
-/// A number, or one of the words for those that are infinite or none: `nan`, `inf` and their relatives, also as Windows writes them (`-nan(ind)`,
-/// `1.#QNAN`, `-1.#INF`).
+/// Parses a number, which may be infinite or NaN: `nan`, `inf` and variants, including those of
+/// Windows (`-nan(ind)`, `1.#QNAN`, `-1.#INF`).
 pub(crate) fn real_or_none(word: &[u8]) -> Option<f64> {
     if let Some(number) = real(word) {
         return Some(number);
@@ -112,9 +113,9 @@ pub(crate) fn real_or_none(word: &[u8]) -> Option<f64> {
     }
 }
 
-/// A whole number.
+/// Parses an integer.
 pub fn whole(word: &[u8]) -> Option<i64> {
-    // Nearly all are short and have no sign.
+    // Fast path: nearly all integers are short and have no sign.
     if !word.is_empty() && word.len() < 18 && word.iter().all(u8::is_ascii_digit) {
         return Some(word.iter().fold(0, |number, digit| number * 10 + i64::from(digit - b'0')));
     }

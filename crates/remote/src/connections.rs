@@ -1,4 +1,4 @@
-//! Connections of a client: the threads that requests run on, and the stores that were used.
+//! Connections of a client: its request threads and its open stores.
 
 use std::collections::HashMap;
 use std::future::Future;
@@ -16,29 +16,31 @@ use super::RemoteOptions;
 use super::error;
 use super::secrets::Secrets;
 
-/// Time between two checks for cancellation.
+/// Interval between two checks for cancellation.
 const PATIENCE: Duration = Duration::from_millis(100);
 
-/// Threads that requests run on: they wait nearly always.
+/// Threads that run requests. Few are enough: they nearly always wait.
 const THREADS: usize = 2;
 
-/// Buckets whose connections are kept.
+/// Maximum number of buckets whose connections are kept.
 const MAX_BUCKETS: usize = 64;
 
-/// Key of a bucket: the process, the bucket, its settings, and whether the environment says that requests are not signed.
+/// Key of a bucket: process id, bucket URL, settings, and whether the environment disables request
+/// signing.
 pub(super) type BucketKey = (u32, String, Vec<(String, String)>, bool);
 
-/// Connections of a client, which its files share.
+/// Connections of a client, shared by its files.
 pub(super) struct Connections {
     pub(super) options: RemoteOptions,
-    /// The threads, and the process that has them: a forked process has a copy of its parent's memory but none of its threads, and
-    /// starts its own.
+    /// The runtime and the id of the process that owns it. A forked process has a copy of its
+    /// parent's memory but none of its threads, and starts its own runtime.
     runtime: Mutex<Option<(u32, Arc<Runtime>)>>,
-    /// Buckets that were used: the next request uses their connections. (A forked process has connections of its own.)
+    /// Stores of recently used buckets, which keep their connections open. The key contains the
+    /// process id, so a forked process opens its own connections.
     buckets: Mutex<HashMap<BucketKey, Arc<dyn ObjectStore>>>,
-    /// Query and user of URLs that are named without.
+    /// Query and user info for URLs that are given without them.
     pub(super) secrets: Secrets,
-    /// The store in memory, for tests.
+    /// In-memory store, for tests.
     pub(super) memory: Arc<InMemory>,
 }
 
@@ -62,13 +64,13 @@ impl Connections {
             .thread_name("spinney-remote")
             .build();
         let made = Arc::new(made.map_err(Error::io(path, "start threads for requests"))?);
-        // Invariant: a process drops its own runtime alone. Dropping the parent's, which a fork has copied, would wait for
-        // threads that exist in the parent only.
+        // Invariant: a process drops only its own runtime. To drop the parent's, which the fork has
+        // copied, would wait for threads that exist only in the parent.
         std::mem::forget(known.replace((process, made.clone())));
         Ok(made)
     }
 
-    /// The store of a bucket, made by `make` unless it was used before.
+    /// Returns the store of a bucket, and creates it with `make` on first use.
     pub(super) fn bucket(
         &self,
         key: BucketKey,
@@ -87,10 +89,11 @@ impl Connections {
         Ok(store)
     }
 
-    /// Starts some work, which continues while no thread waits for it; the path is for messages.
+    /// Starts a task, which also makes progress while no thread waits for it. `path` is for
+    /// messages.
     ///
     /// # Errors
-    /// If the system gives no threads.
+    /// If the threads cannot be started.
     pub(super) fn spawn<T: Send + 'static>(
         &self,
         path: &Path,
@@ -99,7 +102,8 @@ impl Connections {
         Ok(self.runtime(path)?.spawn(work))
     }
 
-    /// The result of a request, unless that takes longer than all of its repetitions may; `doing` and the path are for messages.
+    /// Runs a request with a time limit that includes all retries. `path` and `doing` are for
+    /// messages.
     pub(super) async fn limited<T>(
         &self,
         (path, doing): (&Path, &'static str),
@@ -112,18 +116,18 @@ impl Connections {
         }
     }
 
-    /// Waits for some work, which is dropped on cancellation; the path is for messages.
+    /// Waits for a future, which is dropped on cancellation. `path` is for messages.
     ///
     /// # Errors
-    /// On cancellation, or if the system gives no threads.
+    /// On cancellation, or if the threads cannot be started.
     pub(super) fn wait<T>(&self, path: &Path, work: impl Future<Output = T>) -> Result<T> {
         self.wait_unless(self.options.is_stopped, path, work)
     }
 
-    /// Waits for some work to its end; the path is for messages.
+    /// Waits for a future and ignores cancellation. `path` is for messages.
     ///
     /// # Errors
-    /// If the system gives no threads.
+    /// If the threads cannot be started.
     pub(super) fn finish<T>(&self, path: &Path, work: impl Future<Output = T>) -> Result<T> {
         self.wait_unless(|| false, path, work)
     }
@@ -151,7 +155,8 @@ impl Connections {
 }
 
 impl Drop for Connections {
-    /// Ends the threads without waiting for them: the last file may be closed on a thread that must not block.
+    /// Stops the threads without waiting for them: the last file may be dropped on a thread that
+    /// must not block.
     fn drop(&mut self) {
         let known = self.runtime.get_mut().unwrap_or_else(PoisonError::into_inner).take();
         let Some((process, runtime)) = known else { return };

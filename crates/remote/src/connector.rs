@@ -1,5 +1,7 @@
-//! HTTP clients of stores, which keep secrets: no `Referer` goes along when a host redirects to another one, since the URL may be signed. User
-//! names and passwords go to the host they are for alone.
+//! HTTP clients of stores that do not leak secrets.
+//!
+//! They send no `Referer` when a host redirects to another one, since the URL may be signed. User
+//! names and passwords go only to the host that they are for.
 
 use std::time::Duration;
 
@@ -10,7 +12,8 @@ use reqwest::tls::Certificate;
 use reqwest::{ClientBuilder, NoProxy, Proxy};
 use url::Url;
 
-/// Makes clients by the same options as `object_store` itself, which cannot leave the `Referer` out.
+/// Creates clients from the options of `object_store`, whose own connector cannot omit the
+/// `Referer`.
 #[derive(Debug)]
 pub(super) struct Connector;
 
@@ -25,8 +28,8 @@ fn failed(cause: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> object_
     object_store::Error::Generic { store: "HTTP client", source: cause.into() }
 }
 
-/// A client with all options but those of which `object_store` has no values for others: certificates and resolvers in memory, which no option
-/// of a store sets.
+/// Creates a client builder with all options that have a readable value. The others (in-memory
+/// certificates and resolvers) cannot be set by options of a store.
 fn builder(options: &ClientOptions) -> object_store::Result<ClientBuilder> {
     let text = |key: Key| options.get_config_value(&key);
     let is_set = |key: Key| text(key).is_some_and(|value| is_true(&value));
@@ -77,7 +80,7 @@ fn is_true(value: &str) -> bool {
     ["1", "true", "on", "yes", "y"].contains(&value.to_ascii_lowercase().as_str())
 }
 
-/// A time as `object_store` writes and reads it: "30s", "1m 30s 500ms".
+/// Parses a duration in the notation of `object_store`: "30s", "1m 30s 500ms".
 fn duration(text: &str) -> object_store::Result<Duration> {
     let wrong = || failed(format!("`{text}` is no time, such as 30s or 1m 30s"));
     let mut time = Duration::ZERO;
@@ -102,7 +105,7 @@ fn duration(text: &str) -> object_store::Result<Duration> {
     Ok(time)
 }
 
-/// Takes user name and password out of a URL: they go into a header, as other programs send them.
+/// Moves user name and password from a URL to an `Authorization` header (HTTP Basic).
 pub(super) fn take_user(url: &mut Url) -> object_store::Result<HeaderMap> {
     let mut headers = HeaderMap::new();
     if url.username().is_empty() && url.password().is_none() {
@@ -115,7 +118,7 @@ pub(super) fn take_user(url: &mut Url) -> object_store::Result<HeaderMap> {
         value.set_sensitive(true);
         headers.insert(AUTHORIZATION, value);
     }
-    // (URLs without a host have no user either.)
+    // These fail only for URLs without a host, which have no user info either.
     let _ = url.set_username("");
     let _ = url.set_password(None);
     Ok(headers)
@@ -143,7 +146,7 @@ mod tests {
         let _ = rustls::crypto::ring::default_provider().install_default();
         let mut url = Url::parse("http://us%40er:p%3Aw@host/x").unwrap();
         let headers = take_user(&mut url).unwrap();
-        // (Base64 of `us@er:p:w`.)
+        // Base64 of `us@er:p:w`.
         assert_eq!(headers[AUTHORIZATION], "Basic dXNAZXI6cDp3");
         assert!(headers[AUTHORIZATION].is_sensitive() && url.as_str() == "http://host/x");
         assert!(take_user(&mut url).unwrap().is_empty());

@@ -1,4 +1,4 @@
-//! Ranges of files that are kept on disk from one run to the next.
+//! On-disk cache of file ranges, kept between runs.
 
 use std::fs::{self, File};
 use std::io::{Read, Write};
@@ -10,24 +10,25 @@ use spinney_base::io::open_regular;
 use spinney_base::{Error, Result, sort};
 use xxhash_rust::xxh3::{xxh3_64, xxh3_128};
 
-/// A folder of ranges, in a folder for each state of a file.
+/// A cache directory, with a subdirectory for each version of a file.
 pub(super) struct DiskCache {
     folder: PathBuf,
 }
 
-/// The ranges of one state of a file.
+/// The cached ranges of one version of a file.
 pub(super) struct KeptFile {
     folder: PathBuf,
 }
 
-/// Name of the folder below that of the user, so that nothing else is ever removed.
+/// Name of the cache inside the directory that the user chose. Only files in it are ever removed.
 const NAME: &str = "spinney-ranges";
 
 impl DiskCache {
-    /// The ranges in a folder, which is made. Those that were kept first are removed beyond so many bytes.
+    /// Opens the cache in a directory, which is created if missing. Removes the oldest ranges until
+    /// at most `most` bytes remain.
     ///
     /// # Errors
-    /// If the folder cannot be made or read.
+    /// If the directory cannot be created or read.
     pub(super) fn new(folder: &Path, most: u64) -> Result<DiskCache> {
         let folder = folder.join(NAME);
         fs::create_dir_all(&folder).map_err(Error::io(&folder, "make the folder"))?;
@@ -35,18 +36,18 @@ impl DiskCache {
         Ok(DiskCache { folder })
     }
 
-    /// The ranges of a state of a file, given as text.
+    /// The ranges of a file version, which `key` identifies.
     pub(super) fn file(&self, key: &str) -> KeptFile {
         KeptFile { folder: self.folder.join(format!("{:032x}", xxh3_128(key.as_bytes()))) }
     }
 }
 
-/// Removes the oldest ranges beyond so many bytes.
+/// Removes the oldest ranges until at most `most` bytes remain.
 fn trim(folder: &Path, most: u64) -> std::io::Result<()> {
     let mut all: Vec<(SystemTime, u64, PathBuf)> = Vec::new();
     for file in fs::read_dir(folder)? {
         let file = file?.path();
-        // (Another process may be at it.)
+        // Another process may have removed it.
         let Ok(ranges) = fs::read_dir(&file) else { continue };
         for range in ranges.flatten() {
             let Ok(metadata) = range.metadata() else { continue };
@@ -61,7 +62,7 @@ fn trim(folder: &Path, most: u64) -> std::io::Result<()> {
         }
         bytes -= length;
         let _ = fs::remove_file(&path);
-        // (Of a folder that has nothing any more nothing is left.)
+        // Removes the directory if it is empty now; fails otherwise.
         let _ = path.parent().map(fs::remove_dir);
     }
     Ok(())
@@ -72,9 +73,10 @@ impl KeptFile {
         self.folder.join(format!("{}-{}", range.start, range.end))
     }
 
-    /// The bytes of a range, if they are there and whole.
+    /// Returns the bytes of a range if they are cached and match their checksum.
     pub(super) fn get(&self, range: &Range<u64>) -> Option<Vec<u8>> {
-        // (Others may write to the directory: of a pipe, or a link to a device, reading would never end.)
+        // Other programs may write to this directory. Reading a pipe or a link to a device would
+        // never end.
         let mut file = open_regular(File::options().read(true), &self.path(range)).ok()?;
         let length = range.end.checked_sub(range.start)?.checked_add(8)?;
         if file.metadata().ok()?.len() != length {
@@ -87,14 +89,14 @@ impl KeptFile {
         is_whole.then_some(bytes)
     }
 
-    /// Keeps the bytes of a range. (Where that cannot be, they are fetched again the next time.)
+    /// Caches the bytes of a range. Errors are ignored: the range is fetched again next time.
     pub(super) fn put(&self, range: &Range<u64>, bytes: &[u8]) {
         let _ = self.write(range, bytes);
     }
 
     fn write(&self, range: &Range<u64>, bytes: &[u8]) -> std::io::Result<()> {
         fs::create_dir_all(&self.folder)?;
-        // Whole or not at all: others may read at the same time.
+        // Publish atomically: other processes may read at the same time.
         let mut file = tempfile::NamedTempFile::new_in(&self.folder)?;
         file.write_all(bytes)?;
         file.write_all(&xxh3_64(bytes).to_le_bytes())?;
@@ -120,7 +122,7 @@ mod tests {
         assert_eq!(file.get(&(3..6)), None);
         fs::write(file.path(&(3..6)), b"ab").unwrap();
         assert_eq!(file.get(&(3..6)), None);
-        // What does not fit any more goes.
+        // Ranges over the limit are removed.
         file.put(&(3..6), b"abc");
         file.put(&(10..13), b"abc");
         DiskCache::new(folder.path(), 11).unwrap();

@@ -1,4 +1,4 @@
-//! Errors of stores as those of files.
+//! Conversion of store errors to file errors.
 
 use std::error::Error as _;
 use std::io;
@@ -9,7 +9,7 @@ use object_store::Error as StoreError;
 use spinney_base::Error;
 use spinney_base::io::redacted;
 
-/// The error for a store that refuses to do something with a file.
+/// Converts the error of a store operation on a file.
 pub(super) fn of_store(path: &Path, doing: &'static str, error: StoreError) -> Error {
     match &error {
         StoreError::NotSupported { .. } => {
@@ -31,7 +31,7 @@ pub(super) fn of_store(path: &Path, doing: &'static str, error: StoreError) -> E
     Error::io(path, doing)(io::Error::new(kind, text(&error)))
 }
 
-/// The error for a host that has not answered in time.
+/// The error for a request that exceeded its time limit.
 pub(super) fn late(path: &Path, doing: &'static str, limit: Duration) -> Error {
     let text = format!(
         "no response within {} s, with all repetitions (--remote-timeout and SPINNEY_REMOTE_TIMEOUT set the limit)",
@@ -40,7 +40,7 @@ pub(super) fn late(path: &Path, doing: &'static str, limit: Duration) -> Error {
     Error::io(path, doing)(io::Error::new(io::ErrorKind::TimedOut, text))
 }
 
-/// The texts of an error and of its causes that say something new, without the secrets of URLs in them.
+/// Joins the messages of an error and of its causes, without repetitions and secrets in URLs.
 fn text(error: &StoreError) -> String {
     let mut text = error.to_string();
     let mut cause = error.source();

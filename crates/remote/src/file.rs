@@ -1,4 +1,4 @@
-//! A file elsewhere: opened by its two ends, read in ranges, all of one state.
+//! A remote file: opened by fetching its two ends, then read in ranges of the same version.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -15,30 +15,32 @@ use super::disk_cache::{DiskCache, KeptFile};
 use super::store::Place;
 use super::{Stores, error, stat};
 
-/// Bytes at a file's beginning that are fetched to open it: the header, and of files that may be Autumnal the meta pages. Small files are
-/// opened for little more than these.
+/// Bytes fetched from the start of a file to open it. They contain the header and, if the file may
+/// be Autumnal, the meta pages. Opening a small file costs little more.
 const HEAD: u64 = (8 << 10) + 64;
 const GOBLIN_HEAD: u64 = 512;
-/// Bytes at its end: trailer, metadata, the top of the index, and of files with few segments all of it.
+/// Bytes fetched from the end of a file: trailer, metadata, the top of the index, and in a file
+/// with few segments the whole index.
 const TAIL: u64 = 24 << 10;
 
-/// Bytes to fetch at the beginning of a file with a name.
+/// Number of bytes to fetch from the start of a file with this URL.
 fn head_of(url: &str) -> u64 {
     let name = url.split(['?', '#']).next().unwrap_or_default();
     if name.ends_with(".goblin") { GOBLIN_HEAD } else { HEAD }
 }
 
-/// Requests of a file at the same time.
+/// Maximum number of concurrent requests for a file.
 const AT_ONCE: usize = 32;
 
-/// A state of a file as text.
+/// Identifies a version of a file.
 fn key(url: &str, state: &FileStat) -> String {
     format!("{url}\n{:?}\n{}", state.version, state.length)
 }
 
-/// The way to one file.
+/// Connection to one file.
 struct RemoteFile {
-    /// The place, and the process whose connections it has: a forked one makes its own.
+    /// The store, and the id of the process that owns its connections. A forked process opens its
+    /// own.
     place: Mutex<(u32, Place)>,
     storage: Vec<(String, String)>,
     connections: Arc<Connections>,
@@ -47,10 +49,10 @@ struct RemoteFile {
     kept: Option<KeptFile>,
 }
 
-/// Opens a file: one round for its two ends.
+/// Opens a file with one batch of requests, for its two ends.
 ///
 /// # Errors
-/// If it is not there, may not be read, or does not come in ranges.
+/// If it is missing, may not be read, or its host does not serve ranges.
 pub(super) fn open(
     url: &str,
     storage: &[(String, String)],
@@ -74,7 +76,7 @@ pub(super) fn open(
     let mut requests = 2;
     match tail? {
         Ok(tail) => came.push(tail),
-        // Azure knows no ranges from the end.
+        // Azure does not support suffix ranges.
         Err(Failed::Store(object_store::Error::NotSupported { .. })) if state.length > first => {
             let range = GetRange::Bounded(state.length.saturating_sub(TAIL).max(first)..state.length);
             let tail = connections.wait(path, get(&place, range, request))??;
@@ -106,17 +108,17 @@ pub(super) fn open(
     Ok(file)
 }
 
-/// A part of a file that came.
+/// A fetched range of a file.
 struct Part {
     meta: ObjectMeta,
     range: Range<u64>,
     bytes: Vec<u8>,
 }
 
-/// Reason why a part has not come.
+/// Reason why a range was not fetched.
 enum Failed {
     Store(object_store::Error),
-    /// The host packs what it sends, in this way.
+    /// The host compresses its responses with this encoding.
     Packed(String),
 }
 
@@ -138,7 +140,7 @@ impl Failed {
     }
 }
 
-/// Gets a part of a file, in the time that there is for it.
+/// Fetches a range of a file within the time limit.
 async fn get(
     place: &Place,
     range: GetRange,
@@ -147,7 +149,7 @@ async fn get(
     connections.limited((path, doing), async { Ok(get_part(place, range).await) }).await
 }
 
-/// Gets a part of a file.
+/// Fetches a range of a file.
 async fn get_part(place: &Place, range: GetRange) -> std::result::Result<Part, Failed> {
     let options = GetOptions { range: Some(range), ..GetOptions::default() };
     let result: GetResult = place.store.get_opts(&place.name, options).await?;
@@ -172,7 +174,7 @@ impl RemoteFile {
         Ok(place.1.clone())
     }
 
-    /// Makes sure that a part is of the state in which the file was opened.
+    /// Checks that a range has its full length and belongs to the version that was opened.
     fn check(&self, part: &Part) -> Result<()> {
         if stat::state(&part.meta) != self.state {
             return Err(Error::Changed { path: self.path.clone(), what: "was overwritten" });

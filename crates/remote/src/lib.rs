@@ -1,7 +1,7 @@
-//! Files on web servers and in buckets: reading in ranges, writing by upload.
+//! Remote files on web servers and in buckets: ranged reads, and writes by multipart upload.
 //!
-//! Requests, retries, credentials and proxies are [`object_store`]'s. What is read stays in the cache of the
-//! [`FileAccess`] that a file is opened with, and on disk if a directory is named.
+//! [`object_store`] implements requests, retries, credentials and proxies. Fetched ranges are
+//! cached by the [`FileAccess`] that a file is opened with, and on disk if a directory is set.
 
 mod connections;
 mod connector;
@@ -27,26 +27,27 @@ use spinney_base::io::{
 };
 use upload::Upload;
 
-/// Options of a client for remote files. The limit of what is held in memory is that of the [`FileAccess`] that uses the client: see
-/// [`FileAccess::range_cache`].
+/// Options of a client for remote files. The memory limit of its cache is an option of the
+/// [`FileAccess`] that uses the client: see [`FileAccess::range_cache`].
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct RemoteOptions {
-    /// Folder in which bytes are kept from one run to the next.
+    /// Directory of the cache that is kept between runs; `None` for no such cache.
     pub folder: Option<PathBuf>,
-    /// Bytes that the folder may have.
+    /// Maximum size of the cache directory in bytes, enforced when a client is created.
     pub folder_bytes: u64,
-    /// Bytes between two ranges up to which these are fetched with one request.
+    /// Ranges that are at most this many bytes apart are fetched with one request.
     pub gap: u64,
-    /// Time that a request may take.
+    /// Time limit of a single request.
     pub timeout: Duration,
-    /// Time that a request for a file may take with all of its repetitions, until it is an error: a host that hangs is known by then.
+    /// Time limit of a request including all retries. After it, the request fails: the host
+    /// probably hangs.
     pub limit: Duration,
-    /// Times that a request is repeated if the host is busy or the connection breaks, each after a longer pause.
+    /// Maximum number of retries if the host is busy or the connection breaks. Delays increase.
     pub retries: usize,
-    /// Whole URLs for those that manifests and plans of jobs name without query and password.
+    /// Complete URLs of files that manifests and job plans name without query and password.
     pub signed_urls: Vec<String>,
-    /// Asked several times a second while something is waited for: whether to give up.
+    /// Called several times per second during waits; cancels the operation if it returns true.
     pub is_stopped: fn() -> bool,
 }
 
@@ -65,8 +66,11 @@ impl Default for RemoteOptions {
     }
 }
 
-/// Makes a client for files on web servers (`https://`), in S3 (`s3://`), Google Cloud Storage (`gs://`) and Azure (`az://`). Files that are
-/// opened, and outputs that are created, with a [`FileAccess`] that [has it](FileAccess::remote) may be any of these.
+/// Creates a client for files on web servers (`https://`), in S3 (`s3://`), Google Cloud Storage
+/// (`gs://`) and Azure (`az://`).
+///
+/// With a [`FileAccess`] that [uses the client](FileAccess::remote), input and output paths may be
+/// such URLs.
 ///
 /// ```no_run
 /// # use spinney_base::io::FileAccess;
@@ -78,9 +82,9 @@ impl Default for RemoteOptions {
 /// ```
 ///
 /// # Errors
-/// If the directory for what is kept cannot be used.
+/// If the cache directory cannot be used.
 pub fn client(options: RemoteOptions) -> Result<Arc<dyn RemoteFiles>> {
-    // (A program that embeds the library may have installed a provider: that one is used.)
+    // A program that embeds the library may have installed a provider, which is used then.
     let _ = rustls::crypto::ring::default_provider().install_default();
     let folder = options.folder.as_deref().map(|folder| DiskCache::new(folder, options.folder_bytes));
     Ok(Arc::new(Stores {
@@ -91,20 +95,20 @@ pub fn client(options: RemoteOptions) -> Result<Arc<dyn RemoteFiles>> {
     }))
 }
 
-/// Time for which a file that was opened is the same for whoever opens it again: finding out what a file is and reading it are one thing to
-/// users.
+/// Time for which opening a file again returns the same open file: detecting a file's format and
+/// reading it are one operation to users.
 const SAME_FOR: Duration = Duration::from_secs(1);
 
-/// The options of a store, and the URL of a file in it.
+/// The URL of a file and the options of its store.
 type StoredAt = (String, Vec<(String, String)>);
 
 /// The client.
 struct Stores {
     connections: Arc<Connections>,
     folder: Option<Arc<DiskCache>>,
-    /// Files that were opened lately, and when.
+    /// Recently opened files, and when they were opened.
     opened: Mutex<HashMap<StoredAt, (Instant, RangeFile)>>,
-    /// Numbers in the cache, by URL and state of the file.
+    /// Cache numbers by URL and version of the file.
     numbers: Mutex<HashMap<String, u64>>,
 }
 
@@ -146,13 +150,13 @@ impl RemoteFiles for Stores {
 }
 
 impl Stores {
-    /// Forgets that files were opened lately, which become others.
+    /// Forgets recently opened files, because they are about to change.
     fn forget(&self, urls: &[&str]) {
         let mut opened = self.opened.lock().unwrap_or_else(PoisonError::into_inner);
         opened.retain(|(url, _), _| !urls.contains(&url.as_str()));
     }
 
-    /// The number in the cache of a state of a file.
+    /// The cache number of a file version.
     fn number(&self, state: &str) -> u64 {
         let mut numbers = self.numbers.lock().unwrap_or_else(PoisonError::into_inner);
         *numbers.entry(state.to_string()).or_insert_with(RangeCache::file_number)

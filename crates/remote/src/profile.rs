@@ -1,9 +1,9 @@
-//! Settings of S3 in the files of its own programs (`~/.aws/credentials` and `~/.aws/config`).
+//! S3 settings from the files of the AWS tools (`~/.aws/credentials` and `~/.aws/config`).
 
 use std::path::PathBuf;
 
-/// Settings of the profile that `AWS_PROFILE` names (`default` if it names none), by the names that they have in the environment. There
-/// are none where the environment has keys of its own.
+/// Returns the settings of the profile `AWS_PROFILE` (`default` if unset), named like environment
+/// variables in lower case. Empty if the environment contains keys itself.
 pub(super) fn settings() -> Vec<(String, String)> {
     if std::env::var_os("AWS_ACCESS_KEY_ID").is_some() {
         return Vec::new();
@@ -20,13 +20,13 @@ pub(super) fn settings() -> Vec<(String, String)> {
     ] {
         let home = || std::env::home_dir().map(|home| home.join(".aws").join(file));
         let Some(path) = std::env::var_os(variable).map(PathBuf::from).or_else(home) else { continue };
-        // (A file that is not there, or that others may read alone, has nothing to say.)
+        // A missing or unreadable file has no settings.
         settings.extend(section(&std::fs::read_to_string(path).unwrap_or_default(), &heading));
     }
     settings
 }
 
-/// The settings of a section that are known, by their names in the environment.
+/// Known settings of a section, named like environment variables in lower case.
 fn section(text: &str, heading: &str) -> Vec<(String, String)> {
     let mut is_inside = false;
     let mut settings = Vec::new();
@@ -46,7 +46,7 @@ fn section(text: &str, heading: &str) -> Vec<(String, String)> {
     settings
 }
 
-/// Whether the environment says that requests are not signed, as other programs have it.
+/// Returns whether the environment disables request signing, by the variable that GDAL uses.
 pub(super) fn is_unsigned() -> bool {
     let says_so = |value: String| ["yes", "true", "on", "1"].contains(&value.to_ascii_lowercase().as_str());
     std::env::var("AWS_NO_SIGN_REQUEST").is_ok_and(says_so)

@@ -1,4 +1,5 @@
-//! Secrets of URLs that were stored without them: manifests and plans of jobs name files, and are no place for signatures and passwords.
+//! Secrets of URLs that are stored without them: manifests and job plans name files, but must not
+//! contain signatures and passwords.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -8,23 +9,24 @@ use std::sync::{Mutex, PoisonError};
 use spinney_base::io::{is_redacted, shown, split_query};
 use spinney_base::{Error, Result};
 
-/// URLs whose secrets are remembered, at most.
+/// Maximum number of URLs whose secrets are remembered.
 const MAX_URLS: usize = 1 << 16;
 
-/// User info and query of URLs, by these without them. What a process has opened, another file may name in it; all else has to be given.
+/// User info and query of URLs, by URL without them. A file may refer to a URL that this process
+/// has opened before. The secrets of others must be provided by the user.
 #[derive(Default)]
 pub(super) struct Secrets(Mutex<HashMap<String, Secret>>);
 
 #[derive(Clone)]
 struct Secret {
-    /// With `@` after it.
+    /// Includes the trailing `@`.
     user: String,
-    /// With `?` before it.
+    /// Includes the leading `?`.
     query: String,
 }
 
 impl Secrets {
-    /// Remembers the secrets of URLs.
+    /// Remembers the secrets of these URLs.
     pub(super) fn new<'u>(urls: impl IntoIterator<Item = &'u str>) -> Secrets {
         let secrets = Secrets::default();
         urls.into_iter().for_each(|url| secrets.remember(url));
@@ -49,17 +51,17 @@ impl Secrets {
         known.insert(clean.into_owned(), secret);
     }
 
-    /// The whole URL of one that may have been stored without its secrets; otherwise they are remembered.
+    /// Restores the secrets of a URL that was stored without them. Remembers those of other URLs.
     ///
     /// # Errors
-    /// If they are not known.
+    /// If the secrets are unknown.
     pub(super) fn complete<'u>(&self, url: &'u str) -> Result<Cow<'u, str>> {
         if !is_redacted(url) {
             self.remember(url);
             return Ok(url.into());
         }
         let known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        // (Files next to one, such as `x.prj` next to `x.tif`, have the same.)
+        // Sidecar files, such as `x.prj` next to `x.tif`, have the same secrets.
         let secret = known.get(url).or_else(|| known.get(stem(url))).cloned();
         drop(known);
         let Some(secret) = secret else {
@@ -72,7 +74,7 @@ impl Secrets {
     }
 }
 
-/// A URL without its secrets up to the first dot of its last name.
+/// A redacted URL without its query, up to the first dot of its file name.
 fn stem(url: &str) -> &str {
     let place = split_query(url).0;
     let name = place.rfind('/').map_or(0, |slash| slash + 1);
@@ -96,7 +98,7 @@ mod tests {
         );
         assert_eq!(secrets.complete("https://host/z.goblin?v=3").unwrap(), "https://host/z.goblin?v=3");
         assert_eq!(secrets.complete("https://host/z.goblin?...").unwrap(), "https://host/z.goblin?v=3");
-        // One without a query is that file, whatever else is known.
+        // A URL without a query is used unchanged, whatever else is known.
         assert_eq!(secrets.complete("https://host/y.goblin").unwrap(), "https://host/y.goblin");
         let error = secrets.complete("https://other/y.goblin?...").unwrap_err().to_string();
         assert!(error.contains("--signed-urls"), "{error}");

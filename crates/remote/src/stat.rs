@@ -1,4 +1,4 @@
-//! States of files elsewhere, without their bytes, and their removal.
+//! Status of remote files without fetching their bytes, and their removal.
 
 use std::path::Path;
 
@@ -15,19 +15,20 @@ use super::store::Place;
 /// Phrase for messages.
 const STAT: &str = "look at";
 
-/// Files that are looked at, or removed, at the same time.
+/// Maximum number of concurrent requests.
 const AT_ONCE: usize = 32;
 
-/// The state that a host tells of a file. Hosts without tags tell the time of the last change.
+/// Converts a host's description of a file. Without an entity tag, the modification time identifies
+/// the version.
 pub(super) fn state(meta: &ObjectMeta) -> FileStat {
     let tag = meta.e_tag.clone().unwrap_or_else(|| format!("{} ms", meta.last_modified.timestamp_millis()));
     FileStat { length: meta.size, version: FileVersion::Tag(tag) }
 }
 
-/// States of files, in their order; nothing of those that are not there.
+/// Queries the status of files, in their order; `None` for files that do not exist.
 ///
 /// # Errors
-/// On interruption. Of each file, if its host does not tell.
+/// On cancellation. Per file, if its host returns an error.
 pub(super) fn stat(urls: &[&str], connections: &Connections) -> Result<Vec<Result<Option<FileStat>>>> {
     let one = |url: &str| {
         let place = Place::of(url, &[], connections);
@@ -48,10 +49,11 @@ pub(super) fn stat(urls: &[&str], connections: &Connections) -> Result<Vec<Resul
     connections.wait(Path::new(first), all)
 }
 
-/// Answer of a host about a file.
+/// Requests the description of a file.
 async fn head(place: &Place) -> object_store::Result<ObjectMeta> {
     match place.store.head(&place.name).await {
-        // (Signatures of URLs are for reading alone, and some servers know nothing else. The name in a server is the URL.)
+        // Signed URLs may be valid for GET only, and some servers do not support HEAD. A root name
+        // means a web server: the store's URL is that of the file.
         Err(cause) if place.name.is_root() && !matches!(cause, StoreError::NotFound { .. }) => {
             let options = GetOptions { range: Some(GetRange::Bounded(0..1)), ..GetOptions::default() };
             place.store.get_opts(&place.name, options).await.map(|found| found.meta)
@@ -60,10 +62,10 @@ async fn head(place: &Place) -> object_store::Result<ObjectMeta> {
     }
 }
 
-/// Removes files, those that are there.
+/// Removes files; missing files are ignored.
 ///
 /// # Errors
-/// If one cannot be removed, or on interruption; others may be removed then.
+/// If a file cannot be removed, or on cancellation. Other files may have been removed then.
 pub(super) fn remove(urls: &[&str], connections: &Connections) -> Result<()> {
     let one = |url: &str| {
         let place = Place::of(url, &[], connections);

@@ -1,4 +1,4 @@
-//! The store that a URL leads to, as users and their environment have set it up.
+//! The store of a URL, configured from options and environment.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -26,10 +26,11 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// The place that a URL leads to. Options that are given go before those of the environment (`AWS_...`, `GOOGLE_...`, `AZURE_...`).
+    /// Finds the store and the name of a URL. Given options override those of the environment
+    /// (`AWS_...`, `GOOGLE_...`, `AZURE_...`).
     ///
     /// # Errors
-    /// If the URL leads nowhere, or an option makes no sense.
+    /// If the URL is invalid, or an option is unknown or invalid.
     pub(super) fn of(url: &str, storage: &[(String, String)], connections: &Connections) -> Result<Place> {
         let options = &connections.options;
         let path = Path::new(url);
@@ -43,7 +44,7 @@ impl Place {
             max_retries: options.retries,
             retry_timeout: options.limit,
         };
-        // (What is asked for without encryption by name may be.)
+        // Allow plain HTTP, which users request by `http://` URLs and endpoints.
         let client = ClientOptions::new()
             .with_timeout(options.timeout.min(options.limit))
             .with_connect_timeout(options.timeout.min(options.limit).min(Duration::from_secs(10)))
@@ -56,7 +57,8 @@ impl Place {
             "az" | "adl" | "azure" | "abfs" | "abfss" => ("AZURE_", Vec::new()),
             "memory" => return Ok(Place { store: connections.memory.clone(), name }),
             _ => {
-                // The URL as it is, with a query that may have a signature: the name below it is empty.
+                // The store's URL is that of the file, including a query that may be a signature.
+                // The name below it is empty.
                 let headers = connector::take_user(&mut parsed).map_err(bad)?;
                 let mut client = client.with_default_headers(headers);
                 for (key, value) in storage {
@@ -87,7 +89,7 @@ impl Place {
                     for (key, value) in settings {
                         builder = builder.with_config(known::<AmazonS3ConfigKey>(&key)?, value);
                     }
-                    // (Nobody is asked for credentials that an anonymous reader does not need.)
+                    // Anonymous reads must not query a metadata service for credentials.
                     let has_any = [
                         AmazonS3ConfigKey::AccessKeyId,
                         AmazonS3ConfigKey::WebIdentityTokenFile,
@@ -130,12 +132,12 @@ impl Place {
     }
 }
 
-/// The bucket's part of a URL, with what stands before it.
+/// The prefix of a URL up to the bucket.
 fn bucket(url: &Url) -> String {
     url[..url::Position::BeforePath].to_string()
 }
 
-/// The key of a setting.
+/// Parses the key of a setting.
 fn known<K: std::str::FromStr>(key: &str) -> Result<K> {
     key.to_ascii_lowercase().parse().map_err(|_| {
         let expected = "an option of this store, such as `aws_region`, `endpoint`, `token`, `google_service_account`, `account_name` or `proxy_url`";
@@ -143,7 +145,7 @@ fn known<K: std::str::FromStr>(key: &str) -> Result<K> {
     })
 }
 
-/// Settings that the environment has, by their names in small letters; of those of other programs none.
+/// Settings of a store in the environment. Variables that the store does not know are omitted.
 fn environment(prefix: &str) -> Vec<(String, String)> {
     let is_known = |key: &str| match prefix {
         "AWS_" => known::<AmazonS3ConfigKey>(key).is_ok(),

@@ -1,4 +1,4 @@
-//! Outputs elsewhere: put there in parts while they are written, whole or not at all.
+//! Remote outputs: uploaded in parts while they are written, and published atomically.
 
 use std::collections::VecDeque;
 use std::io::{self, Write};
@@ -15,43 +15,44 @@ use super::error;
 use super::stat::stat;
 use super::store::Place;
 
-/// Bytes of a part, at least; stores want 5 MiB.
+/// Minimum bytes of a part. Stores require at least 5 MiB.
 const PART: usize = 8 << 20;
-/// Parts that a file may have but for a few: stores allow 10,000.
+/// Target for the number of parts of a file. Stores allow 10,000.
 const MAX_PARTS: usize = 9_500;
-/// Parts after which they get twice as large, where nobody knows how many bytes there will be.
+/// Number of parts after which the part size doubles, if the file size is unknown.
 const DOUBLED: usize = 1_000;
-/// Times that they do.
+/// Maximum number of doublings.
 const MAX_DOUBLED: usize = 10;
 
-/// Parts that are on their way at the same time, and bytes of them, unless one has more.
+/// Maximum number of parts in flight, and of their bytes unless one part has more.
 const AT_ONCE: usize = 4;
 const MAX_IN_FLIGHT: usize = 64 << 20;
 
-/// A file being uploaded: of no more than a part with one request in the end, of more part by part.
+/// A file being uploaded. One that fits one part is sent with a single request on commit, a larger
+/// one as multipart upload.
 pub(super) struct Upload {
     path: PathBuf,
     place: Place,
     connections: Arc<Connections>,
-    /// Cache of the access that the file is written with, which counts requests.
+    /// Cache of the access that the file is written with. It counts requests.
     ranges: Arc<RangeCache>,
-    /// Bytes of a part at first, and the number of parts after which they are twice as many.
+    /// Initial part size in bytes, and the number of parts after which it doubles.
     part: usize,
     doubled: usize,
-    /// The part that is not full yet.
+    /// The part that is being filled.
     bytes: Vec<u8>,
     sent: usize,
-    /// The parts that the store knows of, until it has put them in their place or given them up.
+    /// The multipart upload at the store, until it is completed or aborted.
     parts: Option<Box<dyn MultipartUpload>>,
-    /// Parts that are on their way, the oldest first.
+    /// Parts in flight, the oldest first.
     under_way: VecDeque<JoinHandle<object_store::Result<()>>>,
 }
 
 impl Upload {
-    /// Starts a file. Nothing is asked for yet.
+    /// Starts a file. Sends no request yet.
     ///
     /// # Errors
-    /// If the URL leads nowhere.
+    /// If the URL is invalid.
     pub(super) fn new(url: &str, connections: &Arc<Connections>, access: &FileAccess) -> Result<Upload> {
         Ok(Upload {
             path: url.into(),
@@ -67,7 +68,7 @@ impl Upload {
         })
     }
 
-    /// Bytes of the next part.
+    /// Size of the next part in bytes.
     fn size(&self) -> usize {
         self.part << (self.sent / self.doubled).min(MAX_DOUBLED)
     }
@@ -76,7 +77,7 @@ impl Upload {
         error::of_store(&self.path, "upload", cause)
     }
 
-    /// Sends what there is as the next part, when there is room on the way.
+    /// Sends the buffer as the next part, and waits while too many parts are in flight.
     fn send(&mut self) -> Result<()> {
         let mut parts = match self.parts.take() {
             Some(parts) => parts,
@@ -99,21 +100,21 @@ impl Upload {
         Ok(())
     }
 
-    /// Waits for the oldest part on its way, if there is one.
+    /// Waits for the oldest part in flight, if there is one.
     fn wait_for_one(&mut self) -> Result<()> {
         let Some(mut part) = self.under_way.pop_front() else { return Ok(()) };
         match self.connections.wait(&self.path, &mut part) {
             Ok(Ok(done)) => done.map_err(|cause| self.failed(cause)),
             Ok(Err(cause)) => Err(Error::io(&self.path, "upload")(io::Error::other(cause))),
             Err(stopped) => {
-                // (It is given up with the others.)
+                // Dropping the upload aborts it with the others.
                 self.under_way.push_front(part);
                 Err(stopped)
             }
         }
     }
 
-    /// Puts a file that is no more than a part.
+    /// Uploads a file that fits one part.
     fn put(&mut self, create_new: bool) -> Result<()> {
         let bytes = PutPayload::from(std::mem::take(&mut self.bytes));
         let put = |mode: PutMode| {
@@ -135,7 +136,8 @@ impl Upload {
         done.map(drop).map_err(|cause| self.failed(cause))
     }
 
-    /// Makes sure that there is no file of this name, where the store does not do that by itself: before it is put there, another one may appear.
+    /// Checks that no file of this name exists, if the store cannot do so atomically: another one
+    /// may appear before this file is published.
     fn check_new(&self) -> Result<()> {
         let url = self.path.to_str().unwrap_or_default();
         self.ranges.count_traffic(1, 0);
@@ -149,7 +151,8 @@ impl Upload {
 
 impl Write for Upload {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        // (A full part waits for the next byte: the last one is sent in the end, and is the only one of a small file.)
+        // A full part is sent when the next byte arrives. The last part is sent on commit, and is
+        // the only one of a small file.
         if self.bytes.len() == self.size() && !bytes.is_empty() {
             self.send().map_err(Error::into_io)?;
         }
@@ -165,7 +168,7 @@ impl Write for Upload {
 
 impl RemoteWriter for Upload {
     fn expect(&mut self, bytes: u64) {
-        // (What is only about right has some parts to spare.)
+        // Leaves spare parts, since the announced size may be approximate.
         let size = usize::try_from(bytes / (MAX_PARTS as u64 - 500)).unwrap_or(usize::MAX >> MAX_DOUBLED);
         (self.part, self.doubled) = (size.clamp(PART, usize::MAX >> MAX_DOUBLED), MAX_PARTS);
     }
@@ -184,7 +187,7 @@ impl RemoteWriter for Upload {
             self.check_new()?;
         }
         let Some(mut parts) = self.parts.take() else { return Ok(()) };
-        // (While the store puts them together nobody can tell whether it has.)
+        // Not cancellable: until the store responds, it is unknown whether the file was published.
         let done = self.connections.finish(&self.path, parts.complete())?;
         done.map(drop).map_err(|cause| {
             self.parts = Some(parts);
@@ -198,10 +201,11 @@ impl Drop for Upload {
         let Some(mut parts) = self.parts.take() else { return };
         for part in std::mem::take(&mut self.under_way) {
             part.abort();
-            // (What arrives after all others were given up might stay.)
+            // Wait: a part that arrives after the upload was aborted might be stored forever.
             let _ = self.connections.finish(&self.path, part);
         }
-        // What has arrived would cost its room for good. (If the host cannot be told, there is nobody else to tell.)
+        // Stored parts of an unfinished upload would be billed. If the abort fails, nothing more
+        // can be done.
         let _ = self.connections.finish(&self.path, parts.abort());
     }
 }

@@ -1,28 +1,28 @@
-//! Files of the page, compiled into the program.
+//! Files of the page, embedded in the binary.
 
 /// A file of the page.
 #[derive(Clone, Copy, Debug)]
 pub struct Asset {
-    /// Its content.
+    /// File contents.
     pub bytes: &'static [u8],
-    /// Its media type for HTTP.
+    /// Media type for HTTP.
     pub media_type: &'static str,
 }
 
-/// The page's HTML, a template.
+/// HTML template of the page.
 pub(crate) const TEMPLATE: &str = include_str!("../page/index.html");
 
-/// Directory of the JavaScript package among the page's files.
+/// Directory of the JavaScript package within the page's files.
 pub(crate) const PACKAGE: &str = "spinney/";
 
-/// Names and contents of files in `page/`.
+/// Lists names and contents of files in `page/`.
 macro_rules! files {
     ($($name:literal,)*) => {
         &[$(($name, include_bytes!(concat!("../page/", $name)))),*]
     };
 }
 
-/// All files that the page loads, and their licences. A test compares the list with the directory.
+/// All files that the page loads, and their licences. A test compares this list with the directory.
 static FILES: &[(&str, &[u8])] = files![
     "js/ground.js",
     "js/history.js",
@@ -62,7 +62,7 @@ static FILES: &[(&str, &[u8])] = files![
     "vendor/three.js",
 ];
 
-/// The file with a name such as `js/main.js` or `spinney/index.js`.
+/// Returns the file with this name, such as `js/main.js` or `spinney/index.js`.
 pub fn asset(name: &str) -> Option<Asset> {
     let (_, bytes) = FILES.iter().find(|(known, _)| *known == name)?;
     let media_type = match name.rsplit_once('.').map_or("", |(_, extension)| extension) {
@@ -74,17 +74,17 @@ pub fn asset(name: &str) -> Option<Asset> {
     Some(Asset { bytes, media_type })
 }
 
-/// Names of all files, sorted.
+/// The names of all files, sorted.
 pub(crate) fn names() -> impl Iterator<Item = &'static str> {
     FILES.iter().map(|(name, _)| *name)
 }
 
-/// The content of one of the page's own files.
+/// The contents of a file that must exist.
 pub(crate) fn bytes(name: &str) -> &'static [u8] {
     asset(name).unwrap_or_else(|| panic!("{name} is no file of the page")).bytes
 }
 
-/// The text of one of the page's own files.
+/// The contents of a text file that must exist.
 pub(crate) fn text(name: &str) -> &'static str {
     std::str::from_utf8(bytes(name)).expect("the page's texts are UTF-8")
 }
@@ -96,7 +96,7 @@ mod tests {
 
     use super::*;
 
-    /// Files of the directory that the page does not load.
+    /// Files in the directory that the page does not load.
     const OTHERS: [&str; 7] = [
         "index.html",
         "spinney/README.md",
@@ -107,7 +107,7 @@ mod tests {
         "vendor/three.entry.js",
     ];
 
-    /// Names of all files of a directory and the directories in it.
+    /// Collects the names of all files in a directory tree.
     fn files_of(directory: &Path, prefix: &str, found: &mut Vec<String>) {
         for entry in fs::read_dir(directory).unwrap() {
             let entry = entry.unwrap();

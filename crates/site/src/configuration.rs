@@ -1,4 +1,4 @@
-//! The page's HTML, with what it is told: which files there are.
+//! HTML of the page, including its configuration: the files to show.
 
 use serde_json::{Value, json};
 
@@ -8,44 +8,45 @@ use super::content::PageContent;
 /// A file that the page shows.
 #[derive(Clone, Debug)]
 pub struct PageSource {
-    /// Name by which links choose it; no other file has it.
+    /// Unique name, by which links select the file.
     pub name: String,
-    /// Title that people see.
+    /// Displayed title.
     pub title: String,
-    /// Address from the page's own, already with `%` where names need it.
+    /// URL, absolute or relative to the page, percent-encoded.
     pub url: String,
-    /// Bytes of the file, where whoever shows the page inside another one reads it: its address is then `parent:`.
+    /// File size in bytes, if an enclosing page reads the file. Its URL is then `parent:`.
     pub size: Option<u64>,
-    /// Its content: what draws maps is loaded without waiting for the file, and what no page shows cannot be chosen.
+    /// Content type. The map library is preloaded for maps, and content that no page shows cannot
+    /// be selected.
     pub content: PageContent,
-    /// Part and look that the page begins with.
+    /// Layer, commit and style that the page starts with.
     pub start: PageStart,
 }
 
-/// Part and look of a file that a page begins with.
+/// Layer, commit and style of a file that a page starts with.
 #[derive(Clone, Debug, Default)]
 pub struct PageStart {
-    /// The layer's name; the first if none is named.
+    /// Name of the layer; `None` is the first layer.
     pub layer: Option<String>,
-    /// The commit's number; the newest if none is named.
+    /// Commit number; `None` is the newest commit.
     pub commit: Option<u64>,
-    /// The style's document or name; the file's own if none is named.
+    /// Style document or style name; `None` is the default style of the file.
     pub style: Option<String>,
 }
 
-/// Knowledge of the page about its place: the files that it shows, and where its own are.
+/// Configuration of a page: the files to show, and the location of its own files.
 #[derive(Clone, Debug)]
 pub struct PageConfiguration {
     /// Title of the page.
     pub title: String,
-    /// Files that are shown, the first one at the beginning.
+    /// Files to show. The page starts with the first one.
     pub sources: Vec<PageSource>,
-    /// Folder of the page's own files from the page, with a `/` behind it.
+    /// Directory of the page's own files, relative to the page, with a trailing `/`.
     pub assets: String,
 }
 
 impl PageConfiguration {
-    /// The configuration as the page reads it.
+    /// The configuration in the JSON format that the page reads.
     fn json(&self) -> Value {
         let source = |PageSource { name, title, url, size, content, start }: &PageSource| {
             let PageStart { layer, commit, style } = start;
@@ -57,24 +58,24 @@ impl PageConfiguration {
         })
     }
 
-    /// The configuration as an element of HTML. (`<` could end it.)
+    /// The configuration as HTML element. `<` is escaped, since it could end the element.
     pub(crate) fn element(&self) -> String {
         let text = self.json().to_string().replace('<', "\\u003c");
         format!("<script type=\"application/json\" id=\"configuration\">{text}</script>")
     }
 }
 
-/// Modules that octrees and exact models need, or a worker alone.
+/// Modules that are loaded later: for octrees and exact models, or by a worker only.
 const LATER: [&str; 4] = ["js/model.js", "js/scene.js", "js/solid.js", "spinney/worker.js"];
-/// Modules that maps need, beside those that all do.
+/// Modules that only maps need.
 const OF_MAPS: [&str; 2] = ["js/map.js", "vendor/maplibre-gl.js"];
-/// Files that modules fetch, for all pages and for maps.
+/// Files that modules fetch: on all pages, and for maps only.
 const FETCHED: &str = "spinney/module_bg.wasm";
 const FETCHED_BY_MAPS: &str = "vendor/coastlines.txt";
 
-/// The page's HTML, for a page that loads its files from the directory `assets`.
+/// Returns the HTML of a page that loads its files from the directory `assets`.
 pub fn index(configuration: &PageConfiguration) -> String {
-    // (The page starts with the first file that it shows.)
+    // The page starts with the first source that it can show.
     let first = configuration.sources.iter().find(|source| source.content.is_shown());
     let is_map = first.is_some_and(|source| source.content == PageContent::Map);
     let link = |kind: &str, name: &str| {
@@ -86,7 +87,8 @@ pub fn index(configuration: &PageConfiguration) -> String {
         let is_of_maps = OF_MAPS.contains(&name);
         name.ends_with(".js") && !LATER.contains(&name) && (is_map || !is_of_maps) && (is_own || is_of_maps)
     };
-    // (Everything is asked for at once, the largest first: nothing waits for what names it.)
+    // Request everything at once, the largest file first, so that no request waits for the file
+    // that refers to it.
     let mut head = link("\"preload\" as=\"fetch\" crossorigin", FETCHED);
     head.extend(names().filter(|name| is_needed(name)).map(|name| link("\"modulepreload\"", name)));
     if is_map {
@@ -97,7 +99,7 @@ pub fn index(configuration: &PageConfiguration) -> String {
     page_of(configuration, &head, &format!("<script type=\"module\" src=\"{main}\"></script>"))
 }
 
-/// The page's HTML around styles and a program.
+/// Inserts title, styles, configuration and program into the template.
 pub(crate) fn page_of(configuration: &PageConfiguration, styles: &str, program: &str) -> String {
     let title = format!("<title>{}</title>", escaped(&configuration.title));
     let parts = [
@@ -108,7 +110,7 @@ pub(crate) fn page_of(configuration: &PageConfiguration, styles: &str, program: 
     ];
     let mut page = String::new();
     let mut rest = TEMPLATE;
-    // (One mark at a time, so that inserted text is not searched for marks.)
+    // Replace one mark at a time, so that inserted text is not searched for marks.
     for (mark, text) in parts {
         let (before, behind) = rest.split_once(mark).expect("the page has places for its parts");
         page.push_str(before);
@@ -118,7 +120,7 @@ pub(crate) fn page_of(configuration: &PageConfiguration, styles: &str, program: 
     page + rest
 }
 
-/// A text as HTML has it.
+/// Escapes a string for HTML.
 fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;")
 }

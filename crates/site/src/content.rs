@@ -1,4 +1,4 @@
-//! Contents of files, as far as a page knows them before it reads the files.
+//! Content types of files, as far as a page knows them before it reads the files.
 
 use std::path::Path;
 
@@ -7,10 +7,10 @@ use spinney_base::io::FileAccess;
 use spinney_base::space::Dimension;
 use spinney_container::{Content, FileHeader};
 
-/// Content of a file that is listed in a page.
+/// Content type of a file listed in a page.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PageContent {
-    /// Not known: the page finds out when it opens the file.
+    /// Unknown: the page detects it when it opens the file.
     #[default]
     Unknown,
     /// A raster, shown as a map.
@@ -19,24 +19,24 @@ pub enum PageContent {
     Volume,
     /// An exact model.
     Model,
-    /// A tree of points, which no page shows.
+    /// A tree of points, which pages do not show.
     Points,
-    /// A tree of lines, which no page shows.
+    /// A tree of lines, which pages do not show.
     Lines,
-    /// A shard summary, which no page shows.
+    /// A shard summary, which pages do not show.
     Shard,
 }
 
 impl PageContent {
-    /// The content of a local file by its header; `Unknown` if that cannot be read.
+    /// Detects the content of a local file from its header; `Unknown` if the header cannot be read.
     pub fn of(path: &Path) -> PageContent {
         PageContent::read(path).unwrap_or_default()
     }
 
-    /// The content of a local file by its header.
+    /// Reads the content of a local file from its header.
     ///
     /// # Errors
-    /// If the file cannot be read, or is no file of this program.
+    /// If the file cannot be read, or is not a Spinney file.
     pub(crate) fn read(path: &Path) -> Result<PageContent> {
         let header = FileHeader::read(path, &*FileAccess::default().peek(path)?)?;
         Ok(match (header.content, header.dimension) {
@@ -49,12 +49,12 @@ impl PageContent {
         })
     }
 
-    /// Whether pages show it; what is not known yet may be.
+    /// Returns whether pages show this content. Unknown content may be shown.
     pub(crate) fn is_shown(self) -> bool {
         self.refusal().is_none()
     }
 
-    /// Its name in the configuration of the page; `None` if it is not known.
+    /// Name in the page configuration; `None` if the content is unknown.
     pub(crate) fn name(self) -> Option<&'static str> {
         match self {
             PageContent::Unknown => None,
@@ -67,7 +67,7 @@ impl PageContent {
         }
     }
 
-    /// Why a page cannot show it, and what to do: what was found, and advice.
+    /// Returns what was found and advice, if pages cannot show this content.
     pub(crate) fn refusal(self) -> Option<(&'static str, &'static str)> {
         match self {
             PageContent::Points => Some((

@@ -1,4 +1,4 @@
-//! A page for somebody's files: a folder that any static host serves, or one file.
+//! Export of a page with its data: as a directory for any static host, or as one file.
 
 use std::fs::{self, File};
 use std::io::{Read, Write};
@@ -14,56 +14,60 @@ use super::inline;
 use spinney_base::io::{NewDirectories, Output, commit_all, shown, split_query, url_of};
 use spinney_base::{Error, Progress, Result};
 
-/// Folder of the page's own files.
+/// Directory of the page's own files.
 const ASSETS: &str = "assets/";
-/// Bytes of data inside one page at most: a browser holds all of them.
+/// Maximum bytes of a data file inside a page, which a browser holds in memory completely.
 const MAX_INSIDE: u64 = 64 << 20;
-/// Bytes that are copied at a time.
+/// Bytes copied at a time.
 const PIECE: usize = 1 << 20;
 
-/// Request for a page.
+/// Description of a page to export.
 #[derive(Clone, Debug)]
 pub struct PageRequest {
     /// Title of the page.
     pub title: String,
-    /// Tree files that it shows, the first one at the beginning.
+    /// Tree files to show. The page starts with the first one.
     pub files: Vec<PageFile>,
-    /// Whether everything is inside the page, the data too.
+    /// Whether to write a single file that contains everything, including the data.
     pub is_self_contained: bool,
 }
 
 /// A file that a page shows.
 #[derive(Clone, Debug)]
 pub struct PageFile {
-    /// The file, or its URL, which the page then reads it from.
+    /// Path of the file, or its URL, from which the page then reads it.
     pub path: PathBuf,
-    /// Part and look that the page begins with.
+    /// Layer, commit and style that the page starts with.
     pub start: PageStart,
 }
 
-/// Size of what was written.
+/// Size of an exported page.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PageSummary {
-    /// Files.
+    /// Number of files written.
     pub files: u64,
-    /// Bytes of all of them.
+    /// Total size of these files in bytes.
     pub bytes: u64,
 }
 
-/// Writes a page, with its own files in a folder `assets` beside it and copies of the data beside it, or as one file. Folders are made; what
-/// is there of the same names is replaced, the page itself last.
+/// Writes a page.
+///
+/// The page's own files go to a directory `assets` next to it, together with copies of the local
+/// data files. A self-contained page is one file instead. Missing directories are created. Existing
+/// files of the same names are replaced, the page itself last.
 ///
 /// # Errors
-/// If a file cannot be read or written, two of them have one name, one is too large for a page that is one file, or
-/// on cancellation.
+/// If a file cannot be read or written, two files have the same name, a file is too large for a
+/// self-contained page, a file has content that pages do not show, or on cancellation.
 pub fn export_page(request: &PageRequest, path: &Path, progress: &dyn Progress) -> Result<PageSummary> {
     let sources = sources(&request.files)?;
-    // (What is elsewhere stays there.)
+    // Remote files are not copied.
     let local = request.files.iter().zip(&sources).filter(|(file, _)| url_of(&file.path).is_none());
     let mut local: Vec<(&Path, &PageSource, u64)> =
         local.map(|(file, source)| (file.path.as_path(), source, 0)).collect();
     for (file, _, size) in &mut local {
-        // (What no page shows, such as a manifest, whose files would not be copied, is refused here and not by the page.)
+        // Reject content that the page could not show. This includes manifests, whose files would
+        // not be copied.
         if let Some((found, advice)) = PageContent::read(file)?.refusal() {
             return Err(Error::unsupported(*file, found, advice));
         }
@@ -92,7 +96,7 @@ pub fn export_page(request: &PageRequest, path: &Path, progress: &dyn Progress) 
     let mut outputs = Vec::new();
     for (file, source, size) in local {
         let target = folder.join(&source.name);
-        // (A page beside its data needs no copy.)
+        // A data file that is already next to the page needs no copy.
         if is_same_file(file, &target) {
             continue;
         }
@@ -115,12 +119,12 @@ pub fn export_page(request: &PageRequest, path: &Path, progress: &dyn Progress) 
     Ok(summary)
 }
 
-/// The page's HTML with everything inside but the data, for one that is shown inside another page.
+/// Returns the HTML of a page that contains everything but the data, for embedding in another page.
 pub fn inline_page(configuration: &PageConfiguration) -> String {
     page_of(configuration, &inline::styles(), &inline::program())
 }
 
-/// Writes a page with everything inside.
+/// Writes a page that contains everything.
 fn write_one_file(
     local: &[(&Path, &PageSource, u64)],
     configuration: &PageConfiguration,
@@ -150,7 +154,7 @@ fn write_one_file(
 }
 
 impl PageSummary {
-    /// Writes a file, which is not in its place yet, and counts it.
+    /// Writes a file, which is not committed yet, and counts it.
     fn add(&mut self, path: &Path, bytes: &[u8]) -> Result<Output> {
         let mut output = Output::create(path)?;
         output.write_all(bytes).map_err(Error::io(path, "write"))?;
@@ -160,12 +164,12 @@ impl PageSummary {
     }
 }
 
-/// The files as the page names them.
+/// Creates the page sources of files.
 fn sources(files: &[PageFile]) -> Result<Vec<PageSource>> {
     let mut made: Vec<PageSource> = Vec::new();
     for PageFile { path, start } in files {
         let url = url_of(path);
-        // (What is elsewhere is not asked for this alone.)
+        // Remote files are not opened only to detect their content.
         let content = if url.is_none() { PageContent::of(path) } else { PageContent::Unknown };
         let place = Path::new(url.map_or("", |url| split_query(url).0));
         let name_of = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -190,7 +194,7 @@ fn sources(files: &[PageFile]) -> Result<Vec<PageSource>> {
     Ok(made)
 }
 
-/// A name as addresses have it (RFC 3986).
+/// Percent-encodes a file name for a URL (RFC 3986).
 fn percent_encoded(name: &str) -> String {
     let letter = |byte: u8| match byte {
         b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'.' | b'_' | b'~' => char::from(byte).to_string(),
@@ -203,14 +207,14 @@ fn is_same_file(one: &Path, other: &Path) -> bool {
     matches!((one.canonicalize(), other.canonicalize()), (Ok(one), Ok(other)) if one == other)
 }
 
-/// Bytes that were copied.
+/// Progress of copying, in bytes.
 struct Done<'a> {
     bytes: u64,
     total: u64,
     progress: &'a dyn Progress,
 }
 
-/// Copies a file, piece by piece.
+/// Copies a file in blocks, with progress.
 fn copy(from: &Path, to: &mut dyn Write, target: &Path, done: &mut Done<'_>) -> Result<()> {
     let mut input = File::open(from).map_err(Error::io(from, "open"))?;
     let mut piece = vec![0; PIECE];
@@ -232,7 +236,7 @@ mod tests {
 
     use super::*;
 
-    /// Writes a page of a fixture.
+    /// Exports a page with a fixture.
     fn page_of_fixture(path: &Path, is_self_contained: bool) -> (PathBuf, PageSummary) {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/v1/classes.goblin");
         let files = vec![PageFile { path: file.clone(), start: PageStart::default() }];

@@ -1,7 +1,8 @@
-//! The page as one file: modules and libraries inside it, so that it opens from a disk, where a browser loads no file beside it.
+//! The page as one file. It contains modules and libraries, so that it works from a local disk,
+//! where browsers block requests for other files.
 //!
-//! Modules of the page name each other by an import map whose addresses have the modules' bytes (`data:`). A worker knows no
-//! import map: those that it needs are put into each other.
+//! Modules are `data:` URLs in an import map. Workers do not support import maps, so the modules of
+//! a worker are nested in each other as `data:` URLs.
 
 use std::collections::BTreeMap;
 
@@ -14,12 +15,12 @@ use super::asset::{PACKAGE, bytes, names, text};
 /// Maximum depth to which modules of a worker import each other.
 const MAX_DEPTH: usize = 16;
 
-/// An address that has a module's text.
+/// The `data:` URL of a module.
 fn module_url(text: &str) -> String {
     format!("data:text/javascript;base64,{}", BASE64_STANDARD.encode(text))
 }
 
-/// Gives each module that a source text imports from its own directory another name.
+/// Replaces the names of all modules that a source imports from its own directory.
 fn renamed(source: &str, name: &mut dyn FnMut(&str) -> String) -> String {
     let mut made = source.to_owned();
     for mark in ["from \"", "import(\"", "import \""] {
@@ -35,7 +36,7 @@ fn renamed(source: &str, name: &mut dyn FnMut(&str) -> String) -> String {
     made
 }
 
-/// The address of a module with all that it imports inside.
+/// The `data:` URL of a module with all of its imports nested inside.
 fn nested(directory: &str, module: &str, known: &mut BTreeMap<String, String>, depth: usize) -> String {
     if let Some(url) = known.get(module) {
         return url.clone();
@@ -47,18 +48,18 @@ fn nested(directory: &str, module: &str, known: &mut BTreeMap<String, String>, d
     url
 }
 
-/// A file inside the page, in base64.
+/// An HTML element that contains a file in base64.
 fn element(name: &str) -> String {
     let base64 = BASE64_STANDARD.encode(bytes(name));
     format!("<script type=\"text/plain\" data-name=\"{name}\">{base64}</script>\n")
 }
 
-/// Styles inside the page.
+/// The styles as HTML elements.
 pub(crate) fn styles() -> String {
     ["page.css", "vendor/maplibre-gl.css"].map(|name| format!("<style>{}</style>\n", text(name))).concat()
 }
 
-/// The program inside the page.
+/// The program and the files that it needs as HTML elements.
 pub(crate) fn program() -> String {
     let mut imports = BTreeMap::new();
     let mut files = String::new();

@@ -1,8 +1,11 @@
-//! The page that shows tree files in a browser: maps, solids and exact models, answered from the file where it lies, without a server.
+//! A web page that shows tree files: maps, octrees and exact models. It reads the files directly in
+//! the browser; no server computes anything.
 //!
-//! The page is plain files (`page/`), all compiled into the program: HTML, CSS, modules, libraries of other projects (`vendor/`), and the
-//! JavaScript package (`spinney/`), whose WebAssembly module `wasm/build.sh` builds. [`export_page`] writes them next to a copy of the data,
-//! or everything as one file; a server returns the same files from [`asset`] and [`index`].
+//! The page consists of plain files (`page/`), which are embedded in the binary: HTML, CSS,
+//! modules, third-party libraries (`vendor/`), and the JavaScript package (`spinney/`) with the
+//! WebAssembly module that `wasm/build.sh` builds. [`export_page`] writes them next to a copy of
+//! the data, or everything as one file. A server returns the same files with [`asset`] and
+//! [`index`].
 
 mod asset;
 mod configuration;

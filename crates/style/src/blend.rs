@@ -1,6 +1,6 @@
-//! Colours over each other: straight opacity, 8 bits (W3C, Compositing and Blending Level 1).
+//! Blending of colours with straight alpha in 8 bits (W3C, Compositing and Blending Level 1).
 
-/// Mixture of a layer's colour with that below it.
+/// Blend mode of a layer with the layers below it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Blend {
     Normal,
@@ -32,7 +32,7 @@ impl Blend {
         }
     }
 
-    /// A colour over another.
+    /// Composites `above` over `below`.
     #[inline]
     pub(super) fn over(self, below: [u8; 4], above: [u8; 4]) -> [u8; 4] {
         let (under, cover) = (u32::from(below[3]), u32::from(above[3]));
@@ -42,7 +42,7 @@ impl Blend {
         if under == 0 {
             return above;
         }
-        // 255 * 255 times the opacity of both.
+        // 255 * 255 times the union of both opacities.
         let both = cover * 255 + under * (255 - cover);
         let channel = |i: usize| {
             let (below, above) = (u32::from(below[i]), u32::from(above[i]));
@@ -54,7 +54,7 @@ impl Blend {
     }
 }
 
-/// A product of two samples of 8 bits as one of them.
+/// Scales a product of two 8-bit samples back to 8 bits, rounded.
 #[inline]
 pub(super) fn share(product: u32) -> u32 {
     (product + 127) / 255

@@ -1,4 +1,4 @@
-//! A layer made ready for a tree: from samples to colours, row by row.
+//! A layer resolved for a tree: converts samples to colours, row by row.
 
 use super::blend::{Blend, share};
 use super::colour::distinct;
@@ -7,7 +7,7 @@ use super::mask::Mask;
 use super::relief::{Growth, Lamp, aspect, slope};
 use super::scale::Scale;
 
-/// A layer whose numbers are those of the tree.
+/// A layer whose parameters are in sample values of the tree.
 #[derive(Debug)]
 pub(super) struct Coat {
     pub(super) band: usize,
@@ -18,12 +18,12 @@ pub(super) struct Coat {
     pub(super) mask: Mask,
 }
 
-/// Colours of a layer.
+/// How a layer computes colours.
 #[derive(Debug)]
 pub(super) enum Ink {
     Classes(Classes),
     Scale(Scale),
-    /// Of three channels: the numbers that become 0 and 255.
+    /// Three channels as RGB. `ends` are the values that become 0 and 255.
     Channels {
         bands: [usize; 3],
         ends: [[f64; 2]; 3],
@@ -39,7 +39,7 @@ pub(super) enum Ink {
     },
     Aspect(Scale),
     Contours(Lines),
-    /// Metres are numbers times the first and the second.
+    /// Terrain-RGB. Metres are sample values times `metres[0]`, plus `metres[1]`.
     Heights {
         encoding: Encoding,
         metres: [f64; 2],
@@ -49,13 +49,13 @@ pub(super) enum Ink {
 /// Colours of classes.
 #[derive(Debug)]
 pub(super) struct Classes {
-    /// Those of values from 0 on, as far as there are any.
+    /// Colours of the values 0, 1, 2, ...
     pub(super) dense: Vec<[u8; 4]>,
-    /// Those of other values, in ascending order.
+    /// Colours of other values, in ascending order.
     pub(super) sparse: Vec<(f64, [u8; 4])>,
-    /// The names of these, if they were given.
+    /// Names of the `sparse` classes, if the style defines them.
     pub(super) names: Vec<String>,
-    /// That of all others; without it each has one of its own.
+    /// Colour of all other values; if `None`, each value gets a distinct colour.
     pub(super) other: Option<[u8; 4]>,
 }
 
@@ -76,7 +76,7 @@ impl Classes {
     }
 }
 
-/// Contours, in numbers of the tree.
+/// Parameters of contours, in sample values of the tree.
 #[derive(Debug)]
 pub(super) struct Lines {
     pub(super) interval: f64,
@@ -87,33 +87,34 @@ pub(super) struct Lines {
 }
 
 impl Lines {
-    /// The colour of a cell, given its number and how much that grows from one to the next.
+    /// The colour of a cell, given its value and the gradient per cell.
     #[inline]
     fn colour(&self, number: f64, growth: f64) -> [u8; 4] {
         let place = (number - self.base) / self.interval;
         let line = place.round();
-        // (To the first order, in cells.)
+        // Distance to the contour line in cells, by a first-order approximation.
         let distance = (place - line).abs() * self.interval / growth;
         let is_bold = self.bold > 0.0 && line % self.bold == 0.0;
         let width = if is_bold { 2.0 * self.width } else { self.width };
         let cover = (width / 2.0 + 0.5 - distance).clamp(0.0, 1.0) * width.min(1.0);
         let [red, green, blue, alpha] = self.colour;
-        // (What is no number is no line.)
+        // The cast maps NaN to 0: no line.
         [red, green, blue, (f64::from(alpha) * cover + 0.5) as u8]
     }
 }
 
-/// The rows that a layer is made of.
+/// Input rows of a layer.
 pub(super) struct Rows<'a> {
-    /// For each channel the cell's row, with neighbours at both ends if there are any; NaN where it is VOID.
+    /// The current row per channel, with neighbours at both ends if they are needed; NaN in VOID
+    /// cells.
     pub(super) here: [&'a [f64]; 4],
-    /// The rows above and below, with neighbours, for layers that need them.
+    /// The rows above and below per channel, with neighbours, for layers that need them.
     pub(super) around: [[&'a [f64]; 2]; 4],
-    /// Metres to the east and to the north from a cell of the row to the next one, and to the one below.
+    /// Metres to the east and north from a cell to the next one in its row, and to the one below.
     pub(super) edges: [[f64; 2]; 2],
 }
 
-/// Room to compute in.
+/// Reusable buffers.
 #[derive(Default)]
 pub(super) struct Scratch {
     growth: Growth,
@@ -121,12 +122,12 @@ pub(super) struct Scratch {
 }
 
 impl Coat {
-    /// Whether a cell's neighbours matter.
+    /// Returns whether colours depend on neighbouring cells.
     pub(super) fn needs_neighbours(&self) -> bool {
         matches!(self.ink, Ink::Light { .. } | Ink::Slope { .. } | Ink::Aspect(_) | Ink::Contours(_))
     }
 
-    /// Whether the layer looks at a channel.
+    /// Returns whether the layer reads a channel.
     pub(super) fn reads(&self, channel: usize) -> bool {
         match &self.ink {
             Ink::Channels { bands, .. } => bands.contains(&channel) || self.band == channel,
@@ -134,7 +135,7 @@ impl Coat {
         }
     }
 
-    /// Writes the colours of a row's cells; transparent where they are VOID or masked.
+    /// Computes the colours of a row; transparent where cells are VOID or masked.
     pub(super) fn row(&self, rows: &Rows<'_>, scratch: &mut Scratch, out: &mut [[u8; 4]]) {
         let here = rows.here[self.band];
         let margin = (here.len() - out.len()) / 2;
@@ -176,7 +177,7 @@ impl Coat {
                 let cells = bands[0].iter().zip(bands[1]).zip(bands[2]);
                 for (colour, ((red, green), blue)) in out.iter_mut().zip(cells) {
                     let samples = [*red, *green, *blue];
-                    // (A pixel has a colour if any channel has.)
+                    // A pixel has a colour if any of the channels has a value.
                     let is_void = samples.iter().all(|sample| sample.is_nan());
                     let [red, green, blue] = [0, 1, 2].map(|i| stretched(samples[i], ends[i]));
                     *colour = if is_void { [0; 4] } else { [red, green, blue, 255] };
@@ -192,13 +193,13 @@ impl Coat {
         }
     }
 
-    /// An opacity below the layer's.
+    /// Multiplies an opacity by the layer's.
     #[inline]
     fn faded(&self, alpha: u8) -> u8 {
         share(u32::from(alpha) * u32::from(self.opacity)) as u8
     }
 
-    /// All colours that a row can have; `None` if nobody knows or there are very many.
+    /// Returns all colours that a row can have; `None` if they are unknown or very many.
     pub(super) fn colours(&self) -> Option<Vec<[u8; 4]>> {
         let mut colours: Vec<[u8; 4]> = match &self.ink {
             Ink::Scale(scale) | Ink::Slope { scale, .. } | Ink::Aspect(scale) => scale.steps()?.to_vec(),
@@ -216,7 +217,7 @@ impl Coat {
         Some(colours)
     }
 
-    /// Whether everything that is not VOID is opaque.
+    /// Returns whether all cells with a value are opaque.
     pub(super) fn is_opaque(&self) -> bool {
         let opaque = |colours: &[[u8; 4]]| colours.iter().all(|colour| colour[3] == 255);
         let is_opaque = match &self.ink {
@@ -232,12 +233,12 @@ impl Coat {
         is_opaque && self.opacity == 255 && self.mask.is_empty()
     }
 
-    /// Whether colours encode heights.
+    /// Returns whether colours encode heights.
     pub(super) fn encodes_heights(&self) -> bool {
         matches!(self.ink, Ink::Heights { .. })
     }
 
-    /// Whether all colours are greys.
+    /// Returns whether all colours are grey.
     pub(super) fn is_grey(&self) -> bool {
         let grey =
             |colours: &[[u8; 4]]| colours.iter().all(|[red, green, blue, _]| red == green && green == blue);
@@ -250,7 +251,7 @@ impl Coat {
     }
 }
 
-/// Writes the colours of numbers; transparent where there are none.
+/// Maps numbers to colours; NaN is transparent.
 #[inline]
 fn fill(out: &mut [[u8; 4]], numbers: &[f64], colour: impl Fn(f64) -> [u8; 4]) {
     for (out, number) in out.iter_mut().zip(numbers) {
@@ -258,16 +259,16 @@ fn fill(out: &mut [[u8; 4]], numbers: &[f64], colour: impl Fn(f64) -> [u8; 4]) {
     }
 }
 
-/// The sample of 8 bits of a number between those that are 0 and 255; 0 where there is nothing between.
+/// Stretches a number from `low..high` to 0..255; 0 if the range is empty.
 #[inline]
 pub(super) fn stretched(number: f64, [low, high]: [f64; 2]) -> u8 {
-    // Halves, because the difference of two numbers may be none.
+    // Halve first: the difference of two numbers may overflow.
     let share = (number / 2.0 - low / 2.0) / (high / 2.0 - low / 2.0);
-    // (What is less than 0, beyond 255 or no number is cut off.)
+    // The cast saturates at 0 and 255 and maps NaN to 0.
     (share * 255.0 + 0.5) as u8
 }
 
-/// The colour that means a height in metres.
+/// Encodes a height in metres as colour.
 #[inline]
 fn encoded(encoding: Encoding, metres: f64) -> [u8; 4] {
     let (units, most) = match encoding {

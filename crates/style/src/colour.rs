@@ -1,11 +1,11 @@
-//! Colours: as they are written, and how they are computed with.
+//! Parsing, formatting and conversion of colours.
 
 use std::sync::LazyLock;
 
-/// The colour of solids of which nothing else is known.
+/// Default colour of solids.
 pub const CLAY: [u8; 3] = [214, 194, 171];
 
-/// Reads `#rgb`, `#rgba`, `#rrggbb` or `#rrggbbaa`.
+/// Parses `#rgb`, `#rgba`, `#rrggbb` or `#rrggbbaa`.
 pub(super) fn parse(text: &str) -> Option<[u8; 4]> {
     let digits =
         text.strip_prefix('#').filter(|digits| digits.bytes().all(|byte| byte.is_ascii_hexdigit()))?;
@@ -21,13 +21,14 @@ pub(super) fn parse(text: &str) -> Option<[u8; 4]> {
     }
 }
 
-/// A colour as `#rrggbb`, or `#rrggbbaa` if it is not opaque.
+/// Formats a colour as `#rrggbb`, or `#rrggbbaa` if it is not opaque.
 pub(super) fn text([red, green, blue, alpha]: [u8; 4]) -> String {
     let opacity = if alpha == 255 { String::new() } else { format!("{alpha:02x}") };
     format!("#{red:02x}{green:02x}{blue:02x}{opacity}")
 }
 
-/// A colour for a class that has none: numbers that follow each other are far apart on the wheel, by the golden section of it.
+/// Returns a colour for a class that has none. Hues of consecutive numbers differ by the golden
+/// ratio of a turn, which keeps them distinct.
 pub fn distinct(number: f64) -> [u8; 3] {
     let hue = (number * 0.618_033_988_75).rem_euclid(1.0) * 6.0;
     [5.0, 3.0, 1.0].map(|shift: f64| {
@@ -41,12 +42,12 @@ pub fn to_linear(number: f64) -> f64 {
     if number <= 0.04045 { number / 12.92 } else { ((number + 0.055) / 1.055).powf(2.4) }
 }
 
-/// The least linear light of each sRGB sample.
+/// Minimum linear light that rounds to each sRGB sample.
 static LEAST: LazyLock<[f64; 256]> =
     LazyLock::new(|| std::array::from_fn(|sample| to_linear((sample as f64 - 0.5) / 255.0)));
-/// Parts of the range from 0 to 1 whose least sample is known.
+/// Number of equal parts of the range from 0 to 1 in the look-up table.
 const PARTS: usize = 1024;
-/// The sample of the least light of each part.
+/// The sample at the start of each part.
 static FIRST: LazyLock<[u8; PARTS + 1]> = LazyLock::new(|| {
     std::array::from_fn(|part| {
         let linear = part as f64 / PARTS as f64;
@@ -54,7 +55,8 @@ static FIRST: LazyLock<[u8; PARTS + 1]> = LazyLock::new(|| {
     })
 });
 
-/// Converts linear light to an sRGB sample, 0 to 255: that of the nearest number. (By a table: powers take longer than all else of a pixel.)
+/// Converts linear light to the nearest sRGB sample, 0 to 255. Uses a table: computing powers would
+/// dominate the cost of a pixel.
 pub fn to_srgb(linear: f64) -> u8 {
     let linear = linear.clamp(0.0, 1.0);
     let mut sample = FIRST[(linear * PARTS as f64) as usize];

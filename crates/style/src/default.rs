@@ -1,4 +1,4 @@
-//! The style of trees for which nobody gave one.
+//! Default styles of trees.
 
 use serde_json::{Value, json};
 
@@ -6,26 +6,26 @@ use super::{Style, parse};
 use spinney_base::value::{DataKind, Rule, SampleType};
 use spinney_engine::dataset::Dataset;
 
-/// The style of a tree.
+/// The default style of a tree.
 pub(super) fn style(tree: &Dataset) -> Style {
     parse::of_value(&document(tree)).expect("the document is right")
 }
 
-/// Greys or colours between two numbers.
+/// A style that stretches values between two numbers.
 pub(super) fn stretched(tree: &Dataset, range: [f64; 2]) -> Style {
     let document = match tree.header().form.value.channels {
         3.. => json!({ "draw": "rgb", "domain": range }),
         2 if is_two_colours(tree) => json!({ "draw": "rgb", "bands": TWO_COLOURS, "domain": range }),
         _ => json!({ "draw": "ramp", "ramp": "grey", "domain": range }),
     };
-    // (Numbers that are none are no JSON: they are null.)
+    // NaN and infinities become null in JSON, which is not a valid domain.
     parse::of_value(&document).unwrap_or_else(|_| style(tree))
 }
 
-/// Channels, from 1, that are red, green and blue where there are two: the second is green and blue, which is cyan.
+/// Channels, from 1, for red, green and blue in images with two: the second is cyan.
 const TWO_COLOURS: [u8; 3] = [1, 2, 2];
 
-/// Whether two channels are told to be red and cyan.
+/// Returns whether the two channels have the colour roles red and cyan.
 fn is_two_colours(tree: &Dataset) -> bool {
     tree.metadata().colour_roles() == ["Red", "Cyan"]
 }

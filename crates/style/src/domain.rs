@@ -1,4 +1,4 @@
-//! Percentiles of a tree's values, for domains that are given by them.
+//! Percentiles of a tree's values, for domains that are given as percentiles.
 
 use std::cell::{OnceCell, RefCell};
 use std::collections::BTreeMap;
@@ -10,12 +10,13 @@ use spinney_base::space::Bounds;
 use spinney_base::{Progress, Result, sort};
 use spinney_engine::dataset::Dataset;
 
-/// Cells that percentiles are made of, at most: those of the finest level that has no more of them.
+/// Maximum number of cells to compute percentiles from: the finest level that fits is used.
 const MAX_CELLS: u64 = 1 << 22;
-/// Cells that are read at a time.
+/// Number of cells that are read at a time.
 const CELLS: u64 = 1 << 20;
 
-/// Numbers that percentiles of a tree's channels are, as texts that are read as the same numbers; null where a tree has no values.
+/// Values of a tree's percentiles per channel. They are stored as strings that parse to the same
+/// number; null if the tree has no values.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PercentileNumbers(BTreeMap<String, Option<String>>);
 
@@ -26,7 +27,7 @@ impl PercentileNumbers {
 
     fn get(&self, channel: usize, percent: f64) -> Option<Option<f64>> {
         let number = self.0.get(&PercentileNumbers::name(channel, percent))?;
-        // (What is no number counts as not there.)
+        // Treat NaN, infinities and invalid strings as missing.
         number.as_ref().map_or(Some(None), |text| text.parse().ok().filter(|n: &f64| n.is_finite()).map(Some))
     }
 
@@ -35,7 +36,7 @@ impl PercentileNumbers {
         self.0.insert(PercentileNumbers::name(channel, percent), number);
     }
 
-    /// The numbers that are others in other ones, in words: "band 1: 98 % is 7 (there: 9)".
+    /// Describes the values that differ from those in `other`: "band 1: 98 % is 7 (there: 9)".
     pub fn differences(&self, other: &PercentileNumbers, there: &str) -> Vec<String> {
         let text =
             |number: Option<&Option<String>>| number.cloned().flatten().unwrap_or_else(|| "none".into());
@@ -48,23 +49,24 @@ impl PercentileNumbers {
     }
 }
 
-/// The values of a tree in order, read when they are needed first.
+/// Percentiles of a tree, computed on first use.
 ///
-/// They are those of a level with at most 4 Mi cells: all of a small tree, representatives of a large one, so that the time
-/// does not grow with it. The least and the greatest are those of all cells.
+/// They are computed from a level with at most 4 Mi cells: all cells of a small tree,
+/// representatives of a large one. This bounds the time. Percentiles 0 and 100 are the minimum and
+/// maximum of all cells.
 pub(super) struct Percentiles<'a> {
     tree: &'a Dataset,
     progress: &'a dyn Progress,
-    /// Ascending finite numbers of each channel.
+    /// Sorted finite values of each channel.
     channels: OnceCell<Vec<Vec<f64>>>,
     extremes: RefCell<Option<Vec<(f64, f64)>>>,
-    /// Answers that are given whatever the tree has.
+    /// Known percentiles, which take precedence over the tree.
     given: Option<&'a PercentileNumbers>,
     answers: RefCell<PercentileNumbers>,
 }
 
 impl<'a> Percentiles<'a> {
-    /// Those of a tree; `given` are known already, from another state of it.
+    /// Creates the percentiles of a tree. `given` are known already, from another version of it.
     pub(super) fn new(
         tree: &'a Dataset,
         given: Option<&'a PercentileNumbers>,
@@ -74,15 +76,16 @@ impl<'a> Percentiles<'a> {
         Percentiles { tree, progress, channels, extremes, given, answers }
     }
 
-    /// All that was answered.
+    /// Returns all percentiles that were requested.
     pub(super) fn into_answers(self) -> PercentileNumbers {
         self.answers.into_inner()
     }
 
-    /// The number that a bound of a channel is; `None` if it is a percentile and the tree has no values.
+    /// Resolves a bound of a channel to a number; `None` if it is a percentile and the tree has no
+    /// values.
     ///
     /// # Errors
-    /// If the tree is damaged, or on interruption.
+    /// If the tree is corrupt, or on cancellation.
     pub(super) fn number(&self, channel: usize, bound: Bound) -> Result<Option<f64>> {
         let percent = match bound {
             Bound::Number(number) => return Ok(Some(number)),
@@ -112,7 +115,7 @@ impl<'a> Percentiles<'a> {
         Ok(numbers.get((percent / 100.0 * last as f64).round() as usize).copied())
     }
 
-    /// The least and the greatest value of a channel, if both are finite.
+    /// Minimum and maximum of a channel, if both are finite.
     fn extremes(&self, channel: usize) -> Result<Option<(f64, f64)>> {
         let mut extremes = self.extremes.borrow_mut();
         if extremes.is_none() {

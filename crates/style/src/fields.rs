@@ -1,4 +1,4 @@
-//! Members of objects in a style's document, taken out by name and checked.
+//! Typed access to the members of JSON objects in a style document.
 
 use std::ops::RangeInclusive;
 
@@ -9,19 +9,19 @@ use spinney_base::{Error, Result};
 
 /// An object of a document.
 pub(super) struct Fields<'a> {
-    /// For messages: the object's place in the document.
+    /// Location of the object in the document, for messages.
     place: String,
     members: &'a Map<String, Value>,
-    /// Members that were asked for.
+    /// Names of the members that were requested.
     known: Vec<&'static str>,
 }
 
-/// A wrong thing at a place of the document, for messages.
+/// Creates an error about a value at a location in the document.
 pub(super) fn wrong(place: &str, found: &Value, expected: impl Into<String>) -> Error {
     Error::invalid(place, shortened(found.to_string()), expected)
 }
 
-/// The first characters of a text.
+/// Truncates a string to 60 characters.
 pub(super) fn shortened(mut text: String) -> String {
     if let Some((end, _)) = text.char_indices().nth(60) {
         text.truncate(end);
@@ -31,10 +31,10 @@ pub(super) fn shortened(mut text: String) -> String {
 }
 
 impl<'a> Fields<'a> {
-    /// The members of an object.
+    /// Wraps a JSON object.
     ///
     /// # Errors
-    /// If it is something else.
+    /// If the value is not an object.
     pub(super) fn of(place: String, value: &'a Value) -> Result<Fields<'a>> {
         match value {
             Value::Object(members) => Ok(Fields { place, members, known: Vec::new() }),
@@ -42,12 +42,12 @@ impl<'a> Fields<'a> {
         }
     }
 
-    /// The place of a member.
+    /// Location of a member in the document.
     pub(super) fn place(&self, name: &str) -> String {
         if self.place.is_empty() { format!("style: {name}") } else { format!("{}.{name}", self.place) }
     }
 
-    /// A member; null is none.
+    /// Returns a member; null counts as missing.
     pub(super) fn value(&mut self, name: &'static str) -> Option<&'a Value> {
         self.known.push(name);
         self.members.get(name).filter(|value| !value.is_null())
@@ -70,7 +70,7 @@ impl<'a> Fields<'a> {
         }
     }
 
-    /// A whole number within a range.
+    /// An integer within a range.
     pub(super) fn whole(&mut self, name: &'static str, range: RangeInclusive<u64>) -> Result<Option<u64>> {
         let Some(value) = self.value(name) else { return Ok(None) };
         match value.as_u64().filter(|number| range.contains(number)) {
@@ -82,13 +82,13 @@ impl<'a> Fields<'a> {
         }
     }
 
-    /// A text.
+    /// A string.
     pub(super) fn text(&mut self, name: &'static str) -> Result<Option<&'a str>> {
         let Some(value) = self.value(name) else { return Ok(None) };
         value.as_str().map(Some).ok_or_else(|| wrong(&self.place(name), value, "a text"))
     }
 
-    /// One of some words.
+    /// One of several keywords.
     pub(super) fn choice<T: Copy>(
         &mut self,
         name: &'static str,
@@ -105,12 +105,12 @@ impl<'a> Fields<'a> {
         self.value(name).map(|value| colour_of(&self.place(name), value)).transpose()
     }
 
-    /// A list of at most so many things.
+    /// A list of at most `most` entries.
     pub(super) fn list(&mut self, name: &'static str, most: usize) -> Result<Option<&'a [Value]>> {
         self.value(name).map(|value| list_of(&self.place(name), value, most)).transpose()
     }
 
-    /// Ends with an error if there is a member that nobody asked for.
+    /// Returns an error if there is a member that was not requested.
     pub(super) fn finish(self) -> Result<()> {
         match self.members.keys().find(|name| !self.known.contains(&name.as_str())) {
             None => Ok(()),
@@ -123,13 +123,13 @@ impl<'a> Fields<'a> {
     }
 }
 
-/// A colour at a place.
+/// Parses a colour. `place` is its location, for messages.
 pub(super) fn colour_of(place: &str, value: &Value) -> Result<[u8; 4]> {
     let read = value.as_str().and_then(colour::parse);
     read.ok_or_else(|| wrong(place, value, "a colour, as in \"#ff8800\" (or with opacity, \"#ff880080\")"))
 }
 
-/// A list at a place.
+/// Checks that a value is a list of at most `most` entries. `place` is its location, for messages.
 pub(super) fn list_of<'a>(place: &str, value: &'a Value, most: usize) -> Result<&'a [Value]> {
     match value.as_array() {
         Some(list) if list.len() <= most => Ok(list),

@@ -1,18 +1,21 @@
-//! Edges of cells on the ground, in metres, wherever they are on a map.
+//! Cell edges on the ground, in metres, for any location on a map.
 
 use spinney_crs::{Crs, Frame, WEB_MERCATOR};
 
-/// Edges of a map's cells on the ground: what slopes, aspects and shades are computed with.
+/// Edges of a map's cells on the ground, from which slopes, aspects and hillshades are computed.
 ///
-/// Degrees are metres on the ellipsoid of WGS 84, by latitude; web mercator is undone by its scale; feet and kilometres are
-/// converted; cells of unknown units count as metres. North is where the second coordinate grows, in whatever order and direction
-/// rows and columns are; of rasters without a place in the world (no CRS, and square cells of 1, 2, 4, ... units in the order of
-/// the rows) it is above.
+/// Degrees are converted to metres on the WGS 84 ellipsoid, depending on latitude. Distances in Web
+/// Mercator are divided by its local scale. Feet and kilometres are converted. Cells of unknown
+/// units count as metres.
+///
+/// North is the direction of the second coordinate, whatever the order and direction of rows and
+/// columns. Rasters without georeferencing (no CRS, and square cells of 1, 2, 4, ... units in row
+/// order) have north at the top.
 #[derive(Clone, Debug)]
 pub struct Ground {
-    /// Vectors of the world from a cell to the next one in its row, and in its column.
+    /// World vectors from a cell to the next one in its row, and to the next one in its column.
     edges: [[f64; 2]; 2],
-    /// Northing of row 0 in the middle of the picture, and its growth by row.
+    /// Northing of row 0 in the middle of the raster, and its increment per row.
     northing: [f64; 2],
     unit: Unit,
 }
@@ -24,17 +27,17 @@ enum Unit {
     Metres(f64),
 }
 
-/// Half axis and squared eccentricity of the ellipsoid of WGS 84.
+/// Semi-major axis and squared eccentricity of the WGS 84 ellipsoid.
 const AXIS: f64 = 6_378_137.0;
 const ECCENTRICITY: f64 = 0.006_694_379_990_141_316;
-/// Metres of a degree of longitude at least: a pole is no point.
+/// Minimum metres per degree of longitude, which avoids zero-width cells at the poles.
 const LEAST: f64 = 1e-3;
 
 impl Ground {
-    /// The edges of a pixel of a metre, north above.
+    /// Edges of a pixel of one metre, north up.
     pub const PIXEL: [[f64; 2]; 2] = [[1.0, 0.0], [0.0, -1.0]];
 
-    /// The ground under a raster with so many columns of a frame's cells.
+    /// Creates the ground of a raster with `columns` columns in a frame.
     pub fn new(frame: &Frame, columns: u64) -> Ground {
         let [a, b, _, d, e, _] = frame.affine();
         let middle = frame.to_world([columns as f64 / 2.0, 0.0, 0.0])[1];
@@ -55,8 +58,8 @@ impl Ground {
         Ground { edges, northing: [middle, e], unit }
     }
 
-    /// Metres to the east and to the north from a cell to the next one in its row, and from it to the one below; any row counts,
-    /// also beyond the picture.
+    /// Returns the metres to the east and north from a cell of a row to the next one in its row,
+    /// and to the one below. Rows outside the raster are valid.
     pub fn cell(&self, row: f64) -> [[f64; 2]; 2] {
         let northing = self.northing[0] + (row + 0.5) * self.northing[1];
         let [east, north] = match self.unit {
@@ -73,7 +76,7 @@ impl Ground {
         self.edges.map(|[x, y]| [x * east, y * north])
     }
 
-    /// The edges of the cells of consecutive rows.
+    /// Returns the cell edges of consecutive rows.
     pub fn rows(&self, first: f64, count: usize) -> Vec<[[f64; 2]; 2]> {
         (0..count).map(|row| self.cell(first + row as f64)).collect()
     }
@@ -101,12 +104,12 @@ mod tests {
         close(Ground::new(&planar(Some(Crs::epsg(2263)), -10.0, 0.0), 5).cell(0.0), [3.048_006_096; 2]);
         close(Ground::new(&Frame::identity(), 5).cell(0.0), [1.0; 2]);
         close(Ground::new(&Frame::identity().coarser(3), 5).cell(0.0), [8.0; 2]);
-        // Rows from the south, and columns to the south.
+        // Rows that start in the south, and columns that run south.
         let frame = Frame::planar([10.0, 0.0, 0.0, 0.0, 10.0, 0.0]);
         assert_eq!(Ground::new(&frame, 5).cell(0.0), [[10.0, 0.0], [0.0, 10.0]]);
         let frame = Frame::planar([0.0, 10.0, 0.0, -5.0, 0.0, 0.0]);
         assert_eq!(Ground::new(&frame, 5).cell(0.0), [[0.0, -5.0], [10.0, 0.0]]);
-        // At 60 degrees web mercator has twice the scale.
+        // At 60 degrees, the scale of Web Mercator is 2.
         let mercator = Ground::new(&web_mercator(8), 256);
         let row = (1.0 - 3f64.sqrt().asinh() / std::f64::consts::PI) * 128.0;
         close(mercator.cell(row - 0.5), [2.0 * 20_037_508.342_789_244 / 256.0 / 2.0; 2]);

@@ -1,17 +1,17 @@
-//! Pictures with a palette: numbers of colours instead of colours.
+//! Indices of colours, for images with a palette.
 
-/// At most 256 colours, and the way from each to its number.
+/// A palette of at most 256 colours, with a hash table from colour to index.
 #[derive(Debug)]
 pub(super) struct Indices {
     pub(super) colours: Vec<[u8; 4]>,
-    /// Open addressing: a colour is in its own place or in one of those that follow.
+    /// Hash table with linear probing.
     places: Vec<Option<([u8; 4], u8)>>,
 }
 
 const PLACES: usize = 1024;
 
 impl Indices {
-    /// Numbers for colours, in the order in which they come first; `None` if there are more than 256.
+    /// Indexes colours in order of first occurrence; `None` if there are more than 256.
     pub(super) fn new(colours: impl IntoIterator<Item = [u8; 4]>) -> Option<Indices> {
         let mut indices = Indices { colours: Vec::new(), places: vec![None; PLACES] };
         for colour in colours {
@@ -28,7 +28,7 @@ impl Indices {
         Some(indices)
     }
 
-    /// The number of a colour; 0 of one that there is not.
+    /// The index of a colour; 0 if it is not in the palette.
     #[inline]
     pub(super) fn index(&self, colour: [u8; 4]) -> u8 {
         let mut place = place(colour);

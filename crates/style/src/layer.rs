@@ -1,4 +1,4 @@
-//! Layers of a style, as they are written down.
+//! Layers of a parsed style, before they are resolved for a tree.
 
 use super::blend::Blend;
 use super::mask::Mask;
@@ -7,27 +7,27 @@ use super::mask::Mask;
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Layer {
     pub(super) draw: Draw,
-    /// The channel that is drawn, from 0.
+    /// Index of the channel that is drawn.
     pub(super) band: usize,
-    /// Share of the layer's own opacity, 0 to 1.
+    /// Factor of the layer's opacity, 0 to 1.
     pub(super) opacity: f64,
     pub(super) blend: Blend,
-    /// The values that are shown at all.
+    /// The values that are shown.
     pub(super) mask: Mask,
 }
 
 /// Content of a layer.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Draw {
-    /// The tree's default.
+    /// The default style of the tree.
     Auto,
-    /// Classes; those of the tree, if there are none.
+    /// Class colours; those of the tree if `classes` is empty.
     Palette {
         classes: Vec<Class>,
         other: Option<[u8; 4]>,
     },
     Ramp(Ramp),
-    /// Three channels as red, green and blue, from 0; those of these roles, if there are none.
+    /// Three channels as red, green and blue, by index; chosen by colour role if `bands` is `None`.
     Rgb {
         bands: Option<[usize; 3]>,
         domain: [Bound; 2],
@@ -52,7 +52,7 @@ pub(super) struct Class {
     pub(super) name: String,
 }
 
-/// Colours of numbers.
+/// A colour ramp.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Ramp {
     pub(super) colours: RampColours,
@@ -62,11 +62,11 @@ pub(super) struct Ramp {
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum RampColours {
-    /// Evenly over the domain.
+    /// Evenly spaced over the domain.
     Even(Vec<[u8; 4]>),
-    /// Evenly over the part of the domain below 0, and over that above.
+    /// Evenly spaced, with separate colours for the domain below and above 0.
     Heights { sea: Vec<[u8; 4]>, land: Vec<[u8; 4]> },
-    /// In ascending order, by numbers or by percentiles.
+    /// Ascending positions, as numbers or percentiles.
     Stops(Vec<(Bound, [u8; 4])>),
 }
 
@@ -81,33 +81,34 @@ pub(super) enum Bound {
 /// Colours of numbers between two stops.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Interpolation {
-    /// Mixed, by the distances.
+    /// Linear interpolation.
     Linear,
-    /// That of the lower one.
+    /// Colour of the lower stop.
     Discrete,
-    /// That of the nearer one.
+    /// Colour of the nearest stop.
     Nearest,
 }
 
-/// Light on a relief.
+/// Light of a hillshade.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Light {
-    /// Degrees on a compass: 0 is north, 90 is east.
+    /// Compass degrees: 0 is north, 90 is east.
     pub(super) azimuth: f64,
     /// Degrees above the horizon.
     pub(super) altitude: f64,
-    /// Exaggeration of heights.
+    /// Vertical exaggeration.
     pub(super) z: f64,
     pub(super) kind: LightKind,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum LightKind {
-    /// One lamp.
+    /// One light.
     Single,
-    /// Four, in the west and on both sides of it, each for the slopes across it (USGS open file report 92-422).
+    /// Four lights, in the south-west, west, north-west and north, weighted by the direction of the
+    /// slope (USGS open-file report 92-422).
     Multidirectional,
-    /// One, and shade by steepness.
+    /// One light, combined with the steepness.
     Combined,
 }
 
@@ -119,21 +120,21 @@ pub(super) enum SlopeUnit {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Contours {
-    /// Chosen by the tree's values if it is not given.
+    /// If `None`, chosen from the tree's values.
     pub(super) interval: Option<f64>,
     pub(super) base: f64,
     pub(super) colour: [u8; 4],
     /// In pixels.
     pub(super) width: f64,
-    /// Every n-th line is twice as wide; 0: none.
+    /// Every n-th line is twice as wide; 0 disables this.
     pub(super) bold: u32,
 }
 
-/// Code of heights in colours.
+/// Encoding of heights as colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Encoding {
-    /// Tenths of a metre above -10000.
+    /// Tenths of a metre above -10000 m.
     Mapbox,
-    /// Parts of 256 of a metre above -32768.
+    /// 1/256 of a metre above -32768 m.
     Terrarium,
 }

@@ -1,9 +1,10 @@
-//! Styles: how values become colours, whatever is drawn: pictures, tiles, legends.
+//! Styles: how values become colours in images, tiles and legends.
 //!
-//! A [`Style`] is a small JSON document (`docs/styles.md` says what is in it), or a name such as `viridis` or
-//! `hillshade`. A [`StylePainter`] is a style made ready for one tree: percentiles have become numbers, palettes tables. It paints
-//! blocks of samples, wherever they come from; equal samples (and neighbours, where these matter) give equal pixels, however
-//! a picture is cut into blocks. A [`Legend`] tells what the colours mean.
+//! A [`Style`] is a small JSON document (see `docs/styles.md`), or a name such as `viridis` or
+//! `hillshade`. A [`StylePainter`] is a style resolved for one tree: it has numbers instead of
+//! percentiles, and look-up tables instead of palettes. It paints blocks of samples from any
+//! source. Equal samples (and neighbours, if colours depend on them) give equal pixels, regardless
+//! of how an image is cut into blocks. A [`Legend`] describes the meaning of the colours.
 //!
 //! ```
 //! # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -51,53 +52,54 @@ pub use self::painter::{SampleBlock, StylePainter};
 use spinney_base::{Error, Result};
 use spinney_engine::dataset::Dataset;
 
-/// The way in which values become colours: layers over each other.
+/// A style: layers that convert values to colours, drawn on top of each other.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Style {
-    /// From the lowest to the highest.
+    /// From bottom to top.
     layers: Vec<Layer>,
     /// Colour of VOID.
     void: [u8; 4],
     title: Option<String>,
-    /// The document.
+    /// The JSON document.
     json: String,
 }
 
-/// The colours of "viridis", from the least to the greatest number.
+/// Returns the colours of "viridis", from the minimum to the maximum.
 pub fn viridis() -> Vec<[u8; 4]> {
     ramps::named("viridis").unwrap_or_default()
 }
 
-/// Bytes of the longest document.
+/// Maximum bytes of a document.
 const LONGEST: u64 = 1 << 20;
 
 impl Style {
-    /// Reads a style: a JSON document, or a name ([`Style::names`]).
+    /// Parses a style: a JSON document or a name (see [`Style::names`]).
     ///
     /// # Errors
-    /// If it is neither, or says what no style can.
+    /// If it is neither, or the document is not a valid style.
     pub fn parse(text: &str) -> Result<Style> {
         let text = text.trim();
         if text.starts_with('{') { parse::document(text) } else { parse::named(text) }
     }
 
-    /// Reads what people write for a style: its name, its document, or the path of a file with one.
+    /// Parses a style from user input: a name, a document, or the path of a file with a document.
     ///
     /// # Errors
     /// Those of [`Style::parse`] and [`Style::read`].
     pub fn given(text: &str) -> Result<Style> {
         let is_text = text.trim_start().starts_with('{') || parse::names().contains(&text);
-        // (A name that is no style's may be a file's.)
+        // An unknown name may be the path of a file.
         if !is_text && (text.contains(['.', '/', '\\']) || Path::new(text).exists()) {
             return Style::read(Path::new(text));
         }
         Style::parse(text)
     }
 
-    /// Reads the document in a file.
+    /// Reads a document from a file.
     ///
     /// # Errors
-    /// If it cannot be read, has more than 1 MiB, or is no style; the message names the file and the place in it.
+    /// If the file cannot be read, exceeds 1 MiB, or is not a style. The message names the file and
+    /// the location in it.
     pub fn read(path: &Path) -> Result<Style> {
         let place = |error| match error {
             Error::Invalid { what, found, expected } => {
@@ -107,34 +109,39 @@ impl Style {
         };
         let mut text = Vec::new();
         let file = File::open(path).map_err(Error::io(path, "open"))?;
-        // (One byte more than there may be tells that there are more, without reading them.)
+        // Reading one byte over the limit detects a longer file without reading it completely.
         file.take(LONGEST + 1).read_to_end(&mut text).map_err(Error::io(path, "read"))?;
         let text = String::from_utf8(text)
             .map_err(|_| place(Error::invalid("style", "bytes that are no UTF-8 text", "a JSON document")))?;
         parse::document(text.trim_start_matches('\u{feff}').trim()).map_err(place)
     }
 
-    /// The style of a tree for which nobody gave one; there is one for every tree.
+    /// Returns the default style of a tree. Every tree has one:
     ///
-    /// The tree's palette if it has one; colours as they are if it has three channels or more (those of more than eight bits
-    /// stretched between their percentiles 2 and 98); classes in colours that differ; occupancy by opacity; grey for samples of
-    /// `u8` (as they are) and `u16` (stretched); all else in "viridis", stretched.
+    /// - palette colours, if the tree has a palette
+    /// - RGB colours, if it has three channels or more, or two with the roles red and cyan. Samples
+    ///   with more than eight bits are stretched between percentiles 2 and 98
+    /// - distinct colours for classes
+    /// - opacity for occupancy
+    /// - grey for `u8` samples (unchanged) and `u16` samples (stretched)
+    /// - "viridis" for all others, stretched
     pub fn default_for(tree: &Dataset) -> Style {
         default::style(tree)
     }
 
-    /// The style that makes greys of a tree's values, or colours of three channels or more: one number becomes black, another
-    /// white, and what lies between them what is between.
+    /// Returns a style that maps values from `range` linearly: from black to white, or per colour
+    /// channel if the tree has three channels or more, or two with the roles red and cyan.
     pub fn stretched(tree: &Dataset, range: [f64; 2]) -> Style {
         default::stretched(tree, range)
     }
 
-    /// The names that [`Style::parse`] takes.
+    /// Returns the names that [`Style::parse`] accepts.
     pub fn names() -> Vec<&'static str> {
         parse::names()
     }
 
-    /// The style as its document, which [`Style::parse`] reads again; the same for the same style.
+    /// Returns the JSON document of the style, which [`Style::parse`] accepts. Equal styles have
+    /// equal documents.
     pub fn json(&self) -> &str {
         &self.json
     }

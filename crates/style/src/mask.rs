@@ -1,9 +1,9 @@
-//! Values that a layer shows or hides.
+//! Value masks of a layer.
 
-/// Ranges of values, ends included.
+/// Inclusive ranges of values.
 pub(super) type Ranges = Vec<[f64; 2]>;
 
-/// The values that a layer shows: those in some range, or all if there is none, without those that it hides.
+/// The values that a layer shows: those in `show` (all if `None`) except those in `hide`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Mask {
     pub(super) show: Option<Ranges>,
@@ -11,12 +11,12 @@ pub(super) struct Mask {
 }
 
 impl Mask {
-    /// Whether all values are shown.
+    /// Returns whether all values are shown.
     pub(super) fn is_empty(&self) -> bool {
         self.show.is_none() && self.hide.is_empty()
     }
 
-    /// Whether a value is shown.
+    /// Returns whether a value is shown.
     #[inline]
     pub(super) fn shows(&self, number: f64) -> bool {
         let is_in = |ranges: &Ranges| ranges.iter().any(|[low, high]| (*low..=*high).contains(&number));

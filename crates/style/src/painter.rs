@@ -1,4 +1,4 @@
-//! Painters: styles made ready for a tree, and the blocks that they paint.
+//! Painters: styles resolved for a tree, and the blocks that they paint.
 
 use super::Style;
 use super::blend::{Blend, share};
@@ -12,65 +12,67 @@ use spinney_base::value::{SampleType, ValueType};
 use spinney_base::{Error, Progress, Result};
 use spinney_engine::dataset::Dataset;
 
-/// A rectangle of samples to be painted, with the cells around it that painting needs.
+/// A rectangle of samples to paint, with a margin of cells around it that painting may need.
 #[derive(Clone, Copy, Debug)]
 pub struct SampleBlock<'a> {
-    /// Columns and rows of the picture.
+    /// Columns of the painted block.
     pub width: usize,
-    /// Rows of the picture.
+    /// Rows of the painted block.
     pub height: usize,
-    /// Cells beyond each side that the samples have, at least [`StylePainter::margin`].
+    /// Width of the margin in cells; at least [`StylePainter::margin`].
     pub margin: usize,
-    /// Samples of the tree's type, margin included: rows from the top, a pixel's samples together, little-endian.
+    /// Samples of the tree's type, margin included: rows from the top, interleaved by pixel,
+    /// little-endian.
     pub bytes: &'a [u8],
-    /// Whether each pixel has a value, margin included; what is VOID or outside has none.
+    /// Whether each pixel has a value, margin included; false if it is VOID or outside the raster.
     pub valid: &'a [bool],
-    /// Metres to the east and to the north from a pixel to the next one in its row, and to the one below: of each row, or
-    /// once for all. See [`Ground`](super::Ground).
+    /// Metres to the east and north from a pixel to the next one in its row, and to the one below:
+    /// one entry per row, or a single one for all. See [`Ground`](super::Ground).
     pub ground: &'a [[[f64; 2]; 2]],
 }
 
-/// A style made ready for one tree, to be used by any number of threads.
+/// A style resolved for one tree. Threads can share it.
 ///
-/// A pixel's colour depends on its own samples, and of reliefs on those of its eight neighbours: not on the block that it is
-/// painted in.
+/// A pixel's colour depends only on its own samples, and for relief layers on those of its eight
+/// neighbours. It does not depend on the block in which it is painted.
 #[derive(Debug)]
 pub struct StylePainter {
     value: ValueType,
     coats: Vec<Coat>,
     void: [u8; 4],
     title: String,
-    /// The channel that is opacity, and the number that is opaque.
+    /// Opacity channel, and the sample value that is opaque.
     alpha: Option<(usize, f64)>,
     margin: usize,
-    /// Colours of all values, where these are few.
+    /// Precomputed colours of all values, if there are few.
     table: Option<ColourTable>,
     indices: Option<Indices>,
 }
 
-/// Colours of values of one sample of at most 16 bits, by the bits of the sample.
+/// Colours of a single sample of at most 16 bits, indexed by its bits.
 #[derive(Debug)]
 struct ColourTable {
     colours: Vec<[u8; 4]>,
-    /// The numbers of the colours in the palette.
+    /// Palette indices of the colours.
     indices: Vec<u8>,
 }
 
-/// Numbers that are held at a time: blocks are painted in strips of rows.
+/// Numbers per channel in memory at a time: blocks are painted in strips of rows.
 const NUMBERS: usize = 1 << 15;
 
 impl StylePainter {
-    /// Makes a style ready for a tree.
+    /// Resolves a style for a tree.
     ///
-    /// Percentiles are computed if the style has any, from at most 4 Mi cells.
+    /// Computes the percentiles that the style uses, from at most 4 Mi cells.
     ///
     /// # Errors
-    /// If the tree has not the channels that the style speaks of, or is damaged, or on interruption.
+    /// If the tree lacks channels that the style uses, or is corrupt, or on cancellation.
     pub fn new(style: &Style, tree: &Dataset, progress: &dyn Progress) -> Result<StylePainter> {
         StylePainter::with_numbers(style, tree, None, progress).map(|(painter, _)| painter)
     }
 
-    /// Makes a style ready, with the numbers that its percentiles are, of which some may be given; returns these as well.
+    /// Resolves a style with known percentiles, and returns all percentiles that it uses. `given`
+    /// may contain some of them.
     ///
     /// # Errors
     /// Those of [`StylePainter::new`].
@@ -95,7 +97,7 @@ impl StylePainter {
         let mut painter =
             StylePainter { value, coats, void: style.void, title, alpha, margin, table: None, indices: None };
         painter.table = painter.tabulate();
-        // (Where colours encode heights, VOID pixels of tiles have those of their neighbours.)
+        // With encoded heights, VOID pixels of tiles get the colours of their neighbours.
         painter.indices = if painter.encodes_heights() { None } else { painter.palette_of() };
         if let (Some(table), Some(indices)) = (&mut painter.table, &painter.indices) {
             table.indices = table.colours.iter().map(|colour| indices.index(*colour)).collect();
@@ -103,7 +105,7 @@ impl StylePainter {
         Ok((painter, numbers))
     }
 
-    /// The colours of all values, if a sample of at most 16 bits decides.
+    /// Precomputes the colours of all values, if they depend on one sample of at most 16 bits.
     fn tabulate(&self) -> Option<ColourTable> {
         let bits = match self.value.sample {
             SampleType::U8 => 8,
@@ -132,13 +134,13 @@ impl StylePainter {
 
     /// The palette, if it is known and has at most 256 colours.
     fn palette_of(&self) -> Option<Indices> {
-        // (What is transparent comes first: PNG then needs few opacities.)
+        // Transparent colours come first: PNG then stores few opacities.
         if let Some(table) = &self.table {
             return Indices::new([self.void].into_iter().chain(table.colours.iter().copied()));
         }
         match (&self.coats[..], self.alpha) {
             ([coat], None) => {
-                // (Pixels that have another channel alone are transparent.)
+                // Pixels with a value only in another channel are transparent.
                 let none = self.value.is_masked().then_some([0; 4]);
                 Indices::new([self.void].into_iter().chain(none).chain(coat.colours()?))
             }
@@ -146,7 +148,8 @@ impl StylePainter {
         }
     }
 
-    /// Cells beyond each side of a block that painting needs: 1 for slopes, light and contours, else 0.
+    /// Width of the margin that painting needs: 1 for slopes, aspects, hillshades and contours,
+    /// else 0.
     pub fn margin(&self) -> u64 {
         self.margin as u64
     }
@@ -156,16 +159,17 @@ impl StylePainter {
         self.void
     }
 
-    /// Whether colours encode heights, and VOID is transparent: readers that ignore opacity take the colour of VOID for a height.
+    /// Returns whether colours encode heights and VOID is transparent. Readers that ignore opacity
+    /// would decode the colour of VOID as a height.
     pub fn encodes_heights(&self) -> bool {
         self.void[3] == 0 && matches!(&self.coats[..], [coat] if coat.encodes_heights())
     }
 
-    /// Whether all pixels that are not VOID are opaque, for sure.
+    /// Returns whether all pixels except VOID are guaranteed to be opaque.
     pub fn is_opaque(&self) -> bool {
         match &self.table {
             Some(table) => table.colours.iter().all(|colour| colour[3] == 255),
-            // (A sample may be missing in one channel alone.)
+            // A sample may be missing in a single channel.
             None => {
                 let may_lack = self.alpha.is_some() || self.value.is_masked();
                 !may_lack && self.coats.iter().any(Coat::is_opaque)
@@ -173,27 +177,28 @@ impl StylePainter {
         }
     }
 
-    /// Whether all pixels are grey, for sure, that of VOID included unless it is transparent.
+    /// Returns whether all pixels are guaranteed to be grey, including VOID unless it is
+    /// transparent.
     pub fn is_grey(&self) -> bool {
         let [red, green, blue, alpha] = self.void;
         (alpha == 0 || red == green && green == blue) && self.coats.iter().all(Coat::is_grey)
     }
 
-    /// All colours of pictures, if they are known and at most 256: [`StylePainter::paint_indices`] writes numbers of them. The first
-    /// is that of VOID.
+    /// Returns all colours of images, if they are known and at most 256. The first one is that of
+    /// VOID. [`StylePainter::paint_indices`] writes indices of this palette.
     pub fn palette(&self) -> Option<&[[u8; 4]]> {
         self.indices.as_ref().map(|indices| &indices.colours[..])
     }
 
-    /// The legend of what is painted of a tree, which has to be the painter's own.
+    /// Returns the legend. `tree` must be the tree that the painter was created for.
     ///
     /// # Errors
-    /// If the tree is damaged: what classes there are may be asked of it.
+    /// If the tree is corrupt: listing its classes may read it.
     pub fn legend(&self, tree: &Dataset) -> Result<Legend> {
         Legend::new(&self.title, &self.coats, tree)
     }
 
-    /// Paints a block: red, green, blue and straight opacity of each pixel, 8 bits each.
+    /// Paints a block as RGBA with straight alpha, 8 bits per channel.
     ///
     /// # Errors
     /// If a buffer has the wrong size, or the margin is too small.
@@ -209,7 +214,7 @@ impl StylePainter {
         Ok(())
     }
 
-    /// Paints a block in numbers of the palette's colours.
+    /// Paints a block as palette indices.
     ///
     /// # Errors
     /// If there is no palette, a buffer has the wrong size, or the margin is too small.
@@ -229,7 +234,7 @@ impl StylePainter {
         Ok(())
     }
 
-    /// Makes sure that a block's buffers have their sizes.
+    /// Checks the sizes of a block's buffers.
     fn check(&self, block: &SampleBlock<'_>, out: usize, bytes: usize) -> Result<()> {
         let SampleBlock { width, height, margin, .. } = *block;
         let wrong = |what: &str, found: String, expected: String| Err(Error::invalid(what, found, expected));
@@ -247,7 +252,7 @@ impl StylePainter {
                 format!("those of {width} x {height} pixels with a margin of {margin}"),
             );
         }
-        // (There are at least as many cells.)
+        // Cannot overflow: there are at least as many cells.
         if out != width * height * bytes {
             return wrong(
                 "picture",
@@ -261,7 +266,7 @@ impl StylePainter {
         Ok(())
     }
 
-    /// Writes for each pixel what a table says of its value.
+    /// Looks up the value of each pixel in a table.
     fn look_up<T: Copy>(&self, block: &SampleBlock<'_>, table: &[T], void: T, out: &mut [T]) {
         let SampleBlock { width, margin, bytes, valid, .. } = *block;
         let size = self.value.size();
@@ -282,7 +287,8 @@ impl StylePainter {
         }
     }
 
-    /// Hands out the colours of a block's pixels, row by row, with the number of the first pixel.
+    /// Computes the colours of a block. Passes them to `each` row by row, with the index of the
+    /// row's first pixel.
     fn compute(&self, block: &SampleBlock<'_>, each: &mut dyn FnMut(usize, &[[u8; 4]])) {
         let SampleBlock { width, height, margin, bytes, valid, ground } = *block;
         if width == 0 {
@@ -334,7 +340,7 @@ impl StylePainter {
         }
     }
 
-    /// Whether some layer looks at a channel.
+    /// Returns whether any layer reads a channel.
     fn reads(&self, channel: usize) -> bool {
         self.alpha.is_some_and(|alpha| alpha.0 == channel)
             || self.coats.iter().any(|coat| coat.reads(channel))
@@ -370,7 +376,7 @@ impl StylePainter {
     }
 }
 
-/// Lays a row of colours over another.
+/// Blends a row of colours over another.
 fn blend_rows(blend: Blend, below: &mut [[u8; 4]], above: &[[u8; 4]]) {
     for (below, above) in below.iter_mut().zip(above) {
         *below = blend.over(*below, *above);

@@ -1,4 +1,4 @@
-//! Styles from their documents and names.
+//! Parser of style documents and names.
 
 use serde_json::{Value, json};
 
@@ -12,13 +12,14 @@ use super::mask::{Mask, Ranges};
 use super::{LONGEST, Style, ramps};
 use spinney_base::{Error, Result, sort};
 
-/// Layers of a style, stops of a ramp, classes of a palette, ranges of a mask: so many at most.
+/// Maximum number of layers in a style, stops in a ramp, classes in a palette, and ranges in a
+/// mask.
 const MAX_LAYERS: usize = 16;
 const MAX_STOPS: usize = 1024;
 const MAX_CLASSES: usize = 1 << 16;
 const MAX_RANGES: usize = 256;
 
-/// Names that are no ramps, and their documents.
+/// Names other than ramps, and their documents.
 fn shortcuts() -> [(&'static str, Value); 12] {
     let draw = |name: &str| json!({ "draw": name });
     [
@@ -47,7 +48,7 @@ pub(super) fn names() -> Vec<&'static str> {
     shortcuts().into_iter().map(|(name, _)| name).chain(ramps::names()).collect()
 }
 
-/// The style of a name.
+/// Parses a style name.
 pub(super) fn named(name: &str) -> Result<Style> {
     if ramps::named(name).is_some() {
         return of_value(&json!({ "draw": "ramp", "ramp": name }));
@@ -61,7 +62,7 @@ pub(super) fn named(name: &str) -> Result<Style> {
     }
 }
 
-/// The style of a document.
+/// Parses a style document.
 pub(super) fn document(text: &str) -> Result<Style> {
     if text.len() as u64 > LONGEST {
         return Err(Error::invalid("style", "more than that", "at most 1 MiB"));
@@ -165,7 +166,7 @@ fn layer(fields: &mut Fields<'_>) -> Result<Layer> {
     Ok(Layer { draw, band, opacity, blend, mask })
 }
 
-/// The domain that most of the values are in.
+/// Default domain, without outliers.
 const PERCENTILES: [Bound; 2] = [Bound::Percent(2.0), Bound::Percent(98.0)];
 
 fn light(fields: &mut Fields<'_>) -> Result<Light> {
@@ -175,7 +176,7 @@ fn light(fields: &mut Fields<'_>) -> Result<Light> {
         ("combined", LightKind::Combined),
     ];
     let kind = fields.choice("light", &kinds)?.unwrap_or(LightKind::Single);
-    // (Where the light comes from everywhere, no direction is its own.)
+    // Multidirectional light has fixed directions.
     let azimuth =
         if kind == LightKind::Multidirectional { None } else { fields.number("azimuth", -360.0..=360.0)? };
     Ok(Light {
@@ -217,7 +218,7 @@ fn classes(fields: &mut Fields<'_>) -> Result<Vec<Class>> {
         let colour = colour.ok_or_else(|| missing(&fields, "color", "\"#466b9f\""))?;
         let name = fields.text("name")?.unwrap_or_default().into();
         fields.finish()?;
-        // (There is one zero.)
+        // No negative zero.
         Ok(Class { value: value + 0.0, colour, name })
     });
     let mut classes = classes.collect::<Result<Vec<Class>>>()?;
@@ -228,7 +229,7 @@ fn classes(fields: &mut Fields<'_>) -> Result<Vec<Class>> {
     }
 }
 
-/// Channels for red, green and blue; nothing if those of the tree are meant.
+/// Channels for red, green and blue; `None` selects them by the tree's colour roles.
 fn bands(fields: &mut Fields<'_>) -> Result<Option<[usize; 3]>> {
     let place = fields.place("bands");
     let Some(value) = fields.value("bands") else { return Ok(None) };
@@ -242,7 +243,7 @@ fn bands(fields: &mut Fields<'_>) -> Result<Option<[usize; 3]>> {
         .ok_or_else(|| wrong(&place, value, "three channels for red, green and blue, as in [1, 2, 3]"))
 }
 
-/// A number, or a percentile if these are possible.
+/// Parses a number, or a percentile if `percentiles` allows it.
 fn bound(place: &str, value: &Value, percentiles: bool) -> Result<Bound> {
     if let Some(number) = value.as_f64() {
         return Ok(Bound::Number(number));
@@ -264,7 +265,7 @@ fn domain(fields: &mut Fields<'_>, percentiles: bool) -> Result<Option<[Bound; 2
     Ok(Some([bound(&place, low, percentiles)?, bound(&place, high, percentiles)?]))
 }
 
-/// The two entries of a list.
+/// The entries of a list with exactly two.
 fn pair(value: &Value) -> Option<[&Value; 2]> {
     match value.as_array()?.as_slice() {
         [a, b] => Some([a, b]),
@@ -272,7 +273,7 @@ fn pair(value: &Value) -> Option<[&Value; 2]> {
     }
 }
 
-/// A ramp, whose colours and domain are those given if the document has none.
+/// Parses a ramp. `colours` and `ends` are its default colours and domain.
 fn ramp(fields: &mut Fields<'_>, colours: &Value, ends: [Bound; 2], percentiles: bool) -> Result<Ramp> {
     let place = fields.place("ramp");
     let value = fields.value("ramp").unwrap_or(colours);
@@ -337,7 +338,7 @@ fn ramp(fields: &mut Fields<'_>, colours: &Value, ends: [Bound; 2], percentiles:
     Ok(Ramp { colours, domain: domain.unwrap_or(ends), interpolation })
 }
 
-/// Numbers and ranges of numbers.
+/// Parses a list of numbers and ranges.
 fn ranges(fields: &mut Fields<'_>, name: &'static str) -> Result<Option<Ranges>> {
     let place = fields.place(name);
     let Some(list) = fields.list(name, MAX_RANGES)? else { return Ok(None) };

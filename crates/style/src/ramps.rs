@@ -1,8 +1,10 @@
-//! Named ramps.
+//! Named colour ramps.
 //!
-//! "viridis", "magma", "inferno" and "plasma" are by Stéfan van der Walt and Nathaniel Smith (CC0), "cividis" by Jamie Nuñez,
-//! Christopher Anderton and Ryan Renslow, "turbo" by Anton Mikhailov: every fifth of their 256 colours, between which all others
-//! are mixed (off from the published by one or two of 255; "cividis" by four). "terrain" is that of matplotlib.
+//! "viridis", "magma", "inferno" and "plasma" are by Stéfan van der Walt and Nathaniel Smith (CC0),
+//! "cividis" is by Jamie Nuñez, Christopher Anderton and Ryan Renslow, "turbo" is by Anton
+//! Mikhailov. Every fifth of their 256 colours is stored, and the others are interpolated. These
+//! differ from the published ones by one or two of 255, in "cividis" by four. "terrain" is from
+//! matplotlib.
 
 /// Name and evenly spaced colours of each ramp.
 const RAMPS: &[(&str, &str)] = &[
@@ -56,7 +58,7 @@ const RAMPS: &[(&str, &str)] = &[
     ),
 ];
 
-/// Colours that a named ramp has in pictures. A picture with a palette of 256 holds them, and one for VOID.
+/// Number of colours of a named ramp in images. A palette of 256 colours also has one for VOID.
 const COLOURS: usize = 255;
 
 /// The names of all ramps.
@@ -64,9 +66,10 @@ pub(super) fn names() -> impl Iterator<Item = &'static str> {
     RAMPS.iter().map(|(name, _)| *name)
 }
 
-/// The colours of a ramp, evenly spaced; `None` if there is none of that name.
+/// Returns the evenly spaced colours of a ramp; `None` if the name is unknown.
 ///
-/// Those of "grey" are black and white, to be mixed; all others come as 255, each for a part of the domain.
+/// "grey" consists of black and white, to be interpolated. All others have 255 colours, each for an
+/// equal share of the domain.
 pub(super) fn named(name: &str) -> Option<Vec<[u8; 4]>> {
     let (_, text) = RAMPS.iter().find(|(known, _)| *known == name)?;
     let stops: Vec<[u8; 4]> = text
@@ -85,13 +88,14 @@ pub(super) fn named(name: &str) -> Option<Vec<[u8; 4]>> {
     Some(mixed.collect())
 }
 
-/// The first colour of a named ramp that is land's, where those before it are the sea's: these are for numbers below 0 alone.
+/// Returns the index of the first land colour in a named ramp that has separate colours for land
+/// and sea. Sea colours are used only for numbers below 0.
 pub(super) fn land(name: &str) -> Option<usize> {
-    // (The stops are twentieths; the sea ends at the fifth of them.)
+    // The stops of "terrain" are 1/20 apart, and sea ends at the fifth.
     (name == "terrain").then_some(COLOURS / 4)
 }
 
-/// A colour between two others, given the share of the second.
+/// Interpolates two colours; `share` is the weight of the second.
 pub(super) fn mix(a: [u8; 4], b: [u8; 4], share: f64) -> [u8; 4] {
     std::array::from_fn(|i| (f64::from(a[i]) * (1.0 - share) + f64::from(b[i]) * share + 0.5) as u8)
 }
@@ -109,7 +113,7 @@ mod tests {
         }
         let viridis = named("viridis").unwrap();
         assert_eq!((viridis[0], viridis[254]), ([0x44, 1, 0x54, 255], [0xfd, 0xe7, 0x25, 255]));
-        // The published one has 21918c in the middle.
+        // The published colour in the middle is 21918c.
         let middle = viridis[127];
         assert!((0..3).all(|i| middle[i].abs_diff([0x21, 0x91, 0x8c][i]) <= 2), "{middle:?}");
         assert_eq!(named("nothing"), None);

@@ -1,9 +1,9 @@
-//! Slopes of a relief and the light on it, from cells and their neighbours: Horn's method, as `gdaldem` has it.
+//! Slope, aspect and hillshade from cells and their neighbours by Horn's method, as in `gdaldem`.
 
 use super::layer::{Light, LightKind, SlopeUnit};
 
-/// Growth of numbers across the cells of a row, by Horn (Hill shading and the reflectance map, 1981): eight times that of a
-/// cell to the next along the row, and to the next row.
+/// Differences across the cells of a row (Horn, Hill shading and the reflectance map, 1981): eight
+/// times the change per cell along the row, and per row.
 #[derive(Default)]
 pub(super) struct Growth {
     pub(super) along: Vec<f64>,
@@ -11,10 +11,11 @@ pub(super) struct Growth {
 }
 
 impl Growth {
-    /// Computes the growth across the inner cells of the second of three rows; NaN where a cell is VOID.
+    /// Computes the differences for the inner cells of the second of three rows; NaN if a cell is
+    /// VOID.
     ///
-    /// In place of neighbours that are VOID count numbers that go on as they come from the other side, along the row or
-    /// across rows (their mean if both are there), or where there is none either, that of the cell itself.
+    /// VOID neighbours are extrapolated linearly from the opposite side, along the row or across
+    /// rows, or as the mean of both. If neither is possible, they get the cell's own value.
     pub(super) fn compute(&mut self, rows: [&[f64]; 3]) {
         let [above, here, below] = rows;
         let width = here.len() - 2;
@@ -22,7 +23,7 @@ impl Growth {
         self.down.clear();
         let cells = above.windows(3).zip(here.windows(3)).zip(below.windows(3));
         for ((a, h), b) in cells {
-            // (The cell itself matters only by being there.)
+            // The cell itself has weight 0, but must not be VOID.
             self.along.push((a[2] + 2.0 * h[2] + b[2]) - (a[0] + 2.0 * h[0] + b[0]));
             self.down.push((b[0] + 2.0 * b[1] + b[2]) - (a[0] + 2.0 * a[1] + a[2]));
         }
@@ -34,7 +35,7 @@ impl Growth {
                 let [a, h, b] = filled(cells);
                 self.along[x] = (a[2] + 2.0 * h[2] + b[2]) - (a[0] + 2.0 * h[0] + b[0]);
                 self.down[x] = (b[0] + 2.0 * b[1] + b[2]) - (a[0] + 2.0 * a[1] + a[2]);
-                // (Of infinite heights no slope is known.)
+                // Infinite heights have no defined slope.
                 if self.along[x].is_nan() || self.down[x].is_nan() {
                     (self.along[x], self.down[x]) = (0.0, 0.0);
                 }
@@ -42,12 +43,13 @@ impl Growth {
         }
     }
 
-    /// The slopes of the row's cells, given the edges of the cells on the ground and what numbers are multiplied with.
+    /// Returns the slopes of the row, given the cell edges on the ground. Numbers are multiplied by
+    /// `height`.
     pub(super) fn slopes(&self, [along, down]: [[f64; 2]; 2], height: f64) -> Slopes<'_> {
-        // The gradient has the growth as its products with the edges: it is the growth times their inverse.
+        // The dot products of the gradient with the edges are the differences. Invert that system.
         let area = 8.0 * (along[0] * down[1] - along[1] * down[0]) / height;
         let inverse = [[down[1] / area, -along[1] / area], [-down[0] / area, along[0] / area]];
-        // (Edges in one line, or beyond all numbers, have no inverse: flat.)
+        // Collinear or infinite edges have no inverse: treat the ground as flat.
         let is_sound = inverse.iter().flatten().all(|factor| factor.is_finite());
         let inverse = if is_sound { inverse } else { [[0.0; 2]; 2] };
         Slopes { growth: self, inverse }
@@ -57,16 +59,17 @@ impl Growth {
 /// Slopes of a row's cells.
 pub(super) struct Slopes<'a> {
     growth: &'a Growth,
-    /// Factors of the growth along rows and down columns in the slope to the east, and in that to the north.
+    /// Factors of the differences along rows and down columns: for the slope to the east, and for
+    /// the slope to the north.
     inverse: [[f64; 2]; 2],
 }
 
 impl Slopes<'_> {
-    /// By how much the cells go up to the west and to the north, per metre; NaN where they are VOID.
+    /// Rise of the cells to the west and to the north, per metre; NaN in VOID cells.
     fn west_and_north(&self) -> impl Iterator<Item = (f64, f64)> {
         let [east, north] = self.inverse;
         let cells = self.growth.along.iter().zip(&self.growth.down);
-        // (Growth beyond all numbers has no product with 0.)
+        // Avoid NaN from infinite differences times 0.
         let product = |growth: f64, factor: f64| if factor == 0.0 { 0.0 } else { growth * factor };
         let slope = move |[along, down]: [f64; 2], factors: [f64; 2]| {
             product(along, factors[0]) + product(down, factors[1])
@@ -75,7 +78,7 @@ impl Slopes<'_> {
     }
 }
 
-/// A cell and its neighbours, with numbers for those that are VOID.
+/// Replaces VOID neighbours of a cell by numbers.
 fn filled(cells: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
     let centre = cells[1][1];
     std::array::from_fn(|y| {
@@ -84,7 +87,7 @@ fn filled(cells: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
             let number = Some(cells[y][x]).filter(|number| !number.is_nan());
             let along = || if x == 1 { None } else { on(cells[y][1], cells[y][2 - x]) };
             let across = || if y == 1 { None } else { on(cells[1][x], cells[2 - y][x]) };
-            // (Neither axis comes first: a transposed raster has the same slopes.)
+            // Treat both axes alike, so that a transposed raster has the same slopes.
             number.unwrap_or_else(|| match (along(), across()) {
                 (Some(one), Some(other)) => (one + other) / 2.0,
                 (found, None) | (None, found) => found.unwrap_or(centre),
@@ -93,7 +96,7 @@ fn filled(cells: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
     })
 }
 
-/// Numbers that the light is computed with.
+/// Precomputed parameters of the light.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lamp {
     kind: LightKind,
@@ -110,7 +113,7 @@ impl Lamp {
         Lamp { kind: light.kind, sin_altitude, cos_altitude, sin_azimuth, cos_azimuth }
     }
 
-    /// Writes the light on the cells of a row, 1 to 255; NaN where they are VOID.
+    /// Computes the light on the cells of a row, 1 to 255; NaN in VOID cells.
     pub(super) fn shade(&self, slopes: &Slopes<'_>, out: &mut Vec<f64>) {
         let slopes = slopes.west_and_north();
         let light = |share: f64| if share <= 0.0 { 1.0 } else { 1.0 + 254.0 * share };
@@ -118,7 +121,7 @@ impl Lamp {
         let lit = move |x: f64, y: f64| {
             let cosine = (sin_altitude - (y * cos_azimuth - x * sin_azimuth) * cos_altitude)
                 / (1.0 + x * x + y * y).sqrt();
-            // (Slopes beyond all numbers are dark.)
+            // Infinite slopes are dark.
             if cosine.is_nan() && !x.is_nan() && !y.is_nan() { 0.0 } else { cosine }
         };
         out.clear();
@@ -132,8 +135,9 @@ impl Lamp {
                 }));
             }
             LightKind::Multidirectional => {
-                // (USGS open file report 92-422: lamps in the south-west, west, north-west and north, each weighed by
-                // the squared sine of its angle with the slope's direction.)
+                // USGS open-file report 92-422: lights in the south-west, west, north-west and
+                // north. Each is weighted by the squared cosine of the angle between its direction
+                // and the slope's.
                 let diagonal = -std::f64::consts::FRAC_1_SQRT_2;
                 out.extend(slopes.map(|(x, y)| {
                     let steep = x * x + y * y;
@@ -154,7 +158,7 @@ impl Lamp {
     }
 }
 
-/// Writes the slopes of a row's cells.
+/// Computes the slopes of a row's cells.
 pub(super) fn slope(slopes: &Slopes<'_>, unit: SlopeUnit, out: &mut Vec<f64>) {
     let tangents = slopes.west_and_north().map(|(west, north)| west.hypot(north));
     out.clear();
@@ -164,14 +168,15 @@ pub(super) fn slope(slopes: &Slopes<'_>, unit: SlopeUnit, out: &mut Vec<f64>) {
     }
 }
 
-/// Writes the directions in which a row's cells slope downwards, in degrees on a compass; NaN where they are flat.
+/// Computes the downhill directions of a row's cells in compass degrees; NaN in VOID and flat
+/// cells.
 pub(super) fn aspect(slopes: &Slopes<'_>, out: &mut Vec<f64>) {
     out.clear();
     out.extend(slopes.west_and_north().map(|(west, north)| {
         if west == 0.0 && north == 0.0 {
             return f64::NAN;
         }
-        // (It slopes down to the east where it goes up to the west.)
+        // A cell that rises to the west faces east.
         let degrees = west.atan2(-north).to_degrees();
         let degrees = if degrees < 0.0 { degrees + 360.0 } else { degrees };
         if degrees >= 360.0 { 0.0 } else { degrees }

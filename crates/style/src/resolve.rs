@@ -1,4 +1,4 @@
-//! Styles made ready for a tree: names of things become numbers.
+//! Resolves styles for a tree: percentiles, units and palettes become numbers and colours.
 
 use super::Style;
 use super::coat::{Classes, Coat, Ink, Lines};
@@ -10,10 +10,11 @@ use spinney_base::{Error, Progress, Result};
 use spinney_container::Unit;
 use spinney_engine::dataset::Dataset;
 
-/// The layers of a style, from the lowest to the highest, and the numbers that percentiles became; some may be given.
+/// Resolves the layers of a style, from bottom to top. Returns them and the percentiles that they
+/// use, of which `given` may contain some.
 ///
 /// # Errors
-/// If the tree has no such channel or is damaged, or on interruption.
+/// If the tree lacks a channel or is corrupt, or on cancellation.
 pub(super) fn coats(
     style: &Style,
     tree: &Dataset,
@@ -36,7 +37,8 @@ pub(super) fn coats(
     Ok((coats, resolver.percentiles.into_answers()))
 }
 
-/// Places of colours over a part of the numbers: those that are not mixed have a part of it each, others begin and end it.
+/// Evenly spaced stops over a range. Discrete colours get an equal share of the range each; others
+/// include both ends.
 fn even_stops(
     colours: &[[u8; 4]],
     [low, high]: [f64; 2],
@@ -96,7 +98,7 @@ impl Resolver<'_> {
         Ok(Coat { band, ink, opacity, blend: layer.blend, mask: layer.mask.clone() })
     }
 
-    /// The factor and the summand that make metres of a channel's numbers.
+    /// Scale and offset that convert numbers of a channel to metres.
     fn metres(&self, band: usize) -> [f64; 2] {
         let metadata = self.tree.metadata();
         let (factor, summand) = metadata.scale_offset.get(band).copied().unwrap_or((1.0, 0.0));
@@ -105,7 +107,7 @@ impl Resolver<'_> {
         [factor * unit, summand * unit]
     }
 
-    /// The numbers of a channel that two bounds are; 0 and 1 if there are none.
+    /// Resolves the two bounds of a domain; 0 and 1 if the tree has no values.
     fn ends(&self, band: usize, domain: &[Bound; 2]) -> Result<[f64; 2]> {
         let [low, high] =
             [self.percentiles.number(band, domain[0])?, self.percentiles.number(band, domain[1])?];
@@ -139,7 +141,7 @@ impl Resolver<'_> {
                 let mut numbers: Vec<(f64, [u8; 4])> = Vec::with_capacity(stops.len());
                 for (index, (bound, colour)) in stops.iter().enumerate() {
                     let number = self.percentiles.number(band, *bound)?.unwrap_or(index as f64);
-                    // (Numbers among percentiles may lie where they will: what has been passed counts no more.)
+                    // Numbers and percentiles may be mixed in any order. Make the stops ascend.
                     let least = numbers.last().map_or(number, |last| last.0);
                     numbers.push((number.max(least), *colour));
                 }
@@ -161,7 +163,7 @@ impl Resolver<'_> {
         Ok(Lines { interval, base, colour, width, bold: f64::from(bold) })
     }
 
-    /// The colours of given classes, or else of the tree's own.
+    /// Class colours of the style, or else those of the tree.
     fn classes(&self, draw: &Draw) -> Ink {
         let (given, other): (&[Class], _) = match draw {
             Draw::Palette { classes, other } => (classes, *other),
@@ -174,14 +176,15 @@ impl Resolver<'_> {
             classes.other = Some(other.unwrap_or([0; 4]));
         } else if let Some(palette) = &self.tree.metadata().palette {
             classes.dense.clone_from(&palette.colours);
-            // (As pictures with a palette have it.)
+            // Like images with a palette.
             classes.other = Some(other.unwrap_or([0, 0, 0, 255]));
         }
         Ink::Classes(classes)
     }
 }
 
-/// The round number next to a step: 1, 2 or 5 times a power of ten; 1 if it is none.
+/// Returns the round number near a step: 1, 2 or 5 times a power of ten; 1 if the step is not
+/// positive and finite.
 pub(super) fn round_step(step: f64) -> f64 {
     if !(step > 0.0 && step.is_finite()) {
         return 1.0;

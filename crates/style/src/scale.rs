@@ -1,36 +1,39 @@
-//! Colours of numbers: stops, and what lies between them.
+//! Colour scales: stops, and interpolation between them.
 
 use super::layer::Interpolation;
 
-/// A ramp whose stops are numbers.
+/// A colour ramp whose stops are numbers.
 #[derive(Clone, Debug)]
 pub(super) struct Scale {
-    /// Ascending.
+    /// In ascending order.
     stops: Vec<f64>,
     colours: Vec<[u8; 4]>,
-    /// Of each stop, one by the distance to the next; nothing if colours are not mixed.
+    /// For each stop, the reciprocal of half the distance to the next one; empty without
+    /// interpolation.
     inverse: Vec<f64>,
-    /// For each of equal parts of the numbers, the last stop in parts before it: where a search begins.
+    /// Search index: for each of `PARTS` equal parts of the range, the last stop in an earlier
+    /// part.
     first: Vec<u16>,
     least: f64,
     parts_per_unit: f64,
 }
 
-/// Parts that searches begin at: some of each stop, so that a search is a step or two.
+/// Number of parts of the search index. With several per stop, a search takes one or two
+/// iterations.
 const PARTS: usize = 1024;
 
 impl Scale {
-    /// The scale with these stops, in ascending order; at least one, at most 65536.
+    /// Creates a scale from ascending stops: at least one, at most 65536.
     pub(super) fn new(stops: &[(f64, [u8; 4])], interpolation: Interpolation) -> Scale {
         let colours: Vec<[u8; 4]> = stops.iter().map(|stop| stop.1).collect();
         let mut stops: Vec<f64> = stops.iter().map(|stop| stop.0).collect();
         if interpolation == Interpolation::Nearest {
-            // What is nearer to a stop than to the one before begins in the middle.
+            // The colour of a stop begins halfway from the previous stop.
             for i in (1..stops.len()).rev() {
                 stops[i] = stops[i - 1].midpoint(stops[i]);
             }
         }
-        // (Halves, because the difference of two numbers may be none.)
+        // Halve first: the difference of two numbers may overflow.
         let distance = |pair: &[f64]| 1.0 / (pair[1] / 2.0 - pair[0] / 2.0);
         let inverse = match interpolation {
             Interpolation::Linear => stops.windows(2).map(distance).collect(),
@@ -51,13 +54,13 @@ impl Scale {
         scale
     }
 
-    /// The part that a number is in; the larger the number, the later.
+    /// Index of the part that contains a number, in ascending order.
     #[inline]
     fn part(&self, number: f64) -> usize {
         (((number - self.least) * self.parts_per_unit) as usize).min(PARTS - 1)
     }
 
-    /// The last stop that is not above a number; the first if all are.
+    /// Index of the last stop that is not above a number; 0 if all are.
     #[inline]
     fn stop(&self, number: f64) -> usize {
         let mut stop = usize::from(self.first[self.part(number)]);
@@ -81,7 +84,7 @@ impl Scale {
         })
     }
 
-    /// All colours, if none are mixed.
+    /// All colours, if there is no interpolation.
     pub(super) fn steps(&self) -> Option<&[[u8; 4]]> {
         self.inverse.is_empty().then_some(&self.colours)
     }
@@ -129,7 +132,7 @@ mod tests {
 
     #[test]
     fn searches_find_the_stop() {
-        // Stops close together in one place, far apart elsewhere.
+        // Stops that are dense at one end and sparse at the other.
         let stops: Vec<(f64, [u8; 4])> = (0..200).map(|i| (f64::from(i).powi(5), grey(i as u8))).collect();
         let scale = Scale::new(&stops, Interpolation::Discrete);
         for i in 0..20_000 {

@@ -1,4 +1,4 @@
-//! How files are read and written: mapped or at positions, with which caches, and through which client where they are remote.
+//! Settings of file access: mapped or positioned reads, caches, and the client for remote files.
 
 use std::fmt;
 use std::io;
@@ -17,24 +17,27 @@ use super::stat::{FileStat, remove_local, stat_local};
 use crate::url::{local_path, shown, url_of};
 use crate::{Error, Result};
 
-/// Default limit of the cache of ranges of remote files, in bytes.
+/// Default limit of the cache of remote ranges, in bytes.
 const RANGES: u64 = 32 << 20;
 
 /// Default limit of the cache of unpacked segments, in bytes.
 const UNPACKED: u64 = 64 << 20;
 
-/// Default limit of the cache of each file that is read at positions, in bytes.
+/// Default cache limit of each file that is read at positions, in bytes.
 const SEGMENTS: u64 = 64 << 20;
 
-/// How files are opened, created and removed: mapped or at positions, the limits of caches, and the client for remote files.
+/// How files are opened, created and removed: mapped or positioned reads, cache limits, and the
+/// client for remote files.
 ///
-/// Every opened file keeps its access, and opens the files that it names with it: members of manifests, sources of
-/// virtual rasters, sidecars. (Models, features and other volumes than images are local files, whatever the access.)
-/// Clones are cheap, and share the caches. A change of a clone leaves the original as it is.
+/// Every open file keeps its access, and uses it to open the files that it names: members of
+/// manifests, sources of virtual rasters, sidecars. (Models, features, and volumes other than
+/// images are local files, whatever the access.) Clones are cheap and share the caches. A change of
+/// a clone does not affect the original.
 ///
-/// The default maps files and has no client for remote files. All defaults share one pair of caches, so that a process that opens
-/// thousands of files with default options has one limit for them all. An access with a [client](FileAccess::remote) has a cache of
-/// ranges of its own, and thus its own [`traffic`](FileAccess::traffic).
+/// The default maps files and has no client for remote files. All default accesses share one pair
+/// of caches, so that one limit holds for a process that opens thousands of files with default
+/// options. An access with a [client](FileAccess::remote) has its own cache of remote ranges, and
+/// thus its own [`traffic`](FileAccess::traffic).
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -51,22 +54,23 @@ pub struct FileAccess(Arc<Settings>);
 struct Settings {
     /// Whether files are read at positions instead of mapped.
     positioned: bool,
-    /// Limit of the cache of each file that is read at positions, in bytes.
+    /// Cache limit of each file that is read at positions, in bytes.
     segments: u64,
     ranges: Arc<RangeCache>,
     unpacked: Arc<RangeCache>,
     remote: Option<Arc<dyn RemoteFiles>>,
-    /// Whether no remote file may be used, whatever client there is.
+    /// Whether remote files are refused, even if there is a client.
     is_remote_refused: bool,
-    /// Whether files may not name others that have their data.
+    /// Whether files are refused whose data is in other files.
     is_external_refused: bool,
-    /// Local files that were mapped, and those that were opened for positioned reads.
+    /// Number of local files that were mapped, and of those that were opened for positioned reads.
     opened: Arc<[AtomicU64; 2]>,
 }
 
 impl Default for FileAccess {
     fn default() -> FileAccess {
-        // The only process-wide caches: they bound the memory of the process, however many files have default options.
+        // The only process-wide caches. They bound the memory of the process, however many files
+        // have default options.
         static DEFAULT: LazyLock<FileAccess> = LazyLock::new(|| {
             let [ranges, unpacked] = [RANGES, UNPACKED].map(|limit| Arc::new(RangeCache::new(limit)));
             FileAccess(Arc::new(Settings {
@@ -84,7 +88,7 @@ impl Default for FileAccess {
     }
 }
 
-/// Two are equal if one is a clone of the other.
+/// Two accesses are equal if one is a clone of the other.
 impl PartialEq for FileAccess {
     fn eq(&self, other: &FileAccess) -> bool {
         Arc::ptr_eq(&self.0, &other.0)
@@ -109,7 +113,7 @@ impl fmt::Debug for FileAccess {
 }
 
 impl FileAccess {
-    /// The default: files are mapped, none are remote.
+    /// Returns the default: files are mapped, none are remote.
     pub fn new() -> FileAccess {
         FileAccess::default()
     }
@@ -119,59 +123,65 @@ impl FileAccess {
         self
     }
 
-    /// Reads files at positions instead of mapping them: for network file systems, and files that other processes may truncate. Each
-    /// open file caches up to `cache` bytes: 64 MiB, unless this is set.
+    /// Reads files at positions instead of mapping them: for network file systems, and for files
+    /// that other processes may truncate. Each open file caches up to `cache` bytes, by default 64
+    /// MiB.
     #[must_use]
     pub fn positioned(self, cache: impl Into<Option<u64>>) -> FileAccess {
         let segments = cache.into().unwrap_or(self.0.segments);
         self.with(|settings| (settings.positioned, settings.segments) = (true, segments))
     }
 
-    /// The access for many files of which up to `count`, at least one, are open at a time: their caches together have the
-    /// limit of one.
+    /// Returns the access for many files of which up to `count` (at least 1) are open at a time.
+    /// Each file gets an equal share of the cache limit, so that together they have the limit of
+    /// one.
     #[must_use]
     pub fn divided(&self, count: u64) -> FileAccess {
         self.clone().with(|settings| settings.segments /= count.max(1))
     }
 
-    /// Replaces the cache of unpacked segments by an empty one of at most `limit` bytes, which only this access and its clones use.
+    /// Replaces the cache of unpacked segments by an empty one of at most `limit` bytes. Only this
+    /// access and its clones use it.
     #[must_use]
     pub fn unpacked_cache(self, limit: u64) -> FileAccess {
         self.with(|settings| settings.unpacked = Arc::new(RangeCache::new(limit)))
     }
 
-    /// Replaces the cache of ranges of remote files by an empty one of at most `limit` bytes, which only this access and its clones use.
-    /// Its [`traffic`](FileAccess::traffic) starts from 0.
+    /// Replaces the cache of remote ranges by an empty one of at most `limit` bytes. Only this
+    /// access and its clones use it. [`traffic`](FileAccess::traffic) restarts from 0.
     #[must_use]
     pub fn range_cache(self, limit: u64) -> FileAccess {
         self.with(|settings| settings.ranges = Arc::new(RangeCache::new(limit)))
     }
 
-    /// Opens remote files through a client, with a cache of ranges of the same limit that only this access and its clones use.
+    /// Opens remote files through a client. This access and its clones get their own cache of
+    /// remote ranges, with the previous limit.
     #[must_use]
     pub fn remote(self, client: Arc<dyn RemoteFiles>) -> FileAccess {
         let limit = self.ranges().limit();
         self.range_cache(limit).with(|settings| settings.remote = Some(client))
     }
 
-    /// Refuses remote files, whether the caller or another file names them: for input of unknown origin, which must not make this
-    /// machine send requests.
+    /// Refuses remote files, whether the caller or another file names them: for untrusted input,
+    /// which must not make this machine send requests.
     #[must_use]
     pub fn no_remote(self) -> FileAccess {
         self.with(|settings| settings.is_remote_refused = true)
     }
 
-    /// Refuses files that only name others which have their data, such as virtual rasters and manifests: for input of unknown
-    /// origin, which must not choose files of this machine. See [`FileAccess::check_external`].
+    /// Refuses files whose data is in other files, such as virtual rasters and manifests: for
+    /// untrusted input, which must not select files of this machine. See
+    /// [`FileAccess::check_external`].
     #[must_use]
     pub fn no_external(self) -> FileAccess {
         self.with(|settings| settings.is_external_refused = true)
     }
 
-    /// Checks that `file` may name `other`, which has data of it. All that opens files that are named in files calls this first.
+    /// Checks that `file` may name `other`, which contains data of it. Callers check this before
+    /// they open a file that another file names.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] if that is [refused](FileAccess::no_external).
+    /// [`Error::Unsupported`] if external files are [refused](FileAccess::no_external).
     pub fn check_external(&self, file: &Path, other: &Path) -> Result<()> {
         if !self.0.is_external_refused {
             return Ok(());
@@ -187,35 +197,36 @@ impl FileAccess {
         self.0.positioned
     }
 
-    /// The cache of ranges of files.
+    /// Returns the cache of remote ranges.
     pub fn ranges(&self) -> &Arc<RangeCache> {
         &self.0.ranges
     }
 
-    /// The cache of unpacked segments.
+    /// Returns the cache of unpacked segments.
     pub fn unpacked(&self) -> &Arc<RangeCache> {
         &self.0.unpacked
     }
 
-    /// Counts a local file that was opened to be mapped or read at positions, as this access has it.
+    /// Counts a local file that was opened in this access's mode: mapped or positioned.
     pub fn count_opened(&self) {
         self.0.opened[usize::from(self.is_positioned())].fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Local files that this access and its clones have mapped so far, and those that they have opened for positioned reads.
+    /// Returns how many local files this access and its clones have mapped, and how many they have
+    /// opened for positioned reads.
     pub fn opened(&self) -> [u64; 2] {
         self.0.opened.each_ref().map(|count| count.load(Ordering::Relaxed))
     }
 
-    /// Requests for remote files with this access and its clones so far.
+    /// Returns the requests for remote files with this access and its clones so far.
     pub fn traffic(&self) -> Traffic {
         self.ranges().traffic()
     }
 
-    /// The client for a remote file.
+    /// Returns the client for a remote file.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] if there is none, or remote files are refused.
+    /// [`Error::Unsupported`] if there is no client, or remote files are refused.
     pub(super) fn client(&self, path: &Path) -> Result<&dyn RemoteFiles> {
         if self.0.is_remote_refused {
             let advice = "leave that option out if you trust what names the file, or copy it to this machine";
@@ -231,8 +242,8 @@ impl FileAccess {
         })
     }
 
-    /// Opens the bytes of a file, and returns its identity: a path that is opened twice may lead to two files. `storage` has the
-    /// options of the store of a remote file, such as credentials.
+    /// Opens a file for reading, and returns its identity: the same path may lead to two files if
+    /// it is opened twice. `storage` has the options of a remote file's store, such as credentials.
     ///
     /// # Errors
     /// If the file cannot be opened.
@@ -251,7 +262,7 @@ impl FileAccess {
         Ok((self.cached(backend), id))
     }
 
-    /// Opens the bytes of a file of which only a few are read, such as its header: it is never mapped.
+    /// Opens a file of which only few bytes are read, such as its header. It is never mapped.
     ///
     /// # Errors
     /// If the file cannot be opened.
@@ -262,8 +273,11 @@ impl FileAccess {
         }
     }
 
-    /// Opens a file like [`FileAccess::peek`], to find out what it is; `None` if it is missing or no file with bytes that can be read at
-    /// offsets. (An error of the disk or the host is one here, too: taken for another type of file, each further guess would repeat it.)
+    /// Opens a file like [`FileAccess::peek`], to detect its type; `None` if it is missing or
+    /// cannot be read at offsets.
+    ///
+    /// Errors of the disk or the host are returned. If they were taken for another file type, each
+    /// further guess would repeat them.
     ///
     /// # Errors
     /// If the file system or the host fails.
@@ -278,15 +292,15 @@ impl FileAccess {
         }
     }
 
-    /// Adds a cache to a backend, unless its bytes are mapped, or it has one.
+    /// Adds a cache to a backend, unless its bytes are mapped or it has a cache.
     pub fn cached(&self, backend: Box<dyn ReadBackend>) -> Box<dyn ReadBackend> {
         with_cache(backend, self.0.segments)
     }
 
-    /// Opens a file that is read from its beginning, or at positions.
+    /// Opens a file that is read sequentially or at offsets.
     ///
     /// # Errors
-    /// If it is missing, may not be read, or is a pipe or a device.
+    /// If the file is missing, cannot be read, or is a pipe or a device.
     pub fn input(&self, path: &Path) -> Result<InputFile> {
         match url_of(path) {
             Some(url) => Ok(InputFile::remote(self.client(path)?.open(url, &[], self)?)),
@@ -305,8 +319,9 @@ impl FileAccess {
         }
     }
 
-    /// Opens a file that may accompany another one, which could be read; `None` if it is missing. For remote files, permission denied
-    /// counts as missing: S3 answers 403 for a missing key if the caller lacks ListBucket.
+    /// Opens an optional file that accompanies a readable one; `None` if it is missing. For remote
+    /// files, permission denied counts as missing: S3 returns 403 for a missing key if the caller
+    /// lacks ListBucket.
     ///
     /// # Errors
     /// Those of [`FileAccess::input`].
@@ -317,10 +332,10 @@ impl FileAccess {
         }
     }
 
-    /// Reads all bytes of a file that has at most `limit`; `None` if it is missing.
+    /// Reads a file of at most `limit` bytes; `None` if it is missing.
     ///
     /// # Errors
-    /// Those of [`FileAccess::input`]; also if it has more.
+    /// Those of [`FileAccess::input`]; also if the file is larger.
     pub fn read_whole(&self, path: &Path, limit: u64) -> Result<Option<Vec<u8>>> {
         self.find(path)?.map(|file| file.into_bytes(path, limit)).transpose()
     }
@@ -328,7 +343,8 @@ impl FileAccess {
     /// Stats files, in their order; `None` for missing ones. Remote files are queried all at once.
     ///
     /// # Errors
-    /// If there is no client for remote files, or on cancellation. Of each file, if its host or the file system refuses.
+    /// If there is no client for remote files, or on cancellation. Per file, if its host or the
+    /// file system refuses.
     pub fn stat(&self, paths: &[&Path]) -> Result<Vec<Result<Option<FileStat>>>> {
         let urls: Vec<&str> = paths.iter().filter_map(|path| url_of(path)).collect();
         let mut remote = match urls.first() {
@@ -346,10 +362,10 @@ impl FileAccess {
         Ok(paths.iter().map(stat).collect())
     }
 
-    /// Stats files that may accompany others, which could be read: see [`FileAccess::find_companion`].
+    /// Stats optional files that accompany readable ones: see [`FileAccess::find_companion`].
     ///
     /// # Errors
-    /// If the state of one cannot be read.
+    /// If a file cannot be statted.
     pub fn stat_companions(&self, paths: &[&Path]) -> Result<Vec<Option<FileStat>>> {
         let found = paths.iter().zip(self.stat(paths)?);
         let found = found.map(|(path, found)| match found {
@@ -359,8 +375,8 @@ impl FileAccess {
         found.collect()
     }
 
-    /// Starts an output: see [`Output::create`]. A remote file is written to the system's directory for temporary files first, and
-    /// uploaded when it is complete.
+    /// Starts an output: see [`Output::create`]. A remote file is first written to the system's
+    /// temporary directory, and uploaded when it is complete.
     ///
     /// # Errors
     /// Those of [`Output::create`]; also if there is no client for a remote file.
@@ -368,8 +384,8 @@ impl FileAccess {
         Output::open(path, self)
     }
 
-    /// Starts an output that is written from its beginning to its end: a remote file is uploaded while it is written, and takes no
-    /// space on this machine.
+    /// Starts an output that is written sequentially: a remote file is uploaded while it is
+    /// written, and takes no space on this machine.
     ///
     /// # Errors
     /// Those of [`FileAccess::create`].
@@ -383,7 +399,7 @@ impl FileAccess {
     /// Removes files. A missing one counts as removed.
     ///
     /// # Errors
-    /// If one cannot be removed, or on cancellation; others may be removed then.
+    /// If a file cannot be removed, or on cancellation; others may have been removed then.
     pub fn remove(&self, paths: &[&Path]) -> Result<()> {
         let urls: Vec<&str> = paths.iter().filter_map(|path| url_of(path)).collect();
         if let Some(first) = urls.first() {
@@ -397,7 +413,7 @@ impl FileAccess {
     }
 }
 
-/// Whether one of some files is of a kind, as `is_one` finds out.
+/// Whether `is_one` is true for any of the files.
 ///
 /// # Errors
 /// Those of `is_one`.
@@ -410,7 +426,8 @@ pub fn any_file(files: &[PathBuf], is_one: &dyn Fn(&Path) -> Result<bool>) -> Re
     Ok(false)
 }
 
-/// Whether an error says that there is no such file, or none that may be read remotely: `stack.goblin:B08` names no file but a layer.
+/// Whether an error means that a file is missing, or may not be read remotely. Names that no file
+/// can have count as missing, since `stack.goblin:B08` names a layer.
 fn is_absent(path: &Path, error: &Error) -> bool {
     let Error::Io { cause, .. } = error else { return false };
     let is_missing = matches!(

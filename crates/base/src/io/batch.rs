@@ -1,12 +1,25 @@
 //! Restartable, batched queries of remote files (as in Haxl).
 //!
-//! A query is code that reads. Over a network, consecutive reads cost a round trip each. So a query runs in *batches*: a read of bytes
-//! that are not cached records their range and fails with [`Error::NotFetched`], and the traversal continues with other branches, which may
-//! miss bytes, too. Then all recorded ranges are fetched at once, and the query is restarted, until it misses nothing. A traversal of a
-//! tree takes about as many batches as it has levels that depend on each other, however wide it is.
+//! A query is any code that reads files. Over a network, consecutive reads cost a round trip each.
+//! So a query runs in *batches*: a read of bytes that are not cached records their range and fails
+//! with [`Error::NotFetched`], and the query continues with other branches, which may miss bytes,
+//! too. Then all recorded ranges are fetched at once, and the query is restarted. This repeats
+//! until it misses no bytes. A tree traversal takes about as many batches as it has levels that
+//! depend on each other, however wide it is.
 //!
-//! Nothing in here waits for a network: [`try_once`] is one pass, so that a browser can fetch in its own way.
-//! Files that are mapped, or read at positions, miss nothing, and their queries run once.
+//! A query runs several times, and all passes but the last one are incomplete. Its code must not:
+//!
+//! - have effects outside of it, such as output or progress, unless they can be repeated;
+//! - keep the result of an incomplete pass, or treat [`Error::NotFetched`] as missing data. Return
+//!   the error, or use [`defer_missing`] and [`finish_deferred`];
+//! - read files on threads that it starts itself. Threads of [`parallel`](crate::parallel) and of
+//!   [`map`] belong to the batch; each read of another thread waits for its bytes;
+//! - open a file in each pass. Open it with [`outside_batch`] and keep it open.
+//!
+//! [`run_batched`] and [`map`] wait for the network, through [`Fetch`](super::Fetch). [`try_once`]
+//! makes a single pass and never waits (except in [`outside_batch`]), so that a browser can fetch
+//! in its own way. Files that are mapped or read at positions miss nothing, and their queries run
+//! once.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, HashSet};
@@ -19,37 +32,42 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::ranges::RangeFile;
 use crate::{Error, Result, parallel};
 
-/// Maximum number of batches of a query. A tree has 29 levels, and few of them depend on each other, but of very many points some are found in each batch;
-/// a query that needs more reads range by range.
+/// Maximum number of batches of a query, after which it reads range by range.
+///
+/// A tree has at most 29 levels, and few of them depend on each other. Queries of very many points
+/// may find new ranges in each batch.
 const MAX_BATCHES: usize = 256;
 
-/// Share of the cache that the ranges of a batch may take: while they arrive they are in memory twice.
+/// A batch may take `1 / BATCH_SHARE` of the cache's limit, since ranges are in memory twice while
+/// they arrive.
 const BATCH_SHARE: u64 = 4;
 
-/// Whether there may be files that come in ranges. (A shortcut, and no setting: queries of a process that has only local files need no batches.)
+/// Whether any file was opened that is read in ranges. A shortcut: a process with only local files
+/// needs no batches.
 static IS_NEEDED: AtomicBool = AtomicBool::new(false);
 
-/// Ranges that a pass of a query has missed, in all threads that work on it: the [context](parallel::context) of their work.
+/// Ranges that a pass of a query has missed, in all its threads: the [context](parallel::context)
+/// of their work.
 #[derive(Default)]
 struct Batch(Mutex<Vec<MissingRange>>);
 
-/// A range of a file that is to be fetched.
+/// A range of a file that has to be fetched.
 #[derive(Clone)]
 pub struct MissingRange {
     /// The file.
     pub file: RangeFile,
-    /// First byte, and the one behind the last.
+    /// First byte, and the end: one past the last byte.
     pub range: Range<u64>,
 }
 
-/// Requests for remote files.
+/// Counters of requests for remote files.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Traffic {
-    /// Batches that were waited for.
+    /// Number of batches that were waited for.
     pub rounds: u64,
-    /// Requests.
+    /// Number of requests.
     pub requests: u64,
-    /// Bytes that were received.
+    /// Number of bytes received.
     pub bytes: u64,
 }
 
@@ -60,7 +78,7 @@ impl fmt::Display for Traffic {
     }
 }
 
-/// Notes that there are files that are read in ranges.
+/// Records that a file was opened that is read in ranges.
 pub(super) fn need() {
     IS_NEEDED.store(true, Ordering::Relaxed);
 }
@@ -70,13 +88,13 @@ fn is_in_batch() -> bool {
     parallel::context().is_some()
 }
 
-/// Does some work outside of the batch that this thread works on: its reads wait. For files that a query opens, which each batch would otherwise
-/// open again.
+/// Runs a function outside of the batch that this thread works on, so that its reads wait for their
+/// bytes. For files that a query opens, since each batch would open them again.
 pub fn outside_batch<R>(work: impl FnOnce() -> R) -> R {
     parallel::with_context(None, work)
 }
 
-/// Records a missing range, if this thread works on a batch.
+/// Records a missing range. Returns false if this thread does not work on a batch.
 pub(super) fn note(file: &RangeFile, range: &Range<u64>) -> bool {
     let Some(batch) = parallel::context().and_then(|context| context.downcast::<Batch>().ok()) else {
         return false;
@@ -86,11 +104,13 @@ pub(super) fn note(file: &RangeFile, range: &Range<u64>) -> bool {
     true
 }
 
-/// Lets a traversal continue with other branches where one misses bytes: returns `None` then, and sets `is_unread`. The traversal must end with
-/// [`finish_deferred`], since its result is incomplete.
+/// Lets a traversal continue with other branches if one misses bytes: then returns `None` and sets
+/// `is_unread`.
+///
+/// The traversal must end with [`finish_deferred`], since its result is incomplete.
 ///
 /// # Errors
-/// All others.
+/// All errors except [`Error::NotFetched`].
 #[inline]
 pub fn defer_missing<T>(result: Result<T>, is_unread: &mut bool) -> Result<Option<T>> {
     match result {
@@ -112,8 +132,10 @@ pub fn finish_deferred(is_unread: bool) -> Result<()> {
     if is_unread { Err(Error::NotFetched) } else { Ok(()) }
 }
 
-/// Runs a query once, with the bytes that are cached. Its result is valid only if nothing is missing; otherwise run it again when those ranges have been
-/// [supplied](RangeFile::supply).
+/// Runs a query once, with the cached bytes only. Returns its result and the missing ranges.
+///
+/// The result is valid only if no ranges are missing. Otherwise [supply](RangeFile::supply) them
+/// and run the query again.
 pub fn try_once(query: &mut dyn FnMut() -> Result<()>) -> (Result<()>, Vec<MissingRange>) {
     let batch = Arc::new(Batch::default());
     let result = parallel::with_context(Some(batch.clone()), query);
@@ -121,20 +143,24 @@ pub fn try_once(query: &mut dyn FnMut() -> Result<()>) -> (Result<()>, Vec<Missi
     let order =
         |missing: &MissingRange| (missing.file.number(), missing.range.start, Reverse(missing.range.end));
     crate::sort::by(&mut missing, &mut |a, b| order(a).cmp(&order(b)));
-    // (What lies in another range comes with it.)
+    // A range within another one arrives with it.
     missing
         .dedup_by(|next, kept| next.file.number() == kept.file.number() && next.range.end <= kept.range.end);
     (result, missing)
 }
 
-/// Runs a query in batches, until it misses nothing; within another batch, and where no file is read in ranges, once. The query must be repeatable.
+/// Runs a query in batches, until it misses no bytes. The query must be repeatable: see the
+/// [module](self).
+///
+/// Within another batch the query runs once, and the outer query is restarted. If no file is read
+/// in ranges, it also runs once.
 ///
 /// ```
 /// # use std::{ops::Range, path::Path, sync::Arc};
 /// use spinney::raw::io::batch::{defer_missing, finish_deferred, run_batched};
 /// use spinney::raw::io::{Fetch, RangeCache, RangeFile, ReadBackend};
 ///
-/// /// A remote host.
+/// A remote host.
 /// struct Host;
 ///
 /// impl Fetch for Host {
@@ -145,7 +171,7 @@ pub fn try_once(query: &mut dyn FnMut() -> Result<()>) -> (Result<()>, Vec<Missi
 ///
 /// let cache = (Arc::new(RangeCache::new(1 << 20)), RangeCache::file_number());
 /// let file = RangeFile::new(Path::new("https://host/file"), 200, Box::new(Host), cache, 0);
-/// // The four bytes are fetched at the same time.
+/// The four bytes are fetched at the same time.
 /// let sum = run_batched(|| {
 ///     let (mut sum, mut is_unread) = (0, false);
 ///     for at in [10, 70, 130, 190] {
@@ -159,7 +185,7 @@ pub fn try_once(query: &mut dyn FnMut() -> Result<()>) -> (Result<()>, Vec<Missi
 /// ```
 ///
 /// # Errors
-/// Those of the query, and of fetching.
+/// Those of the query and of fetching.
 pub fn run_batched<T>(mut query: impl FnMut() -> Result<T>) -> Result<T> {
     if !IS_NEEDED.load(Ordering::Relaxed) {
         return query();
@@ -172,13 +198,15 @@ pub fn run_batched<T>(mut query: impl FnMut() -> Result<T>) -> Result<T> {
     Ok(result.expect("a query without an error has a result"))
 }
 
-/// Applies a function to each item with all threads, in batches: results are kept, and not computed again where other items miss bytes. They have
-/// the order of the items.
+/// Applies a function to each item on all threads, in batches. The results have the order of the
+/// items.
+///
+/// Finished results are kept, and not computed again if other items miss bytes.
 ///
 /// # Errors
 /// That of the first item whose function fails.
 pub fn map<T: Sync, R: Send>(items: &[T], make: impl Fn(&T) -> Result<R> + Sync) -> Result<Vec<R>> {
-    // (Plain loops: this is compiled for very many types.)
+    // Plain loops: this is compiled for very many types.
     let mut done: Vec<Option<R>> = Vec::with_capacity(items.len());
     let mut left = Vec::with_capacity(items.len());
     for index in 0..items.len() {
@@ -206,8 +234,9 @@ fn run_again(query: &mut dyn FnMut() -> Result<()>) -> Result<()> {
     }
     let mut fetched = HashSet::new();
     for _ in 0..MAX_BATCHES {
-        // Invariant: a read in a batch either has its bytes, or is recorded. So a result, or an error, is valid if and only if nothing is
-        // recorded: a query that ignored a failed read has ignored bytes that exist.
+        // Invariant: a read in a batch either has its bytes, or is recorded. So a result or an
+        // error is valid if and only if no range is recorded: a query that ignored a failed read
+        // has ignored bytes that exist.
         let (result, missing) = try_once(query);
         match result {
             Err(Error::Interrupted) => return result,
@@ -219,16 +248,18 @@ fn run_again(query: &mut dyn FnMut() -> Result<()>) -> Result<()> {
             break;
         }
     }
-    // The cache is too small for all that the query needs at once, or the query makes no progress: reading range by range it ends, as it
-    // would if the file were mapped.
+    // The cache is too small for all bytes that the query needs at once, or the query makes no
+    // progress. If it reads range by range it terminates, just as with a mapped file.
     query()
 }
 
 /// Ranges that were fetched for a query: number of the file, and first byte.
 type Fetched = HashSet<(u64, u64)>;
 
-/// Fetches ranges, as many as fit into the caches, those of all files at the same time; returns how many. None if one was fetched for the same query
-/// before, and has been evicted since.
+/// Fetches as many of the ranges as fit into the caches, at least one, those of all files at the
+/// same time. Returns their number.
+///
+/// Returns 0 if a range was already fetched for the same query, since it must have been evicted.
 fn fetch(missing: Vec<MissingRange>, fetched: &mut Fetched) -> Result<usize> {
     let mut files: BTreeMap<u64, (RangeFile, Vec<Range<u64>>)> = BTreeMap::new();
     let mut room = missing.iter().map(|missing| missing.file.cache_limit()).min().unwrap_or(0) / BATCH_SHARE;
@@ -251,7 +282,7 @@ fn fetch(missing: Vec<MissingRange>, fetched: &mut Fetched) -> Result<usize> {
         let others: Vec<_> =
             files.map(|(file, ranges)| scope.spawn(move || file.fetch(&ranges).map(drop))).collect();
         let first = first.map_or(Ok(()), |(file, ranges)| file.fetch(&ranges).map(drop));
-        // (A panic goes on in the thread that asks.)
+        // Resumes a panic in the calling thread.
         let others =
             others.into_iter().map(|other| other.join().unwrap_or_else(|panic| resume_unwind(panic)));
         others.fold(first, Result::and)

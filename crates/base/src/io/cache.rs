@@ -1,4 +1,4 @@
-//! Bytes of files that were read lately, where these are not mapped.
+//! Caches of bytes that were read recently, for files that are not mapped.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -11,14 +11,15 @@ use super::read::{FileBytes, ReadBackend};
 use super::stat::FileStat;
 use crate::Result;
 
-/// Ranges of files, up to a number of bytes; those not used for longest give way. Any number of threads and files may share one.
+/// Least-recently-used cache of file ranges, limited in bytes. Any number of threads and files may
+/// share one.
 ///
-/// A range within a longer one that is held is found there.
+/// A range is also found within a longer cached range.
 pub struct RangeCache {
-    /// Bytes that may be held.
+    /// Maximum number of bytes.
     limit: AtomicU64,
     state: Mutex<State>,
-    /// Batches, requests and bytes that were fetched for it.
+    /// Batches, requests and bytes that were fetched for the cache.
     traffic: [AtomicU64; 3],
 }
 
@@ -27,15 +28,16 @@ type Place = (u64, u64);
 
 #[derive(Default)]
 struct State {
-    /// Bytes that are held, and the most that ever were.
+    /// Bytes that are cached, and their maximum so far.
     held: u64,
     most: u64,
-    /// Uses so far: the time of the next one.
+    /// Number of uses so far, which is the time of the next use.
     time: u64,
-    /// None of them lies within another one of the same file, so that the last one that begins before a place is the one to look in.
+    /// No range lies within another one of the same file. So only the last range that starts at or
+    /// before an offset can contain it.
     ranges: BTreeMap<Place, Cached>,
-    /// Ranges by the time of their last use. Going through all of them for the oldest would take a time
-    /// that grows with the square of their number where a hostile file has very many small ones.
+    /// Ranges by the time of their last use. A linear search for the oldest range would take
+    /// quadratic time if an untrusted file has very many small ranges.
     by_time: BTreeMap<u64, Place>,
 }
 
@@ -45,34 +47,34 @@ struct Cached {
 }
 
 impl RangeCache {
-    /// Holds at most so many bytes, but always the range that was put last.
+    /// Creates a cache of at most `limit` bytes. It always holds the range that was added last.
     pub fn new(limit: u64) -> RangeCache {
         RangeCache { limit: limit.into(), state: Mutex::default(), traffic: Default::default() }
     }
 
-    /// Bytes that may be held.
+    /// Returns the maximum number of bytes.
     pub fn limit(&self) -> u64 {
         self.limit.load(Ordering::Relaxed)
     }
 
-    /// Changes how many bytes may be held from the next range on.
+    /// Changes the maximum number of bytes. It takes effect when the next range is added.
     pub fn set_limit(&self, limit: u64) {
         self.limit.store(limit, Ordering::Relaxed);
     }
 
-    /// A number for a file that no other one has.
+    /// Returns a unique number for a file.
     pub fn file_number() -> u64 {
         static NEXT: AtomicU64 = AtomicU64::new(0);
         NEXT.fetch_add(1, Ordering::Relaxed)
     }
 
-    /// Requests for files whose ranges it holds, so far.
+    /// Returns the requests so far for files whose ranges are cached here.
     pub fn traffic(&self) -> Traffic {
         let [rounds, requests, bytes] = self.traffic.each_ref().map(|count| count.load(Ordering::Relaxed));
         Traffic { rounds, requests, bytes }
     }
 
-    /// Counts a batch of so many requests and bytes.
+    /// Counts a batch of requests and the bytes received.
     pub fn count_traffic(&self, requests: u64, bytes: u64) {
         for (counter, count) in self.traffic.iter().zip([1, requests, bytes]) {
             counter.fetch_add(count, Ordering::Relaxed);
@@ -83,7 +85,7 @@ impl RangeCache {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The bytes of a range of a file, if they are held.
+    /// Returns the bytes of a file's range, if they are cached.
     pub fn get(&self, file: u64, range: &Range<u64>) -> Option<CachedBytes> {
         let mut state = self.state();
         let State { time, ranges, by_time, .. } = &mut *state;
@@ -100,17 +102,17 @@ impl RangeCache {
         Some(CachedBytes { bytes: cached.bytes.clone(), range: start..end })
     }
 
-    /// Bytes that are held.
+    /// Returns the number of cached bytes.
     pub fn held(&self) -> u64 {
         self.state().held
     }
 
-    /// The most bytes that were held at a time.
+    /// Returns the maximum number of bytes that were cached at a time.
     pub fn most_held(&self) -> u64 {
         self.state().most
     }
 
-    /// Lets go of all ranges of a file.
+    /// Evicts all ranges of a file.
     pub fn forget(&self, file: u64) {
         let mut state = self.state();
         let places: Vec<Place> =
@@ -118,11 +120,12 @@ impl RangeCache {
         places.into_iter().for_each(|place| state.remove(place));
     }
 
-    /// Holds bytes of a file from an offset on. (They may be there already if two threads have read them at the same time.)
+    /// Adds bytes of a file from an offset on. They may be cached already if two threads have read
+    /// them at the same time.
     pub fn put(&self, file: u64, offset: u64, bytes: Arc<Vec<u8>>) {
         let mut state = self.state();
         let place = (file, offset);
-        // What is there and reaches farther has these, too.
+        // A range that starts before and ends later contains these bytes.
         let end = offset.saturating_add(bytes.len() as u64);
         let before = state.ranges.range((file, 0)..=place).next_back();
         let reaches = |(at, cached): (&Place, &Cached)| {
@@ -132,7 +135,7 @@ impl RangeCache {
         if before.is_some_and(reaches) {
             return;
         }
-        // What lies within is found in the new range, which others that begin later would hide.
+        // Ranges within the new one are found in it. They would hide it, since they start later.
         let is_within = |(place, cached): (&Place, &Cached)| {
             (place.1 + cached.bytes.len() as u64 <= end).then_some(*place)
         };
@@ -144,7 +147,7 @@ impl RangeCache {
         state.ranges.insert(place, Cached { last_use, bytes });
         state.by_time.insert(last_use, place);
         state.time += 1;
-        // The newest is the last of all by time, so that it is never what gives way.
+        // The new range has the latest time, so it is never evicted here.
         while state.held > self.limit() && state.ranges.len() > 1 {
             let Some((_, oldest)) = state.by_time.pop_first() else { return };
             state.remove(oldest);
@@ -162,7 +165,7 @@ impl State {
     }
 }
 
-/// Bytes that a cache holds, or held: they stay as long as somebody has them.
+/// Bytes of a cache. They stay in memory as long as any handle exists, even after eviction.
 #[derive(Clone)]
 pub struct CachedBytes {
     bytes: Arc<Vec<u8>>,
@@ -170,12 +173,12 @@ pub struct CachedBytes {
 }
 
 impl CachedBytes {
-    /// All bytes of the range that they are of.
+    /// Returns all bytes of the cached range.
     pub fn whole(&self) -> &Arc<Vec<u8>> {
         &self.bytes
     }
 
-    /// A part of them, which must lie within.
+    /// Returns a slice of the bytes, which must lie within them.
     #[must_use]
     pub fn part(self, part: Range<usize>) -> CachedBytes {
         let start = self.range.start;
@@ -200,16 +203,17 @@ impl Deref for CachedBytes {
     }
 }
 
-/// A file's bytes with a cache in front of those that are [shared](ReadBackend::share).
+/// A backend with a cache for [shared](ReadBackend::share) reads.
 struct CachedReads {
     backend: Box<dyn ReadBackend>,
     cache: RangeCache,
 }
 
-/// The number of the only file of a cache.
+/// File number in a cache with only one file.
 const ONLY: u64 = 0;
 
-/// Gives a cache of so many bytes to a backend, unless its bytes are mapped, or it has one.
+/// Adds a cache of at most `limit` bytes to a backend, unless its bytes are mapped or it has a
+/// cache.
 pub(super) fn with_cache(backend: Box<dyn ReadBackend>, limit: u64) -> Box<dyn ReadBackend> {
     if backend.bytes().is_some() || backend.has_cache() {
         return backend;
@@ -246,7 +250,8 @@ impl ReadBackend for CachedReads {
         if let Some(held) = self.cache.get(ONLY, &(offset..offset + length as u64)) {
             return Ok(FileBytes::Held(held));
         }
-        // Nobody waits for others' reads: two threads may read the same, which is then held once.
+        // Threads do not wait for each other: two may read the same bytes, which are then cached
+        // once.
         let bytes = Arc::new(self.backend.read(offset, length)?.into_owned());
         self.cache.put(ONLY, offset, bytes.clone());
         Ok(FileBytes::Held(bytes.into()))
@@ -273,17 +278,17 @@ mod tests {
         assert!(is_held(0));
         cache.put(0, 30, bytes(3));
         assert_eq!([0, 10, 20, 30].map(is_held), [true, false, true, true]);
-        // The same again takes its own room.
+        // Adding the same range again replaces its bytes.
         cache.put(0, 30, bytes(4));
         let counts = |cache: &RangeCache| {
             let state = cache.state();
             (state.held, state.ranges.len(), state.by_time.len())
         };
         assert_eq!(counts(&cache), (10, 3, 3));
-        // A shorter range does not take the place of a longer one.
+        // A shorter range does not replace a longer one.
         cache.put(0, 30, bytes(2));
         assert_eq!(counts(&cache), (10, 3, 3));
-        // One that is larger than all room is held alone.
+        // A range above the limit is held alone.
         cache.put(0, 40, bytes(20));
         assert_eq!(counts(&cache), (20, 1, 1));
     }
@@ -297,7 +302,7 @@ mod tests {
         for (file, range) in [(7, 100..151), (7, 99..101), (6, 110..113), (8, 110..113)] {
             assert!(cache.get(file, &range).is_none(), "{file} {range:?}");
         }
-        // Those within a new one give way to it, and none hides a longer one.
+        // A new range replaces those within it, and none hides a longer one.
         cache.put(7, 90, bytes(70));
         cache.put(7, 120, bytes(5));
         assert_eq!((cache.held(), cache.get(7, &(121..155)).unwrap()[0]), (70, 31));

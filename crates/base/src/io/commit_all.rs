@@ -1,4 +1,4 @@
-//! Files that belong together and are put in place together, such as those of a shapefile.
+//! Files that are committed together, such as those of a shapefile.
 
 use std::path::{Path, PathBuf};
 
@@ -6,8 +6,11 @@ use super::output::Output;
 use crate::url::url_of;
 use crate::{Error, Result};
 
-/// Puts several outputs in place: all of them, or, as far as the file system allows, none. All bytes are on the disk before the first file takes
-/// its place, so that a full disk is known by then; where one fails nevertheless, those before it that replaced nothing are removed.
+/// Commits several outputs: all of them, or none as far as the file system allows.
+///
+/// All bytes are on the disk before the first file is renamed, so that a full disk is detected by
+/// then. If a commit fails nevertheless, the files committed before it are removed, except those
+/// that replaced an older file.
 ///
 /// # Errors
 /// Those of [`Output::commit`].
@@ -31,12 +34,13 @@ pub fn commit_all(mut outputs: Vec<Output>) -> Result<()> {
     Ok(())
 }
 
-/// Directories that are made for outputs, and that go again, as far as they are empty, unless these are put in place.
+/// New directories for outputs. Dropping this removes those that are empty, unless they were
+/// [kept](NewDirectories::keep).
 #[derive(Debug, Default)]
 pub struct NewDirectories(Vec<PathBuf>);
 
 impl NewDirectories {
-    /// Makes a directory, with those above it.
+    /// Creates a directory and its missing parents.
     ///
     /// # Errors
     /// If that fails.
@@ -48,7 +52,7 @@ impl NewDirectories {
         Ok(())
     }
 
-    /// Lets all of them stay.
+    /// Keeps all directories.
     pub fn keep(mut self) {
         self.0.clear();
     }
@@ -70,7 +74,7 @@ mod tests {
     use super::*;
     use crate::io::Faults;
 
-    /// A disk without space for bytes, or one that fails in the end.
+    /// A disk without space for bytes, or one whose sync fails.
     struct Full {
         writes: bool,
     }

@@ -1,4 +1,5 @@
-//! Records that an output is whole, for work of several steps that goes on after its output is in place.
+//! Records that an output is complete, for operations that continue after the commit of their
+//! output.
 
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -6,24 +7,26 @@ use std::path::{Path, PathBuf};
 use super::access::FileAccess;
 use crate::{Error, Result};
 
-/// Bytes of a record, at most.
+/// Maximum size of a record in bytes.
 pub const MAX_RECORD: u64 = 256;
 
-/// Bytes at the end of a file whose hash distinguishes it from others: these have the checksums of all else.
+/// Bytes at the end of a file whose hash identifies it: they contain the checksums of the rest.
 const TAIL: u64 = 4096;
 
-/// A file that says that an output is whole, once that is so: written before the output takes its place, so that work that is
-/// cut off after that can find out.
+/// Record that an output is complete.
+///
+/// It is written when the output's bytes are final, but before the output is renamed. So an
+/// operation that was interrupted after the rename can detect that its output is complete.
 #[derive(Clone, Debug)]
 pub struct CompletionRecord {
-    /// The file.
+    /// Path of the record.
     pub path: PathBuf,
-    /// Its first line, which names the work.
+    /// First line of the record, which identifies the operation.
     pub work: String,
 }
 
 impl CompletionRecord {
-    /// Writes the record for a file of final bytes.
+    /// Writes the record for a file whose bytes are final.
     pub(super) fn write(&self, file: &mut (impl Read + Seek)) -> Result<()> {
         let failed = || Error::io(&self.path, "record that the output is whole");
         let text = format!("{}\n{}\n", self.work, state(file).map_err(failed())?);
@@ -32,10 +35,11 @@ impl CompletionRecord {
         output.commit()
     }
 
-    /// The work that a record at a path says has made a local file as it is; `None` if there is no record, or the file is another one.
+    /// Returns the operation that made a local file, if the record matches the file's present
+    /// bytes; `None` if there is no such record or file.
     ///
     /// # Errors
-    /// If one of both cannot be read.
+    /// If the record or the file cannot be read.
     pub fn work_of(record: &Path, file: &Path) -> Result<Option<String>> {
         let access = FileAccess::new();
         let Some(text) = access.read_whole(record, MAX_RECORD)? else { return Ok(None) };
@@ -47,7 +51,7 @@ impl CompletionRecord {
     }
 }
 
-/// Length and hash of the end of a file.
+/// Returns length and hash of the end of a file.
 fn state(file: &mut (impl Read + Seek)) -> io::Result<String> {
     let length = file.seek(SeekFrom::End(0))?;
     file.seek(SeekFrom::Start(length.saturating_sub(TAIL)))?;
@@ -76,7 +80,7 @@ mod tests {
         assert!(!record.exists() && work_of().is_none());
         start().commit().unwrap();
         assert_eq!(work_of().as_deref(), Some("work"));
-        // Another file of that name, one that is gone, and records that are none.
+        // Another file of that name, a removed one, and an invalid record.
         std::fs::write(&path, [7; 10_001]).unwrap();
         assert_eq!(work_of(), None);
         std::fs::remove_file(&path).unwrap();

@@ -1,4 +1,4 @@
-//! Failures of a disk, as tests make them up.
+//! Simulated disk failures, for tests.
 
 use std::fs::File;
 use std::io;
@@ -6,27 +6,27 @@ use std::sync::Arc;
 
 use super::platform::write_all_at;
 
-/// Failures of a disk: asked before each write and each sync of an output, for tests of what becomes of it then.
+/// Simulated disk failures. Consulted before each write and each sync of an output.
 pub trait Faults: Send + Sync {
-    /// The number of bytes that arrive of a write of `length` bytes; at least one.
+    /// Returns how many bytes of a write of `length` bytes reach the file; at least one.
     ///
     /// # Errors
     /// If none do.
     fn write(&self, length: usize) -> io::Result<usize>;
 
-    /// Outcome of a sync.
+    /// Returns the result of a sync.
     ///
     /// # Errors
-    /// If it fails.
+    /// If the sync fails.
     fn sync(&self) -> io::Result<()>;
 }
 
-/// The failures of an output; usually none.
+/// Simulated failures of an output; usually none.
 #[derive(Clone, Default)]
 pub(super) struct MayFail(pub(super) Option<Arc<dyn Faults>>);
 
 impl MayFail {
-    /// The bytes of a write that arrive.
+    /// Returns the bytes of a write that reach the file.
     pub(super) fn arriving<'b>(&self, bytes: &'b [u8]) -> io::Result<&'b [u8]> {
         match &self.0 {
             Some(faults) if !bytes.is_empty() => Ok(&bytes[..faults.write(bytes.len())?.min(bytes.len())]),

@@ -1,4 +1,4 @@
-//! A file that is read, wherever it is.
+//! Sequential and random reads of local and remote files.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -10,13 +10,14 @@ use super::read::{ReadBackend, open_input};
 use crate::url::{split_query, url_of, without_query};
 use crate::{Error, Result};
 
-/// A file of this machine or elsewhere that is read from its beginning on, from another place on, or at places by several threads.
+/// A local or remote file that is read sequentially, from another offset on, or at offsets by
+/// several threads.
 ///
-/// Errors of a file elsewhere go through [`io::Error`] as they are: [`Error::io`] finds them there.
+/// Errors of remote files pass through [`io::Error`] unchanged: [`Error::io`] unwraps them.
 pub struct InputFile {
     bytes: Bytes,
     length: u64,
-    /// Where the next byte of a file elsewhere is read.
+    /// Offset of the next byte that is read from a remote file.
     at: u64,
 }
 
@@ -38,10 +39,10 @@ impl InputFile {
         InputFile { length: file.len(), bytes: Bytes::Elsewhere(file), at: 0 }
     }
 
-    /// Reads all bytes, of which there may be so many; the path is for messages.
+    /// Reads all bytes. Fails if there are more than `limit`. The path is for messages.
     pub(super) fn into_bytes(mut self, path: &Path, limit: u64) -> Result<Vec<u8>> {
         let mut bytes = Vec::new();
-        // (Others may be writing it.)
+        // Another process may be appending to the file.
         let read = self.by_ref().take(limit.saturating_add(1)).read_to_end(&mut bytes);
         read.map_err(Error::io(path, "read"))?;
         if bytes.len() as u64 > limit {
@@ -50,7 +51,7 @@ impl InputFile {
         Ok(bytes)
     }
 
-    /// Number of bytes.
+    /// Returns the number of bytes.
     pub fn len(&self) -> u64 {
         self.length
     }
@@ -60,7 +61,7 @@ impl InputFile {
         self.length == 0
     }
 
-    /// Fills a buffer with the bytes from an offset on, whatever was read last.
+    /// Fills a buffer with the bytes from an offset on. The cursor has no effect and does not move.
     pub fn read_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<()> {
         match &self.bytes {
             Bytes::Here(file) => read_exact_at(file, buffer, offset),
@@ -74,8 +75,8 @@ impl InputFile {
         }
     }
 
-    /// Says that ranges, which must lie within the length, will be read soon: those of a file elsewhere are fetched all at once, as far as
-    /// its cache has room.
+    /// Announces ranges, which must lie within the length, that will be read soon. Those of a
+    /// remote file are fetched all at once, as far as they fit into its cache.
     ///
     /// # Errors
     /// If they cannot be fetched.
@@ -86,13 +87,13 @@ impl InputFile {
         }
     }
 
-    /// Whether the file is elsewhere, so that each read of something else takes a request.
+    /// Whether the file is remote, so that each read of new bytes takes a request.
     pub fn is_remote(&self) -> bool {
         matches!(self.bytes, Bytes::Elsewhere(_))
     }
 }
 
-/// Whether an error says of a file elsewhere that nobody may look at it.
+/// Whether an error denies the permission to read a remote file.
 pub(super) fn is_access_denied(path: &Path, error: &Error) -> bool {
     let is_denied =
         matches!(error, Error::Io { cause, .. } if cause.kind() == io::ErrorKind::PermissionDenied);
@@ -126,7 +127,8 @@ impl Seek for InputFile {
     }
 }
 
-/// The path of a file beside another one, which `name` makes of that one's; a query of a URL stays behind it.
+/// Returns the path of a file next to another one. `name` derives it from the other path without
+/// the query of a URL, which is appended again.
 pub fn beside(path: &Path, name: impl FnOnce(&Path) -> PathBuf) -> PathBuf {
     let mut named = name(without_query(path)).into_os_string();
     named.push(url_of(path).map_or("", |url| split_query(url).1));

@@ -1,4 +1,5 @@
-//! One writer at a time: a lock on the file itself, and a note in it of who holds it.
+//! Locks for a single writer: a lock on the file itself, and a note in the file that identifies the
+//! holder.
 
 use std::fs::{File, TryLockError};
 use std::io::{self, Read};
@@ -11,17 +12,17 @@ use super::read::ReadBackend;
 use super::write::{FileBackend, WriteBackend};
 use crate::{Error, Result};
 
-/// Offset of the note in which the writer says who it is: in the header's page, behind everything else. It is
-/// no part of what is stored.
+/// Offset of the note that identifies the writer: in the header's page, after all other bytes. It
+/// is not part of the stored data.
 const NOTE_OFFSET: u64 = 2048;
-/// Bytes of the note; what is not needed is zero.
+/// Size of the note in bytes; unused bytes are zero.
 const NOTE_SIZE: usize = 256;
 
 /// A file that only this process may write, until this is dropped.
 pub struct LockedFile(FileBackend);
 
 impl LockedFile {
-    /// Takes the lock of a file, and says in the file who has it.
+    /// Locks a file, and writes a note of the holder into it.
     ///
     /// # Errors
     /// If another process has the lock, or the note cannot be written.
@@ -33,7 +34,7 @@ impl LockedFile {
             }
             Err(TryLockError::Error(cause)) => return Err(Error::io(file.path, "lock")(cause)),
         }
-        // From here on the lock is given back whatever happens.
+        // From here on, dropping `locked` releases the lock on all paths.
         let mut locked = LockedFile(file);
         let program = std::env::args().next().unwrap_or_default();
         let program = Path::new(&program).file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -46,23 +47,26 @@ impl LockedFile {
 }
 
 impl Drop for LockedFile {
-    /// Closing the file is not enough: the system keeps the lock as long as any copy of the descriptor is
-    /// open, and a process that is being started has one until it runs its program; so has every mapping that
-    /// readers still hold.
+    /// Releases the lock.
+    ///
+    /// Closing the file is not enough: the lock lasts as long as any copy of the descriptor is
+    /// open. A process that is being spawned has one until it runs its program, and so has every
+    /// mapping that readers still hold.
     fn drop(&mut self) {
-        // Where it fails, the lock ends with the last copy of the descriptor.
+        // If this fails, the lock ends with the last copy of the descriptor.
         let _ = self.0.file.unlock();
     }
 }
 
-/// The lock of a file that is read and then replaced by another one, until this is dropped. Only those who replace it know of the lock.
+/// Lock of a file that is read and then replaced by another one, until this is dropped. Only
+/// processes that replace the file take this lock.
 pub struct ReplaceLock(File);
 
 impl ReplaceLock {
-    /// Takes the lock of the file that has a name now.
+    /// Locks the file that is at a path now.
     ///
     /// # Errors
-    /// If another process has it, or the file cannot be opened.
+    /// If another process has the lock, or the file cannot be opened.
     pub fn take(path: &Path) -> Result<ReplaceLock> {
         loop {
             let file = File::open(path).map_err(Error::io(path, "open"))?;
@@ -74,7 +78,7 @@ impl ReplaceLock {
                 Err(TryLockError::Error(cause)) => return Err(Error::io(path, "lock")(cause)),
             }
             let lock = ReplaceLock(file);
-            // Whoever had the lock may have put another file in its place after this one was opened.
+            // The previous holder may have replaced the file after it was opened here.
             let own = FileId::of(&lock.0).map_err(Error::io(path, "look at"))?;
             if FileId::at(path).is_ok_and(|there| there == own || there.is_unique()) {
                 return Ok(lock);
@@ -84,7 +88,7 @@ impl ReplaceLock {
 }
 
 impl Drop for ReplaceLock {
-    /// Gives the lock back at once, as [`LockedFile`] does.
+    /// Releases the lock at once, as [`LockedFile`] does.
     fn drop(&mut self) {
         let _ = self.0.unlock();
     }
@@ -123,7 +127,7 @@ impl WriteBackend for LockedFile {
     }
 }
 
-/// Who has locked the file, as far as it says.
+/// Returns the holder of the lock, as far as the file records it.
 fn holder(path: &Path) -> String {
     let mut bytes = Vec::new();
     let read =

@@ -1,4 +1,5 @@
-//! Locks on folders: a file of its own in or beside the folder, which one process has at a time.
+//! Locks on directories: a separate file in or next to the directory, which one process holds at a
+//! time.
 
 use std::fs::{File, TryLockError};
 use std::io::{Read, Write};
@@ -9,10 +10,10 @@ use super::output::Unfinished;
 use super::regular::open_regular;
 use crate::{Error, Result};
 
-/// Bytes of the note of who has the lock that are read at most.
+/// Maximum number of bytes that are read of the holder's note.
 const NOTE: u64 = 256;
 
-/// File that only this process has, until this is dropped, which removes it.
+/// A file that only this process holds. It is removed when this is dropped.
 pub struct LockFile {
     path: PathBuf,
     file: File,
@@ -20,11 +21,12 @@ pub struct LockFile {
 }
 
 impl LockFile {
-    /// Makes the file, or takes over one that a process that was killed has left, and says in it who has it. `locked` is what it
-    /// is the lock of, for messages.
+    /// Creates the file, or reuses the one of a killed process, and writes a note of the holder
+    /// into it. `locked` is the locked path, for messages.
     ///
     /// # Errors
-    /// [`Error::Locked`] if another process has it; if it cannot be made, or something that is no file has its name.
+    /// [`Error::Locked`] if another process holds the file. Also if it cannot be created, or its
+    /// path is not a regular file.
     pub fn take(path: &Path, locked: &Path) -> Result<LockFile> {
         loop {
             let mut options = File::options();
@@ -36,7 +38,8 @@ impl LockFile {
                 }
                 Err(TryLockError::Error(cause)) => return Err(Error::io(path, "lock")(cause)),
             }
-            // Whoever had it may have removed the file after it was opened here: such a lock is nobody's.
+            // The previous holder may have removed the file after it was opened here. Such a lock
+            // protects nothing.
             let own = FileId::of(&file).map_err(Error::io(path, "look at"))?;
             if !FileId::at(path).is_ok_and(|there| there == own || there.is_unique()) {
                 continue;
@@ -51,7 +54,7 @@ impl LockFile {
         }
     }
 
-    /// The process that has the lock of this name, in words; `None` if none has.
+    /// Describes the process that holds the lock at this path; `None` if there is none.
     pub fn holder(path: &Path) -> Option<String> {
         let file = open_regular(File::options().read(true), path).ok()?;
         matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)).then(|| holder(path))
@@ -59,14 +62,15 @@ impl LockFile {
 }
 
 impl Drop for LockFile {
-    /// The file goes before the lock, so that nobody takes a lock on a file that goes.
+    /// Removes the file before the lock is released, so that no process locks a file that is about
+    /// to be removed.
     fn drop(&mut self) {
         let _ = std::fs::remove_file(&self.path);
         let _ = self.file.unlock();
     }
 }
 
-/// Who has the lock, as far as the file says.
+/// Returns the holder of the lock, as far as the file records it.
 fn holder(path: &Path) -> String {
     let mut bytes = Vec::new();
     let _ = File::open(path).and_then(|file| file.take(NOTE).read_to_end(&mut bytes));
@@ -94,7 +98,7 @@ mod tests {
         }
         drop(lock);
         assert!(!path.exists());
-        // One that was left behind is taken over.
+        // The file of a killed process is reused.
         std::fs::write(&path, "process 1 (killed)").unwrap();
         assert_eq!(LockFile::holder(&path), None);
         drop(LockFile::take(&path, folder.path()).unwrap());

@@ -1,5 +1,5 @@
-//! Files: read where they are mapped, at positions, or in ranges from elsewhere, written whole or not at all, locked, sorted beyond
-//! memory.
+//! File I/O: mapped, positioned and remote reads, output that appears whole or not at all, locks,
+//! and external sorting.
 
 mod access;
 pub mod batch;

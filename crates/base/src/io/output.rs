@@ -1,4 +1,4 @@
-//! Writing a file so that nobody ever sees half of it.
+//! Output files that appear whole or not at all.
 
 use std::fs::{File, TryLockError};
 use std::io::{self, BufWriter, Write};
@@ -18,40 +18,42 @@ use crate::{Error, Result};
 
 /// Destination of output: a new file that appears whole or not at all, or standard output.
 ///
-/// A file is written under a temporary name in the target's folder and takes the target's place only in
-/// [`Output::commit`], after its bytes are on the disk; readers of an older file of that name keep it.
-/// Dropping the output without committing removes the temporary file; if the process is killed, the next
-/// output of that name does. Where the name is a symbolic link, what it leads to is made or replaced.
+/// A file is written under a temporary name in the target's directory. [`Output::commit`] renames
+/// it to the target's name after its bytes are on the disk. Readers of an older file of that name
+/// keep it. Dropping the output without a commit removes the temporary file; if the process is
+/// killed, the next output of that name removes it. If the name is a symbolic link, the file that
+/// it leads to is created or replaced.
 pub struct Output {
     path: PathBuf,
     sink: Sink,
-    /// Bytes written to the end so far, and how many there may be.
+    /// Bytes appended so far, and their maximum.
     written: u64,
     most: u64,
     access: FileAccess,
-    /// The file that says that the output is whole, if there is to be one.
+    /// Record to write when the output is complete, if any.
     completion: Option<CompletionRecord>,
 }
 
 enum Sink {
     File {
         file: BufWriter<TemporaryFile>,
-        /// (Behind the file, so that it goes after it.)
+        /// Declared after `file`, and so dropped after it.
         _unfinished: Unfinished,
-        /// The place of the file, which the path may lead to by symbolic links.
+        /// Final path of the file, with symbolic links resolved.
         target: PathBuf,
-        /// Whether the place is elsewhere: the file is copied there in the end, and what is named here is beside the temporary file.
+        /// Whether the final path is remote. The file is then uploaded on commit, and `target` is
+        /// next to the temporary file.
         is_remote: bool,
-        /// Whether a file that is there by the end is an error.
+        /// Whether the commit fails if the file exists by then.
         create_new: bool,
     },
-    /// A file elsewhere, which goes there while it is written.
+    /// A remote file that is uploaded while it is written.
     Elsewhere { file: Box<dyn RemoteWriter>, create_new: bool },
-    /// Standard output, a device or a pipe: there is nothing to take the place of.
+    /// Standard output, a device or a pipe, which cannot be replaced by a file.
     Stream(BufWriter<Box<dyn Write + Send>>),
 }
 
-/// A file that has another name until it is finished.
+/// A file with a temporary name until it is finished.
 struct TemporaryFile {
     file: tempfile::NamedTempFile,
     faults: MayFail,
@@ -67,15 +69,15 @@ impl Write for TemporaryFile {
     }
 }
 
-/// Larger pieces, such as most segments, are written as they are.
+/// Size of the write buffer. Larger writes, such as most segments, bypass it.
 const BUFFER: usize = 1 << 16;
 
 impl Output {
-    /// Starts a local file at `path`; `-` is standard output. Devices and named pipes are written to as they are.
-    /// [`FileAccess::create`] also creates remote files.
+    /// Starts a local file at `path`; `-` is standard output. Devices and named pipes are written
+    /// to directly. [`FileAccess::create`] also creates remote files.
     ///
     /// # Errors
-    /// If `path` is a folder, or no file can be made in its folder.
+    /// If `path` is a directory, or no file can be created in its directory.
     pub fn create(path: &Path) -> Result<Output> {
         FileAccess::default().create(path)
     }
@@ -99,7 +101,7 @@ impl Output {
         } else {
             let is_remote = url_of(path).is_some();
             let target = if is_remote {
-                // (Known to be reached before anything is made.)
+                // A missing client is detected before any file is created.
                 access.client(path)?;
                 folder(path).join("spinney-upload")
             } else {
@@ -123,36 +125,42 @@ impl Output {
         Output::new(path, Sink::Elsewhere { file, create_new: false }, access)
     }
 
-    /// Sets how files that accompany the output are created, and how those that an operation makes it of are opened.
+    /// Sets the access for files that accompany the output, and for the input files of the
+    /// operation that writes it.
     #[must_use]
     pub fn with_access(self, access: &FileAccess) -> Output {
         Output { access: access.clone(), ..self }
     }
 
-    /// How the output, and files that accompany it, are created; operations that make it of files open these with it, too.
+    /// Returns the access for files that accompany the output, and for the input files of the
+    /// operation that writes it.
     pub fn access(&self) -> &FileAccess {
         &self.access
     }
 
-    /// Says how many bytes there will be, about, where that is known before the first one: parts of a file elsewhere are as large as they have to
-    /// be for it.
+    /// Announces the approximate size in bytes, if it is known before the first byte is written. A
+    /// remote file's upload parts are made large enough for it.
     pub fn expect(&mut self, bytes: u64) {
         if let Sink::Elsewhere { file, .. } = &mut self.sink {
             file.expect(bytes);
         }
     }
 
-    /// Output to whatever takes bytes, such as memory; the name is for messages, and for formats that are told by it.
+    /// Creates an output to any writer, such as memory. The name is for messages, and for formats
+    /// that are selected by it.
     pub fn to_writer(name: &Path, writer: Box<dyn Write + Send>) -> Output {
         let sink = Sink::Stream(BufWriter::with_capacity(BUFFER, writer));
         Output::new(name, sink, &FileAccess::default())
     }
 
-    /// Starts a file at `path`, or goes on with one that was not finished: what is written stays as `path` with `.partial`
-    /// behind it until [`Output::commit`], also if it is dropped. Returns how many bytes there are already.
+    /// Starts a file at `path`, or continues an unfinished one, and returns how many bytes it has
+    /// already.
+    ///
+    /// Until [`Output::commit`] the file is stored as `path` with the suffix `.partial`, even if
+    /// the output is dropped.
     ///
     /// # Errors
-    /// If it cannot be made or read, or is being written by somebody else.
+    /// If the file is remote, cannot be created or read, or is being written by another process.
     pub fn resumable(path: &Path) -> Result<(Output, u64)> {
         if url_of(path).is_some() {
             let advice = "write it to this machine, and copy it when it is whole";
@@ -168,7 +176,7 @@ impl Output {
             if matches!(file.try_lock(), Err(TryLockError::WouldBlock)) {
                 return Err(Error::Locked { path: partial, holder: "another process".into() });
             }
-            // Whoever had the lock may have put the file in its place after it was opened here.
+            // The previous holder of the lock may have renamed the file after it was opened here.
             let own = FileId::of(&file).map_err(Error::io(&partial, "look at"))?;
             if FileId::at(&partial).is_ok_and(|there| there == own || there.is_unique()) {
                 break file;
@@ -189,22 +197,22 @@ impl Output {
         Ok((Output { written: there, ..Output::new(path, sink, &FileAccess::default()) }, there))
     }
 
-    /// The place of a local file that is [resumable](Output::resumable), before it is in its place.
+    /// Returns the path of a local [resumable](Output::resumable) file before its commit.
     ///
     /// # Errors
-    /// If its symbolic links lead nowhere.
+    /// If symbolic links form a cycle, or there are more than 40.
     pub fn partial_path(path: &Path) -> Result<PathBuf> {
         let path = &*local_path(path);
         Ok(partial_of(&follow_links(path).map_err(Error::io(path, "follow the symbolic link"))?))
     }
 
-    /// The file as it is before it is in its place.
+    /// Returns the path of the temporary file; `None` for streams and uploads.
     pub fn unfinished_path(&self) -> Option<&Path> {
         let Sink::File { file, .. } = &self.sink else { return None };
         Some(file.get_ref().file.path())
     }
 
-    /// Cuts a file off behind so many bytes, and goes on there.
+    /// Truncates the file to `length` bytes, and continues there.
     pub fn truncate(&mut self, length: u64) -> io::Result<()> {
         let Sink::File { file, .. } = &mut self.sink else { return Err(io::ErrorKind::Unsupported.into()) };
         file.flush()?;
@@ -214,7 +222,7 @@ impl Output {
         io::Seek::seek(file, io::SeekFrom::End(0)).map(drop)
     }
 
-    /// Makes what was written so far durable.
+    /// Makes the bytes written so far durable.
     pub fn sync(&mut self) -> io::Result<()> {
         let Sink::File { file, .. } = &mut self.sink else { return Ok(()) };
         file.flush()?;
@@ -223,17 +231,19 @@ impl Output {
         file.as_file().sync_data()
     }
 
-    /// Makes writing fail, and nothing be left of the file, when there would be more bytes than so many, if a number is given.
+    /// Sets the maximum size in bytes, if one is given. A write beyond it fails; the caller then
+    /// drops the output, which removes the file.
     #[must_use]
     pub fn with_limit(self, most: impl Into<Option<u64>>) -> Output {
         Output { most: most.into().unwrap_or(self.most), ..self }
     }
 
-    /// Makes sure, before anything is written, that there is room for a number of bytes; that is an estimate of those
-    /// that will be written at least.
+    /// Checks, before any byte is written, that there is space for `needed` bytes: an estimate of
+    /// the minimum size.
     ///
     /// # Errors
-    /// If that is more than the limit, or than is free in the output's folder.
+    /// [`Error::InsufficientSpace`] if `needed` exceeds the limit, or the free space in the
+    /// output's directory.
     pub fn check_room(&self, needed: u64) -> Result<()> {
         let no_room = |limit, whose| {
             let advice =
@@ -256,12 +266,12 @@ impl Output {
         }
     }
 
-    /// The final path.
+    /// Returns the final path.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Makes writes and syncs of a file fail as a test wants it.
+    /// Simulates failures of writes and syncs of a file, for tests.
     #[must_use]
     pub fn with_faults(mut self, faults: Arc<dyn Faults>) -> Output {
         if let Sink::File { file, .. } = &mut self.sink {
@@ -270,22 +280,23 @@ impl Output {
         self
     }
 
-    /// Whether bytes go to a file that takes its place in the end, and not to a stream.
+    /// Whether bytes go to a local file until the commit, and not to a stream or an upload.
     pub fn is_file(&self) -> bool {
         matches!(self.sink, Sink::File { .. })
     }
 
-    /// Overwrites bytes of a file that were written before. A stream has no such bytes.
+    /// Overwrites bytes of a file that were written before. Streams and uploads do not support
+    /// that.
     pub fn overwrite(&mut self, offset: u64, bytes: &[u8]) -> io::Result<()> {
         let Sink::File { file, .. } = &mut self.sink else { return Err(io::ErrorKind::Unsupported.into()) };
         file.flush()?;
         let TemporaryFile { file, faults } = file.get_mut();
         faults.write_all_at(file.as_file(), bytes, offset)?;
-        // (Where positioned writes move the cursor, too.)
+        // Positioned writes move the cursor on some systems.
         io::Seek::seek(file, io::SeekFrom::End(0)).map(drop)
     }
 
-    /// The file as something to be written in any order, if there is one.
+    /// Returns the file as a backend for writes in any order; `None` for streams and uploads.
     pub fn backend(&self) -> Option<io::Result<FileBackend>> {
         let Sink::File { file, .. } = &self.sink else { return None };
         let TemporaryFile { file, faults } = file.get_ref();
@@ -297,20 +308,20 @@ impl Output {
         )
     }
 
-    /// Makes [`Output::commit`] fail if by then there is a file of that name, instead of replacing it.
+    /// Makes [`Output::commit`] fail if the file exists by then, instead of replacing it.
     pub fn keep_existing(&mut self) {
         if let Sink::File { create_new, .. } | Sink::Elsewhere { create_new, .. } = &mut self.sink {
             *create_new = true;
         }
     }
 
-    /// Records that a file is whole, before it takes its place.
+    /// Sets a record that is written when the file is complete, before it is renamed.
     pub fn record_completion(&mut self, record: CompletionRecord) {
         self.completion = Some(record);
     }
 
-    /// Removes the temporary files of all outputs of this process that are not committed, for a program that
-    /// is about to end without dropping them.
+    /// Removes the temporary files of all uncommitted outputs of this process, for a program that
+    /// is about to exit without dropping them.
     pub fn remove_unfinished() {
         let mut unfinished = UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner);
         for path in unfinished.drain(..) {
@@ -318,7 +329,7 @@ impl Output {
         }
     }
 
-    /// Writes all bytes to the disk, where the file has a name of its own until it is put in place.
+    /// Writes all bytes to the disk, under the temporary name.
     pub(super) fn prepare(&mut self) -> io::Result<()> {
         let Sink::File { file, .. } = &mut self.sink else { return Ok(()) };
         file.flush()?;
@@ -327,13 +338,13 @@ impl Output {
         file.as_file().sync_all()
     }
 
-    /// Puts the finished file in its place, on the disk and not only in the system's memory.
+    /// Puts the finished file in place, durably.
     ///
-    /// An existing file's permissions are kept; a new file gets the usual ones.
+    /// The permissions of an existing file are kept; a new file gets the usual ones.
     ///
     /// # Errors
-    /// If that fails, or there is a file that must be kept: see [`Output::keep_existing`]. The new one is gone
-    /// then.
+    /// If that fails, or a file exists that must be kept: see [`Output::keep_existing`]. The new
+    /// file is then removed.
     pub fn commit(self) -> Result<()> {
         let path = self.path;
         match self.sink {
@@ -355,14 +366,14 @@ impl Output {
                 }
                 set_output_permissions(file.as_file(), &path)
                     .map_err(Error::io(&path, "set the permissions"))?;
-                // The bytes are durable before the name leads to them; the folder comes last, which makes the
-                // rename durable.
+                // The bytes are durable before the name leads to them. Syncing the directory last
+                // makes the rename durable.
                 faults.sync().and_then(|()| file.as_file().sync_all()).map_err(Error::io(&path, "sync"))?;
                 if let Some(record) = &self.completion {
                     let mut whole = File::open(file.path()).map_err(Error::io(&path, "read"))?;
                     record.write(&mut whole)?;
                 }
-                // (One step, so that no file can appear between a look and the renaming.)
+                // Atomic, so that no file can appear between a check and the rename.
                 let persisted =
                     if create_new { file.persist_noclobber(&target) } else { file.persist(&target) };
                 let file = persisted.map_err(|failed| match failed.error {
@@ -371,8 +382,8 @@ impl Output {
                     }
                     cause => Error::io(&path, "put in place")(cause),
                 })?;
-                // Whoever edits the file next must not find it locked: closing it is not enough while a process
-                // that is being started has a copy of the descriptor.
+                // The next writer must not find the file locked. Closing the file is not enough
+                // while a process that is being spawned has a copy of the descriptor.
                 let _ = file.unlock();
                 sync_folder(folder(&target)).map_err(Error::io(&path, "sync the folder"))
             }
@@ -380,7 +391,7 @@ impl Output {
     }
 }
 
-/// The error for a file that must be new, and is there.
+/// Returns the error for a file that must be new, but exists.
 pub fn already_exists_error(path: &Path) -> Error {
     let advice = "nothing was written; choose another name, or remove that file first";
     Error::unsupported(path, "replacing a file that has appeared meanwhile", advice)
@@ -389,11 +400,11 @@ pub fn already_exists_error(path: &Path) -> Error {
 /// Temporary files of this process.
 static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
-/// A temporary file or folder, for [`Output::remove_unfinished`].
+/// A temporary file or directory, for [`Output::remove_unfinished`].
 pub struct Unfinished(PathBuf);
 
 impl Unfinished {
-    /// Notes that a path is unfinished.
+    /// Registers a path as unfinished.
     pub fn new(path: &Path) -> Unfinished {
         UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).push(path.to_path_buf());
         Unfinished(path.to_path_buf())
@@ -427,46 +438,47 @@ impl Write for Output {
     }
 }
 
-/// Letters and digits between a temporary file's prefix and suffix.
+/// Number of random letters and digits between a temporary file's prefix and suffix.
 const RANDOM: usize = 6;
 
 const SUFFIX: &str = ".partial";
 
-/// Bytes of a file's name that its temporary file's name has as well: with all that surrounds them they fit
-/// where names may have 255 bytes.
+/// Maximum number of bytes of a file's name in its temporary name. With all that surrounds them,
+/// they fit where names may have 255 bytes.
 const MAX_PREFIX: usize = 200;
 
-/// Symbolic links that are followed one after the other, as many as the system follows.
+/// Maximum number of symbolic links that are followed consecutively, as in Linux.
 const MAX_LINKS: usize = 40;
 
-/// The file that a path leads to by symbolic links; it need not be there.
+/// Resolves symbolic links. The file need not exist.
 fn follow_links(path: &Path) -> io::Result<PathBuf> {
     let mut target = path.to_path_buf();
     for _ in 0..MAX_LINKS {
         match std::fs::read_link(&target) {
-            // (An absolute one replaces the folder.)
+            // An absolute link replaces the directory.
             Ok(next) => target = folder(&target).join(next),
-            // No link, or nothing there.
+            // No link, or no file.
             Err(_) => return Ok(target),
         }
     }
     Err(io::Error::other("too many symbolic links"))
 }
 
-/// The beginning of the names of temporary files for a target.
+/// Returns the prefix of the names of temporary files for a target.
 fn prefix(target: &Path) -> String {
     let name = target.file_name().unwrap_or_default();
     let text = name.to_string_lossy();
     if text.len() <= MAX_PREFIX {
         return format!(".{text}.");
     }
-    // Long names may begin alike: a hash tells them apart.
+    // Long names may have the same beginning: a hash distinguishes them.
     let hash = xxhash_rust::xxh3::xxh3_64(name.as_encoded_bytes());
     let end = (0..=MAX_PREFIX - 17).rev().find(|end| text.is_char_boundary(*end)).unwrap_or(0);
     format!(".{}~{hash:016x}.", &text[..end])
 }
 
-/// A file beside the target, with a lock that tells others that it is being written.
+/// Creates a file next to the target, with a lock that shows other processes that it is being
+/// written.
 fn temporary(target: &Path) -> io::Result<tempfile::NamedTempFile> {
     let prefix = prefix(target);
     let folder = folder(target);
@@ -474,8 +486,8 @@ fn temporary(target: &Path) -> io::Result<tempfile::NamedTempFile> {
     loop {
         let file =
             tempfile::Builder::new().prefix(&prefix).suffix(SUFFIX).rand_bytes(RANDOM).tempfile_in(folder)?;
-        // Before it is locked, another process may take it for one that was left behind. Where there are no
-        // locks, nobody takes anything.
+        // Until it is locked, another process may consider it abandoned and remove it. Without file
+        // locks no process removes abandoned files.
         let taken = matches!(file.as_file().try_lock(), Err(TryLockError::WouldBlock));
         if !taken && file.path().exists() {
             return Ok(file);
@@ -483,8 +495,8 @@ fn temporary(target: &Path) -> io::Result<tempfile::NamedTempFile> {
     }
 }
 
-/// Removes what processes that were killed have left: temporary files for the same target that nobody holds a
-/// lock on. What cannot be removed stays, which is no reason to fail.
+/// Removes files that killed processes have left: temporary files for the same target that no
+/// process has locked. Failures are ignored.
 fn remove_left_behind(folder: &Path, prefix: &str) {
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
         let name = entry.file_name();
@@ -495,7 +507,7 @@ fn remove_left_behind(folder: &Path, prefix: &str) {
         if !is_ours || !entry.file_type().is_ok_and(|kind| kind.is_file()) {
             continue;
         }
-        // The lock is held while the file is removed, so that its maker cannot take it meanwhile.
+        // The lock is held during the removal, so that its creator cannot lock the file meanwhile.
         if let Ok(file) = File::open(entry.path())
             && file.try_lock().is_ok()
         {
@@ -504,14 +516,15 @@ fn remove_left_behind(folder: &Path, prefix: &str) {
     }
 }
 
-/// The place of a file, or folder, that can be gone on with before it is finished.
+/// Returns the path of a resumable file or directory before it is finished.
 pub fn partial_of(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(SUFFIX);
     name.into()
 }
 
-/// The folder a path lies in, where temporary files of its file go; of a path elsewhere, the system's folder for these.
+/// Returns the directory of a path, which holds the temporary files of its file; for a remote path
+/// the system's temporary directory.
 pub fn folder(path: &Path) -> &Path {
     static TEMPORARY: LazyLock<PathBuf> = LazyLock::new(std::env::temp_dir);
     if url_of(path).is_some() {
@@ -520,14 +533,14 @@ pub fn folder(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// GDAL's sidecar of a file: `a.tif.aux.xml` for `a.tif`.
+/// Returns the path of a file's GDAL sidecar: `a.tif.aux.xml` for `a.tif`.
 pub fn sidecar_of(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(".aux.xml");
     name.into()
 }
 
-/// Makes a rename in a folder durable.
+/// Makes a rename in a directory durable.
 pub fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(unix) { File::open(folder)?.sync_all() } else { Ok(()) }
 }

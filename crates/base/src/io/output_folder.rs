@@ -1,4 +1,4 @@
-//! Writing a folder of files so that nobody ever sees half of it.
+//! Output directories that appear whole or not at all.
 
 use std::fs;
 use std::io;
@@ -7,20 +7,20 @@ use std::path::{Path, PathBuf};
 use super::output::{folder, sync_folder};
 use crate::{Error, Result};
 
-/// Destination of many files: a new folder that appears whole or not at all.
+/// Destination of many files: a new directory that appears whole or not at all.
 ///
-/// Files are written below a temporary name beside the target, which the folder takes in [`OutputFolder::commit`]. Dropping
-/// it without that removes everything.
+/// Files are written to a temporary directory next to the target, which [`OutputFolder::commit`]
+/// renames. Dropping it without a commit removes everything.
 pub struct OutputFolder {
     path: PathBuf,
     work: tempfile::TempDir,
 }
 
 impl OutputFolder {
-    /// Starts a folder.
+    /// Starts a directory.
     ///
     /// # Errors
-    /// If there is something of that name, other than an empty folder, or no folder can be made beside it.
+    /// If the path exists and is not an empty directory, or no directory can be created next to it.
     pub fn create(path: &Path) -> Result<OutputFolder> {
         check_free(path)?;
         let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -30,12 +30,13 @@ impl OutputFolder {
         Ok(OutputFolder { path: path.to_path_buf(), work })
     }
 
-    /// The final path.
+    /// Returns the final path.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Writes a file, whose name has `/` between folders. May be called by many threads at a time.
+    /// Writes a file. Its name has `/` between directories, which are created. Several threads may
+    /// call this at a time.
     ///
     /// # Errors
     /// If that fails.
@@ -51,10 +52,11 @@ impl OutputFolder {
         write().map_err(Error::io(self.path.join(name), "write"))
     }
 
-    /// Puts the folder in its place.
+    /// Puts the directory in place.
     ///
     /// # Errors
-    /// If that fails, or something of that name has appeared meanwhile. Nothing is left then.
+    /// If that fails, or the path exists by now and is not an empty directory. All files are then
+    /// removed.
     pub fn commit(self) -> Result<()> {
         check_free(&self.path)?;
         let put = || {
@@ -65,13 +67,13 @@ impl OutputFolder {
             fs::rename(self.work.path(), &self.path)
         };
         put().map_err(Error::io(&self.path, "put in place"))?;
-        // (There is nothing of its name any more that it could remove.)
+        // After the rename there is nothing left to remove.
         let _ = self.work.keep();
         sync_folder(folder(&self.path)).map_err(Error::io(&self.path, "sync the folder"))
     }
 }
 
-/// Fails if there is something that would be replaced.
+/// Fails if the path exists and is not an empty directory.
 fn check_free(path: &Path) -> Result<()> {
     let is_free = match fs::read_dir(path) {
         Ok(mut entries) => entries.next().is_none(),
@@ -84,9 +86,9 @@ fn check_free(path: &Path) -> Result<()> {
     Err(Error::unsupported(path, "replacing a folder that is not empty, or a file", advice))
 }
 
-/// Makes a temporary folder as open as others are.
+/// Gives a temporary directory the permissions of ordinary ones.
 fn set_usual_permissions(path: &Path) -> io::Result<()> {
-    // A folder made the usual way tells what that is.
+    // A directory that is created in the usual way has these permissions.
     let like = path.join(".permissions");
     fs::create_dir(&like)?;
     let permissions = fs::metadata(&like)?.permissions();

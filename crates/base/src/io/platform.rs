@@ -1,14 +1,15 @@
-//! Differences between operating systems, behind functions that are the same on all of them.
+//! Differences between operating systems, hidden by functions that are the same on all of them.
 //!
-//! Tested on Linux; macOS is Unix to this page, and Windows has what its interfaces offer for the same. Where there are no files at
-//! all, as in a browser, all of it compiles, and opening a file fails.
+//! Tested on Linux. macOS uses the Unix implementations, and Windows those that its API offers. On
+//! targets without a file system, such as browsers, everything compiles, and opening a file fails.
 
 use std::fs::{File, Metadata};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Waits for a while, in which others may do something; not at all where there are no threads.
+/// Sleeps for a while, so that other threads or processes can proceed. Does nothing on targets
+/// without threads.
 pub fn pause(time: Duration) {
     #[cfg(not(target_family = "wasm"))]
     std::thread::sleep(time);
@@ -16,13 +17,13 @@ pub fn pause(time: Duration) {
     let _ = time;
 }
 
-/// Reads bytes at an offset of a file, whatever its cursor.
+/// Reads bytes at an offset of a file, independent of its cursor.
 #[cfg(unix)]
 pub fn read_exact_at(file: &File, bytes: &mut [u8], offset: u64) -> io::Result<()> {
     std::os::unix::fs::FileExt::read_exact_at(file, bytes, offset)
 }
 
-/// Reads bytes at an offset of a file, whatever its cursor.
+/// Reads bytes at an offset of a file, independent of its cursor.
 #[cfg(windows)]
 pub fn read_exact_at(file: &File, mut bytes: &mut [u8], mut offset: u64) -> io::Result<()> {
     while !bytes.is_empty() {
@@ -37,20 +38,21 @@ pub fn read_exact_at(file: &File, mut bytes: &mut [u8], mut offset: u64) -> io::
     Ok(())
 }
 
-/// Reads bytes at an offset of a file. (It moves the cursor: this is for systems without files, where it is never called.)
+/// Reads bytes at an offset of a file. This moves the cursor, but targets without a file system
+/// never call it.
 #[cfg(not(any(unix, windows)))]
 pub fn read_exact_at(mut file: &File, bytes: &mut [u8], offset: u64) -> io::Result<()> {
     io::Seek::seek(&mut file, io::SeekFrom::Start(offset))?;
     io::Read::read_exact(&mut file, bytes)
 }
 
-/// Writes bytes at an offset of a file, which may lie behind its end.
+/// Writes bytes at an offset of a file, which may lie after its end.
 #[cfg(unix)]
 pub fn write_all_at(file: &File, bytes: &[u8], offset: u64) -> io::Result<()> {
     std::os::unix::fs::FileExt::write_all_at(file, bytes, offset)
 }
 
-/// Writes bytes at an offset of a file, which may lie behind its end.
+/// Writes bytes at an offset of a file, which may lie after its end.
 #[cfg(windows)]
 pub fn write_all_at(file: &File, mut bytes: &[u8], mut offset: u64) -> io::Result<()> {
     while !bytes.is_empty() {
@@ -65,14 +67,15 @@ pub fn write_all_at(file: &File, mut bytes: &[u8], mut offset: u64) -> io::Resul
     Ok(())
 }
 
-/// Writes bytes at an offset of a file. (It moves the cursor, as [`read_exact_at`] does.)
+/// Writes bytes at an offset of a file. This moves the cursor, as in [`read_exact_at`].
 #[cfg(not(any(unix, windows)))]
 pub fn write_all_at(mut file: &File, bytes: &[u8], offset: u64) -> io::Result<()> {
     io::Seek::seek(&mut file, io::SeekFrom::Start(offset))?;
     io::Write::write_all(&mut file, bytes)
 }
 
-/// Makes everything below a folder durable: all of its disk at once where the system can do that, elsewhere file by file.
+/// Makes all files below a directory durable: with one sync of the file system on Linux, file by
+/// file on other systems.
 pub fn sync_all_below(folder: &Path) -> io::Result<()> {
     #[cfg(target_os = "linux")]
     {
@@ -94,7 +97,7 @@ pub fn sync_all_below(folder: &Path) -> io::Result<()> {
     }
 }
 
-/// Device and inode of a file; `None` where the system has no such numbers.
+/// Returns device and inode of a file; `None` on systems without such numbers.
 pub(super) fn device_and_inode(metadata: &Metadata) -> Option<(u64, u64)> {
     #[cfg(unix)]
     {
@@ -108,14 +111,14 @@ pub(super) fn device_and_inode(metadata: &Metadata) -> Option<(u64, u64)> {
     }
 }
 
-/// The place of an open file, whatever happened to its name since; `None` if it has none any more, or the
-/// system does not tell.
+/// Returns the present path of an open file, even after a rename; `None` if the file was removed,
+/// or the system does not report its path.
 pub(super) fn path_of(file: &File) -> Option<PathBuf> {
     #[cfg(target_os = "linux")]
     {
         use std::os::fd::AsRawFd;
         let path = std::fs::read_link(format!("/proc/self/fd/{}", file.as_raw_fd())).ok()?;
-        // (That of a removed file has " (deleted)" behind its name, and does not lead anywhere.)
+        // The path of a removed file ends with " (deleted)", and does not exist.
         path.exists().then_some(path)
     }
     #[cfg(not(target_os = "linux"))]
@@ -125,7 +128,8 @@ pub(super) fn path_of(file: &File) -> Option<PathBuf> {
     }
 }
 
-/// Bytes that can still be written to a folder; `None` if the system does not tell.
+/// Returns the number of free bytes for files in a directory; `None` if the system does not report
+/// it.
 pub(super) fn free_space(folder: &Path) -> Option<u64> {
     #[cfg(unix)]
     {
@@ -139,7 +143,7 @@ pub(super) fn free_space(folder: &Path) -> Option<u64> {
     }
 }
 
-/// Gives a temporary file the permissions of the file whose place it will take, or those of a new file.
+/// Gives a temporary file the permissions of the file that it will replace, or those of a new file.
 #[cfg(unix)]
 pub(super) fn set_output_permissions(file: &File, target: &Path) -> io::Result<()> {
     use std::os::unix::fs::PermissionsExt;
@@ -149,14 +153,14 @@ pub(super) fn set_output_permissions(file: &File, target: &Path) -> io::Result<(
             // The mask can only be read by setting it.
             let mask = rustix::process::umask(rustix::fs::Mode::empty());
             rustix::process::umask(mask);
-            // (Its bits are 16 on some systems, 32 on others.)
+            // It has 16 bits on some systems, 32 on others.
             0o666 & !(u64::from(mask.bits()) as u32)
         }
     };
     file.set_permissions(std::fs::Permissions::from_mode(mode))
 }
 
-/// Gives a temporary file the permissions of the file whose place it will take, or those of a new file.
+/// Does nothing on systems without Unix permissions.
 #[cfg(not(unix))]
 pub(super) fn set_output_permissions(_: &File, _: &Path) -> io::Result<()> {
     Ok(())

@@ -1,4 +1,4 @@
-//! Files that come in ranges of bytes from elsewhere.
+//! Remote files that are read in ranges of bytes.
 
 use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
@@ -12,43 +12,44 @@ use super::read::{FileBytes, ReadBackend};
 use super::stat::FileStat;
 use crate::{Error, Result};
 
-/// The way to a file's bytes.
+/// Transport for the bytes of a remote file.
 pub trait Fetch: Send + Sync {
-    /// The bytes of some ranges, in their order; all are asked for at the same time where that can be.
+    /// Fetches ranges, concurrently if possible, and returns their bytes in order.
     ///
     /// # Errors
-    /// If one does not come, or the file is another one by now.
+    /// If a range cannot be fetched, or the file has changed.
     fn fetch(&self, ranges: &[Range<u64>]) -> Result<Vec<Vec<u8>>>;
 
-    /// The bytes of a range that were kept, on disk perhaps.
+    /// Returns the bytes of a range from a persistent cache, for example on disk.
     fn kept(&self, _: &Range<u64>) -> Option<Vec<u8>> {
         None
     }
 
-    /// Keeps the bytes of a range, if there is a place for them.
+    /// Stores the bytes of a range in a persistent cache, if there is one.
     fn keep(&self, _: &Range<u64>, _: &[u8]) {}
 
-    /// Version of the file that is read, as its host reports it.
+    /// Returns the version of the file that is read, as its host reports it.
     fn version(&self) -> Option<FileStat> {
         None
     }
 
-    /// Queries the host whether the file still is of this version.
+    /// Checks with the host that the file still has this version.
     ///
     /// # Errors
-    /// If it is not.
+    /// If it has not, or the host does not respond.
     fn check_current(&self) -> Result<()> {
         self.fetch(&[Range { start: 0, end: 1 }]).map(drop)
     }
 }
 
-/// Bytes between two ranges up to which these are fetched as one, if nobody says otherwise: what they cost is less than a request.
+/// Default of the maximum gap, in bytes, between two ranges that are fetched with one request. So
+/// many bytes cost less than a request.
 pub const DEFAULT_GAP: u64 = 32 << 10;
 
-/// Bytes that are fetched with one request at most, unless a single range has more.
+/// Maximum number of bytes per request, unless a single range is longer.
 const MAX_JOINED: u64 = 8 << 20;
 
-/// A file whose bytes are fetched from elsewhere, and held by a cache. Copies are of the same file.
+/// A file whose bytes are fetched in ranges and cached. Clones share the file.
 #[derive(Clone)]
 pub struct RangeFile(Arc<Shared>);
 
@@ -60,36 +61,38 @@ struct Shared {
     fetch: Box<dyn Fetch>,
     cache: Arc<RangeCache>,
     gap: u64,
-    /// Those that were read last come last.
+    /// Recent streams, the most recent one last.
     streams: Mutex<Vec<Stream>>,
-    /// First bytes and ends of ranges that some thread is fetching.
+    /// First bytes and ends of ranges that threads are fetching.
     under_way: Mutex<HashSet<(u64, u64)>>,
-    /// Tells that there are fewer of these.
+    /// Notified when ranges are removed from `under_way`.
     arrived: Condvar,
 }
 
-/// Reads outside of rounds that follow each other, as of somebody who goes through all of a file: what is behind them is fetched ahead.
+/// Consecutive reads outside of batches, as in a scan of the file. The bytes after them are read
+/// ahead.
 #[derive(Clone, Copy)]
 struct Stream {
-    /// The end of what was read last.
+    /// End of the last read.
     end: u64,
-    /// Bytes that are fetched at once, ever more.
+    /// Bytes that were read ahead last. They double with each read.
     bytes: u64,
 }
 
-/// Streams that are told apart: a tree's segments come in the order of its nodes, those of upper levels from other places than the
-/// others.
+/// Maximum number of streams. A traversal reads a tree's segments in node order, but those of upper
+/// levels are at other offsets than the rest.
 const STREAMS: usize = 4;
 
-/// Bytes that a read may leave out and still follow another one.
+/// Maximum number of bytes that a read may skip and still continue a stream.
 const MAX_LEFT_OUT: u64 = 1 << 20;
 
-/// Bytes that are read ahead, at first and at most.
+/// Bytes that are read ahead at first. The maximum is [`MAX_JOINED`], or an eighth of the cache.
 const FIRST_AHEAD: u64 = 256 << 10;
 
 impl RangeFile {
-    /// A file of so many bytes, which has a number in a cache; the path is for messages. Ranges that are no more than `gap` bytes apart are
-    /// fetched as one.
+    /// Creates a file of `length` bytes with a number in a cache. The path is for messages.
+    ///
+    /// Ranges that are at most `gap` bytes apart are fetched with one request.
     pub fn new(
         path: &Path,
         length: u64,
@@ -112,32 +115,33 @@ impl RangeFile {
         }))
     }
 
-    /// The file's number in its cache.
+    /// Returns the file's number in its cache.
     pub fn number(&self) -> u64 {
         self.0.number
     }
 
-    /// Whether its ranges go to a cache.
+    /// Whether its ranges are stored in this cache.
     pub fn uses(&self, cache: &Arc<RangeCache>) -> bool {
         Arc::ptr_eq(&self.0.cache, cache)
     }
 
-    /// The path for messages.
+    /// Returns the path for messages.
     pub fn path(&self) -> &Path {
         &self.0.path
     }
 
-    /// Bytes that the cache can hold.
+    /// Returns the cache's limit in bytes.
     pub(super) fn cache_limit(&self) -> u64 {
         self.0.cache.limit()
     }
 
-    /// Takes bytes that were fetched, from an offset on.
+    /// Adds bytes that were fetched, from an offset on, to the cache.
     pub fn supply(&self, offset: u64, bytes: Vec<u8>) {
         self.0.cache.put(self.0.number, offset, Arc::new(bytes));
     }
 
-    /// Gets ranges, which ascend by their first bytes, for the cache; returns their bytes. What another thread is getting is waited for.
+    /// Fetches ranges, in ascending order of their first bytes, into the cache, and returns their
+    /// bytes. Waits for ranges that another thread is fetching.
     pub(super) fn fetch(&self, ranges: &[Range<u64>]) -> Result<Vec<Arc<Vec<u8>>>> {
         let key = |range: &Range<u64>| (range.start, range.end);
         let under_way = || self.0.under_way.lock().unwrap_or_else(PoisonError::into_inner);
@@ -150,7 +154,7 @@ impl RangeFile {
         let mut found: HashMap<(u64, u64), Arc<Vec<u8>>> = HashMap::new();
         {
             let _arriving = Arriving { file: &self.0, ranges: &own };
-            // (Since the caller looked, another thread may have got some of them.)
+            // Another thread may have fetched some of them since the caller checked the cache.
             found.extend(own.iter().filter_map(|range| Some((key(range), held(range)?))));
             let missing: Vec<_> =
                 own.iter().filter(|range| !found.contains_key(&key(range))).cloned().collect();
@@ -159,7 +163,7 @@ impl RangeFile {
         for range in &others {
             let waits = self.0.arrived.wait_while(under_way(), |all| all.contains(&key(range)));
             drop(waits.unwrap_or_else(PoisonError::into_inner));
-            // (The other thread may have failed, or there is no room for what it has got.)
+            // The other thread may have failed, or its bytes may have been evicted.
             let bytes = match held(range) {
                 Some(held) => held,
                 None => self.fetch_own(std::slice::from_ref(range))?.swap_remove(0),
@@ -169,7 +173,7 @@ impl RangeFile {
         Ok(ranges.iter().filter_map(|range| found.get(&key(range)).cloned()).collect())
     }
 
-    /// Gets ranges that no other thread is getting.
+    /// Fetches ranges that no other thread is fetching.
     fn fetch_own(&self, ranges: &[Range<u64>]) -> Result<Vec<Arc<Vec<u8>>>> {
         let Shared { fetch, cache, number, .. } = &*self.0;
         let mut found: Vec<Option<Vec<u8>>> = ranges.iter().map(|range| fetch.kept(range)).collect();
@@ -189,7 +193,8 @@ impl RangeFile {
         Ok(found.collect())
     }
 
-    /// Fetches ranges, which ascend by their first bytes; those near each other with one request.
+    /// Fetches ranges, in ascending order of their first bytes. Those near each other share a
+    /// request.
     fn fetch_joined(&self, ranges: &[Range<u64>]) -> Result<Vec<Vec<u8>>> {
         if ranges.is_empty() {
             return Ok(Vec::new());
@@ -221,7 +226,8 @@ impl RangeFile {
         Ok(found)
     }
 
-    /// A range that is read outside of rounds, with what is behind it if such ranges come one after the other.
+    /// Extends a range that is read outside of batches by bytes to read ahead, if it continues a
+    /// stream.
     fn with_next(&self, range: &Range<u64>) -> Range<u64> {
         let mut streams = self.0.streams.lock().unwrap_or_else(PoisonError::into_inner);
         let follows = |stream: &Stream| (stream.end..=stream.end + MAX_LEFT_OUT).contains(&range.start);
@@ -237,7 +243,8 @@ impl RangeFile {
     }
 }
 
-/// Ranges that a thread is getting. When it is done, or has failed, or has panicked, others need not wait for it any more.
+/// Ranges that a thread is fetching. Dropping it, also on failure or panic, lets other threads
+/// continue.
 struct Arriving<'a> {
     file: &'a Shared,
     ranges: &'a [Range<u64>],
@@ -253,7 +260,8 @@ impl Drop for Arriving<'_> {
     }
 }
 
-/// Joins ranges that ascend by their first bytes and are near each other: the joined ones, and how many are in each.
+/// Joins ranges near each other. The input is in ascending order of first bytes. Returns the joined
+/// ranges, and how many ranges each contains.
 fn join(ranges: &[Range<u64>], gap: u64) -> Vec<(Range<u64>, usize)> {
     let mut joined: Vec<(Range<u64>, usize)> = Vec::new();
     for range in ranges {
@@ -321,7 +329,7 @@ impl ReadBackend for RangeFile {
         if wanted.is_empty() {
             return Ok(());
         }
-        // (In a round each of them is noted.)
+        // Records all ranges in a batch.
         if wanted.iter().filter(|range| batch::note(self, range)).count() > 0 {
             return Err(Error::NotFetched);
         }
@@ -336,7 +344,7 @@ mod tests {
     use crate::parallel;
     use std::sync::Mutex;
 
-    /// Bytes in memory, and each round of ranges that was fetched.
+    /// Bytes in memory, and the ranges of each fetch.
     struct Counted {
         bytes: Vec<u8>,
         rounds: Arc<Mutex<Vec<Vec<Range<u64>>>>>,
@@ -368,11 +376,11 @@ mod tests {
         far.check_remote().unwrap();
         let first_byte = Range { start: 0, end: 1 };
         assert_eq!(rounds.lock().unwrap()[1..], [vec![first_byte.clone()], vec![first_byte]]);
-        // (Reads check each response, so that no further query is needed.)
+        // Reads check each response, so that no further request is needed.
         assert!(matches!((far.stat(), far.version()), (Ok(None), Ok(None))));
     }
 
-    /// Sums of bytes at places that are found in the file, many branches and two steps.
+    /// Sums bytes at offsets that are read from the file: many branches, two dependent reads each.
     fn question(file: &RangeFile) -> Result<u64> {
         let mut is_unread = false;
         let mut sum = 0;
@@ -390,16 +398,16 @@ mod tests {
     fn questions_take_as_many_rounds_as_they_have_steps() {
         let (far, rounds) = file(1 << 20);
         let expected = question(&far).unwrap();
-        // (Outside of rounds every read waits.)
+        // Outside of batches every read waits.
         assert!(rounds.lock().unwrap().len() >= 2);
         let (far, rounds) = file(1 << 20);
         assert_eq!(run_batched(|| question(&far)).unwrap(), expected);
         assert_eq!(rounds.lock().unwrap().len(), 2);
         assert_eq!(rounds.lock().unwrap()[0].len(), 50);
-        // What is held is not fetched again.
+        // Cached bytes are not fetched again.
         assert_eq!(run_batched(|| question(&far)).unwrap(), expected);
         assert_eq!(rounds.lock().unwrap().len(), 2);
-        // Where there is no room for all of it, the answer comes in more rounds.
+        // If the cache is too small, the query takes more batches.
         let (far, rounds) = file(600);
         assert_eq!(run_batched(|| question(&far)).unwrap(), expected);
         assert!(rounds.lock().unwrap().len() >= 2);
@@ -432,7 +440,7 @@ mod tests {
         let count = all.len();
         crate::sort::by(&mut all, &mut |a, b| (a.start, a.end).cmp(&(b.start, b.end)));
         all.dedup();
-        // (Who has joined ranges has asked for another one.)
+        // A thread that has joined ranges has requested a different range.
         assert!(count <= all.len() + 8, "{count} of {}", all.len());
     }
 
@@ -442,7 +450,7 @@ mod tests {
         let mut other = Some(|| run_batched(|| question(&far)).unwrap());
         run_batched(|| {
             let missing = question(&far);
-            // (Between what is found missing and its fetching.)
+            // Between the detection of missing ranges and their fetch.
             if let Some(other) = other.take() {
                 std::thread::scope(|scope| scope.spawn(other).join()).unwrap();
             }
@@ -479,7 +487,7 @@ mod tests {
 
     #[test]
     fn circles_end() {
-        // Each pass wants a place that nobody has seen.
+        // Each pass reads a new offset.
         let (far, _) = file(1 << 20);
         let mut place = 0;
         let end = run_batched(|| {

@@ -11,9 +11,9 @@ use super::platform::read_exact_at;
 use super::stat::FileStat;
 use crate::{Error, Result};
 
-/// The bytes of a file that is only read.
+/// Bytes of a file that is only read.
 pub trait ReadBackend: Send + Sync {
-    /// Number of bytes.
+    /// Returns the number of bytes.
     fn len(&self) -> u64;
 
     /// Whether there are no bytes.
@@ -21,10 +21,11 @@ pub trait ReadBackend: Send + Sync {
         self.len() == 0
     }
 
-    /// All bytes, where they can be seen without copying.
+    /// Returns all bytes, if they are accessible without a copy.
     fn bytes(&self) -> Option<&[u8]>;
 
-    /// Version of the file as it is now; `None` where the bytes cannot change, or each read checks that they have not (remote files).
+    /// Returns the present version of the file; `None` if the bytes cannot change, or if each read
+    /// checks that they have not (remote files).
     ///
     /// # Errors
     /// If the system does not report it.
@@ -32,7 +33,7 @@ pub trait ReadBackend: Send + Sync {
         Ok(None)
     }
 
-    /// Version of the file when it was opened: queried before anything is read.
+    /// Returns the version of the file when it was opened. Call it before anything is read.
     ///
     /// # Errors
     /// If the system does not report it.
@@ -40,22 +41,23 @@ pub trait ReadBackend: Send + Sync {
         self.stat()
     }
 
-    /// Queries the host of a remote file whether this is still the version that was opened. (Local files: see [`ReadBackend::stat`].)
+    /// Checks with the host of a remote file that this is still the version that was opened. (Local
+    /// files: see [`ReadBackend::stat`].)
     ///
     /// # Errors
-    /// [`Error::Changed`] if it is not; also if the host does not respond, or has no such file any more.
+    /// [`Error::Changed`] if it is not. Also if the host does not respond, or the file is gone.
     fn check_remote(&self) -> Result<()> {
         Ok(())
     }
 
-    /// Some bytes; the range must lie within the length.
+    /// Reads bytes. The range must lie within the length.
     ///
     /// # Errors
     /// If they cannot be read.
     fn read(&self, offset: u64, length: usize) -> Result<Cow<'_, [u8]>>;
 
-    /// Bytes that are likely to be asked for again, such as a segment's: where they are mapped, or held by a cache if there is one.
-    /// The range must lie within the length.
+    /// Reads bytes that are likely to be read again, such as a segment's: from the mapping, or from
+    /// a cache if there is one. The range must lie within the length.
     ///
     /// # Errors
     /// If they cannot be read.
@@ -66,12 +68,13 @@ pub trait ReadBackend: Send + Sync {
         })
     }
 
-    /// Whether bytes that were [shared](ReadBackend::share) are kept for a while.
+    /// Whether [shared](ReadBackend::share) bytes are cached.
     fn has_cache(&self) -> bool {
         false
     }
 
-    /// Says that some ranges, which must lie within the length, will be asked for soon: bytes that come from elsewhere are fetched all at once.
+    /// Announces ranges, which must lie within the length, that will be read soon. Those of a
+    /// remote file are fetched all at once.
     ///
     /// # Errors
     /// If they cannot be fetched.
@@ -94,11 +97,11 @@ impl ReadBackend for Vec<u8> {
     }
 }
 
-/// A file mapped into memory: bytes are seen where the system's cache has them.
+/// A file that is mapped into memory. Reads return slices of the mapping, without a copy.
 ///
-/// If another process truncates the file, touching a lost page kills this one (SIGBUS); files that Spinney
-/// publishes are replaced by renaming, which is safe. For untrusted writers and network folders use
-/// [`Positioned`].
+/// If another process truncates the file, access to a lost page kills this process (SIGBUS). Files
+/// that Spinney publishes are replaced by a rename, which is safe. For untrusted writers and
+/// network file systems use [`Positioned`].
 pub struct Mapped {
     map: memmap2::Mmap,
     file: File,
@@ -114,7 +117,7 @@ impl Mapped {
         Mapped::of(&open_input(path)?, path)
     }
 
-    /// Maps an open file; the path is for messages.
+    /// Maps an open file. The path is for messages.
     ///
     /// # Errors
     /// If it is empty or cannot be mapped.
@@ -123,25 +126,26 @@ impl Mapped {
         if length == 0 {
             return Err(Error::corrupt(path, "file", "0 bytes", "a Spinney file"));
         }
-        // SAFETY: the mapping is read-only, and readers check every number they take from it before use, so
-        // that even bytes that change under us lead to wrong answers or errors, not to undefined lengths:
-        // slices of it are only ever read as plain integers. Truncation is the documented risk above.
+        // SAFETY: the mapping is read-only, and its slices are only read as plain integers. Readers
+        // check every number before use, so bytes that change during a read lead to wrong results
+        // or errors, not to invalid lengths. Truncation is the documented risk above.
         #[allow(unsafe_code)]
         let map = unsafe { memmap2::Mmap::map(file) }.map_err(Error::io(path, "map"))?;
         let file = file.try_clone().map_err(Error::io(path, "open"))?;
         Ok(Mapped { map, file, path: path.to_path_buf() })
     }
 
-    /// Gives the memory behind all pages back to the system, which reads them anew when they are looked at
-    /// again: who reads a large file once from beginning to end need not hold what is behind.
+    /// Releases the memory of all pages to the system, which reads them again on the next access. A
+    /// single scan of a large file thus need not keep the pages that it has passed.
     pub fn release_pages(&self) {
         #[cfg(unix)]
         {
-            // SAFETY: pages of a read-only mapping of a file have nothing that is not in the file; they come
-            // back as they were, or as the file is by then, which the mapping allows for anyway.
+            // SAFETY: pages of a read-only file mapping contain only bytes of the file. They are
+            // read again unchanged, or with the file's present bytes, which the mapping allows for
+            // anyway.
             #[allow(unsafe_code)]
             let done = unsafe { self.map.unchecked_advise(memmap2::UncheckedAdvice::DontNeed) };
-            // A system that cannot do it has to live with the pages.
+            // Failures are ignored: the pages then stay in memory.
             let _ = done;
         }
     }
@@ -165,7 +169,8 @@ impl ReadBackend for Mapped {
     }
 }
 
-/// A file read with positioned reads: every answer is a copy, errors are errors.
+/// A file that is read with positioned reads. Each read copies, and failures are returned as
+/// errors.
 pub struct Positioned {
     file: File,
     length: u64,
@@ -181,10 +186,10 @@ impl Positioned {
         Positioned::of(open_input(path)?, path)
     }
 
-    /// Reads an open file; the path is for messages.
+    /// Reads an open file. The path is for messages.
     ///
     /// # Errors
-    /// If its length is not to be had.
+    /// If its length cannot be determined.
     pub fn of(file: File, path: &Path) -> Result<Positioned> {
         let length = file.metadata().map_err(Error::io(path, "open"))?.len();
         Ok(Positioned { file, length, path: path.to_path_buf() })
@@ -211,7 +216,7 @@ impl ReadBackend for Positioned {
     }
 }
 
-/// Bytes of a file: where they are mapped, or held by a cache.
+/// Bytes of a file: in its mapping, or in a cache.
 #[derive(Clone)]
 pub enum FileBytes<'a> {
     /// Bytes of the mapping.
@@ -221,7 +226,7 @@ pub enum FileBytes<'a> {
 }
 
 impl FileBytes<'_> {
-    /// A part of the bytes, which must lie within.
+    /// Returns a slice of the bytes, which must lie within them.
     #[must_use]
     pub fn part(self, part: Range<usize>) -> Self {
         match self {
@@ -243,11 +248,11 @@ impl Deref for FileBytes<'_> {
     }
 }
 
-/// Opens a file that is to be read at positions, more than once or beside others: pipes and devices are refused, of which the first would
+/// Opens a file for positioned or repeated reads. Refuses pipes and devices: opening a pipe would
 /// wait for a writer.
 ///
 /// # Errors
-/// If it cannot be opened, or is no file.
+/// If it cannot be opened, or is not a regular file.
 pub fn open_input(path: &Path) -> Result<File> {
     let is_stream = std::fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir());
     if is_stream {

@@ -1,4 +1,4 @@
-//! Files below folders that others may write to: no symbolic link leads out of these.
+//! Files in directories that other users may write to, without following symbolic links.
 
 use std::fs::{self, File, OpenOptions};
 use std::io;
@@ -6,15 +6,15 @@ use std::path::{Path, PathBuf};
 
 use crate::{Error, Result};
 
-/// Opens or makes a file, which is no symbolic link, device or folder.
+/// Opens or creates a regular file, not a symbolic link, device or directory.
 ///
 /// # Errors
-/// If it is one of these, or cannot be opened.
+/// If the path is one of these, or the file cannot be opened.
 pub fn open_regular(options: &mut OpenOptions, path: &Path) -> Result<File> {
     check(path, fs::Metadata::is_file, "a symbolic link, or something else that is no file,")?;
     #[cfg(unix)]
     {
-        // (It may have become a link since, or a pipe, which is not waited for.)
+        // The path may have become a link since, or a pipe, which must not block.
         use std::os::unix::fs::OpenOptionsExt;
         let flags = rustix::fs::OFlags::NOFOLLOW | rustix::fs::OFlags::NONBLOCK;
         options.custom_flags(flags.bits() as i32);
@@ -33,26 +33,27 @@ fn check(path: &Path, is_right: fn(&fs::Metadata) -> bool, wrong: &str) -> Resul
     }
 }
 
-/// Folder whose files are reached by names below it, through no symbolic link.
+/// Directory whose files are accessed by relative names, without following symbolic links below it.
 #[derive(Debug)]
 pub struct ClosedFolder {
     base: PathBuf,
-    /// The folder below it that was found to be one last.
+    /// Subdirectory that was checked last.
     checked: PathBuf,
 }
 
 impl ClosedFolder {
-    /// The folder at a path, to which links may lead.
+    /// Creates it for a directory path, which may itself contain links.
     pub fn new(base: &Path) -> ClosedFolder {
         ClosedFolder { base: base.to_path_buf(), checked: PathBuf::new() }
     }
 
-    /// The folder.
+    /// Returns the directory's path.
     pub fn base(&self) -> &Path {
         &self.base
     }
 
-    /// The path of a name, whose folders are folders or not there. `make` makes those.
+    /// Returns the path of a name. Checks that its parent directories are directories, or missing;
+    /// `make` creates missing ones.
     fn path(&mut self, name: &str, make: bool) -> Result<PathBuf> {
         let above = Path::new(name).parent().unwrap_or(Path::new(""));
         if above != self.checked {
@@ -73,18 +74,18 @@ impl ClosedFolder {
         Ok(self.base.join(name))
     }
 
-    /// The path of a file that is to be read or removed.
+    /// Returns the path of a file to read or remove.
     ///
     /// # Errors
-    /// If one of its folders is a link.
+    /// If one of its directories is a link.
     pub fn place(&mut self, name: &str) -> Result<PathBuf> {
         self.path(name, false)
     }
 
-    /// The path of a file that is to be put there; makes its folders.
+    /// Returns the path of a file to create, and creates its directories.
     ///
     /// # Errors
-    /// If one of them is a link, or cannot be made.
+    /// If one of them is a link, or cannot be created.
     pub fn new_place(&mut self, name: &str) -> Result<PathBuf> {
         self.path(name, true)
     }
@@ -92,17 +93,17 @@ impl ClosedFolder {
     /// Writes a file.
     ///
     /// # Errors
-    /// If it, or one of its folders, is a link, or that fails.
+    /// If the file or one of its directories is a link, or the write fails.
     pub fn write(&mut self, name: &str, bytes: &[u8]) -> Result<()> {
         let path = self.new_place(name)?;
         let mut file = open_regular(File::options().write(true).create(true).truncate(true), &path)?;
         io::Write::write_all(&mut file, bytes).map_err(Error::io(&path, "write"))
     }
 
-    /// The bytes of a file of at most so many; `None` if it is not there.
+    /// Reads a file of at most `most` bytes; `None` if it is missing.
     ///
     /// # Errors
-    /// If it, or one of its folders, is a link, it is longer, or cannot be read.
+    /// If the file or one of its directories is a link, if it is longer, or if it cannot be read.
     pub fn read(&mut self, name: &str, most: u64) -> Result<Option<Vec<u8>>> {
         let path = self.place(name)?;
         let file = match open_regular(File::options().read(true), &path) {
@@ -119,10 +120,11 @@ impl ClosedFolder {
         Ok(Some(bytes))
     }
 
-    /// Removes a file, and the folders above it that have nothing any more. What is not there is removed already.
+    /// Removes a file, and the parent directories that are then empty. A missing file counts as
+    /// removed.
     ///
     /// # Errors
-    /// If one of its folders is a link, or it cannot be removed.
+    /// If one of its directories is a link, or the file cannot be removed.
     pub fn remove(&mut self, name: &str) -> Result<()> {
         let path = self.place(name)?;
         match fs::remove_file(&path) {
@@ -132,7 +134,7 @@ impl ClosedFolder {
             _ => {}
         }
         for above in Path::new(name).ancestors().skip(1).filter(|above| !above.as_os_str().is_empty()) {
-            // (Where another file is, it stays.)
+            // A directory with other files stays.
             if fs::remove_dir(self.base.join(above)).is_err() {
                 break;
             }

@@ -7,12 +7,14 @@ use super::read::ReadBackend;
 use super::stat::FileStat;
 use crate::Result;
 
-/// Client for remote files. A [`FileAccess`] has one, and passes itself where bytes are read or written.
+/// Client for remote files. A [`FileAccess`] holds one, and passes itself to calls that read or
+/// write.
 pub trait RemoteFiles: Send + Sync {
-    /// Opens a file, whose bytes go to the [cache of ranges](FileAccess::ranges) of `access`.
+    /// Opens a file. Its bytes are stored in the [cache of remote ranges](FileAccess::ranges) of
+    /// `access`.
     ///
     /// # Errors
-    /// If it cannot be reached, or not in ranges.
+    /// If the file cannot be reached, or does not support range requests.
     fn open(
         &self,
         url: &str,
@@ -20,33 +22,35 @@ pub trait RemoteFiles: Send + Sync {
         access: &FileAccess,
     ) -> Result<Box<dyn ReadBackend>>;
 
-    /// Stats files, in their order, all at the same time; `None` for missing ones.
+    /// Stats files concurrently, and returns the results in order; `None` for missing ones.
     ///
     /// # Errors
-    /// On cancellation. Of each file, if its host refuses.
+    /// On cancellation. Per file, if its host refuses.
     fn stat(&self, urls: &[&str]) -> Result<Vec<Result<Option<FileStat>>>>;
 
     /// Starts a file, which appears whole or not at all.
     ///
     /// # Errors
-    /// If the URL leads nowhere.
+    /// If the URL is invalid.
     fn write(&self, url: &str, access: &FileAccess) -> Result<Box<dyn RemoteWriter>>;
 
-    /// Removes files, those that are there.
+    /// Removes files. Missing ones count as removed.
     ///
     /// # Errors
-    /// If that fails for one of them.
+    /// If a file cannot be removed.
     fn remove(&self, urls: &[&str]) -> Result<()>;
 }
 
-/// A file elsewhere being written, from its beginning on. Dropping it leaves nothing. Errors are of this library, inside of those of the system.
+/// A remote file that is written sequentially. Dropping it without a commit leaves no file.
+///
+/// Errors are those of this library, wrapped by [`Error::into_io`](crate::Error::into_io).
 pub trait RemoteWriter: Write + Send {
-    /// Says how many bytes there will be, about, where that is known before the first one.
+    /// Announces the approximate size in bytes, if it is known before the first byte is written.
     fn expect(&mut self, bytes: u64);
 
-    /// Puts the file in its place; also where there is another one, unless it must be new.
+    /// Puts the file in place. Replaces an existing one, or fails if `create_new` is set.
     ///
     /// # Errors
-    /// If that fails; nothing is left there then.
+    /// If that fails; no new file is left then.
     fn commit(self: Box<Self>, create_new: bool) -> Result<()>;
 }

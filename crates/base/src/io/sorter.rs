@@ -1,4 +1,4 @@
-//! Sorts items that need not fit into memory.
+//! External sort of items that need not fit into memory.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -7,13 +7,14 @@ use std::path::{Path, PathBuf};
 
 use crate::{Error, Result};
 
-/// Collects items of one size, each with a key, and gives them back in the order of the keys; those with equal keys as they came.
+/// Collects items of one size, each with a key, and returns them in the order of their keys. The
+/// sort is stable.
 ///
-/// More items than the memory allows go to temporary files in sorted runs, which are merged in the end.
+/// Items beyond the memory limit go to temporary files in sorted runs, which are merged at the end.
 pub struct Sorter {
     folder: PathBuf,
     item_size: usize,
-    /// Items kept in memory.
+    /// Maximum number of items in memory.
     most: usize,
     items: Vec<(u64, Vec<u8>)>,
     runs: Vec<Run>,
@@ -26,7 +27,8 @@ struct Run {
 }
 
 impl Sorter {
-    /// Items of `item_size` bytes that start with their key; about `memory` bytes are used.
+    /// Sorts items of `item_size` bytes with about `memory` bytes of memory, and temporary files in
+    /// `folder`.
     pub fn new(folder: &Path, item_size: usize, memory: u64) -> Sorter {
         let most = (memory / (item_size as u64 + 48)).max(64) as usize;
         Sorter { folder: folder.to_path_buf(), item_size, most, items: Vec::new(), runs: Vec::new(), len: 0 }
@@ -46,12 +48,12 @@ impl Sorter {
         self.spill().map_err(Error::io(&self.folder, "use a temporary file"))
     }
 
-    /// Number of items.
+    /// Returns the number of items.
     pub fn len(&self) -> u64 {
         self.len
     }
 
-    /// Whether there are none.
+    /// Whether there are no items.
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
@@ -70,7 +72,10 @@ impl Sorter {
         Ok(())
     }
 
-    /// Hands out all items in order.
+    /// Passes all items to a function, in order.
+    ///
+    /// # Errors
+    /// Those of the function; also if a temporary file cannot be read.
     pub fn finish(mut self, item: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
         let spill_error = || Error::io(&self.folder, "use a temporary file");
         self.items.sort_by_key(|(key, _)| *key);
@@ -87,8 +92,8 @@ impl Sorter {
             Read::read_exact(file, &mut item)?;
             Ok(Some((u64::from_le_bytes(key), item)))
         };
-        // A merge of all runs: the heap has the next item of each run on disk; what is still in memory is one
-        // run more.
+        // Merges all runs: the heap has the next item of each run on disk, and the items in memory
+        // are the last run.
         let mut heap = BinaryHeap::new();
         for (number, run) in runs.iter_mut().enumerate() {
             heap.extend(read(run).map_err(spill_error())?.map(|(key, bytes)| Reverse((key, number, bytes))));

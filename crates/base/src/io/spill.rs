@@ -1,4 +1,4 @@
-//! Output that waits in temporary files.
+//! Output that is held in temporary files.
 
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
@@ -7,18 +7,18 @@ use std::path::{Path, PathBuf};
 use crate::io::Output;
 use crate::{Error, Result};
 
-/// Output that has to follow what is not known yet, in an unnamed temporary file: in the output's folder if
-/// it has one, since that is where there must be room.
+/// Output that must follow bytes that are not known yet, in an unnamed temporary file. The file is
+/// in the output's directory if there is one, since that must have the space anyway.
 pub struct Spill {
     path: PathBuf,
     file: BufWriter<File>,
 }
 
 impl Spill {
-    /// Opens the temporary file.
+    /// Creates the temporary file.
     ///
     /// # Errors
-    /// If it cannot be made.
+    /// If it cannot be created.
     pub fn new(output: &Output) -> Result<Spill> {
         let path = output.path().to_path_buf();
         let file = match output.is_file() {
@@ -37,7 +37,7 @@ impl Spill {
         self.file.write_all(bytes).map_err(|cause| failed(&self.path)(cause))
     }
 
-    /// Writes all of it to the output.
+    /// Copies all bytes to the output.
     pub fn copy_to(self, output: &mut Output) -> Result<()> {
         let copy = || -> io::Result<()> {
             let mut file = self.file.into_inner().map_err(io::IntoInnerError::into_error)?;
@@ -55,7 +55,7 @@ impl Spill {
     }
 }
 
-/// An error while writing.
+/// Returns a conversion of write errors.
 pub fn failed(path: &Path) -> impl FnOnce(io::Error) -> Error {
     Error::io(path, "write")
 }

@@ -1,4 +1,4 @@
-//! Lists of words that may be longer than memory: many lists in one temporary file, whose room is used again.
+//! Lists of words that may exceed memory: many lists in one temporary file, whose space is reused.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -9,16 +9,16 @@ use zerocopy::IntoBytes;
 use super::platform::{read_exact_at, write_all_at};
 use crate::{Error, Result};
 
-/// Most words that are written at a time.
+/// Maximum number of words per write.
 const MAX_WORDS: usize = 16_896;
 
-/// A temporary file without a name, in chunks that are used again when their list is dropped.
+/// An unnamed temporary file of chunks. Those of a dropped list are reused.
 #[derive(Debug)]
 pub struct Spool {
     file: File,
-    /// Words of a chunk: whole records.
+    /// Words per chunk: a multiple of the record size.
     chunk: usize,
-    /// Folder of the file, for messages.
+    /// Directory of the file, for messages.
     folder: PathBuf,
     chunks: Mutex<Chunks>,
 }
@@ -30,17 +30,17 @@ struct Chunks {
 }
 
 impl Spool {
-    /// A file in a folder for lists of records of so many words, at most 16,896.
+    /// Creates a file in a directory for lists of records of `record` words, at most 16,896.
     ///
     /// # Errors
-    /// If the file cannot be made.
+    /// If the file cannot be created.
     pub fn create(folder: &Path, record: usize) -> Result<Arc<Spool>> {
         let file = tempfile::tempfile_in(folder).map_err(Error::io(folder, "make a temporary file"))?;
         let chunk = MAX_WORDS / record * record;
         Ok(Arc::new(Spool { file, chunk, folder: folder.to_path_buf(), chunks: Mutex::default() }))
     }
 
-    /// Place of a chunk in the file.
+    /// Returns the offset of a chunk in the file, in bytes.
     fn offset(&self, chunk: u64) -> u64 {
         chunk * 4 * self.chunk as u64
     }
@@ -63,20 +63,20 @@ pub struct SpooledWords {
 }
 
 impl SpooledWords {
-    /// Number of words.
+    /// Returns the number of words.
     pub fn len(&self) -> usize {
         self.len
     }
 
-    /// Whether there are none.
+    /// Whether there are no words.
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
 
-    /// Hands out the words, some whole records at a time.
+    /// Passes the words to a function, some complete records at a time.
     ///
     /// # Errors
-    /// If the file cannot be read, and those of the function that gets them.
+    /// If the file cannot be read, and those of the function.
     pub fn each(&self, each: &mut dyn FnMut(&[u32]) -> Result<()>) -> Result<()> {
         let size = self.spool.chunk;
         let mut words = vec![0; size];
@@ -104,7 +104,7 @@ pub struct WordSpooler {
 }
 
 impl WordSpooler {
-    /// A list without words.
+    /// Creates a list without words.
     pub fn new(spool: &Arc<Spool>) -> WordSpooler {
         let list = SpooledWords { spool: spool.clone(), chunks: Vec::new(), len: 0 };
         WordSpooler { list, buffer: Vec::new() }
@@ -137,7 +137,7 @@ impl WordSpooler {
         Ok(())
     }
 
-    /// The list.
+    /// Returns the complete list.
     ///
     /// # Errors
     /// If the file cannot be written.

@@ -10,7 +10,7 @@ use crate::{Error, Result};
 /// Identity of a file version: equal values imply equal contents.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FileStat {
-    /// Bytes.
+    /// Length in bytes.
     pub length: u64,
     /// Version of the file.
     pub version: FileVersion,
@@ -26,7 +26,7 @@ pub enum FileVersion {
 }
 
 impl FileStat {
-    /// Version of an open local file.
+    /// Returns the version of an open local file.
     pub(super) fn of(file: &File, path: &Path) -> Result<FileStat> {
         FileStat::from_metadata(&file.metadata().map_err(Error::io(path, "stat"))?, path)
     }

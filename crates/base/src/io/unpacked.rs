@@ -5,20 +5,22 @@ use std::sync::{Arc, Weak};
 
 use super::{CachedBytes, FileAccess, RangeCache};
 
-/// The pieces of an open file that were unpacked lately, by their numbers.
+/// Recently unpacked segments of an open file, by their numbers.
 pub struct Unpacked {
-    /// Number of the file, or of a layer of it, in the cache.
+    /// Number of the file, or of one of its layers, in the cache.
     number: u64,
-    /// Bits of the bytes of a piece: places in the cache are as far apart as it can be long.
+    /// Segments are `2^bits` apart in the cache's address space, and shorter than that.
     bits: u32,
     cache: Arc<RangeCache>,
 }
 
-/// Ways past the cache that a thread knows: 8 KiB of its memory.
+/// Number of recently used segments that a thread remembers: 8 KiB of its memory.
 const WAYS: usize = 256;
 
-/// A piece that a thread has used lately: whoever goes through one node by node need not ask the cache, which all threads share, for
-/// each of them. It does not keep the bytes: what the cache has let go of and nobody uses is gone.
+/// A segment that a thread has used recently. It spares a node-by-node traversal the look-up in the
+/// cache, which all threads share.
+///
+/// The reference is weak, so bytes that are evicted from the cache and not in use are freed.
 struct Way {
     number: u64,
     index: u64,
@@ -31,12 +33,13 @@ thread_local! {
 }
 
 impl Unpacked {
-    /// No pieces yet, which are held by the cache of an access. Each has fewer than two to the power of `bits` bytes unpacked, and a number of no more than the other bits of 64.
+    /// Creates an empty set of segments in the cache of an access. Each segment has fewer than
+    /// `2^bits` bytes unpacked, and a number below `2^(64 - bits)`.
     pub fn new(access: &FileAccess, bits: u32) -> Unpacked {
         Unpacked { number: RangeCache::file_number(), bits, cache: access.unpacked().clone() }
     }
 
-    /// The bytes of a piece, if they are held.
+    /// Returns the bytes of a segment, if they are cached.
     pub fn get(&self, index: u64) -> Option<CachedBytes> {
         let way = RECENT.with_borrow(|recent| {
             let way = &recent[self.way(index)];
@@ -45,14 +48,14 @@ impl Unpacked {
         if let Some(bytes) = way {
             return Some(bytes.into());
         }
-        // (Nothing of it, which leads to all of it.)
+        // An empty range finds the cached segment, whose handle has all bytes.
         let first = index << self.bits;
         let held = self.cache.get(self.number, &(first..first))?;
         self.remember(index, held.whole());
         Some(held.whole().clone().into())
     }
 
-    /// Holds the bytes of a piece.
+    /// Caches the bytes of a segment.
     pub fn put(&self, index: u64, bytes: Arc<Vec<u8>>) -> CachedBytes {
         self.remember(index, &bytes);
         self.cache.put(self.number, index << self.bits, bytes.clone());
@@ -64,7 +67,8 @@ impl Unpacked {
         RECENT.with_borrow_mut(|recent| recent[self.way(index)] = way);
     }
 
-    /// The way that a piece has. (Pieces of one number in several lists are often used together.)
+    /// Returns the index of a segment in the thread's table. Segments of the same number in several
+    /// files or layers are often used together, so it depends on both numbers.
     fn way(&self, index: u64) -> usize {
         (self.number.wrapping_add(index) % WAYS as u64) as usize
     }

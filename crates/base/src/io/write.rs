@@ -1,4 +1,4 @@
-//! Positioned, durable writing: files, or stand-ins of tests.
+//! Positioned, durable writes to files, or to substitutes in tests.
 
 use std::fs::File;
 use std::io;
@@ -10,37 +10,39 @@ use super::file_id::FileId;
 use super::read::{Mapped, Positioned, ReadBackend};
 use crate::{Error, Result};
 
-/// Storage that is written at any offset and made durable: a file, or a stand-in of tests.
+/// Storage that is written at any offset and made durable: a file, or a substitute in tests.
 ///
-/// Writes may become durable in any order, in part or not at all, until [`WriteBackend::sync`] returns.
+/// Until [`WriteBackend::sync`] returns, writes may become durable in any order, partially, or not
+/// at all.
 pub trait WriteBackend: Send {
-    /// Writes bytes at an offset, which may lie behind the end.
+    /// Writes bytes at an offset, which may lie after the end.
     ///
     /// # Errors
     /// If that fails; some of the bytes may be written.
     fn write(&mut self, offset: u64, bytes: &[u8]) -> io::Result<()>;
 
-    /// Makes all that was written durable.
+    /// Makes all written bytes durable.
     ///
     /// # Errors
-    /// If that fails. What was written since the last success may then be lost even if a later call succeeds.
+    /// If that fails. Bytes written since the last success may then be lost even if a later call
+    /// succeeds.
     fn sync(&mut self) -> io::Result<()>;
 
-    /// The bytes as they are now, to be read.
+    /// Returns a reader of the present bytes.
     ///
     /// # Errors
     /// If they cannot be read.
     fn reader(&self) -> Result<Box<dyn ReadBackend>>;
 
-    /// The identity of the file.
+    /// Returns the identity of the file.
     fn id(&self) -> FileId;
 
-    /// How the file is read.
+    /// Returns the access with which readers open the file.
     fn access(&self) -> FileAccess {
         FileAccess::default()
     }
 
-    /// Makes sure that readers find what was written: that the file is still at its path.
+    /// Checks that readers will find the written bytes: that the file is still at its path.
     ///
     /// # Errors
     /// If it is not.
@@ -49,26 +51,26 @@ pub trait WriteBackend: Send {
     }
 }
 
-/// A file. Written with ordinary positioned writes, never through a mapping.
+/// A file that is written with positioned writes, never through a mapping.
 pub struct FileBackend {
     /// The open file.
     pub file: File,
     /// Its path, for messages.
     pub path: PathBuf,
     faults: MayFail,
-    /// Bytes that the file may have.
+    /// Maximum size of the file in bytes.
     most: u64,
-    /// How readers read it.
+    /// Access with which readers open the file.
     access: FileAccess,
 }
 
 impl FileBackend {
-    /// Writes to an open file, whose readers read it as `access` says.
+    /// Writes to an open file, whose readers use `access`.
     pub fn new(file: File, path: &Path, access: &FileAccess) -> FileBackend {
         FileBackend::of_output(file, path, (MayFail::default(), u64::MAX), access)
     }
 
-    /// The file of an output that may have so many bytes.
+    /// Returns the file of an output that may have at most `most` bytes.
     pub(super) fn of_output(
         file: File,
         path: &Path,
@@ -107,7 +109,7 @@ impl WriteBackend for FileBackend {
     }
 }
 
-/// Fails if so many more bytes would be more than may be written.
+/// Fails if `more` bytes after the first `written` ones would exceed the maximum `most`.
 pub(super) fn check_limit(written: u64, more: usize, most: u64) -> io::Result<()> {
     if written.saturating_add(more as u64) <= most {
         return Ok(());

@@ -2,31 +2,31 @@
 
 use super::dimension::Dimension;
 
-/// A half-open box of nodes of one level: `min .. max` along each axis; `0 .. 1` along an axis that the tree
-/// does not have.
+/// A half-open box of nodes at one level: `min .. max` along each axis. An axis that the tree lacks
+/// has `0 .. 1`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Bounds {
     /// First node along each axis.
     pub min: [u64; 3],
-    /// One past the last.
+    /// End along each axis: one past the last node.
     pub max: [u64; 3],
 }
 
 impl Bounds {
-    /// All cells of a level.
+    /// Returns the box of all nodes at a level.
     #[inline]
     pub fn space(dimension: Dimension, level: u8) -> Bounds {
         let side = 1u64 << level;
         Bounds { min: [0; 3], max: [side, side, if dimension == Dimension::Oct { side } else { 1 }] }
     }
 
-    /// All cells of a picture of this size.
+    /// Returns the box of all cells of a raster with this extent.
     #[inline]
     pub fn picture(extent: [u64; 3]) -> Bounds {
         Bounds { min: [0; 3], max: extent }
     }
 
-    /// The part of a node's cells that its `child`-th child has.
+    /// Returns the bounds of a node's `child`-th child, if this box is the node's.
     #[inline]
     pub fn child(&self, dimension: Dimension, child: usize) -> Bounds {
         let mut bounds = *self;
@@ -41,32 +41,32 @@ impl Bounds {
         bounds
     }
 
-    /// Nodes along each axis.
+    /// Returns the number of nodes along each axis.
     #[inline]
     pub fn size(&self) -> [u64; 3] {
         std::array::from_fn(|axis| self.max[axis].saturating_sub(self.min[axis]))
     }
 
-    /// Number of nodes.
+    /// Returns the number of nodes, `u64::MAX` if there are more.
     #[inline]
     pub fn volume(&self) -> u64 {
         self.size().into_iter().fold(1, u64::saturating_mul)
     }
 
-    /// Whether there are none.
+    /// Whether the box contains no nodes.
     #[inline]
     pub fn is_empty(&self) -> bool {
         self.size().contains(&0)
     }
 
-    /// The intersection of both boxes; empty if they do not meet.
+    /// Returns the intersection of both boxes; empty if they are disjoint.
     #[inline]
     pub fn intersect(&self, other: &Bounds) -> Bounds {
         let min: [u64; 3] = std::array::from_fn(|axis| self.min[axis].max(other.min[axis]));
         Bounds { min, max: std::array::from_fn(|axis| self.max[axis].min(other.max[axis]).max(min[axis])) }
     }
 
-    /// The smallest box around this one and another.
+    /// Returns the smallest box that contains this one and another.
     pub fn hull(&self, other: &Bounds) -> Bounds {
         Bounds {
             min: std::array::from_fn(|axis| self.min[axis].min(other.min[axis])),
@@ -74,14 +74,14 @@ impl Bounds {
         }
     }
 
-    /// The box, counted from the first cell of another that it is in.
+    /// Returns this box relative to the `min` of a box that contains it.
     #[inline]
     pub fn within(&self, other: &Bounds) -> Bounds {
         let from = |at: [u64; 3]| std::array::from_fn(|axis| at[axis].saturating_sub(other.min[axis]));
         Bounds { min: from(self.min), max: from(self.max) }
     }
 
-    /// Whether all of `other` is inside.
+    /// Whether `other` lies within this box.
     #[inline]
     pub fn contains(&self, other: &Bounds) -> bool {
         (0..3).all(|axis| self.min[axis] <= other.min[axis] && other.max[axis] <= self.max[axis])

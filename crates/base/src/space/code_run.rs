@@ -1,13 +1,15 @@
-//! Runs of FD codes: parts of a space that a file has one behind the other.
+//! Runs of FD codes: regions of space that are contiguous in a file.
 
 use super::bounds::Bounds;
 use super::code::Code;
 use super::dimension::Dimension;
 
-/// The bits of a code that tell the level.
+/// The bits of a code that hold the level.
 const LEVEL: u64 = 31;
 
-/// All nodes whose subtrees' codes lie from one number to another: a part of the space that is cut along the order of files.
+/// A contiguous range of FD codes: all nodes whose subtree's codes lie within it.
+///
+/// It is a region of space that is cut along the order of files.
 ///
 /// ```
 /// use spinney::{Code, Dimension};
@@ -19,11 +21,12 @@ const LEVEL: u64 = 31;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CodeRun {
-    // Invariant: codes of a subtree are the numbers from its root's on, the level in the lowest bits; so nodes whose ends lie between these two have all
-    // of their subtrees there, and two runs of which one begins behind the other's end have no node in common.
-    /// The least number of a code in it, without a level.
+    // Invariant: the codes of a subtree are the integers from its root's code on, with the level in
+    // the lowest bits. So a node whose first and last code lie in the range has its whole subtree
+    // there, and disjoint ranges share no node.
+    /// Smallest code of the run, with a level of zero.
     first: u64,
-    /// The greatest number of a code in it, with all bits of the level.
+    /// Largest code of the run, with all level bits set.
     last: u64,
 }
 
@@ -31,51 +34,55 @@ impl CodeRun {
     /// The whole space.
     pub const ALL: CodeRun = CodeRun { first: 0, last: u64::MAX >> 1 };
 
-    /// From the first code below one node to the last below another; `None` if these are the other way round.
+    /// Returns the run from the first code below one node to the last code below another; `None` if
+    /// it would be reversed.
     pub fn of(first: Code, last: Code) -> Option<CodeRun> {
         CodeRun::new(first.bits() & !LEVEL, last.last_bits())
     }
 
-    /// The run from a number to another, as [`CodeRun::ends`] tells them; `None` if they are those of none.
+    /// Returns the run with these [ends](CodeRun::ends); `None` if they are invalid.
     pub fn new(first: u64, last: u64) -> Option<CodeRun> {
         let is_one =
             first & LEVEL == 0 && last & LEVEL == LEVEL && first <= last && last <= CodeRun::ALL.last;
         is_one.then_some(CodeRun { first, last })
     }
 
-    /// The least and the greatest number of a code in it. One is behind another if it begins with the number after that one's last.
+    /// Returns the smallest and the largest code of the run.
+    ///
+    /// A run directly follows another one if its first code is the other's last one plus 1.
     pub fn ends(self) -> [u64; 2] {
         [self.first, self.last]
     }
 
-    /// Whether a node and all that is below it are in the run.
+    /// Whether the run contains a node and its whole subtree.
     #[inline]
     pub fn contains(self, node: Code) -> bool {
         self.first <= node.bits() && node.last_bits() <= self.last
     }
 
-    /// Whether something of a node is in the run.
+    /// Whether the run overlaps a node's subtree.
     #[inline]
     pub fn touches(self, node: Code) -> bool {
         self.first <= node.last_bits() && node.bits() & !LEVEL <= self.last
     }
 
-    /// Number of the nodes at a level of which something is in the run.
+    /// Returns how many nodes at a level overlap the run.
     pub fn nodes(self, dimension: Dimension, level: u8) -> u64 {
         let shift = 63 - dimension.axes() as u32 * u32::from(level);
         (self.last >> shift) - (self.first >> shift) + 1
     }
 
-    /// Number of the cells of a box that are in the run, in a tree of so many levels. The run must be cut at nodes of that.
+    /// Returns how many cells of a box are in the run, in a tree of depth `depth`. The run must
+    /// consist of whole cells of that depth.
     ///
     /// # Panics
-    /// If trees cannot be so deep.
+    /// If `depth` exceeds the maximum depth.
     pub fn cells(self, dimension: Dimension, depth: u8, cells: &Bounds) -> u64 {
         self.cells_below(Code::root(dimension), depth, cells)
     }
 
     fn cells_below(self, node: Code, depth: u8, cells: &Bounds) -> u64 {
-        // (At each level two nodes at most are neither in the run nor outside.)
+        // At each level at most two nodes are partially in the run, so the recursion is narrow.
         let inside = node.bounds(depth).intersect(cells);
         if inside.is_empty() || !self.touches(node) {
             return 0;
@@ -87,11 +94,12 @@ impl CodeRun {
         children.fold(0, |sum: u64, child| sum.saturating_add(self.cells_below(child, depth, cells)))
     }
 
-    /// The smallest box around the cells of another box that are in the run, in a tree of so many levels; an empty one if none is. The run must be
-    /// cut at nodes of that.
+    /// Returns the smallest box around those cells of another box that are in the run, in a tree of
+    /// depth `depth`; an empty box if there are none. The run must consist of whole cells of that
+    /// depth.
     ///
     /// # Panics
-    /// If trees cannot be so deep.
+    /// If `depth` exceeds the maximum depth.
     pub fn bounds(self, dimension: Dimension, depth: u8, cells: &Bounds) -> Bounds {
         self.bounds_below(Code::root(dimension), depth, cells).unwrap_or(Bounds { max: cells.min, ..*cells })
     }
@@ -109,7 +117,7 @@ impl CodeRun {
         boxes.reduce(|all, next| all.hull(&next))
     }
 
-    /// Whether it has all or nothing of each node at a level.
+    /// Whether the run contains each node at a level entirely or not at all.
     pub fn is_cut_at(self, dimension: Dimension, level: u8) -> bool {
         let below = (1u64 << (63 - dimension.axes() as u32 * u32::from(level))) - 1;
         self.first & below == 0 && self.last & below == below
@@ -129,7 +137,7 @@ mod tests {
             let deepest =
                 (0..dimension.max_depth()).fold(root, |node, _| node.child(dimension.children() - 1));
             assert!(CodeRun::ALL.contains(deepest));
-            // From the second child's first child to the third child's second.
+            // From the second child's first child to the third child's second child.
             let (first, last) = (root.child(1).child(0), root.child(2).child(1));
             let run = CodeRun::of(first, last).unwrap();
             assert!(run.contains(root.child(1)) && run.contains(last.child(3)) && run.contains(first));

@@ -1,12 +1,12 @@
-//! How a region covers a box of cells.
+//! Coverage of a box by a region.
 
 /// How a region covers a box of cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cover {
-    /// All of it.
+    /// It covers the whole box.
     Whole,
-    /// Nothing of it.
+    /// It is disjoint from the box.
     Nothing,
-    /// A part of it, or that is not known.
+    /// It covers some of the box, or the coverage is unknown.
     Part,
 }

@@ -1,10 +1,10 @@
-//! The two kinds of space a tree can divide: planes and volumes.
+//! The two kinds of space that a tree can divide: planes and volumes.
 
-/// The number of axes of a tree: two for a quadtree, three for an octree.
+/// Number of axes of a tree: two for a quadtree, three for an octree.
 ///
-/// Children are numbered in Z order: bit 0 of the number is x, bit 1 is y, bit 2 is z. A quadtree's children
-/// are therefore NW, NE, SW, SE (row 0 is north), and the first four children of an octree's node are the
-/// quadtree children of its slice z = 0.
+/// Children are numbered in Z order: bit 0 of the number is x, bit 1 is y, bit 2 is z. A quadtree's
+/// children are therefore NW, NE, SW, SE (row 0 is north). The first four children of an octree
+/// node are the quadtree children of its slice z = 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Dimension {
     /// Two axes: a quadtree.
@@ -14,7 +14,7 @@ pub enum Dimension {
 }
 
 impl Dimension {
-    /// The dimension with so many axes; `None` unless there are 2 or 3.
+    /// Returns the dimension with this number of axes; `None` unless it is 2 or 3.
     pub const fn from_axes(axes: u8) -> Option<Dimension> {
         match axes {
             2 => Some(Dimension::Quad),
@@ -23,19 +23,19 @@ impl Dimension {
         }
     }
 
-    /// Number of axes: 2 or 3; also the bits of one step of a path.
+    /// Returns the number of axes: 2 or 3. It is also the number of path bits per level.
     #[inline]
     pub const fn axes(self) -> usize {
         self as usize + 2
     }
 
-    /// Children of an inner node: 4 or 8.
+    /// Returns the number of children of an INNER node: 4 or 8.
     #[inline]
     pub const fn children(self) -> usize {
         1 << self.axes()
     }
 
-    /// Levels of the deepest tree whose codes fit 63 bits: 29 or 19.
+    /// Returns the maximum depth of a tree whose codes fit 63 bits: 29 or 19.
     #[inline]
     pub const fn max_depth(self) -> u8 {
         match self {
@@ -44,13 +44,13 @@ impl Dimension {
         }
     }
 
-    /// Nodes, `levels` below a node, that cover it: 4 or 8 to that power.
+    /// Returns the number of descendants `levels` below a node: 4 or 8 to that power.
     #[inline]
     pub const fn cells(self, levels: u8) -> u64 {
         1 << (self.axes() * levels as usize)
     }
 
-    /// The tree's name in messages: "quadtree" or "octree".
+    /// Returns the tree's name in messages: "quadtree" or "octree".
     pub const fn tree_name(self) -> &'static str {
         match self {
             Dimension::Quad => "quadtree",

@@ -1,4 +1,4 @@
-//! Which cells along the edge of a polygon or a body belong to it.
+//! Assignment of boundary cells to a polygon or a solid.
 
 use std::fmt;
 use std::str::FromStr;
@@ -6,16 +6,17 @@ use std::str::FromStr;
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// The rule by which cells belong to a polygon or a body whose edge passes through them.
+/// Rule by which cells that a boundary crosses belong to its polygon or solid.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EdgeRule {
-    /// A cell belongs to it whole if its centre is inside, else not at all.
+    /// A cell belongs entirely if its centre is inside, otherwise not at all.
     #[default]
     Centre,
-    /// A cell belongs to it whole if any part of it does: the rule of the literature, and GDAL's ALL_TOUCHED.
+    /// A cell belongs entirely if any point of it is inside: the rule of the literature, and GDAL's
+    /// ALL_TOUCHED.
     Touch,
-    /// A cell belongs to it by the part of its area, or of its volume, that is inside.
+    /// A cell belongs with the fraction of its area or volume that is inside.
     Area,
 }
 
@@ -23,7 +24,7 @@ impl EdgeRule {
     /// All rules.
     pub const ALL: [EdgeRule; 3] = [EdgeRule::Centre, EdgeRule::Touch, EdgeRule::Area];
 
-    /// The name on the command line and in files' tags.
+    /// Returns the name on the command line and in files' tags.
     pub fn name(self) -> &'static str {
         ["centre", "touch", "area"][self as usize]
     }

@@ -1,4 +1,4 @@
-//! Space: dimensions, nodes' codes, regions of cells.
+//! Space: dimensions, node codes, and regions of cells.
 
 mod bounds;
 mod code;

@@ -1,8 +1,8 @@
-//! Boxes of cells.
+//! Boxes of cells in a plane.
 
 use serde::{Deserialize, Serialize};
 
-/// A half-open box of cells on a plane: columns `x .. x + width`, rows `y .. y + height`.
+/// A half-open box of cells in a plane: columns `x .. x + width`, rows `y .. y + height`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Region {
@@ -17,32 +17,32 @@ pub struct Region {
 }
 
 impl Region {
-    /// The region with its corner at (`x`, `y`).
+    /// Creates the region with its first cell at (`x`, `y`).
     pub fn new(x: u64, y: u64, width: u64, height: u64) -> Region {
         Region { x, y, width, height }
     }
 
-    /// One past the last column.
+    /// Returns the end of the columns: one past the last.
     pub fn right(&self) -> u64 {
         self.x.saturating_add(self.width)
     }
 
-    /// One past the last row.
+    /// Returns the end of the rows: one past the last.
     pub fn bottom(&self) -> u64 {
         self.y.saturating_add(self.height)
     }
 
-    /// Number of cells.
+    /// Returns the number of cells, `u64::MAX` if there are more.
     pub fn area(&self) -> u64 {
         self.width.saturating_mul(self.height)
     }
 
-    /// No cells at all.
+    /// Whether the region contains no cells.
     pub fn is_empty(&self) -> bool {
         self.width == 0 || self.height == 0
     }
 
-    /// The cells in both regions.
+    /// Returns the cells in both regions.
     pub fn intersect(&self, other: &Region) -> Region {
         let (x, y) = (self.x.max(other.x), self.y.max(other.y));
         let right = self.right().min(other.right()).max(x);
@@ -50,7 +50,7 @@ impl Region {
         Region { x, y, width: right - x, height: bottom - y }
     }
 
-    /// Whether all of `other` lies inside.
+    /// Whether `other` lies within this region.
     pub fn contains(&self, other: &Region) -> bool {
         self.x <= other.x
             && self.y <= other.y

@@ -6,19 +6,19 @@ use std::str::FromStr;
 use crate::Error;
 use serde::{Deserialize, Serialize};
 
-/// The axis of coordinates that points up.
+/// Coordinate axis that points up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Up {
-    /// The second, as in many modelling programs; north is then against z.
+    /// The second axis, as in many modelling programs; north is then along -z.
     Y,
-    /// The third, as on maps; north is along y.
+    /// The third axis, as on maps; north is along y.
     #[default]
     Z,
 }
 
 impl Up {
-    /// A point or direction with such an axis, turned so that z points up.
+    /// Rotates a point or direction with this up axis such that z points up.
     pub fn to_z_up(self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         match self {
             Up::Y => [x, -z, y],
@@ -26,7 +26,7 @@ impl Up {
         }
     }
 
-    /// The inverse of [`Up::to_z_up`].
+    /// Inverse of [`Up::to_z_up`].
     pub fn from_z_up(self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         match self {
             Up::Y => [x, z, -y],

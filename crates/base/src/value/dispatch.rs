@@ -1,10 +1,11 @@
-//! From types known at run time to types known at compile time: the way into kernels.
+//! Dispatch from run-time types to compile-time types, at the entry of kernels.
 
-/// Evaluates an expression with a name bound to the Rust type of a [`ValueType`](crate::value::ValueType),
-/// for kernels.
+/// Evaluates an expression with a name bound to the Rust type of a
+/// [`ValueType`](crate::value::ValueType), for kernels.
 ///
-/// Trees have no other types than these: a type that comes from outside is checked by
-/// [`ValueType::is_supported`](crate::value::ValueType::is_supported) before it gets here.
+/// # Panics
+/// If no tree has that type. Types from untrusted sources are checked earlier, with
+/// [`ValueType::is_supported`](crate::value::ValueType::is_supported).
 #[doc(hidden)]
 #[macro_export]
 macro_rules! with_native_type {

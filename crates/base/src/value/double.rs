@@ -2,28 +2,28 @@
 
 use std::ops::{Add, Div, Mul, Sub};
 
-/// A number as the sum of two, the second of which is what the first is rounded by: some 106 bits.
+/// Double-double number: the unevaluated sum of an f64 and its rounding error, with some 106 bits.
 ///
-/// Sums and products are those of Dekker and Knuth, of IEEE 754 operations alone, so that they are the same everywhere.
-/// Numbers that are not finite have no second one, and neither is zero negative.
+/// Sums and products are those of Dekker and Knuth. They use IEEE 754 operations only, so results
+/// are the same on all platforms. If `high` is not finite, `low` is 0. Neither is -0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DoubleDouble {
-    /// The f64 that is nearest.
+    /// The nearest f64.
     pub high: f64,
-    /// The rest.
+    /// The remainder.
     pub low: f64,
 }
 
 impl DoubleDouble {
-    /// A sum of two numbers of which the first is not the smaller.
+    /// Adds two numbers, the first of which must not be the smaller one in magnitude.
     #[inline]
     fn of_parts(high: f64, low: f64) -> DoubleDouble {
         let sum = high + low;
-        // (An infinite sum has no rest.)
+        // An infinite sum has no remainder.
         DoubleDouble { high: sum, low: if sum.is_finite() { low - (sum - high) } else { 0.0 } }
     }
 
-    /// The product of two numbers, exactly (unless the rest is too small for an f64).
+    /// Returns the exact product of two numbers (rounded if the remainder underflows).
     #[inline]
     pub fn product(a: f64, b: f64) -> DoubleDouble {
         let (a_high, a_low) = halves(a);
@@ -33,7 +33,8 @@ impl DoubleDouble {
         DoubleDouble::of_parts(high, if low.is_finite() { low } else { 0.0 })
     }
 
-    /// A count. Nearly all are numbers that an f64 has, for which there is an instruction; an i128 takes calls.
+    /// Converts a count. Nearly all counts are exact in an f64, whose conversion is one
+    /// instruction; that of an i128 is a call.
     #[inline]
     fn of_count(count: u64) -> DoubleDouble {
         if count < 1 << f64::MANTISSA_DIGITS {
@@ -43,12 +44,12 @@ impl DoubleDouble {
         }
     }
 
-    /// So many times the number.
+    /// Multiplies by a count.
     #[inline]
     pub(super) fn times(self, count: u64) -> DoubleDouble {
         let DoubleDouble { high, low } = self;
         if count.is_power_of_two() {
-            // As most are: no digit changes.
+            // The usual case: a power of two is exact.
             let count = count as f64;
             let high = high * count;
             return DoubleDouble { high, low: if high.is_finite() { low * count } else { 0.0 } };
@@ -57,7 +58,7 @@ impl DoubleDouble {
     }
 }
 
-/// Two numbers of half as many digits whose sum is the number.
+/// Splits a number into two with half as many digits each.
 #[inline]
 fn halves(number: f64) -> (f64, f64) {
     /// 2^27 + 1.
@@ -90,8 +91,8 @@ impl Add for DoubleDouble {
         let share = sum - self.high;
         let rest = (self.high - (sum - share)) + (other.high - share) + (self.low + other.low);
         let high = sum + rest;
-        // Of an infinite sum the rest is no number. (Choices of numbers, not branches: loops of this are compiled to
-        // instructions for many numbers at once.)
+        // The remainder of an infinite sum is NaN. Selects instead of branches let the compiler
+        // vectorize loops.
         DoubleDouble {
             high: if sum.is_finite() { high } else { sum },
             low: if high.is_finite() { rest - (high - sum) } else { 0.0 },
@@ -148,7 +149,7 @@ mod tests {
         let seventh = DoubleDouble::from(1.0) / DoubleDouble::from(7.0);
         let one = seventh.times(7) - DoubleDouble::from(1.0);
         assert!(one.high.abs() < 1e-31, "{one:?}");
-        // A count that is no f64.
+        // A count that is not exact in an f64.
         let count = (1u64 << 60) + 1;
         assert_eq!((DoubleDouble::from(3.0).times(count) - DoubleDouble::from(3.0).times(1 << 60)).high, 3.0);
     }

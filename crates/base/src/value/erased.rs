@@ -1,8 +1,8 @@
-//! Values whose type is known at run time, and what can be done with one of them.
+//! Values with a type that is known at run time, and operations on single values.
 //!
-//! Everything above kernels handles values as their bytes: two values are the same if all bytes are. What
-//! needs the numbers asks a [`ValueType`], which looks at one sample after the other; work on many values at
-//! once belongs into kernels, which know the type at compile time.
+//! Code above the kernels handles values as bytes: two values are the same if all bytes are. Code
+//! that needs numbers calls methods of [`ValueType`], which dispatch for each sample. Work on many
+//! values belongs into kernels, which know the type at compile time.
 
 use std::cmp::Ordering;
 use std::ops::Deref;
@@ -11,7 +11,7 @@ use super::number::Number;
 use super::sample::Sample;
 use super::value_type::{SampleType, ValueType};
 
-/// A value as its bytes on disk, little-endian, followed by zeros.
+/// A value as its bytes on disk, little-endian, padded with zeros.
 ///
 /// ```
 /// use spinney::{SampleType, Value, ValueType};
@@ -25,14 +25,14 @@ pub struct Value {
     words: [u64; 2],
 }
 
-/// Bytes of the largest values.
+/// Size of the largest values in bytes.
 pub const MAX_VALUE_SIZE: usize = size_of::<Value>();
 
 impl Value {
-    /// All bytes zero.
+    /// The value with all bytes zero.
     pub const ZERO: Value = Value { words: [0; 2] };
 
-    /// The value with these bytes, at most 16.
+    /// Returns the value with these bytes, at most 16.
     ///
     /// # Panics
     /// If there are more.
@@ -43,11 +43,11 @@ impl Value {
         Value::from_wide(u128::from_le_bytes(all))
     }
 
-    /// The value whose bytes stand at the beginning of a slice, `width` of them; `None` if it is too short.
+    /// Reads a value of `width` bytes from the start of a slice; `None` if the slice is too short.
     #[inline]
     pub fn read(bytes: &[u8], width: usize) -> Option<Value> {
         match bytes.first_chunk::<MAX_VALUE_SIZE>() {
-            // One load and a mask, where there is room behind the value.
+            // One load and a mask, if the slice has enough bytes after the value.
             Some(wide) => Some(Value::from_wide(u128::from_le_bytes(*wide) & mask(width))),
             None => bytes.get(..width).map(Value::from_bytes),
         }
@@ -58,7 +58,7 @@ impl Value {
         Value { words: [wide as u64, (wide >> 64) as u64] }
     }
 
-    /// The bytes, followed by zeros.
+    /// Returns the bytes, padded with zeros.
     #[inline]
     pub fn to_bytes(self) -> [u8; MAX_VALUE_SIZE] {
         let mut bytes = [0; MAX_VALUE_SIZE];
@@ -67,16 +67,16 @@ impl Value {
         bytes
     }
 
-    /// The bytes as two numbers, combined by exclusive or.
+    /// Returns the exclusive or of the two words.
     pub(super) fn folded(self) -> u64 {
         self.words[0] ^ self.words[1]
     }
 
-    /// Writes the value's bytes, of which there are as many as the slice has room for.
+    /// Writes as many of the value's bytes as the slice has.
     #[inline]
     pub fn write(self, bytes: &mut [u8]) {
         let all = self.to_bytes();
-        // The usual widths are single stores; a copy of unknown length is a call.
+        // The usual widths are single stores; a copy of variable length is a call.
         match bytes.len() {
             1 => bytes[0] = all[0],
             2 => bytes.copy_from_slice(&all[..2]),
@@ -87,7 +87,7 @@ impl Value {
     }
 }
 
-/// The lowest `width` bytes.
+/// Returns a mask of the lowest `width` bytes.
 #[inline]
 fn mask(width: usize) -> u128 {
     u128::MAX >> (128 - 8 * width as u32)
@@ -106,7 +106,8 @@ impl<S: Sample, const CHANNELS: usize> From<[S; CHANNELS]> for Value {
     }
 }
 
-/// The samples of a value to compute with: f64 holds those of every type exactly, but integers of 64 bits; see [`Numbers`].
+/// Samples of a value for computation. f64 is exact for all types except 64-bit integers; see
+/// [`Numbers`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Samples {
     numbers: [f64; 4],
@@ -123,14 +124,14 @@ impl Deref for Samples {
 }
 
 impl Samples {
-    /// The numbers, followed by zeros.
+    /// Returns the samples, padded with zeros.
     #[inline]
     pub fn padded(self) -> [f64; 4] {
         self.numbers
     }
 }
 
-/// The samples of a value, exactly.
+/// Exact samples of a value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Numbers {
     numbers: [Number; 4],
@@ -199,7 +200,7 @@ macro_rules! with_sample_type {
 pub use with_sample_type;
 
 impl SampleType {
-    /// The number that the first bytes of a slice are.
+    /// Reads a sample from the start of a slice, as an f64.
     #[inline]
     fn number(self, bytes: &[u8]) -> f64 {
         with_sample_type!(self, S => S::read(bytes).to_f64())
@@ -211,29 +212,29 @@ impl SampleType {
         with_sample_type!(self, S => S::from_f64_lossy(number).write(bytes))
     }
 
-    /// The number that the first bytes of a slice are, exactly.
+    /// Reads a sample from the start of a slice, exactly.
     #[inline]
     fn exact_number(self, bytes: &[u8]) -> Number {
         with_sample_type!(self, S => S::read(bytes).to_number())
     }
 
-    /// Writes the sample nearest to a number that may be any integer of 64 bits.
+    /// Writes the sample nearest to a number, which may be any 64-bit integer.
     fn write_nearest_number(self, number: Number, bytes: &mut [u8]) {
         with_sample_type!(self, S => S::from_number_lossy(number).write(bytes))
     }
 
-    /// The sample nearest to a number, as a number.
+    /// Returns the sample nearest to a number, as a number.
     pub fn nearest(self, number: Number) -> Number {
         with_sample_type!(self, S => S::from_number_lossy(number).to_number())
     }
 
-    /// Whether some sample is equal to a number.
+    /// Whether a sample can be equal to a number.
     pub fn can_hold(self, number: impl Into<Number>) -> bool {
         let number = number.into();
         with_sample_type!(self, S => S::from_number(number).is_some())
     }
 
-    /// A number that orders samples as [`Sample::order`] does.
+    /// Returns a key that orders samples: see [`Sample::order_key`].
     #[inline]
     fn order_key(self, bytes: &[u8]) -> u64 {
         with_sample_type!(self, S => S::read(bytes).order_key())
@@ -241,19 +242,19 @@ impl SampleType {
 }
 
 impl ValueType {
-    /// The bytes of each sample of a value.
+    /// Iterates over the bytes of each sample of a value.
     #[inline]
     fn each_sample(self, bytes: &[u8; MAX_VALUE_SIZE]) -> impl Iterator<Item = &[u8]> {
         bytes.chunks_exact(self.sample.size()).take(usize::from(self.channels))
     }
 
-    /// The first sample of a value, exactly.
+    /// Returns the first sample of a value, exactly.
     #[inline]
     pub fn first_number(self, value: Value) -> Number {
         self.sample.exact_number(&value.to_bytes())
     }
 
-    /// The samples of a value, exactly.
+    /// Returns the samples of a value, exactly.
     #[inline]
     pub fn numbers(self, value: Value) -> Numbers {
         let mut numbers = [Number::default(); 4];
@@ -263,13 +264,13 @@ impl ValueType {
         Numbers { numbers, channels: self.channels }
     }
 
-    /// The first sample of a value to compute with.
+    /// Returns the first sample of a value, for computation.
     #[inline]
     pub fn first_sample(self, value: Value) -> f64 {
         self.sample.number(&value.to_bytes())
     }
 
-    /// The samples of a value to compute with.
+    /// Returns the samples of a value, for computation.
     #[inline]
     pub fn samples(self, value: Value) -> Samples {
         let mut numbers = [0.0; 4];
@@ -279,8 +280,8 @@ impl ValueType {
         Samples { numbers, channels: self.channels }
     }
 
-    /// The samples of a value to compute with, those of integers of 64 bits as differences from another value's: see
-    /// [`Sample::relative_to`].
+    /// Returns the samples of a value for computation; those of 64-bit integers as differences from
+    /// another value's. See [`Sample::relative_to`].
     pub fn samples_from(self, base: Value, value: Value) -> Samples {
         let mut numbers = [0.0; 4];
         let (bytes, base) = (value.to_bytes(), base.to_bytes());
@@ -291,7 +292,8 @@ impl ValueType {
         Samples { numbers, channels: self.channels }
     }
 
-    /// The value nearest to what was computed with [`ValueType::samples_from`]; integers are rounded half up.
+    /// Returns the value nearest to a result that was computed with [`ValueType::samples_from`].
+    /// Integers are rounded half up.
     pub fn nearest_from(self, base: Value, number: impl Fn(usize) -> f64) -> Value {
         let (mut bytes, base) = ([0; MAX_VALUE_SIZE], base.to_bytes());
         let size = self.sample.size();
@@ -302,7 +304,8 @@ impl ValueType {
         Value::from_wide(u128::from_le_bytes(bytes))
     }
 
-    /// Adds the samples that many values have in a channel as numbers, NaN where one is missing or the cell is transparent.
+    /// Appends the samples that many values have in a channel; NaN for missing samples and
+    /// transparent cells.
     pub fn push_numbers(self, channel: usize, bytes: &[u8], numbers: &mut Vec<f64>) {
         let size = self.sample.size();
         let (first, width) = (channel * size, self.size());
@@ -319,7 +322,8 @@ impl ValueType {
         }
     }
 
-    /// The value whose samples are nearest to the numbers that a function has for the channels.
+    /// Returns the value whose samples are nearest to the numbers that a function returns for each
+    /// channel.
     #[inline]
     pub fn nearest(self, number: impl Fn(usize) -> f64) -> Value {
         let mut bytes = [0; MAX_VALUE_SIZE];
@@ -330,7 +334,8 @@ impl ValueType {
         Value::from_wide(u128::from_le_bytes(bytes))
     }
 
-    /// The value whose samples are nearest to the numbers that a function has for the channels.
+    /// Returns the value whose samples are nearest to the exact numbers that a function returns for
+    /// each channel.
     pub fn nearest_numbers(self, number: impl Fn(usize) -> Number) -> Value {
         let mut bytes = [0; MAX_VALUE_SIZE];
         let size = self.sample.size();
@@ -340,24 +345,25 @@ impl ValueType {
         Value::from_wide(u128::from_le_bytes(bytes))
     }
 
-    /// The value with exactly these samples, one per channel; `None` if there is no such value.
+    /// Returns the value with exactly these samples, one per channel; `None` if there is no such
+    /// value.
     pub fn exact(self, numbers: &[Number]) -> Option<Value> {
         let fits = numbers.len() == usize::from(self.channels)
             && numbers.iter().all(|number| self.sample.can_hold(*number));
         fits.then(|| self.nearest_numbers(|channel| numbers[channel]))
     }
 
-    /// The value whose every sample is this number; `None` if the type cannot hold it.
+    /// Returns the value with this number in every channel; `None` if the type cannot hold it.
     pub fn splat(self, number: impl Into<Number>) -> Option<Value> {
         let number = number.into();
         (self.is_supported() && self.sample.can_hold(number)).then(|| self.nearest_numbers(|_| number))
     }
 
-    /// Whether any sample is not a number; such a value is VOID.
+    /// Whether any sample is NaN. Such a value is VOID.
     #[inline]
     pub fn is_nan(self, value: Value) -> bool {
         let [low, high] = value.words;
-        // (What is behind the last channel is zero, which is a number.)
+        // The padding after the last channel is zero, which is not NaN.
         match self.sample {
             SampleType::F32 => {
                 let is_nan = |word: u64| {
@@ -370,8 +376,8 @@ impl ValueType {
         }
     }
 
-    /// A number that orders values: channel after channel, each by number, then (for floats) by bits, as
-    /// `f64::total_cmp`.
+    /// Returns a key that orders values: channel by channel, by number, then (for floats) by bits
+    /// as in `f64::total_cmp`.
     #[inline]
     pub fn order_key(self, value: Value) -> u128 {
         let bits = 8 * self.sample.size();
@@ -380,25 +386,27 @@ impl ValueType {
             .fold(0, |key, sample| key << bits | u128::from(self.sample.order_key(sample)))
     }
 
-    /// A total order: channel after channel, each by number, then (for floats) by bits, as `f64::total_cmp`.
+    /// Compares values in a total order: channel by channel, by number, then (for floats) by bits
+    /// as in `f64::total_cmp`.
     #[inline]
     pub fn order(self, a: Value, b: Value) -> Ordering {
         self.order_key(a).cmp(&self.order_key(b))
     }
 
-    /// The smaller sample of each channel.
+    /// Returns the smaller sample of each channel.
     #[inline]
     pub fn min(self, a: Value, b: Value) -> Value {
         self.choose(a, b, Ordering::Less)
     }
 
-    /// The larger sample of each channel.
+    /// Returns the larger sample of each channel.
     #[inline]
     pub fn max(self, a: Value, b: Value) -> Value {
         self.choose(a, b, Ordering::Greater)
     }
 
-    /// Takes of each channel the sample of `b` where that is less (or greater), else that of `a`.
+    /// Returns for each channel the sample of `b` if it compares to that of `a` as `wanted`,
+    /// otherwise that of `a`.
     fn choose(self, a: Value, b: Value, wanted: Ordering) -> Value {
         let (mut bytes, others) = (a.to_bytes(), b.to_bytes());
         let size = self.sample.size();
@@ -411,7 +419,7 @@ impl ValueType {
         Value::from_wide(u128::from_le_bytes(bytes))
     }
 
-    /// A value as text: its samples, between brackets.
+    /// Formats a value: its samples, in brackets.
     pub fn show(self, value: Value) -> String {
         let samples: Vec<String> = self.numbers(value).iter().map(Number::to_string).collect();
         format!("[{}]", samples.join(", "))

@@ -1,22 +1,26 @@
-//! Ties of [`Rule::Majority`](super::Rule::Majority): the order of the children breaks them, not the numbers of the classes.
+//! Tie-breaking of [`Rule::Majority`](super::Rule::Majority) by the order of the children.
 //!
-//! By the lowest class, every tie would go the same way, and low classes would grow from level to level. A tie goes to the first
-//! child, in child order, whose value is one of the tied classes. Where no child has one of them, a hash of the children's values
-//! chooses. Both depend on a node's children and counts alone: trees that are built in any way agree in every byte.
+//! If the lowest class won, every tie would be resolved in the same way, and low classes would grow
+//! from level to level. Instead, a tie goes to the first child, in child order, whose value is one
+//! of the tied classes. If no child has one of them, a hash of the children's values chooses. Both
+//! depend only on a node's children and counts, so the bytes of a tree do not depend on how it was
+//! built.
 
 use super::erased::Value;
 
-/// The class that wins a tie. `tied` are the classes, in ascending order, that have `cells` cells each; `children` are the values
-/// of the children that are not VOID, in child order.
+/// Returns the class that wins a tie.
+///
+/// `tied` are the classes that have `cells` cells each, in ascending order. `children` are the
+/// values of the children that are not VOID, in child order.
 ///
 /// # Panics
-/// If no class is tied.
+/// If `tied` is empty.
 pub fn break_tie(children: impl Iterator<Item = Value> + Clone, tied: &[Value], cells: u64) -> Value {
     let first = children.clone().find(|value| tied.contains(value));
     first.unwrap_or_else(|| tied[(hash(children, cells) % tied.len() as u64) as usize])
 }
 
-/// A hash of some values, which begins with a number.
+/// Returns a hash of values, with a number as the seed.
 fn hash(values: impl Iterator<Item = Value>, number: u64) -> u64 {
     values.fold(number, |hash, value| {
         let hash = (hash ^ value.folded()).wrapping_mul(0x9E37_79B9_7F4A_7C15);
@@ -41,7 +45,7 @@ mod tests {
 
     #[test]
     fn a_hash_chooses_where_no_child_has_a_tied_class() {
-        // As formats.md says: 5 and four children.
+        // As specified in formats.md, for 5 cells and four children.
         let children = [9, 7, 3, 7];
         let mut hash = 5u64;
         for child in children {
@@ -51,7 +55,7 @@ mod tests {
         let tied = [1, 2, 4].map(class);
         let expected = tied[(hash % 3) as usize];
         assert_eq!(break_tie(children.map(|child| class(child as u8)).into_iter(), &tied, 5), expected);
-        // Each class wins about as often.
+        // Each class wins about equally often.
         let mut wins = [0; 3];
         for number in 0..3000u64 {
             let children = [10 + number % 7, 20 + number / 7 % 11, 10 + number % 7, 40 + number % 13];

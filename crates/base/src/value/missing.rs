@@ -1,13 +1,15 @@
-//! Samples that do not count: those that have the nodata number in one channel of a cell, while others have a sample, and those
-//! of transparent cells.
+//! Samples that do not count: nodata in single channels of a cell, and all samples of transparent
+//! cells.
 
 use super::erased::{MAX_VALUE_SIZE, Value};
 use super::number::Number;
 use super::value_type::{Mask, ValueType};
 
 impl ValueType {
-    /// The type of values of several channels in which a sample that is `nodata` is missing; the same type if no
-    /// sample can be that, or there is one channel, where such cells are VOID.
+    /// Returns the type of values in which a sample equal to `nodata` is missing.
+    ///
+    /// Returns a type without a mask if no sample can be `nodata`, or if there is one channel:
+    /// cells with nodata are then VOID.
     #[must_use]
     pub fn with_missing(self, nodata: impl Into<Number>) -> ValueType {
         let splat = self.splat(nodata).filter(|value| self.channels > 1 && !self.is_nan(*value));
@@ -20,15 +22,17 @@ impl ValueType {
         ValueType { mask, ..self }
     }
 
-    /// The type of values whose last channel is opacity, so that cells in which it is 0 are transparent; the same type if there
-    /// is one channel.
+    /// Returns the type of values whose last channel is opacity. Cells with an opacity of 0 are
+    /// transparent.
+    ///
+    /// Returns a type without a mask if there is one channel.
     #[must_use]
     pub const fn with_alpha(self) -> ValueType {
         let mask = if self.channels > 1 { Mask::Alpha } else { Mask::None };
         ValueType { mask, ..self }
     }
 
-    /// The type of which all samples count.
+    /// Returns the type without a mask: all samples count.
     #[must_use]
     #[inline]
     pub const fn without_mask(self) -> ValueType {
@@ -47,7 +51,8 @@ impl ValueType {
         self.mask == Mask::Alpha && self.present(value) == [false; 4]
     }
 
-    /// What stands for a mean of no samples: those that mean missing, or a transparent black; `None` if all samples count.
+    /// Returns the mean of no samples: missing ones, or transparent black. `None` if all samples
+    /// count.
     #[inline]
     pub fn mean_of_none(self) -> Option<Value> {
         match self.mask {
@@ -57,7 +62,7 @@ impl ValueType {
         }
     }
 
-    /// The value all of whose samples are missing, if single ones can be.
+    /// Returns the value whose samples are all missing; `None` if single samples cannot be missing.
     #[inline]
     pub fn all_missing(self) -> Option<Value> {
         let Mask::Missing(sample) = self.mask else { return None };
@@ -69,7 +74,7 @@ impl ValueType {
         Some(Value::from_bytes(&bytes[..self.size()]))
     }
 
-    /// Which channels of a value have a sample that counts.
+    /// Returns for each channel whether its sample counts.
     #[inline]
     pub fn present(self, value: Value) -> [bool; 4] {
         match self.mask {
@@ -78,7 +83,8 @@ impl ValueType {
         }
     }
 
-    /// The value with the samples that other values have in its channels.
+    /// Assembles a value from the sample of each channel in the value that a function returns for
+    /// it.
     #[inline]
     pub fn by_channel(self, value: impl Fn(usize) -> Value) -> Value {
         let size = self.sample.size();
@@ -89,7 +95,7 @@ impl ValueType {
         Value::from_bytes(&bytes[..self.size()])
     }
 
-    /// The value with zeros in place of samples that are missing, which add nothing to sums.
+    /// Returns the value with zeros for missing samples, which add nothing to sums.
     #[inline]
     pub fn with_zeros(self, value: Value) -> Value {
         let present = self.present(value);
@@ -99,7 +105,8 @@ impl ValueType {
         self.by_channel(|channel| if present[channel] { value } else { Value::ZERO })
     }
 
-    /// Joins values, channel by channel, without samples that do not count; `None` if there is no value.
+    /// Combines values channel by channel, and skips samples that do not count; `None` without
+    /// values.
     #[inline]
     pub fn join_all(
         self,
@@ -110,7 +117,7 @@ impl ValueType {
         Some(if self.is_transparent(joined) { Value::ZERO } else { joined })
     }
 
-    /// Joins two values, channel by channel; where one sample is missing it is the other.
+    /// Combines two values channel by channel. If one sample is missing, the result is the other.
     #[inline]
     pub fn join_present(self, a: Value, b: Value, join: fn(ValueType, Value, Value) -> Value) -> Value {
         let both = join(self, a, b);
@@ -127,7 +134,7 @@ impl ValueType {
 }
 
 impl Mask {
-    /// Which channels of a value of samples of this size have one that counts.
+    /// Returns for each channel whether its sample counts; samples have `sample_size` bytes.
     #[inline]
     pub fn present(self, sample_size: usize, bytes: &[u8]) -> [bool; 4] {
         match self {
@@ -142,7 +149,7 @@ impl Mask {
             Mask::Alpha => {
                 let (last, rest) = bytes.split_last().expect("values have bytes");
                 let rest = &rest[rest.len() + 1 - sample_size..];
-                // (Minus zero is zero, too: of several channels only floating samples have four bytes.)
+                // Minus zero is zero, too. In multi-channel types only floats have four bytes.
                 let sign = if sample_size == 4 { 0x80 } else { 0 };
                 [last & !sign != 0 || rest.iter().any(|byte| *byte != 0); 4]
             }

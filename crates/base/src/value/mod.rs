@@ -1,5 +1,5 @@
-//! Values of cells: samples, values whose type is known at run time, what many cells add up to, and how
-//! coarse levels get theirs.
+//! Values of cells: samples, run-time typed values, sums and statistics, and the rules for coarse
+//! levels.
 
 mod dispatch;
 mod double;

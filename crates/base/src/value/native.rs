@@ -10,20 +10,22 @@ use super::sums::Sums;
 use super::value_type::ValueType;
 use crate::array;
 
-/// A value whose type is known at compile time: one to four samples of one type. Only kernels know such
-/// types; they are chosen once per block or file by [`with_native_type`](super::with_native_type).
+/// A value whose type is known at compile time: one to four samples of one type.
+///
+/// Only kernels know such types. [`with_native_type`](super::with_native_type) selects them once
+/// per block or file.
 pub trait Native: Copy + Debug + Default + Send + Sync + 'static {
     /// Type of each sample.
     type Sample: Arithmetic;
     /// Number of samples.
     const CHANNELS: usize;
-    /// Form on disk.
+    /// Representation on disk.
     type Wire: FromBytes + IntoBytes + Unaligned + Immutable + KnownLayout + Copy + Debug + Send + Sync;
     /// Sums of at most 2^15 cells, one per channel.
     type NarrowSums: Copy + Debug + Default + Send + Sync;
     /// Sums of squares of at most 2^15 cells, one per channel.
     type NarrowSquares: Copy + Debug + Default + Send + Sync;
-    /// Sums of a block, one per channel.
+    /// Sums of a block (at most 2^24 cells), one per channel.
     type BlockSums: Copy + Debug + Default + Send + Sync;
     /// Sums of squares of a block, one per channel.
     type BlockSquares: Copy + Debug + Default + Send + Sync;
@@ -35,69 +37,69 @@ pub trait Native: Copy + Debug + Default + Send + Sync + 'static {
     /// The type as a run-time value.
     const TYPE: ValueType = ValueType::new(Self::Sample::TYPE, Self::CHANNELS as u8);
 
-    /// From disk.
+    /// Converts from the representation on disk.
     fn from_wire(wire: Self::Wire) -> Self;
-    /// To disk.
+    /// Converts to the representation on disk.
     fn to_wire(self) -> Self::Wire;
-    /// Sums of one cell of this value.
+    /// Returns the sums of one cell with this value.
     fn narrow_sums(self) -> Self::NarrowSums;
     /// Adds channel by channel.
     fn add_narrow_sums(a: Self::NarrowSums, b: Self::NarrowSums) -> Self::NarrowSums;
-    /// Squares of the samples of one cell.
+    /// Returns the squares of one cell's samples.
     fn narrow_squares(self) -> Self::NarrowSquares;
     /// Adds channel by channel.
     fn add_narrow_squares(a: Self::NarrowSquares, b: Self::NarrowSquares) -> Self::NarrowSquares;
-    /// Sums of squares of a few cells as those of a block.
+    /// Converts sums of squares of few cells to those of a block.
     fn widen_narrow_squares(squares: Self::NarrowSquares) -> Self::BlockSquares;
-    /// Means of 2^`bits` cells (at most 2^15), rounded to the type.
+    /// Returns the means of 2^`bits` cells (at most 2^15), rounded to the type.
     fn narrow_mean(sums: Self::NarrowSums, bits: u32) -> Self;
-    /// The sums of a few cells as sums of a block.
+    /// Converts sums of few cells to those of a block.
     fn widen_narrow(sums: Self::NarrowSums) -> Self::BlockSums;
-    /// Sums of `cells` cells of this value (at most 2^24).
+    /// Returns the sums of `cells` cells with this value (at most 2^24).
     fn block_sums(self, cells: u32) -> Self::BlockSums;
     /// Adds channel by channel.
     fn add_block_sums(a: Self::BlockSums, b: Self::BlockSums) -> Self::BlockSums;
-    /// Sums of the squares of `cells` cells of this value (at most 2^24).
+    /// Returns the sums of squares of `cells` cells with this value (at most 2^24).
     fn block_squares(self, cells: u32) -> Self::BlockSquares;
     /// Adds channel by channel.
     fn add_block_squares(a: Self::BlockSquares, b: Self::BlockSquares) -> Self::BlockSquares;
-    /// The sums of a block as sums of any number of cells.
+    /// Converts sums of a block to those of any number of cells.
     fn widen(sums: Self::BlockSums) -> Self::TotalSums;
-    /// Sums of squares of a block as sums of any number of cells.
+    /// Converts sums of squares of a block to those of any number of cells.
     fn widen_squares(squares: Self::BlockSquares) -> Self::TotalSquares;
-    /// Means of at most 2^24 cells, rounded to the type.
+    /// Returns the means of at most 2^24 cells, rounded to the type.
     fn block_mean(sums: Self::BlockSums, cells: u32) -> Self;
-    /// Sums of any number of cells of this value.
+    /// Returns the sums of any number of cells with this value.
     fn total_sums(self, cells: u64) -> Self::TotalSums;
-    /// Sums of the squares of any number of cells of this value.
+    /// Returns the sums of squares of any number of cells with this value.
     fn total_squares(self, cells: u64) -> Self::TotalSquares;
     /// Adds channel by channel.
     fn add_sums(a: Self::TotalSums, b: Self::TotalSums) -> Self::TotalSums;
     /// Adds channel by channel.
     fn add_squares(a: Self::TotalSquares, b: Self::TotalSquares) -> Self::TotalSquares;
-    /// The sums with their type known at run time.
+    /// Converts sums to the run-time type.
     fn erase(sums: Self::TotalSums) -> Sums;
-    /// The sums of squares with their type known at run time.
+    /// Converts sums of squares to the run-time type.
     fn erase_squares(squares: Self::TotalSquares) -> Sums;
-    /// The inverse of [`Native::erase`].
+    /// Inverse of [`Native::erase`].
     fn typed_sums(sums: &Sums) -> Self::TotalSums;
-    /// The inverse of [`Native::erase_squares`].
+    /// Inverse of [`Native::erase_squares`].
     fn typed_squares(squares: &Sums) -> Self::TotalSquares;
-    /// Means of any number of cells, rounded to the type.
+    /// Returns the means of any number of cells, rounded to the type.
     fn mean(sums: &Sums, cells: u64) -> Self;
-    /// A total order: channel after channel.
+    /// Compares in a total order: channel by channel.
     fn order(self, other: Self) -> Ordering;
-    /// The smaller sample of each channel.
+    /// Returns the smaller sample of each channel.
     fn min(self, other: Self) -> Self;
-    /// The larger sample of each channel.
+    /// Returns the larger sample of each channel.
     fn max(self, other: Self) -> Self;
-    /// Whether both are equal in every bit.
+    /// Whether both values are equal in every bit.
     fn same(self, other: Self) -> bool;
-    /// Adds channel by channel, and keeps the results within what the type can hold.
+    /// Adds channel by channel; saturates at the limits of integer types.
     fn plus(self, other: Self) -> Self;
-    /// Subtracts channel by channel, and keeps the results within what the type can hold.
+    /// Subtracts channel by channel; saturates at the limits of integer types.
     fn minus(self, other: Self) -> Self;
-    /// Whether any sample is not a number; such a value is VOID.
+    /// Whether any sample is NaN. Such a value is VOID.
     fn is_nan(self) -> bool;
 }
 
@@ -256,7 +258,7 @@ native_values!(1 2 3 4);
 mod tests {
     use super::*;
 
-    /// Sum and mean of the largest block that a header allows, all cells alike.
+    /// Computes sum and mean of the largest block that a header allows, with equal samples.
     fn mean_of_largest<S: Arithmetic>(sample: S) -> S {
         let half = 1 << 23;
         let _ = sample.block_square(half) + sample.block_square(half);

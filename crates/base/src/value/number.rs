@@ -1,4 +1,4 @@
-//! Numbers as users see single samples: exact, whatever the type of the samples.
+//! Exact numbers, the type-independent form of single samples in the API.
 
 use std::cmp::Ordering;
 use std::fmt;
@@ -8,10 +8,11 @@ use std::str::FromStr;
 use serde::de::{self, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// A number that any sample can be: an integer of 64 bits with or without a sign, or an f64.
+/// A number that can hold any sample: a signed or unsigned 64-bit integer, or an f64.
 ///
-/// Numbers are compared by what they are, not by how they are kept: 3 and 3.0 are equal, and an integer that no f64 is equal to
-/// is equal to none. The order is total, as `f64::total_cmp`: -0.0 comes before 0.
+/// Numbers are compared by value, not by representation: 3 and 3.0 are equal, and an integer that
+/// is not exact in an f64 is equal to no f64. The order is total, as in `f64::total_cmp`: -0.0 is
+/// less than 0.
 ///
 /// ```
 /// use spinney::Number;
@@ -23,11 +24,11 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 /// ```
 #[derive(Clone, Copy, Debug)]
 pub enum Number {
-    /// An integer from 0 on.
+    /// A non-negative integer.
     Unsigned(u64),
     /// A negative integer.
     Signed(i64),
-    /// Any number, as floating samples have it.
+    /// Any number, as in floating samples.
     Float(f64),
 }
 
@@ -35,7 +36,7 @@ impl Number {
     /// Not a number.
     pub const NAN: Number = Number::Float(f64::NAN);
 
-    /// The nearest f64.
+    /// Returns the nearest f64.
     #[inline]
     pub fn to_f64(self) -> f64 {
         match self {
@@ -45,7 +46,8 @@ impl Number {
         }
     }
 
-    /// The integer that this is; `None` if it is none, or none of 64 bits.
+    /// Returns the number as an integer; `None` if it is not integral, is -0.0, or exceeds the
+    /// range of 64-bit integers.
     pub fn to_integer(self) -> Option<i128> {
         match self {
             Number::Unsigned(number) => Some(number.into()),
@@ -59,19 +61,19 @@ impl Number {
         }
     }
 
-    /// Whether it is a finite number.
+    /// Whether the number is finite.
     #[inline]
     pub fn is_finite(self) -> bool {
         !matches!(self, Number::Float(number) if !number.is_finite())
     }
 
-    /// Whether it is not a number.
+    /// Whether the number is NaN.
     #[inline]
     pub fn is_nan(self) -> bool {
         matches!(self, Number::Float(number) if number.is_nan())
     }
 
-    /// The number of which the sign is taken if it is a zero.
+    /// Returns the number, with -0.0 replaced by 0.
     #[inline]
     #[must_use]
     pub fn with_plain_zero(self) -> Number {
@@ -83,12 +85,12 @@ fn is_negative_zero(number: f64) -> bool {
     number == 0.0 && number.is_sign_negative()
 }
 
-/// Order of an integer of 64 bits and an f64, exactly.
+/// Compares a 64-bit integer with an f64, exactly.
 fn compare_mixed(integer: i128, float: f64) -> Ordering {
     if float.is_nan() {
         return if float.is_sign_negative() { Ordering::Greater } else { Ordering::Less };
     }
-    // (What is beyond i128 becomes its end, which is beyond all integers of 64 bits, too.)
+    // The cast saturates at the limits of i128, which are beyond all 64-bit integers.
     let below = float.floor();
     integer.cmp(&(below as i128)).then(match () {
         () if below < float => Ordering::Less,
@@ -191,7 +193,8 @@ impl fmt::Display for Number {
 impl FromStr for Number {
     type Err = ParseFloatError;
 
-    /// Reads integers exactly, also those that are written with a fraction of zeros (`5.0`); of others the nearest f64.
+    /// Parses integers exactly, including those with a fraction of zeros (`5.0`), and other numbers
+    /// to the nearest f64.
     fn from_str(text: &str) -> Result<Number, ParseFloatError> {
         let whole = match text.split_once('.') {
             Some((whole, zeros)) if !zeros.is_empty() && zeros.bytes().all(|byte| byte == b'0') => whole,
@@ -201,14 +204,14 @@ impl FromStr for Number {
             return Ok(Number::Unsigned(number));
         }
         match whole.parse::<i64>() {
-            // (`-0` is the zero of floating samples that has a sign.)
+            // `-0` is the negative zero of floating samples.
             Ok(number) if number < 0 => Ok(Number::Signed(number)),
             _ => text.parse().map(Number::Float),
         }
     }
 }
 
-/// The form on disk.
+/// Representation in binary formats.
 #[derive(Serialize, Deserialize)]
 #[serde(rename = "Number")]
 enum Stored {
@@ -272,7 +275,7 @@ mod tests {
     #[test]
     fn numbers_are_ordered_by_what_they_are() {
         let two_53 = 1u64 << 53;
-        // In ascending order; the lists are equal numbers.
+        // In ascending order. The numbers of each inner list are equal.
         let ascending: &[&[Number]] = &[
             &[Number::Float(-f64::NAN)],
             &[Number::Float(f64::NEG_INFINITY)],

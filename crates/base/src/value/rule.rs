@@ -1,4 +1,4 @@
-//! Rules for the representative: the one value that stands for an inner node at coarse detail.
+//! Rules for the representative: the value of an INNER node at coarse detail.
 
 use std::fmt;
 use std::str::FromStr;
@@ -7,28 +7,31 @@ use serde::{Deserialize, Serialize};
 
 use crate::Error;
 
-/// Rule by which the representative of an inner node comes from what is below it. VOID never counts.
+/// Rule that computes the representative of an INNER node from its subtree. VOID never counts,
+/// except in [`Rule::Occupancy`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Rule {
-    /// The mean over all cells below that are not VOID, each channel by itself: from sums carried up the
-    /// tree and rounded once (integers: to the nearest, a half upwards), so no bias builds up by level.
-    /// Sums of integers are exact; sums of floating samples are double-double, added pairwise in Z order.
+    /// Mean of all cells below that are not VOID, per channel. It is computed from sums that are
+    /// carried up the tree, and rounded once (integers: to nearest, half up), so rounding errors do
+    /// not accumulate. Sums of integers are exact. Sums of floating samples are double-double,
+    /// added pairwise in Z order.
     Mean,
-    /// The value that covers most cells below, from exact counts. A tie goes to the first child, in child
-    /// order, whose value is one of the tied ones; if there is none, a hash of the children's values
-    /// chooses. So no class is preferred for its number.
+    /// The value that covers most cells below, from exact counts. A tie goes to the first child, in
+    /// child order, whose value is one of the tied ones. If there is none, a hash of the children's
+    /// values chooses. So the number of a class does not affect ties.
     Majority,
-    /// The survey's local rule on the children alone: a LEAF child's value weighs 3, an INNER child's
-    /// representative 2; ties go to the first in child order. It gives the literature's tables.
+    /// The survey's local rule on the children alone. A LEAF child's value weighs 3, an INNER
+    /// child's representative 2; a tie goes to the first child in order. It reproduces the tables
+    /// of the literature.
     Dominant,
-    /// The smallest value below, each channel by itself.
+    /// The smallest value below, per channel.
     Min,
-    /// The largest value below, each channel by itself.
+    /// The largest value below, per channel.
     Max,
     /// The value of the first child, in child order, that is not VOID.
     Nearest,
-    /// The occupancy of the node: the mean over all cells below, those that are VOID counting as zero;
-    /// otherwise as [`Rule::Mean`]. Made for solids, whose full cells are 255.
+    /// Occupancy: the mean over all cells below, where VOID cells count as zero; otherwise as
+    /// [`Rule::Mean`]. For solids, whose full cells are 255.
     Occupancy,
 }
 
@@ -37,7 +40,7 @@ impl Rule {
     pub const ALL: [Rule; 7] =
         [Rule::Mean, Rule::Majority, Rule::Dominant, Rule::Min, Rule::Max, Rule::Nearest, Rule::Occupancy];
 
-    /// The rule's name on the command line.
+    /// Returns the rule's name on the command line.
     pub fn name(self) -> &'static str {
         ["mean", "majority", "dominant", "min", "max", "nearest", "occupancy"][self as usize]
     }
@@ -60,17 +63,17 @@ impl FromStr for Rule {
     }
 }
 
-/// The meaning of the values, which decides the default rule and what can be asked.
+/// Meaning of the values, which determines the default rule and the supported queries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum DataKind {
-    /// Names of things: land cover, parts. They are counted, never averaged.
+    /// Class codes, such as land cover. They are counted, never averaged.
     Categorical,
-    /// Amounts: brightness, height.
+    /// Continuous values, such as brightness or height.
     Continuous,
 }
 
 impl DataKind {
-    /// The rule that fits when the user says nothing.
+    /// Returns the default rule.
     pub fn default_rule(self) -> Rule {
         match self {
             DataKind::Categorical => Rule::Majority,
@@ -78,7 +81,7 @@ impl DataKind {
         }
     }
 
-    /// The kind's name on the command line.
+    /// Returns the kind's name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             DataKind::Categorical => "categorical",

@@ -1,4 +1,4 @@
-//! Samples whose type is known at compile time: for kernels, which work on many of them at once.
+//! Samples whose type is known at compile time, for kernels.
 
 use std::cmp::Ordering;
 use std::fmt::Debug;
@@ -16,9 +16,9 @@ use super::value_type::SampleType;
 
 /// Sums of any number of samples, or of their squares: see [`Sums`].
 pub trait TotalSum: Copy + Debug + Default + Add<Output = Self> + Send + Sync + 'static {
-    /// One sum per channel, at most four.
+    /// Converts one sum per channel, at most four.
     fn to_sums(sums: &[Self]) -> Sums;
-    /// The inverse; sums of the other kind are zeros.
+    /// Inverse of [`TotalSum::to_sums`]; returns zeros for sums of another variant.
     fn from_sums(sums: &Sums) -> [Self; 4];
 }
 
@@ -46,33 +46,36 @@ pub trait Sample: Copy + Debug + Default + PartialEq + PartialOrd + Send + Sync 
     /// The type as a run-time value.
     const TYPE: SampleType;
 
-    /// The sample that the first bytes of a slice are, little-endian.
+    /// Reads a sample from the start of a slice, little-endian.
     fn read(bytes: &[u8]) -> Self;
     /// Writes the sample's bytes, little-endian.
     fn write(self, bytes: &mut [u8]);
-    /// The number as f64: exactly, but for integers of 64 bits, of which it is the nearest.
+    /// Returns the number as an f64: the nearest one for 64-bit integers, exact for other types.
     fn to_f64(self) -> f64;
-    /// The sample nearest to this number.
+    /// Returns the sample nearest to a number.
     fn from_f64_lossy(number: f64) -> Self;
-    /// The number, exactly.
+    /// Returns the number, exactly.
     fn to_number(self) -> Number;
-    /// The sample equal to this number, if there is one.
+    /// Returns the sample equal to a number; `None` if there is none.
     fn from_number(number: Number) -> Option<Self>;
-    /// The sample nearest to this number.
+    /// Returns the sample nearest to an exact number.
     fn from_number_lossy(number: Number) -> Self;
-    /// A number that orders samples: by number, then (for floats) by bits, as `f64::total_cmp`.
+    /// Returns a key that orders samples: by number, then (for floats) by bits as in
+    /// `f64::total_cmp`.
     fn order_key(self) -> u64;
-    /// The sample that has such a key.
+    /// Inverse of [`Sample::order_key`].
     fn from_order_key(key: u64) -> Self;
-    /// The sample as a number to compute with: of integers of 64 bits the difference from a base, of which f64 loses less.
+    /// Returns the sample for computation: of a 64-bit integer the difference from `base`, which
+    /// loses fewer digits in an f64.
     fn relative_to(self, base: Self) -> f64;
-    /// The sample nearest to what was computed with [`Sample::relative_to`]; integers are rounded half up.
+    /// Returns the sample nearest to a result that was computed with [`Sample::relative_to`].
+    /// Integers are rounded half up.
     fn from_relative(base: Self, number: f64) -> Self;
 }
 
-/// Wire form, sums and means of samples, for kernels.
+/// Representation on disk, sums and means of samples, for kernels.
 pub trait Arithmetic: Sample {
-    /// Form on disk: little-endian at any address.
+    /// Representation on disk: little-endian, unaligned.
     type Wire: FromBytes
         + IntoBytes
         + Unaligned
@@ -114,35 +117,35 @@ pub trait Arithmetic: Sample {
     /// Sum of squares over any number of cells.
     type TotalSquare: TotalSum;
 
-    /// From disk.
+    /// Converts from the representation on disk.
     fn from_wire(wire: Self::Wire) -> Self;
-    /// To disk.
+    /// Converts to the representation on disk.
     fn to_wire(self) -> Self::Wire;
-    /// The sum of one sample.
+    /// Returns the sum of one sample.
     fn narrow_sum(self) -> Self::NarrowSum;
-    /// The square of one sample.
+    /// Returns the square of one sample.
     fn narrow_square(self) -> Self::NarrowSquare;
-    /// Mean of 2^`bits` samples (at most 2^15), rounded to the type.
+    /// Returns the mean of 2^`bits` samples (at most 2^15), rounded to the type.
     fn narrow_mean(sum: Self::NarrowSum, bits: u32) -> Self;
-    /// The sum of `cells` equal samples (at most 2^24).
+    /// Returns the sum of `cells` equal samples (at most 2^24).
     fn block_sum(self, cells: u32) -> Self::BlockSum;
-    /// The sum of the squares of `cells` equal samples (at most 2^24).
+    /// Returns the sum of the squares of `cells` equal samples (at most 2^24).
     fn block_square(self, cells: u32) -> Self::BlockSquare;
-    /// The sum of any number of equal samples.
+    /// Returns the sum of any number of equal samples.
     fn total_sum(self, cells: u64) -> Self::TotalSum;
-    /// The sum of the squares of any number of equal samples.
+    /// Returns the sum of the squares of any number of equal samples.
     fn total_square(self, cells: u64) -> Self::TotalSquare;
-    /// Mean of at most 2^24 samples, rounded to the type.
+    /// Returns the mean of at most 2^24 samples, rounded to the type.
     fn block_mean(sum: Self::BlockSum, cells: u32) -> Self;
-    /// Mean of any number of samples, rounded to the type.
+    /// Returns the mean of any number of samples, rounded to the type.
     fn mean(sum: Self::TotalSum, cells: u64) -> Self;
-    /// The sum, kept within what the type can hold.
+    /// Returns the sum; saturates at the limits of integer types.
     fn plus(self, other: Self) -> Self;
-    /// The difference, kept within what the type can hold.
+    /// Returns the difference; saturates at the limits of integer types.
     fn minus(self, other: Self) -> Self;
-    /// A total order: by number, then (for floats) by bits, as `f64::total_cmp`.
+    /// Compares in a total order: by number, then (for floats) by bits as in `f64::total_cmp`.
     fn order(self, other: Self) -> Ordering;
-    /// Not a number.
+    /// Whether the sample is NaN.
     fn is_nan(self) -> bool;
 }
 
@@ -187,7 +190,7 @@ macro_rules! integer_sample {
             }
             #[inline]
             fn order_key(self) -> u64 {
-                // The lowest number of a signed type becomes 0.
+                // Flips the sign bit: the lowest number of a signed type becomes 0.
                 let bits = 8 * size_of::<$type>() as u32;
                 (self as i64 as u64).wrapping_add($flip << (bits - 1)) & (u64::MAX >> (64 - bits))
             }
@@ -208,7 +211,7 @@ macro_rules! integer_sample {
     };
 }
 
-/// The difference of two integers of 64 bits.
+/// Returns the difference of two 64-bit integers.
 fn difference(number: impl Into<i128>, base: impl Into<i128>) -> f64 {
     (number.into() - base.into()) as f64
 }
@@ -226,7 +229,7 @@ integer_sample!(i64, I64, 1u64, difference, |base, number: f64| {
     i128::from(base).saturating_add(number as i128).clamp(i64::MIN.into(), i64::MAX.into()) as i64
 });
 
-/// What the arithmetic of integers of all widths has in common.
+/// Arithmetic that integers of all widths share.
 macro_rules! integer_arithmetic {
     ($type:ident, $to:expr, $from:expr) => {
         #[inline]
@@ -277,7 +280,7 @@ macro_rules! integer_arithmetic {
     };
 }
 
-/// Integers whose squares are added up exactly.
+/// Integers of at most 32 bits, whose squares are summed in primitive integers.
 macro_rules! narrow_integer {
     ($type:ident, $wire:ty, $narrow:ty, $narrow_square:ty, $sum:ty, $square:ty, $to:expr, $from:expr) => {
         impl Arithmetic for $type {
@@ -306,8 +309,9 @@ macro_rules! narrow_integer {
             }
             #[inline]
             fn block_mean(sum: $sum, cells: u32) -> $type {
-                // Rounded half up: floor((2 sum + cells) / (2 cells)). A shift rounds down for negative
-                // numbers, too. No overflow: the sum of 2^24 samples of 32 bits has 56.
+                // Rounded half up: floor((2 sum + cells) / (2 cells)). A shift rounds down for
+                // negative numbers, too. It cannot overflow: the sum of 2^24 samples of 32 bits has
+                // 56 bits.
                 let (twice, half_up) = (2 * i64::from(cells), 2 * i64::from(sum) + i64::from(cells));
                 if cells.is_power_of_two() {
                     (half_up >> twice.trailing_zeros()) as $type
@@ -404,7 +408,8 @@ macro_rules! float_sample {
             }
             #[inline]
             fn order_key(self) -> u64 {
-                // Negative numbers have their bits the other way round, all below those of the others.
+                // Negative numbers have all bits inverted, which puts them below the others in
+                // reverse order.
                 let bits = self.to_bits();
                 let sign = 1 << ($bits::BITS - 1);
                 u64::from(if bits & sign == 0 { bits | sign } else { !bits })
@@ -477,8 +482,8 @@ macro_rules! float_sample {
             #[inline]
             fn mean(sum: DoubleDouble, cells: u64) -> $type {
                 let mean = (sum.high / cells as f64) as $type;
-                // One bit pattern for "not a number" (from infinities of both signs), so that files are
-                // the same everywhere.
+                // One bit pattern for NaN (from infinities of both signs), so that files are the
+                // same on all platforms.
                 if mean.is_nan() { $type::NAN } else { mean }
             }
             #[inline]
@@ -501,6 +506,6 @@ macro_rules! float_sample {
     };
 }
 
-// (The square of an f32 is an f64.)
+// The square of an f32 is exact in an f64.
 float_sample!(f32, F32, F32, u32, DoubleDouble, |x| DoubleDouble::from(x * x));
 float_sample!(f64, F64, F64, u64, TripleDouble, TripleDouble::square);

@@ -1,10 +1,11 @@
-//! Sums of squares of integers of 64 bits, exactly.
+//! Exact sums of squares of 64-bit integers.
 
 use std::ops::Add;
 
-/// A number of 192 bits without a sign: squares of 64-bit integers have up to 128, and there are fewer than 2^58 cells.
+/// An unsigned 192-bit integer: squares of 64-bit integers have up to 128 bits, and a tree has at
+/// most 2^58 cells.
 ///
-/// Sums are modulo 2^192, which no tree reaches.
+/// Sums wrap modulo 2^192, which no tree reaches.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SquareSum {
     low: u128,
@@ -15,14 +16,14 @@ impl SquareSum {
     /// Bytes on disk.
     pub(super) const SIZE: usize = 24;
 
-    /// The square of a number of at most 64 bits.
+    /// Returns the square of a number of at most 64 bits.
     #[inline]
     pub(super) fn of(number: i128) -> SquareSum {
         let number = number.unsigned_abs();
         SquareSum { low: number.wrapping_mul(number), high: 0 }
     }
 
-    /// So many times the number.
+    /// Multiplies by a count.
     #[inline]
     pub(super) fn times(self, count: u64) -> SquareSum {
         let count = u128::from(count);
@@ -32,12 +33,12 @@ impl SquareSum {
         SquareSum { low, high: (second >> 64) as u64 + self.high.wrapping_mul(count as u64) }
     }
 
-    /// Whether it can be the sum of so many squares.
+    /// Whether this can be the sum of the squares of `cells` samples.
     pub(super) fn is_possible(self, cells: u64) -> bool {
         self.high < cells || self == SquareSum::default()
     }
 
-    /// The number's digits to the base 2^64, the lowest first.
+    /// Returns the digits in base 2^64, the lowest first.
     pub(super) fn limbs(self) -> [u64; 3] {
         [self.low as u64, (self.low >> 64) as u64, self.high]
     }
@@ -49,7 +50,7 @@ impl SquareSum {
         bytes
     }
 
-    /// The number of so many bytes, little-endian.
+    /// Returns the integer with these bytes, little-endian.
     pub fn from_bytes(bytes: [u8; 24]) -> SquareSum {
         SquareSum {
             low: u128::from_le_bytes(std::array::from_fn(|byte| bytes[byte])),

@@ -1,4 +1,7 @@
-//! Sums of samples, and of their squares: exact for integers, with two and three times the digits of an f64 for floating samples.
+//! Sums of samples, and of their squares.
+//!
+//! Those of integers are exact. Those of floating samples have two and three times the digits of an
+//! f64.
 
 use super::double::DoubleDouble;
 use super::square_sum::SquareSum;
@@ -8,24 +11,24 @@ use super::value_type::SampleType;
 /// Sums of up to four channels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Sums {
-    /// Sums of integers, and of the squares of those of at most 32 bits.
+    /// Sums of integers, and of squares of integers of at most 32 bits.
     Exact([i128; 4]),
-    /// Sums of the squares of integers of 64 bits.
+    /// Sums of squares of 64-bit integers.
     Squares([SquareSum; 4]),
-    /// Sums of floating samples, and of the squares of `f32`.
+    /// Sums of floating samples, and of squares of `f32`.
     Double([DoubleDouble; 4]),
-    /// Sums of the squares of `f64`.
+    /// Sums of squares of `f64`.
     Triple([TripleDouble; 4]),
 }
 
 impl Sums {
-    /// Sums of no samples.
+    /// Returns the sums of no samples.
     #[inline]
     pub fn zero(sample: SampleType) -> Sums {
         if sample.is_float() { Sums::Double(Default::default()) } else { Sums::Exact([0; 4]) }
     }
 
-    /// Sums of the squares of no samples.
+    /// Returns the sums of squares of no samples.
     #[inline]
     pub(super) fn zero_squares(sample: SampleType) -> Sums {
         match sample {
@@ -36,7 +39,8 @@ impl Sums {
         }
     }
 
-    /// Bytes on disk of one channel's sum of squares. (Those of its sum are 16.)
+    /// Returns the size on disk of one channel's sum of squares, in bytes. (A sum of samples has
+    /// 16.)
     pub const fn size_of_squares(sample: SampleType) -> usize {
         match sample {
             SampleType::U64 | SampleType::I64 | SampleType::F64 => SquareSum::SIZE,
@@ -44,7 +48,7 @@ impl Sums {
         }
     }
 
-    /// Bytes on disk of one channel.
+    /// Returns the size of one channel on disk, in bytes.
     pub fn size(&self) -> usize {
         match self {
             Sums::Exact(_) | Sums::Double(_) => 16,
@@ -52,7 +56,7 @@ impl Sums {
         }
     }
 
-    /// Adds channel by channel; both must be of one type of samples.
+    /// Adds channel by channel. Both sums must be of the same sample type.
     #[must_use]
     #[inline]
     pub fn add(&self, other: &Sums) -> Sums {
@@ -73,7 +77,7 @@ impl Sums {
         }
     }
 
-    /// The sum of one channel, rounded once.
+    /// Returns the sum of one channel, rounded once.
     pub fn number(&self, channel: usize) -> f64 {
         match self {
             Sums::Exact(sums) => sums[channel] as f64,
@@ -82,7 +86,7 @@ impl Sums {
         }
     }
 
-    /// The sum of one channel, with 159 bits.
+    /// Returns the sum of one channel, with 159 bits.
     pub fn triple(&self, channel: usize) -> TripleDouble {
         match self {
             Sums::Exact(sums) => TripleDouble::from(sums[channel]),
@@ -92,7 +96,7 @@ impl Sums {
         }
     }
 
-    /// Appends the bytes of one channel's sum on disk: an integer of 16 or 24, or two or three f64.
+    /// Appends one channel's sum as on disk: an integer of 16 or 24 bytes, or two or three f64.
     pub fn write(&self, channel: usize, bytes: &mut Vec<u8>) {
         match self {
             Sums::Exact(sums) => bytes.extend(sums[channel].to_le_bytes()),
@@ -108,7 +112,8 @@ impl Sums {
         }
     }
 
-    /// Sets one channel to what [`Sums::write`] has made, and returns the bytes after it; `None` if there are too few.
+    /// Sets one channel from the bytes of [`Sums::write`], and returns the bytes after it; `None`
+    /// if there are too few.
     pub fn read<'a>(&mut self, channel: usize, bytes: &'a [u8]) -> Option<&'a [u8]> {
         match self {
             Sums::Exact(sums) => {
@@ -134,8 +139,10 @@ impl Sums {
         }
     }
 
-    /// Whether all sums are those of at most so many samples, or of their squares. (No integer sample, and no square of one of at most 32
-    /// bits, is larger than 2^64; of floating samples everything is possible.)
+    /// Whether the sums can be those of at most `cells` samples, or of their squares.
+    ///
+    /// No integer sample, and no square of an integer of at most 32 bits, exceeds 2^64. Sums of
+    /// floating samples are not checked.
     pub fn are_possible(&self, cells: u64) -> bool {
         let most = cells as f64 * 2f64.powi(64);
         match self {
@@ -145,15 +152,15 @@ impl Sums {
         }
     }
 
-    /// Variance of the population of `cells` samples of a channel, from their sums and sums of squares: see
-    /// [`TripleDouble::variance`].
+    /// Returns the population variance of the `cells` samples of a channel, from their sums and
+    /// sums of squares: see [`TripleDouble::variance`].
     pub fn variance(sums: &Sums, squares: &Sums, channel: usize, cells: u64) -> f64 {
         let cells = DoubleDouble::from(i128::from(cells));
         TripleDouble::variance(sums.triple(channel), squares.triple(channel), cells)
     }
 }
 
-/// Appends the parts of a number. (One that is no number has one form.)
+/// Appends the terms of a number. NaN has one canonical form.
 fn write_parts<const PARTS: usize>(mut parts: [f64; PARTS], bytes: &mut Vec<u8>) {
     if parts[0].is_nan() {
         parts = [0.0; PARTS];
@@ -162,7 +169,7 @@ fn write_parts<const PARTS: usize>(mut parts: [f64; PARTS], bytes: &mut Vec<u8>)
     bytes.extend(parts.iter().flat_map(|part| part.to_le_bytes()));
 }
 
-/// The parts of a number, and the bytes after it.
+/// Reads the terms of a number, and returns them with the bytes after them.
 fn read_parts<const PARTS: usize>(mut bytes: &[u8]) -> Option<([f64; PARTS], &[u8])> {
     let mut parts = [0.0; PARTS];
     for part in &mut parts {

@@ -1,4 +1,4 @@
-//! Tallies: exact counts, extremes and sums over all the cells below a node.
+//! Zone statistics: exact counts, extremes and sums of all cells below a node.
 
 use std::cmp::Ordering;
 
@@ -10,54 +10,60 @@ use super::rule::Rule;
 use super::sums::Sums;
 use super::value_type::ValueType;
 
-/// Counts, extremes and sums over cells that are not VOID; those of a node are its zone statistics.
+/// Counts, extremes and sums of cells that are not VOID. Those of a node are its zone statistics.
 ///
-/// Sums of floating samples and of their squares depend on the order of adding, which is therefore part of the definition: pairwise in
-/// Z order ([`ZoneStats::merge`]), so that a uniform block has exactly the sum of its cells and trees built in any way agree in every
-/// bit. Those of integers are exact.
+/// Sums of integers are exact. Sums of floating samples and of their squares depend on the order of
+/// the additions, so that order is specified: pairwise in Z order ([`ZoneStats::merge`]). A uniform
+/// block then has exactly the sum of its cells, and the bits of a tree do not depend on how it was
+/// built.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ZoneStats {
     /// Type of the values.
     pub value_type: ValueType,
-    /// Cells that are not VOID.
+    /// Number of cells that are not VOID.
     pub cells: u64,
-    /// Cells that have a sample, per channel: all of them, unless samples of the type can be missing.
+    /// Number of cells that have a sample, per channel: all cells, unless the type has missing
+    /// samples.
     pub present: [u64; 4],
-    /// Smallest sample of each channel (zero without any).
+    /// Smallest sample of each channel (zero without samples).
     pub min: Value,
-    /// Largest sample of each channel (zero without any).
+    /// Largest sample of each channel (zero without samples).
     pub max: Value,
     /// Sum of each channel.
     pub sum: Sums,
     /// Sum of squares of each channel.
     pub squares: Sums,
-    /// Cells of each value, by ascending value; empty unless classes are counted, or where there are too many.
+    /// Number of cells of each value, by ascending value; empty if classes are not counted or too
+    /// many.
     pub classes: Vec<(Value, u64)>,
 }
 
-/// Classes that files list of a zone at most. A list is then no longer than a third of the records of the smallest segment that
-/// has one, and an edit writes no more than some kilobytes of them on each level.
+/// Maximum number of classes that files store for a zone.
+///
+/// A list then takes at most a third of the records of the smallest segment that has one. An edit
+/// writes at most some kilobytes of lists per level.
 const MAX_CLASSES: usize = 1024;
 
 impl ZoneStats {
-    /// Whether there are cells, but nothing is known of their values.
+    /// Whether there are cells, but their classes are unknown.
     pub fn lacks_classes(&self) -> bool {
         self.classes.is_empty() && self.cells > 0
     }
 
-    /// The classes as files list them; `None` if there are too many, or they were not counted.
+    /// Returns the classes as files store them; `None` if there are too many, or they were not
+    /// counted.
     pub fn listed_classes(&self) -> Option<&[(Value, u64)]> {
         (self.classes.len() <= MAX_CLASSES && !self.lacks_classes()).then_some(&self.classes)
     }
 
-    /// Forgets classes that no file lists, unless representatives are made of their counts.
+    /// Drops classes that no file stores, unless the rule needs their counts.
     pub fn keep_listed_for(&mut self, rule: Rule) {
         if rule != Rule::Majority && self.listed_classes().is_none() {
             self.classes = Vec::new();
         }
     }
 
-    /// The tally of no cells.
+    /// Returns the statistics of no cells.
     #[inline]
     pub fn void(value_type: ValueType) -> ZoneStats {
         let (sum, squares) = (Sums::zero(value_type.sample), Sums::zero_squares(value_type.sample));
@@ -66,7 +72,7 @@ impl ZoneStats {
         ZoneStats { value_type, cells: 0, present, min, max, sum, squares, classes: Vec::new() }
     }
 
-    /// The tally of `cells` cells of one value.
+    /// Returns the statistics of `cells` cells of one value.
     pub fn leaf(value_type: ValueType, value: Value, cells: u64, count_classes: bool) -> ZoneStats {
         let present = value_type.present(value).map(|is_there| if is_there { cells } else { 0 });
         let classes = if count_classes { vec![(value, cells)] } else { Vec::new() };
@@ -75,18 +81,20 @@ impl ZoneStats {
         ZoneStats { value_type, cells, present, min: value, max: value, sum, squares, classes }
     }
 
-    /// The tally of the cells of all the parts; their number must be a power of two for the sums of floating
-    /// samples to be those that are defined.
+    /// Returns the statistics of the cells of all `parts`.
+    ///
+    /// The number of parts must be a power of two, otherwise floating sums deviate from the
+    /// specified order.
     ///
     /// # Panics
-    /// If there are no parts.
+    /// If `parts` is empty.
     pub fn merge(parts: &[&ZoneStats]) -> ZoneStats {
         match parts {
             [] => unreachable!("a node has children"),
             [one] => (*one).clone(),
             [a, b] => ZoneStats::add(a, b),
             _ => {
-                // By halves, not one after the other: floating sums are defined as pairwise in Z order.
+                // By halves: floating sums are specified as pairwise in Z order.
                 let (a, b) = parts.split_at(parts.len() / 2);
                 ZoneStats::add(&ZoneStats::merge(a), &ZoneStats::merge(b))
             }
@@ -98,7 +106,7 @@ impl ZoneStats {
         let mut tally = ZoneStats {
             sum: a.sum.add(&b.sum),
             squares: a.squares.add(&b.squares),
-            // (What is not known of a part is not known of the whole.)
+            // Classes that are unknown for one operand are unknown for the result.
             classes: match a.lacks_classes() || b.lacks_classes() {
                 true => Vec::new(),
                 false => merge_counts(value_type, &a.classes, &b.classes),
@@ -109,8 +117,10 @@ impl ZoneStats {
         tally
     }
 
-    /// Counts cells whose samples are between those of two values, of which so many cells have one per channel; sums and
-    /// classes stay as they are.
+    /// Adds cells with samples between two values to counts and extremes. `present` is how many of
+    /// them have a sample, per channel.
+    ///
+    /// Sums and classes stay unchanged.
     pub(crate) fn count_cells(&mut self, min: Value, max: Value, cells: u64, present: [u64; 4]) {
         let value_type = self.value_type;
         (self.min, self.max) = match (self.cells, cells) {
@@ -136,7 +146,7 @@ impl ZoneStats {
         self.present = std::array::from_fn(|channel| self.present[channel] + present[channel]);
     }
 
-    /// The sum of a channel's samples, relative to a value: see [`ValueType::samples_from`].
+    /// Returns the sum of a channel's samples relative to a value: see [`ValueType::samples_from`].
     pub fn sum_from(&self, base: Value, channel: usize) -> f64 {
         match (&self.sum, self.value_type.numbers(base)[channel].to_integer()) {
             (Sums::Exact(sums), Some(base)) if self.value_type.sample.is_wide_integer() => {
@@ -146,7 +156,7 @@ impl ZoneStats {
         }
     }
 
-    /// Mean of each channel over the cells that have a sample in it; missing where none has.
+    /// Returns each channel's mean over the cells that have a sample in it; missing if none has.
     fn mean(&self) -> Value {
         let Some(missing) = self.value_type.mean_of_none() else { return self.mean_over(self.cells) };
         self.value_type.by_channel(|channel| match self.present[channel] {
@@ -155,13 +165,13 @@ impl ZoneStats {
         })
     }
 
-    /// Mean of each channel over so many cells, those beyond the tally's own counting as zero, rounded to the
-    /// type. Not to be called without cells.
+    /// Returns each channel's mean over `cells` cells (at least 1), rounded to the type. Cells that
+    /// were not counted are zeros.
     fn mean_over(&self, cells: u64) -> Value {
         with_native_type!(self.value_type, V => erase(V::mean(&self.sum, cells)))
     }
 
-    /// The cells of the most frequent classes, and how many classes have as many.
+    /// Returns the cell count of the most frequent classes, and how many classes have it.
     fn most_frequent(&self) -> (u64, usize) {
         self.classes.iter().fold((0, 0), |(most, ties), (_, cells)| match cells.cmp(&most) {
             Ordering::Less => (most, ties),
@@ -170,7 +180,7 @@ impl ZoneStats {
         })
     }
 
-    /// Whether several classes have most cells, so that the children decide on the majority.
+    /// Whether several classes are the most frequent, so that the children decide on the majority.
     pub fn is_tied(&self) -> bool {
         self.most_frequent().1 > 1
     }
@@ -181,7 +191,7 @@ impl ZoneStats {
         self.classes.iter().any(|(value, cells)| *value == class && *cells == most)
     }
 
-    /// The class with most cells; of several, see [`break_tie`].
+    /// Returns the class with most cells; for ties, see [`break_tie`].
     fn majority(&self, children: impl Iterator<Item = Value> + Clone) -> Option<Value> {
         let (most, ties) = self.most_frequent();
         let mut best = self.classes.iter().filter(|(_, cells)| *cells == most).map(|(value, _)| *value);
@@ -197,7 +207,7 @@ fn leaf_sums<V: Native>(value: Value, cells: u64) -> (Sums, Sums) {
     (V::erase(value.total_sums(cells)), V::erase_squares(value.total_squares(cells)))
 }
 
-/// A value with its type known at compile time.
+/// Converts a value to its compile-time type.
 #[inline]
 pub fn native<V: Native>(value: Value) -> V {
     let bytes = value.to_bytes();
@@ -206,14 +216,16 @@ pub fn native<V: Native>(value: Value) -> V {
     V::from_wire(wire)
 }
 
-/// A value with its type known at run time.
+/// Converts a value to the run-time type.
 #[inline]
 pub fn erase<V: Native>(value: V) -> Value {
     Value::from_bytes(zerocopy::IntoBytes::as_bytes(&value.to_wire()))
 }
 
-/// The representative of an inner node of so many cells from its children (`None` is VOID; the flag says
-/// INNER) and from the tally of what is below it.
+/// Returns the representative of an INNER node that covers `cells` cells, from its children and its
+/// zone statistics.
+///
+/// `None` is a VOID child. The flag is true for INNER children.
 pub fn representative(
     rule: Rule,
     children: &[Option<(Value, bool)>],
@@ -234,7 +246,9 @@ pub fn representative(
     value.unwrap_or_default()
 }
 
-/// The value of the survey's rule: LEAF children weigh 3, INNER ones (those with `true`) 2, and the first of the heaviest values wins; zero without children.
+/// Returns the value of [`Rule::Dominant`]; zero without children.
+///
+/// LEAF children weigh 3, INNER ones (flag `true`) 2. The first of the heaviest values wins.
 pub fn dominant(children: &[(Value, bool)]) -> Value {
     let mut best = (Value::ZERO, 0);
     for (value, _) in children {
@@ -251,7 +265,7 @@ pub fn dominant(children: &[(Value, bool)]) -> Value {
     best.0
 }
 
-/// Adds two lists of counts that are in ascending order of values.
+/// Adds two lists of counts, both in ascending order of values.
 fn merge_counts(value_type: ValueType, a: &[(Value, u64)], b: &[(Value, u64)]) -> Vec<(Value, u64)> {
     if a.is_empty() || b.is_empty() {
         return [a, b].concat();

@@ -5,24 +5,26 @@ use std::ops::{Add, Mul};
 use super::double::DoubleDouble;
 use super::square_sum::SquareSum;
 
-/// A number as the sum of three, each of which is what those before it are rounded by: some 159 bits.
+/// Triple-double number: the unevaluated sum of three f64, each the rounding error of those before
+/// it, with some 159 bits.
 ///
-/// Of a mean square nearly all digits cancel out against the square of the mean where samples differ little: of samples that differ in
-/// their last bits, twice as many as an f64 has. What remains then has the digits of an f64.
+/// If samples differ little, a variance is the small difference of the mean square and the squared
+/// mean, and nearly all digits cancel. For samples that differ in their last bits, twice as many
+/// digits cancel as an f64 has. The remainder then still has the digits of an f64.
 ///
-/// Sums and products are made of IEEE 754 operations alone, so that they are the same everywhere. Numbers that are not finite have no
-/// second and third one.
+/// Sums and products use IEEE 754 operations only, so results are the same on all platforms. If
+/// `high` is not finite, `middle` and `low` are 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TripleDouble {
-    /// The f64 that is nearest.
+    /// The nearest f64.
     pub high: f64,
-    /// The f64 that is nearest to the rest.
+    /// The f64 nearest to the remainder.
     pub middle: f64,
-    /// The rest of that.
+    /// The remainder after that.
     pub low: f64,
 }
 
-/// A sum, and what it is rounded by.
+/// Returns a sum and its rounding error.
 #[inline]
 fn two_sum(a: f64, b: f64) -> (f64, f64) {
     let sum = a + b;
@@ -30,7 +32,7 @@ fn two_sum(a: f64, b: f64) -> (f64, f64) {
     (sum, (a - (sum - share)) + (b - share))
 }
 
-/// [`two_sum`] of two numbers of which the first is not the smaller.
+/// Like [`two_sum`], for two numbers the first of which is not the smaller one in magnitude.
 #[inline]
 fn ordered_sum(large: f64, small: f64) -> (f64, f64) {
     let sum = large + small;
@@ -38,10 +40,10 @@ fn ordered_sum(large: f64, small: f64) -> (f64, f64) {
 }
 
 impl TripleDouble {
-    /// A sum of three numbers, each of which is much larger than the next.
+    /// Normalizes a sum of three numbers, each much larger than the next.
     ///
-    /// Invariant: what comes out is left as it is by the same steps. Each pair is added twice, since the rest can push a number over
-    /// the middle between two.
+    /// Invariant: normalization is idempotent. Each pair is added twice, since the remainder can
+    /// push a number across the midpoint between two f64.
     #[inline]
     fn of_parts(first: f64, middle: f64, low: f64) -> TripleDouble {
         let high = first;
@@ -50,8 +52,8 @@ impl TripleDouble {
         let (middle, low) = ordered_sum(middle, low);
         let (high, middle) = ordered_sum(high, middle);
         let (middle, low) = ordered_sum(middle, low);
-        // (Choices of numbers, not branches: loops of this are compiled to instructions for many numbers at once.)
-        // Of an infinite sum the rest is no number.
+        // The remainder of an infinite sum is NaN. Selects instead of branches let the compiler
+        // vectorize loops.
         let is_finite = high.is_finite();
         TripleDouble {
             high: if is_finite { high } else { first },
@@ -60,18 +62,18 @@ impl TripleDouble {
         }
     }
 
-    /// The square of a number, exactly (unless the rest is too small for an f64).
+    /// Returns the exact square of a number (rounded if the remainder underflows).
     #[inline]
     pub(super) fn square(number: f64) -> TripleDouble {
         TripleDouble::from(DoubleDouble::product(number, number))
     }
 
-    /// So many times the number.
+    /// Multiplies by a count.
     #[inline]
     pub(super) fn times(self, count: u64) -> TripleDouble {
         let TripleDouble { high, middle, low } = self;
         if count.is_power_of_two() {
-            // As most are: no digit changes.
+            // The usual case: a power of two is exact.
             let count = count as f64;
             let high = high * count;
             let scaled = |part: f64| if high.is_finite() { part * count } else { 0.0 };
@@ -84,11 +86,14 @@ impl TripleDouble {
         [self.high, self.middle, self.low]
     }
 
-    /// Variance of a population from the sum of its numbers, that of their squares, and how many they are: also of parts of numbers.
-    /// Infinite where the sum of the squares alone is, and not a number where both are.
+    /// Returns the variance of a population from the sum of its numbers, the sum of their squares,
+    /// and their count, which may be fractional.
+    ///
+    /// If the sum of squares is not finite, the variance is infinite, or NaN if the squared mean is
+    /// infinite, too.
     pub fn variance(sum: TripleDouble, squares: TripleDouble, count: DoubleDouble) -> f64 {
-        // Squares of differences from a number near the mean, less the square of the difference of that and the mean. Each of these
-        // sums of products is exact.
+        // Mean squared deviation from a number near the mean, minus the squared distance of that
+        // number from the mean. The sums of products are exact.
         let near = sum.high / count.high;
         if !squares.high.is_finite() {
             return squares.high - near * near;
@@ -109,13 +114,13 @@ impl TripleDouble {
     }
 }
 
-/// Appends two numbers whose sum is a product.
+/// Appends two numbers whose sum is the exact product.
 fn push_product(terms: &mut Vec<f64>, a: f64, b: f64) {
     let DoubleDouble { high, low } = DoubleDouble::product(a, b);
     terms.extend([high, low]);
 }
 
-/// The sum of some numbers, rounded at the end alone (Shewchuk's growing expansions).
+/// Returns the sum of numbers, rounded only at the end (Shewchuk's growing expansions).
 fn exact_sum(terms: &[f64]) -> f64 {
     let mut parts: Vec<f64> = Vec::new();
     for term in terms {
@@ -127,7 +132,7 @@ fn exact_sum(terms: &[f64]) -> f64 {
         });
         parts.push(rest);
     }
-    // The smallest first, none of which overlaps the next.
+    // In ascending order of magnitude, without overlaps.
     parts.iter().sum()
 }
 
@@ -197,7 +202,7 @@ impl Mul<DoubleDouble> for TripleDouble {
 mod tests {
     use super::*;
 
-    /// Variance and squares of some numbers, added pairwise.
+    /// Returns the variance of numbers whose sums are added pairwise.
     fn variance(numbers: &[f64]) -> f64 {
         let squares = numbers.iter().map(|number| TripleDouble::square(*number));
         let sums = numbers.iter().map(|number| TripleDouble::from(*number));
@@ -217,7 +222,7 @@ mod tests {
             assert!((found / expected - 1.0).abs() < 1e-14, "{base}: {found} {expected}");
             assert_eq!(variance(&[base; 31]), 0.0);
         }
-        // Numbers that differ in the last bit of one of them.
+        // Numbers of which one differs in the last bit.
         let (number, next) = (0.1f64, 0.1f64.next_up());
         let mut numbers = vec![number; 1000];
         numbers[7] = next;
@@ -239,7 +244,7 @@ mod tests {
             assert_eq!(parts(sum), parts(sum + TripleDouble::default()));
             assert_eq!(parts(sum), parts(TripleDouble::default() + sum));
         }
-        // A rest that pushes the number over the middle between two.
+        // A remainder that pushes the number across the midpoint between two f64.
         let edge = TripleDouble::from(1.0 + f64::EPSILON)
             + TripleDouble { high: f64::EPSILON / 2.0, middle: f64::EPSILON.powi(2) / 8.0, low: 0.0 };
         assert_eq!(parts(edge), parts(edge + TripleDouble::default()));

@@ -1,8 +1,8 @@
-//! The type of a tree's values, known at run time.
+//! Value types of trees, known at run time.
 
 use serde::{Deserialize, Serialize};
 
-/// The type of one sample.
+/// Type of one sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[allow(missing_docs)] // the names say it
 pub enum SampleType {
@@ -25,13 +25,13 @@ impl SampleType {
         [U8, U16, I16, U32, I32, F32, F64, I8, U64, I64]
     };
 
-    /// Bytes of one sample.
+    /// Returns the size of a sample in bytes.
     #[inline]
     pub const fn size(self) -> usize {
         [1, 2, 2, 4, 4, 4, 8, 1, 8, 8][self as usize]
     }
 
-    /// The type's name, as Rust spells it.
+    /// Returns the type's name, as in Rust.
     pub const fn name(self) -> &'static str {
         ["u8", "u16", "i16", "u32", "i32", "f32", "f64", "i8", "u64", "i64"][self as usize]
     }
@@ -42,44 +42,46 @@ impl SampleType {
         matches!(self, SampleType::F32 | SampleType::F64)
     }
 
-    /// Whether samples are integers that an f64 cannot all be: of 64 bits.
+    /// Whether samples are 64-bit integers, which are not all exact in an f64.
     #[inline]
     pub const fn is_wide_integer(self) -> bool {
         matches!(self, SampleType::U64 | SampleType::I64)
     }
 }
 
-/// The type of a tree's values: so many samples of one type.
+/// Type of a tree's values: a number of samples of one type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct ValueType {
     /// Type of each sample.
     pub sample: SampleType,
-    /// Samples of one value, 1 to 4.
+    /// Number of samples per value, 1 to 4.
     pub channels: u8,
-    /// Which cells lack samples: sums, means and extremes leave these out.
+    /// Representation of missing samples, which sums, means and extremes skip.
     pub mask: Mask,
 }
 
-/// How cells of several channels say that they lack samples.
+/// How cells of several channels indicate missing samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Mask {
-    /// No cell does: it has all of them, or is VOID.
+    /// No sample is missing: a cell has all of them, or is VOID.
     #[default]
     None,
-    /// This sample (its bytes, then zeros) means that there is none in a channel.
+    /// This sample (its bytes, padded with zeros) is the nodata value of each channel.
     Missing([u8; 8]),
-    /// The last channel is opacity. Where it is 0 the cell is transparent: its colours are kept, and count for nothing.
+    /// The last channel is opacity. If it is 0 the cell is transparent: its colours are stored, but
+    /// do not count.
     Alpha,
 }
 
 impl ValueType {
-    /// The type of values with so many samples of a type.
+    /// Creates the type of values with `channels` samples of a type.
     #[inline]
     pub const fn new(sample: SampleType, channels: u8) -> ValueType {
         ValueType { sample, channels, mask: Mask::None }
     }
 
-    /// Whether trees can have such values: 1 to 4 channels of u8, u16 or f32, or 1 channel of any type.
+    /// Whether trees can have such values: 1 to 4 channels of u8, u16 or f32, or 1 channel of any
+    /// type.
     pub const fn is_supported(self) -> bool {
         match self.sample {
             SampleType::U8 | SampleType::U16 | SampleType::F32 => 0 < self.channels && self.channels <= 4,
@@ -87,7 +89,7 @@ impl ValueType {
         }
     }
 
-    /// Bytes of one value.
+    /// Returns the size of a value in bytes.
     #[inline]
     pub const fn size(self) -> usize {
         self.sample.size() * self.channels as usize

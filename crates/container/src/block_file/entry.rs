@@ -1,25 +1,26 @@
-//! Entries of lists of blocks.
+//! Entries of block lists.
 
 /// Location of a block in its file, its checksum and its number of items.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BlockLocation {
-    /// The code of the node whose block this is, or another number by which the list is sorted.
+    /// Code of the node that owns the block, or another sort key of the list.
     pub key: u64,
-    /// First byte in the file.
+    /// Offset of the first byte in the file.
     pub offset: u64,
-    /// Bytes.
+    /// Length in bytes.
     pub length: u32,
-    /// CRC-32C of the bytes.
+    /// CRC-32C of the block's bytes.
     pub checksum: u32,
-    /// How many things are in it.
+    /// Number of items in the block.
     pub count: u32,
 }
 
 impl BlockLocation {
-    /// Bytes of a place, with which an entry begins.
+    /// Bytes of an encoded location. Every entry begins with one.
     const BYTES: usize = 28;
 
-    /// The place of some bytes, in place of which there are zeros where they are too few: a mapped file was cut short since.
+    /// Decodes a location. Missing bytes read as zeros: a mapped file may have been truncated since
+    /// it was opened.
     pub(crate) fn from_bytes(bytes: &[u8]) -> BlockLocation {
         let four = |at| u32::from_le_bytes(four_at(bytes, at));
         let eight = |at| u64::from(four(at)) | u64::from(four(at + 4)) << 32;
@@ -33,17 +34,17 @@ impl BlockLocation {
     }
 }
 
-/// Four bytes from one on; zeros if there are fewer.
+/// The four bytes at `at`, or zeros if there are fewer.
 fn four_at(bytes: &[u8], at: usize) -> [u8; 4] {
     bytes.get(at..).and_then(|rest| rest.first_chunk()).copied().unwrap_or_default()
 }
 
-/// An entry of a list of blocks whose contents have places with so many axes.
+/// An entry of a block list whose items have coordinates with `AXES` axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BlockEntry<const AXES: usize> {
-    /// The block.
+    /// Location of the block.
     pub block: BlockLocation,
-    /// Least and greatest place of what is in it, on the grid.
+    /// Minimum and maximum corner of the items, in grid coordinates.
     pub bounds: [[i32; AXES]; 2],
 }
 
@@ -51,7 +52,7 @@ impl<const AXES: usize> BlockEntry<AXES> {
     /// Bytes of an entry.
     pub const BYTES: usize = BlockLocation::BYTES + 8 * AXES;
 
-    /// The entry's bytes.
+    /// Encodes the entry.
     pub fn to_bytes(self) -> Vec<u8> {
         let BlockLocation { key, offset, length, checksum, count } = self.block;
         let mut bytes = Vec::with_capacity(Self::BYTES);
@@ -62,7 +63,7 @@ impl<const AXES: usize> BlockEntry<AXES> {
         bytes
     }
 
-    /// The entry of some bytes, in place of which there are zeros where they are too few.
+    /// Decodes an entry. Missing bytes read as zeros.
     pub fn from_bytes(bytes: &[u8]) -> Self {
         let corner =
             |at: usize| std::array::from_fn(|axis| i32::from_le_bytes(four_at(bytes, at + 4 * axis)));

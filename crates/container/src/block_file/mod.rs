@@ -1,5 +1,7 @@
-//! Files of blocks, in which what is stored once each lies in nodes of a tree: trees of points and of lines. Behind the header stand blocks, then lists of
-//! blocks and nodes, a section that says what there is, metadata and the trailer.
+//! Block files: trees of points and of lines, whose nodes store each item exactly once.
+//!
+//! A block file contains, in this order: the header, the blocks, the lists of blocks and nodes, a
+//! summary section, the metadata and the trailer.
 
 mod entry;
 mod reader;
@@ -9,5 +11,5 @@ pub use entry::{BlockEntry, BlockLocation};
 pub use reader::BlockFile;
 pub use writer::BlockWriter;
 
-/// Tag of the metadata.
+/// Tag of the metadata section.
 const METADATA: [u8; 4] = *b"META";

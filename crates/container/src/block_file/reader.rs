@@ -1,4 +1,4 @@
-//! Reads files of blocks: header, trailer and metadata, lists, and the bytes of blocks.
+//! Reader of block files: header, trailer, metadata, lists and block bytes.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use spinney_base::io::{FileAccess, FileBytes, ReadBackend};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Result};
 
-/// A file of blocks that is open.
+/// An open block file.
 pub struct BlockFile {
     path: PathBuf,
     backend: Box<dyn ReadBackend>,
@@ -21,7 +21,7 @@ pub struct BlockFile {
 }
 
 impl BlockFile {
-    /// Whether a file has some content, whatever its name.
+    /// Returns whether the file has this content. The file name does not matter.
     ///
     /// # Errors
     /// If the file system or the host of the file fails: see [`FileHeader::find`].
@@ -29,10 +29,11 @@ impl BlockFile {
         Ok(FileHeader::find(path, access)?.is_some_and(|header| header.content == content))
     }
 
-    /// Opens whatever a backend reads, which has some content, in a noun; `path` is for messages.
+    /// Opens the block file that a backend reads and checks its content. `path` and `noun` are for
+    /// messages only.
     ///
     /// # Errors
-    /// If it cannot be read, has other content, or is damaged.
+    /// If it cannot be read, has other content, or is corrupt.
     pub fn open(
         path: &Path,
         backend: Box<dyn ReadBackend>,
@@ -62,7 +63,7 @@ impl BlockFile {
         &self.path
     }
 
-    /// How its bytes are read.
+    /// The backend that reads the file's bytes.
     pub fn backend(&self) -> &dyn ReadBackend {
         &*self.backend
     }
@@ -72,17 +73,17 @@ impl BlockFile {
         &self.header
     }
 
-    /// Coordinate system, provenance and tags.
+    /// Coordinate reference system, provenance and tags.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
     }
 
-    /// Bytes of the file.
+    /// File size in bytes.
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
 
-    /// An error at a place of the file.
+    /// Creates an error about a location in this file.
     pub fn corrupt(
         &self,
         place: impl Into<String>,
@@ -92,17 +93,17 @@ impl BlockFile {
         Error::corrupt(&self.path, place, found, expected)
     }
 
-    /// The bytes of a section, of which no more are read than of metadata.
+    /// Reads a section of at most 16 MiB, the limit of the metadata.
     ///
     /// # Errors
-    /// If it is longer, damaged or cannot be read.
+    /// If it is longer, corrupt or cannot be read.
     pub fn section(&self, tag: [u8; 4], name: &str) -> Result<Vec<u8>> {
         let section = self.trailer.section(tag);
         Metadata::check_length(&self.path, section.length)?;
         Ok(section.read(&self.path, self.backend(), name)?.into_owned())
     }
 
-    /// A list with entries of so many bytes.
+    /// Opens a list with entries of `entry` bytes.
     ///
     /// # Errors
     /// Those of [`List::open`].
@@ -110,15 +111,15 @@ impl BlockFile {
         List::open(&self.path, self.backend(), (self.trailer.section(tag), name), entry)
     }
 
-    /// The first byte behind the blocks: that of the list with a tag.
+    /// Offset of the end of the blocks, where the list with this tag begins.
     pub fn end(&self, tag: [u8; 4]) -> u64 {
         self.trailer.section(tag).offset
     }
 
-    /// Checks that the codes of nodes are some of a tree, and ascend.
+    /// Checks that the node codes are valid in the tree and strictly ascending.
     ///
     /// # Errors
-    /// If they do not.
+    /// If they are not.
     pub fn check_nodes(&self, nodes: &List, (dimension, deepest): (Dimension, u8)) -> Result<()> {
         let mut before = None;
         for index in 0..nodes.len() {
@@ -133,10 +134,10 @@ impl BlockFile {
         Ok(())
     }
 
-    /// Checks that each block of a list is one of a node.
+    /// Checks that every block of a list belongs to a node.
     ///
     /// # Errors
-    /// If one is not.
+    /// If a block does not.
     pub fn check_keys(&self, blocks: &List, nodes: &List) -> Result<()> {
         let mut node = 0;
         for index in 0..blocks.len() {
@@ -153,11 +154,14 @@ impl BlockFile {
         Ok(())
     }
 
-    /// Checks that the blocks of lists, which have things up to a number each, lie before a byte, and that there are no more bytes of blocks than those before it: blocks
-    /// are stored once each, so that the work of going through all of them goes with the file's size.
+    /// Checks the blocks of some lists, given as name, list and maximum item count of a block.
+    ///
+    /// All blocks must lie between the header and `end` and have 1 to that many items. Their total
+    /// size must not exceed `end`. Every block is stored once, so this bounds the work of a scan
+    /// over all blocks by the file size.
     ///
     /// # Errors
-    /// If one does not, or there are more.
+    /// If a block violates this, or their total size does.
     pub fn check_blocks(&self, lists: &[(&str, &List, usize)], end: u64) -> Result<()> {
         let mut sum = 0u64;
         for (name, list, most) in lists {
@@ -173,7 +177,8 @@ impl BlockFile {
                         "some in bytes before the lists",
                     ));
                 }
-                // (Lists have fewer than 2^32 entries of less than 2^32 bytes each.)
+                // A list has fewer than 2^32 entries of less than 2^32 bytes each: the sum cannot
+                // overflow.
                 sum += u64::from(entry.length);
             }
         }
@@ -184,18 +189,18 @@ impl BlockFile {
         Ok(())
     }
 
-    /// The bytes of an entry of a list; none if a mapped file was cut short since.
+    /// The bytes of a list entry; empty if a mapped file was truncated since it was opened.
     pub fn entry<'f>(&'f self, list: &'f List, index: usize) -> &'f [u8] {
         list.get(self.backend(), index).unwrap_or_default()
     }
 
-    /// The blocks of a node.
+    /// Index range of a node's blocks.
     pub fn blocks_of(&self, blocks: &List, code: Code) -> Range<usize> {
         let first = blocks.find(self.backend(), 0, code.bits());
         first..blocks.find(self.backend(), first, code.bits() + 1)
     }
 
-    /// Places in the list of the children that a node has, in order.
+    /// Indices in the node list of a node's children, in order.
     pub fn children(&self, nodes: &List, (index, code): (usize, Code), deepest: u8) -> Vec<usize> {
         let mut children = Vec::new();
         if code.level() >= deepest {
@@ -212,10 +217,10 @@ impl BlockFile {
         children
     }
 
-    /// The bytes of a block, with the right checksum.
+    /// Reads a block and, unless checks are off, verifies its checksum.
     ///
     /// # Errors
-    /// If they cannot be read, or have another one.
+    /// If it cannot be read, or the checksum differs.
     pub fn block(&self, place: &str, entry: &BlockLocation) -> Result<FileBytes<'_>> {
         if entry.offset + u64::from(entry.length) > self.backend.len() {
             return Err(self.corrupt(place, "no bytes", "a file that nobody cuts short"));

@@ -1,4 +1,4 @@
-//! Writes files of blocks, from the first byte to the last.
+//! Sequential writer of block files.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use crate::{FileHeader, Metadata, SectionWriter, Trailer, TreeFormat, check_tree
 use spinney_base::io::{Output, Sorter};
 use spinney_base::{Error, Result};
 
-/// A file of blocks that is being written.
+/// A block file that is being written.
 pub struct BlockWriter {
     out: Output,
     path: PathBuf,
@@ -17,10 +17,10 @@ pub struct BlockWriter {
 }
 
 impl BlockWriter {
-    /// Starts a file with its header, of what a noun says.
+    /// Starts a file and writes its header. `noun` names the content in messages.
     ///
     /// # Errors
-    /// If the output's name is that of something else, or it cannot be written.
+    /// If the output has the name of another format, or cannot be written.
     pub fn new(out: Output, header: FileHeader, noun: &str) -> Result<BlockWriter> {
         let path = out.path().to_path_buf();
         check_tree_name(&path)?;
@@ -44,7 +44,7 @@ impl BlockWriter {
         Ok(())
     }
 
-    /// Writes a block of so many things. Returns its place, for a list.
+    /// Writes a block of `count` items and returns its location for a list.
     ///
     /// # Errors
     /// If it has 4 GiB or more, or cannot be written.
@@ -61,7 +61,8 @@ impl BlockWriter {
         Ok(BlockLocation { key, offset, length, checksum: crc32c::crc32c(bytes), count })
     }
 
-    /// Writes lists and the other sections, metadata and trailer behind the blocks, and puts the file in its place.
+    /// Writes the lists, a summary section, the metadata and the trailer, then commits the output
+    /// file.
     ///
     /// # Errors
     /// If that fails.

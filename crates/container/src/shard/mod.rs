@@ -1,6 +1,8 @@
-//! Shards: runs of a file's nodes that are built independently, and the files that they leave for merging.
+//! Shards: runs of consecutive nodes of a file that are built independently, and their output
+//! files.
 //!
-//! A shard writes the bytes that the merged file contains to *run files*, one for each layer, and everything else that merging needs to a *shard summary*.
+//! A shard writes the bytes that the merged file contains to *run files*, one per layer. It writes
+//! everything else that merging needs to a *shard summary*.
 
 mod reader;
 mod run_file;
@@ -20,7 +22,7 @@ use spinney_base::io::{FileAccess, folder, url_of};
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Result};
 
-/// Consecutive nodes of one layer of a file, at the level at which its shards are cut.
+/// Consecutive nodes of one layer, at the level at which a file is cut into shards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ShardPiece {
     /// Number of the layer; 0 for trees of points.
@@ -29,7 +31,8 @@ pub struct ShardPiece {
     pub run: CodeRun,
 }
 
-/// Checks that the runs of a layer cover the whole space, each after the one before. `head` is for messages.
+/// Checks that the runs of a layer are contiguous and cover the whole space. `head` is for
+/// messages.
 ///
 /// # Errors
 /// If they leave gaps, overlap, or are in another order.
@@ -52,29 +55,29 @@ pub fn check_cover(head: &Path, layer: u32, runs: &mut dyn Iterator<Item = CodeR
     Ok(())
 }
 
-/// A shard of a file. Its summary is written last: the shard is complete when the summary exists.
+/// A shard of a file. Its summary is written last: the shard is complete if the summary exists.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Shard {
-    /// Local or remote directory of the shards of a file.
+    /// Local or remote directory of a file's shards.
     pub folder: PathBuf,
-    /// Identifies the planned output and its inputs; summaries store it.
+    /// Identifies the planned output and its inputs. Summaries store it.
     pub job: u128,
-    /// Its own number, in the order of the file.
+    /// Number of this shard, in file order.
     pub number: u32,
-    /// The runs that it has of each layer, in the order of the file.
+    /// Its run of each layer, in file order.
     pub pieces: Vec<ShardPiece>,
     /// How its files are read and written.
     pub access: FileAccess,
 }
 
 impl Shard {
-    /// All files that it may have: the summary, and the run file of each of its layers.
+    /// Paths of all files that it may have: the summary, and the run file of each of its layers.
     pub fn files(&self) -> impl Iterator<Item = PathBuf> {
         let runs = self.pieces.iter().map(|piece| self.run_path(piece.layer));
         [self.summary_path()].into_iter().chain(runs)
     }
 
-    /// Local directory for temporary files: that of the shards, unless it is remote.
+    /// Local directory for temporary files: the shard directory, unless that is remote.
     pub fn temporary(&self) -> &Path {
         match url_of(&self.folder) {
             Some(_) => folder(&self.folder),
@@ -87,23 +90,23 @@ impl Shard {
         self.folder.join(format!("{:04}.summary", self.number))
     }
 
-    /// Path of the run file of a layer, which exists if the shard has any bytes of it.
+    /// Path of a layer's run file, which exists only if the shard has bytes of that layer.
     pub fn run_path(&self, layer: u32) -> PathBuf {
         self.folder.join(format!("{:04}-{layer}.run", self.number))
     }
 
-    /// The piece of a layer, if the shard has one.
+    /// Returns the run of a layer, if the shard has one.
     pub fn piece(&self, layer: u32) -> Option<&ShardPiece> {
         self.pieces.iter().find(|piece| piece.layer == layer)
     }
 
-    /// The error for a summary that another job has written.
+    /// The error for a summary that belongs to another job.
     pub fn another_job(&self) -> Error {
         let advice = format!("remove the folder {}, and build its shards again", self.folder.display());
         Error::unsupported(self.summary_path(), "a shard of another job", advice)
     }
 
-    /// The error for a shard that is merged before it is built.
+    /// The error for a merge of a shard that is not built yet.
     pub fn not_built(&self) -> Error {
         let found = "a file of which a shard is not made";
         Error::unsupported(self.summary_path(), found, "build this shard first")

@@ -1,4 +1,4 @@
-//! Reads the bytes of a piece of a shard summary.
+//! Sequential reader of one layer's bytes in a shard summary.
 
 use std::path::Path;
 
@@ -6,15 +6,15 @@ use super::summary::{BLOCKS, Entry, MAX_BLOCK};
 use crate::{BlockFile, List};
 use spinney_base::{Error, Result};
 
-/// The bytes of a piece, from the first to the last; one block of them is in memory.
+/// The summary bytes of one layer, in order. One block of them is in memory.
 pub struct SummaryBytes {
     file: BlockFile,
     blocks: List,
-    /// Key of the piece's blocks, and the index of the next one.
+    /// Key of the layer's blocks, and the index of the next one.
     key: u64,
     next: usize,
     block: Vec<u8>,
-    /// Bytes of the block that have been taken.
+    /// Number of bytes of the block that were consumed.
     taken: usize,
 }
 
@@ -27,23 +27,23 @@ impl SummaryBytes {
         Ok(SummaryBytes { file, blocks, key, next, block: Vec::new(), taken: 0 })
     }
 
-    /// The entry of the next block, unless it is that of another piece.
+    /// The entry of the next block, unless it belongs to another layer.
     fn entry(&self) -> Option<Entry> {
         let entry = self.blocks.get(self.file.backend(), self.next).map(Entry::from_bytes);
         entry.filter(|entry| entry.block.key == self.key)
     }
 
-    /// Whether all have been taken.
+    /// Returns whether all bytes were consumed.
     pub fn is_over(&self) -> bool {
         self.taken == self.block.len() && self.entry().is_none()
     }
 
-    /// Takes some.
+    /// Consumes the next `length` bytes.
     ///
     /// # Errors
     /// If there are fewer, or a block is corrupt or cannot be read.
     pub fn take(&mut self, length: u64) -> Result<Vec<u8>> {
-        // (Capacity for the bytes that exist, not for a length that a file states.)
+        // Do not reserve capacity: the length may be untrusted.
         let mut bytes = Vec::new();
         while (bytes.len() as u64) < length {
             if self.taken == self.block.len() {
@@ -67,7 +67,7 @@ impl SummaryBytes {
         Ok(bytes)
     }
 
-    /// Takes an array.
+    /// Consumes the next `N` bytes.
     ///
     /// # Errors
     /// Those of [`SummaryBytes::take`].
@@ -75,7 +75,7 @@ impl SummaryBytes {
         Ok(self.take(N as u64)?.try_into().expect("as many bytes"))
     }
 
-    /// The error for contents that are not those of a piece.
+    /// Creates the error for invalid contents.
     pub fn corrupt(&self, found: impl Into<String>, expected: impl Into<String>) -> Error {
         self.file.corrupt("shard summary", found, expected)
     }

@@ -1,4 +1,4 @@
-//! Reads run files.
+//! Sequential reader of run files.
 
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -6,17 +6,17 @@ use std::path::{Path, PathBuf};
 use spinney_base::io::InputFile;
 use spinney_base::{Error, Result};
 
-/// Bytes that are read at a time.
+/// Read buffer in bytes.
 const BUFFER: usize = 1 << 18;
 
-/// The bytes of a run file, from the first to the last.
+/// The bytes of a run file, in order.
 pub struct RunFile {
     path: PathBuf,
     file: BufReader<InputFile>,
 }
 
 impl RunFile {
-    /// Continues at the position of `file`. The path is for messages.
+    /// Creates a reader that starts at the position of `file`. The path is for messages.
     pub fn new(path: &Path, file: InputFile) -> RunFile {
         RunFile { path: path.to_path_buf(), file: BufReader::with_capacity(BUFFER, file) }
     }
@@ -32,7 +32,7 @@ impl RunFile {
     /// If there are fewer, or they cannot be read.
     pub fn read(&mut self, length: u64, bytes: &mut Vec<u8>) -> Result<()> {
         bytes.clear();
-        // (Capacity for the bytes that exist, not for a length that a summary states.)
+        // Do not reserve capacity: the length comes from a summary and may be untrusted.
         let read = self.file.by_ref().take(length).read_to_end(bytes);
         read.map_err(Error::io(&self.path, "read"))?;
         if bytes.len() as u64 != length {

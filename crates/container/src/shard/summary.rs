@@ -1,6 +1,7 @@
 //! Finds and opens shard summaries.
 //!
-//! Other processes write them, perhaps much earlier and on other machines: all contents are untrusted.
+//! Other processes write them, possibly much earlier and on other machines: all contents are
+//! untrusted.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -14,20 +15,20 @@ use spinney_base::io::FileAccess;
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Result, parallel};
 
-/// Tag of the section that identifies the shard, and of the list of blocks.
+/// Tags of the section that identifies the shard, and of the list of blocks.
 pub(super) const SHARD: [u8; 4] = *b"SHRD";
 pub(super) const BLOCKS: [u8; 4] = *b"SBLK";
 /// Maximum bytes of a block.
 pub(super) const MAX_BLOCK: usize = 1 << 16;
-/// The section, whose version is that of everything in the file.
+/// The identity section. Its version covers everything in the file.
 pub(super) const SECTION: VersionedSection<{ 16 << 20 }> = VersionedSection { name: "shard", version: 2 };
-/// Bytes of a file that are cached while it is read.
+/// Cache size in bytes of an open summary.
 const CACHE: u64 = 1 << 20;
 
 /// Entry of the list of blocks.
 pub(super) type Entry = BlockEntry<0>;
 
-/// Contents of the section.
+/// Contents of the identity section.
 #[derive(Serialize, Deserialize)]
 pub(super) struct Identity<T> {
     pub(super) job: u128,
@@ -43,7 +44,7 @@ pub(super) struct StoredPiece<T> {
     pub(super) totals: T,
 }
 
-/// Piece of a shard, with totals that depend on the type of tree.
+/// Summary of a shard's run of one layer, with totals that depend on the type of tree.
 #[derive(Clone, Debug)]
 pub struct PieceSummary<T> {
     /// The layer and the nodes.
@@ -54,18 +55,19 @@ pub struct PieceSummary<T> {
     pub totals: T,
 }
 
-/// Summary of a shard: the pieces, and for each of them a stream of bytes that describe its run file and the top of its nodes.
+/// Summary of a shard: an entry per layer, and for each a byte stream that describes its run file
+/// and the top of its nodes.
 #[derive(Debug)]
 pub struct ShardSummary<T> {
     path: PathBuf,
     access: FileAccess,
-    /// The pieces of the shard, in its order.
+    /// The layers of the shard, in its order.
     pub pieces: Vec<PieceSummary<T>>,
 }
 
 impl<T: DeserializeOwned + Send> ShardSummary<T> {
-    /// Opens the summary of a shard, and checks that it belongs to this shard and that its run files have their lengths; `None` if the shard is not
-    /// built yet or a run file is missing.
+    /// Opens the summary of a shard. Checks that it belongs to this shard and that its run files
+    /// have the recorded lengths. `None` if the shard is not built yet or a run file is missing.
     ///
     /// # Errors
     /// If the summary cannot be read, is corrupt, or belongs to another job.
@@ -80,8 +82,9 @@ impl<T: DeserializeOwned + Send> ShardSummary<T> {
     pub fn find_all(shards: &[Shard]) -> Result<Vec<Result<Option<ShardSummary<T>>>>> {
         let mut all = parallel::map(shards, ShardSummary::find_without_runs);
         let Some(Shard { access, .. }) = shards.first() else { return Ok(all) };
-        // Invariant: run files are published before the summary, so that a summary whose run files are missing or shorter belongs to a
-        // shard that was removed in part. It counts as not built. (One batch of requests for the run files of all shards.)
+        // Invariant: run files are published before the summary. A summary whose run files are
+        // missing or have another length belongs to a partially removed shard, which counts as not
+        // built. One batch of requests covers the run files of all shards.
         let mut runs = Vec::new();
         for (number, (shard, found)) in shards.iter().zip(&all).enumerate() {
             let Ok(Some(summary)) = found else { continue };
@@ -100,7 +103,7 @@ impl<T: DeserializeOwned + Send> ShardSummary<T> {
         Ok(all)
     }
 
-    /// Opens the summary of a shard without a check of its run files: see [`ShardSummary::find`].
+    /// Opens the summary of a shard without checking its run files: see [`ShardSummary::find`].
     ///
     /// # Errors
     /// Those of [`ShardSummary::find`].
@@ -140,12 +143,13 @@ impl<T> ShardSummary<T> {
         &self.path
     }
 
-    /// Bytes of all run files.
+    /// Total bytes of all run files.
     pub fn run_bytes(&self) -> u64 {
         self.pieces.iter().fold(0, |sum: u64, piece| sum.saturating_add(piece.run_bytes))
     }
 
-    /// The bytes of a piece. (The file is opened again: many summaries are held while shards are merged.)
+    /// Opens the byte stream of a layer. The file is opened again for it, because many summaries
+    /// are held while shards are merged.
     ///
     /// # Errors
     /// If the file cannot be read, or its list of blocks is corrupt.
@@ -155,7 +159,7 @@ impl<T> ShardSummary<T> {
 }
 
 fn open(path: &Path, access: &FileAccess) -> Result<BlockFile> {
-    // (With positioned reads a file that is truncated meanwhile is an error.)
+    // Positioned reads turn truncation of an open file into an error.
     let options = OpenOptions::new().access(access.clone().positioned(CACHE));
     BlockFile::open(path, options.open(path)?, (Content::Shard, "a shard summary"), &options)
 }

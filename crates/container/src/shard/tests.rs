@@ -1,4 +1,4 @@
-//! Summaries that are truncated, corrupt or forged are refused with typed errors.
+//! Truncated, corrupt and forged summaries are rejected with typed errors.
 
 use std::fs;
 use std::path::Path;
@@ -22,7 +22,7 @@ fn shard(folder: &Path) -> Shard {
     }
 }
 
-/// Bytes of the pieces: two blocks and some bytes, none, and one block exactly.
+/// Bytes of the three layers: two blocks and a rest, none, and exactly one block.
 fn contents() -> [Vec<u8>; 3] {
     [2 * MAX_BLOCK + 77, 0, MAX_BLOCK].map(|length| (0..length).map(|at| ((at * at) >> 3) as u8).collect())
 }
@@ -37,7 +37,7 @@ fn write(shard: &Shard) {
     writer.finish().unwrap();
 }
 
-/// All bytes of all pieces; nothing if there is no summary.
+/// The bytes of all layers; empty if there is no summary.
 fn read(shard: &Shard) -> Result<Vec<Vec<u8>>> {
     let Some(summary) = ShardSummary::<u64>::find(shard)? else { return Ok(Vec::new()) };
     let mut all = Vec::new();
@@ -88,7 +88,7 @@ fn truncated_and_corrupt_summaries_are_refused() {
     }
 }
 
-/// Writes a file of one block of ten bytes, with a changed entry and section, and right checksums.
+/// Writes a file of one block of ten bytes, with a changed entry and section, and valid checksums.
 fn forge(shard: &Shard, change: &dyn Fn(&mut Entry), section: &[u8]) {
     let (format, content, dimension) = (TreeFormat::Goblin, Content::Shard, Dimension::Quad);
     let header = FileHeader { format, content, dimension, depth: 0, layers: 0 };
@@ -130,7 +130,7 @@ fn forged_summaries_are_refused() {
         forge(&shard, change, &section);
         assert!(matches!(taken(10), Err(Error::Corrupt { .. })), "{number}");
     }
-    // Sections with a run that is none, of another layer, with bytes after the end, and with a huge count of pieces.
+    // Sections with an invalid run, another layer, trailing bytes, and a huge count of layers.
     let count = section.iter().position(|byte| *byte == 3).unwrap() + 1;
     let mut many = section.clone();
     many.splice(count..count + 1, [253, 255, 255, 255, 255, 255, 255, 255, 255]);

@@ -1,4 +1,4 @@
-//! Writes shard summaries.
+//! Writer of shard summaries.
 
 use serde::Serialize;
 
@@ -9,16 +9,17 @@ use spinney_base::io::{FileAccess, Sorter};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 
-/// Memory for the list of blocks, which describes 64 KiB in 28 bytes, before it goes to a temporary file.
+/// Bytes of the list of blocks in memory before it spills to a temporary file. An entry takes 28
+/// bytes and describes 64 KiB.
 const MEMORY: u64 = 1 << 20;
 
-/// A shard summary being written; the file appears when it is finished.
+/// A shard summary being written. The file appears when it is finished.
 pub struct SummaryWriter<T> {
     out: BlockWriter,
     access: FileAccess,
     blocks: Sorter,
     identity: Identity<T>,
-    /// The piece that was started last, and its bytes that are not in a block yet.
+    /// The layer that was started last, and its bytes that are not in a block yet.
     piece: Option<ShardPiece>,
     pending: Vec<u8>,
 }
@@ -48,12 +49,12 @@ impl<T: Serialize> SummaryWriter<T> {
         &self.access
     }
 
-    /// Starts a piece. Those of a shard have ascending layers.
+    /// Starts the next layer. Layers must be ascending.
     pub fn begin(&mut self, piece: ShardPiece) {
         self.piece = Some(piece);
     }
 
-    /// Appends bytes to the piece that was started last.
+    /// Appends bytes to the layer that was started last.
     ///
     /// # Errors
     /// If they cannot be written.
@@ -75,7 +76,7 @@ impl<T: Serialize> SummaryWriter<T> {
         self.blocks.push(key, Entry { block, bounds: [[]; 2] }.to_bytes())
     }
 
-    /// Ends the piece that was started last.
+    /// Ends the layer that was started last.
     ///
     /// # Errors
     /// If its last bytes cannot be written.
@@ -88,10 +89,10 @@ impl<T: Serialize> SummaryWriter<T> {
         Ok(())
     }
 
-    /// Writes list and sections, and publishes the file.
+    /// Writes the list and the sections, and publishes the file.
     ///
     /// # Errors
-    /// If it cannot be written, or the pieces take more than 16 MiB.
+    /// If it cannot be written, or the entries of the layers take more than 16 MiB.
     pub fn finish(self) -> Result<()> {
         let SummaryWriter { out, blocks, identity, .. } = self;
         let section = SECTION.encode(&identity).ok_or_else(|| {

@@ -1,4 +1,4 @@
-//! The numbers behind a PLY header, whichever way they are written.
+//! The numbers after a PLY header, in any encoding.
 
 use super::header::{Element, Encoding, Property, Scalar};
 use crate::text::{Words, line_number, real_or_none, shown, whole};
@@ -8,40 +8,41 @@ use crate::text::{Words, line_number, real_or_none, shown, whole};
 pub struct Fault {
     /// Line or byte.
     pub place: String,
-    /// Bytes or a number.
+    /// The bytes or number found.
     pub found: String,
-    /// Words for what should be there.
+    /// Description of what was expected.
     pub expected: &'static str,
 }
 
-/// Boxed: readers of millions of numbers hand it up.
+/// Result of a read. The error is boxed to keep it small, because readers return it for millions of
+/// numbers.
 pub type Read<T> = Result<T, Box<Fault>>;
 
-/// Numbers, one after the other.
+/// A sequence of numbers.
 pub trait Body {
-    /// A number, which may be infinite or NaN.
+    /// Reads a number, which may be infinite or NaN.
     fn number(&mut self, scalar: Scalar) -> Read<f64>;
 
-    /// A number of a type of whole numbers.
+    /// Reads an integer. `scalar` must be an integer type.
     fn whole(&mut self, scalar: Scalar) -> Read<i64>;
 
-    /// Passes over numbers.
+    /// Skips numbers.
     fn skip(&mut self, scalar: Scalar, count: u64) -> Read<()>;
 
-    /// Something wrong with what was read last.
+    /// Creates an error about what was read last.
     fn fault(&self, found: String, expected: &'static str) -> Box<Fault>;
 
     /// Offset of the next number.
     fn offset(&self) -> usize;
 
-    /// The length of a list.
+    /// Reads the length of a list.
     #[inline]
     fn length(&mut self, scalar: Scalar) -> Read<u64> {
         let length = self.whole(scalar)?;
         u64::try_from(length).map_err(|_| self.fault(format!("a list of {length}"), "a length of 0 or more"))
     }
 
-    /// Passes over a property of one element.
+    /// Skips one value of a property.
     fn skip_property(&mut self, property: &Property) -> Read<()> {
         let count = match property.length {
             Some(length) => self.length(length)?,
@@ -50,9 +51,9 @@ pub trait Body {
         self.skip(property.scalar, count)
     }
 
-    /// Passes over all of an element's kind.
+    /// Skips all records of an element.
     fn skip_element(&mut self, element: &Element) -> Read<()> {
-        // Things without properties take no room, however many there are.
+        // Records without properties take no space, however many there are.
         let count = if element.properties.is_empty() { 0 } else { element.count };
         for _ in 0..count {
             for property in &element.properties {
@@ -85,7 +86,7 @@ impl<'a> Ascii<'a> {
 
 impl Body for Ascii<'_> {
     fn number(&mut self, scalar: Scalar) -> Read<f64> {
-        // Rounded to what the type holds, so that text and binary files of the same mesh are the same.
+        // Rounded to the type's precision, so that text and binary files of the same mesh agree.
         let number = self.next(real_or_none, "a number")?;
         Ok(if scalar == Scalar::F32 { f64::from(number as f32) } else { number })
     }
@@ -108,7 +109,7 @@ impl Body for Ascii<'_> {
     }
 }
 
-/// Numbers as bytes, the most significant one first if `BIG`.
+/// Binary numbers, big-endian if `BIG`.
 struct Binary<'a, const BIG: bool> {
     bytes: &'a [u8],
     offset: usize,
@@ -142,7 +143,7 @@ impl<const BIG: bool> Body for Binary<'_, BIG> {
         match scalar {
             Scalar::F32 => self.take().map(|bytes| f32::from_le_bytes(bytes).into()),
             Scalar::F64 => self.take().map(f64::from_le_bytes),
-            // All of them are exact.
+            // Integers of at most 32 bits are exact in `f64`.
             _ => self.whole(scalar).map(|number| number as f64),
         }
     }
@@ -180,16 +181,16 @@ impl<const BIG: bool> Body for Binary<'_, BIG> {
     }
 }
 
-/// Operation on a body that is generic over the encoding of its numbers.
+/// Operation on a body, generic over the encoding of its numbers.
 pub trait Visit {
-    /// Outcome.
+    /// Result type.
     type Output;
 
-    /// Reads numbers.
+    /// Reads numbers from the body.
     fn visit(self, body: impl Body) -> Self::Output;
 }
 
-/// Passes over all of an element's kind.
+/// Skips all records of an element.
 struct Skip<'a>(&'a Element);
 
 impl Visit for Skip<'_> {
@@ -201,15 +202,15 @@ impl Visit for Skip<'_> {
     }
 }
 
-/// The offset behind all of an element's kind.
+/// Returns the offset after all records of an element.
 ///
 /// # Errors
-/// If the file ends before, or has something else than numbers.
+/// If the file ends too early, or contains something other than numbers.
 pub fn offset_behind(encoding: Encoding, bytes: &[u8], offset: usize, element: &Element) -> Read<usize> {
     visit(encoding, bytes, offset, Skip(element))
 }
 
-/// Reads numbers from an offset on.
+/// Runs an operation on the numbers from an offset on.
 pub fn visit<V: Visit>(encoding: Encoding, bytes: &[u8], offset: usize, visit: V) -> V::Output {
     match encoding {
         Encoding::Ascii => visit.visit(Ascii::new(bytes, offset)),

@@ -1,38 +1,38 @@
-//! The header of a PLY file: which elements with which properties follow.
+//! The header of a PLY file: its elements and their properties.
 
 use crate::text::{Lines, shown, whole, words};
 use spinney_base::{Error, Result};
 use std::path::Path;
 
-/// Encoding of the numbers behind the header.
+/// Encoding of the numbers after the header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {
     /// Text.
     Ascii,
-    /// Binary, the least significant byte first.
+    /// Binary, little-endian.
     Little,
-    /// Binary, the most significant byte first.
+    /// Binary, big-endian.
     Big,
 }
 
 /// Type of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scalar {
-    /// A signed byte.
+    /// Signed integer of one byte.
     I8,
-    /// A byte.
+    /// Unsigned integer of one byte.
     U8,
-    /// Two bytes, signed.
+    /// Signed integer of two bytes.
     I16,
-    /// Two bytes.
+    /// Unsigned integer of two bytes.
     U16,
-    /// Four bytes, signed.
+    /// Signed integer of four bytes.
     I32,
-    /// Four bytes.
+    /// Unsigned integer of four bytes.
     U32,
-    /// A float of four bytes.
+    /// Float of four bytes.
     F32,
-    /// A float of eight bytes.
+    /// Float of eight bytes.
     F64,
 }
 
@@ -51,7 +51,7 @@ impl Scalar {
         })
     }
 
-    /// Bytes of a number.
+    /// Bytes of a number in a binary file.
     pub fn size(self) -> usize {
         match self {
             Scalar::I8 | Scalar::U8 => 1,
@@ -61,7 +61,7 @@ impl Scalar {
         }
     }
 
-    /// Whether it has whole numbers only.
+    /// Returns whether it is an integer type.
     pub fn is_whole(self) -> bool {
         !matches!(self, Scalar::F32 | Scalar::F64)
     }
@@ -72,30 +72,30 @@ impl Scalar {
 pub struct Property {
     /// Its name.
     pub name: String,
-    /// Type of the length of a list; `None` for a single number.
+    /// Type of a list's length; `None` for a single number.
     pub length: Option<Scalar>,
-    /// The type of the number or of the list's items.
+    /// Type of the number or of the list's items.
     pub scalar: Scalar,
 }
 
-/// Element of the file: `count` records with the same properties.
+/// An element of the file: `count` records with the same properties.
 #[derive(Clone, Debug)]
 pub struct Element {
     /// Its name.
     pub name: String,
-    /// Number of the records.
+    /// Number of records.
     pub count: u64,
     /// Properties of each record.
     pub properties: Vec<Property>,
 }
 
 impl Element {
-    /// Index of a property that is a single number, by any of its names.
+    /// Returns the index of a property that is a single number, by any of these names.
     pub fn number(&self, names: &[&str]) -> Option<usize> {
         self.properties.iter().position(|p| p.length.is_none() && names.contains(&p.name.as_str()))
     }
 
-    /// Indices of red, green and blue.
+    /// Indices of the properties red, green and blue.
     pub fn colour(&self) -> Option<[usize; 3]> {
         Some([
             self.number(&["red", "diffuse_red"])?,
@@ -104,15 +104,15 @@ impl Element {
         ])
     }
 
-    /// Bytes of one in a binary file, unless there are lists.
+    /// Bytes of a record in a binary file; `None` if it contains lists.
     pub fn fixed_size(&self) -> Option<usize> {
         self.properties.iter().map(|p| p.length.is_none().then_some(p.scalar.size())).sum()
     }
 
-    /// The least number of bytes that one can have.
+    /// Minimum number of bytes of a record.
     fn least_size(&self, encoding: Encoding) -> u64 {
         match encoding {
-            // A digit and something that separates it from the next number.
+            // A digit and a separator.
             Encoding::Ascii => 2 * self.properties.len() as u64,
             _ => self.properties.iter().map(|p| p.length.unwrap_or(p.scalar).size() as u64).sum(),
         }
@@ -122,22 +122,22 @@ impl Element {
 /// A PLY header.
 #[derive(Debug)]
 pub struct PlyHeader {
-    /// How numbers are written.
+    /// Encoding of the numbers.
     pub encoding: Encoding,
-    /// Elements, in the order in which they follow.
+    /// Elements, in file order.
     pub elements: Vec<Element>,
     /// Offset of the first element in the file.
     pub body: usize,
 }
 
-/// Longest header; with it the elements and properties are bounded.
+/// Maximum bytes of a header, which also bounds the number of elements and properties.
 const MAX_BYTES: usize = 1 << 20;
 
 impl PlyHeader {
-    /// Reads the header of a file, whose bytes are given.
+    /// Parses the header of a file from the file's bytes.
     ///
     /// # Errors
-    /// If it is damaged, of another version, or tells of more than the file has.
+    /// If it is corrupt, of another version, or declares more data than the file has.
     pub fn read(bytes: &[u8], path: &Path) -> Result<PlyHeader> {
         let start = &bytes[..bytes.len().min(MAX_BYTES)];
         let mut lines = Lines::new(start, 0);
@@ -204,7 +204,7 @@ impl PlyHeader {
                 }
                 b"end_header" => {
                     let encoding = encoding.ok_or_else(|| wrong("a `format` line before it"))?;
-                    // Where the lines end with CR alone, a LF that follows is a number's first byte.
+                    // If lines end with a single CR, a following LF is the first byte of a number.
                     let is_bare = start.get(3) == Some(&b'\r') && start.get(4) != Some(&b'\n');
                     let body = if is_bare { line_start + line.len() + 1 } else { lines.offset };
                     let header = PlyHeader { encoding, elements, body: body.min(bytes.len()) };
@@ -216,14 +216,14 @@ impl PlyHeader {
         }
     }
 
-    /// Whether the file can hold as many elements as it says: later on, counts are as good as the file is
-    /// long.
+    /// Checks that the file is long enough for its elements. Afterwards, element counts are bounded
+    /// by the file size.
     fn check_size(&self, bytes: &[u8], path: &Path) -> Result<()> {
         let there = (bytes.len() - self.body) as u128;
         let mut needed = 0;
         for element in &self.elements {
             needed += u128::from(element.count) * u128::from(element.least_size(self.encoding));
-            // The last number of a text need not be followed by anything.
+            // The last number of a text file needs no separator.
             if needed > there + u128::from(self.encoding == Encoding::Ascii) {
                 let found = format!("{there} bytes");
                 let expected = format!("at least {needed} for {} x `{}`", element.count, element.name);
@@ -233,7 +233,7 @@ impl PlyHeader {
         Ok(())
     }
 
-    /// Place of an element of a name.
+    /// Index of the element with this name.
     pub fn element(&self, name: &str) -> Option<usize> {
         self.elements.iter().position(|element| element.name == name)
     }

@@ -1,4 +1,4 @@
-//! PLY: elements, each of which has the same properties, as text or binary.
+//! PLY files, in text or binary: elements, each a list of records with the same properties.
 
 mod body;
 mod header;

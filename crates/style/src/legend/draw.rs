@@ -1,10 +1,10 @@
-//! Legends as pictures.
+//! Legends as raster images.
 
 use super::super::blend::Blend;
 use super::text::Letters;
 use super::{Key, Legend, LegendClass};
 
-/// A picture: red, green, blue and straight opacity of each pixel, rows from the top.
+/// A raster image: red, green, blue and straight alpha of each pixel, rows from the top.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LegendImage {
     /// Columns.
@@ -15,19 +15,20 @@ pub struct LegendImage {
     pub rgba: Vec<u8>,
 }
 
-/// In pixels at scale 1: the edge, the height of a line, the side of a colour's box, the width of a band, the space between labels.
+/// In pixels at scale 1: padding, line height, side of a colour box, width of a ramp, gap between
+/// labels.
 const PADDING: usize = 6;
 const LINE: usize = 13;
 const BOX: usize = 9;
 const BAND: usize = 180;
 const GAP: usize = 4;
-/// How far letters stand above the box beside them.
+/// How far text extends above the colour box next to it.
 const RAISED: usize = 2;
 
-/// Draws a legend on white, enlarged so many times.
+/// Draws a legend on white, enlarged by the factor `scale`.
 pub(super) fn picture(legend: &Legend, scale: usize) -> LegendImage {
     let letters = Letters::new(scale);
-    // (First its size, then its pixels.)
+    // Measure first, then draw.
     let mut size = Canvas { scale, letters: &letters, width: 0, height: 0, rgba: None };
     content(legend, &mut size);
     let (width, height) = (size.width + PADDING * scale, size.height + PADDING * scale);
@@ -41,7 +42,7 @@ fn content(legend: &Legend, canvas: &mut Canvas<'_>) {
     let scale = canvas.scale;
     let mut y = PADDING;
     if !legend.title.is_empty() {
-        // (Bold: twice, a little apart.)
+        // Bold: drawn twice with an offset.
         canvas.text(PADDING * scale, y, &legend.title);
         canvas.text(PADDING * scale + scale.div_ceil(3), y, &legend.title);
         y += LINE + 2;
@@ -70,7 +71,7 @@ fn content(legend: &Legend, canvas: &mut Canvas<'_>) {
                     let width = canvas.letters.line(&tick.label).width;
                     let middle = x * scale + scale / 2;
                     let start = middle.saturating_sub(width / 2).min(end.saturating_sub(width)).max(begin);
-                    // Labels that would lie on others are left out.
+                    // Omit labels that would overlap others.
                     if start >= free {
                         canvas.text(start, y + GAP, &tick.label);
                         free = start + width + GAP * scale;
@@ -83,7 +84,7 @@ fn content(legend: &Legend, canvas: &mut Canvas<'_>) {
     }
 }
 
-/// Pixels to be drawn on; without them, only how many are needed.
+/// An image to draw on; without pixels, it only measures the required size.
 struct Canvas<'a> {
     scale: usize,
     letters: &'a Letters,
@@ -93,13 +94,13 @@ struct Canvas<'a> {
 }
 
 impl Canvas<'_> {
-    /// Makes room for so many columns and rows of pixels.
+    /// Extends the measured size to these columns and rows of pixels.
     fn extend(&mut self, width: usize, height: usize) {
         self.width = self.width.max(width);
         self.height = self.height.max(height);
     }
 
-    /// Fills columns and rows, in pixels at scale 1, with a colour, over what is there.
+    /// Blends a colour over a rectangle (x, y, columns, rows), in pixels at scale 1.
     fn fill(&mut self, part: [usize; 4], colour: [u8; 4]) {
         let [x, y, columns, rows] = part.map(|pixels| pixels * self.scale);
         let Some(rgba) = &mut self.rgba else { return self.extend(x + columns, y + rows) };
@@ -111,7 +112,7 @@ impl Canvas<'_> {
         }
     }
 
-    /// A box with colours side by side, and a frame.
+    /// A framed box with a row of colours.
     fn framed(&mut self, x: usize, y: usize, columns: usize, colours: &[[u8; 4]]) {
         self.fill([x, y, columns, BOX], [0x60, 0x60, 0x60, 255]);
         self.fill([x + 1, y + 1, columns - 2, BOX - 2], [255; 4]);
@@ -121,14 +122,14 @@ impl Canvas<'_> {
         }
     }
 
-    /// A line of text from a column of pixels on, below the row `y` of pixels at scale 1.
+    /// A line of text that starts at pixel column `x`, below pixel row `y` at scale 1.
     fn text(&mut self, x: usize, y: usize, text: &str) {
         let line = self.letters.line(text);
         let top = y * self.scale;
         let Some(rgba) = &mut self.rgba else { return self.extend(x + line.width, (y + LINE) * self.scale) };
         let (pixels, _) = rgba.as_chunks_mut::<4>();
         line.draw(&mut |[column, row], cover| {
-            // (Parts of letters that stick out are cut off.)
+            // Clip letters at the image border.
             let place = [x as i64 + i64::from(column), top as i64 + i64::from(row)];
             let inside =
                 (0..self.width as i64).contains(&place[0]) && (0..self.height as i64).contains(&place[1]);

@@ -1,4 +1,4 @@
-//! Legends: what the colours of a picture mean.
+//! Legends: the meaning of an image's colours.
 
 mod draw;
 mod svg;
@@ -16,16 +16,16 @@ use super::scale::Scale;
 use spinney_base::Result;
 use spinney_engine::dataset::Dataset;
 
-/// Meaning of a picture's colours: a section for each layer.
+/// Meaning of an image's colours, with a section for each layer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Legend {
-    /// Title of the whole; may be empty.
+    /// Title of the legend; may be empty.
     pub title: String,
-    /// Sections, that of the highest layer first.
+    /// Sections, starting with that of the top layer.
     pub sections: Vec<LegendSection>,
 }
 
-/// A layer's part of a legend.
+/// The section of a layer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LegendSection {
     /// Subject and unit; may be empty.
@@ -37,25 +37,25 @@ pub struct LegendSection {
 /// Colours and their meaning.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Key {
-    /// Some colours, each with its name.
+    /// Single colours with names.
     Classes(Vec<LegendClass>),
-    /// A band of colours, evenly from one end to the other.
+    /// A colour ramp, evenly spaced.
     Ramp {
         /// The colours.
         colours: Vec<[u8; 4]>,
-        /// Places that are told, in ascending order.
+        /// Labelled positions, in ascending order.
         ticks: Vec<Tick>,
     },
 }
 
-/// A colour that stands for something of its own.
+/// A colour with a meaning of its own.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LegendClass {
     /// The colour.
     pub colour: [u8; 4],
     /// Its meaning.
     pub name: String,
-    /// The value that has it, if it is that of a class.
+    /// The value of the class; `None` if the colour does not represent a single value.
     pub value: Option<f64>,
 }
 
@@ -70,32 +70,32 @@ impl LegendClass {
     }
 }
 
-/// A place on a band of colours.
+/// A labelled position on a colour ramp.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tick {
-    /// 0 is one end, 1 the other.
+    /// Position from 0 (start) to 1 (end).
     pub at: f64,
-    /// The number there.
+    /// The number at this position.
     pub label: String,
 }
 
-/// Classes that a legend tells at most, and colours of a band.
+/// Maximum number of classes in a legend, and number of colours in a ramp.
 const MAX_CLASSES: usize = 256;
 const BAND: usize = 256;
-/// Steps that are told one by one.
+/// Maximum number of discrete ramp colours that are listed as classes.
 const MAX_STEPS: usize = 16;
 
 impl Legend {
-    /// The legend of what a painter paints of its tree.
+    /// Creates the legend of a painter's layers.
     ///
     /// # Errors
-    /// If the tree is damaged.
+    /// If the tree is corrupt.
     pub(super) fn new(title: &str, coats: &[Coat], tree: &Dataset) -> Result<Legend> {
         let sections = coats.iter().rev().map(|coat| section(coat, tree));
         Ok(Legend { title: title.into(), sections: sections.collect::<Result<_>>()? })
     }
 
-    /// The legend as JSON, for the metadata of archives.
+    /// Formats the legend as JSON, for the metadata of tile archives.
     pub fn json(&self) -> String {
         let sections = self.sections.iter().map(|section| match &section.key {
             Key::Classes(classes) => {
@@ -113,12 +113,12 @@ impl Legend {
         json!({ "title": self.title, "sections": sections.collect::<Vec<_>>() }).to_string()
     }
 
-    /// The legend as a document in SVG.
+    /// Formats the legend as an SVG document.
     pub fn svg(&self) -> String {
         svg::document(self)
     }
 
-    /// The legend as a picture, enlarged 1 to 8 times: at 1 a line of letters is 12 pixels high.
+    /// Draws the legend, enlarged by a factor of 1 to 8. At 1, a line of text is 12 pixels high.
     pub fn draw(&self, scale: usize) -> LegendImage {
         draw::picture(self, scale.clamp(1, 8))
     }
@@ -133,7 +133,7 @@ fn section(coat: &Coat, tree: &Dataset) -> Result<LegendSection> {
         (true, false) => unit.to_string(),
         (false, false) => format!("{name} ({unit})"),
     };
-    // Numbers are told as scale and offset make them.
+    // Convert labels to physical units by scale and offset.
     let (factor, summand) = metadata.scale_offset.get(coat.band).copied().unwrap_or((1.0, 0.0));
     let told = |number: f64| number * factor + summand;
     let (title, key) = match &coat.ink {
@@ -183,7 +183,7 @@ fn section(coat: &Coat, tree: &Dataset) -> Result<LegendSection> {
     Ok(LegendSection { title, key })
 }
 
-/// The colours of a scale, whose numbers are told in some way.
+/// The key of a scale. `told` converts its numbers to labels.
 fn scale_key(scale: &Scale, told: &dyn Fn(f64) -> f64) -> Key {
     let stops: Vec<(f64, [u8; 4])> = scale.stops().collect();
     let (low, high) = (stops[0].0, stops[stops.len() - 1].0);
@@ -204,7 +204,7 @@ fn scale_key(scale: &Scale, told: &dyn Fn(f64) -> f64) -> Key {
     Key::Ramp { colours: (0..BAND).map(at).collect(), ticks: ticks(told(low), told(high)) }
 }
 
-/// The colours and names of classes: those given, those that have names, or else those that occur.
+/// The key of classes: those of the style, or those with names, or else those that occur.
 fn named(classes: &Classes, tree: &Dataset) -> Result<Vec<LegendClass>> {
     let names = &tree.metadata().class_names;
     if !classes.names.is_empty() {

@@ -5,17 +5,17 @@ use std::fmt::Write as _;
 use super::super::colour;
 use super::{Key, Legend, LegendClass};
 
-/// Height of a line, and side of a colour's box.
+/// Line height, and side of a colour box.
 const LINE: usize = 20;
 const BOX: usize = 14;
 const PADDING: usize = 10;
-/// Width of a band of colours, and of a letter at most.
+/// Width of a colour ramp, and maximum width of a letter.
 const WIDTH: usize = 260;
 const LETTER: usize = 8;
-/// Colours of a band that are written down; between them lie mixtures.
+/// Number of gradient stops of a ramp.
 const STOPS: usize = 33;
 
-/// The legend as a document.
+/// Formats the legend as an SVG document.
 pub(super) fn document(legend: &Legend) -> String {
     let mut body = String::new();
     let (mut y, mut width) = (PADDING, WIDTH);
@@ -96,7 +96,7 @@ pub(super) fn document(legend: &Legend) -> String {
     )
 }
 
-/// The attributes of a colour and its opacity.
+/// Attributes of a colour and its opacity.
 fn paint(colour: &str, opacity: &str, code: [u8; 4]) -> String {
     let [red, green, blue, alpha] = code;
     let opaque = colour::text([red, green, blue, 255]);
@@ -106,7 +106,7 @@ fn paint(colour: &str, opacity: &str, code: [u8; 4]) -> String {
     format!("{colour}=\"{opaque}\" {opacity}=\"{:.3}\"", f64::from(alpha) / 255.0)
 }
 
-/// A text as XML has it, without letters that it cannot have.
+/// Escapes a string for XML, without characters that XML forbids.
 fn escaped(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for letter in text.chars() {

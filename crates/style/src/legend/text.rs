@@ -1,10 +1,10 @@
-//! Lines of text in legends that are pictures: in DejaVu Sans, which has the letters of most European languages and some others.
+//! Text in raster legends, in DejaVu Sans, which covers most European languages and some others.
 
 use ab_glyph::{Font, FontRef, OutlinedGlyph, PxScale, ScaleFont, point};
 
-/// Height of a line of letters, from the highest ascender to the lowest descender, in pixels at scale 1.
+/// Line height in pixels at scale 1, from the highest ascender to the lowest descender.
 const HEIGHT: f32 = 11.5;
-/// Letters of a line; what is beyond is cut off, and three dots say so.
+/// Maximum letters of a line. Longer lines are truncated with an ellipsis.
 const MAX_LETTERS: usize = 80;
 
 /// Letters of one size.
@@ -13,21 +13,21 @@ pub(super) struct Letters {
     scale: PxScale,
 }
 
-/// A line of text, ready to be drawn.
+/// A laid-out line of text.
 pub(super) struct Line {
-    /// Pixels from its start to where the next letter would be.
+    /// Advance width in pixels.
     pub(super) width: usize,
     glyphs: Vec<OutlinedGlyph>,
 }
 
 impl Letters {
-    /// Those that fit a scale of so many pixels.
+    /// Loads the font at this scale.
     pub(super) fn new(scale: usize) -> Letters {
         let font = FontRef::try_from_slice(dejavu::sans::regular()).expect("the font is part of the program");
         Letters { font, scale: PxScale::from(HEIGHT * scale as f32) }
     }
 
-    /// A line of text, its letters side by side.
+    /// Lays out a line of text.
     pub(super) fn line(&self, text: &str) -> Line {
         let font = self.font.as_scaled(self.scale);
         let is_long = text.chars().nth(MAX_LETTERS).is_some();
@@ -46,7 +46,8 @@ impl Letters {
 }
 
 impl Line {
-    /// Shows the pixels that letters touch, from the line's upper left corner on, and how much of each they cover, from 0 to 1.
+    /// Calls `show` for each pixel that letters touch, with its offset from the line's upper left
+    /// corner and its coverage from 0 to 1.
     pub(super) fn draw(&self, show: &mut dyn FnMut([i32; 2], f32)) {
         for glyph in &self.glyphs {
             let corner = glyph.px_bounds().min;

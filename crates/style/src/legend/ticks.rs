@@ -1,12 +1,12 @@
-//! Round numbers along a band of colours.
+//! Round numbers along a colour ramp.
 
 use super::super::resolve::round_step;
 use super::Tick;
 
-/// Part of the band beside an end in which nothing else is told.
+/// Fraction of the ramp next to each end that has no other ticks.
 const END: f64 = 0.1;
 
-/// Ticks of two numbers, and between them some four round ones.
+/// Returns ticks at both ends, and about four round numbers between them.
 pub(super) fn ticks(low: f64, high: f64) -> Vec<Tick> {
     let step = round_step((high - low).abs() / 5.0);
     let (least, most) = (low.min(high), low.max(high));
@@ -14,7 +14,7 @@ pub(super) fn ticks(low: f64, high: f64) -> Vec<Tick> {
     let (first, last) = ((least / step).ceil(), (most / step).floor());
     let end = |at: f64, end: f64| Tick { at, label: number(end) };
     let (begin, end) = (end(0.0, low), end(1.0, high));
-    // (Ends that are alike or endless have no round numbers between them.)
+    // No round numbers between equal or infinite ends.
     let is_divided = most > least && (last - first) >= 0.0 && (last - first) < 20.0;
     let count = if is_divided { (last - first) as usize + 1 } else { 0 };
     let round = (0..count).map(|i| {
@@ -30,7 +30,7 @@ pub(super) fn ticks(low: f64, high: f64) -> Vec<Tick> {
     ticks
 }
 
-/// A number with as many digits as people read.
+/// Formats a number with a readable number of digits.
 pub(super) fn number(number: f64) -> String {
     let size = number.abs();
     if size != 0.0 && !(1e-4..1e9).contains(&size) {
@@ -39,7 +39,7 @@ pub(super) fn number(number: f64) -> String {
     let digits = if size == 0.0 { 0 } else { (3 - size.log10().floor() as i32).clamp(0, 8) as usize };
     let text = format!("{number:.digits$}");
     let text = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
-    // (There is one zero.)
+    // No negative zero.
     if text == "-0" { "0".into() } else { text.into() }
 }
 
