@@ -1,24 +1,24 @@
 //! Attributes of features.
 
-/// Kind of an attribute's values.
+/// Type of an attribute's values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ValueKind {
-    /// Whole numbers.
+    /// Integers.
     Integer,
-    /// Numbers.
+    /// Floating-point numbers or integers.
     Number,
-    /// Texts.
+    /// Strings.
     Text,
-    /// Yes or no.
+    /// Booleans.
     Boolean,
-    /// JSON, as text.
+    /// JSON documents, as strings.
     Json,
-    /// Values of several kinds.
+    /// Values of several types.
     Mixed,
 }
 
 impl ValueKind {
-    /// All kinds, in the order of the numbers that stand for them in files.
+    /// All kinds, in the order of their numbers in files.
     pub(crate) const ALL: [ValueKind; 6] = [
         ValueKind::Integer,
         ValueKind::Number,
@@ -28,7 +28,7 @@ impl ValueKind {
         ValueKind::Mixed,
     ];
 
-    /// Whether a value may be one of an attribute of this kind.
+    /// Whether an attribute of this kind may have a value.
     pub(crate) fn has(self, value: &LineValue) -> bool {
         matches!(
             (self, value),
@@ -43,28 +43,28 @@ impl ValueKind {
     }
 }
 
-/// An attribute that features have.
+/// Attribute of features.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LineAttribute {
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// Kind of its values.
+    /// Type of the values.
     pub kind: ValueKind,
 }
 
-/// The value of an attribute.
+/// Value of an attribute.
 #[derive(Clone, Debug, PartialEq)]
 pub enum LineValue {
-    /// Nothing.
+    /// No value.
     None,
-    /// A whole number.
+    /// Integer.
     Integer(i64),
-    /// A number.
+    /// Floating-point number.
     Number(f64),
-    /// A text.
+    /// String.
     Text(String),
-    /// Yes or no.
+    /// Boolean.
     Boolean(bool),
-    /// JSON, as text.
+    /// JSON document, as a string.
     Json(String),
 }

@@ -1,7 +1,8 @@
-//! Building: pieces of lines in the order of the codes of their nodes, and blocks of these.
+//! Building a tree: sorts line segments by the codes of their nodes, and writes them in blocks.
 //!
-//! In that order a node's own pieces come before those of nodes below. So each node is open while its pieces come, and those above it; what they have that
-//! is in no block yet is at most a leaf's each.
+//! In this order, a node's own segments come before those of its descendants. So the open nodes are
+//! the current node and its ancestors, and each holds at most one leaf's segments that are not yet
+//! in a block.
 
 use std::path::PathBuf;
 
@@ -19,15 +20,15 @@ use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Progress, Result, parallel, sort};
 use spinney_container::Metadata;
 
-/// Pieces of a node that is not divided, at most, if nothing else is said: few enough that a place's neighbours are found at once.
+/// Default maximum number of segments in a leaf, small enough for fast nearest-line search.
 const DEFAULT_LEAF_SIZE: usize = 1024;
 
-/// Options of building.
+/// Options of [`build`].
 #[derive(Clone, Debug)]
 pub struct LineBuildOptions {
-    /// Pieces of a node that is not divided, at most; blocks have no more.
+    /// Maximum number of segments in a leaf node, and in a block.
     pub leaf_size: usize,
-    /// Bytes of memory that may be used, about.
+    /// Approximate memory limit in bytes.
     pub memory: u64,
 }
 
@@ -42,17 +43,17 @@ impl Default for LineBuildOptions {
 pub struct LineBuildSummary {
     /// Number of features.
     pub features: u64,
-    /// Number of pieces of their lines.
+    /// Number of line segments.
     pub segments: u64,
-    /// Length of all lines.
+    /// Total length of all lines.
     pub length: f64,
 }
 
-/// Bytes of a piece on its way to its node: its ends, feature, place and level.
+/// Bytes of a segment in the sorter: its ends, feature, vertex and level.
 const ROW: usize = 29;
-/// About the bytes of features that become a block.
+/// Approximate bytes of features per block.
 const FEATURE_BYTES: usize = 1 << 20;
-/// Blocks of features that are encoded at a time, and pieces.
+/// Blocks of features per parallel batch, and segments per parallel batch.
 const JOBS: usize = 8;
 const TOGETHER: usize = 1 << 18;
 
@@ -76,7 +77,8 @@ fn from_row(row: &[u8]) -> Piece {
     }
 }
 
-/// The pieces of a feature's lines with the codes of their nodes, in the order of these; `None` if a vertex is beyond the grid.
+/// Segments of a feature's lines with the codes of their nodes, sorted by code; `None` if a vertex
+/// is outside of the grid.
 pub(crate) fn pieces_of(grid: &LineGrid, number: u64, feature: &LineFeature) -> Option<Vec<(Code, Piece)>> {
     let mut pieces = Vec::new();
     let mut place = 0;
@@ -91,14 +93,15 @@ pub(crate) fn pieces_of(grid: &LineGrid, number: u64, feature: &LineFeature) -> 
     sort::by_wide_key(&mut pieces, |(code, piece)| u128::from(code.bits()) << 32 | u128::from(piece.place));
     let mut before: Option<Code> = None;
     for (code, piece) in &mut pieces {
-        // (In this order the one before has more of the way in common than any earlier one.)
+        // In this order, the previous segment shares the deepest common ancestor of all earlier
+        // ones.
         piece.first = before.map_or(0, |before| before.common_ancestor(*code).level() + 1);
         before = Some(*code);
     }
     Some(pieces)
 }
 
-/// Statistics of the pieces of a block, in its order.
+/// Statistics of the segments of a block, added in their order.
 pub(crate) fn statistics_of(grid: &LineGrid, pieces: &[Piece]) -> Statistics {
     let mut all = Statistics::NONE;
     for piece in pieces {
@@ -114,10 +117,12 @@ pub(crate) fn statistics_of(grid: &LineGrid, pieces: &[Piece]) -> Statistics {
 
 /// Builds a tree of lines.
 ///
-/// Takes one pass over the features, and a temporary file of the pieces of their lines if these do not fit into memory.
+/// Reads the features in one pass. Sorts their segments in memory, or in a temporary file if they
+/// exceed the memory limit.
 ///
 /// # Errors
-/// If the features cannot be read, lie beyond the bounds that their source says, or the output cannot be written.
+/// If the features cannot be read, are outside of the bounds in the source's schema, or the output
+/// cannot be written.
 pub fn build(
     source: &mut dyn LineSource,
     options: &LineBuildOptions,
@@ -158,7 +163,7 @@ pub fn build(
     Ok(LineBuildSummary { features, segments, length })
 }
 
-/// Writes all features, and collects the pieces of their lines; hands out how many features there are.
+/// Writes all features, and adds their segments to the sorter. Returns the number of features.
 fn read(
     source: &mut dyn LineSource,
     grid: &LineGrid,
@@ -225,34 +230,37 @@ fn read(
     Ok(number)
 }
 
-/// Output of an assembler: blocks of nodes in order, and a node behind all that is in it and below.
+/// Output of an assembler: blocks of nodes in order, and each node after all blocks of its subtree.
 enum Made {
     Block(Code, Vec<Piece>),
     Node(Code),
 }
 
-/// A node whose pieces are still coming.
+/// Node whose segments are incomplete.
 struct Open {
     code: Code,
-    /// Its own pieces that are in no block yet.
+    /// Its own segments that are not in a block yet.
     own: Vec<Piece>,
-    /// Nodes below that may yet become part of it, and the number of their pieces.
+    /// Descendants that may still be merged into it, and their total number of segments.
     pending: Vec<(Code, Vec<Piece>)>,
     waiting: usize,
-    /// Whether it has too many pieces for a leaf.
+    /// Whether it has too many segments for a leaf.
     is_divided: bool,
 }
 
-/// Makes nodes of pieces that come in the order of their codes, which have a code before all those below it.
+/// Assembles nodes from segments in the order of their codes, in which a code precedes those of its
+/// descendants.
 ///
-/// Invariants: open nodes are the way from the root down to the last piece's node, one at each level. `waiting` is the number of pieces in `pending`. Above a divided node all are
-/// divided, and nothing is pending in these: a node or block goes out as soon as it is closed, after all that come before it and before the node that it is in, so that what
-/// goes out is in postorder, blocks of a node in the order in which their pieces came.
+/// Invariants: the open nodes are the path from the root to the last segment's node, one per level.
+/// `waiting` is the number of segments in `pending`. If a node is divided, its ancestors are too,
+/// and nothing is pending in divided nodes. A node or block is output when it is closed, after all
+/// that precede it and before the node that contains it. So the output is in postorder, and blocks
+/// of a node are in the order of their segments.
 struct Assembler {
     leaf_size: usize,
     open: Vec<Open>,
     made: Vec<Made>,
-    /// Pieces since somebody took what was made.
+    /// Segments since the output was last taken.
     rows: usize,
 }
 
@@ -261,13 +269,13 @@ impl Assembler {
         self.open.push(Open { code, own: Vec::new(), pending: Vec::new(), waiting: 0, is_divided: false });
     }
 
-    /// Adds a piece of a node, which comes no earlier than those before.
+    /// Adds a segment of a node. Codes must not decrease.
     fn add(&mut self, code: Code, piece: Piece) {
         self.rows += 1;
         while self.open.last().is_some_and(|open| !open.code.contains(code)) {
             self.close();
         }
-        // (Nodes between: none that holds pieces is missing, whatever its own are.)
+        // Opens the nodes on the path that have no segments yet.
         while self.open.len() <= usize::from(code.level()) {
             self.push(code.ancestor(self.open.len() as u8));
         }
@@ -281,7 +289,8 @@ impl Assembler {
         }
     }
 
-    /// Says that a node has too many pieces for a leaf, and so have those above it. What waits there goes out first, so that nodes come in the order of their codes.
+    /// Marks a node and its ancestors as having too many segments for a leaf. Pending descendants
+    /// are output first, so that nodes stay in the order of their codes.
     fn divide(&mut self, index: usize) {
         for open in &mut self.open[..=index] {
             open.is_divided = true;
@@ -336,13 +345,13 @@ impl Assembler {
     }
 }
 
-/// Encodes and writes what was made, and adds up what is known of nodes.
+/// Encodes and writes an assembler's output, and accumulates the statistics of nodes.
 struct Totals<'g> {
     grid: &'g LineGrid,
     writer: LineWriter,
-    /// Own pieces of nodes that are not complete.
+    /// Statistics of the own segments of incomplete nodes.
     open: Vec<(Code, Statistics)>,
-    /// Nodes that are, below none that is.
+    /// Complete nodes whose parents are incomplete.
     closed: Vec<(Code, Statistics)>,
 }
 

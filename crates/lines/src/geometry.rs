@@ -1,30 +1,32 @@
-//! Distances of lines from places, and whether they meet boxes and other lines: decided in whole numbers, touching included.
+//! Predicates and distances of line segments, points and boxes. Predicates are exact, in integers;
+//! touching counts as meeting.
 //!
-//! Vertices lie on the grid; what is asked about lies on places of 2^-16 of a step. Differences have less than 2^54 of these, so that all products that decide have
-//! fewer than 2^110.
+//! Vertices are grid points; query positions are fixed point, in units of 2^-16 of a grid unit.
+//! Differences are below 2^54 such units, so products in predicates are below 2^110.
 
-/// Parts of a step by which questions are asked.
+/// Fixed-point units per grid unit.
 pub(crate) const FRACTION: i64 = 1 << 16;
 
-/// A place, in parts of a step.
+/// Fixed-point position.
 pub(crate) type Place = [i64; 2];
 
 /// Two vertices on the grid.
 pub(crate) type Segment = [[i32; 2]; 2];
 
-/// A segment in parts of a step.
+/// Ends of a segment in fixed point.
 #[inline]
 pub(crate) fn ends([a, b]: Segment) -> [Place; 2] {
     [a, b].map(|end| end.map(|step| i64::from(step) * FRACTION))
 }
 
-/// Least and greatest corner of a segment.
+/// Minimum and maximum corner of a segment's bounding box.
 #[inline]
 pub(crate) fn bounds_of([a, b]: Segment) -> [[i32; 2]; 2] {
     [std::array::from_fn(|axis| a[axis].min(b[axis])), std::array::from_fn(|axis| a[axis].max(b[axis]))]
 }
 
-/// Above 0 if a place is left of the line from `a` to `b`, below if right, 0 if on it.
+/// Orientation of a point: positive if it is left of the line from `a` to `b`, negative if right, 0
+/// if on it.
 #[inline]
 fn side([a, b]: [Place; 2], place: Place) -> i128 {
     let along = [i128::from(b[0] - a[0]), i128::from(b[1] - a[1])];
@@ -32,24 +34,25 @@ fn side([a, b]: [Place; 2], place: Place) -> i128 {
     along[0] * to[1] - along[1] * to[0]
 }
 
-/// Whether boxes, each with a least and a greatest corner, have a place in common.
+/// Whether two boxes, each given by its minimum and maximum corner, intersect.
 #[inline]
 pub(crate) fn boxes_meet([low, high]: [Place; 2], [lower, higher]: [Place; 2]) -> bool {
     (0..2).all(|axis| low[axis] <= higher[axis] && lower[axis] <= high[axis])
 }
 
-/// Bounds on the grid in parts of a step.
+/// Converts a box from grid units to fixed point.
 #[inline]
 pub(crate) fn fixed_box(bounds: [[i32; 2]; 2]) -> [Place; 2] {
     bounds.map(|corner| corner.map(|step| i64::from(step) * FRACTION))
 }
 
-/// The box around two places.
+/// Bounding box of two points.
 pub(crate) fn box_of([a, b]: [Place; 2]) -> [Place; 2] {
     [std::array::from_fn(|axis| a[axis].min(b[axis])), std::array::from_fn(|axis| a[axis].max(b[axis]))]
 }
 
-/// Whether a line between two places has a place in a box, its border included: no axis and no line along it parts the two.
+/// Whether a line segment intersects a box, including its border. Tests the separating axes: both
+/// coordinate axes and the segment's normal.
 pub(crate) fn meets_box(line: [Place; 2], [low, high]: [Place; 2]) -> bool {
     if !boxes_meet(box_of(line), [low, high]) {
         return false;
@@ -59,12 +62,12 @@ pub(crate) fn meets_box(line: [Place; 2], [low, high]: [Place; 2]) -> bool {
     !(sides == [1; 4] || sides == [-1; 4])
 }
 
-/// Whether two lines have a place in common, their ends included.
+/// Whether two line segments intersect, including their ends.
 pub(crate) fn meet(one: [Place; 2], other: [Place; 2]) -> bool {
     if !boxes_meet(box_of(one), box_of(other)) {
         return false;
     }
-    // (On one line, boxes that meet have a place of both in common.)
+    // If the segments are collinear, they intersect exactly if their bounding boxes do.
     let parts = |line: [Place; 2], ends: [Place; 2]| {
         let [a, b] = ends.map(|end| side(line, end).signum());
         a * b > 0
@@ -72,7 +75,8 @@ pub(crate) fn meet(one: [Place; 2], other: [Place; 2]) -> bool {
     !parts(one, other) && !parts(other, one)
 }
 
-/// Where two lines that meet do so, in parts of a step: for lines that lie on each other the first place of both along the first one.
+/// Intersection point of two segments that meet, in fixed point. For collinear segments, the first
+/// point of the overlap along `one`.
 pub(crate) fn meeting(one: [Place; 2], other: [Place; 2]) -> [f64; 2] {
     let [a, b] = one;
     let (from, to) = (side(other, a), side(other, b));
@@ -91,10 +95,11 @@ pub(crate) fn meeting(one: [Place; 2], other: [Place; 2]) -> [f64; 2] {
     first.map(|number| number as f64)
 }
 
-/// Square of the distance of a place from a line, in parts of a step.
+/// Squared distance of a point from a line segment, in fixed point.
 ///
-/// Whether an end is nearest is decided exactly, and then the square is that of the distance from that end, rounded once: so lines that meet in a vertex are equally
-/// far where it is nearest. Otherwise it is rounded four times, in the same way whichever end is the first.
+/// Whether an end is nearest is decided exactly. If so, the result is the squared distance from
+/// that end, rounded once, so segments that share a nearest vertex have equal distances. Otherwise
+/// the result is rounded four times, independently of the segment's direction.
 pub(crate) fn square_distance(line: [Place; 2], from: Place) -> f64 {
     let [a, b] = line;
     let difference =
@@ -112,11 +117,13 @@ pub(crate) fn square_distance(line: [Place; 2], from: Place) -> f64 {
     across * across / dot(along, along) as f64
 }
 
-/// Square of the distance of a place from a box, in parts of a step; somewhat less than it is, as distances from lines are rounded, and a box must not be passed
-/// by for that.
+/// Lower bound for the squared distance of a point from a box, in fixed point. It is slightly
+/// reduced, since distances from segments are rounded and a box must not be skipped because of
+/// that.
 #[inline]
 pub(crate) fn square_to_box([low, high]: [Place; 2], from: Place) -> f64 {
-    // (Differences are doubles as they are. Here a double is rounded three times, in the distance from a line seven times, by 2^-53 each.)
+    // Differences are exact as doubles. The result here is rounded three times, the distance from a
+    // segment seven times, by a relative error of 2^-53 each.
     const LESS: f64 = 1.0 - 1.0 / (1u64 << 49) as f64;
     let along = |axis: usize| (low[axis] - from[axis]).max(from[axis] - high[axis]).max(0) as f64;
     (along(0) * along(0) + along(1) * along(1)) * LESS

@@ -1,8 +1,12 @@
-//! Quadtrees of lines on disk: the lines of any number of features in one file, found by where they pass, with the features' attributes.
+//! On-disk quadtrees of lines: the lines of any number of features in one file, indexed by
+//! position, with the features' attributes.
 //!
-//! Each piece of a line between two of its vertices is there once, whole: in the deepest node that is no smaller than it and has its middle. So no answer needs
-//! to be freed of repetitions, bytes do not grow where a long piece passes through many squares, and short pieces are not kept near the root because a dividing
-//! line happens to cross them. Nodes and blocks say how far what is in them reaches.
+//! The unit of storage is a line segment between two consecutive vertices of a line. Each is stored
+//! exactly once, unclipped, in the deepest node that is no smaller than the segment and contains
+//! its midpoint; subtrees with few segments are merged into one leaf. So queries need no
+//! deduplication, the file does not grow if long segments cross many nodes, and short segments are
+//! not stored near the root because they happen to cross a dividing line. A segment may extend
+//! beyond its node, so nodes and blocks store the bounds of their segments.
 
 mod attribute;
 mod build;

@@ -1,4 +1,4 @@
-//! Features as they come in, one after the other.
+//! Input features, as a stream.
 
 use std::path::Path;
 
@@ -6,46 +6,46 @@ use crate::attribute::{LineAttribute, LineValue};
 use spinney_base::Result;
 use spinney_crs::Crs;
 
-/// A feature: lines, and a value for each attribute.
+/// Feature: lines, and a value for each attribute.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LineFeature {
-    /// Its lines, each of two vertices or more, on the grid. There may be none.
+    /// Lines, each with at least two vertices, in grid coordinates. May be empty.
     pub lines: Vec<Vec<[i32; 2]>>,
-    /// The values of its attributes, in their order.
+    /// Values of the attributes, in the order of the schema.
     pub values: Vec<LineValue>,
 }
 
-/// Description of features that come in.
+/// Schema of a stream of features.
 #[derive(Clone, Debug)]
 pub struct LineSchema {
-    /// Their attributes.
+    /// Attributes of the features.
     pub attributes: Vec<LineAttribute>,
-    /// Units of the world that a step of the grid has.
+    /// Width of a grid unit in world units.
     pub scale: f64,
-    /// Place in the world of the grid's origin.
+    /// World coordinates of the grid's origin.
     pub offset: [f64; 2],
-    /// Least and greatest vertex on the grid. Vertices beyond them are an error.
+    /// Minimum and maximum vertex in grid coordinates. Vertices outside are an error.
     pub bounds: [[i32; 2]; 2],
-    /// The coordinate system, where known.
+    /// Coordinate reference system, if known.
     pub crs: Option<Crs>,
-    /// Number of features, where known.
+    /// Number of features, if known.
     pub count: Option<u64>,
 }
 
-/// Features that come in.
+/// Stream of features.
 pub trait LineSource {
-    /// Description of the features.
+    /// Returns the schema of the features.
     fn schema(&self) -> &LineSchema;
 
-    /// The file that they come from, for messages.
+    /// Returns the input file's path, for messages.
     fn path(&self) -> &Path {
         Path::new("(memory)")
     }
 
-    /// The next feature; `None` behind the last.
+    /// Returns the next feature; `None` at the end.
     ///
     /// # Errors
-    /// If it cannot be read, or breaks the rules of its format.
+    /// If it cannot be read, or violates its format.
     fn next(&mut self) -> Result<Option<LineFeature>>;
 }
 
@@ -57,7 +57,7 @@ pub struct LinesInMemory {
 }
 
 impl LinesInMemory {
-    /// Features with these attributes, on a grid whose steps are units of the world.
+    /// Creates a source of features on a grid whose unit is the world unit.
     pub fn new(attributes: Vec<LineAttribute>, features: Vec<LineFeature>) -> LinesInMemory {
         let mut bounds: Option<[[i32; 2]; 2]> = None;
         for vertex in features.iter().flat_map(|feature| feature.lines.iter().flatten()) {

@@ -1,18 +1,18 @@
-//! Counts, lengths and bounds of many pieces of lines.
+//! Counts, lengths and bounds of line segments.
 
-/// Levels that nodes have at most, and the root's.
+/// Maximum number of levels, including the root's.
 pub(crate) const LEVELS: usize = 30;
 
-/// Counts, lengths and bounds of pieces.
+/// Counts, length and bounds of line segments.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Statistics {
-    /// Number of the pieces.
+    /// Number of segments.
     pub segments: u64,
-    /// How many are the first of their feature from each level on, by codes: in a node at that level, and those below on the way to it.
+    /// Number of segments by their `first` level, see `Piece::first`.
     pub firsts: [u64; LEVELS],
-    /// The sum of their lengths.
+    /// Total length.
     pub length: f64,
-    /// Least and greatest place; the wrong way round if there are none.
+    /// Minimum and maximum coordinates; the minimum exceeds the maximum if there are no segments.
     pub bounds: [[i32; 2]; 2],
 }
 
@@ -34,7 +34,8 @@ impl Statistics {
         }
     }
 
-    /// Number of features that have pieces in a node at a level, of whose pieces these statistics are.
+    /// Number of distinct features in a node at `level`, if these are the statistics of the node's
+    /// subtree.
     pub(crate) fn features(&self, level: u8) -> u64 {
         self.firsts.iter().take(usize::from(level) + 1).sum()
     }

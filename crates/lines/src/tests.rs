@@ -1,4 +1,4 @@
-//! Trees of lines against all lines in memory.
+//! Trees of lines, compared with a search of all lines in memory.
 
 use crate::geometry::{FRACTION, ends, meet, meets_box, square_distance};
 use crate::source::{LineFeature, LinesInMemory};
@@ -9,7 +9,7 @@ use spinney_base::io::Output;
 use spinney_container::Metadata;
 use std::collections::BTreeSet;
 
-/// Random numbers with a fixed seed.
+/// Pseudo-random numbers with a fixed seed.
 fn random(seed: u64) -> impl FnMut(u64) -> u64 {
     let mut state = seed;
     move |below| {
@@ -30,7 +30,8 @@ fn attributes() -> Vec<LineAttribute> {
     .to_vec()
 }
 
-/// Features of all kinds: walks of short steps, long lines, equal ones, points, lines along axes and over the middle, several lines, none.
+/// Features of all kinds: random walks, long lines, equal lines, points, lines along axes and
+/// across the middle, several lines, none.
 fn features(count: usize, seed: u64) -> Vec<LineFeature> {
     let mut random = random(seed);
     let side = 1 << 16;
@@ -107,7 +108,7 @@ fn features_come_back_whole() {
             Ok(())
         })
         .unwrap();
-        // (NaN is not equal to itself.)
+        // NaN is not equal to itself.
         assert_eq!(format!("{found:?}"), format!("{features:?}"));
         assert_eq!(tree.verify(1 << 20, &()).unwrap(), [], "{count} {leaf_size}");
         let mut some = Vec::new();
@@ -149,14 +150,15 @@ fn windows_have_the_features_that_pass_through() {
 
 #[test]
 fn boxes_are_met_where_a_place_of_the_line_is_inside() {
-    // Against all places of a fine grid: of small numbers, each line that meets a box has a place on a grid of the determinants that there can be.
+    // Compared with Liang-Barsky clipping in floating point. For small coordinates, the tolerance
+    // is below the gap between touching and missing.
     let mut random = random(8);
     for _ in 0..20_000 {
         let mut place = || [random(7) as i64, random(7) as i64];
         let (line, low, high) = ([place(), place()], place(), place());
         let [low, high] = crate::geometry::box_of([low, high]);
         let mut shares = [0f64, 1.0];
-        // The line's part in the box, by clipping with fractions of whole numbers.
+        // Range of the line's parameter within the box, by clipping.
         let mut is_met = true;
         for axis in 0..2 {
             let along = line[1][axis] - line[0][axis];
@@ -206,7 +208,7 @@ fn crossings_are_those_of_all_pieces() {
         let found = tree.crossings(std::slice::from_ref(&line), &()).unwrap();
         let told: Vec<_> = found.iter().map(|found| (found.piece, found.feature, found.vertex)).collect();
         assert_eq!(told, expected, "{line:?}");
-        // Where they meet is on both.
+        // Intersection points are on both lines.
         for crossing in &found {
             let at = crossing.place.map(|number| (number * FRACTION as f64).round() as i64);
             let [a, b] = [fixed[crossing.piece], fixed[crossing.piece + 1]];
@@ -233,7 +235,7 @@ fn the_nearest_lines_are_those_of_all() {
                 let mut at = || random(80_000) as f64 - 30_000.0 + if number % 2 == 0 { 0.5 } else { 0.0 };
                 match number % 4 {
                     0 | 1 => [at(), at()],
-                    // Vertices, where many lines are equally far, and places far away.
+                    // Vertices, where many lines have equal distances, and distant points.
                     2 => [5.0, 5.0],
                     _ => [1e6 + at(), -3e5],
                 }
@@ -276,7 +278,8 @@ fn the_nearest_lines_are_those_of_all() {
 
 #[test]
 fn equal_lines_are_found_by_their_features() {
-    // Features 0 to 999 are equal, of two pieces that are equal; another one is somewhat nearer to some places, with a piece the other way round.
+    // Features 0 to 999 are equal, each with two equal segments. Another feature is slightly nearer
+    // to some points, with a reversed segment.
     let equal =
         || LineFeature { lines: vec![vec![[0, 0], [8, 8]], vec![[0, 0], [8, 8]]], values: Vec::new() };
     let mut features: Vec<LineFeature> = (0..1000).map(|_| equal()).collect();
@@ -331,7 +334,7 @@ fn nodes_say_how_much_is_in_them() {
             }
         }
         assert_eq!((node.segments, node.features), (count, own.len() as u64), "{}", node.code);
-        // A node that others are below has too many pieces for a leaf.
+        // A node with descendants has too many segments for a leaf.
         let has_children = !tree.children(&node).unwrap().is_empty();
         assert!(!has_children || node.segments > 20);
         let blocks = tree.blocks_of(node.code);

@@ -1,6 +1,8 @@
-//! Trees that divide space in two, node by node: bintrees, which halve blocks of cells, and BSP trees, which divide along any line or plane.
+//! Binary space partitions: bintrees, which halve blocks of cells, and BSP trees, which divide
+//! along arbitrary lines or planes.
 //!
-//! Both stand in memory in preorder ([`preorder`]): a node, what is on its first side, and then what is on its second.
+//! Both are in memory in preorder ([`preorder`]): a node, then its first side, then its second
+//! side.
 
 pub mod bintree;
 pub mod bsp;

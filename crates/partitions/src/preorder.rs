@@ -1,47 +1,50 @@
-//! Binary trees in preorder: behind a node that divides comes what is on its first side, without a link to it.
+//! Binary trees in preorder: a dividing node is followed by its first side, so it needs no link to
+//! it.
 
-/// A node: it divides by something, or is a leaf.
+/// Node of a binary tree: an inner node that divides, or a leaf.
 #[derive(Clone, Debug, PartialEq)]
 pub enum BinaryNode<D, L> {
-    /// Two sides. The first one begins with the next node.
+    /// Inner node with two sides. The first side begins at the next node.
     Divided {
-        /// Where it divides.
+        /// What the node divides by.
         by: D,
-        /// Number of the node with which the second side begins.
+        /// Index of the node at which the second side begins.
         second: usize,
     },
-    /// No more detail.
+    /// Leaf.
     Leaf(L),
 }
 
-/// A tree that grows in preorder: each node that divides is followed by its first side and then by its second one. Nodes with two equal
-/// leaves become leaves at once, but for those that have something of their own.
+/// Builder of a tree in preorder: each dividing node is followed by its first side and then by its
+/// second one. A node with two equal leaves is replaced by a leaf at once, unless `is_needed` holds
+/// for it.
 pub(crate) struct Growing<D, L> {
     nodes: Vec<BinaryNode<D, L>>,
-    /// Nodes whose sides are not both there, from the root down.
+    /// Nodes with an incomplete side, from the root down.
     open: Vec<usize>,
     is_needed: fn(&D) -> bool,
 }
 
 impl<D, L: Copy + PartialEq> Growing<D, L> {
-    /// A tree without nodes; those for which `is_needed` holds stay, also above equal leaves.
+    /// Builder without nodes. Nodes for which `is_needed` holds are kept even above equal leaves.
     pub(crate) fn new(is_needed: fn(&D) -> bool) -> Growing<D, L> {
         Growing { nodes: Vec::new(), open: Vec::new(), is_needed }
     }
 
-    /// Makes room for so many nodes.
+    /// Reserves capacity for `count` more nodes.
     pub(crate) fn reserve(&mut self, count: usize) {
         self.nodes.reserve(count);
     }
 
-    /// Adds a node that divides.
+    /// Adds a dividing node.
     pub(crate) fn divide(&mut self, by: D) {
         self.open.push(self.nodes.len());
-        // (The number of the second side is known when the first one is complete. No second side is the root.)
+        // The index of the second side is set when the first side is complete. 0 means unset, since
+        // the root is no second side.
         self.nodes.push(BinaryNode::Divided { by, second: 0 });
     }
 
-    /// Adds a leaf, and closes all nodes that are complete by it.
+    /// Adds a leaf, and closes all nodes that it completes.
     pub(crate) fn leaf(&mut self, leaf: L) {
         self.nodes.push(BinaryNode::Leaf(leaf));
         while let Some(&at) = self.open.last() {
@@ -63,12 +66,12 @@ impl<D, L: Copy + PartialEq> Growing<D, L> {
         }
     }
 
-    /// Number of nodes so far.
+    /// Node count so far.
     pub(crate) fn len(&self) -> usize {
         self.nodes.len()
     }
 
-    /// The nodes of the tree, which has to be complete.
+    /// Returns the nodes. The tree must be complete.
     pub(crate) fn finish(self) -> Vec<BinaryNode<D, L>> {
         debug_assert!(self.open.is_empty() && !self.nodes.is_empty());
         self.nodes
@@ -88,7 +91,7 @@ mod tests {
                 None => tree.divide(symbol),
             }
         }
-        // `z11` and `y11` are leaves, and `y` above them; what is needed stays.
+        // `z11` and `y11` become leaves, and `y` above them does too; needed nodes stay.
         let leaf = BinaryNode::Leaf;
         let divided = |by, second| BinaryNode::Divided { by, second };
         assert_eq!(tree.finish(), [divided('x', 2), leaf(1), divided('k', 4), leaf(2), leaf(2)]);

@@ -1,4 +1,4 @@
-//! Cameras for pictures of solids: orthographic and perspective.
+//! Cameras for images of solids: orthographic and perspective.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -9,7 +9,7 @@ use glam::DVec3;
 use spinney_base::space::Up;
 use spinney_base::{Error, Result};
 
-/// CameraProjection of the world onto the picture.
+/// Projection of the world onto the image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum CameraProjection {
     /// Parallel lines stay parallel, and sizes can be compared.
@@ -19,19 +19,19 @@ pub enum CameraProjection {
     Perspective,
 }
 
-/// Something that a camera is to see.
+/// Object that a camera is fitted to.
 pub(super) trait Extent {
-    /// Least and greatest coordinates of a box around it.
+    /// Minimum and maximum coordinates of a box around the object.
     fn corners(&self) -> [DVec3; 2];
 
-    /// The largest product of its points with a direction: how far it reaches there.
+    /// Largest dot product of the object's points with a direction (support function).
     ///
     /// # Errors
-    /// If the file is damaged there.
+    /// If the file is corrupt there.
     fn support(&self, direction: DVec3) -> Result<f64>;
 }
 
-/// A part of something, and a bound of how far it reaches in a direction.
+/// Heap entry: an upper bound of a node's support, and the node.
 struct Reaching<T>(f64, T);
 
 impl<T> PartialEq for Reaching<T> {
@@ -54,11 +54,13 @@ impl<T> Ord for Reaching<T> {
     }
 }
 
-/// Parts of a node, each with a bound of how far it reaches; nothing of one that is not divided.
+/// Children of a node, each with an upper bound of its support; `None` if the node is not
+/// subdivided.
 pub(super) type Parts<T> = Option<Vec<(f64, T)>>;
 
-/// How far what is below a node reaches: the node with the largest bound is divided next (best first), until it is one that is not
-/// divided any more. `divide` gives the parts of a node with their bounds, or nothing.
+/// Support of the subtree below a node. Best-first search: the node with the largest bound is
+/// subdivided next, until that node has no children. `divide` returns a node's children with their
+/// bounds, or `None`.
 ///
 /// # Errors
 /// Those of `divide`.
@@ -67,8 +69,8 @@ pub(super) fn farthest<T>(
     node: T,
     divide: &dyn Fn(&T) -> Result<Parts<T>>,
 ) -> Result<Option<f64>> {
-    // Invariant: a node's bound is no less than how far any of its parts reaches. So the first node that comes from the heap and is not
-    // divided reaches as far as its bound says, and all that waits reaches no farther.
+    // Invariant: a node's bound is at least the bound of each of its children. So the first
+    // undivided node that leaves the heap attains its bound, and no pending node reaches farther.
     let mut pending = BinaryHeap::from([Reaching(bound, node)]);
     while let Some(Reaching(bound, node)) = pending.pop() {
         match divide(&node)? {
@@ -79,42 +81,44 @@ pub(super) fn farthest<T>(
     Ok(None)
 }
 
-/// The largest product of a box's corners with a direction.
+/// Largest dot product of a box's corners with a direction.
 pub(super) fn box_support([low, high]: [DVec3; 2], direction: DVec3) -> f64 {
     (low * direction).max(high * direction).element_sum()
 }
 
-/// A camera that sees all of something.
+/// Camera that sees all of an object.
 #[derive(Clone, Debug)]
 pub(super) struct Camera {
     projection: CameraProjection,
-    /// The picture's right and up, and from the solid towards the camera.
+    /// Image axes right and up, and the direction from the solid towards the camera.
     pub(super) right: DVec3,
     pub(super) top: DVec3,
     pub(super) towards: DVec3,
-    /// Up in the world.
+    /// Up direction of the world.
     pub(super) sky: DVec3,
-    /// In the middle of the picture: a point of the plane of pixels, or the eye.
+    /// Centre of the image: a point in the plane of pixels if orthographic, the eye if perspective.
     origin: DVec3,
-    /// Width of a pixel, in units of the world or, in perspective, at distance 1.
+    /// Width of a pixel in world units; in perspective, at distance 1.
     pixel: f64,
-    /// Width of a pixel where the thing is nearest.
+    /// Width of a pixel at the object's nearest point.
     pub(super) footprint: f64,
     /// Columns and rows.
     size: [f64; 2],
 }
 
-/// Share of the picture that the thing may fill along an axis.
+/// Fraction of the image that the object may fill along an axis.
 const FILLED: f64 = 0.92;
-/// Tangent of half the angle that the shorter side of a picture has in perspective.
+/// Tangent of half the field of view along the image's shorter side, in perspective.
 const HALF_ANGLE: f64 = 0.3;
 
-/// Enlargements that make sense: beyond, a picture has less than a pixel of the thing, or the rays' doubles run out.
+/// Supported magnifications. Below, the object covers less than a pixel; above, the rays' doubles
+/// lose precision.
 const SCALES: RangeInclusive<f64> = 1e-3..=1e6;
-/// Least width of a pixel, in parts of the thing's radius: what is seen edge on has no width of its own.
+/// Minimum width of a pixel, as a fraction of the object's radius: an object seen edge-on has no
+/// width.
 const FLAT: f64 = 1e-9;
 
-/// Parameters of a camera: see [`RenderRequest`](super::RenderRequest).
+/// Camera parameters: see [`RenderRequest`](super::RenderRequest).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pose {
     pub(super) azimuth: f64,
@@ -126,10 +130,10 @@ pub(super) struct Pose {
 }
 
 impl Camera {
-    /// A camera that sees all of something, as large as can be.
+    /// Camera that sees all of `thing`, as large as possible.
     ///
     /// # Errors
-    /// If a number makes no sense, or the thing cannot be measured.
+    /// If a parameter is out of range, or the extent of `thing` cannot be measured.
     pub(super) fn facing(pose: &Pose, thing: &dyn Extent) -> Result<Camera> {
         let Pose { azimuth, elevation, scale, projection, up, size } = *pose;
         if !azimuth.is_finite() || !(-90.0..=90.0).contains(&elevation) {
@@ -146,7 +150,7 @@ impl Camera {
         }
         let (azimuth, elevation) = (azimuth.to_radians(), elevation.to_radians());
         let around = [azimuth.sin(), azimuth.cos()];
-        // By what is to the east, to the north and up.
+        // Arguments are the components to the east, to the north and up.
         let direction = |parts: [f64; 3]| DVec3::from(up.from_z_up(parts));
         let towards = direction([around[0] * elevation.cos(), around[1] * elevation.cos(), elevation.sin()]);
         let right = direction([-around[1], around[0], 0.0]);
@@ -156,7 +160,7 @@ impl Camera {
         let middle = low.midpoint(high);
         let radius = low.distance(high).max(f64::MIN_POSITIVE) / 2.0;
         let size = size.map(|pixels| pixels as f64);
-        // Half of a picture that is one pixel wide: what may be filled of it.
+        // Half of the filled part of the image, in pixels.
         let half = size.map(|pixels| FILLED * pixels / 2.0);
         let most =
             |direction: DVec3| -> Result<f64> { Ok(thing.support(direction)? - direction.dot(middle)) };
@@ -173,10 +177,12 @@ impl Camera {
             }
             CameraProjection::Perspective => {
                 let pixel = 2.0 * HALF_ANGLE / size[0].min(size[1]);
-                // With the eye at distance d from the middle, and c aside of it, a point is projected to
-                // `(point[axis] - c) / (d - point[2])`, which must not exceed the slope h = pixel * half on either side:
-                // a - h d <= c <= b + h d, with a the largest `point[axis] + h point[2]` and b the least `point[axis] - h point[2]`, where 2 is the axis towards the eye.
-                // There is such a c from d = (a - b) / 2h on, and then it is the mean of a and b.
+                // The eye is at distance d from the middle and shifted sideways by c. A point is
+                // projected to `(point[axis] - c) / (d - point[2])`, where 2 is the axis towards
+                // the eye. Its absolute value must not exceed the slope h = pixel * half, hence
+                // `a - h d <= c <= b + h d`, where a is the maximum of `point[axis] + h point[2]`
+                // and b the minimum of `point[axis] - h point[2]`. Such a c exists for
+                // `d >= (a - b) / 2h`, and the mean of a and b is one.
                 let nearest = most(towards)?;
                 let mut ends = [[0.0; 2]; 2];
                 for (axis, ends) in ends.iter_mut().enumerate() {
@@ -186,7 +192,7 @@ impl Camera {
                 let aside = ends.map(|[most, least]| most.midpoint(least));
                 let distance =
                     (0..2).map(|axis| (ends[axis][0] - ends[axis][1]) / (2.0 * pixel * half[axis]));
-                // In any case the eye is outside.
+                // The eye is always outside of the object.
                 let distance = distance.fold(nearest + 0.1 * radius, f64::max);
                 let pixel = pixel / scale;
                 let origin = middle + right * aside[0] + top * aside[1] + towards * distance;
@@ -196,7 +202,7 @@ impl Camera {
         }
     }
 
-    /// The eye; `None` if it is infinitely far away.
+    /// Eye; `None` if it is at infinity.
     pub(super) fn eye(&self) -> Option<DVec3> {
         (self.projection == CameraProjection::Perspective).then_some(self.origin)
     }
@@ -206,7 +212,7 @@ impl Camera {
         (self.towards + 0.55 * self.top - 0.5 * self.right).normalize()
     }
 
-    /// Where a point that is before the eye is in the picture, in pixels from the upper left corner.
+    /// Image position of a point in front of the eye, in pixels from the upper left corner.
     pub(super) fn place(&self, point: DVec3) -> [f64; 2] {
         let from_origin = point - self.origin;
         let pixel = match self.projection {
@@ -219,7 +225,8 @@ impl Camera {
         [self.size[0] / 2.0 + across, self.size[1] / 2.0 - up]
     }
 
-    /// Origin and direction of the ray through a point of the picture, in pixels from its upper left corner.
+    /// Origin and direction of the ray through an image position, in pixels from the upper left
+    /// corner.
     pub(super) fn ray(&self, [x, y]: [f64; 2]) -> (DVec3, DVec3) {
         let across = (x - self.size[0] / 2.0) * self.pixel;
         let up = (self.size[1] / 2.0 - y) * self.pixel;

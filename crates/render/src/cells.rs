@@ -1,4 +1,4 @@
-//! Pictures of octrees' solids.
+//! Shaded images of solids in octrees.
 
 use glam::{DMat3, DVec3};
 
@@ -14,19 +14,21 @@ use spinney_engine::dataset::Dataset;
 use spinney_engine::query::{PointSamples, Ray, Rays, SurfaceHit};
 use spinney_raster::image::Format;
 
-/// Deepest level at which the box around a solid is computed.
+/// Deepest level at which a solid's bounding box is computed.
 pub(super) const BOX_LEVEL: u8 = 6;
 
-/// Writes a shaded picture of an octree's solid, and returns the level that was drawn.
+/// Writes a shaded image of an octree's solid, and returns the level that was rendered.
 ///
-/// The surface is where the occupancy between cells' centres is one half; its normals come from the gradient
-/// around. Light comes from over the viewer's left shoulder and from the sky, and less of it reaches hollows
-/// (as in Evans: Fast approximations for global illumination on dynamic scenes, SIGGRAPH 2006 courses, from
-/// the densities above the surface). Colours are those of trees with three channels, of the palette where
-/// values are classes, and of the range of all values where they are amounts; solids are the colour of clay.
+/// The surface is the isosurface where the occupancy between cells' centres is one half; normals
+/// are gradients of the occupancy. Light comes from over the viewer's left shoulder and from the
+/// sky. Hollows receive less light (ambient occlusion from the densities above the surface, as in
+/// Evans: Fast approximations for global illumination on dynamic scenes, SIGGRAPH 2006 courses).
+/// Trees with three or more channels have their own colours, occupancy trees that of clay. Other
+/// trees use their palette if they have one, otherwise distinct colours for categorical values and
+/// a colour ramp over the value range for continuous values.
 ///
-/// Only nodes that rays meet are read, and nothing below the level. The picture does not depend on the number
-/// of threads.
+/// Only nodes that rays hit are read, and none below the level. The image does not depend on the
+/// number of threads.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -43,8 +45,8 @@ pub(super) const BOX_LEVEL: u8 = 6;
 /// ```
 ///
 /// # Errors
-/// If the tree is a quadtree or has no such level, a number of the request makes no sense, the format cannot
-/// hold colours of 8 bits, the tree is damaged, or on interruption.
+/// If the tree is a quadtree or has no such level, a number of the request is out of range, the
+/// format cannot store 8-bit colours, the tree is corrupt, or on cancellation.
 pub fn render(
     tree: &Dataset,
     request: &RenderRequest,
@@ -80,15 +82,15 @@ pub fn render(
 pub(super) struct Filled<'a> {
     tree: &'a Dataset,
     corners: [DVec3; 2],
-    /// The level whose cells are fine enough.
+    /// Level at which cells are small enough to measure the extent.
     finest: u8,
 }
 
-/// Cells along the longest side of a solid, at least, that tell how far it reaches.
+/// Minimum number of cells along a solid's longest side at the level that measures its extent.
 const FINE: f64 = 512.0;
 
 impl<'a> Filled<'a> {
-    /// Those of a tree, which lie in a box of cells of a frame.
+    /// Cells of a tree, all within `bounds`, which are in cells of `frame`.
     pub(super) fn new(tree: &'a Dataset, frame: &Frame, bounds: &Bounds) -> Filled<'a> {
         let [low, high] = frame.world_box(bounds).map(DVec3::from);
         let width = (high - low).max_element() / FINE;
@@ -126,26 +128,26 @@ impl Extent for Filled<'_> {
     }
 }
 
-/// Edge of the cube that is as large as a cell, in the world.
+/// Edge length of the cube with a cell's volume, in world units.
 pub(super) fn cell_size(frame: &Frame) -> f64 {
     frame.linear().determinant().abs().cbrt()
 }
 
-/// The cells of a level, where they are and what they look like.
+/// Cells of one level, with their georeferencing and colours.
 struct Cells {
     paint: Paint,
     /// Map from cells of the level to the world.
     frame: Frame,
-    /// Map from directions in the world to those in cells.
+    /// Map from directions in the world to directions in cells.
     to_cells: DMat3,
     /// Map from gradients in cells to directions in the world.
     normals: DMat3,
-    /// Half the longest side of the box around the solid, in cells of the level.
+    /// Half the longest side of the solid's bounding box, in cells of the level.
     radius: f64,
 }
 
-/// Distances from the surface at which densities are sampled for ambient occlusion, in parts of the solid's
-/// radius.
+/// Distances from the surface at which densities are sampled for ambient occlusion, as fractions of
+/// the solid's radius.
 const OCCLUSION: [f64; 4] = [0.012, 0.03, 0.07, 0.15];
 
 impl Cells {
@@ -158,7 +160,7 @@ impl Cells {
     }
 }
 
-/// The smooth surface that cells stand for.
+/// Smooth surface interpolated from cells.
 struct CellSurface<'a> {
     cells: &'a Cells,
     rays: Box<dyn Rays + 'a>,
@@ -185,15 +187,15 @@ impl Surface for CellSurface<'_> {
 }
 
 impl CellSurface<'_> {
-    /// Share of the sky's light that reaches a point of the surface: 1 in the open.
+    /// Fraction of the sky's light that reaches a surface point: 1 in the open.
     fn openness(&mut self, hit: &SurfaceHit) -> Result<f64> {
         let Some(outwards) = (-DVec3::from(hit.inwards)).try_normalize() else { return Ok(1.0) };
         let (aside, across) = outwards.any_orthonormal_pair();
         let (mut hidden, mut most) = (0.0, 0.0);
-        // (Aside and across in turn: what is around changes little from one distance to the next.)
+        // Alternate between two axes: occlusion changes little from one distance to the next.
         for (index, distance) in OCCLUSION.into_iter().enumerate() {
             let weight = 1.0 / (1.0 + 6.0 * distance);
-            // At less than 1.5 cells the density is that of the surface itself.
+            // Below 1.5 cells, the density is that of the surface itself.
             let distance = (distance * self.cells.radius).max(1.5);
             let lean = 0.8 * if index % 2 == 0 { aside } else { across };
             for direction in [outwards + lean, outwards - lean] {

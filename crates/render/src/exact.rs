@@ -1,4 +1,4 @@
-//! Pictures of exact models.
+//! Shaded images of exact models.
 
 use glam::DVec3;
 
@@ -12,15 +12,15 @@ use spinney_brep::query::ModelRays;
 use spinney_brep::{ExactModel, Face, FaceBuffer, Faces as _, ModelNode, ModelNodeState};
 use spinney_raster::image::Format;
 
-/// Writes a shaded picture of an exact model: of its faces as they are, each with its own normal.
+/// Writes a shaded image of an exact model: its faces unchanged, each with its own normal.
 ///
-/// Camera, light and background are those of [`render`](super::render), without shadows in hollows; a model
-/// without colours is of clay. Only nodes and faces that rays come to are read. The picture does not depend on
-/// the number of threads.
+/// Camera, light and background are those of [`render`](super::render), without ambient occlusion.
+/// A model without colours has the colour of clay. Only nodes and faces along the rays are read.
+/// The image does not depend on the number of threads.
 ///
 /// # Errors
-/// If the request has a level, or a number in it makes no sense, the format cannot hold colours of 8 bits, the file is
-/// damaged, or on interruption.
+/// If the request has a level, a number of the request is out of range, the format cannot store
+/// 8-bit colours, the file is corrupt, or on cancellation.
 pub fn render_exact(
     model: &ExactModel,
     request: &RenderRequest,
@@ -42,10 +42,10 @@ pub fn render_exact(
     model.check_unchanged()
 }
 
-/// Nodes along the longest side of a body, at least, that tell how far it reaches.
+/// Minimum number of nodes along a solid's longest side where its extent is measured.
 const FINE: f64 = 512.0;
 
-/// All that is not outside of a body.
+/// Closure of a solid: its interior and its boundary.
 pub(super) struct Solid<'a> {
     pub(super) model: &'a ExactModel,
     pub(super) corners: [DVec3; 2],
@@ -84,7 +84,8 @@ impl<'a> Extent for Solid<'a> {
 }
 
 impl Solid<'_> {
-    /// How far the corners of a leaf's faces reach in a direction. (They are the body's own, wherever they lie.)
+    /// Support of the vertices of a leaf's faces. (Vertices may lie outside of the leaf, but are
+    /// always the solid's own.)
     fn reach(&self, leaf: &ModelNode<'_>, direction: DVec3) -> Result<f64> {
         let (mut buffer, mut reach) = (FaceBuffer::default(), f64::NEG_INFINITY);
         for number in leaf.faces() {
@@ -97,13 +98,13 @@ impl Solid<'_> {
     }
 }
 
-/// The body that a model bounds.
+/// Solid that a model bounds.
 struct Body<'a> {
     model: &'a ExactModel,
-    /// Least and greatest coordinates of the box around it.
+    /// Minimum and maximum coordinates of its bounding box.
     corners: [DVec3; 2],
     rays: ModelRays<'a>,
-    /// Linear colour of faces without one.
+    /// Linear colour of faces without a colour.
     clay: DVec3,
 }
 
@@ -123,22 +124,23 @@ impl Surface for Body<'_> {
     }
 }
 
-/// Share of a box's width by which it is widened before rays are tested: much more than what doubles lose on the way from the eye, and from the
-/// grid to the world.
+/// Margin around a bounding box, as a fraction of its width, for ray tests. It is much larger than
+/// the rounding errors of doubles between eye, world and grid.
 const AROUND: f64 = 1e-6;
 
-/// Whether a ray may meet a box, or what is next to it. (Rays that do not need not be looked at closely.)
+/// Whether a ray may meet a box or its margin. Rays that miss skip the exact test.
 fn may_meet([low, high]: [DVec3; 2], origin: DVec3, direction: DVec3) -> bool {
     let around = (high - low) * AROUND + DVec3::splat(f64::MIN_POSITIVE);
     let [a, b] = [low - around, high + around].map(|corner| (corner - origin) / direction);
-    // (Where it goes along two walls, on or between them, a quotient may be no number, which neither bound heeds.)
+    // A ray within the plane of a box's side gives 0 / 0, which is NaN; `min` and `max` ignore it.
     let (enters, leaves) = (0..3).fold((0.0f64, f64::INFINITY), |(enters, leaves), axis| {
         (enters.max(a[axis].min(b[axis])), leaves.min(a[axis].max(b[axis])))
     });
     enters <= leaves
 }
 
-/// Linear colour of a face at a place of it: between the corners' of a triangle, and their mean of others.
+/// Linear colour of a face at a point: interpolated between a triangle's vertices, the vertices'
+/// mean for other faces.
 fn colour_at(face: &Face<'_>, place: DVec3) -> DVec3 {
     let colours: Vec<DVec3> = face.colours.iter().map(|colour| linear(*colour).into()).collect();
     if let ([a, b, c], [first, second, third]) = (face.points, &colours[..]) {

@@ -1,4 +1,5 @@
-//! Pictures of solids: shaded ones, a ray per sample of a pixel through the file as it is on disk, and drawings by lines.
+//! Shaded images and line drawings of solids. Shading traces rays for each pixel through the file
+//! as it is on disk.
 
 mod camera;
 mod cells;
@@ -24,7 +25,7 @@ use spinney_base::{Error, Progress, Result};
 use spinney_container::Metadata;
 use spinney_raster::image::{Format, ImageSpec, create};
 
-/// Size, camera and background of a picture of a solid.
+/// Size, camera and background of an image of a solid.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct RenderRequest {
@@ -36,22 +37,24 @@ pub struct RenderRequest {
     pub azimuth: f64,
     /// Angle of the viewer above the horizon, in degrees: at 90 the view is straight down.
     pub elevation: f64,
-    /// Magnification: 1 fits all of the solid into the picture.
+    /// Magnification: 1 fits the entire solid into the image.
     pub scale: f64,
-    /// CameraProjection of the world onto the picture.
+    /// Projection of the world onto the image.
     pub projection: CameraProjection,
-    /// The axis of the world that points up.
+    /// Axis of the world that points up.
     pub up: Up,
-    /// Level of detail; by default the coarsest whose cells are no larger than a pixel. Exact models have none.
+    /// Level of detail of octrees. By default, shaded images use the coarsest level whose cells are
+    /// no larger than a pixel; for drawings see [`draw_exact`]. Must be `None` for shaded images of
+    /// exact models and for drawings of their edges.
     pub level: Option<u8>,
-    /// Red, green and blue behind the solid; nothing makes the picture transparent there.
+    /// Red, green and blue of the background; `None` makes it transparent.
     pub background: Option<[u8; 3]>,
-    /// Samples of a pixel along each axis, 1 to 8.
+    /// Samples per pixel along each axis, 1 to 8.
     pub samples: u32,
 }
 
 impl RenderRequest {
-    /// A picture of so many columns and rows, from the south-west and above.
+    /// Request for an image of the given columns and rows, seen from the south-west and above.
     pub fn new(width: u64, height: u64) -> RenderRequest {
         RenderRequest {
             width,
@@ -67,16 +70,16 @@ impl RenderRequest {
         }
     }
 
-    /// A camera that sees all of something.
+    /// Camera that sees all of `thing`.
     ///
     /// # Errors
-    /// If a number of the request makes no sense, or the thing cannot be measured.
+    /// If a number of the request is out of range, or the extent of `thing` cannot be measured.
     fn camera(&self, thing: &dyn Extent) -> Result<Camera> {
         let &RenderRequest { width, height, azimuth, elevation, scale, projection, up, .. } = self;
         Camera::facing(&Pose { azimuth, elevation, scale, projection, up, size: [width, height] }, thing)
     }
 
-    /// Fails if no picture is of that size or has so many samples.
+    /// Checks the image size and the number of samples.
     fn check(&self) -> Result<()> {
         let &RenderRequest { width, height, samples, .. } = self;
         if width == 0 || height == 0 || width > MOST || height > MOST {
@@ -90,14 +93,14 @@ impl RenderRequest {
     }
 }
 
-/// Rows that are made before they are written.
+/// Rows rendered in parallel before they are written.
 const BAND: u64 = 32;
-/// Rows that a thread makes one after the other: what is read for one serves the next.
+/// Consecutive rows that one task renders, so that data read for one row serves the next.
 const TOGETHER: usize = 8;
-/// Pixels that a row may have.
+/// Maximum width and height in pixels.
 const MOST: u64 = 1 << 16;
 
-/// Pictures of colours of 8 bits, with opacity where not all of it is opaque.
+/// Specification of an image with 8 bits per channel, with an alpha channel unless it is opaque.
 fn colours_of(width: u64, height: u64, is_opaque: bool) -> ImageSpec {
     let channels = if is_opaque { 3 } else { 4 };
     ImageSpec {
@@ -110,7 +113,8 @@ fn colours_of(width: u64, height: u64, is_opaque: bool) -> ImageSpec {
     }
 }
 
-/// Draws a scene and writes the picture; `surface` makes what answers a thread's rays.
+/// Renders a scene and writes the image. `surface` creates the object that traces one thread's
+/// rays.
 fn draw<'a>(
     scene: &Scene,
     surface: &(dyn Fn() -> Result<Box<dyn Surface + 'a>> + Sync),
@@ -121,12 +125,13 @@ fn draw<'a>(
     let (width, height) = (scene.width, scene.height);
     let spec = colours_of(width, height, scene.is_opaque);
     let mut writer = create(output, format, &spec)?;
-    // Surfaces remember where rays were: what one row has read serves another.
+    // Surfaces cache what rays read, so they are reused between rows.
     let pool = Pool::default();
     let mut centres: VecDeque<Vec<Centre>> = VecDeque::new();
     for first in (0..height).step_by(BAND as usize) {
         let rows: Vec<u64> = (first..height.min(first + BAND)).collect();
-        // The centres of a row more are needed on both sides: the last two rows of the band before are here already.
+        // Each row needs the centres of the rows above and below it. The last two rows of the
+        // previous band are already known.
         let known = first + u64::from(first > 0);
         let new: Vec<u64> = (known..height.min(first + BAND + 1)).collect();
         let new = parallel::map(&new.chunks(TOGETHER).collect::<Vec<_>>(), |rows| {

@@ -1,4 +1,4 @@
-//! Colours of cells in pictures of solids.
+//! Colours of cells in images of solids.
 
 use spinney_base::Result;
 use spinney_base::value::{DataKind, Palette, Rule, SampleType};
@@ -7,15 +7,16 @@ use spinney_style::{CLAY, distinct, to_linear, viridis};
 
 /// Map from values to colours: linear red, green and blue, 0 to 1.
 pub(super) enum Paint {
-    /// One colour for all.
+    /// One colour for all cells.
     Clay([f64; 3]),
-    /// The first three channels, with `most` for full intensity; in sRGB or, of floating samples, linear.
+    /// The first three channels, where `most` is full intensity: linear for floating-point samples,
+    /// sRGB otherwise.
     Channels { most: f64, is_linear: bool },
-    /// Classes, by their palette.
+    /// Classes with a palette.
     Palette(Palette),
     /// Classes without a palette.
     Classes,
-    /// Amounts from the least on, this many in all.
+    /// Continuous values, from the minimum over a range.
     Range { least: f64, range: f64, colours: Vec<[u8; 4]> },
 }
 
@@ -49,7 +50,7 @@ impl Paint {
         })
     }
 
-    /// The colour of solids whose values are none.
+    /// Colour of solids without values.
     pub(super) fn clay() -> Paint {
         Paint::Clay(linear(CLAY))
     }
@@ -78,7 +79,7 @@ impl Paint {
     }
 }
 
-/// Linear light of a colour of 8 bits.
+/// Linear light of an 8-bit sRGB colour.
 pub(super) fn linear(colour: [u8; 3]) -> [f64; 3] {
     colour.map(|sample| to_linear(f64::from(sample) / 255.0))
 }

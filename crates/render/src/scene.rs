@@ -1,4 +1,4 @@
-//! Light and shade: the colours of a picture's pixels, whatever it is that rays meet.
+//! Shading: computes an image's pixels from the surface points that rays hit.
 
 use glam::{DVec3, Vec3};
 
@@ -7,34 +7,36 @@ use crate::camera::Camera;
 use spinney_base::{Progress, Result};
 use spinney_style::{to_linear, to_srgb};
 
-/// Something that rays meet. Each thread has its own.
+/// Surface that rays are traced against. Each thread has its own.
 pub(super) trait Surface: Send {
-    /// The first hit of a ray in the world, the direction having length 1; `None` if it meets nothing.
+    /// First hit of a ray in world coordinates, `None` if it misses. The direction has length 1.
     ///
     /// # Errors
-    /// If the file is damaged there.
+    /// If the file is corrupt there.
     fn first(&mut self, origin: DVec3, direction: DVec3) -> Result<Option<Place>>;
 }
 
-/// A place of a surface, as the light finds it.
+/// Surface point, with what shading needs.
 pub(super) struct Place {
-    /// The surface's normal, of length 1.
+    /// Surface normal, of length 1.
     pub(super) outwards: DVec3,
     /// Linear red, green and blue.
     pub(super) albedo: DVec3,
-    /// Share of the sky's light that reaches it: 1 in the open.
+    /// Fraction of the sky's light that reaches the point: 1 in the open.
     pub(super) open: f64,
 }
 
-/// Colour that a ray through the centre of a pixel meets, as roots of linear light, or nothing.
+/// Colour that the ray through a pixel's centre hits, as square roots of linear light; `None` if it
+/// misses.
 pub(super) type Centre = Option<Vec3>;
 
-/// Difference of neighbours' colours, as roots of linear light from 0 to 1, from which on a pixel is looked at more closely: a step of about
-/// 25 of 255 in the picture. (With a third of it, the picture of an armadillo is no nearer to one with 16 samples of each pixel than by a
-/// twentieth of the error, and takes half as long again.)
+/// Difference between neighbouring colours (square roots of linear light, 0 to 1) from which a
+/// pixel is supersampled: about 25 of 255 in the image. (A third of this threshold reduces the
+/// error of an image of the armadillo model, against 16 samples for every pixel, by only a
+/// twentieth, and takes half as long again.)
 const UNEVEN: f32 = 0.1;
 
-/// Whether the centres around a pixel look like its own.
+/// Whether the centres around a pixel are similar to its own.
 fn is_even(around: [&[Centre]; 3], column: usize) -> bool {
     let own = around[1][column];
     let alike = |other: &Centre| match (own, other) {
@@ -52,7 +54,7 @@ pub(super) struct Scene {
     /// Direction to the light.
     light: DVec3,
     background: DVec3,
-    /// A pixel in which nothing is met.
+    /// Bytes of a pixel whose rays all miss.
     empty: Vec<u8>,
     pub(super) is_opaque: bool,
     samples: u32,
@@ -60,13 +62,14 @@ pub(super) struct Scene {
     pub(super) height: u64,
 }
 
-/// Colours of the light from above and from below, and how strong it is; the head light's; the highlight's.
+/// Light: colours of the sky and of the ground, strength of both, strength of the directional
+/// light, and of the highlight.
 const SKY: DVec3 = DVec3::new(0.86, 0.93, 1.0);
 const GROUND: DVec3 = DVec3::new(0.50, 0.46, 0.42);
 const AMBIENT: f64 = 0.50;
 const HEAD: f64 = 0.92;
 const HIGHLIGHT: f64 = 0.06;
-/// Pixels between looks whether to go on.
+/// Pixels between checks for cancellation.
 const CHECKED: u64 = 64;
 
 impl Scene {
@@ -86,7 +89,7 @@ impl Scene {
         }
     }
 
-    /// Colours that rays through the centres of a row's pixels meet.
+    /// Traces the rays through the centres of a row's pixels.
     pub(super) fn centres(
         &self,
         surface: &mut dyn Surface,
@@ -104,8 +107,9 @@ impl Scene {
         Ok(centres)
     }
 
-    /// The pixels of a row, given the centres of the row above, its own and those below: what looks alike all around a pixel has its
-    /// centre's colour, all else that of so many samples as were asked for.
+    /// Pixels of a row, given the centres of the row above, of this row and of the row below. A
+    /// pixel whose neighbourhood is uniform takes its centre's colour; all others are supersampled
+    /// as requested.
     pub(super) fn row(
         &self,
         surface: &mut dyn Surface,
@@ -139,7 +143,8 @@ impl Scene {
         Ok(pixels)
     }
 
-    /// The mean colour of a pixel's samples, black where nothing is met, and the share of them that meet something.
+    /// Mean colour of a pixel's samples, with misses as black, and the fraction of samples that
+    /// hit.
     fn sampled(&self, surface: &mut dyn Surface, [column, row]: [u64; 2]) -> Result<(DVec3, f64)> {
         let (mut sum, mut covered) = (DVec3::ZERO, 0.0);
         for sample in 0..self.samples * self.samples {
@@ -154,7 +159,7 @@ impl Scene {
         Ok((sum / count, covered / count))
     }
 
-    /// Linear colour at a point of the picture, in pixels; `None` where no surface is hit.
+    /// Linear colour at an image position, in pixels; `None` if the ray misses.
     fn colour(&self, surface: &mut dyn Surface, point: [f64; 2]) -> Result<Option<DVec3>> {
         let (origin, direction) = self.camera.ray(point);
         let Some(Place { outwards, albedo, open }) = surface.first(origin, direction)? else {

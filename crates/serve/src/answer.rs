@@ -1,4 +1,4 @@
-//! Answers that were made of a file, with the tag that tells whether they still hold.
+//! Responses computed from a file, with their entity tags.
 
 use axum::body::{Body, Bytes};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
@@ -6,18 +6,19 @@ use axum::response::{IntoResponse, Response};
 use quick_cache::Weighter;
 use quick_cache::sync::Cache;
 
-/// Answers that were given, by their tags and by what was asked. Invariant: a tag tells the state of the file, and an answer is a function of that and
-/// of the address; so what is kept is never of an older state. (Whoever looks for it can find two addresses of one tag.)
+/// Cache of responses by tag and request target. Invariant: the tag identifies the file version,
+/// and a response is a function of that version and the target, so no cached response is stale.
+/// (The target is in the key since a client could construct two targets with equal tags.)
 pub(crate) struct AnswerCache(Cache<(String, String), Answer, AnswerWeight>);
 
-/// Bytes of answers that are kept.
+/// Maximum size of the cache in bytes.
 const MAX_CACHED: u64 = 32 << 20;
-/// Bytes of an answer that is kept at most: larger ones are seldom asked for twice.
+/// Maximum size of a cached response in bytes: larger ones are seldom requested twice.
 const MAX_EACH: usize = 1 << 20;
-/// Answers that are expected to be kept.
+/// Expected number of cached responses.
 const EXPECTED: usize = 4096;
 
-/// Weighs answers by the memory that they take.
+/// Weighs responses by their memory use.
 #[derive(Clone)]
 struct AnswerWeight;
 
@@ -35,12 +36,12 @@ impl Default for AnswerCache {
 }
 
 impl AnswerCache {
-    /// The answer to a question, as long as its tag is the same.
+    /// Cached response to a query.
     pub(crate) fn get(&self, question: &(String, String)) -> Option<Answer> {
         self.0.get(question)
     }
 
-    /// Keeps an answer.
+    /// Caches a response.
     pub(crate) fn keep(&self, question: (String, String), answer: &Answer) {
         if answer.bytes.len() <= MAX_EACH {
             self.0.insert(question, answer.clone());
@@ -48,12 +49,13 @@ impl AnswerCache {
     }
 }
 
-/// An answer of some bytes.
+/// Response with a body in memory.
 #[derive(Clone, Debug)]
 pub(crate) struct Answer {
     pub(crate) status: StatusCode,
     pub(crate) content_type: &'static str,
-    /// A strong one: equal tags are equal bytes. None where what was asked is not all in the address.
+    /// Strong entity tag: equal tags imply equal bytes. `None` if the response also depends on a
+    /// request body.
     pub(crate) tag: Option<String>,
     pub(crate) bytes: Bytes,
 }
@@ -63,17 +65,17 @@ impl Answer {
         Answer { status: StatusCode::OK, content_type, tag: Some(tag), bytes: bytes.into() }
     }
 
-    /// An answer to what came in a body.
+    /// Response to a query with a body.
     pub(crate) fn untagged(content_type: &'static str, bytes: Vec<u8>) -> Answer {
         Answer { status: StatusCode::OK, content_type, tag: None, bytes: bytes.into() }
     }
 
-    /// The answer that a client has already what it asks for.
+    /// Response for a client that already has the content.
     pub(crate) fn not_modified(tag: String) -> Answer {
         Answer { status: StatusCode::NOT_MODIFIED, content_type: "", tag: Some(tag), bytes: Bytes::new() }
     }
 
-    /// The answer that nothing is there, such as the tile of a place without data.
+    /// Response without content, such as for a tile without data.
     pub(crate) fn nothing(tag: String) -> Answer {
         Answer { status: StatusCode::NO_CONTENT, content_type: "", tag: Some(tag), bytes: Bytes::new() }
     }
@@ -97,7 +99,7 @@ impl IntoResponse for Answer {
     }
 }
 
-/// Tells a tag, and that what was kept is to be compared with it each time: files change.
+/// Sets the tag. Clients must revalidate cached responses each time, since files change.
 pub(crate) fn tell_tag(headers: &mut HeaderMap, tag: &str) {
     if let Ok(tag) = HeaderValue::from_str(tag) {
         headers.insert(header::ETAG, tag);
@@ -105,7 +107,7 @@ pub(crate) fn tell_tag(headers: &mut HeaderMap, tag: &str) {
     headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-cache"));
 }
 
-/// Whether one of the tags of a header is this one, or all are meant. Weak ones count where `is_weak_enough`.
+/// Whether a header has this tag, or `*`. Weak tags match if `is_weak_enough`.
 pub(crate) fn has_tag(
     headers: &HeaderMap,
     name: header::HeaderName,

@@ -1,4 +1,4 @@
-//! Names of files, and where they are: nothing but the tree files of one folder, or a single file, is ever found.
+//! Lookup of files by name. Only the tree files of one directory, or a single file, can be found.
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -9,31 +9,31 @@ use spinney_base::{Error, Result};
 
 use crate::failure::Failure;
 
-/// Endings of the names of tree files.
+/// File extensions of tree files.
 const ENDINGS: [&str; 2] = ["goblin", "autumn"];
 
-/// The files that are served.
+/// Served files.
 pub(crate) enum Catalog {
-    /// The tree files of a folder, whose path has no symbolic links.
+    /// Tree files of a directory, whose path has no symbolic links.
     Folder(PathBuf),
-    /// One file.
+    /// Single file.
     File(PathBuf),
 }
 
-/// A file that is served.
+/// Served file.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct Listed {
-    /// The name that questions have for it: its stem, or, where another one has the same, all of its name.
+    /// Name in queries: the stem, or the entire file name if the stem is ambiguous.
     pub(crate) name: String,
     pub(crate) file: String,
     pub(crate) bytes: u64,
 }
 
 impl Catalog {
-    /// The tree files of a folder, or one file.
+    /// Catalog of a directory's tree files, or of one file.
     ///
     /// # Errors
-    /// If there is none of the two, or its name is no text.
+    /// If there is no such file or directory, or the file name is not UTF-8.
     pub(crate) fn new(path: &Path) -> Result<Catalog> {
         let metadata = std::fs::metadata(path).map_err(Error::io(path, "open"))?;
         if metadata.is_dir() {
@@ -45,7 +45,7 @@ impl Catalog {
         Ok(Catalog::File(std::path::absolute(path).map_err(Error::io(path, "open"))?))
     }
 
-    /// The folder of all files.
+    /// Directory of the files.
     pub(crate) fn folder(&self) -> &Path {
         match self {
             Catalog::Folder(folder) => folder,
@@ -53,12 +53,12 @@ impl Catalog {
         }
     }
 
-    /// The file of a name that tells its ending.
+    /// Path of a file by its file name.
     pub(crate) fn file(&self, name: &str) -> Result<PathBuf, Failure> {
         self.find(name).ok_or_else(|| missing(name))
     }
 
-    /// The file that questions mean by a name: its stem, or all of its name.
+    /// Path of a file by its name in queries: its stem or its file name.
     pub(crate) fn tree(&self, name: &str) -> Result<PathBuf, Failure> {
         if let Some(path) = self.find(name) {
             return Ok(path);
@@ -77,7 +77,7 @@ impl Catalog {
         }
     }
 
-    /// The file of a name, if it is one that is served.
+    /// Path of a file by its file name, if it is served.
     fn find(&self, name: &str) -> Option<PathBuf> {
         match self {
             Catalog::File(path) => {
@@ -92,10 +92,10 @@ impl Catalog {
         }
     }
 
-    /// All files that are served, by their names.
+    /// All served files, sorted by file name.
     ///
     /// # Errors
-    /// If the folder cannot be read.
+    /// If the directory cannot be read.
     pub(crate) fn list(&self) -> Result<Vec<Listed>> {
         let files: BTreeMap<String, u64> = match self {
             Catalog::File(path) => {
@@ -120,7 +120,7 @@ impl Catalog {
         let mut stems: BTreeMap<String, usize> = BTreeMap::new();
         files.keys().for_each(|file| *stems.entry(stem(file)).or_default() += 1);
         let listed = files.iter().map(|(file, bytes)| {
-            // (A stem may be another file's name: `a.goblin.autumn`.)
+            // A stem may be another file's name: `a.goblin.autumn`.
             let stem = stem(file);
             let is_clear = stems[&stem] == 1 && !files.contains_key(&stem) && !has_odd_ending(file);
             Listed { name: if is_clear { stem } else { file.clone() }, file: file.clone(), bytes: *bytes }
@@ -134,7 +134,8 @@ fn missing(name: &str) -> Failure {
     Failure::missing(format!("`{}`: no file of that name is served", name.escape_debug()))
 }
 
-/// A name that is one of a tree file in a folder, and of nothing elsewhere.
+/// Returns the name if it is a plain tree file name, without path components that could leave the
+/// directory.
 fn served_name(name: &str) -> Option<&str> {
     let path = Path::new(name);
     let is_plain = path.components().eq([Component::Normal(OsStr::new(name))])
@@ -146,12 +147,12 @@ fn served_name(name: &str) -> Option<&str> {
     (is_plain && is_tree).then_some(name)
 }
 
-/// Whether a file's ending is written in another way than in lower case: it is then not found by its stem.
+/// Whether a file's extension is not in lower case: its stem does not find it.
 fn has_odd_ending(name: &str) -> bool {
     !ENDINGS.iter().any(|ending| name.ends_with(ending))
 }
 
-/// The regular file that a path in a folder leads to, if that is in the folder, too.
+/// Resolves a path in a directory to a regular file. Symbolic links must not leave the directory.
 fn follow(folder: &Path, path: PathBuf, metadata: &Metadata) -> Option<(PathBuf, Metadata)> {
     if metadata.is_file() {
         return Some((path, metadata.clone()));

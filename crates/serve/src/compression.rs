@@ -1,4 +1,5 @@
-//! Compressed responses, where that pays: text, JSON, programs and arrays of clients that take gzip.
+//! Compression of responses for clients that accept gzip, where it pays: text, JSON, scripts and
+//! arrays.
 
 use std::io::Write as _;
 
@@ -11,17 +12,17 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 use http_body_util::BodyExt as _;
 
-/// Bytes of a response below which nothing is gained.
+/// Minimum size of a response that is compressed, in bytes.
 const MIN_BYTES: usize = 1 << 10;
 
-/// Bytes of a response above which the time of the server is worth more.
+/// Maximum size of a response that is compressed, in bytes: beyond, CPU time costs more.
 const MAX_BYTES: u64 = 32 << 20;
 
-/// End of the tags of compressed responses: other bytes have another tag.
+/// Suffix of the tags of compressed responses, since other bytes need another tag.
 const MARK: &str = "-gzip\"";
 
-/// Compresses the response to a request if that pays. Images and ranges of files stay as they are: the former are compressed, and of the latter
-/// clients want the bytes.
+/// Middleware that compresses responses where it pays. Images and ranges of files are unchanged:
+/// images are compressed already, and ranges must be the file's bytes.
 pub(crate) async fn compress(mut request: Request, next: Next) -> Response {
     let takes_gzip = *request.method() != Method::HEAD && accepts(request.headers());
     let had_mark = unmark(request.headers_mut());
@@ -38,7 +39,7 @@ pub(crate) async fn compress(mut request: Request, next: Next) -> Response {
         return response;
     }
     let (mut parts, body) = response.into_parts();
-    // (It is in memory: files say that they accept ranges.)
+    // The body is in memory, since file responses have `Accept-Ranges` and are not compressible.
     let Ok(body) = body.collect().await else { return StatusCode::INTERNAL_SERVER_ERROR.into_response() };
     let body = body.to_bytes();
     let plain = body.clone();
@@ -50,7 +51,7 @@ pub(crate) async fn compress(mut request: Request, next: Next) -> Response {
     Response::from_parts(parts, Body::from(packed))
 }
 
-/// The compressed bytes, if they are fewer by a tenth.
+/// Compressed bytes, if compression saves more than a tenth.
 fn gzip(plain: &Bytes) -> Option<Vec<u8>> {
     let mut encoder = GzEncoder::new(Vec::new(), Compression::new(4));
     encoder.write_all(plain).ok()?;
@@ -58,7 +59,7 @@ fn gzip(plain: &Bytes) -> Option<Vec<u8>> {
     (packed.len() < plain.len() / 10 * 9).then_some(packed)
 }
 
-/// Whether a client takes gzip.
+/// Whether a client accepts gzip.
 fn accepts(headers: &HeaderMap) -> bool {
     let lists = headers.get_all(header::ACCEPT_ENCODING).iter().filter_map(|value| value.to_str().ok());
     lists.flat_map(|list| list.split(',')).any(|item| {
@@ -68,7 +69,7 @@ fn accepts(headers: &HeaderMap) -> bool {
     })
 }
 
-/// Whether responses of this type get smaller.
+/// Whether a response's type is compressible.
 fn is_compressible(headers: &HeaderMap) -> bool {
     const TYPES: [&str; 6] = [
         "text/",
@@ -84,7 +85,7 @@ fn is_compressible(headers: &HeaderMap) -> bool {
         && of_type.is_some_and(|of_type| TYPES.iter().any(|known| of_type.starts_with(known)))
 }
 
-/// Takes the marks off the tags of a request; returns whether there was one.
+/// Removes the suffix from the tags of a request; returns whether there was one.
 fn unmark(headers: &mut HeaderMap) -> bool {
     let Some(given) = headers.get(header::IF_NONE_MATCH).and_then(|value| value.to_str().ok()) else {
         return false;
@@ -98,7 +99,7 @@ fn unmark(headers: &mut HeaderMap) -> bool {
     true
 }
 
-/// Marks the tag of a compressed response.
+/// Adds the suffix to the tag of a compressed response.
 fn mark(headers: &mut HeaderMap) {
     let tag = headers.get(header::ETAG).and_then(|tag| tag.to_str().ok());
     let marked = tag.and_then(|tag| HeaderValue::from_str(&format!("{}{MARK}", tag.strip_suffix('"')?)).ok());

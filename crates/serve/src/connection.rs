@@ -1,4 +1,4 @@
-//! Connections, and the patience that they are treated with.
+//! Connections with a write timeout.
 
 use std::io;
 use std::pin::Pin;
@@ -9,11 +9,11 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::TcpStream;
 use tokio::time::{Sleep, sleep};
 
-/// A connection whose client may not let it wait for ever with what it is sent.
+/// Connection with a time limit for each write, so that a client cannot stall it forever.
 pub(crate) struct PatientStream {
     stream: TcpStream,
     patience: Duration,
-    /// The end of the patience with the present write.
+    /// Timer of the pending write.
     waiting: Option<Pin<Box<Sleep>>>,
 }
 
@@ -22,7 +22,7 @@ impl PatientStream {
         PatientStream { stream, patience, waiting: None }
     }
 
-    /// The result of a write, or that it took too long.
+    /// Result of a write, or a timeout.
     fn heed<T>(&mut self, context: &mut Context<'_>, written: Poll<io::Result<T>>) -> Poll<io::Result<T>> {
         if written.is_ready() {
             self.waiting = None;

@@ -1,4 +1,4 @@
-//! Trees that are drawn, with what drawing needs and takes time to make.
+//! Trees for drawing, with cached objects that are expensive to create.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -13,36 +13,38 @@ use spinney_tiles::{TileContent, TileId, TilePainter, TileSource, TreeTiles, War
 /// Pixels along each side of a tile.
 pub(crate) const SIDE: usize = 256;
 
-/// A tree that is drawn.
+/// Tree for drawing.
 pub(crate) struct Drawn {
     pub(crate) tree: Arc<Dataset>,
     /// Whether its channels are layers of the file.
     pub(crate) is_composite: bool,
-    /// The tiles that it is warped to, once they were asked for.
+    /// Warped tiles, once they are first requested.
     warped: Mutex<Option<Arc<WarpedTiles>>>,
-    /// Styles made ready, by their documents.
+    /// Prepared styles, by their JSON documents.
     painters: Mutex<HashMap<String, Arc<TilePainter>>>,
-    /// Pictures of tiles that are of one value all over.
+    /// Images of tiles with one value throughout.
     uniform: Mutex<HashMap<PictureKey, Vec<u8>>>,
 }
 
-/// All that the bytes of a picture of one value depend on: the look of its style, the ending of its format, and the value.
+/// All inputs of the image of a uniform tile: the style's `look`, the format's extension, and the
+/// value.
 pub(crate) type PictureKey = (String, &'static str, Value);
 
-/// Pictures of one value that are kept of a tree: some hundred bytes each.
+/// Maximum number of cached images of uniform tiles per tree; each takes a few hundred bytes.
 const MAX_UNIFORM: usize = 1 << 12;
 
-/// Styles that are kept ready for a tree.
+/// Maximum number of cached styles per tree.
 const MAX_PAINTERS: usize = 16;
 
-/// The tiles of a tree.
+/// Tiles of a tree.
 pub(crate) enum Tiles<'a> {
     Own(TreeTiles<'a>),
     Warped(Arc<WarpedTiles>),
 }
 
 impl Tiles<'_> {
-    /// The value that a tile is of all over; `None` also where pixels depend on `margin` cells around them: what is around the tile matters then.
+    /// Value of a uniform tile; `None` if it has several values, or if pixels depend on `margin`
+    /// cells around the tile.
     ///
     /// # Errors
     /// If the tree cannot be read.
@@ -72,10 +74,11 @@ impl Drawn {
         }
     }
 
-    /// The tiles of the tree's own square, or of the world in web mercator.
+    /// Tiles of the tree's own grid, or of the world in web mercator.
     ///
     /// # Errors
-    /// If it is an octree, or has no place in the world where that is needed.
+    /// If the tree is an octree; or, for web mercator, if it is not georeferenced, or is a view on
+    /// another grid.
     pub(crate) fn tiles(&self, is_native: bool) -> Result<Tiles<'_>> {
         let tree = &*self.tree;
         if tree.header().form.axes() != 2 {
@@ -106,7 +109,7 @@ impl Drawn {
         Ok(Tiles::Warped(warped.insert(Arc::new(tiles)).clone()))
     }
 
-    /// The picture of one value; `make` makes it if it was not asked for yet.
+    /// Image of a uniform tile; `make` creates it if it is not cached.
     ///
     /// # Errors
     /// Those of `make`.
@@ -131,7 +134,7 @@ impl Drawn {
         Ok(made)
     }
 
-    /// A style made ready; the tree's own if none is given.
+    /// Prepared style; the tree's default style if `style` is `None`.
     ///
     /// # Errors
     /// Those of [`TilePainter::new`].
@@ -144,7 +147,7 @@ impl Drawn {
                 &own
             }
         };
-        // (Who asks for the same style meanwhile waits for it.)
+        // The lock makes concurrent requests for the same style wait instead of preparing it twice.
         let mut painters = self.painters.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(painter) = painters.get(style.json()) {
             return Ok(painter.clone());

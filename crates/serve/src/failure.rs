@@ -1,4 +1,4 @@
-//! Requests that have no answer, and what is said instead.
+//! Error responses.
 
 use std::error::Error as _;
 use std::path::Path;
@@ -9,7 +9,7 @@ use axum::response::{IntoResponse, Response};
 use serde_json::json;
 use spinney_base::Error;
 
-/// The reason why a request has no answer.
+/// Status and message of an error response.
 #[derive(Debug)]
 pub(crate) struct Failure {
     pub(crate) status: StatusCode,
@@ -37,12 +37,12 @@ impl Failure {
         Failure::new(StatusCode::SERVICE_UNAVAILABLE, message)
     }
 
-    /// The message as JSON.
+    /// Body: the message as JSON.
     pub(crate) fn body(&self) -> String {
         format!("{}\n", json!({ "error": self.message }))
     }
 
-    /// The failure without the name of a folder, which is nobody's business elsewhere.
+    /// Removes a directory's path from the message, so that clients do not learn it.
     pub(crate) fn without(mut self, folder: &Path) -> Failure {
         if let Some(folder) = folder.to_str().filter(|folder| folder.len() > 1) {
             self.message = self.message.replace(&format!("{folder}/"), "").replace(folder, ".");

@@ -1,4 +1,4 @@
-//! The files themselves, whole or in ranges.
+//! Downloads of files, or of byte ranges.
 
 use std::fs::File;
 use std::path::Path;
@@ -15,24 +15,25 @@ use crate::failure::Failure;
 use crate::range::{Asked, asked};
 use crate::version::FileVersion;
 
-/// Bytes that are read, and held, at a time.
+/// Bytes that are read and buffered at a time.
 const PIECE: u64 = 256 << 10;
 
-/// Times that the beginning of an answer is read of a file that is changed meanwhile.
+/// Maximum number of attempts to read the start of a response while the file is being modified.
 const TIMES: usize = 20;
 
-/// The part of a file that is to be sent: its beginning has been read.
+/// Range of a file to send, with its start already read.
 pub(crate) struct FileAnswer {
     file: Arc<File>,
     version: FileVersion,
     status: StatusCode,
-    /// First byte, and the one behind the last.
+    /// First byte, and the end (exclusive).
     part: [u64; 2],
     start: Vec<u8>,
 }
 
-/// Opens a file, and reads what a request asks for, or its first piece: of one state of the file. What is behind the first piece of a file
-/// that is edited stays as it is, since records are appended; one that is replaced stays as it was opened.
+/// Opens a file, and reads the requested range or its first chunk, all from one version of the
+/// file. Later bytes of the range do not change: edits append records, and if the file is replaced,
+/// the open handle refers to the old one.
 ///
 /// # Errors
 /// If the file cannot be read, or a condition of the request does not hold.
@@ -56,7 +57,7 @@ pub(crate) fn answer(path: &Path, method: &Method, headers: &HeaderMap) -> Resul
     Err(Error::Changed { path: path.to_path_buf(), what: "was changed each time" }.into())
 }
 
-/// The status of an answer, and the bytes that it has.
+/// Status of a response, and its byte range.
 fn wanted(
     version: &FileVersion,
     method: &Method,
@@ -71,7 +72,7 @@ fn wanted(
         return Ok((StatusCode::NOT_MODIFIED, [0, length]));
     }
     let range = headers.get(header::RANGE).and_then(|range| range.to_str().ok());
-    // (There are no times in answers, so that none in this header can be the right one.)
+    // Responses have no `Last-Modified`, so a date in this header never matches.
     let is_same = headers.get(header::IF_RANGE).is_none_or(|given| given.as_bytes() == tag.as_bytes());
     let asked = match range {
         Some(range) if is_same && *method == Method::GET => asked(range, length),
@@ -92,11 +93,11 @@ fn wanted(
 }
 
 impl FileAnswer {
-    /// The answer, whose body is read piece by piece as it is sent.
+    /// Response whose body is read in chunks while it is sent.
     pub(crate) fn into_response(self) -> Response {
         let FileAnswer { file, version, status, part: [first, end], start } = self;
         let next = first + start.len() as u64;
-        // (What is not asked for was not read.)
+        // `start` is empty if the body is not requested.
         let is_whole = start.is_empty() || next == end;
         let body = if is_whole { Body::from(start) } else { pieces(file, start, next, end) };
         let mut response = Response::new(body);
@@ -118,7 +119,7 @@ impl FileAnswer {
     }
 }
 
-/// A body of a first piece, and what follows it in a file.
+/// Body that consists of `start` and the rest of the range.
 fn pieces(file: Arc<File>, start: Vec<u8>, next: u64, end: u64) -> Body {
     let pieces = futures_util::stream::unfold((Some(start), next), move |(start, next)| {
         let file = file.clone();
@@ -135,7 +136,8 @@ fn pieces(file: Arc<File>, start: Vec<u8>, next: u64, end: u64) -> Body {
                 read_exact_at(&file, &mut bytes, next).map(|()| Bytes::from(bytes))
             });
             let read = read.await.unwrap_or_else(|error| Err(std::io::Error::other(error)));
-            // (After an error the connection ends before its time, by which the client knows.)
+            // On an error, the connection closes before `Content-Length` bytes, which the client
+            // detects.
             let next = if read.is_ok() { next + count } else { end };
             Some((read, (None, next)))
         }

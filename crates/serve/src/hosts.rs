@@ -1,4 +1,4 @@
-//! Names of the server: which ones requests may use, and under which one a client knows it.
+//! Host names of the server: those that requests may use, and the URL that clients see.
 
 use std::net::{IpAddr, SocketAddr};
 
@@ -8,21 +8,21 @@ use spinney_base::{Error, Result};
 use crate::ServeOptions;
 use crate::failure::Failure;
 
-/// The names by which requests may call a server. At a loopback address these are the names of this machine alone: a page of a host whose name an attacker lets
-/// lead to this machine (DNS rebinding) has that name in its requests.
+/// Host names that requests may use. At a loopback address, only local names are allowed: in a DNS
+/// rebinding attack, a page's requests reach this machine under the attacker's host name.
 pub(crate) struct Hosts {
     address: SocketAddr,
-    /// Names besides those of the address; nothing if all are right.
+    /// Allowed names in addition to the address; `None` allows all.
     allowed: Option<Vec<String>>,
-    /// The address under which clients know the server, without a slash at its end.
+    /// URL of the server as clients see it, without a trailing slash.
     public: Option<String>,
 }
 
 impl Hosts {
-    /// The names of a server that listens at an address.
+    /// Names of a server that listens at `address`.
     ///
     /// # Errors
-    /// If the public address is none.
+    /// If the public URL is invalid.
     pub(crate) fn new(options: &ServeOptions, address: SocketAddr) -> Result<Hosts> {
         let public = options.public_url.as_deref().map(public_url).transpose()?;
         let is_any = options.allow_hosts.iter().any(|host| host == "*")
@@ -34,7 +34,7 @@ impl Hosts {
         Ok(Hosts { address, allowed: (!is_any).then_some(named), public })
     }
 
-    /// Checks that a request names one host, and that it is one of these.
+    /// Checks that a request has exactly one host, and that it is allowed.
     ///
     /// # Errors
     /// If it does not.
@@ -47,7 +47,7 @@ impl Hosts {
         let Some(host) = host else {
             return Err(Failure::bad("Host: expected a name, as in localhost:8000"));
         };
-        // (Where both are there, the address counts.)
+        // An authority in the request target overrides the header.
         let host = uri.authority().map_or(host, |authority| authority.as_str());
         let name = name_of(host).to_ascii_lowercase();
         let Some(allowed) = &self.allowed else { return Ok(()) };
@@ -61,7 +61,7 @@ impl Hosts {
         Err(Failure::new(StatusCode::MISDIRECTED_REQUEST, message))
     }
 
-    /// Whether a name is one of the address that the server listens at.
+    /// Whether a name is one of the server's address.
     fn is_own(&self, name: &str) -> bool {
         let bare = name.trim_start_matches('[').trim_end_matches(']');
         match bare.parse::<IpAddr>() {
@@ -72,8 +72,9 @@ impl Hosts {
         }
     }
 
-    /// The address by which a client knows this server, as it is put before the paths of others: as `--public-url` says, or proxies
-    /// (`X-Forwarded-Proto`, `-Host`, `-Prefix`, or `Forwarded`), or else as the request itself.
+    /// URL of the server as the client sees it, to prepend to paths. Sources in this order:
+    /// `--public-url`, proxy headers (`X-Forwarded-Proto`, `-Host`, `-Prefix`, or `Forwarded`), the
+    /// request itself.
     pub(crate) fn public(&self, headers: &HeaderMap) -> String {
         if let Some(url) = &self.public {
             return url.clone();
@@ -98,7 +99,7 @@ impl Hosts {
     }
 }
 
-/// Reads the address of a server as clients know it.
+/// Validates a public URL, and removes trailing slashes.
 fn public_url(text: &str) -> Result<String> {
     let rest = text.strip_prefix("https://").or_else(|| text.strip_prefix("http://"));
     let is_right = rest.is_some_and(|rest| {
@@ -111,24 +112,24 @@ fn public_url(text: &str) -> Result<String> {
     Ok(text.trim_end_matches('/').to_string())
 }
 
-/// Whether a text is a host, with or without a port.
+/// Whether a string is a host, with or without a port.
 fn is_host(host: &str) -> bool {
     (1..256).contains(&host.len())
         && host.bytes().all(|byte| byte.is_ascii_alphanumeric() || b".:-[]_".contains(&byte))
 }
 
-/// Whether a text is the beginning of a path.
+/// Whether a string is a path prefix.
 fn is_prefix(path: &str) -> bool {
     path.len() < 256
         && path.starts_with('/')
         && path.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"/.-_~%".contains(&byte))
 }
 
-/// The name of a host without its port, and without the dot that may end it.
+/// Name of a host without its port, and without a trailing dot.
 fn name_of(host: &str) -> &str {
     let name = match host.rfind(']') {
         Some(end) => &host[..=end],
-        // (An address of version 6 without brackets has several colons.)
+        // An IPv6 address without brackets has several colons.
         None if host.matches(':').count() > 1 => host,
         None => host.split(':').next().unwrap_or(host),
     };
@@ -182,7 +183,7 @@ mod tests {
         );
         assert!(!right(&named, "other.example"));
         assert!(right(&hosts("127.0.0.1:1", &["*"], None), "any.example"));
-        // Others can be reached by names that are unknown here.
+        // Servers at other addresses may have names that are unknown here.
         let open = hosts("0.0.0.0:8000", &[], None);
         assert!(
             right(&open, "any.example") && !right(&hosts("10.0.0.1:80", &["a.example"], None), "b.example")

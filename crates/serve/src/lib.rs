@@ -1,9 +1,10 @@
-//! A server of tree files: the files themselves, in ranges, and answers about them, over HTTP.
+//! HTTP server for tree files. It serves the files themselves, with byte ranges, and responds to
+//! queries about them.
 //!
-//! A request passes from `connection.rs` (sockets, and the patience for slow ones) to `routes.rs`, which knows the addresses. What an
-//! answer is made of is work for a thread that may wait (`work.rs`: how much of it at a time, for how long, and its end when nobody
-//! waits any more). Files are found by their names (`catalog.rs`), and are kept open as long as they are the same
-//! (`version.rs`, `opened.rs`). A module for each kind of question makes the answer.
+//! `connection.rs` handles sockets and slow clients; `routes.rs` maps addresses to handlers.
+//! Queries run on blocking threads (`work.rs`: limits for concurrency and time, and cancellation
+//! once no client waits). `catalog.rs` finds files by name; `opened.rs` keeps them open while they
+//! are unchanged (`version.rs`). Each kind of query has its own module.
 
 mod answer;
 mod catalog;

@@ -1,4 +1,4 @@
-//! Files that are kept open, as long as they are the same.
+//! Files that are kept open while they are unchanged.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -13,18 +13,19 @@ use spinney_engine::ops::{Calculation, TreeFile, ViewStep};
 use crate::drawn::Drawn;
 use crate::version::FileVersion;
 
-/// A state of a file, or of a commit of it, open for questions. Whoever has it keeps it, whatever becomes of the file.
+/// Version of a file, or of one of its commits, open for queries. It stays valid for its users
+/// after the file changes.
 pub(crate) struct OpenTree {
     pub(crate) version: FileVersion,
     first: Arc<Dataset>,
-    /// Names of the layers, and the layers once they were asked for.
+    /// Names of the layers, and the layers once they are first requested.
     names: Vec<String>,
     layers: OnceLock<Vec<Arc<Dataset>>>,
-    /// Trees that were drawn, by the layers that were named.
+    /// Trees for drawing, by the `layer` parameter.
     drawn: Mutex<HashMap<String, Arc<Drawn>>>,
 }
 
-/// Layers, and mixtures of them, of a file that are kept ready for being drawn.
+/// Maximum number of trees for drawing that are cached per file.
 const MAX_DRAWN: usize = 16;
 
 impl OpenTree {
@@ -34,10 +35,10 @@ impl OpenTree {
         Ok(OpenTree { version, first, names, layers: OnceLock::new(), drawn: Mutex::default() })
     }
 
-    /// Makes sure that what was read is all of this state: asked once behind an answer.
+    /// Checks that all reads were of this version. Called once after each response is computed.
     ///
     /// # Errors
-    /// If the file was overwritten in its place.
+    /// If the file was overwritten in place.
     pub(crate) fn check_unchanged(&self) -> Result<()> {
         self.first.check_unchanged()
     }
@@ -54,10 +55,10 @@ impl OpenTree {
         Ok(self.layers.get_or_init(|| layers))
     }
 
-    /// The layers that are meant: all of them if none is named; by their names, or their numbers from 0, with commas between.
+    /// Layers by name, or by index from 0, separated by commas. All layers if `named` is `None`.
     ///
     /// # Errors
-    /// If there is no such layer, or one is damaged.
+    /// If there is no such layer, or one is corrupt.
     pub(crate) fn layers(&self, named: Option<&str>) -> Result<Vec<&Dataset>> {
         Ok(self.shared(named)?.into_iter().map(|layer| &**layer).collect())
     }
@@ -70,7 +71,7 @@ impl OpenTree {
             let place = FileReference { file, commit: None, layer: Some(name.to_owned()) };
             place.layer_number(self.names.iter().map(String::as_str))
         };
-        // (A name may have commas.)
+        // A name may contain commas.
         let numbers = match self.names.iter().position(|name| name == named) {
             Some(number) => vec![number],
             None => named.split(',').map(|name| number(name.trim())).collect::<Result<_>>()?,
@@ -78,10 +79,11 @@ impl OpenTree {
         Ok(numbers.into_iter().map(|number| &all[number]).collect())
     }
 
-    /// The tree that is drawn of the file: the one layer that is meant, or two to four that are named, as colours.
+    /// Tree to draw: a single layer, or a composite whose colours are two to four layers.
     ///
     /// # Errors
-    /// Those of [`OpenTree::layers`]; if none is named of several, or more than can be colours.
+    /// Those of [`OpenTree::layers`]; if the file has several layers and none is named, or if more
+    /// are named than can be colours.
     pub(crate) fn drawn(&self, named: Option<&str>) -> Result<Arc<Drawn>> {
         let key = named.unwrap_or_default();
         if let Some(drawn) = self.kept().get(key) {
@@ -95,7 +97,7 @@ impl OpenTree {
             }
             several => {
                 let names: Vec<String> = several.iter().map(|layer| layer.metadata().name.clone()).collect();
-                // On the cells of the one that has the smallest.
+                // The composite has the cells of the layer with the smallest cells.
                 let finest = several.iter().max_by_key(|layer| layer.depth());
                 let finest = finest.map_or("", |layer| layer.metadata().name.as_str());
                 let composite = ViewStep::Calculation(Box::new(Calculation::composite(&names)?));
@@ -116,26 +118,28 @@ impl OpenTree {
     }
 }
 
-/// A file, and the number of a commit of it if one is asked for.
+/// File, and the number of a commit if one is requested.
 type Key = (PathBuf, Option<u64>);
 
-/// Files that are open, each in the state in which it was found last.
+/// Open files, each in its latest known version.
 pub(crate) struct OpenTrees {
-    /// Whether a manifest may be opened, whose files may lie anywhere: the one file that is served may be one, and none of a folder.
+    /// Whether manifests may be opened. Their files may be anywhere, so this is allowed for a
+    /// single served file, but not for files of a directory.
     allows_manifests: bool,
     access: FileAccess,
     trees: Mutex<HashMap<Key, Arc<OpenTree>>>,
-    /// One file is opened at a time: all who ask for the same one then have the same.
+    /// Serializes opening, so that concurrent requests for a file share one tree.
     opening: Mutex<()>,
 }
 
-/// Files that are kept open at most.
+/// Maximum number of files that are kept open.
 const MOST: usize = 64;
 
-/// Bytes that are kept in memory of each. (Files are not mapped: who cuts one short would end the server.)
+/// Cache per file in bytes. (Files are not mapped: truncating a mapped file would crash the
+/// server.)
 const CACHE: u64 = 1 << 20;
 
-/// Times that a file is opened which is changed meanwhile.
+/// Maximum number of attempts to open a file that is being modified.
 const TIMES: usize = 20;
 
 impl OpenTrees {
@@ -144,10 +148,10 @@ impl OpenTrees {
         OpenTrees { allows_manifests, access, trees: Mutex::default(), opening: Mutex::default() }
     }
 
-    /// A file, or a commit of it, in its present state.
+    /// Returns a file, or a commit of it, in its current version.
     ///
     /// # Errors
-    /// If it cannot be opened, or is changed whenever it is.
+    /// If it cannot be opened, or changes during every attempt.
     pub(crate) fn get(&self, path: &Path, commit: Option<u64>) -> Result<Arc<OpenTree>> {
         let look = || std::fs::metadata(path);
         let key = (path.to_path_buf(), commit);
@@ -168,7 +172,7 @@ impl OpenTrees {
                 return Ok(tree);
             }
             let opened = OpenTree::open(&place, version, &self.access);
-            // What was opened may be another file than that which was looked at.
+            // The opened file may differ from the one that was stat'ed.
             if FileVersion::at(path)? != version {
                 continue;
             }
@@ -185,11 +189,11 @@ impl OpenTrees {
                 return Ok(tree);
             }
             let mut trees = self.trees();
-            // (Opening is the time to close what is not asked for any more: files that were replaced or removed.)
+            // Closes files that were replaced or removed.
             trees
                 .retain(|(path, _), tree| FileVersion::at(path).is_ok_and(|version| version == tree.version));
             if trees.len() >= MOST && !trees.contains_key(&key) {
-                // (Any other: who has it keeps it, and it is opened again when it is asked for.)
+                // Evicts an arbitrary file. Its users keep it, and it is opened again on request.
                 let other = trees.keys().next().cloned();
                 other.and_then(|other| trees.remove(&other));
             }

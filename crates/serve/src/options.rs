@@ -1,4 +1,4 @@
-//! Options of the server: where it listens, and the limits of requests.
+//! Options of the server: its address, and the limits of requests.
 
 use std::net::{IpAddr, Ipv4Addr};
 use std::time::Duration;
@@ -9,26 +9,28 @@ use spinney_base::io::FileAccess;
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct ServeOptions {
-    /// Address that the server listens at; this machine's own alone if nothing is said.
+    /// Address to listen at. The default is loopback.
     pub host: IpAddr,
-    /// Port that it listens at; 0 is any that is free.
+    /// Port to listen at; 0 chooses a free one.
     pub port: u16,
-    /// Time that an answer may take, the waiting for other work included, and that a client may make it wait.
+    /// Maximum time for a response, including the wait for other work, and maximum time that a
+    /// client may stall.
     pub timeout: Duration,
-    /// Most cells of a window, or pixels of a picture.
+    /// Maximum number of cells of a window, or of pixels of an image.
     pub max_cells: u64,
-    /// Most bytes of a request's body.
+    /// Maximum size of a request's body in bytes.
     pub max_body: u64,
-    /// Most connections at the same time.
+    /// Maximum number of concurrent connections.
     pub connections: usize,
-    /// Origins whose pages may read responses (CORS): `*` is all; without any, pages of the server itself may.
+    /// Origins whose pages may read responses (CORS): `*` allows all. If empty, only pages of the
+    /// server itself may.
     pub allow_origins: Vec<String>,
-    /// Names by which requests may call the server, besides those of its address; `*` is any. Without any, a loopback address has the names of this
-    /// machine alone, and others have all.
+    /// Host names that requests may use, in addition to the server's address; `*` allows any. If
+    /// empty, a server at a loopback address accepts only local names, and others accept all.
     pub allow_hosts: Vec<String>,
-    /// Address of the server as clients know it, where a proxy is before it.
+    /// URL of the server as clients see it, if they connect through a proxy.
     pub public_url: Option<String>,
-    /// How the files that a served manifest lists are opened.
+    /// Access to the files that a served manifest lists.
     pub access: FileAccess,
 }
 

@@ -9,7 +9,8 @@ use axum::response::{IntoResponse as _, Response};
 
 use crate::routes::App;
 
-/// Lets pages of the allowed origins read responses, and responds to preflight requests.
+/// Middleware that lets pages of the allowed origins read responses, and responds to preflight
+/// requests.
 pub(crate) async fn add_origin(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
     let is_preflight = request.method() == Method::OPTIONS;
     let allowed = allowed(&app.options.allow_origins, request.headers());
@@ -41,7 +42,7 @@ pub(crate) async fn add_origin(State(app): State<Arc<App>>, request: Request, ne
     response
 }
 
-/// The origin of a request, if its pages may read responses; `*` where all may.
+/// Value of `Access-Control-Allow-Origin`: the request's origin if it is allowed, `*` if all are.
 pub(crate) fn allowed(origins: &[String], headers: &HeaderMap) -> Option<HeaderValue> {
     if origins.iter().any(|origin| origin == "*") {
         return Some(HeaderValue::from_static("*"));

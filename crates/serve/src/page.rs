@@ -1,4 +1,4 @@
-//! `/`, its files, and `/files.json`: what is served, for people and for pages.
+//! `/`, its assets, and `/files.json`: lists of the served files, for people and for scripts.
 
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
 use serde_json::json;
@@ -12,13 +12,13 @@ use crate::failure::Failure;
 /// Characters of names that are escaped in addresses.
 pub(crate) const ESCAPED: &AsciiSet = &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(b'_').remove(b'~');
 
-/// The files as JSON: names that questions have for them, the files' own, and their bytes.
+/// The files as JSON: their names in queries, file names, and sizes in bytes.
 pub(crate) fn as_json(files: &[Listed]) -> String {
     let file = |file: &Listed| json!({ "name": file.name, "file": file.file, "bytes": file.bytes });
     format!("{:#}\n", json!({ "files": files.iter().map(file).collect::<Vec<_>>() }))
 }
 
-/// The page that shows files, each with its content.
+/// HTML page that shows the files, each with its content.
 pub(crate) fn index(files: &[(Listed, PageContent)]) -> String {
     let source = |(Listed { name, file, .. }, content): &(Listed, PageContent)| PageSource {
         name: file.clone(),
@@ -35,7 +35,7 @@ pub(crate) fn index(files: &[(Listed, PageContent)]) -> String {
     })
 }
 
-/// A file of the page, and its tag.
+/// Asset of the page, and its tag.
 pub(crate) fn asset(name: &str) -> Result<(String, Answer), Failure> {
     let Asset { bytes, media_type } = spinney_site::asset(name)
         .ok_or_else(|| Failure::missing(format!("`{}`: is no file of the page", name.escape_debug())))?;

@@ -1,21 +1,21 @@
-//! Parameters of a question: what stands behind `?` in its address.
+//! Query parameters of an address.
 
 use std::fmt::Display;
 use std::str::FromStr;
 
 use crate::failure::Failure;
 
-/// Names and values, each name once.
+/// Names and values; names are unique.
 pub(crate) struct Parameters(Vec<(String, String)>);
 
-/// Most bytes that are read: styles are the longest.
+/// Maximum size in bytes; styles are the longest parameters.
 const LONGEST: usize = 32 << 10;
 
 impl Parameters {
-    /// Reads the parameters of a question that knows such names.
+    /// Parses the parameters of a query, whose names are `known`.
     ///
     /// # Errors
-    /// If one has another name, or stands there twice.
+    /// If a parameter has another name, or is given twice.
     pub(crate) fn parse(query: Option<&str>, known: &[&str]) -> Result<Parameters, Failure> {
         let query = query.unwrap_or_default();
         if query.len() > LONGEST {
@@ -38,12 +38,12 @@ impl Parameters {
         Ok(Parameters(pairs))
     }
 
-    /// The value of a parameter, if it was given.
+    /// Value of a parameter, if it is given.
     pub(crate) fn text(&self, name: &str) -> Option<&str> {
         self.0.iter().find(|(own, _)| own == name).map(|(_, value)| value.as_str())
     }
 
-    /// The value of a parameter, if it was given.
+    /// Parsed value of a parameter, if it is given.
     pub(crate) fn value<T: FromStr<Err: Display>>(&self, name: &str) -> Result<Option<T>, Failure> {
         let parse = |text: &str| {
             text.trim().parse().map_err(|error: T::Err| Failure::bad(format!("{name}: {error}")))
@@ -51,7 +51,7 @@ impl Parameters {
         self.text(name).map(parse).transpose()
     }
 
-    /// A finite number, if it was given.
+    /// Finite number, if it is given.
     pub(crate) fn number(&self, name: &str) -> Result<Option<f64>, Failure> {
         match self.value::<f64>(name)? {
             Some(number) if !number.is_finite() => {
@@ -61,7 +61,7 @@ impl Parameters {
         }
     }
 
-    /// Values with commas between, if there are some.
+    /// Comma-separated values, if they are given.
     pub(crate) fn list<T: FromStr<Err: Display>>(&self, name: &str) -> Result<Option<Vec<T>>, Failure> {
         let parse = |text: &str| {
             let items = text.split(',').map(|item| item.trim().parse());
@@ -72,7 +72,7 @@ impl Parameters {
         self.text(name).map(parse).transpose()
     }
 
-    /// So many finite numbers with commas between, if they were given.
+    /// `N` comma-separated finite numbers, if they are given.
     pub(crate) fn numbers<const N: usize>(&self, name: &str) -> Result<Option<[f64; N]>, Failure> {
         let Some(list) = self.list::<f64>(name)? else { return Ok(None) };
         match <[f64; N]>::try_from(list) {

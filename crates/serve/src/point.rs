@@ -1,4 +1,4 @@
-//! `/point/NAME`: the samples of a cell, of all layers.
+//! `/point/NAME`: the samples of one cell in all layers.
 
 use spinney_crs::Coordinates;
 use spinney_report::PointLayers;
@@ -8,10 +8,10 @@ use crate::failure::Failure;
 use crate::opened::OpenTree;
 use crate::parameters::Parameters;
 
-/// Parameters of the question.
+/// Parameters of the query.
 pub(crate) const PARAMETERS: [&str; 7] = ["x", "y", "z", "crs", "level", "layer", "commit"];
 
-/// Answers as `spinney point --json` does.
+/// Response with the same content as `spinney point --json`.
 pub(crate) fn answer(tree: &OpenTree, asked: &Parameters, tag: String) -> Result<Answer, Failure> {
     let coordinates = asked.value("crs")?.unwrap_or(Coordinates::World);
     let trees = tree.layers(asked.text("layer"))?;

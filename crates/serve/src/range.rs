@@ -1,19 +1,20 @@
-//! Ranges of bytes that are asked for.
+//! Byte ranges of requests.
 
-/// The part of so many bytes that the header `Range` asks for.
+/// Bytes that the header `Range` requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Asked {
-    /// All of them: there is no range, or none that is understood.
+    /// All bytes: there is no range, or the header is not understood.
     All,
-    /// From the first to the last, which is one of them.
+    /// First and last byte, inclusive.
     Part(u64, u64),
-    /// A range that has none of them.
+    /// A range outside of the file.
     Nothing,
-    /// Several ranges, which are asked for one by one.
+    /// Several ranges, which are not supported in one request.
     Several,
 }
 
-/// Reads the header of a request for a file of `length` bytes. What is no range of bytes asks for nothing in particular (RFC 9110, 14.2).
+/// Parses the header for a file of `length` bytes. A header that is not a valid byte range is
+/// ignored (RFC 9110, 14.2).
 pub(crate) fn asked(header: &str, length: u64) -> Asked {
     let Some((unit, ranges)) = header.split_once('=') else { return Asked::All };
     if !unit.trim().eq_ignore_ascii_case("bytes") {
@@ -37,7 +38,8 @@ pub(crate) fn asked(header: &str, length: u64) -> Asked {
     if is_several && found != Asked::All { Asked::Several } else { found }
 }
 
-/// Reads a number, or that there is none; `None` if it is something else. Numbers that are too large are as good as the largest.
+/// Parses a number; `Some(None)` if the text is empty, `None` if it is not a number. Numbers that
+/// are too large are clamped to the maximum.
 fn number(text: &str) -> Option<Option<u64>> {
     if text.is_empty() {
         return Some(None);

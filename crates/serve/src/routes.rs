@@ -1,4 +1,4 @@
-//! Addresses, and who answers at each.
+//! Addresses and their handlers.
 
 use std::sync::Arc;
 
@@ -25,14 +25,15 @@ use crate::tiles::{self, TileAddress};
 use crate::work::{Watch, Work};
 use crate::{ServeOptions, file, page, point, window, zonal};
 
-/// Maximum number of files whose headers are read for the page; it finds out the contents of others when it opens them.
+/// Maximum number of files whose headers are read for the page. It determines the contents of
+/// further files when it opens them.
 const MAX_CONTENTS: usize = 1000;
 
 /// State that all requests share.
 pub(crate) struct App {
     pub(crate) catalog: Catalog,
     pub(crate) work: Work,
-    /// Room for reading files and folders, which waits for no work.
+    /// Executor for reading files and directories, so that these do not wait for queries.
     pub(crate) reading: Work,
     pub(crate) options: ServeOptions,
     hosts: Hosts,
@@ -40,11 +41,11 @@ pub(crate) struct App {
     answers: AnswerCache,
 }
 
-/// The names in an address, if they can be read.
+/// Path parameters of an address, or why they are invalid.
 type Names<T> = Result<Path<T>, PathRejection>;
 
 impl App {
-    /// Serves files, with room for so many pieces of work, and so many readings, at the same time.
+    /// State for serving a catalog, with limits for concurrent queries and concurrent reads.
     pub(crate) fn new(
         catalog: Catalog,
         options: ServeOptions,
@@ -56,7 +57,7 @@ impl App {
         Arc::new(App { catalog, work, reading, options, hosts, trees, answers: AnswerCache::default() })
     }
 
-    /// Answers a question about a tree; whoever has the answer already is told so.
+    /// Runs a query about a tree. Responds with 304 if the client has the current response.
     async fn ask(
         self: &Arc<App>,
         name: Result<String, Failure>,
@@ -72,7 +73,7 @@ impl App {
         let made = self.work.run(move |watch| {
             let commit = asked.value("commit")?;
             let tree = app.trees.get(&app.catalog.tree(&name)?, commit)?;
-            // (What a body asks for is not kept by its address.)
+            // Responses that depend on a body are not cached.
             let tag = tree.version.tag(&head.target);
             if head.method == Method::POST {
                 let made = answer(&app, &tree, &asked, tag, watch)?;
@@ -94,7 +95,7 @@ impl App {
     }
 }
 
-/// A request without its body.
+/// Request without its body.
 struct Asked {
     method: Method,
     target: String,
@@ -108,7 +109,7 @@ impl Asked {
     }
 }
 
-/// All addresses.
+/// Router for all addresses.
 pub(crate) fn routes(app: Arc<App>) -> Router {
     Router::new()
         .route("/", get(root))
@@ -137,7 +138,7 @@ async fn other_method(request: Request) -> Failure {
     Failure::new(StatusCode::METHOD_NOT_ALLOWED, format!("{}: is not for this address", request.method()))
 }
 
-/// Refuses requests that name another host, or none.
+/// Middleware that rejects requests with another host name, or without one.
 async fn check_host(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
     match app.hosts.check(request.uri(), request.headers()) {
         Ok(()) => next.run(request).await,
@@ -145,7 +146,7 @@ async fn check_host(State(app): State<Arc<App>>, request: Request, next: Next) -
     }
 }
 
-/// Text of a kind that is made anew each time.
+/// Response with content that is created for each request.
 fn text(content_type: &'static str, text: impl Into<Body>) -> Response {
     let mut response = Response::new(text.into());
     let headers = response.headers_mut();
@@ -271,12 +272,12 @@ async fn zonal_of(
     app.ask(Ok(name), asked, head, |_, tree, asked, _, watch| zonal::answer(tree, asked, body, watch)).await
 }
 
-/// The names in an address.
+/// Path parameters of an address.
 fn read<T>(names: Names<T>) -> Result<T, Failure> {
     names.map(|Path(name)| name).map_err(|error| Failure::bad(format!("address: {}", error.body_text())))
 }
 
-/// The body of a request, of at most as many bytes as are allowed, in the time that is allowed.
+/// Body of a request, within the limits for size and time.
 async fn body_of(options: &ServeOptions, request: Request) -> Result<Vec<u8>, Failure> {
     let most = options.max_body;
     let too_large =

@@ -1,4 +1,4 @@
-//! The server: from the socket to its end in good order.
+//! Server: accepts connections, and shuts down gracefully.
 
 use std::net::{SocketAddr, TcpListener};
 use std::path::Path;
@@ -23,7 +23,7 @@ use crate::failure::Failure;
 use crate::hosts::Hosts;
 use crate::routes::{App, routes};
 
-/// A server of files and answers, which listens and does not answer yet.
+/// HTTP server of tree files. It listens once bound, and responds once [`Server::run`] is called.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -33,7 +33,7 @@ use crate::routes::{App, routes};
 /// options.port = 0;
 /// let server = Server::bind("fixtures/v1".as_ref(), options)?;
 /// println!("http://{}/", server.address());
-/// // (This one ends at once.)
+/// // (Stops at once.)
 /// server.run(&|| true)?;
 /// # Ok::<(), spinney::Error>(())
 /// ```
@@ -43,34 +43,35 @@ pub struct Server {
     app: Arc<App>,
 }
 
-/// Time between two looks at whether the server is to stop.
+/// Interval between checks whether the server should stop.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Time that requests have to come to their end when the server stops.
+/// Time for running requests to finish when the server stops.
 const GRACE: Duration = Duration::from_secs(10);
 
-/// Time that every client has for its next step.
+/// Minimum time that a client may stall.
 const MIN_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Bytes of a request's head that are read.
+/// Maximum size of a request's head in bytes.
 const LONGEST_HEAD: usize = 64 << 10;
 
-/// Threads for requests; their work is done by others.
+/// Async threads; jobs run on blocking threads.
 const THREADS: usize = 2;
 
-/// Files that are read for answers at the same time, besides the work for others.
+/// Maximum number of concurrent file reads, in addition to jobs.
 const READERS: usize = 32;
 
-/// Pieces of work that are done at the same time: one more than there are threads, so that none of these waits.
+/// Maximum number of concurrent jobs: one more than the threads for parallel work, so that these
+/// stay busy.
 fn places() -> usize {
     spinney_base::parallel::threads() + 1
 }
 
 impl Server {
-    /// Listens at an address, for requests for a tree file, or all in a folder.
+    /// Listens at an address, and serves a tree file, or all tree files of a directory.
     ///
     /// # Errors
-    /// If there is no such file or folder, or the address cannot be had.
+    /// If there is no such file or directory, or the address is unavailable.
     pub fn bind(path: &Path, options: ServeOptions) -> Result<Server> {
         let catalog = Catalog::new(path)?;
         let address = SocketAddr::new(options.host, options.port);
@@ -84,15 +85,15 @@ impl Server {
         Ok(Server { listener, address, app: App::new(catalog, options, hosts, [places(), READERS]) })
     }
 
-    /// The address that the server listens at.
+    /// Returns the address that the server listens at.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Remarks on the files: which ones are asked for by the whole of their names, and why.
+    /// Returns remarks on the files: which ones queries must name in full, and why.
     ///
     /// # Errors
-    /// If the folder cannot be read.
+    /// If the directory cannot be read.
     pub fn remarks(&self) -> Result<Vec<String>> {
         let files = self.app.catalog.list()?;
         let by_file = files.iter().filter(|file| file.name == file.file);
@@ -106,11 +107,11 @@ impl Server {
         Ok(told.chain(none).collect())
     }
 
-    /// Answers requests until `is_stopped`; then nobody is let in, and requests that are answered come to their end, or are given up when
-    /// the time for that is over.
+    /// Serves requests until `is_stopped` returns true. Then no connections are accepted, and
+    /// running requests may finish within a grace period before they are cancelled.
     ///
     /// # Errors
-    /// If the system has no thread left.
+    /// If the system cannot start threads.
     pub fn run(self, is_stopped: &(dyn Fn() -> bool + Sync)) -> Result<()> {
         let failed = |cause| Error::io("server", "start threads for")(cause);
         let runtime = tokio::runtime::Builder::new_multi_thread()
@@ -123,7 +124,7 @@ impl Server {
         let app = self.app.clone();
         let served = runtime.block_on(self.serve(is_stopped));
         app.work.end();
-        // (What does not heed its end is left behind.)
+        // Jobs that ignore cancellation are abandoned.
         runtime.shutdown_timeout(Duration::from_secs(1));
         served.map_err(failed)
     }
@@ -136,7 +137,8 @@ impl Server {
         let rooms = Arc::new(Semaphore::new(app.options.connections));
         let (stop, is_over) = watch::channel(false);
         while !is_stopped() {
-            // (Too many open files, or a client that is gone already, are over in a moment.)
+            // Failures such as too many open files, or a client that has already closed, are
+            // transient.
             let stream = match timeout(LOOK, listener.accept()).await {
                 Err(_) => continue,
                 Ok(Ok((stream, _))) => stream,
@@ -162,7 +164,7 @@ impl Server {
     }
 }
 
-/// Answers the requests of a connection, until there are no more or the server stops.
+/// Serves the requests of a connection until it closes or the server stops.
 async fn answer(stream: TcpStream, router: Router, patience: Duration, mut is_over: watch::Receiver<bool>) {
     let _ = stream.set_nodelay(true);
     let connection = http1::Builder::new()
@@ -175,7 +177,7 @@ async fn answer(stream: TcpStream, router: Router, patience: Duration, mut is_ov
         );
     let mut connection = std::pin::pin!(connection);
     let stopped = std::pin::pin!(is_over.wait_for(|is_over| *is_over));
-    // (Nobody is there to be told what was wrong with a connection.)
+    // Connection errors cannot be reported to the client.
     let is_stopped = matches!(select(connection.as_mut(), stopped).await, Either::Right(_));
     if is_stopped {
         connection.as_mut().graceful_shutdown();
@@ -183,7 +185,7 @@ async fn answer(stream: TcpStream, router: Router, patience: Duration, mut is_ov
     }
 }
 
-/// Tells a client that there is no room, and why.
+/// Sends a response that the connection limit is reached.
 async fn refuse(mut stream: TcpStream, app: Arc<App>) {
     let most = app.options.connections;
     let is_open = app.options.allow_origins.iter().any(|origin| origin == "*");
@@ -197,7 +199,7 @@ async fn refuse(mut stream: TcpStream, app: Arc<App>) {
         body.len()
     );
     let _ = timeout(Duration::from_secs(1), stream.write_all(head.as_bytes())).await;
-    // (A connection that is closed with something unread takes the answer with it.)
+    // Closing a connection with unread input may discard the response, so the input is drained.
     let drained = async {
         let _ = stream.shutdown().await;
         let mut rest = [0; 1024];

@@ -1,4 +1,4 @@
-//! `/tiles/NAME.json`, and tiles: of web maps, and of a tree's own grid.
+//! `/tiles/NAME.json`, and tiles of web maps and of a tree's own grid.
 
 use std::str::FromStr as _;
 
@@ -20,10 +20,10 @@ use crate::parameters::Parameters;
 /// Parameters of a tile.
 pub(crate) const PARAMETERS: [&str; 4] = ["grid", "style", "layer", "commit"];
 
-/// Parameters of what is said of tiles.
+/// Parameters of `/tiles/NAME.json`.
 pub(crate) const JSON_PARAMETERS: [&str; 5] = ["grid", "style", "layer", "commit", "format"];
 
-/// A tile as its address names it.
+/// Tile in an address.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct TileAddress {
     tile: TileId,
@@ -31,7 +31,7 @@ pub(crate) struct TileAddress {
 }
 
 impl TileAddress {
-    /// Reads zoom, column, and row with the ending of a format.
+    /// Parses zoom, column, and row with the extension of a format.
     pub(crate) fn parse(zoom: &str, column: &str, row: &str) -> Result<TileAddress, Failure> {
         let number = |text: &str| text.parse::<u32>().ok().filter(|_| !text.starts_with('+'));
         let (row, ending) = row.rsplit_once('.').unwrap_or((row, ""));
@@ -48,7 +48,7 @@ impl TileAddress {
     }
 }
 
-/// The format of a name that tiles are sent in.
+/// Tile format by its name.
 fn format_of(name: &str) -> Result<TileFormat, Failure> {
     let format = TileFormat::from_str(name).ok();
     let sent = format.filter(|format| matches!(format, TileFormat::Png | TileFormat::Webp | TileFormat::Npy));
@@ -57,7 +57,7 @@ fn format_of(name: &str) -> Result<TileFormat, Failure> {
     })
 }
 
-/// Whether tiles of the tree's own grid are meant.
+/// Whether the tiles are those of the tree's own grid.
 fn is_native(asked: &Parameters) -> Result<bool, Failure> {
     match asked.text("grid") {
         None | Some("web") => Ok(false),
@@ -66,7 +66,7 @@ fn is_native(asked: &Parameters) -> Result<bool, Failure> {
     }
 }
 
-/// Answers with a tile; with nothing where nothing is.
+/// Response with a tile; without content if the tile has no data.
 pub(crate) fn answer(
     tree: &OpenTree,
     asked: &Parameters,
@@ -92,7 +92,7 @@ pub(crate) fn answer(
     }
     let painter = drawn.painter(style.as_ref(), progress)?;
     let void = if format.is_array() { void_number(&drawn.tree)? } else { None };
-    // (A tile that is made for one request is packed as fast as can be; colours are so anyway.)
+    // Tiles made on request use the fastest compression; colour images always do.
     let png_effort = painter.palette().is_some().then_some(1);
     let encoding = TileEncoding { format, png_effort, ..TileEncoding::default() };
     let content_type = match format {
@@ -114,7 +114,7 @@ pub(crate) fn answer(
     })
 }
 
-/// Says what tiles there are (`TileJSON` 3.0), at a server of such an address.
+/// Response that describes the tiles (`TileJSON` 3.0); `server` is the server's URL.
 pub(crate) fn about(
     tree: &OpenTree,
     asked: &Parameters,
@@ -146,7 +146,7 @@ pub(crate) fn about(
         "maxzoom": source.max_zoom(SIDE),
     });
     if is_native {
-        // (Tiles of another grid have no place on a web map.)
+        // Tiles of another grid have no position on a web map.
         let frame = source.frame(drawn.tree.depth());
         let [columns, rows, _] = drawn.tree.header().extent;
         about["grid"] = json!({

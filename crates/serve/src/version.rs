@@ -1,4 +1,4 @@
-//! The state of a file: which one it is, and when it was changed.
+//! Identity and modification time of a file.
 
 use std::fs::Metadata;
 use std::hash::{Hash as _, Hasher as _};
@@ -9,46 +9,48 @@ use spinney_base::io::FileId;
 use spinney_base::{Error, Result};
 use xxhash_rust::xxh3::Xxh3Default;
 
-/// The state of a file: equal states are equal bytes.
+/// Identity of a file version: equal values imply equal contents.
 ///
-/// Systems count the time of changes in steps of some milliseconds: of a file that was changed a moment ago nobody knows whether it
-/// will change once more at the same time. So whoever looks at such a file waits until that is over.
+/// File systems have modification times with a granularity of some milliseconds. A file that was
+/// modified very recently may be modified again without a new time, so readers of such a file wait
+/// for that interval ([`FileVersion::settled`]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct FileVersion {
-    /// (Nothing where the system has no such numbers.)
+    /// `None` if the file system has no file numbers.
     id: Option<FileId>,
     pub(crate) length: u64,
     modified: SystemTime,
 }
 
-/// Time within which a file may be changed without another time of its change.
+/// Interval within which a file may be modified twice with the same modification time.
 const STEP: Duration = Duration::from_millis(20);
 
 impl FileVersion {
-    /// The state of a file that the system tells this of.
+    /// Version with the given metadata.
     ///
     /// # Errors
-    /// If the system does not know when files are changed.
+    /// If the system has no modification times.
     pub(crate) fn of(metadata: &Metadata, path: &Path) -> Result<FileVersion> {
         let id = Some(FileId::from_metadata(metadata)).filter(|id| !id.is_unique());
         let modified = metadata.modified().map_err(Error::io(path, "look at"))?;
         Ok(FileVersion { id, length: metadata.len(), modified })
     }
 
-    /// The present state of a path's file, which may change without being seen to.
+    /// Current version of a path's file. It may be modified again with the same version.
     ///
     /// # Errors
-    /// If there is no file, or the system cannot tell.
+    /// If there is no file, or the system has no modification times.
     pub(crate) fn at(path: &Path) -> Result<FileVersion> {
         let metadata = std::fs::metadata(path).map_err(Error::io(path, "look at"))?;
         FileVersion::of(&metadata, path)
     }
 
-    /// The state of a path's file, which the system tells of by `look`; waits while it may change without being seen to. Whether that is over is told,
-    /// too: it is not where somebody writes all the time.
+    /// Current version of a path's file, whose metadata `look` returns. Waits while a modification
+    /// could go unnoticed. The flag is `false` if the file is still being modified after several
+    /// attempts.
     ///
     /// # Errors
-    /// If there is no file, or the system cannot tell.
+    /// If there is no file, or the system has no modification times.
     pub(crate) fn settled(
         path: &Path,
         look: impl Fn() -> std::io::Result<Metadata>,
@@ -67,7 +69,8 @@ impl FileVersion {
         Ok((version, false))
     }
 
-    /// A strong entity tag of what a version of this program makes of the file for a question.
+    /// Strong entity tag of the response to a query, from the file version, the program version and
+    /// the query.
     pub(crate) fn tag(&self, question: &str) -> String {
         let mut hasher = Xxh3Default::new();
         self.hash(&mut hasher);

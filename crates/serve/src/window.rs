@@ -1,4 +1,4 @@
-//! `/window/NAME`: a part at any level or size, as a picture, an array or JSON.
+//! `/window/NAME`: a window at any level or size, as an image, an array or JSON.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -22,11 +22,11 @@ use crate::failure::Failure;
 use crate::opened::OpenTree;
 use crate::parameters::Parameters;
 
-/// Parameters of the question.
+/// Parameters of the query.
 pub(crate) const PARAMETERS: [&str; 10] =
     ["bounds", "crs", "cells", "level", "size", "z", "format", "style", "layer", "commit"];
 
-/// The kind of file that a window is sent as.
+/// File format of a window.
 #[derive(Clone, Copy, PartialEq)]
 enum WindowFormat {
     Picture(Format, &'static str),
@@ -47,7 +47,7 @@ impl FromStr for WindowFormat {
     }
 }
 
-/// Answers with a window of at most so many pixels.
+/// Response with a window of at most `most` pixels.
 pub(crate) fn answer(
     tree: &OpenTree,
     asked: &Parameters,
@@ -96,7 +96,8 @@ pub(crate) fn answer(
     Ok(Answer::new(content_type, tag, bytes.take()))
 }
 
-/// The cells of the deepest level that are asked for: all of the picture if nothing is said; of octrees one layer of cells.
+/// Requested cells of the deepest level: the entire raster by default; in octrees, one layer of
+/// cells.
 fn bounds(tree: &Dataset, asked: &Parameters) -> Result<Bounds, Failure> {
     let picture = tree.header().picture();
     let mut bounds = match (asked.numbers::<4>("bounds")?, asked.list::<u64>("cells")?) {
@@ -154,7 +155,7 @@ fn bounds(tree: &Dataset, asked: &Parameters) -> Result<Bounds, Failure> {
     Ok(bounds)
 }
 
-/// The detail that is asked for, and the columns and rows that it makes.
+/// Requested detail, and the resulting columns and rows.
 fn detail(tree: &Dataset, asked: &Parameters, bounds: &Bounds) -> Result<(Detail, [u64; 2]), Failure> {
     let depth = tree.depth();
     let size = |text: &str| {
@@ -177,14 +178,14 @@ fn detail(tree: &Dataset, asked: &Parameters, bounds: &Bounds) -> Result<(Detail
                 return Err(Failure::bad(format!("level: got {level}, the tree's levels are 0 to {depth}")));
             }
             let shift = depth - level;
-            // (A block counts of which any cell is in the part.)
+            // Blocks that are partly within the window count.
             let blocks = |axis: usize| bounds.max[axis].div_ceil(1 << shift) - (bounds.min[axis] >> shift);
             Ok((Detail::Level(level), [blocks(0), blocks(1)]))
         }
     }
 }
 
-/// Columns and rows of a picture whose longer side is given, and which has the window's aspect.
+/// Columns and rows of an image with the window's aspect ratio, from its longer side.
 fn longer_side(longer: u64, bounds: &Bounds) -> (u64, u64) {
     let [width, height, _] = bounds.size();
     let share = width.min(height) as f64 / width.max(height).max(1) as f64;
@@ -192,7 +193,7 @@ fn longer_side(longer: u64, bounds: &Bounds) -> (u64, u64) {
     if width >= height { (longer, shorter) } else { (shorter, longer) }
 }
 
-/// The values of a window as JSON, row by row; `null` is VOID.
+/// Values of a window as JSON, by rows; `null` is VOID.
 fn values(
     tree: &Dataset,
     request: &WindowRequest,
@@ -243,7 +244,7 @@ fn write_pixel(value: ValueType, bytes: &[u8], text: &mut Vec<u8>) {
         if channel > 0 {
             text.push(b',');
         }
-        // (JSON has no word for what is not finite.)
+        // JSON has no numbers that are not finite.
         if number.is_finite() {
             write_number(*number, value.sample == SampleType::F64, text);
         } else {
@@ -255,7 +256,7 @@ fn write_pixel(value: ValueType, bytes: &[u8], text: &mut Vec<u8>) {
     }
 }
 
-/// Bytes that are written to memory.
+/// In-memory output.
 #[derive(Clone, Default)]
 struct Memory(Arc<Mutex<Vec<u8>>>);
 

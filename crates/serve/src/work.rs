@@ -1,4 +1,5 @@
-//! Work that answers are made by: so much at a time, for so long, and no longer than somebody waits for it.
+//! Execution of queries, with limits for concurrency and time. A job is cancelled once no client
+//! waits for it.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,15 +11,15 @@ use tokio::time::{Instant, timeout_at};
 
 use crate::failure::Failure;
 
-/// Room for work.
+/// Executor with limited concurrency.
 pub(crate) struct Work {
     places: Arc<Semaphore>,
     pub(crate) timeout: Duration,
-    /// Whether all work is to end.
+    /// Whether all jobs are cancelled.
     is_over: Arc<AtomicBool>,
 }
 
-/// Watch over a piece of work, by which it learns that nobody waits for it any more.
+/// Cancellation flag of a job.
 pub(crate) struct Watch {
     is_stopped: AtomicBool,
     is_over: Arc<AtomicBool>,
@@ -30,7 +31,7 @@ impl Progress for Watch {
     }
 }
 
-/// Stops work when its request is given up: by its client, or by the time that it took.
+/// Cancels a job when its request is dropped, by the client or by the timeout.
 struct StopWhenDropped(Arc<Watch>);
 
 impl Drop for StopWhenDropped {
@@ -40,17 +41,17 @@ impl Drop for StopWhenDropped {
 }
 
 impl Work {
-    /// Room for so many pieces of work at the same time.
+    /// Executor for at most `places` concurrent jobs.
     pub(crate) fn new(places: usize, timeout: Duration) -> Work {
         Work { places: Arc::new(Semaphore::new(places)), timeout, is_over: Arc::default() }
     }
 
-    /// Ends all work as soon as possible.
+    /// Cancels all jobs as soon as possible.
     pub(crate) fn end(&self) {
         self.is_over.store(true, Ordering::Relaxed);
     }
 
-    /// Does a piece of work when there is room for it, on a thread that may wait.
+    /// Runs a job on a blocking thread once a permit is free.
     pub(crate) async fn run<T: Send + 'static>(
         &self,
         job: impl FnOnce(&Watch) -> Result<T, Failure> + Send + 'static,
@@ -62,7 +63,7 @@ impl Work {
         };
         let watch = Arc::new(Watch { is_stopped: AtomicBool::new(false), is_over: self.is_over.clone() });
         let _guard = StopWhenDropped(watch.clone());
-        // (Work that does not heed its end has its place until then.)
+        // The job holds its permit until it returns, even if it ignores cancellation.
         let task = tokio::task::spawn_blocking(move || {
             let _place = place;
             job(&watch)

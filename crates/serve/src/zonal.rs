@@ -13,14 +13,14 @@ use crate::failure::Failure;
 use crate::opened::OpenTree;
 use crate::parameters::Parameters;
 
-/// Parameters of the question.
+/// Parameters of the query.
 pub(crate) const PARAMETERS: [&str; 8] =
     ["edge", "measure", "quantiles", "where", "attribute", "crs", "layer", "commit"];
 
-/// Bytes for the values of a question's zones, for its features, and for the text of its answer.
+/// Memory limit in bytes, for each of: the values of zones, the features, and the response.
 const MEMORY: u64 = 32 << 20;
 
-/// Answers as `spinney stats --zones --json` does of a file with that text.
+/// Response with the same content as `spinney stats --zones --json` for a file with this GeoJSON.
 pub(crate) fn answer(
     tree: &OpenTree,
     asked: &Parameters,
@@ -67,7 +67,7 @@ pub(crate) fn answer(
     Ok(Answer::untagged("application/json", report.take().into_bytes()))
 }
 
-/// A failure of the polygons, which came with the request: it is the client's.
+/// Failure caused by the polygons in the request: a client error.
 fn of_body(error: spinney_base::Error) -> Failure {
     let failure = Failure::from(error);
     if failure.status.is_server_error() { Failure::bad(failure.message) } else { failure }

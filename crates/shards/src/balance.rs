@@ -1,4 +1,4 @@
-//! Cuts the space of a file's layers into shards with about as much to do.
+//! Cuts a file's layers into shards of similar load.
 
 use std::collections::BTreeMap;
 
@@ -8,17 +8,18 @@ use spinney_engine::store::goblin::ShardPiece;
 
 use crate::work::Load;
 
-/// Nodes that are weighed, at most, of all layers, unless each layer is one.
+/// Maximum number of weighed nodes of all layers, with a minimum of one per layer.
 const MAX_NODES: u64 = 1 << 16;
 
-/// Cuts layers into so many shards: each has pieces that are one behind the other in the file, and all together have all of every layer. Shards
-/// for which nothing is left have none.
+/// Cuts layers into `shards` shards. The code ranges of each shard are contiguous in the file, and
+/// those of all shards cover each layer exactly once. If there are more shards than nodes, some
+/// have no ranges.
 pub(crate) fn cut(layers: &[Header], loads: &[Load], shards: u32) -> Vec<Vec<ShardPiece>> {
     let most = (MAX_NODES / layers.len().max(1) as u64).max(1);
     let levels: Vec<u8> = layers.iter().map(|header| weighed_level(header, most)).collect();
     let mut weights: BTreeMap<(usize, u64), u64> = BTreeMap::new();
     for (layer, header) in layers.iter().enumerate() {
-        // (Where there is no input there is something to do, too.)
+        // Nodes without input take some work, too.
         let all = Bounds::picture(header.extent);
         each_node(header, levels[layer], &all, &mut |node, _| {
             weights.insert((layer, node.bits()), 1);
@@ -34,8 +35,9 @@ pub(crate) fn cut(layers: &[Header], loads: &[Load], shards: u32) -> Vec<Vec<Sha
     }
     let total: u128 = weights.values().map(|weight| u128::from(*weight)).sum();
     let mut pieces = vec![Vec::new(); shards as usize];
-    // A node belongs to the shard in whose part of the whole its middle is. Of each layer and shard the last node is known then, and
-    // runs go from one to the next.
+    // A node belongs to the shard whose share of the total weight contains the middle of the node's
+    // weight. This gives the last node of each layer and shard; each range extends from the end of
+    // the one before to that node.
     let mut ends: Vec<(usize, u32, u64)> = Vec::new();
     let mut before = 0u128;
     for ((layer, node), weight) in &weights {
@@ -59,12 +61,13 @@ pub(crate) fn cut(layers: &[Header], loads: &[Load], shards: u32) -> Vec<Vec<Sha
     pieces
 }
 
-/// The level below which the only layer of a file is not cut.
+/// Deepest level at which the only layer of a file is cut.
 pub(crate) fn level_of_cuts(header: &Header) -> u8 {
     weighed_level(header, MAX_NODES)
 }
 
-/// The deepest level, not below the crown's, at which at most so many nodes have cells.
+/// Deepest level with at most `most` nodes that have cells, but not deeper than the top levels
+/// (`crown_level`).
 fn weighed_level(header: &Header, most: u64) -> u8 {
     let nodes = |level: u8| {
         let side = |axis: usize| header.extent[axis].div_ceil(1 << (header.depth() - level));
@@ -73,7 +76,7 @@ fn weighed_level(header: &Header, most: u64) -> u8 {
     (0..=header.shape.crown_level()).rev().find(|level| nodes(*level) <= most).unwrap_or(0)
 }
 
-/// Shows the nodes at a level that have cells of a box, with those cells.
+/// Calls `show` for the nodes of a level that intersect a box, with the intersection.
 fn each_node(header: &Header, level: u8, cells: &Bounds, show: &mut dyn FnMut(Code, Bounds)) {
     let (dimension, height) = (header.form.dimension, header.depth() - level);
     let range = |axis: usize| match axis < dimension.axes() {

@@ -1,4 +1,4 @@
-//! Building of one shard of a job.
+//! Building one shard of a job.
 
 use spinney_base::{Error, Progress, Result};
 use spinney_engine::store::TreeTarget;
@@ -11,19 +11,20 @@ use crate::work::{PartOfJob, PlannedWork};
 /// Outcome of building a shard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Built {
-    /// Whether it was made already, and nothing was done.
+    /// Whether the shard existed already, so that nothing was built.
     pub was_there: bool,
     /// Bytes of its segments.
     pub bytes: u64,
 }
 
 impl Job {
-    /// Builds a shard, unless it is made already, on the threads of the current rayon pool and with about `memory` bytes. Whatever was left of
-    /// it by a process that was cut off is overwritten; if two processes build it, both write the same. Progress counts cells.
+    /// Builds a shard unless it exists, on the threads of the current rayon pool and with about
+    /// `memory` bytes. Leftovers of an aborted process are overwritten. If two processes build the
+    /// same shard, both write the same bytes. Progress counts cells.
     ///
     /// # Errors
-    /// If there is no such shard, if inputs are not those that were planned, if they cannot be read or the shard not be written, or on
-    /// interruption; the shard is not made then.
+    /// If there is no such shard, if inputs differ from the plan, if they cannot be read or the
+    /// shard cannot be written, or on cancellation. The shard does not exist then.
     pub fn build(&self, number: u32, memory: u64, progress: &dyn Progress) -> Result<Built> {
         let shard = self.shard(number)?;
         if let Some(bytes) = self.work().find(&shard)? {
@@ -42,18 +43,19 @@ impl Job {
             let touched: Vec<_> = touched.iter().map(|(_, input)| input).collect();
             check(&touched, work.work(), &access)
         };
-        // Once more before it counts as made, since it has to be of one state of them.
+        // The inputs are checked now, and again before the shard becomes visible, so that it
+        // depends on a single version of them.
         check()?;
         let part = PartOfJob { inputs, head: self.head_path(), shard: shard.clone(), check: Box::new(check) };
         self.work().build(part, memory, progress)?;
         self.built(&shard)
     }
 
-    /// Builds a shard of layers that `write` makes, as they were [planned](crate::plan_given), unless it is made already. Of the place that it is given it
-    /// is to ask which cells are wanted.
+    /// Builds a shard of layers that `write` provides, as [planned](crate::plan_given), unless it
+    /// exists. `write` should query the target for the cells that are needed.
     ///
     /// # Errors
-    /// Those of [`Job::build`], and of `write`; also if the job is one of other layers.
+    /// Those of [`Job::build`], and of `write`; also if the job was planned for other layers.
     pub fn build_given(
         &self,
         number: u32,
@@ -81,7 +83,7 @@ impl Job {
         self.built(&shard)
     }
 
-    /// Outcome of a shard that was just built.
+    /// Outcome for a shard that has just been built.
     fn built(&self, shard: &Shard) -> Result<Built> {
         Ok(Built { was_there: false, bytes: self.work().find(shard)?.unwrap_or(0) })
     }

@@ -1,4 +1,4 @@
-//! A job in its folder, on this machine or in a bucket: the plan, what is told of the layers, and the shards.
+//! Job in a local directory or in a bucket: the plan, the head file and the shards.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -16,24 +16,24 @@ use spinney_engine::store::goblin::{MergeOutput, Shard, ShardPiece};
 use crate::stamp::PlannedFile;
 use crate::work::{PlannedWork, Work};
 
-/// The file of a job that says what is made of what.
+/// File that records the work, its inputs and the shards.
 const PLAN: &str = "plan.json";
-/// The file that tells of the layers.
+/// Tree file with the layers' headers and metadata, without cells.
 const HEAD: &str = "head.goblin";
-/// The folder of shards.
+/// Directory of shards.
 const SHARDS: &str = "shards";
-/// Bytes of a plan, at most.
+/// Maximum size of a plan in bytes.
 pub(crate) const MOST: u64 = 64 << 20;
-/// Version of the form of plans.
+/// Version of the plan format.
 const VERSION: u32 = 1;
 
 /// Content of `plan.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Plan {
-    /// The version of this form.
+    /// Version of this format.
     spinney_job: u32,
-    /// The version of the program: another one might make other bytes of the same input.
+    /// Version of the program. Another version might write other bytes for the same input.
     program: String,
     head: PlannedHead,
     pub(crate) work: PlannedWork,
@@ -41,7 +41,7 @@ pub(crate) struct Plan {
     shards: Vec<Vec<PlannedPiece>>,
 }
 
-/// An input, and the files that reading it looks at.
+/// Input, and the files that reading it involves.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct PlannedInput {
@@ -50,7 +50,7 @@ pub(crate) struct PlannedInput {
 }
 
 impl PlannedInput {
-    /// Bytes of its files.
+    /// Total bytes of its files.
     pub(crate) fn bytes(&self) -> u64 {
         self.files.iter().fold(0, |sum: u64, file| sum.saturating_add(file.bytes))
     }
@@ -63,7 +63,7 @@ struct PlannedHead {
     xxh3: String,
 }
 
-/// A piece of a layer: the run of codes, in hexadecimal digits.
+/// Range of a layer's codes, with inclusive ends in hexadecimal digits.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct PlannedPiece {
@@ -77,7 +77,7 @@ fn head_of(bytes: &[u8]) -> PlannedHead {
 }
 
 impl Plan {
-    /// A plan of all that it says, with the head's bytes.
+    /// Plan from its components; `head` is the content of the head file.
     pub(crate) fn new(
         head: &[u8],
         work: PlannedWork,
@@ -98,7 +98,8 @@ impl Plan {
         }
     }
 
-    /// The text of the file, without the secrets of URLs: who builds a shard gives them again.
+    /// Content of `plan.json`, without the secrets of URLs. Processes that build shards supply
+    /// these again.
     pub(crate) fn to_text(&self, folder: &Path) -> Result<String> {
         let path = folder.join(PLAN);
         let unnamed = |error: serde_json::Error| {
@@ -127,7 +128,7 @@ impl Plan {
     }
 }
 
-/// Replaces all strings that are URLs by these without their secrets.
+/// Removes the secrets from all strings that are URLs.
 fn hide_secrets(value: &mut serde_json::Value) {
     match value {
         serde_json::Value::String(text) if url_of(Path::new(text)).is_some() => {
@@ -139,25 +140,26 @@ fn hide_secrets(value: &mut serde_json::Value) {
     }
 }
 
-/// A job that is planned.
+/// Job that has been planned.
 #[derive(Debug)]
 pub struct Job {
     folder: PathBuf,
     pub(crate) plan: Plan,
-    /// Mark of all of its shards: a hash of the plan, which has one of the head.
+    /// Identifier of the job in all of its shards: a hash of the plan, which includes a hash of the
+    /// head file.
     id: u128,
     /// Headers of the layers.
     pub(crate) layers: Vec<Header>,
     pieces: Vec<Vec<ShardPiece>>,
-    /// How its files and its inputs are opened.
+    /// Access to its files and inputs.
     pub(crate) access: FileAccess,
 }
 
 impl Job {
-    /// Opens the job in a folder.
+    /// Opens the job in a directory.
     ///
     /// # Errors
-    /// If there is none, if it is damaged, or if another version of the program has planned it.
+    /// If there is none, if it is corrupt, or if another version of the program planned it.
     pub fn open(folder: &Path) -> Result<Job> {
         Job::open_with(folder, &FileAccess::default())
     }
@@ -173,10 +175,10 @@ impl Job {
         })
     }
 
-    /// Opens the job in a folder, if there is one.
+    /// Opens the job in a directory, if there is one.
     ///
     /// # Errors
-    /// If it is damaged, or if another version of the program has planned it.
+    /// If it is corrupt, or if another version of the program planned it.
     pub fn find(folder: &Path, access: &FileAccess) -> Result<Option<Job>> {
         let path = folder.join(PLAN);
         let Some(text) = access.read_whole(&path, MOST)? else { return Ok(None) };
@@ -210,17 +212,17 @@ impl Job {
         Ok(Some(Job { folder, plan, id, layers, pieces, access }))
     }
 
-    /// The work of shards.
+    /// Work that the shards do.
     pub(crate) fn work(&self) -> &dyn Work {
         self.plan.work.work()
     }
 
-    /// The folder.
+    /// Directory of the job.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// The file that tells of the layers, and has no cells.
+    /// Path of the head file, which has no cells.
     pub(crate) fn head_path(&self) -> PathBuf {
         head_path(&self.folder)
     }
@@ -230,20 +232,21 @@ impl Job {
         self.pieces.len() as u32
     }
 
-    /// Shards of which something is to be built: all others have no piece of any layer, and are made at once.
+    /// Number of shards that have cells to build. All others cover no range of any layer, and are
+    /// built instantly.
     pub fn busy_shards(&self) -> u32 {
         self.pieces.iter().filter(|pieces| !pieces.is_empty()).count() as u32
     }
 
-    /// Bytes of all files that are read.
+    /// Total bytes of all input files.
     pub fn input_bytes(&self) -> u64 {
         self.plan.inputs.iter().fold(0, |sum: u64, input| sum.saturating_add(input.bytes()))
     }
 
-    /// A shard by its number, from 0.
+    /// Returns a shard by its number, from 0.
     ///
     /// # Errors
-    /// If there is none.
+    /// If there is no such shard.
     pub(crate) fn shard(&self, number: u32) -> Result<Shard> {
         let Some(pieces) = self.pieces.get(number as usize) else {
             let expected = format!("0 to {}", self.shards() - 1);
@@ -258,10 +261,10 @@ impl Job {
         })
     }
 
-    /// Numbers of the shards that are not made, or of which something is not there any more.
+    /// Numbers of the shards that are not built, or lack a file.
     ///
     /// # Errors
-    /// If one is damaged, or of another job.
+    /// If one is corrupt, or belongs to another job.
     pub fn missing(&self) -> Result<Vec<u32>> {
         self.work().missing(&self.all_shards()?, None)
     }
@@ -270,23 +273,24 @@ impl Job {
         (0..self.shards()).map(|number| self.shard(number)).collect()
     }
 
-    /// Removes the job: all files that it may have, the plan last, so that what is cut off can be done again. A folder of this machine goes, too,
-    /// unless there is something else in it.
+    /// Removes the job: all files that it may have, the plan last, so that an aborted call can be
+    /// repeated. A local directory is removed too, unless it has other files.
     ///
     /// # Errors
-    /// If something cannot be removed, or on interruption.
+    /// If something cannot be removed, or on cancellation.
     pub fn remove(self) -> Result<()> {
         remove_files(&self.folder, &self.all_shards()?, &self.access)
     }
 
-    /// Removes what is left of a job, if its plan is that of `job` or there is none any more: it needs no whole job.
+    /// Removes the remains of job `job`, which may be incomplete. Another job's plan is left
+    /// unchanged. Without a plan, only empty local directories are removed.
     ///
     /// # Errors
     /// Those of [`Job::remove`].
     pub(crate) fn remove_if(folder: &Path, job: u128, access: &FileAccess) -> Result<()> {
         let path = plan_path(folder);
         let Some(text) = access.read_whole(&path, MOST)? else {
-            // (Of directories that are empty nothing is left, and others stay.)
+            // `remove_dir` fails for directories that are not empty, which stay.
             if url_of(folder).is_none() {
                 for empty in [&*shards_path(folder), folder] {
                     std::fs::remove_dir(empty).unwrap_or_default();
@@ -311,13 +315,15 @@ impl Job {
         remove_files(folder, &shards, access)
     }
 
-    /// Puts the file together; `memory` is what the directory may take before it goes to temporary files. Progress counts bytes.
+    /// Merges the shards into a file. `memory` is the limit in bytes for the segment index, beyond
+    /// which it goes to temporary files. Progress counts bytes.
     ///
     /// # Errors
-    /// If a shard is missing or damaged, or if the output cannot be written; on interruption. There is no output then, and the job
-    /// stays as it is, or as much of it as is not in the output yet.
+    /// If a shard is missing or corrupt, if the output cannot be written, or on cancellation. Then
+    /// there is no output, and the job keeps all data that is not yet in the output.
     ///
-    /// Where shards are removed, returns the file that says that the output is whole: to be removed after the job.
+    /// If shards are removed, returns the path of the file that marks the output as complete; the
+    /// caller removes it after the job.
     pub fn merge(
         &self,
         mut output: MergeOutput,
@@ -342,14 +348,14 @@ impl Job {
     }
 }
 
-/// Removes the files of a job: the plan last, so that what is cut off can be done again.
+/// Removes the files of a job, the plan last, so that an aborted call can be repeated.
 fn remove_files(folder: &Path, shards: &[Shard], access: &FileAccess) -> Result<()> {
     let files: Vec<PathBuf> = shards.iter().flat_map(Shard::files).collect();
     let files: Vec<&Path> = files.iter().map(|file| &**file).collect();
     access.remove(&files)?;
     let is_local = url_of(folder).is_none();
     if is_local {
-        // (With what shards have left that were cut off.)
+        // Includes leftovers of aborted shards.
         let shards = shards_path(folder);
         match std::fs::remove_dir_all(&shards) {
             Err(cause) if cause.kind() != io::ErrorKind::NotFound => {
@@ -366,7 +372,7 @@ fn remove_files(folder: &Path, shards: &[Shard], access: &FileAccess) -> Result<
     Ok(())
 }
 
-/// The bytes of a job's head, if it is the planned one.
+/// Reads a job's head file, and checks it against the plan.
 fn planned_head(folder: &Path, planned: &PlannedHead, access: &FileAccess) -> Result<Vec<u8>> {
     let path = head_path(folder);
     let found = access.read_whole(&path, MOST)?.filter(|bytes| head_of(bytes) == *planned);
@@ -389,14 +395,14 @@ pub(crate) fn shards_path(folder: &Path) -> PathBuf {
 }
 
 impl PlannedPiece {
-    /// The piece; `None` if the digits are not those of a run.
+    /// The parsed range; `None` if the digits are not a valid range.
     fn piece(&self) -> Option<ShardPiece> {
         let end = |digits: &str| u64::from_str_radix(digits, 16).ok();
         Some(ShardPiece { layer: self.layer, run: CodeRun::new(end(&self.first)?, end(&self.last)?)? })
     }
 }
 
-/// Numbers that ascend, in words: "3, 7 to 9".
+/// Formats ascending numbers as ranges: "3, 7 to 9".
 fn ranges(numbers: &[u32]) -> String {
     let mut text = String::new();
     for run in numbers.chunk_by(|a, b| a + 1 == *b) {

@@ -1,5 +1,6 @@
-//! Trees that are built in *shards*, by many processes, on one machine or on many: a job is planned, each of its shards is built by itself, and
-//! shards are merged. The bytes are those of a file that is built in one go.
+//! Distributed builds: many processes, on one or more machines, build a tree in *shards*. A job is
+//! planned, each shard is built independently, and the shards are merged. The merged file is
+//! byte-identical to that of a single-process build.
 //!
 //! ```
 //! # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -20,9 +21,10 @@
 //! # Ok::<(), spinney::Error>(())
 //! ```
 //!
-//! A job is a folder. `plan.json` says what is made of what, and by which shards; it appears last, so that without it there is no job.
-//! `head.goblin` is a tree file with all that is told of the layers, and no cells. `shards/` has two kinds of files of each shard that
-//! is made: its segments of each layer, and what merging has to know of them, which appears last.
+//! A job is a directory. `plan.json` records the inputs, the work and the shards; it is written
+//! last, so a directory without it is not a job. `head.goblin` is a tree file with the layers'
+//! headers and metadata, but without cells. `shards/` has two kinds of files per finished shard:
+//! its segments of each layer, and a summary for merging, which is written last.
 
 mod balance;
 mod build;

@@ -1,4 +1,4 @@
-//! Merging with removal: a call that is cut off, at any moment, is repeated.
+//! Merging with removal of the job. A call that was aborted at any moment can be repeated.
 
 use std::path::Path;
 
@@ -12,27 +12,28 @@ use crate::job::Job;
 /// Limits of a merge, and whether its job is removed.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct MergeOptions {
-    /// Most bytes of the file.
+    /// Maximum size of the file in bytes.
     pub limit: Option<u64>,
-    /// Whether shards, and then the job, are removed.
+    /// Whether the shards, and then the job, are removed.
     pub removes: bool,
-    /// Bytes that the directory may take before it goes to temporary files.
+    /// Bytes of memory for the segment index, beyond which it goes to temporary files.
     pub memory: u64,
 }
 
 /// Outcome of a merge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Merged {
-    /// The file was made of as many bytes of input.
+    /// The file was written, from this many bytes of input.
     Made(u64),
-    /// The file was whole already, and what was left of the job has been removed.
+    /// The file was complete already, and the remains of the job have been removed.
     Finished,
-    /// There is a tree file, and no job: that is so after a merge that removed its job, and if the job has another name.
+    /// The tree file exists, and the job does not: the state after a merge that removed its job, or
+    /// if the job has another name.
     JobMissing,
 }
 
-/// Puts the shards of the job in a directory together to a file, and removes it if `removes` is set: then the same call succeeds and cleans up
-/// whatever was cut off.
+/// Merges the shards of the job in directory `folder` into a file. If `removes` is set, the job is
+/// removed too; after an aborted call, the same call completes the merge and the removal.
 ///
 /// # Errors
 /// Those of [`Job::open_with`], [`MergeOutput::create`], [`Job::merge`] and [`Job::remove`].
@@ -58,7 +59,8 @@ pub fn merge(
     if removes {
         job.remove()?;
     }
-    // Invariant: last, since it says that the file is whole, for a merge that is cut off before this.
+    // Invariant: the mark is removed last. Until then it records that the file is complete, in case
+    // this call is aborted.
     mark.map_or(Ok(()), |mark| access.remove(&[&mark]))?;
     Ok(Merged::Made(bytes))
 }

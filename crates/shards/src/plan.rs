@@ -17,31 +17,33 @@ use crate::job::{Job, MOST, Plan, PlannedInput, head_path, plan_path, shards_pat
 use crate::stamp::{absolute, look};
 use crate::work::{Given, JobSpec, Load, PlannedWork, Told};
 
-/// Bytes of input for which there is a shard, where nobody says how many there are to be.
+/// Bytes of input per shard if no number of shards is given.
 const BYTES_OF_SHARD: u64 = 1 << 30;
-/// Shards, if nobody says how many, and if somebody does.
+/// Maximum number of shards by default, and if a number is given.
 const MAX_DEFAULT: u64 = 4096;
 const MAX_SHARDS: u32 = 1 << 16;
 
-/// A job that was planned.
+/// Result of planning a job.
 #[derive(Debug)]
 pub struct Planned {
     /// The job.
     pub job: Job,
-    /// Whether the same plan was there already, and nothing was done.
+    /// Whether the same plan existed already, so that nothing was written.
     pub was_there: bool,
     /// Description of the tree: pairs of a heading and its text.
     pub description: Vec<(&'static str, String)>,
 }
 
-/// Plans a job in a folder, which is made if there is none: what is built of the inputs, and by which shards, of which there are about one for
-/// each gibibyte of input unless a number is given. No cell is read. The same plan may be made again, also if it was cut off.
+/// Plans a job in directory `folder`, which is created if it is missing: what is built from the
+/// inputs, and by which shards. The default is about one shard per gibibyte of input. No cells are
+/// read. The same plan may be repeated, also after an aborted call.
 ///
 /// # Errors
-/// If the inputs cannot be read or do not fit together, if they are to be built in a way that shards do not have, if the folder has
-/// another plan or something else, or if it cannot be written.
+/// If the inputs cannot be read or are incompatible, if the work is not supported in shards, if the
+/// directory has another plan or other files, or if it cannot be written.
 ///
-/// The files of the job and its inputs are opened with `access`, whatever the options of the specification have.
+/// The files of the job and its inputs are opened with `access`, which overrides the options of the
+/// specification.
 pub fn plan(
     spec: &JobSpec,
     folder: &Path,
@@ -50,7 +52,8 @@ pub fn plan(
     progress: &dyn Progress,
 ) -> Result<Planned> {
     check_folder(folder, shards)?;
-    // (What was looked at before the headers are read cannot be of a later state than these.)
+    // Files are stat'ed before their headers are read, so that the recorded version is not newer
+    // than the headers.
     let work = PlannedWork::of(spec)?;
     let name = |input: &PathBuf| {
         let path = absolute(input)?;
@@ -69,18 +72,20 @@ pub fn plan(
     write_plan((folder, access), (shards, bytes), &head, (inputs, told))
 }
 
-/// Layers whose cells only the caller has.
+/// Layers whose cells only the caller can provide.
 #[derive(Clone, Copy, Debug)]
 pub struct GivenLayers<'a> {
-    /// A text that differs where cells do, or what is told of them: shards are of one job only if it is the same for all.
+    /// Identifies the cells and the metadata: shards belong to the same job only if their tokens
+    /// are equal.
     pub token: &'a str,
-    /// The way in which segments are packed.
+    /// Compression of segments.
     pub packing: Packing,
     /// Bytes of all cells.
     pub bytes: u64,
 }
 
-/// Plans a job, as [`plan`] does, of layers that `write` makes; no cell is asked for. Shards are built by [`Job::build_given`].
+/// Plans a job, as [`plan`] does, for layers that `write` provides; no cells are requested.
+/// [`Job::build_given`] builds the shards.
 ///
 /// # Errors
 /// Those of `write`, and of [`plan`].
@@ -99,12 +104,12 @@ pub fn plan_given(
     write_plan((folder, access), (number_of(shards, bytes), bytes), &head, (Vec::new(), told))
 }
 
-/// Shards of so many bytes of input, if nobody says how many there are to be.
+/// Number of shards for this many bytes of input, if none is given.
 fn number_of(shards: Option<u32>, bytes: u64) -> u32 {
     shards.unwrap_or(bytes.div_ceil(BYTES_OF_SHARD).clamp(1, MAX_DEFAULT) as u32)
 }
 
-/// Bytes of the file that tells of the layers, and what is known when it is written.
+/// Bytes of the head file, and the result of the closure that writes it.
 fn head_of<T>(
     (folder, access): (&Path, &FileAccess),
     write: impl FnOnce(Output) -> Result<T>,
@@ -116,7 +121,7 @@ fn head_of<T>(
     Ok((bytes, told))
 }
 
-/// Cuts layers into shards, and puts the job into its folder.
+/// Cuts layers into shards, and writes the job to its directory.
 fn write_plan(
     (folder, access): (&Path, &FileAccess),
     (shards, bytes): (u32, u64),
@@ -135,7 +140,7 @@ fn write_plan(
     Ok(Planned { job: Job::open_with(folder, access)?, was_there, description })
 }
 
-/// Whether a folder has this plan, and no other one.
+/// Whether a directory has this plan. Fails if it has another one.
 fn is_planned(folder: &Path, text: &str, access: &FileAccess) -> Result<bool> {
     match access.read_whole(&plan_path(folder), MOST)? {
         None => Ok(false),
@@ -149,14 +154,15 @@ fn is_planned(folder: &Path, text: &str, access: &FileAccess) -> Result<bool> {
     }
 }
 
-/// Writes a job. Returns `false` if somebody else has planned the same meanwhile.
+/// Writes a job. Returns `false` if another process has planned the same job meanwhile.
 fn write_job((folder, access): (&Path, &FileAccess), head: &[u8], text: &str) -> Result<bool> {
     let shards = shards_path(folder);
     if url_of(folder).is_none() {
         fs::create_dir_all(&shards).map_err(Error::io(&shards, "make a folder"))?;
     }
     write_file(access.create(&head_path(folder))?, head)?;
-    // Last, since a job is what has a plan; and only if there is none, since somebody else may plan another one at the same time.
+    // The plan is written last, since it makes the directory a job, and only if there is none,
+    // since another process may plan a different job at the same time.
     let mut plan = access.create(&plan_path(folder))?;
     plan.keep_existing();
     match write_file(plan, text.as_bytes()) {
@@ -165,7 +171,7 @@ fn write_job((folder, access): (&Path, &FileAccess), head: &[u8], text: &str) ->
     }
 }
 
-/// Bytes of input spread over all cells of some layers.
+/// Distributes the bytes of input evenly over all cells of the layers.
 fn spread(bytes: u64, layers: &[Header]) -> Vec<Load> {
     let cells = |header: &Header| Bounds::picture(header.extent).volume();
     let all = layers.iter().fold(0u64, |sum, header| sum.saturating_add(cells(header))).max(1);
@@ -178,7 +184,8 @@ fn spread(bytes: u64, layers: &[Header]) -> Vec<Load> {
     layers.iter().enumerate().map(load).collect()
 }
 
-/// Makes sure that a folder has nothing but a job, whole or not, if there is one, and that there may be so many shards.
+/// Checks that a directory contains nothing but a complete or incomplete job, and that the number
+/// of shards is valid.
 fn check_folder(folder: &Path, shards: Option<u32>) -> Result<()> {
     if let Some(shards) = shards.filter(|shards| *shards == 0 || *shards > MAX_SHARDS) {
         return Err(Error::invalid("shards", shards.to_string(), format!("1 to {MAX_SHARDS}")));
@@ -187,7 +194,8 @@ fn check_folder(folder: &Path, shards: Option<u32>) -> Result<()> {
         return Err(Error::unsupported(folder, "a job on standard output", "a job is a folder: name one"));
     }
     if url_of(folder).is_some() {
-        // (In a bucket names do not come in each other's way; shards of another job are known by what is in them, and refused.)
+        // In a bucket, other objects do not interfere. Shards of another job are identified by
+        // their content and rejected.
         return Ok(());
     }
     let entries = match fs::read_dir(folder) {
@@ -218,7 +226,7 @@ fn write_file(mut output: Output, bytes: &[u8]) -> Result<()> {
     output.commit()
 }
 
-/// Bytes that are written to memory.
+/// In-memory output.
 #[derive(Clone, Default)]
 struct Kept(Arc<Mutex<Vec<u8>>>);
 

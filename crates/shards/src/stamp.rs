@@ -1,4 +1,4 @@
-//! Whether files are those that were there when a job was planned.
+//! Checks that files are unchanged since a job was planned.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -10,18 +10,18 @@ use spinney_base::{Error, Result};
 use crate::job::PlannedInput;
 use crate::work::Work;
 
-/// A file that a plan knows.
+/// File recorded in a plan.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct PlannedFile {
-    /// The file's name, from the root of the file system on, or its URL.
+    /// Absolute path, or URL.
     pub(crate) path: PathBuf,
-    /// Its bytes.
+    /// Length in bytes.
     pub(crate) bytes: u64,
-    /// The time of its last change, in nanoseconds since the beginning of 1970, if it is here.
+    /// Modification time of a local file, in nanoseconds since the beginning of 1970.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     modified: Option<i64>,
-    /// The tag of its state, if it is elsewhere.
+    /// Entity tag of a remote file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     tag: Option<String>,
 }
@@ -44,7 +44,7 @@ impl PlannedFile {
     }
 }
 
-/// A path from the root of the file system on, or a URL, so that it means the same to whoever works in another folder.
+/// Absolute path or URL, valid for processes with another working directory.
 ///
 /// # Errors
 /// If it is standard input.
@@ -63,28 +63,29 @@ pub(crate) fn absolute(path: &Path) -> Result<PathBuf> {
     std::path::absolute(path).map_err(Error::io(path, "look at"))
 }
 
-/// The files of each input that are there, each once.
+/// Stats the files of each input that exist, without duplicates.
 ///
 /// # Errors
-/// If one cannot be looked at.
+/// If a file cannot be stat'ed.
 pub(crate) fn look(files: Vec<Vec<PathBuf>>, access: &FileAccess) -> Result<Vec<Vec<PlannedFile>>> {
     let once: Vec<Vec<&Path>> = files.iter().map(|files| once(files)).collect();
-    // (Those of all inputs together, since files elsewhere are asked for all at once.)
+    // The files of all inputs go into one call, which batches the remote requests.
     let mut states = access.stat_companions(&once.concat())?.into_iter();
     let mut planned = |path: &&Path| Some(PlannedFile::of(path, states.next().flatten()?));
     Ok(once.iter().map(|paths| paths.iter().filter_map(&mut planned).collect()).collect())
 }
 
-/// Paths, each once. (A source's path is relative to the file that names it, which is absolute.)
+/// Paths without duplicates. (A source's path is relative to the file that names it, which is
+/// absolute.)
 fn once(files: &[PathBuf]) -> Vec<&Path> {
     let mut known = HashSet::new();
     files.iter().filter(|path| known.insert(*path)).map(|path| &**path).collect()
 }
 
-/// Makes sure that the files that reading inputs looks at are those of a plan, and no others.
+/// Checks that reading the inputs involves exactly the planned files, unchanged.
 ///
 /// # Errors
-/// If a file has changed, has gone or has come.
+/// If a file has changed, is missing or is new.
 pub(crate) fn check(inputs: &[&PlannedInput], work: &dyn Work, access: &FileAccess) -> Result<()> {
     let differs = |path: &Path, found: Option<PlannedFile>, expected: String| Error::PlanMismatch {
         path: path.to_path_buf(),
@@ -92,7 +93,7 @@ pub(crate) fn check(inputs: &[&PlannedInput], work: &dyn Work, access: &FileAcce
         expected,
         advice: "a shard is made of the planned files alone: put this one back as it was, with its time, or plan another job",
     };
-    // (Before the files are read to know what else belongs to them.)
+    // Known files are checked first, before they are read to find further files.
     let files: Vec<&PlannedFile> = inputs.iter().flat_map(|input| &input.files).collect();
     let paths: Vec<&Path> = files.iter().map(|file| &*file.path).collect();
     for (file, state) in files.iter().zip(access.stat(&paths)?) {

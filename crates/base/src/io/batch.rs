@@ -12,7 +12,7 @@
 //! - have effects outside of it, such as output or progress, unless they can be repeated;
 //! - keep the result of an incomplete pass, or treat [`Error::NotFetched`] as missing data. Return
 //!   the error, or use [`defer_missing`] and [`finish_deferred`];
-//! - read files on threads that it starts itself. Threads of [`parallel`](crate::parallel) and of
+//! - read files on threads that it starts itself. Threads of [`parallel`] and of
 //!   [`map`] belong to the batch; each read of another thread waits for its bytes;
 //! - open a file in each pass. Open it with [`outside_batch`] and keep it open.
 //!

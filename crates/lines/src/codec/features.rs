@@ -6,14 +6,15 @@ use super::numbers::{Reader, write, write_near};
 use crate::attribute::LineValue;
 use crate::source::LineFeature;
 
-/// Features of a block at most.
+/// Maximum number of features in a block.
 pub(crate) const MAX_FEATURES: usize = 1 << 12;
-/// Vertices of a block at most; those of a feature are in one block.
+/// Maximum number of vertices in a block. A feature is never split between blocks.
 pub(crate) const MAX_VERTICES: usize = 1 << 24;
-/// Bytes of all texts of a feature at most, and of those of an attribute in a block.
+/// Maximum total bytes of a feature's strings, and of the distinct strings of an attribute in a
+/// block.
 pub(crate) const MAX_TEXT: usize = 1 << 24;
 
-/// Bytes of the texts of a feature.
+/// Total bytes of a feature's strings.
 pub(crate) fn text_bytes(feature: &LineFeature) -> usize {
     let text = |value: &LineValue| match value {
         LineValue::Text(text) | LineValue::Json(text) => text.len(),
@@ -22,13 +23,13 @@ pub(crate) fn text_bytes(feature: &LineFeature) -> usize {
     feature.values.iter().map(text).sum()
 }
 
-/// About the bytes of memory that a feature takes.
+/// Approximate bytes of memory of a feature.
 pub(crate) fn weight(feature: &LineFeature) -> usize {
     let vertices: usize = feature.lines.iter().map(|line| 8 * line.len() + 24).sum();
     vertices + 32 * feature.values.len() + text_bytes(feature)
 }
 
-/// Marks of values.
+/// Type tags of values.
 const NONE: i64 = 0;
 const INTEGER: i64 = 1;
 const NUMBER: i64 = 2;
@@ -37,7 +38,7 @@ const FALSE: i64 = 4;
 const TRUE: i64 = 5;
 const JSON: i64 = 6;
 
-/// The bytes of features, each with a value for each of so many attributes.
+/// Encodes features, each with a value for each of `attributes` attributes.
 pub(crate) fn encode_features(features: &[LineFeature], attributes: usize) -> Vec<u8> {
     let mut bytes = Vec::new();
     let lines = features.iter().map(|feature| feature.lines.len() as i64).collect::<Vec<_>>();
@@ -45,7 +46,8 @@ pub(crate) fn encode_features(features: &[LineFeature], attributes: usize) -> Ve
     let vertices = all().map(|line| line.len() as i64).collect::<Vec<_>>();
     write(&lines, &[], &mut bytes);
     write(&vertices, &[], &mut bytes);
-    // (Each line begins near the one before; the first vertex of a line is in a context of its own.)
+    // A line often begins near the end of the previous one. The first vertex of each line has a
+    // context of its own.
     let contexts: Vec<u8> =
         all().flat_map(|line| (0..line.len()).map(|place| u8::from(place == 0))).collect();
     for axis in 0..2 {
@@ -113,7 +115,7 @@ fn write_values(values: &[&LineValue], bytes: &mut Vec<u8>) {
     write(&letters, &[], bytes);
 }
 
-/// Reads so many features with so many attributes; `None` if it is not what somebody wrote.
+/// Decodes `count` features with `attributes` attributes; `None` if the bytes are invalid.
 pub(crate) fn decode_features(bytes: &[u8], count: usize, attributes: usize) -> Option<Vec<LineFeature>> {
     if count > MAX_FEATURES {
         return None;

@@ -1,4 +1,4 @@
-//! Blocks of bytes: of pieces of lines, and of features.
+//! Encoding of blocks of line segments, and of features.
 
 mod features;
 mod numbers;

@@ -1,14 +1,14 @@
-//! Columns of numbers: by tokens where there are many, byte by byte where there are few.
+//! Columns of numbers: tokens for long columns, variable-length bytes for short ones.
 
 use spinney_packing::{pack_numbers, unpack_numbers};
 
-/// Marks of columns.
+/// Encodings of columns.
 const BY_TOKENS: u8 = 0;
 const BY_BYTES: u8 = 1;
-/// Mark, beside these, of a column in which each number stands for the difference from the one before.
+/// Flag of a column whose numbers are differences from the previous number.
 const DIFFERENCES: u8 = 2;
 
-/// So many numbers are not tried byte by byte.
+/// Columns of at least this length always use tokens.
 const MANY: usize = 256;
 
 fn fold(number: i64) -> u64 {
@@ -19,12 +19,13 @@ fn unfold(number: u64) -> i64 {
     (number >> 1) as i64 ^ -((number & 1) as i64)
 }
 
-/// Writes numbers, in the form with the fewest bytes; each has a context, or all are in one.
+/// Writes numbers in the shorter encoding. Each number has a context; if `contexts` is empty, all
+/// share one.
 pub(super) fn write(numbers: &[i64], contexts: &[u8], bytes: &mut Vec<u8>) {
     write_as(numbers, contexts, 0, bytes);
 }
 
-/// Writes numbers, or their differences where these are smaller.
+/// Writes numbers, or their differences if these are smaller.
 pub(super) fn write_near(numbers: &[i64], bytes: &mut Vec<u8>) {
     let bits = |number: i64| u64::from(u64::BITS - fold(number).leading_zeros());
     let differences: Vec<i64> = std::iter::once(0)
@@ -64,7 +65,7 @@ fn write_as(numbers: &[i64], contexts: &[u8], mark: u8, bytes: &mut Vec<u8>) {
     }
 }
 
-/// Reads columns one after the other.
+/// Reads consecutive columns.
 pub(super) struct Reader<'b> {
     rest: &'b [u8],
 }
@@ -74,7 +75,8 @@ impl<'b> Reader<'b> {
         Reader { rest: bytes }
     }
 
-    /// So many numbers, in the contexts in which they were written; `None` if nobody wrote them. Who asks bounds how many.
+    /// Reads `count` numbers with the contexts they were written with; `None` if the bytes are
+    /// invalid. The caller must bound `count`.
     pub(super) fn numbers(&mut self, count: usize, contexts: &[u8]) -> Option<Vec<i64>> {
         if count == 0 {
             return Some(Vec::new());
@@ -114,7 +116,7 @@ impl<'b> Reader<'b> {
         None
     }
 
-    /// Whether all was read.
+    /// Whether all bytes were read.
     pub(super) fn is_whole(&self) -> bool {
         self.rest.is_empty()
     }

@@ -1,28 +1,29 @@
-//! Blocks of pieces of lines.
+//! Blocks of line segments.
 
 use super::numbers::{Reader, write};
 use crate::geometry::Segment;
 use spinney_base::sort;
 
-/// Pieces of a block at most.
+/// Maximum number of segments in a block.
 pub(crate) const MAX_SEGMENTS: usize = 1 << 16;
 
-/// A piece of a line.
+/// Line segment between two consecutive vertices of a feature's line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Piece {
     pub ends: Segment,
     /// Number of its feature.
     pub feature: u64,
-    /// The place of its first vertex among all of its feature.
+    /// Index of its first vertex among all vertices of the feature.
     pub place: u32,
-    /// From this level on, down to its node's, it is the first of its feature in the nodes that it is in.
+    /// Minimum level at which the segment is the first one of its feature in its ancestor node, in
+    /// the order of codes. Counting these per node gives the number of distinct features.
     pub first: u8,
 }
 
-/// Context of a place that the piece before leads to.
+/// Context of coordinates of a segment that continues the previous one.
 const GOES_ON: u8 = 1;
 
-/// The bytes of pieces, which are put in the order of their features: seven columns.
+/// Encodes segments in seven columns, after sorting them by feature and vertex.
 pub(crate) fn encode_segments(pieces: &mut [Piece]) -> Vec<u8> {
     sort::by_wide_key(pieces, |piece| u128::from(piece.feature) << 32 | u128::from(piece.place));
     let mut columns: [Vec<i64>; 7] = std::array::from_fn(|_| Vec::with_capacity(pieces.len()));
@@ -50,7 +51,7 @@ pub(crate) fn encode_segments(pieces: &mut [Piece]) -> Vec<u8> {
     bytes
 }
 
-/// Reads so many pieces; `None` if it is not what somebody wrote.
+/// Decodes `count` segments; `None` if the bytes are invalid.
 pub(crate) fn decode_segments(bytes: &[u8], count: usize) -> Option<Vec<Piece>> {
     if count > MAX_SEGMENTS {
         return None;

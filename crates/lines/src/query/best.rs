@@ -1,13 +1,14 @@
-//! The nearest pieces so far, one of each feature.
+//! Bounded set of the nearest segments so far, one per feature.
 
 use std::collections::{BTreeSet, HashMap};
 
 use crate::codec::Piece;
 
-/// So many features are kept in one list.
+/// Maximum number of features that are stored in a sorted list.
 const FEW: usize = 16;
 
-/// The nearest piece of each of the best features so far: by the square of its distance, of those that are equally far by feature.
+/// Nearest segment of each of the nearest features so far, sorted by squared distance, then by
+/// feature.
 pub(super) struct Best {
     most: usize,
     limit: f64,
@@ -15,17 +16,17 @@ pub(super) struct Best {
 }
 
 enum Found {
-    /// In order.
+    /// Sorted.
     Few(Vec<(f64, Piece)>),
     Many {
         pieces: HashMap<u64, (f64, Piece)>,
-        /// Squares, as bits, which are in the same order, and features.
+        /// Bits of the squared distances, which sort like the numbers, and features.
         order: BTreeSet<(u64, u64)>,
     },
 }
 
 impl Best {
-    /// The pieces of at most so many features, the squares of whose distances are no more than the limit.
+    /// Creates the set for at most `most` features, whose squared distances are at most `limit`.
     pub(super) fn new(most: usize, limit: f64) -> Best {
         let found = match most <= FEW {
             true => Found::Few(Vec::with_capacity(most)),
@@ -34,13 +35,13 @@ impl Best {
         Best { most, limit, found }
     }
 
-    /// The square of the distance that better pieces have at most.
+    /// Maximum squared distance of segments that can still enter the set.
     #[inline]
     pub(super) fn limit(&self) -> f64 {
         self.limit
     }
 
-    /// Keeps a piece if it is one of the best.
+    /// Adds a segment if it is among the nearest.
     #[inline]
     pub(super) fn look(&mut self, square: f64, piece: &Piece) {
         if square <= self.limit {
@@ -48,13 +49,13 @@ impl Best {
         }
     }
 
-    /// Keeps those of equal pieces, which are by feature and place, that are among the best.
+    /// Adds those of equal segments, sorted by feature and vertex, that are among the nearest.
     #[inline]
     pub(super) fn look_at_equal(&mut self, square: f64, equal: &[Piece]) {
         let mut features = 0;
         let mut before = None;
         for piece in equal {
-            // (Those of features behind these are no better, nor are later ones of the same feature.)
+            // Only the first segment of each of the first `most` features can enter the set.
             features += usize::from(before != Some(piece.feature));
             if features > self.most {
                 break;
@@ -104,7 +105,7 @@ impl Best {
         self.limit = farthest.map_or(self.limit, |farthest| self.limit.min(farthest));
     }
 
-    /// The pieces, the nearest first.
+    /// Segments in the set, nearest first.
     pub(super) fn finish(self) -> Vec<(f64, Piece)> {
         match self.found {
             Found::Few(found) => found,

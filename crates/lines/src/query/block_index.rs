@@ -1,4 +1,4 @@
-//! Pieces of a block, put so that those near a place or in a box are found fast.
+//! In-memory index of a block's segments, for nearest and box queries.
 
 use std::ops::Range;
 
@@ -8,23 +8,26 @@ use crate::geometry::{Place, bounds_of, boxes_meet, ends, fixed_box, square_dist
 use crate::grid::LineGrid;
 use spinney_base::sort;
 
-/// Pieces that differ, or boxes, that a box is around.
+/// Fan-out: runs of equal segments, or boxes, per box.
 const TOGETHER: usize = 8;
 
 type Bounds = [[i32; 2]; 2];
 
-/// A tree of boxes without pointers: pieces in the order of the codes of their middles, a box around each few of them, one around each few of these, and so on. Equal
-/// pieces are one to it, so that no question takes longer for them.
+/// Packed tree of bounding boxes without pointers. Segments are sorted by the codes of their
+/// midpoints; each box bounds a few consecutive segments, or a few boxes of the level below. Equal
+/// segments are indexed once, so duplicates do not slow down queries.
 pub(super) struct BlockIndex {
     pieces: Vec<Piece>,
-    /// Where each run of equal pieces begins, which are by feature and place, and behind the last the number of all.
+    /// Start of each run of equal segments, which are sorted by feature and vertex. The last
+    /// element is the number of segments.
     runs: Vec<u32>,
-    /// Boxes around pieces first, then those around boxes; the last level has few. Box `i` of the first level is around the runs from `8 i` on, of another one around the boxes
-    /// from `8 i` on of the level before.
+    /// Levels of boxes, from the segments up; the last level has at most `TOGETHER` boxes. Box `i`
+    /// bounds the eight runs from `8 i` on in the first level, and the eight boxes from `8 i` on of
+    /// the level below in others.
     levels: Vec<Vec<Bounds>>,
 }
 
-/// A number that is the same for equal pieces, and hardly ever for others.
+/// Hash of a segment's ends, so that sorting groups equal segments.
 fn mixed(piece: &Piece) -> u64 {
     piece.ends.iter().flatten().fold(0, |mixed: u64, step| {
         (mixed.rotate_left(5) ^ u64::from(*step as u32)).wrapping_mul(0x9E37_79B9_7F4A_7C15)
@@ -39,7 +42,7 @@ fn around(boxes: impl Iterator<Item = Bounds>) -> Bounds {
 }
 
 impl BlockIndex {
-    /// Puts pieces, which come by feature and place, in order.
+    /// Builds the index of segments that are sorted by feature and vertex.
     pub(super) fn new(grid: &LineGrid, mut pieces: Vec<Piece>) -> BlockIndex {
         let middle = |piece: &Piece| {
             let [a, b] = piece.ends;
@@ -64,13 +67,13 @@ impl BlockIndex {
         BlockIndex { pieces, runs, levels }
     }
 
-    /// Bytes of memory that it takes, about.
+    /// Approximate bytes of memory.
     pub(super) fn bytes(&self) -> u64 {
         let boxes: usize = self.levels.iter().map(Vec::len).sum();
         (size_of_val(&self.pieces[..]) + size_of_val(&self.runs[..]) + boxes * size_of::<Bounds>()) as u64
     }
 
-    /// Shows pieces to those that are best, unless all in a box around them are too far away.
+    /// Offers segments to `best`, skipping boxes that are too distant.
     pub(super) fn search(&self, from: Place, best: &mut Best) {
         let top = self.levels.len() - 1;
         self.search_level(top, 0..self.levels[top].len(), from, best);
@@ -95,12 +98,12 @@ impl BlockIndex {
         }
     }
 
-    /// Equal pieces.
+    /// Segments of a run, which are equal.
     fn run(&self, run: usize) -> &[Piece] {
         &self.pieces[self.runs[run] as usize..self.runs[run + 1] as usize]
     }
 
-    /// Hands out the pieces whose boxes meet a box.
+    /// Calls `each` for the segments whose bounding boxes intersect a box.
     pub(super) fn each_in(&self, wanted: [Place; 2], each: &mut dyn FnMut(&Piece)) {
         let top = self.levels.len() - 1;
         self.each_level(top, 0..self.levels[top].len(), wanted, each);
@@ -131,7 +134,7 @@ impl BlockIndex {
     }
 }
 
-/// Contents of a box, of so many.
+/// Indices of a box's contents in the level below, which has `count` elements.
 fn below(index: usize, count: usize) -> Range<usize> {
     index * TOGETHER..((index + 1) * TOGETHER).min(count)
 }

@@ -1,4 +1,4 @@
-//! Lines that cross others.
+//! Intersections of a tree's lines with other lines.
 
 use super::block_index::BlockIndex;
 use super::select::check_numbers;
@@ -6,22 +6,22 @@ use crate::geometry::{FRACTION, Place, box_of, ends, fixed_box, meet, meeting, m
 use crate::store::LineTree;
 use spinney_base::{Error, Progress, Result, parallel, sort};
 
-/// A piece of a line that crosses a piece of another one, or touches it.
+/// Intersection of a line segment of the tree with a segment of another line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LineCrossing {
-    /// Number of its feature.
+    /// Number of the feature.
     pub feature: u64,
-    /// The place of its first vertex among all of its feature.
+    /// Index of the segment's first vertex among all vertices of the feature.
     pub vertex: u32,
-    /// Which of the other lines it meets.
+    /// Index of the other line.
     pub line: usize,
-    /// Which piece of that one.
+    /// Index of the segment in the other line.
     pub piece: usize,
-    /// Where, in the world; of pieces that lie on each other one such place.
+    /// Intersection point in the world; for collinear segments, one point of the overlap.
     pub place: [f64; 2],
 }
 
-/// A piece of the tree, a piece of other lines, and where they meet.
+/// Segment of the tree, segment of other lines, and their intersection point.
 struct Meeting {
     feature: u64,
     vertex: u32,
@@ -30,15 +30,18 @@ struct Meeting {
 }
 
 impl LineTree {
-    /// All pieces of lines that cross or touch other lines: by these and their pieces, then by feature and vertex. The vertices of the others are taken to the nearest
-    /// 2^-16 of a step of the grid; what meets what is exact from there on. A line of a single vertex meets nothing.
+    /// Finds all segments that cross or touch other lines, sorted by the index of the other line,
+    /// its segment, feature and vertex. Vertices of the other lines are rounded to 2^-16 of a grid
+    /// unit; intersection tests are exact from there on. A line with a single vertex intersects
+    /// nothing.
     ///
     /// # Errors
-    /// If a coordinate is no number, there are 2^32 pieces or more of other lines, the file is damaged or cannot be read.
+    /// If a coordinate is NaN, the other lines have 2^32 or more segments, the file is corrupt or
+    /// cannot be read.
     pub fn crossings(&self, lines: &[Vec<[f64; 2]>], progress: &dyn Progress) -> Result<Vec<LineCrossing>> {
         let grid = self.grid();
         let mut pieces: Vec<[Place; 2]> = Vec::new();
-        // The number of each line's first piece.
+        // Index of each line's first segment.
         let mut firsts: Vec<u32> = Vec::with_capacity(lines.len());
         for line in lines {
             check_numbers("line", line)?;
@@ -69,7 +72,7 @@ impl LineTree {
         Ok(found.into_iter().map(crossing).collect())
     }
 
-    /// Blocks whose bounds pieces meet, each with the numbers of these.
+    /// Blocks whose bounds intersect segments, each with the indices of these segments.
     fn blocks_near(&self, pieces: &[[Place; 2]], progress: &dyn Progress) -> Result<Vec<(usize, Vec<u32>)>> {
         let mut chosen = Vec::new();
         let all: Vec<u32> = (0..pieces.len() as u32).collect();
@@ -96,7 +99,7 @@ impl LineTree {
         Ok(chosen)
     }
 
-    /// Where the pieces of a block meet those that are wanted.
+    /// Intersections of a block's segments with the segments in `wanted`.
     fn meetings(&self, block: usize, wanted: &[u32], pieces: &[[Place; 2]]) -> Result<Vec<Meeting>> {
         let index = BlockIndex::new(self.grid(), self.block(block)?);
         let mut found = Vec::new();

@@ -1,4 +1,4 @@
-//! Questions about trees of lines.
+//! Queries of trees of lines.
 
 mod best;
 mod block_index;

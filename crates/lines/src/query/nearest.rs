@@ -1,4 +1,4 @@
-//! The lines nearest to places.
+//! Nearest-line queries.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -11,37 +11,37 @@ use crate::store::LineTree;
 use spinney_base::space::Code;
 use spinney_base::{Error, Progress, Result, parallel, sort};
 
-/// A line near a place.
+/// Line near a query point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NearLine {
-    /// Number of its feature.
+    /// Number of the feature.
     pub feature: u64,
-    /// The place, among all vertices of the feature, of the first one of the nearest piece.
+    /// Index of the nearest segment's first vertex among all vertices of the feature.
     pub vertex: u32,
-    /// How far away it is.
+    /// Distance in the world.
     pub distance: f64,
-    /// The place on it that is nearest.
+    /// Nearest point on the line.
     pub place: [f64; 2],
 }
 
-/// A node, as a search knows it.
+/// Node in memory, for searches.
 struct NearNode {
-    /// The node behind all below it, in preorder.
+    /// End (exclusive) of the subtree in preorder.
     end: u32,
-    /// The blocks of its own pieces.
+    /// Range of the blocks with its own segments.
     blocks: (u32, u32),
-    /// Least and greatest corner of all pieces in it and below.
+    /// Minimum and maximum corner of all segments in its subtree.
     corners: [[i32; 2]; 2],
 }
 
-/// Indexes of blocks that are kept for further questions.
+/// Cache of block indexes for further queries.
 #[derive(Default)]
 struct Kept {
     blocks: HashMap<u32, Arc<BlockIndex>>,
     bytes: u64,
 }
 
-/// Looks for the lines nearest to places, and keeps what was unpacked for further questions.
+/// Nearest-line search that caches decoded blocks between queries.
 pub struct NearestLines<'t> {
     tree: &'t LineTree,
     nodes: Vec<NearNode>,
@@ -50,15 +50,15 @@ pub struct NearestLines<'t> {
     kept: Mutex<Kept>,
 }
 
-/// Questions that are answered by one thread, one after the other.
+/// Query points per task; a task processes its points sequentially.
 const TOGETHER: usize = 1024;
-/// Questions after which somebody may have interrupted, as some take long.
+/// Query points between checks for cancellation, since some take long.
 const CHECKED: usize = 32;
-/// Bytes of memory for blocks that are kept, if nothing else is said.
+/// Default size of the block cache in bytes.
 const MEMORY: u64 = 256 << 20;
 
 impl LineTree {
-    /// Finds the lines nearest to each of some places, as [`NearestLines::find`] does.
+    /// Finds the lines nearest to each of several points, as [`NearestLines::find`] does.
     ///
     /// # Errors
     /// Those of [`NearestLines::new`] and [`NearestLines::find`].
@@ -74,10 +74,10 @@ impl LineTree {
 }
 
 impl<'t> NearestLines<'t> {
-    /// Prepares for questions, of whose blocks about `memory` bytes are kept.
+    /// Prepares searches with a block cache of about `memory` bytes.
     ///
     /// # Errors
-    /// If the file is damaged.
+    /// If the file is corrupt.
     pub fn new(tree: &'t LineTree, memory: u64) -> Result<NearestLines<'t>> {
         let (nodes, blocks, _) = tree.counts();
         let mut near: Vec<NearNode> = Vec::with_capacity(nodes);
@@ -97,14 +97,18 @@ impl<'t> NearestLines<'t> {
         Ok(NearestLines { tree, nodes: near, block_corners, most_bytes: memory, kept })
     }
 
-    /// Finds the lines nearest to each of some places: of at most `most` features, each no farther than `within`; the nearest first, of those that are equally far
-    /// the one whose feature comes first.
+    /// Finds the lines nearest to each of several points: at most `most` features, none farther
+    /// than `within`, nearest first. On equal distances, the feature with the lower number comes
+    /// first.
     ///
-    /// Places are taken to the nearest 2^-16 of a step of the grid. Whether a vertex or a place between is nearest is decided exactly, and lines that meet in the nearest vertex
-    /// are equally far; otherwise squares of distances are doubles. Places are gone through in the order of their codes, so that each block is unpacked about once.
+    /// Points are rounded to 2^-16 of a grid unit. Whether a vertex or an interior point of a
+    /// segment is nearest is decided exactly, and lines that share the nearest vertex have equal
+    /// distances; otherwise squared distances are doubles. Points are processed in the order of
+    /// their codes, so that each block is decoded about once.
     ///
     /// # Errors
-    /// If a coordinate is no number or very far away from the lines, the file is damaged or cannot be read.
+    /// If a coordinate is not finite or too distant from the lines, the file is corrupt or cannot
+    /// be read.
     pub fn find(
         &self,
         places: &[[f64; 2]],
@@ -140,7 +144,7 @@ impl<'t> NearestLines<'t> {
         Ok(found)
     }
 
-    /// The numbers of places in the order of the codes nearest to them.
+    /// Indices of points, sorted by the codes of their cells, clamped to the root.
     fn order(&self, places: &[[f64; 2]]) -> Vec<u32> {
         let grid = self.tree.grid();
         let far = (1i64 << grid.bits) - 1;
@@ -159,7 +163,8 @@ impl<'t> NearestLines<'t> {
         order.into_iter().map(|key| key as u32).collect()
     }
 
-    /// Answers questions that are near each other: what was found for one is where the search for the next begins.
+    /// Processes query points that are near each other. The result for one point is the initial set
+    /// for the next.
     fn answer(
         &self,
         part: &[u32],
@@ -167,7 +172,7 @@ impl<'t> NearestLines<'t> {
         (most, limit): (usize, f64),
         progress: &dyn Progress,
     ) -> Result<Vec<Vec<NearLine>>> {
-        // (What this thread has at hand needs no lock.)
+        // Block indexes that this thread already has need no lock.
         let mut at_hand = HashMap::new();
         let mut before: Vec<(f64, Piece)> = Vec::new();
         let grid = self.tree.grid();
@@ -196,7 +201,8 @@ impl<'t> NearestLines<'t> {
         Ok(answers)
     }
 
-    /// Looks for better pieces in a node: below it first, the nearest child first, since the finest levels have the most pieces.
+    /// Searches a node: its children first, nearest first, since the deepest levels have the most
+    /// segments.
     fn look(
         &self,
         index: usize,
@@ -210,7 +216,8 @@ impl<'t> NearestLines<'t> {
         let mut count = 0;
         let mut child = index + 1;
         while child < node.end as usize {
-            // (A hostile list may have nodes whose parents are missing: no more are looked at than there can be children.)
+            // In an untrusted file, nodes may lack parents, so that a node seems to have more than
+            // four children. The excess is ignored.
             let Some(place) = children.get_mut(count) else { break };
             *place = (square(self.nodes[child].corners), child);
             count += 1;
@@ -238,7 +245,7 @@ impl<'t> NearestLines<'t> {
         Ok(())
     }
 
-    /// The index of a block.
+    /// Index of a block, cached.
     fn block(&self, block: u32) -> Result<Arc<BlockIndex>> {
         let kept = || self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(index) = kept().blocks.get(&block) {
@@ -247,7 +254,8 @@ impl<'t> NearestLines<'t> {
         let index = Arc::new(BlockIndex::new(self.tree.grid(), self.tree.block(block as usize)?));
         let mut kept = kept();
         if kept.bytes + index.bytes() > self.most_bytes {
-            // (Places come in order: what was kept for those before is mostly not needed again.)
+            // Points come in the order of codes, so blocks cached for earlier ones are seldom
+            // needed again.
             kept.blocks.clear();
             kept.bytes = 0;
         }
@@ -257,7 +265,7 @@ impl<'t> NearestLines<'t> {
     }
 }
 
-/// The place of a line that is nearest to another place.
+/// Point of a line segment that is nearest to another point.
 fn nearest_place([a, b]: [Place; 2], from: Place) -> [f64; 2] {
     let along = [0, 1].map(|axis| (b[axis] - a[axis]) as f64);
     let to = [0, 1].map(|axis| (from[axis] - a[axis]) as f64);

@@ -1,4 +1,4 @@
-//! Lines that pass through a window; counts and lengths.
+//! Window queries; counts and lengths.
 
 use std::collections::BTreeSet;
 
@@ -12,13 +12,13 @@ use spinney_base::{Error, Progress, Result, parallel};
 pub struct LevelTotals {
     /// Number of nodes.
     pub nodes: u64,
-    /// Pieces of lines that they themselves have, and their length.
+    /// Number of segments in the nodes themselves, without descendants.
     pub segments: u64,
-    /// Length of these.
+    /// Total length of these segments.
     pub length: f64,
-    /// Pieces in a node and those below, at most.
+    /// Maximum number of segments in a node's subtree.
     pub most_segments: u64,
-    /// Features that have lines in a node and those below, at most.
+    /// Maximum number of features in a node's subtree.
     pub most_features: u64,
 }
 
@@ -30,11 +30,12 @@ pub(super) fn check_numbers(what: &str, places: &[[f64; 2]]) -> Result<()> {
 }
 
 impl LineTree {
-    /// Numbers of the features of which a line passes through a window, its border included; they ascend. The window's corners are taken to the nearest 2^-16 of
-    /// a step of the grid; from there on all is exact.
+    /// Returns the numbers of the features with a line that intersects a window, including its
+    /// border, in ascending order. The window's corners are rounded to 2^-16 of a grid unit; tests
+    /// are exact from there on.
     ///
     /// # Errors
-    /// If a coordinate is no number, the file is damaged or cannot be read.
+    /// If a coordinate is NaN, the file is corrupt or cannot be read.
     pub fn window(&self, [least, most]: [[f64; 2]; 2], progress: &dyn Progress) -> Result<Vec<u64>> {
         check_numbers("window", &[least, most])?;
         let window = [self.grid().fixed(least), self.grid().fixed(most)];
@@ -61,7 +62,7 @@ impl LineTree {
         Ok(found.into_iter().collect())
     }
 
-    /// Hands out the pieces of all blocks whose bounds are asked for.
+    /// Calls `each` with the segments of all blocks whose bounds satisfy `is_wanted`.
     fn each_block(
         &self,
         is_wanted: &dyn Fn([Place; 2]) -> bool,
@@ -87,21 +88,21 @@ impl LineTree {
         Ok(())
     }
 
-    /// Length of all lines, as the root says; nothing of lines is read.
+    /// Returns the total length of all lines, as stored in the root. Reads no lines.
     ///
     /// # Errors
-    /// If the file is damaged.
+    /// If the file is corrupt.
     pub fn length(&self) -> Result<f64> {
         Ok(self.root()?.map_or(0.0, |root| root.length))
     }
 
-    /// Totals of the nodes of each level, from the root down; nothing of lines is read.
+    /// Returns totals of the nodes of each level, from the root down. Reads no lines.
     ///
     /// # Errors
-    /// If the file is damaged.
+    /// If the file is corrupt.
     pub fn levels(&self) -> Result<Vec<LevelTotals>> {
         let mut levels: Vec<LevelTotals> = Vec::new();
-        // Nodes above the one that is looked at.
+        // Ancestors of the current node.
         let mut above: Vec<LineNode> = Vec::new();
         for index in 0..self.counts().0 {
             let node = self.node(index)?;
@@ -117,7 +118,7 @@ impl LineTree {
             own.most_features = own.most_features.max(node.features);
             while above.pop_if(|above| !above.code.contains(node.code)).is_some() {}
             if let Some(parent) = above.last() {
-                // (What is below is told by the node above as well.)
+                // Counts of a node include its descendants.
                 let parent = &mut levels[usize::from(parent.code.level())];
                 parent.segments = parent.segments.wrapping_sub(node.segments);
                 parent.length -= node.length;

@@ -1,4 +1,4 @@
-//! Files of trees of lines: content 4 of a Goblin file.
+//! Files with trees of lines: content 4 of a Goblin file.
 
 mod reader;
 mod summary;

@@ -1,4 +1,4 @@
-//! Reads files of trees of lines.
+//! Reader of files with trees of lines.
 
 use std::path::Path;
 
@@ -14,7 +14,7 @@ use spinney_base::space::{Code, Dimension};
 use spinney_container::{BlockFile, BlockLocation, Content, List, Metadata, OpenOptions};
 use spinney_crs::{Coordinates, WorldLocator};
 
-/// A tree of lines in a file.
+/// Tree of lines in a file.
 pub struct LineTree {
     file: BlockFile,
     summary: Summary,
@@ -25,7 +25,7 @@ pub struct LineTree {
     features: List,
 }
 
-/// Whether a file is a tree of lines, whatever its name.
+/// Returns whether a file is a tree of lines, regardless of its name.
 ///
 /// # Errors
 /// If the file system or the host of the file fails.
@@ -33,13 +33,13 @@ pub fn is_line_file(path: &Path, access: &FileAccess) -> Result<bool> {
     BlockFile::has_content(path, Content::Lines, access)
 }
 
-/// A node of a tree of lines.
+/// Node of a tree of lines.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LineNode {
-    /// Its place in the list.
+    /// Index in the list of nodes.
     pub index: usize,
     pub code: Code,
-    /// Number of pieces in it and below, and of features that these are of.
+    /// Number of segments in its subtree, and number of their features.
     pub segments: u64,
     pub features: u64,
     pub length: f64,
@@ -50,12 +50,12 @@ impl LineTree {
     /// Opens a file.
     ///
     /// # Errors
-    /// If it cannot be read, is no tree of lines, or is damaged.
+    /// If it cannot be read, is not a tree of lines, or is corrupt.
     pub fn open(path: &Path, options: &OpenOptions) -> Result<LineTree> {
         LineTree::from_backend(path, options.open(path)?, options)
     }
 
-    /// Opens a file that is in memory.
+    /// Opens a file in memory.
     ///
     /// # Errors
     /// Those of [`LineTree::open`].
@@ -63,7 +63,7 @@ impl LineTree {
         LineTree::from_backend(Path::new("(memory)"), Box::new(bytes), &OpenOptions::default())
     }
 
-    /// Opens whatever a backend reads; `path` is for messages.
+    /// Opens a file through a backend; `path` is for messages.
     ///
     /// # Errors
     /// Those of [`LineTree::open`].
@@ -89,7 +89,7 @@ impl LineTree {
         Ok(tree)
     }
 
-    /// Checks that the blocks of features have all of them, in order.
+    /// Checks that the blocks of features cover all features, in order.
     fn check_feature_numbers(&self) -> Result<()> {
         let mut next = 0u64;
         for index in 0..self.features.len() {
@@ -107,66 +107,67 @@ impl LineTree {
         Ok(())
     }
 
-    /// Path of the file.
+    /// Returns the path of the file.
     pub fn path(&self) -> &Path {
         self.file.path()
     }
 
-    /// Coordinate system, provenance and tags.
+    /// Returns the coordinate system, provenance and tags.
     pub fn metadata(&self) -> &Metadata {
         self.file.metadata()
     }
 
-    /// The grid that vertices lie on.
+    /// Returns the grid of vertices.
     pub fn grid(&self) -> &LineGrid {
         &self.grid
     }
 
-    /// The attributes of features.
+    /// Returns the attributes of features.
     pub fn attributes(&self) -> &[LineAttribute] {
         &self.attributes
     }
 
-    /// Number of features.
+    /// Returns the number of features.
     pub fn len(&self) -> u64 {
         self.summary.features
     }
 
-    /// Whether there are no features.
+    /// Returns whether there are no features.
     pub fn is_empty(&self) -> bool {
         self.summary.features == 0
     }
 
-    /// Number of pieces of lines.
+    /// Returns the number of line segments.
     pub fn segments(&self) -> u64 {
         self.summary.segments
     }
 
-    /// Pieces of a node without nodes below, at most.
+    /// Returns the maximum number of segments in a leaf node.
     pub fn leaf_size(&self) -> u32 {
         self.summary.leaf_size
     }
 
-    /// Bytes of the file.
+    /// Returns the file size in bytes.
     pub fn bytes(&self) -> u64 {
         self.file.bytes()
     }
 
-    /// Number of nodes, of blocks of pieces, and of blocks of features.
+    /// Returns the number of nodes, of blocks of segments, and of blocks of features.
     pub fn counts(&self) -> (usize, usize, usize) {
         (self.nodes.len(), self.blocks.len(), self.features.len())
     }
 
-    /// Least and greatest corner of all lines, in the world; `None` if there are none.
+    /// Returns the minimum and maximum corner of all lines, in the world; `None` if there are no
+    /// lines.
     ///
     /// # Errors
-    /// If the file is damaged.
+    /// If the file is corrupt.
     pub fn bounds(&self) -> Result<Option<[[f64; 2]; 2]>> {
         let root = self.root()?;
         Ok(root.map(|root| root.bounds.map(|corner| self.grid.to_world(corner))))
     }
 
-    /// The way from coordinates to those of the lines.
+    /// Returns the transformation from `coordinates` to those of the lines.
     ///
     /// # Errors
     /// Those of [`WorldLocator::new`], or if the file is corrupt.
@@ -175,7 +176,7 @@ impl LineTree {
         WorldLocator::new(coordinates, self.metadata().frame.crs.as_ref(), bounds, self.grid.scale)
     }
 
-    /// The node in a place of the list.
+    /// Node at an index of the list.
     pub(crate) fn node(&self, index: usize) -> Result<LineNode> {
         let entry =
             self.nodes.get(self.file.backend(), index).and_then(|entry| entry.first_chunk::<NODE_ENTRY>());
@@ -195,38 +196,38 @@ impl LineTree {
         Ok(LineNode { index, code, segments, features, length: f64::from_bits(length), bounds })
     }
 
-    /// The root, or what stands for it in a small tree; `None` if there are no lines.
+    /// Root, or in a small tree the topmost node; `None` if there are no lines.
     pub(crate) fn root(&self) -> Result<Option<LineNode>> {
         if self.nodes.is_empty() { Ok(None) } else { self.node(0).map(Some) }
     }
 
-    /// The children that a node has, in order.
+    /// Children of a node, in order.
     pub(crate) fn children(&self, node: &LineNode) -> Result<Vec<LineNode>> {
         let children = self.file.children(&self.nodes, (node.index, node.code), self.grid.deepest());
         children.into_iter().map(|child| self.node(child)).collect()
     }
 
-    /// The entry of a block of pieces.
+    /// Entry of a block of segments.
     pub(crate) fn block_entry(&self, index: usize) -> Entry {
         Entry::from_bytes(self.file.entry(&self.blocks, index))
     }
 
-    /// The entry of a block of features.
+    /// Entry of a block of features.
     pub(crate) fn feature_entry(&self, index: usize) -> Entry {
         Entry::from_bytes(self.file.entry(&self.features, index))
     }
 
-    /// The block of features that has one.
+    /// Index of the block of features that contains a feature.
     pub(crate) fn feature_block_of(&self, feature: u64) -> usize {
         self.features.find(self.file.backend(), 0, feature.saturating_add(1)).saturating_sub(1)
     }
 
-    /// The blocks of a node.
+    /// Indices of a node's blocks.
     pub(crate) fn blocks_of(&self, code: Code) -> std::ops::Range<usize> {
         self.file.blocks_of(&self.blocks, code)
     }
 
-    /// The pieces of a block.
+    /// Segments of a block.
     pub(crate) fn block(&self, index: usize) -> Result<Vec<Piece>> {
         let entry = self.block_entry(index);
         let place = format!("block {index}");
@@ -235,7 +236,7 @@ impl LineTree {
             .ok_or_else(|| self.file.corrupt(place, "bytes that no pieces have", "pieces of lines"))
     }
 
-    /// The features of a block.
+    /// Features of a block.
     pub(crate) fn feature_block(&self, index: usize) -> Result<Vec<LineFeature>> {
         let entry = self.feature_entry(index);
         let place = format!("block of features {index}");
@@ -244,10 +245,11 @@ impl LineTree {
             .ok_or_else(|| self.file.corrupt(place, "bytes that no features have", "features"))
     }
 
-    /// Hands out features by their numbers, from 0, which ascend; of those that there are not, none.
+    /// Calls `each` for features by their numbers, from 0, which must ascend. Stops at the first
+    /// number that is out of range.
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read, and those of who takes them.
+    /// If the file is corrupt or cannot be read, and those of `each`.
     pub fn features(
         &self,
         numbers: &mut dyn Iterator<Item = u64>,

@@ -1,4 +1,4 @@
-//! The section that says what the lines are.
+//! Section that describes the lines.
 
 use std::path::Path;
 
@@ -10,26 +10,26 @@ use crate::grid::LineGrid;
 use spinney_base::{Error, Result};
 use spinney_container::VersionedSection;
 
-/// Bytes that the section may have.
+/// Maximum size of the section in bytes.
 const LIMIT: usize = 1 << 20;
 const SECTION: VersionedSection<LIMIT> = VersionedSection { name: "lines", version: 1 };
-/// Attributes of features at most.
+/// Maximum number of attributes.
 const MAX_ATTRIBUTES: usize = 4096;
 
 /// Description of the lines of a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Summary {
-    /// Number of features, and of pieces of their lines.
+    /// Number of features, and of line segments.
     pub features: u64,
     pub segments: u64,
-    /// Pieces of a block at most.
+    /// Maximum number of segments in a leaf node, and in a block.
     pub leaf_size: u32,
-    /// The grid: see [`LineGrid`].
+    /// Grid: see [`LineGrid`].
     pub scale: f64,
     pub offset: [f64; 2],
     pub corner: [i32; 2],
     pub bits: u8,
-    /// Names of attributes, and the number of their kind.
+    /// Names of attributes, and the numbers of their kinds.
     pub attributes: Vec<(String, u8)>,
 }
 
@@ -46,7 +46,7 @@ impl Summary {
         Summary { features, segments, leaf_size: leaf_size as u32, scale, offset, corner, bits, attributes }
     }
 
-    /// The section's bytes.
+    /// Encodes the section.
     pub(crate) fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
         let bytes = SECTION.encode(self).filter(|_| self.attributes.len() <= MAX_ATTRIBUTES);
         bytes.ok_or_else(|| Error::TooLarge {
@@ -58,7 +58,7 @@ impl Summary {
         })
     }
 
-    /// Checks and understands the section.
+    /// Decodes and validates the section.
     pub(crate) fn from_bytes(path: &Path, bytes: &[u8]) -> Result<(Summary, LineGrid, Vec<LineAttribute>)> {
         let corrupt = |found: String, expected: &str| Error::corrupt(path, "lines", found, expected);
         let (summary, _): (Summary, usize) = SECTION.decode(path, bytes)?;

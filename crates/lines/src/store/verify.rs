@@ -1,4 +1,4 @@
-//! Whether a file is what its rules say.
+//! Verification of a file against the rules of its format.
 
 use super::reader::LineTree;
 use crate::build::{pieces_of, statistics_of};
@@ -9,7 +9,7 @@ use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Progress, Result, parallel};
 use spinney_container::{Finding, MAX_FINDINGS};
 
-/// Bytes by which a piece is compared with that of its feature: feature, place, ends, level.
+/// Bytes of a segment in the sorter: feature, vertex, ends, level.
 const ROW: usize = 29;
 
 fn row_of(piece: &Piece) -> Vec<u8> {
@@ -31,7 +31,7 @@ impl Findings {
         }
     }
 
-    /// Takes what was damaged as a finding; hands other errors on.
+    /// Converts a corruption error to a finding; returns other errors.
     fn damage<T>(&mut self, found: Result<T>) -> Result<Option<T>> {
         match found {
             Ok(found) => Ok(Some(found)),
@@ -45,8 +45,9 @@ impl Findings {
 }
 
 impl LineTree {
-    /// Checks every checksum and every rule: that blocks can be unpacked, that each piece of each feature is there once, in the node where it belongs or one
-    /// above it, and that what nodes say is true. At most [`MAX_FINDINGS`] are told; about `memory` bytes are used, and temporary files.
+    /// Checks all checksums and rules: blocks can be decoded, each segment of each feature is
+    /// stored exactly once, in its node or an ancestor, and the statistics of nodes are correct.
+    /// Reports at most [`MAX_FINDINGS`]; uses about `memory` bytes, and temporary files.
     ///
     /// # Errors
     /// If the file cannot be read, or no temporary file can be written.
@@ -93,11 +94,11 @@ impl LineTree {
         Ok(findings.0)
     }
 
-    /// Compares what nodes say with what their blocks have.
+    /// Compares the statistics of nodes with their blocks.
     fn check_nodes(&self, mut own: Vec<Statistics>, findings: &mut Findings) -> Result<()> {
         let mut below: Vec<(Code, Statistics)> = Vec::new();
         let mut segments = 0;
-        // From the last node to the first: those below come before those above.
+        // In reverse order, descendants come before their ancestors.
         for index in (0..own.len()).rev() {
             let found = self.node(index)?;
             let mut all = std::mem::replace(&mut own[index], Statistics::NONE);
@@ -126,7 +127,7 @@ impl LineTree {
         Ok(())
     }
 
-    /// Compares the pieces in blocks with those of the features.
+    /// Compares the segments in blocks with those of the features.
     fn check_features(
         &self,
         rows: Sorter,
@@ -135,7 +136,7 @@ impl LineTree {
     ) -> Result<()> {
         let blocks = self.counts().2;
         let mut block = 0;
-        // The pieces that come next by what the features say, the last one first.
+        // Next segments that the features require, in reverse order.
         let mut wanted: Vec<Vec<u8>> = Vec::new();
         let mut is_wrong = false;
         let mut next = |findings: &mut Findings| -> Result<Option<Vec<u8>>> {
@@ -162,7 +163,7 @@ impl LineTree {
             }
             Ok(wanted.pop())
         };
-        // (Rows come by their features; those of one feature are put in order here.)
+        // The sorter orders rows by feature only; rows of one feature are sorted here.
         let mut held: Vec<Vec<u8>> = Vec::new();
         let mut compare = |held: &mut Vec<Vec<u8>>, findings: &mut Findings| -> Result<()> {
             held.sort_unstable();

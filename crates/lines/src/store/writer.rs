@@ -1,4 +1,5 @@
-//! Writes a file of a tree of lines: header, blocks as they come, lists of blocks and nodes, metadata, trailer.
+//! Writer of files with trees of lines: header, blocks in the order of writing, lists of blocks and
+//! nodes, metadata, trailer.
 
 use super::summary::Summary;
 use crate::grid::LineGrid;
@@ -8,22 +9,23 @@ use spinney_base::io::{Output, Sorter, folder};
 use spinney_base::space::{Code, Dimension};
 use spinney_container::{BlockEntry, BlockWriter, Content, FileHeader, Metadata, TreeFormat};
 
-/// Tag of the list of blocks of pieces.
+/// Tag of the list of blocks of segments.
 pub(crate) const BLOCKS: [u8; 4] = *b"LBLK";
 /// Tag of the list of nodes.
 pub(crate) const NODES: [u8; 4] = *b"LNOD";
 /// Tag of the list of blocks of features.
 pub(crate) const FEATURES: [u8; 4] = *b"LFEA";
-/// Tag of the section that says what the lines are.
+/// Tag of the section that describes the lines.
 pub(crate) const SUMMARY: [u8; 4] = *b"LINS";
 
-/// An entry of a list of blocks: of pieces by the code of their node, or of features by the first one's number.
+/// Entry of a list of blocks. The key is the node's code for segments, the first feature's number
+/// for features.
 pub(crate) type Entry = BlockEntry<2>;
 
 /// Bytes of an entry of the list of nodes.
 pub(crate) const NODE_ENTRY: usize = 48;
 
-/// A file being written, append-only.
+/// Append-only output file.
 pub(crate) struct LineWriter {
     file: BlockWriter,
     blocks: Sorter,
@@ -32,7 +34,8 @@ pub(crate) struct LineWriter {
 }
 
 impl LineWriter {
-    /// Starts a file; about `memory` bytes hold entries of each list before they go to a temporary file.
+    /// Starts a file. Each list of entries uses about `memory` bytes before it goes to a temporary
+    /// file.
     pub(crate) fn new(out: Output, grid: &LineGrid, memory: u64) -> Result<LineWriter> {
         let (format, content, dimension) = (TreeFormat::Goblin, Content::Lines, Dimension::Quad);
         let header = FileHeader { format, content, dimension, depth: grid.deepest(), layers: 0 };
@@ -42,19 +45,19 @@ impl LineWriter {
         Ok(LineWriter { file, blocks, nodes, features })
     }
 
-    /// Writes a block of pieces of a node. Those of one node come in order.
+    /// Writes a block of a node's segments. Blocks of one node must come in order.
     pub(crate) fn block(&mut self, code: Code, bytes: &[u8], statistics: &Statistics) -> Result<()> {
         let block = self.file.block(code.bits(), bytes, statistics.segments as u32)?;
         self.blocks.push(block.key, Entry { block, bounds: statistics.bounds }.to_bytes())
     }
 
-    /// Writes a block of features, of which the first has a number.
+    /// Writes a block of features; `first` is the first one's number.
     pub(crate) fn features(&mut self, first: u64, bytes: &[u8], count: usize) -> Result<()> {
         let block = self.file.block(first, bytes, count as u32)?;
         self.features.push(first, Entry { block, bounds: [[0; 2]; 2] }.to_bytes())
     }
 
-    /// Notes a node, with what is known of all pieces in it and below.
+    /// Adds a node with the statistics of its subtree.
     pub(crate) fn node(&mut self, code: Code, statistics: &Statistics) -> Result<()> {
         let mut bytes = Vec::with_capacity(NODE_ENTRY);
         for number in [code.bits(), statistics.segments, statistics.features(code.level())] {
@@ -65,7 +68,7 @@ impl LineWriter {
         self.nodes.push(code.bits(), bytes)
     }
 
-    /// Writes what stands behind the blocks and puts the file in its place.
+    /// Writes the lists and sections, and commits the file.
     pub(crate) fn finish(self, summary: &Summary, metadata: &Metadata) -> Result<()> {
         let LineWriter { file, blocks, nodes, features } = self;
         let summary = summary.to_bytes(file.path())?;

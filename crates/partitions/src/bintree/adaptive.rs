@@ -1,8 +1,9 @@
-//! The bintree with the fewest nodes.
+//! Bintree with the fewest nodes.
 //!
-//! What a bintree can make of a picture by halves are the blocks whose sides, along each axis on its own, are halves of halves: of `n` cells
-//! along an axis there are `2 n - 1`. The fewest nodes of each block follow from those of its halves, along each axis in turn: dynamic
-//! programming over all blocks, of which there are about four for each cell of a picture, eight in volumes.
+//! Halving produces blocks whose intervals, along each axis independently, result from repeated
+//! halving: `2 n - 1` intervals for an axis of `n` cells. The minimum node count of a block follows
+//! from those of its halves, along each axis in turn. Dynamic programming covers all blocks: about
+//! four per cell of a raster, eight per cell of a volume.
 
 use std::collections::HashMap;
 
@@ -13,14 +14,16 @@ use spinney_engine::tree::{Child, Source, no_children};
 
 use super::{Bintree, Halving, growing};
 
-/// Most cells of spaces for which the fewest nodes are looked for: a picture of 1024 x 1024, a volume of 64 x 64 x 64.
+/// Maximum number of cells for [`Bintree::adaptive`]: a raster of 1024 x 1024, or a volume of 64 x
+/// 64 x 64.
 pub const MAX_CELLS: u64 = 1 << 20;
 
-/// The mark of blocks with one value all over, whose number is in the other bits; others have their number of nodes.
+/// Flag of a block with one value throughout; the other bits are the value's index. Without the
+/// flag, an entry is the block's minimum node count.
 const UNIFORM: u32 = 1 << 31;
 
-/// All blocks of a space. Intervals along an axis are numbered as in a heap: 1 is the whole axis, `2 i` and `2 i + 1` are the halves of `i`,
-/// and cell `x` is `side + x`.
+/// All blocks of a space. Intervals along an axis are numbered as in a binary heap: 1 is the entire
+/// axis, `2 i` and `2 i + 1` are the halves of `i`, and `side + x` is cell `x`.
 struct Blocks {
     axes: usize,
     side: usize,
@@ -34,7 +37,7 @@ impl Blocks {
         (z * 2 * self.side + y) * 2 * self.side + x
     }
 
-    /// The halves of a block along each axis on which it is longer than a cell.
+    /// Halves of a block along each axis on which it is longer than a cell.
     fn halves(&self, block: Block) -> impl Iterator<Item = (u8, [Block; 2])> {
         let (axes, side) = (self.axes, self.side);
         (0..axes).filter(move |axis| block[*axis] < side).map(move |axis| {
@@ -47,13 +50,13 @@ impl Blocks {
         })
     }
 
-    /// Number of nodes that a block takes at least.
+    /// Minimum node count of a block.
     fn count(&self, block: Block) -> u32 {
         let found = self.nodes[self.index(block)];
         if found & UNIFORM == 0 { found } else { 1 }
     }
 
-    /// Nodes of a block by its halves, and the axis with the fewest nodes.
+    /// Entry of a block computed from its halves, and the axis with the fewest nodes.
     fn best(&self, block: Block) -> (u32, u8) {
         let counted = self.halves(block).map(|(axis, [first, second])| {
             let [a, b] = [first, second].map(|half| self.nodes[self.index(half)]);
@@ -63,14 +66,15 @@ impl Blocks {
                 (1 + self.count(first) + self.count(second), axis)
             }
         });
-        // (A block whose halves along one axis are alike all over has no others; of equal counts the first axis.)
+        // If the halves along one axis have the same single value, those along every axis do. On a
+        // tie, the first axis is chosen.
         counted.min_by_key(|(nodes, _)| *nodes).unwrap_or_default()
     }
 }
 
 impl Bintree {
-    /// The bintree with the fewest nodes of any that halves each block along some axis, of a source of at most [`MAX_CELLS`] cells, with
-    /// those around the picture.
+    /// Builds the bintree with the minimum number of nodes among all that halve each block along
+    /// some axis. The source has at most [`MAX_CELLS`] cells, including cells beyond `extent`.
     ///
     /// # Errors
     /// If the source fails, or has more cells.
@@ -90,7 +94,7 @@ impl Bintree {
         let planes = if axes == 3 { 2 * side } else { 1 };
         let mut blocks = Blocks { axes, side, nodes: vec![0; planes * 4 * side * side] };
         let values = blocks.fill(source)?;
-        // Halves come before what they are halves of.
+        // Descending order visits halves before the block they divide.
         for z in if axes == 3 { 1..2 * side } else { 0..1 }.rev() {
             for y in (1..2 * side).rev() {
                 for x in (1..2 * side).rev() {
@@ -119,7 +123,7 @@ impl Bintree {
 }
 
 impl Blocks {
-    /// Writes the cells of a source, and gives the values that have numbers there.
+    /// Sets the entries of all single cells, and returns the values by index.
     fn fill<S: Source>(&mut self, source: &S) -> Result<Vec<Option<Value>>> {
         let form = source.form();
         let (mut values, mut numbers) = (Vec::new(), HashMap::new());

@@ -1,7 +1,7 @@
 //! Bintrees: quadtrees and octrees that halve a block along one axis at a time.
 //!
-//! The axes alternate, x first, or are those with which the tree has the fewest nodes (`adaptive.rs`). `text.rs` writes trees as
-//! DF-expressions, and reads these.
+//! The axes alternate, x first, or are chosen for the minimum number of nodes (`adaptive.rs`).
+//! `text.rs` writes trees as DF-expressions, and parses these.
 
 mod adaptive;
 mod text;
@@ -17,20 +17,20 @@ use spinney_engine::tree::{CellBlock, Child, Children, Source, no_children};
 
 use crate::preorder::{BinaryNode, Growing};
 
-/// How the axes along which a bintree halves its blocks follow each other.
+/// Order of the axes along which a bintree halves its blocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Halving {
-    /// One after the other: x, y, of volumes z, and x again.
+    /// Cyclic order: x, y, z (in volumes), then x again.
     Alternating,
-    /// At each node the one that gives the fewest nodes; of several the first.
+    /// At each node, the axis with the fewest nodes below; the first one on a tie.
     Adaptive,
 }
 
-/// Node of a bintree: it halves its block along an axis, 0 to 2, or has one value all over; `None` is VOID. The first side is that of the
-/// lower coordinates.
+/// Node of a bintree: it halves its block along an axis (0 to 2), or is a leaf with one value
+/// throughout; `None` is VOID. The first side has the lower coordinates.
 pub type BintreeNode = BinaryNode<u8, Option<Value>>;
 
-/// A bintree in memory; always condensed (no node has two halves of one value all over).
+/// Bintree in memory. It is always condensed: no node has two leaves with equal values.
 ///
 /// ```
 /// use spinney::raw::partitions::Bintree;
@@ -42,7 +42,7 @@ pub type BintreeNode = BinaryNode<u8, Option<Value>>;
 /// let bintree = Bintree::alternating(&quadtree, [4, 4, 1], 1000)?;
 /// assert_eq!(bintree.to_text(), "bintree:alternating:xy:2:u8:4x4 GBGWGWGWB");
 /// assert_eq!(Bintree::from_text(&bintree.to_text(), 1000)?, bintree);
-/// // Downwards first, two nodes less.
+/// // Halving along y first saves two nodes.
 /// assert_eq!(Bintree::adaptive(&quadtree, [4, 4, 1])?.nodes().len(), 9);
 /// # Ok::<(), spinney::Error>(())
 /// ```
@@ -56,8 +56,9 @@ pub struct Bintree {
 }
 
 impl Bintree {
-    /// The bintree with alternating axes of any source, of whose space the picture takes `extent`. The source is walked node by node, so
-    /// that memory is needed for the nodes of the result alone.
+    /// Builds the bintree with alternating axes of a source. `extent` is the size of its raster or
+    /// volume in cells. The source is traversed node by node, so memory is needed only for the
+    /// resulting nodes.
     ///
     /// # Errors
     /// If the source fails, or there are more than `most` nodes.
@@ -79,11 +80,12 @@ impl Bintree {
                 Step::Halve(axis) => made.divide(axis),
                 Step::Node(Child::Inner { node, .. }) => {
                     source.children(&node, &mut children)?;
-                    // What comes last goes first onto the stack. Children are in the order in which x changes last.
+                    // The stack is LIFO, hence the reverse order. Siblings are ordered so that x
+                    // changes last.
                     for place in (0..form.children()).rev() {
                         let bits = place.reverse_bits() >> (usize::BITS as usize - axes);
                         pending.push(Step::Node(std::mem::take(&mut children[bits])));
-                        // Before a child, all those halves begin of which it is the first one.
+                        // A child is preceded by the halving of every block that begins with it.
                         let begun = (place.trailing_zeros() as usize).min(axes);
                         pending.extend((axes - begun..axes).rev().map(|axis| Step::Halve(axis as u8)));
                     }
@@ -95,22 +97,22 @@ impl Bintree {
         Ok(Bintree { form, depth, halving: Halving::Alternating, extent, nodes: made.finish() })
     }
 
-    /// Dimension and type of the values.
+    /// Dimension and value type.
     pub fn form(&self) -> TreeType {
         self.form
     }
 
-    /// Cells of the picture along each axis; beyond them all is VOID.
+    /// Cells of the raster or volume along each axis; cells beyond are VOID.
     pub fn extent(&self) -> [u64; 3] {
         self.extent
     }
 
-    /// The nodes in preorder.
+    /// Nodes in preorder.
     pub fn nodes(&self) -> &[BintreeNode] {
         &self.nodes
     }
 
-    /// Hands out all leaves in order, with their cells.
+    /// Calls `take` for every leaf in order, with its cells.
     pub fn each_leaf(&self, take: &mut dyn FnMut(Bounds, Option<Value>)) {
         let _ = self.leaves_in(&self.space(), &mut |block, value| {
             take(block, value);
@@ -122,7 +124,7 @@ impl Bintree {
         Bounds::space(self.form.dimension, self.depth)
     }
 
-    /// Hands out the leaves that have cells of a box in common, until that is enough.
+    /// Calls `take` for every leaf that intersects a box, until it breaks.
     fn leaves_in(
         &self,
         wanted: &Bounds,
@@ -142,7 +144,7 @@ impl Bintree {
         ControlFlow::Continue(())
     }
 
-    /// Contents of a block: one value all over, or several.
+    /// Content of a block: one value throughout, or several values.
     fn block(&self, code: Code) -> Child<Code> {
         let mut found = None;
         let all_alike = self.leaves_in(&code.bounds(self.depth), &mut |_, value| match found
@@ -159,7 +161,7 @@ impl Bintree {
     }
 }
 
-/// The quadtree or octree of the same cells, condensed, for what writes files. Representatives are zeros.
+/// Condensed quadtree or octree of the same cells, for writing files. Representatives are zeros.
 impl Source for Bintree {
     type Node = Code;
 
@@ -208,7 +210,7 @@ fn growing() -> Growing<u8, Option<Value>> {
     Growing::new(|_| false)
 }
 
-/// Both halves of a block, that of the lower coordinates first.
+/// Both halves of a block, the one with lower coordinates first.
 fn halves(block: Bounds, axis: u8) -> [Bounds; 2] {
     let axis = usize::from(axis);
     let middle = block.min[axis].midpoint(block.max[axis]);

@@ -17,7 +17,7 @@ fn byte_tree(axes: u8, depth: u8, cells: &[Option<u8>]) -> MemTree {
     MemTree::from_cells(form(axes, ValueType::new(SampleType::U8, 1)), depth, Rule::Nearest, &cell)
 }
 
-/// All cells of a bintree, by its leaves.
+/// All cells of a bintree, from its leaves.
 fn cells_of(tree: &Bintree) -> Vec<Option<Value>> {
     let [width, height, depth] = Bounds::space(tree.form.dimension, tree.depth).max.map(|side| side as usize);
     let (mut cells, mut covered) = (vec![None; width * height * depth], 0);
@@ -35,7 +35,7 @@ fn cells_of(tree: &Bintree) -> Vec<Option<Value>> {
     cells
 }
 
-/// The fewest nodes of a box of cells, by trying all ways of halving it.
+/// Minimum node count of a box of cells, by exhaustive search.
 fn fewest(tree: &MemTree, block: Bounds) -> usize {
     let cell = |cell: [u64; 3]| {
         let code = Code::from_cell(tree.form().dimension, tree.depth(), cell.map(|at| at as u32)).unwrap();
@@ -63,7 +63,8 @@ fn cells(axes: u8, depth: u8) -> impl Strategy<Value = (u8, u8, Vec<Option<u8>>)
 proptest! {
     #![proptest_config(ProptestConfig { cases: 60, rng_seed: proptest::test_runner::RngSeed::Fixed(13), failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Both kinds have the cells that they are made of, through text and back, and become the same trees again.
+    /// Both kinds keep the cells of their source, also through a text round trip, and are
+    /// reproduced from it.
     #[test]
     fn cells_stay_the_same((axes, depth, cells) in prop_oneof![cells(2, 3), cells(3, 2), cells(2, 1), cells(2, 0)]) {
         let tree = byte_tree(axes, depth, &cells);
@@ -85,7 +86,7 @@ proptest! {
         }
     }
 
-    /// No text makes it panic, and what it takes it writes in the same words.
+    /// No input causes a panic, and accepted input is written in the same words.
     #[test]
     fn any_text_is_read_or_refused(head in "bintree:(alternating|adaptive):xyz?:[0-3]:(u8|[uif][0-9]{1,2}(x[0-9]{1,3})?([+](alpha|missing=-?[0-9]{1,3}))?):[1-8]x[1-8](x[1-8])?", symbols in "[GMXYZWVBF0-9() ]{0,24}|\\PC{0,8}") {
         if let Ok(tree) = Bintree::from_text(&format!("{head} {symbols}"), 20) {
@@ -94,7 +95,7 @@ proptest! {
     }
 }
 
-/// Of 4 x 2 x 1 blocks, where the best axis is not the first, against all ways.
+/// Includes spaces where the best axis is not the first; compared with an exhaustive search.
 #[test]
 fn the_fewest_nodes_are_those_of_all_ways() {
     let mut state = 45u64;
@@ -111,7 +112,7 @@ fn the_fewest_nodes_are_those_of_all_ways() {
     }
 }
 
-/// A few nodes can be a line of any length, which takes very many squares.
+/// A few nodes can be a line of any length, which takes a huge number of squares.
 #[test]
 fn long_thin_blocks_are_refused_before_they_are_built() {
     let line = |axes: &str, depth: usize, sides: &str| {
@@ -122,10 +123,10 @@ fn long_thin_blocks_are_refused_before_they_are_built() {
     assert!(error.contains("at most 1048576"), "{error}");
     let error = Bintree::from_text(&line("xyz", 19, "524288x1x524288"), 1000).unwrap_err().to_string();
     assert!(error.contains("cubes of an octree"), "{error}");
-    // What has as few squares as the least trees of rasters may have is read.
+    // Accepted: as few squares as the smallest permitted limit allows.
     let short = Bintree::from_text(&line("xy", 18, "262144x1"), 1000).unwrap();
     assert_eq!(short.nodes().len(), 37);
-    // Blocks of alternating axes are squares, or two.
+    // With alternating axes, blocks are one square or two.
     let deep =
         format!("bintree:alternating:xy:29:u8:536870912x536870912 {}1{}", "G".repeat(58), "W".repeat(58));
     assert_eq!(Bintree::from_text(&deep, 1000).unwrap().nodes().len(), 117);

@@ -1,4 +1,4 @@
-//! Bintrees as DF-expressions: one line, whose first word says what the rest is about.
+//! Bintrees as DF-expressions: one line, whose first word describes the tree.
 //!
 //! ```text
 //! line    = head " " symbols
@@ -8,11 +8,13 @@
 //! depth   = levels of the quadtree or octree, each of one halving along every axis
 //! values  = type ["x" channels] ["+alpha" | "+missing=" number]      as in u8, f32x3, u8x4+alpha
 //! extent  = cells along each axis, as in 200x150
-//! symbols = one per node, in preorder: the node, what is west (north, above) of its middle, what is east (south, below)
+//! symbols = one per node, in preorder: the node, its first half (west, north or above),
+//!           its second half (east, south or below)
 //! ```
 //!
-//! A node that halves its block is `G` (of volumes `M`) if axes alternate, and otherwise the axis, `X`, `Y` or `Z`. Leaves are `W` (`V`) for
-//! VOID, `B` (`F`) for 255 in each channel, a digit, or numbers in brackets. White space and round parentheses only group.
+//! A dividing node is `G` (`M` in volumes) if axes alternate, otherwise the axis: `X`, `Y` or `Z`.
+//! Leaves are `W` (`V`) for VOID, `B` (`F`) for 255 in each channel, a digit, or numbers in
+//! brackets. White space and round parentheses are ignored.
 
 use std::fs::File;
 use std::io::Read;
@@ -26,11 +28,11 @@ use spinney_engine::tree::df;
 use super::{Bintree, BintreeNode, Halving, MAX_CELLS, growing, halves, too_many};
 use crate::preorder::BinaryNode;
 
-/// The word that all expressions begin with.
+/// Word that all expressions begin with.
 const NAME: &str = "bintree";
 
 impl Bintree {
-    /// The tree as a DF-expression, without a line break at the end.
+    /// Formats the tree as a DF-expression, without a trailing line break.
     pub fn to_text(&self) -> String {
         let TreeType { dimension, value } = self.form;
         let (halving, axes, [void, black, inner]) = match (self.halving, dimension) {
@@ -57,22 +59,24 @@ impl Bintree {
         text
     }
 
-    /// The tree of a DF-expression, condensed.
+    /// Parses a DF-expression. The resulting tree is condensed.
     ///
     /// # Errors
-    /// If the text is none, is deeper than it says, has values beyond its extent, or more than `most` nodes.
+    /// If `text` is not a DF-expression of a bintree, is deeper than its head declares, has values
+    /// beyond its extent, or more than `most` nodes.
     pub fn from_text(text: &str, most: usize) -> Result<Bintree> {
         Parser { place: NAME, text }.tree(most)
     }
 
-    /// Reads a file that has a DF-expression, which with its nodes may take so many bytes of memory.
+    /// Reads a file with a DF-expression. String and nodes may use at most `memory` bytes.
     ///
     /// # Errors
-    /// If the file cannot be read or has no room, and those of [`Bintree::from_text`].
+    /// If the file cannot be read or exceeds `memory`, and those of [`Bintree::from_text`].
     pub fn read(path: &Path, memory: u64) -> Result<Bintree> {
         let mut file = File::open(path).map_err(Error::io(path, "open"))?;
         let size = file.metadata().map_err(Error::io(path, "read"))?.len();
-        // (Each node takes a letter at least. The file may grow meanwhile.)
+        // Each node takes at least one byte of the file. The limit also covers a file that grows
+        // while it is read.
         let most = memory / (1 + size_of::<BintreeNode>() as u64);
         let mut bytes = Vec::new();
         (&mut file).take(most.saturating_add(1)).read_to_end(&mut bytes).map_err(Error::io(path, "read"))?;
@@ -112,14 +116,15 @@ fn parse_values(text: &str) -> Option<ValueType> {
         None if mask == "alpha" => plain.with_alpha(),
         None => plain,
     };
-    // (What is written in another way is not known.)
+    // Only the canonical spelling is accepted.
     (value.is_supported() && values_text(value) == text).then_some(value)
 }
 
-/// Squares or cubes that blocks may have for each node of a text of any size. (Those of alternating axes have at most four.)
+/// Maximum ratio of squares or cubes to nodes, for expressions of any size. (Alternating axes need
+/// at most four per leaf.)
 const SQUARES_PER_NODE: u64 = 8;
 
-/// The squares or cubes that a block is made of, whose sides are powers of two.
+/// Number of squares or cubes that a block consists of. Its sides are powers of two.
 fn squares_of(block: Bounds, dimension: Dimension) -> u64 {
     let sides = &block.size()[..dimension.axes()];
     let least = sides.iter().copied().min().unwrap_or(1).max(1);
@@ -127,13 +132,13 @@ fn squares_of(block: Bounds, dimension: Dimension) -> u64 {
 }
 
 struct Parser<'a> {
-    /// Where the text is from, for messages.
+    /// Origin of the text, for messages.
     place: &'a str,
     text: &'a str,
 }
 
 impl Parser<'_> {
-    /// The error that something else was expected at a byte.
+    /// Error that something else was expected at byte `at`.
     fn bad(&self, at: usize, expected: &str) -> Error {
         let rest = self.text.get(at..).unwrap_or_default();
         let found = match rest.char_indices().nth(20) {
@@ -144,7 +149,7 @@ impl Parser<'_> {
         Error::invalid(format!("{}, byte {at}", self.place), found, expected)
     }
 
-    /// The tree of the first word, without nodes, and where the word ends.
+    /// Parses the first word. Returns the tree without nodes, and the word's end.
     fn head(&self) -> Result<(Bintree, usize)> {
         let start = self.text.len() - self.text.trim_start().len();
         let head = self.text[start..].split_whitespace().next().unwrap_or_default();
@@ -176,16 +181,17 @@ impl Parser<'_> {
         Ok((tree, start + head.len()))
     }
 
-    /// The whole tree, of at most so many nodes.
+    /// Parses the entire tree, of at most `most` nodes.
     fn tree(&self, most: usize) -> Result<Bintree> {
         let (mut tree, mut at) = self.head()?;
         let TreeType { dimension, value } = tree.form;
         let (axes, full, picture) =
             (dimension.axes() as u8, value.splat(255u8), Bounds::picture(tree.extent));
         let mut made = growing();
-        // (So that a list that grows does not take twice the memory that it needs.)
+        // Reserving avoids the doubling of a growing vector.
         made.reserve(most.min(self.text.len() - at));
-        // Blocks whose symbols are to come, with the axis that is next if they alternate: one per level at most, and one more.
+        // Blocks whose symbols follow, each with its next axis if axes alternate. At most one per
+        // halving, plus one.
         let mut pending = vec![(Bounds::space(dimension, tree.depth), 0)];
         let mut squares = 0u64;
         while let Some(letter) = self.text[at..].chars().next() {
@@ -252,7 +258,8 @@ impl Parser<'_> {
         Ok(tree)
     }
 
-    /// Refuses short text that is very many nodes of a quadtree or octree: long thin blocks.
+    /// Rejects short expressions with long thin blocks, which would become too many nodes of a
+    /// quadtree or octree.
     fn check_squares(&self, squares: u64, nodes: usize, dimension: Dimension) -> Result<()> {
         let limit = MAX_CELLS.max(SQUARES_PER_NODE.saturating_mul(nodes as u64));
         if squares <= limit {

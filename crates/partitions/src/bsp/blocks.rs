@@ -10,8 +10,9 @@ use super::Bsp;
 use super::region::Region;
 use crate::preorder::BinaryNode;
 
-/// The quadtree of a BSP tree of the plane, or the octree of one of space: bytes, of which 255 is inside; what is outside is VOID. Blocks are
-/// classified by the cells of the BSP tree that they have a part of; cells by their centres.
+/// Quadtree of a BSP tree of the plane, or octree of one of space. Values are bytes: 255 is inside,
+/// VOID is outside. Blocks are classified by the BSP cells they intersect, single cells by their
+/// centres.
 #[derive(Clone, Copy, Debug)]
 pub struct BspBlocks<'a> {
     tree: &'a Bsp,
@@ -19,10 +20,10 @@ pub struct BspBlocks<'a> {
 }
 
 impl Bsp {
-    /// The tree as a source of so many levels, whose cells are as wide as a step of the grid.
+    /// Returns the tree as a source with `depth` levels, whose cells are one grid unit wide.
     ///
     /// # Errors
-    /// If that are more levels than such trees have, or than the grid.
+    /// If a quadtree or octree, or the grid, has fewer levels.
     pub fn blocks(&self, depth: u8) -> Result<BspBlocks<'_>> {
         let most = self.dimension.max_depth().min(MAX_BITS);
         match depth <= most {
@@ -39,7 +40,7 @@ impl BspBlocks<'_> {
         let full = Value::from([255u8]);
         let uniform = |is_inside: bool| Child::uniform(is_inside.then_some(full));
         if code.level() == self.depth {
-            // (Of a plane, nothing changes along z.)
+            // In trees of the plane, z has no effect.
             let centre = bounds.min.map(|at| 2 * i128::from(at) + 1);
             return uniform(matches!(nodes[self.tree.leaf_at(centre)], BinaryNode::Leaf(true)));
         }

@@ -10,30 +10,33 @@ use super::facet::{Facet, sides};
 use super::{Bsp, BspPiece, Division};
 use crate::preorder::Growing;
 
-/// Most pieces that segments or faces may be cut into.
+/// Maximum number of fragments that segments or faces may be cut into.
 pub const MAX_PIECES: usize = 1 << 20;
 
-/// Planes that are tried at each node.
+/// Candidate planes per node.
 const TRIED: usize = 8;
 
-/// Plane pieces that a cut of one more weighs as much as, where sides have different numbers of pieces.
+/// Cost of a cut, relative to one fragment of imbalance between the two sides.
 const CUT_WEIGHT: usize = 4;
 
 impl Bsp {
-    /// The tree of the plane that has these segments in its lines, each directed so that what is on its right is in front; no cell is inside.
+    /// Builds a tree of the plane with these segments in its lines. The right side of a segment is
+    /// in front. No cell is inside.
     ///
     /// # Errors
-    /// If a segment is a point or leaves the grid, or they are cut into more than [`MAX_PIECES`].
+    /// If a segment is a point or leaves the grid, or there are more than [`MAX_PIECES`] fragments.
     pub fn of_segments(segments: &[[[i32; 2]; 2]]) -> Result<Bsp> {
         let pieces = segments.iter().enumerate();
         let pieces = pieces.map(|(source, segment)| piece_of_segment(source, *segment));
         grow(Dimension::Quad, pieces.collect::<Result<_>>()?, false)
     }
 
-    /// The tree of the plane that is inside of these polygons: each an outer ring, and holes, whichever way they turn. Rings may touch in points.
+    /// Builds a tree of the plane whose inside is that of these polygons. Each is an outer ring,
+    /// followed by holes; rings may have either orientation and may touch in points.
     ///
     /// # Errors
-    /// If a corner is outside of the grid, rings cross or have edges in common, or they are cut into more than [`MAX_PIECES`].
+    /// If a vertex is outside of the grid, rings cross or share edges, or there are more than
+    /// [`MAX_PIECES`] fragments.
     pub fn of_polygons(polygons: &[Vec<Vec<[i32; 2]>>]) -> Result<Bsp> {
         let mut pieces = Vec::new();
         for (source, polygon) in polygons.iter().enumerate() {
@@ -41,7 +44,7 @@ impl Bsp {
                 let area = ring_edges(ring).map(|[[ax, ay], [bx, by]]| {
                     i128::from(ax) * i128::from(by) - i128::from(ay) * i128::from(bx)
                 });
-                // What is inside is on the left of an edge.
+                // The inside is on the left of an edge.
                 let is_turned = (area.sum::<i128>() < 0) != (number > 0);
                 for [from, to] in ring_edges(ring).filter(|[from, to]| from != to) {
                     let edge = if is_turned { [to, from] } else { [from, to] };
@@ -52,11 +55,12 @@ impl Bsp {
         grow(Dimension::Quad, pieces, true)
     }
 
-    /// The tree of space that is inside of a closed surface of faces: each an outer ring, counterclockwise as seen from outside, and holes.
+    /// Builds a tree of space whose inside is bounded by a closed surface. Each face is an outer
+    /// ring, counterclockwise seen from outside, followed by holes.
     ///
     /// # Errors
-    /// If a corner is outside of the grid, a face cannot be cut into triangles, the surface is open or crosses itself, or it is cut into more than
-    /// [`MAX_PIECES`].
+    /// If a vertex is outside of the grid, a face cannot be triangulated, the surface is open or
+    /// self-intersects, or there are more than [`MAX_PIECES`] fragments.
     pub fn of_faces(faces: &[Vec<Vec<[i32; 3]>>]) -> Result<Bsp> {
         let (mut pieces, mut triangulator) = (Vec::new(), Triangulator::new());
         for (source, rings) in faces.iter().enumerate() {
@@ -79,7 +83,7 @@ impl Bsp {
                 let corners = triangle.map(|corner| *corners[corner as usize]);
                 corners.iter().try_for_each(|corner| check(source, *corner))?;
                 let normal = triangle_normal(&corners);
-                // (One without an area bounds nothing.)
+                // A triangle without area bounds nothing.
                 if normal != [0; 3] {
                     let plane = ExactPlane::through(corners[0], normal);
                     pieces.push(BspPiece { source, facet: Facet::of_triangle(plane, &corners) });
@@ -89,11 +93,12 @@ impl Bsp {
         grow(Dimension::Oct, pieces, true)
     }
 
-    /// The tree of space that has these triangles in its planes, each counterclockwise as seen from where it is in front; no cell is inside. They
-    /// need not be closed, and may touch and pass through each other. Those without an area are left out.
+    /// Builds a tree of space with these triangles in its planes. A triangle is counterclockwise
+    /// seen from its front. No cell is inside. The triangles need not be closed, and may touch and
+    /// intersect. Those without area are skipped.
     ///
     /// # Errors
-    /// If a corner is outside of the grid, or they are cut into more than [`MAX_PIECES`].
+    /// If a vertex is outside of the grid, or there are more than [`MAX_PIECES`] fragments.
     pub fn of_triangles(triangles: &[[[i32; 3]; 3]]) -> Result<Bsp> {
         let mut pieces = Vec::new();
         for (source, corners) in triangles.iter().enumerate() {
@@ -123,7 +128,7 @@ fn check(source: usize, corner: [i32; 3]) -> Result<()> {
     }
 }
 
-/// The wall over a segment.
+/// Wall of height 1 over a segment.
 fn piece_of_segment(source: usize, [[px, py], [qx, qy]]: [[i32; 2]; 2]) -> Result<BspPiece> {
     let at = |z: i32| ([px, py, z], [qx, qy, z]);
     let ((p, q), (above_p, above_q)) = (at(0), at(1));
@@ -144,11 +149,12 @@ fn piece_of_segment(source: usize, [[px, py], [qx, qy]]: [[i32; 2]; 2]) -> Resul
     Ok(BspPiece { source, facet: Facet::of_grid(wall(p, [dy, -dx, 0]), &edges) })
 }
 
-/// The tree of pieces; of solid ones, what is behind their planes is inside.
+/// Builds the tree of fragments. If `is_solid`, the back of each fragment is inside.
 fn grow(dimension: Dimension, pieces: Vec<BspPiece>, is_solid: bool) -> Result<Bsp> {
     let mut made = Growing::new(|by: &Division| !by.pieces.is_empty());
     let mut count = pieces.len();
-    // Pieces in cells that are to come, with what a cell without any is.
+    // Fragments of cells that are still to be divided, and whether the cell is inside if it has
+    // none.
     let mut pending = vec![(pieces, false)];
     while let Some((pieces, is_inside)) = pending.pop() {
         if count > MAX_PIECES {
@@ -175,7 +181,7 @@ fn grow(dimension: Dimension, pieces: Vec<BspPiece>, is_solid: bool) -> Result<B
                 }
             }
         }
-        // Where nothing else is, the pieces in the plane tell what is on both of their sides.
+        // If a side has no other fragments, those in the plane determine whether it is inside.
         let is_behind = within.first().is_some_and(|piece: &BspPiece| piece.facet.plane.is_turned_as(&plane));
         made.divide(Division { plane, pieces: within });
         let [behind, before] = parts;
@@ -188,7 +194,7 @@ fn grow(dimension: Dimension, pieces: Vec<BspPiece>, is_solid: bool) -> Result<B
     Ok(tree)
 }
 
-/// The plane of a few that cuts few pieces, and has about as many on both sides.
+/// Chooses from a few candidates a plane that cuts few fragments and balances both sides.
 fn choose(pieces: &[BspPiece]) -> ExactPlane {
     let tried =
         (0..TRIED.min(pieces.len())).map(|i| pieces[i * pieces.len() / TRIED.min(pieces.len())].facet.plane);
@@ -202,6 +208,6 @@ fn choose(pieces: &[BspPiece]) -> ExactPlane {
         }
         CUT_WEIGHT * cuts + behind.abs_diff(before)
     };
-    // (There is a piece at least.)
+    // There is at least one fragment.
     tried.min_by_key(weight).unwrap_or(pieces[0].facet.plane)
 }

@@ -1,7 +1,9 @@
-//! Set operations by merging trees (B. Naylor, J. Amanatides, W. Thibault, *Merging BSP trees yields polyhedral set operations*, 1990).
+//! Set operations by merging trees (B. Naylor, J. Amanatides, W. Thibault, *Merging BSP trees
+//! yields polyhedral set operations*, 1990).
 //!
-//! The merged tree divides as the first one does, and in its cells as the second one. A tree that is divided by a line or plane of the other is
-//! not copied into two: who goes down into a part of space leaves out the nodes that do not cut it.
+//! The merged tree divides as the first one does, and its cells as the second one does. Lines and
+//! planes of one tree do not split the other into copies: the traversal of a region skips nodes
+//! that do not cut it.
 
 use spinney_base::{Error, Result, SetOperation};
 
@@ -10,10 +12,10 @@ use super::{Bsp, BspNode, Division};
 use crate::preorder::{BinaryNode, Growing};
 
 impl Bsp {
-    /// A set operation on this tree and another one.
+    /// Computes a set operation on this tree and another one.
     ///
     /// # Errors
-    /// If one is of the plane and the other of space.
+    /// If one tree is of the plane and the other of space.
     pub fn combine(&self, other: &Bsp, operation: SetOperation) -> Result<Bsp> {
         if self.dimension != other.dimension {
             return Err(Error::invalid("BSP trees", "one of the plane and one of space", "two of one kind"));
@@ -56,7 +58,7 @@ impl Bsp {
         Ok(Bsp { dimension: self.dimension, nodes: made.finish() })
     }
 
-    /// The outside.
+    /// Returns the tree with inside and outside exchanged.
     pub fn complement(&self) -> Bsp {
         let turned = |node: &BspNode| match node {
             BinaryNode::Leaf(is_inside) => BinaryNode::Leaf(!is_inside),

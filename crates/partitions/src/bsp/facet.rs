@@ -1,30 +1,31 @@
-//! Convex polygons in planes, known by planes alone, so that no number grows however often they are cut.
+//! Convex polygons in planes. They are represented by input planes only, so that numbers do not
+//! grow with the number of cuts.
 
 use spinney_brep::{ExactPlane, ExactPoint};
 
-/// An edge of a facet, which lies in a plane, its wall, besides that of the facet.
+/// Edge of a facet: the intersection of the facet's plane with another plane, the wall.
 #[derive(Clone, Debug)]
 pub(super) struct Edge {
     pub(super) wall: ExactPlane,
     pub(super) start: ExactPoint,
-    /// The side of the triangle that it is a part of, if it is of one.
+    /// Side of the input triangle that the edge lies on, if any.
     pub(super) side: Option<u8>,
 }
 
-/// A convex polygon in a plane.
+/// Convex polygon in a plane.
 ///
-/// Invariant: walls are planes of what was given, or of the space's walls, and none is laid through a corner that was computed. So corners are
-/// points of three planes through points of the grid, and the test on which side of another such plane one lies is exact
-/// ([`ExactPlane::side`]), however many cuts came before.
+/// Invariant: walls are planes of the input or of the domain's box; none is constructed from a
+/// computed vertex. So vertices are intersections of three planes through grid points, and the test
+/// for the side of another such plane is exact ([`ExactPlane::side`]), after any number of cuts.
 #[derive(Clone, Debug)]
 pub(super) struct Facet {
     pub(super) plane: ExactPlane,
-    /// In turn around it.
+    /// Edges in order around the facet.
     pub(super) edges: Vec<Edge>,
 }
 
 impl Facet {
-    /// The polygon of these corners, with the walls of the edges that begin there.
+    /// Polygon of grid points, each with the wall of the edge that starts there.
     pub(super) fn of_grid(plane: ExactPlane, edges: &[([i32; 3], ExactPlane)]) -> Facet {
         let edge = |&(start, wall): &([i32; 3], ExactPlane)| Edge {
             wall,
@@ -34,7 +35,7 @@ impl Facet {
         Facet { plane, edges: edges.iter().map(edge).collect() }
     }
 
-    /// A triangle of the grid, in its plane.
+    /// Triangle of grid points, in its plane.
     pub(super) fn of_triangle(plane: ExactPlane, corners: &[[i32; 3]; 3]) -> Facet {
         let axis = plane.main_axis();
         let edge = |i: usize| (corners[i], ExactPlane::along(axis, corners[i], corners[(i + 1) % 3]));
@@ -43,19 +44,21 @@ impl Facet {
         facet
     }
 
-    /// The side of a plane on which each corner lies.
+    /// Side of a plane on which each vertex lies: -1, 0 or 1.
     pub(super) fn signs(&self, by: &ExactPlane) -> Vec<i32> {
         self.edges.iter().map(|edge| by.side(&edge.start)).collect()
     }
 
-    /// The parts behind and in front of a plane; both are there if corners, of which the signs are given, lie on both sides.
+    /// Fragments at the back and in front of a plane, given the signs of the vertices. Both are
+    /// non-empty if vertices lie on both sides.
     pub(super) fn cut(&self, by: &ExactPlane, signs: &[i32]) -> [Facet; 2] {
         let mut parts = [-1, 1].map(|side| (side, Facet { plane: self.plane, edges: Vec::new() }));
         for (i, edge) in self.edges.iter().enumerate() {
             let (at, next) = (signs[i], signs[(i + 1) % signs.len()]);
             let met = (at * next < 0).then(|| ExactPoint::of_planes([&self.plane, &edge.wall, by]));
             for (side, part) in &mut parts {
-                // The edge is in this part from its start, from where it comes in, or not; where a part is left, its edge in the plane begins.
+                // A fragment contains the edge from its start, or from where it enters. Where an
+                // edge leaves the fragment, the fragment's edge in the plane starts.
                 if at * *side > 0 || (at == 0 && next * *side > 0) {
                     part.edges.push(edge.clone());
                 }
@@ -73,7 +76,7 @@ impl Facet {
         parts.map(|(_, part)| part)
     }
 
-    /// The rest without another facet of the plane.
+    /// Subtracts another facet of the same plane.
     pub(super) fn without(self, other: &Facet) -> Vec<Facet> {
         let (mut left, mut within) = (Vec::new(), self.clone());
         for Edge { wall, .. } in &other.edges {
@@ -94,7 +97,7 @@ impl Facet {
     }
 }
 
-/// Whether any of these corners lies behind a plane, and whether any lies in front of it.
+/// Whether any vertex is at the back of a plane, and whether any is in front of it.
 pub(super) fn sides(signs: &[i32]) -> [bool; 2] {
     [signs.contains(&-1), signs.contains(&1)]
 }

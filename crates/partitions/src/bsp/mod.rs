@@ -1,10 +1,14 @@
-//! BSP trees: each node divides along a line of the plane, or a plane of space, wherever it lies (H. Fuchs, Z. Kedem, B. Naylor, *On visible
-//! surface generation by a priori tree structures*, 1980).
+//! BSP trees: each node divides along an arbitrary line of the plane, or an arbitrary plane of
+//! space (H. Fuchs, Z. Kedem, B. Naylor, *On visible surface generation by a priori tree
+//! structures*, 1980).
 //!
-//! Coordinates are whole numbers from 0 to below 2^26, and all decisions are exact: lines and planes are those of what was given, and
-//! corners are where such planes meet ([`spinney_brep::ExactPlane`]). Trees of the plane are those of prisms of height 1 over it, so that everything is
-//! written once: `facet.rs` has polygons in planes, `region.rs` the cells of space. `build.rs` makes trees, `combine.rs` merges them, `sections.rs` finds the
-//! boundary of what is inside, `outlines.rs` makes polygons of it, `blocks.rs` quadtrees and octrees.
+//! Coordinates are integers from 0 to 2^26 - 1, and all decisions are exact. Lines and planes are
+//! those of the input, and vertices are intersections of such planes
+//! ([`spinney_brep::ExactPlane`]). A tree of the plane is stored as a tree of prisms of height 1
+//! over it, so that one implementation serves both. `facet.rs` has polygons in planes, `region.rs`
+//! the cells of space. `build.rs` builds trees, `combine.rs` merges them, `sections.rs` finds the
+//! boundary of the inside, `outlines.rs` converts it to polygons, and `blocks.rs` provides
+//! quadtrees and octrees.
 
 mod blocks;
 mod build;
@@ -23,31 +27,33 @@ use spinney_brep::ExactPlane;
 use self::facet::Facet;
 use crate::preorder::BinaryNode;
 
-/// A piece of a segment or face in the line or plane of a node.
+/// Fragment of a segment or face, in the line or plane of a node.
 #[derive(Clone, Debug)]
 pub struct BspPiece {
-    /// Number of the segment, polygon, face or triangle that it is of.
+    /// Index of the segment, polygon, face or triangle that the fragment belongs to.
     pub source: usize,
     facet: Facet,
 }
 
 impl BspPiece {
-    /// Of pieces of triangles: the side of the triangle, 0 to 2 from that corner on, that each edge is a part of. Those that cuts made are of none.
+    /// For fragments of triangles: the triangle's side that each edge lies on. Side 0 to 2 starts
+    /// at the vertex with that index. `None` for edges that cuts created.
     pub fn sides(&self) -> impl Iterator<Item = Option<u8>> {
         self.facet.edges.iter().map(|edge| edge.side)
     }
 }
 
-/// The line or plane of a node, and what lies in it.
+/// Line or plane of a node, and the fragments in it.
 #[derive(Clone, Debug)]
 pub struct Division {
     plane: ExactPlane,
-    /// The pieces in the line or plane, of what the tree was made of; a merged tree has none.
+    /// Fragments of the input in the line or plane. A merged tree has none.
     pub pieces: Vec<BspPiece>,
 }
 
 impl Division {
-    /// The descriptor: the first side is where `a x + b y + c z + d` is negative, the second one where it is not. `c` of lines is 0.
+    /// Coefficients `([a, b, c], d)`. The first side, at the back, is where `a x + b y + c z + d`
+    /// is negative; the second side, in front, is where it is not. For lines, `c` is 0.
     pub fn descriptor(&self) -> ([i64; 3], i128) {
         (self.plane.normal, -self.plane.offset)
     }
@@ -56,16 +62,16 @@ impl Division {
 /// Node of a BSP tree: it divides, or is a cell, which is inside or not.
 pub type BspNode = BinaryNode<Division, bool>;
 
-/// A view of a BSP tree.
+/// Item of a traversal from back to front.
 #[derive(Clone, Copy, Debug)]
 pub enum Seen<'a> {
-    /// A piece in the line or plane of a node.
+    /// Fragment in the line or plane of a node.
     Piece(&'a BspPiece),
-    /// A cell, by the number of its node, and whether it is inside.
+    /// Cell: the index of its node, and whether it is inside.
     Cell(usize, bool),
 }
 
-/// A BSP tree of the plane or of space, in memory.
+/// BSP tree of the plane or of space, in memory.
 ///
 /// ```
 /// use spinney::SetOperation;
@@ -85,29 +91,30 @@ pub struct Bsp {
 }
 
 impl Bsp {
-    /// The nodes in preorder.
+    /// Nodes in preorder.
     pub fn nodes(&self) -> &[BspNode] {
         &self.nodes
     }
 
-    /// The corners of a piece, of trees of the plane its ends.
+    /// Vertices of a fragment; the two ends in trees of the plane.
     pub fn corners(&self, piece: &BspPiece) -> Vec<[f64; 3]> {
         let is_flat = self.dimension == Dimension::Quad;
         let corners = piece.facet.edges.iter().map(|edge| edge.start.near);
         corners.filter(|corner| !is_flat || corner[2] == 0.0).collect()
     }
 
-    /// The number of the node in whose cell a point of the grid is; where it is on a line or plane, the side in front has it.
+    /// Returns the index of the leaf that contains a grid point. A point on a line or plane belongs
+    /// to the side in front of it.
     pub fn locate(&self, point: [i32; 3]) -> usize {
         self.leaf_at(point.map(|at| 2 * i128::from(at)))
     }
 
-    /// Whether a point of the grid is inside.
+    /// Whether a grid point is inside.
     pub fn is_inside(&self, point: [i32; 3]) -> bool {
         matches!(self.nodes[self.locate(point)], BinaryNode::Leaf(true))
     }
 
-    /// The leaf of a point of the grid's halves, by twice its coordinates.
+    /// Leaf of a point at half-integer coordinates, given twice its coordinates.
     fn leaf_at(&self, twice: [i128; 3]) -> usize {
         let mut at = 0;
         while let BinaryNode::Divided { by, second } = &self.nodes[at] {
@@ -116,14 +123,16 @@ impl Bsp {
         at
     }
 
-    /// Hands out all cells and pieces so that none is behind one that was before it, as seen from a point of the grid. (Pieces whose line or plane
-    /// the eye is in are seen from the edge, and come at any time.)
+    /// Calls `take` for all cells and fragments from back to front, as seen from a grid point: none
+    /// is hidden by an earlier one. (Fragments whose line or plane contains the eye are seen
+    /// edge-on, and may come at any time.)
     pub fn back_to_front<'a>(&'a self, eye: [i32; 3], take: &mut dyn FnMut(Seen<'a>)) {
         let eye = eye.map(|at| 2 * i128::from(at));
         self.in_order(&|plane| height(plane, eye) >= 0, take);
     }
 
-    /// Hands out the pieces and regions from back to front, as they are seen from far away in a direction.
+    /// Calls `take` for all cells and fragments from back to front, for a viewer at infinity in
+    /// `direction`.
     pub fn back_to_front_from_afar<'a>(&'a self, direction: [i32; 3], take: &mut dyn FnMut(Seen<'a>)) {
         let rises = |plane: &ExactPlane| {
             let along =
@@ -133,7 +142,7 @@ impl Bsp {
         self.in_order(&rises, take);
     }
 
-    /// Hands out all cells and pieces, those on the side of each plane on which the eye is last.
+    /// Calls `take` for all cells and fragments. At each node, the viewer's side comes last.
     fn in_order<'a>(&'a self, is_in_front: &dyn Fn(&ExactPlane) -> bool, take: &mut dyn FnMut(Seen<'a>)) {
         enum Step {
             Node(usize),
@@ -160,7 +169,7 @@ impl Bsp {
     }
 }
 
-/// Twice the height of a point over a plane, of twice its coordinates.
+/// Twice the value of a plane's equation at a point, given twice the point's coordinates.
 fn height(plane: &ExactPlane, twice: [i128; 3]) -> i128 {
     let along: i128 = plane.normal.iter().zip(twice).map(|(part, at)| i128::from(*part) * at).sum();
     along - 2 * plane.offset

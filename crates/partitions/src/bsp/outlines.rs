@@ -7,22 +7,24 @@ use spinney_brep::ExactPoint;
 use super::Bsp;
 use super::sections::Boundary;
 
-/// A piece of the boundary, with what is inside on its left.
+/// Edge of the boundary, with the inside on its left.
 struct Edge {
     ends: [ExactPoint; 2],
-    /// Numbers of the ends.
+    /// Point indices of the ends.
     corners: [usize; 2],
     direction: [i64; 2],
 }
 
 impl Bsp {
-    /// The rings around what is inside of a tree of the plane, which is on their left where y goes up: outer rings turn counterclockwise there, holes
-    /// clockwise. They touch each other in corners at most, and themselves nowhere.
+    /// Returns the rings around the inside of a tree of the plane. With y upwards, the inside is on
+    /// their left: outer rings are counterclockwise, holes clockwise. Rings touch each other at
+    /// most in vertices, and do not touch themselves.
     ///
-    /// Corners are doubles: exact where they are points of the grid, otherwise off by less than 2^-24.
+    /// Vertices are doubles: exact for grid points, otherwise off by less than 2^-24 grid units.
     ///
     /// # Errors
-    /// If it is a tree of space, or the inside reaches beyond the grid, where its rings would not close.
+    /// If it is a tree of space, or the inside extends beyond the grid, where its rings would not
+    /// close.
     pub fn outlines(&self) -> Result<Vec<Vec<[f64; 2]>>> {
         if self.dimension != Dimension::Quad {
             return Err(Error::invalid("BSP tree", "one of space", "one of the plane"));
@@ -41,7 +43,7 @@ impl Bsp {
             leaving[corners[0]].push(edge);
         }
         let mut rings = Vec::new();
-        // Where the ring that is on its way has each point.
+        // Position of each point in the current ring.
         let mut places = vec![None; points.len()];
         for first in 0..edges.len() {
             let (mut next, mut ring) = (Some(first), Vec::new());
@@ -51,7 +53,7 @@ impl Bsp {
                 leaving[from].swap_remove(place);
                 places[from] = Some(ring.len());
                 ring.push((from, direction));
-                // A ring that comes back to one of its points is complete from there on.
+                // A ring that returns to one of its points is closed, from there on.
                 if let Some(place) = places[to] {
                     let whole = ring.split_off(place);
                     whole.iter().for_each(|(point, _)| places[*point] = None);
@@ -79,27 +81,27 @@ impl Bsp {
     }
 }
 
-/// The corners of a ring, without points at which it goes straight on.
+/// Vertices of a ring, without collinear points.
 fn corners_of(ring: &[(usize, [i64; 2])], points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let before = ring.iter().cycle().skip(ring.len() - 1);
     let corners = ring.iter().zip(before).filter(|((_, along), (_, before))| turn(*before, *along) != 0);
     corners.map(|((point, _), _)| points[*point]).collect()
 }
 
-/// The edge at the foot of a prism's wall.
+/// Bottom edge of a prism's wall.
 fn edge_of(wall: &Boundary) -> Edge {
     let [x, y, _] = wall.facet.plane.normal;
     let direction = if wall.is_inside[0] { [-y, x] } else { [y, -x] };
     let axis = usize::from(direction[0] == 0);
     let mut foot = wall.facet.edges.iter().map(|edge| edge.start).filter(|corner| corner.near[2] == 0.0);
-    // (Walls stand on two corners.)
+    // Each wall has two vertices at the bottom.
     let (Some(a), Some(b)) = (foot.next(), foot.next()) else { unreachable!("a wall without a foot") };
     let rises = a.compare(&b, axis).is_lt();
     let ends = if rises == (direction[axis] > 0) { [a, b] } else { [b, a] };
     Edge { ends, corners: [0; 2], direction }
 }
 
-/// Numbers the ends of edges, so that what is one point has one number, and gives the points.
+/// Assigns the same index to equal ends of edges, and returns the points.
 fn number(edges: &mut [Edge]) -> Vec<[f64; 2]> {
     let mut ends: Vec<_> = (0..2 * edges.len()).collect();
     let point = |edges: &[Edge], end: usize| edges[end / 2].ends[end % 2];
@@ -121,12 +123,13 @@ fn number(edges: &mut [Edge]) -> Vec<[f64; 2]> {
     points
 }
 
-/// The side to which a direction turns from another: 1 to the left.
+/// Turn from one direction to another: 1 is left, -1 right, 0 straight.
 fn turn([ax, ay]: [i64; 2], [bx, by]: [i64; 2]) -> i128 {
     (i128::from(ax) * i128::from(by) - i128::from(ay) * i128::from(bx)).signum()
 }
 
-/// Whether a direction turns farther to the left than another, both from one along which a corner was reached.
+/// Whether `direction` turns farther to the left than `other`, for a path that arrives in direction
+/// `along`.
 fn is_sharper(along: [i64; 2], direction: [i64; 2], other: [i64; 2]) -> bool {
     match (turn(along, direction), turn(along, other)) {
         (a, b) if a != b => a > b,

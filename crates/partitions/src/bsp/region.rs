@@ -1,26 +1,26 @@
-//! Convex parts of space: the cells into which a BSP tree divides it.
+//! Convex regions of space: the cells of a BSP tree.
 
 use spinney_base::space::Dimension;
 use spinney_brep::{ExactPlane, ExactPoint, MAX_BITS};
 
 use super::facet::{Edge, Facet, sides};
 
-/// A convex part of space, by the facets around it, which turn the same way seen from outside. (A part of the plane is a prism of height 1 over it,
-/// so that all is written once.)
+/// Convex region of space, as the facets around it, all with the same orientation seen from
+/// outside. (A region of the plane is a prism of height 1 over it.)
 #[derive(Clone, Debug)]
 pub(super) struct Region {
     facets: Vec<Facet>,
 }
 
 impl Region {
-    /// All that trees are true of: the grid, and a step more on every side.
+    /// Domain of trees: the grid, and one more grid unit on every side.
     pub(super) fn space(dimension: Dimension) -> Region {
         let far = 1 << MAX_BITS;
         let ([low, high], z) = ([-1, far], if dimension == Dimension::Quad { [0, 1] } else { [-1, far] });
         Region::of_box([low, low, z[0]], [high, high, z[1]])
     }
 
-    /// A box.
+    /// Box with the given corners.
     pub(super) fn of_box(min: [i32; 3], max: [i32; 3]) -> Region {
         let ends = [min, max];
         let plane = |axis: usize, end: usize| {
@@ -31,7 +31,7 @@ impl Region {
         let facet = |axis: usize, end: usize| {
             let (u, v) =
                 if end == 1 { ((axis + 1) % 3, (axis + 2) % 3) } else { ((axis + 2) % 3, (axis + 1) % 3) };
-            // Edges begin on the wall of the one before.
+            // Each edge starts on the wall of the edge before it.
             let walls = [(u, 0), (v, 0), (u, 1), (v, 1)];
             let edges = [3, 0, 1, 2].into_iter().zip(walls).map(|(before, wall)| {
                 let mut start = [0; 3];
@@ -45,7 +45,7 @@ impl Region {
         Region { facets: (0..6).map(|side| facet(side / 2, side % 2)).collect() }
     }
 
-    /// Whether some of it lies behind a plane, and some in front.
+    /// Whether the region extends to the back of a plane and to its front.
     pub(super) fn sides(&self, by: &ExactPlane) -> [bool; 2] {
         let mut found = [false; 2];
         for edge in self.facets.iter().flat_map(|facet| &facet.edges) {
@@ -60,10 +60,12 @@ impl Region {
         found
     }
 
-    /// The parts behind and in front of a plane that cuts it, and the section with it.
+    /// Cuts the region. Returns its fragments at the back and in front of the plane, and the
+    /// section between them.
     pub(super) fn cut(self, by: &ExactPlane) -> ([Region; 2], Facet) {
         let mut parts = [const { Vec::new() }; 2];
-        // Edges of the section, with their ends: as seen from the part in front, which has each of them once more.
+        // Edges of the section and their ends, oriented as seen from the fragment in front, which
+        // has each edge reversed.
         let mut around: Vec<(Edge, ExactPoint)> = Vec::new();
         let mut add = |facet: &Facet, edge: usize| {
             let (from, to) = (facet.edges[edge].start, facet.edges[(edge + 1) % facet.edges.len()].start);
@@ -99,7 +101,7 @@ impl Region {
     }
 }
 
-/// The edges one after the other, each of which begins where the one before ends.
+/// Sorts the edges so that each starts where the one before it ends.
 fn chained(mut around: Vec<(Edge, ExactPoint)>) -> Vec<Edge> {
     let mut edges = Vec::with_capacity(around.len());
     let mut next = around.pop();
@@ -113,7 +115,8 @@ fn chained(mut around: Vec<(Edge, ExactPoint)>) -> Vec<Edge> {
 
 #[cfg(test)]
 impl Region {
-    /// Its volume, by tetrahedra from the origin to triangles of the facets, which turn counterclockwise seen from outside.
+    /// Volume: sum of tetrahedra from the origin to triangles of the facets, which are
+    /// counterclockwise seen from outside.
     pub(super) fn volume(&self) -> f64 {
         let mut sum = 0.0;
         for facet in &self.facets {
@@ -126,7 +129,7 @@ impl Region {
         sum
     }
 
-    /// Corners less edges and more facets.
+    /// Euler characteristic: vertices - edges + facets.
     pub(super) fn euler(&self) -> i64 {
         let mut corners: Vec<ExactPoint> = Vec::new();
         for corner in self.facets.iter().flat_map(|facet| &facet.edges).map(|edge| edge.start) {

@@ -1,4 +1,4 @@
-//! The parts that lie in the lines and planes of a tree's nodes, and on both of their sides: the boundary of what is inside.
+//! Sections of a tree's nodes with their lines or planes, and the boundary of the inside.
 
 use spinney_base::{Error, Result};
 
@@ -7,17 +7,18 @@ use super::region::Region;
 use super::{Bsp, Division};
 use crate::preorder::BinaryNode;
 
-/// A part of a node's plane, with what is behind it and in front of it.
+/// Facet in a node's plane; whether its back and its front are inside.
 pub(super) struct Boundary {
     pub(super) facet: Facet,
     pub(super) is_inside: [bool; 2],
 }
 
-/// Takes what a node divides by, the nodes on its two sides, and the part of its plane in its cell.
+/// Called with a node's division, the nodes on its two sides, and the section of its plane with its
+/// cell.
 type SectionVisitor<'a> = dyn FnMut(&Division, [usize; 2], Facet) -> Result<()> + 'a;
 
 impl Bsp {
-    /// Hands out the nodes that divide, with the parts of their planes in their cells.
+    /// Calls `take` for all dividing nodes, with the sections of their planes with their cells.
     pub(super) fn each_section(&self, take: &mut SectionVisitor<'_>) -> Result<()> {
         let mut pending = vec![(0, Region::space(self.dimension))];
         while let Some((at, region)) = pending.pop() {
@@ -34,7 +35,8 @@ impl Bsp {
         Ok(())
     }
 
-    /// The parts of a facet in the plane above two nodes, with what is on both of its sides.
+    /// Cuts a facet in the plane above two nodes by the cells on both sides, and reports whether
+    /// these are inside.
     pub(super) fn on_both_sides(&self, [behind, before]: [usize; 2], facet: Facet) -> Vec<Boundary> {
         let behind = self.in_cells(behind, facet).into_iter();
         let both = behind.flat_map(|(part, inside_behind)| {
@@ -47,7 +49,7 @@ impl Bsp {
         both.collect()
     }
 
-    /// The parts of a facet in the cells below a node, and whether they are inside.
+    /// Fragments of a facet in the cells below a node, and whether these are inside.
     fn in_cells(&self, at: usize, facet: Facet) -> Vec<(Facet, bool)> {
         let (mut pieces, mut pending) = (Vec::new(), vec![(at, facet)]);
         while let Some((at, facet)) = pending.pop() {
@@ -68,7 +70,8 @@ impl Bsp {
         pieces
     }
 
-    /// Makes sure that the pieces that the tree was made of are all of the boundary of what is inside, which is behind them.
+    /// Checks that the input fragments are exactly the boundary of the inside, which is at their
+    /// back.
     pub(super) fn check_boundary(&self) -> Result<()> {
         self.each_section(&mut |by, below, section| {
             let mut rest = vec![section];

@@ -6,7 +6,7 @@ use spinney_engine::tree::{Child, Source};
 
 use super::*;
 
-/// Sixteen directions around a point, in turn.
+/// Sixteen directions around a point, counterclockwise.
 const AROUND: [[i32; 2]; 16] = [
     [2, 0],
     [2, 1],
@@ -28,7 +28,7 @@ const AROUND: [[i32; 2]; 16] = [
 
 type Polygon = Vec<Vec<[i32; 2]>>;
 
-/// A star around a point with a hole or without, within 64 x 64.
+/// Star-shaped polygon with or without a hole, within 64 x 64.
 fn star() -> impl Strategy<Value = Polygon> {
     let radii = proptest::collection::vec(2i32..8, 16);
     ((20i32..44, 20i32..44), radii, any::<bool>(), any::<bool>()).prop_map(
@@ -48,7 +48,7 @@ fn star() -> impl Strategy<Value = Polygon> {
     )
 }
 
-/// Whether a point, by twice its coordinates, is inside of rings, by counting crossings; nothing of points on them.
+/// Whether a point is inside of rings, by the even-odd rule; `None` for points on a ring.
 fn is_inside(rings: &[Vec<[f64; 2]>], [px, py]: [f64; 2]) -> Option<bool> {
     let mut inside = false;
     for ring in rings {
@@ -76,7 +76,7 @@ fn area(rings: &[Vec<[f64; 2]>]) -> f64 {
     edges.map(|([ax, ay], [bx, by])| (ax * by - ay * bx) / 2.0).sum()
 }
 
-/// Halves of grid points around the middle, which lie on few lines.
+/// Centres of grid cells, few of which lie on lines.
 fn places() -> impl Iterator<Item = [f64; 2]> {
     (0..64 * 64).map(|i| [f64::from(i % 64) + 0.5, f64::from(i / 64) + 0.5])
 }
@@ -100,7 +100,8 @@ fn config(cases: u32) -> ProptestConfig {
 proptest! {
     #![proptest_config(config(24))]
 
-    /// Trees are inside where polygons are, and all sixteen operations where they say.
+    /// Trees have the inside of their polygons, and all sixteen operations match their definition
+    /// at every point.
     #[test]
     fn operations_are_those_of_points(a in star(), b in star()) {
         let trees = [&a, &b].map(|polygon| Bsp::of_polygons(std::slice::from_ref(polygon)).unwrap());
@@ -121,7 +122,8 @@ proptest! {
         }
     }
 
-    /// Outlines have the area and the points of what is inside, and trees of them are the same again.
+    /// Outlines have the area and the points of the inside, and trees built from them have the same
+    /// outlines.
     #[test]
     fn outlines_are_around_what_is_inside(a in star(), b in star()) {
         let trees = [&a, &b].map(|polygon| Bsp::of_polygons(std::slice::from_ref(polygon)).unwrap());
@@ -152,7 +154,7 @@ proptest! {
         }
     }
 
-    /// Cells of quadtrees are those whose centres are inside, and blocks are what their cells are.
+    /// Quadtree cells are those whose centres are inside, and blocks match their cells.
     #[test]
     fn blocks_are_what_their_cells_are(a in star()) {
         let tree = Bsp::of_polygons(std::slice::from_ref(&a)).unwrap();
@@ -174,7 +176,7 @@ proptest! {
         }
     }
 
-    /// Along any line of sight, pieces come from the farthest to the nearest.
+    /// Fragments along any line of sight come from the farthest to the nearest.
     #[test]
     fn pieces_come_from_back_to_front(ends in proptest::collection::vec([0i32..40, 0..40, 0..40, 0..40], 1..25), eye in [0i32..40, 0..40]) {
         let segments: Vec<_> = ends.iter().map(|[a, b, c, d]| [[*a, *b], [*c, *d]]).filter(|[p, q]| p != q).collect();
@@ -228,11 +230,11 @@ fn cuboid([x, y, z]: [i32; 3], [dx, dy, dz]: [i32; 3]) -> Vec<Vec<Vec<[i32; 3]>>
     sides.map(|side| vec![side.map(corner).to_vec()]).to_vec()
 }
 
-/// A cuboid with a shaft through it, so that two of its faces have holes.
+/// Cuboid with a shaft through it, so that two of its faces have holes.
 fn frame() -> Vec<Vec<Vec<[i32; 3]>>> {
     let mut faces = cuboid([1, 1, 1], [12, 12, 6]);
     let shaft = cuboid([4, 5, 1], [5, 3, 6]);
-    // The shaft's ends are holes in the cuboid's, its sides are turned inwards.
+    // The shaft's ends are holes in the cuboid's faces; its sides are reversed.
     for (side, mut ring) in shaft.into_iter().map(|mut rings| rings.remove(0)).enumerate() {
         ring.reverse();
         match side {
@@ -243,7 +245,7 @@ fn frame() -> Vec<Vec<Vec<[i32; 3]>>> {
     faces
 }
 
-/// A body with slanted faces.
+/// Solid with slanted faces.
 fn octahedron([x, y, z]: [i32; 3], radius: i32) -> Vec<Vec<Vec<[i32; 3]>>> {
     let mut faces = Vec::new();
     for bits in 0..8 {
@@ -257,7 +259,7 @@ fn octahedron([x, y, z]: [i32; 3], radius: i32) -> Vec<Vec<Vec<[i32; 3]>>> {
     faces
 }
 
-/// Bodies of space, and what is made of them, against what is known of their points; octrees of them, too.
+/// Solids, their set operations and their octrees, checked pointwise.
 #[test]
 fn bodies_are_inside_where_they_are() {
     let frame = Bsp::of_faces(&frame()).unwrap();
@@ -267,7 +269,7 @@ fn bodies_are_inside_where_they_are() {
         let in_shaft = between(x, 4, 9) && between(y, 5, 8);
         between(x, 1, 13) && between(y, 1, 13) && between(z, 1, 7) && !in_shaft
     };
-    // (Centres of cells lie on no face: sums of three odd numbers are odd.)
+    // Cell centres lie on no face, since the sum of three odd numbers is odd.
     let in_octahedron = |at: [i32; 3]| at.iter().map(|at| (at - 16).abs()).sum::<i32>() < 12;
     for operation in SetOperation::ALL {
         let made = frame.combine(&octahedron, operation).unwrap();
@@ -286,7 +288,8 @@ fn bodies_are_inside_where_they_are() {
     assert!(frame.is_inside([2, 2, 2]) && !frame.is_inside([5, 6, 4]) && !frame.is_inside([0, 0, 0]));
 }
 
-/// Regions stay closed polyhedra, however often they are cut, and the parts have all of the volume.
+/// Regions stay closed polyhedra after any number of cuts, and the fragments fill the region's
+/// volume.
 #[test]
 fn parts_of_a_region_are_polyhedra_that_fill_it() {
     let volume = |region: &region::Region| region.volume();
@@ -326,7 +329,7 @@ fn what_bounds_nothing_is_refused() {
     );
     let polygon =
         |rings: &[&[[i32; 2]]]| Bsp::of_polygons(&[rings.iter().map(|ring| ring.to_vec()).collect()]);
-    // A bow tie, squares that cross or have an edge in common, a hole outside, a line.
+    // Bow tie, squares that cross or share an edge, a hole outside, a line.
     let square = |x: i32, y: i32| [[x, y], [x + 4, y], [x + 4, y + 4], [x, y + 4]];
     let two = |other: [[i32; 2]; 4]| Bsp::of_polygons(&[vec![square(1, 1).to_vec()], vec![other.to_vec()]]);
     for bad in [
@@ -340,7 +343,7 @@ fn what_bounds_nothing_is_refused() {
     ] {
         assert!(error(bad).contains("no boundary of a body near"));
     }
-    // What touches in points does not, and what is there twice counts once.
+    // Rings may touch in points, and duplicates count once.
     assert_eq!(two(square(1, 1)).unwrap().outlines().unwrap().len(), 1);
     assert_eq!(two(square(5, 5)).unwrap().outlines().unwrap().len(), 2);
     assert_eq!(polygon(&[&square(0, 0), &[[0, 0], [2, 1], [1, 2]]]).unwrap().outlines().unwrap().len(), 2);

@@ -6,29 +6,30 @@ use spinney_base::{Error, Progress, Result};
 use spinney_brep::exact::normal::triangle_normal;
 use spinney_brep::{ExactModel, Faces as _, Triangulated};
 
-/// Triangles that a drawing may have: what is cut of them in a BSP tree takes about 2 KB each.
+/// Maximum number of triangles of a drawing: fragments of one triangle in a BSP tree take about 2
+/// KB.
 const MAX_TRIANGLES: usize = 1 << 17;
 
-/// Triangles between two looks at whether to go on.
+/// Triangles between checks for cancellation.
 const OFTEN: usize = 1 << 12;
 
-/// The triangles of a model.
+/// Triangles of a model.
 pub(super) struct Triangles {
     pub(super) corners: Vec<[[i32; 3]; 3]>,
-    /// Of those without an area, zeros.
+    /// Zeros for triangles without area.
     normals: Vec<[i64; 3]>,
     sources: Vec<u64>,
-    /// The triangle of each side in its direction; `None` if several have it.
+    /// Triangle of each directed side; `None` if several triangles have the side.
     of_side: HashMap<[[i32; 3]; 2], Option<u32>>,
-    /// Whether corners beside the grid are rounded to it.
+    /// Whether off-grid vertices are rounded to the grid.
     is_rounded: bool,
 }
 
 impl Triangles {
-    /// Reads those of a model.
+    /// Reads the triangles of a model.
     ///
     /// # Errors
-    /// If there are too many, the file is damaged, or on interruption.
+    /// If there are more than [`MAX_TRIANGLES`], the file is corrupt, or on cancellation.
     pub(super) fn of(model: &ExactModel, progress: &dyn Progress) -> Result<Triangles> {
         let too_many = |count: u64| {
             let found = format!("a drawing of {count} faces or more (at most {MAX_TRIANGLES} triangles)");
@@ -70,13 +71,14 @@ impl Triangles {
         Ok(found)
     }
 
-    /// The sides of a triangle that are edges: those where the surface bends, ends, or meets another one.
+    /// Whether each side of a triangle is an edge: the surface bends or ends there, or meets
+    /// another one.
     pub(super) fn edges(&self, triangle: usize) -> [bool; 3] {
         let has_area = self.normals[triangle] != [0; 3];
         [0, 1, 2].map(|side| has_area && !self.is_smooth(triangle, side))
     }
 
-    /// The triangle on the other side of a side; `None` if there is none, or more than one.
+    /// Triangle across a side; `None` if there is none, or more than one.
     pub(super) fn beside(&self, triangle: usize, side: usize) -> Option<usize> {
         let corners = &self.corners[triangle];
         let (from, to) = (corners[side], corners[(side + 1) % 3]);
@@ -84,12 +86,12 @@ impl Triangles {
         self.of_side.get(&[to, from]).copied().flatten().map(|other| other as usize)
     }
 
-    /// Whether the surface goes on in one plane beyond a side.
+    /// Whether the surface continues in the same plane across a side.
     fn is_smooth(&self, triangle: usize, side: usize) -> bool {
         match self.beside(triangle, side) {
             None => false,
             Some(other) if self.normals[other] != [0; 3] => self.are_in_plane(triangle, other),
-            // One without an area joins sides that lie on each other.
+            // A triangle without area joins sides that coincide.
             Some(joint) => (0..3).all(|side| match self.beside(joint, side) {
                 Some(other) => {
                     other == triangle || (self.normals[other] != [0; 3] && self.are_in_plane(triangle, other))
@@ -99,8 +101,9 @@ impl Triangles {
         }
     }
 
-    /// Whether two triangles lie in one plane, and face the same way. (Those of one source that stand in for faces with corners beside the grid are not off it by more
-    /// than a step.)
+    /// Whether two triangles lie in one plane and face the same way. (Triangles of one source may
+    /// be proxies for faces with off-grid vertices. They differ from the plane by at most one grid
+    /// unit.)
     fn are_in_plane(&self, one: usize, other: usize) -> bool {
         let [a, b] = [one, other].map(|triangle| self.normals[triangle].map(i128::from));
         let along: i128 = a.iter().zip(b).map(|(a, b)| a * b).sum();

@@ -1,4 +1,4 @@
-//! Drawings of exact models' edges.
+//! Line drawings of exact models' edges.
 
 use glam::DVec3;
 
@@ -11,7 +11,7 @@ use spinney_brep::exact::normal::triangle_normal;
 use spinney_brep::{ExactModel, Faces as _, Grid};
 use spinney_partitions::bsp::{Bsp, Seen};
 
-/// Where a point of the grid, or between its points, is in the picture.
+/// Image position of a point in grid coordinates.
 fn place(point: [f64; 3], grid: &Grid, camera: &Camera) -> [f64; 2] {
     camera.place(DVec3::from(grid.to_world([0; 3])) + DVec3::from(point) * grid.width())
 }
@@ -34,14 +34,15 @@ pub(super) fn wireframe(
     Ok(())
 }
 
-/// A viewer on the grid of a model.
+/// Viewer in grid coordinates: a point, or a direction to infinity.
 #[derive(Clone, Copy)]
 enum GridViewer {
     At([i32; 3]),
     FarAway([i32; 3]),
 }
 
-/// Coordinates of viewers in steps that are known by their places; from farther away, lines of sight are parallel but for less than a step.
+/// Coordinate limit, in grid units, of viewers that are points. Lines of sight from a more distant
+/// viewer are parallel up to less than a grid unit.
 const FAR: f64 = (1u32 << 30) as f64;
 
 impl GridViewer {
@@ -60,7 +61,7 @@ impl GridViewer {
         GridViewer::FarAway(scaled.to_array().map(|at| at.round() as i32))
     }
 
-    /// Whether a triangle is seen from outside.
+    /// Whether a triangle faces the viewer.
     fn is_before(self, corners: &[[i32; 3]; 3]) -> bool {
         let to_eye = |axis: usize| match self {
             GridViewer::At(eye) => i128::from(eye[axis]) - i128::from(corners[0][axis]),
@@ -71,7 +72,8 @@ impl GridViewer {
     }
 }
 
-/// Draws the edges that no face hides: faces that are turned to the viewer from back to front, each with its edges over those behind it.
+/// Draws the edges that no face hides. Faces that face the viewer are painted from back to front,
+/// and each covers the edges it hides before its own edges are drawn.
 pub(super) fn hidden_lines(
     model: &ExactModel,
     camera: &Camera,
@@ -81,13 +83,13 @@ pub(super) fn hidden_lines(
     let triangles = Triangles::of(model, progress)?;
     let (grid, paper) = (model.grid(), marks.paper());
     let viewer = GridViewer::of(camera, grid);
-    // Faces that are turned away have others before them, unless the viewer is inside of what goes on without an end.
+    // Other faces hide those that face away, unless the viewer is inside of an unbounded solid.
     let is_seen = |number: &usize| model.is_unbounded() || viewer.is_before(&triangles.corners[*number]);
     let numbers: Vec<usize> = (0..triangles.corners.len()).filter(is_seen).collect();
     let seen: Vec<_> = numbers.iter().map(|number| triangles.corners[*number]).collect();
     let tree = Bsp::of_triangles(&seen)?;
     progress.check()?;
-    // Edges of a plane's pieces go over all of its faces.
+    // Edges in a node's plane are drawn after all of its faces.
     let mut lines = Vec::new();
     let mut take = |what: Seen<'_>| match what {
         Seen::Cell(..) => marks.lines(lines.drain(..)),

@@ -1,20 +1,21 @@
 //! Polygons and lines of a drawing, from back to front.
 
-/// Trace of a mark on the paper.
+/// How a mark is painted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Ink {
-    /// The inside of a convex polygon.
+    /// Interior of a convex polygon.
     Fill([u8; 3]),
-    /// Segments: two points each.
+    /// Line segments, two points each.
     Lines,
 }
 
-/// Marks, each over those before it; points are in pixels from the upper left corner.
+/// Marks of a drawing, each painted over those before it. Points are in pixels from the upper left
+/// corner.
 pub(super) struct Marks {
-    /// Colour of the paper; `None` is transparent.
+    /// Background colour; `None` is transparent.
     pub(super) background: Option<[u8; 3]>,
     points: Vec<[f64; 2]>,
-    /// With where the points of each one end.
+    /// Each mark with the end index of its points.
     marks: Vec<(Ink, usize)>,
 }
 
@@ -26,12 +27,12 @@ impl Marks {
         Marks { background, points: Vec::new(), marks: Vec::new() }
     }
 
-    /// The colour of what hides others and has none of its own.
+    /// Colour of faces that hide others and have no colour of their own.
     pub(super) fn paper(&self) -> [u8; 3] {
         self.background.unwrap_or([255; 3])
     }
 
-    /// The colour of lines.
+    /// Colour of lines.
     pub(super) fn line_colour(&self) -> [u8; 3] {
         let sum: u32 = self.paper().into_iter().map(u32::from).sum();
         if sum < 3 * DARK { [255; 3] } else { [0; 3] }
@@ -42,7 +43,7 @@ impl Marks {
         self.marks.push((Ink::Fill(colour), self.points.len()));
     }
 
-    /// Adds segments; those that come one after the other are one mark.
+    /// Adds line segments. Consecutive calls extend the same mark.
     pub(super) fn lines(&mut self, segments: impl IntoIterator<Item = [[f64; 2]; 2]>) {
         let known = self.points.len();
         self.points.extend(segments.into_iter().flatten());
@@ -53,7 +54,7 @@ impl Marks {
         }
     }
 
-    /// All marks with their points.
+    /// Iterates over all marks with their points.
     pub(super) fn each(&self) -> impl Iterator<Item = (Ink, &[[f64; 2]])> {
         let starts = std::iter::once(0).chain(self.marks.iter().map(|(_, end)| *end));
         starts.zip(&self.marks).map(|(start, (ink, end))| (*ink, &self.points[start..*end]))

@@ -1,8 +1,9 @@
-//! Line drawings of solids: all edges, edges without what is hidden, and the blocks of octrees.
+//! Line drawings of solids: all edges, visible edges only, or the blocks of octrees.
 //!
-//! A drawing is a list of flat polygons and lines from back to front (`marks.rs`), each over those before it: the painter's algorithm. `edges.rs` finds the edges of exact
-//! models, `faces.rs` orders their faces by a BSP tree, `octants.rs` the blocks of octrees by their nodes; `svg.rs` writes the list,
-//! `painter.rs` paints it.
+//! A drawing is a list of flat polygons and lines from back to front (`marks.rs`), painted in that
+//! order: the painter's algorithm. `edges.rs` finds the edges of exact models, `faces.rs` sorts
+//! their faces with a BSP tree, and `octants.rs` sorts the blocks of octrees. `svg.rs` and
+//! `painter.rs` write the list as SVG or pixels.
 
 mod edges;
 mod faces;
@@ -23,35 +24,39 @@ use spinney_brep::ExactModel;
 use spinney_engine::dataset::Dataset;
 use spinney_raster::image::Format;
 
-/// How a solid is drawn by lines.
+/// Style of a line drawing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DrawingStyle {
     /// All edges of an exact model.
     Wireframe,
-    /// Its edges without what is hidden.
+    /// Visible edges of an exact model.
     HiddenLines,
-    /// The blocks of its octree, or of an octree of cells.
+    /// Blocks of an exact model's octree, or of an octree of cells.
     Octants,
 }
 
-/// File formats of drawings.
+/// File format of a drawing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DrawingFormat {
-    /// Paths, in SVG 1.1.
+    /// Paths in SVG 1.1.
     Svg,
     /// Pixels.
     Picture(Format),
 }
 
-/// Draws an exact model by lines, and returns the level of the octree, where it is one that is drawn.
+/// Writes a line drawing of an exact model. Returns the octree level that was drawn for
+/// [`DrawingStyle::Octants`], `None` otherwise.
 ///
-/// Edges between faces of one plane are left out. Camera and background are those of [`render_exact`](super::render_exact); faces that hide others have the
-/// background's colour, and blocks are flat, of the light of their side. Of [`DrawingStyle::Octants`], a block is drawn if it is inside, or, at the level, if at least half of
-/// it is; without a level it is the coarsest that has 32 blocks along the body's longest side.
+/// Sides between faces of one plane are not drawn as edges. Camera and background are those of
+/// [`render_exact`](super::render_exact). Faces that hide others have the background's colour; the
+/// sides of blocks are flat-shaded. With [`DrawingStyle::Octants`], a block is drawn if it is
+/// inside, or if it is at the level and at least half of it is inside. The default level is the
+/// coarsest one with 32 blocks along the solid's longest side.
 ///
 /// # Errors
-/// If a number of the request makes no sense, a level is asked for that means nothing or is not there, there are more faces or blocks than can be held in memory at
-/// once, the format cannot hold colours of 8 bits, the file is damaged, or on interruption.
+/// If a number of the request is out of range, a level is requested for a drawing of edges or does
+/// not exist, the faces or blocks exceed the limits of memory, the format cannot store 8-bit
+/// colours, the file is corrupt, or on cancellation.
 pub fn draw_exact(
     model: &ExactModel,
     style: DrawingStyle,
@@ -85,8 +90,10 @@ pub fn draw_exact(
     Ok(level)
 }
 
-/// Draws an octree of cells by its blocks, as [`DrawingStyle::Octants`] of [`draw_exact`] does, and returns the level. Blocks have the colours of
-/// [`render`](super::render); of those at the level, trees of occupancy show the ones that are at least half full, and all others what is not VOID.
+/// Draws the blocks of an octree of cells, as [`draw_exact`] does with [`DrawingStyle::Octants`],
+/// and returns the level. Blocks have the colours of [`render`](super::render). At the level, an
+/// occupancy tree shows blocks that are at least half full; other trees show all blocks that are
+/// not VOID.
 ///
 /// # Errors
 /// Those of [`draw_exact`]; and if the tree is a quadtree.
@@ -118,11 +125,11 @@ fn write(
     }
 }
 
-/// A place from which something is seen, in the coordinates of what is asked.
+/// Viewer in some coordinate system: a point, or a direction to infinity.
 #[derive(Clone, Copy, Debug)]
 enum Viewer {
     At(DVec3),
-    /// Far away, in this direction.
+    /// At infinity, in this direction.
     FarAway(DVec3),
 }
 

@@ -1,4 +1,4 @@
-//! Drawings of octrees: blocks from back to front, flat and with their edges.
+//! Drawings of octrees: flat-shaded blocks with their edges, from back to front.
 
 use std::collections::HashSet;
 
@@ -19,22 +19,23 @@ use spinney_engine::dataset::Dataset;
 use spinney_engine::tree::Child;
 use spinney_style::to_srgb;
 
-/// Blocks that a drawing may have.
+/// Maximum number of blocks of a drawing.
 const MAX_BLOCKS: usize = 1 << 18;
 
-/// Blocks along the longest side of a solid, at least, where no level is asked for.
+/// Minimum number of blocks along a solid's longest side at the default level.
 const ALONG: f64 = 32.0;
 
-/// Shares of a cell that rounding makes of nothing, and lacks of all: more than 2^20 roundings of 2^-52, and less than the share of a step of the grid, 2^-26.
+/// Tolerance for rounding errors of a cell's coverage. It exceeds 2^20 rounding errors of 2^-52,
+/// and is smaller than the share of one grid unit, 2^-26.
 const ROUNDING: f64 = 1e-9;
 
-/// Least occupancy of what is drawn at the deepest level.
+/// Minimum occupancy (0 to 255) of blocks that are drawn at the deepest level.
 const HALF: f64 = 127.5;
 
-/// Share of the light that a side has which is turned away from it.
+/// Brightness of sides that face away from the light.
 const SHADE: f64 = 0.55;
 
-/// A node that is drawn.
+/// Node that is drawn.
 struct Block {
     level: u8,
     position: [u32; 3],
@@ -42,15 +43,15 @@ struct Block {
     colour: DVec3,
 }
 
-/// Blocks of an octree, as they are found.
+/// Blocks of an octree, collected from back to front.
 struct Blocks<'a> {
-    /// Map from cells of the root, which is one, to the world.
+    /// Map from root coordinates (the root is the unit cube) to the world.
     frame: Frame,
     viewer: Viewer,
-    /// The deepest level.
+    /// Deepest level that is drawn.
     level: u8,
     list: Vec<Block>,
-    /// For errors.
+    /// File name for errors.
     name: &'a std::path::Path,
     progress: &'a dyn Progress,
 }
@@ -96,7 +97,8 @@ pub(super) fn of_cells(
     Ok(level)
 }
 
-/// The level that is drawn of a tree whose deepest cells have a frame.
+/// Level to draw; `frame` is that of the deepest cells, `longest` the solid's longest side in the
+/// world.
 fn level_of(asked: Option<u8>, depth: u8, frame: &Frame, longest: f64) -> Result<u8> {
     match asked {
         Some(level) if level <= depth => Ok(level),
@@ -130,7 +132,8 @@ impl<'a> Blocks<'a> {
         Ok(Blocks { frame, viewer, level, list: Vec::new(), name, progress })
     }
 
-    /// The end of an interval of an axis, in parts of the root, that is turned to the viewer; `None` of one that is beside them.
+    /// End of an interval along an axis that faces the viewer, in root coordinates: 0 is low, 1 is
+    /// high. `None` if the viewer is between the ends.
     fn near_end(&self, axis: usize, [low, high]: [f64; 2]) -> Option<usize> {
         let (before, behind) = match self.viewer {
             Viewer::At(eye) => (eye[axis] > high, eye[axis] < low),
@@ -139,14 +142,15 @@ impl<'a> Blocks<'a> {
         before.then_some(1).or(behind.then_some(0))
     }
 
-    /// The children of a node, those farthest from the viewer first.
+    /// Children of a node, farthest from the viewer first.
     fn back_to_front(&self, level: u8, position: [u32; 3]) -> impl Iterator<Item = usize> + use<> {
         let middle = |axis: usize| (f64::from(position[axis]) + 0.5) / 2f64.powi(level.into());
         let near: usize = (0..3)
             .filter(|axis| self.near_end(*axis, [middle(*axis); 2]) == Some(1))
             .map(|axis| 1 << axis)
             .sum();
-        // Of two children that a wall parts, the one on the other side of it has one bit more of `near` wrong.
+        // Each bit of the index is 1 on the viewer's side. If a child hides another, it has all
+        // index bits of the other and more, hence a higher index.
         (0..8).map(move |child| child ^ near ^ 7)
     }
 
@@ -203,10 +207,11 @@ impl<'a> Blocks<'a> {
         }
     }
 
-    /// Walks through what is inside in a cell that faces may cut.
+    /// Collects the interior blocks of a cell that faces may cross.
     fn divide(&mut self, model: &ExactModel, level: u8, position: [u32; 3], colour: DVec3) -> Result<()> {
         let share = model.cell_coverage(level, position, self.progress)?.share;
-        // (Walls are half a step of the grid below the points that faces are at: of three of them so much may be lacking, or too much.)
+        // Cell walls are half a grid unit below the grid points of faces. Along three axes, this
+        // adds or removes up to 1.5 grid units of coverage.
         let rest = 1.5 / f64::from(1u32 << (model.grid().bits - level)) + ROUNDING;
         let is_full = share >= 1.0 - rest;
         if share >= 0.5 && (is_full || level == self.level) {
@@ -222,7 +227,7 @@ impl<'a> Blocks<'a> {
         Ok(())
     }
 
-    /// Draws the sides of the blocks that are turned to the viewer, and that no other block lies on.
+    /// Draws the sides of blocks that face the viewer and are not covered by an adjacent block.
     fn draw(&self, camera: &Camera, marks: &mut Marks) {
         let known: HashSet<(u8, [u32; 3])> =
             self.list.iter().map(|block| (block.level, block.position)).collect();

@@ -1,4 +1,4 @@
-//! Drawings as pixels: each sample has the colour of the last mark that covers it.
+//! Rasterizes drawings: each sample has the colour of the last mark that covers it.
 
 use super::marks::{Ink, LINE_WIDTH, Marks};
 use crate::{RenderRequest, colours_of};
@@ -7,23 +7,24 @@ use spinney_base::{Progress, Result};
 use spinney_raster::image::{Format, create};
 use spinney_style::{to_linear, to_srgb};
 
-/// Samples that are in memory at once, unless a row has more.
+/// Maximum number of samples in memory, unless a single row has more.
 const SAMPLES: u64 = 1 << 22;
 
 /// Colour of samples that no mark covers.
 const NOTHING: u32 = u32::MAX;
 
-/// Rows of samples that are painted together, in samples from the upper left corner of the picture.
+/// Rows of samples that are painted together. Coordinates are in samples from the image's upper
+/// left corner.
 struct Band {
     columns: usize,
     first: usize,
     rows: usize,
     samples: Vec<u32>,
-    /// Where a row enters and leaves a polygon.
+    /// Scratch buffer: x coordinates at which a row crosses a polygon.
     crossings: Vec<f64>,
 }
 
-/// Writes marks as a picture, a band of rows after the other.
+/// Rasterizes marks and writes the image in bands of rows.
 pub(super) fn write(
     marks: &Marks,
     request: &RenderRequest,
@@ -58,7 +59,7 @@ fn packed([red, green, blue]: [u8; 3]) -> u32 {
     u32::from_be_bytes([0, red, green, blue])
 }
 
-/// Marks between two looks at whether to go on.
+/// Marks between checks for cancellation.
 const OFTEN: usize = 1 << 12;
 
 impl Band {
@@ -83,12 +84,13 @@ impl Band {
         Ok(())
     }
 
-    /// Gives the samples inside of a convex polygon a colour.
+    /// Fills the samples inside of a convex polygon with a colour.
     fn polygon(&mut self, corners: impl Iterator<Item = [f64; 2]> + Clone, colour: u32) {
         let heights = corners.clone().map(|[_, y]| y);
         let (low, high) =
             heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), y| (low.min(y), high.max(y)));
-        // Rows with centres from `low` to `high`. (What is no number has none.)
+        // Rows with centres from `low` to `high`. (A polygon whose coordinates are all NaN has
+        // none.)
         let row =
             |y: f64| (y - 0.5).ceil().clamp(self.first as f64, (self.first + self.rows) as f64) as usize;
         let (from, to) = (row(low), row(high));
@@ -113,7 +115,8 @@ impl Band {
         }
     }
 
-    /// The pixels: means of their samples' light, and the share of those that are covered as opacity, where nothing is behind them.
+    /// Pixels of the band: the mean of their samples' linear light. Without a background, the
+    /// fraction of covered samples is the opacity.
     fn pixels(&self, background: Option<[u8; 3]>, samples: usize) -> Vec<u8> {
         let (columns, rows) = (self.columns / samples, self.rows / samples);
         let mut pixels = Vec::with_capacity(columns * rows * if background.is_some() { 3 } else { 4 });
@@ -156,7 +159,8 @@ impl Band {
     }
 }
 
-/// The rectangle around a segment, a little longer than it, so that lines meet at corners.
+/// Rectangle around a line segment, extended by a quarter of the line width so that lines meet at
+/// corners.
 fn stroke([[ax, ay], [bx, by]]: [[f64; 2]; 2], half: f64) -> [[f64; 2]; 4] {
     let length = (bx - ax).hypot(by - ay);
     let [x, y] =

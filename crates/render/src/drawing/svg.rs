@@ -8,16 +8,18 @@ use crate::RenderRequest;
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
 
-/// Hundredths of a pixel beyond which points are drawn no farther away.
+/// Limit of coordinates, in hundredths of a pixel. Farther points are clamped.
 const FAR: f64 = 1e12;
 
-/// Bytes that are gathered before they are written.
+/// Bytes that are buffered before they are written.
 const PART: usize = 1 << 16;
 
-/// Width of the seam around polygons, in their colour: without it, what is behind shines through between neighbours where pixels are smoothed.
+/// Width of the stroke around polygons, in their colour. Without it, antialiasing lets the
+/// background show through between adjacent polygons.
 const SEAM: f64 = 0.5;
 
-/// Writes marks as paths. Coordinates have two digits, so that what differs by less than that between machines does not show.
+/// Writes marks as paths. Coordinates have two decimal places, so that smaller differences between
+/// machines do not show.
 pub(super) fn write(
     marks: &Marks,
     request: &RenderRequest,
@@ -32,7 +34,7 @@ pub(super) fn write(
     );
     if let Some(background) = marks.background {
         let colour = hex(background);
-        // (Writing to a text does not fail.)
+        // Writing to a `String` does not fail.
         let _ = writeln!(text, "<rect width=\"{width}\" height=\"{height}\" fill=\"{colour}\"/>");
     }
     text.push_str("<g stroke-linejoin=\"round\" stroke-linecap=\"round\">\n");
@@ -82,7 +84,7 @@ fn push_point(text: &mut String, command: char, [x, y]: [f64; 2]) {
     push_number(text, y);
 }
 
-/// Appends a number with two digits at most.
+/// Appends a number with at most two decimal places.
 fn push_number(text: &mut String, number: f64) {
     let hundredths = (number * 100.0).round().clamp(-FAR, FAR) as i64;
     let (whole, rest) = (hundredths.unsigned_abs() / 100, hundredths.unsigned_abs() % 100);

@@ -1,4 +1,4 @@
-//! Trees of several others, merged by an operation.
+//! Combination of several trees by an operation.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use spinney_engine::store::{Packing, TreeTarget, WriteOptions};
 use super::trees::{LITTLE, description, files_of};
 use super::{PartOfJob, PlannedWork, Told, Work};
 
-/// Operation on trees, and what it fills cells with, and where.
+/// Operation, and the fill value and region for cells that no input has.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Combining {
@@ -38,7 +38,7 @@ impl Combining {
     }
 }
 
-/// Writes a file that tells of the layers.
+/// Writes the head file.
 pub(super) fn write_head(
     paths: &[PathBuf],
     work: Combining,

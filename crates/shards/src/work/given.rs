@@ -9,11 +9,11 @@ use spinney_engine::store::Packing;
 
 use super::{PartOfJob, Work};
 
-/// Layers that are given, as a plan tells them.
+/// Layers that the caller provides, as stored in a plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Given {
-    /// A text that differs where cells do.
+    /// Identifies the cells.
     pub(crate) token: String,
     packing: Packing,
 }

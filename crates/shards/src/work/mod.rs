@@ -1,4 +1,4 @@
-//! Kinds of work that shards do: for each there is a file that plans it and builds a shard of it.
+//! Kinds of work of shards. One file per kind plans it and builds a shard of it.
 
 mod combining;
 mod given;
@@ -39,77 +39,80 @@ use self::transforming::Transforming;
 use self::volumes::Volume;
 use crate::job::PlannedInput;
 
-/// Specification of a job: what is made, and of what. Memory and sharing of equal subtrees that options tell are no part of a plan.
+/// Specification of a job: the kind of work, its inputs and options. A plan does not store the
+/// options for memory and for sharing equal subtrees.
 #[derive(Clone, Debug)]
 pub enum JobSpec {
-    /// A tree of a picture, or of several on one grid, as one layer.
+    /// Quadtree with one layer, of a raster or of several rasters on one grid.
     Pictures {
-        /// The pictures; the last lies on top.
+        /// Rasters; the last one is on top.
         inputs: Vec<PathBuf>,
-        /// Options of their import.
+        /// Import options.
         options: ImportOptions,
     },
-    /// Pictures beside each other, as layers.
+    /// Several rasters, each a layer of one file.
     Stack {
         /// Files of the layers.
         inputs: Vec<PathBuf>,
-        /// Options of their import.
+        /// Import options.
         options: StackOptions,
     },
-    /// An octree of a volume.
+    /// Octree of a volume.
     Volume {
-        /// Its files, and the way in which they are read.
+        /// Files of the volume, and how they are read.
         input: VolumeInput,
-        /// Options of its import.
+        /// Import options.
         options: VolumeOptions,
     },
-    /// An octree of what models enclose, whose surface is closed.
+    /// Octree of the solid that models with a closed surface enclose.
     Solid {
-        /// Files of the models, which become one solid.
+        /// Files of the models, which are combined to one solid.
         inputs: Vec<PathBuf>,
-        /// Options of their import.
+        /// Import options.
         options: SolidOptions,
     },
-    /// A tree of the points of LAS and LAZ files.
+    /// Tree of the points of LAS and LAZ files.
     Points {
-        /// The files.
+        /// Files of the points.
         inputs: Vec<PathBuf>,
-        /// Options of their import.
+        /// Import options.
         options: PointImportOptions,
-        /// Conditions that hold for the points that are kept.
+        /// Conditions that points must satisfy.
         filter: FeatureFilter,
     },
-    /// A tree of the same cells as another, of which something else is said: see [`Dataset::build`](spinney_engine::dataset::Dataset::build).
+    /// Tree with the cells of another tree and other properties: see
+    /// [`Dataset::build`](spinney_engine::dataset::Dataset::build).
     Rebuild {
-        /// The tree.
+        /// Input tree.
         input: PathBuf,
-        /// Properties that are to be other.
+        /// Properties that change.
         other: Rebuild,
-        /// The way in which segments are packed.
+        /// Compression of segments.
         packing: Packing,
     },
-    /// A tree with steps done to it: see [`transform`](spinney_engine::ops::transform).
+    /// Tree with operations applied: see [`transform`](spinney_engine::ops::transform).
     Transform {
-        /// The tree, and the steps.
+        /// Input tree, and the operations.
         chain: FileView,
-        /// The way in which segments are packed.
+        /// Compression of segments.
         packing: Packing,
     },
-    /// One tree of several: see [`combine`](spinney_engine::ops::combine).
+    /// Combination of several trees: see [`combine`](spinney_engine::ops::combine).
     Combine {
-        /// The trees.
+        /// Input trees.
         inputs: Vec<PathBuf>,
-        /// The way in which they are merged.
+        /// Operation that combines them.
         operation: CombineOperation,
         /// Handling of cells that no input has.
         options: CombineOptions,
-        /// The way in which segments are packed.
+        /// Compression of segments.
         packing: Packing,
     },
 }
 
 impl JobSpec {
-    /// The files that are read, as they are named: each of a mosaic, of a stack and of trees that are combined; the tree of a chain, and those of its steps.
+    /// Paths of the input files, as given: all files of a mosaic, a stack or a combination; for a
+    /// chain, the input tree and the files of its operations.
     pub fn inputs(&self) -> Vec<PathBuf> {
         match self {
             JobSpec::Pictures { inputs, .. }
@@ -123,7 +126,8 @@ impl JobSpec {
         }
     }
 
-    /// Writes a file that tells of the layers. Inputs are the [planned ones](JobSpec::inputs), and there are to be so many shards.
+    /// Writes the head file. `inputs` are the [planned ones](JobSpec::inputs), and `shards` is the
+    /// requested number of shards.
     pub(crate) fn write_head(
         &self,
         (inputs, shards): (&[PlannedInput], u32),
@@ -157,26 +161,28 @@ impl JobSpec {
     }
 }
 
-/// Bytes of input that make the cells in a box of a layer.
+/// Bytes of input for the cells in a box of a layer.
 pub(crate) struct Load {
     pub(crate) layer: usize,
     pub(crate) cells: Bounds,
     pub(crate) bytes: u64,
 }
 
-/// Knowledge of a job when what is told of its layers is written.
+/// Information about a job that is known once its head file is written.
 pub(crate) struct Told {
-    /// The work, as the plan says it.
+    /// Work, as stored in the plan.
     pub(crate) work: PlannedWork,
-    /// Which input makes which cells; where nothing is known of that, all input is taken to be spread over all cells.
+    /// Distribution of the input over cells. If empty, all input is assumed to be spread evenly
+    /// over all cells.
     pub(crate) loads: Vec<Load>,
-    /// The pieces of each shard, where the work has a way of its own to cut; else layers are cut by loads.
+    /// Code ranges of each shard if the work has its own method of cutting; otherwise layers are
+    /// cut by `loads`.
     pub(crate) pieces: Option<Vec<Vec<ShardPiece>>>,
     /// Description of the tree: pairs of a heading and its text.
     pub(crate) description: Vec<(&'static str, String)>,
 }
 
-/// Work as a plan tells it.
+/// Work, as stored in a plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum PlannedWork {
@@ -192,7 +198,7 @@ pub(crate) enum PlannedWork {
 }
 
 impl PlannedWork {
-    /// The work of a specification, as far as it is known before inputs are looked at.
+    /// Work of a specification, as far as it is known before inputs are read.
     pub(crate) fn of(spec: &JobSpec) -> Result<PlannedWork> {
         Ok(match spec {
             JobSpec::Pictures { options, .. } => PlannedWork::Pictures(Box::new(Pictures::of(options))),
@@ -227,39 +233,41 @@ impl PlannedWork {
     }
 }
 
-/// Kind of work. All that it is told by a plan may be damaged.
+/// Kind of work. Everything deserialized from a plan may be corrupt.
 pub(crate) trait Work {
-    /// The files that reading an input looks at, itself among them.
+    /// Files that reading an input involves, including the input itself.
     fn files_of(&self, input: &Path, access: &FileAccess) -> Result<Vec<PathBuf>>;
 
-    /// Headers of the layers that a head tells of.
+    /// Headers of the layers in a head file.
     fn layers(&self, head: Vec<u8>) -> Result<Vec<Header>> {
         let head = Goblin::from_bytes(head)?;
         Ok(head.layers().iter().map(|layer| layer.header.clone()).collect())
     }
 
-    /// Whether pieces have all of each layer, one behind the other, and are cut where they may be.
+    /// Whether code ranges cover each layer exactly once, in order, and are cut only at permitted
+    /// positions.
     fn are_all(&self, pieces: &[ShardPiece], layers: &[Header]) -> bool {
         are_all(pieces, layers)
     }
 
-    /// Bytes of a shard, if it is made and all of it is there.
+    /// Bytes of a shard's segments; `None` if it is not built or incomplete.
     fn find(&self, shard: &Shard) -> Result<Option<u64>> {
         Ok(ShardSummary::<LevelCounts>::find(shard)?.map(|summary| summary.run_bytes()))
     }
 
-    /// Numbers of the shards that are not made, or of which something is not there that is needed, perhaps for an output that may have some of it.
+    /// Numbers of the shards that are not built or lack a required file. Segments that `output`
+    /// already has are not required.
     fn missing(&self, shards: &[Shard], output: Option<&MergeOutput>) -> Result<Vec<u32>> {
         let found = output.map_or_else(|| ShardSummary::find_all(shards), |output| output.find(shards))?;
         missing_of(shards, found.into_iter().map(|found| Ok(found?.is_some())))
     }
 
-    /// Makes a shard that has no piece of any layer.
+    /// Builds a shard that covers no range of any layer.
     fn build_empty(&self, head: &Path, shard: Shard) -> Result<()> {
         TreeWriter::shard(head, shard)?.finish()
     }
 
-    /// Puts shards together with about so many bytes of memory.
+    /// Merges shards with about `memory` bytes.
     fn merge(
         &self,
         head: &Path,
@@ -270,21 +278,21 @@ pub(crate) trait Work {
         merge_shards(head, shards, output, memory / 8, progress)
     }
 
-    /// Makes sure that all that is told fits so many inputs and these layers.
+    /// Checks that the plan's data fits the number of inputs and these layers.
     fn check(&self, _inputs: usize, _layers: &[Header]) -> Result<()> {
         Ok(())
     }
 
-    /// Numbers of the inputs that a shard is made of.
+    /// Indices of the inputs that a shard depends on.
     fn touched(&self, inputs: usize, _shard: &Shard, _layers: &[Header]) -> Vec<usize> {
         (0..inputs).collect()
     }
 
-    /// Makes a shard.
+    /// Builds a shard.
     fn build(&self, part: PartOfJob, memory: u64, progress: &dyn Progress) -> Result<()>;
 }
 
-/// Numbers of the shards that are not made, of which it is known whether each is.
+/// Numbers of the shards for which `made` is false.
 fn missing_of(shards: &[Shard], made: impl Iterator<Item = Result<bool>>) -> Result<Vec<u32>> {
     let mut missing = Vec::new();
     for (shard, is_made) in shards.iter().zip(made) {
@@ -295,14 +303,14 @@ fn missing_of(shards: &[Shard], made: impl Iterator<Item = Result<bool>>) -> Res
     Ok(missing)
 }
 
-/// A shard that is to be made.
+/// Shard to build.
 pub(crate) struct PartOfJob {
-    /// The inputs that it is made of, each with its number.
+    /// Inputs that the shard depends on, each with its index.
     pub(crate) inputs: Vec<(usize, PathBuf)>,
-    /// The file that tells of the layers.
+    /// Head file of the job.
     pub(crate) head: PathBuf,
     pub(crate) shard: Shard,
-    /// Makes sure that the inputs are those that were planned.
+    /// Checks that the inputs match the plan.
     pub(crate) check: ShardCheck,
 }
 
@@ -312,14 +320,14 @@ impl PartOfJob {
         self.inputs.iter().map(|(_, path)| path.clone()).collect()
     }
 
-    /// The shard as a place where trees are written to.
+    /// Target for writing the shard's trees.
     fn target(self) -> TreeTarget {
         let PartOfJob { head, shard, check, .. } = self;
         TreeTarget::Shard { head, shard, check }
     }
 }
 
-/// Makes sure that an input of a kind that is read where it is mapped is not elsewhere.
+/// Fails if an input that must be memory-mapped is remote.
 fn check_is_here(input: &Path) -> Result<()> {
     match url_of(input) {
         None => Ok(()),
@@ -327,7 +335,8 @@ fn check_is_here(input: &Path) -> Result<()> {
     }
 }
 
-/// Whether pieces have all of each layer, one behind the other, and are cut where they may be.
+/// Whether code ranges cover each layer exactly once, in order, and are cut only at permitted
+/// positions.
 fn are_all(pieces: &[ShardPiece], layers: &[Header]) -> bool {
     let mut pieces = pieces.iter();
     for (number, header) in (0..).zip(layers) {

@@ -1,4 +1,4 @@
-//! Trees of pictures, of which several are a mosaic.
+//! Trees of rasters; several rasters are a mosaic.
 
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ use spinney_raster::import::{self, ImportOptions, MosaicPlan, RasterOptions, pla
 use super::{Load, PartOfJob, PlannedWork, Told, Work};
 use crate::job::PlannedInput;
 
-/// A picture, or several, which are a mosaic.
+/// Raster, or a mosaic of several.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Pictures {
@@ -22,7 +22,7 @@ pub(crate) struct Pictures {
     mosaic: Option<MosaicPlan>,
 }
 
-/// Whether a mosaic is the only layer, and has so many inputs.
+/// Whether a mosaic matches the only layer and the number of inputs.
 fn fits(mosaic: &MosaicPlan, inputs: usize, layers: &[Header]) -> bool {
     let is_inside = |Region { x, y, width, height }: &Region| {
         x.checked_add(*width).is_some_and(|right| right <= mosaic.size[0])
@@ -38,7 +38,7 @@ impl Pictures {
     }
 }
 
-/// The files that are read of a picture.
+/// Files that reading a raster involves.
 pub(super) fn files_of(input: &Path, import: &ImportOptions, access: &FileAccess) -> Result<Vec<PathBuf>> {
     let mut options = RasterOptions::new();
     options.layer.clone_from(&import.layer);
@@ -47,7 +47,7 @@ pub(super) fn files_of(input: &Path, import: &ImportOptions, access: &FileAccess
     import::files_of(input, &options)
 }
 
-/// Writes a file that tells of the layer.
+/// Writes the head file.
 pub(super) fn write_head(
     (paths, inputs): (&[PathBuf], &[PlannedInput]),
     options: &ImportOptions,
@@ -86,7 +86,7 @@ impl Work for Pictures {
         }
     }
 
-    /// Of a mosaic those alone that have pixels there.
+    /// For a mosaic, only the inputs with pixels in the shard.
     fn touched(&self, inputs: usize, shard: &Shard, layers: &[Header]) -> Vec<usize> {
         let Some(mosaic) = &self.mosaic else { return (0..inputs).collect() };
         let depth = layers.first().map_or(0, Header::depth);

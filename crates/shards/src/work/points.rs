@@ -16,16 +16,16 @@ use spinney_vector::import::plan_point_files;
 
 use super::{PartOfJob, PlannedWork, Told, Work, check_is_here, missing_of};
 
-/// LAS and LAZ files, all together.
+/// LAS and LAZ files that are built to one tree.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Points {
     options: PointImportOptions,
-    /// Conditions, as they are given to the program; none if all points are kept.
+    /// Conditions in their command-line syntax; `None` if all points are kept.
     filter: Option<String>,
-    /// The level of nodes at which shards are cut.
+    /// Level of the nodes at which shards are cut.
     level: u8,
-    /// Number of all points, where headers tell it.
+    /// Total number of points, if the file headers have it.
     points: Option<u64>,
 }
 
@@ -43,7 +43,7 @@ impl Points {
         self.filter.as_deref().map_or(Ok(FeatureFilter::default()), str::parse)
     }
 
-    /// The shard as trees of points have it.
+    /// Shard with the data that point trees need.
     fn shard(&self, shard: &Shard) -> PointShard {
         PointShard { shard: shard.clone(), level: self.level }
     }
@@ -53,7 +53,7 @@ fn import_of(paths: &[PathBuf], options: &PointImportOptions, filter: FeatureFil
     plan_point_files(paths, &FeatureOptions { filter, ..FeatureOptions::default() }, options)
 }
 
-/// Writes a file that tells of the tree, and cuts it into so many shards.
+/// Writes the head file, and cuts the tree into `shards` shards.
 pub(super) fn write_head(
     paths: &[PathBuf],
     (options, filter): (&PointImportOptions, &FeatureFilter),
@@ -80,7 +80,7 @@ impl Work for Points {
         Ok(vec![input.to_path_buf()])
     }
 
-    /// None: points have no layers.
+    /// Always empty: point trees have no layers.
     fn layers(&self, head: Vec<u8>) -> Result<Vec<Header>> {
         PointTree::from_bytes(head).map(|_| Vec::new())
     }
@@ -129,7 +129,7 @@ impl Work for Points {
     ) -> Result<()> {
         let output = match output {
             MergeOutput::Keep(output) => output,
-            // (Shards go when the file is there: it is written in one go.)
+            // Shards are removed once the file is complete, which is written in a single pass.
             MergeOutput::Remove(mut output, _) => {
                 let path = output.path().to_path_buf();
                 output.truncate(0).map_err(Error::io(path, "begin anew"))?;

@@ -1,4 +1,4 @@
-//! Trees of one other with the same cells, of which something else is said.
+//! Trees with the cells of another tree and other properties.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use spinney_engine::store::{Packing, TreeTarget};
 use super::trees::{LITTLE, files_of};
 use super::{PartOfJob, PlannedWork, Told, Work};
 
-/// Properties that differ from the tree's.
+/// Properties that differ from the input tree's.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Rebuilding {
@@ -26,7 +26,7 @@ impl Rebuilding {
     }
 }
 
-/// Builds the tree, or a part of it.
+/// Builds the tree, or the subset that `target` requests.
 fn build(
     path: &Path,
     (other, packing): (&Rebuild, Packing),
@@ -45,7 +45,7 @@ fn build(
     ])
 }
 
-/// Writes a file that tells of the layer.
+/// Writes the head file.
 pub(super) fn write_head(
     path: &Path,
     (other, packing): (&Rebuild, Packing),

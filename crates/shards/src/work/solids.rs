@@ -17,10 +17,10 @@ use super::{Load, PartOfJob, PlannedWork, Told, Work, check_is_here};
 use crate::balance::level_of_cuts;
 use crate::job::PlannedInput;
 
-/// Faces that go around a point, at most: far more than there are, and far fewer than are counted.
+/// Maximum absolute winding number: far above that of real models, and safe from overflow.
 const MAX_AROUND: u32 = 1 << 30;
 
-/// The solid of some models.
+/// Solid of some models.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Solid {
@@ -28,11 +28,11 @@ pub(crate) struct Solid {
     survey: Survey,
 }
 
-/// Knowledge of the whole surface.
+/// Properties of the entire surface.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Survey {
-    /// Least and greatest coordinates.
+    /// Minimum and maximum coordinates.
     #[serde(with = "spinney_base::text_fields")]
     bounds: [[f64; 3]; 2],
     is_divided: bool,
@@ -40,7 +40,8 @@ struct Survey {
     inside: Vec<Node>,
 }
 
-/// A node: its code in hexadecimal digits, and of each surface that its first point is inside of the number, the winding number and the attribute.
+/// Node: its code in hexadecimal digits; for each surface around its first point, the surface's
+/// number, the winding number and the attribute.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct Node(String, Vec<(u32, i32, u32)>);
 
@@ -85,7 +86,8 @@ impl Survey {
 }
 
 impl Solid {
-    /// The work of an import before its surface is known. Cells that are laid over another tree are left to one build.
+    /// Work of an import before its surface is surveyed. Fails if the cells are those of another
+    /// tree, which needs a single-process build.
     pub(super) fn of(inputs: &[PathBuf], options: &SolidOptions) -> Result<Solid> {
         if let Resolution::Like(..) = options.resolution {
             let path = inputs.first().cloned().unwrap_or_default();
@@ -96,14 +98,14 @@ impl Solid {
     }
 }
 
-/// These options with this many bytes of memory.
+/// Copy of the options with another memory limit in bytes.
 fn with_memory(options: &SolidOptions, memory: u64) -> SolidOptions {
     let mut options = options.clone();
     options.memory = memory;
     options
 }
 
-/// Writes a file that tells of the layer.
+/// Writes the head file.
 pub(super) fn write_head(
     (paths, inputs): (&[PathBuf], &[PlannedInput]),
     options: &SolidOptions,

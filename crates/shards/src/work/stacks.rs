@@ -1,4 +1,4 @@
-//! Stack: pictures beside each other, as layers.
+//! Stacks: several rasters as layers of one file.
 
 use std::path::{Path, PathBuf};
 
@@ -13,7 +13,7 @@ use super::pictures::files_of;
 use super::{Load, PartOfJob, PlannedWork, Told, Work};
 use crate::job::PlannedInput;
 
-/// Layers of a file, one or more of each input.
+/// Layers of a file, one or more per input.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Stack {
@@ -26,7 +26,7 @@ impl Stack {
     }
 }
 
-/// Writes a file that tells of the layers.
+/// Writes the head file.
 pub(super) fn write_head(
     (paths, inputs): (&[PathBuf], &[PlannedInput]),
     options: &StackOptions,
@@ -52,7 +52,7 @@ pub(super) fn write_head(
     Ok(Told { work: PlannedWork::Stack(Box::new(Stack::of(&options))), loads, pieces: None, description })
 }
 
-/// The layers of a stack, each with its share of its file's bytes.
+/// Layers of a stack, each with its share of its file's bytes.
 fn loads(stack: &RasterStack, size_of: impl Fn(&Path) -> u64) -> Vec<Load> {
     let load = |(layer, found): (usize, &StackLayer)| {
         let of_file = stack.layers.iter().filter(|other| other.path() == found.path()).count() as u64;

@@ -1,4 +1,4 @@
-//! Trees of one other, with steps done to it.
+//! Trees of operations applied to another tree.
 
 use std::path::{Path, PathBuf};
 
@@ -13,18 +13,18 @@ use super::trees::{LITTLE, description, files_of};
 use super::{PartOfJob, PlannedWork, Told, Work};
 use crate::stamp::absolute;
 
-/// A chain but for its tree, which is the first input.
+/// Chain of operations without its tree, which is the first input.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Transforming {
-    /// Steps, with their files from the root of the file system on.
+    /// Operations as strings; file names in them are absolute.
     steps: Vec<String>,
     moves: bool,
     warp: WarpOptions,
     packing: Packing,
 }
 
-/// The files of a chain: its tree, and those of its steps.
+/// Files of a chain: its tree, and those of its operations.
 pub(super) fn files(chain: &FileView) -> Vec<PathBuf> {
     let of_steps = chain.steps.iter().flat_map(ViewStep::files);
     [&*chain.path].into_iter().chain(of_steps).map(Path::to_path_buf).collect()
@@ -53,7 +53,7 @@ impl Transforming {
         })
     }
 
-    /// The chain on a tree.
+    /// Applies the chain to the tree at a path.
     fn chain(&self, path: &Path, access: &FileAccess) -> Result<FileView> {
         let steps = self.steps.iter().map(|step| step.parse()).collect::<Result<_>>()?;
         Ok(FileView {
@@ -67,7 +67,7 @@ impl Transforming {
     }
 }
 
-/// Writes a file that tells of the layers.
+/// Writes the head file.
 pub(super) fn write_head(
     chain: &FileView,
     packing: Packing,

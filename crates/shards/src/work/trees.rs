@@ -8,10 +8,10 @@ use spinney_container::FileReference;
 use spinney_engine::ops::Outcome;
 use spinney_manifest::{Manifest, is_manifest_file};
 
-/// Bytes of memory for writing what has no cells.
+/// Bytes of memory for writing files without cells.
 pub(super) const LITTLE: u64 = 1 << 20;
 
-/// The files that reading a tree looks at: its own, and those that a manifest lists.
+/// Files that reading a tree involves: its own, and those that a manifest lists.
 pub(super) fn files_of(input: &Path, access: &FileAccess) -> Result<Vec<PathBuf>> {
     let file = FileReference::of(input).file.into_owned();
     if !is_manifest_file(&file, access)? {
@@ -22,7 +22,7 @@ pub(super) fn files_of(input: &Path, access: &FileAccess) -> Result<Vec<PathBuf>
     Ok([vec![file], listed].concat())
 }
 
-/// The result in a few words.
+/// Short description of the result.
 pub(super) fn description(outcome: &Outcome) -> Vec<(&'static str, String)> {
     let [width, height, depth] = outcome.extent;
     let size =

@@ -13,7 +13,7 @@ use spinney_raster::volume::{RawLayout, VolumeInput, VolumeOptions};
 use super::{PartOfJob, PlannedWork, Told, Work, check_is_here};
 use crate::stamp::absolute;
 
-/// A volume.
+/// Volume.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Volume {
@@ -21,7 +21,7 @@ pub(crate) struct Volume {
     options: VolumeOptions,
 }
 
-/// The way in which inputs are read.
+/// How inputs are read.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Input {
@@ -40,7 +40,7 @@ impl Volume {
         Volume { input, options: options.clone() }
     }
 
-    /// The volume of some files.
+    /// Volume of the given files.
     fn input(&self, paths: &[PathBuf]) -> Result<VolumeInput> {
         match (&self.input, paths) {
             (Input::Sections, _) => Ok(VolumeInput::Sections(paths.to_vec())),
@@ -51,7 +51,7 @@ impl Volume {
     }
 }
 
-/// Writes a file that tells of the layer.
+/// Writes the head file.
 pub(super) fn write_head(
     input: &VolumeInput,
     options: &VolumeOptions,
@@ -70,7 +70,8 @@ pub(super) fn write_head(
     Ok(Told { work: PlannedWork::Volume(Box::new(work)), loads: Vec::new(), pieces: None, description })
 }
 
-/// Makes sure that planes have the same order by the paths that shards have, which are those from the root of the file system on.
+/// Checks that the sections have the same order by their absolute paths, which shards use, as by
+/// the given paths.
 fn check_order(input: &VolumeInput, work: &Volume) -> Result<()> {
     let absolutes = |paths: &[PathBuf]| paths.iter().map(|path| absolute(path)).collect::<Result<Vec<_>>>();
     let [given, planned] =
