@@ -1,14 +1,16 @@
-//! Packs definitions of coordinate systems, which have few different words: a quarter of the bytes that the texts have.
+//! Packs definitions of coordinate systems. They consist of few distinct words, so the packed file
+//! is a quarter of the size of the strings.
 //!
-//! The file has three numbers of 32 bits: bytes of words, definitions, and words in all of these. Then come the words, each with an end of line
-//! behind it; of each definition the number, as its distance from the one before, in 16 bits; of each the number of its words, in 8; and
-//! the words of all, in 16. Numbers are little-endian.
+//! The file begins with three 32-bit numbers: length of the dictionary in bytes, number of
+//! definitions, and total number of their words. Then come the dictionary, one word per line; each
+//! definition's number as the 16-bit difference from the previous one; each definition's 8-bit word
+//! count; and the 16-bit word indices of all definitions. Numbers are little-endian.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::{env, fs};
 
-/// Systems whose definitions in the list lack the axes that the registry has: south and west.
+/// Systems whose definitions in the list lack the axis order of the registry, south and west.
 const SOUTH_WEST: [u16; 2] = [2065, 5513];
 
 fn main() {
@@ -41,8 +43,9 @@ fn main() {
     }
     bytes.extend(known.iter().map(|(_, own)| u8::try_from(own.len()).expect("a definition of some words")));
     bytes.extend(all.iter().flat_map(|word| word.to_le_bytes()));
-    // (A test compares them with the strings. It could not have the list as a dependency: Cargo compiles the dependencies of build
-    // scripts in another way than those of tests, and would compile all that depends on this crate again.)
+    // (A test compares them with the strings. It cannot depend on the list itself: Cargo compiles
+    // dependencies of build scripts with other settings than those of tests, and would compile all
+    // dependants of this crate again.)
     let strings: String = known.iter().map(|(code, words)| format!("{code} {}\n", words.join(" "))).collect();
     let folder = env::var_os("OUT_DIR").expect("Cargo says where to write");
     for (name, contents) in [("definitions", &bytes[..]), ("definitions.txt", strings.as_bytes())] {

@@ -1,21 +1,21 @@
-//! Ground control points: places of single cells in the world, where no frame tells those of all.
+//! Ground control points: world coordinates of single cells, for rasters without a frame.
 
 use serde::{Deserialize, Serialize};
 
 use super::frame::Frame;
 use crate::definition::Crs;
 
-/// Ground control points of a picture, and the coordinate system that they are in. They are kept and handed on;
-/// nothing is placed by them.
+/// Ground control points of a raster, and their coordinate reference system. They are stored and
+/// passed on, but not used to georeference cells.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ControlPoints {
-    /// The coordinate system of the world, where known.
+    /// Coordinate reference system of the world coordinates, if known.
     pub crs: Option<Crs>,
     /// The points, in the order of the input.
     pub points: Vec<ControlPoint>,
 }
 
-/// A place in a picture and where that is in the world.
+/// A position in a raster and its world coordinates.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ControlPoint {
     /// Column and row; the first cell spans 0 to 1.
@@ -25,8 +25,9 @@ pub struct ControlPoint {
 }
 
 impl ControlPoints {
-    /// The points of a picture whose cells lie in this one's as a map tells (that of a [`Frame`], from cells there
-    /// to cells here); none if the map cannot be inverted.
+    /// Returns the points relative to another raster. `map` maps the cells of that raster to the
+    /// cells of this one (a [`Frame`] without world coordinates). `None` if the map cannot be
+    /// inverted.
     pub fn seen_through(&self, map: &Frame) -> Option<ControlPoints> {
         let place = |point: &ControlPoint| {
             let [column, row, _] = map.to_cells([point.cell[0], point.cell[1], 0.0])?;

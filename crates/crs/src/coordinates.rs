@@ -1,4 +1,4 @@
-//! Coordinates in which places are given.
+//! Coordinate systems of input positions.
 
 use std::fmt;
 use std::str::FromStr;
@@ -6,18 +6,19 @@ use std::str::FromStr;
 use crate::Crs;
 use spinney_base::{Error, Result};
 
-/// The coordinates in which places of a tree are given.
+/// The coordinate system in which positions in a tree are given.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Coordinates {
-    /// Columns, rows and layers of the deepest level's cells.
+    /// Columns, rows and layers of the cells at the deepest level.
     Cells,
-    /// The tree's own coordinate system.
+    /// The tree's own coordinate reference system.
     World,
-    /// Another one; of `lonlat` longitude and latitude in degrees (WGS 84), in this order.
+    /// Another coordinate reference system. `lonlat` is longitude and latitude in degrees (WGS 84),
+    /// in this order.
     System(Crs),
 }
 
-/// The EPSG number of longitude and latitude in WGS 84.
+/// EPSG code of longitude and latitude in WGS 84.
 const WGS_84: u32 = 4326;
 
 impl Coordinates {
@@ -25,7 +26,7 @@ impl Coordinates {
     pub const LONLAT: Coordinates = Coordinates::System(Crs::epsg(WGS_84));
 }
 
-/// `cells`, `world`, `lonlat`, or what [`Crs::parse`] reads.
+/// Parses `cells`, `world`, `lonlat`, or any definition that [`Crs::parse`] reads.
 impl FromStr for Coordinates {
     type Err = Error;
 

@@ -1,4 +1,4 @@
-//! Georeference: where the cells of a tree lie in the world.
+//! Frames: georeferencing of a tree's cells.
 
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
@@ -6,22 +6,23 @@ use serde::{Deserialize, Serialize};
 use crate::definition::Crs;
 use spinney_base::space::Bounds;
 
-/// The affine map from cell coordinates to the world, and the coordinate system it leads to.
+/// The affine map from cell coordinates to world coordinates, and their coordinate reference
+/// system.
 ///
 /// Cell (0, 0, 0) spans 0..1 on every axis, so its centre is at one half.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Frame {
     /// Rows of the 3x4 matrix: world x, y, z from cell x, y, z, 1.
     pub matrix: [[f64; 4]; 3],
-    /// The coordinate system, where known.
+    /// The coordinate reference system, if known.
     pub crs: Option<Crs>,
-    /// Whether samples were points at pixel centres (GeoTIFF `PixelIsPoint`); the matrix already has the
-    /// half-pixel shift applied, so that it always speaks of areas.
+    /// Whether samples were points at pixel centres (GeoTIFF `PixelIsPoint`). The half-pixel shift
+    /// is already applied to the matrix, so it always refers to areas.
     pub pixel_is_point: bool,
 }
 
 impl Frame {
-    /// The frame in which cell coordinates are the world coordinates.
+    /// Returns the frame in which cell coordinates are world coordinates.
     pub fn identity() -> Frame {
         Frame {
             matrix: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
@@ -30,45 +31,45 @@ impl Frame {
         }
     }
 
-    /// A frame of a plane from the six numbers `a, b, c, d, e, f`: world x = a col + b row + c,
-    /// world y = d col + e row + f (the order of GeoTIFF world files in rasterio).
+    /// Creates a planar frame from the six numbers `a, b, c, d, e, f`: world x = a col + b row + c,
+    /// world y = d col + e row + f (the order of rasterio's affine transform).
     pub fn planar([a, b, c, d, e, f]: [f64; 6]) -> Frame {
         Frame { matrix: [[a, b, 0.0, c], [d, e, 0.0, f], [0.0, 0.0, 1.0, 0.0]], ..Frame::identity() }
     }
 
-    /// The six numbers of [`Frame::planar`].
+    /// Returns the six numbers of [`Frame::planar`].
     pub fn affine(&self) -> [f64; 6] {
         let [x, y, _] = self.matrix;
         [x[0], x[1], x[3], y[0], y[1], y[3]]
     }
 
-    /// Whether cells and world coincide, so that there is nothing to tell.
+    /// Whether cell and world coordinates are the same.
     pub fn is_identity(&self) -> bool {
         self.matrix == Frame::identity().matrix
     }
 
-    /// The map without its translation: the columns are the edges of a cell, the determinant is a cell's
-    /// volume, negative if the map mirrors.
+    /// Returns the map without its translation. Its columns are the edges of a cell. Its
+    /// determinant is a cell's volume, negative if the map mirrors.
     pub fn linear(&self) -> DMat3 {
         DMat3::from_cols_array_2d(&self.matrix.map(|[x, y, z, _]| [x, y, z])).transpose()
     }
 
-    /// Area vectors in the world of a cell's faces across x, y and z, out of the cell at its upper ends; a
-    /// mirrored cell's point inwards.
+    /// Returns the area vectors, in world coordinates, of a cell's upper faces along x, y and z.
+    /// They point out of the cell, or into it if the map mirrors.
     pub fn face_areas(&self) -> [DVec3; 3] {
         let DMat3 { x_axis: a, y_axis: b, z_axis: c } = self.linear();
         [b.cross(c), c.cross(a), a.cross(b)]
     }
 
-    /// World coordinates of a point given in cell coordinates.
+    /// Converts cell coordinates to world coordinates.
     pub fn to_world(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         self.matrix.map(|m| m[0] * x + m[1] * y + m[2] * z + m[3])
     }
 
-    /// Cell coordinates of a world point; `None` if the map cannot be inverted.
+    /// Converts world coordinates to cell coordinates. `None` if the map cannot be inverted.
     pub fn to_cells(&self, world: [f64; 3]) -> Option<[f64; 3]> {
         let m = &self.matrix;
-        // (Adjugate by determinant. With indices that go round the minors have the signs of cofactors.)
+        // (Adjugate divided by determinant. Cyclic indices give the minors the signs of cofactors.)
         let minor = |r: usize, c: usize| {
             let (r1, r2) = ((r + 1) % 3, (r + 2) % 3);
             let (c1, c2) = ((c + 1) % 3, (c + 2) % 3);
@@ -82,10 +83,11 @@ impl Frame {
         Some(std::array::from_fn(|c| (0..3).map(|r| minor(r, c) * d[r]).sum::<f64>() / det))
     }
 
-    /// Square metres of a cell, in projected systems that count in metres and keep areas nearly true.
+    /// Returns the area of a cell in square metres, for projected systems in metres that nearly
+    /// preserve areas.
     ///
     /// # Errors
-    /// The reason why they are not known.
+    /// The reason why the area is not known.
     pub fn cell_square_metres(&self) -> Result<f64, &'static str> {
         let crs = self.crs.as_ref();
         let epsg = crs.and_then(Crs::numbers).ok_or("no EPSG number tells how large a cell is")?;
@@ -101,10 +103,10 @@ impl Frame {
         Ok((a * e - b * d).abs())
     }
 
-    /// Volume of a cell of an octree, in cubes of the unit of the world.
+    /// Returns the volume of an octree's cell, in cubic world units.
     ///
     /// # Errors
-    /// The reason why it is not known: there is no one unit of all axes.
+    /// The reason why the volume is not known: the axes have no common unit.
     pub fn cell_volume(&self) -> Result<f64, &'static str> {
         match self.crs.as_ref().and_then(Crs::unit) {
             Some("degrees") => Err("degrees and heights have no unit in common; build in a projected system"),
@@ -112,7 +114,7 @@ impl Frame {
         }
     }
 
-    /// Least and greatest coordinates in the world of a box of cells.
+    /// Returns the minimum and maximum world coordinates of a box of cells.
     pub fn world_box(&self, cells: &Bounds) -> [[f64; 3]; 2] {
         let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
         for corner in 0..8 {
@@ -126,13 +128,13 @@ impl Frame {
         [low, high]
     }
 
-    /// The cells of a picture of this size that a box of the world means, which is given by its least and its
-    /// greatest coordinates: all that it covers, if only in part. `None` if the map cannot be inverted.
+    /// Returns the cells that a world box, given by its minimum and maximum coordinates, covers at
+    /// least in part, within a raster of a given size. `None` if the map cannot be inverted.
     ///
-    /// A turned box has the smallest box of cells around it. Of what lies outside the picture nothing is
-    /// left: the result may be empty.
+    /// If the frame is rotated, the result is the bounding box of these cells. It is clipped to the
+    /// raster and may be empty.
     pub(crate) fn cells_in_box(&self, low: [f64; 3], high: [f64; 3], extent: [u64; 3]) -> Option<Bounds> {
-        // Edges that are a rounding error beside a cell's edge mean that edge.
+        // Tolerance, in cells, within which the sides of the box snap to cell borders.
         const ROUNDING: f64 = 1e-6;
         let (mut min, mut max) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
         for corner in 0..8 {
@@ -150,8 +152,8 @@ impl Frame {
         })
     }
 
-    /// The cells of a picture of this size that a rectangle of the world (west, south, east, north) means, in
-    /// all slices: see [`Frame::cells_in_box`].
+    /// Returns the cells, in all slices, that a world rectangle (west, south, east, north) covers
+    /// within a raster of a given size: see [`Frame::cells_in_box`].
     pub(crate) fn cells_in_rectangle(
         &self,
         [west, south, east, north]: [f64; 4],
@@ -162,13 +164,13 @@ impl Frame {
         Some(bounds)
     }
 
-    /// The frame of the same world seen in cells `2^shift` times as large along every axis: that of level
-    /// `depth - shift`.
+    /// Returns the frame of cells that are `2^shift` times as large along every axis: the cells of
+    /// level `depth - shift`.
     pub fn coarser(&self, shift: u8) -> Frame {
         self.scaled((1u64 << shift) as f64)
     }
 
-    /// The frame of the same world seen in cells of which `2^shift` are as large as one along every axis.
+    /// Returns the frame of cells that are `2^shift` times as small along every axis.
     pub fn finer(&self, shift: u8) -> Frame {
         self.scaled(1.0 / (1u64 << shift) as f64)
     }
@@ -178,7 +180,7 @@ impl Frame {
         Frame { matrix, ..self.clone() }
     }
 
-    /// The frame whose cell (0, 0, 0) is this frame's cell `origin`.
+    /// Returns the frame whose cell (0, 0, 0) is this frame's cell `origin`.
     pub fn shifted(&self, origin: [f64; 3]) -> Frame {
         let o = self.to_world(origin);
         let mut frame = self.clone();

@@ -1,4 +1,5 @@
-//! Where cells lie in the world: coordinate systems as they were defined, their formulas, and the frames that lead to them.
+//! Georeferencing: coordinate reference systems in their original definitions, their projections,
+//! and the frames that map cells to them.
 
 mod cell_locator;
 mod control_points;

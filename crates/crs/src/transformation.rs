@@ -1,22 +1,23 @@
-//! Transformations between two coordinate systems.
+//! Transformations between two coordinate reference systems.
 
 use crate::{Crs, Projection};
 use spinney_base::Result;
 
-/// A transformation of points from one coordinate system to another, by way of longitude and latitude in WGS 84.
+/// A transformation of points from one coordinate reference system to another, via longitude and
+/// latitude in WGS 84.
 pub struct Transformation {
     from: Crs,
-    /// Projections of the two, where these differ.
+    /// Projections of both systems; `None` if the systems are the same.
     projections: Option<(Projection, Projection)>,
     remarks: Vec<String>,
 }
 
-/// Projections of two systems, where these differ, and remarks on them.
+/// Projections of two systems, or `None` if they are the same, and remarks.
 type Way = (Option<(Projection, Projection)>, Vec<String>);
 
-/// The way between two systems.
+/// Returns the projections and remarks for two systems.
 fn between(from: &Crs, to: &Crs, allow_ballpark: bool) -> Result<Way> {
-    // (How a datum is shifted to WGS 84 does not matter where both have it.)
+    // (The shift from a datum to WGS 84 is irrelevant if both systems have the same datum.)
     if from.is_same(to) || from.is_same_plane(to) {
         return Ok((None, Vec::new()));
     }
@@ -28,59 +29,63 @@ fn between(from: &Crs, to: &Crs, allow_ballpark: bool) -> Result<Way> {
     Ok(((!own.is_same(&other)).then_some((own, other)), remarks))
 }
 
-/// How far a point may be from where it comes back to, in degrees.
+/// Maximum round-trip error of a point, in degrees.
 const CLOSE: f64 = 1e-6;
 
 impl Transformation {
-    /// The transformation between two systems. Where they are the same, points stay as they are, however they are defined: if the definitions
-    /// say the same ([`Crs::is_same`]), and if they come to the same formula, such as one by number and one in well-known text.
+    /// Creates the transformation between two systems. If the systems are the same, it returns
+    /// points unchanged. They are the same if their definitions are equivalent ([`Crs::is_same`]),
+    /// or if they have the same formula, such as an EPSG code and its well-known text.
     ///
     /// # Errors
-    /// Those of [`Projection::new`] if they differ.
+    /// Those of [`Projection::new`] if the systems differ.
     pub fn new(from: &Crs, to: &Crs, allow_ballpark: bool) -> Result<Transformation> {
         let (projections, remarks) = between(from, to, allow_ballpark)?;
         Ok(Transformation { from: from.clone(), projections, remarks })
     }
 
-    /// The first system.
+    /// Returns the source system.
     pub fn from(&self) -> &Crs {
         &self.from
     }
 
-    /// Projections of the first and the second system, where they differ.
+    /// Returns the projections of the source and the target system, or `None` if the systems are
+    /// the same.
     pub fn projections(&self) -> Option<(&Projection, &Projection)> {
         self.projections.as_ref().map(|(from, to)| (from, to))
     }
 
-    /// Whether the two systems are the same, so that points stay as they are.
+    /// Whether the two systems are the same, so that points are returned unchanged.
     pub fn is_identity(&self) -> bool {
         self.projections.is_none()
     }
 
-    /// Whether first coordinates depend on first coordinates alone, and second ones on second ones.
+    /// Whether the first target coordinate depends on the first source coordinate only, and the
+    /// second on the second.
     pub fn is_separable(&self) -> bool {
         let cylindrical = |(a, b): &(Projection, Projection)| a.is_cylindrical() && b.is_cylindrical();
         self.projections.as_ref().is_none_or(cylindrical)
     }
 
-    /// Remarks on how well the systems are known, each with the system's name.
+    /// Returns remarks on the accuracy of the systems' datums, each with the system's name.
     pub fn remarks(&self) -> Vec<String> {
         self.remarks.clone()
     }
 
-    /// The point in the second system; `None` where it has none.
+    /// Transforms a point to the target system. `None` if it cannot be represented there.
     pub fn forward(&self, point: [f64; 2]) -> Option<[f64; 2]> {
         let Some((from, to)) = &self.projections else { return Some(point) };
         let place = from.inverse(point)?;
         let point = to.forward(place)?;
-        // Formulas that are asked beyond their domain may give a point of another place.
+        // Outside of their domains, formulas may return the coordinates of another position.
         let back = to.inverse(point)?;
         let turned = (back[0] - place[0] + 540.0).rem_euclid(360.0) - 180.0;
         let near_pole = place[1].abs() > 89.999_999;
         ((turned.abs() < CLOSE || near_pole) && (back[1] - place[1]).abs() < CLOSE).then_some(point)
     }
 
-    /// The point in the first system; `None` where it has none. Longitudes are -180 to 180.
+    /// Transforms a point back to the source system. `None` if it cannot be represented there.
+    /// Longitudes are from -180 to 180.
     pub fn backward(&self, point: [f64; 2]) -> Option<[f64; 2]> {
         let Some((from, to)) = &self.projections else { return Some(point) };
         let [longitude, latitude] = to.inverse(point)?;
@@ -96,7 +101,7 @@ mod tests {
         Transformation::new(from, to, false).unwrap()
     }
 
-    /// Definitions of other kinds that say the same are the same system, whatever its datum is.
+    /// Equivalent definitions of different forms are the same system, whatever their datum is.
     #[test]
     fn equal_definitions_are_the_identity() {
         let numbers = [
@@ -105,7 +110,7 @@ mod tests {
         ];
         for number in numbers {
             let crs = Crs::epsg(number);
-            // (As it stands beside a shapefile, without a number.)
+            // (As in a `.prj` file, without an EPSG code.)
             let written = Crs::Wkt(crs.to_esri_wkt().unwrap());
             assert_eq!(written.numbers(), None);
             for (from, to) in [(&written, &crs), (&crs, &written)] {
@@ -124,7 +129,7 @@ mod tests {
         assert!(between(&zone, &plane).is_identity());
     }
 
-    /// A difference in anything is a difference.
+    /// Any difference makes another system.
     #[test]
     fn definitions_that_differ_are_not_the_identity() {
         let plane = |parts: &str| Crs::parse(&format!("+proj=tmerc +lon_0=9 {parts} +no_defs")).unwrap();
@@ -150,7 +155,7 @@ mod tests {
             plane("+k=0.9996 +x_0=500000 +ellps=bessel +towgs84=598.1,73.7,418.2,0.202,0.045,-2.455,6.6");
         assert!(between(&shifted, &shifted.clone()).is_identity());
         assert!(!between(&shifted, &less).is_identity());
-        // Feet are no metres, and Web Mercator is no Mercator.
+        // Feet are not metres, and Web Mercator is not Mercator.
         assert!(!between(&Crs::epsg(2263), &Crs::epsg(32118)).is_identity());
         assert!(!between(&Crs::epsg(3857), &Crs::epsg(3395)).is_identity());
         assert!(!between(&Crs::epsg(2056), &Crs::epsg(21781)).is_identity());

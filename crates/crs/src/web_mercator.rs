@@ -1,16 +1,18 @@
-//! Web mercator as one square: the world as the root of a quadtree, as web maps cut it into tiles.
+//! The Web Mercator square: the world as the root of a quadtree, as web maps divide it into tiles.
 
 use super::{Crs, Frame};
 
-/// The EPSG number of web mercator (WGS 84 / Pseudo-Mercator).
+/// EPSG code of Web Mercator (WGS 84 / Pseudo-Mercator).
 pub const WEB_MERCATOR: u32 = 3857;
-/// Half the side of the world's square in metres: half the equator of a sphere with the radius 6378137 m.
+/// Half the side of the world square in metres: half the equator of a sphere with a radius of
+/// 6378137 m.
 pub const WEB_MERCATOR_HALF: f64 = 20_037_508.342_789_244;
-/// The latitude in degrees where the square ends, north and south.
+/// Latitude in degrees of the square's northern and southern border.
 pub const WEB_MERCATOR_LATITUDE: f64 = 85.051_128_779_806_59;
 
-/// The frame of a tree whose root is the world's square and whose cells are those of level `depth`: the FD path of a node at
-/// level z is the quadkey of the tile there at zoom z, which has 256 x 256 cells at level z + 8.
+/// Returns the frame of a tree whose root is the world square and whose cells are at level `depth`.
+/// The FD path of a node at level z is the quadkey of the tile at zoom z, which has 256 x 256 cells
+/// at level z + 8.
 ///
 /// ```
 /// use spinney::raw::space::{web_mercator, web_mercator_depth};
@@ -23,8 +25,9 @@ pub fn web_mercator(depth: u8) -> Frame {
     Frame { crs: Some(Crs::epsg(WEB_MERCATOR)), ..frame }
 }
 
-/// The depth of the tree if its root is the world's square in web mercator ([`web_mercator`]); `None` of any other.
-/// `extent` are the picture's cells along each axis: all of the square.
+/// Returns the depth of a tree whose root is the Web Mercator world square ([`web_mercator`]), and
+/// `None` for all other trees. `extent` is the number of cells along each axis; it must cover the
+/// whole square.
 pub fn web_mercator_depth(frame: &Frame, extent: [u64; 3]) -> Option<u8> {
     let [side, height, layers] = extent;
     if side != height || layers != 1 || !side.is_power_of_two() {
@@ -32,7 +35,7 @@ pub fn web_mercator_depth(frame: &Frame, extent: [u64; 3]) -> Option<u8> {
     }
     let depth = side.trailing_zeros() as u8;
     let world = web_mercator(depth);
-    // (Corners that are a rounding error apart are one.)
+    // (Corners may differ by rounding errors.)
     let corners = [[0.0; 3], [side as f64, side as f64, 0.0], [side as f64, 0.0, 0.0]];
     let is_close = corners.iter().all(|corner| {
         let (here, there) = (frame.to_world(*corner), world.to_world(*corner));

@@ -1,12 +1,14 @@
-//! From coordinates in any system to those of a tree of points or of lines.
+//! Conversion of coordinates in any system to those of a tree of points or lines.
 
 use crate::cell_locator::PolygonParts;
 use crate::{CellLocator, Coordinates, Crs, Frame, Transformation};
 use spinney_base::{Error, Result};
 
-/// Brings positions, lines and polygons in any system to the coordinate system of a tree that has no cells.
+/// Converts positions, lines and polygons in any system to the coordinate reference system of a
+/// tree without cells.
 ///
-/// Longitudes that differ by 360 degrees are the same: a position in another system gets the longitude that is next to the middle of the tree.
+/// Longitudes that differ by 360 degrees are equivalent: a position in another system gets the
+/// longitude that is nearest to the middle of the tree.
 ///
 /// ```
 /// use spinney::{Coordinates, Crs, WorldLocator};
@@ -19,29 +21,33 @@ use spinney_base::{Error, Result};
 /// # Ok::<(), spinney::Error>(())
 /// ```
 pub struct WorldLocator {
-    /// From the given coordinates to those of the tree; `None` if they are the same.
+    /// Transformation from the input system to the tree's; `None` if they are the same.
     systems: Option<Transformation>,
-    /// How far curves may be from the edges that replace them.
+    /// Maximum distance of curves from the edges that approximate them.
     tolerance: f64,
-    /// The middle of the tree, and once round the world, both along the first axis; `None` if coordinates do not repeat.
+    /// The middle of the tree and the length of one turn around the world, both along the first
+    /// axis; `None` if coordinates are not periodic.
     seam: Option<[f64; 2]>,
-    /// A raster over the tree, which polygons are brought to, and its cells' position in the world.
+    /// A raster over the tree to which polygons are converted, and the frame of its cells.
     cells: Option<(CellLocator, Frame)>,
 }
 
-/// Cells along the longer side of the raster over a tree, at most: polygons are within a hundredth of one.
+/// Maximum number of cells along the longer side of the raster over a tree. Polygons are accurate
+/// to a hundredth of a cell.
 const CELLS: f64 = (1 << 20) as f64;
-/// Part of a cell within which curves are followed, as by [`CellLocator::parts`].
+/// Maximum distance of a curve from its approximation, in cells, as in [`CellLocator::parts`].
 const CLOSE: f64 = 0.01;
-/// Halvings of an edge, at most.
+/// Maximum number of times that an edge is halved.
 const MAX_HALVINGS: u32 = 14;
 
 impl WorldLocator {
-    /// The way from coordinates to the system of a tree, if that is known, with such minimum and maximum coordinates, in which lengths below
-    /// `step` mean nothing. Datums whose shift to WGS 84 is not known are taken for it, with a remark: see [`WorldLocator::remarks`].
+    /// Creates a locator to a tree's system, if that is known, and its minimum and maximum
+    /// coordinates. Lengths below `step` are not significant. A datum whose shift to WGS 84 is not
+    /// known is treated as WGS 84, with a remark: see [`WorldLocator::remarks`].
     ///
     /// # Errors
-    /// If coordinates are cells, the tree has no system where one is needed, or one of the two cannot be computed.
+    /// If the input coordinates are cells; if the tree has no system although one is needed; if one
+    /// of the two systems is not supported.
     pub fn new(
         coordinates: &Coordinates,
         own: Option<&Crs>,
@@ -76,17 +82,17 @@ impl WorldLocator {
         Ok(locator)
     }
 
-    /// Whether coordinates stay as they are.
+    /// Whether coordinates are returned unchanged.
     pub fn is_identity(&self) -> bool {
         self.systems.is_none()
     }
 
-    /// Remarks on how well the two systems are known.
+    /// Returns remarks on the accuracy of both systems' datums.
     pub fn remarks(&self) -> Vec<String> {
         self.systems.as_ref().map_or(Vec::new(), Transformation::remarks)
     }
 
-    /// A position in the tree's system; `None` if there is no such position.
+    /// Converts a position to the tree's system. `None` if it cannot be represented there.
     pub fn position(&self, position: [f64; 2]) -> Option<[f64; 2]> {
         let Some(systems) = &self.systems else { return Some(position) };
         let [mut x, y] = systems.forward(position)?;
@@ -98,10 +104,10 @@ impl WorldLocator {
         (x.is_finite() && y.is_finite()).then_some([x, y])
     }
 
-    /// A position as [`WorldLocator::position`] finds it.
+    /// Converts a position like [`WorldLocator::position`].
     ///
     /// # Errors
-    /// If there is no such position.
+    /// If the position cannot be represented in the tree's system.
     pub fn locate(&self, position: [f64; 2]) -> Result<[f64; 2]> {
         self.position(position).ok_or_else(|| {
             let found = format!("{},{}", position[0], position[1]);
@@ -109,8 +115,9 @@ impl WorldLocator {
         })
     }
 
-    /// A line in the tree's system: edges that are straight in their own system are followed where they are curves in the tree's. There are several
-    /// lines if some of it has no position there, or lies across the seam of longitudes.
+    /// Converts a line to the tree's system. Edges are straight in the input system, and are
+    /// approximated where they are curves in the tree's. Returns several lines if some of the line
+    /// cannot be represented there, or if it crosses the seam of longitudes.
     pub fn lines(&self, line: Vec<[f64; 2]>) -> Vec<Vec<[f64; 2]>> {
         if self.is_identity() {
             return vec![line];
@@ -121,7 +128,7 @@ impl WorldLocator {
         let is_one =
             |a: [f64; 2], b: [f64; 2]| self.seam.is_none_or(|[_, turn]| (a[0] - b[0]).abs() <= turn / 2.0);
         for ends in line.windows(2) {
-            // Fragments of the edge, the next one last: ends, and how often they were halved.
+            // Pending fragments of the edge, the next one last: ends, and number of halvings.
             let mut pending = vec![(ends[0], ends[1], 0)];
             while let Some((a, b, halvings)) = pending.pop() {
                 let (start, end) = (self.position(a), self.position(b));
@@ -156,8 +163,8 @@ impl WorldLocator {
         found
     }
 
-    /// Polygons in the tree's system, as far as they are near the tree; none if they are not. Edges that are straight in their own system are
-    /// followed where they are curves in the tree's.
+    /// Converts polygons to the tree's system, as far as they are near the tree. Edges are straight
+    /// in the input system, and are approximated where they are curves in the tree's.
     pub fn parts(&self, parts: PolygonParts) -> PolygonParts {
         let Some((cells, frame)) = &self.cells else { return parts };
         let world = |[x, y]: &[f64; 2]| {
@@ -178,7 +185,8 @@ mod tests {
         WorldLocator::new(&Coordinates::System(Crs::epsg(from)), Some(&own), bounds, 1e-7).unwrap()
     }
 
-    /// Web mercator is a formula that is easy to write: x is proportional to longitude, y = R ln tan(45 degrees + latitude / 2).
+    /// Web Mercator has a simple formula: x is proportional to longitude, y = R ln tan(45 degrees +
+    /// latitude / 2).
     #[test]
     fn positions_and_lines_are_those_of_the_formula() {
         let radius = 6_378_137.0;
@@ -191,7 +199,8 @@ mod tests {
             assert!(away.abs() < 1e-6 && (found[1] - expected[1]).abs() < 1e-6, "{found:?}");
         }
         assert!(locator.position([8.0, 95.0]).is_none() && locator.locate([8.0, 95.0]).is_err());
-        // A line to the north-east is a curve: each vertex is on it, and so is the middle of each edge, within the tolerance.
+        // A line to the north-east is a curve: each vertex is on it, and the middle of each edge is
+        // within the tolerance.
         let [line] = &locator.lines(vec![[0.0, 0.0], [8.0, 8.0]])[..] else { panic!("one line") };
         assert!(line.len() > 10, "{}", line.len());
         let on_curve = |[x, y]: [f64; 2]| y - formula([0.0, (x / radius).to_degrees()])[1];
@@ -208,7 +217,8 @@ mod tests {
         }
     }
 
-    /// Trees around the 180th meridian have positions on both sides of it, in either way of counting.
+    /// Trees around the 180th meridian have positions on both sides of it, in either range of
+    /// longitudes.
     #[test]
     fn longitudes_are_next_to_the_tree() {
         let east = locator(3857, 4326, [[170.0, -10.0], [190.0, 10.0]]);

@@ -1,37 +1,39 @@
-//! Affine maps of space.
+//! Affine transforms of 3D space.
 
-/// An affine map: three rows of a matrix, each with what is added at its end.
+/// An affine transform: three matrix rows, each with its translation in the last column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Affine {
     pub(crate) rows: [[f64; 4]; 3],
 }
 
-/// The greatest number that may stand in a text or in a map: squares of its products are still far from infinity.
+/// Maximum magnitude of numbers in CSG text and in transforms. Squares of products of such numbers
+/// do not overflow.
 pub(crate) const MOST: f64 = 1e30;
 
 impl Affine {
-    /// The map that leaves all where it is.
+    /// The identity transform.
     pub(crate) const IDENTITY: Affine =
         Affine { rows: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]] };
 
-    /// A shift.
+    /// Returns a translation.
     pub(crate) fn translation(by: [f64; 3]) -> Affine {
         let mut map = Affine::IDENTITY;
         (0..3).for_each(|axis| map.rows[axis][3] = by[axis]);
         map
     }
 
-    /// An enlargement along the axes.
+    /// Returns a scaling along the axes.
     pub(crate) fn scale(by: [f64; 3]) -> Affine {
         let mut map = Affine::IDENTITY;
         (0..3).for_each(|axis| map.rows[axis][axis] = by[axis]);
         map
     }
 
-    /// A rotation about an axis through the origin, counterclockwise seen from where the axis points to.
+    /// Returns a rotation about an axis through the origin, counterclockwise as seen from the
+    /// axis's tip.
     pub(crate) fn rotation(axis: [f64; 3], degrees: f64) -> Affine {
         let [x, y, z] = unit(axis);
-        // (Quarters of a turn come out exactly.)
+        // (Quarter turns are exact.)
         let (sin, cos) = match degrees.rem_euclid(360.0) {
             0.0 => (0.0, 1.0),
             90.0 => (1.0, 0.0),
@@ -49,7 +51,7 @@ impl Affine {
         }
     }
 
-    /// A reflection in the plane through the origin with a normal.
+    /// Returns a reflection in the plane through the origin with a normal.
     pub(crate) fn mirror(normal: [f64; 3]) -> Affine {
         let normal = unit(normal);
         let mut map = Affine::IDENTITY;
@@ -61,10 +63,11 @@ impl Affine {
         map
     }
 
-    /// The map that takes the origin to a point, and the third axis to a direction, without a change of lengths.
+    /// Returns an isometry that takes the origin to a point and the z axis to a direction.
     pub(crate) fn frame(origin: [f64; 3], direction: [f64; 3]) -> Affine {
         let w = unit(direction);
-        // The axis that is farthest from the direction; directions along axes give other axes, exactly.
+        // The coordinate axis that is farthest from the direction. For a direction along an axis,
+        // the result is exact.
         let least = (0..3).min_by(|a, b| w[*a].abs().total_cmp(&w[*b].abs())).unwrap_or(0);
         let mut other = [0.0; 3];
         other[least] = 1.0;
@@ -73,18 +76,19 @@ impl Affine {
         Affine { rows: std::array::from_fn(|row| [u[row], v[row], w[row], origin[row]]) }
     }
 
-    /// The image of a point. (Rows of points are computed in the same order: see [`Affine::at`].)
+    /// Returns the image of a point. (Rows of samples compute it in the same order: see
+    /// [`Affine::at`].)
     pub(crate) fn apply(&self, point: [f64; 3]) -> [f64; 3] {
         let base = self.at(point[1], point[2]);
         [0, 1, 2].map(|row| self.rows[row][0] * point[0] + base[row])
     }
 
-    /// What the image of a point is without the part that its first coordinate has in it.
+    /// Returns the image of the point `(0, y, z)`: the terms that do not depend on x.
     pub(crate) fn at(&self, y: f64, z: f64) -> [f64; 3] {
         self.rows.map(|[_, b, c, d]| b * y + c * z + d)
     }
 
-    /// The map that does another one first.
+    /// Returns the transform that applies `first`, then this one.
     pub(crate) fn after(&self, first: &Affine) -> Affine {
         let entry = |row: usize, column: usize| {
             let sum: f64 = (0..3).map(|k| self.rows[row][k] * first.rows[k][column]).sum();
@@ -93,13 +97,13 @@ impl Affine {
         Affine { rows: std::array::from_fn(|row| std::array::from_fn(|column| entry(row, column))) }
     }
 
-    /// The determinant.
+    /// Returns the determinant of the linear part.
     pub(crate) fn determinant(&self) -> f64 {
         let [a, b, c] = self.rows.map(|[x, y, z, _]| [x, y, z]);
         dot(a, cross(b, c))
     }
 
-    /// The map back, if there is one whose numbers are within bounds.
+    /// Returns the inverse, or `None` if there is none with numbers within bounds.
     pub(crate) fn inverse(&self) -> Option<Affine> {
         let [a, b, c] = self.rows.map(|[x, y, z, _]| [x, y, z]);
         let determinant = self.determinant();
@@ -113,14 +117,15 @@ impl Affine {
         inverse.is_bounded().then_some(inverse)
     }
 
-    /// Whether all numbers are finite and no larger than what is allowed.
+    /// Whether all numbers are finite and within the allowed magnitude.
     pub(crate) fn is_bounded(&self) -> bool {
         self.rows.iter().flatten().all(|number| number.abs() <= MOST)
     }
 
-    /// How many times as long a length becomes, at most.
+    /// Returns the maximum factor by which the transform stretches a length.
     pub(crate) fn stretch(&self) -> f64 {
-        // The greatest eigenvalue of the product with the transposed, which is symmetric: by its characteristic polynomial.
+        // Square root of the largest eigenvalue of the symmetric matrix MᵀM, computed from its
+        // characteristic polynomial.
         let column = |column: usize| self.rows.map(|row| row[column]);
         let entry = |i: usize, j: usize| dot(column(i), column(j));
         let mean = (entry(0, 0) + entry(1, 1) + entry(2, 2)) / 3.0;
@@ -137,21 +142,21 @@ impl Affine {
     }
 }
 
-/// A direction as a vector of length 1.
+/// Normalizes a direction to length 1.
 fn unit(direction: [f64; 3]) -> [f64; 3] {
-    // (By its greatest part first: squares of tiny numbers are nothing.)
+    // (Scaled by its largest component first, because squares of tiny numbers underflow.)
     let most = direction.iter().fold(0.0, |most: f64, part| most.max(part.abs()));
     let direction = direction.map(|part| part / most);
     let length = dot(direction, direction).sqrt();
     direction.map(|part| part / length)
 }
 
-/// The scalar product.
+/// Returns the scalar product.
 pub(crate) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// The vector product.
+/// Returns the vector product.
 fn cross([a, b, c]: [f64; 3], [x, y, z]: [f64; 3]) -> [f64; 3] {
     [b * z - c * y, c * x - a * z, a * y - b * x]
 }

@@ -1,4 +1,4 @@
-//! Octrees of solids.
+//! Octrees of CSG solids.
 
 use crate::field::Field;
 use crate::model::Csg;
@@ -11,7 +11,7 @@ use spinney_container::Tag;
 use spinney_engine::store::build_with;
 use spinney_mesh::import::{Attribute, FittedCells, SolidOptions, fit_cells};
 
-/// A solid and the cells that it will have, ready to be built: see [`CsgImport::build`].
+/// A solid and its planned cells, ready to be built: see [`CsgImport::build`].
 pub struct CsgImport {
     csg: Csg,
     placed: Placed,
@@ -21,8 +21,9 @@ pub struct CsgImport {
 }
 
 impl CsgImport {
-    /// Decides how the octree of a solid is built. Cells are full whose centre is inside, or with [`EdgeRule::Area`] as far as 8 x 8 x 8
-    /// samples of them are. A solid that reaches to infinity ends at its bounds, or at the box around its finite primitives.
+    /// Plans the octree of a solid. A cell is full if its centre is inside. With [`EdgeRule::Area`]
+    /// its value is the share of 8 x 8 x 8 samples that are inside. An infinite solid is clipped to
+    /// its bounds, or to the box around its finite primitives.
     ///
     /// ```
     /// use spinney::raw::csg::{Csg, CsgImport};
@@ -41,7 +42,8 @@ impl CsgImport {
     /// ```
     ///
     /// # Errors
-    /// If options do not fit: solids of primitives are full or not, and know no colours and parts; or if the solid does not end.
+    /// If the options are not supported: CSG solids have no colours and parts, no shell, no other
+    /// up axis and no touched cells; if the solid is infinite and nothing bounds it.
     pub fn plan(csg: Csg, options: &SolidOptions) -> Result<CsgImport> {
         if options.attribute != Attribute::Occupancy || options.shell || options.up != Up::Z {
             let found = "a text of primitives with colours, parts, a shell or another axis that points up";
@@ -64,12 +66,12 @@ impl CsgImport {
         Ok(CsgImport { csg, placed, cells, options, description })
     }
 
-    /// Description of the plan: pairs of a heading and its text.
+    /// Returns a description of the plan: pairs of a heading and its text.
     pub fn description(&self) -> &[(&'static str, String)] {
         &self.description
     }
 
-    /// The source of the octree.
+    /// Returns the source of the octree.
     fn tree<'a>(&self, progress: &'a dyn Progress) -> CsgTree<'a> {
         let depth = self.cells.depth;
         CsgTree {
@@ -81,10 +83,11 @@ impl CsgImport {
         }
     }
 
-    /// Builds the octree, on the threads of the current rayon pool; progress counts cells. Returns the number of cells that are not VOID.
+    /// Builds the octree on the threads of the current rayon pool. Progress counts cells. Returns
+    /// the number of cells that are not VOID.
     ///
     /// # Errors
-    /// If the output cannot be written, or on interruption; nothing is left behind then.
+    /// If the output cannot be written, or on cancellation. No output file is left then.
     pub fn build(self, output: Output, progress: &dyn Progress) -> Result<u64> {
         let CsgImport { csg, cells, options, .. } = &self;
         let provenance = format!("primitives {}", csg.path.display());

@@ -1,4 +1,5 @@
-//! Exact models of solids: each primitive as a polyhedron, combined by exact set operations from file to file.
+//! Exact models of CSG solids: each primitive becomes a polyhedron, and exact set operations on
+//! files combine them.
 
 use std::path::PathBuf;
 
@@ -14,30 +15,32 @@ use spinney_crs::Crs;
 use spinney_mesh::import::{DEFAULT_MEMORY, ExactOptions, MeshArrays, import_exact};
 use tempfile::TempDir;
 
-/// Models that are combined at once: each is an open file.
+/// Maximum number of models that are combined at once: each is an open file.
 const AT_ONCE: usize = 64;
-/// Most facets of a primitive.
+/// Maximum number of facets of a primitive.
 const MAX_FACETS: f64 = (1 << 20) as f64;
-/// The longest side is so many times as long as the distance that curved surfaces are approximated within, if nothing is said.
+/// Default ratio of the longest side to the deviation of facets from curved surfaces.
 const USUAL_SHARE: f64 = 1000.0;
-/// Most bytes of a text that the formula of a model tells.
+/// Maximum length, in bytes, of a CSG text that a model's formula includes.
 const MAX_FORMULA: usize = 1 << 12;
 
-/// Options for an exact model of a solid.
+/// Options for the exact model of a CSG solid.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct CsgExactOptions {
-    /// Greatest distance of facets from the curved surface that they stand for; otherwise a thousandth of the longest side.
+    /// Maximum distance of facets from the curved surface that they approximate. Default: a
+    /// thousandth of the longest side.
     pub deviation: Option<f64>,
-    /// Width of the grid's steps; otherwise the least power of two with which the longest side has at most about 2^24 steps.
+    /// Width of a grid unit. Default: the smallest power of two with which the longest side has at
+    /// most about 2^24 units.
     pub snap: Option<f64>,
-    /// Unit of length, to be kept in the file; otherwise the text's.
+    /// Unit of length, stored in the file. Default: the unit in the CSG text.
     pub unit: Option<String>,
-    /// The coordinate system.
+    /// Coordinate reference system.
     pub crs: Option<Crs>,
-    /// Packing of the file.
+    /// Compression of the file.
     pub codec: Codec,
-    /// Bytes of memory for everything.
+    /// Memory limit, in bytes.
     pub memory: u64,
 }
 
@@ -49,35 +52,37 @@ impl Default for CsgExactOptions {
 }
 
 impl CsgExactOptions {
-    /// Facets within a thousandth of the longest side, on the finest grid.
+    /// Returns the default options: facets within a thousandth of the longest side, on the finest
+    /// grid.
     pub fn new() -> CsgExactOptions {
         CsgExactOptions::default()
     }
 }
 
-/// Counts of an exact model of a solid.
+/// Statistics of the exact model of a CSG solid.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct CsgExactReport {
-    /// Primitives, each counted as often as it is there.
+    /// Number of primitives; primitives that are used several times count each time.
     pub primitives: usize,
-    /// Primitives with curved surfaces, which facets stand for.
+    /// Number of primitives with curved surfaces, which facets approximate.
     pub curved: usize,
-    /// Greatest distance of facets from these.
+    /// Maximum distance of facets from the curved surfaces.
     pub deviation: f64,
-    /// Faces of all primitives.
+    /// Number of faces of all primitives.
     pub facets: u64,
-    /// A remark on how a solid ends that reaches to infinity.
+    /// A remark on where an infinite solid was clipped.
     pub ends: Option<String>,
-    /// The furthest that a corner of a primitive was moved to the grid.
+    /// Maximum displacement of a primitive's vertex by snapping to the grid.
     pub displacement: f64,
-    /// Counts of the model.
+    /// Statistics of the model.
     pub model: CombineReport,
 }
 
-/// Builds an exact model of a solid: planar primitives are exact but for their corners, which are moved to the grid; curved ones are
-/// facets with corners on their surfaces. They are combined by exact set operations, in files beside the output that go in the end. Parts of
-/// the model are the primitives. Progress counts these.
+/// Builds an exact model of a solid. Planar primitives are exact except that their vertices are
+/// snapped to the grid. Curved primitives become facets with vertices on their surfaces. Exact set
+/// operations combine them, in temporary files next to the output that are removed at the end. Each
+/// primitive is a part of the model. Progress counts primitives.
 ///
 /// ```
 /// use spinney::{ExactModel, Output};
@@ -94,8 +99,8 @@ pub struct CsgExactReport {
 /// ```
 ///
 /// # Errors
-/// If the solid does not end, if there would be too many facets, or if a primitive cannot be built or the file not be written, or on
-/// interruption. There is no file then.
+/// If the solid is infinite and nothing bounds it; if a primitive needs too many facets or cannot
+/// be built; if the file cannot be written; on cancellation. No output file is left then.
 pub fn import_exact_csg(
     csg: &Csg,
     options: &CsgExactOptions,
@@ -149,7 +154,7 @@ pub fn import_exact_csg(
     })
 }
 
-/// A text as JSON has texts.
+/// Encodes a string as a JSON string literal.
 fn json_text(text: &str) -> String {
     let mut json = String::with_capacity(text.len() + 2);
     json.push('"');
@@ -166,7 +171,7 @@ fn json_text(text: &str) -> String {
 }
 
 impl Placed {
-    /// The primitive that is there.
+    /// Returns the primitive of an instance.
     pub(crate) fn shape_of(&self, instance: &Instance) -> &Primitive {
         &self.primitives[instance.primitive as usize]
     }
@@ -184,7 +189,8 @@ impl Body {
     }
 }
 
-/// Work that can be interrupted, and says nothing: what it does with outlines is what they mean.
+/// Progress that supports cancellation but drops all messages: notices about self-intersecting
+/// outlines are not relevant here, because the even-odd rule defines them.
 struct Quiet<'a>(&'a dyn Progress);
 
 impl Progress for Quiet<'_> {
@@ -193,17 +199,17 @@ impl Progress for Quiet<'_> {
     }
 }
 
-/// Makes bodies in files of a temporary folder.
+/// Creates bodies in files of a temporary directory.
 struct Maker<'a> {
     csg: &'a Csg,
     placed: &'a Placed,
     options: &'a CsgExactOptions,
     unit: Option<String>,
     within: f64,
-    /// Width of the steps of all grids.
+    /// Width of a unit of all grids.
     snap: f64,
     place: TempDir,
-    /// How these files are opened.
+    /// Options for opening these files.
     open: OpenOptions,
     files: u64,
     facets: u64,
@@ -212,7 +218,7 @@ struct Maker<'a> {
 }
 
 impl Maker<'_> {
-    /// A box around all polyhedra.
+    /// Returns a box around all polyhedra.
     fn bounds(&self) -> Bounds {
         let Placed { primitives, lowered, around, .. } = self.placed;
         let boxes = lowered.boxes(primitives);
@@ -229,22 +235,22 @@ impl Maker<'_> {
         })
     }
 
-    /// A ball, in a primitive's own coordinates, around all that is finite.
+    /// Returns a ball, in a primitive's local coordinates, around everything finite.
     fn ball(&self, instance: &Instance) -> ([f64; 3], f64) {
         let [min, max] = self.placed.around;
         let centre = [0, 1, 2].map(|axis| (min[axis] + max[axis]) / 2.0);
         let half = (0..3).map(|axis| (max[axis] - min[axis]).powi(2)).sum::<f64>().sqrt() / 2.0;
-        // (With some room, so that walls of the box are not those of the ball.)
+        // (Slightly larger, so that faces of the box do not coincide with faces around the ball.)
         (instance.to_local.apply(centre), 1.01 * half * instance.to_local.stretch())
     }
 
-    /// The path of a new file.
+    /// Returns the path of a new file.
     fn file(&mut self) -> PathBuf {
         self.files += 1;
         self.place.path().join(format!("{}.goblin", self.files))
     }
 
-    /// The body of the whole expression.
+    /// Returns the body of the whole expression.
     fn evaluate(&mut self) -> Result<Body> {
         let placed = self.placed;
         let total = placed.lowered.instances.len() as u64;
@@ -257,7 +263,7 @@ impl Maker<'_> {
                     Body { path, is_negated }
                 }
                 Step::Any(count) => {
-                    // The complement of what is in the complements of all.
+                    // A union is the complement of the intersection of complements.
                     let parts = stack.split_off(stack.len() - count as usize);
                     let parts = parts.into_iter().map(|part| Body { is_negated: !part.is_negated, ..part });
                     let all = self.all(parts.collect())?;
@@ -284,7 +290,7 @@ impl Maker<'_> {
         stack.pop().ok_or_else(|| Error::invalid("solid", "nothing", "a primitive"))
     }
 
-    /// Intersection of some bodies.
+    /// Returns the intersection of bodies.
     fn all(&mut self, parts: Vec<Body>) -> Result<Body> {
         let (out, within): (Vec<Body>, Vec<Body>) = parts.into_iter().partition(|part| part.is_negated);
         let [out, within] =
@@ -294,7 +300,7 @@ impl Maker<'_> {
         }
         let mut all = self.joined(SetOperation::Intersection, within)?;
         if !out.is_empty() {
-            // (What is not in some is not in their union, either.)
+            // (De Morgan: an intersection of complements is the complement of the union.)
             let mut less = vec![all];
             less.extend(self.fewer(SetOperation::Union, out, AT_ONCE - 1)?);
             all = self.combined(SetOperation::Difference, &less)?;
@@ -302,13 +308,13 @@ impl Maker<'_> {
         Ok(Body { path: all, is_negated: false })
     }
 
-    /// The result of an operation whose operands may be joined in any order.
+    /// Applies an associative and commutative operation to any number of operands.
     fn joined(&mut self, operation: SetOperation, parts: Vec<PathBuf>) -> Result<PathBuf> {
         let mut left = self.fewer(operation, parts, 1)?;
         left.pop().ok_or_else(|| Error::invalid("operands", "none", "one or more"))
     }
 
-    /// No more than so many bodies that have the same result.
+    /// Applies an operation in batches until at most `most` bodies with the same result are left.
     fn fewer(
         &mut self,
         operation: SetOperation,
@@ -325,7 +331,7 @@ impl Maker<'_> {
         Ok(parts)
     }
 
-    /// The result of an operation, whose operands go.
+    /// Applies an operation and deletes its operands.
     fn combined(&mut self, operation: SetOperation, parts: &[PathBuf]) -> Result<PathBuf> {
         let path = self.file();
         let open = |path: &PathBuf| ExactModel::open(path, &self.open);
@@ -347,7 +353,7 @@ impl Maker<'_> {
         Ok(path)
     }
 
-    /// The file of a primitive.
+    /// Writes the file of a primitive.
     fn primitive(&mut self, instance: &Instance) -> Result<PathBuf> {
         let Primitive { shape, word, at, .. } = self.placed.shape_of(instance);
         let within = self.within / instance.to_world.stretch();
@@ -376,7 +382,7 @@ impl Maker<'_> {
         let import = |options: &ExactOptions| {
             import_exact(vec![mesh.clone().model()?], options, Output::create(&path)?, &quiet)
         };
-        // (An outline may pass through itself, and is then what an odd number of its windings goes around.)
+        // (A self-intersecting outline is repaired; the even-odd rule defines its interior.)
         let report = match import(&options) {
             Err(Error::NotASolid { .. }) => {
                 options.repair = true;
@@ -389,7 +395,7 @@ impl Maker<'_> {
         Ok(path)
     }
 
-    /// An error of a temporary file, which tells of the text instead.
+    /// Rewrites an error about a temporary file to name the CSG file.
     fn told(&self, error: Error) -> Error {
         match error {
             Error::NotASolid { what, places, count, .. } => {

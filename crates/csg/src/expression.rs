@@ -1,39 +1,42 @@
-//! Expressions of primitives in postfix order: flat, without negations but of primitives, and made shorter for a part of space.
+//! Set expressions of primitives in postfix order. They are flat, with complements only at
+//! primitives, and can be simplified for a region of space.
 
 use crate::place::Place;
 
-/// A step of an expression: operations come behind what they are of.
+/// A step of a postfix expression: operations follow their operands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Step {
-    /// A primitive by its number, or all but it.
+    /// A primitive by its number, or its complement if the flag is set.
     Primitive(u32, bool),
-    /// The union of the last ones, so many.
+    /// Union of the last operands; the number gives their count.
     Any(u32),
-    /// The intersection of the last ones, so many.
+    /// Intersection of the last operands; the number gives their count.
     All(u32),
-    /// Points in an odd number of the last ones, so many; or in an even number.
+    /// Points in an odd number of the last operands, or in an even number if the flag is set.
     Odd(u32, bool),
 }
 
-/// An expression in a part of space.
+/// State of a subexpression in a region of space.
 #[derive(Clone, Copy)]
 struct Part {
     place: Place,
-    /// Where its steps begin in the shorter expression, if it is mixed; otherwise those of what comes next.
+    /// Index in the simplified expression at which its steps begin. A subexpression that is not
+    /// mixed has no steps there.
     start: usize,
 }
 
-/// Buffers for making expressions shorter.
+/// Reusable buffers for simplifying expressions.
 #[derive(Default)]
 pub(crate) struct Pruner {
     parts: Vec<Part>,
-    /// The steps that are left, if the part of space is mixed.
+    /// The remaining steps, if the region is mixed.
     pub(crate) steps: Vec<Step>,
 }
 
 impl Pruner {
-    /// Looks at an expression in a part of space, by the places of its primitives: what is the same all over there is left out, and the
-    /// steps that are left are the same there.
+    /// Simplifies an expression for a region of space, given the primitives' classification there.
+    /// Operands that are uniform in the region are removed. The remaining steps are equivalent
+    /// within the region.
     pub(crate) fn prune(&mut self, steps: &[Step], mut place_of: impl FnMut(u32) -> Place) -> Place {
         self.parts.clear();
         self.steps.clear();
@@ -56,7 +59,8 @@ impl Pruner {
         self.parts.pop().map_or(Place::Void, |part| part.place)
     }
 
-    /// The union or intersection of the last ones: if one is `decisive`, so are all, and if all are `neutral`, so is it.
+    /// Simplifies a union or intersection of the last operands. A `decisive` operand decides the
+    /// result; if all are `neutral`, so is the result.
     fn joined(&mut self, count: u32, decisive: Place, neutral: Place) -> Part {
         let parts = self.parts.drain(self.parts.len() - count as usize..);
         let (mut start, mut mixed, mut is_decided) = (usize::MAX, 0, false);
@@ -93,7 +97,7 @@ impl Pruner {
     }
 }
 
-/// The value of an expression of sets, or of what stands for sets, such as bits.
+/// Evaluates an expression on any representation of sets, such as bit masks.
 pub(crate) fn fold<T>(
     steps: &[Step],
     stack: &mut Vec<T>,

@@ -1,4 +1,5 @@
-//! Polyhedra of primitives: planar ones as they are, curved ones by facets whose corners lie on their surfaces.
+//! Polyhedra of primitives: planar primitives exactly, curved ones by facets with vertices on their
+//! surfaces.
 
 use std::f64::consts::PI;
 
@@ -7,35 +8,38 @@ use crate::lowered::Bounds;
 use crate::outline::Outline;
 use crate::shape::Shape;
 
-/// A closed surface: the outer ring of a face is counterclockwise seen from outside, and those of holes in it come behind.
+/// A closed surface. A face's outer ring is counterclockwise as seen from outside, and the rings of
+/// its holes follow it.
 #[derive(Default)]
 pub(crate) struct Polyhedron {
     pub(crate) vertices: Vec<[f64; 3]>,
     pub(crate) corners: Vec<u32>,
-    /// Ends of the rings among the corners.
+    /// Ends of the rings in `corners`.
     pub(crate) ring_ends: Vec<usize>,
-    /// Ends of the faces among the rings.
+    /// Ends of the faces in `ring_ends`.
     pub(crate) face_ends: Vec<usize>,
 }
 
-/// Fewest facets around an axis.
+/// Minimum number of facets around an axis.
 const LEAST: f64 = 8.0;
 
-/// Facets around a circle that are nowhere further than so much from it: a chord is as far as its angle says.
+/// Number of facets around a circle for a maximum distance of `within`: a chord's sagitta is the
+/// radius times 1 - cos of half its angle.
 fn sides(radius: f64, within: f64) -> f64 {
     let half = (1.0 - within / radius).max(0.0).acos();
     (PI / half).ceil().max(LEAST)
 }
 
-/// Facets around a ball: they are bent along both of their sides, so that the square of the cosine of half of their angle counts.
+/// Number of facets around a ball for a maximum distance of `within`. Facets deviate along both
+/// directions, so cos² of half their angle bounds the distance.
 fn sides_of_ball(radius: f64, within: f64) -> f64 {
     let half = (within / radius).min(1.0).sqrt().asin();
     ((PI / half / 2.0).ceil() * 2.0).max(LEAST)
 }
 
 impl Shape {
-    /// Positions around the axis, and corners of the rings that turn there, with facets that are nowhere further than so much from the
-    /// surface; nothing for planar ones.
+    /// Returns the number of positions around the axis, and of vertices of the rings that are
+    /// revolved, for a maximum distance of `within` from the surface. `None` for planar primitives.
     fn turned(&self, within: f64) -> Option<(f64, f64)> {
         match self {
             Shape::Ball { radius } => {
@@ -55,7 +59,7 @@ impl Shape {
         }
     }
 
-    /// The outline that turns around the axis, with rings of so many corners.
+    /// Returns the outline to revolve around the axis, with `corners` vertices per ring.
     fn profile(&self, corners: f64) -> Option<Outline> {
         let ring = match self {
             Shape::Ball { radius } => {
@@ -85,7 +89,7 @@ impl Shape {
         Some(Outline::new(vec![ring]))
     }
 
-    /// Faces of its polyhedron, about so many.
+    /// Estimates the number of faces of the polyhedron.
     pub(crate) fn facets(&self, within: f64) -> f64 {
         match (self.turned(within), self) {
             (Some((sides, corners)), _) => sides * corners,
@@ -96,12 +100,14 @@ impl Shape {
         }
     }
 
-    /// Whether its polyhedron is not the primitive itself.
+    /// Whether the polyhedron only approximates the primitive.
     pub(crate) fn is_curved(&self) -> bool {
         !matches!(self, Shape::Block { .. } | Shape::HalfSpace | Shape::Prism { .. })
     }
 
-    /// The polyhedron, in the world, of no more facets than can be made. What reaches to infinity ends outside of a ball around a point of its own coordinates.
+    /// Returns the polyhedron in world coordinates. The caller has checked that the number of
+    /// facets is within the limit. An infinite primitive is cut off outside of a ball, given in
+    /// local coordinates.
     pub(crate) fn polyhedron(
         &self,
         within: f64,
@@ -132,7 +138,7 @@ impl Shape {
 }
 
 impl Polyhedron {
-    /// Adds a vertex.
+    /// Adds a vertex and returns its index.
     fn vertex(&mut self, point: [f64; 3]) -> u32 {
         self.vertices.push(point);
         self.vertices.len() as u32 - 1
@@ -144,7 +150,7 @@ impl Polyhedron {
         self.face_ends.push(self.ring_ends.len());
     }
 
-    /// Adds a ring of a face.
+    /// Adds a ring to the current face.
     fn ring(&mut self, corners: impl IntoIterator<Item = u32>) {
         self.corners.extend(corners);
         self.ring_ends.push(self.corners.len());
@@ -157,7 +163,8 @@ impl Polyhedron {
 
     fn prism(&mut self, outline: &Outline, heights: [f64; 2]) {
         let directed = outline.directed();
-        // The vertices of each ring at both heights, and the numbers of the holes in it.
+        // First and last vertex of each ring at both heights, and the indices of the holes in each
+        // ring.
         let mut rings = Vec::new();
         let mut holes = vec![Vec::new(); directed.len()];
         for (number, ring) in directed.iter().enumerate() {
@@ -183,11 +190,13 @@ impl Polyhedron {
         }
     }
 
-    /// Adds what a ring of distances and heights passes when it is turned around the axis.
+    /// Adds the surface that a ring of (radius, height) points sweeps when it is revolved around
+    /// the axis.
     fn revolve(&mut self, ring: &[[f64; 2]], sides: u32) {
         let angles: Vec<(f64, f64)> =
             (0..sides).map(|side| (2.0 * PI * f64::from(side) / f64::from(sides)).sin_cos()).collect();
-        // Of each point, its vertices: one on the axis, else as many as there are sides.
+        // For each point, its first vertex and whether it lies on the axis: one vertex there,
+        // otherwise one per side.
         let places: Vec<(u32, bool)> = ring
             .iter()
             .map(|[radius, z]| {
@@ -205,7 +214,7 @@ impl Polyhedron {
             let is_level = ring[number][1] == ring[following][1];
             match (from_axis, to_axis) {
                 (true, true) => {}
-                // Ends in one plane are one face.
+                // A disc perpendicular to the axis is a single face.
                 (true, false) if is_level => self.face((to..to + sides).rev()),
                 (false, true) if is_level => self.face(*from..from + sides),
                 _ => {
@@ -222,7 +231,8 @@ impl Polyhedron {
         }
     }
 
-    /// Moves all vertices; what a reflection turns inside out is turned back.
+    /// Transforms all vertices. Reverses all rings if the transform is a reflection, so that they
+    /// stay oriented.
     fn move_by(&mut self, map: &Affine) {
         self.vertices.iter_mut().for_each(|vertex| *vertex = map.apply(*vertex));
         if map.determinant() < 0.0 {
@@ -239,7 +249,7 @@ impl Polyhedron {
 mod tests {
     use super::*;
 
-    /// Six times the volume, which a surface that is turned right and closed has.
+    /// Returns the volume that a closed and oriented surface encloses.
     fn volume(made: &Polyhedron) -> f64 {
         let mut first = 0;
         let mut sum = 0.0;
@@ -268,7 +278,8 @@ mod tests {
             for within in [0.1, 0.01, 0.001] {
                 let made = shape.polyhedron(within, &map, ([0.0; 3], 0.0));
                 let share = volume(&made) / exact;
-                // (Surfaces of these have about ten times the area that would be one to one.)
+                // (The volume error is at most `within` times the curved area, and the ratio of
+                // that area to the volume is below 4 here.)
                 assert!((1.0 - 4.0 * within..1.0).contains(&share), "{shape:?} within {within}: {share}");
             }
         }

@@ -1,4 +1,4 @@
-//! Primitives over a grid of cells: where boxes of cells lie, and which of 512 samples are inside.
+//! Primitives over a grid of cells: classifies boxes of cells and tests blocks of 512 samples.
 
 use std::sync::Arc;
 
@@ -8,35 +8,37 @@ use crate::model::Primitive;
 use crate::place::Place;
 use crate::placed::Placed;
 
-/// Samples along a side of a block of them.
+/// Number of samples along a side of a block.
 pub(crate) const SAMPLES: u32 = 8;
 
-/// Bits of samples: a word for each octant of the block, in Z order, of the 64 samples in it, in Z order.
+/// Sample bits: one word per octant of the block, in Z order, with the octant's 64 samples in Z
+/// order.
 pub(crate) type Bits = [u64; 8];
 
-/// A primitive over cells.
+/// A primitive over the cells.
 struct Placement {
     primitive: u32,
-    /// The map from cells to its own coordinates.
+    /// Transform from cells to local coordinates.
     to_local: Affine,
-    /// How much further a box reaches along each axis, in its own coordinates, than half of its width: for rounding.
+    /// Margin for rounding, in local coordinates, that is added along each axis to half the width
+    /// of a box.
     slack: [f64; 3],
 }
 
-/// Primitives over cells.
+/// All primitives over the cells.
 pub(crate) struct Field {
     primitives: Arc<Vec<Primitive>>,
     placements: Vec<Placement>,
 }
 
 impl Field {
-    /// Primitives over the cells of a frame, `cells` along a side.
+    /// Returns the primitives over a frame with `cells` cells along a side.
     pub(crate) fn new(placed: &Placed, frame: &[[f64; 4]; 3], cells: f64) -> Field {
         let frame = Affine { rows: *frame };
         let of = |instance: &crate::lowered::Instance| {
             let to_local = instance.to_local.after(&frame);
             let shape = &placed.primitives[instance.primitive as usize].shape;
-            // Numbers are rounded to 53 bits, few times in a row.
+            // A bound on a few consecutive roundings to 53 bits.
             let slack = to_local.rows.map(|[x, y, z, shift]| {
                 let most = (x.abs() + y.abs() + z.abs()) * cells + shift.abs() + shape.magnitude();
                 most / (1u64 << 44) as f64
@@ -47,7 +49,7 @@ impl Field {
         Field { primitives: placed.primitives.clone(), placements }
     }
 
-    /// Where a box of cells lies: its centre, and half of its width.
+    /// Classifies a box of cells, given by its centre and half of its width.
     pub(crate) fn place(&self, number: u32, centre: [f64; 3], half: f64) -> Place {
         let Placement { primitive, to_local, slack } = &self.placements[number as usize];
         let local = to_local.apply(centre);
@@ -58,7 +60,7 @@ impl Field {
         self.primitives[*primitive as usize].shape.place(local, reach)
     }
 
-    /// Whether a point is inside of an expression.
+    /// Whether a point is inside an expression.
     pub(crate) fn has(&self, steps: &[Step], point: [f64; 3]) -> bool {
         let primitive = |number: u32, is_negated| {
             let Placement { primitive, to_local, .. } = &self.placements[number as usize];
@@ -72,12 +74,13 @@ impl Field {
         fold(steps, &mut Vec::new(), primitive, operation).unwrap_or(false)
     }
 
-    /// An expression without what is the same all over a box of cells.
+    /// Simplifies an expression for a box of cells: see [`Pruner::prune`].
     pub(crate) fn prune(&self, pruner: &mut Pruner, steps: &[Step], centre: [f64; 3], half: f64) -> Place {
         pruner.prune(steps, |number| self.place(number, centre, half))
     }
 
-    /// Which samples of a block are inside of an expression: the first one, and how far they are from each other.
+    /// Tests which samples of a block are inside an expression. `first` is the first sample, `step`
+    /// the distance between samples.
     pub(crate) fn samples(&self, steps: &[Step], first: [f64; 3], step: f64) -> Bits {
         let primitive = |number: u32, is_negated| {
             let bits = self.samples_of(number, first, step);
@@ -113,7 +116,8 @@ impl Field {
             }
             for z in 0..4u8 {
                 for y in 0..4u8 {
-                    // (In the order of `Affine::apply`, so that a sample is the same however it is computed.)
+                    // (In the order of operations of `Affine::apply`, so that a sample's result
+                    // does not depend on the code path.)
                     let base =
                         placement.to_local.at(first[1] + f64::from(y) * step, first[2] + f64::from(z) * step);
                     let mut row = 0;
@@ -131,7 +135,7 @@ impl Field {
     }
 }
 
-/// Four bits along x, in Z order.
+/// Spreads four bits along x into Z order.
 const SPREAD: [u64; 16] = {
     let mut spread = [0; 16];
     let mut row = 0;

@@ -1,5 +1,8 @@
-//! Solids of primitives that are moved and combined (constructive solid geometry), as a text tells them: octrees of cells, by what is sure
-//! of blocks, and exact models, by facets.
+//! Constructive solid geometry: solids of transformed and combined primitives, defined by a text
+//! format.
+//!
+//! They are converted to octrees of cells, classifying whole blocks where possible, and to exact
+//! models with facets.
 
 mod affine;
 mod cells;

@@ -1,4 +1,5 @@
-//! A solid without names: each primitive where it is in the world, and one expression of all of them.
+//! A solid without names and hierarchy: each primitive in world coordinates, and one expression
+//! over all of them.
 
 use std::path::Path;
 
@@ -8,33 +9,34 @@ use crate::model::{Node, Primitive, Tree};
 use crate::syntax::wrong;
 use spinney_base::Result;
 
-/// A box, from its least to its greatest coordinates.
+/// A box: minimum and maximum coordinates.
 pub(crate) type Bounds = [[f64; 3]; 2];
 
 /// All of space.
 const EVERYWHERE: Bounds = [[f64::NEG_INFINITY; 3], [f64::INFINITY; 3]];
-/// None of it.
+/// The empty box.
 const NOWHERE: Bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
 
-/// A primitive in the world.
+/// A primitive in world coordinates.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Instance {
-    /// Its number among the primitives of the text.
+    /// Index of the primitive in the CSG text.
     pub(crate) primitive: u32,
-    /// The map from its own coordinates.
+    /// Transform from local to world coordinates.
     pub(crate) to_world: Affine,
-    /// The map back.
+    /// The inverse transform.
     pub(crate) to_local: Affine,
 }
 
-/// Primitives in the world, and the expression of them.
+/// Primitives in world coordinates, and the expression that combines them.
 #[derive(Clone, Debug)]
 pub(crate) struct Lowered {
     pub(crate) instances: Vec<Instance>,
     pub(crate) steps: Vec<Step>,
 }
 
-/// A kind of operations. Those within others of their kind become one, and complements go down to the primitives.
+/// Kind of an operation. Nested operations of the same kind are merged, and complements are pushed
+/// down to the primitives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Kind {
     Any,
@@ -42,11 +44,12 @@ enum Kind {
     Odd,
 }
 
-/// Work that is still to be done.
+/// A pending traversal task.
 enum Task {
-    /// To enter a node with a map, or its complement, within an operation.
+    /// Visit a node, or its complement, with a transform, as an operand of an operation of kind
+    /// `within`.
     Enter { node: u32, map: usize, is_negated: bool, within: Option<Kind> },
-    /// To end an operation.
+    /// Finish an operation.
     End(Kind),
 }
 
@@ -54,7 +57,8 @@ impl Lowered {
     pub(crate) fn of(path: &Path, tree: &Tree) -> Result<Lowered> {
         let (mut instances, mut steps) = (Vec::new(), Vec::new());
         let mut maps = vec![Affine::IDENTITY];
-        // Of each operation that is open: what it is of so far, and whether what is in an even number counts.
+        // For each open operation, its operand count so far, and whether an even count of operands
+        // is inside.
         let mut open = vec![(0u32, false)];
         let mut tasks = vec![Task::Enter { node: tree.root, map: 0, is_negated: false, within: None }];
         while let Some(task) = tasks.pop() {
@@ -93,7 +97,7 @@ impl Lowered {
                     tasks.push(Task::Enter { node, map: maps.len() - 1, is_negated, within });
                     continue;
                 }
-                // (The complement of a union is the intersection of complements.)
+                // (De Morgan: the complement of a union is the intersection of the complements.)
                 Node::Any(first, end) => (if is_negated { Kind::All } else { Kind::Any }, first..end),
                 Node::All(first, end) => (if is_negated { Kind::Any } else { Kind::All }, first..end),
                 Node::Odd(first, end) => (Kind::Odd, first..end),
@@ -112,7 +116,7 @@ impl Lowered {
         Ok(Lowered { instances, steps })
     }
 
-    /// The box around each primitive.
+    /// Returns the bounding box of each primitive.
     pub(crate) fn boxes(&self, primitives: &[Primitive]) -> Vec<Bounds> {
         let of = |instance: &Instance| {
             let shape = &primitives[instance.primitive as usize].shape;
@@ -123,7 +127,7 @@ impl Lowered {
         self.instances.iter().map(of).collect()
     }
 
-    /// A box around the solid, which may be infinite, or empty.
+    /// Returns a bounding box of the solid, which may be infinite or empty.
     pub(crate) fn bounds(&self, boxes: &[Bounds]) -> Bounds {
         let mut stack = Vec::new();
         let primitive =
@@ -137,13 +141,13 @@ impl Lowered {
     }
 }
 
-/// The box around two boxes.
+/// Returns the box around two boxes.
 pub(crate) fn hull(one: &Bounds, other: &Bounds) -> Bounds {
     let min = [0, 1, 2].map(|axis| one[0][axis].min(other[0][axis]));
     [min, [0, 1, 2].map(|axis| one[1][axis].max(other[1][axis]))]
 }
 
-/// The box that two boxes have in common.
+/// Returns the intersection of two boxes.
 fn meet(one: &Bounds, other: &Bounds) -> Bounds {
     let min = [0, 1, 2].map(|axis| one[0][axis].max(other[0][axis]));
     let both = [min, [0, 1, 2].map(|axis| one[1][axis].min(other[1][axis]))];

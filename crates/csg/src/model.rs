@@ -1,4 +1,5 @@
-//! A solid as its text tells it: primitives, moved and combined, parts of which may be there many times.
+//! A CSG solid as a graph of nodes: primitives, transforms and operations. Named subgraphs may be
+//! used several times.
 
 use std::fs::File;
 use std::io::Read as _;
@@ -10,49 +11,50 @@ use crate::shape::Shape;
 use crate::syntax::{At, parse, wrong};
 use spinney_base::{Error, Result};
 
-/// Most primitives, operations and maps of a solid, those of a name counted as often as it is there.
+/// Maximum number of primitives, operations and transforms of a solid. Named subgraphs count each
+/// time they are used.
 const MAX_NODES: u32 = 1 << 20;
 
-/// A part of a solid while its text is read.
+/// Handle of a node while the text is parsed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Solid(u32);
 
-/// A node of a solid. What it is of comes before it.
+/// A node of a solid. Its operands precede it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Node {
-    /// A primitive by its number, and the map from its own coordinates.
+    /// A primitive by its number.
     Primitive(u32),
-    /// An operation on nodes, by where they stand among the links.
+    /// Union of the nodes in a range of `links`.
     Any(u32, u32),
-    /// As above.
+    /// Intersection of the nodes in a range of `links`.
     All(u32, u32),
-    /// As above.
+    /// Symmetric difference of the nodes in a range of `links`.
     Odd(u32, u32),
     /// The complement of a node.
     Not(u32),
-    /// A node moved by a map with a number.
+    /// A transform by its number, and the node that it is applied to.
     Moved(u32, u32),
 }
 
-/// A primitive of a text.
+/// A primitive of a CSG text.
 #[derive(Clone, Debug)]
 pub(crate) struct Primitive {
     pub(crate) shape: Shape,
-    /// The map from its own coordinates to those of the text.
+    /// Transform from local coordinates to those of the text.
     pub(crate) map: Affine,
-    /// The word that makes it.
+    /// The keyword that defines it.
     pub(crate) word: String,
     pub(crate) at: At,
 }
 
-/// Builds a solid from its parts.
+/// Builds the graph of a solid.
 pub(crate) struct Builder<'a> {
     path: &'a Path,
     nodes: Vec<Node>,
     links: Vec<u32>,
     maps: Vec<Affine>,
     primitives: Vec<Primitive>,
-    /// Nodes that each one is made of, counted as often as they are there.
+    /// Size of each node's subgraph, counting shared nodes each time they are used.
     sizes: Vec<u32>,
 }
 
@@ -62,7 +64,7 @@ impl<'a> Builder<'a> {
         Builder { path, nodes, links, maps, primitives, sizes }
     }
 
-    /// Adds a node that is made of others.
+    /// Adds a node with its operands.
     fn push(&mut self, node: Node, of: &[Solid], at: At) -> Result<Solid> {
         let size = of.iter().fold(1, |sum: u32, solid| sum.saturating_add(self.sizes[solid.0 as usize]));
         if size > MAX_NODES {
@@ -76,7 +78,7 @@ impl<'a> Builder<'a> {
         Ok(Solid(self.nodes.len() as u32 - 1))
     }
 
-    /// A primitive.
+    /// Adds a primitive.
     pub(crate) fn primitive(&mut self, shape: Shape, map: Affine, word: &str, at: At) -> Result<Solid> {
         self.primitives.push(Primitive { shape, map, word: word.into(), at });
         self.push(Node::Primitive(self.primitives.len() as u32 - 1), &[], at)
@@ -91,33 +93,33 @@ impl<'a> Builder<'a> {
         self.push(node(first, self.links.len() as u32), solids, at)
     }
 
-    /// Union: points in any of some.
+    /// Adds a union: points in any operand.
     pub(crate) fn union(&mut self, solids: &[Solid], at: At) -> Result<Solid> {
         self.operation(solids, at, Node::Any)
     }
 
-    /// Intersection: points in all of some.
+    /// Adds an intersection: points in all operands.
     pub(crate) fn intersection(&mut self, solids: &[Solid], at: At) -> Result<Solid> {
         self.operation(solids, at, Node::All)
     }
 
-    /// Symmetric difference: points in an odd number of some.
+    /// Adds a symmetric difference: points in an odd number of operands.
     pub(crate) fn xor(&mut self, solids: &[Solid], at: At) -> Result<Solid> {
         self.operation(solids, at, Node::Odd)
     }
 
-    /// Complement: points not in one.
+    /// Adds a complement: points not in the operand.
     pub(crate) fn complement(&mut self, solid: Solid, at: At) -> Result<Solid> {
         self.push(Node::Not(solid.0), &[solid], at)
     }
 
-    /// One moved by a map.
+    /// Adds a transformed solid.
     pub(crate) fn moved(&mut self, map: Affine, solid: Solid, at: At) -> Result<Solid> {
         self.maps.push(map);
         self.push(Node::Moved(self.maps.len() as u32 - 1, solid.0), &[solid], at)
     }
 
-    /// The solid that a node is, of a text.
+    /// Finishes the solid with its root node and the text that it was parsed from.
     pub(crate) fn finish(
         self,
         text: &str,
@@ -139,7 +141,7 @@ impl<'a> Builder<'a> {
     }
 }
 
-/// The nodes of a solid.
+/// The graph of a solid.
 pub(crate) struct Tree {
     pub(crate) nodes: Vec<Node>,
     pub(crate) links: Vec<u32>,
@@ -148,7 +150,8 @@ pub(crate) struct Tree {
     pub(crate) root: u32,
 }
 
-/// A solid of primitives that were moved and combined, such as a text tells it: `docs/csg.md` is the language.
+/// A solid of transformed and combined primitives, parsed from CSG text. `docs/csg.md` defines the
+/// language.
 ///
 /// ```
 /// use spinney::raw::csg::Csg;
@@ -170,14 +173,14 @@ pub struct Csg {
 }
 
 impl Csg {
-    /// Reads a file.
+    /// Parses a file.
     ///
     /// # Errors
-    /// If it cannot be read, is no text in UTF-8, or no solid.
+    /// If it cannot be read, is not UTF-8, is longer than 8 MiB, or is not a valid solid.
     pub fn open(path: &Path) -> Result<Csg> {
         let mut bytes = Vec::new();
         let file = File::open(path).map_err(Error::io(path, "open"))?;
-        // (One more than a text may have tells that it is too long.)
+        // (One byte over the limit is enough to detect that the text is too long.)
         file.take((8 << 20) + 1).read_to_end(&mut bytes).map_err(Error::io(path, "read"))?;
         let text = String::from_utf8(bytes).map_err(|error| {
             let place = format!("byte {}", error.utf8_error().valid_up_to());
@@ -186,30 +189,32 @@ impl Csg {
         Csg::parse(path, &text)
     }
 
-    /// Reads a text; messages name its path.
+    /// Parses a CSG text. Error messages name `path`.
     ///
     /// # Errors
-    /// If it is no solid; the error tells line and column, what stands there and what is expected.
+    /// If it is not a valid solid. The error reports line and column, and what was found and
+    /// expected there.
     pub fn parse(path: &Path, text: &str) -> Result<Csg> {
         parse(path, text)
     }
 
-    /// The text.
+    /// Returns the CSG text.
     pub fn text(&self) -> &str {
         &self.text
     }
 
-    /// The unit of length that the text tells.
+    /// Returns the unit of length that the text declares.
     pub fn unit(&self) -> Option<&str> {
         self.unit.as_deref()
     }
 
-    /// Number of its primitives, each counted as often as it is there.
+    /// Returns the number of primitives. Primitives of a named solid count each time the name is
+    /// used.
     pub fn primitives(&self) -> usize {
         self.lowered.instances.len()
     }
 
-    /// The number of its primitives in words.
+    /// Returns the number of primitives in words.
     pub(crate) fn counted(&self) -> String {
         match self.primitives() {
             1 => "1 primitive".into(),
@@ -217,7 +222,7 @@ impl Csg {
         }
     }
 
-    /// Whether a file's name is that of such a text.
+    /// Whether a file name has the extension of CSG text, `.csg`.
     pub fn is_name(path: &Path) -> bool {
         path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csg"))
     }

@@ -1,20 +1,20 @@
-//! Outlines in a plane: rings, of which an odd number goes around what is inside.
+//! Outlines in a plane: sets of rings that are combined by the even-odd rule.
 
 use std::cell::Cell;
 
 use crate::place::Place;
 use spinney_base::space::{Dimension, morton_encode};
 
-/// Children of a node of a tree of boxes, and things in one on the lowest level.
+/// Fan-out of the bounding volume hierarchy, and number of items in a node of the lowest level.
 const FAN_OUT: usize = 8;
 
 /// A point in a plane.
 pub(crate) type Point = [f64; 2];
 
-/// Rings in a plane. Inside is what an odd number of them goes around, so that a ring within another one is a hole.
+/// Rings in a plane, combined by the even-odd rule: a ring within another one is a hole.
 #[derive(Clone, Debug)]
 pub(crate) struct Outline {
-    /// In such an order that near ones are mostly near each other.
+    /// The rings in Morton order, so that near rings are mostly near in memory.
     pub(crate) rings: Vec<Ring>,
     boxes: Boxes,
 }
@@ -22,21 +22,21 @@ pub(crate) struct Outline {
 /// A ring.
 #[derive(Clone, Debug)]
 pub(crate) struct Ring {
-    /// Its corners, without the first one once more.
+    /// Its vertices, without the first one repeated at the end.
     pub(crate) points: Vec<Point>,
-    /// Boxes around its edges.
+    /// Bounding boxes of its edges.
     boxes: Boxes,
 }
 
 /// A ring of a face.
 pub(crate) struct DirectedRing {
-    /// Its corners: counterclockwise around a face, clockwise around a hole.
+    /// Its vertices: counterclockwise for an outer ring, clockwise for a hole.
     pub(crate) points: Vec<Point>,
-    /// Of a hole, the number of the ring that it is in.
+    /// For a hole, the index of the ring around it.
     pub(crate) hole_in: Option<usize>,
 }
 
-/// The box around a run of edges, and the heights at which the run begins and ends.
+/// Bounding box of consecutive edges, and the y coordinates at which they begin and end.
 #[derive(Clone, Copy, Debug)]
 struct Run {
     min: Point,
@@ -61,7 +61,7 @@ impl Run {
         }
     }
 
-    /// Whether a box around a point reaches into it; widths are halves.
+    /// Whether it overlaps a box, given by its centre and half widths.
     fn meets(&self, centre: Point, half: Point) -> bool {
         (0..2).all(|axis| {
             self.min[axis] <= centre[axis] + half[axis] && self.max[axis] >= centre[axis] - half[axis]
@@ -69,7 +69,8 @@ impl Run {
     }
 }
 
-/// Boxes around 8 things in a row, around 8 of these, and so on, up to the one of all.
+/// A bounding volume hierarchy over items in order: each node covers up to 8 consecutive ones of
+/// the level below, up to a single root.
 #[derive(Clone, Debug)]
 struct Boxes {
     levels: Vec<Vec<Run>>,
@@ -77,7 +78,7 @@ struct Boxes {
 }
 
 impl Boxes {
-    /// The boxes over one or more.
+    /// Builds the hierarchy over one or more items.
     fn over(things: &[Run]) -> Boxes {
         let join = |runs: &[Run]| -> Vec<Run> {
             let of = |runs: &[Run]| runs[1..].iter().fold(runs[0], |all, run| all.joined(*run));
@@ -90,14 +91,15 @@ impl Boxes {
         Boxes { levels, count: things.len() }
     }
 
-    /// The box around all.
+    /// Returns the root's bounding box.
     fn all(&self) -> Run {
         self.levels[self.levels.len() - 1][0]
     }
 
-    /// Goes through the boxes that are entered, and the things in them by their numbers, until `take` says to stop.
+    /// Traverses the nodes for which `enter` returns `true`, and calls `take` with the indices of
+    /// their items until it returns `false`.
     fn visit(&self, enter: &mut dyn FnMut(&Run) -> bool, take: &mut dyn FnMut(usize) -> bool) {
-        // At most 7 of each of few levels wait.
+        // At most 7 nodes of each level are pending.
         let mut stack = vec![(self.levels.len() - 1, 0)];
         while let Some((level, index)) = stack.pop() {
             if !enter(&self.levels[level][index]) {
@@ -115,7 +117,7 @@ impl Boxes {
 }
 
 impl Ring {
-    /// A ring of three corners or more.
+    /// Creates a ring of at least three vertices.
     fn new(points: Vec<Point>) -> Ring {
         let edges: Vec<Run> = (0..points.len()).map(|edge| Run::edge(edge_of(&points, edge))).collect();
         let boxes = Boxes::over(&edges);
@@ -125,12 +127,13 @@ impl Ring {
     fn is_clockwise(&self) -> bool {
         let [x, y] = self.points[0];
         let next = self.points.iter().cycle().skip(1);
-        // (From one of its corners, so that what is far away keeps its digits.)
+        // (Relative to one of its vertices, so that rings far from the origin keep their
+        // precision.)
         let twice = |(a, b): (&Point, &Point)| (a[0] - x) * (b[1] - y) - (b[0] - x) * (a[1] - y);
         self.points.iter().zip(next).map(twice).sum::<f64>() < 0.0
     }
 
-    /// Whether the way from a point to the right crosses the ring an odd number of times.
+    /// Whether a ray from a point to the right crosses the ring an odd number of times.
     fn is_around(&self, [x, y]: Point) -> bool {
         let is_odd = Cell::new(false);
         self.boxes.visit(
@@ -139,7 +142,7 @@ impl Ring {
                     return false;
                 }
                 if x < run.min[0] {
-                    // All of it is on the right: where it begins and ends tells.
+                    // All of it is to the right of the point: its ends decide the parity.
                     is_odd.set(is_odd.get() != ((run.ends[0] > y) != (run.ends[1] > y)));
                     return false;
                 }
@@ -157,14 +160,14 @@ impl Ring {
         is_odd.get()
     }
 
-    /// Whether an edge may pass through a box around a point; widths are halves.
+    /// Whether an edge may pass through a box, given by its centre and half widths.
     fn passes(&self, centre: Point, half: Point) -> bool {
         let mut passes = false;
         self.boxes.visit(&mut |run| run.meets(centre, half), &mut |edge| {
             let [a, b] = edge_of(&self.points, edge);
             let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
             let side = dx * (centre[1] - a[1]) - dy * (centre[0] - a[0]);
-            // (Widths have room for rounding.)
+            // (The half widths include a margin for rounding.)
             passes |= Run::edge([a, b]).meets(centre, half)
                 && side.abs() <= dx.abs() * half[1] + dy.abs() * half[0];
             !passes
@@ -173,13 +176,13 @@ impl Ring {
     }
 }
 
-/// The ends of an edge.
+/// Returns the ends of an edge.
 fn edge_of(points: &[Point], edge: usize) -> [Point; 2] {
     [points[edge], points[if edge + 1 == points.len() { 0 } else { edge + 1 }]]
 }
 
 impl Outline {
-    /// An outline of one or more rings of three corners or more.
+    /// Creates an outline of one or more rings with at least three vertices each.
     pub(crate) fn new(rings: Vec<Vec<Point>>) -> Outline {
         let mut rings: Vec<Ring> = rings.into_iter().map(Ring::new).collect();
         let around =
@@ -197,13 +200,13 @@ impl Outline {
         Outline { rings, boxes }
     }
 
-    /// The greatest coordinate, without its sign.
+    /// Returns the maximum magnitude of a coordinate.
     pub(crate) fn magnitude(&self) -> f64 {
         let all = self.rings.iter().flat_map(|ring| &ring.points).flatten();
         all.fold(0.0, |most: f64, at| most.max(at.abs()))
     }
 
-    /// Hands out the numbers of the rings that go around a point.
+    /// Yields the indices of the rings that go around a point.
     fn around(&self, point: Point, take: &mut dyn FnMut(usize)) {
         self.boxes.visit(&mut |run| run.meets(point, [0.0; 2]), &mut |ring| {
             if self.rings[ring].is_around(point) {
@@ -220,7 +223,7 @@ impl Outline {
         is_inside
     }
 
-    /// Whether all of a box is inside, or outside; widths are halves.
+    /// Classifies a box, given by its centre and half widths, as inside, outside or mixed.
     pub(crate) fn place(&self, centre: Point, half: Point) -> Place {
         let mut passes = false;
         self.boxes.visit(&mut |run| run.meets(centre, half), &mut |ring| {
@@ -230,7 +233,8 @@ impl Outline {
         if passes { Place::Mixed } else { Place::uniform(self.has(centre)) }
     }
 
-    /// The rings as those of faces. (Of rings that pass through each other, this says nothing.)
+    /// Returns the rings oriented as rings of faces. (The result is not defined for rings that
+    /// intersect.)
     pub(crate) fn directed(&self) -> Vec<DirectedRing> {
         let around = |number: usize| {
             let mut others = Vec::new();
@@ -256,7 +260,7 @@ impl Outline {
 mod tests {
     use super::*;
 
-    /// Rings with many edges, with and without boxes over them.
+    /// Compares rings with many edges with and without the hierarchy.
     #[test]
     fn boxes_over_edges_change_nothing() {
         let star = |count: usize, long: f64, short: f64| -> Vec<[f64; 2]> {

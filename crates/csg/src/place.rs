@@ -1,23 +1,23 @@
-//! Where a box lies, as far as it is known.
+//! Classification of boxes relative to a solid.
 
-/// Whether a box lies inside of a solid.
+/// Relation of a box to a solid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Place {
-    /// All of it is outside.
+    /// The box is outside.
     Void,
-    /// All of it is inside.
+    /// The box is inside.
     Full,
-    /// Neither is sure.
+    /// The box may be partly inside.
     Mixed,
 }
 
 impl Place {
-    /// That of what is all inside or all outside.
+    /// Returns the classification of a box that is entirely inside or entirely outside.
     pub(crate) fn uniform(is_inside: bool) -> Place {
         if is_inside { Place::Full } else { Place::Void }
     }
 
-    /// That of the complement, if it is asked for.
+    /// Returns the classification relative to the complement if `is_negated`.
     pub(crate) fn negated_if(self, is_negated: bool) -> Place {
         match self {
             Place::Mixed => Place::Mixed,

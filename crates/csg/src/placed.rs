@@ -1,4 +1,4 @@
-//! A solid and the box that it is built in: a solid that reaches to infinity ends at the box.
+//! A solid and the box that it is built in. An infinite solid is clipped to the box.
 
 use std::sync::Arc;
 
@@ -10,20 +10,20 @@ use crate::shape::Shape;
 use crate::syntax::At;
 use spinney_base::{Error, Result};
 
-/// A solid that ends somewhere.
+/// A finite solid.
 pub(crate) struct Placed {
     pub(crate) primitives: Arc<Vec<Primitive>>,
     pub(crate) lowered: Lowered,
-    /// The box that it is in.
+    /// The box that contains it.
     pub(crate) bounds: Bounds,
-    /// A box around all that is finite in it.
+    /// A box around `bounds` and all finite primitives.
     pub(crate) around: Bounds,
-    /// A remark on how it ends.
+    /// A remark on where it was clipped.
     pub(crate) ends: Option<String>,
 }
 
 impl Csg {
-    /// The solid with its box.
+    /// Returns the solid with its box.
     pub(crate) fn placed(&self) -> Result<Placed> {
         let Csg { path, primitives, lowered, bounds, .. } = self;
         let (mut primitives, mut lowered) = (primitives.clone(), lowered.clone());
@@ -49,7 +49,7 @@ impl Csg {
                 let advice = "say where it ends: bounds(x0,y0,z0, x1,y1,z1);";
                 return Err(Error::unsupported(path, found, advice));
             }
-            // (What encloses nothing has the box of what it is made of.)
+            // (An empty solid gets the box around its primitives.)
             (None, finite) => (if has_room(&own) { own } else { finite.unwrap_or(own) }, false, None),
         };
         if clip {
@@ -61,7 +61,7 @@ impl Csg {
 }
 
 impl Lowered {
-    /// Ends the solid at a box.
+    /// Clips the solid to a box.
     fn clip(&mut self, primitives: &mut Vec<Primitive>, [min, max]: Bounds) {
         let (number, primitive) = (self.instances.len() as u32, primitives.len() as u32);
         let (shape, map) = (Shape::Block { min, max }, Affine::IDENTITY);

@@ -1,32 +1,33 @@
-//! Primitives where they are simplest, each in coordinates of its own: what is inside of them, how far they reach, and where boxes lie.
+//! Primitives in local coordinates: point tests, extents and classification of boxes.
 
 use crate::outline::Outline;
 use crate::place::Place;
 
-/// A primitive in coordinates of its own.
+/// A primitive in local coordinates.
 #[derive(Clone, Debug)]
 pub(crate) enum Shape {
     /// A box between two corners.
     Block { min: [f64; 3], max: [f64; 3] },
     /// A ball around the origin.
     Ball { radius: f64 },
-    /// A cone between z = 0 and a height, with a radius at each: a cylinder if they are equal.
+    /// A truncated cone between z = 0 and `height`, with a radius at each end; a cylinder if they
+    /// are equal.
     Cone { radii: [f64; 2], height: f64 },
     /// A torus around the z axis.
     Torus { ring: f64, tube: f64 },
-    /// All that is not above z = 0.
+    /// The points with z <= 0.
     HalfSpace,
-    /// An outline in x and y between two heights.
+    /// An outline in x and y, extruded between two heights.
     Prism { outline: Outline, heights: [f64; 2] },
-    /// An outline in the distance from the z axis and in z, turned around that axis.
+    /// An outline in radius and z, revolved around the z axis.
     Revolved { outline: Outline },
 }
 
-/// An interval: from its least to its greatest number.
+/// An interval: minimum and maximum.
 pub(crate) type Interval = [f64; 2];
 
 impl Shape {
-    /// The greatest number that it is computed with, without its sign: what rounding is measured by.
+    /// Returns the maximum magnitude of its numbers, which bounds rounding errors.
     pub(crate) fn magnitude(&self) -> f64 {
         let most = |numbers: &[f64]| numbers.iter().fold(0.0, |most: f64, number| most.max(number.abs()));
         match self {
@@ -40,9 +41,10 @@ impl Shape {
         }
     }
 
-    /// Whether a point is inside. Sides at the least coordinates belong to blocks, prisms and cylinders, those at the greatest do not: so
-    /// those that lie side by side have each point once.
-    // (Called for each sample, from one place that is worth it.)
+    /// Whether a point is inside. Faces at the minimum coordinates belong to blocks, prisms and
+    /// cylinders, faces at the maximum do not. So each point on a common face is in exactly one of
+    /// two adjacent shapes.
+    // (Inlined because it is called for each sample.)
     #[inline(always)]
     pub(crate) fn has(&self, [x, y, z]: [f64; 3]) -> bool {
         match self {
@@ -64,7 +66,8 @@ impl Shape {
         }
     }
 
-    /// Where a box around a point lies; widths are halves, with some room for rounding. What is uniform is sure.
+    /// Classifies a box, given by its centre and half widths, which include a margin for rounding.
+    /// Uniform results are certain; mixed ones may not be.
     pub(crate) fn place(&self, centre: [f64; 3], half: [f64; 3]) -> Place {
         let along: [Interval; 3] =
             [0, 1, 2].map(|axis| [centre[axis] - half[axis], centre[axis] + half[axis]]);
@@ -100,7 +103,7 @@ impl Shape {
         }
     }
 
-    /// How far it reaches in a direction: the least and the greatest product with it.
+    /// Returns the extent in a direction: minimum and maximum scalar product with it.
     pub(crate) fn reach(&self, direction: [f64; 3]) -> Interval {
         let [x, y, z] = direction;
         let across = (x * x + y * y).sqrt();
@@ -147,7 +150,7 @@ impl Shape {
     }
 }
 
-/// Where an interval of something that is below zero inside lies.
+/// Classifies an interval of a function that is negative inside.
 fn below([low, high]: Interval) -> Place {
     if low > 0.0 {
         Place::Void
@@ -158,7 +161,7 @@ fn below([low, high]: Interval) -> Place {
     }
 }
 
-/// Where an interval lies that is inside between two numbers.
+/// Classifies an interval relative to the inside range from `min` to `max`.
 fn between([low, high]: Interval, [min, max]: Interval) -> Place {
     if high < min || low > max {
         Place::Void
@@ -169,7 +172,7 @@ fn between([low, high]: Interval, [min, max]: Interval) -> Place {
     }
 }
 
-/// The place of what has to be inside of all.
+/// Returns the classification for an intersection.
 fn all(places: &[Place]) -> Place {
     if places.contains(&Place::Void) {
         Place::Void
@@ -180,7 +183,7 @@ fn all(places: &[Place]) -> Place {
     }
 }
 
-/// The least and the greatest distance of a box from the origin.
+/// Returns the minimum and maximum distance of a box from the origin.
 fn distance(along: &[Interval]) -> Interval {
     let nearest = |[low, high]: &Interval| if *low > 0.0 { *low } else { (-high).max(0.0) };
     let farthest = |[low, high]: &Interval| high.max(-low);

@@ -1,4 +1,5 @@
-//! A solid of primitives as a source: a block knows the primitives whose surfaces may pass through it, and its children those of these.
+//! A CSG solid as an octree source. Each block keeps the primitives whose surfaces may pass through
+//! it, and its children select from these.
 
 use std::sync::Arc;
 
@@ -11,15 +12,16 @@ use spinney_base::{Progress, Result, TreeType};
 use spinney_engine::store::builder::ReusableSource;
 use spinney_engine::tree::{Child, Children, Source};
 
-/// Value of a cell that is full.
+/// Value of a full cell.
 const FULL: u8 = 255;
 
-/// A solid over cells.
+/// A solid over a grid of cells.
 pub(crate) struct CsgTree<'a> {
     pub(crate) field: Field,
     pub(crate) steps: Vec<Step>,
     pub(crate) depth: u8,
-    /// Whether cells at the surface have the share of their samples that is inside, instead of being full or not.
+    /// Whether a cell at the surface stores the share of its samples that are inside, rather than
+    /// being full or VOID.
     pub(crate) by_area: bool,
     pub(crate) progress: &'a dyn Progress,
 }
@@ -27,38 +29,40 @@ pub(crate) struct CsgTree<'a> {
 /// A node that the surface may pass through.
 #[derive(Clone)]
 pub(crate) enum CsgNode {
-    /// A block, with the part of the expression that matters there.
+    /// A block, with the simplified expression that is valid there.
     Block(Arc<Block>),
-    /// Cells in Z order, so many levels of them: two or one.
+    /// Cell bits in Z order, and their number of levels: two or one.
     Cells(u64, u8),
 }
 
 /// A block of cells.
 pub(crate) struct Block {
     level: u8,
-    /// Its position among the blocks of its level.
+    /// Position among the blocks of its level.
     position: [u32; 3],
     steps: Vec<Step>,
 }
 
 impl CsgTree<'_> {
-    /// Cells between samples, and how far the outermost ones are from the walls of a block.
+    /// Distance between samples, in cells. The outermost samples are half of it from a block's
+    /// sides.
     fn spacing(&self) -> f64 {
         if self.by_area { 1.0 / f64::from(SAMPLES) } else { 1.0 }
     }
 
-    /// The first cell of a block, and how many it has along a side.
+    /// Returns the first cell of a block, and the number of cells along a side.
     fn cells(&self, block: &Block) -> ([f64; 3], f64) {
         let width = f64::from(1u32 << (self.depth - block.level));
         (block.position.map(|position| f64::from(position) * width), width)
     }
 
-    /// A block as its parent has it, where it is inside of the solid or of neither.
+    /// Returns a block as a child: VOID, LEAF or INNER.
     fn child(&self, level: u8, position: [u32; 3], steps: &[Step], pruner: &mut Pruner) -> Child<CsgNode> {
         let mut block = Block { level, position, steps: Vec::new() };
         let (first, width) = self.cells(&block);
         let half = width / 2.0;
-        // (What lies between samples and walls is nobody's: a side that lies in walls divides nothing.)
+        // (Only the box of the samples is classified. A surface in the margin around it separates
+        // no samples.)
         let reach = half - self.spacing() / 2.0;
         match self.field.prune(pruner, steps, first.map(|first| first + half), reach) {
             Place::Void => Child::Void,
@@ -70,7 +74,7 @@ impl CsgTree<'_> {
                 let value = (inside * u32::from(FULL) + all / 2) / all;
                 Child::uniform((value > 0).then(|| Value::from([value as u8])))
             }
-            // (A single cell is decided by its centre; so is a block that is no larger.)
+            // (A single cell is decided by its centre.)
             Place::Mixed if level == self.depth => {
                 let centre = first.map(|first| first + 0.5);
                 uniform(self.field.has(&pruner.steps, centre))
@@ -82,7 +86,7 @@ impl CsgTree<'_> {
         }
     }
 
-    /// The samples of a block.
+    /// Tests the samples of a block.
     fn samples(&self, block: &Block) -> Bits {
         let spacing = self.spacing();
         let first = self.cells(block).0.map(|first| first + spacing / 2.0);
@@ -90,17 +94,17 @@ impl CsgTree<'_> {
     }
 }
 
-/// A cell, or what is uniform.
+/// Returns a cell or a uniform node.
 fn uniform(is_full: bool) -> Child<CsgNode> {
     Child::uniform(is_full.then(|| Value::from([FULL])))
 }
 
-/// A node that is asked for its children. What stands for it is worked out by what stores the tree.
+/// Returns an INNER node. The representative is a dummy: the store computes it from the children.
 fn inner(node: CsgNode) -> Child<CsgNode> {
     Child::Inner { representative: Value::from([FULL]), node }
 }
 
-/// Cells in Z order: so many levels of them.
+/// Returns a node for cell bits in Z order with a number of levels.
 fn cells(bits: u64, levels: u8) -> Child<CsgNode> {
     let all = u64::MAX >> (64 - (1u32 << (3 * levels)));
     match bits & all {
@@ -140,7 +144,7 @@ impl Source for CsgTree<'_> {
         if !self.by_area && levels <= SAMPLES.ilog2() as u8 {
             let bits = self.samples(block);
             for (number, child) in (0..).zip(children) {
-                // (Of fewer levels, the first word has all cells.)
+                // (With fewer than 3 levels, the first word contains all cells.)
                 *child = match levels {
                     3 => cells(bits[number], 2),
                     2 => cells(bits[0] >> (8 * number), 1),

@@ -1,4 +1,4 @@
-//! Octrees against all primitives at each cell, and texts that mean harm.
+//! Octrees compared with testing all primitives at each cell, and untrusted input.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use crate::source::CsgTree;
 use spinney_base::Result;
 use spinney_engine::tree::{Child, Source, no_children};
 
-/// Numbers that are the same each time.
+/// Pseudorandom numbers from a fixed seed.
 struct Random(u64);
 
 impl Random {
@@ -18,7 +18,7 @@ impl Random {
         (self.0 >> 33) % count
     }
 
-    /// A number from -1 to 1, often with few digits.
+    /// Returns a number from -1 to 1, often with few digits.
     fn number(&mut self) -> f64 {
         let steps = if self.below(3) == 0 { 8 } else { 1 << 20 };
         self.below(2 * steps + 1) as f64 / steps as f64 - 1.0
@@ -28,7 +28,7 @@ impl Random {
         (0..count).map(|_| self.number().to_string()).collect::<Vec<_>>().join(", ")
     }
 
-    /// A length above zero.
+    /// Returns a positive length.
     fn length(&mut self) -> f64 {
         (self.number().abs() + 0.1) / 2.0
     }
@@ -60,7 +60,7 @@ impl Random {
         }
     }
 
-    /// A solid of so many levels at most.
+    /// Returns the text of a random solid with a maximum number of levels.
     fn solid(&mut self, levels: u64) -> String {
         if levels == 0 || self.below(5) == 0 {
             return self.primitive();
@@ -87,7 +87,7 @@ fn parse(text: &str) -> Result<Csg> {
     Csg::parse(Path::new("test.csg"), text)
 }
 
-/// Values of all cells of a tree, x fastest.
+/// Returns the values of a tree's cells, x fastest.
 fn cells<S: Source>(tree: &S) -> Vec<u8> {
     let side = 1usize << tree.depth();
     let mut cells = vec![0; side.pow(3)];
@@ -118,7 +118,7 @@ fn cells<S: Source>(tree: &S) -> Vec<u8> {
     cells
 }
 
-/// A tree over a solid's box.
+/// Returns a tree over a solid's box.
 fn tree(csg: &Csg, depth: u8, by_area: bool) -> CsgTree<'static> {
     let placed = csg.placed().unwrap();
     let [min, max] = placed.bounds;
@@ -173,7 +173,7 @@ fn shares_of_cells_are_those_of_finer_cells() {
     }
 }
 
-/// An operation in an operation, a complement and a name change nothing but the way it is written.
+/// Nesting, complements and names are equivalent notations.
 #[test]
 fn expressions_mean_what_they_say() {
     let same = [
@@ -216,7 +216,7 @@ fn boxes_hold_solids() {
     assert_eq!(sure("intersection(block(0,0,0,9,9,9), half_space(0,0,2, 4))"), [[0.0; 3], [9.0, 9.0, 2.0]]);
     assert_eq!(sure("torus(0,0,0, 0,0,1, 3, 1)"), [[-4.0, -4.0, -1.0], [4.0, 4.0, 1.0]]);
     assert_eq!(sure("complement(block(0,0,0,1,1,1))"), [[0.0; 3], [1.0; 3]]);
-    // (What has nothing inside has the box of what it is made of.)
+    // (An empty solid gets the box around its primitives.)
     assert_eq!(sure("intersection(ball(0,0,0,1), ball(9,0,0,1))"), [[-1.0; 3], [10.0, 1.0, 1.0]]);
     assert!(bounds("half_space(0,0,1, 0)").unwrap().is_err());
 }
@@ -301,13 +301,13 @@ fn hostile_texts_are_refused_soon() {
     ] {
         error_of(&text);
     }
-    // Names double what they name.
+    // Each name doubles the previous one.
     let mut text = "let a0 = ball(0,0,0,1);".to_string();
     for number in 1..64 {
         text += &format!("let a{number} = union(a{0}, a{0});", number - 1);
     }
     assert!(error_of(&text).contains("more than 1048576 primitives"));
-    // Chains of names are as deep as one likes.
+    // Chains of names may have any length.
     let mut text = "let a0 = ball(0,0,0,1);".to_string();
     for number in 1..100_000 {
         text += &format!("let a{number} = complement(a{});", number - 1);
@@ -320,7 +320,7 @@ fn hostile_texts_are_refused_soon() {
     assert!(error_of(&format!("union({deep})")).contains("4097 calls within each other"));
 }
 
-/// Everything that is not valid is refused, and what is valid has an end.
+/// Invalid input is rejected, and parsing of valid input terminates.
 #[test]
 fn damaged_texts_do_no_harm() {
     let mut random = Random(3);

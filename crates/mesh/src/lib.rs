@@ -1,4 +1,5 @@
-//! Meshes in and out: solids and exact models made of them, surfaces of trees and models, glTF and 3D Tiles.
+//! Mesh import and export: solids and exact models from meshes, surfaces of trees and models, glTF
+//! and 3D Tiles.
 
 pub mod export;
 pub mod import;

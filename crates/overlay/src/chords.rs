@@ -1,23 +1,24 @@
-//! Pairs of edges that may cross in a square through which all of them pass, without an end in it.
+//! Pairs of edges that may cross in a square, for edges that pass right through it and have no end
+//! in it.
 //!
-//! Such edges are chords, and two of them cross if their ends alternate along the border of the square. So those that do are found by going once around it, with a
-//! stack of the chords that have begun, whatever number of others lies beside them. Places on the border are rounded: what is nearer to each other than that may be off counts
-//! as both before and behind.
+//! Such edges are chords. Two chords cross if their ends alternate along the square's border. One
+//! pass around the border, with a stack of the chords that are open, finds these pairs without
+//! testing all pairs. Positions on the border are rounded. Positions that differ by less than the
+//! rounding error count as both before and after each other.
 
 use crate::crossings::Square;
 use crate::exact::Point;
 
-/// Where a chord begins and ends along the border, counted from the lower left corner on.
+/// Positions at which a chord begins and ends along the border, counterclockwise from the lower
+/// left corner.
 struct Chord {
     number: u32,
     from: f64,
     to: f64,
 }
 
-/// Hands out pairs of edges that may cross, at least all that do; each pair once, or more often where it is not sure.
-///
-/// # Errors
-/// Those of `pair`.
+/// Yields pairs of edges that may cross: all that do cross, and possibly others. A pair may be
+/// yielded more than once where rounding leaves the order undecided.
 pub(crate) fn alternating_pairs<E>(
     square: &Square,
     edges: &[(u32, [Point; 2])],
@@ -25,7 +26,7 @@ pub(crate) fn alternating_pairs<E>(
 ) -> Result<(), E> {
     let low = square.first.map(|first| first as f64 - 0.5);
     let side = square.side as f64;
-    // (Each place is made of a few numbers of this size, with a rounding each.)
+    // (Each position is computed from a few numbers of this magnitude, with one rounding each.)
     let size =
         edges.iter().flat_map(|(_, ends)| ends.as_flattened()).fold(0f64, |most, at| most.max(at.abs()));
     let slack = 64.0 * f64::EPSILON * size;
@@ -35,7 +36,7 @@ pub(crate) fn alternating_pairs<E>(
             Some((from, to)) if from > slack && to < 4.0 * side - slack => {
                 chords.push(Chord { number: *number, from, to });
             }
-            // At the corner where counting begins, or only just in the square.
+            // The edge meets the corner where positions start, or barely touches the square.
             _ => unsure.push(*number),
         }
     }
@@ -46,7 +47,7 @@ pub(crate) fn alternating_pairs<E>(
     chords.sort_unstable_by(|one, other| one.from.total_cmp(&other.from));
     let mut ends: Vec<usize> = (0..chords.len()).collect();
     ends.sort_unstable_by(|one, other| chords[*one].to.total_cmp(&chords[*other].to));
-    // Chords that have begun, in the order of their beginnings, and those that have ended just now.
+    // Open chords in the order of their beginnings, and chords that ended within the slack.
     let (mut open, mut ended): (Vec<usize>, Vec<usize>) = (Vec::new(), Vec::new());
     let mut next = 0;
     for own in ends {
@@ -55,7 +56,7 @@ pub(crate) fn alternating_pairs<E>(
             open.push(next);
             next += 1;
         }
-        // All that began behind it, or as good as with it, and have not ended.
+        // Open chords that began after this one, or within the slack of it.
         let place = open.iter().rposition(|other| *other == own).unwrap_or(0);
         let begin = open[..place].iter().rposition(|other| chords[*other].from < chord.from - slack);
         for other in &open[begin.map_or(0, |begin| begin + 1)..] {
@@ -64,7 +65,7 @@ pub(crate) fn alternating_pairs<E>(
             }
         }
         open.remove(place);
-        // And those that ended as good as with it.
+        // Chords that ended within the slack of this one.
         let begin = ended.iter().rposition(|other| chords[*other].to < chord.to - slack);
         ended.drain(..begin.map_or(0, |begin| begin + 1));
         for other in &ended {
@@ -75,11 +76,13 @@ pub(crate) fn alternating_pairs<E>(
     Ok(())
 }
 
-/// Places on the border of a square where an edge enters and leaves it, the smaller one first; nothing if it is not sure that it does.
+/// Positions on a square's border where an edge enters and leaves, the smaller one first. `None` if
+/// rounding leaves it undecided whether the edge passes right through the square.
 fn chord(low: Point, side: f64, [a, b]: [Point; 2]) -> Option<(f64, f64)> {
     let (mut enter, mut leave) = ((f64::NEG_INFINITY, 0.0), (f64::INFINITY, 0.0));
     let at = |axis: usize, border: f64| {
-        // The share of the way at a side, and the place on it, from the lower left corner around to the right.
+        // The edge parameter at the border line, and the position along the border,
+        // counterclockwise from the lower left corner.
         let share = (border - a[axis]) / (b[axis] - a[axis]);
         let other = 1 - axis;
         let along = a[other] + share * (b[other] - a[other]) - low[other];

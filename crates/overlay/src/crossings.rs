@@ -1,4 +1,4 @@
-//! Cells in which edges cross.
+//! Grid cells in which edges cross.
 
 use crate::chords::alternating_pairs;
 use crate::edges::Edge;
@@ -6,10 +6,10 @@ use crate::exact::{Cell, Point, crossing_cell, do_cross};
 use crate::room::{Room, SQUARES_BETWEEN_LOOKS};
 use spinney_base::Result;
 
-/// Edges of which all pairs are looked at.
+/// Up to this number of edges, all pairs are tested.
 const FEW: usize = 16;
 
-/// A square of cells: the first, and how many there are along a side, a power of two.
+/// A square of cells: its first cell and its side in cells, a power of two.
 #[derive(Clone, Copy)]
 pub(crate) struct Square {
     pub(crate) first: Cell,
@@ -17,13 +17,14 @@ pub(crate) struct Square {
 }
 
 impl Square {
-    /// The square around cells.
+    /// Returns the smallest such square that starts at `low` and contains `high`.
     pub(crate) fn around(low: Cell, high: Cell) -> Square {
         let span = (high[0] - low[0]).max(high[1] - low[1]) + 1;
         Square { first: low, side: (span as u64).next_power_of_two() as i64 }
     }
 
-    /// The lines that divide it, between cells.
+    /// Returns the coordinates of the two lines that divide the square into quarters. They run
+    /// between cells.
     pub(crate) fn middle(&self) -> Point {
         let half = self.side / 2;
         [(self.first[0] + half) as f64 - 0.5, (self.first[1] + half) as f64 - 0.5]
@@ -35,7 +36,7 @@ impl Square {
         Square { first: [x + half * (index as i64 & 1), y + half * (index as i64 >> 1)], side: half }
     }
 
-    /// Whether one of an edge's ends is in the square, or on its border.
+    /// Whether an edge has an end in the square or on its border.
     fn has_end(&self, ends: [Point; 2]) -> bool {
         let low = self.first.map(|first| first as f64 - 0.5);
         let is_in =
@@ -43,7 +44,7 @@ impl Square {
         is_in(ends[0]) || is_in(ends[1])
     }
 
-    /// Whether an edge may reach into the square: not if it is sure that it does not.
+    /// Whether an edge may reach into the square; `false` only if it certainly does not.
     fn may_have(&self, [a, b]: [Point; 2]) -> bool {
         let low = [self.first[0] as f64 - 0.5, self.first[1] as f64 - 0.5];
         let high = [low[0] + self.side as f64, low[1] + self.side as f64];
@@ -68,7 +69,7 @@ impl Square {
         !(sides == [1; 4] || sides == [-1; 4])
     }
 
-    /// The quarters that an edge may reach into, a bit each.
+    /// Returns the quarters that an edge may reach into, one bit each.
     pub(crate) fn quarters_of(&self, ends: [Point; 2]) -> u8 {
         let [x, y] = self.middle();
         let [a, b] = ends;
@@ -95,7 +96,7 @@ impl Square {
 /// Finds all cells in which edges cross, each once, in order.
 ///
 /// # Errors
-/// If they take more memory than there may be; on interruption.
+/// If they exceed the memory limit; on cancellation.
 pub(crate) fn crossings(edges: &[Edge<Point>], square: Square, room: &Room<'_>) -> Result<Vec<Cell>> {
     let mut stack: Vec<u32> = (0..edges.len() as u32).collect();
     let mut walk = Walk { edges, found: Vec::new(), most: 1 << 16, squares: 0, room };
@@ -107,16 +108,17 @@ pub(crate) fn crossings(edges: &[Edge<Point>], square: Square, room: &Room<'_>) 
 
 struct Walk<'a> {
     edges: &'a [Edge<Point>],
-    /// Cells, some of them more than once.
+    /// Cells, possibly with duplicates.
     found: Vec<Cell>,
-    /// Cells from which on those that are there more than once are taken out.
+    /// Cell count above which duplicates are removed.
     most: usize,
     squares: u64,
     room: &'a Room<'a>,
 }
 
 impl Walk<'_> {
-    /// Goes through a square with the edges from `from` on, which are there no more afterwards.
+    /// Searches a square for crossings of the edges in `stack[from..]`, which it removes from the
+    /// stack.
     fn square(&mut self, square: Square, stack: &mut Vec<u32>, from: usize) -> Result<()> {
         self.squares += 1;
         if self.squares.is_multiple_of(SQUARES_BETWEEN_LOOKS) {
@@ -126,7 +128,7 @@ impl Walk<'_> {
         if count <= FEW {
             self.pairs(&stack[from..])?;
         } else if square.side == 1 {
-            // Many edges in one cell: it is one to which all of them go, wherever in it they cross.
+            // With many edges in one cell, the cell snaps them all, wherever in it they cross.
             self.found.push(square.first);
         } else {
             let ends = |place: usize| self.edges[stack[place] as usize].ends;
@@ -150,7 +152,7 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// Leaves each cell once.
+    /// Removes duplicate cells.
     fn unite(&mut self) {
         self.found.sort_unstable();
         self.found.dedup();
@@ -163,7 +165,9 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// Looks at those of edges without an end in the square that may cross there. (Dividing it would not divide these well, and those that lie on each other not at all.)
+    /// Tests the pairs of edges that may cross in the square, for edges without an end in it.
+    /// (Dividing the square would hardly separate such edges, and would never separate overlapping
+    /// ones.)
     fn chords(&mut self, square: &Square, numbers: &[u32]) -> Result<()> {
         let edges = numbers.iter().map(|number| (*number, self.edges[*number as usize].ends));
         let edges: Vec<_> = edges.filter(|(_, ends)| square.may_have(*ends)).collect();
@@ -181,7 +185,7 @@ impl Walk<'_> {
             if self.found.len() > self.most {
                 self.unite();
                 self.room.check(self.found.len())?;
-                // (As much again, so that this is done seldom.)
+                // (The limit doubles, so that duplicates are removed rarely.)
                 self.most = self.most.max(2 * self.found.len());
             }
         }

@@ -1,16 +1,17 @@
-//! Edges, each once, with the parts that it is an edge of.
+//! Edges, each stored once, with the parts that it bounds.
 //!
-//! A point is in a part if a ray from it crosses an odd number of the part's edges. So an edge that a part has twice is none of it, and what an edge
-//! means is which parts one enters or leaves by crossing it, in either direction.
+//! A point is in a part if a ray from it crosses an odd number of the part's edges. So an edge that
+//! occurs twice in a part cancels out. An edge is defined by the parts that are entered or left
+//! where it is crossed, in either direction.
 
 use std::collections::HashMap;
 
 use crate::exact::Point;
 
-/// Ends of an edge, the left one first (the lower one of those above each other).
+/// Ends of an edge, the left one first; of a vertical edge, the lower one first.
 pub(crate) type Ends<P> = [P; 2];
 
-/// Lists of parts, each once, in ascending order.
+/// Interned lists of part numbers in ascending order.
 #[derive(Default)]
 pub(crate) struct PartLists {
     lists: Vec<Box<[u32]>>,
@@ -18,7 +19,7 @@ pub(crate) struct PartLists {
 }
 
 impl PartLists {
-    /// The number of a list.
+    /// Returns the number of a list and interns it if it is new.
     pub(crate) fn number(&mut self, list: &[u32]) -> u32 {
         if let Some(number) = self.numbers.get(list) {
             return *number;
@@ -29,19 +30,19 @@ impl PartLists {
         number
     }
 
-    /// A list by its number.
+    /// Returns the list with a number.
     pub(crate) fn list(&self, number: u32) -> &[u32] {
         &self.lists[number as usize]
     }
 
-    /// The number of what is in one of two lists, but not in both.
+    /// Returns the number of the symmetric difference of two lists.
     pub(crate) fn in_one(&mut self, first: u32, second: u32) -> u32 {
         let joined = differences(self.list(first), self.list(second));
         self.number(&joined)
     }
 }
 
-/// Numbers that are in one of two ascending lists, but not in both.
+/// Returns the symmetric difference of two ascending lists.
 pub(crate) fn differences(mut first: &[u32], mut second: &[u32]) -> Vec<u32> {
     let mut joined = Vec::with_capacity(first.len() + second.len());
     while let ([one, first_rest @ ..], [other, second_rest @ ..]) = (first, second) {
@@ -60,14 +61,14 @@ pub(crate) fn differences(mut first: &[u32], mut second: &[u32]) -> Vec<u32> {
     joined
 }
 
-/// An edge, and the number of the list of its parts.
+/// An edge, and the number of the list of parts that it bounds.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Edge<P> {
     pub(crate) ends: Ends<P>,
     pub(crate) parts: u32,
 }
 
-/// Joins edges between the same ends, which are sorted; those that are of no part in the end go.
+/// Merges sorted edges that have the same ends. Drops edges that bound no part after merging.
 fn joined<P: Copy + PartialEq>(sorted: Vec<Edge<P>>, lists: &mut PartLists) -> Vec<Edge<P>> {
     let mut edges: Vec<Edge<P>> = Vec::with_capacity(sorted.len());
     for edge in sorted {
@@ -87,7 +88,7 @@ fn joined<P: Copy + PartialEq>(sorted: Vec<Edge<P>>, lists: &mut PartLists) -> V
     edges
 }
 
-/// Edges between any points, each once, in the order of their ends.
+/// Merges edges between arbitrary points. Returns each once, ordered by its ends.
 pub(crate) fn unite(mut edges: Vec<Edge<Point>>, lists: &mut PartLists) -> Vec<Edge<Point>> {
     edges.sort_unstable_by(|one, other| {
         let numbers =
@@ -99,7 +100,7 @@ pub(crate) fn unite(mut edges: Vec<Edge<Point>>, lists: &mut PartLists) -> Vec<E
     joined(edges, lists)
 }
 
-/// Edges between middles of cells, each once, in the order of their ends.
+/// Merges edges between cell centres. Returns each once, ordered by its ends.
 pub(crate) fn unite_cells(
     mut edges: Vec<Edge<crate::exact::Cell>>,
     lists: &mut PartLists,

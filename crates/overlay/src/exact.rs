@@ -1,4 +1,4 @@
-//! What decides: exact answers about points, edges and cells.
+//! Exact predicates on points, edges and cells.
 
 use num_bigint::BigInt;
 use num_integer::Integer;
@@ -6,14 +6,15 @@ use robust::{Coord, orient2d};
 
 use crate::grid::cell_of;
 
-/// A point, in cells.
+/// A point, in units of cells.
 pub(crate) type Point = [f64; 2];
 
-/// A cell, by its middle.
+/// A cell, given by its centre.
 pub(crate) type Cell = [i64; 2];
 
-/// The side of the line from `a` to `b` on which a point lies: 1 on the left, -1 on the right, 0 on it (J. Shewchuk, *Adaptive precision
-/// floating-point arithmetic and fast robust geometric predicates*, 1997).
+/// Side of the line from `a` to `b` on which a point lies: 1 on the left, -1 on the right, 0 on it
+/// (J. Shewchuk, *Adaptive precision floating-point arithmetic and fast robust geometric
+/// predicates*, 1997).
 #[inline]
 pub(crate) fn side(a: Point, b: Point, point: Point) -> i32 {
     let coord = |[x, y]: Point| Coord { x, y };
@@ -21,14 +22,14 @@ pub(crate) fn side(a: Point, b: Point, point: Point) -> i32 {
     i32::from(turn > 0.0) - i32::from(turn < 0.0)
 }
 
-/// The side of a line between middles of cells on which a third one lies, as [`side`] tells it.
+/// Side of the line from `a` to `b` on which a cell centre lies, as in [`side`].
 #[inline]
 pub(crate) fn turn(a: Cell, b: Cell, point: Cell) -> i32 {
     let [ux, uy] = [b[0] - a[0], b[1] - a[1]];
     let [vx, vy] = [point[0] - a[0], point[1] - a[1]];
     let (left, right) = (ux as f64 * vy as f64, uy as f64 * vx as f64);
     let difference = left - right;
-    // (Each product is off by three roundings at most.)
+    // (Each product has at most three rounding errors.)
     if difference.abs() > (left.abs() + right.abs()) * 8.0 * f64::EPSILON {
         return if difference > 0.0 { 1 } else { -1 };
     }
@@ -36,27 +37,28 @@ pub(crate) fn turn(a: Cell, b: Cell, point: Cell) -> i32 {
     exact.signum() as i32
 }
 
-/// Whether two edges cross in a point that is an end of neither.
+/// Whether two edges cross in a point that is not an end of either.
 pub(crate) fn do_cross([p, q]: [Point; 2], [r, s]: [Point; 2]) -> bool {
     side(r, s, p) * side(r, s, q) < 0 && side(p, q, r) * side(p, q, s) < 0
 }
 
-/// The cell in which two edges cross that do.
+/// Returns the cell of the point in which two crossing edges cross.
 pub(crate) fn crossing_cell(one: [Point; 2], other: [Point; 2]) -> Cell {
     near_crossing(one, other).unwrap_or_else(|| exact_crossing(one, other))
 }
 
-/// The cell of a crossing, if doubles are sure of it.
+/// Returns the cell of a crossing if double precision decides it.
 fn near_crossing([p, q]: [Point; 2], [r, s]: [Point; 2]) -> Option<Cell> {
     let determinant = |point: Point| {
         let (left, right) = ((s[0] - r[0]) * (point[1] - r[1]), (s[1] - r[1]) * (point[0] - r[0]));
-        // Its value, and by how much it may be off: differences and products are rounded.
+        // The value and its error bound: differences and products are rounded.
         (left - right, (left.abs() + right.abs()) * 4.0 * f64::EPSILON)
     };
     let ((first, first_error), (second, second_error)) = (determinant(p), determinant(q));
     let across = first - second;
     let share = first / across;
-    // (The errors of both determinants, each to the share of the other, and those of the sum and the quotient.)
+    // (The errors of both determinants, relative to the denominator, and the rounding of the sum
+    // and the quotient.)
     let share_error = 2.0 * (first_error.max(second_error) / across.abs() + 2.0 * f64::EPSILON);
     let mut cell = [0; 2];
     for axis in 0..2 {
@@ -64,7 +66,7 @@ fn near_crossing([p, q]: [Point; 2], [r, s]: [Point; 2]) -> Option<Cell> {
         let at = p[axis] + share * along;
         let error = share_error * along.abs() + 4.0 * f64::EPSILON * (p[axis].abs() + along.abs());
         let from_border = (at - at.floor() - 0.5).abs();
-        // (Also what is no number.)
+        // (Written so that NaN fails, too.)
         if !(error < 0.25 && from_border > error) {
             return None;
         }
@@ -73,7 +75,7 @@ fn near_crossing([p, q]: [Point; 2], [r, s]: [Point; 2]) -> Option<Cell> {
     Some(cell)
 }
 
-/// The cell of a crossing, in whole numbers of any size.
+/// Returns the cell of a crossing, computed with integers of arbitrary size.
 fn exact_crossing([p, q]: [Point; 2], [r, s]: [Point; 2]) -> Cell {
     let numbers = [p, q, r, s].into_iter().flatten().map(parts_of);
     let bits = numbers.map(|(_, exponent)| -exponent).fold(1, i32::max);
@@ -89,15 +91,16 @@ fn exact_crossing([p, q]: [Point; 2], [r, s]: [Point; 2]) -> Cell {
     let (first, second) = (determinant(&p), determinant(&q));
     let across = &first - &second;
     std::array::from_fn(|axis| {
-        // The crossing is at `above / across` units of 2^-bits; half a cell is added before the division without a rest.
+        // The crossing is at `above / across` units of 2^-bits. Adding half a cell before the floor
+        // division rounds to the nearest cell.
         let above = &first * &q[axis] - &second * &p[axis];
         let cell = (above + (&across << (bits - 1))).div_floor(&(&across << bits));
-        // (It lies between the ends, which are numbers of cells.)
+        // (The crossing lies between the ends, whose cell numbers fit.)
         i64::try_from(cell).unwrap_or_default()
     })
 }
 
-/// A number as a whole one times a power of two.
+/// Splits a number into an odd integer mantissa (0 for zero) and a binary exponent.
 fn parts_of(number: f64) -> (i64, i32) {
     let bits = number.to_bits();
     let exponent = ((bits >> 52) & 0x7ff) as i32;
@@ -106,17 +109,18 @@ fn parts_of(number: f64) -> (i64, i32) {
     if mantissa == 0 {
         return (0, 0);
     }
-    // (Without zeros at the end, which would make numbers long.)
+    // (Without trailing zero bits, which would make the big integers longer.)
     let zeros = mantissa.trailing_zeros();
     let signed = if number < 0.0 { -(mantissa >> zeros) } else { mantissa >> zeros };
     (signed, exponent.max(1) - 1075 + zeros as i32)
 }
 
-/// Whether an edge passes a cell: a square whose left and lower sides belong to it, without their farther ends.
+/// Whether an edge passes through a cell. The cell is a half-open square: its left and lower sides
+/// belong to it, without their right and upper ends.
 pub(crate) fn passes([a, b]: [Point; 2], [x, y]: Cell) -> bool {
     let ([x, y], half) = ([x as f64, y as f64], 0.5);
     let (left, right, lower, upper) = (x - half, x + half, y - half, y + half);
-    // From left to right; upward where that says nothing.
+    // The edge runs from left to right; a vertical edge runs upwards.
     let (a, b) = if a <= b { (a, b) } else { (b, a) };
     if a[0] >= right || b[0] < left || a[1].min(b[1]) >= upper || a[1].max(b[1]) < lower {
         return false;
@@ -126,7 +130,8 @@ pub(crate) fn passes([a, b]: [Point; 2], [x, y]: Cell) -> bool {
     }
     let rises = a[1] < b[1];
     let corner = |at: Point| side(a, b, at);
-    // Where the line goes through a corner, only the lower left one belongs to the cell; through another one it passes only if it goes on inside.
+    // If the line passes through a corner, only the lower left corner belongs to the cell. Through
+    // any other corner the edge passes the cell only if it continues in the interior.
     let upper_left = corner([left, upper]);
     if upper_left == 0 {
         return !rises;
@@ -139,6 +144,7 @@ pub(crate) fn passes([a, b]: [Point; 2], [x, y]: Cell) -> bool {
     if upper_right == 0 || lower_left == 0 {
         return rises || lower_left == 0;
     }
-    // The line parts the corners. (That the edge is long enough follows from the boxes, which have more than a corner in common.)
+    // The line separates corners of the cell. (The edge is long enough, because its bounding box
+    // and the cell share more than a corner.)
     !(upper_left == lower_right && upper_right == lower_left && upper_left == upper_right)
 }

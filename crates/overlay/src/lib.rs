@@ -1,16 +1,23 @@
-//! PolygonOverlay of polygons in the plane: into which parts the edges of all divide it, and which polygons each part is in.
+//! Exact overlay of polygons in the plane: [`PolygonOverlay`] divides the plane along the edges of
+//! all polygons and reports, for each region, which polygons cover it.
 //!
-//! Coordinates are doubles, and all decisions are exact on them. What comes out lies on a grid that is stated: edges are divided where they cross, and
-//! corners and crossings go to the middles of their cells by snap rounding (J. Hobby, *Practical segment intersection with finite precision output*,
-//! 1999), which lets no two edges cross that did not. No point moves by more than half of a cell along either axis.
+//! Input coordinates are doubles, and every predicate is exact on them. Output coordinates lie on a
+//! given grid. Edges are split where they cross, and vertices and crossings move to the centres of
+//! their grid cells by snap rounding (J. Hobby, *Practical segment intersection with finite
+//! precision output*, 1999). Snap rounding introduces no new crossings. No point moves by more than
+//! half a cell along either axis.
 //!
-//! 1. [`PolygonOverlay::add`] takes rings: their edges, each once, with the parts that it is an edge of (`edges.rs`).
-//! 2. `crossings.rs` finds the cells of the grid in which edges cross, `passages.rs` the cells with corners or crossings that edges pass: both go down
-//!    a quadtree of the cells. `exact.rs` has what decides.
-//! 3. `sweep.rs` goes over the edges that this makes from left to right, and tells what is on both of their sides (`sets.rs`).
-//! 4. `rings.rs` makes polygons of the edges that divide what is asked for.
+//! 1. [`PolygonOverlay::add`] collects the rings' edges. Each edge is stored once, with the
+//!    polygons that it bounds (`edges.rs`).
+//! 2. `crossings.rs` finds the grid cells in which edges cross. `passages.rs` finds the edges that
+//!    pass through cells with vertices or crossings. Both descend a quadtree of the cells and use
+//!    the predicates of `exact.rs`.
+//! 3. `sweep.rs` sweeps the split edges from left to right and computes the set of polygons on each
+//!    side of every edge (`sets.rs`).
+//! 4. `rings.rs` assembles polygons from the edges that separate requested regions.
 //!
-//! And [`Polygon`]: the cells of a raster that a polygon covers (`polygon/`), which overlays polygons whose rings cross.
+//! [`Polygon`] computes the raster cells that a polygon covers (`polygon/`). It uses the overlay
+//! for polygons whose rings cross.
 
 mod chords;
 mod crossings;

@@ -1,4 +1,4 @@
-//! The overlay of polygons of several sources.
+//! Overlay of polygons from several sources.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
@@ -14,52 +14,54 @@ use crate::sets::PartSets;
 use crate::sweep::sweep;
 use spinney_base::{Error, Progress, Result};
 
-/// Polygons that are laid over each other: each of a source, a number that the caller chose.
+/// An overlay of polygons. Each polygon belongs to a source, a number chosen by the caller.
 ///
-/// A place is in a polygon if a ray from it crosses the polygon's rings an odd number of times, and in a source if it is in one of its polygons. So rings may
-/// have any direction and may cross themselves.
+/// A point is in a polygon if a ray from it crosses the polygon's rings an odd number of times. It
+/// is in a source if it is in any of the source's polygons. So rings may have any direction and may
+/// cross themselves.
 pub struct PolygonOverlay {
     grid: OverlayGrid,
     memory: u64,
-    /// A file that polygons come from, for messages.
+    /// File of the polygons that were added last, for error messages.
     path: PathBuf,
     edges: Vec<Edge<Point>>,
     lists: PartLists,
     /// The source of each polygon.
     sources: Vec<u32>,
-    /// Corners in a row that are the same.
+    /// Number of consecutive duplicate vertices.
     repeated: u64,
 }
 
-/// All places that lie in the same sources, of those that were asked for.
+/// The region of all points whose sources map to the same key.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OverlayPart {
-    /// The numbers that stand for it.
+    /// The key that the caller assigned to the sources.
     pub key: Vec<u32>,
-    /// Its polygons, each an outer ring, counterclockwise, and its holes, clockwise; rings end with the corner that they begin with.
+    /// Polygons of the region: an outer ring, counterclockwise, followed by holes, clockwise. Rings
+    /// repeat their first vertex at the end.
     pub polygons: Vec<Vec<Vec<[f64; 2]>>>,
     /// Its area, in square units of the coordinates.
     pub area: f64,
 }
 
-/// Counts of an overlay, and how exact it is.
+/// Statistics and error bound of an overlay.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OverlaySummary {
-    /// Edges of all polygons, those that several have counted once.
+    /// Number of edges of all polygons; an edge shared by several polygons counts once.
     pub edges: u64,
-    /// Places where edges cross in between their ends, by cells of the grid.
+    /// Number of grid cells that contain crossings of edges.
     pub crossings: u64,
-    /// Corners of rings that repeated the one before.
+    /// Number of ring vertices that repeat the previous one.
     pub repeated_corners: u64,
-    /// Width of the grid's cells.
+    /// Width of the grid's cells, in units of the coordinates.
     pub cell: f64,
-    /// Most by which the area of all that one source covers may have changed: the length of all edges times the greatest way that a point
-    /// on them may have gone, half of a cell's diagonal.
+    /// Maximum change of the area that one source covers, in square units of the coordinates: the
+    /// total length of all edges times the maximum displacement of a point, half a cell's diagonal.
     pub area_bound: f64,
 }
 
 impl PolygonOverlay {
-    /// Nothing, on a grid, of as much as about so many bytes of memory have room for.
+    /// Creates an empty overlay on a grid that uses up to about `memory` bytes.
     pub fn new(grid: OverlayGrid, memory: u64) -> PolygonOverlay {
         let (edges, sources) = (Vec::new(), Vec::new());
         PolygonOverlay {
@@ -73,10 +75,12 @@ impl PolygonOverlay {
         }
     }
 
-    /// Adds a polygon of a source: its rings, which may end with the corner that they begin with. `path` is the file it comes from, for messages.
+    /// Adds a polygon to a source. Its rings may repeat their first vertex at the end. `path` is
+    /// the file that the polygon comes from, for error messages.
     ///
     /// # Errors
-    /// If a coordinate is too great for the grid, or no number; if it takes more memory than there may be.
+    /// If a coordinate is too large for the grid or not finite; if the edges exceed the memory
+    /// limit.
     pub fn add(&mut self, path: &Path, source: u32, rings: &[Vec<[f64; 2]>]) -> Result<()> {
         let part = self.lists.number(&[self.sources.len() as u32]);
         self.sources.push(source);
@@ -110,11 +114,12 @@ impl PolygonOverlay {
         Room { path, memory: self.memory, edges, progress: &() }.check(0)
     }
 
-    /// Hands out the parts that are asked for: `key_of` gets the sources that a place is in, in ascending order, and tells the numbers that stand for it, or
-    /// nothing if it is not asked for. Places with the same numbers are one part; parts come in the order of these.
+    /// Yields the requested regions. `key_of` receives the sources that cover a point, in ascending
+    /// order, and returns the key of that set, or `None` to leave it out. Points with equal keys
+    /// form one region. Regions are yielded in the order of their keys.
     ///
     /// # Errors
-    /// Those of `take`; on interruption.
+    /// Those of `take`; if crossings exceed the memory limit; on cancellation.
     pub fn parts(
         self,
         key_of: &mut dyn FnMut(&[u32]) -> Option<Vec<u32>>,
@@ -138,7 +143,7 @@ impl PolygonOverlay {
         };
         progress.check()?;
         let edges = snapped(edges, &mut lists, &mut summary, &room)?;
-        // The number that stands for each set of polygons: 0 is not asked for, others have a key.
+        // Key number of each set of polygons: 0 for sets that are not requested.
         let mut keys: Vec<Vec<u32>> = Vec::new();
         let mut numbers: HashMap<Vec<u32>, u32> = HashMap::new();
         let mut of_set: HashMap<u32, u32> = HashMap::new();
@@ -196,7 +201,8 @@ impl PolygonOverlay {
     }
 }
 
-/// Edges between middles of cells that have no point in common but ends.
+/// Splits and snaps edges: the results run between cell centres and share no points except their
+/// ends.
 fn snapped(
     edges: Vec<Edge<Point>>,
     lists: &mut PartLists,
@@ -216,8 +222,10 @@ fn snapped(
     cells.append(&mut crossed);
     cells.sort_unstable();
     cells.dedup();
-    // Invariant of snap rounding: each end and each crossing lies in one of these cells, and every edge goes through the middles of all of them that it passes, in its
-    // order. Moving all points of such a cell to its middle at once carries no edge over a middle, so no two chains cross, though they may come to lie on each other.
+    // Invariant of snap rounding: each end and each crossing lies in one of these cells, and every
+    // edge is routed through the centres of all of these cells that it passes, in its order. Moving
+    // all points of such a cell to its centre at once moves no edge across a centre. So no two
+    // chains cross, though they may come to overlap.
     let passages = passages(&edges, &mut cells, square, room)?;
     let mut made = Vec::with_capacity(edges.len() + passages.len());
     let mut passages = passages.into_iter().peekable();

@@ -1,4 +1,4 @@
-//! Cells with corners or crossings that edges pass.
+//! Edges that pass through cells with vertices or crossings.
 
 use crate::crossings::Square;
 use crate::edges::Edge;
@@ -7,22 +7,22 @@ use crate::grid::cell_of;
 use crate::room::{Room, SQUARES_BETWEEN_LOOKS};
 use spinney_base::Result;
 
-/// Cells that are looked at with all edges of their square.
+/// Up to this number of cells, all are tested against all edges of their square.
 const FEW: usize = 4;
 
-/// That an edge passes a cell which neither of its ends is in.
+/// An edge that passes through a cell which contains neither of its ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Passage {
     pub(crate) edge: u32,
-    /// Place of the cell along the edge.
+    /// Position of the cell along the edge, as a sort key.
     place: i64,
     pub(crate) cell: Cell,
 }
 
-/// Finds all passages of edges, in their order along each edge. The order of the cells is changed.
+/// Finds all passages, ordered along each edge. Reorders `cells`.
 ///
 /// # Errors
-/// If they take more memory than there may be; on interruption.
+/// If they exceed the memory limit; on cancellation.
 pub(crate) fn passages(
     edges: &[Edge<Point>],
     cells: &mut [Cell],
@@ -44,7 +44,8 @@ struct Walk<'a> {
 }
 
 impl Walk<'_> {
-    /// Goes through a square with its cells and the edges from `from` on, which are there no more afterwards. A cell is in one square alone.
+    /// Searches a square for passages through its cells by the edges in `stack[from..]`, which it
+    /// removes from the stack. Each cell is in exactly one square.
     fn square(
         &mut self,
         square: Square,
@@ -57,7 +58,7 @@ impl Walk<'_> {
             self.room.check(self.found.len())?;
         }
         if stack.len() == from || cells.is_empty() {
-            // Nothing passes anything.
+            // There are no passages.
         } else if cells.len() <= FEW {
             for edge in &stack[from..] {
                 cells.iter().for_each(|cell| self.pair(*edge, *cell));
@@ -92,14 +93,15 @@ impl Walk<'_> {
         let ends = self.edges[edge as usize].ends;
         let [first, last] = ends.map(|end| end.map(cell_of));
         if cell != first && cell != last && passes(ends, cell) {
-            // From the first end on, cells go on in both directions, or stay.
+            // The cells along an edge are monotonic in both axes, so this sum increases from the
+            // first end.
             let rises = if ends[1][1] >= ends[0][1] { 1 } else { -1 };
             self.found.push(Passage { edge, place: cell[0] + rises * cell[1], cell });
         }
     }
 }
 
-/// Puts the cells that are so before all others; the number of them.
+/// Moves the cells that match before all others and returns their number.
 fn divide(cells: &mut [Cell], is_so: impl Fn(&Cell) -> bool) -> usize {
     let mut end = 0;
     for index in 0..cells.len() {

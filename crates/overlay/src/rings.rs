@@ -1,23 +1,24 @@
-//! Polygons of the edges around faces.
+//! Assembly of polygons from the edges around faces.
 
 use std::collections::BTreeMap;
 
 use crate::edges::Edge;
 use crate::exact::{Cell, turn};
 
-/// A polygon: an outer ring, counterclockwise, and holes, clockwise, which touch each other in points at most. Rings end with the corner that they begin
-/// with.
+/// A polygon: a counterclockwise outer ring, then clockwise holes. Rings touch each other in points
+/// at most. They repeat their first vertex at the end.
 pub(crate) type Rings = Vec<Vec<Cell>>;
 
-/// An edge with a face on its left.
+/// A directed edge with a face on its left.
 struct Side {
     from: Cell,
     to: Cell,
     face: u32,
 }
 
-/// Makes the polygons of faces: `face_of` tells the face that an edge has on each side (on the right and on the left of its way from the left end to the
-/// other), if it is one that is wanted, and has not the same on both sides. They come in the order of the faces.
+/// Assembles the polygons of faces. `face_of` returns the faces to the right and to the left of an
+/// edge, directed from its left end, or `None` for a face that is not requested. The two faces of
+/// an edge must differ. The map is ordered by face.
 pub(crate) fn polygons(
     edges: &[Edge<Cell>],
     face_of: &mut dyn FnMut(usize) -> [Option<u32>; 2],
@@ -47,13 +48,14 @@ pub(crate) fn polygons(
 
 struct Walk<'a> {
     sides: &'a [Side],
-    /// Corners since the first, and their places, by which it is seen where a ring touches itself.
+    /// Vertices since the first one, and their indices, which detect where a ring touches itself.
     ring: Vec<Cell>,
     places: BTreeMap<Cell, usize>,
 }
 
 impl Walk<'_> {
-    /// Follows a border of a face from an edge on, and makes rings of it: one, or more where it touches itself.
+    /// Follows a face's border from an edge on. Makes one ring of it, or several if it touches
+    /// itself.
     fn around(&mut self, first: usize, is_used: &mut [bool], rings: &mut Rings) {
         self.ring.clear();
         self.places.clear();
@@ -75,7 +77,7 @@ impl Walk<'_> {
         self.close(0, rings);
     }
 
-    /// Makes a ring of the corners since a place, of which the first stays.
+    /// Makes a ring of the vertices since an index. The first of them stays in the border.
     fn close(&mut self, place: usize, rings: &mut Rings) {
         let mut ring = self.ring.split_off(place);
         for corner in &ring {
@@ -83,14 +85,14 @@ impl Walk<'_> {
         }
         self.places.insert(ring[0], place);
         self.ring.push(ring[0]);
-        // It begins with its left corner, whatever edge was the first.
+        // The ring starts with its leftmost vertex, whichever edge came first.
         let least = (0..ring.len()).min_by_key(|place| ring[*place]).unwrap_or(0);
         ring.rotate_left(least);
         ring.push(ring[0]);
         rings.push(ring);
     }
 
-    /// The edge that goes on along the same face: the next one clockwise around the corner.
+    /// Returns the next edge of the face's border: the first one clockwise around the vertex.
     fn next(&self, side: usize) -> usize {
         let Side { from, to: corner, face } = self.sides[side];
         let begin = self.sides.partition_point(|other| (other.face, other.from) < (face, corner));
@@ -106,9 +108,9 @@ impl Walk<'_> {
     }
 }
 
-/// Whether a point comes before another one, clockwise around a corner from where one comes from.
+/// Whether `one` comes before `other`, clockwise around a vertex, starting from `from`.
 fn is_before(corner: Cell, from: Cell, one: Cell, other: Cell) -> bool {
-    // Clockwise means to the right: first the right half, then what lies straight ahead, then the left half.
+    // Compare the right half first, then the direction straight ahead, then the left half.
     let half = |point: Cell| match turn(corner, from, point) {
         -1 => 0,
         0 => 1,
@@ -120,7 +122,8 @@ fn is_before(corner: Cell, from: Cell, one: Cell, other: Cell) -> bool {
     }
 }
 
-/// Whether a ring is counterclockwise: its first corner is its left one, a corner of its hull.
+/// Whether a ring is counterclockwise. Its first vertex is the leftmost one and so lies on its
+/// convex hull.
 fn is_outer(ring: &[Cell]) -> bool {
     turn(ring[ring.len() - 2], ring[0], ring[1]) > 0
 }

@@ -1,18 +1,19 @@
-//! Room in memory for what is found on the way, and whether the work is to go on.
+//! Memory limit and cancellation of an overlay.
 
 use std::path::Path;
 
 use spinney_base::{Error, Progress, Result};
 
-/// Bytes of memory that an edge takes, with its ends, and all that is made of it. A crossing and a passage make edges of their own.
+/// Estimated memory per edge in bytes, including its ends and all derived data. Each crossing and
+/// each passage adds an edge.
 pub(crate) const BYTES_OF_EDGE: u64 = 320;
 
-/// Squares of a walk from one look at whether the work is to go on to the next.
+/// Number of squares between two checks for cancellation.
 pub(crate) const SQUARES_BETWEEN_LOOKS: u64 = 1 << 12;
 
-/// The memory that there may be, and how much of it is taken by edges.
+/// A memory limit, and the number of edges that count against it.
 pub(crate) struct Room<'a> {
-    /// A file that polygons come from, for messages.
+    /// A file that polygons come from, for error messages.
     pub(crate) path: &'a Path,
     pub(crate) memory: u64,
     pub(crate) edges: u64,
@@ -20,7 +21,8 @@ pub(crate) struct Room<'a> {
 }
 
 impl Room<'_> {
-    /// Checks that there is room for places where edges are divided.
+    /// Checks that the edges, split at `places` points, fit into the memory limit. Also checks for
+    /// cancellation.
     pub(crate) fn check(&self, places: usize) -> Result<()> {
         self.progress.check()?;
         let needed = (self.edges + places as u64) * BYTES_OF_EDGE;

@@ -1,14 +1,14 @@
-//! Sets of parts that a place is in, each once, and what crossing an edge makes of them.
+//! Interned sets of the parts that cover a region, and the set changes at edges.
 
 use std::collections::HashMap;
 
 use crate::edges::{PartLists, differences};
 
-/// Sets of parts by their numbers; number 0 is the empty set. Most edges are crossed from one of few sets: what comes of that is kept, so that lists are
-/// compared once for each pair.
+/// Sets of parts by number; number 0 is the empty set. Most edges border on one of few sets, so
+/// the result for each pair of set and edge list is cached and lists are compared once per pair.
 pub(crate) struct PartSets {
     sets: PartLists,
-    /// Of a set and a list of parts, the set on the other side of their edge.
+    /// Maps a set and an edge's list of parts to the set on the edge's other side.
     crossed: HashMap<(u32, u32), u32>,
 }
 
@@ -19,7 +19,7 @@ impl PartSets {
         PartSets { sets, crossed: HashMap::new() }
     }
 
-    /// The set on the other side of an edge with some parts.
+    /// Returns the set on the other side of an edge that bounds `parts`.
     pub(crate) fn across(&mut self, set: u32, parts: u32, lists: &PartLists) -> u32 {
         if let Some(other) = self.crossed.get(&(set, parts)) {
             return *other;
@@ -29,7 +29,7 @@ impl PartSets {
         other
     }
 
-    /// A set by its number: parts in ascending order.
+    /// Returns the set with a number: parts in ascending order.
     pub(crate) fn set(&self, number: u32) -> &[u32] {
         self.sets.list(number)
     }

@@ -1,6 +1,8 @@
-//! The sweep: over all edges from left to right, which tells what is on both sides of each, and which sides are of the same face.
+//! Plane sweep over all edges from left to right: computes the sets of parts on both sides of each
+//! edge, and the face that each side borders.
 //!
-//! Edges have no point in common but ends, so that at any place of the sweep they stand above each other in one order.
+//! Edges share no points except their ends, so the edges that cross the sweep line have one
+//! vertical order.
 
 use std::cmp::Ordering;
 use std::collections::BTreeSet;
@@ -10,7 +12,7 @@ use crate::exact::{Cell, turn};
 use crate::sets::PartSets;
 use spinney_base::{Progress, Result};
 
-/// An edge that the sweep is at.
+/// An edge that crosses the sweep line.
 #[derive(Clone, Copy)]
 struct Active {
     ends: [Cell; 2],
@@ -18,14 +20,15 @@ struct Active {
 }
 
 impl Ord for Active {
-    /// Below or above: by the side on which one begins, or ends if they begin together.
+    /// Vertical order: decided by the side on which the later edge begins, or ends if both begin
+    /// together.
     fn cmp(&self, other: &Active) -> Ordering {
         let ([a, b], [c, d]) = (self.ends, other.ends);
         if self.ends == other.ends {
             return Ordering::Equal;
         }
         let side = if a <= c {
-            // The other begins later, on one side of this.
+            // The other edge begins later, on one side of this one.
             match turn(a, b, c) {
                 0 => turn(a, b, d),
                 side => side,
@@ -54,26 +57,28 @@ impl PartialEq for Active {
 
 impl Eq for Active {}
 
-/// The sets of parts below and above an edge (on the right and on the left of its way from the left end to the other).
+/// Sets of parts below and above an edge (right and left of its direction from the left end).
 pub(crate) type Sides = [u32; 2];
 
-/// Points from one look at whether the work is to go on to the next.
+/// Number of points between two checks for cancellation.
 const POINTS_BETWEEN_LOOKS: u64 = 1 << 16;
 
-/// Sides and faces of all edges.
+/// Sets and faces at the sides of all edges.
 pub(crate) struct Swept {
-    /// Sides of each edge.
+    /// Sets at both sides of each edge.
     pub(crate) sides: Vec<Sides>,
-    /// Of both sides of each edge, one after the other, the face: sides with the same number lie in one.
+    /// Faces at the lower and upper side of each edge, at indices `2 * edge` and `2 * edge + 1`.
+    /// Sides with equal numbers border the same face.
     pub(crate) faces: Vec<u32>,
 }
 
-/// Goes over edges in the order of their ends.
+/// Sweeps over edges, which are ordered by their ends.
 ///
-/// `is_border` says whether an edge between two sets divides anything: faces go on across all others.
+/// `is_border` returns whether an edge between two sets separates regions. Faces extend across all
+/// other edges.
 ///
 /// # Errors
-/// On interruption.
+/// On cancellation.
 pub(crate) fn sweep(
     edges: &[Edge<Cell>],
     lists: &PartLists,
@@ -82,11 +87,11 @@ pub(crate) fn sweep(
     is_border: &mut dyn FnMut(&PartSets, Sides) -> bool,
 ) -> Result<Swept> {
     let mut sides: Vec<Sides> = vec![[0; 2]; edges.len()];
-    // The two sides of each edge; the last one is the outside of all.
+    // Two sides per edge; the last element is the exterior.
     let mut faces = Faces { above: (0..2 * edges.len() as u32 + 1).collect() };
     let outside = 2 * edges.len() as u32;
     let mut active: BTreeSet<Active> = BTreeSet::new();
-    // Edges by their right ends.
+    // Edges ordered by their right ends.
     let mut ending: Vec<u32> = (0..edges.len() as u32).collect();
     ending.sort_unstable_by_key(|number| (edges[*number as usize].ends[1], *number));
     let key = |number: u32| Active { ends: edges[number as usize].ends, number };
@@ -113,17 +118,19 @@ pub(crate) fn sweep(
             starts.push(key(next_start as u32));
             next_start += 1;
         }
-        // Both from below upwards.
+        // Order both from bottom to top.
         ends.sort_unstable();
         starts.sort_unstable();
-        // Invariant: each sector between neighbouring edges around the point lies in one face, and both edges see it; sectors open to the left and to the right are one below all
-        // edges, and one above. So uniting these pairs of sides at every point unites exactly the sides of each face's borders, and those of holes with what is around them.
+        // Invariant: each sector between neighbouring edges around the point lies in one face,
+        // which borders both edges. The sectors open to the left and to the right are the same two:
+        // one below all edges and one above. So uniting these pairs of sides at every point unites
+        // exactly the sides of each face's borders, including holes with the region around them.
         for pair in ends.windows(2).chain(starts.windows(2)) {
             faces.unite(2 * pair[0].number + 1, 2 * pair[1].number);
         }
         let below = |edge: &Active| 2 * edge.number;
         let above = |edge: &Active| 2 * edge.number + 1;
-        // The set below all that begins here.
+        // The set below all edges that begin at the point.
         let mut set = match (ends.first(), ends.last()) {
             (Some(first), Some(last)) => {
                 if let (Some(lowest), Some(highest)) = (starts.first(), starts.last()) {
@@ -170,7 +177,8 @@ pub(crate) fn sweep(
     Ok(Swept { sides, faces })
 }
 
-/// Sides of edges that lie in the same face (R. Tarjan's forest of disjoint sets, with path halving).
+/// Disjoint sets of edge sides that border the same face (R. Tarjan's disjoint-set forest, with
+/// path halving).
 struct Faces {
     above: Vec<u32>,
 }
@@ -187,7 +195,8 @@ impl Faces {
 
     fn unite(&mut self, one: u32, other: u32) {
         let (one, other) = (self.root(one), self.root(other));
-        // (The smaller number, so that faces have the same numbers whatever the order.)
+        // (The smaller number becomes the root, so that face numbers do not depend on the order of
+        // unions.)
         self.above[one.max(other) as usize] = one.min(other);
     }
 }

@@ -1,4 +1,5 @@
-//! The overlay against what is simple: points in polygons, all pairs of edges, and sums of areas.
+//! Tests of the overlay against simple methods: points in polygons, all pairs of edges, and sums of
+//! areas.
 
 use std::path::Path;
 
@@ -6,7 +7,7 @@ use crate::edges::{Edge, PartLists, unite};
 use crate::exact::{Cell, crossing_cell, do_cross, passes, turn};
 use crate::{OverlayGrid, OverlayPart, PolygonOverlay};
 
-/// Numbers that look random, of a seed (SplitMix64).
+/// Pseudorandom numbers from a seed (SplitMix64).
 struct Random(u64);
 
 impl Random {
@@ -100,7 +101,7 @@ fn what_touches_in_a_point_is_two_polygons_and_what_lies_in_a_hole_another() {
     assert_eq!(found[0].area, 400.0 - 324.0 + 2.0);
 }
 
-/// Polygons that cross themselves and each other, on coordinates of few and of many digits.
+/// Polygons that cross themselves and each other, with coordinates of few and of many digits.
 #[test]
 fn places_are_in_the_sources_that_they_are_in() {
     let mut random = Random(1);
@@ -149,7 +150,7 @@ fn places_are_in_the_sources_that_they_are_in() {
                 assert_eq!(own, wanted, "round {round} at {place:?}");
             }
         }
-        // Parts add up to what each source covers.
+        // The regions' areas add up to the area of each source.
         for source in 0..3 {
             let of_source: Vec<_> = polygons.iter().filter(|(own, _)| *own == source).cloned().collect();
             let whole: f64 = parts(grid, &of_source).0.iter().map(|part| part.area).sum();
@@ -162,7 +163,8 @@ fn places_are_in_the_sources_that_they_are_in() {
     }
 }
 
-/// Checks that no edges of all rings cross or overlap, that rings go the right way around, and areas.
+/// Checks that edges neither cross nor overlap, that rings are oriented correctly, and that areas
+/// match.
 fn check_rings(found: &[OverlayPart], grid: OverlayGrid) {
     let cell = |point: [f64; 2]| -> Cell { point.map(|at| (at / grid.width()).round() as i64) };
     let mut edges: Vec<[Cell; 2]> = Vec::new();
@@ -201,7 +203,7 @@ fn check_rings(found: &[OverlayPart], grid: OverlayGrid) {
     }
 }
 
-/// The cell of a crossing in doubles is that of exact fractions, and both edges pass it.
+/// Both edges pass through the cell of their crossing.
 #[test]
 fn crossings_are_in_the_cells_that_both_edges_pass() {
     let mut random = Random(2);
@@ -227,7 +229,7 @@ fn crossings_are_in_the_cells_that_both_edges_pass() {
     }
 }
 
-/// Whether an edge passes a cell, by where it enters and leaves, in halves of whole numbers.
+/// Compares `passes` with clipping in integers, in units of half cells.
 #[test]
 fn passages_of_cells_are_those_of_clipped_edges() {
     let mut random = Random(3);
@@ -235,9 +237,11 @@ fn passages_of_cells_are_those_of_clipped_edges() {
         let mut number = || random.below(13) as i64 - 6;
         let [a, b] = [[number(), number()], [number(), number()]];
         let cell = [number() / 2, number() / 2];
-        // In units of half cells, relative to the cell's lower left corner: the cell is 0 <= x, y < 2.
+        // In units of half cells, relative to the cell's lower left corner: the cell is 0 <= x, y <
+        // 2.
         let [p, q] = [a, b].map(|point| [point[0] - 2 * cell[0] + 1, point[1] - 2 * cell[1] + 1]);
-        // Shares of the way, times a common denominator, at which the edge is within: least and most, and whether the last of them still counts.
+        // Parameter interval, times a common denominator, in which the edge is within the cell, and
+        // whether each of its ends belongs to it.
         let denominators = [0, 1].map(|axis| (q[axis] - p[axis]).abs());
         let common = denominators.iter().map(|own| own.max(&1)).product::<i64>() * 2;
         let (mut least, mut most, mut least_counts, mut most_counts) = (0, common, true, true);
@@ -250,7 +254,8 @@ fn passages_of_cells_are_those_of_clipped_edges() {
             }
             let at = |border: i64| (border - p[axis]) * common / along;
             let (enter, leave) = if along > 0 { (at(0), at(2)) } else { (at(2), at(0)) };
-            // (Going up, one enters at 0, which belongs to the cell; going down at 2, which does not.)
+            // (An upward edge enters at 0, which belongs to the cell; a downward edge enters at 2,
+            // which does not.)
             if enter > least {
                 (least, least_counts) = (enter, along > 0);
             } else if enter == least {
@@ -280,11 +285,11 @@ fn edges_that_a_part_has_twice_are_none() {
     assert_eq!(lists.list(joined[0].parts), [2]);
 }
 
-/// Polygons in which many edges meet in a point, lie nearly on each other, or cross all others.
+/// Polygons of which many edges meet in a point, nearly overlap, or cross all others.
 #[test]
 fn dense_edges_come_to_an_end() {
     let mut random = Random(4);
-    // Thin triangles with a common corner: a star.
+    // Thin triangles with a common vertex: a star.
     let star: Vec<(u32, Polygon)> = (0..2000u32)
         .map(|number| {
             let turn = std::f64::consts::TAU * f64::from(number) / 2000.0;
@@ -292,7 +297,7 @@ fn dense_edges_come_to_an_end() {
             (number % 7, vec![vec![[0.0, 0.0], at(turn), at(turn + 0.002)]])
         })
         .collect();
-    // Strips that lie nearly on each other along all of the plane.
+    // Strips across the whole plane that nearly overlap.
     let bundle: Vec<(u32, Polygon)> = (0..150u32)
         .map(|number| {
             let mut near = || 1e-4 * random.unit();
@@ -306,7 +311,7 @@ fn dense_edges_come_to_an_end() {
             (number % 3, vec![ring])
         })
         .collect();
-    // A lattice of strips: each crosses all of the other direction.
+    // A lattice of strips: each crosses all strips of the other direction.
     let lattice: Vec<(u32, Polygon)> = (0..80u32)
         .flat_map(|number| {
             let at = f64::from(number) * 10.0 + 0.3;

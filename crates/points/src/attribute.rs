@@ -1,25 +1,26 @@
-//! Attributes of points, and where they stand in rows of bytes.
+//! Point attributes and their layout in rows of bytes.
 
 use spinney_base::value::SampleType;
 
-/// An attribute that each point of a tree has.
+/// Attribute that every point of a tree has.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PointAttribute {
-    /// Its name: those of LAS are `intensity`, `return_number`, `classification`, `gps_time` and so on.
+    /// Name. LAS attributes are named `intensity`, `return_number`, `classification`, `gps_time`
+    /// and so on.
     pub name: String,
-    /// Type of its numbers.
+    /// Type of the stored numbers.
     pub sample: SampleType,
-    /// Factor and summand that make the quantity of the number, where there are such.
+    /// Scale and offset, if any: the quantity is `number * scale + offset`.
     pub scale_offset: Option<(f64, f64)>,
-    /// Its meaning in words, where the input tells it.
+    /// Description in words, if the input has one.
     pub description: String,
-    /// The number, in the order of [`ordered_number`], that encodes "no value", as in extra bytes of LAS: it is not counted in statistics, fulfils no
-    /// condition, and is NaN as a quantity.
+    /// Number that encodes "no value", in the order of [`ordered_number`], as in LAS extra bytes.
+    /// It is excluded from statistics, satisfies no condition, and is NaN as a quantity.
     pub(crate) no_data: Option<i64>,
 }
 
 impl PointAttribute {
-    /// An attribute with a name and a type.
+    /// Creates an attribute with a name and a type.
     pub fn new(name: impl Into<String>, sample: SampleType) -> PointAttribute {
         PointAttribute {
             name: name.into(),
@@ -30,12 +31,12 @@ impl PointAttribute {
         }
     }
 
-    /// The number that encodes "no value", as it is stored, without scale and offset.
+    /// Returns the number that encodes "no value", as stored, without scale and offset.
     pub fn no_data(&self) -> Option<f64> {
         self.no_data.map(|number| to_f64(self.sample, number))
     }
 
-    /// The quantity that a number is; NaN if it encodes "no value".
+    /// Converts a number to its quantity; NaN if it encodes "no value".
     #[inline]
     pub(crate) fn quantity(&self, number: i64) -> f64 {
         if self.no_data == Some(number) {
@@ -46,31 +47,31 @@ impl PointAttribute {
     }
 }
 
-/// Where an attribute's number stands in a row.
+/// Location of an attribute's number in a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RowField {
-    /// Its first byte.
+    /// Offset of its first byte.
     pub offset: usize,
-    /// Its lowest bit and how many bits it has, if it has a part of one byte only.
+    /// Lowest bit and bit count, if the number is a bit field within one byte.
     pub bits: Option<(u8, u8)>,
 }
 
-/// A row of bytes for each point: x, y and z on the grid as `i32` (little-endian), then attributes.
+/// Row layout of a point: x, y and z on the grid as little-endian `i32`, then attributes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RowLayout {
-    /// Bytes of a row.
+    /// Bytes per row.
     pub size: usize,
-    /// The attributes, in order.
+    /// Attributes, in order.
     pub attributes: Vec<PointAttribute>,
-    /// Their places.
+    /// Location of each attribute in a row.
     pub fields: Vec<RowField>,
 }
 
-/// Bytes of a row's coordinates.
+/// Size of a row's coordinates in bytes.
 pub const POSITION_BYTES: usize = 12;
 
 impl RowLayout {
-    /// Rows in which attributes stand one after the other.
+    /// Creates a layout in which the attributes are contiguous.
     pub fn packed(attributes: Vec<PointAttribute>) -> RowLayout {
         let mut size = POSITION_BYTES;
         let fields = attributes.iter().map(|attribute| {
@@ -82,14 +83,14 @@ impl RowLayout {
         RowLayout { size, attributes, fields }
     }
 
-    /// The place of an attribute among all.
+    /// Returns the index of the attribute with this name.
     pub fn position(&self, name: &str) -> Option<usize> {
         self.attributes.iter().position(|attribute| attribute.name == name)
     }
 
-    /// The numbers of an attribute in many rows, in the order of [`ordered`].
+    /// Returns an attribute's numbers in many rows, in the order of [`ordered`].
     pub(crate) fn numbers<'r>(&self, attribute: usize, rows: impl Iterator<Item = &'r [u8]>) -> Vec<i64> {
-        // (The type is told before the rows, so that each has a loop of its own.)
+        // The type is matched outside the loop over the rows, so that each type gets its own loop.
         macro_rules! all {
             ($($sample:ident)*) => {
                 match (self.fields[attribute], self.attributes[attribute].sample) {
@@ -106,7 +107,7 @@ impl RowLayout {
         all!(U8 U16 I16 U32 I32 F32 F64 I8 U64 I64)
     }
 
-    /// Puts an attribute's number into a row.
+    /// Writes an attribute's number into a row.
     #[inline]
     pub(crate) fn set_number(&self, attribute: usize, row: &mut [u8], number: i64) {
         let RowField { offset, bits } = self.fields[attribute];
@@ -124,7 +125,7 @@ impl RowLayout {
     }
 }
 
-/// The coordinates of a row.
+/// Returns the coordinates of a row.
 #[inline]
 pub(crate) fn place_of(row: &[u8]) -> [i32; 3] {
     std::array::from_fn(|axis| {
@@ -132,7 +133,8 @@ pub(crate) fn place_of(row: &[u8]) -> [i32; 3] {
     })
 }
 
-/// A number of the first bytes as a whole number that is in the same order: that of floating-point numbers by their bits.
+/// Converts the number in the first bytes to an order-preserving integer. Floating-point numbers
+/// are ordered by their bits.
 #[inline(always)]
 pub(crate) fn ordered(sample: SampleType, bytes: &[u8]) -> i64 {
     fn first<const N: usize>(bytes: &[u8]) -> [u8; N] {
@@ -145,7 +147,7 @@ pub(crate) fn ordered(sample: SampleType, bytes: &[u8]) -> i64 {
         SampleType::I16 => i16::from_le_bytes(first(bytes)).into(),
         SampleType::U32 => u32::from_le_bytes(first(bytes)).into(),
         SampleType::I32 => i32::from_le_bytes(first(bytes)).into(),
-        // (Above 2^63 they are negative: in the order of their upper bit turned.)
+        // Flipping the top bit maps unsigned order to signed order.
         SampleType::U64 => (u64::from_le_bytes(first(bytes)) ^ 1 << 63) as i64,
         SampleType::I64 => i64::from_le_bytes(first(bytes)),
         SampleType::F32 => {
@@ -159,7 +161,8 @@ pub(crate) fn ordered(sample: SampleType, bytes: &[u8]) -> i64 {
     }
 }
 
-/// A number of the first bytes, little-endian, as a whole number: those of one type are in the same order as what they stand for.
+/// Converts the little-endian number in the first bytes to an integer. Integers of one type sort
+/// like the numbers that they encode.
 ///
 /// # Panics
 /// If there are fewer bytes than the type has.
@@ -167,7 +170,7 @@ pub fn ordered_number(sample: SampleType, bytes: &[u8]) -> i64 {
     ordered(sample, bytes)
 }
 
-/// The bytes of the number that [`ordered`] made a whole number of.
+/// Returns the bytes of a number, the inverse of [`ordered`].
 #[inline]
 pub(crate) fn bytes_of(sample: SampleType, number: i64) -> [u8; 8] {
     match sample {
@@ -181,7 +184,7 @@ pub(crate) fn bytes_of(sample: SampleType, number: i64) -> [u8; 8] {
     }
 }
 
-/// The number as `f64`.
+/// Converts an ordered number to `f64`.
 #[inline]
 pub(crate) fn to_f64(sample: SampleType, number: i64) -> f64 {
     match sample {

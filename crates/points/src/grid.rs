@@ -1,23 +1,24 @@
-//! The grid of whole numbers that points lie on, and the tree over it.
+//! The integer grid of the points, and the tree over it.
 
 use spinney_base::space::{Code, Dimension};
 
-/// Grid of the points of a tree: places in the world are whole numbers times a scale, with an offset, as in LAS.
+/// Grid of a tree's points. World coordinates are integers times a scale plus an offset, as in LAS.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PointGrid {
-    /// Units of the world that a step of the grid has, along each axis.
+    /// Size of a grid unit along each axis, in world units.
     pub scale: [f64; 3],
-    /// Place in the world of the grid's origin.
+    /// World coordinates of the grid's origin.
     pub offset: [f64; 3],
-    /// The root's least corner, on the grid.
+    /// Minimum corner of the root, on the grid.
     pub corner: [i32; 3],
-    /// The root has 2^bits steps along each axis.
+    /// The root measures 2^bits grid units along each axis.
     pub bits: u8,
-    /// Two or three axes that are divided: a quadtree has any z.
+    /// Two or three axes are divided; a quadtree spans all of z.
     pub dimension: Dimension,
 }
 
-/// Levels from a node down to the squares or cubes of which it has one point each: its spacing is its side by 2^7 (2^8 in quadtrees).
+/// Levels from a node down to its sampling cells, each of which contributes one point. The spacing
+/// of a node is its side divided by 2^7 (octree) or 2^8 (quadtree).
 pub(crate) fn spacing_levels(dimension: Dimension) -> u8 {
     match dimension {
         Dimension::Quad => 8,
@@ -26,7 +27,7 @@ pub(crate) fn spacing_levels(dimension: Dimension) -> u8 {
 }
 
 impl PointGrid {
-    /// The smallest grid with a root around all places between two corners.
+    /// Creates the smallest grid whose root contains all positions between two corners.
     pub fn around(
         scale: [f64; 3],
         offset: [f64; 3],
@@ -40,17 +41,17 @@ impl PointGrid {
         PointGrid { scale, offset, corner: least, bits, dimension }
     }
 
-    /// Levels of the finest squares or cubes by which points are put in order: as deep as codes go.
+    /// Level of the finest cells by which points are sorted, limited by the maximum code depth.
     pub(crate) fn code_levels(&self) -> u8 {
         self.bits.min(self.dimension.max_depth())
     }
 
-    /// The deepest level of nodes.
+    /// Returns the deepest level of nodes.
     pub(crate) fn deepest(&self) -> u8 {
         self.code_levels().saturating_sub(spacing_levels(self.dimension))
     }
 
-    /// The code of a place; `None` if it is not in the root.
+    /// Returns the code of a position; `None` outside the root.
     #[inline]
     pub(crate) fn code(&self, place: [i32; 3]) -> Option<Code> {
         let levels = self.code_levels();
@@ -65,7 +66,7 @@ impl PointGrid {
         Code::from_cell(self.dimension, levels, cell)
     }
 
-    /// Least and greatest place on the grid of a node, of any z in a quadtree.
+    /// Returns a node's minimum and maximum position on the grid; in a quadtree, all of z.
     pub(crate) fn node_box(&self, code: Code) -> [[i32; 3]; 2] {
         let cell = code.cell();
         let (mut least, mut most) = ([i32::MIN; 3], [i32::MAX; 3]);
@@ -79,19 +80,20 @@ impl PointGrid {
         [least, most]
     }
 
-    /// Place in the world of a place on the grid.
+    /// Converts a grid position to world coordinates.
     #[inline]
     pub fn to_world(&self, place: [i32; 3]) -> [f64; 3] {
         std::array::from_fn(|axis| f64::from(place[axis]) * self.scale[axis] + self.offset[axis])
     }
 
-    /// Places on the grid that lie in a box of the world, the corners included; `None` if there are none.
+    /// Returns the bounds of the grid positions in a world box, corners included; `None` if there
+    /// are none.
     pub(crate) fn places_in(&self, [least, most]: [[f64; 3]; 2]) -> Option<[[i32; 3]; 2]> {
         let mut places = [[i32::MIN; 3], [i32::MAX; 3]];
         for axis in 0..3 {
             let world = |step: i64| step as f64 * self.scale[axis] + self.offset[axis];
             let guess = |to: f64| ((to - self.offset[axis]) / self.scale[axis]).clamp(-4e9, 4e9) as i64;
-            // (Division rounds: the step is looked for among the neighbours.)
+            // Division rounds, so the exact grid coordinate is searched for among the neighbours.
             let first =
                 (-2..=2).map(|more| guess(least[axis]) + more).find(|step| world(*step) >= least[axis]);
             let last =

@@ -1,4 +1,4 @@
-//! Files of points as trees of points.
+//! Imports point files into point trees.
 
 use std::fs::File;
 use std::io::Read;
@@ -16,47 +16,49 @@ use spinney_base::{Error, Progress, Result};
 use spinney_container::Metadata;
 use spinney_crs::Crs;
 
-/// Options of building a tree of files.
+/// Options of an import from files.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PointImportOptions {
-    /// How the tree is built.
+    /// Build options.
     pub build: PointBuildOptions,
-    /// Names of the attributes that are kept; `None` for all.
+    /// Names of the attributes to keep; `None` keeps all.
     pub attributes: Option<Vec<String>>,
-    /// The coordinate system, instead of that which the files tell.
+    /// Coordinate system, which overrides that of the files.
     pub crs: Option<Crs>,
 }
 
-/// Files that are open and understood, ready to be built.
+/// Opened and checked files, ready to be built.
 pub struct PointImport {
     pub(crate) source: Box<dyn PointSource>,
     pub(crate) metadata: Metadata,
     pub(crate) options: PointBuildOptions,
     description: Vec<(&'static str, String)>,
-    /// Files, and remarks on what of them is not as it was.
+    /// Files, and remarks on what was changed in or dropped from them.
     remarks: Vec<(PathBuf, String)>,
 }
 
-/// Whether a file is a LAS or LAZ file, by its name or its first bytes.
+/// Returns whether a file is a LAS or LAZ file, judging by its name or its first bytes.
 pub fn is_las_file(path: &Path) -> bool {
     let named = |ending: &str| path.extension().is_some_and(|own| own.eq_ignore_ascii_case(ending));
     let mut start = [0; 4];
-    // (Of what is no file, such as a pipe, bytes that are read are gone.)
+    // Only regular files are read: bytes read from a pipe would be lost.
     let mut begins =
         || path.is_file() && File::open(path).is_ok_and(|mut file| file.read_exact(&mut start).is_ok());
     named("las") || named("laz") || begins() && start == *b"LASF"
 }
 
-/// Whether points of a file are read here: of LAS, LAZ, PLY and NPY files.
+/// Returns whether this crate reads points from the file: LAS, LAZ, PLY and NPY.
 pub fn has_points(path: &Path) -> bool {
     is_las_file(path) || is_point_table(path)
 }
 
-/// Opens LAS and LAZ files, or one PLY or NPY file, and plans a tree of all their points for which conditions hold, which are made for the attributes that there are.
+/// Opens LAS and LAZ files, or one PLY or NPY file, and plans a tree of all points that satisfy the
+/// conditions. `conditions` is called with the attributes of the files.
 ///
 /// # Errors
-/// If a file cannot be read, is none or damaged; if files lie in different systems; if there is no attribute of a name.
+/// If a file cannot be read, has another format or is corrupt; if the files have different
+/// coordinate systems; if an attribute name is unknown.
 pub fn plan_files(
     paths: &[PathBuf],
     conditions: &mut dyn FnMut(&[PointAttribute]) -> Result<Vec<PointCondition>>,
@@ -89,10 +91,10 @@ pub fn plan_files(
     Ok(import)
 }
 
-/// Plans a tree of points that come from files, those for which conditions hold.
+/// Plans a tree of those points of a source that satisfy the conditions.
 ///
 /// # Errors
-/// If there is no attribute of a name.
+/// If an attribute name is unknown.
 pub fn plan_points(
     source: Box<dyn PointSource>,
     paths: &[PathBuf],
@@ -123,10 +125,10 @@ pub fn plan_points(
     Ok(PointImport { source, metadata, options: options.build.clone(), description, remarks: Vec::new() })
 }
 
-/// The place of an attribute among all.
+/// Returns the index of the attribute with this name.
 ///
 /// # Errors
-/// If there is none of that name.
+/// If there is none with that name.
 pub fn position(attributes: &[PointAttribute], name: &str) -> Result<usize> {
     attributes.iter().position(|attribute| attribute.name == name).ok_or_else(|| {
         let names: Vec<&str> = attributes.iter().map(|attribute| attribute.name.as_str()).collect();
@@ -139,27 +141,27 @@ pub fn position(attributes: &[PointAttribute], name: &str) -> Result<usize> {
 }
 
 impl PointImport {
-    /// Lines about what was found, each with its heading.
+    /// Returns a description of the input as lines with headings.
     pub fn description(&self) -> &[(&'static str, String)] {
         &self.description
     }
 
-    /// Adds a line about where the points come from: which of them, or what is no file.
+    /// Adds a line about the origin of the points, such as a query or a source that is no file.
     pub fn add_provenance(&mut self, text: impl Into<String>) {
         self.metadata.provenance.push(text.into());
     }
 
-    /// Adds a remark on a file, of which building warns.
+    /// Adds a remark on a file, which is reported as a warning when the tree is built.
     pub fn add_remark(&mut self, path: &Path, text: impl Into<String>) {
         self.remarks.push((path.into(), text.into()));
     }
 
-    /// Warns of what is not as it was in the files.
+    /// Warns of what was changed in or dropped from the files.
     pub fn tell_remarks(&self, progress: &dyn Progress) {
         self.remarks.iter().for_each(|(path, text)| progress.warn(path, text));
     }
 
-    /// Builds the tree; warns of what is not as it was in the files.
+    /// Builds the tree, and warns of what was changed in or dropped from the files.
     ///
     /// # Errors
     /// Those of [`build`].

@@ -1,8 +1,9 @@
-//! Octrees and quadtrees of points on disk: any number of points in one file with every level of detail inside, and answers straight from
-//! that file.
+//! Point octrees and quadtrees on disk. One file holds any number of points at all levels of
+//! detail, and queries read that file directly.
 //!
-//! Each point is there once, in the coarsest node whose spacing it keeps: who reads down to a level gets points that are spread evenly, and each
-//! deeper level adds some, and repeats none. Attributes are packed, column by column; counts, extremes and sums stand by each node.
+//! Each point is stored once, in the coarsest node whose point spacing it keeps. Reading down to a
+//! level yields evenly spread points; each deeper level adds points and repeats none. Attributes
+//! are compressed column by column. Each node stores counts, extremes and sums.
 
 mod attribute;
 mod build;

@@ -1,17 +1,18 @@
-//! Counts, extremes and sums of the columns of many points.
+//! Counts, extremes and sums of point columns.
 
 use crate::attribute::{PointAttribute, to_f64};
 use spinney_base::value::SampleType;
 
-/// Count, extremes and sum of a column of many points.
+/// Count, extremes and sum of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct ColumnStatistics {
-    /// Number of those that are numbers.
+    /// Number of values that are numbers.
     pub count: u64,
-    /// The least and the greatest, in the order of [`crate::attribute::ordered`]; the wrong way round if there are none.
+    /// Minimum and maximum, in the order of [`crate::attribute::ordered`]; inverted if there are
+    /// none.
     pub least: i64,
     pub most: i64,
-    /// The sum of all.
+    /// Sum of all numbers.
     pub sum: f64,
 }
 
@@ -49,53 +50,54 @@ impl ColumnStatistics {
     }
 }
 
-/// The least and the greatest of numbers of a type of whole numbers; the wrong way round if there are none.
+/// Returns the minimum and maximum of integers; inverted if there are none.
 fn extremes(numbers: &[i64], sample: SampleType) -> (i64, i64) {
     let has_room = sample.size() < 4 || sample == SampleType::I32;
     if numbers.is_empty() || !has_room {
         let least = numbers.iter().copied().min().unwrap_or(i64::MAX);
         return (least, numbers.iter().copied().max().unwrap_or(i64::MIN));
     }
-    // (Processors compare several numbers of 32 bits at a time.)
+    // 32-bit comparisons vectorize.
     let ends =
         |(least, most): (i32, i32), number: &i64| (least.min(*number as i32), most.max(*number as i32));
     let (least, most) = numbers.iter().fold((i32::MAX, i32::MIN), ends);
     (least.into(), most.into())
 }
 
-/// The sum of numbers of a type of whole numbers.
+/// Returns the sum of integers.
 fn whole_sum(numbers: &[i64], sample: SampleType) -> i128 {
     if sample.size() > 4 {
         return numbers.iter().map(|number| i128::from(*number)).sum();
     }
-    // (2^20 numbers of 32 bits have room in 64.)
+    // A sum of 2^20 32-bit numbers fits into 64 bits.
     numbers.chunks(1 << 20).map(|some| i128::from(some.iter().sum::<i64>())).sum()
 }
 
-/// Count of many points, and statistics of all their columns.
+/// Point count, and statistics of all columns.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Statistics {
-    /// Number of the points.
+    /// Number of points.
     pub points: u64,
     /// The columns: x, y, z on the grid, then the attributes.
     pub columns: Vec<ColumnStatistics>,
 }
 
-/// Bytes of a column's statistics.
+/// Size of a column's statistics in bytes.
 const COLUMN_BYTES: usize = 32;
 
-/// Bytes of the statistics of so many columns.
+/// Returns the size in bytes of the statistics of so many columns.
 pub(crate) fn statistics_bytes(columns: usize) -> usize {
     8 + COLUMN_BYTES * columns
 }
 
 impl Statistics {
-    /// Those of no points.
+    /// Returns the statistics of no points.
     pub(crate) fn none(columns: usize) -> Statistics {
         Statistics { points: 0, columns: vec![ColumnStatistics::NONE; columns] }
     }
 
-    /// Those of columns of numbers that are equally long. Numbers that encode "no value" are not counted.
+    /// Computes the statistics of columns of equal length. Numbers that encode "no value" are not
+    /// counted.
     pub(crate) fn of(columns: &[Vec<i64>], attributes: &[PointAttribute]) -> Statistics {
         let samples = [(SampleType::I32, None); 3]
             .into_iter()
@@ -117,7 +119,7 @@ impl Statistics {
         }
     }
 
-    /// Adds those of other points.
+    /// Adds the statistics of other points.
     pub(crate) fn add(&mut self, other: &Statistics) {
         self.points += other.points;
         for (own, other) in self.columns.iter_mut().zip(&other.columns) {
@@ -125,9 +127,9 @@ impl Statistics {
         }
     }
 
-    /// Least and greatest place on the grid of the points.
+    /// Returns the minimum and maximum position of the points on the grid.
     pub(crate) fn bounds(&self) -> [[i32; 3]; 2] {
-        // (Places are i32; those of no points stay the wrong way round.)
+        // Positions are `i32`; without points the bounds stay inverted.
         let number = |number: i64| number.clamp(i32::MIN.into(), i32::MAX.into()) as i32;
         [
             std::array::from_fn(|axis| number(self.columns[axis].least)),
@@ -145,7 +147,7 @@ impl Statistics {
         }
     }
 
-    /// Reads what was written of so many columns; the bytes must be as many.
+    /// Reads what `write` wrote; the length of the bytes determines the number of columns.
     pub(crate) fn read(bytes: &[u8]) -> Statistics {
         let eight = |at: usize| -> [u8; 8] { bytes[at..at + 8].try_into().expect("eight bytes") };
         let columns = (8..bytes.len()).step_by(COLUMN_BYTES).map(|at| ColumnStatistics {

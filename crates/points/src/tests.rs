@@ -1,4 +1,4 @@
-//! Trees of points against all points in memory.
+//! Compares point trees with linear searches of all points in memory.
 
 use std::collections::HashMap;
 
@@ -34,7 +34,7 @@ pub(crate) fn layout() -> RowLayout {
     )
 }
 
-/// Rows of points at places, with attributes by number.
+/// Returns rows of points at the positions; attributes derive from the index.
 pub(crate) fn rows(places: impl IntoIterator<Item = [i32; 3]>, layout: &RowLayout) -> Vec<u8> {
     let mut rows = Vec::new();
     for (number, place) in places.into_iter().enumerate() {
@@ -68,7 +68,7 @@ fn tree_of(rows: &[u8], dimension: Dimension, leaf_size: usize) -> PointTree {
     PointTree::from_bytes(bytes).unwrap()
 }
 
-/// The rows of a selection, in the order of their bytes.
+/// Returns the rows of a selection, sorted as bytes.
 fn selected(tree: &PointTree, selection: &Selection) -> Vec<Vec<u8>> {
     let mut found = Vec::new();
     let layout = tree.layout();
@@ -97,7 +97,7 @@ fn sorted(rows: &[u8], keep: impl Fn(&[u8]) -> bool) -> Vec<Vec<u8>> {
     rows
 }
 
-/// Places of all kinds: scattered, on a plane, in clumps, equal ones, on lines that divide.
+/// Positions of all kinds: scattered, on a plane, in clumps, equal ones, on split planes.
 pub(crate) fn all_places(count: usize, seed: u64) -> Vec<[i32; 3]> {
     let mut random = random(seed);
     let mut number = |below: u64| (random() % below) as i32;
@@ -139,7 +139,7 @@ fn all_points_are_there_once() {
 fn levels_have_points_in_all_parts_of_their_spacing() {
     for dimension in [Dimension::Oct, Dimension::Quad] {
         let rows = rows(all_places(30_000, 8), &layout());
-        // (A leaf of one point: nodes are divided as far as they can be.)
+        // A leaf size of one: nodes are divided as far as possible.
         let tree = tree_of(&rows, dimension, 1);
         let grid = tree.grid();
         let deepest = grid.deepest();
@@ -158,7 +158,8 @@ fn levels_have_points_in_all_parts_of_their_spacing() {
             expected.sort();
             expected.dedup();
             assert!(found == expected, "{dimension:?} {level}");
-            // (Beside a point for each part there are those of leaves: one point that is alone far and wide.)
+            // In addition to one point per sampling cell, there are leaves with one isolated point
+            // each.
             let leaves = tree.counts().0;
             assert!(
                 all <= found.len() + leaves,
@@ -218,7 +219,7 @@ fn regions_and_conditions_choose_as_looking_at_all_points_does() {
         assert_eq!(tree.count(&selection, &()).unwrap(), expected.len() as u64);
         assert_eq!(selected(&tree, &selection), expected);
 
-        // (Corners beside the grid, so that no point is on an edge.)
+        // Off-grid corners, so that no point is on an edge.
         let corner = |x: i32, y: i32| [f64::from(x) + 0.25, f64::from(y) + 0.37];
         let triangle = [
             corner(least[0], least[1]),
@@ -265,7 +266,8 @@ fn bytes_are_the_same_with_little_memory_and_many_threads() {
     }
 }
 
-/// Clumps of points in one part of the space after the other, on all scales: of most nodes there are more than any memory has room for.
+/// Clumps of points across space, at all scales. Most nodes have more points than fit into the
+/// memory limit.
 pub(crate) fn clumped_places(count: usize, seed: u64) -> Vec<[i32; 3]> {
     let mut random = random(seed);
     let clumps = [(16, 700_000), (12, 30_000), (9, 31_500), (20, 0)];
@@ -279,7 +281,8 @@ pub(crate) fn clumped_places(count: usize, seed: u64) -> Vec<[i32; 3]> {
 
 #[test]
 fn bytes_are_the_same_however_nodes_are_divided() {
-    // (Each clump has more points than are always assembled in memory, 4096, and all of them have more than 2 MiB hold.)
+    // Each clump has more than the 4096 points that are always assembled in memory, and all clumps
+    // together exceed 2 MiB.
     let rows = rows(clumped_places(35_000, 4), &layout());
     for dimension in [Dimension::Oct, Dimension::Quad] {
         for leaf_size in [20, 300, 3000] {
@@ -294,7 +297,7 @@ fn bytes_are_the_same_however_nodes_are_divided() {
             }
             let tree = PointTree::from_bytes(expected).unwrap();
             assert_eq!(tree.verify(&()).unwrap(), []);
-            // Nodes stand as they end, each with its blocks behind all that is below it.
+            // Nodes are in postorder, and a node's blocks follow everything below it.
             let mut blocks: Vec<_> = (0..tree.counts().1).map(|block| tree.entry(block).block).collect();
             blocks.sort_by_key(|block| block.offset);
             let end = |key| {
@@ -314,7 +317,7 @@ fn many_points_may_be_equal() {
     let options = PointBuildOptions { leaf_size: 50_000, memory: 8 << 20 };
     let (bytes, built) = bytes_of(&rows, Dimension::Oct, &options).unwrap();
     assert_eq!(built, BuildSummary { points: 1_000_002, duplicates: 999_999 });
-    // (All that tells them apart are times that go on evenly, and labels.)
+    // Only evenly spaced times and labels distinguish the points.
     assert!(bytes.len() < 800_000, "{}", bytes.len());
     let tree = PointTree::from_bytes(bytes).unwrap();
     let region = PointRegion::Ball([7.0, 8.0, 9.0], 0.5);
@@ -375,7 +378,7 @@ fn clocks_have_numbers_of_any_type() {
         for number in 0..500u64 {
             let place = [number as i32, (number * number % 97) as i32, 7];
             rows.extend(place.into_iter().flat_map(i32::to_le_bytes));
-            // (Of floats, none that are no numbers.)
+            // Floats without NaN.
             rows.push((random() % 3) as u8);
             rows.extend(match sample {
                 SampleType::F32 => (number as f32).to_le_bytes().to_vec(),

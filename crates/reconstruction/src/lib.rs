@@ -1,4 +1,5 @@
-//! Solids of what was seen of them: octrees that are carved by pictures from known directions, and of outlines at heights.
+//! Reconstruction of solids as octrees: carved by images from known directions, or interpolated
+//! between outlines at given heights.
 
 mod linear;
 mod outlines;

@@ -1,4 +1,4 @@
-//! Octrees of solids: what is planned, and building.
+//! Planning and building octrees of reconstructed solids.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use spinney_crs::Crs;
 use spinney_engine::store::build_with;
 use spinney_mesh::import::{Attribute, FittedCells, SolidOptions};
 
-/// A solid and the cells that it will have, ready to be built: see [`ReconstructionImport::build`].
+/// A solid and its planned cells, ready to be built: see [`ReconstructionImport::build`].
 pub struct ReconstructionImport {
     solid: Box<dyn Solid>,
     cells: FittedCells,
@@ -19,7 +19,7 @@ pub struct ReconstructionImport {
     description: Vec<(&'static str, String)>,
 }
 
-/// Fails if options are for surfaces, which neither pictures nor outlines tell.
+/// Rejects options for surfaces, about which images and outlines contain no data.
 pub(crate) fn check(path: &Path, options: &SolidOptions) -> Result<()> {
     if options.attribute != Attribute::Occupancy || options.shell || options.up != Up::Z {
         let found =
@@ -34,7 +34,8 @@ pub(crate) fn check(path: &Path, options: &SolidOptions) -> Result<()> {
 }
 
 impl ReconstructionImport {
-    /// A solid that was read: `told` is what it is made of, in words, and `provenance` what the file is to say of that.
+    /// Creates a plan for a solid that was read. `told` describes the input, and `provenance` is
+    /// stored in the file.
     pub(crate) fn new(
         solid: Box<dyn Solid>,
         cells: FittedCells,
@@ -51,15 +52,16 @@ impl ReconstructionImport {
         ReconstructionImport { solid, cells, options, provenance, description }
     }
 
-    /// Description of the plan: pairs of a heading and its text.
+    /// Returns a description of the plan: pairs of a heading and its text.
     pub fn description(&self) -> &[(&'static str, String)] {
         &self.description
     }
 
-    /// Builds the octree, on the threads of the current rayon pool; progress counts cells. Returns the number of cells that are not VOID.
+    /// Builds the octree on the threads of the current rayon pool. Progress counts cells. Returns
+    /// the number of cells that are not VOID.
     ///
     /// # Errors
-    /// If the output cannot be written, or on interruption; nothing is left behind then.
+    /// If the output cannot be written, or on cancellation. No output file is left then.
     pub fn build(self, output: Output, progress: &dyn Progress) -> Result<u64> {
         let ReconstructionImport { solid, cells, options, provenance, .. } = self;
         let build = cells.build_options(&options, provenance, &[]);

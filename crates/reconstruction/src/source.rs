@@ -1,4 +1,5 @@
-//! A solid as a source of an octree: blocks are settled where all of their cells are inside or outside, and divided elsewhere.
+//! A solid as an octree source. A block whose cells are all inside or all outside becomes uniform;
+//! other blocks are divided.
 
 use std::sync::Arc;
 
@@ -11,54 +12,54 @@ use spinney_engine::tree::{Child, Children, Source};
 /// Value of a cell that is inside.
 const FULL: u8 = 255;
 
-/// Levels of the blocks whose cells are decided at once.
+/// Number of levels of the blocks whose cells are evaluated at once.
 const BITS_LEVELS: u8 = 3;
 
-/// Where the cells of a block lie, as far as it is known.
+/// Classification of a block's cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Place {
-    /// All are outside.
+    /// All cells are outside.
     Void,
-    /// All are inside.
+    /// All cells are inside.
     Full,
-    /// Neither is sure.
+    /// The cells may differ.
     Mixed,
 }
 
 /// A cube of cells.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Block {
-    /// Its first cell.
+    /// The first cell.
     first: [u32; 3],
-    /// Cells along a side.
+    /// Number of cells along a side.
     pub(crate) width: u32,
 }
 
 impl Block {
-    /// Its centre.
+    /// Returns the block's centre.
     pub(crate) fn centre(self) -> [f64; 3] {
         self.first.map(|first| f64::from(first) + f64::from(self.width) / 2.0)
     }
 
-    /// How far the centres of its cells are from its own, along an axis.
+    /// Returns the maximum distance of the cells' centres from the block's centre, along an axis.
     pub(crate) fn reach(self) -> f64 {
         f64::from(self.width - 1) / 2.0
     }
 
-    /// The centre of a cell by its place in the block.
+    /// Returns the centre of a cell, given by its position in the block.
     pub(crate) fn cell(self, place: [u32; 3]) -> [f64; 3] {
         [0, 1, 2].map(|axis| f64::from(self.first[axis] + place[axis]) + 0.5)
     }
 }
 
-/// Which cells of a block of up to 8 x 8 x 8 are inside, in Z order.
+/// Bits of a block of up to 8 x 8 x 8 cells, in Z order: whether each cell is inside.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Bits([u64; 8]);
 
 impl Bits {
-    /// Asks for all cells of a block of so many along a side, by their places.
+    /// Evaluates all cells of a block with `width` cells along a side, by their positions.
     pub(crate) fn of(width: u32, is_inside: &mut dyn FnMut([u32; 3]) -> bool) -> Bits {
-        // Three bits of a coordinate, two further ones between each.
+        // Spreads three bits of a coordinate, with two bits between each.
         const SPREAD: [usize; 8] = [0, 1, 8, 9, 64, 65, 72, 73];
         let mut bits = Bits::default();
         for z in 0..width {
@@ -74,15 +75,17 @@ impl Bits {
     }
 }
 
-/// A solid over cells. Parts of what it is made of have numbers, so that blocks go on with those that matter in them.
+/// A solid over a grid of cells. Its inputs are numbered, so that each block keeps only those that
+/// are relevant in it.
 pub(crate) trait Solid: Send + Sync {
-    /// Number of its parts.
+    /// Number of inputs.
     fn parts(&self) -> u32;
 
-    /// Where a block lies, of whose cells the parts `near` decide. Those that still do in it are added to `still`.
+    /// Classifies a block by the inputs `near`. Appends those that are still undecided within the
+    /// block to `still`.
     fn place(&self, block: Block, near: &[u32], still: &mut Vec<u32>) -> Place;
 
-    /// The cells of a block of up to 8 x 8 x 8.
+    /// Evaluates the cells of a block of up to 8 x 8 x 8.
     fn cells(&self, block: Block, near: &[u32]) -> Bits;
 }
 
@@ -93,12 +96,12 @@ pub(crate) struct SolidTree<'a> {
     pub(crate) progress: &'a dyn Progress,
 }
 
-/// A node of which it is not known that it is uniform.
+/// A node that may not be uniform.
 #[derive(Clone)]
 pub(crate) enum SolidNode {
-    /// A block at a level, and the parts that matter in it.
+    /// A block, and the inputs that are relevant in it.
     Block(Block, Arc<[u32]>),
-    /// Cells in Z order, so many levels of them: two or one.
+    /// Cell bits in Z order, and their number of levels: two or one.
     Cells(u64, u8),
 }
 
@@ -108,7 +111,7 @@ impl SolidTree<'_> {
         match self.solid.place(block, near, &mut still) {
             Place::Void => Child::Void,
             Place::Full => Child::Leaf(Value::from([FULL])),
-            // (Of a tree that is one cell.)
+            // (If the tree has a single cell.)
             Place::Mixed if block.width == 1 => cells(self.solid.cells(block, near).0[0], 0),
             Place::Mixed => {
                 let near = if still.len() == near.len() { near.clone() } else { still.into() };
@@ -118,12 +121,12 @@ impl SolidTree<'_> {
     }
 }
 
-/// A node that is asked for its children. What stands for it is worked out by what stores the tree.
+/// Returns an INNER node. The representative is a dummy: the store computes it from the children.
 fn inner(node: SolidNode) -> Child<SolidNode> {
     Child::Inner { representative: Value::from([FULL]), node }
 }
 
-/// Cells in Z order: so many levels of them.
+/// Returns a node for cell bits in Z order with a number of levels.
 fn cells(bits: u64, levels: u8) -> Child<SolidNode> {
     let all = u64::MAX >> (64 - (1u32 << (3 * levels)));
     match bits & all {
@@ -164,7 +167,7 @@ impl Source for SolidTree<'_> {
         if levels <= BITS_LEVELS {
             let Bits(bits) = self.solid.cells(block, near);
             for (number, child) in (0..).zip(children) {
-                // (Of fewer levels, the first word has all cells.)
+                // (With fewer than 3 levels, the first word contains all cells.)
                 *child = match levels {
                     BITS_LEVELS => cells(bits[number], 2),
                     2 => cells(bits[0] >> (8 * number), 1),

@@ -1,4 +1,4 @@
-//! Rasters as surfaces of few triangles within an error.
+//! Approximation of rasters by surfaces of few triangles within a maximum error.
 
 use std::collections::BinaryHeap;
 
@@ -11,7 +11,7 @@ use crate::tin::{Tin, plane_height};
 use spinney_base::sort::float_key;
 use spinney_base::{Error, Progress, Result};
 
-/// A cell as a vertex.
+/// A raster cell as a vertex.
 struct Cell {
     column: u32,
     row: u32,
@@ -26,7 +26,7 @@ impl HasPosition for Cell {
     }
 }
 
-/// A cell of a triangle that is off by most, as long as the triangle is what it was.
+/// The cell of a triangle with the largest error. It is valid while the face's stamp is unchanged.
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
 struct Candidate {
     error: u64,
@@ -35,15 +35,19 @@ struct Candidate {
     cell: [u32; 2],
 }
 
-/// Insertions between two looks at whether to go on.
+/// Number of insertions between two checks for cancellation.
 const OFTEN: u64 = 1 << 12;
 
-/// Makes a surface of few triangles whose height at the centre of each cell with a value is off by at most `max_error`: of the two halves of the
-/// whole, the cell that is off by most becomes a vertex of the Delaunay triangulation, as long as one is off by more (greedy insertion, Garland &
-/// Heckbert 1995). Triangles with cells without a value alone are left out; others reach over their edge. Progress counts cells.
+/// Approximates a raster by a surface of few triangles. The surface's height at the centre of each
+/// cell with a value differs from that value by at most `max_error`. The Delaunay triangulation
+/// starts with the four corner cells. The cell with the largest error is inserted as a vertex until
+/// no error exceeds the maximum (greedy insertion, Garland & Heckbert 1995). Triangles that cover
+/// only cells without a value are left out. Other triangles may extend over such cells. Progress
+/// counts cells.
 ///
 /// # Errors
-/// If the grid has less than two columns or rows, or no value, `max_error` is no number from 0 on, or on interruption.
+/// If the grid has fewer than two columns or rows, or no value; if `max_error` is not a finite
+/// number from 0 on; on cancellation.
 pub fn approximate(grid: &HeightGrid, max_error: f64, progress: &dyn Progress) -> Result<Tin> {
     if !(max_error >= 0.0 && max_error.is_finite()) {
         return Err(Error::invalid("max error", max_error.to_string(), "a number from 0 on"));
@@ -77,8 +81,9 @@ pub fn approximate(grid: &HeightGrid, max_error: f64, progress: &dyn Progress) -
         let [column, row] = next.cell;
         let height = grid.heights[row as usize * grid.columns + column as usize];
         let vertex = greedy.insert(next.cell, height)?;
-        // Invariant: inserting changes no face but those around the new vertex (flips of edges end there), and faces keep their numbers: candidates of all others are true as they stand,
-        // and those of the faces that were changed have an old stamp.
+        // Invariant: an insertion changes only the faces around the new vertex (edge flips stay
+        // within them), and faces keep their indices. So candidates of all other faces remain
+        // valid, and those of changed faces have an old stamp.
         let around: Vec<_> = greedy
             .delaunay
             .vertex(vertex)
@@ -97,7 +102,7 @@ pub fn approximate(grid: &HeightGrid, max_error: f64, progress: &dyn Progress) -
     Ok(greedy.finish())
 }
 
-/// The height of a cell, or of the nearest one that has one.
+/// Returns the height of a cell, or of the nearest cell that has one.
 fn nearest(grid: &HeightGrid, [column, row]: [u32; 2]) -> f64 {
     let mut found = (f64::INFINITY, 0.0);
     for (at, height) in grid.heights.iter().enumerate().filter(|(_, height)| height.is_finite()) {
@@ -114,7 +119,7 @@ struct Greedy<'a> {
     grid: &'a HeightGrid,
     max_error: f64,
     delaunay: DelaunayTriangulation<Cell>,
-    /// How often each face has become another one.
+    /// Number of changes of each face so far.
     stamps: Vec<u32>,
     heap: BinaryHeap<Candidate>,
 }
@@ -126,7 +131,8 @@ impl Greedy<'_> {
             .map_err(|error| Error::invalid("cell", format!("{column}, {row}: {error}"), "a whole number"))
     }
 
-    /// Finds the cell of a triangle that is off by most.
+    /// Finds the cell of a triangle with the largest error, and queues it if the error exceeds the
+    /// maximum.
     fn look(&mut self, face: FixedFaceHandle<InnerTag>) {
         let number = face.index();
         if self.stamps.len() <= number {
@@ -139,7 +145,7 @@ impl Greedy<'_> {
         each_cell(corners, &mut |column, row| {
             let height = self.grid.heights[row * self.grid.columns + column];
             let found = plane_height(places, heights, [column as f64, row as f64]);
-            // (One that is no number is never off by more.)
+            // (The error of a cell without a value is NaN, which never compares as larger.)
             let error = (found - height).abs();
             if error > most && !corners.contains(&[column as i64, row as i64]) {
                 (most, cell) = (error, Some([column as u32, row as u32]));
@@ -151,7 +157,7 @@ impl Greedy<'_> {
         }
     }
 
-    /// The surface in the world.
+    /// Returns the surface in world coordinates.
     fn finish(self) -> Tin {
         let Greedy { grid, delaunay, .. } = self;
         let centre = |cell: &Cell| grid.centre(cell.column as usize, cell.row as usize);
@@ -173,7 +179,7 @@ impl Greedy<'_> {
             let [first, second, third] = face.vertices().map(|vertex| vertex.fix().index() as u32);
             triangles.push(if is_turned { [first, third, second] } else { [first, second, third] });
         }
-        // A cell whose triangles would all go keeps one of them.
+        // A vertex with a value whose triangles would all be dropped keeps one of them.
         let mut is_covered = vec![false; heights.len()];
         let kept = triangles.iter().zip(&is_kept).filter(|(_, is_kept)| **is_kept);
         kept.flat_map(|(corners, _)| corners).for_each(|corner| is_covered[*corner as usize] = true);
@@ -196,7 +202,7 @@ impl Greedy<'_> {
     }
 }
 
-/// Corners of a face as columns and rows, and their heights.
+/// Returns the corners of a face as columns and rows, and their heights.
 fn corners_of(
     delaunay: &DelaunayTriangulation<Cell>,
     face: FixedFaceHandle<InnerTag>,
@@ -206,13 +212,15 @@ fn corners_of(
     (places, vertices.map(|vertex| vertex.data().height))
 }
 
-/// Goes through the cells of a triangle, which is counterclockwise in columns and rows, its edges included.
+/// Visits the cells of a triangle, including those on its edges. The triangle is counterclockwise
+/// in columns and rows.
 fn each_cell([a, b, c]: [[i64; 2]; 3], each: &mut dyn FnMut(usize, usize)) {
     let (first, last) = (a[1].min(b[1]).min(c[1]), a[1].max(b[1]).max(c[1]));
     for row in first..=last {
         let (mut low, mut high) = (a[0].min(b[0]).min(c[0]), a[0].max(b[0]).max(c[0]));
         for [[ax, ay], [bx, by]] in [[a, b], [b, c], [c, a]] {
-            // In whole numbers, so that a cell on an edge is in both triangles beside it, and none is in neither. Left of the edge or on it: (bx - ax)(row - ay) >= (by - ay)(x - ax).
+            // Integer arithmetic: a cell on an edge is in both adjacent triangles, and no cell is
+            // missed. Left of the edge or on it means (bx - ax)(row - ay) >= (by - ay)(x - ax).
             let (rise, value) = (by - ay, (bx - ax) * (row - ay));
             if rise > 0 {
                 high = high.min(ax + value.div_euclid(rise));

@@ -1,30 +1,31 @@
-//! Heights at the centres of cells, and surfaces as such.
+//! Grids of heights at cell centres, and conversion of surfaces to grids.
 
 use crate::mesh::side;
 use crate::tin::Tin;
 use spinney_base::{Error, Result};
 
-/// Heights at the centres of cells in rows.
+/// Heights at the centres of the cells of a grid.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeightGrid {
-    /// Columns.
+    /// Number of columns.
     pub columns: usize,
-    /// Rows.
+    /// Number of rows.
     pub rows: usize,
-    /// Numbers a to f: the corner that comes first of a cell lies at x = a column + b row + c and y = d column + e row + f.
+    /// Affine coefficients a to f: the first corner of a cell is at x = a column + b row + c and y
+    /// = d column + e row + f.
     pub transform: [f64; 6],
-    /// Row by row; not a number where there is none.
+    /// Heights, row by row; NaN for cells without a value.
     pub heights: Vec<f64>,
 }
 
-/// Most cells of a grid: all of them are in memory.
+/// Maximum number of cells of a grid, all of which are in memory.
 const MAX_CELLS: usize = 1 << 30;
 
 impl HeightGrid {
-    /// A grid without heights.
+    /// Creates a grid without heights.
     ///
     /// # Errors
-    /// If there is no cell, there are too many, or the transform has no inverse.
+    /// If there is no cell or there are more than 2^30; if the transform has no inverse.
     pub fn new([columns, rows]: [usize; 2], transform: [f64; 6]) -> Result<HeightGrid> {
         let cells = columns.checked_mul(rows).filter(|cells| (1..=MAX_CELLS).contains(cells));
         let Some(cells) = cells else {
@@ -39,14 +40,14 @@ impl HeightGrid {
         Ok(HeightGrid { columns, rows, transform, heights: vec![f64::NAN; cells] })
     }
 
-    /// The centre of a cell.
+    /// Returns the coordinates of a cell's centre.
     pub fn centre(&self, column: usize, row: usize) -> [f64; 2] {
         let [a, b, c, d, e, f] = self.transform;
         let (column, row) = (column as f64 + 0.5, row as f64 + 0.5);
         [a * column + b * row + c, d * column + e * row + f]
     }
 
-    /// Columns and rows, from centres on, where a place is.
+    /// Converts a position to columns and rows relative to cell centres.
     fn cell_of(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let [a, b, c, d, e, f] = self.transform;
         let (x, y, determinant) = (x - c, y - f, a * e - b * d);
@@ -55,7 +56,8 @@ impl HeightGrid {
 }
 
 impl Tin {
-    /// Fills in the heights of a grid: linear in triangles, at the centres of cells; what lies beside the surface stays as it is.
+    /// Sets the heights of a grid at the cell centres that the surface covers, by linear
+    /// interpolation in triangles. Cells outside of the surface are not changed.
     pub fn fill(&self, grid: &mut HeightGrid) {
         for (number, _) in self.mesh.triangles.iter().enumerate() {
             let corners = self.mesh.corners(number);
@@ -75,7 +77,7 @@ impl Tin {
     }
 }
 
-/// Whole numbers below `count` in the range of some, with one more at both ends.
+/// Returns the integers below `count` in the range of some numbers, extended by one at both ends.
 fn span(numbers: [f64; 3], count: usize) -> std::ops::Range<usize> {
     let least = numbers.into_iter().fold(f64::INFINITY, f64::min);
     let most = numbers.into_iter().fold(f64::NEG_INFINITY, f64::max);
@@ -84,13 +86,13 @@ fn span(numbers: [f64; 3], count: usize) -> std::ops::Range<usize> {
     first.min(end)..end
 }
 
-/// Columns of a row that a triangle may have, with one more at both ends.
+/// Returns the columns of a row that a triangle may cover, extended by one at both ends.
 fn across(cells: &[[f64; 2]; 3], row: usize, count: usize) -> std::ops::Range<usize> {
     let row = row as f64;
     let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
     for at in 0..3 {
         let ([ax, ay], [bx, by]) = (cells[at], cells[(at + 1) % 3]);
-        // (A little room, since places were rounded on their way here.)
+        // (With a margin of half a row, because the positions are rounded.)
         for row in [row - 0.5, row + 0.5] {
             if (ay <= row && row <= by) || (by <= row && row <= ay) {
                 let share = if ay == by { 0.0 } else { (row - ay) / (by - ay) };

@@ -4,28 +4,28 @@ use crate::mesh::NONE;
 use crate::tin::Tin;
 use spinney_base::{Error, Result};
 
-/// A line of equal heights. Higher places are to its right.
+/// A line of equal height. Higher terrain is to its right.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Isoline {
-    /// The height.
+    /// Height of the line.
     pub level: f64,
-    /// Points on the edges of triangles, two or more; the last of a closed line is its first again.
+    /// Two or more points on edges of triangles. A closed line repeats its first point at the end.
     pub points: Vec<[f64; 2]>,
 }
 
 impl Isoline {
-    /// Whether the line ends where it begins.
+    /// Whether the line is closed.
     pub fn is_closed(&self) -> bool {
         self.points.len() > 2 && self.points.first() == self.points.last()
     }
 }
 
 impl Tin {
-    /// Hands out the lines of some levels, which ascend, level by level. A height that is equal to a level counts as above it, so that lines of a
-    /// level never cross or meet but in vertices.
+    /// Yields the isolines of ascending levels, level by level. A height equal to a level counts as
+    /// above it, so lines of a level never cross and meet only in vertices.
     ///
     /// # Errors
-    /// If levels are not finite or do not ascend, or `each` fails.
+    /// If levels are not finite or do not ascend; errors of `each`.
     pub fn isolines(&self, levels: &[f64], each: &mut dyn FnMut(Isoline) -> Result<()>) -> Result<()> {
         if levels.iter().any(|level| !level.is_finite()) || levels.windows(2).any(|pair| pair[0] >= pair[1]) {
             return Err(Error::invalid("levels", format!("{levels:?}"), "finite numbers that ascend"));
@@ -42,7 +42,7 @@ impl Tin {
         let mut is_done = vec![false; self.mesh.triangles.len()];
         for (level, triangles) in levels.iter().zip(&crossed) {
             triangles.iter().for_each(|triangle| is_done[*triangle as usize] = false);
-            // Lines that begin at the border first: what is left is closed.
+            // Lines that begin at the surface's boundary first. All remaining lines are closed.
             for at_border in [true, false] {
                 for triangle in triangles.iter().map(|triangle| *triangle as usize) {
                     if is_done[triangle] {
@@ -61,16 +61,17 @@ impl Tin {
         Ok(())
     }
 
-    /// The edges of a triangle where the line of a level, with higher places to its right, comes in and goes out.
+    /// Returns the edges by which the isoline of a level, with higher terrain to its right, enters
+    /// and leaves a triangle.
     fn ways(&self, triangle: usize, level: f64) -> (usize, usize) {
         let is_above = self.mesh.triangles[triangle].map(|corner| self.heights[corner as usize] >= level);
-        // (Corners go round counterclockwise.)
+        // (Vertices are counterclockwise.)
         let rising = (0..3).find(|at| !is_above[*at] && is_above[(at + 1) % 3]).unwrap_or(0);
         let falling = (0..3).find(|at| is_above[*at] && !is_above[(at + 1) % 3]).unwrap_or(0);
         (rising, falling)
     }
 
-    /// Goes along a line from a triangle on.
+    /// Traces a line from a triangle on.
     fn follow(&self, first: usize, level: f64, is_done: &mut [bool]) -> Option<Isoline> {
         let mut points: Vec<[f64; 2]> = Vec::new();
         let mut push = |point: [f64; 2]| {
@@ -90,11 +91,12 @@ impl Tin {
             }
             triangle = next as usize;
         }
-        // (Around a vertex on the level there is a line without a length.)
+        // (Around a vertex at the level, the line degenerates to a point.)
         (points.len() > 1).then_some(Isoline { level, points })
     }
 
-    /// The place where an edge has a height: the same from both of its sides.
+    /// Returns the point where an edge has a height. The result is the same from both sides of the
+    /// edge.
     fn crossing(&self, triangle: usize, edge: usize, level: f64) -> [f64; 2] {
         let corners = self.mesh.triangles[triangle];
         let (a, b) = (corners[edge], corners[(edge + 1) % 3]);

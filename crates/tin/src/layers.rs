@@ -1,4 +1,4 @@
-//! Layers between surfaces as closed bodies: exact models.
+//! Layers between surfaces as closed solids of an exact model.
 
 use std::collections::BTreeMap;
 
@@ -14,40 +14,43 @@ use spinney_crs::{Crs, PolygonParts};
 /// A surface that bounds layers.
 #[derive(Clone, Debug, Default)]
 pub struct LayerSurface {
-    /// Its name.
+    /// Name of the surface.
     pub name: String,
-    /// Its points.
+    /// Points of the surface.
     pub points: Vec<[f64; 3]>,
 }
 
-/// Surfaces between which layers lie, and how these are made.
+/// The surfaces between which layers lie, with breaklines and outlines.
 #[derive(Clone, Debug, Default)]
 pub struct LayerInput {
-    /// Two surfaces or more, from the top down.
+    /// Two or more surfaces, from top to bottom.
     pub surfaces: Vec<LayerSurface>,
     /// Lines that become edges of all surfaces, such as faults.
     pub breaklines: Vec<Vec<[f64; 2]>>,
-    /// Polygons outside of which there are no layers; without any they end at the convex hull of all points.
+    /// Polygons that bound the layers horizontally. Without any, layers extend to the convex hull
+    /// of all points.
     pub outlines: PolygonParts,
-    /// Points of a surface in one place with different heights.
+    /// Rule for points of a surface at the same position with different heights.
     pub duplicates: Duplicates,
 }
 
-/// Options of layers.
+/// Options for building layers.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct LayerOptions {
-    /// Width of the grid's steps; otherwise the least power of two with which the longest side has at most about 2^24 steps.
+    /// Width of a grid unit. Default: a quarter of the smallest power of two with which the longest
+    /// side has at most about 2^24 units, or that power of two if no grid with a quarter of it
+    /// fits.
     pub snap: Option<f64>,
-    /// The coordinate system.
+    /// Coordinate reference system.
     pub crs: Option<Crs>,
-    /// Unit of length, to be kept in the file.
+    /// Unit of length, stored in the file.
     pub unit: Option<String>,
-    /// Packing of the file.
+    /// Compression of the file.
     pub codec: Codec,
-    /// Bytes of memory for everything.
+    /// Memory limit, in bytes.
     pub memory: u64,
-    /// Provenance of the surfaces.
+    /// Provenance of the surfaces, stored in the file if not empty.
     pub provenance: String,
 }
 
@@ -59,50 +62,52 @@ impl Default for LayerOptions {
 }
 
 impl LayerOptions {
-    /// On the finest grid.
+    /// Returns the default options, with the finest grid.
     pub fn new() -> LayerOptions {
         LayerOptions::default()
     }
 }
 
-/// A layer that was made.
+/// Measures of a layer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LayerMeasure {
-    /// The names of the surfaces above and below it.
+    /// Names of the surfaces above and below the layer.
     pub name: String,
-    /// Its volume.
+    /// Volume, in cubic units of the coordinates.
     pub volume: f64,
-    /// The area of the plane that it covers.
+    /// Horizontal area that the layer covers, in square units of the coordinates.
     pub area: f64,
 }
 
-/// Counts of layers.
+/// Statistics of layers.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct LayerReport {
-    /// The layers, from the top down. One without a volume is not in the model.
+    /// The layers, from top to bottom. A layer without a volume is not in the model.
     pub layers: Vec<LayerMeasure>,
-    /// Faces of the model.
+    /// Number of faces of the model.
     pub faces: u64,
-    /// Places where an upper surface was below a lower one, and lies on it instead.
+    /// Number of vertices at which an upper surface was below a lower one and was moved up to it.
     pub clipped: u64,
-    /// Remarks on the points of all surfaces. Corners that were extended are those of all that were outside of the convex hull of a
-    /// surface's points.
+    /// Statistics of the points of all surfaces. `extended` counts, over all surfaces, vertices of
+    /// the common triangulation outside of the convex hull of the surface's points.
     pub surface: SurfaceReport,
-    /// The furthest that a point was moved to the grid.
+    /// Maximum displacement of a point by snapping to the grid, in units of the coordinates.
     pub displacement: f64,
-    /// Counts of the octree.
+    /// Statistics of the octree.
     pub built: BuildReport,
 }
 
-/// Makes a model of the layers between surfaces, each of which is an object. All surfaces are triangulated together: in one triangulation of the
-/// points of all, in which each has the heights of its own triangles where it has no point, and beside these that of the nearest place that it has.
-/// Where a surface is below the next one, the lower one stays and the upper one lies on it: the layer between them has no thickness there, and ends
-/// where they cross.
+/// Builds a model of the layers between surfaces. Each layer with a volume is a part of the model.
+/// All surfaces share one triangulation of the points of all. A surface's height at a point of
+/// another surface is interpolated in the surface's own triangles; outside of these it is the
+/// height of the nearest point on their boundary. Where a surface is below the next one, the lower
+/// one is kept and the upper one is moved up to it. The layer between them has no thickness there
+/// and ends where they cross.
 ///
 /// # Errors
-/// If there are less than two surfaces, one cannot be triangulated, lines cross, no layer has a volume, the file cannot be written, or on
-/// interruption. There is no file then.
+/// If there are fewer than two surfaces; if one cannot be triangulated; if breaklines cross; if no
+/// layer has a volume; if the file cannot be written; on cancellation. No output file is left then.
 pub fn build_layers(
     input: &LayerInput,
     options: &LayerOptions,
@@ -150,17 +155,18 @@ pub fn build_layers(
     Ok(LayerReport { layers, faces, clipped, surface, displacement, built })
 }
 
-/// Surfaces on one triangulation, in steps of a grid.
+/// Surfaces on a common triangulation, in grid units.
 struct Stack {
     grid: Grid,
     mesh: Mesh,
     places: Vec<[i32; 2]>,
-    /// Of each surface, from the top down, at each vertex.
+    /// Heights of each surface, from top to bottom, at each vertex.
     heights: Vec<Vec<i32>>,
 }
 
 impl Stack {
-    /// Triangulates the points of all surfaces, moved to a grid.
+    /// Triangulates the points of all surfaces, snapped to a grid. Also returns the maximum
+    /// displacement.
     fn new(input: &LayerInput, snap: Option<f64>, report: &mut SurfaceReport) -> Result<(Stack, f64)> {
         if input.surfaces.len() < 2 {
             let found = input.surfaces.len().to_string();
@@ -190,7 +196,7 @@ impl Stack {
         }
         let grid = match snap {
             Some(_) => Grid::over(bounds, snap)?,
-            // The finest grid that the box can have, since surfaces have triangles that are thin.
+            // A grid finer than the default if possible, because surfaces have thin triangles.
             None => {
                 let usual = Grid::over(bounds, None)?;
                 Grid::over(bounds, Some(usual.width() / 4.0)).unwrap_or(usual)
@@ -247,7 +253,7 @@ impl Stack {
         if mesh.triangles.is_empty() {
             return Err(Error::invalid("outline", "one without an area", "polygons with an area"));
         }
-        // (Points that were made lie between those of the grid.)
+        // (Points created at crossings of lines are not on the grid.)
         let snapped: Vec<[i32; 2]> =
             mesh.points.iter().map(|place| place.map(|at| at.round_ties_even() as i32)).collect();
         let mut heights = Vec::new();
@@ -263,13 +269,14 @@ impl Stack {
         Ok((Stack { grid, mesh, places: snapped, heights }, furthest))
     }
 
-    /// How far a surface is above the next one.
+    /// Returns the height of a surface above the next one at a vertex.
     fn above(&self, upper: usize, vertex: u32) -> i64 {
         i64::from(self.heights[upper][vertex as usize]) - i64::from(self.heights[upper + 1][vertex as usize])
     }
 
-    /// Lets no surface be below the next one: from the lowest on, triangles are divided where two cross, and the upper one takes the heights of the
-    /// lower one where it is below. Returns how many vertices were.
+    /// Makes the surfaces ordered, from the lowest one up: divides triangles where two surfaces
+    /// cross, and moves the upper one to the lower one where it is below. Returns the number of
+    /// vertices that were moved.
     fn put_in_order(&mut self) -> Result<u64> {
         let mut clipped = 0;
         for upper in (0..self.heights.len() - 1).rev() {
@@ -285,8 +292,8 @@ impl Stack {
     }
 
     /// Divides triangles along the line where a surface crosses the next one.
-    // Invariant: surfaces in order stay so: heights of new vertices are rounded from the same shares of an edge, which keeps an order that both of
-    // its ends have.
+    // Invariant: ordered surfaces stay ordered. Heights of a new vertex are rounded from the same
+    // position on an edge, which preserves an order that holds at both of the edge's ends.
     fn divide(&mut self, upper: usize) -> Result<()> {
         let mut crossings: BTreeMap<[u32; 2], u32> = BTreeMap::new();
         loop {
@@ -300,7 +307,7 @@ impl Stack {
                         continue;
                     }
                     let place = self.between(a, b, from, from - to);
-                    // A crossing that is moved to the end of its edge is there.
+                    // A crossing that snaps to an end of its edge is moved to that end.
                     match [a, b].into_iter().find(|end| self.places[*end as usize] == place) {
                         None => _ = crossings.insert([a, b], NONE),
                         Some(end) => {
@@ -337,7 +344,8 @@ impl Stack {
                 triangles.push(*corners);
                 continue;
             }
-            // The corners of one side are between the two where surfaces meet: first those on one side, and then those on the other.
+            // Rotate the ring to start at one of the two vertices where the surfaces meet. The
+            // other one then separates the vertices on one side from those on the other.
             let first = (0..ring.len()).find(|at| self.above(upper, ring[*at]) == 0).unwrap_or(0);
             ring.rotate_left(first);
             let second = (1..ring.len()).find(|at| self.above(upper, ring[*at]) == 0).unwrap_or(1);
@@ -363,7 +371,7 @@ impl Stack {
         Ok(())
     }
 
-    /// The place at a share of an edge.
+    /// Returns the position at `part / whole` of an edge.
     fn between(&self, a: u32, b: u32, part: i64, whole: i64) -> [i32; 2] {
         let (from, to) = (self.places[a as usize], self.places[b as usize]);
         [0, 1].map(|axis| share(from[axis], to[axis], part, whole))
@@ -374,8 +382,9 @@ impl Stack {
         (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
     }
 
-    /// Adds the faces of the layer below a surface: those above, those below, and walls where it has a thickness at the end of what there is.
-    /// Returns its volume, and the area that it covers.
+    /// Adds the faces of the layer below a surface: top faces, bottom faces, and walls where the
+    /// layer has a thickness at the boundary. Returns its volume and the horizontal area that it
+    /// covers.
     fn push_layer(&self, upper: usize, part: u32, builder: &mut ModelBuilder) -> Result<(f64, f64)> {
         let is_thick = |triangle: usize| {
             self.mesh.triangles[triangle].iter().any(|corner| self.above(upper, *corner) > 0)
@@ -419,10 +428,10 @@ impl Stack {
     }
 }
 
-/// Number at a share of the way between two numbers, rounded.
+/// Interpolates between two numbers at `part / whole`, rounded to the nearest integer.
 fn share(from: i32, to: i32, part: i64, whole: i64) -> i32 {
     let (from, to, part, whole) = (i128::from(from), i128::from(to), i128::from(part), i128::from(whole));
     let (part, whole) = if whole < 0 { (-part, -whole) } else { (part, whole) };
-    // (Half a step more, and down: halves go up, whatever their sign.)
+    // (Adding one half and rounding down rounds halves up, whatever their sign.)
     ((2 * (from * (whole - part) + to * part) + whole).div_euclid(2 * whole)) as i32
 }

@@ -1,5 +1,8 @@
-//! Surfaces over the plane as triangulated irregular networks (TIN): of scattered points with breaklines and outlines, of rasters within an
-//! error, and back; isolines; and the closed bodies between several surfaces as exact models.
+//! Triangulated irregular networks (TIN): surfaces over the plane.
+//!
+//! They are made from scattered points with breaklines and outlines, or from rasters within a
+//! maximum error, and can be converted back to rasters. Isolines can be traced on them, and the
+//! layers between several surfaces become exact models.
 
 mod greedy;
 mod grid;

@@ -7,24 +7,24 @@ use spade::{
 };
 use spinney_base::{Error, Result};
 
-/// No triangle, beyond an edge.
+/// Marks an edge without an adjacent triangle.
 pub(crate) const NONE: u32 = u32::MAX;
-/// The number of a vertex that was made where two lines cross.
+/// Number of a vertex that was created where two lines cross.
 const MADE: u32 = u32::MAX;
 
 /// A triangulation of the plane.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Mesh {
     pub points: Vec<[f64; 2]>,
-    /// Counterclockwise.
+    /// Vertex indices of each triangle, counterclockwise.
     pub triangles: Vec<[u32; 3]>,
-    /// Beyond the edge from a corner to the next one.
+    /// Adjacent triangle at each edge; edge `i` leads from vertex `i` to the next one.
     pub neighbours: Vec<[u32; 3]>,
-    /// Edges that lines ask for, each with its lower number first, in order.
+    /// Constraint edges, each with its lower index first, in ascending order.
     pub constraints: Vec<[u32; 2]>,
 }
 
-/// The side of the line from `a` to `b` that a point is on, exactly: above zero on the left.
+/// Side of the line from `a` to `b` on which a point lies: positive on the left. The sign is exact.
 pub(crate) fn side(a: [f64; 2], b: [f64; 2], p: [f64; 2]) -> f64 {
     let at = |[x, y]: [f64; 2]| Coord { x, y };
     orient2d(at(a), at(b), at(p))
@@ -43,15 +43,15 @@ impl HasPosition for Vertex {
     }
 }
 
-/// Lines that a triangulation has to have as edges, by the numbers of points.
+/// Lines that become edges of the triangulation, by the indices of their ends.
 pub(crate) struct Lines<'a> {
-    /// Those that must not cross.
+    /// Segments that must not cross others.
     pub breaklines: &'a [[u32; 2]],
-    /// Those that may cross others: a point is made there.
+    /// Segments that may cross others: a vertex is created at the crossing.
     pub outlines: &'a [[u32; 2]],
 }
 
-/// Fault of a coordinate.
+/// Creates the error for an invalid coordinate.
 fn refused(error: InsertionError, [x, y]: [f64; 2]) -> Error {
     let expected = match error {
         InsertionError::TooSmall => "coordinates that are 0 or not below 2^-142 in size",
@@ -61,10 +61,10 @@ fn refused(error: InsertionError, [x, y]: [f64; 2]) -> Error {
     Error::invalid("point", format!("{x}, {y}"), expected)
 }
 
-/// The numbers of three points that are not in one line.
+/// Returns the indices of three points that are not collinear.
 ///
 /// # Errors
-/// If there are none, or a coordinate is too large, too small or no number.
+/// If there are none; if a coordinate is too large, too small or NaN.
 fn check_spread(points: &[[f64; 2]]) -> Result<[u32; 3]> {
     for point in points {
         for coordinate in point {
@@ -82,8 +82,10 @@ fn check_spread(points: &[[f64; 2]]) -> Result<[u32; 3]> {
     })
 }
 
-/// The numbers of points in an order in which each is soon found from the one before, however they lie: first three that are not in one line, then rounds
-/// that double (Amenta, Choi, Rote 2003), each along a Z curve.
+/// Returns the indices of points in an insertion order in which each point is found quickly from
+/// the previous one, whatever their distribution: three points that are not collinear, then a
+/// biased randomized insertion order of rounds that double in size (Amenta, Choi, Rote 2003), each
+/// along a Z curve.
 fn order_of(points: &[[f64; 2]], first: [u32; 3]) -> Vec<u32> {
     let mut ends = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
     for [x, y] in points {
@@ -105,7 +107,7 @@ fn order_of(points: &[[f64; 2]], first: [u32; 3]) -> Vec<u32> {
     };
     let mut keys: Vec<(u8, u64, u32)> = Vec::with_capacity(points.len());
     for (number, [x, y]) in (0u32..).zip(points) {
-        // (Half of all numbers are of the last round, a quarter of the one before.)
+        // (The last round has half of all points, the one before a quarter.)
         let mixed = u64::from(number).wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         let mixed = (mixed ^ mixed >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         let round = u8::MAX - (mixed ^ mixed >> 32).leading_zeros() as u8;
@@ -120,14 +122,16 @@ fn order_of(points: &[[f64; 2]], first: [u32; 3]) -> Vec<u32> {
 }
 
 impl Mesh {
-    /// Triangulates points, no two of which are equal.
+    /// Triangulates distinct points.
     ///
-    /// The triangulation is spade's: its decisions are exact (Shewchuk's predicates) for all coordinates that it takes, a million points take
-    /// seconds, and it says beforehand whether a constraint can be added. What it lacks is done here: its bulk loading takes quadratic time where most
-    /// points are in one line, so that points are inserted one by one, in an order of our own; and lines that cross are told with the place.
+    /// The triangulation is done by spade. Its predicates are exact (Shewchuk) for all valid
+    /// coordinates, a million points take seconds, and it can check whether a constraint can be
+    /// added. Two things are added here. Spade's bulk loading takes quadratic time if most points
+    /// are collinear, so points are inserted individually in the order of `order_of`. And errors
+    /// about crossing lines name their positions.
     ///
     /// # Errors
-    /// If the points have no area, a coordinate is too large, or breaklines cross.
+    /// If all points are collinear; if a coordinate is invalid; if breaklines cross.
     pub(crate) fn new(points: &[[f64; 2]], lines: &Lines<'_>) -> Result<Mesh> {
         let first = check_spread(points)?;
         if points.len() >= MADE as usize / 4 {
@@ -190,17 +194,17 @@ impl Mesh {
         Ok(mesh)
     }
 
-    /// The corners of a triangle.
+    /// Returns the corners of a triangle.
     pub(crate) fn corners(&self, triangle: usize) -> [[f64; 2]; 3] {
         self.triangles[triangle].map(|corner| self.points[corner as usize])
     }
 
-    /// Whether an edge is one that lines asked for.
+    /// Whether an edge is a constraint.
     pub(crate) fn is_constraint(&self, [a, b]: [u32; 2]) -> bool {
         self.constraints.binary_search(&[a.min(b), a.max(b)]).is_ok()
     }
 
-    /// Edges beyond which there is nothing.
+    /// Returns the edges with a triangle on one side only.
     pub(crate) fn boundary(&self) -> Vec<[u32; 2]> {
         let edges = self.triangles.iter().zip(&self.neighbours).flat_map(|(corners, beyond)| {
             (0..3).filter(|at| beyond[*at] == NONE).map(|at| [corners[at], corners[(at + 1) % 3]])
@@ -208,8 +212,8 @@ impl Mesh {
         edges.collect()
     }
 
-    /// A triangle that a point is in, or on whose edge it is, of a triangulation whose outline is convex. `near` is where to begin, and becomes
-    /// where the point was found.
+    /// Returns a triangle that contains a point, possibly on its edge, in a triangulation with a
+    /// convex boundary. The walk starts at triangle `near`, which is set to the result.
     pub(crate) fn locate(&self, point: [f64; 2], near: &mut usize) -> Option<usize> {
         let mut at = (*near).min(self.triangles.len().checked_sub(1)?);
         for step in 0..4 * self.triangles.len() {
@@ -223,11 +227,12 @@ impl Mesh {
                 Some(next) => at = next as usize,
             }
         }
-        // (A walk in a constrained triangulation may go round in circles.)
+        // (A walk in a constrained triangulation may cycle.)
         self.scan(point)
     }
 
-    /// A triangle that a point is in, however the surface is bounded: a walk around a bay leaves it.
+    /// Returns a triangle that contains a point, for any boundary: the walk may leave a concave one
+    /// too early.
     pub(crate) fn find(&self, point: [f64; 2], near: &mut usize) -> Option<usize> {
         self.locate(point, near).or_else(|| self.scan(point))
     }
@@ -241,7 +246,8 @@ impl Mesh {
         side(corners[edge], corners[(edge + 1) % 3], point) < 0.0
     }
 
-    /// Drops triangles, and then points that are in none, but for the first of these.
+    /// Keeps the triangles that match, and the points that they use. Returns the old indices of
+    /// these points.
     pub(crate) fn keep(&mut self, is_kept: &dyn Fn(usize) -> bool) -> Vec<u32> {
         let triangles: Vec<[u32; 3]> =
             (0..self.triangles.len()).filter(|at| is_kept(*at)).map(|at| self.triangles[at]).collect();
@@ -258,7 +264,7 @@ impl Mesh {
         self.points = kept.iter().map(|old| self.points[*old as usize]).collect();
         self.triangles = triangles.into_iter().map(|corners| corners.map(renumber)).collect();
         self.neighbours = neighbours(&self.triangles);
-        // (A line that goes on outside has no triangle there.)
+        // (A constraint outside of the kept triangles is dropped.)
         let mut edges: Vec<[u32; 2]> = self.triangles.iter().flat_map(edges_of).collect();
         edges.sort_unstable();
         let constraints = std::mem::take(&mut self.constraints);
@@ -272,13 +278,13 @@ impl Mesh {
     }
 }
 
-/// The edges of a triangle, each with its lower number first.
+/// Returns the edges of a triangle, each with its lower index first.
 fn edges_of(corners: &[u32; 3]) -> [[u32; 2]; 3] {
     let [a, b, c] = *corners;
     [[a, b], [b, c], [c, a]].map(|[a, b]| [a.min(b), a.max(b)])
 }
 
-/// The triangles beyond the edges of each.
+/// Returns the adjacent triangles at the edges of each triangle.
 pub(crate) fn neighbours(triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
     let mut sides: Vec<([u32; 2], u32, u8)> = Vec::with_capacity(3 * triangles.len());
     for (number, corners) in (0..).zip(triangles) {

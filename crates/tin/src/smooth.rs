@@ -3,9 +3,10 @@
 use crate::tin::Tin;
 
 impl Tin {
-    /// Smooths the heights so many times (Laplacian smoothing, Field 1988, of heights alone): each goes half of the way to the mean of its
-    /// neighbours'. Places stay, so that the triangles do; vertices on breaklines and at the border keep their heights, so that faults stay sharp
-    /// and volumes meet. No height leaves the range of those before.
+    /// Smooths the heights `times` times (Laplacian smoothing, Field 1988, of heights only): each
+    /// height moves half of the way to the mean of its neighbours' heights. Horizontal positions
+    /// and triangles do not change. Vertices on breaklines and at the boundary keep their heights,
+    /// so that faults stay sharp and adjacent volumes match. No height leaves the original range.
     #[must_use]
     pub fn smoothed(&self, times: u32) -> Tin {
         let mut is_pinned = vec![false; self.heights.len()];
@@ -14,7 +15,8 @@ impl Tin {
         let mut heights = self.heights.clone();
         for _ in 0..times {
             let mut sums = vec![(0.0, 0u32); heights.len()];
-            // (Around a vertex inside each edge is the first one of one triangle.)
+            // (Around an interior vertex, each edge from it is the directed edge of exactly one
+            // triangle, so each neighbour counts once.)
             for [a, b, c] in &self.mesh.triangles {
                 for [from, to] in [[a, b], [b, c], [c, a]] {
                     sums[*from as usize].0 += heights[*to as usize];

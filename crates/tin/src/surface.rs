@@ -1,47 +1,50 @@
-//! Surfaces of scattered points, with lines that they have to have as edges.
+//! Surfaces of scattered points, with lines that become edges.
 
 use crate::mesh::{Lines, Mesh, NONE};
 use crate::tin::Tin;
 use spinney_base::{Error, Result};
 use spinney_crs::PolygonParts;
 
-/// Rule for points in one place with different heights.
+/// Rule for points at the same position with different heights.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Duplicates {
-    /// An error.
+    /// Reports an error.
     #[default]
     Refuse,
-    /// Their mean.
+    /// Uses the mean of the heights.
     Mean,
 }
 
-/// Points and lines that a surface is made of.
+/// Points and lines of a surface.
 #[derive(Clone, Debug, Default)]
 pub struct SurfaceInput {
     /// Points of the surface.
     pub points: Vec<[f64; 3]>,
-    /// Lines that become edges, such as faults and ridges. A height that is not a number is that of the points around.
+    /// Lines that become edges, such as faults and ridges. A vertex with the height NaN gets the
+    /// height of the surface through the other points.
     pub breaklines: Vec<Vec<[f64; 3]>>,
-    /// Polygons, each an outer ring and its holes: there are no triangles outside. Without any there are triangles in the points' convex hull.
+    /// Polygons, each an outer ring and its holes, that bound the surface. Without any, the surface
+    /// covers the convex hull of the points.
     pub outlines: PolygonParts,
-    /// Points in one place with different heights.
+    /// Rule for points at the same position with different heights.
     pub duplicates: Duplicates,
 }
 
-/// Remarks on a surface.
+/// Statistics of a surface.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SurfaceReport {
-    /// Points that are where another one is.
+    /// Number of points at the position of another point.
     pub duplicates: u64,
-    /// Places where these had different heights, of which there is the mean.
+    /// Number of positions with different heights, which were averaged.
     pub averaged: u64,
-    /// Corners of lines outside of the convex hull of all that has heights: they have that of the nearest place in it.
+    /// Number of line vertices outside of the convex hull of all points with heights. They get the
+    /// height of the nearest point on the hull.
     pub extended: u64,
-    /// Points that were made where outlines cross breaklines.
+    /// Number of vertices that were created where outlines cross breaklines.
     pub crossings: u64,
 }
 
-/// Points with heights, each place once.
+/// Distinct positions, ordered by x and y, with their heights.
 #[derive(Default)]
 pub(crate) struct Places {
     pub places: Vec<[f64; 2]>,
@@ -49,10 +52,10 @@ pub(crate) struct Places {
 }
 
 impl Places {
-    /// Puts points in order of their places, with one height for each.
+    /// Sorts points by position and merges those at the same position.
     ///
     /// # Errors
-    /// If a number is not finite, or heights differ and that is refused.
+    /// If a number is not finite, or if heights at a position differ and `duplicates` refuses that.
     pub(crate) fn of(
         points: &[[f64; 3]],
         duplicates: Duplicates,
@@ -61,7 +64,7 @@ impl Places {
         if let Some(point) = points.iter().find(|point| point.iter().any(|at| !at.is_finite())) {
             return Err(Error::invalid("point of a surface", format!("{point:?}"), "finite numbers"));
         }
-        // (Zero has two signs.)
+        // (Adding 0.0 turns -0.0 into 0.0.)
         let mut sorted: Vec<[f64; 3]> = points.iter().map(|point| point.map(|at| at + 0.0)).collect();
         sorted.sort_by(|a, b| order(a, b).then(a[2].total_cmp(&b[2])));
         let mut places = Places::default();
@@ -89,7 +92,7 @@ impl Places {
         Ok(places)
     }
 
-    /// The number of a place.
+    /// Returns the index of a position.
     pub(crate) fn number(&self, [x, y]: [f64; 2]) -> Option<u32> {
         let place = [x, y].map(|at| at + 0.0);
         let found = self.places.binary_search_by(|other| order(other, &place));
@@ -97,23 +100,24 @@ impl Places {
     }
 }
 
-/// The order of places.
+/// Compares positions.
 pub(crate) fn order(a: &[f64], b: &[f64]) -> std::cmp::Ordering {
     a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1]))
 }
 
-/// Makes a surface of scattered points: their Delaunay triangulation, in which lines are edges. Corners of outlines, and of breaklines without
-/// heights, have those that the surface has without them.
+/// Triangulates scattered points: the result is their Delaunay triangulation with lines as edges.
+/// Vertices of outlines, and vertices of breaklines without heights, get the heights of the surface
+/// without them.
 ///
 /// # Errors
-/// If there are no three points that are not in one line, a number is not finite, heights at one place differ and that is refused, or
-/// breaklines cross beside their corners.
+/// If all points are on one line; if a number is not finite; if heights at a position differ and
+/// the input refuses that; if breaklines cross other than in vertices.
 pub fn triangulate(input: &SurfaceInput) -> Result<(Tin, SurfaceReport)> {
     let mut report = SurfaceReport::default();
     let known = input.breaklines.iter().flatten().filter(|corner| !corner[2].is_nan());
     let all: Vec<[f64; 3]> = input.points.iter().chain(known).copied().collect();
     let mut places = Places::of(&all, input.duplicates, &mut report)?;
-    // (Corners of neighbouring segments are there twice, which is nothing to tell of.)
+    // (Vertices shared by consecutive segments do not count as duplicates.)
     let alone = Places::of(&input.points, Duplicates::Mean, &mut SurfaceReport::default())?;
     report.duplicates = (input.points.len() - alone.places.len()) as u64;
 
@@ -150,7 +154,7 @@ pub fn triangulate(input: &SurfaceInput) -> Result<(Tin, SurfaceReport)> {
     Ok((Tin { mesh, heights }, report))
 }
 
-/// Adds places with the heights that a surface has there.
+/// Adds positions with the heights of a surface.
 fn add(places: Places, tin: &Tin, corners: &[[f64; 2]], report: &mut SurfaceReport) -> Result<Places> {
     if let Some(corner) = corners.iter().find(|corner| corner.iter().any(|at| !at.is_finite())) {
         return Err(Error::invalid("corner of a line", format!("{corner:?}"), "finite numbers"));
@@ -171,7 +175,7 @@ fn add(places: Places, tin: &Tin, corners: &[[f64; 2]], report: &mut SurfaceRepo
     Places::of(&all, Duplicates::Refuse, &mut SurfaceReport::default())
 }
 
-/// The segments of lines, by the numbers of their ends.
+/// Returns the segments of lines, by the indices of their ends.
 fn segments(lines: &[Vec<[f64; 3]>], places: &Places) -> Vec<[u32; 2]> {
     let ends = lines.iter().flat_map(|line| line.windows(2));
     let numbers = ends.filter_map(|ends| {
@@ -181,7 +185,7 @@ fn segments(lines: &[Vec<[f64; 3]>], places: &Places) -> Vec<[u32; 2]> {
     numbers.collect()
 }
 
-/// The segments of rings, by the numbers of their ends.
+/// Returns the segments of rings, by the indices of their ends.
 pub(crate) fn ring_segments(polygons: &PolygonParts, places: &Places) -> Vec<[u32; 2]> {
     let mut found = Vec::new();
     for ring in polygons.iter().flatten() {
@@ -195,7 +199,8 @@ pub(crate) fn ring_segments(polygons: &PolygonParts, places: &Places) -> Vec<[u3
     found
 }
 
-/// Which triangles are inside of polygons, whose rings are edges: of all that hang together without a line between them, one is asked.
+/// Returns which triangles are inside of polygons whose rings are edges of the mesh. Tests one
+/// triangle for each component that constraints separate.
 pub(crate) fn inside(mesh: &Mesh, polygons: &PolygonParts) -> Vec<bool> {
     let mut group = vec![NONE; mesh.triangles.len()];
     let mut answers = Vec::new();
@@ -210,7 +215,7 @@ pub(crate) fn inside(mesh: &Mesh, polygons: &PolygonParts) -> Vec<bool> {
             let [a, b, c] = mesh.corners(triangle);
             let area = crate::mesh::side(a, b, c);
             if area > largest.0 {
-                // (Thirds first, so that nothing overflows.)
+                // (Divided first, so that the sum does not overflow.)
                 largest = (area, [0, 1].map(|axis| a[axis] / 3.0 + b[axis] / 3.0 + c[axis] / 3.0));
             }
             let corners = mesh.triangles[triangle];
@@ -230,7 +235,7 @@ pub(crate) fn inside(mesh: &Mesh, polygons: &PolygonParts) -> Vec<bool> {
     group.iter().map(|group| answers[*group as usize]).collect()
 }
 
-/// Whether a place is inside of a polygon: its rings go round it an odd number of times.
+/// Whether a position is inside a polygon, by the even-odd rule.
 fn is_inside(polygon: &[Vec<[f64; 2]>], place: [f64; 2]) -> bool {
     let mut is_odd = false;
     for ring in polygon {

@@ -1,4 +1,4 @@
-//! Surfaces against models that try everything.
+//! Surfaces compared with brute-force models.
 
 use crate::{
     Duplicates, HeightGrid, Isoline, LayerInput, LayerOptions, LayerSurface, SurfaceInput, Tin, approximate,
@@ -9,7 +9,7 @@ use spinney_base::io::Output;
 use spinney_brep::ExactModel;
 use spinney_brep::query::MassProperties;
 
-/// Random numbers below a bound, with a fixed seed.
+/// Pseudorandom numbers below a bound, from a seed.
 fn random(seed: u64) -> impl FnMut(u64) -> u64 {
     let mut state = seed;
     move |below| {
@@ -18,7 +18,7 @@ fn random(seed: u64) -> impl FnMut(u64) -> u64 {
     }
 }
 
-/// Points with heights that a function gives, in places that may repeat.
+/// Points with heights from a function, at positions that may repeat.
 fn scattered(count: usize, below: u64, seed: u64, height: &dyn Fn(f64, f64) -> f64) -> Vec<[f64; 3]> {
     let mut random = random(seed);
     let mut place = || random(below) as f64;
@@ -39,7 +39,7 @@ fn area(points: &[[f64; 2]]) -> f64 {
     points.iter().zip(next).map(|(a, b)| a[0] * b[1] - a[1] * b[0]).sum::<f64>() / 2.0
 }
 
-/// The area of the convex hull, by wrapping.
+/// The area of the convex hull, by gift wrapping.
 fn hull_area(points: &[[f64; 2]]) -> f64 {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
@@ -62,7 +62,8 @@ fn hull_area(points: &[[f64; 2]]) -> f64 {
     area(&hull)
 }
 
-/// Each triangle is counterclockwise, they cover the area, and no circle around one has a point inside.
+/// Checks that triangles are counterclockwise and cover the area, and that no circumcircle contains
+/// a point.
 fn check_delaunay(tin: &Tin) {
     let points: Vec<[f64; 2]> = tin.vertices().map(|[x, y, _]| [x, y]).collect();
     let mut sum = 0.0;
@@ -98,7 +99,8 @@ fn lines_are_edges() {
     for seed in 0..40 {
         let points = scattered(60, 30, seed, &|x, y| x * y);
         let mut random = random(seed + 100);
-        // Lines along rows and columns, which meet in points of the grid or not at all, and one without heights.
+        // Lines along rows and columns, which meet in grid points or not at all, and one without
+        // heights.
         let row = random(30) as f64;
         let line = |y: f64| vec![[-1.0, y, -y], [12.0, y, 12.0 * y], [31.0, y, 31.0 * y]];
         let unknown = vec![[3.5, row + 0.25, f64::NAN], [9.5, row + 0.25, f64::NAN]];
@@ -148,7 +150,7 @@ fn outlines_bound_the_surface() {
     let mut input = of_points(points);
     let outer = vec![[10.0, 10.0], [90.0, 20.0], [80.0, 85.0], [50.0, 40.0], [15.0, 70.0], [10.0, 10.0]];
     let hole = vec![[30.0, 20.0], [40.0, 20.0], [40.0, 30.0], [30.0, 30.0]];
-    // A fault goes on beyond the outline.
+    // A fault extends beyond the outline.
     input.breaklines = vec![vec![[0.0, 33.5, f64::NAN], [100.0, 36.5, f64::NAN]]];
     input.outlines = vec![vec![outer.clone(), hole.clone()]];
     let (tin, report) = triangulate(&input).unwrap();
@@ -161,7 +163,8 @@ fn outlines_bound_the_surface() {
     for [x, y, z] in tin.vertices() {
         assert!((z - x - 2.0 * y).abs() < 1e-9);
     }
-    // Beyond the convex hull heights are those of the nearest place, and that is told.
+    // Outside of the convex hull, heights are those of the nearest point on it, and the report
+    // counts these vertices.
     input.outlines = vec![vec![vec![[-50.0, 40.0], [20.0, 40.0], [20.0, 50.0], [-50.0, 50.0]]]];
     let (tin, report) = triangulate(&input).unwrap();
     assert_eq!(report.extended, 2);
@@ -175,7 +178,7 @@ fn crossing_lines_are_told() {
         vec![vec![[10.5, 10.5, 0.0], [90.5, 90.5, 0.0]], vec![[10.5, 90.5, 0.0], [90.5, 10.5, 0.0]]];
     let error = triangulate(&input).unwrap_err().to_string();
     assert!(error.contains("crosses") && error.contains("10.5, 90.5"), "{error}");
-    // Those that meet in a point of both are fine.
+    // Lines that meet in a common point are valid.
     input.breaklines = vec![
         vec![[10.5, 10.5, 0.0], [50.5, 50.5, 0.0], [90.5, 90.5, 0.0]],
         vec![[10.5, 90.5, 0.0], [50.5, 50.5, 0.0], [90.5, 10.5, 0.0]],
@@ -227,7 +230,8 @@ fn nearly_a_line_ends_soon() {
 
 #[test]
 fn integrals_are_those_of_the_function() {
-    // The integral of x² + y² over the unit square is 2/3; a triangulation of its points is above by at most h²/2.
+    // The integral of x² + y² over the unit square is 2/3. A triangulation of its points is above
+    // by at most h²/2.
     let mut input = of_points(Vec::new());
     let steps = 64;
     for row in 0..=steps {
@@ -242,7 +246,7 @@ fn integrals_are_those_of_the_function() {
     assert!((0.0..most).contains(&(volume - 2.0 / 3.0)), "{volume}");
 }
 
-/// A grid of heights that a function gives, north up.
+/// A north-up grid of heights from a function.
 fn grid_of(columns: usize, rows: usize, height: &dyn Fn(f64, f64) -> f64) -> HeightGrid {
     let mut grid = HeightGrid::new([columns, rows], [2.0, 0.0, 1000.0, 0.0, -2.0, 5000.0]).unwrap();
     for row in 0..rows {
@@ -278,10 +282,10 @@ fn no_cell_is_off_by_more_than_was_stated() {
             before = tin.vertices().len();
         }
     }
-    // A plane has no more than its corners.
+    // A plane needs only its corners.
     let plane = approximate(&grid_of(50, 40, &|x, y| 3.0 * x - y), 1e-9, &()).unwrap();
     assert_eq!(plane.triangles().len(), 2);
-    // The middle of a lake is bare.
+    // The middle of a lake has no triangles.
     let tin = approximate(&grid_of(61, 47, &lake), 0.5, &()).unwrap();
     assert_eq!(tin.height([1061.0, 4959.0]), None);
 }
@@ -304,7 +308,7 @@ fn cells_have_the_heights_of_their_centres() {
     for seed in 0..20 {
         let points = scattered(80, 60, seed, &|x, y| (x * y).sin());
         let (tin, _) = triangulate(&of_points(points)).unwrap();
-        // Turned and sheared, too.
+        // Rotated and sheared, too.
         let turned = [0.9, 0.31, -7.0, 0.4, -1.1, 40.0];
         for transform in [[1.0, 0.0, -3.0, 0.0, -1.0, 62.0], [1.0, 0.0, -2.5, 0.0, 1.0, -1.5], turned] {
             let mut grid = HeightGrid::new([66, 70], transform).unwrap();
@@ -336,12 +340,12 @@ fn isolines_are_where_the_surface_has_the_height() {
     .unwrap();
     for line in &lines {
         for point in &line.points {
-            // (A place on an edge is rounded, and at the border may come to lie beside the surface.)
+            // (A rounded point on a boundary edge may be outside of the surface.)
             let Some(height) = tin.height(*point) else { continue };
             assert!((height - line.level).abs() < 1e-9);
         }
         for ends in line.points.windows(2) {
-            // Higher places are to the right.
+            // Higher terrain is to the right.
             let [a, b] = [ends[0], ends[1]];
             let long = (b[0] - a[0]).hypot(b[1] - a[1]);
             if long > 0.2 {
@@ -360,7 +364,7 @@ fn isolines_are_where_the_surface_has_the_height() {
         let found = -area(&of_level[0].points);
         assert!((found / (std::f64::consts::PI * radius * radius) - 1.0).abs() < 0.05, "{found}");
     }
-    // As many lengths come of one triangle after the other.
+    // Tracing each triangle separately yields the same total length.
     for level in levels {
         let mut sum = 0.0;
         let vertices: Vec<[f64; 3]> = tin.vertices().collect();
@@ -404,7 +408,7 @@ fn smoothing_keeps_lines_the_border_and_planes() {
     assert_eq!(tin.triangles(), smooth.triangles());
     let (least, most) = smooth.range().unwrap();
     assert!(least >= 0.0 && most <= 100.0);
-    // (The sum of what neighbours differ by.)
+    // (The sum of squared height differences between neighbours.)
     let roughness = |vertices: &[[f64; 3]]| -> f64 {
         let edges = tin.triangles().iter().flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]);
         edges.map(|[a, b]| (vertices[a as usize][2] - vertices[b as usize][2]).powi(2)).sum()
@@ -423,7 +427,7 @@ fn surfaces_of_others_are_over_the_plane() {
     assert!(Tin::from_triangles(&[[a, c, [f64::NAN; 3]]]).is_err());
 }
 
-/// Builds layers, and opens them.
+/// Builds layers and opens the model.
 fn layers(input: &LayerInput) -> (crate::LayerReport, ExactModel, tempfile::TempDir) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("layers.goblin");
@@ -432,7 +436,7 @@ fn layers(input: &LayerInput) -> (crate::LayerReport, ExactModel, tempfile::Temp
     (report, model, folder)
 }
 
-/// A surface by its name and its heights.
+/// A surface by its name and height function.
 type Named<'a> = (&'a str, &'a dyn Fn(f64, f64) -> f64);
 
 fn surfaces(of: &[Named<'_>], count: usize) -> Vec<LayerSurface> {
@@ -448,7 +452,7 @@ fn surfaces(of: &[Named<'_>], count: usize) -> Vec<LayerSurface> {
 
 #[test]
 fn layers_of_planes_have_their_volumes() {
-    // Planes: what lies between them has volumes that can be told.
+    // Volumes between planes are known exactly.
     let of: [Named<'_>; 3] =
         [("top", &|x, _| 30.0 + x / 4.0), ("coal", &|_, y| 10.0 + y / 8.0), ("base", &|_, _| 0.0)];
     let input = LayerInput { surfaces: surfaces(&of, 40), ..LayerInput::default() };
@@ -467,7 +471,8 @@ fn layers_of_planes_have_their_volumes() {
 
 #[test]
 fn upper_surfaces_lie_on_lower_ones_where_they_cross() {
-    // The upper plane is below the lower one where x < 32: a wedge is left, with a half of the square below it.
+    // The upper plane is below the lower one where x < 32. What remains is a wedge over half of the
+    // square.
     let of: [Named<'_>; 3] = [("top", &|x, _| x - 32.0), ("base", &|_, _| 0.0), ("deep", &|_, _| -5.0)];
     let input = LayerInput { surfaces: surfaces(&of, 60), ..LayerInput::default() };
     let (report, model, _folder) = layers(&input);

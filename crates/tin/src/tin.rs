@@ -1,10 +1,10 @@
-//! A surface of triangles.
+//! Triangulated surfaces.
 
 use crate::mesh::{Mesh, NONE, neighbours, side};
 use crate::surface::{Duplicates, Places, SurfaceReport};
 use spinney_base::{Error, Result};
 
-/// A surface over the plane: triangles with a height at each corner, linear between them.
+/// A surface over the plane: triangles with a height at each vertex, linear in between.
 #[derive(Clone, Debug)]
 pub struct Tin {
     pub(crate) mesh: Mesh,
@@ -12,11 +12,12 @@ pub struct Tin {
 }
 
 impl Tin {
-    /// A surface of triangles that others have made, such as those of a mesh file. Corners in one place are one vertex; triangles that have no area
-    /// from above are left out.
+    /// Creates a surface from existing triangles, such as those of a mesh file. Corners at the same
+    /// position become one vertex. Triangles without a horizontal area are dropped.
     ///
     /// # Errors
-    /// If a coordinate is no number, corners in one place have different heights, or triangles lie above each other along an edge.
+    /// If a coordinate is not finite; if corners at the same position have different heights; if
+    /// triangles overlap along an edge.
     pub fn from_triangles(triangles: &[[[f64; 3]; 3]]) -> Result<Tin> {
         let corners: Vec<[f64; 3]> = triangles.iter().flatten().copied().collect();
         let places = Places::of(&corners, Duplicates::Refuse, &mut SurfaceReport::default())?;
@@ -44,22 +45,23 @@ impl Tin {
         Ok(Tin { mesh, heights: places.heights })
     }
 
-    /// Its vertices.
+    /// Returns the vertices.
     pub fn vertices(&self) -> impl ExactSizeIterator<Item = [f64; 3]> + '_ {
         self.mesh.points.iter().zip(&self.heights).map(|([x, y], z)| [*x, *y, *z])
     }
 
-    /// Its triangles, counterclockwise from above, by the numbers of vertices.
+    /// Returns the triangles by their vertex indices, counterclockwise as seen from above.
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.mesh.triangles
     }
 
-    /// The edges that breaklines and outlines became, each with its lower number first, in order.
+    /// Returns the edges of breaklines and outlines, each with its lower vertex index first, in
+    /// ascending order.
     pub fn constraints(&self) -> &[[u32; 2]] {
         &self.mesh.constraints
     }
 
-    /// The least and the greatest height; `None` if there is no triangle.
+    /// Returns the minimum and maximum height, or `None` if there is no triangle.
     pub fn range(&self) -> Option<(f64, f64)> {
         let corners = self.mesh.triangles.iter().flatten().map(|corner| self.heights[*corner as usize]);
         corners.fold(None, |range, height| match range {
@@ -68,18 +70,20 @@ impl Tin {
         })
     }
 
-    /// The height above a place; `None` beside the surface. At a vertex it is the vertex's own.
+    /// Returns the height at a position, or `None` outside of the surface. At a vertex it is
+    /// exactly the vertex's height.
     pub fn height(&self, place: [f64; 2]) -> Option<f64> {
         self.height_near(place, &mut 0)
     }
 
-    /// The height above a place, with a triangle to begin at, which becomes that of the place.
+    /// Returns the height at a position. The search starts at triangle `near`, which is set to the
+    /// triangle found.
     pub(crate) fn height_near(&self, place: [f64; 2], near: &mut usize) -> Option<f64> {
         self.mesh.find(place, near).map(|triangle| self.height_in(triangle, place))
     }
 
-    /// The height above a place, and beside the surface, whose outline is convex, that of the nearest place which it has, with whether it is such a
-    /// one.
+    /// Returns the height at a position of a surface with a convex boundary. Outside, it is the
+    /// height of the nearest point on the boundary. Also returns whether the position is outside.
     pub(crate) fn extended(&self, place: [f64; 2], near: &mut usize, boundary: &[[u32; 2]]) -> (f64, bool) {
         if let Some(triangle) = self.mesh.locate(place, near) {
             return (self.height_in(triangle, place), false);
@@ -99,14 +103,14 @@ impl Tin {
         (nearest.1, true)
     }
 
-    /// The height of a triangle's plane above a place.
+    /// Returns the height of a triangle's plane at a position.
     pub(crate) fn height_in(&self, triangle: usize, place: [f64; 2]) -> f64 {
         let corners = self.mesh.corners(triangle);
         let heights = self.mesh.triangles[triangle].map(|corner| self.heights[corner as usize]);
         plane_height(corners, heights, place)
     }
 
-    /// Area of the plane below the surface, and the integral of the heights over it.
+    /// Returns the horizontal area of the surface, and the integral of the heights over it.
     pub fn integral(&self) -> (f64, f64) {
         let (mut area, mut volume) = (0.0, 0.0);
         for (number, corners) in self.mesh.triangles.iter().enumerate() {
@@ -118,13 +122,13 @@ impl Tin {
         (area, volume)
     }
 
-    /// Whether an edge has a triangle on one side alone.
+    /// Whether an edge has a triangle on one side only.
     pub(crate) fn is_at_boundary(&self, triangle: usize, edge: usize) -> bool {
         self.mesh.neighbours[triangle][edge] == NONE
     }
 }
 
-/// The height at a place of the plane through three points, exactly theirs where these are.
+/// Returns the height at a position in a triangle's plane, exact at the corners.
 pub(crate) fn plane_height([a, b, c]: [[f64; 2]; 3], heights: [f64; 3], place: [f64; 2]) -> f64 {
     if let Some(at) = [a, b, c].iter().position(|corner| *corner == place) {
         return heights[at];
@@ -134,7 +138,7 @@ pub(crate) fn plane_height([a, b, c]: [[f64; 2]; 3], heights: [f64; 3], place: [
     let (u, v, w) = (from(b), from(c), from(place));
     let all = cross(u, v);
     let (of_b, of_c) = (cross(w, v) / all, cross(u, w) / all);
-    // (Within the triangle no height is beyond the corners', however numbers are rounded.)
+    // (Clamped, so that rounding never yields a height outside of the corners' range.)
     let height = heights[0] + of_b * (heights[1] - heights[0]) + of_c * (heights[2] - heights[0]);
     height.clamp(
         heights.into_iter().fold(f64::INFINITY, f64::min),

@@ -1,4 +1,4 @@
-//! Features in and out: points, lines, polygons with holes.
+//! Import and export of vector features: points, lines, polygons with holes.
 
 pub mod export;
 pub mod import;

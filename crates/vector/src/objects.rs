@@ -1,4 +1,4 @@
-//! Objects of models (city objects, groups, files): which of them meet conditions, and tables of them.
+//! Objects of models (city objects, groups, files): filters and tables.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -15,9 +15,9 @@ use spinney_base::{Progress, Result};
 use spinney_brep::query::PartMeasures;
 use spinney_brep::{ExactModel, Faces, ModelView};
 
-/// The numbers of those of some parts, by their names, for which all conditions hold, or for an object that they are a part of: on `id`, which is
-/// the name, on `type`, and on their attributes. `about` gives what is said of a part, a JSON object as
-/// [`Attributes`](spinney_brep::Attributes) have them, if anything is.
+/// Returns the numbers of the parts for which all conditions hold, and of the parts of these.
+/// Conditions apply to `id` (the name), `type`, and the attributes. `about` returns the metadata of
+/// a part, if any, as a JSON object in the form of [`Attributes`](spinney_brep::Attributes).
 ///
 /// # Errors
 /// Those of `about`.
@@ -44,7 +44,7 @@ pub fn choose_objects(
         }
     }
     let numbers: HashMap<&str, u32> = names.iter().map(String::as_str).zip(0..).collect();
-    // (Parts of parts: as long as there is one more.)
+    // Add parts of selected parts until there are no more.
     loop {
         let before = parents.len();
         parents.retain(|(part, of)| {
@@ -61,16 +61,18 @@ fn parsed(about: Option<String>) -> Value {
     about.and_then(|text| serde_json::from_str(&text).ok()).unwrap_or(Value::Null)
 }
 
-/// Attributes that have columns of their own at most.
+/// Maximum number of attributes with their own columns.
 const MAX_COLUMNS: usize = 1000;
 
-/// Writes a table of the parts of a model that have faces, of some of them if `chosen` says which: a row for each with its name (`id`),
-/// `type`, whether it is `closed`, numbers of `faces`, `volume` (of closed ones), `area`, least and greatest height (`zmin`, `zmax`), centre of
-/// gravity (`x`, `y`, `z`) and its attributes; geometries are the rectangles around them, in the model's coordinates. Returns the number of rows.
+/// Writes a table of a model's parts that have faces, or of those in `chosen`. A row has the name
+/// (`id`), `type`, whether it is `closed`, the number of `faces`, `volume` (if closed), `area`,
+/// minimum and maximum height (`zmin`, `zmax`), centre of gravity (`x`, `y`, `z`) and the part's
+/// attributes. Geometries are the bounding rectangles, in the model's coordinates. Returns the
+/// number of rows.
 ///
 /// # Errors
-/// If `memory` bytes are not enough for what is measured (a kilobyte for each part), if the file is damaged or was changed meanwhile,
-/// if the output cannot be written, or on interruption.
+/// If `memory` bytes are not enough for the measures (1 KB per part), if the file is corrupt or
+/// changed in the meantime, if the output cannot be written, or on cancellation.
 pub fn export_objects(
     view: &ModelView,
     chosen: Option<&BTreeSet<u32>>,
@@ -103,7 +105,7 @@ pub fn export_objects(
         bounds: [[low[0], low[1]], [high[0], high[1]]],
     };
     let mut writer = VectorWriter::create(output, format, layer)?;
-    // (Degrees and heights have no unit in common.)
+    // Degrees and heights have no common unit.
     let is_known = model.metadata().frame.cell_volume().is_ok();
     for part in &parts {
         progress.check()?;
@@ -139,7 +141,7 @@ pub fn export_objects(
     writer.finish(progress).map(|()| parts.len() as u64)
 }
 
-/// Columns that all tables have.
+/// Columns of all tables.
 const FIXED: [(&str, AttributeType); 11] = [
     ("id", AttributeType::Text),
     ("type", AttributeType::Text),
@@ -154,7 +156,8 @@ const FIXED: [(&str, AttributeType); 11] = [
     ("z", AttributeType::Number),
 ];
 
-/// Names and types of the attributes of some parts, in the order of the names: the first so many that come; and the number of others.
+/// Returns names and types of the parts' attributes, sorted by name, up to the limit; and the
+/// number of dropped ones.
 fn own_columns(
     model: &ExactModel,
     parts: &[PartMeasures],

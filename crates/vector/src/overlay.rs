@@ -1,4 +1,4 @@
-//! Set operations of polygons of several files, with the attributes of all.
+//! Set operations on polygons of several files, which keep all attributes.
 //!
 //! ```
 //! use spinney::raw::overlay::{OverlayOperation, OverlayRequest, overlay_features, read_polygon_layers};
@@ -42,21 +42,23 @@ use spinney_engine::ops::{CombineOperation, Prefer};
 pub use spinney_overlay::OverlaySummary;
 use spinney_overlay::{OverlayGrid, OverlayPart, PolygonOverlay};
 
-/// The number that stands for the region to which a result is limited.
+/// Feature number of the region that limits a result.
 const WITHIN: u32 = u32::MAX;
 
-/// An operation on polygons.
+/// Operation on polygons.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OverlayOperation {
-    /// A set operation. On more than two files, the intersection is what is in all, the difference what is in the first alone, the symmetric difference
-    /// what is in an odd number of them, the union what is in any; these have complements.
+    /// Set operation. For more than two files, the union is the area in any file, the intersection
+    /// that in all, the difference that in the first only, and the symmetric difference that in an
+    /// odd number of files. Complements of these are also available.
     Set(SetOperation),
-    /// All parts into which the polygons' borders divide the plane, each with all features that it is in.
+    /// Partition of the plane by the polygons' borders. Each part has all features that contain it.
     Partition,
 }
 
 impl OverlayOperation {
-    /// The operation of a name that [`CombineOperation::named`] knows, or `partition`; `None` of those that need values.
+    /// Returns the operation with a name of [`CombineOperation::named`], or `partition`; `None` for
+    /// operations that need values.
     pub fn named(name: &str) -> Option<OverlayOperation> {
         match (name, CombineOperation::named(name, Prefer::First)) {
             ("partition", _) => Some(OverlayOperation::Partition),
@@ -65,12 +67,13 @@ impl OverlayOperation {
         }
     }
 
-    /// Whether the result has what is in no polygon, so that a region must limit it.
+    /// Returns whether the result includes the area outside all polygons, so that a region must
+    /// limit it.
     fn reaches_outside(self) -> bool {
         matches!(self, OverlayOperation::Set(operation) if operation.is_unbounded())
     }
 
-    /// Whether places are in the result that are in some of the files.
+    /// Returns whether the result contains points that are in these files.
     fn takes(self, is_in: &[bool]) -> bool {
         let OverlayOperation::Set(operation) = self else { return is_in.contains(&true) };
         if operation.is_unbounded() && is_in.len() > 2 {
@@ -102,21 +105,23 @@ impl OverlayOperation {
     }
 }
 
-/// A question about polygons.
+/// Request for an overlay of polygons.
 #[derive(Clone, Debug)]
 pub struct OverlayRequest {
     /// The operation.
     pub operation: OverlayOperation,
-    /// Polygons, in coordinates of the first file, to which the result is limited: needed where it has what is in no polygon.
+    /// Polygons that limit the result, in coordinates of the first file. Required if the result
+    /// includes the area outside all polygons.
     pub within: Option<PolygonParts>,
-    /// Width of the cells of the grid on which results lie, or the next smaller power of two; `None` for 2^-42 of the greatest coordinate.
+    /// Cell width of the output grid, rounded down to a power of two; `None` for 2^-42 of the
+    /// largest coordinate.
     pub snap: Option<f64>,
-    /// Bytes of memory.
+    /// Memory limit in bytes.
     pub memory: u64,
 }
 
 impl OverlayRequest {
-    /// An operation, on a grid that suits the coordinates, with 1 GiB of memory.
+    /// Creates a request with a default grid and a memory limit of 1 GiB.
     pub fn new(operation: OverlayOperation) -> OverlayRequest {
         OverlayRequest { operation, within: None, snap: None, memory: 1 << 30 }
     }
@@ -127,28 +132,31 @@ impl OverlayRequest {
     }
 }
 
-/// A result of an operation on polygons, in numbers.
+/// Summary of an overlay of polygons.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OverlayReport {
-    /// Counts, and how exact it is.
+    /// Counts and precision.
     pub summary: OverlaySummary,
-    /// Features that were written, and polygons in them.
+    /// Number of features written.
     pub parts: u64,
-    /// Polygons in all parts.
+    /// Number of polygons in all features.
     pub polygons: u64,
-    /// Area of all parts, in square units of the coordinates.
+    /// Total area, in square units of the coordinates.
     pub area: f64,
-    /// Parts that are in several features of one file. Their attributes are those of the last of these.
+    /// Number of parts that are in several features of one file. They have the attributes of the
+    /// last of these.
     pub shared: u64,
 }
 
-/// Writes what an operation makes of the polygons of some files: a feature for each set of features (of a set operation, for each last one of each
-/// file) that a part lies in, with the attributes of these. Names of attributes that several files have end with the file's number, from 1. Corners are
-/// brought to the first file's coordinate system.
+/// Writes the overlay of the polygons of some files: one feature per set of input features that
+/// contain a part (for set operations, per combination of the last feature of each file), with the
+/// attributes of these. Attribute names that several files have end with the file's number, from 1.
+/// Vertices are transformed to the first file's coordinate system.
 ///
 /// # Errors
-/// If the operation is not for so many files, or reaches outside and nothing limits it; if coordinates cannot be brought to the first file's
-/// system; if the polygons need more memory than there may be, the output cannot be written, or on interruption.
+/// If the operation does not support this number of files, or is unbounded and nothing limits it;
+/// if coordinates cannot be transformed to the first file's system; if the polygons exceed the
+/// memory limit, the output cannot be written, or on cancellation.
 pub fn overlay_features(
     layers: Vec<(PathBuf, PolygonLayer)>,
     request: &OverlayRequest,
@@ -224,7 +232,8 @@ pub fn overlay_features(
     Ok(OverlayReport { summary, parts, polygons, area, shared })
 }
 
-/// Reads the polygons of files, of which each may need so many bytes of memory. Conditions are for those files that have such attributes, as one of them must.
+/// Reads the polygons of files; `memory` is the limit per file in bytes. A condition applies to the
+/// files that have its attribute; at least one must.
 ///
 /// # Errors
 /// Those of [`read_polygons`].
@@ -245,7 +254,7 @@ pub fn read_polygon_layers(
                 is_known = true;
             }
         }
-        // (What no file knows is what the first complains of.)
+        // A condition that no file knows is reported for the first.
         if let Some(first) = own.first_mut().filter(|_| !is_known) {
             first.conditions.push(condition.clone());
         }
@@ -257,22 +266,22 @@ pub fn read_polygon_layers(
     files.iter().zip(own).map(read).collect()
 }
 
-/// The files' polygons. Features are numbered through, those of the first file first.
+/// Polygons of all files. Features are numbered consecutively, starting with the first file.
 struct Layers {
     layers: Vec<(PathBuf, PolygonLayer)>,
-    /// The number of each layer's first feature.
+    /// Number of each layer's first feature.
     first: Vec<u32>,
 }
 
 impl Layers {
-    /// All layers, in the first one's coordinate system.
+    /// Transforms all layers to the first one's coordinate system.
     fn of(mut layers: Vec<(PathBuf, PolygonLayer)>, progress: &dyn Progress) -> Result<Layers> {
         let mut first = Vec::new();
         let mut count = 0u32;
         for (path, layer) in &layers {
             first.push(count);
             let next = u32::try_from(layer.features.len()).ok().and_then(|own| count.checked_add(own));
-            // (The last numbers are for the region.)
+            // The last numbers are reserved for the region.
             count = next.filter(|next| *next < WITHIN - 1).ok_or_else(|| {
                 Error::unsupported(path, "more than 2^32 features of all files", "divide the files")
             })?;
@@ -312,7 +321,7 @@ impl Layers {
         bounds_of(&mut parts.iter().flat_map(FeatureParts::corners).chain(limits))
     }
 
-    /// Names and types of the results' attributes.
+    /// Returns names and types of the results' attributes.
     fn attributes(&self, is_partition: bool) -> Vec<(String, AttributeType)> {
         let own = self.layers.iter().map(|(_, layer)| layer.attributes.iter().map(|(name, _)| name.as_str()));
         let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
@@ -330,7 +339,7 @@ impl Layers {
         names
     }
 
-    /// Hands all corners to the overlay; attributes stay.
+    /// Moves all geometries to the overlay; attributes stay.
     fn move_to(&mut self, overlay: &mut PolygonOverlay, within: Option<&PolygonParts>) -> Result<()> {
         for ((path, layer), first) in self.layers.iter_mut().zip(&self.first) {
             for (number, feature) in (*first..).zip(&mut layer.features) {
@@ -345,18 +354,18 @@ impl Layers {
         Ok(())
     }
 
-    /// Of each layer the last of some features, by its number from 1, or 0 if there is none.
+    /// Returns the last of the features of each layer, numbered from 1; 0 if there is none.
     fn last_of_each(&self, features: &[u32]) -> Vec<u32> {
         let mut last = vec![0; self.layers.len()];
         for feature in features {
             let layer = self.first.partition_point(|first| first <= feature) - 1;
-            // (Layers without features have the number of the next one.)
+            // A layer without features has the same first number as the next one.
             last[layer] = feature - self.first[layer] + 1;
         }
         last
     }
 
-    /// The ids of features, or their numbers from 1, of each layer.
+    /// Returns the ids of features, or their numbers from 1, for each layer.
     fn ids(&self, features: &[u32]) -> Vec<String> {
         let mut ids = vec![String::new(); self.layers.len()];
         for feature in features {
@@ -375,7 +384,8 @@ impl Layers {
         ids
     }
 
-    /// Attributes of features, one or none of each layer, and what else is told of each layer.
+    /// Returns the attributes of at most one feature per layer, and the additional strings of each
+    /// layer.
     fn values<'a>(&'a self, last: &[u32], told: &'a [String]) -> Vec<AttributeValue<'a>> {
         let mut values = Vec::new();
         for ((_, layer), number) in self.layers.iter().zip(last) {
@@ -395,7 +405,7 @@ impl Layers {
     }
 }
 
-/// Brings all corners of a layer to another coordinate system.
+/// Transforms all vertices of a layer to another coordinate system.
 fn transform(
     path: &std::path::Path,
     layer: &mut PolygonLayer,

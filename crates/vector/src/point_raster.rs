@@ -1,4 +1,4 @@
-//! Trees of points as rasters: what the points in each cell come to.
+//! Rasterization of point trees, by statistics of the points in each cell.
 
 use std::str::FromStr;
 
@@ -11,23 +11,23 @@ use spinney_crs::Frame;
 use spinney_engine::store::{BuildOptions, Packing, Slab, Slabs, build_slabs, depth_for};
 use spinney_points::{PointCondition, PointRegion, PointTree, Selection, position};
 
-/// A rule for the value of a cell from its points.
+/// Rule for a cell's value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CellRule {
-    /// The least number.
+    /// Minimum.
     Min,
-    /// The greatest.
+    /// Maximum.
     Max,
-    /// The mean.
+    /// Mean.
     Mean,
-    /// How many points there are.
+    /// Number of points.
     Count,
 }
 
 impl CellRule {
     const ALL: [CellRule; 4] = [CellRule::Min, CellRule::Max, CellRule::Mean, CellRule::Count];
 
-    /// The rule's name.
+    /// Returns the rule's name.
     pub fn name(self) -> &'static str {
         ["min", "max", "mean", "count"][self as usize]
     }
@@ -42,20 +42,20 @@ impl FromStr for CellRule {
     }
 }
 
-/// A raster of points.
+/// Raster of points.
 #[derive(Clone, Debug)]
 pub struct PointRaster {
-    /// The rule for cells.
+    /// Rule for cells.
     pub rule: CellRule,
-    /// Width of a cell, in units of the points' coordinates.
+    /// Cell width, in units of the points' coordinates.
     pub cell: f64,
-    /// Name of the attribute that counts; `None` for z.
+    /// Name of the attribute; `None` for z.
     pub attribute: Option<String>,
-    /// Conditions that hold for points.
+    /// Conditions on points.
     pub conditions: Vec<PointCondition>,
 }
 
-/// Reads a step as `transform` has it: `mean,cell=1` or `max,cell=0.5,attribute=intensity`.
+/// Parses an operation of `transform`: `mean,cell=1` or `max,cell=0.5,attribute=intensity`.
 impl FromStr for PointRaster {
     type Err = Error;
 
@@ -81,7 +81,7 @@ impl FromStr for PointRaster {
     }
 }
 
-/// Cells of the raster of some points: north is up, and borders of cells are at multiples of their width.
+/// Cells of the raster. North is up, and cell borders are at multiples of the cell width.
 struct Grid {
     west: f64,
     north: f64,
@@ -115,12 +115,13 @@ impl Grid {
     }
 }
 
-/// A number of cells; `None` beyond what trees have. (What rounding has put before the first is in it.)
+/// Converts a number of cells to an integer; `None` beyond the maximum of a tree. Values below 0,
+/// due to rounding, become 0.
 fn whole(cells: f64) -> Option<u64> {
     (cells < (1u64 << Dimension::Quad.max_depth()) as f64).then_some(cells.max(0.0) as u64)
 }
 
-/// Cells along a side of what is made at once.
+/// Maximum number of levels of a block that is computed at a time.
 const SIDE: u8 = 10;
 
 /// The raster, block by block.
@@ -128,11 +129,11 @@ struct Blocks<'a> {
     tree: &'a PointTree,
     raster: &'a PointRaster,
     grid: Grid,
-    /// The attribute, by its place; `None` for z.
+    /// Index of the attribute; `None` for z.
     attribute: Option<usize>,
     sample: SampleType,
     depth: u8,
-    /// Nodes that are to come, the last first.
+    /// Nodes to be visited, in reverse order.
     open: Vec<Code>,
     progress: &'a dyn Progress,
 }
@@ -165,13 +166,14 @@ impl Slabs for Blocks<'_> {
 }
 
 impl Blocks<'_> {
-    /// Makes the cells of a box.
+    /// Computes the cells of a box.
     fn fill(&self, bounds: &Bounds, slab: &mut Slab) -> Result<()> {
         let size = bounds.size();
         let cells = (size[0] * size[1]) as usize;
         let (mut counts, mut numbers) = (vec![0u32; cells], vec![0f64; cells]);
         let Grid { west, north, cell, .. } = self.grid;
-        // (Half a cell more all around: where a point is in the end its column and row say.)
+        // The selection is half a cell larger on all sides, so that rounding loses no point; the
+        // exact column and row decide.
         let x = |column: u64| west + (column as f64) * cell;
         let y = |row: u64| north - (row as f64) * cell;
         let least = [x(bounds.min[0]) - cell / 2.0, y(bounds.max[1]) - cell / 2.0, f64::NEG_INFINITY];
@@ -228,12 +230,17 @@ impl Blocks<'_> {
     }
 }
 
-/// Makes a quadtree of a tree of points: what the points in each cell come to; VOID where there are none. Least, greatest and mean are f32 of z and of attributes of
-/// at most 16 bits and f32, f64 of others; counts are u32. Coarser levels have means, of counts too. Takes a pass over the points, some of which are
-/// read more than once, and a block of cells in memory.
+/// Rasterizes a point tree into a quadtree, by statistics of the points in each cell; cells without
+/// points are VOID. Minimum, maximum and mean are f32 for z, f32 attributes and attributes of at
+/// most 16 bits, and f64 for others; counts are u32. Coarser levels store means, also of counts.
+/// Returns columns and rows.
+///
+/// Takes one pass over the points, some of which are read more than once, and memory for a block of
+/// cells.
 ///
 /// # Errors
-/// If there is no such attribute, there would be too many cells, the tree is damaged, or the output cannot be written.
+/// If the attribute does not exist, there are too many cells, the tree is corrupt, or the output
+/// cannot be written.
 pub fn rasterize_points(
     tree: &PointTree,
     raster: &PointRaster,

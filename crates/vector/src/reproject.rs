@@ -1,4 +1,4 @@
-//! Files of features in another coordinate system, feature by feature.
+//! Transformation of feature files to another coordinate system.
 
 use std::path::Path;
 
@@ -12,20 +12,20 @@ use spinney_base::{Error, Progress, Result};
 use spinney_crs::{Crs, Transformation};
 use spinney_engine::ops::{ViewStep, WarpTarget};
 
-/// An operation on the coordinate system of features.
+/// Operation on the coordinate system of features.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SystemChange {
-    /// The system that coordinates are in, whatever the file says.
+    /// Declares the coordinate system, overriding that of the file.
     Declare(Crs),
-    /// The system that coordinates are brought to.
+    /// Transforms to a coordinate system.
     Transform(Crs),
 }
 
 impl SystemChange {
-    /// Steps of views as those of the features of a file.
+    /// Converts operations of a view to operations on the features of a file.
     ///
     /// # Errors
-    /// If there are none, or one that features do not have.
+    /// If there are none, or one is not applicable to features.
     pub fn of_view(path: &Path, steps: &[ViewStep]) -> Result<Vec<SystemChange>> {
         let advice = "features have two steps: warp=DEF brings them to another coordinate system, crs=DEF says in which they are";
         let refused = |found: String| Error::unsupported(path, found, advice);
@@ -44,25 +44,29 @@ impl SystemChange {
     }
 }
 
-/// Options of bringing features to another coordinate system.
+/// Options of transforming features.
 #[derive(Clone, Debug, Default)]
 pub struct ReprojectOptions {
     /// The operations, in order.
     pub steps: Vec<SystemChange>,
-    /// Whether datums are taken for WGS 84 whose shift to it is unknown or needs a grid.
+    /// Whether a datum with an unknown or grid-based shift is taken for WGS 84.
     pub allow_ballpark: bool,
-    /// How features are read.
+    /// Options of reading features.
     pub features: FeatureOptions,
 }
 
-/// Writes the features of a file in another coordinate system, feature by feature, in their order; returns their number. The file is read twice.
+/// Writes the features of a file in another coordinate system, in order; returns their number. The
+/// file is read twice.
 ///
-/// Vertices are transformed one by one, as by ogr2ogr: an edge is straight between them in the new system. Attributes, heights and the layer's name stay. Ids are
-/// those of the format if it has such, else an attribute `id`. Measures are left out, and heights where some features have none, with a warning.
+/// Vertices are transformed individually, as by ogr2ogr: edges are straight between them in the new
+/// system. Attributes, heights and the layer's name are kept. Ids are stored as such if the format
+/// supports it, else in an attribute `id`. Measures are dropped, and heights if some features have
+/// none, with a warning.
 ///
 /// # Errors
-/// If the file cannot be read or says no coordinate system and none is declared, a system cannot be computed, a vertex has no position in it, with the
-/// feature's number, or the output cannot be written.
+/// If the file cannot be read, no coordinate system is stored or declared, a system is not
+/// supported, a vertex is outside its domain (with the feature's number), or the output cannot be
+/// written.
 pub fn reproject_features(
     input: &Path,
     options: &ReprojectOptions,
@@ -74,7 +78,7 @@ pub fn reproject_features(
     let schema = reader.schema().clone();
     let chain = SystemChain::new(input, schema.crs.as_ref(), options)?;
     chain.remarks().for_each(|remark| progress.warn(input, &remark));
-    // What the layer says of its features is known before the first is written.
+    // The properties of the layer must be known before the first feature is written.
     let mut survey = LayerSurvey::default();
     while let Some(mut feature) = reader.next()? {
         chain.apply(input, survey.features + 1, &mut feature)?;
@@ -123,7 +127,7 @@ pub fn reproject_features(
     Ok(done)
 }
 
-/// The layer's name, or else that of the file.
+/// Returns the layer's name, or else that of the file.
 fn layer_name(name: String, path: &Path) -> String {
     let stem = path.file_stem().filter(|stem| *stem != "-");
     match name.is_empty() {
@@ -132,10 +136,10 @@ fn layer_name(name: String, path: &Path) -> String {
     }
 }
 
-/// The way of a vertex through all systems.
+/// Chain of transformations.
 struct SystemChain {
     transformations: Vec<(Transformation, Crs)>,
-    /// The system at the end, where known.
+    /// The final coordinate system, if known.
     crs: Option<Crs>,
 }
 
@@ -187,21 +191,21 @@ impl SystemChain {
     }
 }
 
-/// Properties that all features of a layer share.
+/// Properties of a layer's features.
 #[derive(Default)]
 struct LayerSurvey {
     features: u64,
-    /// Their kind; `Some(None)` if they are of several kinds.
+    /// Kind of the features; `Some(None)` for several kinds.
     kind: Option<Option<GeometryKind>>,
     is_multi: bool,
     bounds: Option<[[f64; 2]; 2]>,
-    /// Features with vertices, and of these those all of whose vertices have heights.
+    /// Number of features with vertices, and of those among them whose vertices all have heights.
     with_vertices: u64,
     with_heights: u64,
     has_ids: bool,
-    /// Type of the attribute that has them in formats without ids.
+    /// Type of the id attribute, in formats without ids.
     id_type: Option<AttributeType>,
-    /// Whether ids cannot be those of rows: integers that ascend.
+    /// Whether ids are not ascending integers and thus cannot be row ids.
     has_other_ids: bool,
     last_id: Option<i64>,
 }
@@ -256,13 +260,13 @@ impl LayerSurvey {
     }
 }
 
-/// A file of features in the making.
+/// Output file of features.
 struct FeatureWriter {
     writer: VectorWriter,
     has_z: bool,
     has_id_column: bool,
     keeps_ids: bool,
-    /// Features whose heights or measures are left out.
+    /// Number of features whose heights or measures are dropped.
     losses: u64,
 }
 

@@ -1,4 +1,4 @@
-//! Polygons in which points of a tree are requested.
+//! Polygons for queries of point trees.
 
 use std::path::Path;
 
@@ -8,10 +8,12 @@ use spinney_base::{Error, Progress, Result};
 use spinney_crs::PolygonParts;
 use spinney_points::{PointRegion, PointTree};
 
-/// All polygons of a file of features, brought to the coordinate system of a tree of points as zones are brought to that of a raster.
+/// Reads all polygons of a feature file, and transforms them to the coordinate system of a point
+/// tree, as zones are transformed to that of a raster.
 ///
 /// # Errors
-/// If a feature is no polygon, there are none, the file cannot be read, or one of the two systems cannot be computed.
+/// If a feature is not a polygon, there are none, the file cannot be read, or one of the coordinate
+/// systems is not supported.
 pub fn region_of_polygons(tree: &PointTree, path: &Path, progress: &dyn Progress) -> Result<PointRegion> {
     let mut reader = open_features(path, &FeatureOptions::default())?;
     let coordinates = coordinates_in(&tree.metadata().frame, path, &*reader, progress);

@@ -1,4 +1,4 @@
-//! Statistics of the cells in features that are read one batch after the other.
+//! Zonal statistics of features that are read in batches.
 
 use std::path::{Path, PathBuf};
 
@@ -9,31 +9,33 @@ use spinney_crs::{CellLocator, Coordinates, Frame};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::query::{ZonalRequest, ZoneStatistics};
 
-/// Layers of a tree that are asked for the features of a file.
+/// Zonal query: the layers of a tree, and the features of a file.
 pub struct FeatureZones<'a> {
     trees: &'a [&'a Dataset],
     request: &'a ZonalRequest,
     /// The features' file.
     path: PathBuf,
-    /// For each layer the number of the first with the same grid.
+    /// For each layer, the index of the first one with the same grid.
     same: Vec<usize>,
-    /// The numbers of these, ascending, and places in their cells, to which polygons are brought once.
+    /// Ascending indices of these, and the locators of their cells. Polygons are transformed once
+    /// per grid.
     grids: Vec<usize>,
     coordinates: Coordinates,
     places: Vec<(CellLocator, [u64; 3])>,
-    /// Whether some polygons reach into a tree; or why those of the first batch do not.
+    /// Whether some polygons meet a tree; if not, the error for the first batch.
     is_met: bool,
     outside: Option<Error>,
-    /// Features whose rings cross or touch each other, or whose parts overlap.
+    /// Number of features whose rings cross or touch each other, or whose parts overlap.
     invalid: u64,
 }
 
 impl<'a> FeatureZones<'a> {
-    /// Layers that are asked for the features of a reader, whose corners are in the coordinates that are given, or else in the file's own; in those
-    /// of trees that have no coordinate system, which is told.
+    /// Prepares the query for the features of a reader. Vertices are in `coordinates`, or else in
+    /// the file's own. In trees without a coordinate system, they are taken to be in the tree's own
+    /// coordinates, with a warning.
     ///
     /// # Errors
-    /// If there is no way from the coordinates to the cells of a tree.
+    /// If there is no transformation from the coordinates to the cells of a tree.
     pub fn new(
         reader: &PolygonReader,
         coordinates: Option<&Coordinates>,
@@ -59,7 +61,7 @@ impl<'a> FeatureZones<'a> {
         let places = grids.iter().map(|grid| {
             let (header, frame) = (trees[*grid].header(), &trees[*grid].metadata().frame);
             let places = CellLocator::new(coordinates, frame, header.extent)?;
-            // (What is to be said of a system is said once.)
+            // Remarks on a coordinate system are reported once.
             if *grid == 0 {
                 places.remarks().iter().for_each(|remark| progress.warn(&path, remark));
             }
@@ -80,10 +82,11 @@ impl<'a> FeatureZones<'a> {
         })
     }
 
-    /// Hands out the statistics of each feature of a batch, by its number in it, of all layers of the tree.
+    /// Yields, for each feature of a batch, its index and the statistics of all layers of the tree.
     ///
     /// # Errors
-    /// If a ring has too few corners, or one that is nowhere, with the feature's number; if a tree is damaged, on interruption, or if `take` fails.
+    /// If a ring has too few vertices, or one that is not finite, with the feature's number; if a
+    /// tree is corrupt, on cancellation, or if `take` fails.
     pub fn each(
         &mut self,
         layer: &PolygonLayer,
@@ -107,10 +110,10 @@ impl<'a> FeatureZones<'a> {
         })
     }
 
-    /// Ends the queries, and warns of features that are not valid polygons.
+    /// Completes the queries, and warns of invalid polygons.
     ///
     /// # Errors
-    /// If there were polygons, and all of them lie outside of the trees.
+    /// If there were polygons, and all of them are outside of the trees.
     pub fn finish(self, progress: &dyn Progress) -> Result<()> {
         let FeatureZones { path, is_met, outside, invalid, .. } = self;
         if invalid > 0 {
@@ -120,7 +123,7 @@ impl<'a> FeatureZones<'a> {
     }
 }
 
-/// An error with the name of the file. (All others name it.)
+/// Adds the path to an error that does not contain it.
 pub(crate) fn in_file(path: &Path, error: Error) -> Error {
     match error {
         Error::Invalid { what, found, expected } => {
@@ -130,7 +133,9 @@ pub(crate) fn in_file(path: &Path, error: Error) -> Error {
     }
 }
 
-/// The coordinates of a file's features, if they are to be brought to a frame; its own if one of the two systems is not known, which is reported if it is the frame's.
+/// Returns the coordinates of a file's features, for transforming them to a frame. They are the
+/// frame's own if one of the coordinate systems is unknown; an unknown system of the frame is
+/// reported.
 pub(crate) fn coordinates_in(
     frame: &Frame,
     path: &Path,

@@ -160,7 +160,7 @@ pub fn try_once(query: &mut dyn FnMut() -> Result<()>) -> (Result<()>, Vec<Missi
 /// use spinney::raw::io::batch::{defer_missing, finish_deferred, run_batched};
 /// use spinney::raw::io::{Fetch, RangeCache, RangeFile, ReadBackend};
 ///
-/// A remote host.
+/// // A remote host.
 /// struct Host;
 ///
 /// impl Fetch for Host {
@@ -171,7 +171,7 @@ pub fn try_once(query: &mut dyn FnMut() -> Result<()>) -> (Result<()>, Vec<Missi
 ///
 /// let cache = (Arc::new(RangeCache::new(1 << 20)), RangeCache::file_number());
 /// let file = RangeFile::new(Path::new("https://host/file"), 200, Box::new(Host), cache, 0);
-/// The four bytes are fetched at the same time.
+/// // The four bytes are fetched at the same time.
 /// let sum = run_batched(|| {
 ///     let (mut sum, mut is_unread) = (0, false);
 ///     for at in [10, 70, 130, 190] {

@@ -1,4 +1,4 @@
-//! From coordinates in any system to cells of a raster or a solid.
+//! Conversion of coordinates in any system to cells of a raster or a solid.
 
 use crate::coordinates::Coordinates;
 use crate::{Frame, Transformation};
@@ -7,16 +7,17 @@ use spinney_base::{Error, Result};
 
 mod clip;
 
-/// A polygon's parts, each an outer ring and its holes, of corners x, y.
+/// The parts of a polygon, each an outer ring and its holes, with vertices x, y.
 pub type PolygonParts = Vec<Vec<Vec<[f64; 2]>>>;
 
-/// Maps coordinates in any system to cells of the deepest level.
+/// Converts coordinates in any system to cells of the deepest level.
 ///
-/// Longitudes that differ by 360 degrees are the same: boxes across the 180th meridian, and longitudes from 0 to 360, are found.
+/// Longitudes that differ by 360 degrees are equivalent: boxes across the 180th meridian and
+/// longitudes from 0 to 360 are supported.
 ///
 /// ```
 /// use spinney::{CellLocator, Coordinates, Crs, Frame};
-/// // Five degrees west and five east of the 180th meridian.
+/// // From five degrees west to five degrees east of the 180th meridian.
 /// let frame = Frame { crs: Some(Crs::epsg(4326)), ..Frame::planar([0.5, 0.0, 175.0, 0.0, -0.5, 10.0]) };
 /// let locator = CellLocator::new(&Coordinates::LONLAT, &frame, [20, 20, 1])?;
 /// assert_eq!(locator.cell([-179.0, 9.0, 0.0]), Some([12.0, 2.0, 0.0]));
@@ -30,39 +31,45 @@ pub struct CellLocator {
 }
 
 enum Way {
-    /// Places are cells.
+    /// Input positions are cell coordinates.
     Cells,
-    /// Places are in a coordinate system.
+    /// Input positions are in a coordinate reference system.
     World(Box<World>),
 }
 
-/// The way from a coordinate system, that of the frame or another.
+/// Conversion from a coordinate reference system, the frame's own or another one.
 struct World {
-    /// From the places' system to that of the frame; `None` if they are in the frame's own, whatever that is.
+    /// Transformation from the input system to the frame's; `None` for input in the frame's own
+    /// system, whatever it is.
     systems: Option<Transformation>,
-    /// How far the places' first coordinate leads once round the world, if it does.
+    /// Period of the input's first coordinate around the world, if it has one.
     turn: Option<f64>,
-    /// Columns after which the tree's cells come again, if they do.
+    /// Period of the tree's columns around the world, if they have one; negative if columns run
+    /// westward.
     columns: Option<f64>,
-    /// Least and greatest coordinates of places that can be in the tree, with some room; as far as is known.
+    /// Minimum and maximum input coordinates of positions that can be in the tree, with a margin;
+    /// infinite if not known.
     near: [[f64; 2]; 2],
-    /// The tree's picture in these coordinates, if that is known.
+    /// Minimum and maximum coordinates of the tree in the input system, if known.
     picture: Option<[[f64; 2]; 2]>,
-    /// First coordinate of the place in the tree's middle, if that is known.
+    /// First input coordinate of the tree's centre, if known.
     middle: Option<f64>,
 }
 
-/// Edges that are a rounding error beside a cell's edge mean that edge.
+/// Tolerance, in cells, within which the sides of a box snap to cell borders.
 const ROUNDING: f64 = 1e-6;
-/// Steps along each side of the tree's picture that tell where it lies.
+/// Number of lattice intervals along each side of the tree that sample its outline in the input
+/// system.
 const STEPS: usize = 64;
 
 impl CellLocator {
-    /// The way from coordinates to the cells of a tree with this frame and so many cells along each axis. Datums whose shift to WGS 84
-    /// is not known are taken for it, with a remark: see [`CellLocator::remarks`].
+    /// Creates a locator from coordinates to the cells of a tree with a frame and a number of cells
+    /// along each axis. A datum whose shift to WGS 84 is not known is treated as WGS 84, with a
+    /// remark: see [`CellLocator::remarks`].
     ///
     /// # Errors
-    /// If the frame has no inverse, or no coordinate system where one is needed; if one of the two systems cannot be computed.
+    /// If the frame has no inverse, or no coordinate reference system although one is needed; if
+    /// one of the two systems is not supported.
     pub fn new(coordinates: &Coordinates, frame: &Frame, extent: [u64; 3]) -> Result<CellLocator> {
         let way = match coordinates {
             Coordinates::Cells => Way::Cells,
@@ -78,7 +85,7 @@ impl CellLocator {
         Ok(CellLocator { frame: frame.clone(), extent, way })
     }
 
-    /// Remarks on how well the two systems are known.
+    /// Returns remarks on the accuracy of both systems' datums.
     pub fn remarks(&self) -> Vec<String> {
         match &self.way {
             Way::World(world) => world.systems.as_ref().map_or(Vec::new(), Transformation::remarks),
@@ -86,7 +93,8 @@ impl CellLocator {
         }
     }
 
-    /// The cell coordinates of a place, wherever they are; `None` if the tree's system has no such place.
+    /// Converts a position to cell coordinates, inside or outside of the tree. `None` if the tree's
+    /// system cannot represent the position.
     pub fn cell(&self, place: [f64; 3]) -> Option<[f64; 3]> {
         let Way::World(world) = &self.way else { return Some(place) };
         let World { systems, columns, .. } = &**world;
@@ -96,14 +104,15 @@ impl CellLocator {
         };
         let mut cell = self.frame.to_cells([x, y, place[2]])?;
         if let Some(columns) = columns {
-            // (The seam lies opposite to the data.)
+            // (The seam is opposite to the data.)
             let first = (self.extent[0] as f64 - columns.abs()) / 2.0;
             cell[0] = first + (cell[0] - first).rem_euclid(columns.abs());
         }
         cell.iter().all(|number| number.is_finite()).then_some(cell)
     }
 
-    /// The tree's picture in these coordinates, for messages: west, south, east and north, or columns and rows.
+    /// Returns the tree's bounds in the input system, for messages: west, south, east and north, or
+    /// columns and rows.
     pub fn picture(&self) -> String {
         let [low, high] = match &self.way {
             Way::Cells => [[0.0; 2], [self.extent[0] as f64, self.extent[1] as f64]],
@@ -115,18 +124,19 @@ impl CellLocator {
         corners_text(low, high)
     }
 
-    /// Whether cell coordinates are in the tree's picture.
+    /// Whether cell coordinates are in the tree's extent.
     pub fn is_inside(&self, cell: [f64; 3]) -> bool {
         (0..3).all(|axis| (0.0..self.extent[axis] as f64).contains(&cell[axis]))
     }
 
-    /// The cells of the tree that a box means, which is given by its least and greatest coordinates: all that it covers, if only in
-    /// part; in another coordinate system the smallest box of cells around these. Two boxes, the western first, where the box lies
-    /// across the tree's seam; none if it is outside of the tree. The third coordinates may be infinite: all layers. West of a box of longitudes may be greater than east: it then lies
-    /// across the 180th meridian.
+    /// Returns the cells of the tree that a box, given by its minimum and maximum coordinates,
+    /// covers at least in part. For another coordinate system it is the bounding box of these
+    /// cells. Returns two boxes, the western one first, if the box crosses the tree's seam, and
+    /// none if it is outside of the tree. The third coordinates may be infinite: all layers. West
+    /// of a box of longitudes may be greater than east: the box then crosses the 180th meridian.
     ///
     /// # Errors
-    /// If the least coordinates are not less than the greatest.
+    /// If the minimum coordinates are not below the maximum coordinates.
     pub fn boxes(&self, low: [f64; 3], mut high: [f64; 3]) -> Result<Vec<Bounds>> {
         let axes = if self.extent[2] > 1 { 3 } else { 2 };
         if let Way::World(world) = &self.way
@@ -151,7 +161,7 @@ impl CellLocator {
                 let parts = self.parts(&[vec![ring]]);
                 let boxes = parts.iter().map(|part| self.around(&part[0], [low[2], high[2]]));
                 let boxes = boxes.filter(|bounds| !bounds.is_empty());
-                // (Where the tree has no seam, that of the places' system is in its middle.)
+                // (If the tree has no seam, the input system's seam may run through its middle.)
                 if world.columns.is_some() {
                     boxes.collect()
                 } else {
@@ -179,7 +189,8 @@ impl CellLocator {
         Ok(found)
     }
 
-    /// The cells around a ring of corners in cells, and along the third axis those from one world coordinate to another.
+    /// Returns the cells around a ring, given in cell coordinates, with layers from one world
+    /// coordinate to another.
     fn around(&self, ring: &[[f64; 2]], [floor, ceiling]: [f64; 2]) -> Bounds {
         let mut bounds = Bounds::picture(self.extent);
         let inside = |axis: usize, cell: f64| cell.clamp(0.0, self.extent[axis] as f64) as u64;
@@ -198,9 +209,10 @@ impl CellLocator {
         bounds
     }
 
-    /// A polygon in cells: as many parts as it has in the tree, none if it lies outside of it. Edges that are straight in the places'
-    /// system are followed to a hundredth of a cell where they are curves in the tree's; of what lies far outside of the tree
-    /// nothing is left.
+    /// Converts a polygon to cell coordinates. The result has one part per fragment in the tree,
+    /// and none if the polygon is outside of it. Edges are straight in the input system. Where they
+    /// are curves in the tree's system, they are approximated to a hundredth of a cell. Fragments
+    /// far outside of the tree are dropped.
     pub fn parts(&self, parts: &[Vec<Vec<[f64; 2]>>]) -> PolygonParts {
         let Way::World(world) = &self.way else { return parts.to_vec() };
         let World { systems, turn, near, .. } = &**world;
@@ -227,8 +239,10 @@ impl CellLocator {
         found
     }
 
-    /// All of a polygon in cells, once, however far from the tree it reaches, of which [`parts`](CellLocator::parts) are what lies near; `None` if
-    /// that is all of it, or a corner is nowhere in the tree's system. Curves are followed to a [part](MEASURING) of the polygon's size.
+    /// Converts all of a polygon to cell coordinates, once, however far it extends beyond the tree;
+    /// [`parts`](CellLocator::parts) returns only fragments near the tree. `None` if these are the
+    /// whole polygon, or if the tree's system cannot represent a vertex. Curves are approximated to
+    /// a [fraction](MEASURING) of the polygon's size.
     pub fn whole_parts(&self, parts: &[Vec<Vec<[f64; 2]>>]) -> Option<PolygonParts> {
         let Way::World(world) = &self.way else { return None };
         let World { systems, turn, near, .. } = &**world;
@@ -243,7 +257,7 @@ impl CellLocator {
             };
             ring.iter().all(is_in)
         };
-        // The turn by which the polygon lies nearest.
+        // The number of turns that brings the polygon nearest to the tree.
         let middle = |low: f64, high: f64| (low + high) / 2.0;
         let all = || parts.iter().flatten().flatten();
         let (west, east) = all().fold((f64::INFINITY, f64::NEG_INFINITY), |(west, east), corner| {
@@ -275,15 +289,15 @@ impl CellLocator {
         parts.iter().map(|part| part.iter().map(in_cells).collect()).collect()
     }
 
-    /// A ring in cells whose edges stay straight.
+    /// Converts a ring to cell coordinates whose edges remain straight.
     fn straight(&self, ring: &[[f64; 2]]) -> Vec<[f64; 2]> {
         let cell = |[x, y]: &[f64; 2]| self.frame.to_cells([*x, *y, 0.0]).map(|[x, y, _]| [x, y]);
         ring.iter().filter_map(cell).collect()
     }
 
-    /// A ring in cells, with corners between where edges are curves.
+    /// Converts a ring to cell coordinates. Inserts vertices where edges are curves.
     fn curved(&self, ring: &[[f64; 2]], close: f64) -> Vec<[f64; 2]> {
-        /// Halvings of an edge, at most.
+        /// Maximum number of times that an edge is halved.
         const MOST: u32 = 14;
         let Way::World(world) = &self.way else { return ring.to_vec() };
         let World { systems: Some(systems), turn, columns, middle, .. } = &**world else {
@@ -293,7 +307,8 @@ impl CellLocator {
         let cell = |place: [f64; 2]| {
             let [x, y] = systems.forward(place)?;
             let [column, row, _] = self.frame.to_cells([x, y, 0.0])?;
-            // Where cells come again, those are meant that are about as far from the middle as the place is.
+            // If columns are periodic, choose those whose distance from the middle corresponds to
+            // the position's.
             let column = columns.map_or(column, |columns| {
                 let away =
                     turn.zip(*middle).map_or(0.0, |(turn, middle)| (place[0] - middle) / turn * columns);
@@ -307,7 +322,7 @@ impl CellLocator {
         let mut corners = Vec::with_capacity(ring.len());
         for (index, from) in ring.iter().enumerate() {
             let to = ring[(index + 1) % ring.len()];
-            // Parts of the edge that are to be looked at, the next one last: ends, and how often they were halved.
+            // Pending fragments of the edge, the next one last: ends, and number of halvings.
             let mut pending = vec![(*from, to, 0)];
             while let Some((a, b, depth)) = pending.pop() {
                 let (start, end) = (cell(a), cell(b));
@@ -332,18 +347,20 @@ impl CellLocator {
     }
 }
 
-/// How far a curve may be from the edges that stand for it, in cells.
+/// Maximum distance of a curve from the edges that approximate it, in cells.
 const CLOSE: f64 = 0.01;
 
-/// That distance for polygons of which the area alone is needed, as a part of their size: areas are off by 0.3 % at most.
+/// Maximum distance, as a fraction of the polygon's size, if only the area is needed. Areas are off
+/// by at most 0.3 %.
 const MEASURING: f64 = 1e-3;
 
-/// A ring moved along the first axis.
+/// Translates a ring along the first axis.
 fn moved(ring: &[[f64; 2]], shift: f64) -> Vec<[f64; 2]> {
     ring.iter().map(|[x, y]| [x + shift, *y]).collect()
 }
 
-/// Whole turns by which a ring is to be moved so that it lies near the tree: as first coordinates, the western part first.
+/// Returns the shifts, as multiples of a turn, that bring a ring near the tree, in first
+/// coordinates, the western fragment first.
 fn shifts(ring: &[[f64; 2]], turn: Option<f64>, near: &[[f64; 2]; 2]) -> Vec<f64> {
     let Some(turn) = turn else { return vec![0.0] };
     let least = ring.iter().map(|corner| corner[0]).fold(f64::INFINITY, f64::min);
@@ -351,7 +368,7 @@ fn shifts(ring: &[[f64; 2]], turn: Option<f64>, near: &[[f64; 2]; 2]) -> Vec<f64
     if !(least.is_finite() && most.is_finite()) {
         return vec![0.0];
     }
-    // (More turns than these are no places on the Earth.)
+    // (More turns than these are not valid longitudes.)
     let turns = |number: f64| (number / turn).clamp(-4.0, 4.0) as i32;
     let (first, last) = (
         turns(((near[0][0] - most) / turn).ceil() * turn),
@@ -360,7 +377,7 @@ fn shifts(ring: &[[f64; 2]], turn: Option<f64>, near: &[[f64; 2]; 2]) -> Vec<f64
     (first..=last).rev().map(|count| f64::from(count) * turn).collect()
 }
 
-/// Least and greatest coordinates as text, to nine digits or so.
+/// Formats minimum and maximum coordinates with about nine digits.
 pub fn corners_text(low: [f64; 2], high: [f64; 2]) -> String {
     let numbers = [low[0], low[1], high[0], high[1]];
     let most = numbers.iter().fold(0f64, |most, number| most.max(number.abs()));
@@ -394,20 +411,21 @@ impl Way {
     }
 }
 
-/// A lattice of places in a tree's picture.
+/// A lattice of positions in a tree's extent.
 struct Lattice {
-    /// Least and greatest coordinates.
+    /// Minimum and maximum coordinates.
     picture: [[f64; 2]; 2],
-    /// How far neighbours are apart, at most.
+    /// Maximum distance between neighbouring positions, along each axis.
     apart: [f64; 2],
-    /// First coordinate of the place in the middle.
+    /// First coordinate of the centre.
     middle: f64,
-    /// Whether first coordinates were chosen to be next to the middle's.
+    /// Whether first coordinates were wrapped to be within half a turn of the centre.
     is_beside_middle: bool,
 }
 
 impl Lattice {
-    /// The lattice in a system; `None` if nothing of the tree has a place there.
+    /// Creates the lattice in the input system. `None` if no position of the tree can be
+    /// represented there.
     fn new(
         systems: Option<&Transformation>,
         turn: Option<f64>,
@@ -453,7 +471,8 @@ impl Lattice {
         is_somewhere.then_some(Lattice { picture: [low, high], apart, middle, is_beside_middle })
     }
 
-    /// Least and greatest coordinates of places that can be in the tree: with as much around as neighbours are apart.
+    /// Returns the minimum and maximum coordinates of positions that can be in the tree: the
+    /// lattice's bounds, extended by the distance between neighbours.
     fn near(&self, turn: Option<f64>) -> [[f64; 2]; 2] {
         let [low, high] = self.picture;
         let [mut low, mut high] = [
@@ -463,7 +482,7 @@ impl Lattice {
         if let Some(turn) = turn
             && high[0] - low[0] > turn
         {
-            // All round the world, once: what is one place must not be in it twice.
+            // Limited to one turn around the world, so that no position is included twice.
             let centre = if self.is_beside_middle { self.middle } else { (low[0] + high[0]) / 2.0 };
             (low[0], high[0]) = (centre - turn / 2.0, centre + turn / 2.0);
         }

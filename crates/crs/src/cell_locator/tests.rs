@@ -6,7 +6,7 @@ fn framed(crs: u32, numbers: [f64; 6]) -> Frame {
     Frame { crs: Some(Crs::epsg(crs)), ..Frame::planar(numbers) }
 }
 
-/// Whether a point is inside of rings, by the definition.
+/// Whether a point is inside of rings, by the even-odd definition.
 fn has(rings: &[Vec<[f64; 2]>], [x, y]: [f64; 2]) -> bool {
     let edges = rings.iter().flat_map(|ring| ring.iter().zip(ring.iter().cycle().skip(1)));
     let crosses = edges
@@ -14,7 +14,8 @@ fn has(rings: &[Vec<[f64; 2]>], [x, y]: [f64; 2]) -> bool {
     crosses.count() % 2 == 1
 }
 
-/// Cells whose centres are inside of rings of longitudes and latitudes: by going through all; longitudes that differ by a turn are one.
+/// Number of cells whose centres are inside rings of longitudes and latitudes, by testing all
+/// cells. Longitudes that differ by a turn are equivalent.
 fn counted(rings: &[Vec<[f64; 2]>], frame: &Frame, extent: [u64; 3]) -> u64 {
     let projection = Projection::new(frame.crs.as_ref().unwrap(), true).unwrap();
     let cells = (0..extent[1]).flat_map(|row| (0..extent[0]).map(move |column| (column, row)));
@@ -35,7 +36,7 @@ fn counted_in_cells(rings: &[Vec<[f64; 2]>], frame: &Frame, extent: [u64; 3]) ->
     Polygon::of_parts(&parts).unwrap().count_centres(&Bounds::picture(extent), &mut Crossings::default())
 }
 
-/// A ring of longitudes and latitudes around a place.
+/// A ring of longitudes and latitudes around a position.
 fn ring(state: &mut u64, middle: [f64; 2], radius: f64) -> Vec<[f64; 2]> {
     let mut random = |most: f64| {
         *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -52,7 +53,8 @@ fn ring(state: &mut u64, middle: [f64; 2], radius: f64) -> Vec<[f64; 2]> {
 #[test]
 fn polygons_in_degrees_have_the_cells_whose_places_are_inside() {
     let trees = [
-        // UTM, Lambert's conic, both poles, Africa, web mercator around the 180th meridian, degrees in several countings.
+        // UTM, Lambert's conic, both poles, Africa, Web Mercator around the 180th meridian, and
+        // degrees in several ranges.
         (framed(32632, [500.0, 0.0, 480_000.0, 0.0, -500.0, 5_350_000.0]), [9.0, 48.0], 1.0),
         (framed(3034, [20_000.0, 0.0, 3_000_000.0, 0.0, -20_000.0, 3_500_000.0]), [8.0, 54.0], 30.0),
         (framed(3413, [90_000.0, 0.0, -4_000_000.0, 0.0, -90_000.0, 4_000_000.0]), [10.0, 80.0], 60.0),
@@ -72,7 +74,7 @@ fn polygons_in_degrees_have_the_cells_whose_places_are_inside() {
             let rings = [ring(&mut state, middle, radius), ring(&mut state, middle, radius * 0.3)];
             let (expected, found) =
                 (counted(&rings, &frame, extent), counted_in_cells(&rings, &frame, extent));
-            // (Centres within a hundredth of a cell of an edge may lie on either side of it.)
+            // (Centres within a hundredth of a cell of an edge may be on either side of it.)
             let close = 4 + expected / 200;
             assert!(expected.abs_diff(found) <= close, "{frame:?}: {found}, not {expected}: {rings:?}");
             some += expected;
@@ -105,7 +107,7 @@ fn boxes_lie_across_the_seam() {
     assert_eq!(boxes(&places, [-176.0, -1.0, -175.0, 1.0]), [[28, 18, 30, 22]]);
     assert_eq!(places.cell([-175.0, 0.25, 0.0]), Some([30.0, 19.5, 0.0]));
     assert!(boxes(&places, [0.0, -1.0, 5.0, 1.0]).is_empty());
-    // The picture of web maps comes again, too; that of a pole has no seam.
+    // The Web Mercator square is periodic, too; a polar projection has no seam.
     let places = CellLocator::new(&Coordinates::LONLAT, &web_mercator(8), [256, 256, 1]).unwrap();
     assert_eq!(boxes(&places, [178.6, -1.0, -178.6, 1.0]), [[255, 127, 256, 129], [0, 127, 1, 129]]);
     let pole = framed(3413, [100_000.0, 0.0, -4_000_000.0, 0.0, -100_000.0, 4_000_000.0]);

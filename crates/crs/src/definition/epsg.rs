@@ -1,4 +1,4 @@
-//! Coordinate systems by their numbers in the EPSG registry.
+//! Coordinate reference systems by their EPSG codes.
 
 use std::fmt;
 
@@ -6,23 +6,23 @@ use serde::{Deserialize, Serialize};
 
 use super::registry::{COMPOUND, FEET, GRADS, OTHER_LENGTHS, Ranges, US_FEET};
 
-/// Numbers of the EPSG registry that name a coordinate system: that of a horizontal, three-dimensional or
-/// compound system, and that of the heights where the first has none.
+/// EPSG codes of a coordinate reference system: that of a horizontal, three-dimensional or compound
+/// system, and that of a vertical system if the first one has no heights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Epsg {
-    /// The system of the plane, or of all that there is.
+    /// Code of the horizontal system, or of the whole system.
     pub horizontal: u32,
-    /// The system of the heights.
+    /// Code of the vertical system.
     pub vertical: Option<u32>,
 }
 
 impl Epsg {
-    /// The system with this number.
+    /// Returns the system with a code.
     pub const fn new(number: u32) -> Epsg {
         Epsg { horizontal: number, vertical: None }
     }
 
-    /// Reads `4326`, `4326+5773`.
+    /// Parses `4326` or `4326+5773`.
     pub(super) fn parse_numbers(text: &str) -> Option<Epsg> {
         let number = |text: &str| {
             let digits = text.bytes().all(|byte| byte.is_ascii_digit());
@@ -35,7 +35,7 @@ impl Epsg {
         Some(Epsg { horizontal: number(horizontal)?, vertical })
     }
 
-    /// The system by its two parts, if it is compound under a number of its own.
+    /// Splits a compound system that has its own code into its horizontal and vertical components.
     pub(crate) fn in_parts(self) -> Epsg {
         let find = |number| COMPOUND.binary_search_by_key(&number, |(number, ..)| *number).ok();
         match u16::try_from(self.horizontal).ok().and_then(find).map(|index| COMPOUND[index]) {
@@ -46,7 +46,7 @@ impl Epsg {
         }
     }
 
-    /// The unit of the plane; `None` if it is a rare one.
+    /// Returns the unit of the horizontal axes, or `None` if it is a rare one.
     pub(super) fn unit(self) -> Option<&'static str> {
         let Ok(number) = u16::try_from(self.in_parts().horizontal) else { return None };
         let is_in = |ranges: Ranges| {
@@ -73,14 +73,14 @@ impl fmt::Display for Epsg {
     }
 }
 
-/// Whether an EPSG number is a geographic coordinate system (degrees of longitude and latitude); all others
-/// that rasters have are projected. The GeoTIFF keys differ for the two.
+/// Whether an EPSG code is that of a geographic system (longitude and latitude). All other systems
+/// of rasters are projected. GeoTIFF uses different keys for the two.
 pub(super) fn is_geographic(code: u16) -> bool {
     GEOGRAPHIC.iter().any(|&(first, last)| (first..=last).contains(&code))
 }
 
-/// Ranges with geographic and no projected systems, from the EPSG registry. (Numbers within them that mean
-/// neither are of no interest here.)
+/// Ranges of codes with geographic and no projected systems, from the EPSG registry. (Codes within
+/// them that are neither do not matter here.)
 #[rustfmt::skip]
 const GEOGRAPHIC: &[(u16, u16)] = &[
     (3819, 3824), (3888, 3889), (3906, 3906), (4001, 4025), (4027, 4036), (4040, 4047), (4052, 4055),

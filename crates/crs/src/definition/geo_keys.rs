@@ -1,4 +1,4 @@
-//! The keys with which GeoTIFF files define coordinate systems (OGC 19-008r4).
+//! GeoTIFF keys, which define coordinate reference systems (OGC 19-008r4).
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::epsg::is_geographic;
 use super::{Epsg, number_text, unit_of_angle, unit_of_length};
 
-/// Keys by their names in GeoTIFF 1.1.
+/// Key numbers, with names as in GeoTIFF 1.1.
 pub(crate) mod key {
     pub(crate) const MODEL_TYPE: u16 = 1024;
     pub(crate) const RASTER_TYPE: u16 = 1025;
@@ -44,31 +44,31 @@ pub(crate) const PROJECTED: u16 = 1;
 pub(crate) const GEOGRAPHIC: u16 = 2;
 const GEOCENTRIC: u16 = 3;
 
-/// Numbers for units, of the EPSG registry.
+/// EPSG codes of units.
 mod unit {
     pub(super) const METRE: u16 = 9001;
     pub(super) const FOOT: u16 = 9002;
     pub(super) const US_FOOT: u16 = 9003;
     pub(super) const KILOMETRE: u16 = 9036;
     pub(super) const DEGREE: u16 = 9102;
-    /// Degrees in whatever notation.
+    /// Degrees in any notation.
     pub(super) const SOME_DEGREE: u16 = 9122;
 }
 
-/// The value of a key that is defined by other keys.
+/// Value of a key that other keys define.
 pub(crate) const USER_DEFINED: u16 = 32767;
 
-/// Tags that hold the values of keys. (Where the tag is 0, the entry has the value itself.)
+/// Tags that contain the values of keys. (With tag 0, the entry itself contains the value.)
 const DOUBLES_TAG: u16 = 34736;
 const TEXTS_TAG: u16 = 34737;
 
-/// Keys that are looked at; the specification has fewer than a hundred.
+/// Maximum number of keys that are read; the specification has fewer than a hundred.
 const MAX_KEYS: usize = 1024;
-/// Doubles and bytes of text that keys may have in all.
+/// Maximum total number of doubles and bytes of strings in the values of all keys.
 const BUDGET: usize = 1 << 18;
 
-/// The keys of a GeoTIFF file that define its coordinate system, as they came: all but the raster type, which
-/// is about pixels.
+/// The keys of a GeoTIFF file that define its coordinate reference system, unchanged: all keys
+/// except the raster type, which is about pixels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GeoKeys {
     /// Version, revision and minor revision of the directory.
@@ -80,7 +80,7 @@ pub struct GeoKeys {
     texts: Vec<u8>,
 }
 
-/// Keys in the making, which may come in any order.
+/// Builder of keys, which may be added in any order.
 #[derive(Default)]
 pub(crate) struct GeoKeysBuilder {
     entries: BTreeMap<u16, [u16; 3]>,
@@ -94,12 +94,13 @@ impl GeoKeysBuilder {
     }
 
     pub(crate) fn double(&mut self, place: u16, values: &[f64]) {
-        // (A system has some thirty of them at most.)
+        // (A system has at most about thirty of them.)
         self.entries.insert(place, [DOUBLES_TAG, values.len() as u16, self.doubles.len() as u16]);
         self.doubles.extend(values);
     }
 
-    /// A text: what is not ASCII is left out, as the format asks, and so is what nobody would read.
+    /// Adds a string. Removes characters that are not printable ASCII, as the format requires, and
+    /// shortens it to 400 characters.
     pub(crate) fn text(&mut self, place: u16, text: &str) {
         let text: String = text.chars().filter(|c| c.is_ascii() && !c.is_ascii_control()).take(400).collect();
         let start = self.texts.len() as u16;
@@ -118,18 +119,18 @@ enum KeyValue<'a> {
     Number(u16),
     Doubles(&'a [f64]),
     Text(&'a [u8]),
-    /// The entry of one that is not in the tags that are kept, or reaches beyond them.
+    /// The entry of a value that is in other tags, or beyond the end of a tag.
     Elsewhere(&'a [u16; 4]),
 }
 
 impl GeoKeys {
-    /// The keys in the values of the tags GeoKeyDirectory, GeoDoubleParams and GeoAsciiParams; nothing if there
-    /// are none that say something about a coordinate system.
+    /// Creates keys from the values of the tags GeoKeyDirectory, GeoDoubleParams and
+    /// GeoAsciiParams. `None` if no key defines a coordinate reference system.
     ///
-    /// Entries beyond the directory's own count are no keys. Of the other values only those are kept that keys
-    /// can refer to, so that hostile files make at most 1 MiB of it.
+    /// Entries beyond the directory's own count are ignored. Of the other values, only those that
+    /// keys can refer to are kept, so untrusted files use at most 1 MiB.
     pub fn new(directory: &[u16], doubles: &[f64], texts: &[u8]) -> Option<GeoKeys> {
-        /// What keys can refer to, by an index and a count of 16 bits.
+        /// Range of values that keys can refer to, by an index and a count of 16 bits each.
         const REACH: usize = 2 * (u16::MAX as usize);
         let (entries, _) = directory.as_chunks::<4>();
         let ([version, revision, minor, count], entries) = entries.split_first()?;
@@ -146,7 +147,7 @@ impl GeoKeys {
         keys.entries.iter().any(says).then_some(keys)
     }
 
-    /// The keys that name a system of the EPSG registry; `None` if its numbers do not fit into keys.
+    /// Returns the keys for EPSG codes, or `None` if the codes do not fit into keys.
     pub fn of_epsg(epsg: Epsg) -> Option<GeoKeys> {
         let Epsg { horizontal, vertical } = epsg.in_parts();
         let number =
@@ -160,12 +161,12 @@ impl GeoKeys {
         if let Some(vertical) = vertical {
             entries.push([key::VERTICAL, 0, 1, number(vertical)?]);
         }
-        // Readers take numbers of vertical systems from GeoTIFF 1.1 on.
+        // Readers support EPSG codes of vertical systems from GeoTIFF 1.1 on.
         let minor = u16::from(vertical.is_some());
         Some(GeoKeys { version: [1, 1, minor], entries, doubles: Vec::new(), texts: Vec::new() })
     }
 
-    /// The value of the tag GeoKeyDirectory, with a key for the raster type.
+    /// Returns the value of the tag GeoKeyDirectory, including a key for the raster type.
     pub fn directory(&self, raster_type: u16) -> Vec<u16> {
         let mut entries: Vec<_> = self.entries.iter().take(MAX_KEYS).copied().collect();
         let place =
@@ -176,19 +177,19 @@ impl GeoKeys {
         entries.concat()
     }
 
-    /// The value of the tag GeoDoubleParams.
+    /// Returns the value of the tag GeoDoubleParams.
     pub fn doubles(&self) -> &[f64] {
         &self.doubles
     }
 
-    /// The value of the tag GeoAsciiParams, without the NUL that ends it.
+    /// Returns the value of the tag GeoAsciiParams, without the NUL at its end.
     pub fn texts(&self) -> &[u8] {
         &self.texts
     }
 
-    /// All keys in order, with their values.
+    /// Iterates over all keys in order, with their values.
     fn values(&self) -> impl Iterator<Item = (u16, KeyValue<'_>)> {
-        // (No more than a real file has, should keys share their values over and over.)
+        // (Limited to what real files have, because many keys may share the same values.)
         let mut budget = BUDGET;
         self.entries.iter().take(MAX_KEYS).map(move |entry| {
             let [number, _, count, _] = *entry;
@@ -211,7 +212,7 @@ impl GeoKeys {
         match tag {
             0 => KeyValue::Number(value),
             DOUBLES_TAG => self.doubles.get(start..end).map_or(KeyValue::Elsewhere(entry), KeyValue::Doubles),
-            // (Some writers count one more than there is.)
+            // (Some writers count one byte too many.)
             TEXTS_TAG => match self.texts.get(start..end.min(self.texts.len())) {
                 Some(text) => KeyValue::Text(text),
                 None => KeyValue::Elsewhere(entry),
@@ -220,18 +221,18 @@ impl GeoKeys {
         }
     }
 
-    /// The first entry of a key with a value of a kind, as readers take it.
+    /// Returns the value of the first entry of a key that has a given kind, as readers do.
     fn find<'a, T>(&'a self, wanted: u16, kind: impl Fn(KeyValue<'a>) -> Option<T>) -> Option<T> {
         let mut entries = self.entries.iter().take(MAX_KEYS).filter(|entry| entry[0] == wanted);
         entries.find_map(|entry| kind(self.value(entry)))
     }
 
-    /// The number of a key, if it has one.
+    /// Returns the short value of a key, if it has one.
     pub fn number(&self, wanted: u16) -> Option<u16> {
         self.find(wanted, |value| if let KeyValue::Number(number) = value { Some(number) } else { None })
     }
 
-    /// The floating number of a key, if it has one.
+    /// Returns the first double of a key, if it has one.
     pub fn double(&self, wanted: u16) -> Option<f64> {
         self.doubles_of(wanted)?.first().copied()
     }
@@ -240,25 +241,25 @@ impl GeoKeys {
         self.find(wanted, |value| if let KeyValue::Doubles(values) = value { Some(values) } else { None })
     }
 
-    /// The text of a key, if it has one.
+    /// Returns the string of a key, if it has one.
     pub fn text(&self, wanted: u16) -> Option<String> {
         self.find(wanted, |value| if let KeyValue::Text(text) = value { Some(plain(text)) } else { None })
     }
 
-    /// A key's number, if it is one of a registry.
+    /// Returns a key's value if it is a code of a registry.
     pub(crate) fn registered(&self, wanted: u16) -> Option<u16> {
-        // (0 is undefined.)
+        // (0 means undefined.)
         self.number(wanted).filter(|number| (1..USER_DEFINED).contains(number))
     }
 
-    /// Whether a text has these words, in small letters.
+    /// Whether a string value contains some words, in lower case.
     fn cites(&self, words: &str) -> bool {
         self.values().any(
             |(_, value)| matches!(value, KeyValue::Text(text) if plain(text).to_lowercase().contains(words)),
         )
     }
 
-    /// ERDAS Imagine gives the metric system's number for systems in feet.
+    /// ERDAS Imagine writes the code of the metric system for systems in feet.
     fn is_imagine_in_feet(&self) -> bool {
         self.cites("imagine geotiff support") && self.cites("feet")
     }
@@ -272,9 +273,9 @@ impl GeoKeys {
     }
 
     pub(super) fn epsg(&self) -> Option<Epsg> {
-        // Below are obsolete numbers, of ellipsoids among others.
+        // Smaller numbers are obsolete, such as those of ellipsoids.
         let number = |wanted| self.registered(wanted).filter(|number| *number >= 1024);
-        // Some writers have names of their own for the system that most web maps use.
+        // Some writers have their own names for Web Mercator.
         let is_web_mercator = self.cites("wgs_1984_web_mercator_auxiliary_sphere")
             || self.number(key::PROJECTION) == Some(3856);
         let horizontal = match self.model() {
@@ -285,7 +286,7 @@ impl GeoKeys {
             _ => return None,
         };
         let epsg = Epsg::new(horizontal.into());
-        // A unit that the system does not have makes another system.
+        // A unit that differs from the system's unit makes another system.
         let agrees = |told: Option<&str>| match (told, epsg.unit()) {
             (Some(told), Some(known)) => told == known,
             _ => true,
@@ -295,11 +296,12 @@ impl GeoKeys {
         }
         let vertical = match (horizontal, self.number(key::VERTICAL)) {
             (_, None | Some(0)) => return Some(epsg),
-            // Heights above the ellipsoid: the system of three dimensions, or the ellipsoid's old number.
+            // Heights above the ellipsoid: the code of the three-dimensional system, or the
+            // obsolete number of the ellipsoid.
             (4326 | 4979, Some(4979 | 5030)) => return Some(Epsg::new(4979)),
             (_, Some(number)) => number,
         };
-        // Numbers of ellipsoids and of levels of the sea, from before GeoTIFF 1.1.
+        // Numbers of ellipsoids and of sea levels, from before GeoTIFF 1.1.
         let is_obsolete = (5001..=5035).contains(&vertical) || (5101..=5106).contains(&vertical);
         let is_vertical =
             (1024..USER_DEFINED).contains(&vertical) && !is_obsolete && !is_geographic(vertical);
@@ -312,7 +314,7 @@ impl GeoKeys {
         names.into_iter().find_map(|place| self.text(place))
     }
 
-    /// The unit of the plane that the keys tell.
+    /// Returns the unit of the horizontal axes according to the keys.
     pub(super) fn unit(&self) -> Option<&'static str> {
         if self.is_imagine_in_feet() {
             return Some(if self.cites("us_survey_feet") { "us-ft" } else { "ft" });
@@ -342,13 +344,13 @@ impl GeoKeys {
         }
     }
 
-    /// Metres of the plane's unit by its name, where it is told by a text.
+    /// Returns the length in metres of the horizontal unit, if a citation names it.
     pub(crate) fn metres(&self) -> Option<f64> {
         let unit = self.is_imagine_in_feet().then(|| self.unit())??;
         super::proj_string::metres(unit)
     }
 
-    /// Whether a text says something that keys leave open, so that it is a part of the definition.
+    /// Whether a citation specifies what the keys leave open, so that it belongs to the definition.
     fn defines(&self, place: u16, text: &str) -> bool {
         let model = self.model();
         let is_known = |places: &[u16]| places.iter().any(|place| self.registered(*place).is_some());
@@ -365,13 +367,13 @@ impl GeoKeys {
                     !by_plane && !is_known(&[key::GEODETIC_CRS, key::GEODETIC_DATUM])
                 }
                 key::VERTICAL_CITATION => !is_known(&[key::VERTICAL, key::VERTICAL_DATUM]),
-                // No key of the specification.
+                // Not a key of the specification.
                 _ => true,
             }
     }
 
-    /// Text that is the same for keys that say the same: in order, without what is only told to people and
-    /// what would be so without the key.
+    /// Returns a string that is equal for equivalent keys: sorted by key, without remarks and
+    /// default values.
     pub(super) fn normalised(&self) -> String {
         let mut values = BTreeMap::new();
         for (number, value) in self.values() {
@@ -387,7 +389,7 @@ impl GeoKeys {
                 _ => false,
             };
             if !is_default {
-                // The first of several counts, as for readers.
+                // If a key occurs several times, the first one counts, as for readers.
                 values.entry(number).or_insert_with(|| value.to_string());
             }
         }
@@ -395,7 +397,7 @@ impl GeoKeys {
     }
 }
 
-/// A text without what ends it.
+/// Returns a string without its terminators.
 fn plain(text: &[u8]) -> String {
     String::from_utf8_lossy(text).trim_end_matches(['|', '\0', ' ']).to_string()
 }
@@ -413,7 +415,7 @@ impl fmt::Display for KeyValue<'_> {
     }
 }
 
-/// `NUMBER=VALUE` for each key.
+/// Formats `NUMBER=VALUE` for each key.
 impl fmt::Display for GeoKeys {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let keys: Vec<_> = self.values().map(|(number, value)| format!("{number}={value}")).collect();

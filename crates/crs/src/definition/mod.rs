@@ -1,4 +1,4 @@
-//! Coordinate systems, defined as they came.
+//! Coordinate reference systems in their original definitions.
 
 mod epsg;
 pub(crate) mod geo_keys;
@@ -22,25 +22,26 @@ pub(super) use self::wkt::{BOUND, GEOGRAPHIC, WKT2, WktNode, parse as parse_wkt}
 use crate::web_mercator::{WEB_MERCATOR, WEB_MERCATOR_HALF};
 use spinney_base::{Error, Result};
 
-/// Bytes of a definition in one text; real ones have a few thousand.
+/// Maximum length of a definition in bytes; real ones have a few thousand.
 const MOST: usize = 1 << 20;
 
-/// A coordinate system, in the form in which it was defined.
+/// A coordinate reference system, in its original form of definition.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub enum Crs {
-    /// By numbers of the EPSG registry.
+    /// EPSG codes.
     Epsg(Epsg),
-    /// By the keys of a GeoTIFF file.
+    /// Keys of a GeoTIFF file.
     GeoKeys(GeoKeys),
-    /// In well-known text, of version 1 (OGC 01-009) or 2 (ISO 19162).
+    /// Well-known text, of version 1 (OGC 01-009) or 2 (ISO 19162).
     Wkt(String),
-    /// In PROJ's JSON.
+    /// PROJJSON.
     ProjJson(String),
-    /// In PROJ's words, `+proj=...`.
+    /// A PROJ string, `+proj=...`.
     Proj(String),
 }
 
-// (A derived one is compiled anew wherever a frame is cloned.)
+// (Not derived: the compiler would instantiate a derived implementation wherever a frame is
+// cloned.)
 impl Clone for Crs {
     fn clone(&self) -> Crs {
         match self {
@@ -54,16 +55,16 @@ impl Clone for Crs {
 }
 
 impl Crs {
-    /// The system with this number in the EPSG registry.
+    /// Returns the system with an EPSG code.
     pub const fn epsg(number: u32) -> Crs {
         Crs::Epsg(Epsg::new(number))
     }
 
-    /// Reads a definition: `EPSG:4326`, `EPSG:4326+5773`, the like as URN or URL, WKT, PROJJSON, or PROJ's words
-    /// (`+proj=utm +zone=32 +datum=WGS84`).
+    /// Parses a definition: `EPSG:4326`, `EPSG:4326+5773`, the equivalent URN or URL, WKT,
+    /// PROJJSON, or a PROJ string (`+proj=utm +zone=32 +datum=WGS84`).
     ///
     /// # Errors
-    /// If the text is none of these, or too long.
+    /// If the string is none of these, or is too long.
     pub fn parse(text: &str) -> Result<Crs> {
         let text = text.trim_start_matches('\u{feff}').trim_matches(|c: char| c.is_whitespace() || c == '\0');
         let invalid = |found: String, expected: &str| Error::invalid("coordinate system", found, expected);
@@ -90,8 +91,8 @@ impl Crs {
         Err(invalid(format!("`{}`", shortened(text, 60)), forms))
     }
 
-    /// Fails if the system is named by numbers that the EPSG registry does not have: for what people write. (Files may be newer than the
-    /// registry that this was compared with.)
+    /// Checks that the system's EPSG codes exist in the registry. Meant for user input: files may
+    /// be newer than the version of the registry that is known here.
     ///
     /// ```
     /// use spinney::Crs;
@@ -100,7 +101,7 @@ impl Crs {
     /// ```
     ///
     /// # Errors
-    /// If so.
+    /// If a code is not registered.
     pub fn check_registered(&self) -> Result<()> {
         let Crs::Epsg(Epsg { horizontal, vertical }) = self else { return Ok(()) };
         let mut numbers = [Some(*horizontal), *vertical].into_iter().flatten();
@@ -113,7 +114,7 @@ impl Crs {
         }
     }
 
-    /// The numbers that name the system whole, if the definition has them.
+    /// Returns the EPSG codes of the whole system, if the definition has them.
     pub fn numbers(&self) -> Option<Epsg> {
         match self {
             Crs::Epsg(epsg) => Some(*epsg),
@@ -124,7 +125,7 @@ impl Crs {
         }
     }
 
-    /// The name that the definition gives the system.
+    /// Returns the system's name in the definition.
     pub fn name(&self) -> Option<String> {
         let name = match self {
             Crs::Epsg(_) | Crs::Proj(_) => None,
@@ -135,7 +136,8 @@ impl Crs {
         name.filter(|name| !name.is_empty())
     }
 
-    /// The form of the definition: "EPSG", "GeoTIFF keys", "WKT", "PROJJSON" or "PROJ string".
+    /// Returns the form of the definition: "EPSG", "GeoTIFF keys", "WKT", "PROJJSON" or "PROJ
+    /// string".
     pub fn form(&self) -> &'static str {
         match self {
             Crs::Epsg(_) => "EPSG",
@@ -146,7 +148,7 @@ impl Crs {
         }
     }
 
-    /// The definition as text; that of GeoTIFF keys is `NUMBER=VALUE` for each of them.
+    /// Returns the definition as a string; for GeoTIFF keys, `NUMBER=VALUE` for each key.
     pub fn definition(&self) -> String {
         match self {
             Crs::Epsg(epsg) => epsg.to_string(),
@@ -155,14 +157,15 @@ impl Crs {
         }
     }
 
-    /// A definition that [`Crs::parse`] reads: numbers where they are known, else WKT, else the definition as it is.
+    /// Returns a definition that [`Crs::parse`] reads: EPSG codes if they are known, otherwise WKT
+    /// if possible, otherwise the original definition.
     pub fn short_definition(&self) -> String {
         let text = || self.to_wkt2().unwrap_or_else(|_| self.definition());
         self.numbers().map_or_else(text, |numbers| numbers.to_string())
     }
 
-    /// The unit in which the system's plane is measured: "degrees", "m", "ft", "us-ft" or "km". `None` if it is
-    /// another one or unknown.
+    /// Returns the unit of the horizontal axes: "degrees", "m", "ft", "us-ft" or "km". `None` if it
+    /// is another one or unknown.
     pub fn unit(&self) -> Option<&'static str> {
         match self {
             Crs::Epsg(epsg) => epsg.unit(),
@@ -174,8 +177,8 @@ impl Crs {
         .or_else(|| self.numbers()?.unit())
     }
 
-    /// How far the first coordinate leads once round the world: 360 degrees of longitude, or the side of web mercator's square in
-    /// metres; `None` of systems that do not come again.
+    /// Returns the period of the first coordinate around the world: 360 degrees of longitude, or
+    /// the side of the Web Mercator square in metres. `None` for systems that are not periodic.
     pub fn turn(&self) -> Option<f64> {
         match self.numbers() {
             _ if self.unit() == Some("degrees") => Some(360.0),
@@ -184,16 +187,17 @@ impl Crs {
         }
     }
 
-    /// Whether two definitions mean the same system: they name the same numbers, have the same parts, such as one by number and a `.prj` file
-    /// with the same parameters, or say the same in the same form, what is only told to people aside.
+    /// Whether two definitions mean the same system: they have the same EPSG codes or the same
+    /// components (such as a code and a `.prj` file with the same parameters), or are equal in the
+    /// same form except for remarks.
     ///
-    /// Those in different forms that are not understood are taken for different.
+    /// Definitions in different forms that cannot be interpreted are considered different.
     pub fn is_same(&self, other: &Crs) -> bool {
         let has_same_parts = || self.identity().is_some_and(|identity| Some(identity) == other.identity());
         self == other || self.normalised() == other.normalised() || has_same_parts()
     }
 
-    /// Text that is the same for the same systems.
+    /// Returns a string that is equal for equal systems.
     fn normalised(&self) -> String {
         if let Some(epsg) = self.numbers() {
             return epsg.in_parts().to_string();
@@ -208,7 +212,8 @@ impl Crs {
         format!("{} {}", self.form(), text.unwrap_or_else(|| self.definition()))
     }
 
-    /// Fails if two things, each with its name for messages, lie in different systems, or one in none.
+    /// Checks that two things, each with its name for messages, have the same system, or both have
+    /// none.
     pub fn check_same(a: (&str, Option<&Crs>), b: (&str, Option<&Crs>)) -> Result<()> {
         let ((here, expected), (there, found)) = (a, b);
         match (expected, found) {
@@ -228,8 +233,9 @@ impl Crs {
     }
 }
 
-/// Numbers of the registry, as `EPSG:4326+5773`, `urn:ogc:def:crs:EPSG::7415`,
-/// `urn:ogc:def:crs,crs:EPSG::28992,crs:EPSG::5709` or `http://www.opengis.net/def/crs/EPSG/0/7415`.
+/// Parses EPSG codes, such as `EPSG:4326+5773`, `urn:ogc:def:crs:EPSG::7415`,
+/// `urn:ogc:def:crs,crs:EPSG::28992,crs:EPSG::5709` or
+/// `http://www.opengis.net/def/crs/EPSG/0/7415`.
 fn parse_numbers(text: &str) -> Option<Epsg> {
     let lower = text.to_ascii_lowercase();
     if let Some(numbers) = lower.strip_prefix("epsg:") {
@@ -252,24 +258,24 @@ fn parse_numbers(text: &str) -> Option<Epsg> {
     Some(Epsg::new(number(&lower).filter(|_| is_reference)?))
 }
 
-/// The unit of so many metres.
+/// Returns the unit of a length in metres.
 fn unit_of_length(metres: f64) -> Option<&'static str> {
     let units = [("m", 1.0), ("ft", 0.3048), ("us-ft", 1200.0 / 3937.0), ("km", 1000.0)];
     units.into_iter().find(|(_, factor)| (metres / factor - 1.0).abs() < 1e-9).map(|(name, _)| name)
 }
 
-/// The unit of so many radians.
+/// Returns the unit of an angle in radians.
 fn unit_of_angle(radians: f64) -> Option<&'static str> {
     ((radians / 1f64.to_radians() - 1.0).abs() < 1e-9).then_some("degrees")
 }
 
-/// A number as text that is the same for the same number.
+/// Formats a number uniquely.
 fn number_text(number: f64) -> String {
-    // (That makes a zero of a negative zero.)
+    // (Adding 0.0 turns -0.0 into 0.0.)
     format!("{:?}", number + 0.0)
 }
 
-/// So many characters of a text, and a sign that there are more.
+/// Shortens a string to a number of characters, followed by dots.
 fn shortened(text: &str, most: usize) -> String {
     match text.char_indices().nth(most) {
         Some((end, _)) => format!("{}...", &text[..end]),
@@ -277,7 +283,7 @@ fn shortened(text: &str, most: usize) -> String {
     }
 }
 
-/// Number and name, or name and form where there is no number.
+/// Formats code and name, or name and form if there is no code.
 impl fmt::Display for Crs {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let name = self.name().map(|name| shortened(&name, 200));

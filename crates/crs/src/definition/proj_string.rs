@@ -1,11 +1,12 @@
-//! Coordinate systems in PROJ's words: `+proj=utm +zone=32 +datum=WGS84`.
+//! PROJ strings: `+proj=utm +zone=32 +datum=WGS84`.
 
 use super::{MOST, unit_of_length};
 
-/// Words that are told to programs, and define nothing.
+/// Words for programs that do not affect the definition.
 const TOLD: [&str; 4] = ["no_defs", "type", "wktext", "title"];
 
-/// Reads the words of a definition, each with its value if it has one. An error says what was found.
+/// Parses the words of a definition, with their values if they have any. The error describes what
+/// was found.
 pub(crate) fn parse(text: &str) -> Result<Vec<(&str, Option<&str>)>, String> {
     if text.len() > MOST {
         return Err(format!("{} bytes", text.len()));
@@ -27,7 +28,7 @@ pub(crate) fn parse(text: &str) -> Result<Vec<(&str, Option<&str>)>, String> {
         if !is_name || !value.is_none_or(is_value) {
             return Err(shown());
         }
-        // (Real ones have about ten; this keeps the next line cheap.)
+        // (Real definitions have about ten words. The limit keeps the next line cheap.)
         if words.len() == 64 || words.iter().any(|(own, _)| *own == name) {
             return Err(format!("{} once more", shown()));
         }
@@ -37,12 +38,12 @@ pub(crate) fn parse(text: &str) -> Result<Vec<(&str, Option<&str>)>, String> {
     if method.is_some() { Ok(words) } else { Err("no +proj=".into()) }
 }
 
-/// Meaning of a word.
+/// Returns the value of a word.
 pub(crate) fn value<'a>(words: &[(&str, Option<&'a str>)], name: &str) -> Option<&'a str> {
     words.iter().find(|(own, _)| *own == name).and_then(|(_, value)| *value)
 }
 
-/// Metres of a unit by its name.
+/// Returns the length of a unit in metres.
 pub(crate) fn metres(name: &str) -> Option<f64> {
     match name {
         "m" => Some(1.0),
@@ -53,7 +54,7 @@ pub(crate) fn metres(name: &str) -> Option<f64> {
     }
 }
 
-/// The unit of the system's plane.
+/// Returns the unit of the horizontal axes.
 pub(super) fn unit(text: &str) -> Option<&'static str> {
     let words = parse(text).ok()?;
     match (value(&words, "proj"), value(&words, "units"), value(&words, "to_meter")) {
@@ -65,7 +66,7 @@ pub(super) fn unit(text: &str) -> Option<&'static str> {
     }
 }
 
-/// Text that is the same however the definition is written.
+/// Returns a string that is equal for equivalent definitions.
 pub(super) fn normalised(text: &str) -> Option<String> {
     let mut words = parse(text).ok()?;
     words.retain(|(name, _)| !TOLD.contains(name));

@@ -1,19 +1,19 @@
-//! Coordinate systems in PROJ's JSON (PROJJSON 0.7).
+//! PROJJSON 0.7.
 
 use serde_json::Value;
 
 use super::{Epsg, MOST, number_text, unit_of_angle, unit_of_length};
 
-/// Members that are told to programs and people, and define nothing.
+/// Members for programs and people that do not affect the definition.
 const TOLD: [&str; 8] =
     ["$schema", "usages", "scope", "area", "bbox", "vertical_extent", "temporal_extent", "remarks"];
 
-/// Reads the definition of a coordinate system. An error says what was found.
+/// Parses a coordinate reference system. The error describes what was found.
 pub(crate) fn parse(text: &str) -> Result<Value, String> {
     if text.len() > MOST {
         return Err(format!("{} bytes", text.len()));
     }
-    // (Values that are nested too deeply are an error there.)
+    // (The parser limits the nesting depth.)
     let value: Value = serde_json::from_str(text).map_err(|error| error.to_string())?;
     match value["type"].as_str() {
         Some(kind) if kind.ends_with("CRS") => Ok(value),
@@ -25,7 +25,7 @@ pub(super) fn name(value: &Value) -> Option<String> {
     value["name"].as_str().or_else(|| value["source_crs"]["name"].as_str()).map(String::from)
 }
 
-/// The numbers of the whole system, or of both parts of a compound one.
+/// Returns the EPSG codes of the whole system, or of both components of a compound one.
 pub(super) fn epsg(value: &Value) -> Option<Epsg> {
     if let Some(number) = number(value) {
         return Some(Epsg::new(number));
@@ -46,9 +46,10 @@ pub(crate) fn number(value: &Value) -> Option<u32> {
     number.or_else(|| code.as_str()?.parse().ok()).filter(|number| is_epsg && *number > 0)
 }
 
-/// The unit of the system's plane.
+/// Returns the unit of the horizontal axes.
 pub(super) fn unit(value: &Value) -> Option<&'static str> {
-    // Systems in systems: the horizontal part of a pair, the one that a transformation is bound to.
+    // Nested systems: the horizontal component of a compound system, or the source of a bound
+    // system.
     let inner = [&value["components"][0], &value["source_crs"]].into_iter().find(|inner| inner.is_object());
     let unit = &inner.unwrap_or(value)["coordinate_system"]["axis"][0]["unit"];
     match (unit.as_str(), unit["conversion_factor"].as_f64()) {
@@ -60,7 +61,8 @@ pub(super) fn unit(value: &Value) -> Option<&'static str> {
     }
 }
 
-/// Text that is the same however the definition is written: members in order, without those that define nothing.
+/// Returns a string that is equal for equivalent definitions: members are sorted, and those that
+/// define nothing are left out.
 pub(super) fn normalised(value: &Value) -> String {
     let mut text = String::new();
     write(value, &mut text);
@@ -89,7 +91,7 @@ fn write(value: &Value, text: &mut String) {
             }
             text.push(']');
         }
-        // (1 and 1.0 are one number.)
+        // (1 and 1.0 are the same number.)
         Value::Number(number) => text.push_str(&number.as_f64().map_or(number.to_string(), number_text)),
         other => text.push_str(&other.to_string()),
     }

@@ -1,17 +1,19 @@
-//! Numbers of the EPSG registry (version v11.022, as PROJ has it) that name coordinate systems.
+//! EPSG codes that belong to coordinate reference systems (version v11.022 of the registry, as in
+//! PROJ).
 
-/// Whether a number names a coordinate system, or may do so in a newer registry: these are given out one after the other.
+/// Whether a code is that of a coordinate reference system, or may be in a newer version of the
+/// registry, which assigns codes consecutively.
 pub(super) fn is_registered(number: u32) -> bool {
-    /// Where numbers were given out last when the table was made, and room for those that came since.
+    /// The codes assigned last when the table was made, with space for later ones.
     const GROWING: std::ops::Range<u32> = 10_734..12_000;
-    /// Web mercator, before it had a number in the registry itself.
+    /// Web Mercator, before the registry had a code for it.
     const GOOGLE: u32 = 900_913;
     let Ok(number) = u16::try_from(number) else { return number == GOOGLE };
     let index = REGISTERED.partition_point(|(first, _)| *first <= number);
     index > 0 && number <= REGISTERED[index - 1].1 || GROWING.contains(&u32::from(number))
 }
 
-/// Ranges of numbers, first and last.
+/// Ranges of codes, first and last.
 #[rustfmt::skip]
 const REGISTERED: &[(u16, u16)] = &[
     (2000, 2180), (2188, 2292), (2294, 2973), (2975, 3791), (3793, 3802), (3812, 3812), (3814, 3816), (3819, 3819), (3821, 3829),

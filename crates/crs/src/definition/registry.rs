@@ -1,6 +1,7 @@
-//! Tables of the EPSG registry (version v12.029, as PROJ has it) about coordinate systems that rasters and models have.
+//! Tables of the EPSG registry (version v12.029, as in PROJ) about coordinate reference systems of
+//! rasters and models.
 
-/// Ranges of numbers with a step: first, last, step.
+/// Ranges of codes with a stride: first, last, stride.
 pub(super) type Ranges = &'static [(u16, u16, u16)];
 
 /// Projected systems in feet of 0.3048 m.
@@ -37,7 +38,8 @@ pub(super) const US_FEET: Ranges = &[
     (32064, 32077, 1), (32099, 32099, 1), (32164, 32167, 1), (32664, 32667, 1),
 ];
 
-/// Projected systems in neither metres nor the feet above: yards, chains, links, kilometres, other feet.
+/// Projected systems in units other than metres and the feet above: yards, chains, links,
+/// kilometres, other feet.
 #[rustfmt::skip]
 pub(super) const OTHER_LENGTHS: Ranges = &[
     (2066, 2066, 1), (2136, 2136, 1), (2159, 2160, 1), (2314, 2314, 1), (3139, 3140, 1), (3167, 3167, 1),
@@ -53,7 +55,7 @@ pub(super) const GRADS: Ranges = &[
     (4901, 4901, 1), (4902, 4902, 1),
 ];
 
-/// Compound systems: number, horizontal system, vertical system; by number.
+/// Compound systems: code, horizontal system, vertical system; sorted by code.
 #[rustfmt::skip]
 pub(super) const COMPOUND: &[(u16, u16, u16)] = &[
     (3901, 2393, 5717), (3902, 5048, 5717), (3903, 5048, 3900), (4097, 4093, 5799), (4098, 4094, 5799),

@@ -30,13 +30,13 @@ fn refused(text: &str) -> String {
     Crs::parse(text).unwrap_err().to_string()
 }
 
-/// Keys of entries (without doubles where the tag is 0), as a file has them.
+/// Keys from entries (without doubles if the tag is 0), as in a file.
 fn keys(entries: &[[u16; 4]], doubles: &[f64], texts: &str) -> Crs {
     let directory = [&[[1, 1, 0, entries.len() as u16]], entries].concat();
     Crs::GeoKeys(GeoKeys::new(directory.as_flattened(), doubles, texts.as_bytes()).unwrap())
 }
 
-/// Lambert's equal-area projection at a latitude, with another citation for each writer.
+/// Lambert's equal-area projection at a latitude, with a writer-specific citation.
 fn equal_area(latitude: f64, citation: &str) -> Crs {
     let entries = [
         [1024, 0, 1, 1],
@@ -122,7 +122,7 @@ fn hostile_texts_are_errors() {
     assert!(refused(&nested("{\"type\":", "}")).contains("recursion"));
     assert!(refused(&format!("GEOGCS[\"{}\"]", "a".repeat(2 << 20))).contains("1 MiB"));
     assert!(refused(&format!("{{\"type\":\"{}CRS\"}}", "a".repeat(2 << 20))).contains("1 MiB"));
-    // In a tree's file there may be anything.
+    // A tree's file may contain anything.
     for text in ["", "{", "GEOGCS[", "\u{1f600}["] {
         for crs in [Crs::Wkt(text.into()), Crs::ProjJson(text.into())] {
             assert_eq!((crs.numbers(), crs.name(), crs.unit()), (None, None, None));
@@ -130,7 +130,7 @@ fn hostile_texts_are_errors() {
             assert!(crs.to_string().contains("without an EPSG number"));
         }
     }
-    // Keys that all have the same long text.
+    // Keys that all share the same long string.
     let entries: Vec<_> = (0..u16::MAX).map(|number| [number, 34737, u16::MAX, 0]).collect();
     let crs = keys(&entries, &[], &"a".repeat(1 << 20));
     assert!(crs.definition().len() < 1 << 20 && crs.is_same(&crs.clone()));
@@ -175,11 +175,11 @@ fn same_systems() {
     }
     let turned = r#"{"type":"GeographicCRS","name":"n","a":1}"#;
     assert!(parsed(turned).is_same(&parsed(r#"{"a":1,"name":"n","type":"GeographicCRS"}"#)));
-    // One system under its own number, or those of its parts.
+    // The same system under its own code or those of its components.
     assert!(Crs::epsg(7415).is_same(&parsed(PAIR)));
     assert!(!Crs::epsg(28992).is_same(&parsed(PAIR)));
     assert!(!parsed(LAEA).is_same(&parsed(LAEA2)) && !parsed(LAEA).is_same(&Crs::epsg(4326)));
-    // Citations are for people, values are not.
+    // Citations are remarks, values are not.
     assert!(equal_area(12.0, "Africa|").is_same(&equal_area(12.0, "unnamed|")));
     assert!(!equal_area(12.0, "unknown|").is_same(&equal_area(52.0, "unknown|")));
 }
@@ -190,7 +190,7 @@ fn texts_of_keys_that_define_something() {
         let citation = [3073, 34737, text.len() as u16, 0];
         keys(&[entries, &[citation]].concat(), &[], text)
     };
-    // A projection that only the text tells, and a datum.
+    // A projection that only a citation defines, and a datum.
     for entries in [&[[1024, 0, 1, 32767]][..], &[[1024, 0, 1, 1], [3072, 0, 1, 32767]]] {
         let [a, b] = ["ESRI PE String = PROJCS[\"a\"]|", "ESRI PE String = PROJCS[\"b\"]|"];
         assert!(
@@ -221,11 +221,11 @@ fn numbers_of_keys() {
         (&[[3072, 0, 1, 32628]], Some("EPSG:32628")),
         (&[geographic, [2048, 0, 1, 4326], [2054, 0, 1, 9102]], Some("EPSG:4326")),
         (&[projected, [2048, 0, 1, 4326], [3072, 0, 1, 32767], [3074, 0, 1, 3856]], Some("EPSG:3857")),
-        // Feet, where the system has metres, and the other way round.
+        // Feet although the system is in metres, and vice versa.
         (&[projected, [3072, 0, 1, 32628], [3076, 0, 1, 9002]], None),
         (&[projected, [3072, 0, 1, 2263], [3076, 0, 1, 9003]], Some("EPSG:2263")),
         (&[projected, [3072, 0, 1, 2263], [3076, 0, 1, 9001]], None),
-        // What the user defines, upon a system with a number.
+        // User-defined systems based on a system with a code.
         (&[projected, [2048, 0, 1, 4326], [3072, 0, 1, 32767]], None),
         (&[[1024, 0, 1, 32767], [2048, 0, 1, 4326]], None),
         // Heights.
@@ -257,7 +257,7 @@ fn directories_are_kept_but_for_the_raster_type() {
     let keys = GeoKeys::new(directory.as_flattened(), &[], &[]).unwrap();
     let expected = [[1, 1, 1, 3], [1024, 0, 1, 1], [1025, 0, 1, 1], [3072, 0, 1, 2056]];
     assert_eq!(keys.directory(1), expected.as_flattened());
-    // Counts beyond the end, and nothing about a system.
+    // Counts beyond the end, and directories that define no system.
     assert!(GeoKeys::new(&[1, 1, 0, 60000, 3072, 0, 1, 2056, 7], &[], &[]).is_some());
     for nothing in [&[][..], &[1, 1], &[1, 1, 0, 0], &[1, 1, 0, 2, 1024, 0, 1, 1, 1025, 0, 1, 1]] {
         assert_eq!(GeoKeys::new(nothing, &[], &[]), None, "{nothing:?}");

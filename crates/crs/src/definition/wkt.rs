@@ -1,11 +1,12 @@
-//! Coordinate systems in well-known text: version 1 (OGC 01-009) and 2 (ISO 19162).
+//! Well-known text: version 1 (OGC 01-009) and version 2 (ISO 19162).
 
 use super::{Epsg, MOST, number_text, unit_of_angle, unit_of_length};
 
-/// Levels of brackets; real definitions have a dozen.
+/// Maximum nesting depth of brackets; real definitions have a dozen levels.
 const MAX_LEVELS: usize = 64;
 
-/// Keywords of coordinate systems: of lengths, of longitude and latitude, of those that consist of others, and bound to another one.
+/// Keywords of coordinate reference systems: those in units of length, geographic, compound, and
+/// bound ones.
 const LINEAR: [&str; 12] = [
     "PROJCS",
     "PROJCRS",
@@ -24,7 +25,7 @@ pub(crate) const GEOGRAPHIC: [&str; 5] = ["GEOGCS", "GEOGCRS", "GEOGRAPHICCRS", 
 const COMPOUND: [&str; 2] = ["COMPD_CS", "COMPOUNDCRS"];
 pub(crate) const BOUND: [&str; 1] = ["BOUNDCRS"];
 
-/// Keywords of coordinate systems in version 2.
+/// Keywords of coordinate reference systems in version 2.
 pub(crate) const WKT2: [&str; 13] = [
     "PROJCRS",
     "PROJECTEDCRS",
@@ -41,13 +42,13 @@ pub(crate) const WKT2: [&str; 13] = [
     "BOUNDCRS",
 ];
 
-/// Parts that are told to people, and define nothing.
+/// Nodes for people that do not affect the definition.
 const TOLD: [&str; 7] = ["USAGE", "SCOPE", "AREA", "BBOX", "VERTICALEXTENT", "TIMEEXTENT", "REMARK"];
 
-/// A keyword with what stands in its brackets.
+/// A keyword with the items in its brackets.
 #[derive(Debug, PartialEq)]
 pub(crate) struct WktNode {
-    /// In capitals.
+    /// In upper case.
     keyword: String,
     items: Vec<Item>,
 }
@@ -55,14 +56,14 @@ pub(crate) struct WktNode {
 #[derive(Debug, PartialEq)]
 enum Item {
     WktNode(WktNode),
-    /// A text in quotes.
+    /// A quoted string.
     Text(String),
     Number(f64),
-    /// A name without quotes, in capitals: the direction of an axis, say.
+    /// A name without quotes, in upper case, such as the direction of an axis.
     Word(String),
 }
 
-/// Reads the definition of a coordinate system. An error says what was found.
+/// Parses a coordinate reference system. The error describes what was found.
 pub(crate) fn parse(text: &str) -> Result<WktNode, String> {
     if text.len() > MOST {
         return Err(format!("{} bytes", text.len()));
@@ -85,7 +86,7 @@ struct Parser<'a> {
 }
 
 impl Parser<'_> {
-    /// The next character that is no space.
+    /// Skips whitespace and returns the next character.
     fn peek(&mut self) -> Option<char> {
         let rest = &self.text[self.at..];
         self.at += rest.len() - rest.trim_start().len();
@@ -127,7 +128,7 @@ impl Parser<'_> {
         }
     }
 
-    /// The text between an opening bracket, which comes next, and the one that closes it.
+    /// Parses the items from an opening bracket, which comes next, to the closing one.
     fn items(&mut self, open: char, level: usize) -> Result<Vec<Item>, String> {
         let close = if open == '[' { ']' } else { ')' };
         self.at += 1;
@@ -145,7 +146,7 @@ impl Parser<'_> {
         }
     }
 
-    /// A text in quotes; two quotes in it are one.
+    /// Parses a quoted string. Two consecutive quotes in it mean one.
     fn quoted(&mut self) -> Result<String, String> {
         let mut text = String::new();
         loop {
@@ -182,7 +183,7 @@ impl WktNode {
         self.nodes().find(|node| node.is(keywords))
     }
 
-    /// The texts in quotes.
+    /// Returns the quoted strings.
     pub(crate) fn texts(&self) -> impl Iterator<Item = &str> {
         self.items
             .iter()
@@ -195,14 +196,14 @@ impl WktNode {
             .filter_map(|item| if let Item::Number(number) = item { Some(*number) } else { None })
     }
 
-    /// The names without quotes, in capitals.
+    /// Returns the names without quotes, in upper case.
     pub(crate) fn words(&self) -> impl Iterator<Item = &str> {
         self.items
             .iter()
             .filter_map(|item| if let Item::Word(word) = item { Some(word.as_str()) } else { None })
     }
 
-    /// The part of a compound system that tells the plane; of others the system itself.
+    /// Returns the horizontal component of a compound system, and any other system itself.
     pub(crate) fn horizontal(&self) -> Option<&WktNode> {
         if self.is(&COMPOUND) { self.nodes().find(|node| node.is_crs())?.horizontal() } else { Some(self) }
     }
@@ -215,7 +216,7 @@ impl WktNode {
         }
     }
 
-    /// The numbers of the whole system, or of both parts of a compound one.
+    /// Returns the EPSG codes of the whole system, or of both components of a compound one.
     pub(super) fn epsg(&self) -> Option<Epsg> {
         if let Some(number) = self.number() {
             return Some(Epsg::new(number));
@@ -229,7 +230,7 @@ impl WktNode {
         Some(Epsg { horizontal: horizontal.number()?, vertical: Some(vertical.number()?) })
     }
 
-    /// The number that the node itself has in the EPSG registry.
+    /// Returns the node's own EPSG code.
     pub(crate) fn number(&self) -> Option<u32> {
         let id = self.child(&["ID", "AUTHORITY"])?;
         match id.items.as_slice() {
@@ -243,7 +244,7 @@ impl WktNode {
         .filter(|number| *number > 0)
     }
 
-    /// The unit of the system's plane.
+    /// Returns the unit of the horizontal axes.
     pub(super) fn unit(&self) -> Option<&'static str> {
         if self.is(&BOUND) {
             return self.child(&["SOURCECRS"])?.nodes().next()?.unit();
@@ -254,20 +255,20 @@ impl WktNode {
         let of_length = |node: &WktNode| unit_of_length(node.child(&["LENGTHUNIT", "UNIT"])?.factor()?);
         let of_angle = |node: &WktNode| unit_of_angle(node.child(&["ANGLEUNIT", "UNIT"])?.factor()?);
         let unit = |node: &WktNode| match self.is(&GEOGRAPHIC) {
-            // (Geodetic systems may be geocentric ones in metres.)
+            // (Geodetic systems may be geocentric, in metres.)
             true => of_angle(node).or_else(|| of_length(node)),
             false => of_length(node),
         };
-        // One for all axes, or one for each.
+        // A unit for all axes, or one for each axis.
         unit(self).or_else(|| unit(self.child(&["AXIS"])?))
     }
 
-    /// The number behind a unit's name.
+    /// Returns the number after a unit's name.
     fn factor(&self) -> Option<f64> {
         self.numbers().next()
     }
 
-    /// Text that is the same however the definition is written.
+    /// Returns a string that is equal for equivalent definitions.
     pub(super) fn normalised(&self) -> String {
         let mut text = String::new();
         self.write(&mut text);

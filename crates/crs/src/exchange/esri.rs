@@ -1,4 +1,4 @@
-//! Well-known text of version 1 as Esri has it: what `.prj` files of shapefiles hold.
+//! Esri's variant of well-known text version 1, as in `.prj` files of shapefiles.
 
 use super::parts::{Earth, Horizontal, Parts};
 use super::text::Text;
@@ -18,7 +18,7 @@ fn unit(text: &mut Text, metres: f64) {
     });
 }
 
-/// The text of a system. An error says what cannot be written.
+/// Writes a system. The error describes what cannot be written.
 pub(super) fn write(parts: &Parts) -> Result<String, String> {
     let earth = match &parts.horizontal {
         Horizontal::Earth(earth) => earth,
@@ -86,7 +86,7 @@ fn geographic(text: &mut Text, earth: &Earth) {
     });
 }
 
-/// The text, with the system of heights behind it.
+/// Appends the vertical system to the text.
 fn with_heights(plane: Text, parts: &Parts) -> String {
     let mut text = plane;
     if let Some(vertical) = &parts.vertical {

@@ -1,4 +1,4 @@
-//! Keys of GeoTIFF files for systems that came in other forms.
+//! GeoTIFF keys for systems that were defined in other forms.
 
 use super::parts::{Earth, Horizontal, Parts};
 use crate::definition::geo_keys::{GEOGRAPHIC, GeoKeys, GeoKeysBuilder, PROJECTED, USER_DEFINED, key};
@@ -6,12 +6,12 @@ use crate::methods::{self, Measure};
 use crate::projection::shift::Shift;
 use crate::projection::system::Name;
 
-/// Numbers of units of length in the EPSG registry.
+/// EPSG codes of units of length.
 const LENGTHS: [(f64, u16); 4] = [(1.0, 9001), (0.3048, 9002), (1200.0 / 3937.0, 9003), (1000.0, 9036)];
 const DEGREE: u16 = 9102;
 const GREENWICH: u16 = 8901;
 
-/// The keys of a system. An error says what they cannot say.
+/// Writes the keys of a system. The error describes what keys cannot represent.
 pub(super) fn write(parts: &Parts) -> Result<GeoKeys, String> {
     let mut keys = GeoKeysBuilder::default();
     let earth = match &parts.horizontal {
@@ -83,10 +83,11 @@ fn unit(keys: &mut GeoKeysBuilder, place: u16, size_place: u16, metres: f64) {
     }
 }
 
-/// Keys of the geographic system.
+/// Writes the keys of the geographic system.
 fn base(keys: &mut GeoKeysBuilder, earth: &Earth) -> Result<(), String> {
     match (&earth.base.datum, earth.registered()) {
-        // (A datum by its name alone is that of the first system that has it.)
+        // (A datum known only by its name is written as the first system of the registry that has
+        // it.)
         (Name::Epsg(number), _) => keys.number(key::GEODETIC_CRS, *number),
         (Name::Text(_), Some(known)) => keys.number(key::GEODETIC_CRS, known.number),
         (Name::Text(datum), None) => {

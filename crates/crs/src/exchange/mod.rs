@@ -1,4 +1,5 @@
-//! Coordinate systems as others read them: WKT 2, Esri's WKT 1 and GeoTIFF's keys, written from the parts that each form has.
+//! Export of coordinate reference systems as WKT 2, Esri's WKT 1 and GeoTIFF keys, from the
+//! components that all forms have in common.
 
 mod esri;
 mod keys;
@@ -14,7 +15,8 @@ use crate::{Crs, GeoKeys};
 use spinney_base::{Error, Result};
 
 impl Crs {
-    /// The system in well-known text of version 2 (ISO 19162:2019). A text that came so stays as it is.
+    /// Returns the system in well-known text version 2 (ISO 19162:2019). A definition in that form
+    /// is returned unchanged.
     ///
     /// ```
     /// use spinney::Crs;
@@ -24,7 +26,8 @@ impl Crs {
     /// ```
     ///
     /// # Errors
-    /// If the definition says something that is not understood here, so that the text could say something else.
+    /// If the definition contains an element that is not supported, so that the result might be
+    /// different.
     pub fn to_wkt2(&self) -> Result<String> {
         if let Crs::Wkt(text) = self
             && parse_wkt(text).is_ok_and(|node| node.is(&WKT2))
@@ -35,19 +38,20 @@ impl Crs {
         text.map_err(|found| self.not_written("WKT 2", found))
     }
 
-    /// The system in the well-known text of version 1 that Esri's programs read.
+    /// Returns the system in the variant of well-known text version 1 that Esri's programs read.
     ///
     /// # Errors
-    /// As of [`Crs::to_wkt2`], and if Esri's text has no words for it.
+    /// As for [`Crs::to_wkt2`], and if Esri's variant cannot represent it.
     pub fn to_esri_wkt(&self) -> Result<String> {
         let text = parts::read(self).and_then(|parts| esri::write(&parts));
         text.map_err(|found| self.not_written("Esri's WKT", found))
     }
 
-    /// The system in keys of GeoTIFF files: as they came, by its numbers, or by its parts.
+    /// Returns the system in GeoTIFF keys: the original keys, those of its EPSG codes, or those of
+    /// its components.
     ///
     /// # Errors
-    /// As of [`Crs::to_wkt2`], and if there are no keys for it.
+    /// As for [`Crs::to_wkt2`], and if keys cannot represent it.
     pub fn to_geo_keys(&self) -> Result<GeoKeys> {
         if let Crs::GeoKeys(keys) = self {
             return Ok(keys.clone());
@@ -59,10 +63,12 @@ impl Crs {
         keys.map_err(|found| self.not_written("GeoTIFF's keys", found))
     }
 
-    /// The system as other programs read it: `EPSG:4326` or `EPSG:4326+5773` where it has numbers, else WKT 2.
+    /// Returns the system in a form that other programs read: `EPSG:4326` or `EPSG:4326+5773` if it
+    /// has EPSG codes, otherwise WKT 2.
     ///
     /// # Errors
-    /// If it has no numbers and cannot be said in WKT 2; then [`Crs::definition`] is all that there is.
+    /// If it has no EPSG codes and cannot be represented in WKT 2. Only [`Crs::definition`] is
+    /// available then.
     pub fn to_text(&self) -> Result<String> {
         match self.numbers() {
             Some(epsg) => Ok(epsg.to_string()),
@@ -70,8 +76,9 @@ impl Crs {
         }
     }
 
-    /// A definition that other programs may know though it is not understood here: WKT 1, PROJJSON or PROJ's words, as it came. `None`
-    /// if it came in none of these.
+    /// Returns the original definition in a form that other programs may support although it is not
+    /// supported here: WKT, PROJJSON or a PROJ string. `None` if the definition is in none of these
+    /// forms.
     pub fn foreign_text(&self) -> Option<String> {
         match self {
             Crs::Epsg(_) => None,
@@ -80,13 +87,14 @@ impl Crs {
         }
     }
 
-    /// Text that is the same for the same systems, in whatever form they came and whatever their names are; `None` where they are not
-    /// understood.
+    /// Returns a string that is equal for equal systems, whatever their forms and names; `None` if
+    /// the definition is not supported.
     pub(crate) fn identity(&self) -> Option<String> {
         parts::read(self).ok()?.identity()
     }
 
-    /// Whether another definition says the same of the plane, by number or not, whatever the order of its axes is, and whatever they say of heights.
+    /// Whether another definition has the same horizontal coordinates, with or without EPSG codes,
+    /// whatever the order of the axes and the heights.
     pub(crate) fn is_same_plane(&self, other: &Crs) -> bool {
         let identity = |crs: &Crs| parts::read(crs).ok()?.plane_identity();
         identity(self).is_some_and(|own| Some(own) == identity(other))
@@ -98,7 +106,7 @@ impl Crs {
         Error::invalid(format!("coordinate system {self}"), found, expected)
     }
 
-    /// Enough of the definition to know it.
+    /// Returns enough of the definition to recognize it.
     fn excerpt(&self) -> String {
         let definition = self.definition();
         let short: String =

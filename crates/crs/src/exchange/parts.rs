@@ -1,4 +1,5 @@
-//! Coordinate systems by their parts, whatever form they came in: what is written in other forms.
+//! Components of coordinate reference systems, independent of the form of their definitions, for
+//! export to other forms.
 
 use serde_json::Value;
 
@@ -13,39 +14,39 @@ use crate::projection::system::{Base, Name, System, Unit, is_same_ellipsoid};
 use crate::projection::{geo_keys as keys_reader, proj_string, projjson, wkt, words};
 use crate::registry::{Axes, Ellipsoid, Geographic, VerticalSystem, base_of, definition_of};
 
-/// A system, and that of its heights.
+/// A horizontal system, and its vertical system.
 #[derive(Debug)]
 pub(super) struct Parts {
-    /// The name of both together, if there is one.
+    /// Name of both together, if there is one.
     pub(super) name: Option<String>,
     pub(super) horizontal: Horizontal,
     pub(super) vertical: Option<Vertical>,
 }
 
-/// Where the system's plane lies.
+/// The horizontal system.
 #[derive(Debug)]
 pub(super) enum Horizontal {
     Earth(Box<Earth>),
-    /// Nobody says where: a plane in a unit of so many metres.
+    /// A local plane with an unknown position. The unit is its length in metres.
     Local {
         name: String,
         unit: f64,
     },
 }
 
-/// A system on the earth, or on another body.
+/// A system on the earth or on another body.
 #[derive(Debug)]
 pub(super) struct Earth {
     pub(super) name: Option<String>,
-    /// In the EPSG registry.
+    /// EPSG code.
     pub(super) number: Option<u32>,
     pub(super) base: Base,
-    /// PROJ's words for the method, and its parameters; systems of longitude and latitude have none.
+    /// PROJ's words for the method, and its parameters; `None` for geographic systems.
     pub(super) projection: Option<(String, Values)>,
     pub(super) axes: Vec<Axis>,
-    /// Metres of the plane's unit, radians of that of longitude and latitude.
+    /// Size of the horizontal unit: metres of a projected system, radians of a geographic one.
     pub(super) unit: f64,
-    /// Metres of the unit of heights above the ellipsoid, if these are the third axis.
+    /// Size in metres of the unit of ellipsoidal heights, if these are the third axis.
     pub(super) height: Option<f64>,
     pub(super) shift: Option<Shift>,
 }
@@ -56,18 +57,18 @@ pub(super) struct Vertical {
     pub(super) name: String,
     pub(super) datum: String,
     pub(super) number: Option<u32>,
-    /// Metres.
+    /// Size of the unit in metres.
     pub(super) unit: f64,
     pub(super) is_up: bool,
 }
 
-/// Metres that units have.
+/// Valid sizes of units of length, in metres.
 const LENGTHS: std::ops::RangeInclusive<f64> = 1e-6..=1e7;
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
-/// Model of geocentric systems.
+/// Model type of geocentric systems.
 const GEOCENTRIC: u16 = 3;
 
-/// The parts of a definition. An error says what was found.
+/// Reads the components of a definition. The error describes what was found.
 pub(super) fn read(crs: &Crs) -> Result<Parts, String> {
     let parts = match (crs.numbers(), crs) {
         (Some(epsg), _) => {
@@ -93,8 +94,9 @@ impl Parts {
         Parts { name: None, horizontal: Horizontal::Earth(earth.into()), vertical: None }
     }
 
-    /// Text that is the same for the same systems, whatever their names are, and in whatever order they have the axes, since coordinates here are
-    /// always in one; `None` where the definition does not say where the plane lies.
+    /// Returns a string that is equal for equal systems, independent of names and of the order of
+    /// axes, which does not affect coordinates here. `None` if the position of the plane is not
+    /// defined.
     pub(super) fn identity(&self) -> Option<String> {
         let Horizontal::Earth(earth) = &self.horizontal else { return None };
         let vertical = self.vertical.as_ref().map(|vertical| match vertical.number {
@@ -106,7 +108,8 @@ impl Parts {
         Some(format!("{} {:?} {vertical:?}", self.plane_identity()?, earth.height))
     }
 
-    /// Text that is the same where coordinates in the plane are, whatever their order, and whatever is said of heights.
+    /// Returns a string that is equal for equal horizontal coordinates, independent of the order of
+    /// axes and of heights.
     pub(super) fn plane_identity(&self) -> Option<String> {
         let Horizontal::Earth(earth) = &self.horizontal else { return None };
         let mut directions: Vec<_> = earth.axes.iter().map(|axis| axis.direction.as_str()).collect();
@@ -115,7 +118,7 @@ impl Parts {
         Some(format!("{} {directions}", earth.identity()))
     }
 
-    /// Fails if numbers make no sense.
+    /// Fails if numbers are invalid.
     fn check(&self) -> Result<(), String> {
         let lengths = match &self.horizontal {
             Horizontal::Earth(earth) => {
@@ -140,7 +143,7 @@ impl Parts {
     }
 }
 
-/// A number as text: it may have been converted to other units and back.
+/// Formats a number with few enough digits to tolerate a conversion to other units and back.
 fn number(number: f64) -> String {
     format!("{:.10e}", number + 0.0)
 }
@@ -150,7 +153,8 @@ fn axis(direction: &str) -> Axis {
 }
 
 impl Earth {
-    /// The parts of a system; `axes` are those of longitude and latitude where it tells none.
+    /// Converts a system. `axes` are the directions of a geographic system's axes if it defines
+    /// none.
     fn of_system(system: System, axes: [&str; 2]) -> Result<Earth, String> {
         let projection = match &system.conversion {
             None => None,
@@ -167,7 +171,7 @@ impl Earth {
         Ok(Earth { name, number: None, base, projection, axes, unit, height, shift })
     }
 
-    /// The parts of a system of the EPSG registry.
+    /// Returns the components of a system with an EPSG code.
     fn of_epsg(number: u32) -> Result<Earth, String> {
         let unknown = || format!("EPSG:{number}, whose parts are not known here");
         let small = u16::try_from(number).map_err(|_| unknown())?;
@@ -215,7 +219,7 @@ impl Earth {
         })
     }
 
-    /// The parts of a system in PROJ's words.
+    /// Returns the components of a PROJ string.
     fn of_proj_string(text: &str) -> Result<Earth, String> {
         let told = proj_string::parts(text)?;
         let [a, b] = told.ellipsoid;
@@ -237,7 +241,7 @@ impl Earth {
         };
         let (axes, unit) = match &told.projection {
             Some((words, values)) => {
-                // (Polar stereographic ones are known by their method.)
+                // (Polar stereographic systems are recognized by their method.)
                 let is_at = |pole: f64| words == "+proj=laea" && values.contains(&("lat_0", pole));
                 let of_pole =
                     [(90.0, ["south"; 2]), (-90.0, ["north"; 2])].into_iter().find(|(pole, _)| is_at(*pole));
@@ -251,7 +255,7 @@ impl Earth {
         Ok(Earth { name: None, number: None, base, projection, axes, unit, height: None, shift })
     }
 
-    /// Text that is the same for systems of the same method, datum and units.
+    /// Returns a string that is equal for systems with the same method, datum and units.
     fn identity(&self) -> String {
         let numbers = |numbers: &[f64]| numbers.iter().map(|one| number(*one)).collect::<Vec<_>>().join(",");
         let datum = match (self.registered(), &self.base.datum) {
@@ -268,7 +272,7 @@ impl Earth {
             values.into_iter().map(|(word, value)| format!("{word}={}", number(*value))).collect();
         let shift = match &self.shift {
             None => String::new(),
-            // (A factor of a scale has fewer digits than the part by which it differs from one.)
+            // (A scale factor has fewer digits than its difference from one.)
             Some(Shift::Helmert(shift)) => shift.iter().map(|one| format!("{:.6e} ", one + 0.0)).collect(),
             Some(Shift::Grid(name)) => name.clone(),
         };
@@ -276,7 +280,7 @@ impl Earth {
         format!("{words} {} {datum} {figure} {shift}", values.join(" "))
     }
 
-    /// The geographic system of the registry that the datum is of.
+    /// Returns the geographic system of the registry that has the datum.
     pub(super) fn registered(&self) -> Option<Geographic> {
         let base = &self.base;
         let fits = |known: &Geographic| {
@@ -294,7 +298,8 @@ impl Earth {
     }
 }
 
-/// The inverse flattening of half axes; that of a ball is 0. One of the registry is exact.
+/// Returns the inverse flattening of half axes; 0 for a sphere. If the ellipsoid is in the
+/// registry, the result is exact.
 pub(super) fn inverse_flattening([a, b]: [f64; 2]) -> f64 {
     let inverse = if a == b { 0.0 } else { a / (a - b) };
     Ellipsoid::of_size(a, inverse).map_or(inverse, |known| known.inverse_flattening)
@@ -320,7 +325,8 @@ fn of_keys(keys: &GeoKeys) -> Result<Parts, String> {
     }
     let is_told = |place| keys.number(place).is_some();
     let model = keys.number(key::MODEL_TYPE).unwrap_or_default();
-    // (A plane that the user defines, without a model, is nowhere, whatever the geographic system is.)
+    // (A user-defined plane without a model type has no known position, whatever the geographic
+    // system is.)
     let is_geographic = keys.registered(key::GEODETIC_CRS).is_some() && !is_told(key::PROJECTED_CRS);
     let is_local = ![geo_keys::PROJECTED, geo_keys::GEOGRAPHIC, GEOCENTRIC].contains(&model)
         && keys.registered(key::PROJECTED_CRS).is_none()
@@ -340,7 +346,7 @@ fn of_keys(keys: &GeoKeys) -> Result<Parts, String> {
                 None => own.unit,
             };
             let is_own = (unit / own.unit - 1.0).abs() < 1e-9;
-            // (Another unit makes another system.)
+            // (A different unit makes another system.)
             Earth { number: own.number.filter(|_| is_own && height.is_none()), unit, ..own }
         }
         _ => Earth::of_system(keys_reader::system(keys)?, ["north", "east"])?,
@@ -353,7 +359,7 @@ fn of_keys(keys: &GeoKeys) -> Result<Parts, String> {
     })
 }
 
-/// The system of heights that keys tell, or the unit of those above the ellipsoid.
+/// Returns the vertical system of keys, or the unit of ellipsoidal heights.
 fn heights_of_keys(keys: &GeoKeys) -> Result<(Option<Vertical>, Option<f64>), String> {
     let unit = match keys.number(key::VERTICAL_UNITS) {
         None | Some(0) => None,

@@ -1,6 +1,6 @@
 use crate::{Crs, GeoKeys, Transformation};
 
-/// Polar stereographic on an ellipsoid without a name, as NSIDC's files have it.
+/// Polar stereographic on an unnamed ellipsoid, as in NSIDC's files.
 fn polar_keys() -> Crs {
     let directory = [
         [1, 1, 0, 13],
@@ -34,7 +34,7 @@ fn keys_by_parameters_become_wkt2() {
     ] {
         assert!(text.contains(part), "{part}: {text}");
     }
-    // What was written is read as the same, and stays as it is.
+    // The output is read as the same system and written unchanged.
     let again = Crs::parse(&text).unwrap();
     assert_eq!(again.to_wkt2().unwrap(), text);
     assert_eq!(polar_keys().to_text().unwrap(), text);
@@ -68,7 +68,7 @@ fn numbers_stay_short_and_have_parts() {
         "PROJCRS[\"WGS 84 / UTM zone 33N\",BASEGEOGCRS[\"WGS 84\",DATUM[\"World Geodetic System 1984\""
     ));
     assert!(text.ends_with(",ID[\"EPSG\",32633]]"), "{text}");
-    // Northings first, as the registry has it.
+    // Northings first, as in the registry.
     let text = Crs::epsg(31467).to_wkt2().unwrap();
     assert!(text.contains("AXIS[\"northing (N)\",north,ORDER[1]"), "{text}");
     let compound = Crs::parse("EPSG:25832+5783").unwrap();
@@ -82,7 +82,8 @@ fn numbers_stay_short_and_have_parts() {
 
 #[test]
 fn heights_of_keys_are_kept() {
-    // A unit that the system has not: feet above EGM2008, in a plane by its number.
+    // A unit that the system does not have: feet above EGM2008, in a projected system with an EPSG
+    // code.
     let entries = [
         [1, 1, 1, 5],
         [1024, 0, 1, 1],
@@ -118,7 +119,8 @@ fn texts_of_esri() {
     assert!(Crs::parse(&text).is_ok());
 }
 
-/// `.prj` files, as ArcGIS writes them, are the systems of the registry, and coordinates in them are those of PROJ 9.5.1.
+/// `.prj` files as written by ArcGIS are recognized as systems of the registry, and their
+/// coordinates match PROJ 9.5.1.
 #[test]
 fn files_of_esri_are_systems_of_the_registry() {
     let krovak = |x: i8, turn: u8| {
@@ -149,7 +151,7 @@ fn files_of_esri_are_systems_of_the_registry() {
         assert!(read.is_same(&known) && known.is_same(&read), "{number}");
         let written = known.to_esri_wkt().unwrap();
         assert!(Crs::parse(&written).unwrap().is_same(&known), "{written}");
-        // (From degrees of the same datum: such files have no shift to another one.)
+        // (From degrees in the same datum: such files define no datum shift.)
         let from = &text[text.find("GEOGCS").unwrap()..text.find(",PROJECTION").unwrap()];
         let same = Crs::parse(&read.to_wkt2().unwrap()).unwrap();
         for (from, crs) in [
@@ -161,7 +163,7 @@ fn files_of_esri_are_systems_of_the_registry() {
             assert!(found.iter().zip(place).all(|(a, b)| (a - b).abs() < 1e-3), "{number}: {found:?}");
         }
     }
-    // In the text of GDAL the axes decide.
+    // In GDAL's variant the axes decide.
     let gdal = |axes: &str| {
         let esri = krovak(1, 0).replace(",UNIT[\"Meter\",1.0]]", &format!(",UNIT[\"metre\",1]{axes}]"));
         let gone =
@@ -170,7 +172,7 @@ fn files_of_esri_are_systems_of_the_registry() {
     };
     assert!(gdal(",AXIS[\"Easting\",EAST],AXIS[\"Northing\",NORTH]").is_same(&Crs::epsg(5514)));
     assert!(gdal("").is_same(&Crs::epsg(5513)));
-    // Other factors, and another parallel, are others.
+    // Other factors and another parallel make other systems.
     let turned = Crs::parse(&krovak(-1, 0)).unwrap();
     assert!(turned.to_wkt2().unwrap_err().to_string().contains("Krovak with axes times -1.0 and 1.0"));
     assert!(
@@ -178,7 +180,8 @@ fn files_of_esri_are_systems_of_the_registry() {
     );
 }
 
-/// A system by number and one by the same parameters are one system; with others they are two.
+/// An EPSG code and a definition with the same parameters are the same system; other parameters
+/// make another one.
 #[test]
 fn numbers_and_parameters_are_one_system() {
     for number in [4326, 3857, 25833, 32633, 3035, 2154, 31467, 28992, 27700, 3006, 5514, 2263, 3413] {

@@ -1,8 +1,8 @@
-//! Nested keywords of well-known text, as both versions write them.
+//! Writer for the nested keywords of well-known text, for both versions.
 
 use std::fmt::{Display, Write as _};
 
-/// Text in the making: keywords with brackets, what is in them divided by commas.
+/// Well-known text under construction: keywords with brackets, whose items are separated by commas.
 pub(super) struct Text {
     text: String,
 }
@@ -12,7 +12,7 @@ impl Text {
         Text { text: String::new() }
     }
 
-    /// A keyword with what `inner` writes into its brackets.
+    /// Writes a keyword with the items that `inner` writes into its brackets.
     pub(super) fn node(&mut self, keyword: &str, inner: &mut dyn FnMut(&mut Text)) {
         self.separate();
         self.text.push_str(keyword);
@@ -21,7 +21,8 @@ impl Text {
         self.text.push(']');
     }
 
-    /// A text in quotes, on one line and of a length that programs take.
+    /// Writes a quoted string, on one line and at most 200 characters long, which other programs
+    /// accept.
     pub(super) fn quoted(&mut self, text: &str) -> &mut Text {
         self.separate();
         let plain = text.chars().map(|c| if c.is_control() { ' ' } else { c }).take(200);
@@ -30,7 +31,7 @@ impl Text {
         self
     }
 
-    /// A number, or a word without quotes.
+    /// Writes a number, or a word without quotes.
     pub(super) fn plain(&mut self, item: impl Display) -> &mut Text {
         self.separate();
         let _ = write!(self.text, "{item}");

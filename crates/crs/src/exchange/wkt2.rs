@@ -1,4 +1,4 @@
-//! Well-known text of version 2 (ISO 19162:2019).
+//! Well-known text version 2 (ISO 19162:2019).
 
 use super::parts::{Earth, Horizontal, Parts, Vertical, inverse_flattening};
 use super::text::Text;
@@ -8,7 +8,7 @@ use crate::projection::shift::Shift;
 use crate::projection::system::Name;
 use crate::registry::{Ellipsoid, meridian_at};
 
-/// Units of length: metres, name, number in the EPSG registry.
+/// Units of length: metres, name, EPSG code.
 const LENGTHS: [(f64, &str, u16); 10] = [
     (1.0, "metre", 9001),
     (0.3048, "foot", 9002),
@@ -21,7 +21,7 @@ const LENGTHS: [(f64, &str, u16); 10] = [
     (0.201_166_195_164, "Clarke's link", 9039),
     (1.000_013_596_5, "German legal metre", 9031),
 ];
-/// Units of angles: radians, name, number.
+/// Units of angle: radians, name, EPSG code.
 const ANGLES: [(f64, &str, u16); 3] = [
     (std::f64::consts::PI / 180.0, "degree", 9122),
     (std::f64::consts::PI / 200.0, "grad", 9105),
@@ -29,13 +29,14 @@ const ANGLES: [(f64, &str, u16); 3] = [
 ];
 const DEGREE: f64 = ANGLES[0].0;
 
-/// Name and number of a unit of so many metres or radians; 0 if it has none.
+/// Returns the name and code of a unit of a size in metres or radians; the code is 0 if it has
+/// none.
 fn unit_name(table: &[(f64, &'static str, u16)], size: f64) -> (&'static str, u16) {
     let known = table.iter().find(|(own, ..)| (size / own - 1.0).abs() < 1e-10);
     known.map_or(("unknown", 0), |(_, name, number)| (name, *number))
 }
 
-/// The text of a system. An error says what cannot be written.
+/// Writes a system. The error describes what cannot be written.
 pub(super) fn write(parts: &Parts) -> Result<String, String> {
     let mut text = Text::new();
     let Some(vertical) = &parts.vertical else {
@@ -77,7 +78,7 @@ fn axis(direction: &str) -> Axis {
     Axis { name: String::new(), direction: direction.into(), meridian: None }
 }
 
-/// A system, bound to WGS 84 if it tells how.
+/// Writes a system, bound to WGS 84 if it defines a datum shift.
 fn bound(text: &mut Text, earth: &Earth) -> Result<(), String> {
     let Some(shift) = &earth.shift else { return system(text, earth) };
     let mut result = Ok(());
@@ -89,7 +90,7 @@ fn bound(text: &mut Text, earth: &Earth) -> Result<(), String> {
     result
 }
 
-/// WGS 84.
+/// Writes WGS 84.
 fn world(text: &mut Text) {
     text.node("GEOGCRS", &mut |text| {
         text.quoted("WGS 84");
@@ -124,7 +125,7 @@ fn transformation(text: &mut Text, from: &str, shift: &Shift) {
     }
     for (place, (name, number)) in names.zip(numbers).enumerate() {
         text.node("PARAMETER", &mut |text| {
-            // (An abridged scale is a factor; rotations are in seconds of arc.)
+            // (An abridged scale is a factor; rotations are in arc seconds.)
             text.quoted(name).plain(if place == 6 { 1.0 + number * 1e-6 } else { *number });
             id(text, 8605 + place as u32);
         });
@@ -137,7 +138,7 @@ fn system(text: &mut Text, earth: &Earth) -> Result<(), String> {
             text.quoted(&earth.name());
             datum(text, earth);
             ellipsoidal(text, &earth.axes, earth.unit, earth.height);
-            // (The number is that of the whole.)
+            // (The code is that of the whole system.)
             if let Some(number) = earth.number {
                 id(text, number);
             }
@@ -200,7 +201,7 @@ impl Earth {
         }
     }
 
-    /// Name of the geographic system.
+    /// Returns the name of the geographic system.
     pub(super) fn base_name(&self) -> String {
         let registered = match self.base.datum {
             Name::Epsg(_) => self.registered().map(|known| known.name.into()),
@@ -209,7 +210,8 @@ impl Earth {
         registered.or(self.base.name.clone()).unwrap_or_else(|| "unknown".into())
     }
 
-    /// Name, half axis and inverse flattening of the ellipsoid.
+    /// Returns the ellipsoid: name, half axis in metres, inverse flattening, and its entry in the
+    /// registry.
     pub(super) fn ellipsoid(&self) -> (String, f64, f64, Option<&'static Ellipsoid>) {
         let inverse = inverse_flattening(self.base.ellipsoid);
         let size = self.base.ellipsoid[0];
@@ -223,7 +225,7 @@ impl Earth {
     }
 }
 
-/// Datum, ellipsoid and prime meridian.
+/// Writes datum, ellipsoid and prime meridian.
 fn datum(text: &mut Text, earth: &Earth) {
     let registered = earth.registered();
     let (name, size, inverse, _) = earth.ellipsoid();
@@ -297,7 +299,7 @@ fn ellipsoidal(text: &mut Text, axes: &[Axis], angle: f64, height: Option<f64>) 
 }
 
 fn cartesian(text: &mut Text, axes: &[Axis], metres: f64, height: Option<f64>) {
-    // At a pole both axes go the same way, and the easting is the first of them.
+    // At a pole both axes have the same direction, and the first one is the easting.
     let is_polar = axes.len() > 1 && axes[0].direction == axes[1].direction;
     let mut place = 0;
     coordinates(
@@ -320,7 +322,7 @@ fn cartesian(text: &mut Text, axes: &[Axis], metres: f64, height: Option<f64>) {
     );
 }
 
-/// A system of axes.
+/// Writes a coordinate system with its axes.
 fn coordinates(
     text: &mut Text,
     kind: &str,

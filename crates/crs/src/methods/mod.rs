@@ -1,7 +1,8 @@
-//! Projection methods and their parameters under all of their names: PROJ's words, those of the EPSG registry (WKT 2), of WKT 1 by GDAL
-//! and by Esri, and the numbers of GeoTIFF's keys.
+//! Projection methods and their parameters under the names of all formats: PROJ's words, the EPSG
+//! registry (WKT 2), WKT 1 of GDAL and of Esri, and the numbers of GeoTIFF keys.
 //!
-//! What definitions have was compared with PROJ by `benches/peers/projections.py --definitions`; what is not in the table is refused.
+//! `benches/peers/projections.py --definitions` compared the results with PROJ. Methods and
+//! parameters that are not in the table are rejected.
 
 mod read;
 mod table;
@@ -10,13 +11,14 @@ mod write;
 pub(crate) use read::{coded, find, key};
 pub(crate) use write::{find_words, pole, words_of};
 
-/// Co-latitude of the axis of Krovak's cone in degrees, 30 degrees 17' 17.30311": the method has no other one.
+/// Co-latitude of the axis of Krovak's cone in degrees, 30° 17' 17.30311", the only one that the
+/// method has.
 pub(crate) const KROVAK_COLATITUDE: f64 = 30.288_139_752_777_8;
 
-/// Parameters with their values: PROJ's words, and degrees, metres or ones.
+/// Parameters with their values: PROJ's words, and numbers in degrees, metres or ones.
 pub(crate) type Values = Vec<(&'static str, f64)>;
 
-/// Kind of measure of a parameter.
+/// Kind of quantity of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Measure {
     Angle,
@@ -24,23 +26,24 @@ pub(crate) enum Measure {
     Scale,
 }
 
-/// A method. It is read under its names, and written under those that a format has for it.
+/// A projection method. It is read under all of its names, and written under the name that each
+/// format has for it.
 #[derive(Debug)]
 pub(crate) struct Method {
-    /// PROJ's words; where several methods have the same, a word more tells them apart.
+    /// PROJ's words. If several methods have the same words, an additional word distinguishes them.
     words: &'static str,
-    /// Names in definitions; none where another method is read in its place.
+    /// Normalized names in definitions; empty if another method is read in its place.
     names: &'static [&'static str],
     form: TreeType,
     roles: &'static [&'static [Role]],
-    /// Name in WKT 2, and number in the EPSG registry, or 0.
+    /// Name in WKT 2.
     pub(crate) name: &'static str,
     pub(crate) number: u16,
     parameters: &'static [ParameterName],
     /// Esri's name; empty if there is none.
     esri: &'static str,
     esri_parameters: &'static [EsriName],
-    /// Number in GeoTIFF's keys, or 0.
+    /// Number in GeoTIFF keys, or 0.
     pub(crate) key: u16,
     keys: &'static [ParameterKey],
 }
@@ -58,52 +61,55 @@ pub(crate) struct Role {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Need {
     Given,
-    /// A number where it is not given.
+    /// Optional, with a default.
     Or(f64),
-    /// There or not.
+    /// Optional, without a default.
     Free,
-    /// Not there, or of this value, which changes nothing.
+    /// Must be absent, or have this value, which has no effect.
     Only(f64),
 }
 
-/// The way a method becomes PROJ's words.
+/// Conversion of a method to PROJ's words.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum TreeType {
-    /// As it is.
+    /// Unchanged.
     Plain,
-    /// Method with the axes turned round.
+    /// The method with axes to the west and south.
     South,
-    /// Lambert's conic with one parallel, at the origin.
+    /// Lambert's conic with one standard parallel, at the origin.
     OneParallel,
-    /// Either, as Esri has them under one name.
+    /// One or two standard parallels, for which Esri has a common name.
     OneOrTwoParallels,
-    /// The pole by the latitude, or by the sign of the parallel of true scale.
+    /// The latitude determines the pole, or the sign of the parallel of true scale.
     Polar,
-    /// The pole by the method's name: its latitude.
+    /// The method's name determines the pole; the number is its latitude.
     Pole(f64),
-    /// Oblique Mercator whose false origin is where the initial line crosses the equator of the aposphere.
+    /// Oblique Mercator whose false origin is where the initial line crosses the equator of the
+    /// aposphere.
     ObliqueOrigin,
-    /// Oblique Mercator whose false origin is the centre.
+    /// Oblique Mercator whose false origin is the projection centre.
     ObliqueCentre,
-    /// Krovak's conic: south and west as it was defined, or east and north by Esri's factors of the axes and their rotation.
+    /// Krovak's conic: south and west as originally defined, or east and north, depending on Esri's
+    /// axis factors and rotation.
     Krovak,
 }
 
-/// PROJ's word for a parameter, or a number that it always has, its name in WKT 2, and its number in the EPSG registry, or 0.
+/// PROJ's word for a parameter, or a constant value; its name in WKT 2; and its EPSG code, or 0.
 type ParameterName = (&'static str, &'static str, u16);
-/// Its word or number, and Esri's name.
+/// PROJ's word or a constant value, and Esri's name.
 type EsriName = (&'static str, &'static str);
-/// Its words, and the number of a GeoTIFF key.
+/// PROJ's word, and the number of a GeoTIFF key.
 type ParameterKey = (&'static str, u16);
 
 impl Method {
-    /// PROJ's word for the method.
+    /// Returns PROJ's word for the method.
     fn word(&self) -> &'static str {
         self.words.split(' ').next().unwrap_or_default()
     }
 }
 
-/// Directions of the axes by PROJ's words for a method; nothing where these are east and north, or along meridians.
+/// Returns the directions of the axes according to PROJ's words for a method. `None` if they are
+/// east and north, or along meridians.
 pub(crate) fn axes_of_words(words: &str) -> Option<[&'static str; 2]> {
     let known = [("+axis=wsu", ["west", "south"]), ("+axis=swu", ["south", "west"])];
     known.into_iter().find(|(word, _)| words.contains(word)).map(|(_, axes)| axes)

@@ -1,4 +1,4 @@
-//! Methods of definitions.
+//! Projection methods as they are in definitions.
 
 use super::Need::*;
 use super::TreeType::*;
@@ -6,30 +6,31 @@ use super::table::METHODS;
 use super::{Method, Role, Values};
 use crate::projection::axis::Axis;
 
-/// A name's letters, small, and digits, as the tables have it.
+/// Normalizes a name to lower-case letters and digits, as in the tables.
 pub(crate) fn key(name: &str) -> String {
     name.chars().filter(char::is_ascii_alphanumeric).map(|c| c.to_ascii_lowercase()).collect()
 }
 
-/// The method of a name.
+/// Returns the method with a name.
 pub(crate) fn find(name: &str) -> Option<&'static Method> {
     let key = key(name);
     METHODS.iter().find(|method| method.names.contains(&key.as_str()))
 }
 
-/// The method with a number in GeoTIFF's keys.
+/// Returns the method with a number in GeoTIFF keys.
 pub(crate) fn coded(number: u16) -> Option<&'static Method> {
     METHODS.iter().find(|method| number != 0 && method.key == number && !method.names.is_empty())
 }
 
 impl Method {
-    /// The parameter of a name.
+    /// Returns the parameter with a name.
     pub(crate) fn role(&self, name: &str) -> Option<&'static Role> {
         let key = key(name);
         self.roles.iter().copied().flatten().find(|role| role.names.contains(&key.as_str()))
     }
 
-    /// PROJ's words for the method, under the name that it has, and for its parameters, in a system of these axes.
+    /// Returns PROJ's words for the method, under the given name, and for its parameters, in a
+    /// system with the given axes.
     pub(crate) fn read_words(
         &self,
         name: &str,
@@ -117,7 +118,7 @@ impl Method {
             Krovak => {
                 let [x, y, turn] = ["x_scale", "y_scale", "turn"].map(|word| get(word).unwrap_or_default());
                 whole.retain(|(word, _)| !["x_scale", "y_scale", "turn"].contains(word));
-                // (In the text of GDAL the axes decide.)
+                // (In GDAL's variant the axes decide.)
                 match [x, y, turn] {
                     [-1.0, 1.0, 90.0] => self.word(),
                     [1.0, 1.0, 0.0] if goes_east => self.word(),
@@ -132,12 +133,14 @@ impl Method {
         Ok((words, whole))
     }
 
-    /// Whether eastings and northings, or westings and southings where the method has these, are what the axes are.
+    /// Whether the axes have the directions that the method computes: east and north, or west and
+    /// south for some methods.
     pub(crate) fn takes(&self, axes: &[Axis], values: &Values) -> bool {
         let get = |word: &str| values.iter().find(|(own, _)| *own == word).map_or(0.0, |(_, value)| *value);
         let (pole, meridian) = (get("lat_0"), get("lon_0"));
-        // Away from a pole both go north or south: the easting along the meridian that is a quarter of a turn from the middle one, or along
-        // that of 90 degrees, whatever the middle one is, as many programs write.
+        // In polar systems both axes point north or both point south. The easting runs along the
+        // meridian 90 degrees from the central one. In the output of many programs it runs along
+        // the meridian of 90 degrees for any central meridian.
         let is_along = |axis: &Axis, degrees: f64| {
             axis.meridian.is_some_and(|own| ((own - degrees).rem_euclid(360.0) - 180.0).abs() > 180.0 - 1e-6)
         };
@@ -146,7 +149,7 @@ impl Method {
             let has_quarter = is_along(first, meridian + 90.0);
             match (first.meridian, second.meridian) {
                 (None, None) => ["easting", "e", "x"].contains(&key(&first.name).as_str()),
-                // (Then PROJ takes the second for the easting.)
+                // (PROJ takes the second axis for the easting then.)
                 _ if is_along(first, straight) && is_along(second, 90.0) => !has_quarter,
                 _ => has_quarter || is_along(first, 90.0) && is_along(second, straight),
             }

@@ -1,4 +1,4 @@
-//! The table of methods.
+//! The table of projection methods.
 
 use super::Measure::*;
 use super::Need::*;
@@ -133,7 +133,7 @@ const OBLIQUE_KEYS: &[ParameterKey] = &[
     ("gamma", 3096),
 ];
 
-/// A method that no format has yet.
+/// Creates a method that no format supports yet.
 const fn method(words: &'static str) -> Method {
     let (names, roles, parameters, esri_parameters, keys): (&[_], &[_], &[_], &[_], &[_]) =
         (&[], &[], &[], &[], &[]);
@@ -142,7 +142,7 @@ const fn method(words: &'static str) -> Method {
 }
 
 impl Method {
-    /// The names in definitions, and what they mean.
+    /// Sets the names in definitions and their meaning.
     const fn read(
         self,
         names: &'static [&'static str],
@@ -152,23 +152,23 @@ impl Method {
         Method { names, form, roles, ..self }
     }
 
-    /// Name and number of the EPSG registry, and those of the parameters.
+    /// Sets the name and EPSG code, and those of the parameters.
     const fn wkt(self, name: &'static str, number: u16, parameters: &'static [ParameterName]) -> Method {
         Method { name, number, parameters, ..self }
     }
 
-    /// Esri's names.
+    /// Sets Esri's names.
     const fn esri(self, esri: &'static str, esri_parameters: &'static [EsriName]) -> Method {
         Method { esri, esri_parameters, ..self }
     }
 
-    /// Numbers in GeoTIFF's keys.
+    /// Sets the numbers of GeoTIFF keys.
     const fn geotiff(self, key: u16, keys: &'static [ParameterKey]) -> Method {
         Method { key, keys, ..self }
     }
 }
 
-/// The methods. Of those that share a number in GeoTIFF's keys, the first one is read.
+/// The methods. If several share a number in GeoTIFF keys, the first one is read.
 #[rustfmt::skip]
 pub(super) const METHODS: &[Method] = &[
     method("+proj=tmerc").read(&["transversemercator", "gausskruger"], Plain, &[READ_SCALED, READ_FALSE]).wkt("Transverse Mercator", 9807, SCALED)

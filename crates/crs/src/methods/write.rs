@@ -1,4 +1,4 @@
-//! Methods under the names that formats have for them.
+//! Projection methods under the names of each format.
 
 use super::table::METHODS;
 use super::{Measure, Method, Values};
@@ -14,13 +14,14 @@ fn value(values: &Values, word: &str) -> Option<f64> {
     values.iter().find(|(own, _)| *own == word).map(|(_, value)| *value)
 }
 
-/// Whether a method is about a pole: its latitude.
+/// Returns the latitude of the pole of a polar stereographic projection, and `None` for other
+/// projections.
 pub(crate) fn pole(words: &str, values: &Values) -> Option<f64> {
     let latitude = value(values, "lat_0").filter(|latitude| (latitude.abs() - 90.0).abs() < 1e-10)?;
     (words == "+proj=stere").then_some(latitude)
 }
 
-/// The method of PROJ's words with these parameters.
+/// Returns the method for PROJ's words and parameters.
 pub(crate) fn find_words(words: &str, values: &Values) -> Result<&'static Method, String> {
     let has = |word| value(values, word).is_some();
     let name = words.strip_prefix("+proj=").unwrap_or(words);
@@ -42,7 +43,8 @@ pub(crate) fn find_words(words: &str, values: &Values) -> Result<&'static Method
         .ok_or_else(|| format!("the method {words}"))
 }
 
-/// PROJ's words for the parameters of its method of a name, but for those of the false origin; nothing if the name is none.
+/// Returns PROJ's words for the parameters of a method, except those of the false origin. `None` if
+/// the method does not exist.
 pub(crate) fn words_of(name: &str) -> Option<Vec<&'static str>> {
     let methods = METHODS.iter().filter(|method| method.word().strip_prefix("+proj=") == Some(name));
     let words = methods.flat_map(|method| method.parameters).map(|(word, ..)| *word);
@@ -52,7 +54,7 @@ pub(crate) fn words_of(name: &str) -> Option<Vec<&'static str>> {
 }
 
 impl Method {
-    /// Parameters under their names and numbers in WKT 2.
+    /// Returns the parameters with their names and EPSG codes in WKT 2.
     pub(crate) fn parameters<'a>(
         &self,
         values: &'a Values,
@@ -60,7 +62,7 @@ impl Method {
         self.parameters.iter().map(|(word, name, number)| parameter(values, word, (*name, *number)))
     }
 
-    /// Parameters under Esri's names.
+    /// Returns the parameters with Esri's names.
     pub(crate) fn esri_parameters(
         &self,
         values: &Values,
@@ -75,13 +77,13 @@ impl Method {
         Ok((name, self.esri_parameters.iter().map(|(word, name)| parameter(values, word, *name)).collect()))
     }
 
-    /// Parameters by GeoTIFF's keys.
+    /// Returns the parameters with their GeoTIFF keys.
     pub(crate) fn keys<'a>(&self, values: &'a Values) -> impl Iterator<Item = Parameter<u16>> + 'a {
         self.keys.iter().map(|(word, key)| parameter(values, word, *key))
     }
 }
 
-/// A parameter by PROJ's word, or a number that it always has.
+/// Creates a parameter from PROJ's word or from a constant value.
 fn parameter<N>(values: &Values, word: &str, name: N) -> Parameter<N> {
     if let Ok(value) = word.parse() {
         return Parameter {
@@ -94,7 +96,7 @@ fn parameter<N>(values: &Values, word: &str, name: N) -> Parameter<N> {
     let (measure, value) = match word {
         "k_0" => (Measure::Scale, told.unwrap_or(1.0)),
         "x_0" | "y_0" => (Measure::Length, told.unwrap_or(0.0)),
-        // (Grids are turned by the azimuth if nothing is said.)
+        // (The default rotation of the grid is the azimuth.)
         "gamma" => (Measure::Angle, told.or(value(values, "alpha")).unwrap_or(0.0)),
         _ => (Measure::Angle, told.unwrap_or(0.0)),
     };

@@ -1,35 +1,40 @@
-//! Areas of use of projections: where their formulas are good for maps.
+//! Areas of use of projections, where they are suitable for maps.
 
 use super::Projection;
 use super::formula::Formula;
 use super::{Form, RADIUS};
 use crate::WEB_MERCATOR_LATITUDE;
 
-/// The area in which a projection is good for maps: beyond it cells are many times as large as in its middle, or without end.
+/// The area in which a projection is suitable for maps. Outside of it, cells are many times as
+/// large as in its middle, or unbounded.
 ///
-/// Azimuthal and conic conformal projections are used within 90 degrees of latitude from their middle, gnomonic, transverse and oblique ones
-/// within 60 degrees, Mercator's up to 85.06 degrees, where its world is a square. All others show the whole world.
+/// Stereographic and conformal conic projections are used within 90 degrees of latitude from their
+/// middle, and oblique stereographic ones also within 90 degrees of longitude. Gnomonic projections
+/// and the Swiss oblique Mercator are used within 60 degrees. Transverse Mercator, Cassini and
+/// polyconic projections are used within 60 degrees of longitude. Mercator is used up to 85.05
+/// degrees of latitude, where its world is a square. All others cover the whole world.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AreaOfUse {
     /// Minimum and maximum latitude in degrees.
     latitudes: [f64; 2],
-    /// Longitude of the middle, and degrees to both sides of it.
+    /// Longitude of the middle, and extent in degrees to both sides of it.
     longitudes: [f64; 2],
 }
 
-/// Degrees beyond the poles that are rounding errors: as much as [`Projection::inverse`] has.
+/// Tolerance for rounding errors beyond the poles in degrees, the same as in
+/// [`Projection::inverse`].
 const ROUNDING: f64 = 1e-9;
 /// Latitudes of the world.
 const WORLD: [f64; 2] = [-90.0 - ROUNDING, 90.0 + ROUNDING];
 
 impl AreaOfUse {
-    /// The area that a formula is used in.
+    /// Returns the area of use of a formula.
     pub(super) fn of(formula: &Formula) -> AreaOfUse {
         let number = |name: &str| formula.number(name);
         let around = |middle: f64, by: f64| [(middle - by).max(WORLD[0]), (middle + by).min(WORLD[1])];
         let first = number("lat_1");
         let [origin, meridian] = [number("lat_0"), number("lon_0") + formula.meridian()];
-        // (All round the world.)
+        // (The whole circle of longitudes.)
         let all = 180.0;
         let (latitudes, width) = match formula.method() {
             "merc" | "webmerc" => ([-WEB_MERCATOR_LATITUDE, WEB_MERCATOR_LATITUDE], all),
@@ -47,12 +52,13 @@ impl AreaOfUse {
         AreaOfUse { latitudes, longitudes: [meridian, width] }
     }
 
-    /// Whether a place of the world (longitude and latitude in degrees) is in the area.
+    /// Whether a position (longitude and latitude in degrees) is in the area.
     pub fn contains(&self, place: [f64; 2]) -> bool {
         self.nearest(place) == place
     }
 
-    /// The place of the area whose longitude and latitude are nearest to those of a place.
+    /// Returns the position in the area whose longitude and latitude are nearest to those of a
+    /// position.
     pub fn nearest(&self, [longitude, latitude]: [f64; 2]) -> [f64; 2] {
         let [middle, width] = self.longitudes;
         let offset = (longitude - middle + 180.0).rem_euclid(360.0) - 180.0;
@@ -60,7 +66,8 @@ impl AreaOfUse {
         [longitude, latitude.clamp(self.latitudes[0], self.latitudes[1])]
     }
 
-    /// Positions along the edge of the area, the meridian opposite to its middle included.
+    /// Returns positions along the border of the area, including the meridian opposite to its
+    /// middle.
     pub fn edge(&self) -> Vec<[f64; 2]> {
         const STEPS: u32 = 128;
         let [middle, width] = self.longitudes;
@@ -77,7 +84,7 @@ impl AreaOfUse {
 }
 
 impl Projection {
-    /// The area in which the projection is good for maps.
+    /// Returns the area in which the projection is suitable for maps.
     pub fn area_of_use(&self) -> AreaOfUse {
         match &self.form {
             Form::Degrees => AreaOfUse { latitudes: WORLD, longitudes: [0.0, 180.0] },
@@ -89,8 +96,8 @@ impl Projection {
         }
     }
 
-    /// First coordinates of the middle of the world and what is added to them once round the world, if that is the same at all latitudes: of
-    /// degrees and cylindrical projections.
+    /// Returns the first coordinate of the middle of the world, and its period around the world, if
+    /// these are the same at all latitudes: for degrees and cylindrical projections.
     pub fn turn(&self) -> Option<[f64; 2]> {
         match &self.form {
             Form::Degrees => Some([0.0, 360.0]),

@@ -1,11 +1,11 @@
 //! Axes of coordinate systems.
 
-/// An axis.
+/// An axis of a coordinate system.
 #[derive(Clone, Debug)]
 pub(crate) struct Axis {
     pub(crate) name: String,
-    /// Where it goes, in small letters.
+    /// Direction, in lower case.
     pub(crate) direction: String,
-    /// Degrees of longitude along which it leaves a pole.
+    /// Longitude in degrees of the meridian along which the axis leaves a pole.
     pub(crate) meridian: Option<f64>,
 }

@@ -1,32 +1,33 @@
-//! Datums of definitions: how their longitudes and latitudes become those of WGS 84.
+//! Datums of definitions, and their shifts to WGS 84.
 
 use super::words::parameter;
 
-/// The way from a definition's datum to WGS 84.
+/// The shift from a definition's datum to WGS 84.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Datum {
-    /// None is needed: WGS 84, or a datum that is the same within a metre or two (ETRS89, NAD83, GDA2020 and others), which PROJ,
-    /// too, takes for the same where it has no grids.
+    /// No shift: WGS 84, or a datum that differs from it by at most a metre or two (ETRS89, NAD83,
+    /// GDA2020 and others). PROJ treats these as equal, too, if it has no grids.
     Wgs84,
-    /// By a Helmert transformation: its three or seven numbers.
+    /// A Helmert transformation with three or seven parameters.
     Shifted(String),
-    /// By a grid of shifts: its name.
+    /// A grid of shifts, by its name.
     Grid(String),
-    /// By what the datum of this name asks for.
+    /// The shift of a named datum.
     Named(String),
-    /// By what this one asks for, which is none of those that were compared with PROJ.
+    /// The shift of a named datum that was not compared with PROJ.
     Unlisted(String),
-    /// Nobody says.
+    /// The shift is not defined.
     Unknown,
 }
 
-/// Datums by name, in definitions, that differ from WGS 84 by nothing that a Helmert transformation could tell.
+/// Names of datums whose difference from WGS 84 is below what a Helmert transformation could
+/// describe.
 const SAME: [&str; 2] = ["WGS84", "NAD83"];
-/// Ellipsoids of datums that are tied to the whole earth, as WGS 84 is.
+/// Ellipsoids of datums that are fitted to the whole earth, like WGS 84.
 const GLOBAL_ELLIPSOIDS: [&str; 2] = ["WGS84", "GRS80"];
 
 impl Datum {
-    /// The datum of a definition in PROJ's words.
+    /// Returns the datum of a PROJ string.
     pub(super) fn of(definition: &str) -> Datum {
         let get = |name| parameter(definition, name);
         match (get("nadgrids"), get("towgs84"), get("datum"), get("ellps")) {
@@ -43,7 +44,7 @@ impl Datum {
         }
     }
 
-    /// PROJ's words for the shift.
+    /// Returns PROJ's words for the shift.
     pub(super) fn words(&self) -> Option<String> {
         match self {
             Datum::Shifted(numbers) => Some(format!("+towgs84={numbers}")),

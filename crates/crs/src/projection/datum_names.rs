@@ -1,9 +1,11 @@
-//! Names of datums whose way to WGS 84 was compared with PROJ's.
+//! Names of datums whose shifts to WGS 84 were compared with PROJ's.
 
-/// Names as [`key`] has them, and the geographic system of the EPSG registry that has the datum: those whose coordinates, of sixty points in
-/// each one's area, are within a millimetre of those of PROJ 9.5.1 without grids of shifts; of NAD83 with Hawaii and the Aleutian Islands left
-/// out, where PROJ shifts by 0.8 m. Left out are names by which PROJ shifts in some places alone. The names are those of the registry, of GDAL
-/// and of Esri. Made by `benches/peers/projections.py --datums`; sorted.
+/// Names as normalized by [`key`], and the geographic system of the EPSG registry that has the
+/// datum. The table has the datums whose coordinates, at sixty points in each one's area, are
+/// within a millimetre of PROJ 9.5.1 without shift grids. For NAD83, Hawaii and the Aleutian
+/// Islands were left out, where PROJ shifts by 0.8 m. Names for which PROJ shifts in some regions
+/// only are not in the table. The names are those of the registry, GDAL and Esri. Sorted. Generated
+/// by `benches/peers/projections.py --datums`.
 #[rustfmt::skip]
 const KNOWN: &[(&str, u16)] = &[
     ("afgooye", 4205), ("ainelabd1970", 4204), ("albanian1987", 4191), ("americansamoa1962", 4169), ("ammassalik1958", 4196),
@@ -107,20 +109,21 @@ const KNOWN: &[(&str, u16)] = &[
     ("yemenngn1996", 4163), ("yoff", 4310), ("zanderij", 4311),
 ];
 
-/// A name's small letters and digits, without Esri's `D_` in front and the registry's `ensemble` behind.
+/// Normalizes a name to lower-case letters and digits, without Esri's prefix `D_` and the
+/// registry's suffix `ensemble`.
 pub(crate) fn key(name: &str) -> String {
     let name = name.strip_prefix("D_").unwrap_or(name);
     let name = name.strip_suffix(" ensemble").unwrap_or(name);
     crate::methods::key(name)
 }
 
-/// The geographic system of the registry with the datum of this name.
+/// Returns the geographic system of the registry that has the datum with a name.
 pub(super) fn system_of(name: &str) -> Option<u16> {
     let key = key(name);
     KNOWN.binary_search_by(|(known, _)| (*known).cmp(key.as_str())).ok().map(|index| KNOWN[index].1)
 }
 
-/// Whether the datum of this geographic system of the registry is one of them.
+/// Whether the table has the datum of a geographic system of the registry.
 pub(super) fn is_known(number: u16) -> bool {
     KNOWN.iter().any(|(_, known)| *known == number)
 }

@@ -1,4 +1,5 @@
-//! Formulas of projections, to be compared: what definitions in other words have in common.
+//! Normalized formulas of projections, which compare as equal if definitions in different words are
+//! equivalent.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +7,7 @@ use proj4rs::Proj;
 
 use super::datum::Datum;
 
-/// Words of definitions that say nothing of the formula, or what is asked of the projection itself.
+/// Words that do not affect the formula, or whose effect is read from the projection itself.
 const OTHER: [&str; 21] = [
     "proj",
     "zone",
@@ -31,29 +32,30 @@ const OTHER: [&str; 21] = [
     "over",
 ];
 
-/// Difference of half axes, and of what is added to coordinates, in metres, that is none.
+/// Tolerance of half axes and false origins, in metres.
 const LENGTH: f64 = 1e-5;
-/// Difference of angles in degrees, and of factors of scale.
+/// Tolerance of angles in degrees.
 const ANGLE: f64 = 1e-10;
 const SCALE: f64 = 1e-11;
 
-/// The formula of a projection, and its shift to WGS 84: two that are the same have the same coordinates within some hundredths of a millimetre.
+/// The formula of a projection, and its shift to WGS 84. Coordinates of two equal formulas agree
+/// within some hundredths of a millimetre.
 #[derive(Debug)]
 pub(super) struct Formula {
     method: String,
-    /// Numbers by name, but those that are what they are if nothing is said, and other words.
+    /// Parameters by name, without those that have their default values.
     numbers: BTreeMap<String, f64>,
     words: Vec<String>,
-    /// Half axes of the ellipsoid.
+    /// Half axes of the ellipsoid, in metres.
     ellipsoid: [f64; 2],
-    /// Prime meridian in degrees, and unit in metres.
+    /// Prime meridian in degrees.
     meridian: f64,
     unit: f64,
     datum: Datum,
 }
 
 impl Formula {
-    /// The formula of a definition in PROJ's words, of which this is the projection.
+    /// Creates the formula of a PROJ string; `proj` is its projection.
     pub(super) fn of(words: &str, proj: &Proj, datum: &Datum) -> Formula {
         let (mut method, mut numbers, mut others) = (String::new(), BTreeMap::new(), Vec::new());
         let (mut zone, mut is_south) = (None, false);
@@ -70,7 +72,7 @@ impl Formula {
                 _ => others.push(word.into()),
             }
         }
-        // A zone is a transverse Mercator projection of its own.
+        // A UTM zone is a transverse Mercator projection.
         if let ("utm", Some(zone)) = (method.as_str(), zone) {
             let own = [
                 ("lon_0", 6.0 * zone - 183.0),
@@ -90,27 +92,27 @@ impl Formula {
         Formula { method, numbers, words: others, ellipsoid: [a, b], meridian, unit, datum: datum.clone() }
     }
 
-    /// PROJ's name of the method; `tmerc` for all that are transverse Mercator.
+    /// Returns PROJ's name of the method; `tmerc` for all transverse Mercator methods.
     pub(super) fn method(&self) -> &str {
         &self.method
     }
 
-    /// A number by its name, 0 if nothing is said.
+    /// Returns a parameter by its name, 0 if it is not defined.
     pub(super) fn number(&self, name: &str) -> f64 {
         self.numbers.get(name).copied().unwrap_or(0.0)
     }
 
-    /// Whether a number is given, and not 0.
+    /// Whether a parameter is defined and not 0.
     pub(super) fn has(&self, name: &str) -> bool {
         self.numbers.contains_key(name)
     }
 
-    /// The prime meridian in degrees.
+    /// Returns the prime meridian in degrees.
     pub(super) fn meridian(&self) -> f64 {
         self.meridian
     }
 
-    /// Whether this is web mercator, with a sphere of such a radius, of coordinates in WGS 84.
+    /// Whether this is Web Mercator on a sphere with a radius, for coordinates in WGS 84.
     pub(super) fn is_web_mercator(&self, radius: f64) -> bool {
         let is_plain =
             self.numbers.is_empty() && self.words.is_empty() && self.unit == 1.0 && self.meridian == 0.0;

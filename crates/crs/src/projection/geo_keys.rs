@@ -1,4 +1,4 @@
-//! The keys of GeoTIFF files (OGC 19-008r4) as the parts of a system.
+//! Reads the components of a system from GeoTIFF keys (OGC 19-008r4).
 
 use super::definition::Definition;
 use super::shift::Shift;
@@ -8,10 +8,10 @@ use crate::definition::geo_keys::{GEOGRAPHIC, GeoKeys, PROJECTED, USER_DEFINED, 
 use crate::methods;
 use crate::registry::{Ellipsoid, Geographic, meridian_numbered};
 
-/// The prime meridian of Greenwich.
+/// Code of the prime meridian of Greenwich.
 const GREENWICH: u16 = 8901;
 
-/// Keys of parameters, and the names that the parameters have in definitions.
+/// Keys of parameters, and the parameters' names in definitions.
 const PARAMETERS: [(u16, &str); 19] = [
     (3078, "standard_parallel_1"),
     (3079, "standard_parallel_2"),
@@ -34,7 +34,7 @@ const PARAMETERS: [(u16, &str); 19] = [
     (3096, "rectified_grid_angle"),
 ];
 
-/// The definition that keys have. An error says what was found.
+/// Reads the definition of keys. The error describes what was found.
 pub(super) fn read(keys: &GeoKeys) -> Result<Definition, String> {
     match cited(keys) {
         Some(text) => wkt::read(&text),
@@ -42,13 +42,13 @@ pub(super) fn read(keys: &GeoKeys) -> Result<Definition, String> {
     }
 }
 
-/// The definition in Esri's WKT in which systems are cited that keys cannot say.
+/// Returns the citation in Esri's WKT that defines systems which keys cannot represent.
 pub(crate) fn cited(keys: &GeoKeys) -> Option<String> {
     let places = [key::CITATION, key::PROJECTED_CITATION, key::GEODETIC_CITATION];
     places.into_iter().find_map(|place| Some(keys.text(place)?.strip_prefix("ESRI PE String = ")?.to_owned()))
 }
 
-/// The parts of a system that is defined by more than a number.
+/// Returns the components of a system that is not defined by a code alone.
 pub(crate) fn system(keys: &GeoKeys) -> Result<System, String> {
     let base = base(keys)?;
     let shift = match keys.doubles_of(key::TO_WGS84) {
@@ -71,7 +71,7 @@ pub(crate) fn system(keys: &GeoKeys) -> Result<System, String> {
     Ok(System { name, base, conversion, axes: Vec::new(), unit, height: None, shift })
 }
 
-/// A part of a citation: of `GCS Name = a|Datum = b|Ellipsoid = c|Primem = d`.
+/// Returns an element of a citation such as `GCS Name = a|Datum = b|Ellipsoid = c|Primem = d`.
 fn part_of<'a>(citation: &'a str, name: &str) -> Option<&'a str> {
     citation
         .split('|')
@@ -86,7 +86,7 @@ pub(crate) fn check_finite(numbers: &[f64]) -> Result<&[f64], String> {
     }
 }
 
-/// The finite number of a key.
+/// Returns the finite double of a key.
 pub(crate) fn double(keys: &GeoKeys, place: u16) -> Result<Option<f64>, String> {
     match keys.double(place) {
         Some(number) if !number.is_finite() => Err(format!("{number} as the value of the key {place}")),
@@ -94,7 +94,7 @@ pub(crate) fn double(keys: &GeoKeys, place: u16) -> Result<Option<f64>, String> 
     }
 }
 
-/// Datum, ellipsoid, prime meridian and unit of angles.
+/// Reads datum, ellipsoid, prime meridian and unit of angle.
 fn base(keys: &GeoKeys) -> Result<Base, String> {
     let angle = angular_unit(keys)?;
     if let Some(number) = keys.registered(key::GEODETIC_CRS) {
@@ -141,7 +141,7 @@ fn base(keys: &GeoKeys) -> Result<Base, String> {
     })
 }
 
-/// Radians of the unit of angles.
+/// Returns the unit of angle in radians.
 fn angular_unit(keys: &GeoKeys) -> Result<f64, String> {
     match (keys.number(key::ANGULAR_UNITS), double(keys, key::ANGULAR_UNIT_SIZE)?) {
         (None | Some(9102 | 9122), _) => Ok(1f64.to_radians()),
@@ -152,7 +152,7 @@ fn angular_unit(keys: &GeoKeys) -> Result<f64, String> {
     }
 }
 
-/// Metres of the unit of the plane.
+/// Returns the horizontal unit of length in metres.
 pub(crate) fn linear_unit(keys: &GeoKeys) -> Result<f64, String> {
     match (keys.number(key::LINEAR_UNITS), double(keys, key::LINEAR_UNIT_SIZE)?) {
         (None, _) => Ok(1.0),
@@ -163,7 +163,7 @@ pub(crate) fn linear_unit(keys: &GeoKeys) -> Result<f64, String> {
     }
 }
 
-/// Metres of a unit by its number in the EPSG registry.
+/// Returns the size in metres of a unit with an EPSG code.
 pub(crate) fn metres_numbered(number: u16) -> Option<f64> {
     match number {
         9001 => Some(1.0),
@@ -174,7 +174,7 @@ pub(crate) fn metres_numbered(number: u16) -> Option<f64> {
     }
 }
 
-/// The method and its parameters.
+/// Reads the method and its parameters.
 fn conversion(keys: &GeoKeys) -> Result<Conversion, String> {
     if let Some(number) = keys.registered(key::PROJECTION) {
         return zone(number).ok_or_else(|| format!("the projection with the number {number}"));
@@ -191,13 +191,13 @@ fn conversion(keys: &GeoKeys) -> Result<Conversion, String> {
         }
     }
     let has = |name: &str| parameters.iter().any(|own| own.name == name);
-    // (Both variants of Mercator's have one number.)
+    // (Both variants of Mercator share a number.)
     let has_parallel = method.name == "Mercator (variant A)" && has("standard_parallel_1");
     let method = if has_parallel { "Mercator (variant B)" } else { method.name };
     Ok(Conversion { method: method.into(), parameters })
 }
 
-/// The zone of UTM that a number of the registry means.
+/// Returns the UTM zone of an EPSG code.
 fn zone(number: u16) -> Option<Conversion> {
     let (first, northing) = if number < 16100 { (16000, 0.0) } else { (16100, 1e7) };
     let zone = number.checked_sub(first).filter(|zone| (1..=60).contains(zone))?;

@@ -1,4 +1,4 @@
-//! Projections: coordinates of one system as those of another, by way of longitude and latitude in WGS 84.
+//! Projections: conversion between coordinates of a system and longitude and latitude in WGS 84.
 
 mod area;
 pub(crate) mod axis;
@@ -29,30 +29,32 @@ use self::verified::is_verified;
 use super::{Crs, WEB_MERCATOR};
 use spinney_base::{Error, Result};
 
-/// A coordinate system whose coordinates can be computed.
+/// A coordinate reference system whose coordinates can be computed.
 ///
-/// The formulas are those of PROJ, in Rust (proj4rs): see [`PROJECTION_METHODS`]. Systems without a shift to WGS 84, or with one that
-/// needs a grid, are refused unless a shift of nothing is said to be good enough.
+/// The formulas are those of PROJ, in Rust (proj4rs): see [`PROJECTION_METHODS`]. Systems whose
+/// shift to WGS 84 is not known or needs a grid are rejected, unless the caller allows to assume no
+/// shift.
 pub struct Projection {
     form: Form,
-    /// A remark on how well the system's datum is known.
+    /// A remark on the accuracy of the system's datum.
     remark: Option<String>,
 }
 
-/// The way coordinates are computed.
+/// Method of computation.
 enum Form {
-    /// Degrees of longitude and latitude in WGS 84, or in a datum that is taken for the same.
+    /// Degrees of longitude and latitude in WGS 84, or in a datum that is treated as equal.
     Degrees,
-    /// Web mercator: spherical formulas over WGS 84.
+    /// Web Mercator: spherical formulas on WGS 84 coordinates.
     WebMercator,
-    /// Any other: its definition, the same for degrees in WGS 84, and what it is to be known by.
+    /// Any other projection: its definition, the definition of degrees in WGS 84, and the
+    /// normalized formula.
     Other(Box<Proj>, Box<Proj>, Formula),
 }
 
-/// Radius of the sphere of web mercator in metres.
+/// Radius of the sphere of Web Mercator in metres.
 const RADIUS: f64 = 6_378_137.0;
 
-/// Projection methods, by PROJ's names, that definitions may have.
+/// Supported projection methods, by PROJ's names.
 pub const PROJECTION_METHODS: [&str; 27] = [
     "longlat", "merc", "webmerc", "utm", "tmerc", "etmerc", "lcc", "aea", "laea", "stere", "sterea",
     "somerc", "omerc", "cass", "cea", "eqc", "eqdc", "eqearth", "krovak", "mill", "moll", "poly", "robin",
@@ -60,12 +62,13 @@ pub const PROJECTION_METHODS: [&str; 27] = [
 ];
 
 impl Projection {
-    /// The projection that a definition asks for: by a number of the EPSG registry, or whole, in any form. Coordinates are within a
-    /// millimetre of PROJ's, those of systems by number with a shifted datum within a centimetre. The datum of a definition without a
-    /// number is taken by its name, if it is one of those that were compared with PROJ's, or by the shift that the definition tells.
+    /// Creates the projection of a definition, in any form. Coordinates are within a millimetre of
+    /// PROJ's, or within a centimetre for systems by EPSG code with a shifted datum. For a
+    /// definition without an EPSG code, the datum is found by its name, if it is one of those that
+    /// were compared with PROJ, or by the shift in the definition.
     ///
-    /// `allow_ballpark` takes those, too, that are not: the datum is taken for WGS 84 where the shift to it is unknown or needs a grid,
-    /// which may be off by some hundred metres.
+    /// `allow_ballpark` also accepts other datums. A datum whose shift to WGS 84 is unknown or
+    /// needs a grid is treated as WGS 84, which may be off by some hundred metres.
     ///
     /// ```
     /// use spinney::Crs;
@@ -77,8 +80,8 @@ impl Projection {
     /// ```
     ///
     /// # Errors
-    /// If the definition is not understood, or asks for a method that is none of [`PROJECTION_METHODS`] or for a shift that is
-    /// not available; the message names it.
+    /// If the definition is not supported, or needs a method that is not in [`PROJECTION_METHODS`]
+    /// or a shift that is not available. The message names it.
     pub fn new(crs: &Crs, allow_ballpark: bool) -> Result<Projection> {
         if crs.numbers().is_some_and(|epsg| epsg.in_parts().horizontal == WEB_MERCATOR) {
             return Ok(Projection { form: Form::WebMercator, remark: None });
@@ -121,7 +124,7 @@ impl Projection {
             None => None,
         };
         let shifted = datum.words().map(|shift| format!("{words} {shift}"));
-        // (Some datums that have a name are shifted by numbers that it stands for, others need grids.)
+        // (Some named datums have shift parameters, others need grids.)
         let shifted = match &datum {
             Datum::Named(_) => shifted.filter(|text| Proj::from_proj_string(text).is_ok()),
             _ => shifted,
@@ -147,12 +150,13 @@ impl Projection {
         Ok(Projection { form, remark })
     }
 
-    /// A remark on how well the system's datum is known, where that is less than well.
+    /// Returns a remark on the accuracy of the system's datum, if it is limited.
     pub fn remark(&self) -> Option<&str> {
         self.remark.as_deref()
     }
 
-    /// Whether coordinates are those of another projection, so that nothing changes on the way from one to the other.
+    /// Whether coordinates are the same as those of another projection, so that no conversion is
+    /// needed.
     pub(crate) fn is_same(&self, other: &Projection) -> bool {
         match (&self.form, &other.form) {
             (Form::Degrees, Form::Degrees) | (Form::WebMercator, Form::WebMercator) => true,
@@ -161,7 +165,7 @@ impl Projection {
         }
     }
 
-    /// Whether coordinates are longitude and latitude, so that they come again after 360 degrees.
+    /// Whether coordinates are longitude and latitude, with a period of 360 degrees.
     pub fn is_geographic(&self) -> bool {
         match &self.form {
             Form::Degrees => true,
@@ -170,16 +174,18 @@ impl Projection {
         }
     }
 
-    /// Whether the first coordinate depends on the longitude alone, and the second on the latitude alone.
+    /// Whether the first coordinate depends on the longitude only, and the second on the latitude
+    /// only.
     pub fn is_cylindrical(&self) -> bool {
         match &self.form {
             Form::Degrees | Form::WebMercator => true,
-            // (Shifts of the datum mix both.)
+            // (Datum shifts mix both.)
             Form::Other(..) => false,
         }
     }
 
-    /// Longitude and latitude in degrees (WGS 84) of a point; `None` where the system has none.
+    /// Converts a point to longitude and latitude in degrees (WGS 84). `None` if the point is
+    /// outside of the projection's domain.
     pub fn inverse(&self, [x, y]: [f64; 2]) -> Option<[f64; 2]> {
         let point = match &self.form {
             Form::Degrees => [x, y],
@@ -196,7 +202,8 @@ impl Projection {
         (point[0].is_finite() && point[1].abs() <= 90.0 + 1e-9).then_some(point)
     }
 
-    /// The point at a longitude and latitude in degrees (WGS 84); `None` where the system has none.
+    /// Converts longitude and latitude in degrees (WGS 84) to a point. `None` if the position is
+    /// outside of the projection's domain.
     pub fn forward(&self, [longitude, latitude]: [f64; 2]) -> Option<[f64; 2]> {
         if latitude.abs() > 90.0 + 1e-9 {
             return None;

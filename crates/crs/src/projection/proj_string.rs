@@ -1,4 +1,4 @@
-//! Definitions in PROJ's own words, held to what those mean there.
+//! Reads PROJ strings, restricted to what PROJ and its port interpret in the same way.
 
 use std::fmt::Write as _;
 
@@ -12,7 +12,8 @@ use super::words;
 use crate::definition::{metres_of_unit, parse_proj_string, proj_value};
 use crate::methods::{KROVAK_COLATITUDE, Values, words_of};
 
-/// Words that a method takes in addition to those that all take, none for longitude and latitude; nothing if there is no such method.
+/// Returns the words that a method takes in addition to the common ones; none for longitude and
+/// latitude. `None` if the method does not exist.
 fn taken_words(method: &str) -> Option<Vec<&'static str>> {
     match method {
         "longlat" | "latlong" | "lonlat" | "latlon" => Some(Vec::new()),
@@ -25,7 +26,7 @@ fn taken_words(method: &str) -> Option<Vec<&'static str>> {
 
 /// Words of the ellipsoid and of the datum.
 const FIGURES: [&str; 8] = ["ellps", "datum", "R", "a", "b", "rf", "towgs84", "nadgrids"];
-/// Words of numbers, and the largest that they may have.
+/// Words with numeric values, and their maximum magnitudes.
 const NUMBERS: [(&str, f64); 18] = [
     ("lat_0", 90.0),
     ("lat_1", 90.0),
@@ -46,9 +47,9 @@ const NUMBERS: [(&str, f64); 18] = [
     ("rf", 1e9),
     ("to_meter", 1e7),
 ];
-/// Words that change no coordinates of the plane.
+/// Words that do not affect horizontal coordinates.
 const TOLD: [&str; 3] = ["no_defs", "wktext", "title"];
-/// Prime meridians by name, whose numbers are those of PROJ.
+/// Named prime meridians, whose longitudes are those of PROJ.
 const MERIDIANS: [&str; 13] = [
     "greenwich",
     "lisbon",
@@ -65,7 +66,7 @@ const MERIDIANS: [&str; 13] = [
     "oslo",
 ];
 
-/// Datums by PROJ's names, and geographic systems of the EPSG registry that have them.
+/// PROJ's names of datums, and geographic systems of the EPSG registry that have them.
 const DATUMS: [(&str, u16); 10] = [
     ("WGS84", 4326),
     ("NAD83", 4269),
@@ -79,23 +80,23 @@ const DATUMS: [(&str, u16); 10] = [
     ("OSGB36", 4277),
 ];
 
-/// What a definition says, in numbers.
+/// The components of a PROJ string.
 #[derive(Debug)]
 pub(crate) struct ProjParts {
     /// Half axes in metres.
     pub(crate) ellipsoid: [f64; 2],
-    /// Geographic system of the EPSG registry with the datum that is told by name.
+    /// Geographic system of the EPSG registry that has the named datum.
     pub(crate) datum: Option<u16>,
     /// Degrees east of Greenwich.
     pub(crate) prime_meridian: f64,
-    /// The method's words and parameters; systems of longitude and latitude have none.
+    /// The method's words and parameters; `None` for geographic systems.
     pub(crate) projection: Option<(String, Values)>,
-    /// Metres of the plane's unit.
+    /// Size of the horizontal unit in metres.
     pub(crate) unit: f64,
     pub(crate) shift: Option<Shift>,
 }
 
-/// What a definition says. An error says what was found.
+/// Reads the components of a PROJ string. The error describes what was found.
 pub(crate) fn parts(text: &str) -> Result<ProjParts, String> {
     let all = parse_proj_string(text)?;
     let get = |name: &str| proj_value(&all, name);
@@ -113,7 +114,7 @@ pub(crate) fn parts(text: &str) -> Result<ProjParts, String> {
             shift: None,
         });
     }
-    // (That refuses what has another meaning, or none.)
+    // (Rejects words that are ambiguous or not supported.)
     let words = read(text)?.words;
     let proj = Proj::from_proj_string(&words).map_err(|error| format!("`{words}`: {error}"))?;
     let (a, b) = proj.ellipse_parameters();
@@ -160,14 +161,14 @@ pub(crate) fn parts(text: &str) -> Result<ProjParts, String> {
     })
 }
 
-/// Zone of UTM, and its half of the earth.
+/// Returns the UTM zone and hemisphere.
 pub(crate) fn utm_zone(text: &str) -> Option<(&str, char)> {
     let words = parse_proj_string(text).ok().filter(|words| proj_value(words, "proj") == Some("utm"))?;
     let half = if words.iter().any(|(name, _)| *name == "south") { 'S' } else { 'N' };
     Some((proj_value(&words, "zone")?, half))
 }
 
-/// Whether a text means web mercator, in the way that PROJ 4 had to say it.
+/// Whether a PROJ string is Web Mercator in the form that PROJ 4 required.
 pub(crate) fn is_web_mercator(text: &str) -> bool {
     let Ok(words) = parse_proj_string(text) else { return false };
     let is =
@@ -183,15 +184,16 @@ pub(crate) fn is_web_mercator(text: &str) -> bool {
         && is("k", 1.0)
 }
 
-/// Error of the co-latitude of Krovak's cone in definitions, in degrees: they round its seconds to three decimals.
+/// Maximum error of the co-latitude of Krovak's cone in degrees: definitions round its seconds to
+/// three decimals.
 const COLATITUDE_ERROR: f64 = 0.001 / 3600.0;
 
-/// Whether degrees are the co-latitude of Krovak's cone.
+/// Whether an angle in degrees is the co-latitude of Krovak's cone.
 fn is_colatitude(degrees: f64) -> bool {
     (degrees - KROVAK_COLATITUDE).abs() <= COLATITUDE_ERROR
 }
 
-/// The definition that a text has. An error says what was found.
+/// Reads a definition. The error describes what was found.
 pub(super) fn read(text: &str) -> Result<Definition, String> {
     let words = parse_proj_string(text)?;
     let get = |name: &str| proj_value(&words, name);
@@ -205,7 +207,7 @@ pub(super) fn read(text: &str) -> Result<Definition, String> {
         let shown = format!("+{name}{}", value.map_or(String::new(), |value| format!("={value}")));
         let refused = || format!("`{shown}` in the method {method}");
         if let Some((_, most)) = NUMBERS.iter().find(|(own, _)| own == name) {
-            // (PROJ reads other notations, too.)
+            // (PROJ also reads other notations.)
             let found = number(name).filter(|number| number.abs() <= *most);
             found.ok_or_else(|| format!("`{shown}`, which is no number in its range"))?;
         }
@@ -214,7 +216,7 @@ pub(super) fn read(text: &str) -> Result<Definition, String> {
             ("proj", _) => {}
             (name, _) if TOLD.contains(&name) => {}
             ("type", Some("crs")) => {}
-            // What is so without the word.
+            // The default.
             ("axis", Some("enu")) => {}
             ("axis", Some("wsu")) if method == "tmerc" => text.push_str(" +axis=wsu"),
             ("axis", Some("swu")) if method == "krovak" => text.push_str(" +axis=swu"),
@@ -246,9 +248,9 @@ pub(super) fn read(text: &str) -> Result<Definition, String> {
             (_, Some(_)) if takes.contains(&own) => {
                 let _ = write!(text, " {shown}");
             }
-            // (The method has one cone.)
+            // (The method has only this cone.)
             ("alpha", Some(_)) if method == "krovak" && number(name).is_some_and(is_colatitude) => {}
-            // A word that the method has not, and that says nothing else than that.
+            // A word that the method does not take, with a value that has no effect.
             ("lat_0" | "lat_ts" | "lon_0" | "x_0" | "y_0", Some(_)) if number(name) == Some(0.0) => {}
             ("k" | "k_0", Some(_)) if number(name) == Some(1.0) => {}
             _ => return Err(refused()),
@@ -266,14 +268,14 @@ pub(super) fn read(text: &str) -> Result<Definition, String> {
             let parsed = parsed.ok().filter(|numbers| numbers.iter().all(|number| number.is_finite()));
             helmert(&parsed.ok_or_else(|| format!("`+towgs84={numbers}`"))?, [a, b])?
         }
-        // The sizes of WGS 84 or GRS 1980, in numbers.
+        // The half axes of WGS 84 or GRS 1980 as numbers.
         (None, None, Datum::Unknown) if is_global([a, b]) => Datum::Wgs84,
         (_, _, datum) => datum,
     };
     Ok(Definition { words, datum })
 }
 
-/// Fails where PROJ and its port may understand a method's words in different ways.
+/// Fails if PROJ and its port may interpret a method's words differently.
 fn check_method(
     method: &str,
     number: &impl Fn(&str) -> Option<f64>,
@@ -320,7 +322,7 @@ fn check_method(
     }
 }
 
-/// Fails if the ellipsoid is told in more than one way, which may not agree.
+/// Fails if the ellipsoid is not defined, or in several ways that may not agree.
 fn check_figure<'a>(
     get: &impl Fn(&str) -> Option<&'a str>,
     has: &impl Fn(&str) -> bool,

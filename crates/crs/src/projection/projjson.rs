@@ -1,4 +1,4 @@
-//! PROJJSON as the parts of a system.
+//! Reads the components of a system from PROJJSON.
 
 use serde_json::Value;
 
@@ -8,15 +8,15 @@ use super::shift::{self, Shift};
 use super::system::{Base, Conversion, Name, Parameter, System, Unit, check_ellipsoid, degrees, half_axes};
 use crate::definition::parse_projjson;
 
-/// Members that no system may have here: they would make another one of it.
+/// Members that are not supported, because they would change the system.
 const OTHER: [&str; 2] = ["deriving_conversion", "deformation_models"];
 
-/// The definition that a text has. An error says what was found.
+/// Reads a definition. The error describes what was found.
 pub(super) fn read(text: &str) -> Result<Definition, String> {
     system(&parse_projjson(text)?)?.definition()
 }
 
-/// The parts of a system.
+/// Returns the components of a system.
 pub(crate) fn system(value: &Value) -> Result<System, String> {
     if let Some(other) = OTHER.iter().find(|member| !value[**member].is_null()) {
         return Err(format!("a system with {other}"));
@@ -44,7 +44,7 @@ pub(crate) fn system(value: &Value) -> Result<System, String> {
     }
 }
 
-/// Datum, ellipsoid and prime meridian.
+/// Reads datum, ellipsoid and prime meridian.
 fn base(value: &Value) -> Result<Base, String> {
     let datum = [&value["datum"], &value["datum_ensemble"]].into_iter().find(|datum| datum.is_object());
     let datum = datum.ok_or("a system without a datum")?;
@@ -82,7 +82,7 @@ fn text(value: &Value) -> Option<String> {
     value.as_str().map(String::from)
 }
 
-/// Metres of the unit of a third axis, which has heights above the ellipsoid.
+/// Returns the size in metres of the unit of the third axis, which must be ellipsoidal height.
 fn height(value: &Value) -> Result<Option<f64>, String> {
     let axis = &value["coordinate_system"]["axis"][2];
     match (axis["direction"].as_str(), axis.is_null()) {
@@ -95,7 +95,7 @@ fn height(value: &Value) -> Result<Option<f64>, String> {
     }
 }
 
-/// A number, or an object of a number and its unit.
+/// Reads a number, or an object with a number and its unit.
 fn measure(value: &Value, usual: Unit) -> Result<(f64, Unit), String> {
     let (number, own) = match value {
         Value::Object(_) => (value["value"].as_f64(), unit(&value["unit"])?),
@@ -104,7 +104,7 @@ fn measure(value: &Value, usual: Unit) -> Result<(f64, Unit), String> {
     Ok((number.ok_or("a measure that is no number")?, own))
 }
 
-/// Degrees of an angle.
+/// Reads an angle and returns it in degrees.
 fn angle(value: &Value) -> Result<f64, String> {
     match measure(value, Unit::Angle(1f64.to_radians()))? {
         (number, Unit::Angle(radians)) => Ok(degrees(number, radians)),
@@ -125,7 +125,7 @@ pub(crate) fn unit(value: &Value) -> Result<Unit, String> {
     }
 }
 
-/// Axes and their unit.
+/// Reads the axes and their unit.
 fn axes(value: &Value, kind: &str) -> Result<(Vec<Axis>, Unit), String> {
     let system = &value["coordinate_system"];
     if system["subtype"] != kind {
@@ -143,13 +143,13 @@ fn axes(value: &Value, kind: &str) -> Result<(Vec<Axis>, Unit), String> {
         units.push(unit(&axis["unit"])?);
     }
     match units[..] {
-        // (Heights have a unit of their own.)
+        // (Heights have their own unit.)
         [a, b, ..] if a == b => Ok((axes, a)),
         _ => Err("axes that are not two with one unit".into()),
     }
 }
 
-/// The method and the parameters of a conversion or transformation.
+/// Reads the method and the parameters of a conversion or transformation.
 fn conversion(value: &Value) -> Result<Conversion, String> {
     let method = value["method"]["name"].as_str().ok_or("a conversion without a method")?.into();
     let mut parameters = Vec::new();
@@ -164,7 +164,7 @@ fn conversion(value: &Value) -> Result<Conversion, String> {
     Ok(Conversion { method, parameters })
 }
 
-/// A system with the transformation to WGS 84 that it is bound to.
+/// Reads a bound system with its transformation to WGS 84.
 fn bound(value: &Value) -> Result<System, String> {
     let source = &value["source_crs"];
     if source["type"] == "BoundCRS" {

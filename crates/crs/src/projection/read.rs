@@ -1,4 +1,4 @@
-//! Definitions of coordinate systems, in whatever form they came.
+//! Reads definitions of coordinate reference systems in any form.
 
 use super::datum::Datum;
 use super::definition::Definition;
@@ -6,7 +6,7 @@ use super::{geo_keys, proj_string, projjson, wkt, words};
 use crate::Crs;
 use crate::registry::definition_of;
 
-/// The definition of a system. An error says what was found.
+/// Reads the definition of a system. The error describes what was found.
 pub(super) fn read(crs: &Crs) -> Result<Definition, String> {
     if crs.numbers().is_none() {
         return match crs {
@@ -21,7 +21,7 @@ pub(super) fn read(crs: &Crs) -> Result<Definition, String> {
     Ok(Definition { words: words::without_shift(&text), datum: Datum::of(&text) })
 }
 
-/// The definition of a system that has a number.
+/// Returns the PROJ string of a system with an EPSG code.
 fn proj_string_of(crs: &Crs) -> Result<String, String> {
     let number = crs.numbers().ok_or("no number")?.in_parts().horizontal;
     match u16::try_from(number).ok().and_then(definition_of) {

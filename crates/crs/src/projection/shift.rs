@@ -1,20 +1,20 @@
-//! Shifts of datums that definitions tell as transformations.
+//! Datum shifts that definitions contain as transformations.
 
 use super::datum::Datum;
 use super::system::{Conversion, Unit, helmert};
 use crate::methods::key;
 
-/// A shift of the datum to WGS 84 that a definition tells.
+/// A shift of the datum to WGS 84 in a definition.
 #[derive(Clone, Debug)]
 pub(crate) enum Shift {
-    /// By a Helmert transformation (position vector): its three or seven numbers.
+    /// A Helmert transformation (position vector convention) with three or seven parameters.
     Helmert(Vec<f64>),
-    /// By a grid of shifts: its name.
+    /// A grid of shifts, by its name.
     Grid(String),
 }
 
 impl Shift {
-    /// The way that the shift is, from an ellipsoid with these half axes.
+    /// Returns the shift as a datum on an ellipsoid with the given half axes.
     pub(super) fn way(&self, ellipsoid: [f64; 2]) -> Result<Datum, String> {
         match self {
             Shift::Helmert(numbers) => helmert(numbers, ellipsoid),
@@ -23,13 +23,13 @@ impl Shift {
     }
 }
 
-/// Methods, and the sign that rotations have in them.
+/// Methods, and their sign of rotations.
 const METHODS: [(&str, f64); 3] = [
     ("geocentrictranslations", 1.0),
     ("positionvectortransformation", 1.0),
     ("coordinateframerotation", -1.0),
 ];
-/// Where a method works on: the names that follow its own.
+/// Suffixes of method names that specify the domain.
 const DOMAINS: [&str; 4] = ["", "geog2ddomain", "geog3ddomain", "geocentricdomain"];
 
 const PARAMETERS: [&str; 7] = [
@@ -42,7 +42,7 @@ const PARAMETERS: [&str; 7] = [
     "scaledifference",
 ];
 
-/// Fails if what a transformation leads to is not WGS 84.
+/// Fails if the target of a transformation is not WGS 84.
 pub(super) fn check_target(is_geographic: bool, datum: &str) -> Result<(), String> {
     match is_geographic && super::datum_names::system_of(datum) == Some(4326) {
         true => Ok(()),
@@ -50,7 +50,7 @@ pub(super) fn check_target(is_geographic: bool, datum: &str) -> Result<(), Strin
     }
 }
 
-/// The shift that a method and its parameters are.
+/// Converts a method and its parameters to a shift.
 pub(super) fn read(transformation: &Conversion) -> Result<Shift, String> {
     let name = key(&transformation.method);
     let known = METHODS

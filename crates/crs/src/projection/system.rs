@@ -1,4 +1,5 @@
-//! Coordinate systems by their parts, in whatever form they were defined, as PROJ's words.
+//! Components of coordinate reference systems, independent of the form of their definitions, and
+//! their conversion to PROJ's words.
 
 use std::fmt::Write as _;
 
@@ -13,27 +14,27 @@ use super::words;
 use crate::methods::{self, Values};
 use crate::registry::definition_of;
 
-/// The parts of a system of longitude and latitude, or of a plane.
+/// The components of a geographic or projected system.
 #[derive(Debug)]
 pub(crate) struct System {
     pub(crate) name: Option<String>,
     pub(crate) base: Base,
-    /// The projection; systems of longitude and latitude have none.
+    /// The projection; `None` for geographic systems.
     pub(crate) conversion: Option<Conversion>,
-    /// The axes of the plane in their order; none if the definition leaves them to the reader.
+    /// The horizontal axes in their order; empty if the definition leaves them to the reader.
     pub(crate) axes: Vec<Axis>,
-    /// Size of a unit of the axes: metres of a plane, radians of angles.
+    /// Size of the unit of the axes: metres of a projected system, radians of a geographic one.
     pub(crate) unit: f64,
-    /// Metres of the unit of heights above the ellipsoid, if these are the third axis.
+    /// Size in metres of the unit of ellipsoidal heights, if these are the third axis.
     pub(crate) height: Option<f64>,
-    /// The way to WGS 84 that the definition tells.
+    /// The shift to WGS 84 in the definition.
     pub(crate) shift: Option<Shift>,
 }
 
-/// Base of longitudes and latitudes.
+/// The geographic base of a system.
 #[derive(Debug)]
 pub(crate) struct Base {
-    /// That of the geographic system.
+    /// Name of the geographic system.
     pub(crate) name: Option<String>,
     pub(crate) datum: Name,
     /// Half axes in metres.
@@ -41,20 +42,20 @@ pub(crate) struct Base {
     pub(crate) ellipsoid_name: Option<String>,
     /// Degrees east of Greenwich.
     pub(crate) prime_meridian: f64,
-    /// Radians of the unit of angles.
+    /// Unit of angle in radians.
     pub(crate) angle: f64,
 }
 
-/// Name of a datum.
+/// Identification of a datum.
 #[derive(Debug)]
 pub(crate) enum Name {
-    /// By this name.
+    /// By its name.
     Text(String),
-    /// As that of a geographic system of the EPSG registry.
+    /// As the datum of a geographic system of the EPSG registry.
     Epsg(u16),
 }
 
-/// A method with its parameters.
+/// A projection method with its parameters.
 #[derive(Debug)]
 pub(crate) struct Conversion {
     pub(super) method: String,
@@ -65,11 +66,11 @@ pub(crate) struct Conversion {
 pub(crate) struct Parameter {
     pub(super) name: String,
     pub(super) value: f64,
-    /// That of the system where the parameter tells none.
+    /// `None` for the system's unit.
     pub(super) unit: Option<Unit>,
 }
 
-/// A unit: radians, metres, or what a number counts.
+/// A unit: its size in radians, in metres, or as a factor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Unit {
     Angle(f64),
@@ -77,16 +78,16 @@ pub(crate) enum Unit {
     Scale(f64),
 }
 
-/// Half axes that bodies in space have, in metres.
+/// Valid half axes of celestial bodies, in metres.
 const SIZES: std::ops::RangeInclusive<f64> = 1e3..=1e9;
-/// Metres that units have.
+/// Valid sizes of units of length, in metres.
 const LENGTHS: std::ops::RangeInclusive<f64> = 1e-6..=1e7;
-/// Difference of ellipsoids, in metres, that is none.
+/// Tolerance of half axes of equal ellipsoids, in metres.
 const SAME_SIZE: f64 = 1e-3;
 /// Half axes of the ellipsoids of WGS 84 and of GRS 1980.
 const GLOBAL: [[f64; 2]; 2] = [[6_378_137.0, 6_356_752.314_245], [6_378_137.0, 6_356_752.314_140]];
 
-/// Half axes of an ellipsoid by the inverse of its flattening; that of a ball is 0.
+/// Returns the half axes of an ellipsoid with an inverse flattening; 0 means a sphere.
 pub(super) fn half_axes(size: f64, inverse_flattening: f64) -> Result<[f64; 2], String> {
     let ellipsoid = match inverse_flattening == 0.0 {
         true => [size; 2],
@@ -95,23 +96,23 @@ pub(super) fn half_axes(size: f64, inverse_flattening: f64) -> Result<[f64; 2], 
     check_ellipsoid(ellipsoid)
 }
 
-/// Half axes, if they can be those of a body.
+/// Returns the half axes if they are valid.
 pub(crate) fn check_ellipsoid([a, b]: [f64; 2]) -> Result<[f64; 2], String> {
     let is_body = SIZES.contains(&a) && b <= a && b > 0.8 * a;
     if is_body { Ok([a, b]) } else { Err(format!("an ellipsoid with half axes of {a:?} m and {b:?} m")) }
 }
 
-/// Whether two ellipsoids are one.
+/// Whether two ellipsoids are the same.
 pub(crate) fn is_same_ellipsoid(one: [f64; 2], other: [f64; 2]) -> bool {
     (0..2).all(|axis| (one[axis] - other[axis]).abs() < SAME_SIZE)
 }
 
-/// Whether longitudes and latitudes on an ellipsoid are those on WGS 84's.
+/// Whether longitudes and latitudes on an ellipsoid are the same as on that of WGS 84.
 pub(super) fn is_global(ellipsoid: [f64; 2]) -> bool {
     GLOBAL.iter().any(|global| is_same_ellipsoid(*global, ellipsoid))
 }
 
-/// Degrees of an angle; numbers of degrees and grads stay exact.
+/// Converts an angle to degrees. Degrees and grads are converted without going via radians.
 pub(super) fn degrees(value: f64, radians: f64) -> f64 {
     let is = |degrees: f64| (radians / degrees.to_radians() - 1.0).abs() < 1e-9;
     if is(1.0) {
@@ -124,7 +125,7 @@ pub(super) fn degrees(value: f64, radians: f64) -> f64 {
 }
 
 impl Base {
-    /// Base of a geographic system of the EPSG registry.
+    /// Returns the base of a geographic system of the EPSG registry.
     pub(crate) fn of_epsg(number: u16) -> Result<Base, String> {
         let missing = || format!("EPSG:{number}, which the list of definitions does not have");
         let definition = definition_of(number).ok_or_else(missing)?;
@@ -142,7 +143,7 @@ impl Base {
         })
     }
 
-    /// The way to WGS 84, where the definition itself tells none.
+    /// Returns the shift to WGS 84, for a definition that does not contain one.
     fn way(&self) -> Datum {
         let (number, named) = match &self.datum {
             Name::Epsg(number) => {
@@ -151,7 +152,7 @@ impl Base {
             Name::Text(name) => (datum_names::system_of(name), name.clone()),
         };
         let Some(number) = number else {
-            // As PROJ's words with an ellipsoid alone, which it writes so.
+            // PROJ writes such names for PROJ strings that define only an ellipsoid.
             let is_nameless = methods::key(&named).starts_with("unknownbasedon");
             return if is_nameless && is_global(self.ellipsoid) {
                 Datum::Wgs84
@@ -159,7 +160,7 @@ impl Base {
                 Datum::Unlisted(named)
             };
         };
-        // One that has the name alone is another.
+        // A datum that only shares the name is another one.
         let is_same = Base::of_epsg(number).is_ok_and(|known| {
             is_same_ellipsoid(known.ellipsoid, self.ellipsoid)
                 && (known.prime_meridian - self.prime_meridian).abs() < 1e-7
@@ -171,7 +172,8 @@ impl Base {
     }
 }
 
-/// A shift by the numbers of a Helmert transformation, to ellipsoids and from them.
+/// Creates the shift of a Helmert transformation, for ellipsoids and spheres of about the earth's
+/// size.
 pub(super) fn helmert(numbers: &[f64], ellipsoid: [f64; 2]) -> Result<Datum, String> {
     if ![3, 7].contains(&numbers.len()) || numbers.iter().any(|number| number.abs() > 1e6) {
         return Err(format!("a shift of the datum by {numbers:?}"));
@@ -187,7 +189,7 @@ pub(super) fn helmert(numbers: &[f64], ellipsoid: [f64; 2]) -> Result<Datum, Str
 }
 
 impl System {
-    /// The definition in PROJ's words.
+    /// Returns the definition in PROJ's words.
     pub(super) fn definition(self) -> Result<Definition, String> {
         let [a, b] = self.base.ellipsoid;
         let datum = match &self.shift {
@@ -230,7 +232,7 @@ impl System {
         Ok(Definition { words, datum })
     }
 
-    /// PROJ's words for the method and its parameters, if these are of the axes.
+    /// Returns PROJ's words for the method and its parameters. Fails if they do not match the axes.
     pub(crate) fn projection(&self, conversion: &Conversion) -> Result<(&'static str, Values), String> {
         let name = &conversion.method;
         let method = methods::find(name).ok_or_else(|| format!("the method {name}"))?;
@@ -242,7 +244,7 @@ impl System {
         Ok((words, values))
     }
 
-    /// The parameters in degrees, metres and ones.
+    /// Returns the parameters in degrees, metres and ones.
     fn values(&self, conversion: &Conversion) -> Result<Values, String> {
         let method = methods::find(&conversion.method).ok_or("no method")?;
         let mut values = Values::new();

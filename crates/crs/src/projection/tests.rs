@@ -1,6 +1,6 @@
 use super::*;
 
-/// Systems, longitudes and latitudes, and what PROJ 9.5.1 makes of them.
+/// Systems, longitudes and latitudes, and coordinates computed by PROJ 9.5.1.
 const KNOWN: [(u32, f64, f64, f64, f64); 28] = [
     (4258, 12.8966, 52.082, 12.8966, 52.082),
     (4269, 159.8367, 45.9387, 159.8367, 45.9387),
@@ -42,7 +42,7 @@ fn places_are_those_of_proj() {
             "EPSG:{number}: {point:?}, not {x}, {y}"
         );
         let back = projection.inverse(point).unwrap();
-        // (Shifts of datums leave out heights, there and back.)
+        // (Datum shifts ignore heights in both directions.)
         assert!(
             (back[0] - longitude).abs() < 1e-6 && (back[1] - latitude).abs() < 1e-6,
             "EPSG:{number}: {back:?}"
@@ -79,9 +79,9 @@ fn ballpark_takes_datums_for_wgs_84_and_says_so() {
         let [longitude, latitude] = projection.inverse([x, y]).unwrap();
         assert!((longitude + 63.0).abs() < 1e-6 && (latitude - 18.2).abs() < 1e-6, "{number}");
     }
-    // What is known well is the same with it.
+    // Well-known systems are not affected.
     assert!(Projection::new(&Crs::epsg(25832), true).unwrap().remark().is_none());
-    // Methods that are missing stay missing.
+    // Unsupported methods are rejected.
     assert!(Projection::new(&Crs::epsg(27200), true).is_err());
 }
 
@@ -94,21 +94,22 @@ fn there_are_places_without_coordinates() {
     assert!(zone.inverse([f64::INFINITY, 0.0]).is_none());
 }
 
-/// One system in every form, without a number: Lambert's conic with two parallels, in US survey feet.
+/// The same system in every form, without an EPSG code: Lambert's conic with two parallels, in US
+/// survey feet.
 const FORMS: [&str; 6] = [
-    // As GDAL writes it.
+    // As written by GDAL.
     r#"PROJCS["mine",GEOGCS["NAD83",DATUM["North_American_Datum_1983",SPHEROID["GRS 1980",6378137,298.257222101]],
         PRIMEM["Greenwich",0],UNIT["degree",0.0174532925199433]],PROJECTION["Lambert_Conformal_Conic_2SP"],
         PARAMETER["latitude_of_origin",38.3333333333333],PARAMETER["central_meridian",-111.5],PARAMETER["standard_parallel_1",40.65],
         PARAMETER["standard_parallel_2",39.0166666666667],PARAMETER["false_easting",1640416.66666667],
         PARAMETER["false_northing",6561666.66666667],UNIT["US survey foot",0.304800609601219],AXIS["Easting",EAST],AXIS["Northing",NORTH]]"#,
-    // As Esri does.
+    // As written by Esri.
     r#"PROJCS["mine",GEOGCS["GCS_North_American_1983",DATUM["D_North_American_1983",SPHEROID["GRS_1980",6378137.0,298.257222101]],
         PRIMEM["Greenwich",0.0],UNIT["Degree",0.0174532925199433]],PROJECTION["Lambert_Conformal_Conic"],
         PARAMETER["False_Easting",1640416.66666667],PARAMETER["False_Northing",6561666.66666667],PARAMETER["Central_Meridian",-111.5],
         PARAMETER["Standard_Parallel_1",40.65],PARAMETER["Standard_Parallel_2",39.0166666666667],
         PARAMETER["Latitude_Of_Origin",38.3333333333333],UNIT["US_survey_foot",0.304800609601219]]"#,
-    // Of 2019, with parameters in other units, and with axes the other way round.
+    // WKT 2:2019, with parameters in other units and with swapped axes.
     r#"PROJCRS["mine",BASEGEOGCRS["NAD83",DATUM["North American Datum 1983",ELLIPSOID["GRS 1980",6378.137,298.257222101,
         LENGTHUNIT["kilometre",1000]]],PRIMEM["Greenwich",0,ANGLEUNIT["degree",0.0174532925199433]]],
         CONVERSION["c",METHOD["Lambert Conic Conformal (2SP)"],
@@ -145,7 +146,7 @@ fn refusal_of(text: &str) -> String {
 
 #[test]
 fn one_system_is_the_same_in_every_form() {
-    // What PROJ 9.5.1 makes of EPSG:3566.
+    // Coordinates of EPSG:3566 computed by PROJ 9.5.1.
     let expected = [1_546_126.195_097, 7_420_261.366_539];
     let place = [-111.84, 40.69];
     for text in FORMS {
@@ -173,7 +174,7 @@ fn shifts_that_definitions_tell() {
             PARAMETER["Z-axis rotation",{sign}0.3],PARAMETER["Scale difference",1.000004]]]"#
         )
     };
-    // What PROJ 9.5.1 makes of the first.
+    // Coordinates of the first system computed by PROJ 9.5.1.
     let expected = [5.001_199_587_4, 50.000_795_992_1];
     let texts = [
         wkt1.to_string(),
@@ -188,7 +189,7 @@ fn shifts_that_definitions_tell() {
             "{text}: {point:?}"
         );
     }
-    // A shift by nothing still leads from one ellipsoid to the other.
+    // A zero shift still converts between the ellipsoids.
     let nothing = of("+proj=longlat +ellps=intl +towgs84=0,0,0").unwrap().forward([5.0, 50.0]).unwrap();
     assert!((nothing[1] - 50.0).abs() > 1e-5, "{nothing:?}");
 }
@@ -239,7 +240,7 @@ fn definitions_that_are_not_understood_are_refused_by_name() {
         let refusal = refusal_of(text);
         assert!(refusal.contains(found), "{text}: {refusal}");
     }
-    // With a ballpark shift the datum may be any, but nothing else.
+    // A ballpark shift accepts any datum, but no other difference.
     let other = gdal.replace("North_American_Datum_1983", "mine");
     let projection = Projection::new(&Crs::parse(&other).unwrap(), true).unwrap();
     assert!(projection.remark().unwrap().contains("the datum mine"));
@@ -279,7 +280,7 @@ fn axes_turned_south_and_west() {
     }
 }
 
-/// Keys of entries, as a file has them.
+/// Keys from entries, as in a file.
 fn keys(entries: &[[u16; 4]], doubles: &[f64], texts: &str) -> Crs {
     let directory = [&[[1, 1, 0, entries.len() as u16]], entries].concat();
     Crs::GeoKeys(crate::GeoKeys::new(directory.as_flattened(), doubles, texts.as_bytes()).unwrap())
@@ -287,7 +288,7 @@ fn keys(entries: &[[u16; 4]], doubles: &[f64], texts: &str) -> Crs {
 
 #[test]
 fn keys_that_the_user_defines() {
-    // EPSG:3035 by its parts: on a datum by number, and on one by name.
+    // EPSG:3035 by its components: with a datum by code, and with one by name.
     let doubles = [52.0, 10.0, 4_321_000.0, 3_210_000.0, 6_378_137.0, 298.257_222_101, f64::NAN];
     let citation = "GCS Name = ETRS89|Datum = European_Terrestrial_Reference_System_1989|Ellipsoid = GRS 1980|Primem = Greenwich||";
     let plane = |latitude: u16| {

@@ -1,4 +1,5 @@
-//! Well-known text, of version 1 (as OGC, GDAL and Esri write it) and 2 (of 2015 and 2019), as the parts of a system.
+//! Reads the components of a system from well-known text of version 1 (OGC, GDAL and Esri) and 2
+//! (2015 and 2019).
 
 use super::axis::Axis;
 use super::definition::Definition;
@@ -8,7 +9,7 @@ use super::system::{Base, Conversion, Name, Parameter, System, Unit, degrees, ha
 use crate::definition::{BOUND, GEOGRAPHIC, WktNode, parse_wkt};
 use crate::methods;
 
-/// Keywords of systems of planes that can be computed.
+/// Keywords of supported projected systems.
 const PROJECTED: [&str; 3] = ["PROJCS", "PROJCRS", "PROJECTEDCRS"];
 
 const BASES: [&str; 3] = ["GEOGCS", "BASEGEOGCRS", "BASEGEODCRS"];
@@ -17,7 +18,7 @@ const ELLIPSOIDS: [&str; 2] = ["SPHEROID", "ELLIPSOID"];
 const MERIDIANS: [&str; 2] = ["PRIMEM", "PRIMEMERIDIAN"];
 const LENGTHS: [&str; 2] = ["LENGTHUNIT", "UNIT"];
 const ANGLES: [&str; 2] = ["ANGLEUNIT", "UNIT"];
-/// Nodes that a system may have besides its parts, and which change no coordinates.
+/// Nodes that do not affect coordinates.
 const TOLD: [&str; 14] = [
     "USAGE",
     "SCOPE",
@@ -35,10 +36,10 @@ const TOLD: [&str; 14] = [
     "ENSEMBLEACCURACY",
 ];
 
-/// The definition that a text has. An error says what was found.
+/// Reads a definition. The error describes what was found.
 pub(super) fn read(text: &str) -> Result<Definition, String> {
     let node = parse_wkt(text)?;
-    // (Some programs write the definition in PROJ's words behind the other one, where that says something else.)
+    // (Some programs append a PROJ string as an EXTENSION where it differs from the WKT.)
     match node.horizontal().and_then(|node| node.child(&["EXTENSION"])) {
         Some(extension) => match extension.texts().collect::<Vec<_>>()[..] {
             ["PROJ4", words] if proj_string::is_web_mercator(words) => proj_string::read(words),
@@ -48,7 +49,7 @@ pub(super) fn read(text: &str) -> Result<Definition, String> {
     }
 }
 
-/// The parts of a system.
+/// Returns the components of a system.
 pub(crate) fn system(node: &WktNode) -> Result<System, String> {
     let node = node.horizontal().ok_or("a compound system of nothing")?;
     if node.is(&BOUND) {
@@ -90,7 +91,7 @@ pub(crate) fn system(node: &WktNode) -> Result<System, String> {
     Ok(System { name, base, conversion: Some(conversion), axes, unit, height, shift })
 }
 
-/// Fails if a node has children that may mean something else.
+/// Fails if a node has children that might change its meaning.
 fn check_children(node: &WktNode, known: &[&str]) -> Result<(), String> {
     match node.nodes().find(|child| !child.is(known) && !child.is(&TOLD)) {
         Some(other) => Err(format!("{} in {}", other.keyword(), node.keyword())),
@@ -98,7 +99,7 @@ fn check_children(node: &WktNode, known: &[&str]) -> Result<(), String> {
     }
 }
 
-/// Datum, ellipsoid and prime meridian, and the shift that the datum tells.
+/// Reads datum, ellipsoid and prime meridian, and the datum's shift.
 fn base(node: &WktNode) -> Result<(Base, Option<Shift>), String> {
     let known = [&DATUMS[..], &MERIDIANS, &ANGLES, &["CS", "AXIS"]].concat();
     check_children(node, &known)?;
@@ -130,16 +131,16 @@ fn base(node: &WktNode) -> Result<(Base, Option<Shift>), String> {
     Ok((base, grid.or(shift).transpose()?))
 }
 
-/// Degrees of a prime meridian.
+/// Returns a prime meridian in degrees.
 fn prime_meridian(node: &WktNode, angle: f64) -> Result<f64, String> {
     let longitude = node.numbers().next().ok_or("a prime meridian without a longitude")?;
     let unit = unit(node, &ANGLES)?.unwrap_or(angle);
-    // GDAL writes that of Paris in degrees even where the unit is grads.
+    // GDAL writes the longitude of Paris in degrees even if the unit is grads.
     let in_degrees = (longitude - 2.337_229_17).abs() < 1e-8 && node.texts().next() == Some("Paris");
     Ok(if in_degrees { longitude } else { degrees(longitude, unit) })
 }
 
-/// Size of a node's unit in metres or radians.
+/// Returns the size of a node's unit in metres or radians.
 pub(crate) fn unit(node: &WktNode, keywords: &[&str]) -> Result<Option<f64>, String> {
     let Some(unit) = node.child(keywords) else { return Ok(None) };
     match unit.numbers().next() {
@@ -148,10 +149,10 @@ pub(crate) fn unit(node: &WktNode, keywords: &[&str]) -> Result<Option<f64>, Str
     }
 }
 
-/// The unit of all axes of the plane, told for all or for each.
+/// Returns the common unit of the horizontal axes, defined once or for each axis.
 fn unit_of_axes(node: &WktNode, keywords: &[&str]) -> Result<Option<f64>, String> {
     let of_all = unit(node, keywords)?;
-    // (Heights have a unit of their own.)
+    // (Heights have their own unit.)
     let axes = node.nodes().filter(|node| node.is(&["AXIS"])).take(2);
     let each = axes.map(|axis| unit(axis, keywords)).collect::<Result<Vec<_>, _>>()?;
     match each[..] {
@@ -162,7 +163,7 @@ fn unit_of_axes(node: &WktNode, keywords: &[&str]) -> Result<Option<f64>, String
     }
 }
 
-/// Metres of the unit of a third axis, which has heights above the ellipsoid.
+/// Returns the size in metres of the unit of the third axis, which must be ellipsoidal height.
 fn height(node: &WktNode, axes: &[Axis]) -> Result<Option<f64>, String> {
     let Some(axis) = node.nodes().filter(|node| node.is(&["AXIS"])).nth(2) else { return Ok(None) };
     match axes[2].direction.as_str() {
@@ -194,7 +195,7 @@ fn axes(node: &WktNode) -> Result<Vec<Axis>, String> {
     Ok(axes)
 }
 
-/// The method and the parameters among a node's children.
+/// Reads the method and the parameters from a node's children.
 fn conversion(node: &WktNode) -> Result<Conversion, String> {
     let method = node.child(&["METHOD", "PROJECTION"]).and_then(|method| method.texts().next());
     let parameters = node.nodes().filter(|node| node.is(&["PARAMETER"])).map(parameter);
@@ -218,7 +219,7 @@ fn parameter(node: &WktNode) -> Result<Parameter, String> {
     Ok(Parameter { name: name.into(), value, unit })
 }
 
-/// A system with the transformation to WGS 84 that it is bound to.
+/// Reads a bound system with its transformation to WGS 84.
 fn bound(node: &WktNode) -> Result<System, String> {
     check_children(node, &["SOURCECRS", "TARGETCRS", "ABRIDGEDTRANSFORMATION"])?;
     let inner = |keyword: &str| {
@@ -241,7 +242,7 @@ fn bound(node: &WktNode) -> Result<System, String> {
     }
     let mut conversion = conversion(transformation)?;
     for parameter in &mut conversion.parameters {
-        // (An abridged scale is a factor, not the part by which it differs from one.)
+        // (An abridged scale is a factor, not its difference from one.)
         if methods::key(&parameter.name) == "scaledifference" && parameter.unit.is_none() {
             (parameter.value, parameter.unit) = (parameter.value - 1.0, Some(Unit::Scale(1.0)));
         }

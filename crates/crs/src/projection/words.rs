@@ -1,15 +1,15 @@
-//! Definitions in PROJ's words, word by word.
+//! Access to the words of PROJ strings.
 
-/// A parameter of a definition.
+/// Returns a parameter of a definition.
 pub(super) fn parameter<'a>(definition: &'a str, name: &str) -> Option<&'a str> {
     let mut parts = definition.split_whitespace().filter_map(|part| part.strip_prefix('+')?.split_once('='));
     parts.find(|(own, _)| *own == name).map(|(_, value)| value)
 }
 
-/// The definition with its ellipsoid, but without a shift.
+/// Returns the definition with its ellipsoid, but without a datum shift.
 pub(crate) fn without_shift(definition: &str) -> String {
     let parts = definition.split_whitespace().map(|part| match part {
-        // The ellipsoids of datums that have names here.
+        // The ellipsoids of named datums.
         "+datum=WGS84" => "+ellps=WGS84",
         "+datum=NAD83" => "+ellps=GRS80",
         "+datum=NAD27" => "+ellps=clrk66",

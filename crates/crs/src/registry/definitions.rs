@@ -1,9 +1,10 @@
-//! Definitions of systems of the EPSG registry in PROJ's words, as `build.rs` packs them.
+//! PROJ strings of systems of the EPSG registry, as packed by `build.rs`.
 
 /// The packed definitions.
 static PACKED: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/definitions"));
 
-/// The definition of a system in PROJ's words; `None` if the list does not have it. Goes through the list: some microseconds.
+/// Returns the PROJ string of a system, or `None` if the list does not have it. Cost: a scan of the
+/// list, some microseconds.
 pub(crate) fn definition_of(number: u16) -> Option<String> {
     let (counts, rest) = PACKED.split_at(12);
     let [text, definitions, _] =
@@ -27,7 +28,7 @@ pub(crate) fn definition_of(number: u16) -> Option<String> {
     own.map(|own| own.join(" "))
 }
 
-/// Numbers of 16 bits, one behind the other.
+/// Iterates over consecutive 16-bit numbers.
 fn pairs(bytes: &[u8]) -> impl Iterator<Item = u16> {
     bytes.as_chunks::<2>().0.iter().map(|pair| u16::from_le_bytes(*pair))
 }

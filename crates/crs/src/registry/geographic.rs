@@ -3,31 +3,33 @@
 use super::geodetic::{Ellipsoid, esri_name, meridian_numbered};
 use super::geographic_table::{GEOGRAPHIC, Row};
 
-/// A geographic system of two axes.
+/// A geographic system with two axes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Geographic {
     pub(crate) number: u16,
     pub(crate) name: &'static str,
     pub(crate) datum_name: &'static str,
-    /// Esri's names of the datum and of the system, where they are not the others with underscores.
+    /// Esri's names of the datum and of the system; empty if they are the registry's names with
+    /// underscores.
     esri: [&'static str; 2],
     ellipsoid: u16,
     meridian: u16,
 }
 
 impl Geographic {
-    /// The system with a number.
+    /// Returns the system with an EPSG code.
     pub(crate) fn find(number: u16) -> Option<Geographic> {
         let index = GEOGRAPHIC.binary_search_by_key(&number, |row| row.0).ok()?;
         Some(Geographic::of_row(GEOGRAPHIC[index]))
     }
 
-    /// The first system whose datum has a number.
+    /// Returns the first system whose datum has an EPSG code.
     pub(crate) fn of_datum(number: u16) -> Option<Geographic> {
         GEOGRAPHIC.iter().find(|row| row.2 == number).map(|row| Geographic::of_row(*row))
     }
 
-    /// The first system that fits and whose datum has a name, of the registry or Esri's; `key` makes names alike.
+    /// Returns the first matching system whose datum has a name in the registry or in Esri's list.
+    /// `key` normalizes names.
     pub(crate) fn of_datum_named(
         name: &str,
         key: impl Fn(&str) -> String,
@@ -46,7 +48,7 @@ impl Geographic {
         Ellipsoid::find(self.ellipsoid)
     }
 
-    /// Name of the prime meridian, and degrees east of Greenwich.
+    /// Returns the name of the prime meridian, and its degrees east of Greenwich.
     pub(crate) fn meridian(&self) -> Option<(&'static str, f64)> {
         meridian_numbered(self.meridian)
     }

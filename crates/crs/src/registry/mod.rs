@@ -1,4 +1,5 @@
-//! The EPSG registry: definitions, datums, axes and heights, for definitions that refer to it by number or name.
+//! The EPSG registry: definitions, datums, axes and vertical systems, for definitions that refer to
+//! it by code or name.
 
 mod definitions;
 mod geodetic;

@@ -1,4 +1,4 @@
-//! Tokens of a text.
+//! Lexer of the CSG language.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use spinney_base::Result;
 /// A token.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Token<'a> {
-    /// A name or a word.
+    /// A name or a keyword.
     Name(&'a str),
     Number(f64),
     /// One of `( ) [ ] , ; =`.
@@ -18,7 +18,7 @@ pub(super) enum Token<'a> {
 }
 
 impl Token<'_> {
-    /// The token as messages show it.
+    /// Returns the token as error messages show it.
     pub(super) fn text(&self) -> String {
         match self {
             Token::Name(name) => format!("`{}`", shortened(name)),
@@ -29,7 +29,7 @@ impl Token<'_> {
     }
 }
 
-/// The beginning of a text that may be long.
+/// Shortens a string to at most 40 characters.
 pub(super) fn shortened(text: &str) -> String {
     const MAX_SHOWN: usize = 40;
     match text.char_indices().nth(MAX_SHOWN) {
@@ -38,7 +38,7 @@ pub(super) fn shortened(text: &str) -> String {
     }
 }
 
-/// Reads tokens one by one.
+/// Splits a text into tokens.
 pub(super) struct Lexer<'a> {
     path: &'a Path,
     rest: &'a str,
@@ -51,7 +51,7 @@ impl<'a> Lexer<'a> {
         Lexer { path, rest: text.strip_prefix('\u{feff}').unwrap_or(text), line: 1, column: 1 }
     }
 
-    /// The next token, and where it is.
+    /// Returns the next token and its position.
     pub(super) fn next(&mut self) -> Result<(Token<'a>, At)> {
         self.skip_space();
         let at = At { line: self.line, column: self.column };
@@ -80,7 +80,7 @@ impl<'a> Lexer<'a> {
         Err(wrong(self.path, at, format!("the character {first:?}"), expected))
     }
 
-    /// Takes so many bytes, all of one line.
+    /// Consumes bytes of the current line.
     fn take(&mut self, bytes: usize) -> &'a str {
         let (taken, rest) = self.rest.split_at(bytes);
         self.rest = rest;
@@ -88,7 +88,7 @@ impl<'a> Lexer<'a> {
         taken
     }
 
-    /// Skips spaces, ends of lines and comments.
+    /// Skips whitespace and comments.
     fn skip_space(&mut self) {
         loop {
             let Some(first) = self.rest.chars().next() else { return };
@@ -107,7 +107,8 @@ impl<'a> Lexer<'a> {
     }
 }
 
-/// Where the number ends that a text begins with: all that could belong to one is taken, so that messages show it whole.
+/// Returns the length of the number at the start of a text. It includes any characters that could
+/// belong to a number, so that error messages show malformed numbers in full.
 fn number_end(text: &str) -> usize {
     let mut before = ' ';
     text.find(|c: char| {

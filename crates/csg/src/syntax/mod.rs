@@ -1,4 +1,4 @@
-//! The text of a solid: words (`words.rs`), from tokens (`lexer.rs`) by way of calls and lists (`parse.rs`).
+//! The CSG language: tokens (`lexer.rs`), calls and lists (`parse.rs`), and keywords (`words.rs`).
 
 mod lexer;
 mod parse;
@@ -11,7 +11,7 @@ use std::path::Path;
 
 use spinney_base::Error;
 
-/// A place in a text: line and column, from 1.
+/// A position in a text: line and column, counted from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct At {
     pub(crate) line: u32,
@@ -24,7 +24,7 @@ impl fmt::Display for At {
     }
 }
 
-/// The error of a text in which something else stands than is expected.
+/// Creates the error for an unexpected element at a position.
 pub(crate) fn wrong(path: &Path, at: At, found: impl Into<String>, expected: impl Into<String>) -> Error {
     Error::invalid(format!("{}, {at}", path.display()), found, expected)
 }

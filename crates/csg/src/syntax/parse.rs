@@ -1,4 +1,5 @@
-//! From tokens to a solid: calls are put on a stack, so that texts may be as deep as they like.
+//! Parser of the CSG language. Calls are kept on an explicit stack, so nesting does not use the
+//! call stack.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -9,23 +10,23 @@ use super::{At, wrong};
 use crate::model::{Builder, Csg, Solid};
 use spinney_base::{Error, Result};
 
-/// Most bytes of a text.
+/// Maximum length of a text, in bytes.
 const MAX_BYTES: u64 = 8 << 20;
-/// Most calls within each other.
+/// Maximum nesting depth of calls.
 const MAX_DEPTH: usize = 1 << 12;
 
 /// An argument of a call.
 #[derive(Clone, Debug)]
 pub(super) enum Argument {
     Number(f64),
-    /// Numbers in brackets.
+    /// A list of numbers in brackets.
     Numbers(Vec<f64>),
-    /// Points in brackets.
+    /// A list of points in brackets.
     Points(Vec<[f64; 2]>),
     Solid(Solid),
 }
 
-/// A call whose arguments are being read.
+/// A call whose arguments are being parsed.
 struct Call<'a> {
     word: &'a str,
     at: At,
@@ -34,13 +35,13 @@ struct Call<'a> {
 
 /// Kind of a statement.
 enum Statement<'a> {
-    /// A name for a solid, and where it was given.
+    /// Assigns a name to a solid.
     Let(&'a str),
-    /// A solid.
+    /// A solid, or `bounds` or `unit`.
     Solid,
 }
 
-/// Reads a text.
+/// Parses a CSG text.
 pub(crate) fn parse(path: &Path, text: &str) -> Result<Csg> {
     if text.len() as u64 > MAX_BYTES {
         return Err(Error::TooLarge {
@@ -108,7 +109,7 @@ struct Parser<'a> {
 }
 
 impl<'a> Parser<'a> {
-    /// Takes a sign that has to come.
+    /// Consumes a required sign.
     fn sign(&mut self, sign: char) -> Result<()> {
         let (token, at) = self.lexer.next()?;
         if token == Token::Sign(sign) {
@@ -117,7 +118,8 @@ impl<'a> Parser<'a> {
         Err(wrong(self.path, at, token.text(), format!("`{sign}`")))
     }
 
-    /// Takes the semicolon behind a statement, which may be missing at the end.
+    /// Consumes the semicolon after a statement. It may be missing at the end of the text, except
+    /// after `let`.
     fn statement_end(&mut self, statement: &Statement<'_>) -> Result<()> {
         match (self.lexer.next()?, statement) {
             ((Token::Sign(';'), _), _) | ((Token::End, _), Statement::Solid) => Ok(()),
@@ -129,7 +131,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// Takes a name that nothing has yet.
+    /// Consumes a name that is not yet defined.
     fn new_name(&mut self) -> Result<&'a str> {
         let (token, at) = self.lexer.next()?;
         let Token::Name(name) = token else {
@@ -145,7 +147,7 @@ impl<'a> Parser<'a> {
         Ok(name)
     }
 
-    /// Takes a unit in brackets.
+    /// Consumes a unit in parentheses.
     fn unit(&mut self) -> Result<String> {
         self.sign('(')?;
         let (token, at) = self.lexer.next()?;
@@ -156,7 +158,7 @@ impl<'a> Parser<'a> {
         Ok(unit.to_string())
     }
 
-    /// Takes a solid.
+    /// Consumes a solid.
     fn solid(&mut self) -> Result<(Solid, At)> {
         match self.lexer.next()? {
             (Token::Name(word), at) => Ok((self.solid_of(word, at)?, at)),
@@ -164,7 +166,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// The solid of a name.
+    /// Returns the solid of a name.
     fn named(&self, name: &str, at: At) -> Result<Solid> {
         if let Some(solid) = self.names.get(name) {
             return Ok(*solid);
@@ -176,7 +178,7 @@ impl<'a> Parser<'a> {
         Err(wrong(self.path, at, found, words::instead_of(name)))
     }
 
-    /// Takes arguments that are numbers alone, behind the bracket.
+    /// Consumes arguments that consist of numbers only, after the opening parenthesis.
     fn numbers_of(&mut self, word: &'a str, at: At) -> Result<Arguments<'a>> {
         let mut arguments = Vec::new();
         loop {
@@ -192,12 +194,12 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// Takes the solid that begins with a name.
+    /// Consumes the solid that begins with a name.
     fn solid_of(&mut self, word: &'a str, at: At) -> Result<Solid> {
         let (mut word, mut at) = (word, at);
         let mut calls: Vec<Call<'a>> = Vec::new();
         loop {
-            // A name stands here. Without a bracket behind it, it is a solid by itself.
+            // `word` is a name. Without a parenthesis after it, it is a complete solid.
             let mut needs_comma = !words::is_word(word);
             if words::is_word(word) {
                 let (token, token_at) = self.lexer.next()?;
@@ -260,7 +262,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// Takes what is in brackets, behind the first: numbers, or points that are two numbers in brackets.
+    /// Consumes a list after its opening bracket: numbers, or points of two numbers in brackets.
     fn list(&mut self, begin: At) -> Result<Argument> {
         let (mut numbers, mut points) = (Vec::new(), Vec::new());
         loop {
@@ -288,7 +290,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// Takes two numbers, behind the bracket.
+    /// Consumes two numbers after the opening bracket.
     fn point(&mut self, begin: At) -> Result<[f64; 2]> {
         let mut point = [0.0; 2];
         for (number, sign) in point.iter_mut().zip([',', ']']) {

@@ -1,4 +1,4 @@
-//! The words of the language: what they take, and what they make.
+//! Keywords of the CSG language: their arguments and the solids that they create.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -11,10 +11,10 @@ use crate::outline::Outline;
 use crate::shape::Shape;
 use spinney_base::Result;
 
-/// Makes a solid of the arguments of a word.
+/// Creates a solid from a keyword's arguments.
 type Make = fn(&mut Builder<'_>, &mut Arguments<'_>) -> Result<Solid>;
 
-/// A word, how it is used, and what it makes.
+/// Keywords, with their usage and constructor.
 const WORDS: [(&str, &str, Make); 19] = [
     ("block", "block(x0,y0,z0, x1,y1,z1)", block),
     ("ball", "ball(x,y,z, radius)", ball),
@@ -37,17 +37,18 @@ const WORDS: [(&str, &str, Make); 19] = [
     ("affine", "affine(xx,xy,xz,x0, yx,yy,yz,y0, zx,zy,zz,z0, a)", affine),
 ];
 
-/// Whether a name is a word of the language.
+/// Whether a name is a keyword.
 pub(super) fn is_word(name: &str) -> bool {
     WORDS.iter().any(|(word, ..)| *word == name)
 }
 
-/// How a word is used.
+/// Returns a keyword's usage.
 pub(super) fn usage(name: &str) -> &'static str {
     WORDS.iter().find(|(word, ..)| *word == name).map_or("an argument", |(_, usage, _)| usage)
 }
 
-/// Names that are expected instead of one that is none.
+/// Returns what is expected in place of an unknown name. Names of other CSG languages map to the
+/// equivalent keyword.
 pub(super) fn instead_of(name: &str) -> String {
     let same = match name {
         "cube" | "box" | "cuboid" => "block",
@@ -66,7 +67,7 @@ pub(super) fn instead_of(name: &str) -> String {
     usage(same).into()
 }
 
-/// The solid of a call.
+/// Creates the solid of a call.
 pub(super) fn call(builder: &mut Builder<'_>, mut arguments: Arguments<'_>) -> Result<Solid> {
     let make = WORDS.iter().find(|(word, ..)| *word == arguments.word).map(|(.., make)| make);
     let make = make.ok_or_else(|| arguments.wrong(arguments.at, "no word", "one of the language"))?;
@@ -75,14 +76,14 @@ pub(super) fn call(builder: &mut Builder<'_>, mut arguments: Arguments<'_>) -> R
     Ok(solid)
 }
 
-/// The box of the statement `bounds`.
+/// Returns the box of a `bounds` statement.
 pub(super) fn bounds(mut arguments: Arguments<'_>) -> Result<[[f64; 3]; 2]> {
     let [x0, y0, z0, x1, y1, z1] = arguments.numbers()?;
     arguments.end()?;
     arguments.corners([x0, y0, z0], [x1, y1, z1])
 }
 
-/// The arguments of a call, taken one after the other.
+/// The arguments of a call, consumed in order.
 pub(super) struct Arguments<'a> {
     path: &'a Path,
     word: &'a str,
@@ -99,7 +100,7 @@ impl<'a> Arguments<'a> {
         end: At,
         arguments: Vec<(Argument, At)>,
     ) -> Arguments<'a> {
-        // Numbers in brackets are numbers, so that points may be written either way.
+        // Lists of numbers are flattened, so that points may be written with or without brackets.
         let mut rest = VecDeque::with_capacity(arguments.len());
         for (argument, at) in arguments {
             match argument {
@@ -112,7 +113,7 @@ impl<'a> Arguments<'a> {
         Arguments { path, word, at, end, rest }
     }
 
-    /// The error of an argument that is not what is expected.
+    /// Creates the error for an unexpected argument.
     fn wrong(&self, at: At, found: impl Into<String>, expected: &str) -> spinney_base::Error {
         wrong(self.path, at, found, format!("{expected}: {}", self.usage()))
     }
@@ -121,7 +122,7 @@ impl<'a> Arguments<'a> {
         if self.word == "bounds" { "bounds(x0,y0,z0, x1,y1,z1)" } else { usage(self.word) }
     }
 
-    /// The next argument as messages show it, and its place.
+    /// Returns the next argument as error messages show it, and its position.
     fn next_shown(&self) -> (String, At) {
         match self.rest.front() {
             None => ("`)`".into(), self.end),
@@ -132,7 +133,7 @@ impl<'a> Arguments<'a> {
         }
     }
 
-    /// Takes so many numbers.
+    /// Consumes `N` numbers.
     fn numbers<const N: usize>(&mut self) -> Result<[f64; N]> {
         let mut numbers = [0.0; N];
         for number in &mut numbers {
@@ -146,12 +147,12 @@ impl<'a> Arguments<'a> {
         Ok(numbers)
     }
 
-    /// Numbers that come next.
+    /// Returns how many numbers come next.
     fn number_count(&self) -> usize {
         self.rest.iter().take_while(|(argument, _)| matches!(argument, Argument::Number(_))).count()
     }
 
-    /// Takes an outline: all rings that come.
+    /// Consumes an outline: all rings that come next.
     fn outline(&mut self) -> Result<Outline> {
         let mut rings = Vec::new();
         while let Some((Argument::Points(_), _)) = self.rest.front() {
@@ -173,7 +174,7 @@ impl<'a> Arguments<'a> {
         Ok(Outline::new(rings))
     }
 
-    /// Takes all solids that come: one or more.
+    /// Consumes all solids that come next, at least one.
     fn solids(&mut self) -> Result<Vec<Solid>> {
         let mut solids = Vec::new();
         while let Some((Argument::Solid(solid), _)) = self.rest.front() {
@@ -187,13 +188,13 @@ impl<'a> Arguments<'a> {
         Ok(solids)
     }
 
-    /// Fails if there is one left.
+    /// Fails if there are arguments left.
     fn end(&self) -> Result<()> {
         let (found, at) = self.next_shown();
         if self.rest.is_empty() { Ok(()) } else { Err(self.wrong(at, found, "`)`")) }
     }
 
-    /// A length that is to be above zero.
+    /// Checks that a length is positive.
     fn length(&self, what: &str, length: f64) -> Result<f64> {
         if length > 1.0 / MOST {
             return Ok(length);
@@ -201,7 +202,7 @@ impl<'a> Arguments<'a> {
         Err(self.wrong(self.at, format!("the {what} {length}"), "a length above zero"))
     }
 
-    /// A direction that is to lead somewhere.
+    /// Checks that a direction is not zero.
     fn direction(&self, what: &str, direction: [f64; 3]) -> Result<[f64; 3]> {
         let most = direction.iter().fold(0.0, |most: f64, part| most.max(part.abs()));
         if most > 1.0 / MOST {
@@ -210,7 +211,7 @@ impl<'a> Arguments<'a> {
         Err(self.wrong(self.at, format!("{what} {direction:?}"), "a direction"))
     }
 
-    /// A box between two corners.
+    /// Returns the box between two opposite corners.
     fn corners(&self, a: [f64; 3], b: [f64; 3]) -> Result<[[f64; 3]; 2]> {
         let min = [0, 1, 2].map(|axis| a[axis].min(b[axis]));
         let max = [0, 1, 2].map(|axis| a[axis].max(b[axis]));
@@ -220,7 +221,7 @@ impl<'a> Arguments<'a> {
         Ok([min, max])
     }
 
-    /// Moves the solids that come by a map.
+    /// Applies a transform to the solids that come next.
     fn moved(&mut self, builder: &mut Builder<'_>, map: Affine) -> Result<Solid> {
         if map.inverse().is_none() || !map.is_bounded() {
             return Err(self.wrong(self.at, "a map that cannot be inverted", "one that can"));
@@ -230,7 +231,8 @@ impl<'a> Arguments<'a> {
         builder.moved(map, all, self.at)
     }
 
-    /// The primitive of a shape, with the map from its own coordinates to those of the text.
+    /// Creates a primitive of a shape, with the transform from local coordinates to those of the
+    /// text.
     fn primitive(&self, builder: &mut Builder<'_>, shape: Shape, map: Affine) -> Result<Solid> {
         if map.inverse().is_none() || !map.is_bounded() {
             return Err(self.wrong(self.at, "numbers that are too large or too small", "others"));

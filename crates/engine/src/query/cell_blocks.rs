@@ -1,5 +1,5 @@
-//! The cells of a level in blocks of bits, whatever the tree and its values: for work on the shape of a
-//! solid.
+//! The cells of a level as blocks of bits, independent of the tree and its values: for operations
+//! on the shape of a solid.
 
 use std::collections::HashMap;
 use std::ops::Deref;
@@ -12,36 +12,37 @@ use spinney_base::space::{Code, Dimension};
 use spinney_base::value::{Rule, SampleType, Value, ValueType};
 use spinney_base::{Error, Result};
 
-/// Cells along an edge of a block.
+/// Number of cells along an edge of a block.
 pub const SIDE: u32 = 32;
 /// Levels between a block and its cells.
 const LEVELS: u8 = 5;
-/// Rows of a block.
+/// Number of rows of a block.
 const ROWS: usize = (SIDE * SIDE) as usize;
 
 /// Attribute of each cell of a block, in addition to whether it is solid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BlockAttribute {
-    /// Nothing.
+    /// No attribute.
     Nothing,
-    /// Occupancy of the cell, 0 to 255; in trees with other rules than [`Rule::Occupancy`] it is 0 or 255.
+    /// Occupancy of the cell, 0 to 255. In trees of other rules than [`Rule::Occupancy`] it is 0 or
+    /// 255.
     Coverage,
     /// The cell's value: see [`can_be_block_attribute`].
     Value,
 }
 
-/// Whether values of a type can be the attribute: one channel of u8 or u16 as that number; three or four of u8 as
-/// `red << 16 | green << 8 | blue`.
+/// Returns whether values of a type can be the attribute: one channel of `u8` or `u16` as that
+/// number; three or four channels of `u8` as `red << 16 | green << 8 | blue`.
 pub fn can_be_block_attribute(value: ValueType) -> bool {
     matches!((value.sample, value.channels), (SampleType::U8 | SampleType::U16, 1) | (SampleType::U8, 3 | 4))
 }
 
-/// State of a node of a level down to that of the blocks.
+/// State of a node at or above the level of the blocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BlockState {
     /// All cells below are solid, or none is.
     Uniform(bool),
-    /// More detail below.
+    /// Mixed cells below.
     Mixed,
 }
 
@@ -50,18 +51,18 @@ pub enum BlockState {
 pub struct Block {
     /// Solid cells: bit x of row `z * SIDE + y`.
     pub solid: Box<[u32]>,
-    /// The cells' attribute.
+    /// Attribute of the cells.
     pub carried: BlockAttributeValues,
 }
 
-/// Values of the attribute of a block's cells.
+/// Attribute values of a block's cells.
 #[derive(Clone, Debug, PartialEq)]
 pub enum BlockAttributeValues {
-    /// One for all cells.
+    /// One value for all cells.
     Same(u32),
-    /// One for each, if it is [`BlockAttribute::Coverage`]: x runs fastest, then y, then z.
+    /// One value per cell for [`BlockAttribute::Coverage`]: x fastest, then y, then z.
     Coverage(Box<[u8]>),
-    /// One for each, if it is [`BlockAttribute::Value`]: in the same order.
+    /// One value per cell for [`BlockAttribute::Value`], in the same order.
     Values(Box<[u32]>),
 }
 
@@ -71,13 +72,13 @@ impl Block {
         Block { solid: rows.into(), carried: BlockAttributeValues::Same(attribute) }
     }
 
-    /// Whether a cell, in cells of the block, is solid.
+    /// Returns whether a cell is solid. Coordinates are relative to the block.
     #[inline]
     pub fn is_solid(&self, [x, y, z]: [u32; 3]) -> bool {
         self.solid[(z * SIDE + y) as usize] >> x & 1 > 0
     }
 
-    /// The attribute of a cell.
+    /// Returns the attribute of a cell.
     #[inline]
     pub fn attribute(&self, [x, y, z]: [u32; 3]) -> u32 {
         match &self.carried {
@@ -97,46 +98,48 @@ impl Block {
     }
 }
 
-/// An octree's cells of one level, in blocks that can be asked for in any order.
+/// The cells of one level of an octree, in blocks that can be read in any order.
 pub trait CellBlocks {
-    /// The level of the cells: the octree's space has `2^level` of them along each axis.
+    /// Returns the level of the cells: the octree's space has `2^level` of them along each axis.
     fn level(&self) -> u8;
 
-    /// The attribute that is carried with each cell.
+    /// Returns the attribute of the cells.
     fn carry(&self) -> BlockAttribute;
 
-    /// The level of the blocks: [`SIDE`] cells along each axis, or all there are.
+    /// Returns the level of the blocks, which have [`SIDE`] cells along each axis, or all there
+    /// are.
     fn block_level(&self) -> u8 {
         self.level().saturating_sub(LEVELS)
     }
 
-    /// The state of a node of a level down to that of the blocks; all outside the space is empty.
+    /// Returns the state of a node at or above the level of the blocks. Everything outside of the
+    /// space is empty.
     ///
     /// # Errors
-    /// If the tree is damaged there.
+    /// If the tree is corrupt there.
     fn state(&mut self, level: u8, node: [i64; 3]) -> Result<BlockState>;
 
-    /// The cells of a block; all outside the space are empty.
+    /// Returns the cells of a block. Everything outside of the space is empty.
     ///
     /// # Errors
-    /// If the tree is damaged there.
+    /// If the tree is corrupt there.
     fn block(&mut self, block: [i64; 3]) -> Result<Arc<Block>>;
 
-    /// The axes along which there is nothing but empty cells behind the last blocks.
+    /// Returns along which axes all cells after the last blocks are empty.
     fn ends(&self) -> [bool; 3] {
         [true; 3]
     }
 
-    /// Makes sure that the file behind the blocks is what it was: see [`Source::check_unchanged`].
+    /// Checks that the underlying file has not changed: see [`Source::check_unchanged`].
     ///
     /// # Errors
-    /// If it is not.
+    /// If it has.
     fn check_unchanged(&self) -> Result<()> {
         Ok(())
     }
 }
 
-/// Nodes of the source that something points to.
+/// Node type of the source that a pointer refers to.
 type Node<P> = <<P as Deref>::Target as Source>::Node;
 
 /// Blocks of a source, given by any kind of pointer.
@@ -146,26 +149,26 @@ pub struct SourceBlocks<P: Deref<Target: Source>> {
     level: u8,
     /// Children of nodes above the blocks.
     nodes: HashMap<Code, Children<Node<P>>>,
-    /// Cache of blocks in two generations: those used since the last change of generation, and those before
-    /// them.
+    /// Cache of blocks in two generations: those used since the last change of generation, and
+    /// those before them.
     blocks: [HashMap<[i64; 3], Arc<Block>>; 2],
-    /// Bytes of the younger generation.
+    /// Size of the younger generation in bytes.
     held: usize,
     empty: Arc<Block>,
 }
 
-/// Most nodes above the blocks whose children are cached.
+/// Maximum number of nodes above the blocks whose children are cached.
 const MAX_NODES: usize = 1 << 13;
-/// Most bytes of blocks in each of the two generations of the cache.
+/// Maximum size of each generation of the block cache in bytes.
 const MAX_HELD: usize = 32 << 20;
 
 impl<P: Deref<Target: Source>> SourceBlocks<P> {
-    /// The cells of a level of a source. By [`Rule::Occupancy`] a cell is solid if it is at least half full
-    /// (128 of 255); by other rules if it is not VOID. INNER nodes of the level are as their representatives
-    /// say.
+    /// Creates blocks from the cells of a source's level. By [`Rule::Occupancy`] a cell is solid if
+    /// it is at least half full (128 of 255); by other rules if it is not VOID. INNER nodes of the
+    /// level count by their representatives.
     ///
     /// # Errors
-    /// If the source is a quadtree or has no such level, or if values cannot be carried.
+    /// If the source is a quadtree or has no such level, or if values cannot be the attribute.
     pub fn new(source: P, level: u8, rule: Rule, carry: BlockAttribute) -> Result<SourceBlocks<P>> {
         let form = source.form();
         check_octree(form)?;
@@ -185,7 +188,7 @@ impl<P: Deref<Target: Source>> SourceBlocks<P> {
         })
     }
 
-    /// A node, or the uniform block that it lies in.
+    /// Returns a node, or the uniform block that contains it.
     fn find(&mut self, code: Code) -> Result<Child<Node<P>>> {
         let Some(parent) = code.parent() else { return self.source.root() };
         let step = code.step(parent.level());
@@ -227,7 +230,7 @@ impl<P: Deref<Target: Source>> SourceBlocks<P> {
         Ok(Arc::new(block))
     }
 
-    /// Fills the part of a block that a node `height` levels above the cells covers.
+    /// Fills the cells of a block that a node `height` levels above the cells covers.
     fn fill(&self, node: &Child<Node<P>>, height: u8, at: [u32; 3], block: &mut Block) -> Result<()> {
         let node = match node {
             Child::Inner { node, .. } if height > 0 => node,
@@ -280,8 +283,8 @@ impl<P: Deref<Target: Source>> CellBlocks for SourceBlocks<P> {
         if let Some(found) = self.blocks[0].get(&block) {
             return Ok(found.clone());
         }
-        // Blocks that are used again move to the younger generation. When that is full, the older one is
-        // dropped as a whole: nearly least recently used first, without a list to keep in order.
+        // Blocks that are used again move to the younger generation. When that is full, the older
+        // one is dropped as a whole. This approximates LRU without an ordered list.
         let found = match self.blocks[1].remove(&block) {
             Some(found) => found,
             None => self.read(code)?,
@@ -296,13 +299,13 @@ impl<P: Deref<Target: Source>> CellBlocks for SourceBlocks<P> {
     }
 }
 
-/// The node's code, if it lies in the space.
+/// Returns the node's code if it is in the space.
 fn code_of(level: u8, node: [i64; 3]) -> Option<Code> {
     let [Ok(x), Ok(y), Ok(z)] = node.map(u32::try_from) else { return None };
     Code::from_cell(Dimension::Oct, level, [x, y, z])
 }
 
-/// Makes cells of blocks from values.
+/// Converts values to cells of blocks.
 #[derive(Clone, Copy)]
 struct Cells {
     value_type: ValueType,
@@ -311,7 +314,7 @@ struct Cells {
 }
 
 impl Cells {
-    /// Whether a cell is solid, and its attribute.
+    /// Returns whether a cell is solid, and its attribute.
     #[inline]
     fn cell(self, value: Option<Value>) -> (bool, u32) {
         let fill = self.filling.fill(value);
@@ -323,7 +326,7 @@ impl Cells {
         (fill >= HALF, attribute)
     }
 
-    /// A value as one number: see [`can_be_block_attribute`].
+    /// Returns a value as one number: see [`can_be_block_attribute`].
     #[inline]
     fn number(self, value: Value) -> u32 {
         let [a, b, c, ..] = value.to_bytes();
@@ -334,7 +337,7 @@ impl Cells {
         }
     }
 
-    /// A cube of cells of one value.
+    /// Writes a cube of cells of one value.
     fn paint(self, value: Option<Value>, side: u32, at: [u32; 3], block: &mut Block) {
         let (solid, attribute) = self.cell(value);
         if solid {
@@ -360,7 +363,7 @@ impl Cells {
         }
     }
 
-    /// Cells in rows.
+    /// Writes cells in row order.
     fn copy(self, cells: &CellBlock, height: u8, at: [u32; 3], block: &mut Block) {
         let values = cells.values.chunks_exact(self.value_type.size());
         let mask = (1 << height) - 1;

@@ -1,4 +1,4 @@
-//! Counting the cells of each value.
+//! Counts the cells of each value.
 
 use zerocopy::IntoBytes;
 
@@ -12,7 +12,7 @@ use spinney_base::TreeType;
 use spinney_base::sort;
 use spinney_base::value::{Value, ValueType, ZoneStats};
 
-/// The tally of cells of each value, which come by ascending value.
+/// Returns the tally of the cells of each value, given by ascending value.
 pub(super) fn tally_of_classes(value_type: ValueType, classes: Vec<(Value, u64)>) -> ZoneStats {
     let mut tally = ZoneStats::void(value_type);
     for (value, cells) in &classes {
@@ -21,23 +21,23 @@ pub(super) fn tally_of_classes(value_type: ValueType, classes: Vec<(Value, u64)>
     ZoneStats { classes, ..tally }
 }
 
-/// Cells of each value; remembers the last one because neighbours are alike.
+/// Counts cells of each value. Caches the last class because neighbours are often equal.
 pub(super) struct Classes {
     value_type: ValueType,
     /// Classes found so far, by ascending value.
     counts: Vec<Class>,
-    /// Cells of values that are not among them yet, in any order: many are sorted in at a time, so that the time does not
-    /// grow with the square of the number of classes.
+    /// Cells of values that are not in `counts` yet, in any order. They are merged in bulk, so that
+    /// the time is not quadratic in the number of classes.
     pending: Vec<Class>,
     /// Index of the class that was counted last.
     last: usize,
-    /// Cells of each value that is one byte, still to be added.
+    /// Cells of each one-byte value, still to be added.
     bytes: Box<[u64; 256]>,
     subtree: CountSubtree<Classes>,
     dense: CountDense<Classes>,
 }
 
-/// Entries that are pending at most, unless there are more classes.
+/// Maximum number of pending entries, unless there are more classes.
 const MAX_PENDING: usize = 1 << 12;
 
 struct Class {
@@ -48,7 +48,7 @@ struct Class {
 }
 
 impl Classes {
-    /// An empty count, for trees of a form.
+    /// Creates an empty count for trees of `form`.
     pub(super) fn new(form: TreeType) -> Classes {
         Classes {
             value_type: form.value,
@@ -61,7 +61,7 @@ impl Classes {
         }
     }
 
-    /// Counts cells of a value that is one byte: no search for those.
+    /// Counts cells of a one-byte value, without a search.
     #[inline]
     fn add_byte(&mut self, byte: u8, cells: u64) {
         self.bytes[usize::from(byte)] += cells;
@@ -94,10 +94,10 @@ impl Classes {
         }
     }
 
-    /// Sorts in what is pending.
+    /// Merges the pending entries.
     fn sort_in(&mut self) {
         self.counts.append(&mut self.pending);
-        // (Of two runs, the first is sorted already, which a stable sort makes use of.)
+        // (The first of the two runs is sorted already, which a stable sort exploits.)
         sort::by_wide_key(&mut self.counts, |class| class.key);
         self.counts.dedup_by(|next, class| {
             let same = next.key == class.key;

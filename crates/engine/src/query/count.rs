@@ -1,8 +1,7 @@
-//! Counting, summing and extremes of the values in a box.
+//! Counts, sums and extremes of the values in a box.
 //!
-//! A question chooses how it counts once, by the type of the values and the tree's fan-out, and from then on
-//! calls that by pointers: single blocks one by one, and whole subtrees at once, whose leaves are gone
-//! through by kernels.
+//! A query selects its counter once, by value type and fan-out, and then calls it through pointers:
+//! single blocks one by one, and whole subtrees at once, whose leaves are visited by kernels.
 
 use zerocopy::{FromBytes, IntoBytes};
 
@@ -16,38 +15,38 @@ use spinney_base::value::{
     Native, Number, Sample, Value, ValueType, ZoneStats, erase, native, with_sample_type,
 };
 
-/// A kernel that goes through all leaves of a subtree of so many levels, given its records, and shows them to
-/// a `T`.
+/// Kernel that passes all leaves of a subtree to a `T`, given the subtree's records and levels.
 pub(super) type CountSubtree<T> = fn(&mut T, &[u8], u8) -> Result<(), BadSkip>;
 
-/// A kernel that shows the cells of a dense block in a box to a `T`.
+/// Kernel that passes the cells of a dense block in a box to a `T`.
 pub(super) type CountDense<T> = fn(&mut T, &DenseBlock<'_>, ([usize; 3], [usize; 3]));
 
-/// Statistics in the making.
+/// Statistics in progress.
 pub(super) trait Count {
     /// Counts cells of a value.
     fn block(&mut self, value: Value, cells: u64);
-    /// Counts all cells of a zone; `false` if it does not tell enough.
+    /// Counts all cells of a zone. Returns `false` if its statistics do not suffice.
     ///
     /// # Errors
-    /// If the zone is damaged.
+    /// If the zone is corrupt.
     fn zone(&mut self, zone: &dyn Zone) -> Result<bool>;
-    /// Whether zones are read in their segments, and not in the directory alone.
+    /// Returns whether zones are read from their segments and not only from the segment index.
     fn reads_zones(&self) -> bool {
         false
     }
-    /// Counts all cells of a subtree of so many levels, given its records.
+    /// Counts all cells of a subtree of `levels` levels, given its records.
     ///
     /// # Errors
     /// If skips or states contradict each other.
     fn subtree(&mut self, records: &[u8], levels: u8) -> Result<(), BadSkip>;
-    /// Counts the cells of a dense block in a box: its first place, and places along each axis.
+    /// Counts the cells of a dense block in a box, given as the first cell and the size along each
+    /// axis.
     fn dense(&mut self, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3]));
-    /// Statistics of everything that was counted.
+    /// Returns the statistics of everything that was counted.
     fn finish(self: Box<Self>) -> ZoneStats;
 }
 
-/// A counter for trees of a form, which has counted nothing and does not count classes.
+/// Creates an empty counter for trees of `form` that does not count classes.
 pub(super) fn counter_of(form: TreeType) -> Box<dyn Count> {
     if form.value.is_masked() {
         let subtree = with_record_type!(RecordLayout::new(form), R => count_masked_subtree::<R>);
@@ -71,13 +70,13 @@ struct Counter<V: Native> {
     max: V,
     sums: V::TotalSums,
     squares: V::TotalSquares,
-    /// Depends on the fan-out, as nothing else here does.
+    /// Depends on the fan-out; nothing else here does.
     subtree: CountSubtree<Counter<V>>,
     dense: CountDense<Counter<V>>,
 }
 
 impl<V: Native> Counter<V> {
-    /// Counts cells whose values are between two values.
+    /// Adds cells to the count, and extends the extremes.
     #[inline]
     fn widen(&mut self, min: V, max: V, cells: u64) {
         if self.cells == 0 {
@@ -90,8 +89,8 @@ impl<V: Native> Counter<V> {
 
     /// Counts cells of a value.
     ///
-    /// Sums that are not exact depend on the order, which is therefore part of the definition: leaf after
-    /// leaf, each multiplied by its cells first.
+    /// Inexact sums depend on the order. The order is therefore part of the definition: leaf by
+    /// leaf, each multiplied by its cell count first.
     #[inline]
     fn add(&mut self, value: V, cells: u64) {
         self.widen(value, value, cells);
@@ -99,10 +98,11 @@ impl<V: Native> Counter<V> {
         self.squares = V::add_squares(self.squares, value.total_squares(cells));
     }
 
-    /// Counts cells whose sums are exact in any order: in as few bytes as they need, many at a time.
+    /// Counts cells whose sums are exact in any order, in the narrowest sums that suffice, so that
+    /// the loop vectorizes.
     #[inline(never)]
     fn add_row(&mut self, row: &[V::Wire]) {
-        // Invariant: a row of a dense block has at most 256 cells, and narrow sums have room for 2^15.
+        // Invariant: a row of a dense block has at most 256 cells, and narrow sums hold 2^15.
         let Some(first) = row.first().map(|wire| V::from_wire(*wire)) else { return };
         let (mut min, mut max) = (first, first);
         let (mut sums, mut squares) = (V::NarrowSums::default(), V::NarrowSquares::default());
@@ -161,7 +161,7 @@ fn count_dense<V: Native, R: Record>(
     part: ([usize; 3], [usize; 3]),
 ) {
     if const { !V::TYPE.sample.is_float() } && block.mask().is_none() {
-        // (Both types have the same size, by the way they were chosen.)
+        // (Both types have the same size by construction.)
         block.rows_in::<R>(part, &mut |row| {
             counter.add_row(<[V::Wire]>::ref_from_bytes(row.as_bytes()).unwrap_or(&[]));
         });
@@ -170,10 +170,10 @@ fn count_dense<V: Native, R: Record>(
     block.each_leaf_in::<R>(part, &mut |bytes| counter.add(value_of::<V, R>(bytes), 1));
 }
 
-/// A value of a record as one whose type is known.
+/// Converts a value of a record to its native type.
 #[inline]
 fn value_of<V: Native, R: Record>(bytes: R::Bytes) -> V {
-    // (Both types have the same size, by the way they were chosen.)
+    // (Both types have the same size by construction.)
     V::from_wire(V::Wire::read_from_bytes(bytes.as_bytes()).expect("as many bytes as the value has"))
 }
 
@@ -231,7 +231,7 @@ fn count_masked_subtree<R: Record>(
     })
 }
 
-/// The function that gives the first sample of values of a type, exactly.
+/// Returns the function that reads a value's first sample exactly.
 pub(super) fn exact_number_of(value_type: ValueType) -> fn(Value) -> Number {
     with_sample_type!(value_type.sample, S => first_number::<S>)
 }
@@ -240,7 +240,7 @@ fn first_number<S: Sample>(value: Value) -> Number {
     S::read(&value.to_bytes()).to_number()
 }
 
-/// The function that gives the first sample of values of a type, to compute with.
+/// Returns the function that reads a value's first sample as `f64`.
 pub(super) fn number_of(value_type: ValueType) -> fn(Value) -> f64 {
     with_sample_type!(value_type.sample, S => first_sample::<S>)
 }

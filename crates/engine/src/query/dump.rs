@@ -1,4 +1,4 @@
-//! Small trees in full, as text.
+//! Small trees in full, in text format.
 
 use std::fmt::Write;
 
@@ -7,11 +7,12 @@ use spinney_base::Result;
 use spinney_base::space::Code;
 use spinney_base::value::{Number, Value, ValueType};
 
-/// The literature's table of a Goblin tree: a line per record with its number (from 1, in preorder), the
-/// children's values, and the number of the record to go on with when this one's detail is skipped.
+/// Returns the literature's table of a Goblin tree. It has a line per record: its number (from 1,
+/// in preorder), the children's values, and the number of the record to continue with if this one's
+/// detail is skipped.
 ///
-/// A representative has a minus sign as in the literature if all values are greater than zero, and stands in
-/// parentheses otherwise; `.` is VOID.
+/// A representative has a minus sign, as in the literature, if all values are greater than zero.
+/// Otherwise it is in parentheses. `.` is VOID.
 ///
 /// # Errors
 /// None for a tree in memory.
@@ -36,18 +37,19 @@ pub fn classic_table(tree: &MemTree) -> Result<String> {
     Ok(text)
 }
 
-/// The literature's table of an Autumnal tree: a line per record with its number (from 1, in preorder), the
-/// children's values or the numbers of their records, and the node's representative.
+/// Returns the literature's table of an Autumnal tree. It has a line per record: its number (from
+/// 1, in preorder), the children's values or the numbers of their records, and the node's
+/// representative.
 ///
-/// A value has a minus sign as in the literature if all are greater than zero, and stands in parentheses
-/// otherwise; `.` is VOID.
+/// A value has a minus sign, as in the literature, if all values are greater than zero. Otherwise
+/// it is in parentheses. `.` is VOID.
 ///
 /// # Errors
 /// None for a tree in memory.
 pub(crate) fn classic_pointer_table(tree: &MemTree) -> Result<String> {
     let Numbered { rows, positive, .. } = Numbered::of(tree)?;
     let value_type = tree.form().value;
-    // A record's representative stands in its parent, which comes before it.
+    // A record's representative is stored in its parent, which comes before it.
     let mut representatives = vec![tree.root()?.value().unwrap_or_default(); rows.len()];
     let mut text = String::new();
     for (i, row) in rows.iter().enumerate() {
@@ -76,14 +78,14 @@ pub(crate) fn classic_pointer_table(tree: &MemTree) -> Result<String> {
 struct Numbered<'a> {
     tree: &'a MemTree,
     rows: Vec<Row>,
-    /// Whether all values are greater than zero, and of one channel.
+    /// Whether all values are greater than zero and have one channel.
     positive: bool,
 }
 
 /// An INNER node.
 struct Row {
     children: Vec<Child<<MemTree as Source>::Node>>,
-    /// Number, from 1, of the row behind all those of the node.
+    /// Number, from 1, of the row after those of the node and its descendants.
     link: usize,
 }
 
@@ -96,7 +98,7 @@ impl<'a> Numbered<'a> {
         Ok(numbered)
     }
 
-    /// Adds an INNER node and all below it.
+    /// Adds an INNER node and its descendants.
     fn add(&mut self, node: &<MemTree as Source>::Node) -> Result<()> {
         let form = self.tree.form();
         let row = self.rows.len();
@@ -116,7 +118,7 @@ impl<'a> Numbered<'a> {
     }
 }
 
-/// A line per leaf: FD code in digits, the code's integer, the value.
+/// Returns a line per leaf: the digits of its FD code, the code as an integer, and the value.
 pub fn leaf_codes<S: Source>(source: &S) -> Result<String> {
     let form = source.form();
     let mut text = String::new();
@@ -130,7 +132,7 @@ pub fn leaf_codes<S: Source>(source: &S) -> Result<String> {
             }
             Child::Inner { node, .. } => {
                 source.children(&node, &mut children)?;
-                // The first child is to be the next.
+                // Reversed, so that the first child is popped next.
                 let children = children[..form.children()].iter().enumerate().rev();
                 pending.extend(children.map(|(i, child)| (code.child(i), child.clone())));
             }

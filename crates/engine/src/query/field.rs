@@ -1,36 +1,37 @@
-//! One level of an octree as a field of occupancy: cells, densities between them, and gradients, looked up at
-//! random but cheaply where one is near the last.
+//! One level of an octree as an occupancy field: cells, densities between them, and gradients.
+//! Access is random but fast near the last location.
 
 use super::occupancy::{BRICK, BRICK_CELLS, Occupancy, OccupancyBlock, SIDE};
 use spinney_base::Result;
 
-/// Bricks that are kept: one slot for each number that a brick's coordinates are hashed to.
+/// Number of brick slots: one brick is cached per hash of its coordinates.
 const SLOTS: usize = 1 << 12;
-/// Slots from a brick to its neighbour along each axis, modulo their number. Of all such numbers that were tried these keep bricks of one
-/// slot the farthest apart: 15 bricks along some axis. So neighbours never drive each other out.
+/// Slots from a brick to its neighbour along each axis, modulo the slot count. Of all values that
+/// were tried, these keep bricks with the same slot farthest apart: 15 bricks along some axis. So
+/// neighbours never evict each other.
 const STEPS: [u32; 3] = [1, 803, 2024];
-/// The slot of all bricks outside of the space, which are empty.
+/// Offset of the slot for all bricks outside of the space, which are empty.
 const OUTSIDE: usize = SLOTS * BRICK_CELLS;
 
-/// Radius of the ball of cells that a surface's normal comes from.
+/// Radius in cells of the ball that a surface normal comes from.
 const REACH: f32 = 3.5;
-/// Cells along each axis that such a ball can meet.
+/// Maximum number of cells of such a ball along each axis.
 const WIDE: usize = SIDE as usize;
 
-/// One level of an octree. Coordinates are cells of that level; all that is outside is empty.
+/// One level of an octree. Coordinates are cells of that level; everything outside is empty.
 ///
-/// It caches the occupancy of bricks of 8 x 8 x 8 cells, one per hash value. Memory does not depend on the
-/// tree.
+/// It caches the occupancy of bricks of 8 x 8 x 8 cells, one per hash value. The memory does not
+/// depend on the tree.
 pub struct Field<'a> {
     cells: Box<dyn Occupancy + 'a>,
     level: u8,
-    /// Coordinates of the brick in each slot as one number, and one more; 0 where there is none.
+    /// Packed coordinates of the brick in each slot plus one; 0 if the slot is empty.
     keys: Vec<u64>,
     bricks: Vec<u8>,
 }
 
 impl<'a> Field<'a> {
-    /// A field of the cells of a level.
+    /// Creates a field from the cells of a level.
     pub fn new(cells: impl Occupancy + 'a) -> Field<'a> {
         let (keys, bricks) = (vec![0; SLOTS], vec![0; (SLOTS + 1) * BRICK_CELLS]);
         Field { level: cells.level(), cells: Box::new(cells), keys, bricks }
@@ -40,22 +41,23 @@ impl<'a> Field<'a> {
         self.cells.is_finest()
     }
 
-    /// Cells along each axis.
+    /// Returns the number of cells along each axis.
     pub(super) fn side(&self) -> u32 {
         1 << self.level
     }
 
-    /// The largest uniform block that a cell inside the tree's space lies in, or that of `2^smallest` cells along each axis.
+    /// Returns the largest uniform block that contains a cell inside the tree's space, or the block
+    /// of `2^smallest` cells along each axis.
     pub(super) fn block(&mut self, cell: [u32; 3], smallest: u8) -> Result<OccupancyBlock> {
         self.cells.block(cell, smallest)
     }
 
-    /// Offset of a brick's occupancy, which is read if it is not there.
+    /// Returns the offset of a brick's occupancy, and reads the brick if it is not cached.
     #[inline]
     pub(super) fn brick(&mut self, brick: [u32; 3]) -> Result<usize> {
         let [x, y, z] = brick.map(u64::from);
-        // At most 16 bits per axis: a brick is 8 cells wide, and an octree has up to 19 levels. One is added
-        // to keep 0 free.
+        // At most 16 bits per axis: a brick is 8 cells wide, and an octree has up to 19 levels.
+        // Adding one keeps 0 free.
         let key = (x | y << 20 | z << 40) + 1;
         let along = |axis: usize| brick[axis].wrapping_mul(STEPS[axis]);
         let slot = along(0).wrapping_add(along(1)).wrapping_add(along(2)) as usize % SLOTS;
@@ -68,12 +70,12 @@ impl<'a> Field<'a> {
 
     #[cold]
     fn read_brick(&mut self, brick: [u32; 3], slot: usize) -> Result<()> {
-        // What is half read must not be taken for the brick that was there.
+        // Invalidate the slot first: if reading fails, its content must not count as the old brick.
         self.keys[slot] = 0;
         self.cells.read_brick(brick, &mut self.bricks[slot * BRICK_CELLS..][..BRICK_CELLS])
     }
 
-    /// Occupancy of a cell, 255 for full.
+    /// Returns the occupancy of a cell, 255 for full.
     #[inline]
     fn fill_at(&mut self, cell: [i64; 3]) -> Result<u8> {
         let side = i64::from(self.side());
@@ -84,18 +86,19 @@ impl<'a> Field<'a> {
         Ok(self.bricks[start + within(cell)])
     }
 
-    /// Occupancy of a cell of the brick whose cells begin at an offset, 255 for full.
+    /// Returns the occupancy of a cell of the brick at an offset, 255 for full.
     #[inline]
     pub(super) fn fill_in(&self, start: usize, cell: [u32; 3]) -> u8 {
         self.bricks[start + within(cell.map(i64::from))]
     }
 
-    /// Occupancy around a point, 0 to 1: linear between the centres of the cells around it.
+    /// Returns the occupancy at a point, 0 to 1, interpolated linearly between the centres of the
+    /// cells around it.
     pub(super) fn density(&mut self, point: [f64; 3]) -> Result<f64> {
         let low = point.map(|number| floor(number - 0.5));
         let share: [f64; 3] = std::array::from_fn(|axis| point[axis] - 0.5 - low[axis] as f64);
         let mut fills = [0.0; 8];
-        // All eight cells in one brick, which is one look-up instead of eight.
+        // All eight cells are in one brick: one look-up instead of eight.
         let inside =
             low.iter().all(|cell| *cell >= 0 && *cell & (SIDE - 1) < SIDE - 1 && *cell >> self.level == 0);
         if inside {
@@ -111,8 +114,8 @@ impl<'a> Field<'a> {
                 *fill = f64::from(self.fill_at(cell)?);
             }
         }
-        // Interpolates along z, then y, then x, which are bits 2, 1 and 0 of a corner's number: each turn
-        // leaves half of the corners.
+        // Interpolate along z, then y, then x, which are bits 2, 1 and 0 of a corner's number. Each
+        // iteration halves the number of corners.
         for axis in (0..3).rev() {
             let half = 1 << axis;
             for corner in 0..half {
@@ -122,14 +125,15 @@ impl<'a> Field<'a> {
         Ok(fills[0] / 255.0)
     }
 
-    /// The direction in which occupancy grows at a point, of any length; zeros where it does not.
+    /// Returns the direction in which occupancy grows at a point, of any length; zeros if it does
+    /// not grow.
     ///
-    /// The first moment of the occupancy in a ball of 3.5 cells around the point, with weights that fall
-    /// to 0 at the sphere. Central differences depend on single cells, and so show the steps of a digitized
-    /// surface; over a ball these average out.
+    /// This is the first moment of the occupancy in a ball of radius 3.5 cells around the point,
+    /// with weights that fall to 0 at the sphere. Central differences depend on single cells and
+    /// show the stair steps of a digitized surface; a ball averages them out.
     pub(super) fn gradient(&mut self, point: [f64; 3]) -> Result<[f64; 3]> {
-        // Eight cells along each axis have all of the ball, whose widest extent is seven. They lie in at most two bricks along each axis,
-        // none of which takes the slot of another.
+        // Eight cells along each axis enclose the ball, whose diameter is seven. They are in at
+        // most two bricks along each axis, which never share a slot.
         let first = point.map(|number| floor(number - 0.5) - 3);
         let mut bricks = [OUTSIDE; 8];
         let side = 1 << self.level.saturating_sub(BRICK);
@@ -157,7 +161,8 @@ impl<'a> Field<'a> {
                 let below = 4 * upper + 2 * usize::from(cy >> BRICK != first[1] >> BRICK);
                 let row = within([0, cy, cz]);
                 let [left, right] = [below, below + 1].map(|corner| self.row(bricks[corner] + row));
-                // The eight cells of both rows that are wanted. (By two shifts, since none may be by all bits.)
+                // The eight cells needed from both rows. (Two shifts, since a shift by all 64 bits
+                // is not allowed.)
                 let fills = left >> shift | right << 1 << (63 - shift);
                 if fills == 0 {
                     continue;
@@ -176,7 +181,7 @@ impl<'a> Field<'a> {
         Ok(sums.map(|sums| f64::from(sums.iter().sum::<f32>())))
     }
 
-    /// The eight cells of a row of a brick, the first of which is the lowest byte.
+    /// Returns the eight cells of a brick's row, the first as the lowest byte.
     #[inline]
     fn row(&self, start: usize) -> u64 {
         let cells = self.bricks.get(start..start + SIDE as usize).and_then(|row| row.first_chunk());
@@ -184,15 +189,15 @@ impl<'a> Field<'a> {
     }
 }
 
-/// The whole number that is no more than this one. (The function of that name is a call on processors that are as old as programs must
-/// still run on.)
+/// Returns the largest integer not above a number. (`f64::floor` is a function call on the oldest
+/// processors that the programs support.)
 #[inline]
 fn floor(number: f64) -> i64 {
     let cut = number as i64;
     cut - i64::from(cut as f64 > number)
 }
 
-/// Offset of a cell in its brick.
+/// Returns the offset of a cell in its brick.
 #[inline]
 fn within(cell: [i64; 3]) -> usize {
     let [x, y, z] = cell.map(|cell| cell & (SIDE - 1));

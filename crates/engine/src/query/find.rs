@@ -1,4 +1,4 @@
-//! Searches for blocks by value: zone statistics rule out, or take whole, what they can.
+//! Searches for blocks by value. Zone statistics exclude or accept whole zones.
 
 use crate::store::goblin::Goblin;
 use crate::tree::Source;
@@ -10,7 +10,7 @@ use spinney_base::{Progress, Result};
 use super::count::exact_number_of;
 use super::walk::{Halt, Visitor, Walked, Zone, ended, walk, walk_source};
 
-/// A condition on the first channel of values.
+/// Condition on the first channel of values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Condition {
     /// Values greater than this.
@@ -22,7 +22,8 @@ pub enum Condition {
 }
 
 impl Condition {
-    /// The condition for numbers whose zero has no sign, since both zeros are one number here. None that is not a number is met.
+    /// Returns the condition for numbers with an unsigned zero, since both zeros are equal here. A
+    /// NaN bound is never met.
     fn plain(self) -> Condition {
         match self {
             Condition::Above(bound) | Condition::Below(bound) if bound.is_nan() => Condition::Equal(bound),
@@ -41,7 +42,8 @@ impl Condition {
         }
     }
 
-    /// Whether all or none of a zone's values meet the condition; `None` if the extremes do not determine it.
+    /// Returns whether all (`true`) or none (`false`) of a zone's values meet the condition, or
+    /// `None` if the extremes do not determine it.
     fn of_zone(self, min: Number, max: Number) -> Option<bool> {
         match self {
             Condition::Above(_) | Condition::Below(_) if self.met_by(min) == self.met_by(max) => {
@@ -57,22 +59,22 @@ impl Condition {
 /// A block whose cells all meet a condition.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FoundBlock {
-    /// The node's FD code as text: `/` and a digit per level.
+    /// The node's FD code as a string: `/` and one digit per level.
     pub code: String,
-    /// Its level.
+    /// Level of the node.
     pub level: u8,
     /// Its cells, of the deepest level.
     pub bounds: Bounds,
-    /// The value, if it is the same all over.
+    /// The value, if it is the same throughout.
     pub value: Option<Number>,
 }
 
 impl Goblin {
-    /// Hands out the largest blocks in a box all of whose cells meet a condition, in FD order, until `found`
-    /// says `false`. VOID meets none.
+    /// Passes the largest blocks in a box all of whose cells meet a condition to `found`, in FD
+    /// order, until it returns `false`. VOID never meets a condition.
     ///
     /// # Errors
-    /// If the file is damaged there, `found` fails, or on interruption.
+    /// If the file is corrupt there, if `found` fails, or on cancellation.
     pub fn find(
         &self,
         condition: Condition,
@@ -88,7 +90,7 @@ impl Goblin {
     }
 }
 
-/// [`Goblin::find`] in any source, going through all of its nodes in the box.
+/// [`Goblin::find`] in any source; visits all of its nodes in the box.
 pub(crate) fn source_find<S: Source>(
     source: &S,
     condition: Condition,
@@ -105,14 +107,14 @@ struct Search<'a> {
     form: TreeType,
     depth: u8,
     condition: Condition,
-    /// The first sample of a value.
+    /// Returns the first sample of a value.
     number: fn(Value) -> Number,
     progress: &'a dyn Progress,
     found: &'a mut dyn FnMut(FoundBlock) -> Result<bool>,
-    /// Blocks found since the last cell that does not meet the condition: they may turn out to be part of a
-    /// larger one. Complete siblings are replaced by their parent, so that it stays short.
+    /// Blocks found since the last cell that does not meet the condition. They may belong to a
+    /// larger block. Complete siblings are replaced by their parent, so the list stays short.
     pending: Vec<(Code, Option<Number>)>,
-    /// Whether a part was passed by: what comes behind it is handed out the next time.
+    /// Whether a subtree was missed. Later blocks are returned by the next pass.
     has_missed: bool,
 }
 
@@ -132,17 +134,18 @@ impl<'a> Search<'a> {
         ended(walked.and_then(|()| self.miss()))
     }
 
-    /// Something does not meet the condition: what is pending cannot grow any more.
+    /// Called when something does not meet the condition: pending blocks cannot grow any more.
     #[inline]
     fn miss(&mut self) -> Walked {
         if self.pending.is_empty() { Ok(()) } else { self.hand_out() }
     }
 
-    /// Hands out all that is pending.
+    /// Passes all pending blocks to `found`.
     #[inline(never)]
     fn hand_out(&mut self) -> Walked {
-        // Invariant: all passes find the same blocks in the same order, up to the first part that one has missed. So the blocks that a pass has
-        // handed out are the first ones of the next, which leaves out as many.
+        // Invariant: all passes find the same blocks in the same order, up to the first subtree
+        // that one of them missed. So the blocks returned by a pass are the first ones of the next
+        // pass, which skips as many.
         if self.has_missed {
             self.pending.clear();
             return Ok(());
@@ -157,7 +160,8 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
-    /// A uniform block that meets the condition but sticks out of the box: its largest parts inside.
+    /// Adds the largest blocks within the box, of a uniform block that meets the condition but
+    /// extends beyond the box.
     fn split(&mut self, code: Code, value: Number, part: &Bounds) -> Walked {
         let whole = code.bounds(self.depth);
         if part.contains(&whole) {
@@ -203,8 +207,8 @@ impl Visitor for Search<'_> {
 
     fn leave(&mut self, code: Code) -> Walked {
         self.progress.check()?;
-        // All children pending, and nothing else since: the parent stands for them. (Mostly the last is not
-        // there.)
+        // If all children are pending and nothing came in between, the parent replaces them.
+        // (Mostly the last child is missing.)
         let count = self.form.children();
         if self.pending.last().is_none_or(|(last, _)| *last != code.child(count - 1)) {
             return Ok(());

@@ -1,5 +1,5 @@
-//! Counting in trees that have more nodes than their files have room for: what a record stands for several times is
-//! looked at once, and counts as often as it occurs.
+//! Counts in trees with more nodes than their files have space for. A record that represents
+//! several nodes is read once and counted once per occurrence.
 
 use super::walk::{Halt, Visitor, Walked, Zone};
 use crate::store::autumnal::{Autumnal, AutumnalNode, Occurring};
@@ -8,14 +8,15 @@ use spinney_base::Result;
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::{Value, ZoneStats};
 
-/// Walks all of `bounds` (cells of the deepest level) for a visitor that counts cells, wherever they are: the codes that
-/// it is told mean nothing. Time is that of the records, not of the nodes.
+/// Traverses `bounds` (cells of the deepest level) for a visitor that counts cells independently of
+/// their positions: the codes passed to it are meaningless. The time is proportional to the
+/// records, not to the nodes.
 pub(super) fn walk_folded(tree: &Autumnal, bounds: &Bounds, visitor: &mut impl Visitor) -> Result<()> {
     let root = Code::root(tree.form().dimension);
     tree.each_distinct(bounds, &mut Counted { tree, root, visitor })
 }
 
-/// Adapter that hands the nodes in the box to a visitor.
+/// Adapter that passes the nodes in the box to a visitor.
 struct Counted<'a, V> {
     tree: &'a Autumnal,
     root: Code,
@@ -33,7 +34,7 @@ impl<V: Visitor> Occurring for Counted<'_, V> {
     }
 }
 
-/// The answer of a visitor; one that needs no more goes on to nothing.
+/// Unwraps a visitor's result. A visitor that stopped needs no descendants.
 fn unhalted(walked: Walked<bool>) -> Result<bool> {
     match walked {
         Ok(answer) => Ok(answer),
@@ -42,7 +43,7 @@ fn unhalted(walked: Walked<bool>) -> Result<bool> {
     }
 }
 
-/// The zone of a node that occurs several times: the cells of all of them.
+/// Zone of a node that occurs several times: the cells of all occurrences.
 struct Repeated {
     tally: ZoneStats,
     times: u64,
@@ -58,7 +59,7 @@ impl Zone for Repeated {
     }
 }
 
-/// The tally of so many parts that are alike, added up by twos, as siblings are.
+/// Returns the tally of `times` equal subtrees, added up pairwise as siblings are.
 fn repeated(part: &ZoneStats, times: u64) -> ZoneStats {
     if times == 0 {
         return ZoneStats::void(part.value_type);

@@ -1,4 +1,4 @@
-//! Histograms of any box: zones are taken whole where all of their values belong to one bin.
+//! Histograms of any box. Zones whose values are all in one bin are counted as a whole.
 
 use zerocopy::IntoBytes;
 
@@ -17,10 +17,11 @@ use spinney_base::value::{Native, Sample, Value, ValueType};
 use spinney_base::{Progress, Result};
 
 impl Goblin {
-    /// Cells of a box whose first channel lies in each of `bins` equal parts of `low ..= high`.
+    /// Counts the cells of a box whose first channel is in each of `bins` equal intervals of `low
+    /// ..= high`.
     ///
     /// # Errors
-    /// If the file is damaged there, or on interruption.
+    /// If the file is corrupt there, or on cancellation.
     pub fn histogram(
         &self,
         bounds: &Bounds,
@@ -48,7 +49,7 @@ pub(crate) fn source_histogram<S: Source>(
     Ok(histogram.bins.cells)
 }
 
-/// [`Goblin::histogram`] of an Autumnal file, whose records may stand for any number of nodes.
+/// [`Goblin::histogram`] of an Autumnal file, whose records may represent any number of nodes.
 pub(crate) fn autumnal_histogram(
     file: &Autumnal,
     bounds: &Bounds,
@@ -64,26 +65,26 @@ pub(crate) fn autumnal_histogram(
     Ok(histogram.bins.cells)
 }
 
-/// Cells by equal parts of a range of numbers; those with numbers outside it count for the first or the last
-/// part.
+/// Cell counts by equal intervals of a range. Numbers outside of the range count for the first or
+/// the last interval.
 struct Bins {
     low: f64,
     /// Bins per unit.
     scale: f64,
-    /// The values' type, if the first sample of some does not count; it belongs to no bin then.
+    /// The value type, if samples can be missing. Values without the first sample belong to no bin.
     masked: Option<ValueType>,
     cells: Vec<u64>,
 }
 
 impl Bins {
-    /// Index of the bin that a number belongs to.
+    /// Returns the index of the bin that contains a number.
     #[inline]
     fn bin(&self, number: f64) -> usize {
         let bin = (number - self.low) * self.scale;
         (bin.max(0.0) as usize).min(self.cells.len() - 1)
     }
 
-    /// Counts cells with a value, whose bytes and first number these are.
+    /// Counts cells of a value, given its bytes and first number.
     #[inline]
     fn add(&mut self, bytes: &[u8], number: f64, cells: u64) {
         if let Some(value_type) = self.masked
@@ -99,7 +100,7 @@ impl Bins {
 struct Histogram<'a> {
     form: TreeType,
     bins: Bins,
-    /// The first sample of a value.
+    /// Returns the first sample of a value.
     number: fn(Value) -> f64,
     subtree: CountSubtree<Bins>,
     progress: &'a dyn Progress,

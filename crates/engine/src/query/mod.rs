@@ -1,8 +1,8 @@
-//! Questions to trees on disk: cells, windows at any level, statistics, searches; of solids measures and
+//! Queries on trees: cells, windows at any level, statistics and searches; for solids, measures and
 //! rays.
 //!
-//! Each is answered from any [`Source`](crate::tree::Source), and faster from a file where its format allows
-//! that.
+//! Each query works on any [`Source`](crate::tree::Source). File formats that support it have a
+//! faster implementation.
 
 pub mod cell_blocks;
 mod classes;
@@ -56,7 +56,7 @@ pub use zonal::{ZonalRequest, ZoneChannel, ZoneMeasure, ZoneStatistics, ZoneValu
 
 use spinney_base::{Error, Result};
 
-/// Fails if a tree of so many levels has no such level.
+/// Fails if a tree of `depth` levels has no such level.
 pub fn check_level(level: u8, depth: u8) -> Result<()> {
     if level > depth {
         return Err(Error::invalid("level", level.to_string(), format!("0 to {depth}")));

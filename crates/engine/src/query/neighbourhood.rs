@@ -1,22 +1,22 @@
-//! A block of cells with those around it: its faces, and the gradients of occupancy at these.
+//! A block of cells and the cells around it: its faces, and the occupancy gradients at the faces.
 
-/// Levels of a block: it has 32 x 32 x 32 cells.
+/// Levels of a block, which has 32 x 32 x 32 cells.
 pub(super) const BLOCK: u8 = 5;
-/// Radius of the ball of cells that a face's normal comes from: wider than for pictures, because a face draws
-/// the normal at its own centre a little towards its axis.
+/// Radius in cells of the ball that a face's normal comes from. It is larger than for rendering,
+/// because a face biases the normal at its own centre towards its axis.
 const REACH: usize = 4;
-/// Cells along an edge of the neighbourhood.
+/// Number of cells along an edge of the neighbourhood.
 const SIDE: usize = (1 << BLOCK) + 2 * REACH;
 
-/// The occupancy of a block and of all cells within [`REACH`] of it.
+/// Occupancy of a block and of all cells within [`REACH`] of it.
 pub(super) struct Neighbourhood {
     /// First cell along each axis.
     min: [i64; 3],
-    /// Occupancy of the cells, 255 for full; x runs fastest, then y, then z.
+    /// Occupancy of the cells, 255 for full; x fastest, then y, then z.
     fills: Vec<i16>,
-    /// Which cells are in the solid: bit x of row `z * SIDE + y`.
+    /// Cells in the solid: bit x of row `z * SIDE + y`.
     solid: Vec<u64>,
-    /// Whether all cells in the solid are full and all others empty: the bits then say everything.
+    /// Whether all cells in the solid are full and all others empty. The bits then suffice.
     is_binary: bool,
 }
 
@@ -30,7 +30,7 @@ impl Neighbourhood {
         }
     }
 
-    /// Goes to the block that begins at a cell, and empties all cells.
+    /// Moves to the block that starts at a cell, and empties all cells.
     pub(super) fn clear(&mut self, block: [i64; 3]) {
         self.min = block.map(|min| min - REACH as i64);
         self.fills.fill(0);
@@ -38,14 +38,14 @@ impl Neighbourhood {
         self.is_binary = true;
     }
 
-    /// Whether a cube of `2^height` cells lies here in part.
+    /// Returns whether a cube of `2^height` cells along each axis intersects the neighbourhood.
     pub(super) fn meets(&self, min: [i64; 3], height: u8) -> bool {
         (0..3).all(|axis| {
             min[axis] < self.min[axis] + SIDE as i64 && min[axis] + (1 << height) > self.min[axis]
         })
     }
 
-    /// Paints a cube of `2^height` cells.
+    /// Fills a cube of `2^height` cells along each axis.
     pub(super) fn paint(&mut self, min: [i64; 3], height: u8, is_solid: bool, fill: u8) {
         let within = |at: i64, axis: usize| (at - self.min[axis]).clamp(0, SIDE as i64) as usize;
         let from: [usize; 3] = std::array::from_fn(|axis| within(min[axis], axis));
@@ -65,8 +65,9 @@ impl Neighbourhood {
         }
     }
 
-    /// Hands out the faces between cells in the solid and others, across an axis, in some planes of the block, which
-    /// has so many cells along each axis: as the cells at whose low sides they lie.
+    /// Passes the faces across an axis between cells inside and outside of the solid to `each`, for
+    /// some planes of a block with `side` cells along each axis. A face is given by the cell whose
+    /// low side it is.
     pub(super) fn each_face(
         &self,
         axis: usize,
@@ -96,8 +97,8 @@ impl Neighbourhood {
         }
     }
 
-    /// The direction in which occupancy grows at the low side of a cell, of any length: that of
-    /// [`Field::gradient`](super::field::Field::gradient).
+    /// Returns the direction in which occupancy grows at the low side of a cell, of any length, as
+    /// [`Field::gradient`](super::field::Field::gradient) does.
     pub(super) fn gradient(&self, ball: &Ball, [x, y, z]: [usize; 3]) -> [f64; 3] {
         if self.is_binary {
             return ball
@@ -113,40 +114,40 @@ impl Neighbourhood {
     }
 }
 
-/// Cells of a row of a ball.
+/// Cells per row of a ball.
 const WIDTH: usize = 2 * REACH;
-/// Most rows of a ball.
+/// Maximum number of rows of a ball.
 const MOST: usize = 56;
 
-/// Weights of the cells in the ball around a cell's low side: they fall to 0 at the sphere.
+/// Weights of the cells in the ball around a cell's low side. They fall to 0 at the sphere.
 pub(super) struct Ball {
-    /// Where each row begins, from the cell that lies [`REACH`] cells before along each axis.
+    /// Start of each row, relative to the cell [`REACH`] cells before along each axis.
     starts: Vec<usize>,
-    /// A cell's weight times its distance along each axis, times 8: whole numbers.
+    /// A cell's weight times its distance along each axis, times 8: integers.
     weights: Box<[[i16; MOST * WIDTH]; 3]>,
     /// The rows as rows of bits.
     rows: Vec<Row>,
-    /// For each kind of row and each pattern of its cells: the sum of their weights in the lower half, that of weights
-    /// times distances along x in the upper.
+    /// For each kind of row and each bit pattern of its cells: the sum of their weights in the
+    /// lower half, and the sum of weights times distances along x in the upper half.
     sums: Vec<[i64; 1 << WIDTH]>,
-    /// The axis that the face lies across.
+    /// Axis that the face is across.
     axis: usize,
 }
 
 /// A row of cells in a ball.
 struct Row {
-    /// The row of bits, from that which lies [`REACH`] rows before along y and z.
+    /// Row of bits, relative to the row [`REACH`] rows before along y and z.
     row: usize,
-    /// Bit of the row's first cell, from the one [`REACH`] cells before.
+    /// Bit of the row's first cell, relative to the cell [`REACH`] cells before.
     shift: usize,
-    /// Index in the sums of patterns.
+    /// Index in the table of pattern sums.
     kind: usize,
     /// Index along y and z.
     at: [usize; 2],
 }
 
 impl Ball {
-    /// The ball around the centre of a face across an axis.
+    /// Creates the ball around the centre of a face across an axis.
     pub(super) fn of(axis: usize) -> Ball {
         let weights = Box::new([[0; MOST * WIDTH]; 3]);
         let mut ball = Ball { starts: Vec::new(), weights, rows: Vec::new(), sums: Vec::new(), axis };
@@ -183,8 +184,8 @@ impl Ball {
         ball
     }
 
-    /// The sums of weights times distances of the cells whose bits are set; the first bit of the first row lies
-    /// [`REACH`] cells before the face's.
+    /// Returns the sums of weights times distances of the cells whose bits are set. The first bit
+    /// of the first row is [`REACH`] cells before the face's cell.
     #[inline]
     fn moments_of_bits(&self, solid: &[u64], x: usize) -> [i32; 3] {
         let (mut all, mut lines) = (0, [[0i64; WIDTH]; 2]);
@@ -206,12 +207,14 @@ impl Ball {
     }
 }
 
-/// Twice the distance of a cell from the centre of a face across an axis: odd along that axis.
+/// Returns twice the distance of a cell from the centre of a face across an axis; odd along that
+/// axis.
 fn twice(axis: usize, along: usize, cell: i64) -> i64 {
     2 * cell + i64::from(along == axis)
 }
 
-/// The sum of products: below 2^31, as weights are below 2^9, numbers below 2^8, and there are fewer than 2^9.
+/// Returns the sum of products. It is below 2^31: weights are below 2^9 in magnitude, occupancies
+/// below 2^8, and there are fewer than 2^9 products.
 fn dot(numbers: &[i16; MOST * WIDTH], weights: &[i16; MOST * WIDTH]) -> i32 {
     numbers.iter().zip(weights).map(|(number, weight)| i32::from(*number) * i32::from(*weight)).sum()
 }

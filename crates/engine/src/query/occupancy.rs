@@ -1,5 +1,4 @@
-//! Occupancy of the cells of one level of an octree, found by their coordinates: the part that depends on the
-//! source.
+//! Occupancy of the cells of one octree level, by their coordinates: the source-dependent code.
 
 use std::ops::Deref;
 
@@ -10,12 +9,12 @@ use spinney_base::space::Dimension;
 use spinney_base::value::{Rule, SampleType, Value, ValueType};
 use spinney_base::{Error, Result};
 
-/// Cells along an edge of a brick are `2^BRICK`.
+/// Base-2 logarithm of the cells along an edge of a brick.
 pub(super) const BRICK: u8 = 3;
 pub(super) const SIDE: i64 = 1 << BRICK;
 pub(super) const BRICK_CELLS: usize = 1 << (3 * BRICK);
 
-/// Cells that are at least this full belong to the solid.
+/// Minimum occupancy of cells that belong to the solid.
 pub(crate) const HALF: u8 = 128;
 
 /// Meaning of values for the occupancy of cells.
@@ -23,12 +22,12 @@ pub(crate) const HALF: u8 = 128;
 pub(crate) enum Filling {
     /// The value itself, 255 for a full cell: trees of [`Rule::Occupancy`] with one channel.
     Graded(ValueType),
-    /// Whatever is not VOID is full.
+    /// Every cell that is not VOID is full.
     Present,
 }
 
 impl Filling {
-    /// The meaning of the values of a tree.
+    /// Returns the meaning of a tree's values.
     pub(crate) fn of(rule: Rule, value_type: ValueType) -> Filling {
         if rule == Rule::Occupancy && value_type.channels == 1 {
             Filling::Graded(value_type)
@@ -37,7 +36,7 @@ impl Filling {
         }
     }
 
-    /// Occupancy of a cell with this value, 255 for full; `None` is VOID.
+    /// Returns the occupancy of a cell with this value, 255 for full; `None` is VOID.
     #[inline]
     pub(crate) fn fill(self, value: Option<Value>) -> u8 {
         match (value, self) {
@@ -57,9 +56,9 @@ impl Filling {
 pub struct OccupancyBlock {
     /// First cell along each axis.
     pub(super) min: [u32; 3],
-    /// Cells along each axis.
+    /// Number of cells along each axis.
     pub(super) side: u32,
-    /// Whether all of its cells are alike; a block that is not tells nothing of them.
+    /// Whether all its cells are equal. The fields below are meaningful only then.
     pub(super) is_uniform: bool,
     /// Occupancy of its cells, 255 for full.
     pub(super) fill: u8,
@@ -67,36 +66,38 @@ pub struct OccupancyBlock {
     pub(super) value: Option<[f64; 4]>,
 }
 
-/// One level of an octree of any kind. Coordinates are cells of that level, inside the octree's space.
+/// One level of any kind of octree. Coordinates are cells of that level, inside the octree's space.
 ///
-/// (An object, so that what works with occupancy is compiled once and not for each kind of source.)
+/// (A trait object, so that code that uses occupancy is compiled once and not per source.)
 pub trait Occupancy: Send {
-    /// The level.
+    /// Returns the level.
     fn level(&self) -> u8;
 
-    /// Whether there is nothing finer anywhere, also not behind the source.
+    /// Returns whether there is no finer detail anywhere, including in what the source is derived
+    /// from.
     fn is_finest(&self) -> bool;
 
-    /// The largest uniform block that a cell lies in, or the one of `2^smallest` cells along each axis if that is larger.
+    /// Returns the largest uniform block that contains a cell, or the block of `2^smallest` cells
+    /// along each axis if that is larger.
     ///
     /// # Errors
     /// If the source fails.
     fn block(&mut self, cell: [u32; 3], smallest: u8) -> Result<OccupancyBlock>;
 
-    /// Writes the occupancy of the cells of a brick, x fastest, then y, then z.
+    /// Writes the occupancy of a brick's cells, x fastest, then y, then z.
     ///
     /// # Errors
     /// If the source fails.
     fn read_brick(&mut self, brick: [u32; 3], cells: &mut [u8]) -> Result<()>;
 }
 
-/// Nodes of the source that something points to.
+/// Node type of the source that a pointer refers to.
 type Node<P> = <<P as Deref>::Target as Source>::Node;
 
 /// A level of a source, given by any kind of pointer.
 ///
-/// It caches the path to the node that was found last, so that a neighbour costs no more than the levels from
-/// the common ancestor down.
+/// It caches the path to the node that was found last, so that a neighbour only costs the levels
+/// below their common ancestor.
 pub(crate) struct OccupancyLevel<P: Deref<Target: Source>> {
     source: P,
     value_type: ValueType,
@@ -104,16 +105,17 @@ pub(crate) struct OccupancyLevel<P: Deref<Target: Source>> {
     filling: Filling,
     is_finest: bool,
     root: Child<Node<P>>,
-    /// Children of the nodes on the way to the last cell, from the root; as long as the level has levels
-    /// above it.
+    /// Children of the nodes on the path from the root to the last cell, one entry per level above
+    /// the cells.
     path: Vec<Children<Node<P>>>,
-    /// Number of those that are known.
+    /// Number of valid entries of `path`.
     known: usize,
     last: [u32; 3],
 }
 
 impl<P: Deref<Target: Source>> OccupancyLevel<P> {
-    /// A level of an octree; `is_finest` if there is nothing finer anywhere, also not behind the source.
+    /// Creates a level of an octree. `is_finest` states that there is no finer detail, including in
+    /// what the source is derived from.
     ///
     /// # Errors
     /// If the source fails, is a quadtree, or has no such level.
@@ -135,12 +137,12 @@ impl<P: Deref<Target: Source>> OccupancyLevel<P> {
         })
     }
 
-    /// The node of level `deepest` that a cell lies in, or the uniform block of a higher level, and its
-    /// level.
+    /// Returns the node of level `deepest` that contains a cell, or a uniform block of a higher
+    /// level, and its level.
     fn find(&mut self, cell: [u32; 3], deepest: u8) -> Result<(&Child<Node<P>>, u8)> {
         let deepest = usize::from(deepest);
-        // The highest bit in which coordinates differ gives the lowest common ancestor of this cell and the
-        // last; the children of that ancestor are known, and those of all above.
+        // The highest bit in which the coordinates differ gives the lowest common ancestor of this
+        // cell and the last. The children of that ancestor and of all above it are known.
         let differ = (0..3).fold(0, |bits, axis| bits | cell[axis] ^ self.last[axis]);
         let common = usize::from(self.level) - (32 - differ.leading_zeros() as usize);
         self.known = self.known.min(common + 1);
@@ -179,7 +181,7 @@ impl<P: Deref<Target: Source> + Send> Occupancy for OccupancyLevel<P> {
         let (cells, filling, value_type) = (self.level, self.filling, self.value_type);
         let (found, level) = self.find(cell, cells - smallest.min(cells))?;
         let height = cells - level;
-        // (Of the level's own cells the finer detail does not matter.)
+        // (At the level of the cells, finer detail does not matter.)
         let is_uniform = height == 0 || !found.is_inner();
         let value = found.value().filter(|_| is_uniform);
         Ok(OccupancyBlock {
@@ -202,7 +204,7 @@ impl<P: Deref<Target: Source> + Send> Occupancy for OccupancyLevel<P> {
     }
 }
 
-/// Fails unless a tree is an octree: only these can be solids.
+/// Fails unless a tree is an octree: only octrees can be solids.
 ///
 /// # Errors
 /// If it is a quadtree.
@@ -223,8 +225,8 @@ struct Brick<'a, S: ?Sized> {
 }
 
 impl<S: Source + ?Sized> Brick<'_, S> {
-    /// Writes the occupancy of a node with `2^height` cells along each axis, the first of which is `min` of
-    /// the brick.
+    /// Writes the occupancy of a node with `2^height` cells along each axis. Its first cell is
+    /// `min` of the brick.
     fn read(&mut self, node: &Child<S::Node>, min: [usize; 3], height: u8) -> Result<()> {
         let side = SIDE as usize;
         match node {
@@ -239,7 +241,7 @@ impl<S: Source + ?Sized> Brick<'_, S> {
                 }
             }
             Child::Inner { node, .. } if self.filling == Filling::Present && !self.finest => {
-                // Values do not say how full the node is; its children give an idea.
+                // Values do not store how full the node is; its children give an estimate.
                 let mut children = no_children();
                 self.source.children(node, &mut children)?;
                 let parts = children.iter().filter(|child| !matches!(child, Child::Void)).count() as u32;

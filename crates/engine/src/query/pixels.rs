@@ -1,5 +1,5 @@
-//! Exact means over pixels of any size: from zone statistics where a zone lies in one pixel, from the tree where a
-//! pixel's edge cuts it.
+//! Exact means over pixels of any size, from zone statistics for zones within one pixel, and from
+//! the tree for zones that a pixel's edge cuts.
 
 use std::ops::Range;
 
@@ -15,32 +15,33 @@ use spinney_base::{Progress, Result};
 pub struct PixelGrid {
     /// The tree's axes along columns and rows.
     pub axes: [usize; 2],
-    /// First corner of the first pixel, and size of a pixel, in cells along columns and rows.
+    /// First corner of the first pixel in cells, along columns and rows.
     pub origin: [f64; 2],
-    /// Width and height of a pixel, in cells.
+    /// Width and height of a pixel in cells.
     pub step: [f64; 2],
     /// Columns and rows.
     pub size: [usize; 2],
 }
 
 impl PixelGrid {
-    /// The pixels that a span of cells touches along columns (0) or rows (1).
+    /// Returns the pixels that a span of cells touches along columns (0) or rows (1).
     fn touched(&self, along: usize, low: u64, high: u64) -> Range<usize> {
-        // (What a pixel has of a cell by rounding alone adds nothing to speak of.)
+        // (Overlaps that only come from rounding are negligible.)
         const ROUNDING: f64 = 1e-9;
         let at = |cell: u64| (cell as f64 - self.origin[along]) / self.step[along];
         let first = (at(low) + ROUNDING).floor().max(0.0) as usize;
         first..((at(high) - ROUNDING).ceil().max(0.0) as usize).min(self.size[along])
     }
 
-    /// Cells along columns (0) or rows (1) that a pixel has of a span.
+    /// Returns the overlap of a pixel and a span in cells, along columns (0) or rows (1).
     fn overlap(&self, along: usize, pixel: usize, low: u64, high: u64) -> f64 {
         let edge = |pixel: usize| self.origin[along] + pixel as f64 * self.step[along];
         (edge(pixel + 1).min(high as f64) - edge(pixel).max(low as f64)).max(0.0)
     }
 }
 
-/// Sums over the cells that pixels cover, each by its area in the pixel; VOID ones and missing samples do not count.
+/// Sums over the cells that pixels cover, each weighted by its area in the pixel. VOID cells and
+/// missing samples do not count.
 pub struct PixelSums<'a> {
     grid: PixelGrid,
     value_type: ValueType,
@@ -48,9 +49,9 @@ pub struct PixelSums<'a> {
     /// Sums are of samples relative to this: see [`ValueType::samples_from`].
     base: Value,
     progress: &'a dyn Progress,
-    /// By pixel, row by row: the sum of each channel.
+    /// Sum of each channel per pixel, row by row.
     pub sums: Vec<[f64; 4]>,
-    /// By pixel: the area in which each channel has a sample, in cells.
+    /// Area in cells in which each channel has a sample, per pixel.
     pub areas: Vec<[f64; 4]>,
 }
 
@@ -67,11 +68,11 @@ impl<'a> PixelSums<'a> {
         PixelSums { grid, value_type, depth, base, progress, sums, areas }
     }
 
-    /// The sums over a box of cells, one cell thick across the grid. Time is proportional to the nodes that pixels'
-    /// edges cut, and to those below no zone.
+    /// Sums over a box of cells that is one cell thick across the grid. The time is proportional to
+    /// the nodes that pixels' edges cut, and to those without a zone above them.
     ///
     /// # Errors
-    /// If the file is damaged there, or on interruption.
+    /// If the file is corrupt there, or on cancellation.
     pub fn of_file(
         tree: &Goblin,
         bounds: &Bounds,
@@ -85,7 +86,7 @@ impl<'a> PixelSums<'a> {
         Ok(sums)
     }
 
-    /// [`PixelSums::of_file`] of any source.
+    /// [`PixelSums::of_file`] for any source.
     pub(crate) fn of_source<S: Source>(
         source: &S,
         bounds: &Bounds,
@@ -98,7 +99,7 @@ impl<'a> PixelSums<'a> {
         Ok(sums)
     }
 
-    /// The columns and rows of pixels that a box of cells touches.
+    /// Returns the columns and rows of the pixels that a box of cells touches.
     fn touched(&self, cells: &Bounds) -> [Range<usize>; 2] {
         [0, 1].map(|along| {
             let axis = self.grid.axes[along];

@@ -1,9 +1,9 @@
 //! Batches of single cells.
 //!
-//! A cell alone costs two searches in the directory and a way down from its segment's root. For many cells
-//! the upper levels are walked once: a table has an entry per node of some level, which has the value of a
-//! uniform block or the number of the node's record. Random cells of solids lie in large uniform blocks
-//! nearly always.
+//! A single cell costs two searches in the segment index and a descent from its segment's root. For
+//! many cells the upper levels are traversed once, into a table with an entry per node of some
+//! level. An entry has the value of a uniform block, or the number of the node's record. Random
+//! cells of solids are nearly always in large uniform blocks.
 
 use zerocopy::IntoBytes;
 
@@ -20,7 +20,7 @@ use spinney_base::value::{Numbers, Value, ValueType};
 use spinney_base::{Error, Result};
 use spinney_container::{CUT, INNER, VOID};
 
-/// Answers to [`Dataset::points`](crate::dataset::Dataset::points).
+/// Results of [`Dataset::points`](crate::dataset::Dataset::points).
 #[derive(Clone, Debug, Default)]
 pub struct PointSamples {
     value_type: Option<ValueType>,
@@ -28,25 +28,25 @@ pub struct PointSamples {
 }
 
 impl PointSamples {
-    /// Samples of the `index`-th cell, one per channel; `None` is VOID.
+    /// Returns the samples of the `index`-th cell, one per channel; `None` is VOID.
     ///
     /// # Panics
-    /// If there were not so many cells.
+    /// If there are not that many cells.
     #[inline]
     pub fn get(&self, index: usize) -> Option<Numbers> {
         self.value_type.zip(self.values[index]).map(|(value_type, value)| value_type.numbers(value))
     }
 
-    /// The samples of the `index`-th cell as bytes, in the order of channels; `None` is VOID.
+    /// Returns the samples of the `index`-th cell as bytes, in channel order; `None` is VOID.
     ///
     /// # Panics
-    /// If there were not so many cells.
+    /// If there are not that many cells.
     #[inline]
     pub fn value(&self, index: usize) -> Option<Value> {
         self.values[index]
     }
 
-    /// Forgets all cells, and gives room for so many, which have values of a type.
+    /// Clears all results, and makes space for `cells` values of a type.
     pub(crate) fn start(&mut self, value_type: ValueType, cells: usize) -> &mut [Option<Value>] {
         self.value_type = Some(value_type);
         self.values.clear();
@@ -55,19 +55,19 @@ impl PointSamples {
     }
 }
 
-/// Answers for single cells of one level of a file, with a table of the upper levels.
+/// Looks up single cells of one level of a file, with a table of the upper levels.
 struct Points<'a> {
     tree: &'a Goblin,
     layout: RecordLayout,
     level: u8,
     /// Level of the nodes in the table.
     top: u8,
-    /// An entry per node, x fastest, then y, then z.
+    /// One entry per node, x fastest, then y, then z.
     table: Vec<Entry>,
-    /// The values that uniform entries stand for.
+    /// Values of uniform entries.
     values: Vec<Option<Value>>,
-    /// Segments of all others, each with how many levels these are below the roots of their dense blocks; 0 is for
-    /// nodes with records of their own.
+    /// Segments of all other entries. The second number is how many levels the nodes are below the
+    /// roots of their dense blocks; 0 for nodes with records of their own.
     segments: Vec<(Segment<'a>, u8)>,
 }
 
@@ -80,28 +80,28 @@ struct Entry {
     record: u32,
 }
 
-/// Stands for no segment.
+/// Marks entries of uniform nodes.
 const UNIFORM: u32 = u32::MAX;
-/// Nodes that the table has at most: 2 MiB of them stay in a processor's cache.
+/// Maximum number of table entries: 2 MiB, which stay in a processor's cache.
 const MAX_NODES: u64 = 1 << 18;
-/// Cells that must be asked for to make an entry worth its while.
+/// Minimum number of requested cells per table entry.
 const WORTH: u64 = 8;
 
 impl Goblin {
-    /// Writes the values of many cells of a level to `values`; `None` is VOID, as is everything outside the
-    /// tree.
+    /// Writes the values of many cells of a level to `values`. `None` is VOID; so is everything
+    /// outside of the tree.
     ///
     /// # Errors
-    /// If the level is deeper than the tree, there is not room for one value per cell, or the file is damaged
-    /// there.
+    /// If the level is deeper than the tree, if `values` does not have one slot per cell, or if the
+    /// file is corrupt there.
     pub fn values_at(&self, level: u8, cells: &[Cell], values: &mut [Option<Value>]) -> Result<()> {
         if cells.len() != values.len() {
             let found = format!("{} places for values", values.len());
             return Err(Error::invalid("points", found, format!("{}, one per cell", cells.len())));
         }
         if !self.is_mapped() {
-            // Segments that are not mapped stay in memory for as long as somebody has them, so that a table of them has no bound. In FD
-            // order each of them is needed once.
+            // Segments that are not mapped stay in memory while they are referenced, so a table of
+            // them would be unbounded. In FD order each segment is needed once.
             check_level(level, self.header().depth())?;
             let dimension = self.header().form.dimension;
             return values_one_by_one((dimension, level, true), cells, values, &|code| self.value_at(code));
@@ -110,11 +110,11 @@ impl Goblin {
         with_record_type!(points.layout, R => points.values::<R>(cells, values))
     }
 
-    /// Gets ready to answer for about `count` cells of a level, anywhere in the tree of a mapped file. The more there are the
-    /// more of the upper levels goes into the table.
+    /// Prepares for about `count` cells of a level, anywhere in the tree of a mapped file. The more
+    /// cells, the more of the upper levels are in the table.
     ///
     /// # Errors
-    /// If the level is deeper than the tree, or the file is damaged.
+    /// If the level is deeper than the tree, or the file is corrupt.
     fn points_of(&self, level: u8, count: u64) -> Result<Points<'_>> {
         check_level(level, self.header().depth())?;
         let dimension = self.header().form.dimension;
@@ -138,8 +138,9 @@ impl Goblin {
     }
 }
 
-/// Writes the values of many cells of a level to `values`, each found by itself. Those that are answered are not asked again in later rounds: all of
-/// them together may need more bytes of a file elsewhere than are held. They may be asked in FD order, whatever theirs is.
+/// Writes the values of many cells of a level to `values`, with one call of `value_at` per cell.
+/// Cells with a result are not queried again in later batches: all of them together may need more
+/// bytes of a remote file than the cache holds. `in_order` queries them in FD order.
 ///
 /// # Errors
 /// Those of `value_at`.
@@ -193,7 +194,7 @@ impl Points<'_> {
         Ok(())
     }
 
-    /// The value of a cell below a node of the table.
+    /// Returns the value of a cell below a node of the table.
     #[inline]
     fn value_below<R: Record>(&self, runs: &[(&[R], u8)], entry: Entry, cell: Cell) -> Result<Option<Value>> {
         let (records, below) = runs[entry.segment as usize];
@@ -204,10 +205,11 @@ impl Points<'_> {
             let step = x >> bit & 1 | (y >> bit & 1) << 1 | (z >> bit & 1) << 2;
             let record = records.get(at).ok_or_else(|| self.bad_skip(entry, at))?;
             if record.is_dense() && below + bit > 0 {
-                // (Nodes in a block come here at once, from the table; others have no levels above them.)
+                // (The table leads directly to nodes within a block; other nodes have `below ==
+                // 0`.)
                 let level = below + bit + 1;
                 let block = dense_block(records, at).ok_or_else(|| self.bad_skip(entry, at))?;
-                // (At the bottom of a segment the block ends, and what is below it is in others.)
+                // (A block ends at the bottom of its segment; deeper nodes are in other segments.)
                 return match block.levels >= level {
                     true => Ok(block.value_at(level, cell)),
                     false => self.value_from_root(cell),
@@ -230,13 +232,13 @@ impl Points<'_> {
         self.tree.bad_skip(&self.segments[entry.segment as usize].0, record)
     }
 
-    /// The value of a cell that no entry of the table leads to.
+    /// Returns the value of a cell whose table entry does not lead to it.
     fn value_from_root(&self, cell: Cell) -> Result<Option<Value>> {
         let code = Code::from_cell(self.layout.dimension, self.level, cell);
         code.map_or(Ok(None), |code| self.tree.value_at(code))
     }
 
-    /// Index of the table's entry for the node of a cell, so many levels above it.
+    /// Returns the index of the table entry for a cell's ancestor `up` levels above it.
     #[inline]
     fn entry_index(&self, cell: Cell, up: u8) -> usize {
         // (In quadtrees z is 0.)
@@ -244,7 +246,7 @@ impl Points<'_> {
         x | y << self.top | z << (2 * self.top)
     }
 
-    /// Fills the entries of all that is below a node.
+    /// Fills the entries of all descendants of a node.
     fn fill(&mut self, code: Code, child: &Child<GoblinNode>) -> Result<()> {
         let entry = match child {
             Child::Inner { node, .. } if code.level() < self.top => {
@@ -256,7 +258,7 @@ impl Points<'_> {
                     .enumerate()
                     .try_for_each(|(i, child)| self.fill(code.child(i), child));
             }
-            // Nothing below the table's nodes is asked for if they are the cells.
+            // If the table's nodes are the cells, nothing below them is needed.
             Child::Inner { node, .. } if self.top < self.level => {
                 Entry { segment: self.segment_of(node)?, record: node.place.record }
             }
@@ -266,10 +268,10 @@ impl Points<'_> {
         Ok(())
     }
 
-    /// Index in [`Points::segments`] of a node's segment.
+    /// Returns the index in [`Points::segments`] of a node's segment.
     fn segment_of(&mut self, node: &GoblinNode) -> Result<u32> {
         let (index, below) = (node.segment as usize, node.place.below);
-        // In preorder, a segment's nodes come one after the other.
+        // In preorder, the nodes of a segment are consecutive.
         let known = self.segments.iter().rposition(|known| (known.0.index(), known.1) == (index, below));
         if known.is_none() {
             self.segments.push((self.tree.segment(index)?, below));
@@ -277,9 +279,9 @@ impl Points<'_> {
         Ok(known.unwrap_or(self.segments.len() - 1) as u32)
     }
 
-    /// The entry of a uniform block; `None` is VOID.
+    /// Returns the entry of a uniform block; `None` is VOID.
     fn uniform(&mut self, value: Option<Value>) -> Entry {
-        // Mostly it is VOID, or what came last.
+        // It is mostly VOID or a recent value.
         let recent = self.values.len().saturating_sub(4)..self.values.len();
         let known = std::iter::once(0).chain(recent.rev()).find(|index| self.values[*index] == value);
         let record = known.unwrap_or_else(|| {
@@ -289,7 +291,7 @@ impl Points<'_> {
         Entry { segment: UNIFORM, record: record as u32 }
     }
 
-    /// Sets the entries of all nodes of the table that are below a node.
+    /// Sets the entries of all nodes of the table below a node.
     fn fill_below(&mut self, code: Code, entry: Entry) {
         let axes = self.layout.dimension.axes();
         let size = 1u32 << (self.top - code.level());

@@ -1,50 +1,53 @@
-//! Rays through octrees: the first full cell, and the smooth surface that the cells stand for.
+//! Casts rays through octrees: finds the first full cell, and the smooth surface that the cells
+//! approximate.
 //!
-//! A ray goes from uniform block to uniform block, as large as the tree has them, finding each by its
-//! coordinates: the scheme of Glassner (Space subdivision for fast ray tracing, IEEE Computer Graphics and
-//! Applications 4(10), 1984), with the way down remembered from block to block instead of a hash table, and
-//! whole numbers for the cells so that rounding can neither skip a block nor stay in one.
+//! A ray advances from uniform block to uniform block, as large as the tree has them, and finds
+//! each by its coordinates. This is the scheme of Glassner (Space subdivision for fast ray tracing,
+//! IEEE Computer Graphics and Applications 4(10), 1984), with a cached path from the root instead
+//! of a hash table. Cells are integers, so rounding can neither skip a block nor stay in one.
 
 use super::field::Field;
 use super::occupancy::{BRICK, HALF, OccupancyBlock};
 use spinney_base::Result;
 
-/// The surface is where the density between cells is this; at levels above the finest it is where it is this.
+/// Density of the surface at the finest level (`SURFACE`) and at coarser levels.
 ///
-/// Walls that are thinner than a cell would be gone with one half. With a quarter, walls of a quarter of a
-/// cell stay, and solids are fatter by about half a cell, which is less than a pixel.
+/// With one half, walls thinner than a cell would vanish at coarser levels. With a quarter, walls
+/// of a quarter of a cell stay, and solids grow by about half a cell, which is less than a pixel.
 const SURFACE: f64 = 0.5;
 const COARSE_SURFACE: f64 = 0.25;
-/// Steps along a ray in search of the surface, in cells.
+/// Step length along a ray in search of the surface, in cells.
 const STRIDE: f64 = 0.5;
-/// Densities that are asked for on the last step, before the surface is taken to be where a straight line between the last two meets it.
+/// Number of densities to evaluate in the last step, before the result is interpolated linearly
+/// between the last two.
 const REFINEMENTS: usize = 3;
 
 /// A half-line, in cells of the level that it is cast through.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
-    /// The first point; may be outside the tree's space.
+    /// First point; may be outside of the tree's space.
     pub origin: [f64; 3],
-    /// The direction that it goes in, of any length but 0.
+    /// Direction, of any nonzero length.
     pub direction: [f64; 3],
 }
 
 impl Ray {
-    /// The point after so many times the direction.
+    /// Returns the point at `t` times the direction.
     #[inline]
     pub fn at(&self, t: f64) -> [f64; 3] {
         std::array::from_fn(|axis| self.origin[axis] + t * self.direction[axis])
     }
 }
 
-/// A cell that a ray meets.
+/// A cell hit by a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CellHit {
-    /// Distance along the ray at which it is entered, in lengths of the direction; 0 if the ray starts in it.
+    /// Distance along the ray where it enters the cell, in lengths of the direction; 0 if the ray
+    /// starts in it.
     pub t: f64,
     /// The cell.
     pub cell: [u32; 3],
-    /// The axis across which the ray enters; `None` if it starts in the cell.
+    /// Axis across which the ray enters; `None` if it starts in the cell.
     pub axis: Option<usize>,
     /// The cell's samples, as in [`Dataset::point`](crate::dataset::Dataset::point).
     pub value: [f64; 4],
@@ -57,41 +60,43 @@ pub struct SurfaceHit {
     pub t: f64,
     /// The point, in cells.
     pub point: [f64; 3],
-    /// Direction in which occupancy grows, inwards, of any length: see [`Rays::surface`].
+    /// Direction of increasing occupancy, inwards, of any length: see [`Rays::surface`].
     pub inwards: [f64; 3],
-    /// The cell with something in it that was found there; the surface may lie a little before it.
+    /// The nonempty cell that was found there. The surface may be slightly before it.
     pub cell: [u32; 3],
 }
 
-/// Casts rays through one level of an octree. One thread at a time, because it remembers where it was; the
-/// answers do not depend on that.
+/// Casts rays through one level of an octree. It caches its last location and is therefore for one
+/// thread at a time. Results do not depend on the cache.
 pub trait Rays: Send {
-    /// The first cell along a ray that is at least half full; for trees other than of
-    /// [`Rule::Occupancy`](spinney_base::value::Rule::Occupancy) the first that is not VOID.
+    /// Returns the first cell along a ray that is at least half full. In trees of other rules than
+    /// [`Rule::Occupancy`](spinney_base::value::Rule::Occupancy), it is the first cell that is not
+    /// VOID.
     ///
     /// # Errors
-    /// If the file is damaged there.
+    /// If the file is corrupt there.
     fn cell(&mut self, ray: &Ray) -> Result<Option<CellHit>>;
 
-    /// The first point along a ray where the occupancy, taken as linear between the cells' centres, is one
-    /// half, with its gradient from all cells in a ball of 3.5 cells: shading shows no steps where cells are
-    /// small. At levels above the finest it is one quarter, so that walls which are thinner than a cell there
-    /// do not vanish.
+    /// Returns the first point along a ray where the occupancy, interpolated linearly between cell
+    /// centres, is one half. Its gradient comes from all cells in a ball of radius 3.5 cells, so
+    /// that shading shows no stair steps where cells are small. At levels above the finest, the
+    /// surface is at one quarter, so that walls thinner than a cell do not vanish there.
     ///
     /// # Errors
-    /// If the file is damaged there.
+    /// If the file is corrupt there.
     fn surface(&mut self, ray: &Ray) -> Result<Option<SurfaceHit>>;
 
-    /// Occupancy around a point, 0 to 1, linear between the centres of cells.
+    /// Returns the occupancy at a point, 0 to 1, interpolated linearly between cell centres.
     ///
     /// # Errors
-    /// If the file is damaged there.
+    /// If the file is corrupt there.
     fn density(&mut self, point: [f64; 3]) -> Result<f64>;
 
-    /// The samples of a cell inside the space, as in [`Dataset::point`](crate::dataset::Dataset::point); zeros if it is VOID.
+    /// Returns the samples of a cell inside the space, as in
+    /// [`Dataset::point`](crate::dataset::Dataset::point); zeros if it is VOID.
     ///
     /// # Errors
-    /// If the file is damaged there.
+    /// If the file is corrupt there.
     fn value(&mut self, cell: [u32; 3]) -> Result<[f64; 4]>;
 }
 
@@ -108,7 +113,8 @@ impl Rays for Field<'_> {
         let surface = if self.is_finest() { SURFACE } else { COARSE_SURFACE };
         let mut search =
             Search { ray: *ray, stride: STRIDE / length, back: 1.0 / length, surface, asked: (-1.0, 0.0) };
-        // Bricks that are divided are gone through cell by cell without a look at the tree: they are kept for densities anyway.
+        // Divided bricks are traversed cell by cell without reading the tree: they are cached for
+        // densities anyway.
         let found = self.along(ray, BRICK, |field, step| match step.block {
             OccupancyBlock { is_uniform: true, fill: 0, .. } => Ok(None),
             OccupancyBlock { is_uniform: true, .. } => {
@@ -118,7 +124,7 @@ impl Rays for Field<'_> {
         })?;
         let Some((Found { mut outside, known, mut inside }, cell)) = found else { return Ok(None) };
         let mut without = known.map_or_else(|| self.density(ray.at(outside)), Ok)?;
-        // The surface can lie before the first cell that has something, farther along a grazing ray.
+        // The surface can be before the first nonempty cell, farther away on a grazing ray.
         for _ in 0..4 {
             if outside > 0.0 && without >= surface {
                 inside = (outside, without);
@@ -126,7 +132,7 @@ impl Rays for Field<'_> {
                 without = self.density(ray.at(outside))?;
             }
         }
-        // (If it does not, it starts inside.)
+        // (If the density never drops below the surface's, the ray starts inside.)
         let t =
             if without < surface { self.refined(ray, (outside, without), inside, surface)? } else { outside };
         let point = ray.at(t);
@@ -146,26 +152,26 @@ impl Rays for Field<'_> {
 /// Search for the surface along a ray.
 struct Search {
     ray: Ray,
-    /// Distances between densities, and of a cell.
+    /// Distance between evaluated densities, and the size of a cell, in lengths of the direction.
     stride: f64,
     back: f64,
     /// Density at the surface.
     surface: f64,
-    /// Where the density was asked for last, and what it was: less.
+    /// Distance of the last evaluated density, and the density, which is below the surface's.
     asked: (f64, f64),
 }
 
-/// Places before and behind the surface.
+/// Points before and after the surface.
 struct Found {
     outside: f64,
-    /// The density there, if it was asked for.
+    /// The density there, if it was evaluated.
     known: Option<f64>,
     /// Distance and density.
     inside: (f64, f64),
 }
 
 impl Search {
-    /// Looks for the surface between two distances.
+    /// Searches for the surface between two distances.
     fn between(&mut self, field: &mut Field<'_>, from: f64, to: f64) -> Result<Option<Found>> {
         let (mut outside, mut known, mut t) = ((from - self.back).max(0.0), None, from);
         if self.asked.0 >= from {
@@ -184,10 +190,11 @@ impl Search {
         Ok(None)
     }
 
-    /// Looks for the surface in a brick, in its cells that are not empty; also gives the cell.
+    /// Searches for the surface in the nonempty cells of a brick. Also returns the cell.
     ///
-    /// From cell to cell across the nearest plane, whose distance along each axis is kept (Amanatides and Woo, A fast voxel traversal
-    /// algorithm for ray tracing, Eurographics 1987).
+    /// Advances from cell to cell across the nearest plane and stores the distance of the next
+    /// plane along each axis (Amanatides and Woo, A fast voxel traversal algorithm for ray tracing,
+    /// Eurographics 1987).
     fn in_brick(&mut self, field: &mut Field<'_>, step: &Step) -> Result<Option<(Found, [u32; 3])>> {
         let Ray { origin, direction } = self.ray;
         let OccupancyBlock { min, side, .. } = step.block;
@@ -198,13 +205,14 @@ impl Search {
             if direction[axis] == 0.0 { f64::INFINITY } else { t }
         });
         let apart = direction.map(|speed| (1.0 / speed).abs());
-        // Invariant: densities are asked for of this brick and its neighbours, which do not drive it out.
+        // Invariant: densities are only evaluated in this brick and its neighbours, which do not
+        // evict it.
         let start = field.brick(cell.map(|cell| cell >> BRICK))?;
         let mut from = step.from;
         loop {
             let nearest = |a: usize, b: usize| if next[b] < next[a] { b } else { a };
             let out = nearest(nearest(0, 1), 2);
-            // (Rounding must not lead backwards, nor out of the brick.)
+            // (Rounding must not lead backwards or out of the brick.)
             let to = next[out].clamp(from, step.to);
             if field.fill_in(start, cell) > 0
                 && let Some(found) = self.between(field, from, to)?
@@ -222,24 +230,25 @@ impl Search {
     }
 }
 
-/// A block on a ray's way.
+/// A block on a ray's path.
 struct Step {
     block: OccupancyBlock,
-    /// The cell in which the ray enters it.
+    /// The cell where the ray enters it.
     cell: [u32; 3],
-    /// Distances at which the ray enters and leaves.
+    /// Distances at which the ray enters and leaves it.
     from: f64,
     to: f64,
-    /// Across which axis.
+    /// Axis across which the ray enters it.
     axis: Option<usize>,
 }
 
 impl Field<'_> {
-    /// The distance at which the density along a ray is that of the surface, between one with less and one with no less: by false position,
-    /// where the density at an end that stays is halved (the Illinois algorithm: Dowell and Jarratt, BIT 11, 1971).
+    /// Returns the distance where the density along a ray equals the surface's, between a point
+    /// with less and one with at least as much. Uses false position, and halves the density at an
+    /// end that stays (the Illinois algorithm: Dowell and Jarratt, BIT 11, 1971).
     fn refined(&mut self, ray: &Ray, outside: (f64, f64), inside: (f64, f64), surface: f64) -> Result<f64> {
-        // Invariant: the density at the first end is less than the surface's, and that at the second no less. So the quotient is never one
-        // by zero, and what is found lies between the ends.
+        // Invariant: the density at the first end is less than the surface's, and at the second end
+        // at least that. So there is no division by zero, and the result is between the ends.
         let mut ends = [outside, inside].map(|(t, density)| (t, density - surface));
         let meeting = |[(a, less), (b, more)]: [(f64, f64); 2]| a + less / (less - more) * (b - a);
         let mut moved = None;
@@ -256,8 +265,8 @@ impl Field<'_> {
         Ok(meeting(ends))
     }
 
-    /// Shows the blocks along a ray, from near to far, until `visit` has found something: uniform ones, or those of `2^smallest` cells
-    /// along each axis if these are divided.
+    /// Visits the blocks along a ray from near to far, until `visit` returns a result: uniform
+    /// blocks, or blocks of `2^smallest` cells along each axis where these are divided.
     fn along<T>(
         &mut self,
         ray: &Ray,
@@ -273,7 +282,7 @@ impl Field<'_> {
         }
         loop {
             let block = self.block(cell, smallest)?;
-            // Where the ray leaves: at the first of the three far planes.
+            // The ray leaves at the first of the three far planes.
             let (mut to, mut out) = (f64::INFINITY, 0);
             for axis in 0..3 {
                 let (speed, min) = (ray.direction[axis], block.min[axis]);
@@ -289,9 +298,9 @@ impl Field<'_> {
             if let Some(found) = visit(self, &Step { block, cell, from, to, axis })? {
                 return Ok(Some(found));
             }
-            // Rounding may put the exit outside of the block: it is clamped to the block along the other
-            // axes, and the axis that the ray leaves across gets the neighbour's cell as a whole number. So
-            // each turn goes to an adjacent block.
+            // Rounding may put the exit outside of the block. It is clamped to the block along the
+            // other axes, and along the exit axis it gets the neighbour's integer cell. So each
+            // iteration advances to an adjacent block.
             let exit = ray.at(to);
             for axis in 0..3 {
                 let last = block.min[axis] + block.side - 1;
@@ -309,7 +318,8 @@ impl Field<'_> {
     }
 }
 
-/// Distance at which a ray enters a cube from 0 to `side`, and the axis across which; `None` if it misses it.
+/// Returns the distance at which a ray enters a cube from 0 to `side` and the axis of the entry, or
+/// `None` if the ray misses the cube.
 fn entry(ray: &Ray, side: f64) -> Option<(f64, Option<usize>)> {
     let (mut from, mut to, mut across) = (0.0, f64::INFINITY, None);
     for axis in 0..3 {

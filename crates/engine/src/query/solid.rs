@@ -1,4 +1,4 @@
-//! Measures of solids that their nodes tell: volume, centre of gravity, bounds.
+//! Measures of solids from their nodes: volume, centre of gravity, bounds.
 
 use super::check_level;
 use super::occupancy::{Filling, check_octree};
@@ -8,61 +8,62 @@ use spinney_base::space::Bounds;
 use spinney_base::{Progress, Result};
 use spinney_crs::Frame;
 
-/// Volume, centre of gravity and bounds of a solid at one level of its octree, in cells of that level.
+/// Volume, centre of gravity and bounds of a solid at one level of its octree, in cells of that
+/// level.
 ///
-/// Of trees of [`Rule::Occupancy`](spinney_base::value::Rule::Occupancy), cells count as far as they are full; of all
-/// others, cells that are not VOID are full.
+/// In trees of [`Rule::Occupancy`](spinney_base::value::Rule::Occupancy), cells count by their
+/// occupancy. In all other trees, cells that are not VOID are full.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SolidStatistics {
     /// The level.
     pub level: u8,
-    /// Cells that are not empty.
+    /// Number of cells that are not empty.
     pub cells: u64,
-    /// Volume: the sum of how full all cells are. Exact but for the last rounding.
+    /// Volume: the sum of all cells' occupancies, exact up to a final rounding.
     pub volume: f64,
-    /// Centre of gravity, exact but for the last rounding; `None` if there is nothing.
+    /// Centre of gravity, exact up to a final rounding; `None` if the solid is empty.
     pub centre: Option<[f64; 3]>,
     /// Smallest box around all cells that are not empty; `None` if there are none.
     pub bounds: Option<Bounds>,
-    /// INNER nodes that were gone through: all of the levels above.
+    /// Number of INNER nodes that were visited: all on the levels above.
     pub nodes: u64,
     /// Map from cells of the level to the world.
     frame: Frame,
 }
 
 impl SolidStatistics {
-    /// The map from cells to the world, for the measures that follow.
+    /// Returns the map from cells to the world, for further measures.
     pub fn frame(&self) -> &Frame {
         &self.frame
     }
 
-    /// Volume in the cube of the world's units.
+    /// Returns the volume in cubic world units.
     pub fn world_volume(&self) -> f64 {
         self.volume * self.frame.linear().determinant().abs()
     }
 
-    /// Centre of gravity in the world.
+    /// Returns the centre of gravity in world coordinates.
     pub fn world_centre(&self) -> Option<[f64; 3]> {
         self.centre.map(|centre| self.frame.to_world(centre))
     }
 
-    /// Least and greatest coordinates in the world of the box around all cells.
+    /// Returns minimum and maximum world coordinates of the box around all cells.
     pub fn world_bounds(&self) -> Option<[[f64; 3]; 2]> {
         self.bounds.map(|bounds| self.frame.world_box(&bounds))
     }
 }
 
-/// Levels above those nodes that threads take one by one.
+/// Levels above the nodes that threads process one by one.
 const SHARED: u8 = 3;
-/// Levels of a subtree whose sums fit 64 bits: of 2^18 cells, each 255 times twice a coordinate of 20 bits, there may be
-/// many thousands.
+/// Levels of a subtree whose sums fit 64 bits: those of its 2^18 cells, each 255 times twice a
+/// coordinate of 20 bits, are below 2^47.
 const SMALL: u8 = 6;
 
-/// Measures the nodes of an octree down to a level; `frame` is that of the deepest level. Time goes with the number
-/// of INNER nodes above the level, memory with depth.
+/// Measures the nodes of an octree down to a level. `frame` is that of the deepest level. The time
+/// is proportional to the INNER nodes above the level, the memory to the depth.
 ///
 /// # Errors
-/// If the source fails, is a quadtree, or has no such level, or on interruption.
+/// If the source fails, is a quadtree or has no such level, or on cancellation.
 pub(crate) fn measure<S: Source>(
     source: &S,
     level: u8,
@@ -96,9 +97,9 @@ pub(crate) fn measure<S: Source>(
 #[derive(Default)]
 struct Sums {
     cells: u64,
-    /// Sum of how full cells are, 255 for full.
+    /// Sum of the occupancies, 255 for a full cell.
     fills: u128,
-    /// Sum of that times twice the coordinate of the cell's centre.
+    /// Sum of occupancy times twice the coordinate of the cell's centre.
     moments: [u128; 3],
     bounds: Option<Bounds>,
     nodes: u64,
@@ -127,7 +128,7 @@ impl Sums {
         }
     }
 
-    /// A block of cells that are alike.
+    /// Adds a block of equal cells.
     fn block(&mut self, fill: u8, min: [u64; 3], height: u8) {
         if fill == 0 {
             return;
@@ -135,9 +136,9 @@ impl Sums {
         let cells = 1u64 << (3 * height);
         let side = 1u64 << height;
         self.cells += cells;
-        // Whole numbers, so that sums are exact and do not depend on their order: up to 2^57 cells of 255,
-        // times twice a coordinate of 19 bits, stay below 2^86. A block's moment is that of its centre, at
-        // `min + side / 2`.
+        // Integers make the sums exact and independent of their order: up to 2^57 cells of 255,
+        // times twice a coordinate of 19 bits, stay below 2^86. A block's moment is that of its
+        // centre, at `min + side / 2`.
         let fills = u128::from(fill) * u128::from(cells);
         self.fills += fills;
         for (moment, min) in self.moments.iter_mut().zip(min) {
@@ -191,26 +192,26 @@ impl SmallSums {
     }
 }
 
-/// Does one thread's share.
+/// State of a task.
 struct Gather<'a, S: Source> {
     source: &'a S,
     filling: Filling,
     sums: Sums,
-    /// Asked at each node above the small subtrees, since one task may be nearly all of a tree.
+    /// Checked at each node above the small subtrees, since one task may be nearly all of a tree.
     progress: &'a dyn Progress,
 }
 
 /// A node, its first cell, and its levels above the cells.
 type Task<N> = (Child<N>, [u64; 3], u8);
 
-/// The first cell of a node's child.
+/// Returns the first cell of a node's child.
 #[inline]
 fn child_at(min: [u64; 3], height: u8, step: usize) -> [u64; 3] {
     std::array::from_fn(|axis| min[axis] + ((step as u64 >> axis & 1) << (height - 1)))
 }
 
 impl<S: Source> Gather<'_, S> {
-    /// Lists the INNER nodes so many levels above the cells, and measures what is above them.
+    /// Collects the INNER nodes `lowest` levels above the cells, and measures what is above them.
     fn split(
         &mut self,
         node: &Child<S::Node>,

@@ -1,5 +1,5 @@
-//! Exact statistics of any box, from zone statistics where a zone lies inside and from the tree where it is
-//! cut.
+//! Exact statistics of any box, from zone statistics for zones within the box and from the tree for
+//! zones that the box cuts.
 
 use std::collections::BTreeMap;
 
@@ -21,25 +21,26 @@ use super::walk::{Visitor, Walked, Zone, ended, walk, walk_source};
 /// Statistics of the cells of a box that are not VOID.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Statistics {
-    /// Cells that are not VOID.
+    /// Number of cells that are not VOID.
     pub cells: u64,
-    /// Cells of the box within the picture that are VOID.
+    /// Number of VOID cells of the box within the raster.
     pub void_cells: u64,
-    /// Statistics of each channel; nothing if there are no cells.
+    /// Statistics of each channel; empty if there are no cells.
     pub channels: Vec<ChannelStatistics>,
-    /// Cells of each value, by ascending value; only for one-channel files that count classes.
+    /// Number of cells of each value, by ascending value; only for one-channel files that count
+    /// classes.
     pub classes: Vec<(Number, u64)>,
-    /// Segments whose records had to be read.
+    /// Number of segments whose records were read.
     pub segments_read: u64,
 }
 
-/// Statistics of one channel; the standard deviation is that of the population, with the digits of an f64 also where samples are much
-/// larger than their differences.
+/// Statistics of one channel. The standard deviation is that of the population, with the precision
+/// of an `f64` even if samples are much larger than their differences.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[allow(missing_docs)] // the names say it
+#[allow(missing_docs)] // names are self-explanatory
 pub struct ChannelStatistics {
-    /// Cells that have a sample: all that are not VOID, unless single samples can be missing. All numbers are of these
-    /// cells, and not a number if there are none.
+    /// Number of cells that have a sample: all that are not VOID, unless single samples can be
+    /// missing. All other numbers are of these cells, and NaN if there are none.
     pub cells: u64,
     pub min: Number,
     pub max: Number,
@@ -48,7 +49,7 @@ pub struct ChannelStatistics {
 }
 
 impl Statistics {
-    /// Statistics of parts that have no cell in common, together.
+    /// Combines the statistics of disjoint sets of cells.
     pub fn of_parts(parts: &[Statistics]) -> Statistics {
         if let [part] = parts {
             return part.clone();
@@ -74,7 +75,7 @@ impl Statistics {
 }
 
 impl ChannelStatistics {
-    /// Adds cells that are not among these (Chan, Golub and LeVeque 1979).
+    /// Adds the statistics of other cells (Chan, Golub and LeVeque 1979).
     fn join(&mut self, other: &ChannelStatistics) {
         if other.cells == 0 || self.cells == 0 {
             if self.cells == 0 {
@@ -97,16 +98,17 @@ impl ChannelStatistics {
 }
 
 impl Goblin {
-    /// Exact statistics of a box of cells of the deepest level; of the whole picture if there is none. Time
-    /// is proportional to the records on the box's border, not to its cells.
+    /// Returns exact statistics of a box of cells of the deepest level, or of the whole raster. The
+    /// time is proportional to the records on the box's border, not to its cells.
     ///
     /// # Errors
-    /// If the file is damaged there, or on interruption.
+    /// If the file is corrupt there, or on cancellation.
     pub fn statistics(&self, bounds: Option<Bounds>, progress: &dyn Progress) -> Result<Statistics> {
         self.statistics_with(bounds, self.header().counts_classes(), progress)
     }
 
-    /// [`Goblin::statistics`] with or without classes, for which more of the file is read where there are very many.
+    /// [`Goblin::statistics`] with or without classes. Counting very many classes reads more of the
+    /// file.
     pub(crate) fn statistics_with(
         &self,
         bounds: Option<Bounds>,
@@ -116,7 +118,7 @@ impl Goblin {
         let header = self.header();
         let picture = header.picture();
         let bounds = header.within_picture(bounds);
-        // A box that has the whole picture has the whole tree: the rest is VOID.
+        // A box with the whole raster has the whole tree: the rest is VOID.
         let space = Bounds::space(header.form.dimension, header.depth());
         let mut gather = Gather::new(header.form, count_classes, progress);
         ended(walk(self, if bounds == picture { &space } else { &bounds }, &mut gather))?;
@@ -124,7 +126,7 @@ impl Goblin {
     }
 }
 
-/// [`Goblin::statistics`] of any source, going through all of its nodes in the box.
+/// [`Goblin::statistics`] of any source; visits all of its nodes in the box.
 pub(crate) fn source_statistics<S: Source>(
     source: &S,
     bounds: &Bounds,
@@ -144,7 +146,7 @@ pub(crate) fn autumnal_statistics(
     progress: &dyn Progress,
 ) -> Result<Statistics> {
     let (header, volume) = (file.header(), bounds.volume());
-    // All of the picture is all of the tree, however many nodes that has.
+    // The whole raster is the whole tree, whatever its node count.
     if *bounds == header.picture()
         && let Child::Inner { node, .. } = file.root_child()
         && let Some(tally) = file.tally(&node)?
@@ -160,18 +162,18 @@ pub(crate) fn autumnal_statistics(
     Ok(gather.finish(volume))
 }
 
-/// Extremes, sums and number of all cells of a box, which may stick out of the picture: nodes of the tree are taken whole. Also classes, if they are to
-/// be counted.
+/// Returns the tally of all cells of a box, which may extend beyond the raster: entirely covered
+/// nodes are not clipped. Includes classes if `count_classes` is set.
 ///
 /// # Errors
-/// If the file is damaged there.
+/// If the file is corrupt there.
 pub(crate) fn tally_of(file: &Goblin, bounds: &Bounds, count_classes: bool) -> Result<ZoneStats> {
     let mut gather = Gather::new(file.header().form, count_classes, &());
     ended(walk(file, bounds, &mut gather))?;
     Ok(gather.count.finish())
 }
 
-/// Statistics of all cells of a tally, of a box of so many cells.
+/// Returns the statistics of all cells of a tally, for a box of `volume` cells.
 fn tally_statistics(tally: ZoneStats, volume: u64, count_classes: bool) -> Statistics {
     let tally = if count_classes { tally_of_classes(tally.value_type, tally.classes) } else { tally };
     summary(&tally, volume, 0)
@@ -188,7 +190,7 @@ pub(super) fn summary(tally: &ZoneStats, volume: u64, segments_read: u64) -> Sta
             return ChannelStatistics { cells, min, max, mean: none, standard_deviation: none };
         }
         let (min, max) = (min[channel], max[channel]);
-        // (Rounding must not make any of nothing.)
+        // (Rounding must not cause a deviation of equal samples.)
         let variance = if min == max && min.is_finite() {
             0.0
         } else {
@@ -208,7 +210,7 @@ pub(super) fn summary(tally: &ZoneStats, volume: u64, segments_read: u64) -> Sta
     }
 }
 
-/// Gathers the statistics of a box.
+/// Accumulates the statistics of a box.
 struct Gather<'a> {
     count: Box<dyn Count>,
     segments: u64,

@@ -1,10 +1,10 @@
-//! The surface of solids: faces of cells, and the area of the smooth surface that they stand for.
+//! Surface of solids: faces of cells, and the area of the smooth surface that they approximate.
 //!
-//! Space is gone through in blocks of 32 x 32 x 32 cells. Of a block that is divided, the cells and those around it are
-//! read once, faces are found in rows of bits, and normals come from sums over the ball around each face. Large
-//! faces, between blocks that are alike in themselves, are met by walking neighbours side by side, as in the dual
-//! traversals of Ju, Losasso, Schaefer and Warren (Dual contouring of hermite data, SIGGRAPH 2002). Memory is
-//! proportional to depth, time to the surface.
+//! Space is traversed in blocks of 32 x 32 x 32 cells. For a divided block, the cells and those
+//! around it are read once, faces are found in rows of bits, and normals come from sums over the
+//! ball around each face. Large faces between uniform blocks are found by traversing neighbours in
+//! parallel, as in the dual traversals of Ju, Losasso, Schaefer and Warren (Dual contouring of
+//! hermite data, SIGGRAPH 2002). Memory is proportional to depth, time to the surface.
 
 use glam::{DMat3, DVec3};
 
@@ -16,16 +16,17 @@ use spinney_base::parallel::{self, Pool};
 use spinney_base::{Progress, Result};
 use spinney_crs::Frame;
 
-/// The surface of a solid at one level of its octree: that of the cells that are at least half full, or, in trees of other
-/// rules than [`Rule::Occupancy`](spinney_base::value::Rule::Occupancy), of those that are not VOID.
+/// Surface of a solid at one level of its octree: of the cells that are at least half full, or, in
+/// trees of other rules than [`Rule::Occupancy`](spinney_base::value::Rule::Occupancy), of the
+/// cells that are not VOID.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SolidSurface {
     /// The level.
     pub level: u8,
-    /// Faces between cells in the solid and cells outside, across x, y and z: the surface of the cells as
-    /// blocks.
+    /// Number of faces between cells inside and outside of the solid, across x, y and z: the
+    /// surface of the cells as blocks.
     pub faces: [u64; 3],
-    /// Blocks of cells that were read, each with the cells around it.
+    /// Number of blocks that were read, each with the cells around it.
     pub blocks: u64,
     /// See [`SolidSurface::smooth_area`].
     area: f64,
@@ -34,36 +35,37 @@ pub struct SolidSurface {
 }
 
 impl SolidSurface {
-    /// Area of all faces, as they are, in the square of the world's units: up to half as much again as the
-    /// area of the surface they stand for.
+    /// Returns the area of all faces in square world units. It exceeds the area of the smooth
+    /// surface by up to one half.
     pub fn block_area(&self) -> f64 {
         let areas = self.frame.face_areas().map(DVec3::length);
         areas.iter().zip(self.faces).map(|(area, faces)| area * faces as f64).sum()
     }
 
-    /// Area of the smooth surface that the faces stand for, in the square of the world's units: each face
-    /// counts by its projection along the surface's normal there, which is estimated from the occupancy
-    /// within 4 cells.
+    /// Returns the area of the smooth surface in square world units. Each face counts by its
+    /// projection along the surface normal there, which is estimated from the occupancy within 4
+    /// cells.
     ///
-    /// A digital surface integration (Lenoir, Malgouyres, Revenu: Fast computation of the normal vector field
-    /// of the surface of a 3-D discrete object, DGCI 1996). Flat faces along the axes are exact but for 4
-    /// cells around edges, where normals turn; balls of more than 20 cells are one or two percent too large.
+    /// This is a digital surface integration (Lenoir, Malgouyres, Revenu: Fast computation of the
+    /// normal vector field of the surface of a 3-D discrete object, DGCI 1996). Flat faces along
+    /// the axes are exact except within 4 cells of edges, where normals turn. The area of balls of
+    /// more than 20 cells is one or two percent too large.
     pub fn smooth_area(&self) -> f64 {
         self.area
     }
 }
 
-/// Levels above those nodes that threads take one by one.
+/// Levels above the nodes that threads process one by one.
 const SHARED: u8 = 3;
 
-/// Children of an octree's node.
+/// Children of an octree node.
 const STEPS: std::ops::Range<usize> = 0..8;
 
-/// Measures the surface of an octree at a level; `frame` is that of the deepest level. Progress counts the cells of
-/// the space.
+/// Measures the surface of an octree at a level. `frame` is that of the deepest level. Progress
+/// counts the cells of the space.
 ///
 /// # Errors
-/// If the source fails, is a quadtree, or has no such level, or on interruption.
+/// If the source fails, is a quadtree or has no such level, or on cancellation.
 pub(crate) fn measure_surface<S: Source>(
     source: &S,
     level: u8,
@@ -100,7 +102,7 @@ pub(crate) fn measure_surface<S: Source>(
             },
         )
     });
-    // In the order of the tree, so that sums of rounded numbers do not depend on threads.
+    // Added in tree order, so that rounded sums do not depend on the threads.
     let sums =
         parts.into_iter().try_fold(Sums::default(), |sums, part: Result<Sums>| Ok(sums.add(&part?)))?;
     Ok(SolidSurface { level, faces: sums.faces, blocks: sums.blocks, area: sums.area, frame })
@@ -110,7 +112,7 @@ pub(crate) fn measure_surface<S: Source>(
 #[derive(Clone, Copy)]
 struct At<T> {
     min: [i64; 3],
-    /// Cells along each axis are `2^height`.
+    /// Base-2 logarithm of the cells along each axis.
     height: u8,
     node: T,
 }
@@ -122,8 +124,8 @@ impl<N> At<Child<N>> {
 }
 
 impl<'a, N> At<&'a Child<N>> {
-    /// A child of an INNER node with these children, or the part of a uniform block (`None`) where it would
-    /// be.
+    /// Returns a child of an INNER node with these children, or of a uniform block (`None`) the
+    /// corresponding octant.
     #[inline]
     fn child(self, children: Option<&'a Children<N>>, step: usize) -> At<&'a Child<N>> {
         let half = 1i64 << (self.height - 1);
@@ -131,7 +133,7 @@ impl<'a, N> At<&'a Child<N>> {
         At { min, height: self.height - 1, node: children.map_or(self.node, |children| &children[step]) }
     }
 
-    /// The children of a node, written to a buffer; `None` of a uniform block.
+    /// Reads the children of a node to a buffer, or returns `None` for a uniform block.
     #[inline]
     fn children<'r, S: Source<Node = N>>(
         self,
@@ -150,13 +152,13 @@ impl<N: Clone> At<&Child<N>> {
     }
 }
 
-/// Numbers of a node's children on its low side along an axis; one bit more is the neighbour on the high
-/// side.
+/// Numbers of a node's children on its low side along an axis. With the axis bit set, it is the
+/// neighbour on the high side.
 fn low_steps(axis: usize) -> impl Iterator<Item = usize> {
     STEPS.filter(move |step| step >> axis & 1 == 0)
 }
 
-/// Work that threads share.
+/// A task of a thread.
 enum Task<N> {
     Node(At<Child<N>>),
     Face(At<Child<N>>, At<Child<N>>, usize),
@@ -180,11 +182,11 @@ impl Sums {
     }
 }
 
-/// Finds the work that threads share.
+/// Collects the tasks.
 struct Walk<'a, S: Source> {
     source: &'a S,
     level: u8,
-    /// Levels of the nodes that threads take.
+    /// Height of the nodes that threads process.
     lowest: u8,
     tasks: Vec<Task<S::Node>>,
 }
@@ -194,7 +196,7 @@ impl<S: Source> Walk<'_, S> {
         let side = 1i64 << self.level;
         let root = At { min: [0; 3], height: self.level, node: root };
         self.node(root)?;
-        // The space is surrounded by VOID: a VOID node on each side makes the faces of cells at the border
+        // VOID surrounds the space: a VOID node on each side makes the faces of cells at the border
         // count.
         for axis in 0..3 {
             for (is_before, shift) in [(true, -side), (false, side)] {
@@ -242,20 +244,21 @@ impl<S: Source> Walk<'_, S> {
     }
 }
 
-/// Does one thread's share. The faces of a block that is divided are counted with it, but those that it shares with
-/// another such block on its upper sides; those between blocks that are alike in themselves for themselves.
+/// State of a task. The faces of a divided block are counted with the block, except for those on
+/// its upper sides that it shares with another divided block. Faces between uniform blocks are
+/// counted separately.
 struct Gather<'a, 'r, S: Source> {
     source: &'a S,
     root: &'a Child<S::Node>,
     level: u8,
-    /// Levels of a block.
+    /// Height of a block.
     block: u8,
     filling: Filling,
     /// Area vectors of a cell's faces: see [`Frame::face_areas`].
     areas: [DVec3; 3],
     balls: &'a [Ball; 3],
     room: &'r mut Neighbourhood,
-    /// Asked at each node, since one task may be nearly all of a tree.
+    /// Checked at each node, since one task may be nearly all of a tree.
     progress: &'a dyn Progress,
     sums: Sums,
 }
@@ -301,7 +304,7 @@ impl<S: Source> Gather<'_, '_, S> {
         Ok(())
     }
 
-    /// The faces of a divided block.
+    /// Adds the faces of a divided block.
     fn divided(&mut self, min: [i64; 3]) -> Result<()> {
         self.read(min)?;
         let side = 1usize << self.block;
@@ -314,7 +317,7 @@ impl<S: Source> Gather<'_, '_, S> {
         Ok(())
     }
 
-    /// The faces at the low side of a uniform node, beside a uniform one that is different.
+    /// Adds the faces at the low side of a uniform node, next to a different uniform node.
     fn between(&mut self, min: [i64; 3], height: u8, axis: usize) -> Result<()> {
         let blocks = 1i64 << (height - self.block);
         let side = 1i64 << self.block;
@@ -325,7 +328,8 @@ impl<S: Source> Gather<'_, '_, S> {
             let mut u = 0;
             while u < blocks {
                 if is_inner(u) && is_inner(v) {
-                    // The balls that normals come from meet only this plane: faces count as they are.
+                    // The balls for the normals only meet this plane, so faces count with their
+                    // full area.
                     let faces = (blocks - 1 - u) * side * side;
                     self.sums.faces[axis] += faces as u64;
                     self.sums.area += whole * faces as f64;
@@ -343,13 +347,14 @@ impl<S: Source> Gather<'_, '_, S> {
         Ok(())
     }
 
-    /// Counts and weighs the faces across an axis in some of the planes of the block that was read; plane 0 is its
-    /// low side.
+    /// Counts and weighs the faces across an axis in some planes of the block that was read. Plane
+    /// 0 is its low side.
     fn planes(&mut self, axis: usize, planes: std::ops::Range<usize>) -> Result<()> {
         self.progress.check()?;
         let (room, sums) = (&*self.room, &mut self.sums);
         let [a, b, c] = self.areas;
-        // Normals of surfaces go by the inverse transpose, which the area vectors are but for a factor.
+        // Normals transform by the inverse transpose. The area vectors are its columns up to a
+        // factor.
         let turn = DMat3::from_cols(a, b, c);
         let area = self.areas[axis];
         let whole = area.length();
@@ -362,7 +367,7 @@ impl<S: Source> Gather<'_, '_, S> {
         Ok(())
     }
 
-    /// Whether the block that begins at a cell is divided.
+    /// Returns whether the block that starts at a cell is divided.
     fn is_divided(&self, min: [i64; 3]) -> Result<bool> {
         let space = 1i64 << self.level;
         if min.iter().any(|min| !(0..space).contains(min)) {
@@ -379,7 +384,7 @@ impl<S: Source> Gather<'_, '_, S> {
         Ok(node.is_inner())
     }
 
-    /// Reads the block that begins at a cell, and the cells around it.
+    /// Reads the block that starts at a cell, and the cells around it.
     fn read(&mut self, min: [i64; 3]) -> Result<()> {
         self.sums.blocks += 1;
         self.room.clear(min);
@@ -387,7 +392,7 @@ impl<S: Source> Gather<'_, '_, S> {
         self.paint(self.root, [0; 3], self.level, is_finest)
     }
 
-    /// Paints the part of a node that lies in the neighbourhood.
+    /// Paints the cells of a node that are in the neighbourhood.
     fn paint(&mut self, node: &Child<S::Node>, min: [i64; 3], height: u8, is_finest: bool) -> Result<()> {
         if matches!(node, Child::Void) || !self.room.meets(min, height) {
             return Ok(());
@@ -405,7 +410,7 @@ impl<S: Source> Gather<'_, '_, S> {
         let mut children = no_children();
         self.source.children(inner, &mut children)?;
         if height == 0 {
-            // Values do not say how full the node is; its children give an idea.
+            // Values do not store how full the node is; its children give an estimate.
             let parts = children.iter().filter(|child| !matches!(child, Child::Void)).count();
             self.room.paint(min, 0, fill >= HALF, (parts * 32).min(255) as u8);
             return Ok(());

@@ -1,5 +1,5 @@
-//! Walks the part of a tree that lies in a box, or in anything else that selects cells, asking at every zone whether its
-//! statistics will do.
+//! Traverses the cells of a tree that a box or another selection covers, and offers each zone's
+//! statistics to a visitor before descending into it.
 
 use crate::store::goblin::{Goblin, Segment};
 use crate::store::records::dense::{DenseBlock, DenseRows, DenseStates};
@@ -13,15 +13,15 @@ use spinney_base::value::{Value, ZoneStats};
 use spinney_base::{Error, Result};
 use spinney_container::{CUT, INNER, LEAF, Shape, VOID};
 
-/// Statistics of all the cells below a node, read when somebody asks.
+/// Statistics of all cells below a node, read on demand.
 pub(super) trait Zone {
-    /// Everything but the class counts.
+    /// Returns everything except for the class counts.
     fn tally(&self) -> Result<ZoneStats>;
-    /// Cells of each value.
+    /// Returns the number of cells of each value.
     fn classes(&self) -> Result<Vec<(Value, u64)>>;
 }
 
-/// A segment's zone.
+/// The zone of a segment.
 struct SegmentZone<'a> {
     tree: &'a Goblin,
     index: usize,
@@ -37,7 +37,7 @@ impl Zone for SegmentZone<'_> {
     }
 }
 
-/// A tally that a source knows.
+/// A tally that a source provides.
 struct KnownTally(ZoneStats);
 
 impl Zone for KnownTally {
@@ -50,11 +50,11 @@ impl Zone for KnownTally {
     }
 }
 
-/// Reason why a walk has not come to its end.
+/// Reason why a traversal ended early.
 pub(super) enum Halt {
     /// The visitor needs no more.
     Stopped,
-    /// The tree cannot be read, or the visitor has failed.
+    /// The tree cannot be read, or the visitor failed.
     Failed(Error),
 }
 
@@ -64,10 +64,10 @@ impl From<Error> for Halt {
     }
 }
 
-/// Result of a walk, and of what a visitor does on it.
+/// Result of a traversal and of a visitor's methods.
 pub(super) type Walked<T = ()> = std::result::Result<T, Halt>;
 
-/// The result of a whole walk: stopping early is no failure.
+/// Returns the result of a whole traversal. Stopping early is not a failure.
 pub(super) fn ended(walked: Walked) -> Result<()> {
     match walked {
         Ok(()) | Err(Halt::Stopped) => Ok(()),
@@ -75,11 +75,11 @@ pub(super) fn ended(walked: Walked) -> Result<()> {
     }
 }
 
-/// A selection of cells of the deepest level: what a question is about.
+/// A selection of cells of the deepest level.
 pub(super) trait Selection {
-    /// How it has the cells of a node.
+    /// Returns how the selection covers the cells of a node.
     fn cover(&self, space: &Bounds) -> Cover;
-    /// The cells of a node, of which it has a part, that it may have.
+    /// Returns a box that encloses the selected cells of a partially covered node.
     fn part(&self, space: &Bounds) -> Bounds;
 }
 
@@ -101,45 +101,51 @@ impl Selection for Bounds {
     }
 }
 
-/// A question about a selection of cells.
+/// Visitor of a selection of cells.
 pub(super) trait Visitor {
-    /// Whether the statistics of a zone that is selected as a whole will do; otherwise the walk goes into it.
+    /// Receives the zone of a node that is entirely selected. Returns whether its statistics
+    /// suffice; otherwise the traversal descends into it.
     fn zone(&mut self, code: Code, zone: &dyn Zone) -> Walked<bool>;
-    /// A uniform block (`None` is VOID) of which so many cells may be selected; if not all are, `part` has
-    /// these.
+    /// Receives a uniform block (`None` is VOID), of which `cells` cells may be selected. `part`
+    /// encloses them if the block is not entirely selected.
     fn block(&mut self, code: Code, value: Option<Value>, cells: u64, part: Option<&Bounds>) -> Walked;
-    /// The records of the subtree of a node that is selected as a whole, none of it in another segment, and its levels:
-    /// whether the visitor has taken all of it at once. Otherwise the walk goes through them.
+    /// Receives the records and the levels of an entirely selected subtree that is in one segment.
+    /// Returns a result if the visitor has processed all of it; otherwise the traversal visits the
+    /// records.
     fn subtree(&mut self, _: Code, _: &[u8], _: u8) -> Option<Result<(), BadSkip>> {
         None
     }
-    /// The part of a dense block of cells, the node with a code, that may be selected, by its first place and places along each axis: whether the
-    /// visitor has taken all of it at once. Otherwise the walk goes through it.
+    /// Receives the part of a dense block that may be selected: its first cell in the block, and
+    /// its size along each axis. Returns whether the visitor has processed all of it; otherwise the
+    /// traversal visits the cells.
     fn dense(&mut self, _: Code, _: &DenseBlock<'_>, _: ([usize; 3], [usize; 3])) -> bool {
         false
     }
-    /// The walk has gone through all children of a node.
+    /// Called after all children of a node were visited.
     fn leave(&mut self, _: Code) -> Walked {
         Ok(())
     }
-    /// A block of which nothing is selected.
+    /// Called for a block of which nothing is selected.
     fn outside(&mut self) -> Walked {
         Ok(())
     }
-    /// The walk goes into a segment's records.
+    /// Called before the records of a segment are visited.
     fn enter_segment(&mut self) {}
-    /// Whether zones that are selected as a whole are read in their segments, as counts of classes are.
+    /// Returns whether zones of entirely selected nodes are read from their segments, as class
+    /// counts are.
     fn reads_zones(&self) -> bool {
         false
     }
-    /// The walk goes on behind a part whose bytes have not been fetched: what it has found is not all, and it fails in the end.
+    /// Called when the traversal continues after a subtree whose bytes have not been fetched. The
+    /// results are incomplete, and the traversal fails in the end.
     fn miss_part(&mut self) {}
 }
 
-/// Lets a walk go on where a part lacks bytes.
+/// Records a subtree that lacks bytes, so that the traversal can continue.
 ///
-/// Invariant: a node below which a part was missed fails in the end (`finish_deferred`) and is not left, so that no visitor takes what it has seen of
-/// it for the whole, and the walk as such fails, too.
+/// Invariant: a node with a missed subtree fails in the end (`finish_deferred`), without a call of
+/// `leave`. So no visitor takes what it has seen of the node for the whole, and the traversal fails
+/// as well.
 #[inline]
 fn defer_missing(walked: Walked, visitor: &mut impl Visitor, is_unread: &mut bool) -> Walked {
     match walked {
@@ -152,17 +158,17 @@ fn defer_missing(walked: Walked, visitor: &mut impl Visitor, is_unread: &mut boo
     }
 }
 
-/// The cells of a node that are selected.
+/// Selected cells of a node.
 #[derive(Clone, Copy)]
 enum Selected {
     Whole,
     Nothing,
-    /// A part of these cells.
+    /// Some of these cells.
     Part(Bounds),
 }
 
 impl Selected {
-    /// The selected ones of a node's cells; `None` if all are.
+    /// Returns which of a node's cells are selected. `space` is `None` if all are.
     #[inline]
     fn of(space: Option<Bounds>, selection: &impl Selection) -> Selected {
         let Some(space) = space else { return Selected::Whole };
@@ -173,7 +179,7 @@ impl Selected {
         }
     }
 
-    /// The node's cells, unless all of them are selected.
+    /// Returns the node's cells, unless all of them are selected.
     #[inline]
     fn space(self) -> Option<Bounds> {
         match self {
@@ -183,11 +189,11 @@ impl Selected {
     }
 }
 
-/// Walks all that is selected, in FD order.
+/// Visits all selected cells in FD order.
 pub(super) fn walk(tree: &Goblin, selection: &impl Selection, visitor: &mut impl Visitor) -> Walked {
     let (shape, root) = (tree.header().shape, Code::root(tree.header().form.dimension));
     let whole = root.bounds(shape.depth);
-    // Below a node that is selected as a whole nothing is tested.
+    // Below an entirely selected node nothing is tested.
     let selected = Selected::of(Some(whole), selection);
     let walk = Walk { tree, shape, selection };
     match tree.root_child() {
@@ -197,7 +203,7 @@ pub(super) fn walk(tree: &Goblin, selection: &impl Selection, visitor: &mut impl
     }
 }
 
-/// Hands a uniform block to the visitor.
+/// Passes a uniform block to the visitor.
 #[inline]
 fn uniform_block(
     code: Code,
@@ -219,7 +225,7 @@ fn uniform_block(
     }
 }
 
-/// Walks all that is selected of any source, in FD order. Zones are where the source knows tallies.
+/// Visits all selected cells of any source in FD order. Nodes with a tally are zones.
 pub(super) fn walk_source<S: Source>(
     source: &S,
     selection: &impl Selection,
@@ -231,7 +237,7 @@ pub(super) fn walk_source<S: Source>(
     source_node(source, root, &source.root()?, (selected, selection), visitor)
 }
 
-/// Walks a node of a source.
+/// Visits a node of a source.
 fn source_node<S: Source>(
     source: &S,
     code: Code,
@@ -257,7 +263,7 @@ fn source_node<S: Source>(
     }
     let dimension = code.dimension();
     let levels = source.depth() - code.level();
-    // (Of a block of which little is selected most would be for nothing.)
+    // (If little of a block is selected, reading all of it is not worth it.)
     let is_most = space.is_none_or(|space| selection.part(&space).volume() >= space.volume() / 4);
     if is_most
         && levels * source.form().axes() as u8 <= BLOCK_BITS
@@ -278,10 +284,11 @@ fn source_node<S: Source>(
     visitor.leave(code)
 }
 
-/// Cells of the largest blocks that are taken at once, as a power of two: 256 x 256, or 32 x 32 x 32.
+/// Base-2 logarithm of the cells of the largest blocks that are read at once: 256 x 256, or 32 x 32
+/// x 32.
 const BLOCK_BITS: u8 = 16;
 
-/// The cells below a node that has so many levels.
+/// The cells below a node with `levels` levels.
 struct Cells<'a> {
     block: &'a CellBlock,
     form: TreeType,
@@ -289,12 +296,12 @@ struct Cells<'a> {
 }
 
 impl Cells<'_> {
-    /// The place of a cell.
+    /// Returns the index of a cell.
     fn index(&self, [x, y, z]: [usize; 3]) -> usize {
         ((z << self.levels | y) << self.levels) | x
     }
 
-    /// Whether all cells of a node are alike.
+    /// Returns whether all cells of a node are equal.
     fn is_uniform(&self, [x, y, z]: [usize; 3], side: usize) -> bool {
         let width = self.form.width();
         let at = |index: usize| {
@@ -302,7 +309,7 @@ impl Cells<'_> {
         };
         let (present, value) = at(self.index([x, y, z]));
         let deep = if self.form.axes() > 2 { side } else { 1 };
-        // (Most that are not alike differ in the first few.)
+        // (Most nodes that are not uniform differ in the first few cells.)
         (0..deep).all(|layer| {
             (0..side).all(|row| {
                 let first = self.index([x, y + row, z + layer]);
@@ -314,7 +321,7 @@ impl Cells<'_> {
         })
     }
 
-    /// Walks a node of the block, given by its first cell and the levels below it.
+    /// Visits a node of the block, given its first cell and the number of levels below it.
     fn walk(
         &self,
         code: Code,
@@ -352,17 +359,17 @@ struct Walk<'a, S> {
 
 /// A node with a record.
 struct Node {
-    /// Its place in the segment.
+    /// Its location in the segment.
     at: RunNode,
     code: Code,
     /// Its cells, unless all of them are selected.
     space: Option<Bounds>,
-    /// Whether all that is below it is in the segment.
+    /// Whether all its descendants are in the segment.
     inline: bool,
 }
 
 impl<S: Selection> Walk<'_, S> {
-    /// A node that owns a segment.
+    /// Visits a node that owns a segment.
     fn segment(
         &self,
         code: Code,
@@ -380,13 +387,14 @@ impl<S: Selection> Walk<'_, S> {
             self.miss_below(code, space, visitor);
         }
         let segment = segment?;
-        // Below the level of the blocks no node owns a segment.
+        // Below the level of the blocks, no node owns a segment.
         let inline = code.level() >= self.shape.block_level();
         self.node(&segment, segment.records(), Node { at: RunNode::default(), code, space, inline }, visitor)
     }
 
-    /// Asks for the segments below a node whose own one has not been fetched, as far as the directory tells that the walk needs them: what is cut by the
-    /// selection and owns a segment is gone into. So all of them are fetched at the same time, and not level by level.
+    /// Requests the segments below a node whose own segment has not been fetched. It requests those
+    /// that the traversal will need according to the segment index: segments of nodes that the
+    /// selection cuts. All of them are then fetched together instead of level by level.
     #[cold]
     fn miss_below(&self, code: Code, space: &Bounds, visitor: &impl Visitor) {
         let dimension = code.dimension();
@@ -402,10 +410,10 @@ impl<S: Selection> Walk<'_, S> {
                 let own =
                     own.filter(|own| matches!(self.tree.segment_code(*own), Ok(Some(code)) if code == child));
                 let Some(own) = own else { continue };
-                // (What it lacks is noted; nothing else of it is needed now.)
+                // (The request is recorded; its result is not needed now.)
                 let _ = self.tree.segment(own);
             }
-            // (Of what is selected as a whole the uppermost zone is enough.)
+            // (For an entirely selected node, the uppermost zone suffices.)
             if cover == Cover::Part || !self.shape.is_candidate(child.level()) {
                 self.miss_below(child, &space, visitor);
             }
@@ -475,7 +483,7 @@ impl<S: Selection> Walk<'_, S> {
         visitor.leave(code)
     }
 
-    /// A node of a state below one of a segment, which owns a segment perhaps.
+    /// Visits a child that has a state and may own a segment.
     fn child(
         &self,
         segment: &Segment<'_>,
@@ -483,15 +491,16 @@ impl<S: Selection> Walk<'_, S> {
         (node, state, is_candidate): (Node, u8, bool),
         visitor: &mut impl Visitor,
     ) -> Walked {
-        // One that owns a segment has a zone there, and records that reach deeper than those here.
+        // A node that owns a segment has a zone there, and records that reach deeper than those
+        // here.
         let deepest = if is_candidate { self.tree.find_segment(node.code)? } else { None };
         match deepest {
             Some(own) if own != segment.index() && self.tree.segment_code(own)? == Some(node.code) => {
                 self.segment(node.code, Some(own), node.space, visitor)
             }
             deepest if state == INNER => {
-                // A node that might own a segment and does not is too small to be cut: all below
-                // it has its records here.
+                // A candidate that does not own a segment is too small to be cut, so all its
+                // descendants have their records here.
                 let inline = node.inline || deepest == Some(segment.index());
                 self.node(segment, records, Node { inline, ..node }, visitor)
             }
@@ -499,7 +508,7 @@ impl<S: Selection> Walk<'_, S> {
         }
     }
 
-    /// Walks a node of a dense block of cells: its code, and its index in its level.
+    /// Visits a node of a dense block, given its code and its index in its level.
     fn dense(
         &self,
         dense: &(DenseBlock<'_>, DenseStates),

@@ -1,4 +1,4 @@
-//! Vertices and triangles in memory.
+//! In-memory sink: vertices and triangles as arrays.
 
 use std::cell::RefCell;
 use std::mem;
@@ -7,20 +7,20 @@ use std::rc::Rc;
 use super::sink::{Sink, Vertex};
 use spinney_base::{Error, Result};
 
-/// A surface of triangles, counterclockwise seen from outside, or from above.
+/// Triangle surface, counterclockwise seen from outside or from above.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SurfaceMesh {
     /// World coordinates of the vertices.
     pub vertices: Vec<[f64; 3]>,
-    /// Vertices of the triangles, counted from 0.
+    /// Vertex indices of the triangles, from 0.
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// A surface that is being made.
+/// Sink that collects the surface in memory.
 pub(super) struct Arrays(Rc<RefCell<SurfaceMesh>>);
 
 impl Arrays {
-    /// An empty surface, and where it is to be found when it is done.
+    /// Returns an empty sink and a handle to the surface that it collects.
     pub(super) fn new() -> (Arrays, Rc<RefCell<SurfaceMesh>>) {
         let made = Rc::default();
         (Arrays(Rc::clone(&made)), made)
@@ -44,7 +44,7 @@ impl Sink for Arrays {
             u32::try_from(corner.index).map_err(too_many)
         };
         let numbers = corners.iter().map(number).collect::<Result<Vec<u32>>>()?;
-        // (Sinks that ask for triangles get nothing else.)
+        // (Sinks that request triangles receive only triangles.)
         let triangles = numbers.chunks_exact(3).map(|triangle| [triangle[0], triangle[1], triangle[2]]);
         self.0.borrow_mut().triangles.extend(triangles);
         Ok(())

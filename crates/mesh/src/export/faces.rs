@@ -1,4 +1,4 @@
-//! The outer faces of cells, merged to rectangles within blocks.
+//! Outer faces of cells, merged to rectangles within blocks.
 
 use std::collections::HashMap;
 use std::rc::Rc;
@@ -11,7 +11,7 @@ use super::visit::{FACES, Reach, visit};
 use spinney_base::{Progress, Result};
 use spinney_engine::query::cell_blocks::{Block, BlockAttributeValues, BlockState, CellBlocks, SIDE};
 
-/// The outer faces of a block's solid cells, merged.
+/// Merged outer faces of a block's solid cells.
 struct Merged {
     rectangles: Vec<Rectangle>,
     corners: Points,
@@ -32,7 +32,7 @@ pub(super) fn write(blocks: &mut dyn CellBlocks, mesh: &mut Mesh<'_>, progress: 
     visit(blocks, Reach::Faces, progress, |blocks, block| faces.write_block(blocks, block))
 }
 
-/// Merged blocks in each of the two generations of the cache.
+/// Number of merged blocks in each of the two generations of the cache.
 const MERGED: usize = 1024;
 
 /// Merged faces by block; `None` if a block has no faces.
@@ -40,9 +40,9 @@ type MergedBlocks = HashMap<[i64; 3], Option<Rc<Merged>>>;
 
 struct Faces<'a, 'b> {
     mesh: &'a mut Mesh<'b>,
-    /// The last block along each axis.
+    /// Last block along each axis.
     last: u32,
-    /// Cache of merged blocks in two generations: the younger, and the one before it.
+    /// Cache of merged blocks in two generations: the current and the previous one.
     merged: [MergedBlocks; 2],
     shared: Shared,
     /// Vertices by grid point of the block: 0 for no vertex, else its index in `found` plus 1.
@@ -56,9 +56,9 @@ impl Faces<'_, '_> {
     fn write_block(&mut self, blocks: &mut dyn CellBlocks, block: [u32; 3]) -> Result<()> {
         let here = block.map(i64::from);
         if let Some(own) = self.merged(blocks, here)? {
-            // Corners of rectangles in any block around may lie on the sides of this block's rectangles: each
-            // becomes a point of their rings, so that no T-junctions are left. 13 of 0 to 26 is the block
-            // itself.
+            // Corners of rectangles in adjacent blocks may lie on the sides of this block's
+            // rectangles. Each becomes a point of their rings, which avoids T-junctions. 13 of 0 to
+            // 26 is the block itself.
             let mut points = own.corners.clone();
             for step in (0..27).filter(|step| *step != 13) {
                 let by = [step % 3 - 1, step / 3 % 3 - 1, step / 9 - 1];
@@ -94,7 +94,7 @@ impl Faces<'_, '_> {
         Ok(())
     }
 
-    /// The vertex at a grid point of a block.
+    /// Vertex at a grid point of a block.
     fn vertex(&mut self, block: [u32; 3], at: [u8; 3]) -> Result<Vertex> {
         let [x, y, z] = at.map(usize::from);
         let index = (z * POINTS + y) * POINTS + x;
@@ -109,7 +109,7 @@ impl Faces<'_, '_> {
             None => {
                 let vertex = self.mesh.vertex(point.map(f64::from))?;
                 if is_shared {
-                    // The last in Z order of the up to eight blocks that meet there.
+                    // Last in Z order of the up to eight blocks that share the point.
                     let last = point.map(|cell| (cell / SIDE).min(self.last));
                     self.shared.put(point, vertex, z_order(last));
                 }
@@ -178,7 +178,7 @@ fn merge(blocks: &mut dyn CellBlocks, at: [i64; 3]) -> Result<Option<Merged>> {
     Ok((!merged.rectangles.is_empty()).then_some(merged))
 }
 
-/// The axes of a slice across `normal`: along its rows' bits, and from row to row.
+/// Axes of a slice perpendicular to `normal`: along a row's bits, and from row to row.
 fn axes(normal: usize) -> (usize, usize) {
     match normal {
         0 => (1, 2),
@@ -187,7 +187,7 @@ fn axes(normal: usize) -> (usize, usize) {
     }
 }
 
-/// Bits of the cells that have an open face towards a neighbour, slice by slice across `normal`.
+/// Bit rows of the cells with an exposed face in one direction, slice by slice along `normal`.
 fn exposed(block: &Block, beside: &Block, normal: usize, up: bool) -> Vec<u32> {
     let mut exposed = vec![0; CELLS * CELLS];
     let row = |block: &Block, y: usize, z: usize| block.solid[z * CELLS + y];
@@ -227,8 +227,8 @@ fn exposed(block: &Block, beside: &Block, normal: usize, up: bool) -> Vec<u32> {
     exposed
 }
 
-/// Merges the open faces of a slice: runs of cells in a row, as long as they go, then over as many rows as
-/// have the same cells. Only cells with the same attribute are merged.
+/// Merges the exposed faces of a slice: maximal runs of cells in a row, extended over as many rows
+/// as have the same cells. Only cells with equal attributes are merged.
 fn merge_slice(
     block: &Block,
     normal: usize,

@@ -1,4 +1,4 @@
-//! What a mesh loses of what it was made of, since its format has no room for it: told in one warning.
+//! Data of the source that a mesh format cannot store, reported in one warning.
 
 use std::path::{Path, PathBuf};
 
@@ -8,7 +8,7 @@ use spinney_container::{Metadata, Tag};
 use spinney_crs::Crs;
 use spinney_engine::dataset::Dataset;
 
-/// A list of what is lost in a file.
+/// List of lost data of a file.
 pub(super) struct Losses {
     path: PathBuf,
     lost: Vec<String>,
@@ -23,7 +23,7 @@ impl Losses {
         Losses { path: path.to_path_buf(), lost: Vec::new() }
     }
 
-    /// Adds something, if it is lost.
+    /// Adds `what` if it is lost.
     pub(super) fn add(&mut self, is_lost: bool, what: impl Into<String>) {
         if is_lost {
             self.lost.push(what.into());
@@ -34,29 +34,29 @@ impl Losses {
         self.lost.extend(crs.map(|crs| format!("the coordinate system {crs}")));
     }
 
-    /// Adds the unit of length, unless it is the one that the format's numbers are taken for.
+    /// Adds the unit of length, unless it is the one that the format implies.
     pub(super) fn add_unit(&mut self, unit: Option<&str>, taken: Option<&str>) {
         let lost = unit.filter(|unit| Some(*unit) != taken);
         self.lost.extend(lost.map(|unit| format!("the unit of length {unit}")));
     }
 
-    /// Adds the values of a tree's cells, unless there is but one.
+    /// Adds the values of a tree's cells, unless all are equal.
     ///
     /// # Errors
-    /// If the tree is damaged.
+    /// If the tree is corrupt.
     pub(super) fn add_values(&mut self, tree: &Dataset, what: &str) -> Result<()> {
         let has_several = tree.value_bounds()?.iter().any(|(least, most)| least < most);
         self.add(has_several, what);
         Ok(())
     }
 
-    /// Adds the coordinate system and the unit of a tree, which formats do not keep.
+    /// Adds the coordinate system and the unit of a tree, which most formats do not store.
     pub(super) fn add_place(&mut self, metadata: &Metadata) {
         self.add_crs(metadata.frame.crs.as_ref());
         self.add_unit(metadata.tag(Tag::Unit), None);
     }
 
-    /// Tells them, if there are any: the file is written.
+    /// Reports the losses, if any. To be called after the file is written.
     pub(super) fn tell(self, progress: &dyn Progress) {
         if let Some((last, others)) = self.lost.split_last() {
             let others =

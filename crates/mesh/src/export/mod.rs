@@ -1,24 +1,27 @@
-//! The surface of an octree as a mesh: PLY, OBJ, STL or OFF; exact models, as CityJSON too (`exact/`);
-//! and octrees for viewers, as glTF and 3D Tiles (`gltf/`).
+//! Surfaces of octrees as meshes: PLY, OBJ, STL or OFF. Exact models are also exported as CityJSON
+//! (`exact/`), and octrees for viewers as glTF and 3D Tiles (`gltf/`). Isosurfaces of values other
+//! than coverage have their own module (`isosurfaces/`).
 //!
-//! Isosurfaces of other values than coverage are a room of their own (`isosurfaces/`).
+//! There are two kinds of surfaces. The *faces* of the cells, merged to rectangles, enclose exactly
+//! the solid cells. The *smooth* surface (Gibson's surface nets) runs between the cell centres,
+//! where the tree's coverage crosses one half.
 //!
-//! Two surfaces can be had. The *faces* of the cells, merged to rectangles, enclose exactly the solid cells.
-//! The *smooth* surface (Gibson's surface nets) runs between them, where the tree's coverage passes one half.
+//! Both surfaces are closed: every edge occurs equally often in both directions. Faces are
+//! counterclockwise seen from outside. The smooth surface is a manifold: its edges have two faces
+//! each (`sheets.rs`). In the surface of faces, an edge at which two cells touch has four faces.
 //!
-//! Both are closed: every edge is passed as often in one direction as in the other, and faces are
-//! counterclockwise when viewed from outside. The smooth surface is a manifold, whose edges have two faces each (`sheets.rs`); that
-//! of cells which touch along an edge has four there, as these cells do. For rectangles this takes some care, since where two meet one,
-//! the one's edge has a point that it would not have by itself (a T-junction). Faces are merged within blocks
-//! of 32 x 32 x 32 cells only, so that a block's rectangles follow from the block and the cells that touch
-//! it; then each rectangle gets the corners of all rectangles around it as points of its own ring, those of
-//! the 26 blocks around its block included. That is exact wherever blocks meet, merges whatever is flat, and
-//! needs a few blocks at a time; the price is that some rectangles have more than four points (all but STL
-//! can hold these; for STL, or if asked for, they are cut into triangles).
+//! Merged rectangles need care to avoid T-junctions: where two rectangles meet one, the one's side
+//! contains a corner of the others. Faces are merged only within blocks of 32 x 32 x 32 cells, so
+//! that a block's rectangles depend only on the block and the cells adjacent to it. Then the ring
+//! of each rectangle gets the corners of all rectangles around it as points, including those of the
+//! 26 adjacent blocks. This is exact at block boundaries, merges all flat regions within a block,
+//! and holds only a few blocks in memory. The price is that some rectangles have more than four
+//! points. All formats but STL can store these; for STL, or on request, they are triangulated.
 //!
-//! Blocks are visited in Z order, and whatever is uniformly solid or empty with its surroundings is passed
-//! over, so that time goes with the surface. Vertices that blocks share are remembered until the last of
-//! these blocks is done: memory goes with the edge of what is done, never with the mesh.
+//! Blocks are visited in Z order. Regions that are uniformly solid or empty including their
+//! surroundings are skipped, so time is proportional to the surface. Vertices shared by several
+//! blocks are kept until the last of these blocks is done. Memory grows with the boundary of the
+//! finished region, not with the mesh.
 
 mod arrays;
 mod exact;
@@ -63,26 +66,27 @@ pub use triangles::export_triangles;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct MeshRequest {
-    /// Level whose cells are meant; the tree's depth if not given. INNER nodes of the level count by their
-    /// representatives: solid if at least half full in trees of [`Rule::Occupancy`], always in others.
+    /// Level whose cells are exported; by default the tree's depth. INNER nodes at the level count
+    /// by their representatives: in trees of [`Rule::Occupancy`] they are solid if at least half
+    /// full, in other trees always.
     pub level: Option<u8>,
-    /// The smooth surface instead of the cells' faces.
+    /// Whether to export the smooth surface instead of the cells' faces.
     pub smooth: bool,
-    /// Triangles only, also where the format knows polygons.
+    /// Whether to write only triangles, even if the format supports polygons.
     pub triangles: bool,
 }
 
 impl MeshRequest {
-    /// The faces of the finest cells.
+    /// Faces of the finest cells.
     pub fn new() -> MeshRequest {
         MeshRequest::default()
     }
 }
 
-/// A mesh format.
+/// Mesh format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MeshFormat {
-    /// PLY, binary little-endian, with the cells' values or colours as properties of faces.
+    /// PLY, binary little-endian, with the cells' values or colours as face properties.
     Ply,
     /// Wavefront OBJ, text.
     Obj,
@@ -90,7 +94,7 @@ pub enum MeshFormat {
     Stl,
     /// OFF, text.
     Off,
-    /// CityJSON 2.0: for exact models only, which have polygons with holes, and parts.
+    /// CityJSON 2.0, only for exact models, which have parts and polygons with holes.
     CityJson,
 }
 
@@ -110,7 +114,7 @@ impl FromStr for MeshFormat {
 }
 
 impl MeshFormat {
-    /// The format by a file name's extension.
+    /// Format of a file name's extension.
     pub fn of(path: &Path) -> Option<MeshFormat> {
         path.extension()?.to_str()?.parse().ok()
     }
@@ -125,12 +129,13 @@ pub struct MeshSummary {
     pub faces: u64,
 }
 
-/// Writes the surface of an octree, or of a view of one, in the coordinates of its world. A tree without
-/// solid cells gives a mesh without faces.
+/// Writes the surface of an octree, or of a view of one, in world coordinates. A tree without solid
+/// cells results in a mesh without faces.
 ///
-/// PLY files have the cells' values: three or four channels of u8 as colours of faces, as OFF files too, classes of
-/// u8 or u16 as a property `value`. Faces of different values are not merged then. What the format has no room for (colours, values and their
-/// names, coordinate system, unit of length) is told as a [warning](Progress::warn).
+/// PLY files store the cells' values: three or four u8 channels as face colours (OFF does so, too),
+/// u8 or u16 classes as a property `value`. Faces of different values are then not merged. Data
+/// that the format cannot store (colours, values and their names, coordinate system, unit of
+/// length) is reported as a [warning](Progress::warn).
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -145,8 +150,9 @@ pub struct MeshSummary {
 /// ```
 ///
 /// # Errors
-/// If the tree is a quadtree, has no such level, or is damaged; if its frame is flat; if the format cannot
-/// hold so many faces or such coordinates; if the output cannot be written; or on interruption.
+/// If the tree is a quadtree, has no such level, or is corrupt; if its frame is flat; if the format
+/// cannot hold so many faces or such coordinates; if the output cannot be written; or on
+/// cancellation.
 pub fn export_mesh(
     tree: &Dataset,
     request: &MeshRequest,
@@ -195,8 +201,8 @@ pub fn export_mesh(
     Ok(summary)
 }
 
-/// The surface of an octree as triangles in memory, otherwise as [`export_mesh`] writes it without values;
-/// [`MeshRequest::triangles`] does not matter.
+/// Returns the surface of an octree as triangles in memory, otherwise as [`export_mesh`] without
+/// values. [`MeshRequest::triangles`] is ignored.
 ///
 /// # Errors
 /// Those of [`export_mesh`]; also if there are more than 2^32 vertices.
@@ -215,7 +221,8 @@ pub fn surface_mesh(tree: &Dataset, request: &MeshRequest, progress: &dyn Progre
     Ok(arrays::Arrays::take(made))
 }
 
-/// Warns of a tree that may be a volume whose 0 means nothing, as in masks of 0 and 255: its surface is that of its box.
+/// Warns if the tree may be a volume whose 0 means no data, such as a mask of 0 and 255. Its
+/// surface would be that of its bounding box.
 fn warn_full(tree: &Dataset, progress: &dyn Progress) -> Result<()> {
     if tree.header().rule != Rule::Occupancy
         && let Some(text) = tree.void_advice()?
@@ -225,8 +232,9 @@ fn warn_full(tree: &Dataset, progress: &dyn Progress) -> Result<()> {
     Ok(())
 }
 
-/// Writes the surface of the cells that any source has in blocks; `frame` is that of these cells, and
-/// [`MeshRequest::level`] does not matter. An attribute needs blocks that carry [`BlockAttribute::Value`].
+/// Writes the surface of the cells of any block source. `frame` is the frame of these cells, and
+/// [`MeshRequest::level`] is ignored. An attribute requires blocks that carry
+/// [`BlockAttribute::Value`].
 ///
 /// # Errors
 /// As [`export_mesh`].
@@ -249,7 +257,7 @@ pub fn export_blocks(
     write_surface(blocks, Mesh::new(sink, frame, triangles), surface, progress)
 }
 
-/// Starts a file of a format. Vertices that are not `on_grid` lie anywhere in cells.
+/// Starts a file of a format. `on_grid` means that all vertices are corners of cells.
 fn sink_of(
     output: Output,
     format: MeshFormat,
@@ -275,11 +283,12 @@ fn sink_of(
     })
 }
 
-/// A surface of cells.
+/// Kind of surface.
 #[derive(Clone, Copy, Debug)]
 enum Surface {
     Faces,
-    /// Vertices stay so far, in cells, from the walls of the cubes between cells' centres that coordinates keep them apart.
+    /// Vertices keep a distance of at least `margin` cells from the walls of the cubes between cell
+    /// centres, so that they remain distinct after rounding.
     Smooth {
         margin: f64,
     },
@@ -300,12 +309,12 @@ fn write_surface(
     mesh.finish()
 }
 
-/// Precision of coordinates: how many numbers there are across a cell where they are fewest.
+/// Precision of coordinates: representable numbers per cell width, at the coarsest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Precision {
-    /// Of single precision; none where coordinates are beyond it.
+    /// In single precision; 0 if coordinates are out of range.
     single: f64,
-    /// Of double precision.
+    /// In double precision.
     double: f64,
 }
 
@@ -316,7 +325,8 @@ impl Precision {
         let side = (1u64 << level) as f64;
         let row_most = |row: &[f64; 4]| row[3].abs() + side * row[..3].iter().map(|x| x.abs()).sum::<f64>();
         let most = m.iter().map(row_most).fold(0.0, f64::max);
-        // Distances between opposite walls of a cell. (Of columns of length 1, since products of others may be beyond all numbers.)
+        // Distances between opposite walls of a cell. Unit columns are used, since products of
+        // other columns may overflow.
         let lengths = [0, 1, 2].map(|axis| linear.col(axis).length());
         let unit = [0, 1, 2].map(|axis| linear.col(axis) / lengths[axis]);
         let volume = unit[0].cross(unit[1]).dot(unit[2]).abs();
@@ -337,17 +347,17 @@ impl Precision {
         Ok(Precision { single, double })
     }
 
-    /// Whether single precision holds coordinates to a small part of a cell.
+    /// Whether single precision resolves small fractions of a cell.
     fn is_single(self) -> bool {
         self.single >= 64.0
     }
 
-    /// Whether single precision holds whole cells.
+    /// Whether single precision resolves whole cells.
     fn has_grid(self) -> bool {
         self.single >= 2.0
     }
 
-    /// Distance, in cells, by which points on different sides of a plane must lie off it to differ in a format.
+    /// Distance in cells from a plane that keeps points on its two sides distinct in a format.
     fn margin(self, format: MeshFormat) -> f64 {
         let is_single = format == MeshFormat::Stl || format == MeshFormat::Ply && self.is_single();
         1.0 / if is_single { self.single } else { self.double }

@@ -1,5 +1,6 @@
-//! Normals of surface nets: against the gradient of coverage in the 4 x 4 x 4 cells around a vertex. (The eight around it alone
-//! give a surface of full and empty cells but a few directions.)
+//! Normals of surface nets: the negative gradient of coverage in the 4 x 4 x 4 cells around a
+//! vertex. (The eight cells around the vertex would give surfaces of full and empty cells only a
+//! few distinct normals.)
 
 use std::sync::Arc;
 
@@ -9,28 +10,28 @@ use spinney_base::Result;
 use spinney_engine::query::cell_blocks::{Block, BlockAttributeValues, CellBlocks, SIDE};
 
 const CELLS: i64 = SIDE as i64;
-/// Cells along an edge of a block, the two before them, and the one behind.
+/// Cells along a side of a block, plus two cells before it and one after it.
 const WIDE: usize = SIDE as usize + 3;
 
-/// Weights of the four cells along an axis: those of a binomial, and of its derivative.
+/// Weights of the four cells along an axis: binomial smoothing, and its derivative.
 const SMOOTH: [i32; 4] = [1, 3, 3, 1];
 const SLOPE: [i32; 4] = [1, 1, -1, -1];
 
 /// Coverage in a block and around it.
 pub(super) struct NetNormals {
-    /// 0 to 255: x runs fastest, then y, then z; from two cells before the block.
+    /// Coverage, 0 to 255: x runs fastest, then y, then z; starts two cells before the block.
     coverage: Vec<u8>,
 }
 
 impl NetNormals {
-    /// Reads the block at a place of those of its level, and its neighbours. Cells are full or empty unless their coverage is
-    /// carried.
+    /// Reads the block at a position of the block level, and its neighbours. Without
+    /// `has_coverage`, cells are full or empty.
     pub(super) fn read(blocks: &mut dyn CellBlocks, at: [i64; 3], has_coverage: bool) -> Result<NetNormals> {
         let around: Result<Vec<Arc<Block>>> = (0..27i64)
             .map(|i| blocks.block([at[0] + i % 3 - 1, at[1] + i / 3 % 3 - 1, at[2] + i / 9 - 1]))
             .collect();
         let around = around?;
-        // Number of the neighbour along an axis, and the cell there.
+        // Index of the neighbour along an axis, and the cell in it.
         let place = |cell: usize| {
             let cell = cell as i64 - 2;
             ((cell.div_euclid(CELLS) + 1) as usize, cell.rem_euclid(CELLS) as usize)
@@ -61,8 +62,8 @@ impl NetNormals {
         Ok(NetNormals { coverage })
     }
 
-    /// The normal at a cube of cells, by the first of them from the layer before the block; zero where coverage is the same all
-    /// around.
+    /// Normal at a cube of cells, where `first` is the cube's first cell counted from the layer
+    /// before the block. Zero where the coverage is constant.
     pub(super) fn at(&self, first: [usize; 3]) -> [f64; 3] {
         let mut sum = [0; 3];
         for z in 0..4 {

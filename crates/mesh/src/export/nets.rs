@@ -1,8 +1,9 @@
-//! Surface nets: a vertex in each cube of eight neighbouring cells' centres for each [sheet](Sheets) of the surface that passes through it,
-//! and a quadrangle across each edge between two centres that the surface crosses.
+//! Surface nets. Each cube between eight neighbouring cell centres has a vertex per [sheet](Sheets)
+//! of the surface that crosses it. Each edge between two centres that the surface crosses has a
+//! quadrangle.
 //!
-//! A cube is named by its last corner, so that nearly all it needs lies in its block and in the layer of cells
-//! before that, and the quadrangles that a cube closes join cubes that were there before it.
+//! A cube is named by its last corner. Nearly all data that it needs is then in its block and in
+//! the layer of cells before it, and its quadrangles join cubes that precede it.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -18,17 +19,18 @@ use super::visit::{Reach, visit};
 use spinney_base::{Error, Progress, Result};
 use spinney_engine::query::cell_blocks::{Block, BlockAttribute, CellBlocks, SIDE};
 
-/// Cells along an edge of a block, as an index.
+/// Cells along a side of a block, as an index.
 const CELLS: usize = SIDE as usize;
-/// Cells along an edge of a block and the layer before them.
+/// Cells along a side of a block and the layer before it.
 const WIDE: usize = CELLS + 1;
-/// Coverage, from 0 to 255, at the surface: no cell's own.
+/// Coverage at the surface, 0 to 255. No cell has this coverage.
 const HALF: f64 = 127.5;
 
-/// Stands in [`Nets::vertices`] for a vertex of each edge of the cube.
+/// Flag in [`Nets::vertices`]: the cube has a vertex per edge.
 const SPLIT: u32 = 1 << 31;
 
-/// Writes the smooth surface, with vertices so far from the cubes' walls. Cells are full or empty unless their coverage is carried.
+/// Writes the smooth surface. Vertices keep `margin` cells from the cubes' walls. Cells are full or
+/// empty unless `blocks` carries their coverage.
 pub(super) fn write(
     blocks: &mut dyn CellBlocks,
     margin: f64,
@@ -53,40 +55,44 @@ pub(super) fn write(
 struct Nets<'a, 'b> {
     mesh: &'a mut Mesh<'b>,
     has_coverage: bool,
-    /// Least distance of a vertex from its cube's walls, in cells.
+    /// Minimum distance of a vertex from its cube's walls, in cells.
     margin: f64,
-    /// The sheets of cubes by their solid corners.
+    /// Sheets of cubes, by their solid corners.
     sheets: Box<[Sheets]>,
-    /// Vertices of cubes in the last layers of blocks, and those of cubes that have several sheets, by edge.
+    /// Vertices of cubes in the last layers of blocks; `split` holds those of cubes with several
+    /// sheets, by edge.
     shared: Shared,
     split: [Shared; EDGES],
-    /// Vertices by cube of the block: 0 for no vertex, else its index in `found` plus 1; if [`SPLIT`] is added, that of the first edge's,
-    /// which those of all others follow.
+    /// Vertices by cube of the block: 0 for no vertex, else the index in `found` plus 1. With
+    /// [`SPLIT`] added, it is the index of the first edge's vertex, and those of all other edges
+    /// follow.
     vertices: Vec<u32>,
     found: Vec<Vertex>,
     /// Indices of the cubes that have a vertex.
     used: Vec<usize>,
-    /// Blocks before those of a part, whose vertices belong to its surface as well.
+    /// Blocks before the first blocks of a partial export, whose vertices also belong to its
+    /// surface.
     before: HashMap<[i64; 3], CellLayer>,
 }
 
-/// The vertices of a cube.
+/// Vertices of a cube.
 enum CubeVertices {
     One(Vertex),
-    /// That of each edge.
+    /// Vertex of each edge.
     ByEdge(Box<[Vertex; EDGES]>),
 }
 
-/// A block and the layer of cells before it.
+/// Block and the layer of cells before it.
 struct CellLayer {
-    /// The place of the block among those of its level.
+    /// Position of the block at the block level.
     at: [i64; 3],
-    /// A block and its neighbours, by step: those before it along the axes whose bit is set.
+    /// Block and its neighbours. Index bits are the axes along which the neighbour precedes the
+    /// block.
     blocks: Vec<Arc<Block>>,
     /// Solid cells: bit x of row `z * WIDE + y`.
     solid: Vec<u64>,
     has_coverage: bool,
-    /// Normals of vertices, if they are wanted.
+    /// Normals of vertices, if requested.
     normals: Option<NetNormals>,
 }
 
@@ -117,13 +123,13 @@ impl CellLayer {
         self.solid[z * WIDE + y] >> x & 1 > 0
     }
 
-    /// The block that a cell lies in, and its coordinates there.
+    /// Block that contains a cell, and the cell's coordinates in it.
     fn locate(&self, cell: [usize; 3]) -> (&Block, [u32; 3]) {
         let step = (0..3).fold(0, |step, axis| step | usize::from(cell[axis] == 0) << axis);
         (&self.blocks[step], cell.map(|cell| ((cell + CELLS - 1) % CELLS) as u32))
     }
 
-    /// The attribute of a cell.
+    /// Attribute of a cell.
     fn attribute(&self, cell: [usize; 3]) -> u32 {
         let (block, cell) = self.locate(cell);
         block.attribute(cell)
@@ -142,13 +148,14 @@ impl CellLayer {
     fn mixed(&self, y: usize, z: usize) -> u32 {
         let rows = [z * WIDE + y, z * WIDE + y + 1, (z + 1) * WIDE + y, (z + 1) * WIDE + y + 1];
         let [a, b, c, d] = rows.map(|row| self.solid[row]);
-        // Each bit stands for a cell, shifted ones for the next along x: a cube is mixed if any of its eight
-        // corners is solid and not all are.
+        // Each bit is a cell; shifting aligns the next cell along x. A cube is mixed if any of its
+        // eight corners is solid and not all are.
         let (any, all) = (a | b | c | d, a & b & c & d);
         ((any | any >> 1) & !(all & all >> 1)) as u32
     }
 
-    /// A bit for each solid corner of a cube, which may reach beyond the block and the layer before it.
+    /// Bit per solid corner of a cube. The cube may extend beyond the block and the layer before
+    /// it.
     fn corners(&self, blocks: &mut dyn CellBlocks, first: [i64; 3]) -> Result<u8> {
         let mut solid = 0;
         for corner in 0..8 {
@@ -156,7 +163,7 @@ impl CellLayer {
             let is_solid = if cell.iter().all(|cell| (0..WIDE as i64).contains(cell)) {
                 self.is_solid(cell.map(|cell| cell as usize))
             } else {
-                // (The first cell here is the last one of the block before.)
+                // (The first cell of this layer is the last one of the preceding block.)
                 let side = i64::from(SIDE);
                 let block = blocks
                     .block(std::array::from_fn(|axis| self.at[axis] + (cell[axis] - 1).div_euclid(side)))?;
@@ -168,8 +175,8 @@ impl CellLayer {
         Ok(solid)
     }
 
-    /// The mean of the points where the edges that a sheet crosses pass half coverage, interpolated linearly; from the cube's first
-    /// corner, in cells.
+    /// Mean of the points where the edges of a sheet cross half coverage, by linear interpolation;
+    /// in cells from the cube's first corner.
     fn middle(&self, first: [usize; 3], sheets: &Sheets, sheet: u8) -> [f64; 3] {
         let corner = |i: usize| [0, 1, 2].map(|axis| first[axis] + (i >> axis & 1));
         let coverage: [f64; 8] = std::array::from_fn(|i| self.coverage(corner(i)));
@@ -235,15 +242,15 @@ impl Nets<'_, '_> {
             }
         }
         self.used.push(index);
-        // Only cubes in the last layers have neighbours in later blocks; the last of these is the one after
-        // them along all axes in which they are last.
+        // Only cubes in the last layers have neighbours in later blocks. The last of these is the
+        // next block along all axes in which the cube is in the last layer.
         if cube.contains(&(CELLS - 1)) {
             self.share(name, &vertices, z_order(name.map(|cell| (cell + 1) / SIDE)));
         }
         Ok(())
     }
 
-    /// Keeps the vertices of a cube until the block at this position in Z order is done.
+    /// Keeps the vertices of a cube until the block at position `last` in Z order is done.
     fn share(&mut self, name: [u32; 3], vertices: &CubeVertices, last: u64) {
         match vertices {
             CubeVertices::One(vertex) => self.shared.put(name, *vertex, last),
@@ -255,7 +262,7 @@ impl Nets<'_, '_> {
         }
     }
 
-    /// The sheets of a cube of the field.
+    /// Sheets of a cube of the field.
     fn sheets_of(&self, blocks: &mut dyn CellBlocks, field: &CellLayer, cube: [usize; 3]) -> Result<Sheets> {
         let first = cube.map(|cube| cube as i64);
         let solid = field.corners(blocks, first)?;
@@ -271,7 +278,7 @@ impl Nets<'_, '_> {
         Ok(sheets)
     }
 
-    /// Writes the vertices of a cube with a name, which is one of the field's.
+    /// Writes the vertices of a cube of the field.
     fn vertices_at(
         &mut self,
         blocks: &mut dyn CellBlocks,
@@ -282,12 +289,13 @@ impl Nets<'_, '_> {
         let sheets = self.sheets_of(blocks, field, cube)?;
         let mut write = |sheet: u8| {
             let middle = field.middle(cube, &sheets, sheet);
-            // The first corner is the centre of the cell before the one that gives the name. (-1 is 2^32 - 1.)
+            // The first corner is the centre of the cell before the naming cell. (-1 is 2^32 - 1.)
             let at = std::array::from_fn(|axis| {
                 f64::from(name[axis] as i32) - 0.5 + middle[axis].clamp(self.margin, 1.0 - self.margin)
             });
             if let Some(normals) = &field.normals {
-                // (What coverage says of several sheets is true of none of them: they have the normals of their faces.)
+                // (The coverage gradient fits none of several sheets, so they get the normals of
+                // their faces.)
                 self.mesh.normal(if sheets.count > 1 { [0.0; 3] } else { normals.at(cube) })?;
             }
             self.mesh.vertex(at)
@@ -303,7 +311,8 @@ impl Nets<'_, '_> {
         Ok(CubeVertices::ByEdge(Box::new(sheets.of_edge.map(|sheet| all[usize::from(sheet)]))))
     }
 
-    /// The quadrangles around the edges that meet in a cube's first corner: all cubes around them are there.
+    /// Writes the quadrangles around the edges that meet in a cube's first corner. All cubes around
+    /// these edges already have vertices.
     fn write_faces(
         &mut self,
         blocks: &mut dyn CellBlocks,
@@ -333,7 +342,7 @@ impl Nets<'_, '_> {
         Ok(())
     }
 
-    /// A quadrangle, to be turned round unless the solid lies before it along its axis.
+    /// Writes a quadrangle, reversed unless the solid is before it along its axis.
     fn write_face(&mut self, mut ring: [Vertex; 4], up: bool, attribute: u32) -> Result<()> {
         if !up {
             ring.reverse();
@@ -341,7 +350,7 @@ impl Nets<'_, '_> {
         if !self.mesh.triangles {
             return self.mesh.face(ring.into_iter(), attribute);
         }
-        // Along the shorter diagonal.
+        // Split along the shorter diagonal.
         let distance = |a: Vertex, b: Vertex| DVec3::from(a.at).distance_squared(DVec3::from(b.at));
         let [a, b, c, d] = ring;
         let triangles =
@@ -349,7 +358,8 @@ impl Nets<'_, '_> {
         triangles.into_iter().try_for_each(|triangle| self.mesh.face(triangle.into_iter(), attribute))
     }
 
-    /// The vertex, on one of its edges, of a cube that was there before, or lies before the blocks of a part.
+    /// Vertex on an edge of a cube that was visited before, or that precedes the blocks of a
+    /// partial export.
     fn vertex(
         &mut self,
         blocks: &mut dyn CellBlocks,
@@ -371,16 +381,17 @@ impl Nets<'_, '_> {
             let step = if known & SPLIT > 0 { edge } else { 0 };
             (known & !SPLIT).checked_sub(1).map(|known| self.found[known as usize + step])
         };
-        // Only a source that gives other cells when asked again can get here.
+        // Only a source whose cells change between reads gets here.
         known.ok_or_else(|| Error::invalid("tree", "cells that change while they are read", "others"))
     }
 
-    /// The vertex of a cube that other blocks have, too.
+    /// Vertex of a cube that several blocks share.
     fn shared(&self, name: [u32; 3], edge: usize) -> Option<Vertex> {
         self.shared.get(name).or_else(|| self.split[edge].get(name))
     }
 
-    /// Writes the vertices of a cube in a block before those of a part. (Cubes beside the first block of the space are empty.)
+    /// Writes the vertices of a cube in a block before those of a partial export. (Cubes next to
+    /// the first block of the space are empty.)
     fn write_before(
         &mut self,
         blocks: &mut dyn CellBlocks,
@@ -401,7 +412,7 @@ impl Nets<'_, '_> {
     }
 }
 
-/// The cell that gives a cube its name: its last corner; -1 is 2^32 - 1.
+/// Cell that names a cube: its last corner; -1 is 2^32 - 1.
 fn name(block: [u32; 3], cube: [i64; 3]) -> [u32; 3] {
     std::array::from_fn(|axis| (i64::from(block[axis] * SIDE) + cube[axis]) as u32)
 }

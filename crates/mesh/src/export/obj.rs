@@ -6,7 +6,7 @@ use super::sink::{Sink, Vertex, failed};
 use spinney_base::Result;
 use spinney_base::io::Output;
 
-/// A face may stand as soon as its vertices do, so everything is written as it comes.
+/// OBJ output. Faces may follow their vertices immediately, so everything is written in call order.
 pub(super) struct Obj {
     output: Output,
 }
@@ -35,7 +35,7 @@ impl Sink for Obj {
     }
 
     fn part(&mut self, name: &str) -> Result<()> {
-        // A line ends with the line, and goes on behind a backslash.
+        // A line break would end the name, and a trailing backslash would continue the line.
         let mut name = name.replace(|letter: char| letter.is_control(), "_");
         if name.ends_with('\\') {
             name.pop();
@@ -48,7 +48,7 @@ impl Sink for Obj {
         let mut line = String::from("f");
         for corner in corners {
             line.push(' ');
-            // Counted from 1.
+            // Indices start at 1.
             line.push_str(&(corner.index + 1).to_string());
         }
         self.line(line)

@@ -1,4 +1,4 @@
-//! OFF, text.
+//! OFF, text format.
 
 use std::io::Write;
 
@@ -7,7 +7,8 @@ use super::sink::{Sink, Spill, Vertex, failed};
 use spinney_base::Result;
 use spinney_base::io::Output;
 
-/// The numbers of vertices and faces stand before them: both wait in temporary files.
+/// OFF output. The header has the numbers of vertices and faces, so both are buffered in temporary
+/// files.
 pub(super) struct Off {
     output: Output,
     has_face_colours: bool,
@@ -19,7 +20,7 @@ pub(super) struct Off {
 }
 
 impl Off {
-    /// Starts a file. Of attributes, colours have room in it, either of faces or of vertices.
+    /// Starts a file. Of attributes, OFF stores only colours, of either faces or vertices.
     pub(super) fn new(output: Output, attribute: FaceAttribute, has_vertex_colours: bool) -> Result<Off> {
         let (vertex_spill, face_spill) = (Spill::new(&output)?, Spill::new(&output)?);
         let has_face_colours = attribute == FaceAttribute::Colour;
@@ -57,7 +58,7 @@ impl Sink for Off {
     fn finish(self: Box<Self>) -> Result<()> {
         let Off { mut output, has_vertex_colours, vertices, faces, vertex_spill, face_spill, .. } = *self;
         let keyword = if has_vertex_colours { "COFF" } else { "OFF" };
-        // The third number, of edges, is one that nobody needs.
+        // The third number is the edge count, which readers ignore.
         let header = format!("{keyword}\n# made by spinney\n{vertices} {faces} 0\n");
         let path = output.path().to_path_buf();
         output.write_all(header.as_bytes()).map_err(failed(&path))?;

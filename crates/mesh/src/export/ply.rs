@@ -6,22 +6,23 @@ use super::sink::{Sink, Spill, Vertex, failed};
 use spinney_base::io::Output;
 use spinney_base::{Error, Result};
 
-/// Property of each face: an attribute of the cell behind it.
+/// Face property: an attribute of the cell that the face belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FaceAttribute {
-    /// Nothing.
+    /// No property.
     None,
-    /// Its colour: properties `red`, `green`, `blue`.
+    /// Colour: properties `red`, `green`, `blue`.
     Colour,
-    /// Its value, a byte: property `value`.
+    /// Value of one byte: property `value`.
     Byte,
-    /// Its value, of two bytes: property `value`.
+    /// Value of two bytes: property `value`.
     Short,
-    /// The value of the surface that it belongs to, as the bits of an f32: property `level`.
+    /// Value of the face's isosurface, as the bits of an f32: property `level`.
     Level,
 }
 
-/// The numbers of vertices and faces stand before them: both wait in temporary files.
+/// PLY output. The header has the numbers of vertices and faces, so both are buffered in temporary
+/// files.
 pub(super) struct Ply {
     output: Output,
     attribute: FaceAttribute,
@@ -37,7 +38,7 @@ pub(super) struct Ply {
 }
 
 impl Ply {
-    /// Starts a file, with coordinates of double precision, or of single.
+    /// Starts a file with coordinates in double or in single precision.
     pub(super) fn new(output: Output, attribute: FaceAttribute, double: bool) -> Result<Ply> {
         let (vertex_spill, face_spill) = (Spill::new(&output)?, Spill::new(&output)?);
         Ok(Ply {
@@ -54,7 +55,8 @@ impl Ply {
         })
     }
 
-    /// Starts a file with coordinates of double precision, for faces of at most so many corners.
+    /// Starts a file with coordinates in double precision, for faces of at most `most_corners`
+    /// corners.
     pub(super) fn of_polygons(
         output: Output,
         attribute: FaceAttribute,
@@ -67,7 +69,7 @@ impl Ply {
 
     fn header(&self) -> String {
         let number = if self.double { "double" } else { "float" };
-        // Some readers know signed indices only: indices are declared as such as long as they fit.
+        // Some readers support only signed indices, so they are declared as such while they fit.
         let index = if self.vertices > i32::MAX as u64 { "uint" } else { "int" };
         let length = if self.is_wide { "uint" } else { "uchar" };
         let colour = "property uchar red\nproperty uchar green\nproperty uchar blue\n";
@@ -121,7 +123,7 @@ impl Sink for Ply {
         if self.is_wide {
             self.bytes.extend((corners.len() as u32).to_le_bytes());
         } else {
-            self.bytes.push(corners.len() as u8); // a ring around 32 x 32 cells has 128 points at most
+            self.bytes.push(corners.len() as u8); // a ring around 32 x 32 cells has at most 128 points
         }
         for corner in corners {
             self.bytes.extend((corner.index as u32).to_le_bytes());

@@ -2,12 +2,12 @@
 
 use spinney_engine::query::cell_blocks::SIDE;
 
-/// Grid points along an edge of a block.
+/// Grid points along a side of a block.
 pub(super) const POINTS: usize = SIDE as usize + 1;
-/// Cells along an edge, as an index.
+/// Cells along a side, as an index.
 pub(super) const CELLS: usize = SIDE as usize;
 
-/// A set of grid points of a block: bit x of row `z * POINTS + y`.
+/// Set of grid points of a block: bit x of row `z * POINTS + y`.
 #[derive(Clone)]
 pub(super) struct Points(Box<[u64]>);
 
@@ -24,9 +24,9 @@ impl Points {
         self.0[z as usize * POINTS + y as usize] >> x & 1 > 0
     }
 
-    /// Adds those that a block shares with the block that lies so many blocks away.
+    /// Adds the points that the block shares with a neighbour at offset `by`, in blocks.
     pub(super) fn add_shared(&mut self, other: &Points, by: [i64; 3]) {
-        // From and to: all rows, or the two that are the same.
+        // Source range and first target row: all rows, or the single shared row.
         let rows = |by: i64| match by {
             -1 => (CELLS..=CELLS, 0),
             0 => (0..=CELLS, 0),

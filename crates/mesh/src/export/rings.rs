@@ -1,24 +1,24 @@
-//! Rectangles as rings of points, and such rings as triangles.
+//! Rectangles as rings of points, and triangulation of such rings.
 
 use super::points::Points;
 
-/// A rectangle of faces, in grid points of its block.
+/// Rectangle of faces, in grid points of its block.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Rectangle {
-    /// The axis across it.
+    /// Axis of the normal.
     pub(super) normal: usize,
-    /// Whether the solid lies below it along that axis.
+    /// Whether the solid is below the rectangle along that axis.
     pub(super) up: bool,
-    /// Its corner nearest to the first point; the same as the other along the normal.
+    /// Minimum corner; equal to `max` along the normal.
     pub(super) min: [u8; 3],
-    /// The opposite corner.
+    /// Maximum corner.
     pub(super) max: [u8; 3],
-    /// The cells' attribute.
+    /// Attribute of the cells.
     pub(super) attribute: u32,
 }
 
 impl Rectangle {
-    /// Its corners, counterclockwise when viewed from outside.
+    /// Corners, counterclockwise seen from outside.
     pub(super) fn corners(&self) -> [[u8; 3]; 4] {
         let (u, v) = ((self.normal + 1) % 3, (self.normal + 2) % 3);
         let (mut after_u, mut after_v) = (self.min, self.min);
@@ -27,7 +27,7 @@ impl Rectangle {
         if self.up { [self.min, after_u, self.max, after_v] } else { [self.min, after_v, self.max, after_u] }
     }
 
-    /// A point's coordinates in the plane, such that the ring is counterclockwise there.
+    /// Coordinates of a point in the plane, such that the ring is counterclockwise.
     pub(super) fn flat(&self, point: [u8; 3]) -> [i32; 2] {
         let (u, v) = ((self.normal + 1) % 3, (self.normal + 2) % 3);
         let (u, v) = (i32::from(point[u]), i32::from(point[v]));
@@ -35,7 +35,7 @@ impl Rectangle {
     }
 }
 
-/// The ring around a rectangle, with all the given points on its sides.
+/// Ring around a rectangle, with all given points on its sides.
 pub(super) fn ring(rectangle: &Rectangle, points: &Points, ring: &mut Vec<[u8; 3]>) {
     let corners = rectangle.corners();
     for (i, from) in corners.into_iter().enumerate() {
@@ -55,10 +55,11 @@ pub(super) fn ring(rectangle: &Rectangle, points: &Points, ring: &mut Vec<[u8; 3
     }
 }
 
-/// Cuts a convex ring, counterclockwise and maybe with points on its sides, into triangles none of which is
-/// flat.
+/// Triangulates a convex counterclockwise ring that may have points on its sides. No triangle is
+/// degenerate.
 ///
-/// Ears are cut off at corners, going round; a corner whose ear would leave nothing but a line has to wait.
+/// Cuts ears off at corners, going around the ring. An ear is postponed if it would leave only
+/// collinear points.
 pub(super) fn triangulate(points: &[[i32; 2]]) -> Vec<[usize; 3]> {
     let double_area = |[a, b, c]: [usize; 3]| {
         let to = |i: usize| [points[i][0] - points[a][0], points[i][1] - points[a][1]];
@@ -74,14 +75,14 @@ pub(super) fn triangulate(points: &[[i32; 2]]) -> Vec<[usize; 3]> {
         let count = ring.len();
         let ear = [ring[(at + count - 1) % count], ring[at % count], ring[(at + 1) % count]];
         let area = double_area(ear);
-        // Points on a side make flat ears, of area 0. An ear as large as all that is left would leave a ring
-        // of points on one line, which no triangle can fill.
+        // Points on a side make flat ears, of area 0. An ear as large as the remaining area would
+        // leave a ring of collinear points, which no triangle can fill.
         if area > 0 && area < left {
             triangles.push(ear);
             ring.remove(at % count);
             left -= area;
             misses = 0;
-            // The next corner but one: ears side by side make slivers.
+            // Skip a corner: adjacent ears make slivers.
             at = (at + 1) % (count - 1);
         } else {
             misses += 1;

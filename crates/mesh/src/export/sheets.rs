@@ -1,24 +1,28 @@
-//! Sheets: the pieces of a smooth surface in the cube between the centres of eight neighbouring cells. Each has a vertex of its own, so that the
-//! surface passes no edge and no vertex more than once (Schaefer, Ju and Warren, "Manifold dual contouring", 2007).
+//! Sheets: components of a smooth surface in the cube between eight neighbouring cell centres. Each
+//! sheet has its own vertex, so that the surface has no edge or vertex where it touches itself
+//! (Schaefer, Ju and Warren, "Manifold dual contouring", 2007).
 //!
-//! On a face with a saddle, the two solid cells hang together. A sheet may so pass a face twice, and if one of the cube behind the face does, too,
-//! the edge between their vertices would have four faces: on such a face the solid cells are apart instead, which makes two sheets of
-//! either. (A cube whose sheet passes a face twice has no saddle but that: neither has another face on which something could change.)
+//! On a face with a saddle, the two solid cells are connected by default. A sheet may then cross a
+//! face twice. If a sheet of the adjacent cube also crosses that face twice, the edge between their
+//! vertices would have four faces. In this case the solid cells on that face are separated, which
+//! makes two sheets of each. (A cube whose sheet crosses a face twice has no other saddle, so no
+//! other face changes.)
 
 use super::isosurfaces::cube::{EDGES, rings_between};
 
-/// The sheets of a cube.
+/// Sheets of a cube.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Sheets {
     pub(super) count: u8,
-    /// The sheet that crosses each edge, by the axis times eight and the edge's first corner.
+    /// Sheet that crosses each edge, indexed by the axis times eight plus the edge's first corner.
     pub(super) of_edge: [u8; EDGES],
-    /// The face that a sheet passes twice.
+    /// Face that a sheet crosses twice.
     pub(super) pinched: Option<usize>,
 }
 
 impl Sheets {
-    /// Those of a cube with a bit for each solid corner; `apart` is a face whose solid cells do not hang together.
+    /// Sheets of a cube, where `solid` has a bit per solid corner. `apart` is a face whose solid
+    /// cells are not connected.
     pub(super) fn of(solid: u8, apart: Option<usize>) -> Sheets {
         let mut sheets = Sheets { count: 0, of_edge: [0; EDGES], pinched: None };
         let is_solid = std::array::from_fn(|corner| solid >> corner & 1 > 0);
@@ -36,7 +40,7 @@ impl Sheets {
         sheets
     }
 
-    /// The sheets of all cubes, by their solid corners.
+    /// Sheets of all cubes, by their solid corners.
     pub(super) fn all() -> Box<[Sheets]> {
         (0..=u8::MAX).map(|solid| Sheets::of(solid, None)).collect()
     }
@@ -49,7 +53,7 @@ mod tests {
     use super::super::isosurfaces::cube::FACES;
     use super::*;
 
-    /// The edges of a face, each with the number that the cube behind the face has for it.
+    /// Edges of a face, each with its index in the cube on the other side of the face.
     fn edges(face: usize) -> Vec<(usize, usize)> {
         let (across, beyond) = (face / 2, 1 << (face / 2));
         let of = |(a, b): (usize, usize)| {
@@ -64,14 +68,14 @@ mod tests {
     #[test]
     fn no_two_sheets_meet_more_than_once_on_a_face() {
         let all = Sheets::all();
-        // All pairs of cubes that have a face in common.
+        // All pairs of cubes that share a face.
         for face in 0..6 {
             for cells in 0..1usize << 12 {
                 let bit = |layer: usize, corner: usize| {
                     let [b, c] = [(face / 2 + 1) % 3, (face / 2 + 2) % 3];
                     cells >> (4 * layer + (corner >> b & 1) + 2 * (corner >> c & 1)) & 1
                 };
-                // Layers 0 to 2 along the axis; the face is between the two cubes, in layer 1.
+                // Layers 0 to 2 along the axis; the face between the two cubes is in layer 1.
                 let cube = |is_behind: usize| {
                     (0..8)
                         .map(|corner| bit(is_behind + (corner >> (face / 2) & 1), corner) << corner)
@@ -86,7 +90,8 @@ mod tests {
                 if is_split {
                     assert!(mine.pinched.is_none() && its.pinched.is_none());
                 }
-                // Every edge of the face that is crossed has a quadrangle, which passes it from sheet to sheet.
+                // Every crossed edge of the face has a quadrangle, which joins two sheets across
+                // the face.
                 let mut passed: HashMap<(u8, u8), usize> = HashMap::new();
                 for (edge, behind) in edges(face) {
                     let (axis, first) = (edge / 8, edge % 8);

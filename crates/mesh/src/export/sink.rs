@@ -6,46 +6,46 @@ use super::MeshSummary;
 use spinney_base::Result;
 use spinney_crs::Frame;
 
-/// A vertex that has been written.
+/// Vertex that has been written.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Vertex {
-    /// Its number, from 0.
+    /// Index, from 0.
     pub(super) index: u64,
     /// World coordinates.
     pub(super) at: [f64; 3],
 }
 
-/// A file being written.
+/// Mesh file being written.
 pub(super) trait Sink {
-    /// The next vertex.
+    /// Writes the next vertex.
     fn vertex(&mut self, at: [f64; 3]) -> Result<()>;
-    /// The next vertex, with a colour for formats that have colours of vertices.
+    /// Writes the next vertex with a colour, if the format supports vertex colours.
     fn coloured_vertex(&mut self, at: [f64; 3], _colour: [u8; 3]) -> Result<()> {
         self.vertex(at)
     }
-    /// Whether vertices of smooth surfaces are to have normals.
+    /// Whether vertices of smooth surfaces should have normals.
     fn wants_normals(&self) -> bool {
         false
     }
-    /// The normal of the next vertex, in cell coordinates.
+    /// Sets the normal of the next vertex, in cell coordinates.
     fn normal(&mut self, _normal: [f64; 3]) -> Result<()> {
         Ok(())
     }
-    /// The name of the part that the following faces belong to, for formats that have parts.
+    /// Starts a named part to which the following faces belong, if the format supports parts.
     fn part(&mut self, _name: &str) -> Result<()> {
         Ok(())
     }
-    /// A face, counterclockwise when viewed from outside, and the attribute of the cell behind it.
+    /// Writes a face, counterclockwise seen from outside, with the attribute of its cell.
     fn face(&mut self, corners: &[Vertex], attribute: u32) -> Result<()>;
     /// Completes the file and publishes it under its name: see [`Output::commit`].
     fn finish(self: Box<Self>) -> Result<()>;
 }
 
-/// A mesh in cell coordinates on its way to a file in world coordinates.
+/// Converts a mesh from cell coordinates to world coordinates and writes it to a sink.
 pub(super) struct Mesh<'a> {
     sink: Box<dyn Sink>,
     frame: &'a Frame,
-    /// The frame turns left into right, and so every face inside out.
+    /// Whether the frame is a reflection, which inverts the orientation of faces.
     mirrored: bool,
     /// Whether faces must be triangles.
     pub(super) triangles: bool,
@@ -59,7 +59,7 @@ impl<'a> Mesh<'a> {
         Mesh { sink, frame, mirrored, triangles, summary: MeshSummary::default(), ring: Vec::new() }
     }
 
-    /// Writes the name of the part that the following faces belong to.
+    /// Starts a named part to which the following faces belong.
     pub(super) fn part(&mut self, name: &str) -> Result<()> {
         self.sink.part(name)
     }
@@ -72,7 +72,7 @@ impl<'a> Mesh<'a> {
         Ok(vertex)
     }
 
-    /// Whether vertices of smooth surfaces are to have normals.
+    /// Whether vertices of smooth surfaces should have normals.
     pub(super) fn wants_normals(&self) -> bool {
         self.sink.wants_normals()
     }
@@ -82,7 +82,7 @@ impl<'a> Mesh<'a> {
         self.sink.normal(normal)
     }
 
-    /// Writes a face, counterclockwise in cell coordinates, as it is.
+    /// Writes a face, counterclockwise in cell coordinates, without triangulating it.
     pub(super) fn face(&mut self, corners: impl Iterator<Item = Vertex>, attribute: u32) -> Result<()> {
         self.ring.clear();
         self.ring.extend(corners);

@@ -8,7 +8,7 @@ use super::sink::{Sink, Spill, Vertex, failed};
 use spinney_base::io::Output;
 use spinney_base::{Error, Result};
 
-/// The number of triangles stands before them: they wait in a temporary file.
+/// STL output. The header has the number of triangles, so these are buffered in a temporary file.
 pub(super) struct Stl {
     output: Output,
     triangles: u64,
@@ -35,7 +35,7 @@ impl Sink for Stl {
             return Err(Error::unsupported(self.output.path(), found, advice));
         }
         self.triangles += 1;
-        // The normal is that of the triangle as it stands there.
+        // Normal of the triangle after rounding to single precision.
         let [a, b, c] = [a, b, c].map(|corner| corner.at.map(|number| number as f32));
         let to = |corner: [f32; 3]| DVec3::from(corner.map(f64::from)) - DVec3::from(a.map(f64::from));
         let normal = to(b).cross(to(c)).normalize_or_zero().to_array().map(|number| number as f32);
@@ -49,7 +49,7 @@ impl Sink for Stl {
 
     fn finish(self: Box<Self>) -> Result<()> {
         let Stl { mut output, triangles, spill } = *self;
-        // It must not begin with `solid`, by which readers know the text format.
+        // The header must not begin with `solid`, which marks the text format.
         let mut header = [b' '; 84];
         header[..15].copy_from_slice(b"made by spinney");
         header[80..].copy_from_slice(&(triangles as u32).to_le_bytes());

@@ -1,4 +1,4 @@
-//! Triangles of others as mesh files.
+//! Export of existing triangle surfaces as mesh files.
 
 use super::losses::Losses;
 use super::sink::{Sink, Vertex};
@@ -7,11 +7,13 @@ use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Metadata;
 
-/// Writes a surface of triangles, open or closed, in double precision: PLY, OBJ or OFF. These have no room for the coordinate system and the unit of what the surface was made
-/// of, of which a [warning](Progress::warn) tells.
+/// Writes a triangle surface, open or closed, in double precision: PLY, OBJ or OFF. These formats
+/// cannot store the source's coordinate system and unit of length, which is reported as a
+/// [warning](Progress::warn).
 ///
 /// # Errors
-/// If the format has another precision or needs bodies, a number of a vertex is none, the output cannot be written, or on interruption.
+/// If the format has another precision or requires bodies; if a vertex index is out of range; if
+/// the output cannot be written; or on cancellation.
 pub fn export_triangles(
     mesh: &SurfaceMesh,
     made_of: &Metadata,

@@ -1,20 +1,20 @@
-//! The blocks that a surface may pass through, in Z order.
+//! Blocks that a surface may cross, in Z order.
 
 use spinney_base::{Progress, Result};
 use spinney_engine::query::cell_blocks::{BlockState, CellBlocks};
 
-/// Criterion for the blocks that belong to a surface.
+/// Criterion for the blocks of a surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Reach {
-    /// Those whose solid cells have faces: mixed ones, and solid ones that not only solid ones touch by their
-    /// faces.
+    /// Blocks whose solid cells have exposed faces: mixed blocks, and solid blocks with a face
+    /// neighbour that is not solid.
     Faces,
-    /// Those that, with a layer of cells before them along each axis, are not uniform. The layer of blocks
-    /// beyond the space belongs to them.
+    /// Blocks that are not uniform together with the layer of cells before them along each axis.
+    /// This includes the layer of blocks beyond the space.
     Nets,
 }
 
-/// Hands out all blocks of a surface.
+/// Passes all blocks of a surface to `each`.
 pub(super) fn visit(
     blocks: &mut dyn CellBlocks,
     reach: Reach,
@@ -23,7 +23,7 @@ pub(super) fn visit(
 ) -> Result<()> {
     let (deepest, cells) = (blocks.block_level(), blocks.level());
     let total = 1u64 << (3 * cells);
-    // The last is on top.
+    // A stack: the last node is the next one.
     let mut pending = match reach {
         Reach::Faces => vec![(0, [0; 3])],
         Reach::Nets => {
@@ -55,7 +55,7 @@ fn child(node: [u32; 3], step: u32) -> [u32; 3] {
 }
 
 impl Reach {
-    /// Whether a surface may pass through a node.
+    /// Whether a surface may cross a node.
     pub(super) fn wants(self, blocks: &mut dyn CellBlocks, level: u8, node: [u32; 3]) -> Result<bool> {
         let node = node.map(i64::from);
         let state = blocks.state(level, node)?;
@@ -81,5 +81,5 @@ impl Reach {
     }
 }
 
-/// Offsets of the blocks that touch a block by its faces: -x, +x, -y and so on.
+/// Offsets of a block's face neighbours: -x, +x, -y and so on.
 pub(super) const FACES: [[i64; 3]; 6] = [[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]];

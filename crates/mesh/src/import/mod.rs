@@ -1,4 +1,5 @@
-//! Importers of solids: boundary representations, read face by face, become octrees of cells, or exact models.
+//! Solid importers: boundary representations are read face by face and become octrees of cells or
+//! exact models.
 
 mod exact;
 mod model;

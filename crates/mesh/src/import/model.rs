@@ -1,4 +1,4 @@
-//! Interface of the readers of mesh formats: a stream of faces that can be read any number of times.
+//! Interface of the mesh readers: a stream of faces that can be read any number of times.
 
 use std::path::PathBuf;
 
@@ -6,89 +6,92 @@ use spinney_base::Result;
 use spinney_brep::Attributes;
 use spinney_crs::Crs;
 
-/// A planar face with its holes, as a reader hands it out.
+/// Planar face with its holes, as returned by a reader.
 #[derive(Clone, Copy, Debug)]
 pub struct MeshFace<'a> {
-    /// Corners of all rings in the file's own coordinates, the outer ring's first; a ring does not repeat its
-    /// first corner at its end. Counterclockwise seen from outside the solid, holes the other way round.
+    /// Vertices of all rings in the file's coordinates, the outer ring first. A ring does not
+    /// repeat its first vertex at its end. The outer ring is counterclockwise seen from outside the
+    /// solid, holes are clockwise.
     pub points: &'a [[f64; 3]],
     /// End of each ring in `points`; one entry for a face without holes.
     pub ring_ends: &'a [usize],
-    /// A colour per corner, red, green, blue; nothing where the file has none. In a file where only some
-    /// faces have one, the others are white.
+    /// Colour per corner: red, green, blue; empty if the file has no colours. If only some faces of
+    /// a file have colours, the others are white.
     pub colours: &'a [[u8; 3]],
     /// Number of the part that the face belongs to: see [`ModelInfo::parts`].
     pub part: u32,
-    /// Values of the face: names of columns, each once, and JSON texts.
+    /// Values of the face: column names, each at most once, and JSON values.
     pub values: &'a [(&'a str, &'a str)],
 }
 
 /// Properties of a model that are known before its faces are read.
 #[derive(Clone, Debug)]
 pub struct ModelInfo {
-    /// The file.
+    /// Path of the file.
     pub path: PathBuf,
-    /// Its format in words: "PLY, binary little-endian".
+    /// Description of the format: "PLY, binary little-endian".
     pub format: String,
-    /// Faces, where the file tells before they are read: with those that cover nothing, which are not handed
-    /// out.
+    /// Number of faces, if known before they are read. Includes degenerate faces, which are not
+    /// visited.
     pub faces: Option<u64>,
-    /// Least and greatest coordinate of all vertices along each axis, of those that no face uses, too: such as
-    /// the file has them, and not what cells are laid over.
+    /// Minimum and maximum coordinates of all vertices, including those that no face uses. These
+    /// are in the file's coordinates, and not the bounds over which cells are laid.
     pub bounds: [[f64; 3]; 2],
-    /// The coordinate system, where known.
+    /// Coordinate system, if known.
     pub crs: Option<Crs>,
-    /// Name of the unit of length, where the file tells: "mm".
+    /// Unit of length, if the file declares it: "mm".
     pub unit: Option<String>,
-    /// Width of the grid that the file's coordinates are whole multiples of, but for a shift, where it tells.
+    /// Grid unit of the file's coordinates: all are integer multiples of it plus an offset. `None`
+    /// if the file does not declare it.
     pub step: Option<f64>,
-    /// Names of the parts: objects, groups, materials. A face's part is an index into this list; never empty.
+    /// Names of the parts: objects, groups, materials. A face's part is an index into this list,
+    /// which is never empty.
     pub parts: Vec<String>,
-    /// Whether the parts are groups of faces of one object, and not objects by themselves.
+    /// Whether the parts are groups of faces of one object, rather than separate objects.
     pub is_grouped: bool,
-    /// Attributes of the parts, by their numbers.
+    /// Attributes of the parts, by part number.
     pub attributes: Attributes,
-    /// Whether faces come with colours.
+    /// Whether faces have colours.
     pub is_coloured: bool,
-    /// Bytes of the file.
+    /// File size in bytes.
     pub bytes: u64,
 }
 
-/// A boundary representation in a file.
+/// Boundary representation in a file.
 pub trait Model: Send {
-    /// Properties of the model.
+    /// Returns the properties of the model.
     fn info(&self) -> &ModelInfo;
 
-    /// Reads all faces, in the file's order, and hands them out one by one; may be called again, and gives
-    /// the same faces then.
+    /// Reads all faces in file order and passes each to the callback. May be called again, and then
+    /// visits the same faces.
     ///
-    /// Faces with fewer than three different corners cover nothing and are left out; so are corners that
-    /// repeat the one before them.
+    /// Degenerate faces with fewer than three distinct vertices are left out. So are corners that
+    /// repeat the previous one.
     ///
     /// # Errors
-    /// If the file cannot be read or breaks its format's rules (indices out of range, coordinates that are
-    /// not finite numbers, faces of more than 2^20 corners), or what `each` returns.
+    /// If the file cannot be read or is invalid (indices out of range, coordinates that are not
+    /// finite, faces of more than 2^20 corners), or any error that `each` returns.
     fn faces(&mut self, each: &mut dyn FnMut(&MeshFace<'_>) -> Result<()>) -> Result<()>;
 
-    /// Number of faces that were left out when all of them were read last, because they have fewer than three
-    /// different corners; 0 before that.
+    /// Number of faces that the last complete reading left out because they have fewer than three
+    /// distinct vertices; 0 before that.
     fn degenerate(&self) -> u64 {
         0
     }
 
-    /// Remarks on what of the file is not read, for warnings.
+    /// Remarks on file content that is not read, for warnings.
     fn remarks(&self) -> Vec<String> {
         Vec::new()
     }
 
-    /// Number of values of faces that were not handed out when all of them were read last, because they make no sense or are too long; 0 before
-    /// that.
+    /// Number of face values that the last complete reading dropped because they are invalid or too
+    /// long; 0 before that.
     fn lost_values(&self) -> u64 {
         0
     }
 }
 
-/// Names of the parts of some models, those of one behind those of the one before, and what is said of each.
+/// Names and attributes of the parts of several models, numbered consecutively over the models.
 pub fn parts_of(models: &[Box<dyn Model>]) -> (Vec<String>, Vec<Option<String>>) {
     let infos = models.iter().map(|model| model.info());
     let parts = infos.flat_map(|info| (0..).zip(&info.parts).map(move |(part, name)| (info, part, name)));

@@ -1,8 +1,10 @@
-//! Polygons on a plane of cells: which cells' centres are inside, which cells are touched, and the share of each cell's area that is inside.
+//! Polygons in a plane of cells: the cells whose centres are inside, the cells that are touched,
+//! and the share of each cell's area that is inside.
 //!
-//! This is the one rasterizer of polygons in cells. Rings of one part are combined even-odd, parts by union. Rings that cross or touch, or
-//! parts that overlap, are replaced by the boundary of their union first (`simple.rs` finds them, [`PolygonOverlay`] unites them); all
-//! others keep their vertices. Decisions are exact on these.
+//! This is the only polygon rasterizer of the project. Rings of one part are combined by the
+//! even-odd rule, parts by union. If rings cross or touch, or parts overlap, the boundary of their
+//! union replaces them: `simple.rs` detects them and [`PolygonOverlay`] unites them. All other
+//! polygons keep their vertices. Predicates are exact on these.
 
 mod parts;
 mod rows;
@@ -23,12 +25,12 @@ use rows::rounding;
 use spinney_base::space::{Bounds, Cover};
 use spinney_base::{Error, Result};
 
-/// A polygon of one or more parts, in cells.
+/// A polygon of one or more parts, in units of cells.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Polygon {
-    /// Interiors lie on the left of all edges, which have no points in common but vertices.
+    /// Edges with the interior on their left. They share no points except vertices.
     edges: Vec<Edge>,
-    /// Indices of the edges in bands of rows of equal height, those of a band together.
+    /// Indices of the edges in horizontal bands of equal height, grouped by band.
     in_bands: Vec<u32>,
     /// End of each band in `in_bands`.
     ends: Vec<usize>,
@@ -36,48 +38,51 @@ pub struct Polygon {
     high: f64,
     /// Minimum and maximum column of the vertices.
     sides: [f64; 2],
-    /// The parts that were united, if they were: they decide about points.
+    /// The original parts if they were united; point queries use them.
     parts: Option<Box<Parts>>,
-    /// Maximum distance of the edges from those of the parts, along each axis: 0 if these are the same.
+    /// Maximum distance of the edges from those of the parts, along each axis; 0 if they are the
+    /// same.
     displacement: f64,
-    /// The area of a larger polygon of which this is the part near the cells, in cells.
+    /// The area, in cells, of the whole polygon if this is only its fragment near the cells.
     whole_area: Option<f64>,
 }
 
-/// From one vertex to the next.
+/// An edge from one vertex to the next.
 type Edge = [[f64; 2]; 2];
 
-/// A ring's vertices, without the first one again at the end.
+/// A ring's vertices, without the first one repeated at the end.
 type Ring = Vec<[f64; 2]>;
 
-/// Maximum number of bands: only the edges in the bands of a node are tested against it.
+/// Maximum number of bands. Only the edges in a node's bands are tested against it.
 const BANDS: usize = 1024;
-/// Maximum mean number of bands that an edge is in. Where edges are long there are fewer bands. So each row meets at most about
-/// so many times as many edges as cross it, and memory is proportional to the edges alone.
+/// Maximum mean number of bands per edge. Polygons with long edges have fewer bands. So a row tests
+/// at most about this many times the edges that cross it, and memory is proportional to the number
+/// of edges.
 const BANDS_EACH: usize = 4;
 
-/// Cells of the grid of a union across its largest coordinate, as a power of two. (Finer grids need exact arithmetic for nearly all crossings.)
+/// Grid cells of a union across its largest coordinate, as a power of two. (Finer grids need exact
+/// arithmetic for nearly all crossings.)
 const UNION_BITS: i32 = 44;
 
-/// Memory for uniting the parts of one polygon, in bytes.
+/// Memory limit for uniting the parts of one polygon, in bytes.
 const UNION_MEMORY: u64 = 1 << 30;
 
 impl Polygon {
-    /// The polygon with these rings, combined even-odd; each may repeat its first vertex at the end.
-    ///
-    /// # Errors
-    /// Those of [`Polygon::of_parts`].
+    /// Creates a polygon from rings, combined by the even-odd rule. Each may repeat its first
+    /// vertex at the end.
     pub fn new(rings: &[Vec<[f64; 2]>]) -> Result<Polygon> {
         Polygon::of_parts(std::slice::from_ref(&rings.to_vec()))
     }
 
-    /// The union of several parts, each the even-odd combination of its rings, which may have any direction and order.
+    /// Creates the union of several parts, each the even-odd combination of its rings. Rings may
+    /// have any direction and order.
     ///
-    /// Cost: O(n log n) for n vertices of valid rings; others are overlaid, which takes about ten times as long.
+    /// Cost: O(n log n) for n vertices of valid rings. Invalid rings are overlaid, which takes
+    /// about ten times as long.
     ///
     /// # Errors
-    /// If a ring has less than three vertices, or one that is not finite; if the rings cross each other so often that their union takes more
-    /// than 1 GiB of memory.
+    /// If there is no ring; if a ring has fewer than three vertices or a vertex that is not finite;
+    /// if the rings cross each other so often that their union takes more than 1 GiB of memory.
     pub fn of_parts(parts: &[Vec<Vec<[f64; 2]>>]) -> Result<Polygon> {
         Polygon::check_parts(parts)?;
         let OrientedRings { rings, displacement } = oriented_rings(parts)?;
@@ -86,15 +91,16 @@ impl Polygon {
         Ok(Polygon { parts: Some(Box::new(Parts::new(parts)?)), displacement, ..polygon })
     }
 
-    /// Whether rings crossed or touched each other, or parts overlapped, so that they were replaced by their union.
+    /// Whether rings crossed or touched each other, or parts overlapped, so that their union
+    /// replaced them.
     pub fn was_invalid(&self) -> bool {
         self.parts.is_some()
     }
 
-    /// Fails if parts do not make a polygon, as [`Polygon::of_parts`].
+    /// Checks that parts make a valid input of [`Polygon::of_parts`].
     ///
     /// # Errors
-    /// If a ring has less than three vertices, or one that is not finite.
+    /// If there is no ring; if a ring has fewer than three vertices or a vertex that is not finite.
     pub fn check_parts(parts: &[Vec<Vec<[f64; 2]>>]) -> Result<()> {
         let mut count = 0;
         for ring in parts.iter().flatten() {
@@ -109,7 +115,7 @@ impl Polygon {
         if count == 0 { Err(Error::invalid("polygon", "no ring", "one or more")) } else { Ok(()) }
     }
 
-    /// The polygon of some rings, none of which repeats its first vertex at the end.
+    /// Creates a polygon from rings that do not repeat their first vertices at the end.
     fn of_rings(rings: &[Ring]) -> Result<Polygon> {
         let (mut min, mut max) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let mut edges: Vec<Edge> = Vec::with_capacity(rings.iter().map(Vec::len).sum());
@@ -125,7 +131,7 @@ impl Polygon {
             }
         }
         if edges.is_empty() {
-            // (Nothing is left of rings without an interior.)
+            // (Rings without an interior leave no edges.)
             (min, max) = ([0.0; 2], [0.0; 2]);
         }
         let ([left, low], [right, high]) = (min, max);
@@ -144,7 +150,7 @@ impl Polygon {
             displacement: 0.0,
             whole_area: None,
         };
-        // (No more than rows, and than edges.)
+        // (No more bands than rows or edges.)
         let count = BANDS.min(polygon.edges.len()).max(1);
         let mut bands = (high - low).ceil().clamp(1.0, count as f64) as usize;
         loop {
@@ -175,32 +181,32 @@ impl Polygon {
                 starts[band] += 1;
             }
         }
-        // (Where each band begins has moved to where it ends.)
+        // (Each start has advanced to the band's end.)
         starts.pop();
         self.ends = starts;
     }
 
-    /// The bands that an edge passes through.
+    /// Returns the bands that an edge passes through.
     fn bands_of(&self, [a, b]: &Edge) -> Range<usize> {
         self.bands(a[1].min(b[1]), a[1].max(b[1]))
     }
 
-    /// The edges in some bands, those of each band after each other.
+    /// Iterates over the edges in a range of bands, band by band.
     fn edges_in(&self, bands: Range<usize>) -> impl Iterator<Item = &Edge> {
         self.numbers_in(bands).iter().map(|number| &self.edges[*number as usize])
     }
 
-    /// Numbers of the edges in some bands.
+    /// Returns the numbers of the edges in a range of bands.
     fn numbers_in(&self, bands: Range<usize>) -> &[u32] {
         let start = if bands.start == 0 { 0 } else { self.ends[bands.start - 1] };
         &self.in_bands[start..self.ends[bands.end - 1]]
     }
 
-    /// Numbers of the edges in the bands from one row to another, each once.
+    /// Iterates over the numbers of the edges in the bands between two rows, each once.
     fn numbers_between(&self, from: f64, to: f64) -> impl Iterator<Item = u32> {
         let bands = self.bands(from, to);
         bands.clone().flat_map(move |band| {
-            // (One that is in several bands counts in the first of them.)
+            // (An edge in several bands counts in the first of them.)
             let first = bands.start;
             let is_first = move |number: &u32| {
                 band == first || self.bands_of(&self.edges[*number as usize]).start == band
@@ -209,12 +215,12 @@ impl Polygon {
         })
     }
 
-    /// Minimum and maximum coordinates of the vertices.
+    /// Returns the minimum and maximum coordinates of the vertices.
     pub fn corners(&self) -> [[f64; 2]; 2] {
         [[self.sides[0], self.low], [self.sides[1], self.high]]
     }
 
-    /// The bands of the rows from one coordinate to another.
+    /// Returns the bands of the rows from one coordinate to another.
     fn bands(&self, from: f64, to: f64) -> Range<usize> {
         let height = (self.high - self.low).max(f64::MIN_POSITIVE);
         let count = self.ends.len() as f64;
@@ -222,7 +228,8 @@ impl Polygon {
         band(from)..band(to) + 1
     }
 
-    /// Whether cells' centres are inside. It is always known of one cell.
+    /// Whether the cells' centres are inside. The result for a single cell is never
+    /// [`Cover::Part`].
     pub fn cover_centres(&self, bounds: &Bounds) -> Cover {
         let low = [centre(bounds.min[0]), centre(bounds.min[1])];
         let high = [centre(bounds.max[0] - 1), centre(bounds.max[1] - 1)];
@@ -234,11 +241,12 @@ impl Polygon {
         if self.edges_in(self.bands(low[1], high[1])).any(near) {
             return Cover::Part;
         }
-        // No edge passes between the centres, so that the first one's parity is that of all.
+        // No edge passes between the centres, so the parity of the first one holds for all.
         if self.contains(low) { Cover::Whole } else { Cover::Nothing }
     }
 
-    /// Whether cells lie inside, with all of their area.
+    /// Whether the whole area of the cells is inside. May return [`Cover::Part`] if an edge is
+    /// close to the box.
     pub fn cover_area(&self, bounds: &Bounds) -> Cover {
         let low = [bounds.min[0] as f64, bounds.min[1] as f64];
         let high = [bounds.max[0] as f64, bounds.max[1] as f64];
@@ -256,8 +264,9 @@ impl Polygon {
         }
     }
 
-    /// Whether a point is inside, decided exactly. A point on the boundary is inside if what lies right of it is, or, along a row, what lies in the
-    /// rows after it: so it is inside of one of two polygons that share the boundary.
+    /// Whether a point is inside; exact. A point on the boundary is inside if the region to its
+    /// right is inside, or, along a horizontal edge, the region in the rows after it. So it is
+    /// inside exactly one of two polygons that share the boundary.
     pub fn contains(&self, [x, y]: [f64; 2]) -> bool {
         if let Some(parts) = &self.parts {
             return parts.contain([x, y]);
@@ -265,12 +274,14 @@ impl Polygon {
         if y < self.low || y > self.high {
             return false;
         }
-        // (Ends in the row count as before it, so that a ray through a vertex crosses one of its edges, or both, or none.)
+        // (Ends in the row count as before it. So a ray through a vertex crosses one of its two
+        // edges, or both, or none.)
         let edges = self.edges_in(self.bands(y, y));
         edges.filter(|edge| crosses(edge, y) && is_right_of(edge, [x, y])).count() % 2 == 1
     }
 
-    /// Whether an edge, or the one that it was before its displacement, may touch a box, as far as rounding may tell: never wrongly no.
+    /// Whether an edge, before its displacement, may touch a box. Rounding may cause false
+    /// positives, but never false negatives.
     fn may_pass(&self, edge: &Edge, low: [f64; 2], high: [f64; 2]) -> bool {
         let ([a, b], moved) = (edge, self.displacement);
         for axis in 0..2 {
@@ -278,30 +289,32 @@ impl Polygon {
                 return false;
             }
         }
-        // The sides of the edge's line on which the box's corners lie.
+        // Sides of the edge's line on which the corners of the box lie.
         let normal = [a[1] - b[1], b[0] - a[0]];
         let side = |x: f64, y: f64| normal[0] * (x - a[0]) + normal[1] * (y - a[1]);
         let sides =
             [side(low[0], low[1]), side(high[0], low[1]), side(low[0], high[1]), side(high[0], high[1])];
-        // Rounding of these sums, and of the columns by which an edge takes its share of cells.
+        // Rounding error of these sums. The slack below also covers the rounding of the columns
+        // that `spans` and `shares` compute.
         let reach = |axis: usize| (low[axis] - a[axis]).abs().max((high[axis] - a[axis]).abs());
         let error = (normal[0].abs() * reach(0) + normal[1].abs() * reach(1)) * 8.0 * f64::EPSILON;
         let slack = normal[0].abs() * (moved + rounding(edge)) + normal[1].abs() * moved + error;
         !(sides.iter().all(|side| *side > slack) || sides.iter().all(|side| *side < -slack))
     }
 
-    /// The polygon as the part near the cells of one that has this area, in cells.
+    /// Marks the polygon as the fragment near the cells of a larger one with this area, in cells.
     #[must_use]
     pub fn part_of(self, area: f64) -> Polygon {
         Polygon { whole_area: Some(area), ..self }
     }
 
-    /// The area, in cells.
+    /// Returns the area, in cells.
     pub fn area(&self) -> f64 {
         self.edges.iter().map(|edge| area_left(edge, [self.low, self.high], self.sides)).sum::<f64>().abs()
     }
 
-    /// The area outside of a box, in cells; of a [part](Polygon::part_of) that of the whole polygon.
+    /// Returns the area outside of a box, in cells; for a [fragment](Polygon::part_of), that of the
+    /// whole polygon.
     pub fn area_outside(&self, bounds: &Bounds) -> f64 {
         let outside = self.own_area_outside(bounds);
         self.whole_area.map_or(outside, |whole| (whole - (self.area() - outside)).max(0.0))
@@ -311,7 +324,8 @@ impl Polygon {
         let [left, right] = [bounds.min[0] as f64, bounds.max[0] as f64];
         let [top, bottom] = [bounds.min[1] as f64, bounds.max[1] as f64];
         let ([from, to], [low, high]) = (self.sides, [self.low, self.high]);
-        // Each region beyond the box is measured by itself: differences of large areas would leave rounding errors of nothing.
+        // Each region outside of the box is measured separately: differences of large areas would
+        // leave rounding errors where the area is 0.
         let regions = [
             ([from, to.min(left)], [low, high]),
             ([from.max(right), to], [low, high]),
@@ -327,22 +341,21 @@ impl Polygon {
     }
 }
 
-/// Rings whose interior lies on their left, and which have no points in common but vertices.
+/// Rings with the interior on their left that share no points except vertices.
 pub struct OrientedRings {
-    /// The rings, without their first vertices again at the end.
+    /// The rings, without their first vertices repeated at the end.
     pub rings: Vec<Vec<[f64; 2]>>,
-    /// If rings crossed or touched each other, or parts overlapped, these are the rings around their union, and this is the maximum distance
-    /// of its edges from theirs, along each axis.
+    /// Maximum distance along each axis of the union's edges from the original ones, if the rings
+    /// are those of a union because rings crossed or touched each other or parts overlapped. `None`
+    /// if the original rings are kept.
     pub displacement: Option<f64>,
 }
 
-/// The rings around the union of several parts, each the even-odd combination of its rings: see [`Polygon::of_parts`]. Vertices must be finite.
-///
-/// # Errors
-/// If the rings cross each other so often that their union takes more than 1 GiB of memory.
+/// Returns the rings around the union of several parts, each the even-odd combination of its rings:
+/// see [`Polygon::of_parts`]. Vertices must be finite.
 pub fn oriented_rings(parts: &[Vec<Vec<[f64; 2]>>]) -> Result<OrientedRings> {
     let own: Vec<Vec<Ring>> = parts.iter().map(|part| part.iter().map(without_repeats).collect()).collect();
-    // (Rings of two vertices, or on one line, are not the boundary of anything: the union leaves them out.)
+    // (Rings of fewer than three distinct vertices bound no area: the union drops them.)
     let reversed = match own.iter().flatten().all(|ring| ring.len() > 2) {
         true => simple::reversed_rings(&own),
         false => None,
@@ -360,7 +373,7 @@ pub fn oriented_rings(parts: &[Vec<Vec<[f64; 2]>>]) -> Result<OrientedRings> {
     Ok(OrientedRings { rings, displacement: None })
 }
 
-/// A ring without vertices that repeat the one before.
+/// Returns a ring without consecutive duplicate vertices.
 fn without_repeats(ring: &Ring) -> Ring {
     let mut ring = ring.clone();
     ring.dedup();
@@ -370,7 +383,8 @@ fn without_repeats(ring: &Ring) -> Ring {
     ring
 }
 
-/// The rings around the union of some parts, with its interior on their left, on a grid whose cells are 2^-44 of the largest coordinate.
+/// Returns the rings around the union of some parts, with the interior on their left, on a grid
+/// whose cells are about 2^-44 of the largest coordinate.
 fn united(parts: &[Vec<Ring>]) -> Result<OrientedRings> {
     let largest = parts.iter().flatten().flatten().flatten().fold(0.0f64, |most, at| most.max(at.abs()));
     let grid = OverlayGrid::with_bits(largest, UNION_BITS);
@@ -383,30 +397,30 @@ fn united(parts: &[Vec<Ring>]) -> Result<OrientedRings> {
         rings.extend(part.polygons.into_iter().flatten().map(|ring| without_repeats(&ring)));
         Ok(())
     })?;
-    // (Snap rounding moves no point by more than half of a cell.)
+    // (Snap rounding moves no point by more than half a cell.)
     Ok(OrientedRings { rings, displacement: Some(grid.width() / 2.0) })
 }
 
-/// The centre of a cell along an axis.
+/// Coordinate of a cell's centre along an axis.
 fn centre(cell: u64) -> f64 {
     cell as f64 + 0.5
 }
 
-/// Whether an edge crosses a row: an end in it counts as before it.
+/// Whether an edge crosses a row. An end in the row counts as before it.
 #[inline]
 fn crosses([a, b]: &Edge, y: f64) -> bool {
     (a[1] > y) != (b[1] > y)
 }
 
-/// Whether an edge that crosses a point's row does so right of the point; exact.
+/// Whether an edge that crosses a point's row does so to the right of the point; exact.
 #[inline]
 fn is_right_of([a, b]: &Edge, point: [f64; 2]) -> bool {
     let (from, to) = if a[1] <= b[1] { (a, b) } else { (b, a) };
-    // (On the left of the way to higher rows are lower columns.)
+    // (To the left of an edge towards higher rows are lower columns.)
     side(*from, *to, point) > 0
 }
 
-/// Area of a box that lies left of an edge, between two rows: positive for edges that lead to higher rows.
+/// Area left of an edge within a box between two rows: positive for edges that lead to higher rows.
 fn area_left([a, b]: &Edge, rows: [f64; 2], [left, right]: [f64; 2]) -> f64 {
     let (is_up, [from, to]) = if a[1] <= b[1] { (true, [a, b]) } else { (false, [b, a]) };
     let [low, high] = [rows[0].max(from[1]), rows[1].min(to[1])];
@@ -419,7 +433,8 @@ fn area_left([a, b]: &Edge, rows: [f64; 2], [left, right]: [f64; 2]) -> f64 {
     if is_up { area } else { -area }
 }
 
-/// The mean, along a line from `start` to `end`, of how far the box from `left` to `right` lies on its left.
+/// Mean width, along a line from column `start` to column `end`, of the range from `left` to
+/// `right` that lies to its left.
 fn integral(start: f64, end: f64, left: f64, right: f64) -> f64 {
     let (least, most) = (start.min(end), start.max(end));
     if most <= left {
@@ -431,7 +446,7 @@ fn integral(start: f64, end: f64, left: f64, right: f64) -> f64 {
     if least >= left && most <= right {
         return (least + most) / 2.0 - left;
     }
-    // A part of the line is left of the box, a part in it, a part right of it.
+    // The line may have a section left of the range, one inside and one to its right.
     let (first, last) = (least.max(left), most.min(right));
     let inside = (last - first) * ((first + last) / 2.0 - left);
     let beyond = (most - right).max(0.0) * (right - left);

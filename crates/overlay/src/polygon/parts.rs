@@ -1,6 +1,7 @@
-//! Parts of a polygon that had to be united, with the vertices that they came with.
+//! The original parts of a polygon that had to be united.
 //!
-//! They decide which points are inside. (In the union crossings are rounded, so that a point on an edge would come to lie on one of its sides.)
+//! They decide which points are inside. (Crossings in the union are rounded, so a point on an
+//! original edge could end up on either side.)
 
 use std::ops::Range;
 
@@ -12,21 +13,22 @@ use spinney_base::space::Bounds;
 /// Parts, each the even-odd combination of its rings.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Parts {
-    /// The edges of all, in bands.
+    /// The edges of all parts, in bands.
     edges: Polygon,
     /// The part of each edge.
     part_of: Vec<u32>,
     count: usize,
 }
 
-/// Parts that a ray has entered and not left, in buffers that are used again.
+/// The parts that a ray is inside of, in reusable buffers.
 #[derive(Default)]
 pub(super) struct Parity {
-    /// Whether the ray is inside of each part. All are `false` between queries.
+    /// Whether the ray is inside each part. All are `false` between queries.
     inside: Vec<bool>,
-    /// Parts that it is inside of.
+    /// Number of parts that the ray is inside of.
     count: usize,
-    /// For edges left of a box: the rows, counted from the first of a band, from which on they toggle a part.
+    /// For edges left of a box: the row, relative to the first row of the band, from which on they
+    /// toggle a part.
     left: Vec<(usize, u32)>,
     /// Columns at which edges toggle parts in a row.
     crossings: Vec<(u64, u32)>,
@@ -50,7 +52,7 @@ impl Parts {
         Ok(Parts { edges, part_of, count: parts.len() })
     }
 
-    /// Whether a point is in some part: see [`Polygon::contains`].
+    /// Whether a point is in any part: see [`Polygon::contains`].
     pub(super) fn contain(&self, [x, y]: [f64; 2]) -> bool {
         let numbers = self.edges.numbers_in(self.edges.bands(y, y)).iter();
         let crossed = numbers.filter(|number| {
@@ -62,8 +64,8 @@ impl Parts {
         parts.chunk_by(|a, b| a == b).any(|same| same.len() % 2 == 1)
     }
 
-    /// Yields the columns, row by row, of a box's cells whose centres are in some part. Time does not depend on the number of parts, but on the edges
-    /// in the box's rows.
+    /// Yields the columns, row by row, of a box's cells whose centres are in any part. The time
+    /// does not depend on the number of parts, but on the edges in the box's rows.
     pub(super) fn spans(&self, bounds: &Bounds, work: &mut Crossings, each: &mut dyn FnMut(u64, Range<u64>)) {
         let columns = bounds.min[0]..bounds.max[0];
         let Range { start: mut row, end: last } = self.edges.rows(bounds);
@@ -109,10 +111,11 @@ impl Parts {
                 if let Some(from) = start.filter(|from| *from < columns.end) {
                     each(row, from..columns.end);
                 }
-                // Invariant: what is toggled twice is as before: the next row begins left of the box again.
+                // Invariant: toggling again restores the state left of the box, where the next row
+                // starts.
                 crossings.iter().for_each(|(_, part)| parity.toggle(*part));
             }
-            // (Toggles after the last row have not been done.)
+            // (Toggles after the last row were not applied.)
             let done = left.len() - toggles.len();
             left[..done].iter().for_each(|(_, part)| parity.toggle(*part));
             (parity.left, parity.crossings) = (left, crossings);
@@ -120,8 +123,8 @@ impl Parts {
         }
     }
 
-    /// Collects, for the rows of a band, the edges that may cross them within some columns, and the rows in which those on the left of these toggle
-    /// their parts.
+    /// Collects the edges that may cross some columns in a band's rows, and the rows from which on
+    /// edges to the left of the columns toggle their parts.
     fn gather(&self, rows: Range<u64>, columns: Range<u64>, near: &mut Vec<u32>, parity: &mut Parity) {
         let [low, high] = [centre(rows.start), centre(rows.end - 1)];
         let (left, right) = (columns.start as f64 + 0.5, columns.end as f64);

@@ -1,4 +1,4 @@
-//! The rows of cells that a polygon has inside: those whose centres are, all of which some part is, or each with its share.
+//! Cells of a polygon by rows: the cells whose centres are inside, and the cells that it touches.
 
 use std::ops::Range;
 
@@ -9,32 +9,35 @@ use crate::exact::side;
 use spinney_base::sort;
 use spinney_base::space::Bounds;
 
-/// Room to work in for [`Polygon::spans`] and [`Polygon::shares`].
+/// Reusable buffers for [`Polygon::spans`] and [`Polygon::shares`].
 #[derive(Default)]
 pub struct Crossings {
-    /// Numbers of edges that may cross the box.
+    /// Numbers of the edges that may cross the box.
     pub(super) near: Vec<u32>,
-    /// Whether, for each row, the number of edges left of the box is odd if it was even in the row before.
+    /// For each row, whether the parity of the number of edges left of the box differs from the
+    /// previous row's.
     before: Vec<bool>,
-    /// Columns at which edges cross a row: the first whose centres are not left of them.
+    /// Columns at which edges cross a row: the first column whose centre is not left of the edge.
     at: Vec<u64>,
     /// Whether an odd number of edges crosses the row at each column.
     is_odd: Vec<bool>,
-    /// The share of each row that edges right of the box have on their left, less those that lead the other way.
+    /// Signed height of the edges right of the box in each row, by which they add to the shares of
+    /// all its cells.
     pub(super) beyond: Vec<i64>,
-    /// Changes of shares in a row, by the edges that cause them.
+    /// Changes of shares in a row, one or more per edge.
     pub(super) changes: Vec<Change>,
-    /// Of polygons whose parts were united: see [`super::parts`].
+    /// State for polygons whose parts were united: see [`super::parts`].
     pub(super) parity: Parity,
 }
 
-/// Rows of which something is held at a time.
+/// Number of rows that are buffered at a time.
 pub(super) const ROWS: u64 = 256;
 
 impl Polygon {
-    /// Yields the columns, row by row, of a box's cells whose centres are inside; `work` is room to work in.
+    /// Yields the columns, row by row, of a box's cells whose centres are inside. `work` provides
+    /// reusable buffers.
     ///
-    /// Edges beside the box are looked at once for all rows of a band, not for each row.
+    /// Edges to the left or right of the box are tested once per band, not once per row.
     pub fn spans(&self, bounds: &Bounds, work: &mut Crossings, each: &mut dyn FnMut(u64, Range<u64>)) {
         if let Some(parts) = &self.parts {
             return parts.spans(bounds, work, each);
@@ -44,7 +47,7 @@ impl Polygon {
         while row < last {
             let rows = row..self.end_of_band(row).min(last);
             self.gather(rows.clone(), columns.clone(), work);
-            // (Where very many edges cross the box, it is faster to go through its columns than to sort.)
+            // (If many edges cross the box, scanning its columns is faster than sorting.)
             let is_crowded = columns.end - columns.start <= 4 * work.near.len() as u64;
             work.is_odd
                 .resize(if is_crowded { (columns.end - columns.start) as usize + 1 } else { 0 }, false);
@@ -57,7 +60,8 @@ impl Polygon {
                     edges.filter(|edge| crosses(edge, y)).map(|edge| first_column(edge, y, &columns));
                 work.at.clear();
                 if is_crowded {
-                    // Columns at which an odd number of edges crosses the row; all others cancel each other.
+                    // Columns at which an odd number of edges crosses the row. Even numbers cancel
+                    // out.
                     work.is_odd.fill(false);
                     crossings.for_each(|column| work.is_odd[(column - columns.start) as usize] ^= true);
                     let odd = columns.clone().zip(&work.is_odd).filter(|(_, is_odd)| **is_odd);
@@ -78,13 +82,13 @@ impl Polygon {
         }
     }
 
-    /// The rows of a box whose centres may be inside.
+    /// Returns the rows of a box whose centres may be inside.
     pub(super) fn rows(&self, bounds: &Bounds) -> Range<u64> {
         let last = bounds.max[1].min((self.high.max(0.0) as u64).saturating_add(1));
         bounds.min[1].max(self.low.max(0.0) as u64)..last
     }
 
-    /// The first row after the band that a row's centre is in.
+    /// Returns the first row after the band that contains a row's centre.
     pub(super) fn end_of_band(&self, row: u64) -> u64 {
         let bands = self.ends.len();
         let band = self.bands(centre(row), centre(row)).start;
@@ -92,8 +96,8 @@ impl Polygon {
         if band + 1 == bands { u64::MAX } else { ((end - 0.5).ceil().max(0.0) as u64).max(row + 1) }
     }
 
-    /// Collects, for some rows, the edges that may cross them within some columns, and which rows are crossed by an odd number of edges
-    /// more than the row before, on the left of these columns.
+    /// Collects the edges that may cross some columns in some rows, and the rows at which edges to
+    /// the left of the columns change the parity.
     fn gather(&self, rows: Range<u64>, columns: Range<u64>, work: &mut Crossings) {
         let [low, high] = [centre(rows.start), centre(rows.end - 1)];
         let (left, right) = (columns.start as f64 + 0.5, columns.end as f64);
@@ -115,14 +119,15 @@ impl Polygon {
         }
     }
 
-    /// Number of cells of a box whose centres are inside.
+    /// Returns the number of a box's cells whose centres are inside.
     pub fn count_centres(&self, bounds: &Bounds, work: &mut Crossings) -> u64 {
         let mut cells = 0;
         self.spans(bounds, work, &mut |_, span| cells += span.end - span.start);
         cells
     }
 
-    /// Yields the columns, row by row, of a box's cells of which some part is inside: those with edges, and those between them.
+    /// Yields the columns, row by row, of a box's cells that the polygon's interior touches: cells
+    /// that edges pass through, and cells between them.
     pub fn touched_spans(
         &self,
         bounds: &Bounds,
@@ -160,8 +165,9 @@ impl Polygon {
                 }
             }
         }
-        // Invariant: a cell of which a part is inside has an edge in it, or is inside as a whole, its centre too: the two kinds of
-        // spans are all. They lie on each other, and are merged in the order of their beginnings.
+        // Invariant: a cell that is partly inside has an edge in it, or is inside entirely, with
+        // its centre. So the two kinds of spans are complete. They may overlap, and are merged in
+        // the order of their starts.
         spans.sort_unstable();
         let mut spans = spans.into_iter().peekable();
         while let Some((row, start, mut end)) = spans.next() {
@@ -172,7 +178,7 @@ impl Polygon {
         }
     }
 
-    /// Number of cells of a box of which some part is inside.
+    /// Returns the number of a box's cells that the polygon's interior touches.
     pub fn count_touched(&self, bounds: &Bounds, work: &mut Crossings) -> u64 {
         let mut cells = 0;
         self.touched_spans(bounds, work, &mut |_, span| cells += span.end - span.start);
@@ -180,22 +186,24 @@ impl Polygon {
     }
 }
 
-/// The first of some rows whose centre is not before a coordinate, counted from the first of them.
+/// Index, relative to the first of `rows`, of the first row whose centre is at or after a
+/// coordinate.
 #[inline]
 pub(super) fn first_row(y: f64, rows: &Range<u64>) -> usize {
     let row = (y - 0.5).ceil().clamp(rows.start as f64, rows.end as f64) as u64;
     (row - rows.start) as usize
 }
 
-/// The first of some columns whose centre is not left of an edge in a row that it crosses; the end of the columns if there is none.
+/// Returns the first of `columns` whose centre is not left of an edge in a row that it crosses, or
+/// the end of `columns` if there is none.
 #[inline]
 pub(super) fn first_column(edge: &Edge, y: f64, columns: &Range<u64>) -> u64 {
     let [a, b] = edge;
     let at = a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]);
-    // (What is negative, or too large, becomes the nearest number.)
+    // (The cast saturates negative and excessive values.)
     let next = (at + 0.5) as u64;
     let column = next.saturating_sub(u64::from(next as f64 - 0.5 >= at));
-    // Where rounding may decide, the exact test does.
+    // The exact test decides where rounding might.
     let is_certain = (at - at.floor() - 0.5).abs() > rounding(edge);
     let mut column = column.clamp(columns.start, columns.end);
     if !is_certain {
@@ -210,14 +218,15 @@ pub(super) fn first_column(edge: &Edge, y: f64, columns: &Range<u64>) -> u64 {
     column
 }
 
-/// The maximum error of a column that is computed of where an edge crosses a row, in cells: six roundings, each of what is at most the sum of
-/// both ends' columns, by half of an epsilon.
+/// Maximum error, in cells, of the column at which an edge is computed to cross a row: six
+/// roundings of half an epsilon each, relative to at most the sum of both ends' columns.
 #[inline]
 pub(super) fn rounding([a, b]: &Edge) -> f64 {
     (a[0].abs() + b[0].abs()) * 4.0 * f64::EPSILON
 }
 
-/// The columns that an edge passes through within a row, decided exactly; none if it leads along a column's border.
+/// Returns the columns that an edge passes through within a row; exact. Empty if it runs along a
+/// column's border.
 fn columns_in_row(edge: &Edge, low: f64, high: f64) -> Option<Range<u64>> {
     let [a, b] = edge;
     let (from, to) = (a[1].min(b[1]), a[1].max(b[1]));
@@ -236,11 +245,12 @@ fn columns_in_row(edge: &Edge, low: f64, high: f64) -> Option<Range<u64>> {
             widen(borders_at(edge, y));
         }
     }
-    // (What is negative becomes 0.)
+    // (The cast turns negative values into 0.)
     Some(start as u64..end as u64)
 }
 
-/// The borders of the column in which an edge crosses a row, or twice the one through which it does; exact.
+/// Returns the borders of the column in which an edge crosses a row, or the same border twice if it
+/// crosses there; exact.
 fn borders_at(edge: &Edge, y: f64) -> [f64; 2] {
     let [a, b] = edge;
     let at = a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]);

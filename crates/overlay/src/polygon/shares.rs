@@ -1,9 +1,10 @@
-//! The share of each cell's area that a polygon has.
+//! The share of each cell's area that a polygon covers.
 //!
-//! An edge adds the area on its left, with the sign of its direction: all of the cells before it, and a part of those that it passes through, as
-//! coverage is accumulated where fonts are drawn. Each addend depends on the edge and the cell alone and is a multiple of 2^-52 of a cell, so that
-//! sums of integers are the same in any order: a cell's share does not depend on the box of the query, and is exactly 0 or 1 where no edge
-//! passes.
+//! An edge adds the area on its left, with the sign of its direction: the whole area of the cells
+//! before it, and a fraction of the cells that it passes through. Font rasterizers accumulate
+//! coverage in the same way. Each addend depends on the edge and the cell alone and is a multiple
+//! of 2^-52 of a cell, so integer sums are the same in any order. So a cell's share does not depend
+//! on the query box, and is exactly 0 or 1 where no edge passes.
 
 use std::ops::Range;
 
@@ -12,28 +13,29 @@ use super::{Edge, Polygon, integral};
 use spinney_base::sort;
 use spinney_base::space::Bounds;
 
-/// The share of a cell that is inside as a whole: shares are multiples of 2^-40.
+/// The share of a cell that is entirely inside. Shares are multiples of 2^-40.
 pub const FULL_SHARE: u64 = 1 << 40;
 
 /// Addends are multiples of `1 / UNIT`.
 const UNIT: i64 = 1 << 52;
 
-/// Bits by which addends are finer than shares.
+/// Number of bits by which addends are finer than shares.
 const FINER: u32 = 12;
 
-/// A change of the shares of cells in a row, from a column on, by an edge.
+/// A change of the shares in a row at a column, caused by an edge.
 #[derive(Clone, Copy)]
 pub(super) struct Change {
     column: u64,
     /// Added to the shares of this cell and all after it.
     step: i64,
-    /// Added to the share of this cell alone, if the edge passes through it.
+    /// Added to the share of this cell only, if the edge passes through it.
     own: Option<i64>,
 }
 
 impl Polygon {
-    /// Yields the columns, row by row, of a box's cells of which some part is inside, and the share of each that is, of [`FULL_SHARE`]; neighbours
-    /// through which no edge passes come together.
+    /// Yields the columns, row by row, of a box's cells that are at least partly inside, with each
+    /// cell's share in units of 1 / [`FULL_SHARE`]. Neighbouring cells without edges are yielded as
+    /// one range.
     pub fn shares(&self, bounds: &Bounds, work: &mut Crossings, each: &mut dyn FnMut(u64, Range<u64>, u64)) {
         let last = bounds.max[1].min(self.high.max(0.0).ceil() as u64);
         let mut first = bounds.min[1].max(self.low.max(0.0) as u64);
@@ -44,7 +46,8 @@ impl Polygon {
         }
     }
 
-    /// The cells of a box by their shares: number of cells that are inside as a whole, and sum of the shares of all others.
+    /// Sums the shares of a box's cells: returns the number of cells that are entirely inside, and
+    /// the sum of the shares of all others.
     pub fn sum_shares(&self, bounds: &Bounds, work: &mut Crossings) -> (u64, u128) {
         let (mut cells, mut shares) = (0, 0u128);
         self.shares(bounds, work, &mut |_, columns, share| match share {
@@ -62,7 +65,8 @@ impl Polygon {
         each: &mut dyn FnMut(u64, Range<u64>, u64),
     ) {
         self.gather_beyond(rows.clone(), columns.clone(), work);
-        // Edges by the row in which they begin; those of the row come first, from `active` on those that have not begun.
+        // Edges in the order of their first rows. `active` holds those that have begun,
+        // `near[next..]` those that have not.
         let start = |edge: &Edge| edge[0][1].min(edge[1][1]);
         sort::by(&mut work.near, &mut |a, b| {
             let [a, b] = [*a, *b].map(|number| start(&self.edges[number as usize]));
@@ -109,7 +113,8 @@ impl Polygon {
         }
     }
 
-    /// Collects, for some rows, the edges that may pass through them within some columns, and what those right of these do.
+    /// Collects the edges that may pass through some columns in some rows, and sums the heights of
+    /// those to the right of the columns.
     fn gather_beyond(&self, rows: Range<u64>, columns: Range<u64>, work: &mut Crossings) {
         let [low, high] = [rows.start as f64, rows.end as f64];
         let (left, right) = (columns.start as f64, columns.end as f64);
@@ -138,15 +143,16 @@ impl Polygon {
     }
 }
 
-/// How far an edge rises within a row, in units; negative if it leads to lower rows. Vertices are rounded to units, so that the sum of consecutive
-/// edges is the difference of their ends.
+/// Signed height of an edge within a row, in units of `1 / UNIT`; negative if it leads to lower
+/// rows. Vertices are rounded to units, so the sum over consecutive edges is the difference of the
+/// ends.
 fn rise([a, b]: &Edge, row: u64) -> i64 {
     let (low, high) = (row as f64, row as f64 + 1.0);
     let height = |y: f64| ((y.clamp(low, high) - low) * UNIT as f64) as i64;
     height(b[1]) - height(a[1])
 }
 
-/// Minimum and maximum column of an edge within a row that it is in.
+/// Minimum and maximum column of an edge within a row that it passes through.
 fn within_row([a, b]: &Edge, low: f64, high: f64) -> [f64; 2] {
     let (least, most) = (a[0].min(b[0]), a[0].max(b[0]));
     let at = |y: f64| (a[0] + (b[0] - a[0]) * ((y - a[1]) / (b[1] - a[1]))).clamp(least, most);
@@ -159,7 +165,8 @@ fn within_row([a, b]: &Edge, low: f64, high: f64) -> [f64; 2] {
     [one.min(other), one.max(other)]
 }
 
-/// Adds what an edge does to the cells of a row within some columns; returns what it does to all from the first column on.
+/// Appends an edge's changes to the cells of a row within some columns. Returns the amount that it
+/// adds to all cells from the first column on.
 fn change(edge: &Edge, row: u64, columns: &Range<u64>, changes: &mut Vec<Change>) -> i64 {
     let rise = rise(edge, row);
     if rise == 0 {
@@ -176,7 +183,7 @@ fn change(edge: &Edge, row: u64, columns: &Range<u64>, changes: &mut Vec<Change>
     let first = min.max(left).floor() as u64;
     let end = max.min(right).ceil() as u64;
     if first == end {
-        // (It leads along the cells' sides.)
+        // (The edge runs along the cells' sides.)
         changes.push(Change { column: first, step: -rise, own: None });
     }
     for column in first..end {

@@ -1,11 +1,15 @@
-//! Validity of rings: whether their edges have nothing in common but the vertices that follow each other, and which rings are holes.
+//! Validity of rings: whether edges share no points except the vertices of consecutive edges, and
+//! which rings are holes.
 //!
-//! A sweep over the vertices from left to right keeps the edges that cross the sweep line in their vertical order, and tests neighbours in
-//! that order alone (M. Shamos, D. Hoey, *Geometric intersection problems*, 1976). It ends at the first contact. All tests are exact.
+//! A plane sweep over the vertices from left to right keeps the edges that cross the sweep line in
+//! their vertical order and tests only neighbours (M. Shamos, D. Hoey, *Geometric intersection
+//! problems*, 1976). It stops at the first contact. All tests are exact.
 //!
-//! Invariant: while no two edges have touched, the edges that cross the sweep line have one vertical order, which changes at vertices alone. Two that
-//! touch next are neighbours in it just before, and were tested when they became neighbours: when one started, or when what was between them ended.
-//! Where a vertex is not where its edges are expected in the order, an earlier contact was met in passing, and the sweep ends, too.
+//! Invariant: while no two edges have touched, the edges that cross the sweep line have one
+//! vertical order, which changes only at vertices. The next two edges to touch are neighbours just
+//! before. They were tested when they became neighbours: when one started, or when the edge between
+//! them ended. If a vertex is not at the expected position in the order of its edges, the sweep has
+//! passed an earlier contact, and stops, too.
 
 use super::Ring;
 use crate::exact::{Point, side};
@@ -17,23 +21,24 @@ struct SweepEdge {
     left: Point,
     right: Point,
     ring: u32,
-    /// Whether the ring leads from the left end to the right one.
+    /// Whether the ring's direction is from the left end to the right one.
     is_forward: bool,
 }
 
-/// A ring that the sweep has met.
+/// A ring that the sweep has reached.
 #[derive(Clone, Copy, Default)]
 struct SweptRing {
     is_counterclockwise: bool,
-    /// The part that covers the region on either side of the ring. Invariant: there is at most one, since the sweep ends where a second one would
-    /// cover a region, too.
+    /// The part that covers the region on either side of the ring. Invariant: there is at most one,
+    /// because the sweep stops where a second one would cover a region, too.
     outside: Option<u32>,
     inside: Option<u32>,
 }
 
-/// For each ring, whether it must be reversed for what is inside of its polygon to lie on the left of all edges; `None` if rings cross or touch
-/// each other or themselves, or if parts overlap: their rings are then not the boundary of their union. Rings have three or more vertices, no
-/// two consecutive ones equal. Time: O(n log n) for n vertices.
+/// Returns for each ring whether it must be reversed to have its polygon's interior on the left of
+/// all edges. `None` if rings cross or touch each other or themselves, or if parts overlap, because
+/// the rings then are not the boundary of their union. Rings must have at least three vertices and
+/// no consecutive duplicates. Cost: O(n log n) for n vertices.
 pub(super) fn reversed_rings(parts: &[Vec<Ring>]) -> Option<Vec<bool>> {
     let sweep = Sweep::new(parts);
     let rings = sweep.run()?;
@@ -41,9 +46,9 @@ pub(super) fn reversed_rings(parts: &[Vec<Ring>]) -> Option<Vec<bool>> {
 }
 
 struct Sweep {
-    /// The edge of each vertex that leads to the next one of its ring.
+    /// For each vertex, the edge to the next vertex of its ring.
     edges: Vec<SweepEdge>,
-    /// The other edge of each vertex.
+    /// For each vertex, the edge from the previous vertex.
     before: Vec<u32>,
     /// The part that each ring belongs to.
     part_of: Vec<u32>,
@@ -79,7 +84,7 @@ impl Sweep {
         if edge.is_forward { edge.left } else { edge.right }
     }
 
-    /// The vertices from left to right, those above each other from below upwards.
+    /// Returns the vertices from left to right, and those in a column from bottom to top.
     fn order(&self) -> Vec<u32> {
         let mut order: Vec<u32> = (0..self.edges.len() as u32).collect();
         let x = |number: u32| self.vertex(number)[0];
@@ -109,7 +114,7 @@ impl Sweep {
         self.rings.into_iter().collect()
     }
 
-    /// Two edges start at a vertex.
+    /// Handles a vertex where two edges start.
     fn start(&mut self, vertex: Point, pair: [u32; 2]) -> Option<()> {
         let [one, other] = pair.map(|edge| self.edges[edge as usize]);
         // (The lower one first.)
@@ -126,7 +131,8 @@ impl Sweep {
         let below = self.active.before(at);
         let ring = self.edges[lower as usize].ring as usize;
         if self.rings[ring].is_none() {
-            // The ring's leftmost vertex: the region around it is the one above the edge below.
+            // This is the ring's leftmost vertex: the region around it is the one above the edge
+            // below.
             let outside = match below {
                 None => None,
                 Some(edge) => self.part_above(edge)?,
@@ -151,7 +157,7 @@ impl Sweep {
         Some(())
     }
 
-    /// An edge ends at a vertex, and another one starts.
+    /// Handles a vertex where one edge ends and another one starts.
     fn continue_at(&mut self, vertex: Point, ending: u32, starting: u32) -> Option<()> {
         let at = self.active.find(&self.edges, vertex, ending)?;
         if let Some(below) = self.active.before(at) {
@@ -164,7 +170,7 @@ impl Sweep {
         Some(())
     }
 
-    /// Two edges end at a vertex.
+    /// Handles a vertex where two edges end.
     fn end(&mut self, vertex: Point, [one, other]: [u32; 2]) -> Option<()> {
         let first = self.active.find(&self.edges, vertex, one);
         let lower = match first.filter(|first| self.active.after(*first) == Some(other)) {
@@ -184,17 +190,17 @@ impl Sweep {
         }
     }
 
-    /// The part that covers the region above an edge.
+    /// Returns the part that covers the region above an edge.
     fn part_above(&self, edge: u32) -> Option<Option<u32>> {
         let edge = &self.edges[edge as usize];
         let ring = self.rings[edge.ring as usize]?;
         Some(if edge.is_forward == ring.is_counterclockwise { ring.inside } else { ring.outside })
     }
 
-    /// Fails if two edges touch, other than in a vertex of one ring between them.
+    /// Fails if two edges touch in any point except a common vertex of consecutive edges.
     fn check(&self, one: u32, other: u32) -> Option<()> {
         let (a, b) = (&self.edges[one as usize], &self.edges[other as usize]);
-        // (No two rings have a vertex in common: these edges are consecutive.)
+        // (No two rings share a vertex, so these edges are consecutive.)
         if a.right == b.left || a.left == b.right {
             return Some(());
         }
@@ -215,33 +221,36 @@ impl Sweep {
             return Some(());
         }
         let [c, d] = [side(b.left, b.right, a.left), side(b.left, b.right, a.right)];
-        // (Of edges on one line the boxes above have something in common, and so have they.)
+        // (Bounding boxes of collinear edges overlap here, so the edges overlap, too.)
         if c * d > 0 { Some(()) } else { None }
     }
 }
 
-/// The bits of a number, in an order that is that of numbers.
+/// Maps a number to bits in ascending order.
 fn ascending(number: f64) -> u64 {
-    // (Both zeros are one number.)
+    // (Both zeros are equal.)
     let bits = (number + 0.0).to_bits();
     if bits >> 63 == 0 { bits | 1 << 63 } else { !bits }
 }
 
-/// Edges that cross the sweep line, from below upwards, in chunks of bounded length, so that inserting does not move all of them.
+/// Edges that cross the sweep line, from bottom to top, in chunks of bounded length, so that an
+/// insertion does not move all of them.
 struct ActiveEdges {
-    /// None of them is empty.
+    /// The chunks; none is empty.
     chunks: Vec<Vec<u32>>,
-    /// The slot that each edge was put into: it is not far from there, unless many have come and gone since.
+    /// The slot into which each edge was inserted. The edge is still near it unless many edges were
+    /// inserted or removed since.
     put: Vec<[u32; 2]>,
 }
 
 /// A chunk, and an index in it.
 type Slot = [usize; 2];
 
-/// Length at which a chunk is divided.
+/// Maximum length of a chunk; longer ones are split.
 const MAX_CHUNK: usize = 512;
 
-/// Slots next to that which an edge was put into that are inspected before it is searched.
+/// Number of slots on either side of an edge's insertion slot that are checked before a binary
+/// search.
 const NEAR: usize = 8;
 
 impl ActiveEdges {
@@ -249,7 +258,7 @@ impl ActiveEdges {
         ActiveEdges { chunks: Vec::new(), put: vec![[0; 2]; edges] }
     }
 
-    /// The slot of an edge that ends at a point.
+    /// Returns the slot of an edge that ends at a point.
     fn find(&self, edges: &[SweepEdge], point: Point, edge: u32) -> Option<Slot> {
         let [chunk, index] = self.put[edge as usize].map(|at| at as usize);
         if let Some(own) = self.chunks.get(chunk) {
@@ -259,11 +268,11 @@ impl ActiveEdges {
             }
         }
         let slot = self.lower_bound(edges, point);
-        // (Of two that end there it may be the upper one.)
+        // (If two edges end there, it may be the upper one.)
         [slot, self.next(slot)].into_iter().find(|slot| self.at(*slot) == Some(edge))
     }
 
-    /// The first slot whose edge is not below a point.
+    /// Returns the first slot whose edge is not below a point.
     fn lower_bound(&self, edges: &[SweepEdge], point: Point) -> Slot {
         let is_below = |edge: &u32| side_of(edges, *edge, point) > 0;
         let chunk = self.chunks.partition_point(|chunk| is_below(&chunk[chunk.len() - 1]));
@@ -301,7 +310,7 @@ impl ActiveEdges {
     }
 
     fn insert(&mut self, [chunk, index]: Slot, pair: [u32; 2]) {
-        // (Above all of them is the end of the last chunk.)
+        // (A slot above all edges is the end of the last chunk.)
         let (chunk, index) = match self.chunks.get(chunk) {
             Some(_) => (chunk, index),
             None if chunk == 0 => {
@@ -329,7 +338,8 @@ impl ActiveEdges {
     }
 }
 
-/// 1 if a point is above an edge, -1 if below, 0 on it. (On the left of a way from left to right is above.)
+/// Position of a point relative to an edge: 1 above, -1 below, 0 on it. (Above is left of the
+/// direction from left to right.)
 fn side_of(edges: &[SweepEdge], edge: u32, point: Point) -> i32 {
     let SweepEdge { left, right, .. } = &edges[edge as usize];
     side(*left, *right, point)

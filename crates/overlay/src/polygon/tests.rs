@@ -1,16 +1,16 @@
-//! Tests of polygons in cells, against definitions.
+//! Tests of polygons in cells against their definitions.
 
 use std::collections::BTreeMap;
 
 use super::*;
 
-/// Numbers from 0 to `most`.
+/// Pseudorandom numbers from 0 to `most`.
 fn random(state: &mut u64, most: f64) -> f64 {
     *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
     (*state >> 33) as f64 / (1u64 << 31) as f64 * most
 }
 
-/// A star around a point, with a hole: no ring crosses another.
+/// A star around a point, with a hole. No rings cross.
 fn star(state: &mut u64, middle: [f64; 2], radius: f64) -> Vec<Vec<[f64; 2]>> {
     let ring = |state: &mut u64, least: f64, most: f64, is_turned: bool| -> Vec<[f64; 2]> {
         let count = 3 + random(state, 20.0) as usize;
@@ -23,7 +23,8 @@ fn star(state: &mut u64, middle: [f64; 2], radius: f64) -> Vec<Vec<[f64; 2]>> {
         (0..count).map(corner).collect()
     };
     let (a, b) = (random(state, 2.0) > 1.0, random(state, 2.0) > 1.0);
-    // (A hole of three corners reaches further towards the middle than its corners do.)
+    // (The radii keep the rings apart: edges of the outer ring come closer to the middle than its
+    // vertices do.)
     vec![ring(state, radius * 0.9, radius, a), ring(state, radius * 0.1, radius * 0.3, b)]
 }
 
@@ -39,7 +40,7 @@ fn area_in(polygon: &Polygon, bounds: &Bounds) -> f64 {
     polygon.edges.iter().map(|edge| area_left(edge, rows, columns)).sum::<f64>().abs()
 }
 
-/// Whether a point is inside, by the definition.
+/// Whether a point is inside, by the even-odd definition.
 fn is_inside(rings: &[Vec<[f64; 2]>], [x, y]: [f64; 2]) -> bool {
     let edges = rings.iter().flat_map(|ring| ring.iter().zip(ring.iter().cycle().skip(1)));
     let crosses = edges
@@ -77,7 +78,8 @@ fn centres_are_counted_as_one_by_one() {
             let cells = (min[1]..bounds.max[1]).flat_map(|y| (min[0]..bounds.max[0]).map(move |x| (x, y)));
             let expected = cells.filter(|(x, y)| is_inside(&rings, [centre(*x), centre(*y)])).count() as u64;
             assert_eq!(polygon.count_centres(&bounds, &mut crossings), expected, "{bounds:?}");
-            /// Area that rounding alone may leave of a cell which only a corner touches; random edges cut off far more.
+            /// Area that rounding alone may leave in a cell that only touches a vertex. Random
+            /// edges cut off far more.
             const ROUNDING: f64 = 1e-12;
             let cells = (min[1]..bounds.max[1]).flat_map(|y| (min[0]..bounds.max[0]).map(move |x| (x, y)));
             let cell = |(x, y): (u64, u64)| Bounds { min: [x, y, 0], max: [x + 1, y + 1, 1] };
@@ -131,7 +133,7 @@ fn areas_are_those_of_many_points() {
 fn shares_of_rows_are_the_areas_of_their_cells() {
     let mut state = 3;
     let mut crossings = Crossings::default();
-    // (Corners in the middle of cells, on their corners, and anywhere.)
+    // (Vertices at cell centres and corners, at cell corners only, and anywhere.)
     for step in [0.5, 1.0, 1e-9] {
         for _ in 0..60 {
             let middle = [random(&mut state, 40.0), random(&mut state, 40.0)];
@@ -177,7 +179,7 @@ fn cells_with_corners_and_edges_on_rings_count_once() {
     assert!(Polygon::new(&[]).is_err() && Polygon::of_parts(&[vec![vec![[0.0; 2]; 2]]]).is_err());
 }
 
-/// Shares of the cells of a box, by a box of one cell each.
+/// Shares of the cells of a square, each queried by a box of one cell.
 fn shares_by_cell(polygon: &Polygon, side: u64) -> Vec<u64> {
     let mut crossings = Crossings::default();
     let mut shares = vec![0; (side * side) as usize];
@@ -190,7 +192,7 @@ fn shares_by_cell(polygon: &Polygon, side: u64) -> Vec<u64> {
     shares
 }
 
-/// Shares of the cells of a square by its quarters, and so on down to a size.
+/// Shares of the cells of a square, queried by its quarters, recursively down to a size.
 fn shares_by_blocks(polygon: &Polygon, bounds: Bounds, smallest: u64, side: u64, shares: &mut [u64]) {
     let size = bounds.size();
     if size[0] <= smallest {
@@ -228,7 +230,7 @@ fn square(x: f64, y: f64, side: f64) -> Vec<[f64; 2]> {
     vec![[x, y], [x + side, y], [x + side, y + side], [x, y + side]]
 }
 
-/// Cells by centre, by touching and by area.
+/// Number of cells by centre, number of touched cells, and area.
 fn counts(polygon: &Polygon, side: u64) -> (u64, u64, f64) {
     let (all, mut crossings) = (Bounds { min: [0; 3], max: [side, side, 1] }, Crossings::default());
     let (cells, shares) = polygon.sum_shares(&all, &mut crossings);
@@ -240,7 +242,7 @@ fn counts(polygon: &Polygon, side: u64) -> (u64, u64, f64) {
 fn parts_are_united_and_the_rings_of_a_part_combined_even_odd() {
     let of = |parts: &[Vec<Vec<[f64; 2]>>]| Polygon::of_parts(parts).unwrap();
     let one = |ring: Vec<[f64; 2]>| vec![ring];
-    // Two squares of 10 x 10 that have 5 x 5 in common; the same square twice; one within another.
+    // Two squares of 10 x 10 that overlap by 5 x 5; the same square twice; a square within another.
     let polygon = of(&[one(square(0.0, 0.0, 10.0)), one(square(5.0, 5.0, 10.0))]);
     assert!(polygon.was_invalid());
     assert_eq!(counts(&polygon, 20), (175, 175, 175.0));
@@ -248,7 +250,7 @@ fn parts_are_united_and_the_rings_of_a_part_combined_even_odd() {
     assert_eq!(counts(&polygon, 20), (100, 100, 100.0));
     let polygon = of(&[one(square(0.0, 0.0, 10.0)), one(square(2.0, 2.0, 3.0))]);
     assert_eq!(counts(&polygon, 20), (100, 100, 100.0));
-    // A hole, in either direction and order; an island in it, as a part of its own and as a ring.
+    // A hole, in either direction and order; an island in it, as a separate part and as a ring.
     let (outer, hole, island) = (square(0.0, 0.0, 10.0), square(2.0, 2.0, 6.0), square(4.0, 4.0, 2.0));
     let reversed = |ring: &[[f64; 2]]| ring.iter().rev().copied().collect::<Vec<_>>();
     for hole in [hole.clone(), reversed(&hole)] {
@@ -267,7 +269,8 @@ fn parts_are_united_and_the_rings_of_a_part_combined_even_odd() {
             }
         }
     }
-    // A bow tie, of two triangles that meet in its middle; and one whose crossing is a vertex of both.
+    // A bow tie, whose two triangles meet in its middle; and one whose crossing is a vertex of
+    // both.
     let bow = of(&[one(vec![[0.0, 0.0], [10.0, 10.0], [10.0, 0.0], [0.0, 10.0]])]);
     let pinched =
         of(&[one(vec![[0.0, 0.0], [5.0, 5.0], [10.0, 10.0], [10.0, 0.0], [5.0, 5.0], [0.0, 10.0]])]);
@@ -275,7 +278,7 @@ fn parts_are_united_and_the_rings_of_a_part_combined_even_odd() {
         assert!(polygon.was_invalid());
         assert_eq!(counts(&polygon, 20).2, 50.0);
     }
-    // Neighbours with a side in common; a ring that goes out and back; a ring without an area.
+    // Neighbours with a common side; a ring that retraces an edge; a ring without an area.
     let polygon = of(&[one(square(0.0, 0.0, 4.0)), one(square(4.0, 0.0, 4.0))]);
     assert_eq!(counts(&polygon, 20), (32, 32, 32.0));
     let spike = vec![[0.0, 0.0], [4.0, 0.0], [9.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]];
@@ -305,7 +308,7 @@ fn rings_that_cross_or_touch_are_found_and_no_others() {
     assert!(found.iter().all(|count| *count > 300), "{found:?}");
 }
 
-/// Whether a ring of vertices on a grid is simple, by all pairs of edges.
+/// Whether a ring with vertices on a grid is simple, by testing all pairs of edges.
 fn is_simple(ring: &[[f64; 2]]) -> bool {
     let count = ring.len();
     let edge = |index: usize| [ring[index], ring[(index + 1) % count]];
@@ -372,7 +375,7 @@ fn any_parts_cover_what_points_say() {
             let expected = parts.iter().any(|rings| is_inside(rings, point));
             assert_eq!(polygon.contains(point), expected, "{point:?} in {parts:?}");
         }
-        // Areas, by many points in each cell.
+        // Compares areas with many sample points per cell.
         let shares = shares_by_cell(&polygon, 30);
         for (index, share) in shares.iter().enumerate() {
             let (x, y) = ((index % 30) as f64, (index / 30) as f64);
@@ -446,7 +449,8 @@ fn centres_of_rings_that_cross_are_counted_as_one_by_one() {
 
 #[test]
 fn far_coordinates_have_the_cells_and_shares_of_any_box() {
-    // Where doubles have few bits for parts of cells, rounding must not decide what a box is said to be.
+    // Where doubles have few bits for fractions of cells, rounding must not change the result for a
+    // box.
     let mut state = 17;
     for exponent in [20, 28, 29] {
         let origin = (1u64 << exponent) - 64;
@@ -503,7 +507,8 @@ fn in_shares((cells, shares): (u64, u128)) -> u128 {
 
 #[test]
 fn many_parts_that_touch_are_counted() {
-    // As when regions of cells become polygons: a multipolygon of squares that touch in their corners.
+    // As when regions of cells become polygons: a multipolygon of squares that touch at their
+    // corners.
     let side = 256;
     let parts: Vec<Vec<Vec<[f64; 2]>>> = (0..side * side)
         .filter(|at| (at % side + at / side) % 2 == 0)

@@ -1,11 +1,13 @@
-//! Nodes of points that come in the order of their codes.
+//! Forms nodes from points in code order.
 //!
-//! In that order, all points of a node come one after the other, and so do those of each of the squares or cubes of which a node may have one
-//! point. So a point is the first in its own if the point before is not in it: how deep the two are together tells the coarsest node that
-//! has room for the point.
+//! In code order, the points of a node are contiguous, and so are those of each of its sampling
+//! cells, of which every one contributes at most one point. A point is thus the first of its
+//! sampling cell exactly if the previous point is outside it. The level of the common ancestor of
+//! the two points yields the coarsest node that can take the point.
 //!
-//! Parts come out in one order, however many assemblers share the work: nodes as they end, each behind all nodes below it, and a node's blocks right before
-//! the node. So a node's own blocks wait until it ends, and what was handed up comes out before anything that is behind it.
+//! The output order does not depend on how many assemblers share the work. Nodes come out in
+//! postorder, and a node's blocks directly precede the node. A node's own blocks therefore wait
+//! until the node ends, and pending leaves come out before anything that follows them.
 
 use super::PieceSink;
 use super::encoder::{EncodedBlock, Encoder};
@@ -14,71 +16,73 @@ use crate::statistics::Statistics;
 use spinney_base::Result;
 use spinney_base::space::Code;
 
-/// A part of a tree that comes out: a block or a node.
+/// Output of an assembler: a block or a node.
 pub(crate) enum BuiltPiece {
-    /// A block of a node. Those of one node come in order.
+    /// A block of a node. The blocks of one node come in order.
     Block(Code, Vec<u8>, Statistics),
-    /// A node, with all points in it and below.
+    /// A node, with statistics of all points in it and below.
     Node(Code, Statistics),
 }
 
-/// A node that may be handed up: it has few points, and none below.
+/// A small node without children, which an ancestor may absorb.
 pub(crate) struct Pending {
     pub code: Code,
     pub rows: Vec<u8>,
 }
 
-/// The outcome of a node.
+/// Result of closing a node.
 pub(crate) enum Closed {
-    /// So few points that a node above may take them.
+    /// So few points that an ancestor may absorb them.
     Few(Pending),
-    /// A node of its own, with what is known of all points in it.
+    /// A separate node, with statistics of all points in it and below.
     Node(Statistics),
 }
 
-/// A node whose points are still coming.
+/// A node that still receives points.
 struct Open {
     code: Code,
-    /// Rows of its own that are in no block yet.
+    /// Own rows that are in no block yet.
     rows: Vec<u8>,
-    /// Nodes below that were handed up.
+    /// Small nodes below that may be absorbed.
     pending: Vec<Pending>,
-    /// Rows of those.
+    /// Total row bytes of `pending`.
     pending_rows: usize,
-    /// Blocks of its own, which come out behind all that is below.
+    /// Own blocks, which come out after everything below.
     blocks: Vec<EncodedBlock>,
-    /// Whether there are too many points for it to be a leaf.
-    // Invariant: where a node is divided, all above it are.
+    /// Whether it has too many points for a leaf.
+    // Invariant: all ancestors of a divided node are divided.
     is_divided: bool,
-    /// Statistics of its blocks, and of nodes below: apart, so that they add up in the same order however the points were divided.
+    /// Statistics of own blocks and of nodes below. They are separate so that the order of
+    /// summation does not depend on how the points were divided.
     own: Statistics,
     below: Statistics,
 }
 
-/// A node that was assembled elsewhere.
+/// A subtree that another assembler has assembled.
 pub(crate) struct Assembled {
     pub closed: Closed,
-    /// Rows of nodes above it: the level of each, and the rows, in the order of their codes.
+    /// Rows that belong to nodes above it, in code order, with the level of each.
     pub levels: Vec<u8>,
     pub above: Vec<u8>,
 }
 
-/// Makes nodes of points in the order of their codes.
+/// Forms nodes from points in code order.
 pub(crate) struct Assembler<'a> {
     encoder: &'a Encoder,
-    /// Points of a block at most, and of a node that has no other below.
+    /// Maximum number of points in a block, and in a node without children.
     leaf_size: usize,
     open: Vec<Open>,
-    /// Outcome of the top node, if that was assembled elsewhere.
+    /// Result of the top node, if another assembler made it.
     whole: Option<Closed>,
     /// Rows of nodes above the top one, with their levels.
     levels: Vec<u8>,
     above: Vec<u8>,
-    /// The parts that came out.
+    /// Finished blocks and nodes.
     pub(crate) pieces: Vec<BuiltPiece>,
 }
 
-/// Level of the node of a point whose code is the same as the point's before down to a level; `None` of the first point.
+/// Returns the level of a point's node. `same` is the level of the common ancestor with the
+/// previous point; `None` for the first point.
 pub(crate) fn node_level(encoder: &Encoder, same: Option<u8>) -> u8 {
     let grid = &encoder.grid;
     let first = same.map_or(0, |same| (same + 1).saturating_sub(spacing_levels(grid.dimension)));
@@ -86,7 +90,7 @@ pub(crate) fn node_level(encoder: &Encoder, same: Option<u8>) -> u8 {
 }
 
 impl<'a> Assembler<'a> {
-    /// An assembler of the subtree of a node.
+    /// Creates an assembler for a node's subtree.
     pub(crate) fn new(encoder: &'a Encoder, leaf_size: usize, top: Code) -> Assembler<'a> {
         let mut assembler = Assembler {
             encoder,
@@ -101,7 +105,7 @@ impl<'a> Assembler<'a> {
         assembler
     }
 
-    /// The top node.
+    /// Returns the top node.
     pub(crate) fn top(&self) -> Code {
         self.open[0].code
     }
@@ -121,12 +125,13 @@ impl<'a> Assembler<'a> {
         });
     }
 
-    /// Bytes of the rows of a leaf.
+    /// Returns the maximum row bytes of a leaf.
     fn most(&self) -> usize {
         self.leaf_size * self.encoder.stride()
     }
 
-    /// Goes on to a point or node with this code, which must be in the top node: nodes that do not have it are complete.
+    /// Advances to a point or node with this code, which must be inside the top node. Closes all
+    /// nodes that do not contain it.
     #[inline]
     pub(crate) fn advance(&mut self, code: Code) {
         while self.open.len() > 1 && !self.open[self.open.len() - 1].code.contains(code) {
@@ -135,7 +140,7 @@ impl<'a> Assembler<'a> {
         }
     }
 
-    /// Opens the nodes on the way to a code that was gone on to, from the top one down to a level.
+    /// Opens the nodes on the path to the current code, from the top one down to a level.
     #[inline]
     fn open_to(&mut self, code: Code, level: u8) -> usize {
         let top = self.top().level();
@@ -146,7 +151,7 @@ impl<'a> Assembler<'a> {
         usize::from(level - top)
     }
 
-    /// Adds the row of a point of a node at a level, on the way to the code that was gone on to.
+    /// Adds a point's row to the node at a level on the path to the current code.
     #[inline]
     pub(crate) fn add(&mut self, code: Code, level: u8, row: &[u8]) {
         if level < self.top().level() {
@@ -161,7 +166,8 @@ impl<'a> Assembler<'a> {
         }
     }
 
-    /// Goes on to a node that was assembled elsewhere. What came out of it comes behind what has come out here when this returns.
+    /// Advances to a node that another assembler has made. The caller writes that node's output
+    /// after the output collected here so far.
     pub(crate) fn reach(&mut self, code: Code, closed: &Closed) {
         self.advance(code);
         if code == self.top() {
@@ -173,7 +179,7 @@ impl<'a> Assembler<'a> {
         }
     }
 
-    /// Takes in the node that was reached.
+    /// Adds the result of the node that was reached.
     pub(crate) fn join(&mut self, code: Code, assembled: Assembled) {
         let Assembled { closed, levels, above } = assembled;
         for (level, row) in levels.iter().zip(above.chunks_exact(self.encoder.stride())) {
@@ -185,7 +191,7 @@ impl<'a> Assembler<'a> {
         }
     }
 
-    /// Makes blocks of the rows of a node beyond those of a leaf: whole ones.
+    /// Encodes full blocks of a node that has more rows than a leaf.
     fn flush(&mut self, index: usize) {
         self.divide(index);
         let most = self.most();
@@ -203,20 +209,21 @@ impl<'a> Assembler<'a> {
         let open = &mut self.open[index];
         open.own.add(&block.statistics);
         open.blocks.push(block);
-        // (Nodes of the deepest level may have any number of points, and none below; others have one for each part of their space at most.)
+        // A node of the deepest level may have any number of points but has no children, so its
+        // blocks can come out at once. Other nodes have at most one point per sampling cell.
         if open.code.level() == self.encoder.grid.deepest() {
             self.hand_out(index);
         }
     }
 
-    /// Lets the blocks of a node come out.
+    /// Outputs the blocks of a node.
     fn hand_out(&mut self, index: usize) {
         let Open { code, blocks, .. } = &mut self.open[index];
         let blocks = std::mem::take(blocks).into_iter();
         self.pieces.extend(blocks.map(|block| BuiltPiece::Block(*code, block.bytes, block.statistics)));
     }
 
-    /// Says that a node has nodes below, or more points than a leaf: nodes below that were handed up to it, or to one above, are among them.
+    /// Marks a node and its ancestors as divided. Their pending nodes become leaves.
     fn divide(&mut self, index: usize) {
         let undivided = self.open[..=index].iter().position(|open| !open.is_divided);
         for index in undivided.unwrap_or(index + 1)..=index {
@@ -230,7 +237,7 @@ impl<'a> Assembler<'a> {
         }
     }
 
-    /// Takes what became of a child of the deepest open node.
+    /// Takes the result of a child of the deepest open node.
     fn take(&mut self, closed: Closed) {
         let index = self.open.len() - 1;
         let open = &mut self.open[index];
@@ -279,7 +286,7 @@ impl<'a> Assembler<'a> {
         Closed::Few(Pending { code: open.code, rows: open.rows })
     }
 
-    /// Closes all nodes; hands out what became of the top one, and what came out.
+    /// Closes all nodes; returns the result of the top one, and the output.
     pub(crate) fn finish(mut self) -> (Assembled, Vec<BuiltPiece>) {
         while self.open.len() > 1 {
             let closed = self.close();
@@ -291,7 +298,7 @@ impl<'a> Assembler<'a> {
     }
 }
 
-/// Makes a node with one block of a node that was handed up; returns what is known of its points.
+/// Outputs a pending node as a leaf with one block; returns its statistics.
 fn leaf(encoder: &Encoder, pending: Pending, pieces: &mut Vec<BuiltPiece>) -> Statistics {
     let block = encoder.encode(&pending.rows);
     pieces.push(BuiltPiece::Block(pending.code, block.bytes, block.statistics.clone()));
@@ -299,7 +306,7 @@ fn leaf(encoder: &Encoder, pending: Pending, pieces: &mut Vec<BuiltPiece>) -> St
     block.statistics
 }
 
-/// Writes what came out.
+/// Writes the output to a sink.
 pub(crate) fn write_pieces(pieces: Vec<BuiltPiece>, sink: &mut dyn PieceSink) -> Result<()> {
     pieces.into_iter().try_for_each(|piece| match piece {
         BuiltPiece::Block(code, bytes, statistics) => sink.block(code, &bytes, &statistics),
@@ -307,7 +314,7 @@ pub(crate) fn write_pieces(pieces: Vec<BuiltPiece>, sink: &mut dyn PieceSink) ->
     })
 }
 
-/// Writes what became of the root, unless it has come out by itself: a leaf, or nothing if there are no points.
+/// Writes the root unless it is already written: a leaf, or nothing if there are no points.
 pub(crate) fn write_root(encoder: &Encoder, closed: Closed, sink: &mut dyn PieceSink) -> Result<()> {
     let mut pieces = Vec::new();
     if let Closed::Few(pending) = closed

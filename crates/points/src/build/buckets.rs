@@ -1,4 +1,4 @@
-//! Rows by the nodes of one level that they are in, beyond memory.
+//! Sorts rows into buckets by node at one level, out of core.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -9,26 +9,26 @@ use spinney_base::io::platform::read_exact_at;
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Result};
 
-/// Rows of a node that lie together.
+/// Contiguous rows of one node.
 #[derive(Clone, Copy)]
 struct Extent {
-    /// First byte in the temporary file.
+    /// Offset in the temporary file.
     offset: u64,
     rows: u32,
 }
 
-/// A collector of rows. What does not fit into memory goes to a temporary file, from time to time and then all of it, node by node: so that the
-/// rows of a node are read in few pieces.
+/// Collects rows. When memory is full, all rows are written to a temporary file, node by node, so
+/// that a node's rows are read in few extents.
 pub(crate) struct Buckets {
     folder: PathBuf,
     stride: usize,
-    /// The node in which all rows are, and the level of the nodes by which they are put.
+    /// The node that contains all rows, and the level of the nodes that rows are sorted by.
     top: Code,
     level: u8,
-    /// Rows that are in memory at most.
+    /// Maximum number of rows in memory.
     most: usize,
     rows: Vec<u8>,
-    /// The number of each row's node.
+    /// Bucket number of each row.
     nodes: Vec<u16>,
     file: Option<BufWriter<File>>,
     position: u64,
@@ -36,7 +36,7 @@ pub(crate) struct Buckets {
     counts: Vec<u64>,
 }
 
-/// Levels below the top node, of which the nodes are at most 2^15.
+/// Bucket levels below the top node; that makes at most 2^15 buckets.
 pub(crate) fn levels_below(dimension: Dimension) -> u8 {
     match dimension {
         Dimension::Quad => 7,
@@ -45,11 +45,12 @@ pub(crate) fn levels_below(dimension: Dimension) -> u8 {
 }
 
 impl Buckets {
-    /// A collector of rows of so many bytes whose codes are in a node and have so many levels; about `memory` bytes hold rows.
+    /// Creates a collector for rows of `stride` bytes. `top` contains all their codes, which end at
+    /// level `deepest`. About `memory` bytes hold rows.
     pub(crate) fn new(folder: PathBuf, stride: usize, (top, deepest): (Code, u8), memory: u64) -> Buckets {
         let level = (top.level() + levels_below(top.dimension())).min(deepest);
         let nodes = 1 << (top.dimension().axes() * usize::from(level - top.level()));
-        // (A row's node, and its place in the order of nodes.)
+        // Per row: its bucket number, and its index in bucket order.
         let most = (memory / (stride as u64 + 6)).clamp(1024, u32::MAX.into()) as usize;
         Buckets {
             folder,
@@ -66,7 +67,7 @@ impl Buckets {
         }
     }
 
-    /// Adds a row and its number, by the code of its point.
+    /// Adds a row and its input number, by the point's code.
     #[inline]
     pub(crate) fn push(&mut self, code: Code, row: &[u8], number: &[u8; NUMBER_BYTES]) -> Result<()> {
         let node = (code.ancestor(self.level).path() as usize) & (self.counts.len() - 1);
@@ -77,7 +78,7 @@ impl Buckets {
         if self.nodes.len() < self.most { Ok(()) } else { self.spill() }
     }
 
-    /// The places of rows in the order of their nodes.
+    /// Returns the indices of rows in bucket order.
     fn order(&self) -> Vec<u32> {
         let mut next = vec![0u32; self.counts.len()];
         self.nodes.iter().for_each(|node| next[usize::from(*node)] += 1);
@@ -120,7 +121,7 @@ impl Buckets {
         Ok(())
     }
 
-    /// All rows, by their nodes.
+    /// Finishes collecting, and returns all rows by bucket.
     pub(crate) fn finish(mut self) -> Result<BucketedRows> {
         let order = self.order();
         let mut starts = Vec::with_capacity(self.counts.len() + 1);
@@ -145,13 +146,13 @@ impl Buckets {
     }
 }
 
-/// Rows by their nodes.
+/// Rows by bucket.
 pub(crate) struct BucketedRows {
     folder: PathBuf,
     stride: usize,
     top: Code,
     level: u8,
-    /// Those in memory: the order of nodes, and where each node begins in it.
+    /// The rows in memory, their bucket order, and where each bucket starts in it.
     rows: Vec<u8>,
     order: Vec<u32>,
     starts: Vec<u32>,
@@ -160,7 +161,7 @@ pub(crate) struct BucketedRows {
     counts: Vec<u64>,
 }
 
-/// A node and the rows that it has.
+/// A node and its row count.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bucket {
     pub code: Code,
@@ -169,7 +170,7 @@ pub(crate) struct Bucket {
 }
 
 impl BucketedRows {
-    /// The nodes that have rows, in order.
+    /// Returns the non-empty buckets, in order.
     pub(crate) fn buckets(&self) -> Vec<Bucket> {
         let axes = self.top.dimension().axes();
         let bits = axes * usize::from(self.level - self.top.level());
@@ -181,7 +182,7 @@ impl BucketedRows {
         self.counts.iter().enumerate().filter(|(_, rows)| **rows > 0).map(bucket).collect()
     }
 
-    /// Hands out the rows of a node in the order in which they came in, so many at a time.
+    /// Yields a bucket's rows in input order, at most `most` at a time.
     pub(crate) fn read(
         &self,
         bucket: &Bucket,

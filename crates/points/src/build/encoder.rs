@@ -1,4 +1,4 @@
-//! Blocks of bytes of the points of nodes.
+//! Encodes the points of nodes as blocks.
 
 use super::NUMBER_BYTES;
 use super::order::order_of;
@@ -8,24 +8,24 @@ use crate::grid::PointGrid;
 use crate::statistics::Statistics;
 use spinney_packing::{LOG_BITS, log2};
 
-/// A block, ready to be written.
+/// Encoded block.
 pub(crate) struct EncodedBlock {
-    /// The bytes.
+    /// Bytes of the block.
     pub bytes: Vec<u8>,
     /// Statistics of its points.
     pub statistics: Statistics,
 }
 
-/// The way from rows of points to blocks.
+/// Converts rows of points to blocks.
 pub(crate) struct Encoder {
     pub layout: RowLayout,
     pub block: BlockLayout,
     pub grid: PointGrid,
 }
 
-/// Pairs of neighbours that tell which order suits a block.
+/// Number of neighbour pairs sampled to choose the point order of a block.
 const TRIED: usize = 512;
-/// Bits that a time takes where points do not stand in its order.
+/// Cost in bits of a time stamp if points are not ordered by time.
 const TIME_BITS: u64 = 14;
 
 impl Encoder {
@@ -33,18 +33,18 @@ impl Encoder {
         Encoder { block: BlockLayout::of(&layout), layout, grid }
     }
 
-    /// Bytes of a row with its number.
+    /// Bytes per row, including its input number.
     pub(crate) fn stride(&self) -> usize {
         self.layout.size + NUMBER_BYTES
     }
 
-    /// Makes a block of rows with their numbers. They are put in the order in which they came in, or in that of their codes, which
-    /// costs fewer bits where they came in no order.
+    /// Encodes rows with their input numbers as a block. The points keep their input order, or are
+    /// sorted by code where that takes fewer bits.
     pub(crate) fn encode(&self, rows: &[u8]) -> EncodedBlock {
         let stride = self.stride();
         let keys = |key: &dyn Fn(&[u8]) -> u64| rows.chunks_exact(stride).map(key).collect::<Vec<u64>>();
         let mut order = order_of(&keys(&|row| number_of(row, self.layout.size)));
-        // (Most come along the lines of a scanner: the other order is looked at only where it may gain.)
+        // Most points come along scan lines, so the code order is tried only where it may gain.
         let time = TIME_BITS * u64::from(self.block.clock.is_some());
         let jumps = self.jumps(rows, &order);
         if jumps > time + self.usual_jump(rows) {
@@ -60,7 +60,7 @@ impl Encoder {
         EncodedBlock { bytes: encode(&columns, &self.block), statistics }
     }
 
-    /// Bits, on average, of how far it is from point to point in an order.
+    /// Average number of bits of the coordinate differences between consecutive points.
     fn jumps(&self, rows: &[u8], order: &[u32]) -> u64 {
         let stride = self.stride();
         let step = (order.len() / TRIED).max(1);
@@ -75,7 +75,8 @@ impl Encoder {
         (bits >> LOG_BITS).checked_div(pairs).unwrap_or(0)
     }
 
-    /// Bits of how far it would be between neighbours in a plane, of as many points as there are in their box.
+    /// Expected bits of the differences between neighbours, if as many points lay on a plane in the
+    /// same box.
     fn usual_jump(&self, rows: &[u8]) -> u64 {
         let stride = self.stride();
         let (mut least, mut most) = ([i32::MAX; 3], [i32::MIN; 3]);
@@ -92,7 +93,7 @@ impl Encoder {
     }
 }
 
-/// The number behind a row of so many bytes.
+/// Returns the input number after a row of `size` bytes.
 #[inline]
 pub(crate) fn number_of(row: &[u8], size: usize) -> u64 {
     let mut bytes = [0; 8];

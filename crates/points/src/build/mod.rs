@@ -1,7 +1,8 @@
-//! Building: points are put in order by their codes, beyond memory, and each goes into the coarsest node whose spacing it keeps.
+//! Building: points are sorted by their codes, out of core, and each goes into the coarsest node
+//! whose spacing it keeps.
 //!
-//! [`Buckets`](buckets::Buckets) sort roughly, [`Assembler`](assembler::Assembler) makes nodes of what comes in order, [`Encoder`](encoder::Encoder) makes blocks of bytes of
-//! their points.
+//! [`Buckets`](buckets::Buckets) sort roughly, [`Assembler`](assembler::Assembler) forms nodes from
+//! sorted points, and [`Encoder`](encoder::Encoder) encodes their points as blocks.
 
 mod assembler;
 mod buckets;
@@ -21,16 +22,16 @@ pub(crate) use run::{BATCH, encoder_of};
 pub use run::{BuildSummary, PointBuildOptions, build};
 pub(crate) use work::{Plan, Work};
 
-/// Destination of parts of trees as they come out: blocks and nodes in postorder.
+/// Destination of finished blocks and nodes, in postorder.
 pub(crate) trait PieceSink {
     /// Takes a block of a node.
     fn block(&mut self, code: Code, bytes: &[u8], statistics: &Statistics) -> Result<()>;
 
-    /// Takes a node, with what is known of all points in it and below.
+    /// Takes a node, with statistics of all points in it and below.
     fn node(&mut self, code: Code, statistics: &Statistics) -> Result<()>;
 }
 
-/// Bytes behind each row that tell which point it was of all that came in.
+/// Bytes of the input number that follows each row.
 pub(crate) const NUMBER_BYTES: usize = 5;
-/// Points that such numbers tell apart.
+/// Maximum number of points that input numbers can distinguish.
 pub(crate) const MAX_NUMBERS: u64 = 1 << (8 * NUMBER_BYTES);

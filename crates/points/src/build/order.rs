@@ -1,13 +1,14 @@
-//! The order of many keys.
+//! Sorting of many keys.
 
 use spinney_base::sort;
 
-/// The places of keys in their order, those of equal ones as they are.
+/// Returns the indices of keys in sorted order; equal keys keep their order.
 pub(super) fn order_of(keys: &[u64]) -> Vec<u32> {
     let least = keys.iter().copied().min().unwrap_or_default();
     let most = keys.iter().copied().max().unwrap_or_default() - least;
     let place_bits = usize::BITS - keys.len().leading_zeros();
-    // Mostly both, what is above the least key and the place, fit into 64 bits, which are sorted twice as fast as 128.
+    // Usually the key relative to the minimum and the index fit into 64 bits, which sort twice as
+    // fast as 128 bits.
     if most.leading_zeros() >= place_bits {
         let both = |(place, key): (usize, &u64)| (key - least) << place_bits | place as u64;
         let mut order: Vec<u64> = keys.iter().enumerate().map(both).collect();

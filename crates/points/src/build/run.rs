@@ -1,4 +1,4 @@
-//! The whole of building.
+//! The entire build.
 
 use std::path::Path;
 
@@ -18,13 +18,13 @@ use spinney_base::space::Code;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Metadata;
 
-/// Options of building.
+/// Build options.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PointBuildOptions {
-    /// Points of a node that is not divided, at most; blocks have no more.
+    /// Maximum number of points of an undivided node, and of a block.
     pub leaf_size: usize,
-    /// Bytes of memory that may be used, about.
+    /// Approximate memory limit in bytes.
     #[serde(skip)]
     pub memory: u64,
 }
@@ -36,7 +36,7 @@ impl Default for PointBuildOptions {
 }
 
 impl PointBuildOptions {
-    /// Makes sure that the leaf size is one.
+    /// Checks that the leaf size is in range.
     pub(crate) fn check(&self) -> Result<()> {
         if (1..=MAX_POINTS).contains(&self.leaf_size) {
             return Ok(());
@@ -46,25 +46,27 @@ impl PointBuildOptions {
     }
 }
 
-/// Counts of a tree that was built.
+/// Counts of a finished build.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BuildSummary {
     /// Number of points.
     pub points: u64,
-    /// Points at the place of another one: for each place, all but one.
+    /// Number of points that repeat the position of another one: per position, all but one.
     pub duplicates: u64,
 }
 
-/// Points that are read at a time.
+/// Number of points read at a time.
 pub(crate) const BATCH: usize = 1 << 16;
 
-/// Builds a tree of points.
+/// Builds a point tree.
 ///
-/// Each point goes into the coarsest node in which it is the first, by the order of codes, of its part of 1/128 of the node's side (1/256 in
-/// quadtrees). Takes a pass over the points and a temporary file of them, if they do not fit into memory.
+/// A node divides its side into 128 sampling cells (256 in a quadtree). Each point goes into the
+/// coarsest node in which it is the first point of its sampling cell, in code order. Takes one pass
+/// over the points, and a temporary file for them if they exceed the memory limit.
 ///
 /// # Errors
-/// If the points cannot be read, lie beyond the bounds that their source says, or the output cannot be written.
+/// If the points cannot be read, lie outside the bounds of the source's schema, or the output
+/// cannot be written.
 pub fn build(
     source: &mut dyn PointSource,
     options: &PointBuildOptions,
@@ -100,20 +102,20 @@ pub fn build(
     Ok(summary)
 }
 
-/// The encoder of the points that a schema describes.
+/// Returns the encoder for the points of a schema.
 pub(crate) fn encoder_of(schema: &PointSchema) -> Encoder {
     let grid = PointGrid::around(schema.scale, schema.offset, schema.bounds, schema.dimension);
     Encoder::new(schema.layout.clone(), grid)
 }
 
-/// The error that points lie beyond the bounds that were told.
+/// Error for points outside the declared bounds.
 fn beyond(source: &dyn PointSource) -> Error {
     let [least, most] = source.schema().bounds;
     let expected = format!("points from {least:?} to {most:?} on the grid, as its header says");
     Error::corrupt(source.path(), "points", "points beyond these bounds", expected)
 }
 
-/// Reads all points, and counts them; `None` if one lies beyond the bounds that were told.
+/// Reads and counts all points; `None` if one lies outside the declared bounds.
 fn read(
     source: &mut dyn PointSource,
     (temporary, memory): (&Path, u64),

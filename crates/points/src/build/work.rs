@@ -1,4 +1,4 @@
-//! Assembles the rows of many nodes, beyond memory and with all threads.
+//! Assembles the rows of many nodes, out of core and with all threads.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ use spinney_base::io::Sorter;
 use spinney_base::space::Code;
 use spinney_base::{Progress, Result, parallel};
 
-/// The encoder and the options, for all threads.
+/// Encoder and options, shared by all threads.
 #[derive(Clone, Copy)]
 pub(crate) struct Plan<'a> {
     pub encoder: &'a Encoder,
@@ -21,12 +21,12 @@ pub(crate) struct Plan<'a> {
     pub progress: &'a dyn Progress,
 }
 
-/// A number that no other place has.
+/// Returns a key that is unique to the position.
 fn place_key([x, y, z]: [i32; 3]) -> u128 {
     u128::from(x as u32) << 64 | u128::from(y as u32) << 32 | u128::from(z as u32)
 }
 
-/// Number of places that are there once more; takes all.
+/// Counts repeated positions, and clears the list.
 fn duplicates_of(places: &mut Vec<u128>) -> u64 {
     spinney_base::sort::numbers128(places);
     let count = places.windows(2).filter(|pair| pair[0] == pair[1]).count();
@@ -34,30 +34,32 @@ fn duplicates_of(places: &mut Vec<u128>) -> u64 {
     count as u64
 }
 
-/// Work on the rows of many nodes, and where goes what comes out of it.
+/// Assembly of the rows of many nodes, and the destination of the result.
 pub(crate) struct Work<'a> {
     pub plan: Plan<'a>,
-    /// Folder of temporary files.
+    /// Directory of temporary files.
     pub temporary: &'a Path,
     pub sink: &'a mut dyn PieceSink,
-    /// Points that are read and assembled.
+    /// Progress total: points read plus points assembled.
     pub total: u64,
-    /// Points at the place of another one, of those that were assembled.
+    /// Assembled points that repeat the position of another one.
     pub duplicates: u64,
 }
 
-/// The outcome of the rows of a node: what became of it, what came out, and its duplicates.
+/// Result for the rows of one node: the assembled node, its finished blocks and nodes, and its
+/// duplicate count.
 type Outcome = (Assembled, Vec<BuiltPiece>, u64);
 
 impl Plan<'_> {
-    /// Rows that may be sorted by a thread at a time.
+    /// Maximum number of rows that one thread sorts at a time.
     fn share(&self) -> u64 {
-        // (Rows as they are read and as nodes have them; codes with places; columns of a block are few.)
+        // Counted: rows as read and as held by nodes, and codes with indices. The columns of a
+        // block are few.
         let row = 2 * self.encoder.stride() as u64 + 32;
         (self.options.memory / 3 / parallel::threads() as u64 / row).max(4096)
     }
 
-    /// Assembles the nodes of a node's rows in memory.
+    /// Assembles the subtree of one bucket in memory.
     fn assemble_one(&self, rows: &BucketedRows, bucket: &Bucket, before: Option<Code>) -> Result<Outcome> {
         self.progress.check()?;
         let stride = self.encoder.stride();
@@ -73,7 +75,7 @@ impl Plan<'_> {
         let mut assembler = Assembler::new(self.encoder, self.options.leaf_size, bucket.code);
         let mut same = before.map(|before| before.common_ancestor(bucket.code).level());
         let mut last: Option<Code> = None;
-        // Places of points with the last code.
+        // Positions of the points with the last code.
         let mut places = Vec::new();
         for place in order_of(&codes) {
             let code = Code::from_bits(grid.dimension, codes[place as usize]).expect("it was one");
@@ -96,7 +98,7 @@ impl Plan<'_> {
 }
 
 impl Work<'_> {
-    /// Assembles nodes of the rows of some of their nodes, in order. `last` is the node that had points before.
+    /// Assembles buckets, in order. `last` is the preceding node that had points.
     pub(crate) fn assemble(
         &mut self,
         (rows, buckets): (&BucketedRows, &[Bucket]),
@@ -108,14 +110,14 @@ impl Work<'_> {
         let mut rest = buckets;
         while let Some(first) = rest.first() {
             self.plan.progress.check()?;
-            // (One of the top node itself has all points in one place.)
+            // A bucket of the top node itself holds points that all have one code.
             if first.rows > share || first.code == assembler.top() {
                 self.divide(rows, first, assembler, last)?;
                 *last = Some(first.code);
                 rest = &rest[1..];
                 continue;
             }
-            // As many as there is room for, each of them assembled by one thread.
+            // As many buckets as fit into memory, each assembled by one thread.
             let room = share * parallel::threads() as u64;
             let mut sum = 0;
             let fits = |bucket: &&Bucket| {
@@ -143,7 +145,7 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// Assembles the nodes of more rows than there is room for: by nodes below.
+    /// Assembles a bucket that exceeds memory: sorts its rows into buckets of deeper nodes.
     fn divide(
         &mut self,
         rows: &BucketedRows,
@@ -154,7 +156,7 @@ impl Work<'_> {
         let deepest = self.plan.encoder.grid.code_levels();
         let stride = self.plan.encoder.stride();
         if bucket.code.level() == deepest {
-            // All have one code: they come as they are.
+            // All rows have one code, so they are added in input order.
             return self.stream(rows, bucket, assembler, *last);
         }
         let mut buckets = Buckets::new(
@@ -176,7 +178,7 @@ impl Work<'_> {
         self.assemble((&rows, &rows.buckets()), assembler, last)
     }
 
-    /// Adds rows that all have one code to the nodes that they belong to.
+    /// Adds rows with a single code to their nodes.
     fn stream(
         &mut self,
         rows: &BucketedRows,
@@ -187,7 +189,8 @@ impl Work<'_> {
         assembler.advance(bucket.code);
         let mut same = last.map(|last| last.common_ancestor(bucket.code).level());
         let stride = self.plan.encoder.stride();
-        // (Where codes do not tell all of a place, what they leave has fewer than 64 bits.)
+        // Where a code does not determine the position, the remaining offset has fewer than 64
+        // bits.
         let mut places = Sorter::new(self.temporary, 8, self.plan.options.memory / 16);
         let corner = self.plan.encoder.grid.node_box(bucket.code)[0];
         rows.read(bucket, BATCH, &mut |rows| {

@@ -1,28 +1,30 @@
-//! One block: columns, each with the way in which it is foretold.
+//! A block: columns, each with its predictor.
 
 use super::prediction::{Clock, Prediction, errors_of, numbers_of};
 use crate::attribute::{RowLayout, place_of};
 use spinney_base::value::SampleType;
 use spinney_packing::{LOG_BITS, MAX_CONTEXTS, log2, pack_numbers, unpack_numbers};
 
-/// Points of a block at most.
+/// Maximum number of points in a block.
 pub(crate) const MAX_POINTS: usize = 1 << 20;
 
-/// The columns of a block.
+/// Columns of a block.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct BlockLayout {
     /// Number of columns: x, y, z, then the attributes.
     pub columns: usize,
-    /// The column that tells the time, if there is one.
+    /// Column of the time stamps, if there is one.
     pub clock: Option<usize>,
-    /// The columns in the order in which they are coded: the clock, those that may be labels of points, then the others.
+    /// Columns in coding order: the clock, those that may serve as labels of points, then the
+    /// others.
     pub order: Vec<usize>,
-    /// How many are labels.
+    /// Number of columns that may be labels.
     labels: usize,
 }
 
 impl BlockLayout {
-    /// The columns of rows. An attribute `gps_time` is the clock, those of type `u8` may be labels.
+    /// Returns the columns of rows. An attribute `gps_time` is the clock; attributes of type `u8`
+    /// may be labels.
     pub(crate) fn of(layout: &RowLayout) -> BlockLayout {
         let columns = 3 + layout.attributes.len();
         let clock = layout.position("gps_time").map(|place| place + 3);
@@ -35,25 +37,27 @@ impl BlockLayout {
         BlockLayout { columns, clock, order, labels: labels.len() }
     }
 
-    /// The columns that may be labels, as they stand in the order of coding.
+    /// Range of the label columns in coding order.
     fn labels(&self) -> std::ops::Range<usize> {
         let first = usize::from(self.clock.is_some());
         first..first + self.labels
     }
 }
 
-/// Contexts of numbers: the lowest two bits of a label, and whether the time is that of the point before.
+/// Coding contexts: the lowest two bits of a label, and whether the time equals that of the
+/// previous point.
 fn contexts_of(labels: &[i64], clock: &Clock) -> Vec<u8> {
     let same = clock.contexts.iter().copied().chain(std::iter::repeat(0));
     labels.iter().zip(same).map(|(label, same)| (label & 3) as u8 | same << 2).collect()
 }
 
-/// Mark of a column of which steps are counted, beside its prediction.
+/// Flag next to the prediction: the column is coded as multiples of a stride.
 const HAS_STEPS: u8 = 0x80;
-/// Mark of a column whose numbers are all the same, in place of a prediction.
+/// Value instead of a prediction: all numbers of the column are equal.
 const IS_CONSTANT: u8 = 0x40;
 
-/// Numbers that are all as many steps of one size from the first of them: times on a clock that ticks slowly, colours of 8 bits in 16.
+/// Numbers whose differences to the first are multiples of a stride: times of a slow clock, or
+/// 8-bit colours scaled to 16 bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Steps {
     first: i64,
@@ -61,7 +65,7 @@ struct Steps {
 }
 
 impl Steps {
-    /// The steps of numbers; `None` if they are of size 1.
+    /// Returns the stride of numbers; `None` if it is 1.
     fn of(numbers: &[i64]) -> Option<Steps> {
         let first = *numbers.first()?;
         let mut step = 0u64;
@@ -80,7 +84,7 @@ impl Steps {
     }
 
     fn counted(self, numbers: &[i64]) -> Vec<i64> {
-        // (The differences were found to fit.)
+        // `of` has checked that the differences do not overflow.
         numbers.iter().map(|number| (number - self.first) / self.step).collect()
     }
 
@@ -91,11 +95,11 @@ impl Steps {
     }
 }
 
-/// Points that tell which prediction and label suit a column.
+/// Number of points on which predictions and labels are tried.
 const TRIED: usize = 1024;
 
-/// About the bits, in parts of 2^[`LOG_BITS`], that numbers take: those that tell how large each is, by how often that size comes in its context,
-/// and the rest.
+/// Estimates the coded size of numbers in units of 2^-[`LOG_BITS`] bits: the entropy of each
+/// number's magnitude class within its context, plus the remaining bits.
 fn cost(numbers: &[i64], contexts: &[u8]) -> u64 {
     let mut counts = [[0u64; 65]; MAX_CONTEXTS];
     let mut bits = 0;
@@ -121,7 +125,7 @@ fn cost(numbers: &[i64], contexts: &[u8]) -> u64 {
     (bits << LOG_BITS) + entropy
 }
 
-/// The columns of rows, in an order: all points of one column behind each other.
+/// Converts rows, in a given order, to contiguous columns.
 pub(crate) fn columns_of<'r>(
     rows: impl Iterator<Item = &'r [u8]> + Clone,
     layout: &RowLayout,
@@ -131,13 +135,14 @@ pub(crate) fn columns_of<'r>(
     (0..3).map(axis).chain((0..layout.attributes.len()).map(attribute)).collect()
 }
 
-/// The bytes of columns that are equally long: for each, in the order in which they are coded, its number of bytes (`u32`), then all of them.
+/// Encodes columns of equal length. For each column in coding order, its size in bytes (`u32`) is
+/// written first; the columns follow.
 pub(crate) fn encode(columns: &[Vec<i64>], layout: &BlockLayout) -> Vec<u8> {
     let mut lengths = Vec::with_capacity(4 * layout.columns);
     let mut bytes = Vec::new();
     let (mut errors, mut other) = (Vec::new(), Vec::new());
     let mut clock = Clock::new(None);
-    // Labels that tell something, as they stand in the order.
+    // Non-constant labels, by position in coding order.
     let mut labels: Vec<(usize, Vec<u8>)> = Vec::new();
     for (place, column) in layout.order.iter().enumerate() {
         let numbers = &columns[*column];
@@ -159,7 +164,7 @@ pub(crate) fn encode(columns: &[Vec<i64>], layout: &BlockLayout) -> Vec<u8> {
             errors_of(tried, &mut clock, prediction, &mut other);
             cost(&other, clock.contexts.get(..tried.len()).unwrap_or_default())
         });
-        // (Lines and means only where they gain: they take longer to read.)
+        // Lines and means decode more slowly, so they must save at least 1/8 bit per number.
         let gain = ((tried.len() as u64) << LOG_BITS) / 8;
         let worth = |prediction: Prediction| {
             costs[prediction as usize] + if prediction > Prediction::Last { gain } else { 0 }
@@ -199,10 +204,10 @@ pub(crate) fn encode(columns: &[Vec<i64>], layout: &BlockLayout) -> Vec<u8> {
     lengths
 }
 
-/// Labels stand before this place in the order of coding.
+/// Only columns before this position in coding order can be labels.
 const MAX_LABEL: usize = 255;
 
-/// Reads the columns of a block that are asked for; the others are empty. `None` if it is not what somebody wrote.
+/// Decodes the requested columns of a block; the others are empty. `None` if the block is corrupt.
 pub(crate) fn decode(
     bytes: &[u8],
     points: usize,
@@ -223,7 +228,8 @@ pub(crate) fn decode(
     if layout.clock.is_some() {
         needed[0] = true;
     }
-    // (Invariant: labels stand before what they are labels of, so that going back finds all.)
+    // Invariant: a label precedes the columns that use it, so one backward scan finds all that are
+    // needed.
     for place in (0..parts.len()).rev() {
         let label = usize::from(parts[place].0[1]);
         if needed[place] && label > 0 {

@@ -1,4 +1,5 @@
-//! Blocks of points in few bytes: each attribute is a column of whole numbers, foretold from the points before and coded by tokens.
+//! Compressed blocks of points. Each attribute is a column of integers, predicted from the
+//! preceding points and entropy-coded as tokens.
 
 mod block;
 mod prediction;

@@ -1,15 +1,15 @@
-//! Predictions of the numbers of a column, from the points before.
+//! Prediction of a column's numbers from the preceding points.
 
-/// Ways to foretell the numbers of a column.
+/// Predictors of a column's numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Prediction {
     /// Zero.
     Nothing = 0,
-    /// The number before.
+    /// The previous number.
     Last = 1,
-    /// Where a straight line through the numbers before leads, by the clock.
+    /// Extrapolation of a straight line through the preceding numbers, by the clock.
     Line = 2,
-    /// The mean of the numbers before.
+    /// The mean of the preceding numbers.
     Mean = 3,
 }
 
@@ -18,18 +18,18 @@ impl Prediction {
         [Prediction::Nothing, Prediction::Last, Prediction::Line, Prediction::Mean];
 }
 
-/// The time from point to point: by a column that is a clock, or the same everywhere.
+/// Time differences between points, from a clock column; without one, they are all equal.
 pub(crate) struct Clock {
-    /// Time since the point before, for each; nothing if there is no clock.
+    /// Time since the previous point; empty without a clock.
     steps: Vec<f64>,
-    /// 1 for points at the time of the one before, 0 for others; nothing if there is no clock.
+    /// 1 for points with the time of the previous one, 0 for others; empty without a clock.
     pub(crate) contexts: Vec<u8>,
-    /// The part of lines that all columns share, for each point; nothing before somebody asks for it.
+    /// Time-dependent terms of the line fits, shared by all columns; computed when first needed.
     ways: Vec<Way>,
 }
 
 impl Clock {
-    /// The clock of a column; none if there is no such column.
+    /// Creates the clock of a column; without a column, it is empty.
     pub(crate) fn new(times: Option<&[i64]>) -> Clock {
         let times = times.unwrap_or_default();
         let befores = times.first().into_iter().chain(times);
@@ -39,7 +39,7 @@ impl Clock {
         Clock { steps, contexts, ways: Vec::new() }
     }
 
-    /// The part of lines that all columns share, for so many points.
+    /// Returns the time-dependent terms of the first points, which all columns share.
     fn ways(&mut self, points: usize) -> &[Way] {
         if self.ways.len() < points {
             let steps =
@@ -51,16 +51,18 @@ impl Clock {
     }
 }
 
-/// How much a point still counts when the next one has come.
+/// Weight of a point relative to the next one.
 const FADES: f64 = 0.875;
-/// A step in time of more than so many times the spread of the times before tells nothing.
+/// A time difference above this multiple of the spread of the preceding times makes a prediction
+/// useless.
 const FAR: f64 = 8.0;
 
-/// Sums for fitting a straight line through the last numbers of a column by least squares, in which each number counts 7/8 of the one behind it: the part that
-/// the times alone tell, which is the same for all columns.
+/// Time-dependent sums of a least-squares line fit to the last numbers of a column. They are the
+/// same for all columns. Weights fade exponentially: each number has 7/8 of the weight of its
+/// successor.
 ///
-/// Sums are kept about the last point, whose time and number are 0. All of it is IEEE arithmetic in this order, so that whoever reads comes to
-/// the same numbers.
+/// The sums are relative to the last point, whose time and number are 0. All of this is IEEE
+/// arithmetic in a fixed order, so that encoder and decoder compute identical numbers.
 #[derive(Default)]
 struct Times {
     weight: f64,
@@ -68,18 +70,19 @@ struct Times {
     squares: f64,
 }
 
-/// The times before a point: its step, the sums of weights and times (0 at a beginning), and what their sums of products are divided by.
+/// Terms for predicting one point: its time difference, the sums of weights and times of the
+/// preceding points (0 at a start), and reciprocals of their divisors.
 struct Way {
     step: f64,
     weight: f64,
     times: f64,
-    /// One by the spread of the times; 0 where a line would tell nothing.
+    /// Reciprocal of the spread of the times; 0 where a line predicts nothing.
     by_spread: f64,
     by_weight: f64,
 }
 
 impl Times {
-    /// Goes on to a point, after so much time.
+    /// Advances to a point, by the time since the previous one.
     fn next(&mut self, step: f64) -> Way {
         let is_far = step * step * self.weight > FAR * FAR * self.squares;
         if is_far && self.squares > 0.0 {
@@ -89,7 +92,7 @@ impl Times {
         let spread = weight * squares - times * times;
         let tells = step != 0.0 && spread > 0.0 && !is_far;
         let by_spread = if tells { 1.0 / spread } else { 0.0 };
-        // To the new point: all others are earlier by the step.
+        // Move the origin to the new point: all others are now earlier by the time difference.
         self.squares = (squares - 2.0 * step * times + step * step * weight) * FADES;
         self.times = (times - step * weight) * FADES;
         self.weight = weight * FADES + 1.0;
@@ -97,7 +100,8 @@ impl Times {
     }
 }
 
-/// A straight line through the last numbers of one column: sums of the numbers, and of their products with the times.
+/// Line fit to the last numbers of one column: sums of the numbers and of their products with the
+/// times.
 #[derive(Default)]
 struct Line {
     numbers: f64,
@@ -105,7 +109,7 @@ struct Line {
 }
 
 impl Line {
-    /// How much the number at a point will differ from the last one.
+    /// Predicts the difference between a point's number and the last one.
     #[inline]
     fn foretell(&self, way: &Way) -> f64 {
         if way.by_spread == 0.0 {
@@ -115,14 +119,15 @@ impl Line {
         (self.numbers - slope * way.times) * way.by_weight + slope * way.step
     }
 
-    /// Adds the number of a point, which differs by so much from the last one.
+    /// Adds a point's number, given its difference to the last one.
     #[inline]
     fn add(&mut self, way: &Way, change: f64) {
         if way.weight == 0.0 {
             *self = Line::default();
             return;
         }
-        // To the new point: all others are earlier by the step, and less by the change.
+        // Move the origin to the new point: all others are now earlier by the time difference, and
+        // lower by the change.
         let products =
             self.products - way.step * self.numbers - change * way.times + way.step * change * way.weight;
         self.products = products * FADES;
@@ -130,16 +135,18 @@ impl Line {
     }
 }
 
-/// A prediction as a whole number.
+/// Rounds a prediction to an integer.
 #[inline]
 fn whole(number: f64) -> i64 {
-    // (Saturating, and 0 for what is no number. `floor` would be a call where nobody asks for a newer processor.)
+    // The cast saturates, and maps NaN to 0. `floor` would be a function call on baseline
+    // processors.
     let number = number + 0.5;
     let cut = number as i64;
     cut.wrapping_sub(i64::from(cut as f64 > number))
 }
 
-/// The mean of the last numbers of a column, in which each number counts 15/16 of the one behind it; about the last one.
+/// Mean of the last numbers of a column, relative to the last one. Each number has 15/16 of the
+/// weight of its successor.
 #[derive(Default)]
 struct Mean {
     weight: f64,
@@ -159,10 +166,11 @@ impl Mean {
     }
 }
 
-/// How much a number still counts in a mean when the next one has come.
+/// Weight of a number in a mean, relative to the next one.
 const SLOWLY_FADES: f64 = 0.9375;
 
-/// Goes from number to number: `next` gets how much one is foretold to differ from the one before, and tells how much it does.
+/// Iterates over the numbers. `next` takes the predicted difference to the previous number and
+/// returns the actual one.
 #[inline(always)]
 fn follow(count: usize, clock: &mut Clock, prediction: Prediction, mut next: impl FnMut(usize, i64) -> i64) {
     match prediction {
@@ -186,7 +194,7 @@ fn follow(count: usize, clock: &mut Clock, prediction: Prediction, mut next: imp
     }
 }
 
-/// Puts what numbers differ from what was foretold into `errors`.
+/// Writes the prediction errors of numbers into `errors`.
 pub(crate) fn errors_of(numbers: &[i64], clock: &mut Clock, prediction: Prediction, errors: &mut Vec<i64>) {
     errors.clear();
     if prediction == Prediction::Nothing {
@@ -202,7 +210,7 @@ pub(crate) fn errors_of(numbers: &[i64], clock: &mut Clock, prediction: Predicti
     });
 }
 
-/// Makes numbers of their errors, in place.
+/// Replaces prediction errors by the numbers, in place.
 pub(crate) fn numbers_of(errors: &mut [i64], clock: &mut Clock, prediction: Prediction) {
     if prediction == Prediction::Nothing {
         return;

@@ -1,4 +1,4 @@
-//! Points as comma-separated values.
+//! Export of points as comma-separated values.
 
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -17,7 +17,7 @@ use spinney_base::{Error, Result};
 pub(super) struct CsvSink {
     out: Output,
     grid: PointGrid,
-    /// The attributes and their columns.
+    /// Exported attributes and their columns.
     attributes: Vec<(PointAttribute, usize)>,
     line: String,
 }
@@ -60,7 +60,7 @@ impl PointSink for CsvSink {
             }
             for (attribute, column) in &self.attributes {
                 let number = points.columns[*column][point];
-                // (Writing to a text cannot fail.)
+                // Writing to a string cannot fail.
                 let _ = match (attribute.scale_offset, attribute.sample) {
                     _ if attribute.no_data == Some(number) => write!(self.line, ","),
                     (None, SampleType::F32) => {

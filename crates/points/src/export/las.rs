@@ -1,4 +1,4 @@
-//! Points as LAS and LAZ files.
+//! Export of points as LAS and LAZ files.
 
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::PathBuf;
@@ -14,8 +14,8 @@ use crate::store::PointTree;
 use spinney_base::io::Output;
 use spinney_base::{Error, Result};
 
-/// An output in which one may go back to bytes that were written. (Behind a lock that nobody else has, since laz-rs shares what it writes to
-/// between threads.)
+/// Seekable output, so that the header can be rewritten. The mutex is never contended; laz-rs
+/// requires a destination that can be shared between threads.
 struct SeekableOutput {
     out: Mutex<Output>,
     position: u64,
@@ -62,14 +62,14 @@ impl Seek for SeekableOutput {
     }
 }
 
-/// The output of records.
-#[allow(clippy::large_enum_variant)] // there is one of them
+/// Output of records.
+#[allow(clippy::large_enum_variant)] // there is only one
 enum Records {
     Plain(SeekableOutput),
     Packed(Box<LasZipCompressor<'static, SeekableOutput>>),
 }
 
-/// Writes records, then the header once more, with what they were.
+/// Writes records, then rewrites the header with their counts and bounds.
 struct LasSink {
     path: PathBuf,
     file: LasFile,
@@ -78,7 +78,7 @@ struct LasSink {
     rows: Vec<u8>,
 }
 
-/// A file for points of a tree with some of its attributes.
+/// Creates a file for a tree's points with some of its attributes.
 pub(super) fn sink(
     tree: &PointTree,
     chosen: &[usize],

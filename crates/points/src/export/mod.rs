@@ -1,4 +1,4 @@
-//! Points of trees as files of other programs.
+//! Export of point trees to other formats.
 
 mod csv;
 mod las;
@@ -12,23 +12,23 @@ use crate::store::PointTree;
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
 
-/// A format of points.
+/// Point file format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PointFormat {
     /// LAS.
     Las,
-    /// LAS, packed.
+    /// Compressed LAS.
     Laz,
-    /// Comma-separated values, with a line of names.
+    /// Comma-separated values with a header line.
     Csv,
-    /// PLY, binary: doubles and the attributes.
+    /// Binary PLY: coordinates as doubles, then the attributes.
     Ply,
-    /// A structured array of `NumPy`.
+    /// `NumPy` structured array.
     Npy,
 }
 
 impl PointFormat {
-    /// The format of a file of this name; `None` if it is that of none.
+    /// Returns the format for a file name; `None` if the extension is unknown.
     pub fn of(path: &Path) -> Option<PointFormat> {
         let ending = path.extension()?.to_str()?.to_ascii_lowercase();
         Some(match ending.as_str() {
@@ -42,20 +42,22 @@ impl PointFormat {
     }
 }
 
-/// A writer of points.
+/// Writer of points.
 trait PointSink {
-    /// Takes some points.
+    /// Writes some points.
     fn put(&mut self, points: &PointColumns) -> Result<()>;
-    /// Ends the file and puts it in its place.
+    /// Completes the file and publishes it.
     fn finish(self: Box<Self>) -> Result<()>;
 }
 
-/// Writes points of a selection, with some attributes, or all. Returns how many there are.
+/// Writes the points of a selection, with some attributes or all. Returns the number of points.
 ///
-/// LAS files keep scale, offset, coordinate system and what else the points came with; their other attributes are extra bytes.
+/// LAS files keep scale, offset, coordinate system and the tags of the input. Attributes without a
+/// LAS field become extra bytes.
 ///
 /// # Errors
-/// If the tree is damaged, the output cannot be written, or the format has no room for an attribute.
+/// If the tree is corrupt, the output cannot be written, or the format has no space for an
+/// attribute.
 pub fn export_points(
     tree: &PointTree,
     selection: &Selection,
@@ -74,7 +76,8 @@ pub fn export_points(
     {
         progress.warn(output.path(), &format!("tells no coordinate system; the points are in {crs}"));
     }
-    // (Headers say how many points follow: without conditions that is known before most of them are read.)
+    // Headers store the point count. Without conditions, most of it comes from node statistics
+    // without reading points.
     let count = || tree.count(selection, &());
     let mut sink: Box<dyn PointSink> = match format {
         PointFormat::Las | PointFormat::Laz => las::sink(tree, &chosen, output, format == PointFormat::Laz)?,

@@ -1,6 +1,7 @@
-//! Coordinates as text.
+//! Decimal formatting of coordinates.
 
-/// Digits behind the point that steps of a size need, if it is a decimal one of at most 12 digits.
+/// Returns the number of decimal places of a grid unit, if it is a decimal fraction with at most 12
+/// of them.
 pub(super) fn digits_of(scale: f64) -> Option<usize> {
     (0..=12)
         .find(|digits| {
@@ -10,10 +11,10 @@ pub(super) fn digits_of(scale: f64) -> Option<usize> {
         .map(|digits| digits as usize)
 }
 
-/// Writes a coordinate, with the digits that its grid has.
+/// Writes a coordinate with the decimal places of its grid.
 pub(super) fn coordinate(text: &mut String, number: f64, digits: Option<usize>) {
     use std::fmt::Write;
-    // (Writing to a text cannot fail.)
+    // Writing to a string cannot fail.
     let _ = match digits {
         Some(digits) => write!(text, "{number:.digits$}"),
         None => write!(text, "{number}"),

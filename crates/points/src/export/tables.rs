@@ -1,4 +1,4 @@
-//! Points as tables of numbers behind a header: PLY and NPY.
+//! Export of points as binary tables with a header: PLY and NPY.
 
 use std::io::Write;
 
@@ -16,13 +16,13 @@ use spinney_records::npy::{Items, NpyField, NpyHeader, descr_of};
 pub(super) struct TableSink {
     out: Output,
     grid: PointGrid,
-    /// All attributes, and the places of those that are written.
+    /// All attributes, and the indices of those that are written.
     attributes: Vec<PointAttribute>,
     chosen: Vec<usize>,
     bytes: Vec<u8>,
 }
 
-/// The type in which an attribute is written.
+/// Returns the type in which an attribute is written.
 fn written_as(attribute: &PointAttribute) -> SampleType {
     if attribute.scale_offset.is_some() { SampleType::F64 } else { attribute.sample }
 }
@@ -41,7 +41,7 @@ impl TableSink {
         Ok(TableSink { out, grid: tree.grid().clone(), attributes, chosen, bytes: Vec::new() })
     }
 
-    /// A PLY file of so many points.
+    /// Creates a PLY file of `count` points.
     pub(super) fn ply(tree: &PointTree, chosen: Vec<usize>, count: u64, out: Output) -> Result<TableSink> {
         let path = out.path().to_path_buf();
         TableSink::new(tree, chosen, out, |attributes| {
@@ -72,7 +72,7 @@ impl TableSink {
         })
     }
 
-    /// An NPY file of so many points: a structured array.
+    /// Creates an NPY file of `count` points: a structured array.
     pub(super) fn npy(tree: &PointTree, chosen: Vec<usize>, count: u64, out: Output) -> Result<TableSink> {
         TableSink::new(tree, chosen, out, |attributes| {
             let field = |name: &str, sample| NpyField { name: name.into(), descr: descr_of(sample).into() };

@@ -1,4 +1,5 @@
-//! Whether the chunks of packed points are what decoders believe without looking: they make room for as many bytes as a file says.
+//! Checks the chunks of compressed points before decoding. Decoders trust the sizes in a file and
+//! allocate that much memory.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
@@ -10,12 +11,14 @@ use laz::laszip::{ChunkTable, LazItemType};
 use spinney_base::guard::guard;
 use spinney_base::{Error, Result};
 
-/// Whether a record says that all points are one stream, without chunks and their table: the point-wise compressor of the first versions of LASzip.
+/// Returns whether the points are one stream without chunks and a chunk table: the point-wise
+/// compressor of early LASzip versions.
 fn is_one_stream(record: &[u8]) -> bool {
     record.starts_with(&1u16.to_le_bytes())
 }
 
-/// How points are packed, by a record that must fit points of so many bytes, and whether they are in chunks.
+/// Parses the LASzip record, which must match the record size, and returns whether the points are
+/// in chunks.
 pub(super) fn unpacking(path: &Path, size: usize, record: &[u8]) -> Result<(LazVlr, bool)> {
     let is_one_stream = is_one_stream(record);
     let record = guard(path, "laszip record", || {
@@ -27,7 +30,7 @@ pub(super) fn unpacking(path: &Path, size: usize, record: &[u8]) -> Result<(LazV
     if !is_one_stream && record.chunk_size() == 0 {
         return Err(corrupt(path, "chunks of no points"));
     }
-    // (A stream of layers has no point as it is in front, and no decoder.)
+    // A layered stream without chunks has no uncompressed first point, and no decoder supports it.
     if is_one_stream && record.items().iter().any(|item| item.version() > 2) {
         return Err(corrupt(path, "layers of points without chunks"));
     }
@@ -38,7 +41,8 @@ pub(super) fn corrupt(path: &Path, found: &str) -> Error {
     Error::corrupt(path, "packed points", found, "points that were packed by LASzip")
 }
 
-/// Checks the number of chunks, for which the decoder makes room before it has read them, and the bytes of their layers.
+/// Checks the chunk count, for which the decoder allocates memory before reading the chunks, and
+/// the sizes of their layers.
 pub(super) fn check_chunks(
     path: &Path,
     file: &mut BufReader<File>,
@@ -53,13 +57,13 @@ pub(super) fn check_chunks(
         Ok(u64::from_le_bytes(bytes))
     };
     let found = table(start).and_then(|first| {
-        // (Those who write into a pipe put it at the end.)
+        // Writers to pipes put the offset of the chunk table at the end of the file.
         let place = if first as i64 <= start as i64 { table(length.saturating_sub(8))? } else { first };
         let count = if place < length { table(place)? >> 32 } else { 0 };
         Ok((place, count))
     });
     let (place, count) = found.map_err(|error| corrupt(path, &error.to_string()))?;
-    // (A chunk has a point as it is, of 20 bytes or more.)
+    // Each chunk contains an uncompressed point of at least 20 bytes.
     if place <= start || place >= length || count > length / 20 + 1 {
         return Err(corrupt(path, &format!("a table of {count} chunks at byte {place} of {length}")));
     }
@@ -69,7 +73,7 @@ pub(super) fn check_chunks(
     Ok(())
 }
 
-/// Layers of an item in a chunk.
+/// Returns the number of layers of an item in a chunk.
 fn layers_of(item: LazItemType) -> u64 {
     match item {
         LazItemType::Point14 => 9,
@@ -79,8 +83,9 @@ fn layers_of(item: LazItemType) -> u64 {
     }
 }
 
-/// Goes from chunk to chunk as decoders do, where each begins with a point as it is, a count and the bytes of its layers: these must lie before the table of chunks,
-/// and there must be chunks for all points. Tells what is wrong.
+/// Traverses the chunks like a decoder. Each begins with an uncompressed point, a count and the
+/// sizes of its layers. All layers must lie before the chunk table, and there must be chunks for
+/// all points. Returns a description of the first problem.
 fn check_layers(
     file: &mut BufReader<File>,
     (start, table): (u64, u64),

@@ -1,25 +1,26 @@
-//! Point formats of LAS: what stands where in a record.
+//! LAS point formats: the layout of records.
 
 use crate::attribute::{PointAttribute, RowField, RowLayout, bytes_of, ordered, to_f64};
 use spinney_base::value::SampleType;
 
-/// The scan angle of point formats from 6 on, in units of 0.006 degrees, and that of older ones, in degrees.
+/// Scan angle attributes: `SCAN_ANGLE` is in units of 0.006 degrees (point formats 6 and above),
+/// `SCAN_ANGLE_RANK` in degrees (older formats).
 pub(crate) const SCAN_ANGLE: &str = "scan_angle";
 pub(crate) const SCAN_ANGLE_RANK: &str = "scan_angle_rank";
 
-/// A scan angle in degrees in units of 0.006 degrees.
+/// Converts a scan angle from degrees to units of 0.006 degrees.
 pub(crate) fn angle_of_rank(rank: i64) -> i64 {
     (rank as f64 / 0.006).round() as i64
 }
 
-/// The greatest number of a point format.
+/// Highest number of a point format.
 pub(crate) const MAX_FORMAT: u8 = 10;
 
-/// Collects the attributes of a record, and the names of extra dimensions that other attributes have already.
+/// Collects the attributes of a record, and the names of extra dimensions that had to be renamed.
 struct Record(Vec<(PointAttribute, RowField)>, Vec<String>);
 
 impl Record {
-    /// A name of an extra dimension that no other attribute has, nor a coordinate.
+    /// Returns a name for an extra dimension that differs from all attributes and coordinates.
     fn free_name(&mut self, name: String) -> String {
         let is_taken = |name: &str| {
             name.is_empty()
@@ -39,7 +40,7 @@ impl Record {
         self.0.push((PointAttribute::new(name, sample), RowField { offset, bits: None }));
     }
 
-    /// Parts of a byte, from the lowest bit up, by name and number of bits.
+    /// Adds the bit fields of a byte, from the lowest bit up, by name and number of bits.
     fn parts(&mut self, offset: usize, parts: &[(&str, u8)]) {
         let mut shift = 0;
         for (name, bits) in parts {
@@ -67,12 +68,12 @@ impl Record {
     }
 }
 
-/// Bytes of a record of a format without extra bytes; `None` if there is no such format.
+/// Returns the record size of a format without extra bytes; `None` for an unknown format.
 pub(crate) fn record_bytes(format: u8) -> Option<usize> {
     [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67].get(usize::from(format)).copied()
 }
 
-/// Adds the attributes of a format, named as laspy and PDAL's documentation of dimensions name them.
+/// Adds the attributes of a format, named as in laspy and PDAL's documentation of dimensions.
 fn add_format(record: &mut Record, format: u8) {
     use SampleType::{F64, I8, I16, U8, U16};
     record.whole("intensity", U16, 12);
@@ -140,13 +141,14 @@ fn add_format(record: &mut Record, format: u8) {
     }
 }
 
-/// The record of a format with extra bytes that a VLR describes, as far as it does.
+/// Returns the record layout of a format with extra bytes, described as far as possible by a VLR.
 pub(crate) fn record_layout(format: u8, size: usize, described: &[u8]) -> RowLayout {
     described_layout(format, size, described).0
 }
 
-/// The record of a format with extra bytes, and the names of those that have got another one because a standard dimension, a coordinate or another extra
-/// dimension has it.
+/// Returns the record layout of a format with extra bytes, and the names of the renamed extra
+/// dimensions. A dimension is renamed if a standard dimension, a coordinate or another extra
+/// dimension has the same name.
 pub(crate) fn described_layout(format: u8, size: usize, described: &[u8]) -> (RowLayout, Vec<String>) {
     let mut record = Record(Vec::new(), Vec::new());
     add_format(&mut record, format);
@@ -155,7 +157,7 @@ pub(crate) fn described_layout(format: u8, size: usize, described: &[u8]) -> (Ro
     for descriptor in described.as_chunks::<192>().0 {
         offset = add_extra(&mut record, descriptor, offset, size);
     }
-    // (What nobody describes is kept all the same.)
+    // Undescribed bytes are kept, too.
     for (number, offset) in (offset..size).enumerate() {
         let name = record.free_name(format!("extra_bytes_{number}"));
         record.whole(&name, SampleType::U8, offset);
@@ -164,7 +166,8 @@ pub(crate) fn described_layout(format: u8, size: usize, described: &[u8]) -> (Ro
     (RowLayout { size, attributes, fields }, record.1)
 }
 
-/// Adds what a descriptor of extra bytes says, as far as there is room for it in the record; returns where the next one begins.
+/// Adds the extra bytes of a descriptor, if the record has space for them; returns the offset of
+/// the next.
 fn add_extra(record: &mut Record, descriptor: &[u8; 192], offset: usize, size: usize) -> usize {
     use SampleType::{F32, F64, I8, I16, I32, I64, U8, U16, U32, U64};
     let (kind, options) = (descriptor[2], descriptor[3]);
@@ -174,7 +177,8 @@ fn add_extra(record: &mut Record, descriptor: &[u8; 192], offset: usize, size: u
     };
     let (name, description) = (text(&descriptor[4..36]), text(&descriptor[160..192]));
     let types = [U8, I8, U16, I16, U32, I32, U64, I64, F32, F64];
-    // (0 are bytes without a type, as many as the options say; from 11 on there are two or three numbers, which LAS 1.4 R15 does away with.)
+    // Type 0 is untyped bytes, whose number is in the options. Types 11 and above are arrays of two
+    // or three numbers, deprecated in LAS 1.4 R15.
     let (sample, count) = match kind {
         0 => (U8, usize::from(options)),
         1..=30 => (types[usize::from(kind - 1) % 10], usize::from(kind - 1) / 10 + 1),
@@ -204,7 +208,8 @@ fn add_extra(record: &mut Record, descriptor: &[u8; 192], offset: usize, size: u
     offset + sample.size() * count
 }
 
-/// A number of eight bytes, `u64`, `i64` or `f64` as its type is, as an ordered number of that type; `None` if that does not have it.
+/// Converts an 8-byte `u64`, `i64` or `f64` to an ordered number of a type; `None` if it is out of
+/// range.
 fn narrowed(sample: SampleType, bytes: [u8; 8]) -> Option<i64> {
     let wide = match sample {
         SampleType::F32 | SampleType::F64 => SampleType::F64,
@@ -219,7 +224,7 @@ fn narrowed(sample: SampleType, bytes: [u8; 8]) -> Option<i64> {
     (again == number).then_some(number)
 }
 
-/// The inverse of [`narrowed`].
+/// Inverse of [`narrowed`].
 fn widened(sample: SampleType, number: i64) -> [u8; 8] {
     match sample {
         SampleType::F32 => to_f64(sample, number).to_le_bytes(),
@@ -227,7 +232,7 @@ fn widened(sample: SampleType, number: i64) -> [u8; 8] {
     }
 }
 
-/// The descriptor of an attribute in extra bytes.
+/// Returns the extra bytes descriptor of an attribute.
 pub(crate) fn describe_extra(attribute: &PointAttribute) -> [u8; 192] {
     use SampleType::{F32, F64, I8, I16, I32, I64, U8, U16, U32, U64};
     let mut bytes = [0; 192];
@@ -236,7 +241,7 @@ pub(crate) fn describe_extra(attribute: &PointAttribute) -> [u8; 192] {
         .position(|sample| *sample == attribute.sample);
     bytes[2] = number.map_or(1, |number| number as u8 + 1);
     let mut put = |at: usize, text: &str| {
-        // (As many whole characters as there is room for.)
+        // Truncate at a character boundary.
         let end = (0..=text.len().min(32)).rev().find(|end| text.is_char_boundary(*end)).unwrap_or(0);
         bytes[at..at + end].copy_from_slice(&text.as_bytes()[..end]);
     };

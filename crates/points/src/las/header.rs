@@ -1,4 +1,4 @@
-//! Headers of LAS files, and what their records of variable length say.
+//! LAS headers and their variable-length records.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -14,13 +14,13 @@ use spinney_base::io::open_input;
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, GeoKeys};
 
-/// The head of a file, before its points.
+/// Everything in a file before its points.
 pub(crate) struct LasHeader {
     pub(crate) header: raw::Header,
     /// Number of points.
     pub(crate) points: u64,
     pub(crate) layout: RowLayout,
-    /// Bytes of the record that says how points are packed; nothing if they are not.
+    /// LASzip record, which describes the compression; `None` for uncompressed points.
     pub(crate) laszip: Option<Vec<u8>>,
     pub(crate) crs: Option<Crs>,
     pub(crate) tags: BTreeMap<String, String>,
@@ -28,17 +28,17 @@ pub(crate) struct LasHeader {
     pub(crate) losses: Vec<String>,
 }
 
-/// Bytes of a record of variable length that are read at most, and records.
+/// Maximum size in bytes of a variable-length record that is read, and maximum number of records.
 const MAX_RECORD: u64 = 1 << 20;
 const MAX_RECORDS: u64 = 1 << 12;
-/// Bytes of records that are kept, though they mean nothing here.
+/// Maximum bytes of unknown records that are kept.
 const MAX_CACHED: usize = 64 << 10;
 
-/// A record of variable length.
+/// Variable-length record.
 struct VariableRecord {
     user: String,
     number: u16,
-    /// Bytes that it has; long ones are not read.
+    /// Declared size in bytes; large records are not read.
     length: u64,
     data: Vec<u8>,
 }
@@ -49,7 +49,7 @@ fn text(bytes: &[u8]) -> String {
 }
 
 impl LasHeader {
-    /// Reads and checks the header of a file.
+    /// Reads and checks a file's header.
     pub(crate) fn read(path: &Path) -> Result<(LasHeader, BufReader<File>)> {
         let file = open_input(path)?;
         let length = file.metadata().map_err(Error::io(path, "read"))?.len();
@@ -60,7 +60,7 @@ impl LasHeader {
             })
         })?;
         let corrupt = |found: String, expected: &str| Error::corrupt(path, "header", found, expected);
-        // (The two highest bits say that points are packed.)
+        // The two highest bits flag compressed points.
         let format = header.point_data_record_format & 0x3f;
         let own = record_bytes(format).filter(|_| format <= MAX_FORMAT);
         let Some(own) = own else {
@@ -119,7 +119,7 @@ impl LasHeader {
         Ok((LasHeader { header, points, layout, laszip, crs, tags, losses }, file))
     }
 
-    /// Units of the world that a step of the grid has, and the place of its origin.
+    /// Returns the scale and the offset of the grid, in world units.
     pub(crate) fn scale_offset(&self) -> ([f64; 3], [f64; 3]) {
         let header = &self.header;
         (
@@ -128,7 +128,7 @@ impl LasHeader {
         )
     }
 
-    /// Least and greatest place on the grid, as the header says it.
+    /// Returns the minimum and maximum position on the grid, according to the header.
     pub(crate) fn bounds(&self) -> [[i32; 3]; 2] {
         let header = &self.header;
         let (scale, offset) = self.scale_offset();
@@ -139,7 +139,7 @@ impl LasHeader {
     }
 }
 
-/// All records of variable length, those behind the points too.
+/// Reads all variable-length records, including those after the points.
 fn variable_records(
     path: &Path,
     file: &mut BufReader<File>,
@@ -154,7 +154,7 @@ fn variable_records(
             let mut head = [0; 60];
             let head = if is_far { &mut head[..60] } else { &mut head[..54] };
             file.seek(SeekFrom::Start(at)).map_err(Error::io(path, "read"))?;
-            // (Files that promise more records than they have are common.)
+            // Files with fewer records than declared are common.
             if at + head.len() as u64 > length || file.read_exact(head).is_err() {
                 break;
             }
@@ -175,7 +175,7 @@ fn variable_records(
     Ok(records)
 }
 
-/// The coordinate system that records tell, and whether they tell one that cannot be read.
+/// Returns the coordinate system of the records, and whether they contain one that cannot be read.
 fn crs_of<'r>(find: &impl Fn(&str, u16) -> Option<&'r Vec<u8>>, encoding: u16) -> (Option<Crs>, bool) {
     const PROJECTION: &str = "LASF_Projection";
     let wkt = || find(PROJECTION, 2112).map(|data| Crs::parse(&text(data)).ok());
@@ -190,12 +190,12 @@ fn crs_of<'r>(find: &impl Fn(&str, u16) -> Option<&'r Vec<u8>>, encoding: u16) -
             GeoKeys::new(&numbers, &doubles, texts).map(Crs::GeoKeys)
         })
     };
-    // (The fifth bit says which of the two holds, in files that have both.)
+    // Where a file has both, bit 4 says which one is valid.
     let found = if encoding & 0x10 != 0 { wkt().or_else(keys) } else { keys().or_else(wkt) };
     (found.clone().flatten(), found.is_some_and(|crs| crs.is_none()))
 }
 
-/// Tags of the header's other fields.
+/// Returns the header's other fields as tags.
 fn tags_of(header: &raw::Header, format: u8) -> BTreeMap<String, String> {
     let version = header.version;
     let mut tags = BTreeMap::from([
@@ -226,7 +226,7 @@ fn hexadecimal(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// Keeps records that mean nothing here as tags, in hexadecimal digits, as long as they are short; returns remarks on those that are not kept.
+/// Keeps short unknown records as tags, in hexadecimal; returns remarks on those that are dropped.
 fn keep_records(
     records: &[VariableRecord],
     crs_is_lost: bool,
@@ -240,7 +240,7 @@ fn keep_records(
     for VariableRecord { user, number, length, data } in records {
         let is_known = match user.as_str() {
             "laszip encoded" => true,
-            // (Their offsets mean nothing in another file.)
+            // Their offsets are invalid in another file.
             "copc" => true,
             "LASF_Spec" => *number == 4,
             "LASF_Projection" => !crs_is_lost,

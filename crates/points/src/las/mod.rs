@@ -1,4 +1,5 @@
-//! LAS and LAZ files: point clouds as surveyors pass them on (ASPRS LAS 1.0 to 1.4; LAZ by laz-rs).
+//! LAS and LAZ files, the exchange formats of survey point clouds (ASPRS LAS 1.0 to 1.4; LAZ by
+//! laz-rs).
 
 mod chunks;
 mod format;

@@ -1,4 +1,4 @@
-//! Reads points of LAS and LAZ files.
+//! Reader of LAS and LAZ files.
 
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
@@ -13,12 +13,12 @@ use spinney_base::guard::guard;
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 
-/// The points of a LAS or LAZ file, in the order in which they stand there.
+/// Reader of the points of a LAS or LAZ file, in file order.
 pub struct LasReader {
     path: PathBuf,
     schema: PointSchema,
     points: Points,
-    /// Number of points that are left.
+    /// Number of points not yet read.
     left: u64,
 }
 
@@ -31,7 +31,7 @@ impl LasReader {
     /// Opens a file.
     ///
     /// # Errors
-    /// If it cannot be read, is none, or is corrupt.
+    /// If it cannot be read, is no LAS or LAZ file, or is corrupt.
     pub fn open(path: &Path) -> Result<LasReader> {
         let (header, mut file) = LasHeader::read(path)?;
         let failed = || Error::io(path, "read");
@@ -100,7 +100,7 @@ impl PointSource for LasReader {
             rows.clear();
         }
         *self = LasReader::open(&self.path)?;
-        // (Of no points: one place, so that there is a grid.)
+        // An empty file has bounds of one position, so that there is a grid.
         self.schema.bounds = bounds.unwrap_or([[0; 3]; 2]);
         Ok(true)
     }

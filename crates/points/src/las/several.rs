@@ -1,4 +1,4 @@
-//! Several LAS files as one lot of points.
+//! Several LAS files as one source of points.
 
 use std::path::{Path, PathBuf};
 
@@ -10,26 +10,28 @@ use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
-/// The points of LAS and LAZ files, one file after the other.
+/// Points of LAS and LAZ files, file after file.
 pub struct LasFiles {
     paths: Vec<PathBuf>,
     schema: PointSchema,
-    /// Each file, as its header tells of it.
+    /// Point count and bounds of each file, from its header.
     parts: Vec<PointPart>,
     remarks: Vec<(PathBuf, String)>,
-    /// The file that is being read; `None` before the first and behind the last.
+    /// The file being read; `None` before the first and after the last.
     open: Option<LasReader>,
-    /// The number of the next one.
+    /// Index of the next file.
     next: usize,
     rows: Vec<u8>,
 }
 
 impl LasFiles {
-    /// Opens files, and looks at their headers. The points have all attributes that any file has, `no_data` or 0 where their own has none, and lie on the finest of
-    /// the grids. `crs` is the coordinate system of all, whatever the files say.
+    /// Opens files and reads their headers. The points have the union of all attributes; a file
+    /// that lacks an attribute gets its `no_data` value, or 0. The grid has the finest scale of all
+    /// files. `crs` overrides the coordinate systems of the files.
     ///
     /// # Errors
-    /// If there are none, one cannot be read or is damaged, they lie in different coordinate systems, or too far from each other for one grid.
+    /// If there are no files, one cannot be read or is corrupt, their coordinate systems differ, or
+    /// they are too far apart for one grid.
     pub fn open(paths: &[PathBuf], crs: Option<&Crs>) -> Result<LasFiles> {
         let schemas = paths
             .iter()
@@ -91,13 +93,13 @@ impl LasFiles {
         Ok(LasFiles { paths, schema, parts, remarks, open: None, next: 0, rows: Vec::new() })
     }
 
-    /// Remarks on what is not as it is in the files, each with its file.
+    /// Returns remarks on what was changed in or dropped from the files, each with its file.
     pub fn remarks(&self) -> Vec<(PathBuf, String)> {
         self.remarks.clone()
     }
 }
 
-/// Adds an attribute to others, unless it is there; fails if there is one of its name of another type.
+/// Adds an attribute unless it is present; fails if its name is present with another type.
 fn add_attribute(attributes: &mut Vec<PointAttribute>, attribute: &PointAttribute) -> Result<(), String> {
     match attributes.iter().find(|other| other.name == attribute.name) {
         None => attributes.push(attribute.clone()),
@@ -117,25 +119,26 @@ fn add_attribute(attributes: &mut Vec<PointAttribute>, attribute: &PointAttribut
     Ok(())
 }
 
-/// Whether some files have scan angles as point formats up to 5 have them, and others as those from 6 on.
+/// Returns whether some files have scan angles as in point formats up to 5, and others as in
+/// formats 6 and above.
 fn are_angles_joined(schemas: &[PointSchema]) -> bool {
     let has = |name: &str, sample: SampleType| {
         let mut attributes = schemas.iter().flat_map(|schema| &schema.layout.attributes);
         attributes.any(|own| own.name == name && own.sample == sample && own.scale_offset.is_none())
     };
-    // (An extra dimension named scan_angle in an old format is something else.)
+    // An extra dimension named scan_angle in an old format is something else.
     let has_both = |schema: &PointSchema| {
         [SCAN_ANGLE, SCAN_ANGLE_RANK].iter().all(|name| schema.layout.position(name).is_some())
     };
     has(SCAN_ANGLE, SampleType::I16) && has(SCAN_ANGLE_RANK, SampleType::I8) && !schemas.iter().any(has_both)
 }
 
-/// A place of one grid on another; `None` if that does not reach so far.
+/// Converts a position from one grid to another; `None` outside the range of `i32`.
 fn moved(from: &PointSchema, to: &PointSchema, place: [i32; 3]) -> Option<[i32; 3]> {
     let mut moved = place;
     for axis in 0..3 {
         if (from.scale[axis], from.offset[axis]) != (to.scale[axis], to.offset[axis]) {
-            // (From differences, which are small: what is far away from 0 would lose digits.)
+            // The difference of the offsets is small. Large absolute coordinates would lose digits.
             let ratio = from.scale[axis] / to.scale[axis];
             let step =
                 f64::from(place[axis]) * ratio + (from.offset[axis] - to.offset[axis]) / to.scale[axis];
@@ -149,7 +152,7 @@ fn moved(from: &PointSchema, to: &PointSchema, place: [i32; 3]) -> Option<[i32; 
     Some(moved)
 }
 
-/// Whether the places of one grid are places of another.
+/// Returns whether all positions of one grid are on another.
 fn is_on_grid(from: &PointSchema, to: &PointSchema) -> bool {
     let is_whole = |number: f64| (number - number.round()).abs() < 1e-6;
     (0..3).all(|axis| {
@@ -231,7 +234,8 @@ impl PointSource for LasFiles {
     }
 }
 
-/// Appends rows of one schema as those of another; `None` if a place is not on its grid.
+/// Appends rows of one schema, converted to another; `None` if a position is outside the other's
+/// grid.
 fn convert(rows: &[u8], (from, to): (&PointSchema, &PointSchema), made: &mut Vec<u8>) -> Option<()> {
     let all = || rows.chunks_exact(from.layout.size);
     let (before, size) = (made.len(), to.layout.size);

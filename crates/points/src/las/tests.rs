@@ -1,4 +1,4 @@
-//! LAS and LAZ in and out.
+//! Tests of LAS and LAZ import and export.
 
 use std::path::{Path, PathBuf};
 
@@ -17,7 +17,7 @@ use spinney_base::Result;
 use spinney_base::io::Output;
 use spinney_base::value::SampleType;
 
-/// Records of a format with random bytes, at places that are near each other.
+/// Returns records of a format with random bytes, at nearby positions.
 pub(crate) fn records(format: u8, more: usize, count: usize) -> Vec<u8> {
     let size = record_bytes(format).unwrap() + more;
     let mut random = random(u64::from(format) + 1);
@@ -31,7 +31,7 @@ pub(crate) fn records(format: u8, more: usize, count: usize) -> Vec<u8> {
     rows
 }
 
-/// A LAS file of records, with extra bytes that are described.
+/// Returns a LAS file of records with described extra bytes.
 pub(crate) fn las_bytes(format: u8, rows: &[u8], extra: &[PointAttribute], scale: f64) -> Vec<u8> {
     let size =
         record_bytes(format).unwrap() + extra.iter().map(|attribute| attribute.sample.size()).sum::<usize>();
@@ -89,7 +89,7 @@ fn tree_of(paths: &[PathBuf], folder: &Path) -> Result<PointTree> {
     PointTree::open(&path, &Default::default())
 }
 
-/// The records of a file, in the order of their bytes.
+/// Returns the records of a file, sorted as bytes.
 fn sorted_records(path: &Path) -> Result<Vec<Vec<u8>>> {
     let mut reader = LasReader::open(path)?;
     let mut rows = Vec::new();
@@ -150,7 +150,7 @@ fn headers_that_are_wrong_about_places_do_no_harm() {
     let folder = tempfile::tempdir().unwrap();
     let rows = records(1, 0, 300);
     let mut bytes = las_bytes(1, &rows, &[], 0.01);
-    // (The greatest x.)
+    // The maximum of x.
     bytes[179..187].copy_from_slice(&5.0f64.to_le_bytes());
     let path = folder.path().join("in.las");
     std::fs::write(&path, bytes).unwrap();
@@ -166,7 +166,7 @@ fn several_files_have_all_attributes_on_the_finest_grid() {
     std::fs::write(&paths[0], las_bytes(1, &records(1, 0, 40), &[], 0.01)).unwrap();
     std::fs::write(&paths[1], las_bytes(2, &records(2, 0, 60), &[], 0.02)).unwrap();
     let files = LasFiles::open(&paths, None).unwrap();
-    // (The steps of the second are two of the first; attributes and tags differ.)
+    // The grid unit of the second file is twice that of the first; attributes and tags differ.
     assert!(files.remarks().iter().all(|(_, text)| !text.contains("moved")));
     let tree = tree_of(&paths, folder.path()).unwrap();
     assert_eq!((tree.len(), tree.grid().scale), (100, [0.01; 3]));
@@ -210,7 +210,8 @@ fn files_that_lie_are_errors() {
             let mut damaged = bytes.clone();
             match round % 4 {
                 0 => damaged.truncate(random() as usize % bytes.len()),
-                // Header, records of variable length, and where the table of chunks is; the table itself.
+                // The header, variable-length records and the offset of the chunk table; otherwise
+                // the table itself.
                 1 | 2 => damaged[random() as usize % (start + 8)] = random() as u8,
                 _ => {
                     let end = bytes.len() - 1 - random() as usize % 12;
@@ -218,7 +219,7 @@ fn files_that_lie_are_errors() {
                 }
             }
             std::fs::write(&path, &damaged).unwrap();
-            // Whatever comes out, it ends, and takes no more memory than there are bytes.
+            // Whatever the outcome, reading ends, and takes no more memory than the file has bytes.
             if let Ok(mut reader) = LasReader::open(&path) {
                 let mut rows = Vec::new();
                 while reader.read(&mut rows, 1000).is_ok_and(|count| count > 0) && rows.len() < 1 << 22 {}
@@ -239,7 +240,7 @@ fn layers_are_no_longer_than_their_file() {
         let good = std::fs::read(&packed).unwrap();
         let start = u32::from_le_bytes(good[96..100].try_into().unwrap()) as usize;
         let size = usize::from(u16::from_le_bytes(good[105..107].try_into().unwrap()));
-        // The bytes of the first layer, of the last one, and more points than there are chunks for.
+        // The size of the first layer, of the last one, and more points than the chunks contain.
         let last = start + 8 + size + 4 + 4 * (9 - 1);
         for (at, words) in [(start + 8 + size + 4, "layers of"), (last, "layers of"), (249, "no chunk for")] {
             let mut bytes = good.clone();
@@ -256,7 +257,7 @@ fn written(tree: &PointTree, path: &Path, format: PointFormat) {
     export_points(tree, &Selection::default(), None, Output::create(path).unwrap(), format, &()).unwrap();
 }
 
-/// The numbers of an attribute, sorted.
+/// Returns the numbers of an attribute, sorted.
 fn numbers(path: &Path, name: &str) -> Vec<i64> {
     let mut reader = LasReader::open(path).unwrap();
     let mut rows = Vec::new();
@@ -287,7 +288,7 @@ fn scan_angles_of_old_and_new_formats_are_joined() {
         written(&tree, &out, PointFormat::Las);
         assert_eq!(numbers(&out, "scan_angle"), [-15_000, -7, 5_000, 15_000]);
     }
-    // Old points alone stay as they are.
+    // Old formats alone stay unchanged.
     let tree = tree_of(std::slice::from_ref(&old), folder.path()).unwrap();
     written(&tree, &out, PointFormat::Las);
     assert_eq!(numbers(&out, "scan_angle_rank"), [-90, 30]);
@@ -383,7 +384,8 @@ fn colours_of_8_bits_have_16_in_las() {
             assert_eq!(numbers(&out, name), expected, "{kind} {name}");
         }
         assert_eq!(numbers(&out, "scan_angle"), [-15_000, 0, 5_000]);
-        // (The bit of well-known text, which readers of formats from 6 on expect, without a coordinate system too.)
+        // The WKT bit, which readers expect in formats 6 and above, even without a coordinate
+        // system.
         let bytes = std::fs::read(&out).unwrap();
         assert!(bytes[104] >= 6 && bytes[6] & 0x10 != 0, "format {}", bytes[104]);
     }

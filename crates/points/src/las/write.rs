@@ -1,4 +1,4 @@
-//! Headers of LAS files of points that a tree has.
+//! Headers of LAS files that are written from a tree.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -16,7 +16,7 @@ use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 use spinney_container::Metadata;
 
-/// The header of a file to be written, and what it counts.
+/// Header of a file to be written, and the counts that go into it.
 pub(crate) struct LasFile {
     header: raw::Header,
     records: Vec<raw::Vlr>,
@@ -29,21 +29,21 @@ pub(crate) struct LasFile {
     return_number: Option<usize>,
 }
 
-/// Where columns of a tree go in records.
+/// Mapping of a tree's columns to record fields.
 pub(crate) struct Fields {
     layout: RowLayout,
-    /// The column of each attribute of the records, and how its numbers are written; `None` where the tree has none.
+    /// Column and conversion of each record attribute; `None` where the tree has no such attribute.
     columns: Vec<Option<(usize, Conversion)>>,
 }
 
-/// How numbers of an attribute become those of a record.
+/// Conversion of an attribute's numbers to those of a record.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Conversion {
-    /// They are the same.
+    /// No conversion.
     None,
-    /// Colours of 8 bits have 16 in LAS: 255 becomes 65535.
+    /// 8-bit colours have 16 bits in LAS: 255 becomes 65535.
     Colour,
-    /// Scan angles in degrees are in units of 0.006 degrees in point formats from 6 on.
+    /// Scan angles in degrees become units of 0.006 degrees, for point formats 6 and above.
     ScanAngle,
 }
 
@@ -61,7 +61,7 @@ impl Conversion {
 const COLOURS: [&str; 3] = ["red", "green", "blue"];
 
 impl Fields {
-    /// Makes records of columns.
+    /// Converts columns to records.
     pub(crate) fn rows(&self, columns: &[Vec<i64>], rows: &mut Vec<u8>) {
         rows.clear();
         rows.resize(columns[0].len() * self.layout.size, 0);
@@ -84,7 +84,7 @@ impl Fields {
     }
 }
 
-/// An attribute to be written, and the least and the greatest of its numbers.
+/// An attribute to be written, with its minimum and maximum.
 #[derive(Clone, Copy)]
 struct OutputAttribute<'t> {
     attribute: &'t PointAttribute,
@@ -93,7 +93,8 @@ struct OutputAttribute<'t> {
 }
 
 impl OutputAttribute<'_> {
-    /// The place that an attribute has among those of a format: that of its name, if there is room for all of its numbers.
+    /// Returns the index of the format's attribute with the same name, if its type can represent
+    /// all numbers.
     fn place(&self, format: &RowLayout) -> Option<usize> {
         let place = format.position(&self.attribute.name)?;
         let own = format.attributes[place].sample;
@@ -106,7 +107,7 @@ impl OutputAttribute<'_> {
             (None, SampleType::U32) => (0, u32::MAX.into()),
             (None, _) => return Some(place).filter(|_| own == self.attribute.sample),
         };
-        // (Ordered numbers of these types are the numbers.)
+        // For these types, ordered numbers equal the numbers.
         let is_whole = !matches!(self.attribute.sample, SampleType::F32 | SampleType::F64 | SampleType::U64);
         let fits = least <= self.least && self.most <= most || self.least > self.most;
         let is_plain = self.attribute.scale_offset.is_none() && self.attribute.no_data.is_none();
@@ -114,7 +115,7 @@ impl OutputAttribute<'_> {
     }
 }
 
-/// Where attributes go among those of a format, each at most once; `None` for those that become extra bytes.
+/// Maps attributes to those of a format, one to one; `None` for those that become extra bytes.
 fn places(attributes: &[OutputAttribute<'_>], format: &RowLayout) -> Vec<Option<(usize, Conversion)>> {
     let is_short = |name: &&str| {
         let mut own = attributes.iter().filter(|written| written.attribute.name == **name);
@@ -128,7 +129,7 @@ fn places(attributes: &[OutputAttribute<'_>], format: &RowLayout) -> Vec<Option<
         let place = written.place(format).map(|place| (place, conversion));
         found.push(place.filter(|(place, _)| found.iter().flatten().all(|(other, _)| other != place)));
     }
-    // Scan angles of old formats go where those of new ones are, if these are not there.
+    // Scan angles of old formats map to those of new formats, unless these are taken.
     let angle = format.position(SCAN_ANGLE);
     let is_free = found.iter().flatten().all(|(place, _)| Some(*place) != angle);
     let rank = attributes.iter().position(|written| {
@@ -141,7 +142,8 @@ fn places(attributes: &[OutputAttribute<'_>], format: &RowLayout) -> Vec<Option<
     found
 }
 
-/// The format of records that has the most of some attributes; of several the one that the points came in, or the smallest.
+/// Returns the point format that has fields for the most attributes. Of several, it prefers the
+/// input's format, then the lowest number.
 fn best_format(attributes: &[OutputAttribute<'_>], came_in: Option<u8>) -> u8 {
     let candidates: Vec<u8> = came_in.into_iter().chain(6..=MAX_FORMAT).collect();
     let room = |format: &u8| {
@@ -186,7 +188,8 @@ fn record(user: &str, number: u16, description: &str, data: Vec<u8>) -> raw::Vlr
 }
 
 impl LasFile {
-    /// The file of points of a tree with some of its attributes, and where these go.
+    /// Creates the file for a tree's points with some of its attributes, and the mapping of the
+    /// attributes.
     pub(crate) fn of(tree: &PointTree, chosen: &[usize]) -> Result<(LasFile, Fields)> {
         let metadata = tree.metadata();
         let root = tree.root()?.map(|root| root.statistics);
@@ -217,7 +220,7 @@ impl LasFile {
             return Err(Error::unsupported(tree.path(), format!("records of {size} bytes in LAS"), advice));
         };
         let layout = record_layout(format, size, &descriptors);
-        // (Those that are extra are told by their order: names may have been cut.)
+        // Extra attributes are identified by their order, since names may be truncated.
         let mut columns = vec![None; layout.attributes.len()];
         for (attribute, place) in chosen.iter().zip(&own_columns) {
             if let Some((place, conversion)) = place {
@@ -232,9 +235,10 @@ impl LasFile {
         let mut records = Vec::new();
         let mut encoding =
             tag(metadata, "global_encoding").and_then(|text| text.parse::<u16>().ok()).unwrap_or(0);
-        // (Whether waves are inside or beside: they are neither now.)
+        // Clear the bits for waveform data inside the file or in a separate one: waveforms are not
+        // written.
         encoding &= !0b1_0110;
-        // (Those of the formats from 6 on have well-known text, and say so even if they have none.)
+        // Files with formats 6 and above declare WKT even without a coordinate system.
         if format >= 6 {
             encoding |= WKT_BIT;
         }
@@ -260,23 +264,23 @@ impl LasFile {
         Ok((file, fields))
     }
 
-    /// Number of the point format.
+    /// Returns the number of the point format.
     pub(crate) fn format(&self) -> u8 {
         self.format
     }
 
-    /// Bytes of a record beyond those of its format.
+    /// Returns the record size in excess of the format's size.
     pub(crate) fn extra_bytes(&self) -> u16 {
         (self.layout.size - record_bytes(self.format).unwrap_or(0)) as u16
     }
 
-    /// Says that records are packed, and how.
+    /// Marks records as compressed, and adds the LASzip record.
     pub(crate) fn pack(&mut self, laszip: Vec<u8>) {
         self.header.point_data_record_format |= 0x80;
         self.records.push(record("laszip encoded", 22204, "by laszip of LAStools", laszip));
     }
 
-    /// Counts records that are written.
+    /// Counts written records.
     pub(crate) fn count(&mut self, rows: &[u8]) {
         let size = self.layout.size;
         self.points += (rows.len() / size) as u64;
@@ -290,14 +294,14 @@ impl LasFile {
         self.bounds = both_bounds(self.bounds, bounds_of(rows, size));
     }
 
-    /// The header and the records of variable length, as they are known by now.
+    /// Returns the header and the variable-length records, with the counts so far.
     pub(crate) fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
         let mut header = self.header.clone();
         let records: usize = self.records.iter().map(|record| 54 + record.data.len()).sum();
         header.offset_to_point_data = (usize::from(header.header_size) + records) as u32;
         header.number_of_variable_length_records = self.records.len() as u32;
         let is_large = header.version == Version::new(1, 4);
-        // (What readers of older versions look at: nothing where it would not fit, or where they know no such points.)
+        // Legacy counts: 0 if the count does not fit or old readers do not know the format.
         let is_old = self.format < 6 && self.points <= u32::MAX.into();
         if !is_large && !is_old {
             let advice = "write parts of it (--window), or .npy";
@@ -335,13 +339,13 @@ impl LasFile {
     }
 }
 
-/// The bit of the global encoding that says that the coordinate system is well-known text.
+/// Bit of the global encoding that declares the coordinate system to be WKT.
 const WKT_BIT: u16 = 0b1_0000;
 
-/// Adds records that tell the coordinate system; returns the bit of the encoding that says how.
+/// Adds the records of the coordinate system; returns their bit of the global encoding.
 fn add_crs(crs: &spinney_crs::Crs, format: u8, records: &mut Vec<raw::Vlr>) -> Result<u16> {
     const PROJECTION: &str = "LASF_Projection";
-    // LAS 1.4 has well-known text for its own formats.
+    // LAS 1.4 requires WKT for formats 6 and above.
     if format >= 6 {
         let mut text = crs.to_text()?.into_bytes();
         text.push(0);
@@ -361,7 +365,7 @@ fn add_crs(crs: &spinney_crs::Crs, format: u8, records: &mut Vec<raw::Vlr>) -> R
     Ok(0)
 }
 
-/// The header with what is known before there are points.
+/// Returns the header as far as it is known before the points.
 fn header_of(metadata: &Metadata, format: u8, encoding: u16, record_length: u16) -> raw::Header {
     let minor = tag(metadata, "version").and_then(|text| text.strip_prefix("1.")?.parse::<u8>().ok());
     let minor = if format >= 6 { 4 } else { minor.unwrap_or(2).clamp(if format >= 4 { 3 } else { 2 }, 4) };

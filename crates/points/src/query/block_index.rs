@@ -1,32 +1,33 @@
-//! Points of a block, put so that those near a place are found fast.
+//! Spatial index of a block's points for nearest-neighbour search.
 
 use std::collections::BinaryHeap;
 
-/// A point of a block.
+/// Point of a block.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct IndexedPoint {
-    /// Coordinates in the world.
+    /// World coordinates.
     pub place: [f64; 3],
-    /// Its number in the block.
+    /// Index in the block.
     pub number: u32,
-    /// The axis along which it divides its range, if that is not small.
+    /// Split axis of its range, unless the range is small.
     pub axis: u8,
 }
 
-/// A k-d tree (Bentley 1975) without pointers: the middle point of each range divides it along the range's longest side.
+/// k-d tree (Bentley 1975) without pointers. The median point of each range splits it along the
+/// longest side.
 pub(super) struct BlockIndex {
     points: Vec<IndexedPoint>,
 }
 
-/// Ranges of so many points are looked through.
+/// Ranges of at most this many points are searched linearly.
 const SMALL: usize = 8;
 
-/// A point that may be the answer.
+/// Candidate for a nearest point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Candidate {
-    /// Square of its distance.
+    /// Squared distance.
     pub square: f64,
-    /// Its block, and its number there.
+    /// Block number, and index in the block.
     pub number: (u32, u32),
     pub place: [f64; 3],
 }
@@ -40,25 +41,25 @@ impl PartialOrd for Candidate {
 }
 
 impl Ord for Candidate {
-    /// By distance; of points that are equally far, by number.
+    /// Orders by distance, then by number.
     fn cmp(&self, other: &Candidate) -> std::cmp::Ordering {
         self.square.total_cmp(&other.square).then(self.number.cmp(&other.number))
     }
 }
 
-/// The best points so far of one question.
+/// Best points of one query so far.
 pub(super) struct Best {
-    /// The farthest is on top.
+    /// Max-heap: the farthest candidate is on top.
     heap: BinaryHeap<Candidate>,
     most: usize,
-    /// Square of the distance that better points have at most.
+    /// Squared distance that better points must not exceed.
     pub limit: f64,
     /// Number of axes that count.
     axes: usize,
 }
 
 impl Best {
-    /// At most so many points, whose distance has at most that square.
+    /// Keeps at most `most` points, whose squared distances do not exceed `limit`.
     pub(super) fn new(most: usize, limit: f64, axes: usize) -> Best {
         Best { heap: BinaryHeap::new(), most, limit, axes }
     }
@@ -87,14 +88,14 @@ impl Best {
         }
     }
 
-    /// The points that were found, the nearest first.
+    /// Returns the points found, nearest first.
     pub(super) fn finish(self) -> Vec<Candidate> {
         self.heap.into_sorted_vec()
     }
 }
 
 impl BlockIndex {
-    /// The index of points, of which so many axes count.
+    /// Builds the index of points; the first `axes` axes count.
     pub(super) fn new(mut points: Vec<IndexedPoint>, axes: usize) -> BlockIndex {
         let mut ranges = vec![(0, points.len())];
         while let Some((first, last)) = ranges.pop() {
@@ -118,20 +119,23 @@ impl BlockIndex {
         BlockIndex { points }
     }
 
-    /// Bytes of memory that it takes.
+    /// Returns the memory size in bytes.
     pub(super) fn bytes(&self) -> u64 {
         (self.points.len() * size_of::<IndexedPoint>()) as u64
     }
 
-    /// Looks for better points. `beside` are the squares of how far the place lies beside the box of all points, along each axis.
+    /// Searches for better points. `beside` is the squared distance to the bounding box along each
+    /// axis.
     pub(super) fn search(&self, block: u32, from: [f64; 3], beside: [f64; 3], best: &mut Best) {
         search(&self.points, block, from, beside, best);
     }
 }
 
-/// Looks for better points in a range, which lies in a box. (Ranges are halved: it goes no deeper than the bits of their length.)
+/// Searches a range, which lies in a box, for better points. The recursion depth is at most the
+/// number of bits of the range's length, since ranges are halved.
 ///
-/// On the far side of a middle point the box begins at it: how far that is away is known from the other axes, without looking (Arya and Mount 1993).
+/// The far half is bounded by the split point along the split axis, and by the box along the
+/// others. Its distance is thus known without visiting it (Arya and Mount 1993).
 fn search(range: &[IndexedPoint], block: u32, from: [f64; 3], beside: [f64; 3], best: &mut Best) {
     if range.len() <= SMALL {
         return range.iter().for_each(|point| best.look(from, point, block));
@@ -140,7 +144,7 @@ fn search(range: &[IndexedPoint], block: u32, from: [f64; 3], beside: [f64; 3], 
     let Some((middle, behind)) = rest.split_first() else { return };
     let axis = usize::from(middle.axis);
     if axis >= best.axes {
-        // An axis that does not count excludes nothing.
+        // An axis that does not count prunes nothing.
         search(before, block, from, beside, best);
         best.look(from, middle, block);
         return search(behind, block, from, beside, best);

@@ -1,33 +1,33 @@
-//! Conditions on the attributes of points.
+//! Conditions on point attributes.
 
 use crate::attribute::PointAttribute;
 use crate::statistics::ColumnStatistics;
 
-/// How a number compares with another one.
+/// Comparison operator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Relation {
-    /// It is equal.
+    /// Equal.
     Equal,
-    /// It is not.
+    /// Not equal.
     Unequal,
-    /// It is less.
+    /// Less.
     Less,
-    /// It is less or equal.
+    /// Less or equal.
     AtMost,
-    /// It is greater.
+    /// Greater.
     Greater,
-    /// It is greater or equal.
+    /// Greater or equal.
     AtLeast,
 }
 
-/// A comparison of an attribute's quantity with a number.
+/// Comparison of an attribute's quantity with a number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointCondition {
-    /// The attribute, by its place among all.
+    /// Index of the attribute.
     pub attribute: usize,
-    /// How it compares.
+    /// Operator.
     pub relation: Relation,
-    /// With what.
+    /// Right-hand side.
     pub number: f64,
 }
 
@@ -43,21 +43,21 @@ impl PointCondition {
         }
     }
 
-    /// Whether it holds for a number of the attribute.
+    /// Returns whether the condition holds for a number of the attribute.
     pub(crate) fn holds_for(&self, attribute: &PointAttribute, number: i64) -> bool {
         let quantity = attribute.quantity(number);
-        // (NaN is unequal to every number, but "no value" fulfils no condition.)
+        // NaN is unequal to every number, but "no value" satisfies no condition.
         attribute.no_data != Some(number) && self.holds(quantity)
     }
 
-    /// Whether it can hold for any number between the extremes of a column.
+    /// Returns whether the condition can hold for any number between the extremes of a column.
     pub(crate) fn may_hold(
         &self,
         attribute: &PointAttribute,
         column: &ColumnStatistics,
         points: u64,
     ) -> bool {
-        // (What is no number is equal to none.)
+        // NaN values, which `count` excludes, satisfy `Unequal`.
         if column.count < points {
             return true;
         }

@@ -1,4 +1,4 @@
-//! Questions about trees of points.
+//! Queries of point trees.
 
 mod block_index;
 mod condition;

@@ -1,4 +1,4 @@
-//! The points nearest to places.
+//! Nearest-neighbour queries.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -7,28 +7,28 @@ use super::block_index::{Best, BlockIndex, IndexedPoint};
 use crate::store::PointTree;
 use spinney_base::{Error, Progress, Result, parallel, sort};
 
-/// A point near a place.
+/// Result of a nearest-neighbour query.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NearPoint {
-    /// Where it is, in the coordinates of the points.
+    /// Position, in the coordinates of the points.
     pub place: [f64; 3],
-    /// The distance; in a quadtree, and from positions without z, along x and y.
+    /// Distance; along x and y only in a quadtree, or if the query position has no z.
     pub distance: f64,
-    /// Its block and its place there: together its number in the file.
+    /// Block number and index in the block, which together identify the point in the file.
     pub number: (u32, u32),
 }
 
-/// A node, as a search knows it.
+/// Node of a search.
 struct NearNode {
-    /// The node behind all below it, in preorder.
+    /// Index of the first node after its subtree, in preorder.
     end: u32,
-    /// The blocks of its own points.
+    /// Range of the blocks of its own points.
     blocks: (u32, u32),
-    /// Least and greatest corner of all points in it and below, in the world.
+    /// World bounding box of all points in it and below.
     corners: [[f64; 3]; 2],
 }
 
-/// Indexes of blocks that are kept for further questions.
+/// Block indexes that are cached for further queries.
 #[derive(Default)]
 struct Kept {
     blocks: HashMap<u32, Arc<BlockIndex>>,
@@ -44,17 +44,19 @@ struct Search<'t> {
     kept: Mutex<Kept>,
 }
 
-/// Questions that are answered by one thread, one after the other.
+/// Number of queries that one thread runs in sequence.
 const TOGETHER: usize = 1024;
 
 impl PointTree {
-    /// Finds the points nearest to each of some places: `most` of them, no farther than `within`; the nearest first, of those that are equally far the
-    /// one that comes first in the file. In a quadtree z does not count, nor for a position whose z is NaN.
+    /// Finds up to `most` nearest points for each of the positions, none farther than `within`.
+    /// Results are sorted by distance; ties are in file order. z does not count in a quadtree, nor
+    /// for positions whose z is NaN.
     ///
-    /// Places are gone through in the order of their codes, so that each block is unpacked about once; about `memory` bytes of them are kept.
+    /// Queries run in code order, so that each block is decompressed about once. About `memory`
+    /// bytes of block indexes are cached.
     ///
     /// # Errors
-    /// If a coordinate is no number, the file is damaged or cannot be read.
+    /// If a coordinate is not a number, or the file is corrupt or cannot be read.
     pub fn nearest(
         &self,
         places: &[[f64; 3]],
@@ -88,7 +90,7 @@ impl PointTree {
         Ok(found)
     }
 
-    /// The numbers of places in the order of the codes nearest to them.
+    /// Returns the indices of positions in the order of their codes, clamped to the root.
     fn order(&self, places: &[[f64; 3]]) -> Vec<u32> {
         let grid = self.grid();
         let far = grid.node_box(spinney_base::space::Code::root(grid.dimension));
@@ -137,7 +139,7 @@ impl Search<'_> {
         Ok(Search { tree, nodes: near, block_corners, axes, most_bytes: memory, kept: Mutex::default() })
     }
 
-    /// Squares of how far a place lies beside a box, along each axis that counts.
+    /// Returns the squared distance to a box along each axis that counts.
     #[inline]
     fn beside(&self, from: [f64; 3], [low, high]: &[[f64; 3]; 2]) -> [f64; 3] {
         std::array::from_fn(|axis| match axis < self.axes_of(from) {
@@ -146,13 +148,13 @@ impl Search<'_> {
         })
     }
 
-    /// The number of axes that count for a place.
+    /// Returns the number of axes that count for a position.
     #[inline]
     fn axes_of(&self, place: [f64; 3]) -> usize {
         if place[2].is_nan() { 2 } else { self.axes }
     }
 
-    /// Square of the distance from a box.
+    /// Returns the squared distance to a box.
     #[inline]
     fn distance(&self, from: [f64; 3], corners: &[[f64; 3]; 2]) -> f64 {
         let [x, y, z] = self.beside(from, corners);
@@ -165,7 +167,7 @@ impl Search<'_> {
         places: &[[f64; 3]],
         (most, limit): (usize, f64),
     ) -> Result<Vec<Vec<NearPoint>>> {
-        // (What this thread has at hand needs no lock.)
+        // This thread's own cache needs no lock.
         let mut at_hand = HashMap::new();
         let near = |place: &u32| {
             let mut best = Best::new(most, limit, self.axes_of(places[*place as usize]));
@@ -182,7 +184,8 @@ impl Search<'_> {
         part.iter().map(near).collect()
     }
 
-    /// Looks for better points in a node: below it first, the nearest child first, since the finest levels have the most points.
+    /// Searches a node for better points. Children come first, nearest child first, since the
+    /// finest levels have the most points.
     fn look(
         &self,
         index: usize,
@@ -195,7 +198,8 @@ impl Search<'_> {
         let mut count = 0;
         let mut child = index + 1;
         while child < node.end as usize {
-            // (A hostile list may have nodes whose parents are missing: no more are looked at than there can be children.)
+            // In a corrupt or malicious node list, parents may be missing. No more nodes are
+            // visited than there can be children.
             let Some(place) = children.get_mut(count) else { break };
             *place = (self.distance(from, &self.nodes[child].corners), child);
             count += 1;
@@ -224,7 +228,7 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// The index of a block.
+    /// Returns the index of a block.
     fn block(&self, block: u32) -> Result<Arc<BlockIndex>> {
         let kept = || self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(index) = kept().blocks.get(&block) {
@@ -241,7 +245,7 @@ impl Search<'_> {
         let index = Arc::new(BlockIndex::new((0..columns[0].len()).map(point).collect(), self.axes));
         let mut kept = kept();
         if kept.bytes + index.bytes() > self.most_bytes {
-            // (Places come in order: what was kept for those before is mostly not needed again.)
+            // Queries are sorted, so most cached blocks of earlier queries are not needed again.
             kept.blocks.clear();
             kept.bytes = 0;
         }

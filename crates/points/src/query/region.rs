@@ -1,39 +1,40 @@
-//! Parts of space whose points are asked for.
+//! Regions of space for queries.
 
 use crate::grid::PointGrid;
 use spinney_base::Result;
 use spinney_base::space::{Bounds, Cover};
 use spinney_overlay::Polygon;
 
-/// A part of space, in the coordinates of the points. What lies on its border is in it, but for polygons: there it may be or not.
+/// Region in the coordinates of the points. Borders are included, except for polygons, whose
+/// borders may be in or out.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PointRegion {
-    /// All of it.
+    /// All of space.
     All,
-    /// A box, by its least and greatest corner.
+    /// Box, by its minimum and maximum corners.
     Box([[f64; 3]; 2]),
-    /// All above and below polygons: parts, each of an outer ring and its holes.
+    /// Vertical prisms over polygons, unbounded in z. Each polygon is an outer ring and its holes.
     Polygons(Vec<Vec<Vec<[f64; 2]>>>),
-    /// A ball, by its centre and radius.
+    /// Ball, by its centre and radius.
     Ball([f64; 3], f64),
 }
 
-/// A region on the grid of a tree.
+/// Region on a tree's grid.
 pub(crate) enum GridRegion {
     All,
     Nothing,
-    /// Least and greatest places.
+    /// Minimum and maximum positions.
     Box([[i32; 3]; 2]),
-    /// In steps from the root's corner.
+    /// In grid units from the root's corner.
     Polygon(Box<Polygon>),
     Ball([f64; 3], f64),
 }
 
 impl PointRegion {
-    /// The region on a tree's grid.
+    /// Converts the region to a tree's grid.
     ///
     /// # Errors
-    /// If a polygon's ring has fewer than three corners, or one that is no number.
+    /// If a ring has fewer than three vertices, or a vertex that is not a number.
     pub(crate) fn on(&self, grid: &PointGrid) -> Result<GridRegion> {
         Ok(match self {
             PointRegion::All => GridRegion::All,
@@ -41,7 +42,7 @@ impl PointRegion {
                 grid.places_in(*corners).map_or(GridRegion::Nothing, GridRegion::Box)
             }
             PointRegion::Ball(centre, radius) => GridRegion::Ball(*centre, *radius),
-            // (Polygons of another coordinate system may have no part near the tree.)
+            // Reprojected polygons may be empty near the tree.
             PointRegion::Polygons(parts) if parts.is_empty() => GridRegion::Nothing,
             PointRegion::Polygons(parts) => {
                 let step = |at: [f64; 2]| -> [f64; 2] {
@@ -60,7 +61,7 @@ impl PointRegion {
 }
 
 impl GridRegion {
-    /// How the region has the places of a box.
+    /// Returns how the region covers the positions of a box.
     pub(crate) fn cover(&self, grid: &PointGrid, [least, most]: [[i32; 3]; 2]) -> Cover {
         match self {
             GridRegion::All => Cover::Whole,
@@ -96,7 +97,7 @@ impl GridRegion {
         }
     }
 
-    /// Whether a place is in the region.
+    /// Returns whether a position is in the region.
     #[inline]
     pub(crate) fn has(&self, grid: &PointGrid, place: [i32; 3]) -> bool {
         match self {
@@ -118,7 +119,7 @@ impl GridRegion {
     }
 }
 
-/// Squares of the least and the greatest distance, in the world, of a point from the places of a box.
+/// Returns the squares of the minimum and maximum world distance between a point and a box.
 pub(crate) fn distances(grid: &PointGrid, from: [f64; 3], [least, most]: [[i32; 3]; 2]) -> (f64, f64) {
     let (low, high) = (grid.to_world(least), grid.to_world(most));
     let (mut near, mut far) = (0.0, 0.0);

@@ -1,4 +1,4 @@
-//! Points of a region, of a level, for which conditions hold.
+//! Queries by region, level and conditions.
 
 use super::condition::PointCondition;
 use super::region::{GridRegion, PointRegion};
@@ -10,14 +10,14 @@ use spinney_base::space::Cover;
 use spinney_base::value::SampleType;
 use spinney_base::{Progress, Result, parallel};
 
-/// Points that are asked for.
+/// Selection of points.
 #[derive(Clone, Debug)]
 pub struct Selection {
-    /// Where they are.
+    /// Region of the points.
     pub region: PointRegion,
-    /// The deepest level whose points are asked for; `None` for all.
+    /// Deepest level to read; `None` for all.
     pub level: Option<u8>,
-    /// Conditions that hold for their attributes.
+    /// Conditions on the attributes; all must hold.
     pub conditions: Vec<PointCondition>,
 }
 
@@ -27,31 +27,34 @@ impl Default for Selection {
     }
 }
 
-/// Points: columns of x, y and z on the grid, then of the attributes that were asked for; columns of others are empty.
+/// Points as columns: x, y and z on the grid, then the attributes. Columns of attributes that were
+/// not requested are empty.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PointColumns {
     pub(crate) columns: Vec<Vec<i64>>,
 }
 
 impl PointColumns {
-    /// Number of points.
+    /// Returns the number of points.
     pub fn len(&self) -> usize {
         self.columns.first().map_or(0, Vec::len)
     }
 
-    /// Whether there are none.
+    /// Returns whether there are no points.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// The place of a point on the grid.
+    /// Returns the grid position of a point.
     #[inline]
     pub fn place(&self, point: usize) -> [i32; 3] {
         std::array::from_fn(|axis| self.columns[axis][point] as i32)
     }
 
-    /// Appends a row for each point: x, y and z in the coordinates of the points as doubles, then some attributes, each as its type is, or as a double if it has scale
-    /// and offset; little-endian. Floating-point numbers that encode "no value" are NaN, integers without a scale are as stored.
+    /// Appends one row per point, little-endian: world coordinates x, y and z as doubles, then the
+    /// chosen attributes. An attribute has its own type, or is a double if it has scale and offset.
+    /// Floating-point numbers that encode "no value" become NaN; integers without a scale are as
+    /// stored.
     pub fn rows(
         &self,
         grid: &PointGrid,
@@ -77,33 +80,33 @@ impl PointColumns {
         }
     }
 
-    /// The quantity that an attribute of a point is.
+    /// Returns the quantity of a point's attribute.
     #[inline]
     pub fn quantity(&self, attributes: &[PointAttribute], attribute: usize, point: usize) -> f64 {
         attributes[attribute].quantity(self.columns[3 + attribute][point])
     }
 }
 
-/// Statistics of many points.
+/// Statistics of a selection.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PointStatistics {
     /// Number of points.
     pub points: u64,
-    /// For x, y and z, in the coordinates of the points, and each attribute, with scale and offset: the numbers among them, their least, greatest and mean; nothing if
-    /// there are none.
+    /// Statistics of x, y and z in world coordinates, and of each attribute with scale and offset;
+    /// `None` for a column without numbers.
     pub columns: Vec<Option<ColumnSummary>>,
 }
 
 /// Statistics of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ColumnSummary {
-    /// Number of those that are numbers.
+    /// Number of values that are numbers.
     pub count: u64,
-    /// The least of them.
+    /// Minimum.
     pub min: f64,
-    /// The greatest.
+    /// Maximum.
     pub max: f64,
-    /// Their mean.
+    /// Mean.
     pub mean: f64,
 }
 
@@ -137,7 +140,7 @@ impl PointStatistics {
     }
 }
 
-/// A node or block to look at, and whether all of it is in the region.
+/// A block to read, and whether it lies entirely in the region.
 #[derive(Clone, Copy)]
 struct Chosen {
     block: usize,
@@ -145,11 +148,11 @@ struct Chosen {
 }
 
 impl PointTree {
-    /// Hands out points of a selection, block by block, in the order of nodes: so those of a coarse level come before the ones below. `attributes` says
-    /// which of these are wanted; none for all.
+    /// Yields the points of a selection, block by block, in node order, so that a coarse level
+    /// comes before the levels below it. `attributes` are the indices to read; `None` reads all.
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read, and those of `each`.
+    /// If the file is corrupt or cannot be read, and those of `each`.
     pub fn select(
         &self,
         selection: &Selection,
@@ -162,7 +165,8 @@ impl PointTree {
         let mut wanted = vec![attributes.is_none(); self.columns()];
         wanted[..3].fill(true);
         attributes.unwrap_or_default().iter().for_each(|attribute| wanted[3 + attribute] = true);
-        // As many at a time as give all threads work; each has at most a million points, mostly far fewer.
+        // The batch size keeps all threads busy. A block has at most 2^20 points, usually far
+        // fewer.
         for batch in chosen.chunks(4 * parallel::threads()) {
             progress.check()?;
             for points in parallel::map(batch, |chosen| self.points_of(*chosen, &region, selection, &wanted))
@@ -177,19 +181,20 @@ impl PointTree {
         Ok(())
     }
 
-    /// Number of points of a selection. Nodes that are in the region as a whole are not looked into, unless there are conditions or a level.
+    /// Counts the points of a selection. Without conditions and level, nodes inside the region are
+    /// not read.
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read.
+    /// If the file is corrupt or cannot be read.
     pub fn count(&self, selection: &Selection, progress: &dyn Progress) -> Result<u64> {
         let wanted = [true; 3].into_iter().chain(std::iter::repeat_n(false, self.columns() - 3)).collect();
         Ok(self.sum(selection, wanted, progress)?.points)
     }
 
-    /// Counts, extremes and means of the points of a selection.
+    /// Returns counts, extremes and means of the points of a selection.
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read.
+    /// If the file is corrupt or cannot be read.
     pub fn statistics(&self, selection: &Selection, progress: &dyn Progress) -> Result<PointStatistics> {
         let sum = self.sum(selection, vec![true; self.columns()], progress)?;
         Ok(PointStatistics::of(&sum, self.grid(), self.attributes()))
@@ -222,7 +227,8 @@ impl PointTree {
         Ok(sum)
     }
 
-    /// Goes through the nodes that may have points of a selection, from the root down; `visit` says whether to go on below.
+    /// Traverses the nodes that may have selected points, from the root down. `visit` returns
+    /// whether to descend.
     fn walk(
         &self,
         region: &GridRegion,
@@ -261,7 +267,7 @@ impl PointTree {
         }
     }
 
-    /// The blocks that may have points of a selection.
+    /// Returns the blocks that may have selected points.
     fn chosen(&self, region: &GridRegion, selection: &Selection) -> Result<Vec<Chosen>> {
         let mut chosen = Vec::new();
         self.walk(region, selection, &mut |node, cover| {
@@ -271,7 +277,7 @@ impl PointTree {
         Ok(chosen)
     }
 
-    /// The points of a block that are asked for.
+    /// Returns the selected points of a block.
     fn points_of(
         &self,
         chosen: Chosen,

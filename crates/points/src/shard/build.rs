@@ -1,4 +1,4 @@
-//! Builds a shard of a tree of points.
+//! Builds a shard of a point tree.
 
 use std::path::Path;
 
@@ -17,7 +17,8 @@ use spinney_base::space::CodeRun;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Metadata;
 
-/// Writes a tree without points, which tells all else of that which is built of files: shards are held to it, and merging knows no more.
+/// Writes the head of a sharded build: a tree without points, with all metadata of the result.
+/// Shards are checked against it, and merging needs nothing else.
 ///
 /// # Errors
 /// If the output cannot be written.
@@ -31,12 +32,14 @@ fn summary_of(import: &PointImport, encoder: &Encoder) -> Summary {
     Summary::new(encoder, import.options.leaf_size, BuildSummary::default())
 }
 
-/// Builds a shard of what is built of files; `head` tells of the tree. Reads all of those files that may have points in the shard, and no others. `check`
-/// makes sure that these are still what they were, before the shard counts as made.
+/// Builds a shard of an import; `head` is the path of the tree's head. Reads all files that may
+/// have points in the shard, in full, and no others. `check` verifies that the files are unchanged,
+/// before the shard is published.
 ///
 /// # Errors
-/// If a file cannot be read, or has points beyond the bounds that its header tells; if the files or options are others than those of the head; if
-/// something cannot be written; those of `check`. Nobody takes what is there for the shard then.
+/// If a file cannot be read, or has points outside the bounds of its header; if the files or
+/// options differ from those of the head; if the output cannot be written; those of `check`. An
+/// incomplete shard is never used.
 pub fn build_shard(
     import: &PointImport,
     (head, shard): (&Path, &PointShard),
@@ -72,24 +75,24 @@ pub fn build_shard(
     writer.finish(duplicates)
 }
 
-/// Makes a shard for which no part of the space is left; `head` tells of the tree.
+/// Builds a shard without units, for which no space is left; `head` is the path of the tree's head.
 ///
 /// # Errors
-/// If the head cannot be read, or the shard not be written.
+/// If the head cannot be read, or the shard cannot be written.
 pub fn build_empty_shard(head: &Path, shard: &PointShard) -> Result<()> {
     let planned = PointTree::open(head, &(&shard.shard.access).into())?;
     let encoder = Encoder::new(planned.layout().clone(), planned.grid().clone());
     ShardWriter::new(shard, &encoder)?.finish(0)
 }
 
-/// Makes sure that the tree would be what its head tells, but for where its files are.
+/// Checks that the build matches the head, except for the paths of the inputs.
 fn check_planned(
     import: &PointImport,
     encoder: &Encoder,
     (head, access): (&Path, &FileAccess),
 ) -> Result<()> {
     let planned = PointTree::open(head, &access.into())?;
-    // (As bytes, in which numbers that are none are like themselves.)
+    // Metadata is compared as bytes, in which NaN equals itself.
     let told = |metadata: &Metadata| Metadata { provenance: Vec::new(), ..metadata.clone() }.to_bytes(head);
     let summary = summary_of(import, encoder);
     let found = match () {
@@ -103,7 +106,7 @@ fn check_planned(
     Err(Error::PlanMismatch { path, found, expected, advice })
 }
 
-/// Reads the points of a run; tells how many were looked at.
+/// Reads the points of a run; returns the number of points read, including those outside the run.
 fn read(
     import: &PointImport,
     encoder: &Encoder,
@@ -122,7 +125,8 @@ fn read(
     for number in wanted {
         let part = &parts[number];
         let mut points = import.source.part(number)?;
-        // Invariant: in all shards points have numbers in the order in which they come in, since parts have room for the numbers of all their points.
+        // Invariant: points are numbered in input order in all shards. Each file reserves as many
+        // numbers as it has points.
         let mut next: u64 = parts[..number].iter().map(|part| part.count).sum();
         let end = next + part.count;
         loop {
@@ -148,7 +152,7 @@ fn read(
     Ok((buckets.finish()?, read))
 }
 
-/// The error that a file has points where nobody looks for them.
+/// Error for points outside the bounds by which files are assigned to shards.
 fn beyond(path: &Path, part: &PointPart) -> Error {
     let [least, most] = part.bounds;
     let PointPart { count, .. } = part;

@@ -1,4 +1,4 @@
-//! Cuts the space of points into shards with about as many of them.
+//! Divides space into shards with about equal point counts.
 
 use std::collections::BTreeMap;
 
@@ -10,28 +10,29 @@ use crate::source::PointPart;
 use spinney_base::space::{Bounds, Code, CodeRun};
 use spinney_base::{Error, Result};
 
-/// Units for each shard, about, so that shards can be alike; more would hand up more points.
+/// Approximate number of units per shard, for balance. With more units, more points would go to the
+/// nodes above.
 const UNITS: u64 = 8;
-/// Units that have points, at most, unless a shard needs more.
+/// Limit for the number of non-empty units: with this many, units are not divided further.
 const MAX_UNITS: u64 = 1 << 16;
-/// Part of a file's side by which its points may lie beyond the bounds that its header tells, as a power of two, and steps.
+/// Tolerance for points outside a file's header bounds: 2^-7 of its side, plus 16 grid units.
 const MARGIN: (u32, i64) = (7, 16);
 
-/// Shards of a tree, as they were cut.
+/// Division of a tree into shards.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PointCut {
-    /// The level of units.
+    /// Level of the units.
     pub level: u8,
-    /// The part of the space that each shard has: all together have all of it. Those for which nothing is left have none.
+    /// Code range of each shard; together they cover all of space. `None` for shards without units.
     pub runs: Vec<Option<CodeRun>>,
-    /// Number of all points, where it is known before they are read.
+    /// Total number of points, if known before reading.
     pub points: Option<u64>,
 }
 
-/// Cuts what is built of files into so many shards, by their headers. No point is read.
+/// Divides an import into shards, based on the file headers. No point is read.
 ///
 /// # Errors
-/// If the points do not come from LAS or LAZ files, or a header makes no sense.
+/// If the points do not come from LAS or LAZ files, or a header is invalid.
 pub fn cut(import: &PointImport, shards: u32) -> Result<PointCut> {
     let source = &*import.source;
     let path = source.path();
@@ -51,8 +52,9 @@ pub fn cut(import: &PointImport, shards: u32) -> Result<PointCut> {
         let found = format!("{count} points from {least:?} to {most:?} on the grid");
         return Err(Error::corrupt(path, "headers of its files", found, "corners in order"));
     }
-    // Invariant: units are no deeper than the spacing of the root's points, so that the first point of each goes to the root whatever came before, and shards
-    // need not know each other. As few units as will do: the deeper these are, the more points go up.
+    // Invariant: units are no deeper than the root's sampling cells. The first point of each unit
+    // thus goes to the root, whatever precedes it, so shards are independent. The level is the
+    // coarsest with enough units: the deeper the units, the more points go to the nodes above.
     let wanted = (u64::from(shards) * UNITS).min(MAX_UNITS);
     let (mut level, mut weights) = (0, weights_of(&grid, source.parts(), 0));
     while level < deepest_units(&grid) && (weights.len() as u64) < wanted && shards > 1 {
@@ -63,7 +65,8 @@ pub fn cut(import: &PointImport, shards: u32) -> Result<PointCut> {
     Ok(PointCut { level, runs: runs_of(&grid, &weights, shards), points })
 }
 
-/// Numbers of the files that may have points in a shard, by the bounds that their headers tell, with some room.
+/// Returns the indices of the files that may have points in a shard, by their header bounds plus a
+/// tolerance.
 pub(super) fn parts_of(import: &PointImport, shard: &PointShard) -> Vec<usize> {
     let grid = encoder_of(import.source.schema()).grid;
     let touches = |part: &PointPart, run: CodeRun| {
@@ -76,14 +79,14 @@ pub(super) fn parts_of(import: &PointImport, shard: &PointShard) -> Vec<usize> {
         .collect()
 }
 
-/// Least and greatest place that a point of a file may have, along an axis.
+/// Returns the range along an axis in which a file may have points.
 fn reach(part: &PointPart, axis: usize) -> [i64; 2] {
     let [least, most] = part.bounds.map(|place| i64::from(place[axis]));
     let margin = MARGIN.1 + ((most - least) >> MARGIN.0);
     [least - margin, most + margin]
 }
 
-/// Whether a file may have a point at a place.
+/// Returns whether a file may have a point at a position.
 pub(super) fn may_have(part: &PointPart, place: [i32; 3]) -> bool {
     (0..3).all(|axis| {
         let [least, most] = reach(part, axis);
@@ -91,7 +94,8 @@ pub(super) fn may_have(part: &PointPart, place: [i32; 3]) -> bool {
     })
 }
 
-/// The units at a level that a file may have points in; an empty box if its bounds are the wrong way round.
+/// Returns the units at a level in which a file may have points; an empty box if its bounds are
+/// inverted.
 fn cells_of(grid: &PointGrid, part: &PointPart, level: u8) -> Bounds {
     let (mut min, mut max) = ([0; 3], [1; 3]);
     for axis in 0..grid.dimension.axes() {
@@ -107,7 +111,7 @@ fn cells_of(grid: &PointGrid, part: &PointPart, level: u8) -> Bounds {
     Bounds { min, max }
 }
 
-/// Points of each unit at a level that has some, about, by its code.
+/// Estimates the number of points in each non-empty unit at a level, by code.
 fn weights_of(grid: &PointGrid, parts: &[PointPart], level: u8) -> BTreeMap<u64, u64> {
     let mut weights = BTreeMap::new();
     let side = (1i64 << (grid.bits - level)) as f64;
@@ -135,10 +139,10 @@ fn weights_of(grid: &PointGrid, parts: &[PointPart], level: u8) -> BTreeMap<u64,
     weights
 }
 
-/// Runs of units, with about as many points each; together they have all of the space.
+/// Divides space into runs of units with about equal point counts.
 fn runs_of(grid: &PointGrid, weights: &BTreeMap<u64, u64>, shards: u32) -> Vec<Option<CodeRun>> {
     let total: u128 = weights.values().map(|weight| u128::from(*weight)).sum();
-    // A unit belongs to the shard in whose part of the whole its middle is.
+    // A unit belongs to the shard that contains the middle of its points.
     let mut lasts: Vec<(u32, Code)> = Vec::new();
     let mut before = 0u128;
     for (unit, weight) in weights {
@@ -159,7 +163,7 @@ fn runs_of(grid: &PointGrid, weights: &BTreeMap<u64, u64>, shards: u32) -> Vec<O
         runs[*shard as usize] = CodeRun::new(first, last);
         first = last + 1;
     }
-    // (Without any points the first shard has the space.)
+    // Without points, the first shard gets all of space.
     if lasts.is_empty() {
         runs[0] = Some(CodeRun::ALL);
     }

@@ -1,4 +1,4 @@
-//! Puts the shards of a tree together: their blocks one behind the other, and the nodes above them.
+//! Merges the shards of a tree: copies their blocks, and builds the nodes above the units.
 
 use std::path::Path;
 
@@ -11,13 +11,16 @@ use spinney_base::space::Code;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{RunFile, ShardSummary};
 
-/// Puts a tree together whose shards are all made: the bytes are those of a file that was built in one go. `head` tells of the tree. Blocks are
-/// checked and copied, and no points are read but those of nodes above; about `memory` bytes hold each list before it goes to a temporary file. `points` is
-/// how many there have to be, where that is known. Progress counts bytes.
+/// Merges the shards of a tree, all of which must be built. The file is byte-identical to a
+/// single-process build. `head` is the path of the tree's head. Blocks are verified and copied;
+/// only the points of the nodes above the units are read. About `memory` bytes hold each list
+/// before it goes to a temporary file. `points` is the expected total, if known. Progress counts
+/// bytes.
 ///
 /// # Errors
-/// If a shard is missing, damaged or of another job, if shards leave gaps or overlap, if there are not as many points, or if the output cannot be
-/// written; on interruption. There is no output then.
+/// If a shard is missing, corrupt or of another job; if shards leave gaps or overlap; if the point
+/// count is wrong; if the output cannot be written; on cancellation. In these cases there is no
+/// output.
 pub fn merge_shards(
     head: &Path,
     shards: &[PointShard],
@@ -69,7 +72,7 @@ pub fn merge_shards(
             assembler.join(code, assembled);
             write_pieces(std::mem::take(&mut assembler.pieces), &mut writer)?;
         }
-        // (The units have as many points as the totals: so the sum is at most that of points.)
+        // The points of the units equal the totals, so the duplicates do not exceed the points.
         summary.duplicates += units.totals().duplicates;
     }
     if points.is_some_and(|points| points != summary.points) {
@@ -87,7 +90,7 @@ fn find(shard: &PointShard) -> Result<ShardSummary<PointTotals>> {
     find_summary(shard)?.ok_or_else(|| shard.shard.not_built())
 }
 
-/// Makes sure that shards have all of the space, one behind the other, and are cut at units.
+/// Checks that the shards cover space contiguously and are cut at units.
 fn check_cover(head: &Path, shards: &[PointShard], encoder: &Encoder) -> Result<()> {
     let what = || format!("shards of {}", head.display());
     let level = shards.first().map_or(0, |shard| shard.level);

@@ -1,10 +1,13 @@
-//! Trees of points in *shards*: parts of the space that are built by themselves, perhaps by many processes, and are put together to the file that
-//! would have been built in one go.
+//! Sharded point trees. A *shard* is a range of space that is built independently, perhaps by
+//! another process. Merging the shards yields the same file as a single-process build.
 //!
-//! The space is cut at nodes of one level, *units*, which is no deeper than the spacing of the root's points: so the first point of a unit
-//! goes to the root, whatever came before it, and where all others go is told by the unit's points alone ([`node_level`](crate::build)). What is
-//! below units is final, and goes to a *run file*. Points that go to nodes above, points of units that are too few to be nodes by themselves, and what is known of
-//! blocks and nodes go to a [*shard summary*](spinney_container::ShardSummary), of which the nodes above are made.
+//! Space is divided at the nodes of one level, the *units*, which is no deeper than the sampling
+//! cells of the root. The first point of a unit thus goes to the root, whatever precedes it, and
+//! the levels of all other points depend only on the unit's points ([`node_level`](crate::build)).
+//! Nodes below units are final and go to a *run file*. A [*shard
+//! summary*](spinney_container::ShardSummary) holds the rest: points of nodes above units, points
+//! of units too small to be nodes, and the statistics of blocks and nodes. The nodes above units
+//! are built from it.
 
 mod build;
 mod cut;
@@ -25,35 +28,36 @@ pub use cut::{PointCut, cut};
 pub use merge::merge_shards;
 pub use units::find_shard;
 
-/// A shard of a tree of points.
+/// Shard of a point tree.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PointShard {
-    /// Its files, and its run of units as the piece of layer 0; no piece if the shard has no units.
+    /// Its files, and its run of units as the only entry of `pieces` (layer 0), which is empty if
+    /// the shard has no units.
     pub shard: Shard,
-    /// The level of units.
+    /// Level of the units.
     pub level: u8,
 }
 
 impl PointShard {
-    /// The codes of its units.
+    /// Returns the code range of its units.
     fn run(&self) -> Option<CodeRun> {
         self.shard.pieces.first().map(|piece| piece.run)
     }
 }
 
-/// The deepest level of units.
+/// Returns the deepest possible level of units.
 fn deepest_units(grid: &PointGrid) -> u8 {
-    // (Rows are put by nodes that are not above units.)
+    // Bucket nodes must not be above units.
     spacing_levels(grid.dimension).min(levels_below(grid.dimension)).min(grid.deepest())
 }
 
-/// The unit that has a number of a code.
+/// Returns the unit that contains a code, given as bits.
 fn unit_of(dimension: Dimension, level: u8, bits: u64) -> Code {
     let path = bits >> (63 - dimension.axes() as u32 * u32::from(level));
     Code::from_path(dimension, level, path).expect("a number of a code has a unit")
 }
 
-/// Place in the order in which nodes end.
+/// Returns the sort key of postorder.
 fn postorder(code: Code) -> (u64, std::cmp::Reverse<u8>) {
     (code.last_bits(), std::cmp::Reverse(code.level()))
 }

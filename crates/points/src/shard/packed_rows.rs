@@ -1,30 +1,31 @@
-//! Rows of points in shard summaries: blocks of columns, as in trees, with two more: the number of the point in the input, and the level of its node.
+//! Encoding of point rows in shard summaries: blocks of columns, as in trees, with two more
+//! columns: the input number of the point and the level of its node.
 
 use crate::attribute::{POSITION_BYTES, PointAttribute, RowLayout};
 use crate::build::{Encoder, MAX_NUMBERS, NUMBER_BYTES};
 use crate::codec::{BlockLayout, columns_of, decode, encode};
 use spinney_base::value::SampleType;
 
-/// Points of a block at most.
+/// Maximum number of points in a block.
 pub(super) const MAX_ROWS: usize = 1 << 16;
 
-/// The way from rows with their numbers and levels to bytes, and back.
+/// Codec between rows with input numbers and levels, and bytes.
 pub(super) struct PackedRows<'a> {
     encoder: &'a Encoder,
     block: BlockLayout,
 }
 
 impl<'a> PackedRows<'a> {
-    /// Of rows of an encoder.
+    /// Creates the codec for an encoder's rows.
     pub(super) fn new(encoder: &'a Encoder) -> PackedRows<'a> {
         let mut attributes = encoder.layout.attributes.clone();
-        // (Names that no attribute has mean nothing to blocks.)
+        // Blocks do not use the names.
         attributes.push(PointAttribute::new("", SampleType::I64));
         attributes.push(PointAttribute::new("", SampleType::U8));
         PackedRows { encoder, block: BlockLayout::of(&RowLayout::packed(attributes)) }
     }
 
-    /// The bytes of rows, at most [`MAX_ROWS`], and their levels.
+    /// Encodes at most [`MAX_ROWS`] rows and their levels.
     pub(super) fn encode(&self, rows: &[u8], levels: &[u8]) -> Vec<u8> {
         let Encoder { layout, .. } = self.encoder;
         let all = rows.chunks_exact(self.encoder.stride());
@@ -34,7 +35,7 @@ impl<'a> PackedRows<'a> {
         encode(&columns, &self.block)
     }
 
-    /// Appends the rows of some bytes, and their levels. `None` if they are not what somebody wrote.
+    /// Decodes rows and their levels, and appends them. `None` if the bytes are corrupt.
     pub(super) fn decode(
         &self,
         bytes: &[u8],
@@ -68,7 +69,7 @@ impl<'a> PackedRows<'a> {
     }
 }
 
-/// The number of the point that stands behind a row.
+/// Returns the input number at the end of a row.
 fn number_of(bytes: &[u8]) -> i64 {
     let mut number = [0; 8];
     number[..NUMBER_BYTES].copy_from_slice(&bytes[..NUMBER_BYTES]);

@@ -1,4 +1,4 @@
-//! Shards against trees that are built in one go.
+//! Compares sharded builds with single-process builds.
 
 use std::fs;
 use std::io::{self, Write};
@@ -21,12 +21,12 @@ use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 use spinney_container::{OpenOptions, Shard, ShardPiece, SummaryWriter};
 
-/// Points in memory, in parts.
+/// Points in memory, divided into parts.
 struct PartRows {
     schema: PointSchema,
     rows: Vec<Vec<u8>>,
     parts: Vec<PointPart>,
-    /// The part that comes next, and the first of its bytes.
+    /// Index of the next part, and the offset of its first unread byte.
     next: (usize, usize),
 }
 
@@ -82,14 +82,14 @@ fn options(leaf_size: usize, memory: u64) -> PointImportOptions {
     options
 }
 
-/// The bytes of a tree that is built in one go.
+/// Returns the bytes of a single-process build.
 fn whole(import: PointImport) -> Vec<u8> {
     let kept = Kept::default();
     import.build(kept.output(Path::new("whole.goblin")), &()).unwrap();
     kept.bytes()
 }
 
-/// Bytes that are written to memory, where nobody waits for a disk.
+/// In-memory output, which avoids waiting for the disk.
 #[derive(Clone, Default)]
 struct Kept(Arc<Mutex<Vec<u8>>>);
 
@@ -114,7 +114,7 @@ impl Write for Kept {
     }
 }
 
-/// A job in a folder: its head and its shards.
+/// A sharded build in a directory: its head and its shards.
 struct Job {
     folder: tempfile::TempDir,
     cut: PointCut,
@@ -151,7 +151,7 @@ impl Job {
         Ok(kept.bytes())
     }
 
-    /// The points of a shard, as its summary describes all of its units.
+    /// Reads a shard's summary, and returns the number of points in its units.
     fn read(&self, shard: &PointShard) -> Result<u64> {
         let head = PointTree::open(&self.head(), &OpenOptions::default())?;
         let encoder = Encoder::new(head.layout().clone(), head.grid().clone());
@@ -164,7 +164,7 @@ impl Job {
         Ok(points)
     }
 
-    /// The bytes of the tree of all shards, which are built from the last to the first.
+    /// Builds all shards, from the last to the first, and returns the merged tree.
     fn all(&self, import: &dyn Fn() -> PointImport) -> Vec<u8> {
         for number in (0..self.shards.len()).rev() {
             self.build(&import(), number).unwrap();
@@ -173,7 +173,7 @@ impl Job {
     }
 }
 
-/// Rows in parts as tiles are: by their x, and some in two of them.
+/// Divides rows into tiles by x; some rows are in two tiles.
 fn tiles(rows: &[u8], count: usize) -> Vec<Vec<u8>> {
     let mut tiles = vec![Vec::new(); count + 1];
     for (number, row) in rows.chunks_exact(layout().size).enumerate() {
@@ -198,7 +198,7 @@ fn bytes_are_those_of_one_go() {
     for dimension in [Dimension::Oct, Dimension::Quad] {
         for (places, count) in &sets {
             let tiles = tiles(&rows(places.iter().copied(), &layout()), *count);
-            // (Each shard waits for the disk.)
+            // Few shards in total, since each waits for the disk.
             for (leaf_size, memory, some) in
                 [(20, 1, &[1, 7][..]), (700, 1 << 20, &[2, 64]), (50_000, 1 << 28, &[3])]
             {
@@ -230,14 +230,14 @@ fn a_shard_reads_the_parts_that_it_has_to_do_with() {
     let import = plan_points(source, &["a.las".into()], vec![], &options(100, 1 << 20)).unwrap();
     let job = Job::plan(&import, 8);
     let read: Vec<usize> = job.shards.iter().map(|shard| parts_of(&import, shard).len()).collect();
-    // (One part has points everywhere.)
+    // One part has points all over space.
     assert!(
         read.iter().filter(|parts| **parts < 12).count() > 5 && read.iter().sum::<usize>() >= 16,
         "{read:?}"
     );
 }
 
-/// LAS files of several formats and grids, beside and over each other, one of which has no points.
+/// LAS files of several formats and grids, adjacent and overlapping, one of which is empty.
 fn scans(folder: &Path) -> Vec<PathBuf> {
     let scan = |name: &str, format: u8, count: usize, (x, y): (i32, i32), scale: f64| {
         let mut rows = records(format, 0, count);
@@ -303,12 +303,12 @@ fn shards_that_are_missing_or_damaged_or_others_are_refused() {
     let [run, summary] = [shard.shard.run_path(0), shard.shard.summary_path()];
     let [first, known] = [&run, &summary].map(|path| fs::read(path).unwrap());
     assert!(!first.is_empty() && bytes(&number) == Some(first.len() as u64));
-    // A shard that dies has left at most a run file, which is made anew.
+    // A shard that was aborted leaves at most a run file, which is rebuilt.
     fs::remove_file(&summary).unwrap();
     fs::write(&run, b"half of it").unwrap();
     let error = job.merge().unwrap_err().to_string();
     assert!(error.contains(&format!("000{number}.summary")), "{error}");
-    // Made twice it is the same.
+    // Building twice yields the same bytes.
     for _ in 0..2 {
         job.build(&import(), number).unwrap();
         assert!([&run, &summary].map(|path| fs::read(path).unwrap()) == [first.clone(), known.clone()]);
@@ -361,12 +361,13 @@ fn other_inputs_than_planned_are_refused() {
     let import = |leaf_size| plan_files(&paths, &mut |_| Ok(vec![]), &options(leaf_size, 1 << 20)).unwrap();
     let job = Job::plan(&import(100), 2);
     assert!(matches!(job.build(&import(101), 0), Err(Error::PlanMismatch { .. })));
-    // Another place changes the grid; other points in the same box, with another count, do not.
+    // A different position changes the grid; other points in the same box, with another count, do
+    // not.
     let bytes = fs::read(&paths[4]).unwrap();
     fs::write(&paths[4], las_bytes(6, &records(6, 0, 3000), &[], 0.01)).unwrap();
     assert!(matches!(job.build(&import(100), 0), Err(Error::PlanMismatch { .. })));
     fs::write(&paths[4], &bytes).unwrap();
-    // A header that is wrong about where points are: some would be in no shard.
+    // A header with wrong bounds: some points would be in no shard.
     let mut wrong = bytes.clone();
     let max_y = 195;
     wrong[max_y..max_y + 8].copy_from_slice(&460.0f64.to_le_bytes());
@@ -389,12 +390,12 @@ fn summaries_that_are_damaged_are_refused() {
     let summary = job.shards[1].shard.summary_path();
     let bytes = fs::read(&summary).unwrap();
     let mut random = random(3);
-    // (Each byte of what stands behind the blocks, and many of theirs.)
+    // Every byte after the blocks, and many bytes of the blocks.
     for byte in (0..bytes.len()).filter(|byte| byte % 5 == 0 || byte + 2000 > bytes.len()) {
         let mut damaged = bytes.clone();
         damaged[byte] ^= 1 << (random() % 8);
         fs::write(&summary, &damaged).unwrap();
-        // (What says only what a reader may do without is no damage.)
+        // Changes in optional contents are no corruption.
         let is_read = job.read(&job.shards[1]).is_ok();
         assert!(!is_read || job.merge().is_ok_and(|merged| merged == expected), "{byte}");
     }
@@ -404,7 +405,7 @@ fn summaries_that_are_damaged_are_refused() {
     }
 }
 
-/// Bytes of a shard's units, and their totals.
+/// Returns the bytes of a shard's units, and their totals.
 fn units_of(shard: &PointShard) -> (Vec<u8>, u64, PointTotals) {
     let summary = find_summary(shard).unwrap().unwrap();
     let mut piece = summary.bytes_of(&summary.pieces[0]).unwrap();
@@ -415,7 +416,7 @@ fn units_of(shard: &PointShard) -> (Vec<u8>, u64, PointTotals) {
     (bytes, summary.run_bytes(), summary.pieces[0].totals)
 }
 
-/// Writes a summary with other bytes, and right checksums.
+/// Writes a summary with other bytes and valid checksums.
 fn forge(shard: &Shard, bytes: &[u8], run_bytes: u64, totals: PointTotals) {
     let mut writer = SummaryWriter::new(shard).unwrap();
     writer.begin(shard.pieces[0]);
@@ -451,7 +452,7 @@ fn forged_summaries_do_no_harm() {
             _ => forged[at] = forged[at].wrapping_add(1),
         }
         forge(&shard.shard, &forged, run_bytes, totals);
-        // Statistics of points that no reader checks are believed; nothing else comes of it.
+        // Statistics that no reader verifies are accepted without consequences.
         refused += u32::from(job.read(shard).is_err() || job.merge().is_err());
     }
     assert!(refused > 450, "{refused}");

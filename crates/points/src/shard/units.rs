@@ -1,10 +1,11 @@
-//! Units of a shard of points, as its summary describes them.
+//! Units of a shard as stored in its summary.
 //!
-//! A unit is a sequence of items, each after its tag: its code; its blocks and nodes, both in postorder; its rows; and an end.
+//! A unit is a sequence of tagged items: its code; its blocks and nodes, both in postorder; its
+//! rows; and an end.
 //!
-//! Invariant: the reader accepts what the writer of a correct shard can have written, and nothing else: units ascend and lie in
-//! the shard's run, blocks are consecutive in the run file, and points and bytes add up to the totals. So merging copies blocks
-//! without reading their points.
+//! Invariant: the reader accepts exactly what the writer of a correct shard can write. Units ascend
+//! and lie in the shard's run, blocks are consecutive in the run file, and points and bytes add up
+//! to the totals. Merging can thus copy blocks without reading their points.
 
 use super::packed_rows::{MAX_ROWS, PackedRows};
 use super::{PointShard, postorder};
@@ -18,24 +19,25 @@ use spinney_base::space::Code;
 use spinney_base::{Error, Result};
 use spinney_container::{ShardSummary, SummaryBytes};
 
-/// Tags of items.
+/// Item tags.
 pub(super) const UNIT: u8 = 1;
 pub(super) const BLOCK: u8 = 2;
 pub(super) const NODE: u8 = 3;
 pub(super) const ROWS: u8 = 4;
 pub(super) const END: u8 = 5;
 
-/// Totals of the piece of a shard of points.
+/// Totals of a shard.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct PointTotals {
-    /// The level of units.
+    /// Level of the units.
     pub level: u8,
-    /// Points, and those at the position of another one.
+    /// Number of points, and of those that repeat the position of another one.
     pub points: u64,
     pub duplicates: u64,
 }
 
-/// Returns the bytes of the blocks of a shard; `None` if it is not built yet or its run file is missing.
+/// Returns the size in bytes of a shard's blocks; `None` if it is not built yet or its run file is
+/// missing.
 ///
 /// # Errors
 /// If its summary cannot be read, is corrupt, or belongs to another job.
@@ -43,7 +45,7 @@ pub fn find_shard(shard: &PointShard) -> Result<Option<u64>> {
     Ok(find_summary(shard)?.map(|summary| summary.run_bytes()))
 }
 
-/// Opens the summary of a shard, and checks its totals: see [`ShardSummary::find`].
+/// Opens a shard's summary, and checks its totals: see [`ShardSummary::find`].
 pub(super) fn find_summary(shard: &PointShard) -> Result<Option<ShardSummary<PointTotals>>> {
     let Some(summary) = ShardSummary::<PointTotals>::find(&shard.shard)? else { return Ok(None) };
     for piece in &summary.pieces {
@@ -63,25 +65,25 @@ pub(super) fn find_summary(shard: &PointShard) -> Result<Option<ShardSummary<Poi
 /// A unit that has points.
 pub(super) struct Unit {
     pub(super) code: Code,
-    /// Its outcome, and rows of nodes above.
+    /// Result of assembling the unit, and rows of nodes above it.
     pub(super) assembled: Assembled,
-    /// Its blocks, whose offsets are those in the run file, and its nodes, both in postorder.
+    /// Its blocks, with offsets in the run file, and its nodes, both in postorder.
     pub(super) blocks: Vec<Entry>,
     pub(super) nodes: Vec<(Code, Statistics)>,
-    /// All points.
+    /// Number of all points.
     pub(super) points: u64,
 }
 
-/// Reads and checks the units of a shard, one after the other.
+/// Reads and checks the units of a shard in sequence.
 pub(super) struct Units<'a> {
     summary: ShardSummary<PointTotals>,
     bytes: Option<SummaryBytes>,
     encoder: &'a Encoder,
     codec: PackedRows<'a>,
-    /// Points of a leaf.
+    /// Maximum number of points in a leaf.
     leaf_size: usize,
     shard: &'a PointShard,
-    /// Units, bytes of blocks and points that have been read, and the last unit.
+    /// Units, bytes of blocks and points read so far, and the last unit.
     count: usize,
     run_bytes: u64,
     points: u64,
@@ -89,7 +91,7 @@ pub(super) struct Units<'a> {
 }
 
 impl<'a> Units<'a> {
-    /// Starts with the first unit of a shard, of a tree with leaves of so many points.
+    /// Starts at the first unit of a shard; `leaf_size` is that of the tree.
     ///
     /// # Errors
     /// If the summary is corrupt or cannot be read.
@@ -104,20 +106,20 @@ impl<'a> Units<'a> {
         Ok(Units { summary, bytes, encoder, codec, leaf_size, shard, count, run_bytes, points, last })
     }
 
-    /// Totals of the shard.
+    /// Returns the totals of the shard.
     pub(super) fn totals(&self) -> PointTotals {
         self.summary.pieces.first().map(|piece| piece.totals).unwrap_or_default()
     }
 
-    /// The error for contents that no unit has.
+    /// Returns the error for an invalid unit.
     pub(super) fn corrupt(&self, found: impl Into<String>, expected: impl Into<String>) -> Error {
         Error::corrupt(self.summary.path(), format!("unit {}", self.count), found, expected)
     }
 
-    /// The next one; `None` after the last.
+    /// Returns the next unit; `None` after the last.
     ///
     /// # Errors
-    /// If something is corrupt or cannot be read.
+    /// If the summary is corrupt or cannot be read.
     pub(super) fn next(&mut self) -> Result<Option<Unit>> {
         let Some(mut bytes) = self.bytes.take() else { return Ok(None) };
         if bytes.is_over() {
@@ -172,7 +174,7 @@ impl<'a> Units<'a> {
         Ok(Unit { code, assembled, blocks, nodes, points })
     }
 
-    /// Outcome of a unit, and the rows of nodes above.
+    /// Returns the result of assembling a unit, and the rows of nodes above it.
     fn assembled(
         &self,
         code: Code,
@@ -203,7 +205,8 @@ impl<'a> Units<'a> {
         Ok(Assembled { closed, levels, above: rows })
     }
 
-    /// The node of a unit with a code, and its position in postorder.
+    /// Returns the node of a unit with this code; `None` if the code is invalid or outside the
+    /// unit.
     fn node_of(&self, unit: Code, bits: u64) -> Option<Code> {
         let grid = &self.encoder.grid;
         let code = Code::from_bits(grid.dimension, bits);
@@ -219,7 +222,8 @@ impl<'a> Units<'a> {
         if !follows || !fits {
             return Err(self.corrupt(format!("{entry:?}"), "consecutive blocks of nodes in postorder"));
         }
-        // (Files have fewer than 2^64 bytes, and so have consecutive blocks before the first that is missing.)
+        // Saturation is harmless: files have fewer than 2^64 bytes, so the first missing block is
+        // reported before it matters.
         self.run_bytes = self.run_bytes.saturating_add(entry.block.length.into());
         Ok(entry)
     }
@@ -236,7 +240,7 @@ impl<'a> Units<'a> {
             return Err(self.corrupt("nodes that do not fit", "nodes of the unit in postorder"));
         };
         let statistics = Statistics::read(&bytes.take(statistics_bytes(self.encoder.block.columns) as u64)?);
-        // (So that sums do not overflow.)
+        // Keeps sums from overflowing.
         let numbers = statistics.columns.iter().map(|column| column.count).max().unwrap_or(0);
         if statistics.points > MAX_NUMBERS || numbers > statistics.points {
             let found = format!("{} points, {numbers} of which are numbers", statistics.points);
@@ -245,7 +249,7 @@ impl<'a> Units<'a> {
         Ok((code, statistics))
     }
 
-    /// Appends rows of a unit, and their levels: those of nodes above come first.
+    /// Appends rows of a unit and their levels. Rows of nodes above come first.
     fn rows(&self, bytes: &mut SummaryBytes, rows: &mut Vec<u8>, levels: &mut Vec<u8>) -> Result<()> {
         let [count, length] = [bytes.array()?, bytes.array()?].map(u64::from_le_bytes);
         let max = self.max_rows().saturating_sub(levels.len() as u64).min(MAX_ROWS as u64);
@@ -256,7 +260,8 @@ impl<'a> Units<'a> {
         decoded.ok_or_else(|| self.corrupt("bytes that no rows have", "rows that were packed"))
     }
 
-    /// Maximum rows of a unit: one for each cell of the spacing of nodes above, and those of a leaf.
+    /// Maximum number of rows of a unit: one per sampling cell of each node above, plus those of a
+    /// leaf.
     fn max_rows(&self) -> u64 {
         let dimension = self.encoder.grid.dimension;
         let spacing = spacing_levels(dimension);

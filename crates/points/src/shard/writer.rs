@@ -1,4 +1,4 @@
-//! Writes a shard: blocks to its run file, and all else to its summary.
+//! Writes a shard: blocks to its run file, everything else to its summary.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -14,19 +14,19 @@ use spinney_base::space::Code;
 use spinney_base::{Error, Result};
 use spinney_container::{BlockLocation, SummaryWriter};
 
-/// A shard being written. It is complete when [`ShardWriter::finish`] returns; no reader uses its files before.
+/// A shard being written. No reader uses its files before [`ShardWriter::finish`] returns.
 pub(super) struct ShardWriter<'a> {
     encoder: &'a Encoder,
     rows: PackedRows<'a>,
     run_path: PathBuf,
-    /// The run file, from the first block on, and its bytes.
+    /// The run file, once there is a block, and its size in bytes.
     run: Option<Output>,
     run_bytes: u64,
     summary: SummaryWriter<PointTotals>,
     /// Whether the shard has units.
     has_piece: bool,
     totals: PointTotals,
-    /// The unit that was started last.
+    /// The current unit.
     unit: Code,
 }
 
@@ -66,7 +66,8 @@ impl<'a> ShardWriter<'a> {
         match closed {
             Closed::Node(statistics) => self.totals.points += statistics.points,
             Closed::Few(pending) => {
-                // (Their node is not known yet: their own level distinguishes them from those above.)
+                // Rows that are not assigned to a node yet get the unit's level, which
+                // distinguishes them from those of nodes above.
                 levels.resize(levels.len() + pending.rows.len() / stride, self.unit.level());
                 above.extend_from_slice(&pending.rows);
             }
@@ -81,7 +82,7 @@ impl<'a> ShardWriter<'a> {
         self.item(END, &[])
     }
 
-    /// Publishes both files; so many of the points have the position of another one.
+    /// Publishes both files; `duplicates` is the number of points that repeat a position.
     pub(super) fn finish(mut self, duplicates: u64) -> Result<()> {
         self.run.map_or(Ok(()), Output::commit)?;
         if self.has_piece {

@@ -1,4 +1,4 @@
-//! Some of the points that come in, with some of their attributes.
+//! Filtered points, with a subset of their attributes.
 
 use std::path::Path;
 
@@ -7,18 +7,18 @@ use crate::attribute::{POSITION_BYTES, RowLayout};
 use crate::query::PointCondition;
 use spinney_base::Result;
 
-/// Points for which conditions hold, with the attributes that are chosen.
+/// Points that satisfy conditions, with the chosen attributes.
 pub struct ChosenPoints {
     source: Box<dyn PointSource>,
     conditions: Vec<PointCondition>,
-    /// Attributes that are kept; `None` for all.
+    /// Indices of the attributes to keep; `None` for all.
     kept: Option<Vec<usize>>,
     schema: PointSchema,
     rows: Vec<u8>,
 }
 
 impl ChosenPoints {
-    /// Some of a source's points; `kept` are attributes by their places among all, `None` for all.
+    /// Filters a source; `kept` are indices of attributes, `None` for all.
     pub fn new(
         source: Box<dyn PointSource>,
         conditions: Vec<PointCondition>,

@@ -1,4 +1,4 @@
-//! Points as they come in, row by row.
+//! Input points, row by row.
 
 mod chosen;
 mod world;
@@ -14,31 +14,31 @@ use spinney_crs::Crs;
 pub use chosen::ChosenPoints;
 pub use world::{GriddedPoints, WorldPoints};
 
-/// Description of points that come in.
+/// Description of input points.
 #[derive(Clone, Debug)]
 pub struct PointSchema {
-    /// The layout of rows.
+    /// Row layout.
     pub layout: RowLayout,
-    /// Whether z counts as one of the axes.
+    /// Whether z is one of the axes that are divided.
     pub dimension: Dimension,
-    /// Units of the world that a step of the grid has.
+    /// Size of a grid unit in world units.
     pub scale: [f64; 3],
-    /// Place in the world of the grid's origin.
+    /// World coordinates of the grid's origin.
     pub offset: [f64; 3],
-    /// Least and greatest place on the grid. Points beyond them are an error.
+    /// Minimum and maximum position on the grid. Points outside are an error.
     pub bounds: [[i32; 3]; 2],
-    /// Number of the points, where known.
+    /// Number of points, if known.
     pub count: Option<u64>,
-    /// The coordinate system, where known.
+    /// Coordinate system, if known.
     pub crs: Option<Crs>,
-    /// Anything else that is said of the points.
+    /// Other information about the points.
     pub tags: BTreeMap<String, String>,
-    /// Remarks on what their file says and is not kept.
+    /// Remarks on contents of the file that are not kept.
     pub losses: Vec<String>,
 }
 
 impl PointSchema {
-    /// A schema of rows on a grid whose steps are units of the world, of which nothing else is known.
+    /// Creates a schema of rows on a grid with scale 1 and offset 0; nothing else is known.
     pub fn new(layout: RowLayout, dimension: Dimension) -> PointSchema {
         let (scale, offset, bounds) = ([1.0; 3], [0.0; 3], [[0; 3]; 2]);
         PointSchema {
@@ -55,37 +55,38 @@ impl PointSchema {
     }
 }
 
-/// A part of the points that can be read by itself, such as a file, as far as it is known before that.
+/// Subset of the points that can be read independently, such as a file, as known before reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PointPart {
-    /// Number of the points that are looked at: conditions may leave some out.
+    /// Number of points read; conditions may exclude some.
     pub count: u64,
-    /// Least and greatest place on the grid.
+    /// Minimum and maximum position on the grid.
     pub bounds: [[i32; 3]; 2],
 }
 
-/// Points that come in, in any order.
+/// Source of points, in any order.
 pub trait PointSource {
-    /// Description of the points.
+    /// Returns the description of the points.
     fn schema(&self) -> &PointSchema;
 
-    /// The file that they come from, for messages.
+    /// Returns the source file, for messages.
     fn path(&self) -> &Path {
         Path::new("(memory)")
     }
 
-    /// Appends rows, at most so many; none behind the last.
+    /// Appends at most `most` rows, and returns their number; 0 after the last.
     ///
     /// # Errors
-    /// If they cannot be read, or break the rules of their format.
+    /// If they cannot be read, or violate the rules of their format.
     fn read(&mut self, rows: &mut Vec<u8>, most: usize) -> Result<usize>;
 
-    /// The parts that all points are in, which come in one after the other; none where that is not known before points are read.
+    /// Returns the parts of the points, in reading order; empty if they are not known before
+    /// reading.
     fn parts(&self) -> &[PointPart] {
         &[]
     }
 
-    /// The points of one of the parts, as rows like those of all.
+    /// Returns the points of one part, as rows of the same schema.
     ///
     /// # Errors
     /// If it cannot be read, or there are no parts.
@@ -93,7 +94,8 @@ pub trait PointSource {
         Err(Error::unsupported(self.path(), "points that are not in parts", "read all of them"))
     }
 
-    /// Begins anew, with bounds that were found by looking at all points: those of headers are wrong now and then. `false` if that cannot be done.
+    /// Restarts, with bounds found by reading all points, since those of headers are sometimes
+    /// wrong. Returns `false` if not supported.
     ///
     /// # Errors
     /// Those of [`PointSource::read`].
@@ -111,10 +113,11 @@ pub struct PointRows {
 }
 
 impl PointRows {
-    /// Rows as the schema describes them. Bounds and number of points are those of the rows, whatever the schema says.
+    /// Takes rows in the layout of the schema. The bounds and the count in the schema are replaced
+    /// by those of the rows.
     ///
     /// # Errors
-    /// If they are no whole rows.
+    /// If the length is not a multiple of the row size.
     ///
     /// ```
     /// use spinney_points::{PointRows, PointSchema, RowLayout};
@@ -140,7 +143,7 @@ impl PointRows {
     }
 }
 
-/// The places that two lots of points have, each of which may be none.
+/// Returns the union of two bounds, each of which may be empty.
 pub(crate) fn both_bounds(a: Option<[[i32; 3]; 2]>, b: Option<[[i32; 3]; 2]>) -> Option<[[i32; 3]; 2]> {
     let (Some([low, high]), Some([lower, higher])) = (a, b) else { return a.or(b) };
     Some([
@@ -149,7 +152,7 @@ pub(crate) fn both_bounds(a: Option<[[i32; 3]; 2]>, b: Option<[[i32; 3]; 2]>) ->
     ])
 }
 
-/// Least and greatest place of rows of so many bytes; `None` if there are none.
+/// Returns the minimum and maximum position of rows of `size` bytes; `None` if there are none.
 pub(crate) fn bounds_of(rows: &[u8], size: usize) -> Option<[[i32; 3]; 2]> {
     let mut bounds: Option<[[i32; 3]; 2]> = None;
     for row in rows.chunks_exact(size) {

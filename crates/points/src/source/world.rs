@@ -1,4 +1,4 @@
-//! Points at any places in the world, put on a grid of whole numbers.
+//! Points at arbitrary world positions, snapped to an integer grid.
 
 use std::path::Path;
 
@@ -8,47 +8,49 @@ use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
-/// Points that come in as doubles, and can be gone through more than once.
+/// Points with coordinates as doubles, which can be read more than once.
 pub trait WorldPoints {
-    /// The attributes of points. Their numbers are in the order of [`ordered_number`](crate::ordered_number).
+    /// Returns the attributes of the points. Their numbers are in the order of
+    /// [`ordered_number`](crate::ordered_number).
     fn attributes(&self) -> &[PointAttribute];
 
-    /// Whether z counts as one of the axes.
+    /// Returns whether z is one of the axes that are divided.
     fn dimension(&self) -> Dimension;
 
-    /// The coordinate system, where known.
+    /// Returns the coordinate system, if known.
     fn crs(&self) -> Option<&Crs>;
 
-    /// The file that they come from, for messages.
+    /// Returns the source file, for messages.
     fn path(&self) -> &Path;
 
-    /// Hands out the next point: its coordinates, and the numbers of its attributes, which are put into `numbers`; `None` behind the last.
+    /// Returns the coordinates of the next point, and writes its attributes into `numbers`; `None`
+    /// after the last.
     ///
     /// # Errors
-    /// If it cannot be read, or breaks the rules of its format.
+    /// If it cannot be read, or violates the rules of its format.
     fn next(&mut self, numbers: &mut [i64]) -> Result<Option<[f64; 3]>>;
 
-    /// Begins anew.
+    /// Restarts at the first point.
     ///
     /// # Errors
     /// If that fails.
     fn rewind(&mut self) -> Result<()>;
 }
 
-/// Extremes, digits and bits of the coordinates along an axis.
+/// Extremes and precision of the coordinates along an axis.
 #[derive(Clone, Copy)]
 struct Axis {
     least: f64,
     most: f64,
-    /// Digits behind the decimal point that all have at most; `None` if more than [`MAX_DIGITS`].
+    /// Maximum number of decimal places; `None` if more than [`MAX_DIGITS`].
     digits: Option<i32>,
-    /// Bits behind the binary point that all have at most.
+    /// Maximum number of binary fraction digits.
     bits: i32,
 }
 
-/// Digits behind the point of decimal grids at most.
+/// Maximum number of decimal places of a decimal grid.
 const MAX_DIGITS: i32 = 9;
-/// Steps of a grid from 0 on.
+/// Maximum grid coordinate.
 const MAX_STEPS: f64 = (1u64 << 31) as f64 - 1.0;
 
 impl Axis {
@@ -65,12 +67,13 @@ impl Axis {
         self.bits = self.bits.max(bits_behind(number));
     }
 
-    /// Scale and offset of a grid that has all coordinates, or else of the finest that reaches over all; and whether it has all.
+    /// Returns scale and offset of a grid that contains all coordinates exactly, or else of the
+    /// finest that spans them, and whether it is exact.
     fn grid(&self) -> (f64, f64, bool) {
         if self.least > self.most {
             return (1.0, 0.0, true);
         }
-        // (Whole, so that steps are those of the coordinates.)
+        // The offset is an integer, so that grid units stay aligned with the coordinates.
         let reach = self.least.abs().max(self.most.abs());
         let fits = |scale: f64| {
             let offset = if reach / scale <= MAX_STEPS { 0.0 } else { self.least.floor() };
@@ -89,13 +92,13 @@ impl Axis {
     }
 }
 
-/// Whether a number is one with so many digits behind the point, as near as doubles are.
+/// Returns whether a number has at most `digits` decimal places, within double precision.
 fn has_digits(number: f64, digits: i32) -> bool {
     let steps = number * 10f64.powi(digits);
     (steps - steps.round()).abs() <= steps.abs() * 4.0 * f64::EPSILON
 }
 
-/// Bits that a number has behind the binary point.
+/// Returns the number of binary fraction digits of a number.
 fn bits_behind(number: f64) -> i32 {
     if number == 0.0 {
         return 0;
@@ -106,8 +109,8 @@ fn bits_behind(number: f64) -> i32 {
     (1075 - exponent.max(1) - zeros).max(0)
 }
 
-/// Points of the world as rows on a grid: that of the digits which all coordinates have, where there are few; else that of their bits; else the
-/// finest that reaches over all of them.
+/// World points as rows on a grid. The scale is that of the coordinates' decimal places if they are
+/// few, else that of their binary digits, else the finest that spans all points.
 pub struct GriddedPoints {
     points: Box<dyn WorldPoints>,
     schema: PointSchema,
@@ -117,7 +120,8 @@ pub struct GriddedPoints {
 }
 
 impl GriddedPoints {
-    /// Goes through all points once, to find their grid. Points with a coordinate that is not a finite number are skipped and counted.
+    /// Reads all points once to find their grid. Points with a coordinate that is not finite are
+    /// skipped and counted.
     ///
     /// # Errors
     /// If they cannot be read, or none of them has coordinates.
@@ -154,12 +158,12 @@ impl GriddedPoints {
         Ok(GriddedPoints { points, schema, is_rounded, skipped, numbers })
     }
 
-    /// Number of points that are skipped because a coordinate is empty, NaN or infinite.
+    /// Returns the number of points skipped because a coordinate is empty, NaN or infinite.
     pub fn skipped(&self) -> u64 {
         self.skipped
     }
 
-    /// Remarks on points that are skipped, and on rounding.
+    /// Returns remarks on skipped points and on rounding.
     pub fn remarks(&self) -> Vec<String> {
         let skipped = (self.skipped > 0).then(|| {
             format!("{} points with a coordinate that is empty, NaN or infinite are skipped", self.skipped)
@@ -167,7 +171,7 @@ impl GriddedPoints {
         skipped.into_iter().chain(self.rounding().map(String::from)).collect()
     }
 
-    /// Words for it, if places are rounded to the grid, by at most half of its steps.
+    /// Returns a remark if positions are rounded to the grid, by at most half a grid unit.
     pub fn rounding(&self) -> Option<&'static str> {
         self.is_rounded.then_some("places have more digits than a grid of 32 bits, and are rounded to it")
     }

@@ -1,4 +1,4 @@
-//! Files of trees of points: content 3 of a Goblin file.
+//! Point tree files: content type 3 of a Goblin file.
 
 mod reader;
 mod summary;

@@ -1,4 +1,4 @@
-//! Reads files of trees of points.
+//! Reader of point tree files.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use spinney_base::space::{Code, Dimension};
 use spinney_container::{BlockFile, Content, List, Metadata, OpenOptions};
 use spinney_crs::{Coordinates, WorldLocator};
 
-/// A tree of points in a file.
+/// Point tree in a file.
 pub struct PointTree {
     file: BlockFile,
     summary: Summary,
@@ -26,18 +26,18 @@ pub struct PointTree {
     nodes: List,
 }
 
-/// Whether a file is a tree of points, whatever its name.
+/// Returns whether a file is a point tree, regardless of its name.
 ///
 /// # Errors
-/// If the file system or the host of the file fails.
+/// If the file system or the remote host fails.
 pub fn is_point_file(path: &Path, access: &FileAccess) -> Result<bool> {
     BlockFile::has_content(path, Content::Points, access)
 }
 
-/// A node of a tree of points.
+/// Node of a point tree.
 #[derive(Clone, Debug)]
 pub(crate) struct PointNode {
-    /// Its place in the list.
+    /// Index in the node list.
     pub index: usize,
     pub code: Code,
     pub statistics: Statistics,
@@ -47,12 +47,12 @@ impl PointTree {
     /// Opens a file.
     ///
     /// # Errors
-    /// If it cannot be read, is no tree of points, or is damaged.
+    /// If it cannot be read, is no point tree, or is corrupt.
     pub fn open(path: &Path, options: &OpenOptions) -> Result<PointTree> {
         PointTree::from_backend(path, options.open(path)?, options)
     }
 
-    /// Opens a file that is in memory.
+    /// Opens a file in memory.
     ///
     /// # Errors
     /// Those of [`PointTree::open`].
@@ -60,7 +60,7 @@ impl PointTree {
         PointTree::from_backend(Path::new("(memory)"), Box::new(bytes), &OpenOptions::default())
     }
 
-    /// Opens whatever a backend reads; `path` is for messages.
+    /// Opens a file through a backend; `path` is for messages.
     ///
     /// # Errors
     /// Those of [`PointTree::open`].
@@ -81,78 +81,79 @@ impl PointTree {
         Ok(PointTree { file, summary, grid, layout, block, blocks, nodes })
     }
 
-    /// Path of the file.
+    /// Returns the path of the file.
     pub fn path(&self) -> &Path {
         self.file.path()
     }
 
-    /// Coordinate system, provenance and tags.
+    /// Returns coordinate system, provenance and tags.
     pub fn metadata(&self) -> &Metadata {
         self.file.metadata()
     }
 
-    /// The grid that the points lie on.
+    /// Returns the grid of the points.
     pub fn grid(&self) -> &PointGrid {
         &self.grid
     }
 
-    /// Rows of the points' coordinates and attributes.
+    /// Returns the row layout of coordinates and attributes.
     pub fn layout(&self) -> &RowLayout {
         &self.layout
     }
 
-    /// The description of the points.
+    /// Returns the description of the points.
     pub(crate) fn summary(&self) -> &Summary {
         &self.summary
     }
 
-    /// The attributes of points.
+    /// Returns the attributes of the points.
     pub fn attributes(&self) -> &[PointAttribute] {
         &self.layout.attributes
     }
 
-    /// Number of points.
+    /// Returns the number of points.
     pub fn len(&self) -> u64 {
         self.summary.points
     }
 
-    /// Whether there are no points.
+    /// Returns whether there are no points.
     pub fn is_empty(&self) -> bool {
         self.summary.points == 0
     }
 
-    /// Number of points at the place of another one: for each place, all but one.
+    /// Returns the number of points that repeat the position of another one: per position, all but
+    /// one.
     pub fn duplicates(&self) -> u64 {
         self.summary.duplicates
     }
 
-    /// Points of a node without nodes below, at most.
+    /// Returns the maximum number of points of a node without children.
     pub fn leaf_size(&self) -> u32 {
         self.summary.leaf_size
     }
 
-    /// The deepest level that nodes have.
+    /// Returns the deepest level of nodes.
     pub fn depth(&self) -> u8 {
         let level = |index| (self.nodes.code(self.file.backend(), index) & 31) as u8;
         (0..self.nodes.len()).map(level).max().unwrap_or(0)
     }
 
-    /// Bytes of the file.
+    /// Returns the size of the file in bytes.
     pub fn bytes(&self) -> u64 {
         self.file.bytes()
     }
 
-    /// Number of nodes, and of blocks.
+    /// Returns the numbers of nodes and blocks.
     pub fn counts(&self) -> (usize, usize) {
         (self.nodes.len(), self.blocks.len())
     }
 
-    /// Numbers of columns: x, y, z, then the attributes.
+    /// Returns the number of columns: x, y, z and the attributes.
     pub(crate) fn columns(&self) -> usize {
         self.block.columns
     }
 
-    /// The node in a place of the list.
+    /// Returns the node at an index of the list.
     pub(crate) fn node(&self, index: usize) -> Result<PointNode> {
         let entry = self.nodes.get(self.file.backend(), index);
         let code =
@@ -165,30 +166,30 @@ impl PointTree {
         Ok(PointNode { index, code, statistics: Statistics::read(rest) })
     }
 
-    /// The root; `None` if there are no points.
+    /// Returns the root; `None` if there are no points.
     pub(crate) fn root(&self) -> Result<Option<PointNode>> {
         let root = if self.nodes.is_empty() { None } else { Some(self.node(0)?) };
-        // (A small tree has its points in a node of any level.)
+        // The root of a small tree may be at any level.
         Ok(root)
     }
 
-    /// The children that a node has, in order.
+    /// Returns the children of a node, in order.
     pub(crate) fn children(&self, node: &PointNode) -> Result<Vec<PointNode>> {
         let children = self.file.children(&self.nodes, (node.index, node.code), self.grid.deepest());
         children.into_iter().map(|child| self.node(child)).collect()
     }
 
-    /// The entry of a block.
+    /// Returns the list entry of a block.
     pub(crate) fn entry(&self, index: usize) -> Entry {
         Entry::from_bytes(self.file.entry(&self.blocks, index))
     }
 
-    /// The blocks of a node.
+    /// Returns the range of a node's blocks.
     pub(crate) fn blocks_of(&self, code: Code) -> std::ops::Range<usize> {
         self.file.blocks_of(&self.blocks, code)
     }
 
-    /// The columns of a block that are asked for; the others are empty.
+    /// Decodes the requested columns of a block; the others are empty.
     pub(crate) fn block(&self, index: usize, wanted: &[bool]) -> Result<Vec<Vec<i64>>> {
         let entry = self.entry(index);
         let place = format!("block {index}");
@@ -197,7 +198,7 @@ impl PointTree {
             .ok_or_else(|| self.file.corrupt(place, "bytes that no columns have", "columns that were packed"))
     }
 
-    /// The way from coordinates to those of the points.
+    /// Returns the conversion from some coordinates to those of the points.
     ///
     /// # Errors
     /// Those of [`WorldLocator::new`], or if the file is corrupt.
@@ -210,7 +211,7 @@ impl PointTree {
         WorldLocator::new(coordinates, crs, [[x[0], y[0]], [x[1], y[1]]], step)
     }
 
-    /// Whether the tree divides x and y only.
+    /// Returns the dimension; a quadtree divides x and y only.
     pub fn dimension(&self) -> Dimension {
         self.grid.dimension
     }

@@ -1,4 +1,4 @@
-//! The section that says what the points are.
+//! The file section that describes the points.
 
 use std::path::Path;
 
@@ -14,19 +14,19 @@ use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 use spinney_container::VersionedSection;
 
-/// Bytes that the section may have.
+/// Maximum size of the section in bytes.
 const LIMIT: usize = 1 << 20;
 const SECTION: VersionedSection<LIMIT> = VersionedSection { name: "points", version: 1 };
-/// Attributes of points at most.
+/// Maximum number of attributes.
 pub(crate) const MAX_ATTRIBUTES: usize = 4096;
 
 /// Description of the points of a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Summary {
-    /// Number of points, and of those at the place of another one.
+    /// Number of points, and of those that repeat the position of another one.
     pub points: u64,
     pub duplicates: u64,
-    /// Points of a block at most.
+    /// Maximum number of points in a block.
     pub leaf_size: u32,
     /// The grid: see [`PointGrid`].
     pub scale: [f64; 3],
@@ -47,7 +47,7 @@ pub(crate) struct StoredAttribute {
 }
 
 impl Summary {
-    /// The description of an encoder's blocks.
+    /// Creates the description of an encoder's blocks.
     pub(crate) fn new(encoder: &Encoder, leaf_size: usize, summary: BuildSummary) -> Summary {
         let attribute = |attribute: &PointAttribute| StoredAttribute {
             name: attribute.name.clone(),
@@ -69,7 +69,7 @@ impl Summary {
         }
     }
 
-    /// The section's bytes.
+    /// Encodes the section.
     pub(crate) fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
         let bytes = SECTION.encode(self).filter(|_| self.attributes.len() <= MAX_ATTRIBUTES);
         bytes.ok_or_else(|| Error::TooLarge {
@@ -81,7 +81,7 @@ impl Summary {
         })
     }
 
-    /// Checks and understands the section of a tree with so many axes.
+    /// Decodes and checks the section of a tree of this dimension.
     pub(crate) fn from_bytes(
         path: &Path,
         bytes: &[u8],

@@ -1,4 +1,4 @@
-//! Whether a file is what its rules say.
+//! Verification of point tree files.
 
 use super::reader::PointTree;
 use crate::statistics::Statistics;
@@ -7,8 +7,8 @@ use spinney_base::{Error, Progress, Result, parallel};
 use spinney_container::{Finding, MAX_FINDINGS};
 
 impl PointTree {
-    /// Checks every checksum and every rule: that blocks can be unpacked, that their points lie in their nodes, and that what nodes say of all points in
-    /// them is true. At most [`MAX_FINDINGS`] are told.
+    /// Checks all checksums and rules: blocks can be decoded, points lie in their nodes, and node
+    /// statistics match the points. Reports at most [`MAX_FINDINGS`] findings.
     ///
     /// # Errors
     /// If the file cannot be read.
@@ -20,7 +20,7 @@ impl PointTree {
             }
         };
         let (nodes, blocks) = self.counts();
-        // What blocks say, one for each node, in order.
+        // Statistics of each node's blocks, in node order.
         let mut own: Vec<Statistics> = vec![Statistics::none(self.columns()); nodes];
         let (mut node, mut next) = (0, 0);
         while next < blocks {
@@ -46,7 +46,7 @@ impl PointTree {
             }
             progress.advance(batch.len() as u64, blocks as u64);
         }
-        // From the last node to the first: those below come before those above.
+        // In reverse order, nodes below come before those above.
         let mut below: Vec<(Code, Statistics)> = Vec::new();
         let mut points = 0;
         for index in (0..nodes).rev() {
@@ -78,7 +78,7 @@ impl PointTree {
         Ok(findings)
     }
 
-    /// Statistics of a block's points, and problems with them.
+    /// Returns the statistics of a block's points, and its problems.
     fn check_block(&self, block: usize) -> Result<(Statistics, Vec<String>)> {
         let entry = self.entry(block);
         let columns = self.block(block, &vec![true; self.columns()])?;

@@ -1,4 +1,5 @@
-//! Writes a file of a tree of points: header, blocks as they come, lists of blocks and nodes, metadata, trailer.
+//! Writer of point tree files: header, blocks in order of arrival, lists of blocks and nodes,
+//! metadata, trailer.
 
 use std::path::Path;
 
@@ -11,17 +12,17 @@ use spinney_base::space::Code;
 use spinney_base::{Error, Result};
 use spinney_container::{BlockEntry, BlockWriter, Content, FileHeader, Metadata, TreeFormat};
 
-/// Tag of the list of blocks.
+/// Tag of the block list.
 pub(crate) const BLOCKS: [u8; 4] = *b"PBLK";
-/// Tag of the list of nodes.
+/// Tag of the node list.
 pub(crate) const NODES: [u8; 4] = *b"PNOD";
-/// Tag of the section that says what the points are.
+/// Tag of the section that describes the points.
 pub(crate) const SUMMARY: [u8; 4] = *b"PNTS";
 
-/// An entry of the list of blocks.
+/// Entry of the block list.
 pub(crate) type Entry = BlockEntry<3>;
 
-/// A file being written, append-only.
+/// File being written, append-only.
 pub(crate) struct PointWriter {
     file: BlockWriter,
     blocks: Sorter,
@@ -29,7 +30,8 @@ pub(crate) struct PointWriter {
 }
 
 impl PointWriter {
-    /// Starts a file of points with so many columns; about `memory` bytes hold entries of each list before they go to a temporary file.
+    /// Starts a file of points with so many columns. About `memory` bytes hold the entries of each
+    /// list before they go to a temporary file.
     pub(crate) fn new(out: Output, grid: &PointGrid, columns: usize, memory: u64) -> Result<PointWriter> {
         let (format, content) = (TreeFormat::Goblin, Content::Points);
         let header =
@@ -40,10 +42,10 @@ impl PointWriter {
         Ok(PointWriter { file, blocks, nodes })
     }
 
-    /// Copies a block of another file, whose entry has its place there.
+    /// Copies a block of another file; the entry has its offset there.
     ///
     /// # Errors
-    /// If its bytes do not have the entry's checksum, or cannot be written.
+    /// If its bytes do not match the entry's checksum, or cannot be written.
     pub(crate) fn copy(&mut self, bytes: &[u8], entry: &Entry, from: &Path) -> Result<()> {
         let block = self.file.block(entry.block.key, bytes, entry.block.count)?;
         if block.checksum != entry.block.checksum {
@@ -59,7 +61,7 @@ impl PointWriter {
         self.blocks.push(block.key, Entry { block, bounds: entry.bounds }.to_bytes())
     }
 
-    /// Writes what stands behind the blocks and puts the file in its place.
+    /// Writes everything after the blocks, and publishes the file.
     pub(crate) fn finish(self, summary: &Summary, metadata: &Metadata) -> Result<()> {
         let summary = summary.to_bytes(self.file.path())?;
         self.file.finish(vec![(BLOCKS, self.blocks), (NODES, self.nodes)], (SUMMARY, summary), metadata)
@@ -77,7 +79,7 @@ impl PieceSink for PointWriter {
     }
 }
 
-/// The entry of a node.
+/// Returns the list entry of a node.
 pub(crate) fn node_entry(code: Code, statistics: &Statistics) -> Vec<u8> {
     let mut bytes = code.bits().to_le_bytes().to_vec();
     statistics.write(&mut bytes);

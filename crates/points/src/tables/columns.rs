@@ -1,4 +1,4 @@
-//! Which columns of a table are coordinates, and which are attributes.
+//! Assigns roles to table columns: coordinates or attributes.
 
 use std::path::Path;
 
@@ -12,23 +12,24 @@ use spinney_base::{Error, Result};
 pub(super) enum Role {
     /// A coordinate, by its axis.
     Coordinate(usize),
-    /// An attribute, by its place among all.
+    /// An attribute, by its index.
     Attribute(usize),
 }
 
-/// The columns of a table.
+/// Columns of a table.
 pub(super) struct Columns {
-    /// Role of each, in the table's order.
+    /// Role of each column, in table order.
     pub(super) roles: Vec<Role>,
     pub(super) attributes: Vec<PointAttribute>,
     pub(super) dimension: Dimension,
 }
 
 impl Columns {
-    /// Finds coordinates by their names, x, y and z, in either case of letters; all other columns are attributes.
+    /// Finds coordinates by their names x, y and z, in either case. All other columns are
+    /// attributes.
     ///
     /// # Errors
-    /// If there is no x or y, or two columns have one name.
+    /// If there is no x or y, or two columns have the same name.
     pub(super) fn of(columns: &[(&str, SampleType)], path: &Path) -> Result<Columns> {
         let axes =
             ["x", "y", "z"].map(|axis| columns.iter().position(|(name, _)| name.eq_ignore_ascii_case(axis)));

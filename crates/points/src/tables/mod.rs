@@ -1,4 +1,4 @@
-//! Points from tables of numbers: the vertices of PLY files, and arrays of `NumPy`.
+//! Points from binary tables: the vertices of PLY files, and `NumPy` arrays.
 
 mod columns;
 mod npy;
@@ -14,20 +14,21 @@ use crate::source::WorldPoints;
 use spinney_base::{Error, Result};
 use spinney_records::npy::MAGIC;
 
-/// Points between which the pages of a mapped file are given back.
+/// Number of points after which the pages of a mapped file are released.
 const RELEASE_EVERY: u64 = 1 << 17;
 
-/// Points of a table, and remarks on what of their file is left out.
+/// Points of a table, and remarks on skipped contents of the file.
 pub(crate) struct Table {
     pub(crate) points: Box<dyn WorldPoints>,
     pub(crate) remarks: Vec<String>,
 }
 
-/// A format of tables, by a file's first bytes, or by its name where it cannot be looked into.
+/// Detects the format by the first bytes, or by the name if the file cannot be read: NPY (`true`),
+/// PLY (`false`) or `None`.
 fn is_npy(path: &Path) -> Option<bool> {
     let named = |ending: &str| path.extension().is_some_and(|own| own.eq_ignore_ascii_case(ending));
     let mut start = [0; 6];
-    // (Of what is no file, such as a pipe, bytes that are read are gone.)
+    // Only regular files are read: bytes read from a pipe would be lost.
     if path.is_file() && File::open(path).is_ok_and(|mut file| file.read_exact(&mut start).is_ok()) {
         let is_ply = start.starts_with(b"ply\n") || start.starts_with(b"ply\r");
         return if start == MAGIC { Some(true) } else { is_ply.then_some(false) };
@@ -35,7 +36,7 @@ fn is_npy(path: &Path) -> Option<bool> {
     if named("npy") { Some(true) } else { named("ply").then_some(false) }
 }
 
-/// Whether a file is a PLY or NPY file, whose points become a tree.
+/// Returns whether a file is a PLY or NPY file, whose points can become a tree.
 pub(crate) fn is_point_table(path: &Path) -> bool {
     is_npy(path).is_some()
 }
@@ -43,7 +44,7 @@ pub(crate) fn is_point_table(path: &Path) -> bool {
 /// Opens a table of points.
 ///
 /// # Errors
-/// If it cannot be read, is damaged, or has no columns x and y.
+/// If it cannot be read, is corrupt, or has no columns x and y.
 pub(crate) fn open(path: &Path) -> Result<Table> {
     match is_npy(path) {
         Some(true) => npy::open(path),

@@ -1,4 +1,4 @@
-//! Points from arrays of `NumPy`: of records with fields x, y and z, or of rows of numbers.
+//! Points from `NumPy` arrays: records with fields x, y and z, or rows of numbers.
 
 use std::fs::File;
 use std::io::Seek;
@@ -15,7 +15,7 @@ use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 use spinney_records::npy::{Items, NpyField, NpyHeader};
 
-/// Where a number stands in a record, and what it is.
+/// Offset, type and role of a number in a record.
 struct Number {
     offset: usize,
     sample: SampleType,
@@ -40,7 +40,7 @@ impl Number {
 struct NpyPoints {
     path: PathBuf,
     map: Mapped,
-    /// Offset of the first record, and bytes of each.
+    /// Offset of the first record, and bytes per record.
     start: usize,
     stride: usize,
     count: u64,
@@ -50,7 +50,7 @@ struct NpyPoints {
     at: u64,
 }
 
-/// The type that a name means, and whether it is big-endian.
+/// Returns the type of a dtype string, and whether it is big-endian.
 fn sample_of(descr: &str) -> Option<(SampleType, bool)> {
     let (order, name) = descr.split_at_checked(1)?;
     let sample = match name {
@@ -70,12 +70,12 @@ fn sample_of(descr: &str) -> Option<(SampleType, bool)> {
     is_known.then_some((sample, order == ">"))
 }
 
-/// Bytes that a field without a name and type has: those between fields of structs.
+/// Returns the size of a padding field, which has no name and type; `None` for other fields.
 fn padding(field: &NpyField) -> Option<usize> {
     field.descr.strip_prefix("|V").filter(|_| field.name.is_empty())?.parse().ok()
 }
 
-/// The fields of records; those of rows of numbers are x, y, z, and the columns' numbers from 0 on.
+/// Returns the fields of records. Columns of rows are named x, y and z, then by their indices.
 fn fields(header: &NpyHeader, path: &Path) -> Result<Vec<NpyField>> {
     let unsupported = |found: String| {
         let advice = "points are records with fields x, y and perhaps z, or rows of 2 numbers or more";
@@ -87,7 +87,7 @@ fn fields(header: &NpyHeader, path: &Path) -> Result<Vec<NpyField>> {
     }
     match (&header.items, &header.shape[..]) {
         (Items::Records(fields), [_]) => Ok(fields.clone()),
-        // (No more than there can be attributes.)
+        // Matches the maximum number of attributes.
         (Items::Samples(descr), [_, columns @ 2..=1024]) => {
             let name = |column: u64| match column {
                 0 => "x".into(),

@@ -16,7 +16,7 @@ use spinney_records::ply::{
     Body, Element, Encoding, Fault, PlyHeader, Property, Read, Scalar, Visit, offset_behind, visit,
 };
 
-/// Vertices that are read at a time.
+/// Number of vertices read at a time.
 const LOT: u64 = 1 << 12;
 
 /// Vertices of a file.
@@ -25,16 +25,16 @@ struct PlyPoints {
     map: Mapped,
     encoding: Encoding,
     vertices: Element,
-    /// Role of each property; `None` for lists, which are passed over.
+    /// Role of each property; `None` for lists, which are skipped.
     roles: Vec<Option<Role>>,
     attributes: Vec<PointAttribute>,
     dimension: Dimension,
-    /// Offset of the first vertex, and of the next one that is not read.
+    /// Offset of the first vertex, and of the next unread one.
     start: usize,
     offset: usize,
-    /// Vertices that are read.
+    /// Number of vertices read.
     count: u64,
-    /// Those of them that were not handed out: coordinates, and the numbers of all of their attributes.
+    /// Buffered vertices: their coordinates, and the numbers of all of their attributes.
     places: VecDeque<[f64; 3]>,
     numbers: VecDeque<i64>,
 }
@@ -113,7 +113,7 @@ pub(super) fn open(path: &Path) -> Result<Table> {
     Ok(Table { points: Box::new(points), remarks })
 }
 
-/// Reads a number of a type of whole numbers, which texts may go beyond.
+/// Reads an integer, and checks its range: text may exceed its type.
 fn whole(body: &mut impl Body, scalar: Scalar) -> Read<i64> {
     let number = body.whole(scalar)?;
     let bits = 8 * scalar.size() as u32;
@@ -125,7 +125,7 @@ fn whole(body: &mut impl Body, scalar: Scalar) -> Read<i64> {
     }
 }
 
-/// Reads some vertices; the outcome is the offset behind them.
+/// Reads some vertices; returns the offset after them.
 struct ReadVertices<'a> {
     vertices: &'a Element,
     roles: &'a [Option<Role>],

@@ -4,10 +4,10 @@ use crate::attribute::{PointAttribute, ordered, to_f64};
 use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 
-/// Attributes, points (places and numbers of attributes), remarks.
+/// Attributes, points (positions and attribute numbers), remarks.
 type Found = (Vec<PointAttribute>, Vec<([f64; 3], Vec<i64>)>, Vec<String>);
 
-/// Reads a file of some bytes, twice.
+/// Reads a file with these bytes, twice.
 fn read(name: &str, bytes: &[u8]) -> Result<Found> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
@@ -52,7 +52,7 @@ fn vertices_of_ply_are_points() {
         [([1.5, -2.0, 1e3], vec![255, quality(0.25)]), ([0.0, 0.0, -1e-3], vec![0, quality(-1.0)])];
     assert_eq!(points, expected);
     assert!(remarks[0].contains("2 marker, 1 face") && remarks[1].contains(": w"), "{remarks:?}");
-    // Binary, in both orders.
+    // Binary, in both byte orders.
     for is_big in [false, true] {
         let order = if is_big { "big" } else { "little" };
         let mut bytes = format!(
@@ -92,7 +92,7 @@ fn records_and_rows_of_numpy_are_points() {
     );
     let times: Vec<f64> = points.iter().map(|(_, numbers)| to_f64(SampleType::F64, numbers[0])).collect();
     assert_eq!((times, points[0].1[1], points[1].1[1]), (vec![-0.5, 1e300], 1, 0));
-    // Rows.
+    // Arrays of rows.
     let rows = |width: usize| {
         npy(
             &format!("{{'descr': '<f8', 'fortran_order': False, 'shape': (2, {width}), }}"),
@@ -139,7 +139,7 @@ fn other_tables_are_refused() {
         let error = read("a.ply", TEXT.replace(from, to).as_bytes()).map(|_| ()).unwrap_err().to_string();
         assert!(error.contains(words), "{words}: {error}");
     }
-    // Whatever stands there, it is read or refused.
+    // Any byte at any offset is either read or rejected.
     for at in 0..TEXT.len() {
         for byte in [b' ', b'9', 0xff] {
             let mut bytes = TEXT.as_bytes().to_vec();

@@ -1,4 +1,4 @@
-//! Solids of outlines at heights, between which they are interpolated by their shape.
+//! Solids interpolated by shape between outlines at given heights.
 
 mod outline;
 mod read;
@@ -13,13 +13,15 @@ use spinney_base::{Error, Result};
 use spinney_mesh::import::{SolidOptions, fit_cells};
 use spinney_vector::import::feature::FeatureOptions;
 
-/// Cells along a block whose columns are asked for at once.
+/// Number of cells along a side of a block whose columns are evaluated at once.
 const ALONG: usize = 8;
 
-/// Reads polygons whose height is an attribute, and decides how the octree of the solid is built that they are sections of. Polygons of one height are
-/// united. Between two heights a cell is inside where the sum of its distances from both outlines is positive, each counted as positive inside and negative
-/// outside, and weighted by how near its height is (shape-based interpolation: S. P. Raya, J. K. Udupa, *Shape-based interpolation of multidimensional
-/// objects*, 1990). Above the highest and below the lowest outline there is nothing. Outlines are held in memory, in up to half of what the options allow.
+/// Reads polygons with a height attribute, and plans the octree of the solid whose sections they
+/// are. Polygons of the same height are united. Between two heights, a cell is inside if the signed
+/// distance of its centre from both outlines (positive inside), interpolated linearly in the
+/// height, is positive (shape-based interpolation: S. P. Raya, J. K. Udupa, *Shape-based
+/// interpolation of multidimensional objects*, 1990). Cells above the highest and below the lowest
+/// outline are VOID. Outlines are held in memory, in up to half of the memory limit of the options.
 ///
 /// ```
 /// use spinney::import::mesh::{Resolution, SolidOptions};
@@ -28,7 +30,8 @@ const ALONG: usize = 8;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = |name: &str| folder.path().join(name);
-/// // Nearly the frustum of a pyramid, whose volume is 28: its edges become round, as distances are around corners.
+/// // Nearly the frustum of a pyramid, whose volume is 28: its edges are rounded, because the
+/// // contours of equal distance around corners are round.
 /// let square = |half: f64| format!("\"POLYGON ((-{half} -{half}, {half} -{half}, {half} {half}, -{half} {half}, -{half} -{half}))\"");
 /// std::fs::write(path("outlines.csv"), format!("wkt,z\n{},0\n{},3\n", square(2.0), square(1.0))).unwrap();
 /// let mut options = SolidOptions::new();
@@ -41,8 +44,9 @@ const ALONG: usize = 8;
 /// ```
 ///
 /// # Errors
-/// If the file cannot be read, or has features that are no polygons; if there are fewer than two heights, or polygons of one have no area; if the options do
-/// not fit, or allow too little memory.
+/// If the file cannot be read or has features that are not polygons; if there are fewer than two
+/// heights, or the polygons of one have no area; if the options are not supported or the memory
+/// limit is too low.
 pub fn plan_outlines(
     path: &Path,
     height: &str,
@@ -98,26 +102,28 @@ struct Sections {
 }
 
 impl Sections {
-    /// The outline below a height, or at it, that has one above it.
+    /// Returns the index of the last outline at or below a height that has a next one above.
     fn below(&self, height: f64) -> usize {
         let above = self.sections.partition_point(|section| section.height <= height);
         above.clamp(1, self.sections.len() - 1) - 1
     }
 
-    /// The value at a height of what two outlines, of which this is the lower one, have at theirs.
+    /// Interpolates linearly at a height between the values at two outlines, the lower of which is
+    /// `below`.
     fn between(&self, below: usize, height: f64, [low, high]: [f64; 2]) -> f64 {
         let [from, to] = [0, 1].map(|next| self.sections[below + next].height);
         (low * (to - height) + high * (height - from)) / (to - from)
     }
 
-    /// Whether a place in the world, between the lowest and the highest outline, is inside.
+    /// Whether a world position between the lowest and the highest outline is inside.
     fn has(&self, [x, y, z]: [f64; 3]) -> bool {
         let below = self.below(z);
         let distances = [0, 1].map(|next| self.sections[below + next].outline.signed_distance([x, y]));
         self.between(below, z, distances) > 0.0
     }
 
-    /// Whether each axis of the world is along that of the cells, so that all cells of a column have the same x and y.
+    /// Whether each world axis is parallel to the corresponding axis of the cells, so that all
+    /// cells of a column have the same x and y.
     fn is_upright(&self) -> bool {
         [&self.x, &self.y, &self.z].into_iter().enumerate().all(|(axis, linear)| linear.is_along(axis))
     }
@@ -135,7 +141,7 @@ impl Solid for Sections {
         }
         let centre = block.centre();
         let [x, y] = [self.x.at(centre), self.y.at(centre)];
-        // (No distance changes by more than one moves.)
+        // (A distance function is 1-Lipschitz: it changes by at most the distance moved.)
         let reach = (self.x.reach(block) + self.x.slack).hypot(self.y.reach(block) + self.y.slack);
         let [low, high] = [0, self.sections.len() - 1].map(|end| self.sections[end].height);
         let [from, to] = self.z.range(block).map(|height| height.clamp(low, high));
@@ -145,7 +151,8 @@ impl Solid for Sections {
         let mut rounding = 0.0f64;
         for below in first..=last {
             let upper = self.sections[below + 1].outline.signed_distance([x, y]);
-            // Between two outlines values are linear: the least and the greatest are at the ends.
+            // Between two outlines values are linear in the height, so the extremes are at the
+            // ends.
             let ends = [0, 1].map(|next| self.sections[below + next].height.clamp(from, to));
             for height in ends {
                 let value = self.between(below, height, [lower, upper]);
@@ -172,7 +179,8 @@ impl Solid for Sections {
                 self.limits.has(centre) && self.has([self.x.at(centre), self.y.at(centre), self.z.at(centre)])
             });
         }
-        // The distances of all columns from the last outlines that were needed. (Cells come by their heights.)
+        // Cache of the distances of all columns from the last two outlines. (Cells are visited by
+        // height.)
         let mut known: [Option<(usize, Columns)>; 2] = [None, None];
         let mut columns = |number: usize| -> Columns {
             if let Some((_, columns)) = known[number % 2].as_ref().filter(|(own, _)| *own == number) {
@@ -202,11 +210,11 @@ impl Solid for Sections {
     }
 }
 
-/// Distances from an outline, by rows.
+/// Distances of a block's columns from an outline, by rows.
 type Columns = [[f64; ALONG]; ALONG];
 
 impl Sections {
-    /// The distances of a block's columns from an outline.
+    /// Computes the distances of a block's columns from an outline.
     fn columns(&self, block: Block, number: usize) -> Columns {
         let outline = &self.sections[number].outline;
         let mut found = [[0.0; ALONG]; ALONG];

@@ -1,31 +1,31 @@
-//! An outline in memory, of which one asks how far places are from it: a hierarchy of boxes around its sides.
+//! An outline for distance queries: a bounding volume hierarchy over its edges.
 
 use robust::{Coord, orient2d};
 
-/// Sides in a leaf, at most.
+/// Maximum number of edges in a leaf.
 const LEAF: usize = 8;
 
 type Point = [f64; 2];
 
-/// Rings that do not cross: inside is what an odd number of them goes around.
+/// Rings that do not cross, combined by the even-odd rule.
 pub(super) struct Outline {
     sides: Vec<[Point; 2]>,
-    /// In preorder.
+    /// Nodes in preorder.
     nodes: Vec<Node>,
 }
 
-/// A box around some sides.
+/// A bounding box of some edges.
 struct Node {
     min: Point,
     max: Point,
-    /// The sides, of a leaf; none of others, whose first child is the next node.
+    /// The edges of a leaf; empty for an inner node, whose first child is the next node.
     sides: std::ops::Range<usize>,
-    /// The second child.
+    /// Index of the second child; 0 for a leaf.
     second: usize,
 }
 
 impl Node {
-    /// The square of the distance from a place.
+    /// Returns the squared distance from a position.
     fn squared_distance(&self, place: Point) -> f64 {
         let apart = |axis: usize| (self.min[axis] - place[axis]).max(place[axis] - self.max[axis]).max(0.0);
         apart(0).powi(2) + apart(1).powi(2)
@@ -33,7 +33,7 @@ impl Node {
 }
 
 impl Outline {
-    /// An outline of rings, each of which ends with the corner that it begins with.
+    /// Creates an outline from rings that repeat their first vertices at the end.
     pub(super) fn new(rings: &[Vec<Point>]) -> Outline {
         let sides = rings.iter().flat_map(|ring| ring.windows(2)).map(|ends| [ends[0], ends[1]]);
         let mut outline = Outline { sides: sides.collect(), nodes: Vec::new() };
@@ -41,7 +41,7 @@ impl Outline {
         outline
     }
 
-    /// Adds the node of some sides, and those below it.
+    /// Adds the node of a range of edges, and all nodes below it.
     fn divide(&mut self, range: std::ops::Range<usize>) {
         let sides = &mut self.sides[range.clone()];
         let [min, max] = bounds(sides.iter().flatten());
@@ -62,13 +62,13 @@ impl Outline {
         self.divide(range.start + middle..range.end);
     }
 
-    /// The distance of a place from the outline: positive inside, negative outside.
+    /// Returns the distance of a position from the outline: positive inside, negative outside.
     pub(super) fn signed_distance(&self, place: Point) -> f64 {
         let distance = self.distance(place);
         if self.has(place) { distance } else { -distance }
     }
 
-    /// The distance of a place from the nearest side.
+    /// Returns the distance of a position from the nearest edge.
     fn distance(&self, place: Point) -> f64 {
         let mut nearest = f64::INFINITY;
         let mut waiting = vec![(0.0, 0)];
@@ -90,7 +90,7 @@ impl Outline {
         nearest.sqrt()
     }
 
-    /// Whether a place is inside: whether a ray from it along x passes an odd number of sides.
+    /// Whether a position is inside: whether a ray from it along x crosses an odd number of edges.
     fn has(&self, [x, y]: Point) -> bool {
         let mut is_inside = false;
         let mut waiting = vec![0];
@@ -100,7 +100,7 @@ impl Outline {
                 continue;
             }
             for [from, to] in &self.sides[node.sides.clone()] {
-                // (A side has its lower end, and not its upper one.)
+                // (An edge includes its lower end, but not its upper one.)
                 let [low, high] = if from[1] <= to[1] { [from, to] } else { [to, from] };
                 is_inside ^= low[1] <= y && y < high[1] && is_left([x, y], *low, *high);
             }
@@ -112,24 +112,24 @@ impl Outline {
     }
 }
 
-/// The least and the greatest coordinates of corners.
+/// Returns the minimum and maximum coordinates of points.
 pub(super) fn bounds<'a>(corners: impl Iterator<Item = &'a Point>) -> [Point; 2] {
     corners.fold([[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]], |[min, max], corner| {
         [[0, 1].map(|axis| corner[axis].min(min[axis])), [0, 1].map(|axis| corner[axis].max(max[axis]))]
     })
 }
 
-/// The square of a place's distance from a side.
+/// Returns the squared distance of a position from an edge.
 fn squared_distance([x, y]: Point, [[from_x, from_y], [to_x, to_y]]: &[Point; 2]) -> f64 {
     let (along_x, along_y) = (to_x - from_x, to_y - from_y);
     let (own_x, own_y) = (x - from_x, y - from_y);
     let share = (own_x * along_x + own_y * along_y) / (along_x * along_x + along_y * along_y);
-    // (A side has a length; were its square too small for a number, its end would count.)
+    // (Edges have a length. If its square underflows, the distance from the edge's end is used.)
     let share = if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 };
     (own_x - share * along_x).powi(2) + (own_y - share * along_y).powi(2)
 }
 
-/// Whether a place is to the left of a line that goes up.
+/// Whether a position is to the left of an upward line.
 fn is_left(place: Point, low: Point, high: Point) -> bool {
     let [low, high, place] = [low, high, place].map(|[x, y]| Coord { x, y });
     orient2d(low, high, place) > 0.0
@@ -146,7 +146,7 @@ mod tests {
             state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
             (state >> 40) as f64 / f64::from(1u32 << 24)
         };
-        // A star with a hole in it.
+        // A star with a hole.
         let ring = |count: u32, radius: &mut dyn FnMut() -> f64| -> Vec<Point> {
             let corner = |number: u32| {
                 let angle = f64::from(number) / f64::from(count) * std::f64::consts::TAU;

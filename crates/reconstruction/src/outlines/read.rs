@@ -1,4 +1,4 @@
-//! Polygons with heights, as sections of a solid.
+//! Reads polygons with heights as sections of a solid.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,29 +9,29 @@ use spinney_crs::{Crs, PolygonParts};
 use spinney_overlay::{OverlayGrid, PolygonOverlay};
 use spinney_vector::import::feature::{FeatureAttribute, FeatureGeometry, FeatureOptions, open_features};
 
-/// Bytes that a corner takes while outlines are read: as it comes, and in an outline.
+/// Memory per vertex while outlines are read, in bytes: in the input and in an outline.
 const CORNER: u64 = 96;
 
 /// An outline at a height.
 pub(super) struct Section {
     pub(super) height: f64,
     pub(super) outline: Outline,
-    /// Sides of all its rings.
+    /// Number of edges of all its rings.
     pub(super) sides: u64,
 }
 
-/// Outlines that were read.
+/// The outlines of a file.
 pub(super) struct FoundSections {
     /// From the lowest to the highest.
     pub(super) sections: Vec<Section>,
-    /// Least and greatest corner.
+    /// Minimum and maximum coordinates.
     pub(super) bounds: [[f64; 2]; 2],
     pub(super) crs: Option<Crs>,
-    /// Features that have no height, or no corners.
+    /// Number of features without a height or without vertices.
     pub(super) without: u64,
 }
 
-/// Reads polygons whose height is an attribute.
+/// Reads polygons with a height attribute.
 pub(super) fn read_sections(
     path: &Path,
     height: &str,
@@ -86,7 +86,7 @@ pub(super) fn read_sections(
     Ok(FoundSections { sections, bounds, crs, without })
 }
 
-/// The rings around what polygons have together; each ends with the corner that it begins with.
+/// Returns the rings around the union of polygons. Each repeats its first vertex at the end.
 fn united(path: &Path, greatest: f64, parts: &PolygonParts, memory: u64) -> Result<Vec<Vec<[f64; 2]>>> {
     let mut overlay = PolygonOverlay::new(OverlayGrid::for_coordinates(greatest), memory);
     for (number, rings) in (0..).zip(parts) {
@@ -100,7 +100,7 @@ fn united(path: &Path, greatest: f64, parts: &PolygonParts, memory: u64) -> Resu
     Ok(rings)
 }
 
-/// A height as a key.
+/// A height as a map key.
 #[derive(Clone, Copy, Debug)]
 struct Height(f64);
 
@@ -124,11 +124,11 @@ impl PartialEq for Height {
 
 impl Eq for Height {}
 
-/// A value as a height, if it is a number.
+/// Returns an attribute value as a height, if it is a finite number.
 fn number(value: &FeatureAttribute) -> Option<f64> {
     match value {
         FeatureAttribute::Integer(number) => Some(*number as f64),
-        // (There is one zero.)
+        // (Adding 0.0 turns -0.0 into 0.0.)
         FeatureAttribute::Number(number) => Some(*number + 0.0).filter(|number| number.is_finite()),
         _ => None,
     }

@@ -1,4 +1,5 @@
-//! Solids that pictures from known directions leave: what none of them shows to be empty (carving).
+//! Space carving: solids from images with known directions. A cell is kept if no image shows it to
+//! be empty.
 
 mod picture;
 mod pyramid;
@@ -16,13 +17,14 @@ use spinney_base::Result;
 use spinney_base::io::FileAccess;
 use spinney_mesh::import::{SolidOptions, fit_cells};
 
-/// Whether a file's name is that of a text that tells views of a solid.
+/// Whether a file name has the extension of a views file, `.views`.
 pub fn is_views_name(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("views"))
 }
 
-/// Reads a text that tells pictures of a solid from known directions, and the pictures, and decides how the octree is built of all cells that none of
-/// them shows to be empty: `docs/reconstruction.md` has the text's grammar. Pictures are held in memory, in up to half of what the options allow.
+/// Reads a views file and its images, and plans the octree of all cells that no image shows to be
+/// empty. `docs/reconstruction.md` defines the file format. Images are held in memory, in up to
+/// half of the memory limit of the options.
 ///
 /// ```
 /// use spinney::import::mesh::{Resolution, SolidOptions};
@@ -31,7 +33,7 @@ pub fn is_views_name(path: &Path) -> bool {
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = |name: &str| folder.path().join(name);
-/// // The left half of a square, as a chain code, is seen from above.
+/// // The left half of a square, as a chain code, viewed from above.
 /// let half = "freeman-chain-code 1\ndirections 4\nsize 4 4\nregion 1 0 0\n333300111122\nend\n";
 /// std::fs::write(path("half.chain"), half).unwrap();
 /// let view = r#"{"picture": "half.chain", "kind": "silhouette", "from": [180, 90], "centre": [2, 2, 2], "pixel": 1}"#;
@@ -45,7 +47,8 @@ pub fn is_views_name(path: &Path) -> bool {
 /// ```
 ///
 /// # Errors
-/// If the text or a picture cannot be read, or makes no sense; if the options do not fit, or allow too little memory for the pictures.
+/// If the views file or an image cannot be read or is invalid; if an image may not be accessed; if
+/// the options are not supported, or the memory limit is too low for the images.
 pub fn plan_views(path: &Path, options: &SolidOptions, access: &FileAccess) -> Result<ReconstructionImport> {
     check(path, options)?;
     let text = Text::open(path)?;
@@ -71,7 +74,7 @@ pub fn plan_views(path: &Path, options: &SolidOptions, access: &FileAccess) -> R
     Ok(ReconstructionImport::new(solid, cells, options, (None, provenance, told)))
 }
 
-/// Part of a box that no view shows to be empty.
+/// The cells of a box that no view shows to be empty.
 struct Carved {
     limits: Limits,
     views: Vec<View>,

@@ -1,4 +1,4 @@
-//! Pictures in memory: for each pixel, up to which depth it shows nothing.
+//! Images in memory: for each pixel, the depth up to which it shows empty space.
 
 use super::pyramid::{Pyramid, nodes};
 use super::text::{PictureKind, ViewText};
@@ -7,17 +7,17 @@ use spinney_base::value::{Sample, SampleType, with_sample_type};
 use spinney_base::{Error, Result};
 use spinney_raster::import::{Pixels, Raster, RasterInfo, RasterOptions, open};
 
-/// Nothing is seen.
+/// Depth of a pixel that sees nothing: all space along its line of sight is empty.
 const NOTHING: f32 = f32::INFINITY;
-/// All may be there: the inside of a silhouette.
+/// Depth of a pixel that shows no space to be empty: the inside of a silhouette.
 const ANYTHING: f32 = f32::NEG_INFINITY;
 
-/// A flag of a node: a pixel in it is inside of a silhouette.
+/// Node flag: contains a pixel inside a silhouette.
 const INSIDE: u8 = 1;
-/// Summary of a pixel outside.
+/// Node flag: contains a pixel outside a silhouette.
 const OUTSIDE: u8 = 2;
 
-/// A picture. Depths are in samples: see [`View`](super::view::View).
+/// An image. Depths are in units of samples: see [`View`](super::view::View).
 pub(super) struct Picture {
     pub(super) size: [u64; 2],
     samples: Samples,
@@ -26,7 +26,7 @@ pub(super) struct Picture {
 enum Samples {
     /// A bit for each pixel, by rows: whether it is inside.
     Silhouette(Vec<u64>, Pyramid<u8>),
-    /// The depth of what each pixel shows, and for each node the least and the greatest one.
+    /// Depth of each pixel, and the minimum and maximum depth of each node.
     Depths(Vec<f32>, Pyramid<[f32; 2]>),
 }
 
@@ -38,19 +38,20 @@ fn extremes(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
     [a[0].min(b[0]), a[1].max(b[1])]
 }
 
-/// The flag of a pixel of a silhouette.
+/// Returns the flag of a silhouette pixel.
 fn flag(bits: &[u64], index: u64) -> u8 {
     if bits[(index / 64) as usize] >> (index % 64) & 1 == 1 { INSIDE } else { OUTSIDE }
 }
 
 impl Picture {
-    /// Reads a view's picture. `left` is the memory that there is for pictures, of which its own is taken; a reader may hold `reading` bytes.
+    /// Reads a view's image. `left` is the memory that remains for images, in bytes; the image's
+    /// memory is subtracted from it. A reader may use `reading` bytes.
     pub(super) fn open(view: &ViewText, left: &mut u64, reading: u64) -> Result<Picture> {
         let path = &view.picture;
         let mut options = RasterOptions::new();
         options.memory = reading;
         let named = |error| match error {
-            // (What the system says of a file names no view.)
+            // (The system's error does not name the view.)
             Error::Io { path, doing, cause } => Error::invalid(
                 format!("{}, picture", view.name),
                 format!("{}, which one cannot {doing} ({cause})", path.display()),
@@ -100,7 +101,8 @@ impl Picture {
                     let number = pixel.sample(channel);
                     let is_seen =
                         is_valid && pixel.is_opaque(&info) && number.is_finite() && Some(number) != nodata;
-                    // (With depths that count towards the viewer, what is nearer has the greater sample.)
+                    // (If the scale is negative, depths count towards the viewer, and nearer points
+                    // have larger samples.)
                     let depth = (number * view.scale.signum()) as f32;
                     depths.push(if is_seen && depth.is_finite() { depth } else { NOTHING });
                 })?;
@@ -116,7 +118,7 @@ impl Picture {
         matches!(self.samples, Samples::Silhouette(..))
     }
 
-    /// Up to which depth a pixel shows nothing.
+    /// Returns the depth up to which a pixel shows empty space.
     pub(super) fn depth(&self, [column, row]: [u64; 2]) -> f32 {
         let index = row * self.size[0] + column;
         match &self.samples {
@@ -128,7 +130,8 @@ impl Picture {
         }
     }
 
-    /// Bounds of what the pixels of a rectangle have, from its first column and row to its last.
+    /// Returns bounds of the depths of the pixels in a rectangle, from its first column and row to
+    /// its last.
     pub(super) fn depths(&self, rectangle: [[u64; 2]; 2]) -> [f32; 2] {
         let columns = self.size[0];
         match &self.samples {
@@ -164,7 +167,8 @@ impl Pixel<'_> {
     }
 }
 
-/// Whether a pixel of a silhouette is inside: by its opacity, if it has one, or as it is not zero.
+/// Whether a silhouette pixel is inside: if it is not transparent or, without an alpha channel, if
+/// any sample is neither zero nor nodata.
 fn is_inside(pixel: Pixel<'_>, info: &RasterInfo, nodata: Option<f64>) -> bool {
     if info.alpha.is_some() {
         return pixel.is_opaque(info);
@@ -174,7 +178,7 @@ fn is_inside(pixel: Pixel<'_>, info: &RasterInfo, nodata: Option<f64>) -> bool {
     (0..info.channels).any(|channel| !is_empty(pixel.sample(channel)))
 }
 
-/// The channel that has the depths.
+/// Returns the channel that contains the depths.
 fn depth_channel(view: &ViewText, info: &RasterInfo) -> Result<usize> {
     let mut channels = (0..info.channels).filter(|channel| Some(*channel) != info.alpha);
     match (channels.next(), channels.next()) {
@@ -186,7 +190,7 @@ fn depth_channel(view: &ViewText, info: &RasterInfo) -> Result<usize> {
     }
 }
 
-/// Hands out all pixels by rows, with whether they are of the picture's mask.
+/// Yields all pixels by rows, with whether each is valid according to the image's mask.
 fn read(
     raster: &mut dyn Raster,
     info: &RasterInfo,

@@ -1,22 +1,22 @@
-//! Summaries of rectangles of a picture, by nodes of 2 x 2, 4 x 4 and so on pixels.
+//! Summaries of image rectangles, from a pyramid of nodes of 2 x 2, 4 x 4, ... pixels.
 
-/// Nodes along a side of a rectangle that are looked at, at most.
+/// Maximum number of nodes along each axis that a query reads.
 const MAX_ALONG: u64 = 4;
 
-/// Nodes over pixels; what a node has is joined of what its pixels have.
+/// Nodes over pixels. A node's value joins the values of its pixels.
 pub(super) struct Pyramid<N> {
-    /// Columns and rows of pixels.
+    /// Number of columns and rows of pixels.
     size: [u64; 2],
-    /// Nodes of 2 x 2 pixels, of 4 x 4, and so on, each by rows.
+    /// Nodes of 2 x 2 pixels, of 4 x 4 pixels, and so on, each level by rows.
     levels: Vec<Vec<N>>,
 }
 
-/// Columns and rows of the nodes of a level; 0 are pixels.
+/// Returns the number of columns and rows of a level; level 0 are the pixels.
 fn size_at(size: [u64; 2], level: usize) -> [u64; 2] {
     size.map(|along| along.div_ceil(1 << level))
 }
 
-/// Number of nodes of a picture of so many columns and rows, at most.
+/// Returns the number of nodes of an image with a number of columns and rows, saturating.
 pub(super) fn nodes(size: [u64; 2]) -> u64 {
     let mut sum = 0u64;
     for level in 1.. {
@@ -30,7 +30,7 @@ pub(super) fn nodes(size: [u64; 2]) -> u64 {
 }
 
 impl<N: Copy> Pyramid<N> {
-    /// The pyramid of pixels.
+    /// Builds the pyramid of an image.
     pub(super) fn new(size: [u64; 2], pixel: &dyn Fn(u64, u64) -> N, join: &dyn Fn(N, N) -> N) -> Pyramid<N> {
         let mut levels: Vec<Vec<N>> = Vec::new();
         for level in 1.. {
@@ -60,14 +60,16 @@ impl<N: Copy> Pyramid<N> {
         Pyramid { size, levels }
     }
 
-    /// Summary of a rectangle, from its first column and row to its last, or of a larger one. To join something twice, or in another order, must change nothing.
+    /// Returns a summary of a rectangle, from its first column and row to its last, or of a larger
+    /// one. `join` must be idempotent, commutative and associative.
     pub(super) fn within(
         &self,
         [first, last]: [[u64; 2]; 2],
         pixel: &dyn Fn(u64, u64) -> N,
         join: &dyn Fn(N, N) -> N,
     ) -> N {
-        // (The finest level of which few nodes reach over the rectangle: nodes at its border reach beyond it, which makes the answer less sharp, and never wrong.)
+        // (The finest level with few nodes over the rectangle. Nodes at its border extend beyond
+        // it, which makes bounds less tight, but never invalid.)
         let is_small =
             |level: &usize| (0..2).all(|axis| (last[axis] >> level) - (first[axis] >> level) < MAX_ALONG);
         let level = (0..=self.levels.len()).find(is_small).unwrap_or(self.levels.len());

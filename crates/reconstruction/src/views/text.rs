@@ -1,4 +1,4 @@
-//! Texts that tell views: JSON.
+//! Parser of views files, a JSON format.
 
 use std::fs::File;
 use std::io::Read as _;
@@ -8,14 +8,15 @@ use serde::Deserialize;
 use serde_json::value::RawValue;
 use spinney_base::{Error, Result};
 
-/// Most bytes of a text.
+/// Maximum length of a file, in bytes.
 const MAX_BYTES: u64 = 8 << 20;
 
-/// Sine of the least angle between the direction of a view and what is up in its picture. Vectors of length one are right to about 2^-51: at this sine the picture is turned by
-/// 4e-7 (radians) at most, half a pixel of 2^20.
+/// Sine of the minimum angle between a view's direction and its up vector. Unit vectors are
+/// accurate to about 2^-51. At this sine the image is rotated by at most 4e-7 radians, half a pixel
+/// in 2^20.
 const MIN_SINE: f64 = 1e-9;
 
-/// Units that lengths may have.
+/// Supported units of length.
 const UNITS: [&str; 6] = ["mm", "cm", "m", "km", "in", "ft"];
 
 #[derive(Deserialize)]
@@ -26,7 +27,7 @@ struct Document {
     views: Vec<Box<RawValue>>,
 }
 
-/// A view as the text tells it.
+/// A view as it is in the file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields, expecting = "an object that tells a view")]
 struct RawView {
@@ -42,7 +43,7 @@ struct RawView {
     nodata: Option<f64>,
 }
 
-/// Kind of a picture's samples.
+/// Kind of an image's samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum PictureKind {
@@ -50,13 +51,13 @@ pub(super) enum PictureKind {
     Depth,
 }
 
-/// A view, with what is left out filled in.
+/// A view with defaults filled in.
 pub(super) struct ViewText {
-    /// The text and the view's number, from 1, for messages.
+    /// Path of the views file and the view's number, from 1, for error messages.
     pub(super) name: String,
     pub(super) picture: PathBuf,
     pub(super) kind: PictureKind,
-    /// Directions in the picture, of unit length: to the right, up, and towards the viewer.
+    /// Unit vectors of the image: to the right, up, and towards the viewer.
     pub(super) axes: [[f64; 3]; 3],
     pub(super) centre: [f64; 3],
     pub(super) pixel: f64,
@@ -65,20 +66,20 @@ pub(super) struct ViewText {
     pub(super) nodata: Option<f64>,
 }
 
-/// A text that was read.
+/// A parsed views file.
 pub(super) struct Text {
-    /// Least and greatest corner of the box that is carved.
+    /// Minimum and maximum corner of the box that is carved.
     pub(super) bounds: [[f64; 3]; 2],
     pub(super) unit: Option<String>,
     pub(super) views: Vec<ViewText>,
 }
 
 impl Text {
-    /// Reads a file.
+    /// Reads and parses a file.
     pub(super) fn open(path: &Path) -> Result<Text> {
         let mut bytes = Vec::new();
         let file = File::open(path).map_err(Error::io(path, "open"))?;
-        // (One more than a text may have tells that it is too long.)
+        // (One byte over the limit is enough to detect that the file is too long.)
         file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(Error::io(path, "read"))?;
         if bytes.len() as u64 > MAX_BYTES {
             let advice = "divide the views over several texts, and combine the solids with `combine and`";
@@ -155,7 +156,8 @@ impl ViewText {
     }
 }
 
-/// The directions of a viewer who stands at a point of the compass, and so many degrees above the horizon.
+/// Returns the axes for a viewer at an azimuth and at an elevation above the horizon, both in
+/// degrees.
 fn axes_from([azimuth, elevation]: [f64; 2], name: &str) -> Result<[[f64; 3]; 3]> {
     if !(azimuth.is_finite() && (-90.0..=90.0).contains(&elevation)) {
         let found = format!("[{azimuth}, {elevation}]");
@@ -168,7 +170,7 @@ fn axes_from([azimuth, elevation]: [f64; 2], name: &str) -> Result<[[f64; 3]; 3]
     Ok([right, cross(towards, right), towards])
 }
 
-/// The directions of a viewer who stands along a vector, with another one up in the picture.
+/// Returns the axes for a viewer in a direction, given a vector that points up in the image.
 fn axes_along(direction: [f64; 3], up: [f64; 3], name: &str) -> Result<[[f64; 3]; 3]> {
     let wrong = |key: &str, found: [f64; 3], expected: &str| {
         Err(Error::invalid(format!("{name}, {key}"), format!("{found:?}"), expected))
@@ -188,7 +190,7 @@ fn axes_along(direction: [f64; 3], up: [f64; 3], name: &str) -> Result<[[f64; 3]
     Ok([right, cross(towards, right), towards])
 }
 
-/// Sine and cosine of degrees; those of right angles are whole numbers.
+/// Returns sine and cosine of an angle in degrees. They are exact for multiples of 90 degrees.
 fn sine_and_cosine(degrees: f64) -> [f64; 2] {
     match degrees.rem_euclid(360.0) {
         0.0 => [0.0, 1.0],
@@ -207,7 +209,7 @@ fn length([x, y, z]: [f64; 3]) -> f64 {
     x.hypot(y).hypot(z)
 }
 
-/// A vector of length one; `None` of one that has none.
+/// Normalizes a vector to length 1; `None` if its length is zero, subnormal or not finite.
 fn unit(vector: [f64; 3]) -> Option<[f64; 3]> {
     let length = length(vector);
     (length.is_normal()).then(|| vector.map(|part| part / length))

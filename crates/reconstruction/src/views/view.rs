@@ -1,4 +1,4 @@
-//! Views over cells: where a cell is in a picture, and whether it is seen to be empty.
+//! Views over cells: projects cells into an image and decides whether they are shown to be empty.
 
 use super::picture::Picture;
 use super::text::ViewText;
@@ -6,17 +6,18 @@ use crate::linear::Linear;
 use crate::source::{Block, Place};
 use spinney_base::{Error, Result};
 
-/// A picture, and where cells are in it.
+/// An image, and the projection of cells into it.
 pub(super) struct View {
     picture: Picture,
-    /// Pixels from the left and upper edge of the picture.
+    /// Column and row, in pixels from the left and upper edge of the image.
     place: [Linear; 2],
-    /// Depth, away from the viewer, in the picture's samples.
+    /// Depth, away from the viewer, in units of samples.
     depth: Linear,
 }
 
 impl View {
-    /// Reads a view's picture, and lays it over the cells of a frame, so many along a side: see [`Picture::open`].
+    /// Reads a view's image and sets up the projection of the cells of a frame, with `cells` cells
+    /// along a side. `left` and `reading` are memory limits: see [`Picture::open`].
     pub(super) fn open(
         view: &ViewText,
         (frame, cells): (&[[f64; 4]; 3], f64),
@@ -24,7 +25,7 @@ impl View {
     ) -> Result<View> {
         let picture = Picture::open(view, left, reading)?;
         let ViewText { axes: [right, up, towards], centre, pixel, scale, offset, .. } = view;
-        // The product with a vector, less that of the centre, in units of a width.
+        // Scalar product with a vector, relative to that of the centre, in units of `width`.
         let along = |vector: &[f64; 3], width: f64, shift: f64| {
             let origin: f64 = (0..3).map(|axis| vector[axis] * centre[axis]).sum();
             Linear::new(vector.map(|part| part / width), shift - origin / width, frame, cells)
@@ -44,7 +45,8 @@ impl View {
         self.picture.is_silhouette()
     }
 
-    /// Verdict of the view on a block: that it is empty (`Void`), or that nothing in it is (`Full`).
+    /// Classifies a block: the view shows it to be empty (`Void`), or shows no cell in it to be
+    /// empty (`Full`).
     pub(super) fn place(&self, block: Block) -> Place {
         let (mut first, mut last) = ([0; 2], [0; 2]);
         let mut is_within = true;
@@ -68,7 +70,7 @@ impl View {
         }
     }
 
-    /// Whether the view leaves a place in cells.
+    /// Whether the view does not show a position, in cell coordinates, to be empty.
     pub(super) fn leaves(&self, place: [f64; 3]) -> bool {
         let [column, row] = [0, 1].map(|axis| self.place[axis].at(place));
         let [columns, rows] = self.picture.size.map(|pixels| pixels as f64);

@@ -8,20 +8,21 @@ use spinney_base::{Progress, Result};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::query::{Contour, ContourRequest, ContourSummary};
 
-/// Features that contours become.
+/// Conversion of contours to features.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct ContourFeatures {
-    /// Areas between neighbouring values, with the attributes min and max, instead of lines with the attribute value.
+    /// Writes areas between consecutive values, with the attributes min and max, instead of lines
+    /// with the attribute value.
     pub filled: bool,
-    /// Times that corners of lines are cut, which doubles their points each time: see [`Smoothed`].
+    /// Number of smoothing passes, each of which doubles the points: see [`Smoothed`].
     pub smooth: u8,
-    /// Whether points have the value as a third coordinate, of areas the least one.
+    /// Whether points have the value as a third coordinate; for areas, the lower value.
     pub has_z: bool,
 }
 
 impl ContourFeatures {
-    /// Lines as they are, in the plane.
+    /// Creates the default: unsmoothed lines in 2D.
     pub fn new() -> ContourFeatures {
         ContourFeatures::default()
     }
@@ -47,7 +48,8 @@ impl ContourFeatures {
 /// ```
 ///
 /// # Errors
-/// If the request makes no sense, the values are classes, the tree is damaged, the output cannot be written, or on interruption.
+/// If the request is invalid, the values are categorical, the tree is corrupt, the output cannot be
+/// written, or on cancellation.
 pub fn export_contours(
     tree: &Dataset,
     request: &ContourRequest,
@@ -59,7 +61,7 @@ pub fn export_contours(
     let mut request = request.clone();
     let path = output.path().to_path_buf();
     if output.is_file() {
-        // Lines that wait for their ends do so beside the output.
+        // Temporary files of incomplete lines are in the output's directory.
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
         request.folder = Some(folder.map_or_else(|| ".".into(), PathBuf::from));
     }

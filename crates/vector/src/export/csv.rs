@@ -1,4 +1,5 @@
-//! Comma-separated values (RFC 4180): geometries in well-known text (ISO 19125) in the first column, attributes in the others.
+//! Comma-separated values (RFC 4180): geometries as WKT (ISO 19125) in the first column, attributes
+//! in the others.
 
 use std::ops::Range;
 
@@ -28,7 +29,7 @@ impl Csv {
     }
 }
 
-/// A text as a field, in quotes if it needs some.
+/// Writes a string as a field, quoted if necessary.
 fn push_field(text: &mut Text, field: &str) {
     if field.contains(['"', ',', '\r', '\n']) {
         text.push(&format!("\"{}\"", field.replace('"', "\"\"")));
@@ -66,7 +67,7 @@ impl FormatWriter for Csv {
     }
 }
 
-/// A geometry in well-known text.
+/// Writes a geometry as WKT.
 fn push_shape(text: &mut Text, shape: &Shape<'_>, has_z: bool) -> Result<()> {
     let name = |kind: GeometryKind| match kind {
         GeometryKind::Point => "POINT",
@@ -101,7 +102,7 @@ fn push_shape(text: &mut Text, shape: &Shape<'_>, has_z: bool) -> Result<()> {
     Ok(())
 }
 
-/// Coordinates of a point, a line or a polygon.
+/// Writes the coordinates of a point, a line or a polygon.
 fn push_member(
     text: &mut Text,
     shape: &Shape<'_>,

@@ -1,4 +1,4 @@
-//! Features that were read, as what is written.
+//! Adapts imported features for export.
 
 use super::{AttributeValue, Geometry, GeometryKind};
 use crate::import::feature::{FeatureAttribute, FeatureGeometry};
@@ -9,37 +9,39 @@ struct Part<'a> {
     kind: GeometryKind,
     is_outer: bool,
     points: &'a [[f64; 2]],
-    /// Their heights; empty if there are none.
+    /// Heights of the points; empty if there are none.
     heights: &'a [f64],
 }
 
 impl Part<'_> {
-    /// A point with its height, or 0.
+    /// Returns a point with its height, or 0.
     fn point(&self, index: usize) -> [f64; 3] {
         let [x, y] = self.points[index];
         [x, y, self.heights.get(index).copied().unwrap_or(0.0)]
     }
 
-    /// The first point of a ring that does not end with it.
+    /// Returns the first point of a ring that is not closed.
     fn closing(&self) -> Option<[f64; 3]> {
         let is_open = self.kind == GeometryKind::Polygon && self.points.first() != self.points.last();
         (is_open && !self.points.is_empty()).then(|| self.point(0))
     }
 }
 
-/// The geometry of a feature that was read, to be written: rings are closed, collections in each other are one.
+/// Geometry of an imported feature, for export. Rings are closed, and nested collections are
+/// flattened.
 pub struct FeatureParts<'a> {
     parts: Vec<Part<'a>>,
     kind: GeometryKind,
 }
 
 impl<'a> FeatureParts<'a> {
-    /// All parts of a geometry.
+    /// Collects the points, lines and rings of a geometry.
     pub fn of(geometry: &'a FeatureGeometry) -> FeatureParts<'a> {
         FeatureParts::with_heights(geometry, &[])
     }
 
-    /// All parts of a geometry, with heights of all of its points; there may be none.
+    /// Collects the points, lines and rings of a geometry, with the heights of all of its points;
+    /// `heights` may be empty.
     pub(crate) fn with_heights(geometry: &'a FeatureGeometry, mut heights: &'a [f64]) -> FeatureParts<'a> {
         let mut parts = Vec::new();
         collect(geometry, &mut parts);
@@ -52,12 +54,12 @@ impl<'a> FeatureParts<'a> {
         FeatureParts { parts, kind }
     }
 
-    /// All points of lines and rings.
+    /// Returns all points, including those of lines and rings.
     pub(crate) fn corners(&self) -> impl Iterator<Item = &[f64; 2]> {
         self.parts.iter().flat_map(|part| part.points)
     }
 
-    /// Kind of the geometry, or of the first of a collection.
+    /// Returns the kind of the geometry, or of a collection's first member.
     pub fn kind(&self) -> GeometryKind {
         self.kind
     }
@@ -94,7 +96,7 @@ fn collect<'a>(geometry: &'a FeatureGeometry, parts: &mut Vec<Part<'a>>) {
     }
 }
 
-/// Least and greatest x and y of corners; zeros if there are none.
+/// Returns the minimum and maximum of x and y; zeros if there are no points.
 pub(crate) fn bounds_of(corners: &mut dyn Iterator<Item = &[f64; 2]>) -> [[f64; 2]; 2] {
     let mut bounds = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
     for corner in corners {

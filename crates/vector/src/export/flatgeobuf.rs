@@ -1,7 +1,7 @@
-//! `FlatGeobuf` (version 3): features in the order of a space-filling curve, behind an index of their boxes (a packed Hilbert R-tree,
-//! <https://flatgeobuf.org>).
+//! `FlatGeobuf` (version 3): features in Hilbert curve order, after an index of their bounding
+//! boxes (a packed Hilbert R-tree, <https://flatgeobuf.org>).
 //!
-//! Features wait in a temporary file, and so do the nodes of the index: memory does not grow with either.
+//! Features and index nodes are buffered in temporary files, so memory does not grow with either.
 
 use std::fs::File;
 use std::io::Write;
@@ -22,44 +22,44 @@ use spinney_base::io::{Output, Sorter, Spool, SpooledWords, WordSpooler, folder}
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
-/// Points of a feature, which is put together in memory.
+/// Maximum number of points in a feature, which is assembled in memory.
 const MAX_POINTS: u64 = 1 << 22;
 
-/// Children of a node of the index.
+/// Maximum number of children of an index node.
 const NODE_SIZE: u64 = 16;
 
-/// Bytes of memory for sorting.
+/// Memory for sorting, in bytes.
 const MEMORY: u64 = 32 << 20;
 
-/// Bytes of features that wait to be written together.
+/// Bytes of features that are written at a time.
 const BUFFER: usize = 1 << 20;
 
-/// The first bytes of a file.
+/// Magic bytes of a file.
 const MAGIC: &[u8] = b"fgb\x03fgb\x00";
 
-/// Bytes of an item that is sorted: key, offset, size and box.
+/// Size of a sorted item in bytes: key, offset, size and box.
 const ITEM: usize = 8 + 8 + 8 + 32;
 
 pub(super) struct FlatGeobuf {
     output: Output,
     layer: VectorLayer,
-    /// Features in the order that they came in.
+    /// Temporary file of the features, in input order.
     file: File,
-    /// The last of them, which are not in the file yet.
+    /// The last features, which are not in the file yet.
     buffer: Vec<u8>,
     length: u64,
     items: Sorter,
-    /// Whether all features have a place: only then is there an index.
+    /// Whether all features have a geometry; otherwise there is no index.
     has_places: bool,
     extent: NodeBox,
-    /// The box around the feature that is being made.
+    /// Bounding box of the current feature.
     around: NodeBox,
     builder: FlatBufferBuilder<'static>,
     coordinates: [Vec<f64>; 2],
     properties: Vec<u8>,
 }
 
-/// Least and greatest x and y.
+/// Minimum and maximum x and y.
 #[derive(Clone, Copy)]
 struct NodeBox([f64; 4]);
 
@@ -82,7 +82,7 @@ impl NodeBox {
 
 impl FlatGeobuf {
     pub(super) fn new(output: Output, layer: VectorLayer) -> Result<FlatGeobuf> {
-        // (Values tell their columns in 16 bits.)
+        // Values refer to their columns by 16-bit numbers.
         if layer.attributes.len() > 1 << 16 {
             let found = format!("{} attributes", layer.attributes.len());
             return Err(Error::unsupported(output.path(), found, "choose those that are needed, or GeoJSON"));
@@ -105,12 +105,12 @@ impl FlatGeobuf {
         })
     }
 
-    /// The type of all features, as the header tells it.
+    /// Returns the geometry type of the header.
     fn kind(&self) -> GeometryType {
         self.layer.kind.map_or(GeometryType::Unknown, |kind| type_of(kind, self.layer.is_multi))
     }
 
-    /// The header, with its size before it.
+    /// Returns the header, preceded by its size.
     fn header(&self) -> Vec<u8> {
         let mut builder = FlatBufferBuilder::new();
         let crs = self.layer.crs.as_ref();
@@ -154,7 +154,7 @@ impl FlatGeobuf {
         self.has_places && !self.items.is_empty()
     }
 
-    /// Puts parts into the feature that is being made: a geometry of its own.
+    /// Adds parts to the current feature, as one geometry.
     fn parts(
         &mut self,
         shape: &Shape<'_>,
@@ -180,7 +180,7 @@ impl FlatGeobuf {
             ends.push((flat.len() / 2) as u32);
         }
         let builder = &mut self.builder;
-        // (A single part ends where all points do.)
+        // Without `ends`, all points belong to one part.
         let is_divided = ends.len() > 1 && kind != GeometryType::MultiPoint;
         let ends = is_divided.then(|| builder.create_vector(&ends));
         let xy = Some(builder.create_vector(flat));
@@ -208,12 +208,12 @@ impl FlatGeobuf {
         Ok(FlatGeometry::create(&mut self.builder, &geometry))
     }
 
-    /// The place of a box's centre on a Hilbert curve over the layer.
+    /// Returns the Hilbert curve position of a box's centre within the layer's bounds.
     fn key(&self, around: NodeBox) -> u64 {
         let [[west, south], [east, north]] = self.layer.bounds;
         let NodeBox([left, bottom, right, top]) = around;
         let place = |at: f64, low: f64, high: f64| {
-            // (What is no number, or outside, has a place all the same.)
+            // NaN and positions outside the bounds also get a key.
             (65_535.0 * ((at - low) / (high - low)).clamp(0.0, 1.0)) as u32
         };
         hilbert(place((left + right) / 2.0, west, east), place((bottom + top) / 2.0, south, north))
@@ -227,7 +227,7 @@ impl FlatGeobuf {
     }
 }
 
-/// The place on a Hilbert curve of a cell among 2^16 x 2^16.
+/// Returns the Hilbert curve position of a cell in a grid of 2^16 x 2^16.
 fn hilbert(mut x: u32, mut y: u32) -> u64 {
     let mut place = 0;
     for level in (0..16).rev() {
@@ -265,7 +265,7 @@ fn column_type(kind: AttributeType) -> ColumnType {
     }
 }
 
-/// Puts the value of a column behind those before it.
+/// Appends the value of a column.
 fn push_property(bytes: &mut Vec<u8>, column: usize, kind: AttributeType, value: AttributeValue<'_>) {
     let value = value.told();
     if value == AttributeValue::None {
@@ -355,7 +355,7 @@ impl FormatWriter for FlatGeobuf {
     }
 }
 
-/// Places and sizes of features.
+/// Decodes offsets and sizes of features.
 fn places(words: &[u32]) -> impl Iterator<Item = (u64, u64)> {
     let number = |words: [u32; 2]| u64::from(words[0]) | u64::from(words[1]) << 32;
     words.as_chunks::<4>().0.iter().map(move |[a, b, c, d]| (number([*a, *b]), number([*c, *d])))
@@ -369,14 +369,14 @@ fn temporary_folder(output: &Output) -> PathBuf {
     if output.is_file() { folder(output.path()).to_path_buf() } else { std::env::temp_dir() }
 }
 
-/// Features that wait in a temporary file.
+/// Buffered features in a temporary file.
 struct Features {
     file: File,
     path: PathBuf,
 }
 
 impl Features {
-    /// Copies features to the output, in the order of their places; those that follow each other at once.
+    /// Copies features to the output in the given order. Contiguous ones are copied together.
     fn copy(&self, places: &mut dyn Iterator<Item = (u64, u64)>, output: &mut Output) -> Result<()> {
         let mut buffer = vec![0; BUFFER];
         let mut places = places.peekable();
@@ -397,25 +397,26 @@ impl Features {
     }
 }
 
-/// The index: nodes of all levels, that of the features first. A node of these tells its box and where its feature stands; one of others, the number
-/// of its first child.
+/// Index nodes of all levels, leaves first. A leaf stores its box and its feature's offset; an
+/// inner node, its box and the index of its first child.
 struct Index {
     levels: Vec<SpooledWords>,
 }
 
-/// A level in the making.
+/// Level under construction.
 struct Level {
     nodes: WordSpooler,
     count: u64,
-    /// The box around the nodes since the last one of the level above.
+    /// Bounding box of the nodes since the last node of the level above.
     around: NodeBox,
 }
 
-/// Words of a node.
+/// Size of a node in 32-bit words.
 const NODE: usize = 10;
 
 impl Index {
-    /// The index of the features, and places and sizes of these in its order.
+    /// Builds the index of the features, and returns it with their offsets and sizes in index
+    /// order.
     fn of(items: Sorter, folder: &Path) -> Result<(Index, SpooledWords)> {
         let spool = Spool::create(folder, NODE)?;
         let mut order = WordSpooler::new(&Spool::create(folder, 4)?);
@@ -445,7 +446,7 @@ impl Index {
             }
             Ok(())
         })?;
-        // Nodes that are not full; there is one at least above the features.
+        // Incomplete nodes. There is at least one level above the features.
         let mut depth = 0;
         while depth + 1 < levels.len() || levels[depth].count > 1 || depth == 0 {
             if depth + 1 == levels.len() {
@@ -463,10 +464,10 @@ impl Index {
         Ok((Index { levels }, order.finish()?))
     }
 
-    /// Writes the nodes, from the root on.
+    /// Writes the nodes, starting at the root.
     fn write(&self, output: &mut Output) -> Result<()> {
         let path = output.path().to_path_buf();
-        // Children are counted from the root on, too.
+        // Child indices are also counted from the root.
         let mut first_child = 0;
         for (depth, level) in self.levels.iter().enumerate().rev() {
             first_child += (level.len() / NODE) as u64;

@@ -1,4 +1,4 @@
-//! `GeoJSON`: a collection of features, one per line.
+//! `GeoJSON`: a feature collection, with one feature per line.
 
 use std::ops::Range;
 
@@ -16,7 +16,7 @@ pub(super) struct GeoJson {
     has_features: bool,
 }
 
-/// WGS 84 by longitude and latitude, which is what coordinates are in if nothing is said.
+/// EPSG code of WGS 84 by longitude and latitude, the default of the format.
 const WGS84: u32 = 4326;
 
 impl GeoJson {
@@ -24,7 +24,7 @@ impl GeoJson {
         let mut text = Text::new(output);
         text.push("{\"type\":\"FeatureCollection\",\"name\":");
         text.push_json(&layer.name);
-        // (Who reads a document without this member takes its coordinates for longitude and latitude.)
+        // Without this member, readers assume longitude and latitude.
         let name = layer.crs.as_ref().map(|crs| match crs.numbers() {
             Some(epsg) if epsg.horizontal == WGS84 => String::new(),
             Some(epsg) => format!("urn:ogc:def:crs:EPSG::{}", epsg.horizontal),
@@ -93,7 +93,7 @@ impl FormatWriter for GeoJson {
     }
 }
 
-/// JSON as it came, if it is such; else as a string.
+/// Writes valid JSON unchanged, and other text as a string.
 fn push_object(text: &mut Text, json: &str) {
     match serde_json::from_str::<&serde_json::value::RawValue>(json) {
         Ok(own) => text.push(own.get()),
@@ -114,7 +114,7 @@ fn push_shape(text: &mut Text, shape: &Shape<'_>, has_z: bool) -> Result<()> {
             push_member(text, geometry, kind, parts.clone(), has_z)?;
             text.push("}");
         }
-        // (An empty one has no points, whatever it is.)
+        // An empty geometry has no points, whatever its type.
         (Some(kind), members) => {
             let multi = if members.is_empty() { "" } else { "Multi" };
             text.push(&format!("{{\"type\":\"{multi}{}\",\"coordinates\":[", name(kind)));
@@ -138,7 +138,7 @@ fn push_shape(text: &mut Text, shape: &Shape<'_>, has_z: bool) -> Result<()> {
     Ok(())
 }
 
-/// Coordinates of a point, a line or a polygon.
+/// Writes the coordinates of a point, a line or a polygon.
 fn push_member(
     text: &mut Text,
     geometry: &dyn Geometry,

@@ -1,4 +1,4 @@
-//! Geometries of features that are written: parts with points.
+//! Geometries of exported features: parts with points.
 
 use std::ops::Range;
 
@@ -6,26 +6,28 @@ use super::GeometryKind;
 use spinney_base::Result;
 use spinney_engine::query::Contour;
 
-/// The geometry of a feature.
+/// Geometry of a feature.
 pub trait Geometry {
-    /// Number of parts: points, lines, or rings. Without any the geometry is empty.
+    /// Returns the number of parts, which are points, lines or rings. A geometry without parts is
+    /// empty.
     fn parts(&self) -> usize;
 
-    /// Number of points of a part.
+    /// Returns the number of points of a part.
     fn count(&self, part: usize) -> u64;
 
-    /// Hands out the points of a part, in order, many at a time.
+    /// Yields the points of a part, in order, many at a time.
     ///
     /// # Errors
     /// If they cannot be read, or `each` fails.
     fn points(&self, part: usize, each: &mut dyn FnMut(&[[f64; 3]]) -> Result<()>) -> Result<()>;
 
-    /// Whether a part of a polygon is an outer ring, which begins a polygon, and not a hole: the first alone, unless there are several polygons.
+    /// Returns whether a ring is an outer ring, which starts a new polygon, and not a hole. The
+    /// default is true for the first part only, which fits single polygons.
     fn is_outer(&self, part: usize) -> bool {
         part == 0
     }
 
-    /// Kind of a part; `None` if it is that of the whole feature.
+    /// Returns the kind of a part; `None` if it is that of the whole feature.
     fn part_kind(&self, _part: usize) -> Option<GeometryKind> {
         None
     }
@@ -101,12 +103,12 @@ impl Geometry for spinney_brep::surface_intersection::IntersectionLine {
     }
 }
 
-/// A feature's geometry, divided into its points, lines and polygons.
+/// Geometry of a feature, divided into its points, lines and polygons.
 pub(super) struct Shape<'a> {
     pub(super) geometry: &'a dyn Geometry,
-    /// The kind of all of them; `None` if they are of several kinds.
+    /// Kind of all members; `None` if they are of several kinds.
     pub(super) kind: Option<GeometryKind>,
-    /// Kind and parts of each.
+    /// Kind and parts of each member.
     pub(super) members: Vec<(GeometryKind, Range<usize>)>,
 }
 
@@ -129,7 +131,7 @@ impl<'a> Shape<'a> {
         Shape { geometry, kind, members }
     }
 
-    /// Number of points of all parts.
+    /// Returns the number of points of all parts.
     #[cfg(any(feature = "flatgeobuf", feature = "geopackage"))]
     pub(super) fn count(&self) -> u64 {
         (0..self.geometry.parts()).fold(0, |sum, part| self.geometry.count(part).saturating_add(sum))

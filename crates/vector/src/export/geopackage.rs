@@ -1,4 +1,5 @@
-//! `GeoPackage` 1.3 (OGC 12-128r17): one table of features in an `SQLite` database, without an index.
+//! `GeoPackage` 1.3 (OGC 12-128r17): one feature table in an `SQLite` database, without a spatial
+//! index.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -14,12 +15,12 @@ use spinney_base::io::Output;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
-/// Well-known text of WGS 84.
+/// WKT of WGS 84.
 const WGS84: &str = "GEOGCS[\"WGS 84\",DATUM[\"WGS_1984\",SPHEROID[\"WGS 84\",6378137,298.257223563,AUTHORITY[\"EPSG\",\"7030\"]],\
   AUTHORITY[\"EPSG\",\"6326\"]],PRIMEM[\"Greenwich\",0,AUTHORITY[\"EPSG\",\"8901\"]],UNIT[\"degree\",0.0174532925199433,\
   AUTHORITY[\"EPSG\",\"9122\"]],AUTHORITY[\"EPSG\",\"4326\"]]";
 
-/// Tables that every file has. The number of the application is `GPKG`.
+/// Tables that every file has. The application id is `GPKG`.
 const SCHEMA: &str = "
 PRAGMA application_id = 0x47504b47;
 PRAGMA user_version = 10300;
@@ -35,13 +36,13 @@ INSERT INTO gpkg_spatial_ref_sys VALUES ('Undefined cartesian SRS', -1, 'NONE', 
 INSERT INTO gpkg_spatial_ref_sys VALUES ('Undefined geographic SRS', 0, 'NONE', 0, 'undefined', NULL);
 ";
 
-/// Number of a coordinate system that has none in a registry.
+/// SRS id of a coordinate system that is in no registry.
 const OWN: i64 = 100_000;
 
-/// The time of all files: the same input makes the same bytes.
+/// Timestamp of all files, constant so that output is reproducible.
 const TIME: &str = "2000-01-01T00:00:00.000Z";
 
-/// Bytes of a geometry that are held; larger ones are written piece by piece.
+/// Maximum size in bytes of a geometry that is buffered; larger ones are streamed.
 const HELD: u64 = 1 << 20;
 
 pub(super) struct GeoPackage {
@@ -51,7 +52,7 @@ pub(super) struct GeoPackage {
     layer: VectorLayer,
     srs: i64,
     insert: String,
-    /// Least and greatest x and y of all features so far.
+    /// Minimum and maximum x and y of all features so far.
     bounds: [f64; 4],
 }
 
@@ -68,7 +69,7 @@ fn failed(path: &Path) -> impl FnOnce(rusqlite::Error) -> Error {
     }
 }
 
-/// A name as SQL has it.
+/// Quotes an SQL identifier.
 fn quoted(name: &str) -> String {
     format!("\"{}\"", name.replace('"', "\"\""))
 }
@@ -80,7 +81,7 @@ impl GeoPackage {
             return Err(Error::unsupported(output.path(), "writing GeoPackage to a stream", advice));
         };
         let connection = Connection::open(&path).map_err(failed(&path))?;
-        // A file that nobody sees yet needs no journal of the database's own.
+        // The unpublished file needs no database journal.
         let settings =
             "PRAGMA journal_mode = OFF; PRAGMA synchronous = OFF; PRAGMA cache_size = -16384; BEGIN;";
         connection.execute_batch(&format!("{settings}{SCHEMA}")).map_err(failed(&path))?;
@@ -139,7 +140,7 @@ impl GeoPackage {
     }
 }
 
-/// Name, number, registry and definition of a coordinate system.
+/// Returns name, id, registry and definition of a coordinate system.
 fn srs_of(crs: Option<&Crs>) -> Option<(String, i64, &'static str, String)> {
     let crs = crs?;
     let definition = match crs {
@@ -156,17 +157,17 @@ fn srs_of(crs: Option<&Crs>) -> Option<(String, i64, &'static str, String)> {
     }
 }
 
-/// Well-known binary in the making: bytes that have gathered, and what takes them.
+/// Writer of well-known binary: a buffer, and the function that flushes it.
 struct Binary<'a> {
     bytes: Vec<u8>,
     flush: &'a mut dyn FnMut(&mut Vec<u8>) -> Result<()>,
     axes: usize,
-    /// Least and greatest x and y of all points so far.
+    /// Minimum and maximum x and y of all points so far.
     bounds: &'a mut [f64; 4],
 }
 
 impl Binary<'_> {
-    /// The beginning of a geometry: little-endian, and its type.
+    /// Starts a geometry: byte order (little-endian) and type.
     fn begin(&mut self, code: u32) {
         self.bytes.push(1);
         let code = code + if self.axes == 3 { 1000 } else { 0 };
@@ -177,7 +178,8 @@ impl Binary<'_> {
         self.bytes.extend_from_slice(&(number as u32).to_le_bytes());
     }
 
-    /// A geometry, as one of several if the layer has such, or it is of several.
+    /// Writes a geometry, as a multi-geometry or collection if the layer or the geometry has
+    /// several members.
     fn shape(&mut self, shape: &Shape<'_>, is_multi: bool) -> Result<()> {
         match (shape.kind, &shape.members[..]) {
             (Some(GeometryKind::Point), []) if !is_multi => {
@@ -231,7 +233,7 @@ fn code(kind: GeometryKind) -> u32 {
     }
 }
 
-/// Bytes of a geometry in well-known binary.
+/// Returns the size of a geometry in well-known binary.
 fn size_of(shape: &Shape<'_>, is_multi: bool, axes: usize) -> u64 {
     let own = |(kind, parts): &(GeometryKind, Range<usize>)| match kind {
         GeometryKind::Point => 5,
@@ -294,7 +296,8 @@ impl FormatWriter for GeoPackage {
             let mut statement = connection.prepare_cached(insert).map_err(failed)?;
             return statement.execute(params_from_iter(row)).map(drop).map_err(failed);
         };
-        // The header of the format, little-endian and without a box, then well-known binary.
+        // The GeoPackage header, little-endian and without an envelope, is followed by well-known
+        // binary.
         let mut header = b"GP\0".to_vec();
         header.push(if shape.members.is_empty() { 0x11 } else { 1 });
         header.extend_from_slice(&(*srs as i32).to_le_bytes());
@@ -305,7 +308,7 @@ impl FormatWriter for GeoPackage {
             let mut statement = connection.prepare_cached(insert).map_err(failed)?;
             return statement.execute(params_from_iter(row)).map(drop).map_err(failed);
         }
-        // Zeros first, whose place the bytes take.
+        // Insert zeros, and overwrite them with the geometry.
         let large = insert.replacen("(?, ?", "(?, zeroblob(?)", 1);
         let row = [fid, Cell::Integer(size as i64)].into_iter().chain(cells);
         connection.execute(&large, params_from_iter(row)).map_err(failed)?;

@@ -1,4 +1,4 @@
-//! Lines, areas and points that the surfaces of two exact models have in common, as features.
+//! Intersection of the surfaces of two exact models, as features: lines, areas and points.
 
 use super::{
     AttributeType, AttributeValue, GeometryKind, VectorFeature, VectorFormat, VectorLayer, VectorWriter,
@@ -20,22 +20,22 @@ const ATTRIBUTES: [(&str, AttributeType); 8] = [
     ("b_right", AttributeType::PerSegment),
 ];
 
-/// Counts of what two surfaces have in common.
+/// Summary of an intersection of two surfaces.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct IntersectionSummary {
-    /// Lines where they pass through each other.
+    /// Number of lines where the surfaces cross.
     pub crossings: u64,
-    /// Length of these.
+    /// Total length of these.
     pub crossing_length: f64,
-    /// Lines where they touch.
+    /// Number of lines where they touch.
     pub touches: u64,
-    /// Length of these.
+    /// Total length of these.
     pub touch_length: f64,
-    /// Areas in which they lie on each other.
+    /// Number of areas in which they coincide.
     pub overlaps: u64,
-    /// The sum of these.
+    /// Total area of these.
     pub overlap_area: f64,
-    /// Lone points.
+    /// Number of isolated points.
     pub points: u64,
 }
 
@@ -59,14 +59,15 @@ impl IntersectionSummary {
     }
 }
 
-/// Writes what the surfaces of two exact models have in common
-/// ([`surface_intersection`](spinney_brep::surface_intersection::surface_intersection)). Features are lines where they pass through each
-/// other (`kind` crossing) or touch (touch), areas in which they lie on each other (overlap; `side` says whether they face the `same`
-/// way or `opposite` ones), and lone points (point). `a_left`, `a_right`, `b_left` and `b_right` are the faces of both models beside
-/// each segment.
+/// Writes the intersection of the surfaces of two exact models
+/// ([`surface_intersection`](spinney_brep::surface_intersection::surface_intersection)). Features
+/// are lines where the surfaces cross (`kind` crossing) or touch (touch), areas in which they
+/// coincide (overlap; `side` is `same` or `opposite`, for the directions that they face), and
+/// isolated points (point). `a_left`, `a_right`, `b_left` and `b_right` are the faces of both
+/// models next to each segment.
 ///
 /// # Errors
-/// If one of the files was changed meanwhile, or the output cannot be written.
+/// If a file changed in the meantime, or the output cannot be written.
 pub fn export_intersection(
     found: &SurfaceIntersection,
     [a, b]: [&ExactModel; 2],
@@ -144,7 +145,7 @@ pub fn export_intersection(
     writer.finish(progress).map(|()| IntersectionSummary::of(found))
 }
 
-/// Least and greatest x and y of what was found.
+/// Returns the minimum and maximum x and y of the intersection.
 fn bounds(found: &SurfaceIntersection) -> Option<[[f64; 2]; 2]> {
     let points = found.all_points().map(|[x, y, _]| [*x, *y]);
     points.map(|point| [point; 2]).reduce(|[low, high], [point, _]| {

@@ -1,43 +1,45 @@
-//! Layers of features: kinds of geometries, and attributes.
+//! Layers of features: geometry kinds and attributes.
 
 use super::{VectorFormat, shapefile};
 use spinney_crs::Crs;
 
-/// Bytes that a text has at most in a table of dBASE.
+/// Maximum size of a string in a dBASE table, in bytes.
 pub(super) const TEXT_BYTES: usize = 254;
 
-/// Kind of a feature.
+/// Geometry kind of a feature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GeometryKind {
-    /// Points: every part has one.
+    /// Points: each part is one point.
     Point,
-    /// Lines: every part has the points of one.
+    /// Lines: each part is one line.
     Line,
-    /// Polygons: an outer ring, which holes follow, if there are some. Rings end with the point that they begin with.
+    /// Polygons: an outer ring, followed by its holes. Rings are closed, with equal first and last
+    /// points.
     Polygon,
 }
 
 /// Type of an attribute.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AttributeType {
-    /// Whole numbers of 64 bits.
+    /// 64-bit integers.
     Integer,
-    /// Numbers, of which some may be whole.
+    /// Floating-point numbers or integers.
     Number,
-    /// Texts.
+    /// Strings.
     Text,
-    /// Yes or no.
+    /// Boolean values.
     Boolean,
     /// JSON.
     Json,
-    /// Values of several types: texts where a format has no such attributes.
+    /// Values of several types; strings in formats without such attributes.
     Mixed,
-    /// Whole numbers, one for each segment of a line: texts with blanks between them where a format has no lists, integers of edges in PLY.
+    /// One integer per segment of a line: a string separated by spaces in formats without lists, an
+    /// integer per edge in PLY.
     PerSegment,
 }
 
 impl AttributeType {
-    /// The type that has values of both.
+    /// Returns the type that can represent values of both.
     pub(crate) fn with(self, other: AttributeType) -> AttributeType {
         use AttributeType::{Integer, Mixed, Number};
         match (self, other) {
@@ -48,27 +50,27 @@ impl AttributeType {
     }
 }
 
-/// An attribute of a feature.
+/// Attribute value of a feature.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum AttributeValue<'a> {
-    /// A whole number.
+    /// Integer.
     Integer(i64),
-    /// A number; one that is not finite is none.
+    /// Floating-point number; one that is not finite counts as no value.
     Number(f64),
-    /// A text.
+    /// String.
     Text(&'a str),
-    /// Yes or no.
+    /// Boolean.
     Boolean(bool),
-    /// JSON, as text.
+    /// JSON text.
     Json(&'a str),
-    /// A number for each segment of a line.
+    /// One number per segment of a line.
     PerSegment(&'a [u64]),
-    /// Nothing.
+    /// No value.
     None,
 }
 
 impl AttributeValue<'_> {
-    /// Whether an attribute of the type may have the value.
+    /// Returns whether an attribute of this type can have the value.
     pub(super) fn fits(&self, kind: AttributeType) -> bool {
         match self {
             AttributeValue::None => true,
@@ -82,7 +84,7 @@ impl AttributeValue<'_> {
         }
     }
 
-    /// The value, or none if it is a number that is not finite.
+    /// Returns the value, with numbers that are not finite replaced by no value.
     pub(super) fn told(self) -> Self {
         match self {
             AttributeValue::Number(number) if !number.is_finite() => AttributeValue::None,
@@ -90,7 +92,7 @@ impl AttributeValue<'_> {
         }
     }
 
-    /// The value as text, of formats that have nothing else; nothing for none.
+    /// Converts the value to a string, for formats without types; empty for no value.
     pub(super) fn to_text(self) -> String {
         match self.told() {
             AttributeValue::None => String::new(),
@@ -105,7 +107,7 @@ impl AttributeValue<'_> {
     }
 }
 
-/// The shortest text that is read as the same number.
+/// Returns the shortest string that parses to the same number.
 fn shortest(number: f64) -> String {
     let mut text = serde_json::Value::from(number).to_string();
     if text.ends_with(".0") {
@@ -114,7 +116,8 @@ fn shortest(number: f64) -> String {
     text
 }
 
-/// Adds an attribute to others, with a number behind its name if one of these has that; whether it has another name now.
+/// Appends an attribute, with a number after its name if the name is taken. Returns whether it was
+/// renamed.
 pub(crate) fn push_attribute(
     attributes: &mut Vec<(String, AttributeType)>,
     name: String,
@@ -131,24 +134,25 @@ pub(crate) fn push_attribute(
 /// Description of a layer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VectorLayer {
-    /// Its name.
+    /// Layer name.
     pub name: String,
-    /// Kind of all features; `None` if they are of several kinds.
+    /// Kind of all features; `None` for several kinds.
     pub kind: Option<GeometryKind>,
-    /// Whether features may have several points, lines or polygons. Formats that declare one type for all features make multi-geometries of all.
+    /// Whether a feature may have several points, lines or polygons. Formats that declare one type
+    /// per layer then write multi-geometries only.
     pub is_multi: bool,
     /// Whether points have a third coordinate.
     pub has_z: bool,
     /// Names and types of the attributes.
     pub attributes: Vec<(String, AttributeType)>,
-    /// The coordinate system, where known.
+    /// Coordinate system, if known.
     pub crs: Option<Crs>,
-    /// Least and greatest x and y of all features, or of what is around them.
+    /// Minimum and maximum x and y of all features; may be larger.
     pub bounds: [[f64; 2]; 2],
 }
 
 impl VectorLayer {
-    /// Parts of the layer's coordinate system that a file of the format cannot tell, in words: nothing if it tells all.
+    /// Returns a remark if a file of the format cannot store the layer's coordinate system.
     pub(super) fn unknown_system(&self, format: VectorFormat) -> Option<String> {
         let crs = self.crs.as_ref()?;
         let is_told = match format {
@@ -156,7 +160,7 @@ impl VectorLayer {
                 crs.numbers().is_some() || crs.to_wkt2().is_ok() || crs.foreign_text().is_some()
             }
             VectorFormat::Shapefile => shapefile::definition(crs).is_some(),
-            // (Documents of GeoJSON have any definition; the others have no place for one.)
+            // GeoJSON stores any definition. The other formats cannot store one at all.
             VectorFormat::GeoJson
             | VectorFormat::Csv
             | VectorFormat::Svg

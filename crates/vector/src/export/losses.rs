@@ -1,13 +1,13 @@
-//! What a file of a format cannot tell of the features that are written to it.
+//! Information that is lost when features are written to a format.
 
 use super::geometry::Shape;
 use super::layer::TEXT_BYTES;
 use super::{AttributeType, AttributeValue, GeometryKind, VectorFeature, VectorFormat, VectorLayer};
 
-/// Bound up to which all whole numbers are numbers of double precision.
+/// Bound up to which all integers are exact in double precision.
 const EXACT: u64 = 1 << f64::MANTISSA_DIGITS;
 
-/// Names that are listed.
+/// Maximum number of names that are listed.
 const LISTED: usize = 20;
 
 /// Losses of single features.
@@ -23,7 +23,7 @@ enum Loss {
     Zero,
 }
 
-/// Texts about each of them, before a count.
+/// Message for each loss, before its count.
 const TEXTS: [&str; 8] = [
     "ids that are left out, since the format has none",
     "infinite numbers that are left out",
@@ -35,7 +35,7 @@ const TEXTS: [&str; 8] = [
     "attributes of segments that are 0, since the format has no word for nothing",
 ];
 
-/// Losses, counted.
+/// Loss counts.
 pub(super) struct Losses {
     format: VectorFormat,
     counts: [u64; TEXTS.len()],
@@ -50,7 +50,7 @@ impl Losses {
         self.counts[loss as usize] += u64::from(is_lost);
     }
 
-    /// Counts what is lost of a feature.
+    /// Counts the losses of a feature.
     pub(super) fn count(
         &mut self,
         feature: &VectorFeature<'_>,
@@ -64,7 +64,7 @@ impl Losses {
             self.count_value(value, *kind);
         }
         if format == VectorFormat::Ply {
-            // (Attributes of that format are those of edges.)
+            // PLY stores attributes with edges.
             let kinds = shape.iter().flat_map(|shape| &shape.members).map(|(kind, _)| *kind);
             let has_edges = kinds.into_iter().any(|kind| kind != GeometryKind::Point);
             let is_told = feature.attributes.iter().any(|value| value.told() != AttributeValue::None);
@@ -99,14 +99,15 @@ impl Losses {
         }
     }
 
-    /// Losses of features, in words.
+    /// Returns messages about the losses of features.
     pub(super) fn told(&self) -> Vec<String> {
         let lost = TEXTS.iter().zip(self.counts).filter(|(_, count)| *count > 0);
         lost.map(|(text, count)| format!("{text}: {count}")).collect()
     }
 }
 
-/// Remarks on what a file of the format cannot tell of a layer, whose attributes have these names there.
+/// Returns remarks on what the format loses of a layer. `names` are the attribute names in the
+/// file.
 pub(super) fn of_layer(format: VectorFormat, layer: &VectorLayer, names: &[String]) -> Vec<String> {
     let mut told: Vec<String> = layer.unknown_system(format).into_iter().collect();
     let renamed = layer.attributes.iter().zip(names).filter(|((own, _), name)| own != *name);
@@ -129,7 +130,7 @@ pub(super) fn of_layer(format: VectorFormat, layer: &VectorLayer, names: &[Strin
     told
 }
 
-/// The first of some names, and how many there are.
+/// Lists the first names, and the number of further ones.
 fn listed(names: &[String]) -> String {
     let more = names.len().saturating_sub(LISTED);
     let first = names[..names.len() - more].join(", ");

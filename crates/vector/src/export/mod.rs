@@ -1,7 +1,7 @@
-//! Lines, polygons and points with attributes, as files of other programs: one layer of features each.
+//! Export of lines, polygons and points with attributes to vector formats, one layer per file.
 //!
-//! Features are written as they come, points as they are handed out, so that none has to be held. For GeoPackage a feature is
-//! held, up to a mebibyte of it; for Shapefile a part of a feature; for FlatGeobuf a feature.
+//! Features and their points are streamed. Some formats buffer: GeoPackage up to 1 MiB of a
+//! feature, Shapefile one part of a feature, FlatGeobuf one feature.
 //!
 //! ```
 //! use spinney::export::VectorFormat;
@@ -72,38 +72,40 @@ use self::losses::Losses;
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
 
-/// Format of a file of lines, polygons or points.
+/// Vector file format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum VectorFormat {
-    /// `GeoJSON` (RFC 7946): coordinates as they are, with the member `crs` of the format's first version (2008) where they are in another
-    /// coordinate system than WGS 84 whose number is known.
+    /// `GeoJSON` (RFC 7946). Coordinates stay unchanged. In coordinate systems other than WGS 84,
+    /// the file has the member `crs` of the 2008 version.
     GeoJson,
-    /// Comma-separated values, with geometries in well-known text.
+    /// Comma-separated values, with geometries as WKT.
     Csv,
-    /// A drawing: y goes up, attributes are `data-` attributes.
+    /// SVG drawing: y points up, attributes become `data-` attributes.
     Svg,
     /// `GeoPackage`, version 1.3 (feature `mbtiles`).
     GeoPackage,
-    /// `FlatGeobuf` with an index (feature `flatgeobuf`): of features of at most 2^22 points; without an index
-    /// if some have no geometry.
+    /// `FlatGeobuf` (feature `flatgeobuf`), with at most 2^22 points per feature. It has a spatial
+    /// index unless some features have no geometry.
     FlatGeobuf,
-    /// Shapefile (feature `raster`): also the files `.shx`, `.dbf` and `.cpg` beside it, and `.prj` with the coordinate system in Esri's
-    /// well-known text. Each of them appears whole; the one that was asked for is the last.
+    /// Shapefile (feature `raster`), with its `.shx`, `.dbf` and `.cpg` files, and the coordinate
+    /// system as Esri WKT in `.prj`. The files are published atomically, the `.shp` file last.
     Shapefile,
-    /// Wavefront OBJ: an object for each feature, with lines, outlines as lines, and points; attributes are comments.
+    /// Wavefront OBJ: one object per feature, with lines, outlines as lines, and points. Attributes
+    /// become comments.
     Obj,
-    /// PLY, binary: vertices, and edges of lines and outlines with their feature's number (`feature`, from 0), its attributes that are
-    /// numbers, and their own. Points are vertices without edges; texts are left out.
+    /// Binary PLY: vertices, and the edges of lines and outlines. An edge has its feature's index
+    /// (`feature`, from 0), the feature's numeric attributes, and its own. Points are vertices
+    /// without edges; strings are dropped.
     Ply,
 }
 
 impl VectorFormat {
-    /// The format of a file by its name's ending; `None` if it is another one.
+    /// Returns the format for a file extension; `None` if it is unknown.
     pub fn of(path: &Path) -> Option<VectorFormat> {
         path.extension()?.to_str()?.parse().ok()
     }
 
-    /// Whether a layer's bounds must be known before its features, and not only those of what is written.
+    /// Returns whether the format needs a layer's bounds before its features.
     pub(crate) fn wants_bounds(self) -> bool {
         matches!(self, VectorFormat::Svg | VectorFormat::FlatGeobuf)
     }
@@ -127,17 +129,17 @@ impl FromStr for VectorFormat {
     }
 }
 
-/// A feature that is written.
+/// Feature to be written.
 pub struct VectorFeature<'a> {
-    /// Its id, a number or a text, for formats that have ids: GeoJSON, and of GeoPackage whole numbers.
+    /// Id, a number or a string. GeoJSON stores both, GeoPackage integers only.
     pub id: Option<&'a serde_json::Value>,
     /// Kind and geometry, if it has one.
     pub geometry: Option<(GeometryKind, &'a dyn Geometry)>,
-    /// Its attributes, as many as the layer has, and of their types or none.
+    /// Attributes, in number and types those of the layer, or no value.
     pub attributes: &'a [AttributeValue<'a>],
 }
 
-/// A file of a format in the making.
+/// File of a format under construction.
 trait FormatWriter {
     fn write(
         &mut self,
@@ -148,24 +150,25 @@ trait FormatWriter {
     fn finish(self: Box<Self>) -> Result<()>;
 }
 
-/// A layer that is being written. The file appears when it is finished.
+/// Writer of a layer. The file is published when it is finished.
 pub struct VectorWriter {
     writer: Box<dyn FormatWriter>,
     path: PathBuf,
     kind: Option<GeometryKind>,
     is_multi: bool,
     attributes: Vec<(String, AttributeType)>,
-    /// Remarks on what the file cannot tell of the layer, and of its features.
+    /// Remarks on information about the layer that the file loses; `losses` counts that of its
+    /// features.
     remarks: Vec<String>,
     losses: Losses,
 }
 
 impl VectorWriter {
-    /// Starts a file of a layer. Attributes whose names the format cannot have get others.
+    /// Starts a file of a layer. Attributes are renamed if the format does not allow their names.
     ///
     /// # Errors
-    /// If the output cannot be written, or is a stream and the format is a database; or if the format has no features of several kinds, or no
-    /// points.
+    /// If the output cannot be written; if it is a stream and the format is a database; if the
+    /// format does not support mixed kinds or points.
     pub fn create(output: Output, format: VectorFormat, mut layer: VectorLayer) -> Result<VectorWriter> {
         let path = output.path().to_path_buf();
         let names = names::of(format, &layer.attributes);
@@ -192,11 +195,12 @@ impl VectorWriter {
         Ok(VectorWriter { writer, path, kind, is_multi, attributes, remarks, losses: Losses::new(format) })
     }
 
-    /// Writes a feature of the layer's kind with its attributes, which are as many as the layer has, and of their types or none.
+    /// Writes a feature of the layer's kind with its attributes, in number and types those of the
+    /// layer, or no value.
     ///
     /// # Errors
-    /// If it has other attributes, the layer has features of several kinds, the feature's points cannot be read, or the output cannot be
-    /// written.
+    /// If the attributes do not match, the layer has mixed kinds, the feature's points cannot be
+    /// read, or the output cannot be written.
     pub fn write(&mut self, geometry: &dyn Geometry, attributes: &[AttributeValue<'_>]) -> Result<()> {
         match self.kind {
             Some(kind) => {
@@ -206,11 +210,12 @@ impl VectorWriter {
         }
     }
 
-    /// Writes a feature of any kind that the layer may have, with its id, or without a geometry; otherwise as [`VectorWriter::write`].
+    /// Writes a feature of any kind that the layer allows, with its id, or without a geometry;
+    /// otherwise like [`VectorWriter::write`].
     ///
     /// # Errors
-    /// Those of [`VectorWriter::write`]; if the layer is of another kind, or has no features of several points, lines or polygons; if the format
-    /// cannot have the id, or has it already.
+    /// Those of [`VectorWriter::write`]; if the layer has another kind, or does not allow
+    /// multi-geometries; if the format cannot store the id, or the id is a duplicate.
     pub fn write_feature(&mut self, feature: &VectorFeature<'_>) -> Result<()> {
         let attributes = feature.attributes;
         let fits = |((_, kind), value): (&(String, AttributeType), &AttributeValue<'_>)| value.fits(*kind);
@@ -234,7 +239,7 @@ impl VectorWriter {
         Ok(())
     }
 
-    /// Ends the file and puts it in its place; warns of all that it cannot tell of what was written to it.
+    /// Completes and publishes the file; warns of all information that was lost.
     ///
     /// # Errors
     /// If it cannot be written.

@@ -1,21 +1,21 @@
-//! Names of attributes as files of a format can have them.
+//! Attribute names that a format allows.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::{AttributeType, VectorFormat};
 
-/// Bytes of a name in a table of dBASE.
+/// Maximum size of a field name in a dBASE table, in bytes.
 const SHORT: usize = 10;
 
-/// A format's demands on names.
+/// Naming rule of a format.
 struct Rule {
-    /// Whether it may have the letter.
+    /// Whether a character is allowed.
     allows: fn(char) -> bool,
-    /// Bytes that a name may have.
+    /// Maximum size in bytes.
     most: usize,
-    /// Names that the format has for itself.
+    /// Reserved names.
     taken: &'static [&'static str],
-    /// Whether upper and lower case are the same.
+    /// Whether names are case-insensitive.
     folds_case: bool,
 }
 
@@ -35,23 +35,23 @@ impl Rule {
         }
     }
 
-    /// The key of a name, which names that the format takes for the same have in common.
+    /// Returns the key of a name; the format considers names with equal keys identical.
     fn key(&self, name: &str) -> String {
         if self.folds_case { name.to_lowercase() } else { name.into() }
     }
 }
 
-/// Names of attributes that a file of the format can have, each once: what is no letter of such a name becomes a low line, what is too long is
-/// cut, and what there is already ends with a number.
+/// Converts attribute names to unique names that the format allows. Invalid characters become
+/// underscores, long names are truncated, and duplicates get a number at the end.
 pub(super) fn of(format: VectorFormat, attributes: &[(String, AttributeType)]) -> Vec<String> {
     let rule = Rule::of(format);
     let mut taken: BTreeSet<String> = rule.taken.iter().map(|name| (*name).to_owned()).collect();
-    // (Numbers go on where those of the same beginning have ended: there may be very many.)
+    // Remember the last number per prefix, since there may be very many duplicates.
     let mut last: BTreeMap<String, u64> = BTreeMap::new();
     let mut name_of = |own: &str| {
         let letters = own.chars().map(|letter| if (rule.allows)(letter) { letter } else { '_' });
         let plain: String = letters.collect();
-        // (JSON has members without a name.)
+        // JSON allows empty names.
         let needs_one = plain.is_empty() && !matches!(format, VectorFormat::GeoJson);
         let plain = if needs_one { "_".into() } else { plain };
         let mut name = cut(&plain, rule.most).to_owned();
@@ -66,7 +66,7 @@ pub(super) fn of(format: VectorFormat, attributes: &[(String, AttributeType)]) -
     attributes.iter().map(|(name, _)| name_of(name)).collect()
 }
 
-/// As much of a text as has so many bytes.
+/// Truncates a string to at most `most` bytes.
 pub(super) fn cut(text: &str, most: usize) -> &str {
     let end = (0..=most.min(text.len())).rev().find(|end| text.is_char_boundary(*end));
     &text[..end.unwrap_or(0)]
@@ -93,7 +93,7 @@ mod tests {
         assert_eq!(named(VectorFormat::GeoPackage, &own)[3..], ["name", "NAME_2", "fid_2", "a b", "_"]);
         assert_eq!(named(VectorFormat::Svg, &["a b", "a_b", "ä"]), ["a_b", "a_b_2", "_"]);
         assert_eq!(named(VectorFormat::Ply, &["feature"]), ["feature_2"]);
-        // Many that begin alike.
+        // Many names with the same prefix.
         let many: Vec<String> = (0..1200).map(|number| format!("statistics_{number}")).collect();
         let many: Vec<&str> = many.iter().map(String::as_str).collect();
         let names = named(VectorFormat::Shapefile, &many);

@@ -1,4 +1,4 @@
-//! Wavefront OBJ: an object for each feature, with lines and points.
+//! Wavefront OBJ: one object per feature, with lines and points.
 
 use serde_json::Value;
 
@@ -22,7 +22,8 @@ impl ObjLines {
         Ok(ObjLines { text, layer, features: 0, vertices: 0 })
     }
 
-    /// Writes the points of a part, and what joins them; a part that ends where it begins has that point once.
+    /// Writes the points of a part, and the line through them. The repeated last point of a closed
+    /// part is written once.
     fn part(&mut self, kind: GeometryKind, geometry: &dyn Geometry, part: usize) -> Result<()> {
         let ObjLines { text, layer, vertices, .. } = self;
         let (count, base) = (geometry.count(part), *vertices);
@@ -46,7 +47,7 @@ impl ObjLines {
             Ok(())
         })?;
         text.push(if kind == GeometryKind::Point { "p" } else { "l" });
-        // Counted from 1.
+        // Indices start at 1.
         for number in (base..*vertices).chain(is_closed.then_some(base)) {
             text.push(&format!(" {}", number + 1));
             text.flush_some()?;
@@ -69,7 +70,7 @@ impl FormatWriter for ObjLines {
         let told =
             layer.attributes.iter().zip(attributes).filter(|(_, value)| **value != AttributeValue::None);
         for ((name, _), value) in told {
-            // A comment ends with its line.
+            // A line break would end the comment.
             let plain = |text: &str| text.replace(|letter: char| letter.is_control(), " ");
             text.push(&format!("# {name} "));
             match value {

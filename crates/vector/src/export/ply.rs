@@ -10,7 +10,7 @@ use spinney_base::io::Output;
 use spinney_base::io::spill::{Spill, failed};
 use spinney_base::{Error, Result};
 
-/// The numbers of vertices and edges stand before them: both wait in temporary files.
+/// The header needs the vertex and edge counts, so both lists are spooled to temporary files.
 pub(super) struct PlyEdges {
     output: Output,
     layer: VectorLayer,
@@ -50,7 +50,7 @@ impl PlyEdges {
         Error::unsupported(self.output.path(), format!("a PLY file of {what}"), "choose another format")
     }
 
-    /// Writes an edge with what is told of it, the segment of its feature with that number.
+    /// Writes an edge with its attributes; `segment` is its index in the feature.
     fn edge(&mut self, ends: [u64; 2], segment: usize, attributes: &[AttributeValue<'_>]) -> Result<()> {
         let mut bytes = Vec::new();
         for end in ends {
@@ -100,7 +100,7 @@ impl FormatWriter for PlyEdges {
                 for &point in points {
                     let first = *first.get_or_insert(point);
                     passed += 1;
-                    // (A part that ends where it begins has that point once.)
+                    // The repeated last point of a closed part is written once.
                     let is_back = passed == count && count > 2 && point == first;
                     let vertex = if is_back { base } else { self.vertices };
                     if !is_back {

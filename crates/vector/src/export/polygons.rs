@@ -1,4 +1,4 @@
-//! Regions of a tree of classes, as features: polygons along the borders of its cells.
+//! Regions of a class tree as features: polygons along cell borders.
 
 use std::path::PathBuf;
 
@@ -12,7 +12,7 @@ use spinney_engine::query::{ClassRegion, PolygonRequest, PolygonSummary};
 /// A region with the outer rings of its polygons.
 struct Region<'a> {
     region: &'a ClassRegion<'a>,
-    /// Numbers of the outer rings, in order.
+    /// Indices of the outer rings, in order.
     outer: Vec<usize>,
 }
 
@@ -45,8 +45,12 @@ impl Geometry for Region<'_> {
     }
 }
 
-/// Writes the regions of a quadtree of classes, one polygon each (several, of regions that hang together by corners), with the attributes `class` (an integer; of integers of 64 bits as
-/// text, of floating samples a number), `cells` (an integer), `area_m2` where the coordinate system tells square metres, and where the tree has them `name` and `color` (`#rrggbb`).
+/// Writes the regions of a class quadtree, one polygon each, or several for regions that are
+/// connected only at corners.
+///
+/// Attributes are `class` (an integer; a string for 64-bit integers, a number for floating-point
+/// samples), `cells` (an integer), `area_m2` where the coordinate system determines square metres,
+/// and, if the tree has them, `name` and `color` (`#rrggbb`).
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -64,7 +68,8 @@ impl Geometry for Region<'_> {
 /// ```
 ///
 /// # Errors
-/// If the tree is not of classes or is damaged, the request makes no sense, the output cannot be written, or on interruption.
+/// If the tree is not categorical or is corrupt, the request is invalid, the output cannot be
+/// written, or on cancellation.
 pub fn export_polygons(
     tree: &Dataset,
     request: &PolygonRequest,
@@ -75,14 +80,15 @@ pub fn export_polygons(
     let mut request = request.clone();
     let path = output.path().to_path_buf();
     if output.is_file() {
-        // Borders that wait for their ends do so beside the output.
+        // Temporary files of incomplete borders are in the output's directory.
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
         request.folder = Some(folder.map_or_else(|| ".".into(), PathBuf::from));
     }
     let metadata = tree.metadata();
     let [low, high] = metadata.frame.world_box(&tree.header().picture());
     let (has_names, has_colours) = (!metadata.class_names.is_empty(), metadata.palette.is_some());
-    // (Numbers of GeoJSON are read in double precision: integers of 64 bits are strings, which lose nothing.)
+    // GeoJSON numbers are read in double precision, so 64-bit integers are written as strings,
+    // which are exact.
     let sample = tree.header().form.value.sample;
     let above = tree.depth().saturating_sub(request.level.unwrap_or(tree.depth()));
     let cell_area = metadata.frame.coarser(above).cell_square_metres().ok();
@@ -131,7 +137,7 @@ pub fn export_polygons(
     writer.finish(progress).map(|()| summary)
 }
 
-/// The colour that the tree has for a class.
+/// Returns the tree's colour of a class.
 fn colour_of(tree: &Dataset, class: Number) -> Option<String> {
     let palette = tree.metadata().palette.as_ref()?;
     let [red, green, blue, _] = *palette.colours.get(usize::try_from(class.to_integer()?).ok()?)?;

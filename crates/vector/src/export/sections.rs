@@ -8,8 +8,8 @@ use spinney_base::{DecimalSteps, Error, Progress, Result};
 use spinney_brep::query::{CuttingPlane, SectionPolygon};
 use spinney_brep::{Faces, ModelView};
 
-/// Parallel planes that an exact model is cut by, as people write them: `z=12.5`, many at a time `z=0..50/0.2`, or
-/// `plane=NX,NY,NZ,D` with a normal and its product with the plane's points.
+/// Parallel section planes, in text form: `z=12.5`, a range `z=0..50/0.2`, or `plane=NX,NY,NZ,D`
+/// with a normal and its dot product with the plane's points.
 ///
 /// ```
 /// use spinney::raw::export::vector::SectionPlanes;
@@ -28,12 +28,12 @@ pub struct SectionPlanes {
 }
 
 impl SectionPlanes {
-    /// Number of planes.
+    /// Returns the number of planes.
     pub fn count(&self) -> u32 {
         self.count
     }
 
-    /// The product of a plane's points with the normal.
+    /// Returns the dot product of a plane's points with the normal.
     fn at(&self, number: u32) -> f64 {
         self.steps.value(number.into())
     }
@@ -69,7 +69,7 @@ impl FromStr for SectionPlanes {
         let numbers = (number(from), number(to), number(step));
         let (Some(from), Some(to), Some(step)) = numbers else { return Err(wrong()) };
         let steps = DecimalSteps::new(from, step);
-        // The quotient is that of doubles, so that it may be one less or more than the number of steps up to the end.
+        // The quotient of doubles may be off by one from the exact number of steps.
         let quotient = ((to - from) / step).floor();
         if !(step > 0.0 && from <= to && quotient < f64::from(u32::MAX - 1)) {
             let expected = "FROM..TO/STEP with a step above 0, and less than 2^32 steps";
@@ -82,20 +82,21 @@ impl FromStr for SectionPlanes {
     }
 }
 
-/// Counts of sections.
+/// Summary of sections.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SectionSummary {
-    /// Planes.
+    /// Number of planes.
     pub planes: u64,
-    /// Polygons in all of them.
+    /// Number of polygons in all planes.
     pub polygons: u64,
-    /// The sum of their areas, without those of holes.
+    /// Total area, excluding holes.
     pub area: f64,
 }
 
-/// Writes where planes cut an exact model, as polygons with the attributes `plane` (x, y, z, or the normal), `at` (its coordinate, or
-/// the product of the normal with its points) and `area`. Points are in space, or, if it is `flat`, in the plane: y and z where x is
-/// given, z and x where y is, x and y where z is; a drawing (SVG) always is. Only what one plane cuts is held.
+/// Writes the sections of an exact model as polygons with the attributes `plane` (x, y, z, or the
+/// normal), `at` (the coordinate, or the dot product of the normal with its points) and `area`.
+/// Points are in 3D. If `flat`, and always in SVG, they are 2D coordinates in the plane: y and z
+/// for x planes, z and x for y planes, x and y for z planes. Memory is bounded by a single section.
 ///
 /// ```
 /// use spinney::{ExactModel, Output};
@@ -115,8 +116,8 @@ pub struct SectionSummary {
 /// ```
 ///
 /// # Errors
-/// If a plane is none, the body has no bounds, the file is damaged or was changed meanwhile, the output cannot be written, or on
-/// interruption.
+/// If a plane is degenerate, the body is unbounded, the file is corrupt or changed in the meantime,
+/// the output cannot be written, or on cancellation.
 pub fn export_section(
     view: &ModelView,
     planes: &[SectionPlanes],
@@ -164,7 +165,7 @@ pub fn export_section(
     writer.finish(progress).map(|()| made)
 }
 
-/// Least and greatest coordinates that sections may have.
+/// Returns bounds of the section coordinates.
 fn bounds_of(view: &ModelView, planes: &[SectionPlanes], is_flat: bool) -> Result<[[f64; 2]; 2]> {
     let [low, high] = view.bounds()?;
     let corners = (0..8).map(|corner| [0, 1, 2].map(|axis| [low, high][corner >> axis & 1][axis]));
@@ -179,7 +180,7 @@ fn bounds_of(view: &ModelView, planes: &[SectionPlanes], is_flat: bool) -> Resul
     Ok(bounds)
 }
 
-/// A point by its place in a plane.
+/// Returns the coordinates of a point in a plane.
 fn flat_point(plane: &CuttingPlane, point: [f64; 3]) -> [f64; 3] {
     let [u, v] = plane.axes();
     let along = |axis: [f64; 3]| (0..3).map(|i| axis[i] * point[i]).sum::<f64>();

@@ -1,4 +1,4 @@
-//! Shapefile (ESRI, 1998): shapes, their places in the file, and attributes in a table of dBASE.
+//! Shapefile (ESRI, 1998): shapes, their index, and a dBASE table of attributes.
 
 use std::io::Write;
 
@@ -12,10 +12,10 @@ use spinney_base::io::{Output, commit_all};
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
-/// Bytes of the headers of shapes and places.
+/// Header size of the shape and index files, in bytes.
 const HEADER: u64 = 100;
 
-/// Type, bytes and decimals of an attribute in the table.
+/// Type, width in bytes and decimals of a table column.
 fn field(kind: AttributeType) -> (u8, usize, u8) {
     match kind {
         AttributeType::Number => (b'N', 24, 15),
@@ -25,25 +25,26 @@ fn field(kind: AttributeType) -> (u8, usize, u8) {
     }
 }
 
-/// Bytes that a file may have: its length is a number of 16-bit words in 31 bits.
+/// Maximum file size in bytes: the header stores a 31-bit number of 16-bit words.
 const MOST: u64 = 2 * i32::MAX as u64;
 
 pub(super) struct Shapefile {
     shapes: Output,
     places: Output,
     table: Output,
-    /// Small files beside these.
+    /// Small sidecar files.
     others: Vec<Output>,
     layer: VectorLayer,
     /// Bytes of shapes so far, and number of features.
     length: u64,
     count: u32,
-    /// Least and greatest coordinates.
+    /// Minimum and maximum coordinates.
     low: [f64; 3],
     high: [f64; 3],
 }
 
-/// Text of a coordinate system in a `.prj` file: of version 1, as Esri has it, or as it came where that cannot be.
+/// Returns the coordinate system for a `.prj` file: WKT 1 as Esri writes it, or else its own
+/// definition.
 pub(super) fn definition(crs: &Crs) -> Option<String> {
     crs.to_esri_wkt().ok().or_else(|| match crs {
         Crs::Wkt(text) => Some(text.clone()),
@@ -57,7 +58,7 @@ impl Shapefile {
             let advice = "give the name of a file: there are others beside it";
             return Err(Error::unsupported(shapes.path(), "writing a shapefile to a stream", advice));
         }
-        // (Texts in its tables have no room for a number of each segment.)
+        // Strings in the table are too short for one number per segment.
         let has_lists = layer.attributes.iter().any(|(_, kind)| *kind == AttributeType::PerSegment);
         if matches!(layer.kind, None | Some(GeometryKind::Point)) || has_lists {
             let found =
@@ -86,13 +87,13 @@ impl Shapefile {
         Ok(file)
     }
 
-    /// The number of the shapes' kind.
+    /// Returns the shape type.
     fn kind(&self) -> u32 {
         let flat = if self.layer.kind == Some(GeometryKind::Line) { 3 } else { 5 };
         if self.layer.has_z { flat + 10 } else { flat }
     }
 
-    /// The header of a file of so many bytes.
+    /// Returns the header of a file of `length` bytes.
     fn header(&self, length: u64) -> Vec<u8> {
         let mut header = 9994u32.to_be_bytes().to_vec();
         header.extend_from_slice(&[0; 20]);
@@ -108,7 +109,7 @@ impl Shapefile {
         header
     }
 
-    /// The header of the table.
+    /// Returns the table header.
     fn table_header(&self) -> Result<Vec<u8>> {
         let width = 1 + self.layer.attributes.iter().map(|(_, kind)| field(*kind).1).sum::<usize>();
         let length = 32 + 32 * self.layer.attributes.len() + 1;
@@ -116,7 +117,7 @@ impl Shapefile {
             let found = format!("{} attributes", self.layer.attributes.len());
             return Err(Error::unsupported(self.shapes.path(), found, "choose another format"));
         };
-        // (The date is that of all files: the same input makes the same bytes.)
+        // The date is constant, so that output is reproducible.
         let mut header = vec![3, 100, 1, 1];
         header.extend_from_slice(&self.count.to_le_bytes());
         header.extend_from_slice(&length.to_le_bytes());
@@ -160,7 +161,7 @@ impl Shapefile {
             let field = match value.told() {
                 AttributeValue::Number(number) => {
                     let short = number.to_string();
-                    // (The shortest with an exponent always has room, and loses nothing.)
+                    // The shortest form with an exponent always fits, and is exact.
                     let text = if short.len() <= width { short } else { format!("{number:e}") };
                     format!("{text:>width$}")
                 }
@@ -178,12 +179,12 @@ impl Shapefile {
     }
 }
 
-/// The area of a ring, point by point.
+/// Incremental area of a ring.
 #[derive(Default)]
 struct Area {
     first: Option<[f64; 3]>,
     last: [f64; 3],
-    /// Twice the area, counted from the first point, positive where the ring is counterclockwise.
+    /// Twice the signed area, relative to the first point; positive for counterclockwise rings.
     twice: f64,
 }
 
@@ -215,7 +216,7 @@ impl FormatWriter for Shapefile {
         shape: Option<&Shape<'_>>,
         attributes: &[AttributeValue<'_>],
     ) -> Result<()> {
-        // (There is no empty one: that is none, too.)
+        // The format has no empty shapes, so they are written as null shapes.
         let Some(shape) = shape.filter(|shape| !shape.members.is_empty()) else {
             return self.write_null(attributes);
         };
@@ -235,7 +236,7 @@ impl FormatWriter for Shapefile {
                 }
                 Ok(())
             })?;
-            // (Outer rings are clockwise here, holes are not.)
+            // Outer rings are clockwise in this format, holes counterclockwise.
             is_turned.push(is_polygon && area.is_clockwise() != geometry.is_outer(part));
         }
         let heights = if self.layer.has_z { 16 + 8 * count as u128 } else { 0 };
@@ -271,7 +272,8 @@ impl FormatWriter for Shapefile {
                 let (mut bytes, is_turned) = (Vec::new(), is_turned[part]);
                 geometry.points(part, &mut |points| {
                     for point in points {
-                        // (Backwards as a whole means points and their coordinates.)
+                        // The whole buffer is reversed later, so each point's coordinates are
+                        // reversed here.
                         let numbers = point[axes.clone()].iter();
                         let put = |number: &f64| bytes.push(number.to_le_bytes());
                         if is_turned { numbers.rev().for_each(put) } else { numbers.for_each(put) }

@@ -1,13 +1,13 @@
-//! Smooth lines: corners are cut (Chaikin, 1974).
+//! Line smoothing by corner cutting (Chaikin, 1974).
 
 use super::Geometry;
 use spinney_base::Result;
 
 type Point = [f64; 3];
 
-/// A geometry whose lines are smoothed: each time, every segment is replaced by its middle half, which doubles the points and rounds
-/// corners; lines lie within a quarter of a segment of what they were. Ends of open lines stay where they are, closed lines stay
-/// closed.
+/// Smoothed geometry. Each pass replaces every segment by its middle half, which doubles the points
+/// and rounds corners. A pass moves a line by at most a quarter of a segment. Ends of open lines
+/// are kept, and closed lines stay closed.
 pub struct Smoothed<'a> {
     geometry: &'a dyn Geometry,
     is_closed: bool,
@@ -15,13 +15,14 @@ pub struct Smoothed<'a> {
 }
 
 impl<'a> Smoothed<'a> {
-    /// A geometry, all of whose parts end where they begin or none, smoothed so many times.
+    /// Smooths a geometry whose parts are either all closed or all open; `times` is the number of
+    /// passes.
     pub fn new(geometry: &'a dyn Geometry, is_closed: bool, times: u8) -> Smoothed<'a> {
         Smoothed { geometry, is_closed, times }
     }
 }
 
-/// Points that are handed out at a time.
+/// Number of points yielded at a time.
 const PART: usize = 1 << 10;
 
 impl Geometry for Smoothed<'_> {
@@ -31,7 +32,7 @@ impl Geometry for Smoothed<'_> {
 
     fn count(&self, part: usize) -> u64 {
         let count = self.geometry.count(part);
-        // (A ring's last point is its first again.)
+        // The last point of a ring repeats the first.
         let smoothed = |count: u64, _| count.saturating_mul(2).saturating_sub(u64::from(self.is_closed));
         if count < 2 { count } else { (0..self.times).fold(count, smoothed) }
     }
@@ -61,12 +62,12 @@ impl Geometry for Smoothed<'_> {
     }
 }
 
-/// One time that a line is smoothed, on its way.
+/// State of one smoothing pass.
 struct Pass {
     is_closed: bool,
-    /// The last point that came.
+    /// Last input point.
     last: Option<Point>,
-    /// The first point that was handed out.
+    /// First output point.
     first: Option<Point>,
 }
 
@@ -75,7 +76,7 @@ impl Pass {
         Pass { is_closed, last: None, first: None }
     }
 
-    /// Points to be handed out when one has come.
+    /// Takes an input point, and returns the next output points.
     fn next(&mut self, point: Point) -> [Option<Point>; 2] {
         let Some(last) = self.last.replace(point) else {
             return [(!self.is_closed).then_some(point), None];
@@ -86,13 +87,13 @@ impl Pass {
         middle.map(Some)
     }
 
-    /// The point at the end.
+    /// Returns the final output point.
     fn end(&self) -> Option<Point> {
         if self.is_closed { self.first } else { self.last }
     }
 }
 
-/// Sends a point through all passes.
+/// Pushes a point through all passes.
 fn push(passes: &mut [Pass], point: Point, smooth: &mut Vec<Point>) {
     let Some((pass, rest)) = passes.split_first_mut() else { return smooth.push(point) };
     for point in pass.next(point).into_iter().flatten() {
@@ -129,7 +130,7 @@ mod tests {
             assert_eq!((open[0], open[open.len() - 1]), (line[0], line[2]));
             let closed = smoothed(&ring, true, times);
             assert_eq!(closed[0], closed[closed.len() - 1]);
-            // No point comes twice.
+            // No point is repeated.
             assert!(closed.windows(2).all(|pair| pair[0] != pair[1]));
         }
         assert_eq!(smoothed(&line[..1], false, 3), line[..1]);

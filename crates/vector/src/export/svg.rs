@@ -1,4 +1,4 @@
-//! Drawings in SVG 1.1: a path for each feature.
+//! SVG 1.1 drawings: one path per feature.
 
 use serde_json::Value;
 
@@ -18,7 +18,7 @@ impl Svg {
         let mut text = Text::new(output);
         let [[west, south], [east, north]] = layer.bounds;
         text.push("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"");
-        // (Rows of drawings go down.)
+        // SVG's y axis points down.
         for (index, number) in [west, -north, east - west, north - south].into_iter().enumerate() {
             if index > 0 {
                 text.push(" ");
@@ -30,14 +30,14 @@ impl Svg {
         );
         text.push(match layer.kind {
             Some(GeometryKind::Line) => "fill=\"none\">\n",
-            // (Points are lines without a length, which only round ends show.)
+            // Points are lines of length zero, which are visible only with round caps.
             _ => "fill=\"#b9cbb0\" fill-opacity=\"0.5\" fill-rule=\"evenodd\" stroke-linecap=\"round\">\n",
         });
         Ok(Svg { text, layer })
     }
 }
 
-/// A text as the value of an attribute; what XML cannot have becomes a blank.
+/// Writes a string as an attribute value. Characters that XML does not allow become spaces.
 fn push_escaped(text: &mut Text, value: &str) {
     for character in value.chars() {
         match character {
@@ -80,7 +80,7 @@ impl FormatWriter for Svg {
             shape.iter().flat_map(|shape| shape.members.iter().map(move |own| (shape, own)))
         {
             for part in parts.clone() {
-                // (More points after the first are a line to each.)
+                // Further points after the first are lines to each.
                 text.push("M");
                 text.push_points(shape.geometry, part, false, ["", " ", ""])?;
                 text.push(match kind {

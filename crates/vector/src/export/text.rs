@@ -1,4 +1,4 @@
-//! Text of formats that have points as text.
+//! Text output of formats that write points as text.
 
 use std::io::Write;
 
@@ -6,10 +6,10 @@ use super::Geometry;
 use spinney_base::io::Output;
 use spinney_base::{Error, Result};
 
-/// Bytes that are written at a time.
+/// Bytes written at a time.
 const BUFFER: usize = 1 << 16;
 
-/// An output with a buffer of text.
+/// Buffered text output.
 pub(super) struct Text {
     output: Output,
     buffer: Vec<u8>,
@@ -24,9 +24,10 @@ impl Text {
         self.buffer.extend_from_slice(text.as_bytes());
     }
 
-    /// The shortest text that is read as the same number: digits, no more than needed. What is not finite is `null`.
+    /// Writes the shortest decimal string that parses to the same number; `null` for numbers that
+    /// are not finite.
     pub(super) fn push_number(&mut self, number: f64) {
-        // (Negative zero is zero.)
+        // Normalizes negative zero.
         let number = if number == 0.0 { 0.0 } else { number };
         let written = serde_json::to_writer(&mut self.buffer, &number);
         debug_assert!(written.is_ok(), "memory takes everything");
@@ -35,7 +36,7 @@ impl Text {
         }
     }
 
-    /// Whole numbers, with something between them.
+    /// Writes integers with a separator.
     pub(super) fn push_integers(&mut self, numbers: &[u64], between: &str) {
         for (index, number) in numbers.iter().enumerate() {
             if index > 0 {
@@ -45,13 +46,14 @@ impl Text {
         }
     }
 
-    /// The text as a string of JSON.
+    /// Writes a JSON string.
     pub(super) fn push_json(&mut self, text: &str) {
         let written = serde_json::to_writer(&mut self.buffer, text);
         debug_assert!(written.is_ok(), "memory takes everything");
     }
 
-    /// The points of a part: `open`, coordinates with `between` between them, and `close` around each, and commas between points.
+    /// Writes the points of a part, separated by commas. Each is `open`, its coordinates separated
+    /// by `between`, and `close`.
     pub(super) fn push_points(
         &mut self,
         geometry: &dyn Geometry,
@@ -79,7 +81,7 @@ impl Text {
         })
     }
 
-    /// Writes what has gathered, if it is much.
+    /// Flushes the buffer if it is large.
     pub(super) fn flush_some(&mut self) -> Result<()> {
         if self.buffer.len() >= BUFFER { self.flush() } else { Ok(()) }
     }

@@ -1,4 +1,4 @@
-//! Features with statistics of the cells in them.
+//! Export of features with zonal statistics.
 
 use std::path::PathBuf;
 
@@ -19,34 +19,38 @@ use spinney_crs::{Coordinates, Crs};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::query::{ZonalRequest, ZoneMeasure, ZoneStatistics};
 
-/// Classes that have columns of their own, in all layers together.
+/// Maximum number of classes with their own columns, over all layers.
 const MAX_CLASSES: usize = 1000;
 
-/// A column of answers.
+/// Column of statistics.
 struct Column {
-    /// The number of the layer, and of the channel in it.
+    /// Index of the layer, and of its channel.
     layer: usize,
     channel: usize,
     answer: Answer,
     kind: AttributeType,
 }
 
-/// Answer that a column tells.
+/// Statistic of a column.
 enum Answer {
     Measure(ZoneMeasure),
-    /// A quantile, by its place among those that are asked for.
+    /// Quantile, by its index in the request.
     Quantile(usize),
-    /// Cells of a class, or their area or volume.
+    /// Count of a class's cells, or their area or volume; the second field is a factor.
     Class(Number, f64),
 }
 
-/// Writes the features of a file as they came, in their order, joined with the statistics of the cells in them, of each of some layers; returns their
-/// number. Features that are no polygons have none.
+/// Writes the features of a file, in order and unchanged, joined with the zonal statistics of one
+/// or more layers; returns their number. Features other than polygons get no statistics.
 ///
-/// There is a column for each measure and quantile, and for each class of trees that count classes: its area in square metres (`area_3`), of octrees its volume in
-/// the cube of the world's unit (`volume_3`), where the coordinate system says how large cells are, else its cells (`cells_3`). Names begin with the layer's (`B08_mean`) if there are several, and end with
-/// the channel's number (`mean_2`) if there are several channels; those of attributes that are the same get a number. Ids are those of the
-/// format if it has such, else an attribute `id`. Corners are in the coordinates that are given, or in the file's own, and stay in these.
+/// There is one column per measure and quantile, and, for trees that count classes, one per class:
+/// its area in square metres (`area_3`), in octrees its volume in cubic world units (`volume_3`),
+/// or, if the coordinate system does not determine the cell size, its cell count (`cells_3`). Names
+/// start with the layer's (`B08_mean`) if there are several layers, and end with the channel's
+/// number (`mean_2`) if there are several channels. Duplicate attribute names get a number. Ids are
+/// stored as such if the format supports it, else in an attribute `id`.
+///
+/// Vertices are in the given coordinates, or in the file's own, and are not transformed.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -71,8 +75,9 @@ enum Answer {
 /// ```
 ///
 /// # Errors
-/// If the features cannot be read, all of them lie outside of the trees, a tree has too many classes to be columns, is damaged, or knows no way
-/// to its cells; if the output cannot be written, or on interruption.
+/// If the features cannot be read, all of them lie outside of the trees, a tree has too many
+/// classes for columns, is corrupt, or has no transform to its cells; if the output cannot be
+/// written; on cancellation.
 pub fn export_zones(
     reader: PolygonReader,
     coordinates: Option<&Coordinates>,
@@ -104,7 +109,7 @@ pub fn export_zones(
     }
 }
 
-/// The system that corners are in: that which was given, or the file's own.
+/// Returns the coordinate system of the vertices: the given one, or the file's own.
 fn system_of(coordinates: Option<&Coordinates>, own: Option<Crs>, trees: &[&Dataset]) -> Option<Crs> {
     match coordinates {
         None => own,
@@ -114,19 +119,20 @@ fn system_of(coordinates: Option<&Coordinates>, own: Option<Crs>, trees: &[&Data
     }
 }
 
-/// A file of features with statistics in the making.
+/// File of features with statistics under construction.
 struct ZoneWriter {
     writer: VectorWriter,
     path: PathBuf,
     columns: Vec<Column>,
-    /// Whether ids are an attribute; `None` if the format has ids of its own.
+    /// Whether ids are an attribute; false if the format stores ids.
     has_id_column: bool,
     keeps_ids: bool,
     with_heights: u64,
 }
 
 impl ZoneWriter {
-    /// Starts a file for features of such a description, of which `first` has the first ones, with answers to a request about layers.
+    /// Starts a file for features of a schema; `first` contains the first features. The statistics
+    /// are those of a request about `trees`.
     fn create(
         output: Output,
         format: VectorFormat,
@@ -138,7 +144,8 @@ impl ZoneWriter {
         let path = output.path().to_path_buf();
         let has_ids = first.features.iter().any(|feature| feature.id.is_some());
         let is_whole = |feature: &Feature| feature.id.as_ref().is_none_or(serde_json::Value::is_i64);
-        // (Ids of rows must be whole numbers, each once, which only another such table is sure to have.)
+        // Row ids must be unique integers. Only ascending ids, as another such table has, guarantee
+        // that.
         let keeps_ids = match format {
             VectorFormat::GeoJson => true,
             VectorFormat::GeoPackage => {
@@ -194,7 +201,7 @@ impl ZoneWriter {
         Ok(ZoneWriter { writer, path, columns, has_id_column, keeps_ids, with_heights: 0 })
     }
 
-    /// Writes the next feature with its statistics, of each layer.
+    /// Writes the next feature with its statistics of each layer.
     fn write(&mut self, feature: &Feature, zones: &[ZoneStatistics]) -> Result<()> {
         self.with_heights += u64::from(feature.heights.any());
         let answers: Vec<FeatureAttribute> =
@@ -212,7 +219,7 @@ impl ZoneWriter {
         })
     }
 
-    /// Ends the file and puts it in its place.
+    /// Completes and publishes the file.
     fn finish(self, progress: &dyn Progress) -> Result<()> {
         if self.with_heights > 0 {
             let count = self.with_heights;
@@ -238,7 +245,7 @@ impl Column {
         let Some(number) = number else { return FeatureAttribute::None };
         match (self.kind, number.to_integer().and_then(|whole| i64::try_from(whole).ok())) {
             (AttributeType::Integer, Some(whole)) => FeatureAttribute::Integer(whole),
-            // (Of no cells.)
+            // There are no cells.
             (AttributeType::Integer, None) => FeatureAttribute::None,
             (AttributeType::Text, _) if number.to_f64().is_nan() => FeatureAttribute::None,
             (AttributeType::Text, _) => FeatureAttribute::Text(number.to_string()),
@@ -247,13 +254,13 @@ impl Column {
     }
 }
 
-/// Whether a tree has whole numbers beyond 63 bits.
+/// Returns whether a tree has integers above the range of `i64`.
 fn exceeds(tree: &Dataset, progress: &dyn Progress) -> Result<bool> {
     let most = Number::from(i64::MAX as u64);
     Ok(tree.statistics(None, progress)?.channels.iter().any(|own| own.cells > 0 && own.max > most))
 }
 
-/// Names and columns of the answers about a layer.
+/// Returns names and columns of the statistics of a layer.
 fn columns_of(
     layer: usize,
     tree: &Dataset,
@@ -270,7 +277,7 @@ fn columns_of(
     let cells = if request.edge == EdgeRule::Area { AttributeType::Number } else { AttributeType::Integer };
     let samples = match sample {
         sample if sample.is_float() => AttributeType::Number,
-        // (Whole numbers beyond 63 bits are texts, which lose nothing.)
+        // Integers above the range of `i64` are written as strings, which are exact.
         SampleType::U64 if exceeds(tree, progress)? => AttributeType::Text,
         _ => AttributeType::Integer,
     };
@@ -292,7 +299,7 @@ fn columns_of(
             }
             ZoneMeasure::Classes => continue,
         };
-        // (Numbers of classes have no sum.)
+        // Class numbers have no meaningful sum.
         let is_number = matches!(measure, ZoneMeasure::Sum | ZoneMeasure::Mean | ZoneMeasure::Deviation);
         if request.measures.is_empty() && counts_classes && is_number {
             continue;
@@ -336,13 +343,13 @@ fn columns_of(
     Ok(columns)
 }
 
-/// The name of a quantile as a column: `q2_5` is that of 0.025.
+/// Returns the column name of a quantile: `q2_5` for 0.025.
 pub fn quantile_name(quantile: f64) -> String {
     let percent = (quantile * 1e8).round() / 1e6;
     format!("q{percent}").replace('.', "_")
 }
 
-/// Whether the ids of features, as far as they are whole numbers, ascend.
+/// Returns whether the integer ids of features ascend.
 fn is_ascending(features: &[Feature]) -> bool {
     let mut ids =
         features.iter().filter_map(|feature| feature.id.as_ref().and_then(serde_json::Value::as_i64));

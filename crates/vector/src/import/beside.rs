@@ -1,4 +1,4 @@
-//! Small files beside a file of features.
+//! Sidecar files of feature files.
 
 use std::fs::File;
 use std::io::{ErrorKind, Read};
@@ -7,17 +7,18 @@ use std::path::{Path, PathBuf};
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
-/// Bytes of such a file; real ones have a few thousand.
+/// Maximum file size in bytes; real files have a few thousand.
 const MOST: u64 = 1 << 20;
 
-/// The path of a file beside another one, in the case that the ending has there.
+/// Returns the path of a sidecar file, with its extension in lower case, or in upper case if only
+/// that exists.
 pub(super) fn path_of(path: &Path, ending: &str) -> PathBuf {
     let own = path.with_extension(ending);
     let upper = path.with_extension(ending.to_ascii_uppercase());
     if !own.exists() && upper.exists() { upper } else { own }
 }
 
-/// Opens a file beside another one; `None` if there is none.
+/// Opens a sidecar file; `None` if it does not exist.
 pub(super) fn open(path: &Path, ending: &str) -> Result<Option<(File, PathBuf)>> {
     let path = path_of(path, ending);
     match File::open(&path) {
@@ -27,7 +28,7 @@ pub(super) fn open(path: &Path, ending: &str) -> Result<Option<(File, PathBuf)>>
     }
 }
 
-/// The text of a small file; `None` if there is none.
+/// Reads a small sidecar file; `None` if it does not exist.
 pub(super) fn text(path: &Path, ending: &str) -> Result<Option<String>> {
     let Some((file, path)) = open(path, ending)? else { return Ok(None) };
     let mut bytes = Vec::new();
@@ -38,7 +39,7 @@ pub(super) fn text(path: &Path, ending: &str) -> Result<Option<String>> {
     Ok(Some(String::from_utf8_lossy(&bytes).into_owned()))
 }
 
-/// The coordinate system in the file `.prj` beside another one; `None` if there is none.
+/// Reads the coordinate system from the `.prj` file; `None` if it does not exist or is empty.
 pub(super) fn definition(path: &Path) -> Result<Option<Crs>> {
     let Some(text) = text(path, "prj")?.filter(|text| !text.trim().is_empty()) else { return Ok(None) };
     let wrong = |error: Error| {

@@ -1,4 +1,4 @@
-//! Tables of comma-separated values, with geometries in well-known text or binary, or points in two columns.
+//! CSV tables, with geometries in WKT or WKB, or points in two columns.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -14,15 +14,15 @@ use crate::export::GeometryKind;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
-/// Names of columns of geometries, and of pairs of coordinates; whatever the case of their letters.
+/// Names of geometry columns and of coordinate pairs, matched in any case.
 const GEOMETRIES: [&str; 6] = ["wkt", "wkb", "geometry", "geom", "the_geom", "wkb_geometry"];
 const DEGREES: [[&str; 2]; 4] = [["lon", "lat"], ["longitude", "latitude"], ["lng", "lat"], ["long", "lat"]];
 const PLANE: [&str; 2] = ["x", "y"];
 
-/// Columns of a table.
+/// Maximum number of columns.
 const MAX_COLUMNS: usize = 4096;
 
-/// Where geometries are.
+/// Columns of the geometry.
 #[derive(Clone, Copy)]
 enum Place {
     Geometry(usize),
@@ -34,9 +34,9 @@ pub(super) struct Csv {
     path: PathBuf,
     schema: FeatureSchema,
     place: Place,
-    /// The columns of the attributes.
+    /// Column indices of the attributes.
     columns: Vec<usize>,
-    /// Columns of all.
+    /// Number of all columns.
     width: usize,
     number: u64,
 }
@@ -64,7 +64,7 @@ impl Csv {
         let is_attribute = |index: &usize| !matches!(place, Place::Geometry(own) if own == *index);
         let columns: Vec<usize> =
             (0..width).filter(is_attribute).filter(|index| wanted.takes(&names[*index])).collect();
-        // What is in the columns, and the coordinate system that geometries may name.
+        // Column types, and the coordinate system that geometries may specify.
         let mut kinds: Vec<Option<AttributeType>> = vec![None; columns.len()];
         let (mut number, mut system) = (1, None);
         while rows.step(number)? {
@@ -138,7 +138,7 @@ fn wrong(path: &Path, number: u64, found: String) -> Error {
     )
 }
 
-/// Where a table has geometries, and whether they are in degrees.
+/// Finds the geometry columns of a table, and returns whether they are in degrees.
 fn place_of(names: &[String]) -> Option<(Place, bool)> {
     let column = |wanted: &str| names.iter().position(|name| name.eq_ignore_ascii_case(wanted));
     let pair = |[x, y]: [&str; 2]| Some(Place::Point { columns: [column(x)?, column(y)?] });
@@ -148,10 +148,10 @@ fn place_of(names: &[String]) -> Option<(Place, bool)> {
     geometry.or_else(|| pair(PLANE).map(|place| (place, false))).or_else(degrees)
 }
 
-/// The number of the coordinate system that a geometry names.
+/// Returns the EPSG code that a geometry specifies.
 fn system_of(text: &str) -> std::result::Result<Option<u32>, String> {
     let text = text.trim();
-    // (Of binary the head is enough.)
+    // Of WKB, the header suffices.
     match text.get(..18).and_then(wkb::bytes_of_digits).as_deref() {
         Some(&[1, _, _, _, marks, a, b, c, d]) if marks & 0x20 != 0 => {
             Ok(Some(u32::from_le_bytes([a, b, c, d])))
@@ -164,7 +164,7 @@ fn system_of(text: &str) -> std::result::Result<Option<u32>, String> {
     }
 }
 
-/// The kind of a value that is written so: what begins with a zero that counts is a code, not a number.
+/// Returns the type of a field's text. Numbers with leading zeros are codes, thus strings.
 fn kind_of(text: &str) -> AttributeType {
     let digits = text.strip_prefix('-').unwrap_or(text);
     let is_number = digits.bytes().all(|byte| byte.is_ascii_digit() || b".eE+-".contains(&byte))
@@ -172,7 +172,7 @@ fn kind_of(text: &str) -> AttributeType {
         && !(digits.len() > 1 && digits.starts_with('0') && digits.as_bytes()[1].is_ascii_digit());
     match is_number {
         true if text.parse::<i64>().is_ok() => AttributeType::Integer,
-        // (Digits beyond 64 bits are no number that could be computed with.)
+        // Integers beyond 64 bits are kept as strings.
         true if digits.bytes().all(|byte| byte.is_ascii_digit()) => AttributeType::Text,
         true if text.parse::<f64>().is_ok_and(f64::is_finite) => AttributeType::Number,
         _ => AttributeType::Text,
@@ -212,7 +212,7 @@ impl FeatureReader for Csv {
             }
         };
         let values = self.columns.iter().zip(&self.schema.attributes).map(value).collect::<Result<_, ()>>();
-        // (The first pass has seen other values.)
+        // The file was checked in the first pass, so it has changed since.
         let changed = |()| Error::Changed { path: self.path.clone(), what: "was overwritten" };
         let attributes = values.map_err(changed)?;
         self.number += 1;

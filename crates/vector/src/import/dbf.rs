@@ -1,4 +1,4 @@
-//! Tables of dBASE, as they stand beside shapefiles.
+//! dBASE tables of shapefiles.
 
 use std::fs::File;
 use std::io::{BufReader, Read};
@@ -9,7 +9,7 @@ use super::encoding::TextEncoding;
 use super::feature::{AttributeType, FeatureAttribute, Wanted};
 use spinney_base::{Error, Result};
 
-/// A table, of which rows are read in order.
+/// Table whose rows are read in sequence.
 pub(super) struct Table {
     input: BufReader<File>,
     path: PathBuf,
@@ -19,19 +19,19 @@ pub(super) struct Table {
     row: Vec<u8>,
 }
 
-/// A column that is wanted.
+/// Requested column.
 struct Column {
     name: String,
-    /// The type's letter.
+    /// Type letter.
     letter: u8,
-    /// The place in a row.
+    /// Byte range in a row.
     begin: usize,
     end: usize,
     kind: AttributeType,
 }
 
 impl Table {
-    /// The table beside a file; `None` if there is none.
+    /// Opens the table of a shapefile; `None` if it does not exist.
     pub(super) fn beside(path: &Path, wanted: &mut Wanted) -> Result<Option<Table>> {
         let Some((file, table)) = beside::open(path, "dbf")? else { return Ok(None) };
         let named = beside::text(path, "cpg")?;
@@ -98,12 +98,13 @@ impl Table {
         Ok(Table { input, path: path.into(), columns, encoding, rows, row: vec![0; width] })
     }
 
-    /// Names and kinds of the columns.
+    /// Returns names and types of the columns.
     pub(super) fn attributes(&self) -> Vec<(String, AttributeType)> {
         self.columns.iter().map(|column| (column.name.clone(), column.kind)).collect()
     }
 
-    /// The values of the next row; `None` if it is deleted. The number is the feature's, for messages.
+    /// Reads the values of the next row; `None` if it is deleted. `number` is the feature number,
+    /// for messages.
     pub(super) fn step(&mut self, number: u64) -> Result<Option<Vec<FeatureAttribute>>> {
         self.input.read_exact(&mut self.row).map_err(|cause| match cause.kind() {
             std::io::ErrorKind::UnexpectedEof => {
@@ -132,7 +133,7 @@ impl Table {
     }
 }
 
-/// A value by the letter of its column's type.
+/// Parses a value by its column's type letter.
 fn value(letter: u8, bytes: &[u8], encoding: &TextEncoding) -> Result<FeatureAttribute, String> {
     match (letter, bytes) {
         (b'I', &[a, b, c, d]) => {
@@ -143,7 +144,7 @@ fn value(letter: u8, bytes: &[u8], encoding: &TextEncoding) -> Result<FeatureAtt
         }
         _ => {}
     }
-    // (Nothing is blanks; some write zeros.)
+    // Empty values consist of spaces; some writers use zeros.
     let end = bytes.iter().rposition(|byte| !matches!(byte, b' ' | 0)).map_or(0, |last| last + 1);
     let bytes = &bytes[..end];
     if letter == b'C' {
@@ -170,7 +171,7 @@ fn value(letter: u8, bytes: &[u8], encoding: &TextEncoding) -> Result<FeatureAtt
             (8, true) => FeatureAttribute::Text(format!("{}-{}-{}", &text[..4], &text[4..6], &text[6..])),
             _ => return wrong(),
         }),
-        // (Stars are written where a number has no room.)
+        // Asterisks mark a number that did not fit.
         _ if text.bytes().all(|byte| byte == b'*') => Ok(FeatureAttribute::None),
         _ => match (text.parse(), text.parse::<f64>()) {
             (Ok(number), _) if !text.contains('.') && letter == b'N' => Ok(FeatureAttribute::Integer(number)),

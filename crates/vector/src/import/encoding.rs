@@ -1,4 +1,4 @@
-//! Texts of tables in encodings that are told beside them, or not at all.
+//! Text encodings of tables, which may be declared in sidecar files, or not at all.
 
 use std::borrow::Cow;
 
@@ -6,24 +6,24 @@ use encoding_rs::{Encoding, UTF_8, WINDOWS_1252};
 use oem_cp::code_table::DECODING_TABLE_CP_MAP;
 use oem_cp::code_table_type::TableType;
 
-/// How texts are encoded.
+/// Text encoding.
 #[derive(Clone, Debug)]
 pub(super) enum TextEncoding {
-    /// Nobody said: UTF-8 where it is that, else Western European (Windows-1252).
+    /// Not declared: valid UTF-8 is read as such, other text as Windows-1252 (Western European).
     Unknown,
-    /// One of those that browsers know.
+    /// An encoding of the WHATWG standard.
     Known(&'static Encoding),
-    /// A code page of DOS: ASCII, and these characters for the other bytes.
+    /// A DOS code page: ASCII, and a table of the other characters.
     Dos(&'static TableType),
-    /// Another one, of which ASCII alone is read.
+    /// An unsupported encoding; only ASCII text can be read.
     Other(String),
 }
 
 impl TextEncoding {
-    /// The encoding that a `.cpg` file names.
+    /// Returns the encoding that a `.cpg` file declares.
     pub(super) fn named(text: &str) -> TextEncoding {
         let name = text.trim_matches(|c: char| c.is_whitespace() || c == '\0' || c == '\u{feff}');
-        // (Esri writes numbers of code pages in several ways.)
+        // Esri writes code page numbers with various prefixes.
         let lower = name.to_ascii_lowercase();
         let number = ["windows-", "windows", "ansi ", "cp", "oem ", "ibm", "ms", ""]
             .iter()
@@ -40,7 +40,7 @@ impl TextEncoding {
         }
     }
 
-    /// The encoding of a code page of Windows or DOS.
+    /// Returns the encoding of a Windows or DOS code page.
     fn numbered(number: u32) -> Option<TextEncoding> {
         let label = match number {
             65001 => "utf-8".into(),
@@ -60,7 +60,7 @@ impl TextEncoding {
         Encoding::for_label(label.as_bytes()).map(TextEncoding::Known)
     }
 
-    /// The encoding that a table of dBASE names by a number in its header.
+    /// Returns the encoding for the language driver in a dBASE header.
     pub(super) fn of_dbase(language: u8) -> TextEncoding {
         let page = match language {
             0x00 | 0x57 => return TextEncoding::Unknown,
@@ -90,13 +90,13 @@ impl TextEncoding {
         TextEncoding::numbered(page).unwrap_or(TextEncoding::Unknown)
     }
 
-    /// A text of these bytes, or why there is none. What is no text in the encoding becomes U+FFFD.
+    /// Decodes a string, or returns an error message. Invalid bytes become U+FFFD.
     pub(super) fn decode<'b>(&self, bytes: &'b [u8]) -> Result<Cow<'b, str>, String> {
         match (self, std::str::from_utf8(bytes)) {
             (TextEncoding::Known(encoding), _) => Ok(encoding.decode_without_bom_handling(bytes).0),
             (TextEncoding::Unknown, Ok(text)) => Ok(text.into()),
             (TextEncoding::Unknown, Err(error)) => {
-                // (A field may end within a letter.)
+                // A field may end within a UTF-8 sequence.
                 let encoding = if error.error_len().is_none() { UTF_8 } else { WINDOWS_1252 };
                 Ok(encoding.decode_without_bom_handling(bytes).0)
             }
@@ -137,7 +137,7 @@ mod tests {
             assert_eq!(read(name, bytes).as_deref(), Ok(text), "{name}");
         }
         assert!(read("CP720000", b"Z\x81rich").is_err_and(|error| error.contains("CP720000")));
-        // A table's own number, as GDAL and dBASE have them.
+        // The table's language driver, as in GDAL and dBASE.
         for (language, byte, letter) in [
             (0xc9, 0xcc, "М"),
             (0x01, 0x9b, "¢"),

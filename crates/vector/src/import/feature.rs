@@ -1,4 +1,4 @@
-//! Features as they come out of files of other programs: points, lines and polygons with attributes, one after the other.
+//! Features of vector files: points, lines and polygons with attributes, read one at a time.
 //!
 //! ```
 //! use std::path::Path;
@@ -35,21 +35,21 @@ use crate::export::GeometryKind;
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, PolygonParts};
 
-/// A feature.
+/// Feature of a vector file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Feature {
-    /// Its id, a text or a number, where the format has ids.
+    /// Id, a string or a number, if the format has ids.
     pub id: Option<Value>,
-    /// Its attributes, as many as the schema has, in the same order.
+    /// Attributes, in number and order those of the schema.
     pub attributes: Vec<FeatureAttribute>,
-    /// Its geometry; `None` if it has none.
+    /// Geometry, if it has one.
     pub geometry: Option<FeatureGeometry>,
     /// Heights and measures of its points.
     pub heights: Heights,
 }
 
 impl Feature {
-    /// The id as an attribute: an integer, or else its text.
+    /// Returns the id as an attribute: an integer, or else a string.
     pub(crate) fn id_attribute(&self) -> FeatureAttribute {
         match &self.id {
             None => FeatureAttribute::None,
@@ -61,21 +61,23 @@ impl Feature {
     }
 }
 
-/// The geometry of a feature: x and y (z: [`Heights::of_points`]). One without parts is empty.
+/// Geometry of a feature, in x and y (for z: [`Heights::of_points`]). A geometry without parts is
+/// empty.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FeatureGeometry {
     /// Points.
     Points(Vec<[f64; 2]>),
-    /// Lines of two points or more.
+    /// Lines of at least two points.
     Lines(Vec<Vec<[f64; 2]>>),
-    /// Parts of polygons, each an outer ring and its holes, of three corners or more; the last may repeat the first.
+    /// Polygons, each an outer ring and its holes. Rings have at least three vertices; the last one
+    /// may repeat the first.
     Polygons(PolygonParts),
     /// Geometries of several kinds.
     Collection(Vec<FeatureGeometry>),
 }
 
 impl FeatureGeometry {
-    /// The kind; `None` of a collection.
+    /// Returns the kind; `None` for a collection.
     pub fn kind(&self) -> Option<GeometryKind> {
         match self {
             FeatureGeometry::Points(_) => Some(GeometryKind::Point),
@@ -85,7 +87,7 @@ impl FeatureGeometry {
         }
     }
 
-    /// All points, and vertices of lines and rings, in their order.
+    /// Returns all points, including vertices of lines and rings, in order.
     pub fn points(&self) -> Box<dyn Iterator<Item = &[f64; 2]> + '_> {
         match self {
             FeatureGeometry::Points(points) => Box::new(points.iter()),
@@ -97,7 +99,8 @@ impl FeatureGeometry {
         }
     }
 
-    /// Changes all points, and vertices of lines and rings, in their order; stops at the first error of `change`.
+    /// Applies `change` to all points, including vertices of lines and rings, in order; stops at
+    /// its first error.
     pub(crate) fn for_each_point<E>(
         &mut self,
         change: &mut dyn FnMut(&mut [f64; 2]) -> std::result::Result<(), E>,
@@ -112,7 +115,7 @@ impl FeatureGeometry {
         }
     }
 
-    /// The geometry without parts that are empty, or what is wrong with it.
+    /// Removes empty parts and checks the geometry; returns an error message if it is invalid.
     pub(super) fn checked(mut self) -> Result<FeatureGeometry, String> {
         let all_finite = |points: &[[f64; 2]]| points.iter().flatten().all(|number| number.is_finite());
         let is_finite = match &mut self {
@@ -141,20 +144,20 @@ impl FeatureGeometry {
     }
 }
 
-/// A value of an attribute.
+/// Attribute value.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FeatureAttribute {
-    /// Nothing.
+    /// No value.
     None,
-    /// A whole number.
+    /// Integer.
     Integer(i64),
-    /// A number.
+    /// Floating-point number.
     Number(f64),
-    /// A text; a date or time as it is written, bytes in hexadecimal digits.
+    /// String; also a date or time as written, or bytes in hexadecimal.
     Text(String),
-    /// Yes or no.
+    /// Boolean.
     Boolean(bool),
-    /// A list, an object, or a number beyond 64 bits, as JSON.
+    /// List, object, or a number beyond 64 bits, as JSON.
     Json(String),
 }
 
@@ -177,7 +180,7 @@ impl From<&Value> for FeatureAttribute {
 }
 
 impl FeatureAttribute {
-    /// The value as JSON.
+    /// Converts the value to JSON.
     pub fn to_json(&self) -> Value {
         match self {
             FeatureAttribute::None => Value::Null,
@@ -191,7 +194,7 @@ impl FeatureAttribute {
         }
     }
 
-    /// The value as text; nothing for none.
+    /// Converts the value to a string; empty for no value.
     pub fn to_text(&self) -> String {
         match self {
             FeatureAttribute::None => String::new(),
@@ -202,7 +205,7 @@ impl FeatureAttribute {
         }
     }
 
-    /// Type of the attributes that have it; `None` if all have.
+    /// Returns the type of attributes with this value; `None` for no value, which fits all types.
     pub(crate) fn kind(&self) -> Option<AttributeType> {
         match self {
             FeatureAttribute::None => None,
@@ -218,48 +221,48 @@ impl FeatureAttribute {
 /// Description of a layer of features.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FeatureSchema {
-    /// Its name.
+    /// Layer name.
     pub name: String,
-    /// The coordinate system, where known.
+    /// Coordinate system, if known.
     pub crs: Option<Crs>,
     /// Names and types of the attributes.
     pub attributes: Vec<(String, AttributeType)>,
-    /// Kind of all features; `None` if they are of several kinds, or that is not known.
+    /// Kind of all features; `None` if they are of several kinds, or it is unknown.
     pub kind: Option<GeometryKind>,
-    /// Number of features in the file, whatever is asked for; `None` if it is not known.
+    /// Number of features in the file, before filtering; `None` if unknown.
     pub count: Option<u64>,
 }
 
 impl FeatureSchema {
-    /// The place of an attribute among all.
+    /// Returns the index of an attribute.
     pub fn position(&self, name: &str) -> Option<usize> {
         self.attributes.iter().position(|(own, _)| own == name)
     }
 }
 
-/// A layer that is being read, feature by feature.
+/// Reader of a layer, one feature at a time.
 pub trait FeatureReader {
-    /// Description of the layer.
+    /// Returns the description of the layer.
     fn schema(&self) -> &FeatureSchema;
 
-    /// The next feature; `None` behind the last.
+    /// Reads the next feature; `None` after the last.
     ///
     /// # Errors
-    /// If the file cannot be read, breaks the rules of its format, or the feature needs more memory than there may be, or has a geometry that
-    /// cannot be used; all of them with the feature's number, from 1.
+    /// If the file cannot be read, violates the rules of its format, or the feature exceeds the
+    /// memory limit, or has an invalid geometry. Errors contain the feature's number, from 1.
     fn next(&mut self) -> Result<Option<Feature>>;
 }
 
 /// Options of reading features.
 #[derive(Clone, Debug)]
 pub struct FeatureOptions {
-    /// Bytes of memory that a feature may take.
+    /// Maximum memory for one feature, in bytes.
     pub memory: u64,
-    /// Name of the layer, of files that may have several.
+    /// Layer name, for files with several layers.
     pub layer: Option<String>,
-    /// Conditions that hold for the features that are asked for.
+    /// Conditions that features must satisfy.
     pub filter: FeatureFilter,
-    /// Names of the attributes that are asked for, in this order; `None` for all.
+    /// Names of the attributes to read, in this order; `None` for all.
     pub attributes: Option<Vec<String>>,
 }
 
@@ -269,18 +272,19 @@ impl Default for FeatureOptions {
     }
 }
 
-/// Opens a file of features: GeoJSON, also one feature per line or record (RFC 8142); tables of comma-separated values with geometries in
-/// well-known text or binary (in a column `wkt`, `wkb`, `geometry`, `geom` or `the_geom`) or points (in `x` and `y`, or `lon` and `lat`);
-/// shapefiles; `GeoPackage` (feature `mbtiles`; `x.gpkg:NAME` is one layer of several) and `FlatGeobuf` (feature `flatgeobuf`).
+/// Opens a feature file. Formats are GeoJSON, also with one feature per line or record (RFC 8142);
+/// CSV tables with geometries in WKT or WKB (in a column `wkt`, `wkb`, `geometry`, `geom` or
+/// `the_geom`) or points (in `x` and `y`, or `lon` and `lat`); shapefiles; `GeoPackage` (feature
+/// `mbtiles`; `x.gpkg:NAME` is one of several layers) and `FlatGeobuf` (feature `flatgeobuf`).
 ///
 /// # Errors
-/// If it cannot be read, or is of another format; if it has several layers, and none or another one is named; if no feature has an attribute
-/// that is asked for.
+/// If it cannot be read, or has another format; if it has several layers, and none or an unknown
+/// one is named; if no feature has a requested attribute.
 pub fn open_features(path: &Path, options: &FeatureOptions) -> Result<Box<dyn FeatureReader>> {
     open_with(path, options, None)
 }
 
-/// Opens a file, with one more attribute than those that are asked for, if there is such.
+/// Opens a file, and reads one more attribute than requested, if it exists.
 pub(super) fn open_with(
     path: &Path,
     options: &FeatureOptions,
@@ -291,7 +295,7 @@ pub(super) fn open_with(
     Selected::of(reader, options, &wanted, more)
 }
 
-/// Reads a GeoJSON text as files are read; the path is for messages.
+/// Reads GeoJSON text like a file; `path` is for messages.
 pub(super) fn open_geojson(
     text: Vec<u8>,
     path: &Path,
@@ -303,15 +307,15 @@ pub(super) fn open_geojson(
     Selected::of(Box::new(reader), options, &wanted, more)
 }
 
-/// The names of attributes that are read, and those that there are.
+/// Attributes to read, and those found in the file.
 pub(super) struct Wanted {
-    /// Those that are asked for, or decide; `None` for all.
+    /// Attributes that are requested or used by a filter; `None` for all.
     names: Option<BTreeSet<String>>,
-    /// Those that features have: the first of them.
+    /// The first attributes found.
     known: BTreeSet<String>,
 }
 
-/// Names that are told to somebody who asked for another one.
+/// Maximum number of known names in an error message.
 const MAX_REMEMBERED: usize = 200;
 
 impl Wanted {
@@ -323,7 +327,7 @@ impl Wanted {
         Wanted { names, known: BTreeSet::new() }
     }
 
-    /// Whether an attribute that features have is to be read.
+    /// Returns whether an attribute of the file is to be read.
     pub(super) fn takes(&mut self, name: &str) -> bool {
         if self.known.len() < MAX_REMEMBERED && !self.known.contains(name) {
             self.known.insert(name.chars().take(100).collect());
@@ -336,19 +340,19 @@ impl Wanted {
     }
 }
 
-/// The error that an attribute was asked for that no feature has.
+/// Error for a requested attribute that no feature has.
 pub(super) fn unknown_attribute(name: &str, known: &str) -> Error {
     let expected = format!("the name of one that a feature has: {known}");
     Error::invalid("attribute", format!("{name}, which no feature has"), expected)
 }
 
-/// Features and attributes that are asked for, of all that a file has.
+/// Selects features and attributes of a reader.
 struct Selected {
     reader: Box<dyn FeatureReader>,
     filter: FeatureFilter,
-    /// Places of the attributes that the filter asks for.
+    /// Indices of the attributes used by the filter.
     asked: Vec<usize>,
-    /// Places of those that are handed out; `None` for all.
+    /// Indices of the output attributes; `None` for all.
     chosen: Option<Vec<usize>>,
     schema: FeatureSchema,
 }

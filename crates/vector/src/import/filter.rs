@@ -1,4 +1,4 @@
-//! Conditions on features: comparisons of attributes with values.
+//! Feature filters: comparisons of attributes with values.
 
 use std::cmp::Ordering;
 use std::fmt;
@@ -16,21 +16,21 @@ pub struct FeatureFilter {
     pub conditions: Vec<AttributeCondition>,
 }
 
-/// A comparison of an attribute with a value.
+/// Comparison of an attribute with a value.
 ///
-/// Numbers compare as numbers, however they are written, and texts as texts. Nothing is equal to the empty text alone, and in no order with
-/// anything.
+/// Numbers compare numerically, however they are written, and strings as strings. A missing value
+/// equals only the empty string, and has no order.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AttributeCondition {
-    /// The attribute's name.
+    /// Attribute name.
     pub name: String,
-    /// How it compares.
+    /// Comparison operator.
     pub relation: Relation,
     /// The value, as text.
     pub value: String,
 }
 
-/// Signs of relations, the longer ones first.
+/// Operators, longer ones first.
 const SIGNS: [(&str, Relation); 6] = [
     ("!=", Relation::Unequal),
     ("<=", Relation::AtMost),
@@ -64,13 +64,13 @@ impl fmt::Display for AttributeCondition {
 }
 
 impl AttributeCondition {
-    /// Whether it holds for a value of the attribute.
+    /// Returns whether the comparison holds for a value of the attribute.
     pub fn holds(&self, value: &FeatureAttribute) -> bool {
         let order = self.order(value);
         match self.relation {
             Relation::Equal => order == Some(Ordering::Equal),
             Relation::Unequal => order != Some(Ordering::Equal),
-            // (What has no order but is equal is nothing, a truth or JSON.)
+            // Missing values, Booleans and JSON may be equal, but have no order.
             _ if !matches!(
                 value,
                 FeatureAttribute::Integer(_) | FeatureAttribute::Number(_) | FeatureAttribute::Text(_)
@@ -85,7 +85,7 @@ impl AttributeCondition {
         }
     }
 
-    /// How a value compares with the condition's.
+    /// Compares a value with that of the condition.
     fn order(&self, value: &FeatureAttribute) -> Option<Ordering> {
         let equal = |is: bool| is.then_some(Ordering::Equal);
         match value {
@@ -121,10 +121,10 @@ impl fmt::Display for FeatureFilter {
 }
 
 impl FeatureFilter {
-    /// The conditions for points with some attributes, all of which are numbers.
+    /// Converts the conditions for points with numeric attributes.
     ///
     /// # Errors
-    /// If there is no attribute of a name, or a value is no number.
+    /// If an attribute name is unknown, or a value is not a number.
     pub fn for_points(&self, attributes: &[PointAttribute]) -> Result<Vec<PointCondition>> {
         let condition = |condition: &AttributeCondition| {
             let number = condition.value.parse().map_err(|_| {
@@ -137,12 +137,13 @@ impl FeatureFilter {
         self.conditions.iter().map(condition).collect()
     }
 
-    /// Names of the attributes that decide, one for each condition.
+    /// Returns the attribute name of each condition.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.conditions.iter().map(|condition| condition.name.as_str())
     }
 
-    /// Whether all conditions hold for the values that a feature has for them, by their number.
+    /// Returns whether all conditions hold. `value` returns the feature's value for the condition
+    /// with this index.
     pub(super) fn holds<'a>(&self, value: impl Fn(usize) -> Option<&'a FeatureAttribute>) -> bool {
         let holds = |(index, condition): (usize, &AttributeCondition)| {
             condition.holds(value(index).unwrap_or(&FeatureAttribute::None))
@@ -184,7 +185,7 @@ mod tests {
         ] {
             assert_eq!(holds(condition, value), expected, "{condition} {value:?}");
         }
-        // (Beyond 2^53, too.)
+        // Also above 2^53.
         assert!(!holds("a=9007199254740993", &FeatureAttribute::Integer(9_007_199_254_740_992)));
         for wrong in ["", "a", "=3", "a!3", " <3"] {
             assert!(wrong.parse::<AttributeCondition>().is_err(), "{wrong}");

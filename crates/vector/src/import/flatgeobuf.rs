@@ -1,4 +1,4 @@
-//! `FlatGeobuf`: features one behind the other, behind an index that is not needed to read all.
+//! `FlatGeobuf`: contiguous features after a spatial index, which sequential reading skips.
 
 use std::fs::File;
 use std::io::{BufReader, Read};
@@ -18,36 +18,36 @@ use crate::export::GeometryKind;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
-/// Bytes of a header.
+/// Maximum size of a header in bytes.
 const MAX_HEADER: u64 = 10 << 20;
 
-/// Bytes of a node of the index: a box and a place.
+/// Size of an index node in bytes: a box and an offset.
 const NODE: u64 = 40;
 
 pub(super) struct FlatGeobuf {
     input: BufReader<File>,
     path: PathBuf,
     schema: FeatureSchema,
-    /// Types of all columns, and their places among the attributes that are wanted.
+    /// Types of all columns, and their indices among the requested attributes.
     columns: Vec<(ColumnType, Option<usize>)>,
-    /// The type of all geometries, or none.
+    /// Type of all geometries, or unknown.
     kind: GeometryType,
     /// Whether points have heights, and measures or times.
     has_heights: bool,
     has_measures: bool,
-    /// Bytes that are not read yet.
+    /// Bytes not yet read.
     left: u64,
     memory: u64,
     number: u64,
     bytes: Vec<u8>,
 }
 
-/// Bytes of memory for each byte of a feature: as it is read, as points, as values.
+/// Memory per byte of a feature: as read, as points, and as values.
 const BYTES_FOR_BYTE: u64 = 4;
 
 type Parsed<T> = std::result::Result<T, String>;
 
-/// Whether a file begins as such files of version 3 do.
+/// Returns whether a file has the magic bytes of version 3.
 pub(super) fn is_one(first: &[u8]) -> bool {
     first.starts_with(b"fgb\x03fgb")
 }
@@ -68,7 +68,7 @@ impl FlatGeobuf {
         if bytes > MAX_HEADER || bytes > length - 12 || bytes < 8 {
             return Err(wrong(format!("a header of {bytes} bytes in a file of {length}")));
         }
-        // (Numbers are aligned from the size on.)
+        // Alignment is relative to the size field.
         let mut head = head[8..].to_vec();
         head.resize(4 + bytes as usize, 0);
         input.read_exact(&mut head[4..]).map_err(Error::io(path, "read the header"))?;
@@ -100,7 +100,7 @@ impl FlatGeobuf {
                 GeometryType::Polygon | GeometryType::MultiPolygon => Some(GeometryKind::Polygon),
                 _ => None,
             },
-            // (Those that were written as they came do not know how many there are.)
+            // Streamed files do not declare the count.
             count: (count > 0).then_some(count),
         };
         let left = length - 12 - bytes - index;
@@ -122,7 +122,7 @@ impl FlatGeobuf {
         })
     }
 
-    /// Reads the bytes of the next feature; whether there is one.
+    /// Reads the bytes of the next feature; returns whether there is one.
     fn step(&mut self) -> Result<bool> {
         match self.schema.count {
             Some(count) if self.number > count => return Ok(false),
@@ -166,7 +166,7 @@ impl FlatGeobuf {
         if feature.columns().is_some_and(|columns| !columns.is_empty()) {
             return Err("columns of its own".into());
         }
-        // (Parts may be told of more than once.)
+        // Parts may be referenced more than once, so their total is limited.
         let mut left = self.bytes.len() / 8 + 1;
         let own = feature.geometry();
         let geometry =
@@ -212,7 +212,7 @@ impl FeatureReader for FlatGeobuf {
     }
 }
 
-/// Bytes of the index over so many features; `None` if there are too many.
+/// Returns the index size for this number of features; `None` on overflow.
 fn index_bytes(count: u64, node: u16) -> Option<u64> {
     if count == 0 || node == 0 {
         return Some(0);
@@ -225,7 +225,7 @@ fn index_bytes(count: u64, node: u16) -> Option<u64> {
         level = level.div_ceil(u64::from(node));
         nodes = nodes.checked_add(level)?;
     }
-    // (A single feature has a node above it, too.)
+    // The index of a single feature also has a root node.
     nodes.checked_add(u64::from(count == 1))?.checked_mul(NODE)
 }
 
@@ -292,7 +292,7 @@ fn value(kind: ColumnType, bytes: &mut &[u8]) -> Parsed<FeatureAttribute> {
     }
 }
 
-/// The geometry, of no more points and parts than are left; `None` if there is none.
+/// Converts a geometry with at most `left` points and parts; `None` if there is none.
 fn geometry_of(
     own: &Geometry<'_>,
     kind: GeometryType,
@@ -349,7 +349,8 @@ fn points(own: &Geometry<'_>, take: &mut dyn FnMut(usize) -> Parsed<()>) -> Pars
     Ok((0..numbers.len() / 2).map(|index| [numbers.get(2 * index), numbers.get(2 * index + 1)]).collect())
 }
 
-/// Adds the heights of a geometry with at most so many points: up to one more. (Parts are no deeper than the geometry that was read.)
+/// Appends the heights of a geometry, up to `most + 1`. The recursion depth is bounded, since the
+/// geometry has been read.
 fn heights_of(own: &Geometry<'_>, most: usize, heights: &mut Vec<f64>) {
     for height in own.z().into_iter().flatten().take(most + 1 - heights.len().min(most + 1)) {
         heights.push(height);
@@ -362,7 +363,7 @@ fn heights_of(own: &Geometry<'_>, most: usize, heights: &mut Vec<f64>) {
     }
 }
 
-/// Points, divided where parts end.
+/// Returns the points, split into parts.
 fn rings(own: &Geometry<'_>, take: &mut dyn FnMut(usize) -> Parsed<()>) -> Parsed<Vec<Vec<[f64; 2]>>> {
     let points = points(own, take)?;
     let Some(ends) = own.ends().filter(|ends| !ends.is_empty()) else { return Ok(vec![points]) };

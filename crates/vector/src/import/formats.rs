@@ -1,4 +1,4 @@
-//! Formats of features: which one a file has, by its first bytes and its name.
+//! Detection of feature formats by their first bytes and file names.
 
 use std::fs::File;
 use std::io::{Read, Seek};
@@ -51,8 +51,9 @@ pub(super) fn open(
     }
 }
 
-/// Whether a file is one of features, by its name; of `.json`, which models of cities have, too, by how it begins. (A text may have anything: only
-/// [`open_features`](super::feature::open_features) takes one for a table.)
+/// Returns whether a file is a feature file, by its name; for `.json`, which city models use, too,
+/// also by its first bytes. Plain text files may contain anything: only
+/// [`open_features`](super::feature::open_features) reads them as tables.
 pub fn is_feature_file(path: &Path) -> bool {
     let (path, layer) = divided(path);
     let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default().to_ascii_lowercase();
@@ -70,7 +71,7 @@ pub fn is_feature_file(path: &Path) -> bool {
     }
 }
 
-/// A path, and the name of a layer behind it: of what is no file itself.
+/// Splits a path into file and layer name, unless the path itself exists.
 fn divided(path: &Path) -> (PathBuf, Option<String>) {
     let text = path.to_str().filter(|_| !path.exists());
     let Some(at) = text.and_then(|text| text.to_ascii_lowercase().rfind(".gpkg:")) else {
@@ -81,7 +82,7 @@ fn divided(path: &Path) -> (PathBuf, Option<String>) {
     (text[..end].into(), Some(text[end + 1..].into()))
 }
 
-/// The first byte that is no blank, in texts.
+/// Returns the first non-blank byte of text.
 fn first_sign(first: &[u8]) -> Option<u8> {
     let begin = first.strip_prefix(b"\xef\xbb\xbf").unwrap_or(first).iter();
     begin.copied().find(|byte| !byte.is_ascii_whitespace() && *byte != 0x1e)
@@ -150,7 +151,7 @@ fn open_flatgeobuf(
     ))
 }
 
-/// A file that can be read more than once: what a stream has goes to a temporary one.
+/// Opens a file that can be read more than once. A stream is copied to a temporary file.
 fn regular(path: &Path) -> Result<File> {
     let mut file = File::open(path).map_err(Error::io(path, "open"))?;
     if file.metadata().is_ok_and(|metadata| metadata.is_file() || metadata.is_dir()) {

@@ -1,7 +1,8 @@
-//! `GeoJSON`: collections of features, features alone or one after the other (RFC 7946, RFC 8142), and bare geometries.
+//! `GeoJSON`: feature collections, single features or sequences of these (RFC 7946, RFC 8142), and
+//! bare geometries.
 //!
-//! A file is read twice: for names and kinds of all attributes, and the coordinate system, which may stand behind the features; then feature
-//! by feature.
+//! A file is read twice: first for the names and types of all attributes, and the coordinate
+//! system, which may follow the features; then feature by feature.
 
 use std::collections::HashMap;
 use std::fmt;
@@ -21,10 +22,10 @@ use crate::export::GeometryKind;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
-/// Names of attributes: a feature has a value of each.
+/// Maximum number of attributes, since each feature stores a value of each.
 const MAX_NAMES: usize = 4096;
 
-/// Geometries in each other.
+/// Maximum nesting depth of geometries.
 const MAX_DEPTH: usize = 16;
 
 pub(super) struct GeoJson {
@@ -109,19 +110,21 @@ fn parsed<'t, T: Deserialize<'t>>(text: &'t str) -> Parsed<T> {
     serde_json::from_str(text).map_err(|error| error.to_string())
 }
 
-/// What the first pass finds.
+/// Result of the first pass.
 #[derive(Default)]
 struct Sketch {
     columns: Columns,
-    /// The coordinate system of all documents, of which some have none that is known; nothing before the first.
+    /// Coordinate system of all documents; the inner `None` if it is unknown in some, the outer one
+    /// before the first document.
     crs: Option<Option<Crs>>,
     name: Option<String>,
-    /// Kind of the features, some of which are of several; nothing before the first.
+    /// Kind of the features; the inner `None` for several kinds, the outer one before the first
+    /// feature.
     kind: Option<Option<GeometryKind>>,
 }
 
 impl Sketch {
-    /// Adds what was found; whether it is a feature.
+    /// Adds an item; returns whether it is a feature.
     fn add(&mut self, step: ScannedItem, record: &Record, wanted: &mut Wanted) -> Parsed<bool> {
         if let ScannedItem::Document(list) = step {
             let kind = record.kind()?;
@@ -150,7 +153,7 @@ impl Sketch {
             }
         }
         let kind = if is_bare(step, record)? { record.get("type") } else { record.get("geometry") };
-        // (A feature without a geometry is told of in the second pass, and one that is null is of no kind.)
+        // A missing geometry is reported in the second pass; a null geometry has no kind.
         if let Some(kind) = kind.filter(|kind| *kind != "null") {
             let kind = geometry_kind(&parsed::<String>(kind)?)?;
             if *self.kind.get_or_insert(kind) != kind {
@@ -166,7 +169,7 @@ impl Sketch {
     }
 }
 
-/// Whether what was found is a geometry alone.
+/// Returns whether an item is a bare geometry.
 fn is_bare(step: ScannedItem, record: &Record) -> Parsed<bool> {
     match step {
         ScannedItem::Element(list) => Ok(list == List::Geometries),
@@ -184,16 +187,16 @@ fn geometry_kind(name: &str) -> Parsed<Option<GeometryKind>> {
     }
 }
 
-/// The attributes that features have, as they are found.
+/// Attributes found so far.
 #[derive(Default)]
 struct Columns {
-    /// Places of those that are wanted, and the others, as far as there are not too many.
+    /// Index of each requested attribute, and `None` for the others.
     places: HashMap<String, Option<usize>>,
     attributes: Vec<(String, Option<AttributeType>)>,
 }
 
 impl Columns {
-    /// Takes note of a value.
+    /// Adds a value.
     fn see(&mut self, name: &str, kind: Option<AttributeType>, wanted: &mut Wanted) -> Parsed<()> {
         let place = match self.places.get(name) {
             Some(place) => *place,
@@ -220,14 +223,15 @@ impl Columns {
         Ok(())
     }
 
-    /// Names and kinds. (What has no values is as good as text.)
+    /// Returns names and types. Attributes without values are strings.
     fn attributes(&self) -> Vec<(String, AttributeType)> {
         let all = self.attributes.iter();
         all.map(|(name, kind)| (name.clone(), kind.unwrap_or(AttributeType::Text))).collect()
     }
 }
 
-/// The coordinate system that a document says it has, by a name; what has no member `crs` is in degrees.
+/// Returns the coordinate system that a document names. Without the member `crs`, coordinates are
+/// in degrees.
 fn system(crs: Option<&str>) -> Parsed<Option<Crs>> {
     let degrees = Crs::epsg(4326);
     let Some(crs) = crs else { return Ok(Some(degrees)) };
@@ -267,7 +271,7 @@ fn feature(step: ScannedItem, record: &Record, columns: &Columns) -> Parsed<Feat
     Ok(Feature { id: id.filter(|id| id.is_string() || id.is_number()), attributes, geometry, heights })
 }
 
-/// The kind of a value that is written so.
+/// Returns the type of a JSON value.
 fn kind_of(text: &str) -> Option<AttributeType> {
     match text.as_bytes().first()? {
         b'n' => None,
@@ -288,7 +292,7 @@ fn attribute(text: &str) -> Parsed<FeatureAttribute> {
     })
 }
 
-/// A number; a whole one stays one, and one beyond what numbers can be stays text.
+/// Parses a number. Integers stay integers; numbers out of range stay text.
 fn number(text: &str) -> FeatureAttribute {
     let is_whole = !text.contains(['.', 'e', 'E']);
     match (text.parse().ok().filter(|_| is_whole), text.parse::<f64>()) {
@@ -346,7 +350,7 @@ fn lines(lines: Vec<Vec<Position>>, heights: &mut Heights) -> Vec<Vec<[f64; 2]>>
     lines.into_iter().map(|line| positions(line, heights)).collect()
 }
 
-/// Members of an object, whose values are looked at later, if at all.
+/// Members of an object, with unparsed values.
 struct Pairs<'t>(Vec<(String, &'t RawValue)>);
 
 impl<'de> Deserialize<'de> for Pairs<'de> {
@@ -373,7 +377,7 @@ impl<'de> Deserialize<'de> for Pairs<'de> {
     }
 }
 
-/// A position: x and y, perhaps a height, and whether there is more.
+/// A position: x and y, possibly a height, and whether there are more coordinates.
 struct Position {
     numbers: [f64; 2],
     height: Option<f64>,

@@ -1,4 +1,4 @@
-//! `GeoPackage` (OGC 12-128): tables of features in an `SQLite` database.
+//! `GeoPackage` (OGC 12-128): feature tables in an `SQLite` database.
 
 use std::path::{Path, PathBuf};
 
@@ -20,23 +20,23 @@ pub(super) struct GeoPackage {
     connection: Connection,
     path: PathBuf,
     schema: FeatureSchema,
-    /// The row from a number on.
+    /// Query of the first row from a row id on.
     select: String,
-    /// The least number of the next row; `None` if there can be none.
+    /// Minimum id of the next row; `None` after the maximum id.
     next: Option<i64>,
     memory: u64,
     number: u64,
 }
 
-/// Bytes of memory for each byte of a value: in the database's hands, as it is read, as points.
+/// Memory per byte of a value: in the database, as read, and as points.
 const BYTES_FOR_BYTE: u64 = 4;
 
-/// A name as SQL has it.
+/// Quotes an SQL identifier.
 fn quoted(name: &str) -> String {
     format!("\"{}\"", name.replace('"', "\"\""))
 }
 
-/// An error of the database, of what is read.
+/// Converts a database error while reading.
 fn failed(path: &Path, place: String, memory: u64) -> impl FnOnce(rusqlite::Error) -> Error {
     move |error| match error.sqlite_error_code() {
         Some(ErrorCode::TooBig) => Error::TooLarge {
@@ -69,7 +69,7 @@ impl GeoPackage {
         let broken = |place: &str| failed(path, place.to_owned(), memory);
         let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
         let connection = Connection::open_with_flags(path, flags).map_err(broken("file"))?;
-        // Functions that a file brings along are not called, and no value is larger than may be.
+        // Do not call functions that the file defines, and limit the size of values.
         connection
             .execute_batch("PRAGMA trusted_schema = OFF; PRAGMA cell_size_check = ON;")
             .map_err(broken("file"))?;
@@ -92,7 +92,7 @@ impl GeoPackage {
             )
             .optional()
             .map_err(broken("sqlite_master"))?;
-        // (A view or a table of a module could be a program that never ends.)
+        // A view or a virtual table could run a query that never ends.
         if root.is_none_or(|root| root <= 0) {
             let advice = format!("make a table of it first (ogr2ogr table.gpkg {} {table})", path.display());
             return Err(Error::unsupported(path, format!("the layer {table}, which is a view,"), advice));
@@ -105,7 +105,7 @@ impl GeoPackage {
             .ok_or_else(|| Error::unsupported(path, "a table with a column rowid", "rename the column"))?;
         let mut attributes = Vec::new();
         for (name, declared, is_key) in &columns {
-            // (The key is the feature's id.)
+            // The primary key is the feature's id.
             if !name.eq_ignore_ascii_case(&column) && !is_key && wanted.takes(name) {
                 attributes.push((name.clone(), kind_of(declared)));
             }
@@ -141,9 +141,9 @@ impl GeoPackage {
     }
 }
 
-/// The table of a layer, or of the only one.
+/// Returns the table of a layer, or the only table.
 fn table_of(connection: &Connection, path: &Path, layer: Option<&str>, memory: u64) -> Result<String> {
-    /// Names that are told to somebody who has to choose.
+    /// Maximum number of layer names in an error message.
     const MAX_NAMES_LISTED: usize = 100;
     let find = || {
         let query = "SELECT table_name FROM gpkg_contents WHERE lower(data_type) = 'features' ORDER BY table_name LIMIT 10000";
@@ -178,7 +178,7 @@ fn table_of(connection: &Connection, path: &Path, layer: Option<&str>, memory: u
     }
 }
 
-/// Names and declared types of a table's columns, and whether they are its key.
+/// Returns names and declared types of a table's columns, and whether they are its integer key.
 fn columns_of(connection: &Connection, table: &str) -> rusqlite::Result<Vec<(String, String, bool)>> {
     let mut statement = connection.prepare(&format!("PRAGMA table_info({})", quoted(table)))?;
     let columns = statement.query_map([], |row| {
@@ -190,7 +190,7 @@ fn columns_of(connection: &Connection, table: &str) -> rusqlite::Result<Vec<(Str
 }
 
 fn system_of(connection: &Connection, path: &Path, number: i64, memory: u64) -> Result<Option<Crs>> {
-    // (Two numbers for what is not known.)
+    // -1 and 0 are the ids of undefined systems.
     if number <= 0 {
         return Ok(None);
     }
@@ -209,7 +209,7 @@ fn system_of(connection: &Connection, path: &Path, number: i64, memory: u64) -> 
     }
 }
 
-/// The kind of a column by the type that it is declared with.
+/// Returns the attribute type for a declared column type.
 fn kind_of(declared: &str) -> AttributeType {
     let declared = declared.to_ascii_uppercase();
     match declared.split('(').next().unwrap_or_default().trim() {
@@ -235,7 +235,7 @@ fn value_of(value: ValueRef<'_>, kind: AttributeType) -> FeatureAttribute {
     }
 }
 
-/// The geometry of a value, and its heights: well-known binary behind a header.
+/// Parses a geometry and its heights: well-known binary after a header.
 fn geometry(value: ValueRef<'_>) -> std::result::Result<(Option<FeatureGeometry>, Heights), String> {
     let bytes = match value {
         ValueRef::Null => return Ok((None, Heights::default())),

@@ -1,4 +1,4 @@
-//! Features that are lines, for trees of lines.
+//! Line features as input of line trees.
 
 use std::path::{Path, PathBuf};
 
@@ -11,21 +11,22 @@ use spinney_crs::Crs;
 use spinney_lines::{LineAttribute, LineFeature, LineSchema, LineSource, LineValue, ValueKind};
 use spinney_points::{GriddedPoints, PointAttribute, PointSource as _, WorldPoints};
 
-/// Lines of a file of features, on a grid: that of the digits which all coordinates have, where there are few; else the finest that reaches over all of them.
+/// Lines of a feature file, on a grid. The scale is that of the coordinates' decimal places if they
+/// are few, else the finest that spans all lines.
 pub struct FeatureLines {
     path: PathBuf,
     schema: LineSchema,
     reader: Box<dyn FeatureReader>,
     is_rounded: bool,
     with_heights: u64,
-    /// Features that were read.
+    /// Number of features read.
     count: u64,
 }
 
-/// Goes through a file of features that are lines, to find their grid, and opens it for a tree of lines.
+/// Reads a file of line features once to find their grid, and opens it as input of a line tree.
 ///
 /// # Errors
-/// Those of [`open_features`]; if a feature is no line, or a coordinate no number.
+/// Those of [`open_features`]; if a feature is not a line, or a coordinate is not a number.
 pub fn open_feature_lines(path: &Path, options: &FeatureOptions) -> Result<FeatureLines> {
     let reader = open_features(path, options)?;
     let crs = reader.schema().crs.clone();
@@ -43,7 +44,7 @@ pub fn open_feature_lines(path: &Path, options: &FeatureOptions) -> Result<Featu
         return Err(Error::corrupt(path, "features", found, "coordinates that are numbers"));
     }
     let found = gridded.schema();
-    // The world's corners, from which one scale for both axes follows: the finer one, if it reaches over all.
+    // The world bounds determine one scale for both axes: the finer one, if it spans all lines.
     let ends: [[f64; 2]; 2] = std::array::from_fn(|axis| {
         found.bounds.map(|corner| f64::from(corner[axis]) * found.scale[axis] + found.offset[axis])
     });
@@ -66,12 +67,13 @@ pub fn open_feature_lines(path: &Path, options: &FeatureOptions) -> Result<Featu
             ));
         }
     };
-    // (Scales are powers of ten or of two, those of ten rounded: their ratio is whole as near as doubles are, or not at all.)
+    // Scales are powers of ten (rounded) or of two, so their ratio is either an integer within
+    // double precision or clearly not one.
     let ratio = coarse / scale;
     let is_part = (ratio - ratio.round()).abs() <= 4.0 * f64::EPSILON * ratio;
     let is_rounded = gridded.rounding().is_some() || !is_part || scale > fine;
-    // Bounds are on the grid of their axis, vertices on the common one: if these differ, a rounded vertex
-    // may lie farther out.
+    // Bounds are on the grid of their axis, vertices on the common one. If these differ, a rounded
+    // vertex may lie outside the bounds.
     let slack =
         found.scale.map(|own| if is_rounded && own != scale { (own / scale / 2.0).ceil() as i32 } else { 0 });
     let step = |end: usize| [0, 1].map(|axis| step(scale, offset[axis], ends[axis][end]));
@@ -94,7 +96,7 @@ pub fn open_feature_lines(path: &Path, options: &FeatureOptions) -> Result<Featu
     Ok(FeatureLines { path: path.to_path_buf(), schema, reader, is_rounded, with_heights: 0, count: 0 })
 }
 
-/// Offset of a grid of 32 bits over numbers; `None` if there is none.
+/// Returns the offset of a 32-bit grid that spans these numbers; `None` if there is none.
 fn offset(scale: f64, least: f64, most: f64) -> Option<f64> {
     let reach = least.abs().max(most.abs());
     let offset = if reach / scale <= f64::from(i32::MAX) { 0.0 } else { least.floor() };
@@ -127,7 +129,7 @@ fn value_of(attribute: FeatureAttribute) -> LineValue {
     }
 }
 
-/// The lines of a feature's geometry.
+/// Returns the lines of a feature's geometry.
 fn lines_of(path: &Path, number: u64, geometry: Option<FeatureGeometry>) -> Result<Vec<Vec<[f64; 2]>>> {
     let found = match geometry {
         None => return Ok(Vec::new()),
@@ -141,12 +143,12 @@ fn lines_of(path: &Path, number: u64, geometry: Option<FeatureGeometry>) -> Resu
 }
 
 impl FeatureLines {
-    /// Whether vertices are rounded to the grid, by at most half of its steps.
+    /// Returns whether vertices are rounded to the grid, by at most half a grid unit.
     pub fn is_rounded(&self) -> bool {
         self.is_rounded
     }
 
-    /// Features, of those that were read, whose geometries have heights or measures, which are read over.
+    /// Returns the number of features read so far that have heights or measures, which are skipped.
     pub fn with_heights(&self) -> u64 {
         self.with_heights
     }
@@ -173,13 +175,13 @@ impl LineSource for FeatureLines {
     }
 }
 
-/// Goes through the vertices of features.
+/// Vertices of all features.
 struct Vertices {
     path: PathBuf,
     options: FeatureOptions,
     reader: Box<dyn FeatureReader>,
     crs: Option<Crs>,
-    /// Vertices of the last feature that are left.
+    /// Remaining vertices of the last feature.
     rest: Vec<[f64; 2]>,
     count: u64,
 }
@@ -229,7 +231,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("lines.geojson");
         for seed in 0..60u32 {
-            // (More digits than a grid of 32 bits has; the first axis has a coarser finest grid.)
+            // More digits than fit into a 32-bit grid; the finest grid of the first axis is
+            // coarser.
             let share = |number: u32| f64::from(17 * seed + number + 1).sqrt().fract();
             let line: Vec<[f64; 2]> =
                 (0..8).map(|n| [3e5 + 10_261.0 * share(n), 3.19e6 + 7_438.0 * share(n + 50)]).collect();

@@ -1,4 +1,4 @@
-//! Features that are points, as points of trees.
+//! Point features as input of point trees.
 
 use std::path::{Path, PathBuf};
 
@@ -15,23 +15,24 @@ use spinney_points::{
     plan_points,
 };
 
-/// The name of the attribute that is the third coordinate, in any case of letters.
+/// Name of the attribute with the third coordinate, in any case.
 const HEIGHT: &str = "z";
 
-/// Points of a file of features, on a grid, and what is to be said of them.
+/// Points of a feature file, on a grid, and counts for remarks.
 struct FeaturePoints {
     /// The points.
     points: GriddedPoints,
-    /// Names of attributes that are left out, since they are no numbers.
+    /// Names of attributes that are dropped because they are not numeric.
     left_out: Vec<String>,
-    /// Features whose points have measures, or heights that not all of them have, which are read over.
+    /// Number of features with measures, or with heights that not all features have; these are
+    /// dropped.
     with_more: u64,
-    /// Features that have no geometry, or no point in it.
+    /// Number of features without geometry, or with an empty one.
     without_geometry: u64,
 }
 
 impl FeaturePoints {
-    /// Remarks on what is not as it was in the file.
+    /// Returns remarks on what was changed in or dropped from the file.
     fn remarks(&self) -> Vec<String> {
         let mut remarks = Vec::new();
         if !self.left_out.is_empty() {
@@ -50,10 +51,12 @@ impl FeaturePoints {
     }
 }
 
-/// Plans a tree of points of files: of LAS and LAZ, one or several, or of one file of features, PLY or NPY; of points for which the filter's conditions hold.
+/// Plans a point tree of one or several LAS and LAZ files, or of one feature, PLY or NPY file; only
+/// points that satisfy the filter are used.
 ///
 /// # Errors
-/// Those of [`plan_files`] and of reading features; if a feature is no point, or there are several files of features.
+/// Those of [`plan_files`] and of reading features; if a feature is not a point, or there are
+/// several feature files.
 pub fn plan_point_files(
     paths: &[PathBuf],
     features: &FeatureOptions,
@@ -83,11 +86,12 @@ pub fn plan_point_files(
     Ok(import)
 }
 
-/// Opens a file of features that are points. Heights of their geometries are their third coordinate, or else an attribute `z`; other numbers, and truths, are attributes in the smallest type that
-/// has them all, doubles where some features have none.
+/// Opens a file of point features. The third coordinate is the height of the geometry, or else the
+/// attribute `z`. Numeric and Boolean attributes become attributes of the smallest type that holds
+/// all values; doubles if some features have no value.
 ///
 /// # Errors
-/// Those of [`open_features`]; if a feature is no point.
+/// Those of [`open_features`]; if a feature is not a point.
 fn open_feature_points(path: &Path, options: &FeatureOptions) -> Result<FeaturePoints> {
     let survey = Survey::of(path, options)?;
     let Survey { attributes, columns, height, left_out, with_more, without_geometry } = survey;
@@ -111,7 +115,7 @@ fn open_feature_points(path: &Path, options: &FeatureOptions) -> Result<FeatureP
 /// Attributes of all features.
 struct Survey {
     attributes: Vec<PointAttribute>,
-    /// Their places among those of the features.
+    /// Their indices among the attributes of the features.
     columns: Vec<usize>,
     height: Height,
     left_out: Vec<String>,
@@ -119,25 +123,26 @@ struct Survey {
     without_geometry: u64,
 }
 
-/// Where the third coordinate of points stands.
+/// Source of the third coordinate.
 #[derive(Clone, Copy, PartialEq)]
 enum Height {
-    /// Nowhere.
+    /// None.
     None,
-    /// In the geometries.
+    /// The geometries.
     Geometry,
-    /// In an attribute, by its place among all.
+    /// An attribute, by its index.
     Attribute(usize),
 }
 
-/// Range of the values of an attribute.
+/// Range of an attribute's values.
 #[derive(Clone, Copy)]
 struct Column {
     least: i64,
     most: i64,
-    /// Whether all are whole numbers or truths.
+    /// Whether all values are integers or Booleans.
     are_whole: bool,
-    /// Whether all are the x of their points, or the y, or the height: columns of a table that are its geometry.
+    /// Whether all values equal the x, y or height of their points: columns of a table that make up
+    /// its geometry.
     are_coordinates: [bool; 3],
 }
 
@@ -219,7 +224,7 @@ fn is_number(kind: AttributeType) -> bool {
 }
 
 impl Column {
-    /// The smallest type that has all values.
+    /// Returns the smallest type that holds all values.
     fn sample(&self) -> SampleType {
         use SampleType::{F64, I8, I16, I32, I64, U8, U16, U32};
         let fits = |(_, least, most): &(SampleType, i64, i64)| *least <= self.least && self.most <= *most;
@@ -238,7 +243,7 @@ impl Column {
     }
 }
 
-/// Goes through the points of features.
+/// Points of all features.
 struct Points {
     path: PathBuf,
     options: FeatureOptions,
@@ -247,12 +252,12 @@ struct Points {
     columns: Vec<usize>,
     height: Height,
     crs: Option<Crs>,
-    /// Points of the last feature that are left, the last first, and the numbers of their attributes.
+    /// Remaining points of the last feature, in reverse order, and the numbers of their attributes.
     rest: Vec<[f64; 3]>,
     numbers: Vec<i64>,
 }
 
-/// A value as a number; what is none is no number.
+/// Converts a value to a number; NaN if it is not numeric.
 fn number(value: Option<&FeatureAttribute>) -> f64 {
     match value {
         Some(FeatureAttribute::Integer(number)) => *number as f64,

@@ -1,17 +1,18 @@
-//! Rings of one shape, put together to polygons: which of them are holes, and of which polygon.
+//! Assembles rings of a shape into polygons, by finding which rings are holes of which outer rings.
 
 use spinney_crs::PolygonParts;
 
 type Ring = Vec<[f64; 2]>;
 
-/// Steps that a shape may take: boxes and edges that are looked at.
+/// Limit of box and edge tests per shape.
 const MAX_STEPS: u64 = 1 << 30;
 
-/// Parts of rings in any order. Outer rings go clockwise, holes the other way, each behind the ring around it (Esri, 1998); where that does not seem
-/// to be so, it counts which lie in each other.
+/// Assembles rings in any order into polygons. By the specification (Esri, 1998), outer rings are
+/// clockwise, holes counterclockwise, and each hole follows its outer ring. If rings seem to
+/// violate this, nesting decides.
 ///
 /// # Errors
-/// If that would take too long, and directions do not tell.
+/// If nesting would take too long, and the directions are inconsistent.
 pub(super) fn parts_of(rings: Vec<Ring>) -> Result<PolygonParts, String> {
     let rings: Vec<Ring> = rings.into_iter().filter(|ring| !ring.is_empty()).collect();
     let (outer, is_sure) = in_order(&rings);
@@ -29,15 +30,15 @@ pub(super) fn parts_of(rings: Vec<Ring>) -> Result<PolygonParts, String> {
     Ok(parts)
 }
 
-/// Twice the area, which is negative of what goes clockwise (where y goes up).
+/// Returns twice the signed area, which is negative for clockwise rings (with y up).
 fn area(ring: &Ring) -> f64 {
     let [ox, oy] = ring.first().copied().unwrap_or_default();
     let ends = ring.iter().zip(ring.iter().cycle().skip(1));
     ends.map(|([ax, ay], [bx, by])| (ax - ox) * (by - oy) - (bx - ox) * (ay - oy)).sum()
 }
 
-/// Which rings are outer ones by their directions, if each is followed by its holes; and whether nothing speaks against it. (Of very many holes the
-/// boxes alone are looked at, from some point on.)
+/// Returns which rings are outer ones by their directions, if each is followed by its holes, and
+/// whether nothing contradicts this. After a limit, holes are tested by their boxes only.
 fn in_order(rings: &[Ring]) -> (Option<Vec<bool>>, bool) {
     let mut around: Option<(&Ring, [f64; 4])> = None;
     let (mut steps, mut is_sure) = (0, true);
@@ -46,7 +47,7 @@ fn in_order(rings: &[Ring]) -> (Option<Vec<bool>>, bool) {
         let (is_outer, own) = (area(ring) <= 0.0, extent(ring));
         let is_in_box = around.is_some_and(|(_, extent)| has(extent, own));
         if is_outer {
-            // (An island in a hole, or a hole the wrong way round.)
+            // This is an island in a hole, or a hole with the wrong direction.
             is_sure &= !is_in_box;
             around = Some((ring, own));
         } else if let Some((other, _)) = around.filter(|_| is_in_box) {
@@ -62,7 +63,7 @@ fn in_order(rings: &[Ring]) -> (Option<Vec<bool>>, bool) {
     (Some(outer), is_sure)
 }
 
-/// Least and greatest x and y.
+/// Returns the minimum and maximum x and y.
 fn extent(ring: &Ring) -> [f64; 4] {
     ring.iter()
         .fold([f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY], |[a, b, c, d], [x, y]| {
@@ -74,12 +75,13 @@ fn has(outer: [f64; 4], inner: [f64; 4]) -> bool {
     outer[0] <= inner[0] && outer[1] <= inner[1] && outer[2] >= inner[2] && outer[3] >= inner[3]
 }
 
-/// Whether a ring lies in another one: by the first of its corners that is not on that one's border. (Those of a hole may be on it.)
+/// Returns whether a ring is inside another one. The first vertex that is not on the other's border
+/// decides, since vertices of a hole may be on it.
 fn is_within(ring: &Ring, other: &Ring) -> bool {
     ring.iter().take(8).find_map(|corner| contains(other, *corner)).unwrap_or(true)
 }
 
-/// Whether a point is inside; `None` if it is on the border.
+/// Returns whether a point is inside; `None` on the border.
 fn contains(ring: &Ring, [x, y]: [f64; 2]) -> Option<bool> {
     let mut is_inside = false;
     for ([ax, ay], [bx, by]) in ring.iter().zip(ring.iter().cycle().skip(1)) {
@@ -95,15 +97,15 @@ fn contains(ring: &Ring, [x, y]: [f64; 2]) -> Option<bool> {
     Some(is_inside)
 }
 
-/// Parts by which rings lie in each other: those in an even number of others are outer ones, the others holes of the smallest around them. `None`
-/// if that takes too long.
+/// Assembles polygons by nesting. Rings inside an even number of others are outer rings, the others
+/// are holes of the smallest ring around them. `None` if that takes too long.
 fn nested(rings: &[Ring]) -> Option<PolygonParts> {
     let sized = rings.iter().map(|ring| (area(ring).abs(), extent(ring), ring));
     let mut sized: Vec<(f64, [f64; 4], &Ring)> = sized.collect();
-    // The largest first, so that what is around a ring comes before it.
+    // Largest first, so that enclosing rings precede a ring.
     spinney_base::sort::by(&mut sized, &mut |a, b| b.0.total_cmp(&a.0));
     let mut steps = 0u64;
-    // Depth of each ring, and the part that it is in or makes.
+    // Depth of each ring, and the polygon that contains it.
     let mut placed: Vec<(usize, usize)> = Vec::with_capacity(rings.len());
     let mut parts = PolygonParts::new();
     for (index, (_, own, ring)) in sized.iter().enumerate() {
@@ -122,7 +124,7 @@ fn nested(rings: &[Ring]) -> Option<PolygonParts> {
             }
         }
         match around {
-            // (What is around it is an outer ring: a hole of that.)
+            // The enclosing ring is an outer ring, so this is a hole.
             Some((depth, part)) if depth % 2 == 0 => {
                 parts[part].push((*ring).clone());
                 placed.push((depth + 1, part));
@@ -157,14 +159,14 @@ mod tests {
         let island = square([2.0, 2.0], 1.0, true);
         let other = square([20.0, 0.0], 10.0, true);
         assert_eq!(lengths(vec![outer.clone(), hole.clone(), island.clone(), other.clone()]), [2, 1, 1]);
-        // Holes before what is around them, or behind another ring.
+        // Holes before their outer rings, or after another ring.
         assert_eq!(lengths(vec![hole.clone(), outer.clone()]), [2]);
         assert_eq!(lengths(vec![outer.clone(), other.clone(), hole.clone()]), [2, 1]);
-        // All the wrong way round.
+        // All with the wrong direction.
         let turned = |ring: &Ring| ring.iter().rev().copied().collect::<Ring>();
         assert_eq!(lengths([&outer, &hole, &island].map(turned).to_vec()), [2, 1]);
         assert_eq!(lengths(vec![outer.clone(), turned(&hole), island.clone()]), [2, 1]);
-        // A hole that touches its ring in a corner.
+        // A hole that touches its ring at a vertex.
         assert_eq!(lengths(vec![outer, square([0.0, 0.0], 3.0, false)]), [2]);
         assert_eq!(lengths(vec![]), [] as [usize; 0]);
     }

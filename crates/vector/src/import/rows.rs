@@ -1,4 +1,4 @@
-//! Tables as text: rows of fields with commas, semicolons, tabulators or bars between (RFC 4180).
+//! Delimited text tables: fields separated by commas, semicolons, tabs or bars (RFC 4180).
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Seek};
@@ -7,27 +7,27 @@ use std::path::{Path, PathBuf};
 use super::encoding::TextEncoding;
 use spinney_base::{Error, Result};
 
-/// The rows of a table, one after the other.
+/// Rows of a table, in sequence.
 pub(super) struct Rows {
     input: BufReader<File>,
     path: PathBuf,
     separator: u8,
-    /// Bytes of memory that a row may take.
+    /// Maximum memory for a row in bytes.
     memory: u64,
-    /// The fields of the row in hand, one behind the other.
+    /// Contiguous fields of the current row.
     bytes: Vec<u8>,
-    /// Where they end, and whether they were in quotes.
+    /// End of each field, and whether it was quoted.
     ends: Vec<(usize, bool)>,
 }
 
-/// Bytes of memory for a field besides its own: as it is read, and as a value.
+/// Memory overhead per field in bytes: as read, and as a value.
 const BYTES_EACH: u64 = 64;
 
-/// Bytes of memory for each byte of a field: of a geometry in text, too.
+/// Memory per byte of a field, which may be a text geometry.
 const BYTES_FOR_BYTE: u64 = 16;
 
 impl Rows {
-    /// Begins with the first row; the separator is that of which it has the most.
+    /// Starts at the first row. The separator is the most frequent candidate in that row.
     pub(super) fn open(file: File, path: &Path, memory: u64) -> Result<Rows> {
         let mut input = BufReader::with_capacity(1 << 16, file);
         let begin = input.fill_buf().map_err(Error::io(path, "read"))?;
@@ -40,18 +40,19 @@ impl Rows {
             };
             line.iter().filter(is_one).count()
         };
-        // (Of several that it has as many of, the first here.)
+        // In a tie, the last candidate wins.
         let separator = [b'|', b'\t', b';', b','].into_iter().max_by_key(|separator| count(*separator));
         let separator = separator.unwrap_or(b',');
         Ok(Rows { input, path: path.into(), separator, memory, bytes: Vec::new(), ends: Vec::new() })
     }
 
-    /// Begins again.
+    /// Restarts at the first row.
     pub(super) fn rewind(&mut self) -> Result<()> {
         self.input.rewind().map_err(Error::io(&self.path, "read"))
     }
 
-    /// Reads the next row that is not empty; whether there is one. The number is that of the feature, for messages.
+    /// Reads the next non-empty row; returns whether there is one. `number` is the feature number,
+    /// for messages.
     pub(super) fn step(&mut self, number: u64) -> Result<bool> {
         loop {
             if !self.row(number)? {
@@ -66,7 +67,7 @@ impl Rows {
     fn row(&mut self, number: u64) -> Result<bool> {
         self.bytes.clear();
         self.ends.clear();
-        // (In quotes, and behind a quote which may have ended them.)
+        // Inside quotes, and after a quote that may have ended them.
         let (mut is_quoted, mut in_quotes, mut is_behind, mut is_begun) = (false, false, false, false);
         loop {
             let chunk = self.input.fill_buf().map_err(Error::io(&self.path, "read"))?;
@@ -133,17 +134,17 @@ impl Rows {
         }
     }
 
-    /// Number of fields of the row.
+    /// Returns the number of fields in the row.
     pub(super) fn len(&self) -> usize {
         self.ends.len()
     }
 
-    /// A field of the row, and whether it was in quotes; nothing behind the last.
+    /// Returns a field of the row, and whether it was quoted; empty after the last.
     pub(super) fn field(&self, index: usize) -> (std::borrow::Cow<'_, str>, bool) {
         let Some((end, is_quoted)) = self.ends.get(index) else { return ("".into(), false) };
         let begin = index.checked_sub(1).map_or(0, |before| self.ends[before].0);
         let bytes = &self.bytes[begin..*end];
-        // (Where nobody says what texts are in, all bytes are some text.)
+        // With an undeclared encoding, all bytes decode to some string.
         (TextEncoding::Unknown.decode(bytes).unwrap_or_default(), *is_quoted)
     }
 }

@@ -1,29 +1,30 @@
-//! `GeoJSON` documents (RFC 7946), one or one after the other (RFC 8142), taken apart while they are read: an object of a list at a time.
+//! Incremental scanner of `GeoJSON` documents (RFC 7946), or of sequences of them (RFC 8142). It
+//! yields the objects of a list one at a time.
 
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use spinney_base::{Error, Result};
 
-/// Something that is read more than once.
+/// Input that can be read more than once.
 pub(super) trait Input: Read + Seek {}
 
 impl<T: Read + Seek> Input for T {}
 
-/// Members of objects that say something about features. All others are passed over.
+/// Members of objects that describe features. All others are skipped.
 const MEMBERS: [&str; 8] =
     ["type", "id", "properties", "geometry", "coordinates", "geometries", "crs", "name"];
 
-/// Depth of values in each other.
+/// Maximum nesting depth of values.
 const MAX_DEPTH: usize = 100;
 
-/// Bytes of memory for what stands between two marks (a comma, a colon, the beginning of a list), at most: a third of a point and of the room that
-/// lists have to grow.
+/// Maximum memory in bytes between two delimiters (comma, colon, start of a list): a third of a
+/// point, including spare list capacity.
 const BYTES_EACH: u64 = 32;
 
 const BUFFER: usize = 1 << 16;
 
-/// The members of an object, as text.
+/// Members of an object, as text.
 #[derive(Default)]
 pub(super) struct Record([Option<String>; MEMBERS.len()]);
 
@@ -32,30 +33,30 @@ impl Record {
         self.0[MEMBERS.iter().position(|member| *member == name)?].as_deref()
     }
 
-    /// The type that it says it has.
+    /// Returns the object's declared type.
     pub(super) fn kind(&self) -> std::result::Result<String, String> {
         let kind = self.get("type").and_then(|text| serde_json::from_str(text).ok());
         kind.ok_or_else(|| "an object without a type".into())
     }
 }
 
-/// What was found.
+/// Scanned item.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ScannedItem {
-    /// An object of a list.
+    /// Object of a list.
     Element(List),
-    /// The end of a document, whose members are in the record, with its list, which came before.
+    /// End of a document. Its members are in the record; its list preceded them.
     Document(Option<List>),
 }
 
-/// A list whose objects come one by one.
+/// List whose objects are yielded one at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum List {
     Features,
     Geometries,
 }
 
-/// Where reading has come to.
+/// Parser state.
 enum State {
     Outside,
     Members { is_first: bool },
@@ -68,23 +69,23 @@ pub(super) struct Scanner {
     buffer: Vec<u8>,
     at: usize,
     end: usize,
-    /// Bytes before those in the buffer.
+    /// Offset of the buffer in the input.
     before: u64,
     state: State,
-    /// The members of the document around the list, and that list.
+    /// Members of the document that contains the list, and that list.
     document: Record,
     list: Option<List>,
     /// Number of the feature, for messages.
     number: u64,
-    /// Memory that the members in hand need, and that they may.
+    /// Memory used by the current members, and its limit.
     used: u64,
     memory: u64,
-    /// Whether geometries are told by their type alone.
+    /// Whether only the types of geometries are kept.
     is_sketch: bool,
 }
 
 impl Scanner {
-    /// Begins to read; a sketch has types of geometries for geometries.
+    /// Starts a first pass, which keeps only the types of geometries.
     pub(super) fn new(input: Box<dyn Input>, path: &Path, memory: u64) -> Scanner {
         Scanner {
             input,
@@ -103,7 +104,7 @@ impl Scanner {
         }
     }
 
-    /// Begins again, with geometries.
+    /// Restarts, and keeps geometries.
     pub(super) fn rewind(&mut self) -> Result<()> {
         self.input.seek(SeekFrom::Start(0)).map_err(Error::io(&self.path, "read"))?;
         (self.at, self.end, self.before, self.number) = (0, 0, 0, 1);
@@ -112,12 +113,12 @@ impl Scanner {
         Ok(())
     }
 
-    /// Sets the number of the feature that comes next.
+    /// Sets the number of the next feature.
     pub(super) fn set_number(&mut self, number: u64) {
         self.number = number;
     }
 
-    /// The next object, whose members replace those of the record; `None` at the end of the file.
+    /// Reads the next object into the record; `None` at the end of the file.
     pub(super) fn step(&mut self, record: &mut Record) -> Result<Option<ScannedItem>> {
         *record = Record::default();
         self.used = 0;
@@ -184,7 +185,7 @@ impl Scanner {
         }
     }
 
-    /// The members of an object.
+    /// Reads the members of an object.
     fn object(&mut self, record: &mut Record) -> Result<()> {
         self.at += 1;
         let mut is_first = true;
@@ -195,7 +196,7 @@ impl Scanner {
         Ok(())
     }
 
-    /// The value of a member.
+    /// Reads the value of a member.
     fn member(&mut self, key: &str, record: &mut Record) -> Result<()> {
         let Some(place) = MEMBERS.iter().position(|member| *member == key) else { return self.value(None) };
         match (self.is_sketch, key) {
@@ -217,7 +218,7 @@ impl Scanner {
         }
     }
 
-    /// The name of the next member, up to its value; `None` at the end of the object.
+    /// Reads the name of the next member and the colon; `None` at the end of the object.
     fn key(&mut self, is_first: bool) -> Result<Option<String>> {
         let mut next = self.peek()?;
         if next == Some(b'}') {
@@ -247,7 +248,7 @@ impl Scanner {
         Ok(Some(key))
     }
 
-    /// Goes over a value, whose bytes are added to others if asked for.
+    /// Skips a value; appends its bytes to `into`, if given.
     fn value(&mut self, mut into: Option<&mut Vec<u8>>) -> Result<()> {
         let first = self.peek()?;
         let is_nested = matches!(first, Some(b'{' | b'['));
@@ -263,7 +264,7 @@ impl Scanner {
             let mut marks = 0;
             let chunk = &self.buffer[self.at..self.end];
             let mut bytes = chunk.iter().enumerate();
-            // The end of the value, if it is here.
+            // End of the value, if it is in this chunk.
             let end = loop {
                 let Some((index, &byte)) = bytes.next() else { break None };
                 if in_string {
@@ -325,7 +326,7 @@ impl Scanner {
         }
     }
 
-    /// The next byte that is no blank; `None` at the end of the file.
+    /// Returns the next non-blank byte; `None` at the end of the file.
     fn peek(&mut self) -> Result<Option<u8>> {
         loop {
             if self.at == self.end && !self.fill()? {
@@ -333,7 +334,7 @@ impl Scanner {
             }
             match self.buffer[self.at] {
                 b' ' | b'\t' | b'\r' | b'\n' => self.at += 1,
-                // (Between documents; a mark of the order of bytes is before the first.)
+                // Separators between documents are skipped, and a byte order mark before the first.
                 SEPARATOR if matches!(self.state, State::Outside) => self.at += 1,
                 0xef if self.before == 0
                     && self.buffer[..self.end].starts_with(b"\xef\xbb\xbf")
@@ -346,11 +347,11 @@ impl Scanner {
         }
     }
 
-    /// Reads more; whether there is some.
+    /// Reads more; returns whether there are any bytes.
     fn fill(&mut self) -> Result<bool> {
         self.before += self.end as u64;
         (self.at, self.end) = (0, 0);
-        // (The first three bytes at once, so that a mark of the order of bytes is seen as a whole.)
+        // The first three bytes are read together, so that a byte order mark is not split.
         while self.end < 3 {
             let read =
                 self.input.read(&mut self.buffer[self.end..]).map_err(Error::io(&self.path, "read"))?;
@@ -377,5 +378,5 @@ impl Scanner {
     }
 }
 
-/// The byte before each text of a sequence (RFC 7464).
+/// Separator before each document of a sequence (RFC 7464).
 const SEPARATOR: u8 = 0x1e;

@@ -1,4 +1,4 @@
-//! Shapefiles (ESRI, 1998): shapes, where they are in the file, and a table of their attributes.
+//! Shapefiles (ESRI, 1998): shapes, their index, and a table of their attributes.
 
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
@@ -12,29 +12,29 @@ use super::rings;
 use crate::export::GeometryKind;
 use spinney_base::{Error, Result};
 
-/// Bytes of a file's header.
+/// Size of a file header in bytes.
 const HEADER: u64 = 100;
 
 pub(super) struct Shapefile {
     shapes: BufReader<File>,
     path: PathBuf,
     length: u64,
-    /// Where shapes are; without it they follow each other.
+    /// Index of the shapes; without it, they are contiguous.
     places: Option<(BufReader<File>, PathBuf)>,
     table: Option<Table>,
     schema: FeatureSchema,
-    /// Number of features in the file, where it is known.
+    /// Number of features in the file, if known.
     count: Option<u64>,
     memory: u64,
     number: u64,
-    /// The place of the next shape.
+    /// Offset of the next shape.
     at: u64,
 }
 
-/// Bytes of memory for each byte of a shape: as it is read, as points, as rings and polygons.
+/// Memory per byte of a shape: as read, as points, as rings and polygons.
 const BYTES_FOR_BYTE: u64 = 5;
 
-/// Whether a file begins as shapes do.
+/// Returns whether a file starts like a shapefile.
 pub(super) fn is_one(first: &[u8]) -> bool {
     first.len() >= 36 && first.starts_with(&9994u32.to_be_bytes()) && first[28..32] == 1000u32.to_le_bytes()
 }
@@ -99,7 +99,7 @@ impl Shapefile {
         Error::corrupt(&self.path, format!("feature {}", self.number), found, expected)
     }
 
-    /// The bytes of the next shape; `None` if there is none.
+    /// Reads the bytes of the next shape; `None` if there is none.
     fn shape(&mut self) -> Result<Option<Vec<u8>>> {
         if self.count.is_some_and(|count| self.number > count) {
             return Ok(None);
@@ -123,7 +123,7 @@ impl Shapefile {
                 self.wrong(format!("a shape at byte {} of {}", self.at, self.length), "one in the file")
             );
         }
-        // (Within what is buffered nothing is read anew.)
+        // A seek within the buffer reads nothing.
         let before = self.shapes.stream_position().map_err(Error::io(&self.path, "read"))?;
         let step = self.at as i64 - before as i64;
         self.shapes.seek_relative(step).map_err(Error::io(&self.path, "read"))?;
@@ -161,7 +161,7 @@ impl FeatureReader for Shapefile {
                 Some(table) => table.step(self.number)?,
                 None => Some(Vec::new()),
             };
-            // (What is deleted stands in the files until somebody packs them.)
+            // Deleted features stay in the files until these are packed.
             if let Some(attributes) = attributes {
                 let geometry =
                     geometry(&shape).and_then(|geometry| geometry.map(FeatureGeometry::checked).transpose());
@@ -177,8 +177,10 @@ impl FeatureReader for Shapefile {
     }
 }
 
-/// The heights of a shape's geometry. Kinds of shapes with heights and perhaps measures are 11 to 18, those with measures alone 21 to 28; heights of several points stand behind all
-/// of these and two extremes. Whether there are measures is not told of the former: they are left out of files that have none.
+/// Returns the heights of a shape's geometry. Shape types 11 to 18 have heights and possibly
+/// measures, types 21 to 28 only measures. Heights of several points follow the points and the
+/// height range. Whether types 11 to 18 have measures is not recorded: files without measures omit
+/// them.
 fn heights(shape: &[u8], geometry: Option<&FeatureGeometry>) -> std::result::Result<Heights, String> {
     let kind = shape.first().copied().unwrap_or_default();
     let mut heights = Heights { are_there: (10..20).contains(&kind), ..Heights::default() };
@@ -190,7 +192,7 @@ fn heights(shape: &[u8], geometry: Option<&FeatureGeometry>) -> std::result::Res
     let numbers = |bytes: &[u8]| -> Vec<f64> {
         bytes.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect()
     };
-    // Where heights begin, their number, and where the points that they are of begin.
+    // Offset and number of the heights, and offset of the points.
     let word =
         |at: usize| shape.get(at..).and_then(|rest| rest.first_chunk().copied()).map(u32::from_le_bytes);
     let (at, count, begin) = match geometry {
@@ -204,7 +206,7 @@ fn heights(shape: &[u8], geometry: Option<&FeatureGeometry>) -> std::result::Res
     };
     let bytes = shape.get(at..).and_then(|rest| rest.get(..8 * count));
     let bytes = bytes.ok_or_else(|| format!("{count} heights in {} bytes", shape.len()))?;
-    // (Rings may have been put into another order.)
+    // Rings may have been reordered, which makes the order of heights invalid.
     let points = shape.get(begin..begin + 16 * count).map(numbers).unwrap_or_default();
     if geometry
         .points()
@@ -217,7 +219,7 @@ fn heights(shape: &[u8], geometry: Option<&FeatureGeometry>) -> std::result::Res
     Ok(heights)
 }
 
-/// The geometry of a shape's bytes; `None` of an empty shape.
+/// Parses a shape's geometry; `None` for an empty shape.
 fn geometry(shape: &[u8]) -> std::result::Result<Option<FeatureGeometry>, String> {
     let number = |at: usize| -> std::result::Result<usize, String> {
         let bytes = shape.get(at..).and_then(|rest| rest.first_chunk());
@@ -290,7 +292,7 @@ mod tests {
             let found = heights(&shape, geometry.as_ref()).unwrap();
             assert_eq!(found, Heights { are_there, have_measures, of_points: expected });
         }
-        // Several: a box, their number, places, two extremes, heights.
+        // Several points: box, count, positions, height range, heights.
         let mut several = shape(18, &[&[0.0; 4]]);
         several.extend(2u32.to_le_bytes());
         several.extend([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 5.0, 6.0].into_iter().flat_map(f64::to_le_bytes));

@@ -1,14 +1,14 @@
-//! Geometries in well-known binary: ISO's (13249-3), with the marks of PostGIS or without, as `GeoPackage` and tables have them.
+//! Well-known binary, in ISO form (13249-3) and with PostGIS flags, as in `GeoPackage` and tables.
 
 use super::feature::FeatureGeometry;
 use super::heights::Heights;
 
-/// Geometries in each other.
+/// Maximum nesting depth of geometries.
 pub(super) const MAX_DEPTH: usize = 16;
 
 type Parsed<T> = Result<T, String>;
 
-/// A geometry that was read, the number of its coordinate system if it has one, and its heights.
+/// Parsed geometry, its SRID if it has one, and its heights.
 #[derive(Debug, PartialEq)]
 pub(super) struct Read {
     pub(super) geometry: FeatureGeometry,
@@ -16,7 +16,7 @@ pub(super) struct Read {
     pub(super) heights: Heights,
 }
 
-/// Reads a geometry.
+/// Parses a geometry.
 pub(super) fn parse(bytes: &[u8]) -> Parsed<Read> {
     let mut reader = Reader { bytes, is_little: true, heights: Heights::default() };
     let mut system = None;
@@ -27,7 +27,7 @@ pub(super) fn parse(bytes: &[u8]) -> Parsed<Read> {
     }
 }
 
-/// Reads the bytes of hexadecimal digits; `None` if they are none.
+/// Decodes hexadecimal digits; `None` if they are invalid.
 pub(super) fn bytes_of_digits(text: &str) -> Option<Vec<u8>> {
     let digit = |byte: u8| (byte as char).to_digit(16).map(|digit| digit as u8);
     let (pairs, rest) = text.as_bytes().as_chunks::<2>();
@@ -36,13 +36,13 @@ pub(super) fn bytes_of_digits(text: &str) -> Option<Vec<u8>> {
 }
 
 struct Reader<'b> {
-    /// What is not read yet.
+    /// Unread bytes.
     bytes: &'b [u8],
     is_little: bool,
     heights: Heights,
 }
 
-/// Coordinates of a point beyond x and y.
+/// Coordinates of a point other than x and y.
 #[derive(Clone, Copy)]
 struct Axes {
     height: bool,
@@ -55,15 +55,15 @@ impl Axes {
     }
 }
 
-/// A geometry's head.
+/// Header of a geometry.
 struct Head {
-    /// The kind, without marks.
+    /// Type code, without flags.
     code: u32,
     axes: Axes,
 }
 
 impl Read {
-    /// The geometry without parts that are empty, and its heights; or what is wrong with it.
+    /// Removes empty parts; returns geometry and heights, or an error message.
     pub(super) fn checked(self) -> Parsed<(Option<FeatureGeometry>, Heights)> {
         self.geometry.checked().map(|geometry| (Some(geometry), self.heights))
     }
@@ -103,7 +103,7 @@ impl Reader<'_> {
         Ok(Head { code, axes })
     }
 
-    /// A number of things of which each has so many bytes at least.
+    /// Reads an element count; each element has at least `each` bytes.
     fn count(&mut self, each: usize) -> Parsed<usize> {
         let count = self.number()? as usize;
         match count <= self.bytes.len() / each {
@@ -112,7 +112,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Coordinates; those beyond x and y that a point does not have are 0.
+    /// Reads coordinates; missing ones are 0.
     fn coordinates(&mut self, axes: Axes) -> Parsed<[f64; 4]> {
         let mut point = [0.0; 4];
         for number in &mut point[..axes.count()] {
@@ -128,7 +128,7 @@ impl Reader<'_> {
         Ok([x, y])
     }
 
-    /// A geometry that is a point; a point without numbers is an empty one.
+    /// Reads a point geometry; a point with NaN coordinates is empty.
     fn point_geometry(&mut self, axes: Axes) -> Parsed<Option<[f64; 2]>> {
         let [x, y, height, _] = self.coordinates(axes)?;
         if x.is_nan() && y.is_nan() {
@@ -148,7 +148,7 @@ impl Reader<'_> {
         (0..count).map(|_| self.points(axes)).collect()
     }
 
-    /// Geometries of one kind, each with a head of its own.
+    /// Reads geometries of one kind, each with its own header.
     fn members<T>(
         &mut self,
         kind: u32,
@@ -198,7 +198,7 @@ mod tests {
     fn geometries_of_all_writings() {
         let read = |digits: &str| parse(&bytes_of_digits(digits).unwrap());
         let point = FeatureGeometry::Points(vec![[1.0, 2.0]]);
-        // Little- and big-endian; ISO's and PostGIS's marks of a third coordinate; with a coordinate system.
+        // Little- and big-endian; ISO and PostGIS flags of a third coordinate; with an SRID.
         for (digits, system) in [
             ("0101000000000000000000F03F0000000000000040", None),
             ("00000000013FF00000000000004000000000000000", None),

@@ -1,4 +1,4 @@
-//! Geometries in well-known text (ISO 19125), also with the number of a coordinate system before it (`SRID=4326;POINT (1 2)`).
+//! Well-known text (ISO 19125), optionally with an SRID prefix (`SRID=4326;POINT (1 2)`).
 
 use super::feature::FeatureGeometry;
 use super::heights::Heights;
@@ -6,7 +6,7 @@ use super::wkb::{MAX_DEPTH, Read};
 
 type Parsed<T> = Result<T, String>;
 
-/// Reads a geometry.
+/// Parses a geometry.
 pub(super) fn parse(text: &str) -> Parsed<Read> {
     let (system, rest) = system_of(text)?;
     let mut reader = Reader { rest: rest.trim(), heights: Heights::default(), is_measured: false };
@@ -18,7 +18,7 @@ pub(super) fn parse(text: &str) -> Parsed<Read> {
     }
 }
 
-/// The number of the coordinate system before a text, and the text.
+/// Splits text into SRID and geometry.
 pub(super) fn system_of(text: &str) -> Parsed<(Option<u32>, &str)> {
     let text = text.trim_start();
     match text.get(..5) {
@@ -43,7 +43,7 @@ impl<'t> Reader<'t> {
         self.rest.chars().take(20).collect()
     }
 
-    /// Takes a sign, whether it is there.
+    /// Consumes a character if it is next; returns whether it was.
     fn has(&mut self, sign: char) -> bool {
         match self.rest.strip_prefix(sign) {
             Some(rest) => {
@@ -58,7 +58,7 @@ impl<'t> Reader<'t> {
         if self.has(sign) { Ok(()) } else { Err(format!("`{}` in the place of `{sign}`", self.shown())) }
     }
 
-    /// The next word; empty if there is none.
+    /// Consumes the next word; empty if there is none.
     fn word(&mut self) -> &'t str {
         let end = self.rest.find(|letter: char| !letter.is_ascii_alphabetic()).unwrap_or(self.rest.len());
         let (word, rest) = self.rest.split_at(end);
@@ -66,7 +66,7 @@ impl<'t> Reader<'t> {
         word
     }
 
-    /// Whether it says that there is nothing; a word for a third coordinate is read over.
+    /// Returns whether the geometry is EMPTY; skips Z, M or ZM before that.
     fn is_empty(&mut self) -> Parsed<bool> {
         let mut word = self.word().to_ascii_uppercase();
         if matches!(word.as_str(), "Z" | "M" | "ZM") {
@@ -80,7 +80,7 @@ impl<'t> Reader<'t> {
         }
     }
 
-    /// What stands in parentheses, with commas between; nothing where there is the word for it.
+    /// Parses a comma-separated list in parentheses; empty for EMPTY.
     fn list<T>(&mut self, mut member: impl FnMut(&mut Self) -> Parsed<T>) -> Parsed<Vec<T>> {
         if self.is_empty()? {
             return Ok(Vec::new());
@@ -94,7 +94,7 @@ impl<'t> Reader<'t> {
         Ok(members)
     }
 
-    /// Reads x and y, and what stands behind: of three coordinates a height, unless it is said to be a measure.
+    /// Parses x, y and further coordinates. The third one is a height unless declared as a measure.
     fn coordinates(&mut self) -> Parsed<([f64; 2], Option<f64>)> {
         let mut point = [0.0; 4];
         let mut axes = 0;
@@ -137,7 +137,7 @@ impl<'t> Reader<'t> {
 
     fn geometry(&mut self, depth: usize) -> Parsed<FeatureGeometry> {
         let word = self.word().to_ascii_uppercase();
-        // (Some write the third coordinate's letter without a blank.)
+        // Some writers put no space before Z or M.
         let kind = word.trim_end_matches(['Z', 'M']);
         self.is_measured = &word[kind.len()..] == "M";
         match kind {
@@ -148,7 +148,7 @@ impl<'t> Reader<'t> {
             "LINESTRING" => Ok(FeatureGeometry::Lines(vec![self.points()?])),
             "POLYGON" | "TRIANGLE" => Ok(FeatureGeometry::Polygons(vec![self.lines()?])),
             "MULTIPOINT" => {
-                // (With parentheses around each point, or without.)
+                // Parentheses around each point are optional.
                 let member = |reader: &mut Self| match reader.rest.starts_with(['(', 'E', 'e']) {
                     true => reader.points(),
                     false => Ok(vec![reader.point()?]),

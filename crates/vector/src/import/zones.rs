@@ -1,4 +1,4 @@
-//! Features whose geometries are polygons, as questions about cells in them need them: held in memory, all or some at a time.
+//! Polygon features as zones for cell queries, held in memory all at once or in batches.
 
 use std::borrow::Cow;
 use std::io::Cursor;
@@ -16,28 +16,29 @@ use spinney_base::{Error, Result};
 use spinney_crs::{CellLocator, Coordinates, Crs, PolygonParts, corners_text};
 use spinney_overlay::Polygon;
 
-/// Polygons with the coordinate system that they are in.
+/// Polygons with their coordinate system.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PolygonLayer {
-    /// The coordinate system of the corners; `None` if it is not known.
+    /// Coordinate system of the vertices; `None` if unknown.
     pub crs: Option<Crs>,
-    /// Names and kinds of the attributes.
+    /// Names and types of the attributes.
     pub attributes: Vec<(String, AttributeType)>,
-    /// The features, in the file's order.
+    /// Features, in file order.
     pub features: Vec<Feature>,
-    /// Features of the file before these.
+    /// Number of features in the file before these.
     pub before: u64,
 }
 
-/// Polygons in cells of trees, of each tree those of all features; `None` of what lies outside of it, or is no polygon.
+/// Polygons in cells of trees. Each tree has one entry per feature, which is `None` if the feature
+/// is outside of it or not a polygon.
 pub struct FoundPolygons {
-    /// A list for each tree.
+    /// One list per tree.
     pub trees: Vec<Vec<Option<Polygon>>>,
-    /// The reason why that is nothing, if there are polygons and all of them lie outside of all trees.
+    /// Error to report if there are polygons and all of them are outside of all trees.
     pub outside: Option<Error>,
 }
 
-/// Parts of a geometry that is a polygon, or several; none of any other.
+/// Returns the parts of a polygonal geometry; empty for any other.
 fn parts_of(feature: &Feature) -> Cow<'_, PolygonParts> {
     match &feature.geometry {
         Some(FeatureGeometry::Polygons(parts)) => Cow::Borrowed(parts),
@@ -50,14 +51,14 @@ fn parts_of(feature: &Feature) -> Cow<'_, PolygonParts> {
     }
 }
 
-/// Warning of polygons whose rings cross or touch, or whose parts overlap.
+/// Returns a warning about polygons whose rings cross or touch, or whose parts overlap.
 pub(crate) fn invalid_polygons(count: u64) -> String {
     format!(
         "{count} polygons are invalid (rings cross or touch, or parts overlap): rings of one part were combined even-odd, and parts were united"
     )
 }
 
-/// Takes the parts out of a geometry that is a polygon, or several.
+/// Moves the parts out of a polygonal geometry.
 pub(crate) fn take_polygons(geometry: FeatureGeometry, parts: &mut PolygonParts) {
     match geometry {
         FeatureGeometry::Polygons(own) => parts.extend(own),
@@ -68,16 +69,16 @@ pub(crate) fn take_polygons(geometry: FeatureGeometry, parts: &mut PolygonParts)
     }
 }
 
-/// The polygon in cells of a tree; `None` if it lies outside of it, or has no parts.
+/// Converts a feature to a polygon in cells of a tree; `None` if it is outside or has no parts.
 fn in_cells(feature: &Feature, places: &CellLocator) -> Result<Option<Polygon>> {
     let parts = parts_of(feature);
     if parts.is_empty() {
         return Ok(None);
     }
-    // (What is wrong with the corners as they came is found before they are brought elsewhere.)
+    // Errors in the original vertices are reported before transforming them.
     Polygon::check_parts(&parts)?;
     let near = places.parts(&parts);
-    // What lies far from the tree counts for its area alone.
+    // Parts far from the tree count only towards the area.
     let whole = places.whole_parts(&parts).map(|whole| Polygon::of_parts(&whole)).transpose()?;
     match (near.is_empty(), whole) {
         (true, whole) => Ok(whole),
@@ -87,7 +88,7 @@ fn in_cells(feature: &Feature, places: &CellLocator) -> Result<Option<Polygon>> 
 }
 
 impl PolygonLayer {
-    /// The parts of all features.
+    /// Returns the parts of all features.
     pub fn into_parts(self) -> PolygonParts {
         let mut parts = Vec::new();
         self.features
@@ -97,18 +98,18 @@ impl PolygonLayer {
         parts
     }
 
-    /// The place of an attribute among all.
+    /// Returns the index of an attribute.
     fn position(&self, name: &str) -> Option<usize> {
         self.attributes.iter().position(|(own, _)| own == name)
     }
 
-    /// A feature's value of an attribute; nothing if there is no such attribute.
+    /// Returns a feature's value of an attribute; no value if the attribute does not exist.
     pub fn value<'a>(&self, feature: &'a Feature, name: &str) -> &'a FeatureAttribute {
         let value = self.position(name).and_then(|place| feature.attributes.get(place));
         value.unwrap_or(&FeatureAttribute::None)
     }
 
-    /// A feature's name: the attribute `name`, else the id.
+    /// Returns a feature's name: the attribute `name`, else the id.
     pub fn name(&self, feature: &Feature) -> Option<String> {
         match self.value(feature, "name") {
             FeatureAttribute::Text(text) => Some(text.clone()),
@@ -120,7 +121,7 @@ impl PolygonLayer {
         }
     }
 
-    /// Keeps the features of some layers for which all of a filter's conditions hold.
+    /// Keeps the features of some layers that satisfy all conditions of a filter.
     ///
     /// ```
     /// use spinney::raw::import::feature::{PolygonLayer, parse_polygons};
@@ -138,7 +139,7 @@ impl PolygonLayer {
     /// ```
     ///
     /// # Errors
-    /// If no layer has such an attribute, or the conditions hold for no feature.
+    /// If no layer has such an attribute, or no feature satisfies the conditions.
     pub fn select(layers: &mut [PolygonLayer], filter: &FeatureFilter) -> Result<()> {
         if filter.conditions.is_empty() {
             return Ok(());
@@ -159,16 +160,17 @@ impl PolygonLayer {
         if layers.iter().all(|layer| layer.features.is_empty()) { Err(none_with(filter)) } else { Ok(()) }
     }
 
-    /// The coordinates that corners are in: those of [`PolygonLayer::crs`], or the tree's own where that is not known.
+    /// Returns the coordinates of the vertices: those of [`PolygonLayer::crs`], or the tree's own
+    /// if unknown.
     pub fn coordinates(&self) -> Coordinates {
         self.crs.clone().map_or(Coordinates::World, Coordinates::System)
     }
 
-    /// The polygons in cells of a tree with a picture of so many cells along each axis; `None` of those that lie outside of it.
+    /// Converts the polygons to cells of a tree with this extent; `None` for those outside.
     ///
     /// # Errors
-    /// If a ring has too few corners, or one that is nowhere, with the feature's number; if there are polygons and all of them lie outside of
-    /// the tree.
+    /// If a ring has too few vertices, or one that is not finite, with the feature's number; if
+    /// there are polygons and all of them are outside of the tree.
     pub fn in_cells(&self, places: &CellLocator, extent: [u64; 3]) -> Result<Vec<Option<Polygon>>> {
         let polygons = self.polygons(places)?;
         if self.meets(&polygons, extent) {
@@ -178,11 +180,12 @@ impl PolygonLayer {
         }
     }
 
-    /// [`PolygonLayer::in_cells`] of several trees, such as the layers of a file, each with its extent, of corners in `coordinates`, which are those of
-    /// the locators. Polygons may lie outside of all of them.
+    /// Like [`PolygonLayer::in_cells`], for several trees, such as the layers of a file, each with
+    /// its extent. Vertices are in `coordinates`, as in the locators. It is no error if polygons
+    /// are outside of all trees.
     ///
     /// # Errors
-    /// If a ring has too few corners, or one that is nowhere, with the feature's number.
+    /// If a ring has too few vertices, or one that is not finite, with the feature's number.
     pub fn in_cells_of(
         &self,
         coordinates: &Coordinates,
@@ -206,7 +209,7 @@ impl PolygonLayer {
         (self.before + 1..).zip(&self.features).map(numbered).collect()
     }
 
-    /// Whether some of the polygons reach into a picture of so many cells, or there are none.
+    /// Returns whether some of the polygons meet a raster of this extent, or there are none.
     fn meets(&self, polygons: &[Option<Polygon>], extent: [u64; 3]) -> bool {
         let is_met = |polygon: &Polygon| {
             let [low, high] = polygon.corners();
@@ -219,7 +222,7 @@ impl PolygonLayer {
                 .all(|feature| parts_of(feature).iter().flatten().flatten().next().is_none())
     }
 
-    /// The error that all polygons lie outside of a tree.
+    /// Error if all polygons are outside of a tree.
     fn outside(&self, coordinates: &Coordinates, places: &CellLocator) -> Error {
         let (mut least, mut most) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let mut swapped = false;
@@ -241,18 +244,19 @@ impl PolygonLayer {
     }
 }
 
-/// Names that are told to somebody who asked for another one.
+/// Maximum number of known names in an error message.
 const MAX_REMEMBERED: usize = 200;
 
 fn none_with(filter: &FeatureFilter) -> Error {
     Error::invalid("features", format!("none with {filter}"), "values that a feature has")
 }
 
-/// Reads the polygons of a file of any format that [`open_features`](super::feature::open_features) reads, with the attribute `name` besides those
-/// that are asked for. All of them must fit into the memory that there may be.
+/// Reads the polygons of a file in any format of [`open_features`](super::feature::open_features),
+/// with the attribute `name` in addition to the requested ones. All of them must fit into the
+/// memory limit.
 ///
 /// # Errors
-/// Those of [`PolygonReader`]; if they need more memory.
+/// Those of [`PolygonReader`]; if they exceed the memory limit.
 pub fn read_polygons(path: &Path, options: &FeatureOptions) -> Result<PolygonLayer> {
     let mut reader = PolygonReader::open(path, options)?;
     let layer = reader.next_layer()?.unwrap_or_else(|| reader.layer());
@@ -268,24 +272,26 @@ pub fn read_polygons(path: &Path, options: &FeatureOptions) -> Result<PolygonLay
     }
 }
 
-/// The polygons of a file of any format that [`open_features`](super::feature::open_features) reads, as many at a time as fit into memory, with the
-/// attribute `name` besides those that are asked for.
+/// Reader of the polygons of a file in any format of
+/// [`open_features`](super::feature::open_features), as many at a time as fit into memory. It reads
+/// the attribute `name` in addition to the requested ones.
 pub struct PolygonReader {
     reader: Box<dyn FeatureReader>,
     path: PathBuf,
     options: FeatureOptions,
-    /// A feature that memory had no room for, and the bytes that it needs.
+    /// A feature that did not fit into the last batch, and its memory size.
     held: Option<(Feature, u64)>,
-    /// Features that were read.
+    /// Number of features read.
     count: u64,
-    /// Bytes that the last ones need.
+    /// Memory size of the current batch, in bytes.
     needed: u64,
-    /// Whether features are taken that are no polygons.
+    /// Whether features other than polygons are accepted.
     takes_others: bool,
 }
 
 impl PolygonReader {
-    /// Opens a file. The features that are held at a time fit into the memory of the options, unless a single one does not.
+    /// Opens a file. A batch fits into the memory limit of the options, unless a single feature
+    /// does not.
     ///
     /// # Errors
     /// Those of [`open_features`](super::feature::open_features).
@@ -294,10 +300,10 @@ impl PolygonReader {
         Ok(PolygonReader::of(reader, path, options))
     }
 
-    /// Reads a GeoJSON text as [`PolygonReader::open`] reads a file.
+    /// Reads GeoJSON text, like [`PolygonReader::open`] reads a file.
     ///
     /// # Errors
-    /// If it is no GeoJSON, or has no attribute that is asked for.
+    /// If it is not GeoJSON, or has no requested attribute.
     pub fn of_geojson(text: Vec<u8>, options: &FeatureOptions) -> Result<PolygonReader> {
         let path = Path::new("GeoJSON");
         let reader = open_geojson(text, path, options, Some("name"))?;
@@ -309,27 +315,28 @@ impl PolygonReader {
         PolygonReader { reader, path, options, held: None, count: 0, needed: 0, takes_others: false }
     }
 
-    /// Description of the layer.
+    /// Returns the description of the layer.
     pub fn schema(&self) -> &FeatureSchema {
         self.reader.schema()
     }
 
-    /// The file that is read.
+    /// Returns the path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Features that were read: all that were handed out, and one more if it waits.
+    /// Creates an empty batch. Of the features read, all but a held one were returned before.
     fn layer(&self) -> PolygonLayer {
         let FeatureSchema { crs, attributes, .. } = self.schema();
         let before = self.count - u64::from(self.held.is_some());
         PolygonLayer { crs: crs.clone(), attributes: attributes.clone(), features: Vec::new(), before }
     }
 
-    /// The next features: one at least; `None` behind the last.
+    /// Reads the next batch, of at least one feature; `None` after the last.
     ///
     /// # Errors
-    /// Those of [`FeatureReader::next`]; if a feature is no polygon and others are not taken; if there are conditions that hold for no feature.
+    /// Those of [`FeatureReader::next`]; if a feature is not a polygon and others are not accepted;
+    /// if no feature satisfies the conditions.
     pub fn next_layer(&mut self) -> Result<Option<PolygonLayer>> {
         let mut layer = self.layer();
         self.needed = 0;
@@ -354,13 +361,13 @@ impl PolygonReader {
         }
     }
 
-    /// Takes features, too, that are no polygons: they have no cells.
+    /// Also accepts features other than polygons; they have no cells.
     pub(crate) fn with_others(mut self) -> PolygonReader {
         self.takes_others = true;
         self
     }
 
-    /// Fails if a feature is no polygon, and others are not taken.
+    /// Fails if a feature is not a polygon, and others are not accepted.
     fn check(&self, feature: &Feature) -> Result<()> {
         if self.takes_others {
             return Ok(());
@@ -373,14 +380,14 @@ impl PolygonReader {
     }
 }
 
-/// Reads the polygons of a GeoJSON text.
+/// Reads the polygons of GeoJSON text.
 ///
 /// # Errors
-/// If it is no GeoJSON, or has anything but polygons.
+/// If it is not GeoJSON, or contains geometries other than polygons.
 pub fn parse_polygons(text: &str) -> Result<PolygonLayer> {
     let path = Path::new("GeoJSON");
     let options = FeatureOptions { memory: u64::MAX, ..FeatureOptions::default() };
-    // (A copy, since readers go over files and keep nothing.)
+    // A copy, since the reader needs an owned input.
     let input = Box::new(Cursor::new(text.as_bytes().to_vec()));
     let reader = GeoJson::open(input, path, &options, &mut Wanted::new(&options, None));
     let layer = reader.and_then(|reader| {
@@ -394,13 +401,13 @@ pub fn parse_polygons(text: &str) -> Result<PolygonLayer> {
     })
 }
 
-/// Bytes of memory for a corner, as it was read, in cells, and as an edge; for a ring, a value, a feature.
+/// Memory per vertex, as read, in cells, and as an edge; and per ring, value and feature, in bytes.
 const BYTES_OF_CORNER: u64 = 128;
 const BYTES_OF_RING: u64 = 128;
 const BYTES_OF_VALUE: u64 = 32;
 const BYTES_OF_FEATURE: u64 = 256;
 
-/// Bytes that a feature needs.
+/// Returns the memory size of a feature in bytes.
 fn bytes_of(feature: &Feature) -> u64 {
     fn of_geometry(geometry: &FeatureGeometry) -> u64 {
         let of_line = |line: &Vec<[f64; 2]>| BYTES_OF_RING + line.len() as u64 * BYTES_OF_CORNER;
@@ -421,7 +428,7 @@ fn bytes_of(feature: &Feature) -> u64 {
         + texts.sum::<u64>()
 }
 
-/// Adds the parts of polygons; fails if a geometry is anything else.
+/// Appends the parts of polygons; fails for any other geometry.
 fn add_polygons(geometry: &FeatureGeometry, parts: &mut PolygonParts) -> Result<(), ()> {
     match geometry {
         FeatureGeometry::Polygons(own) => parts.extend(own.iter().cloned()),
@@ -433,7 +440,7 @@ fn add_polygons(geometry: &FeatureGeometry, parts: &mut PolygonParts) -> Result<
     Ok(())
 }
 
-/// Name of the kind of a geometry that is no polygon.
+/// Returns the type name of a geometry that is not polygonal.
 fn kind_of_others(geometry: &FeatureGeometry) -> Option<&'static str> {
     match geometry {
         FeatureGeometry::Polygons(_) => None,

@@ -1,4 +1,4 @@
-//! Lines that others cross.
+//! Line crossings.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -13,23 +13,25 @@ use spinney_lines::LineTree;
 /// Crossings of lines.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CrossingSummary {
-    /// Number of features whose lines were asked for.
+    /// Number of query features.
     pub lines: u64,
-    /// Numbers of the features of the tree that they cross or touch; they ascend.
+    /// Ascending numbers of the tree's features that they cross or touch.
     pub features: Vec<u64>,
-    /// Number of pairs of pieces that do.
+    /// Number of pairs of segments that cross or touch.
     pub crossings: u64,
 }
 
-/// Vertices of lines that are asked for at a time.
+/// Number of vertices of lines that are queried at a time.
 const TOGETHER: usize = 1 << 16;
 
-/// Finds what the lines of a file of features cross or touch in a tree of lines. With an output, a point is written for each pair of pieces between vertices that have a
-/// place in common: the attributes of the file's feature, the number of the tree's feature (`line`, from 0), and the attributes of that one, or some of them. Lines in another coordinate
-/// system are brought to the tree's, in which the points are.
+/// Finds the lines of a tree that the lines of a file cross or touch. With an output, a point is
+/// written for each pair of segments with a common point. It has the attributes of the file's
+/// feature, the number of the tree's feature (`line`, from 0), and all or some of that one's
+/// attributes. Lines are transformed to the tree's coordinate system, which the points have, too.
 ///
 /// # Errors
-/// If a feature is no line, its system cannot be computed, there is no attribute of a name, a file cannot be read, or the output cannot be written.
+/// If a feature is not a line, its coordinate system is not supported, an attribute name is
+/// unknown, a file cannot be read, or the output cannot be written.
 pub fn join_crossing_lines(
     tree: &LineTree,
     lines: &Path,
@@ -40,9 +42,10 @@ pub fn join_crossing_lines(
     let mut reader = open_features(lines, &FeatureOptions::default())?;
     let locator = locator_of(tree, lines, &*reader, progress)?;
     let own = [("line", AttributeType::Integer)];
-    // (All crossings lie on lines of the tree.)
+    // All crossings lie on lines of the tree.
     let mut bounds = || Ok(tree.bounds()?.unwrap_or_default());
-    // (Crossings are on lines of the tree.)
+    // Crossings are in the coordinate system of the tree, or in that of the file if the tree has
+    // none.
     let crs = tree.metadata().frame.crs.clone().or_else(|| reader.schema().crs.clone());
     let mut joined = Joined::new(tree, names, (reader.schema(), &own), output, (crs, &mut bounds))?;
     let count = reader.schema().count;
@@ -70,7 +73,7 @@ pub fn join_crossing_lines(
         summary.crossings += found.len() as u64;
         crossed.extend(found.iter().map(|crossing| crossing.feature));
         let point = |crossing: &spinney_lines::LineCrossing| JoinedPoint {
-            // (Several points may come of one feature.)
+            // One feature may yield several points.
             id: None,
             feature: &features[owners[crossing.line]],
             geometry: Some(FeatureGeometry::Points(vec![crossing.place])),
@@ -88,7 +91,7 @@ pub fn join_crossing_lines(
     Ok(summary)
 }
 
-/// The lines of a feature, which it has no more.
+/// Takes the lines out of a feature.
 fn lines_of(path: &Path, number: u64, feature: &mut Feature) -> Result<Vec<Vec<[f64; 2]>>> {
     match feature.geometry.take() {
         None => Ok(Vec::new()),

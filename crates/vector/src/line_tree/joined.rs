@@ -1,4 +1,4 @@
-//! Points that get the attributes of features of a tree of lines.
+//! Points joined with the attributes of features of a line tree.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -15,35 +15,36 @@ use spinney_base::{Progress, Result, sort};
 use spinney_crs::{Crs, WorldLocator};
 use spinney_lines::{LineTree, LineValue};
 
-/// Values that are kept of features that were read, at most.
+/// Maximum number of cached attribute values.
 const KEPT: usize = 1 << 20;
 
-/// Bounds of a layer, which are found if its format needs them.
+/// Computes the bounds of a layer, if its format needs them.
 type LayerBounds<'b> = &'b mut dyn FnMut() -> Result<[[f64; 2]; 2]>;
 
-/// A layer of points in the making, each with the attributes of a feature of a file, the number of a feature of the tree, and the attributes of that one.
+/// Output layer of points. Each has the attributes of a feature of a file, its own attributes, and
+/// those of a feature of the tree.
 pub(super) struct Joined<'t> {
     tree: &'t LineTree,
     chosen: Vec<usize>,
     writer: Option<VectorWriter>,
-    /// Values of features of the tree.
+    /// Cached attribute values of the tree's features.
     known: HashMap<u64, Vec<LineValue>>,
 }
 
-/// A point of such a layer.
+/// Point of the output layer.
 pub(super) struct JoinedPoint<'f> {
     pub(super) id: Option<&'f serde_json::Value>,
     pub(super) feature: &'f Feature,
     pub(super) geometry: Option<FeatureGeometry>,
-    /// Number of the feature of the tree, if there is one.
+    /// Number of the tree's feature, if there is one.
     pub(super) line: Option<u64>,
-    /// Its own attributes: as many as the layer was told of.
+    /// Its own attributes, in number those of the layer.
     pub(super) own: Vec<AttributeValue<'f>>,
 }
 
 impl<'t> Joined<'t> {
-    /// Starts a layer in a coordinate system, with attributes of its own between those of the file and those of the tree, of which some are chosen; without an output the names
-    /// are checked.
+    /// Starts a layer in a coordinate system. Its own attributes come after those of the file and
+    /// before the chosen ones of the tree. Without an output, only the names are checked.
     pub(super) fn new(
         tree: &'t LineTree,
         names: Option<&[String]>,
@@ -94,7 +95,7 @@ impl<'t> Joined<'t> {
         Ok(())
     }
 
-    /// Reads the values of features that are not known.
+    /// Reads the values of features that are not cached.
     fn read(&mut self, mut numbers: Vec<u64>) -> Result<()> {
         let Joined { tree, chosen, known, .. } = self;
         if chosen.is_empty() {
@@ -113,13 +114,13 @@ impl<'t> Joined<'t> {
         })
     }
 
-    /// Ends the layer.
+    /// Completes the layer.
     pub(super) fn finish(self, progress: &dyn Progress) -> Result<()> {
         self.writer.map_or(Ok(()), |writer| writer.finish(progress))
     }
 }
 
-/// The way from the system of a file's features to that of the tree.
+/// Returns the conversion from the coordinates of a file's features to those of the tree.
 pub(super) fn locator_of(
     tree: &LineTree,
     path: &Path,

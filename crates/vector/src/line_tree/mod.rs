@@ -1,4 +1,4 @@
-//! Features of trees of lines as files of features, and files of features joined to those of a tree.
+//! Export of features of line trees, and joins of feature files with them.
 
 mod crossing;
 mod joined;
@@ -40,13 +40,13 @@ fn value_of(value: &LineValue) -> AttributeValue<'_> {
     }
 }
 
-/// Name of a file's only layer; standard output has none.
+/// Returns the name of a file's only layer; `lines` for standard output.
 fn layer_name(path: &Path) -> String {
     let stem = path.file_stem().filter(|stem| *stem != "-");
     stem.map_or_else(|| "lines".into(), |stem| stem.to_string_lossy().into_owned())
 }
 
-/// Places of attributes by their names; of all if none are named.
+/// Returns the indices of attributes by their names; of all without names.
 fn chosen_of(tree: &LineTree, names: Option<&[String]>) -> Result<Vec<usize>> {
     let own = tree.attributes();
     let Some(names) = names else { return Ok((0..own.len()).collect()) };
@@ -60,10 +60,12 @@ fn chosen_of(tree: &LineTree, names: Option<&[String]>) -> Result<Vec<usize>> {
     names.iter().map(place).collect()
 }
 
-/// Writes whole features of a tree of lines: all, or those with some numbers, which ascend; with some attributes, or all. Hands out how many.
+/// Writes complete features of a line tree: all, or those with the given numbers, which ascend;
+/// with all or some attributes. Returns their number.
 ///
 /// # Errors
-/// If there is no attribute of a name, the tree is damaged or cannot be read, or the output cannot be written.
+/// If an attribute name is unknown, the tree is corrupt or cannot be read, or the output cannot be
+/// written.
 pub fn export_lines(
     tree: &LineTree,
     numbers: Option<&[u64]>,
@@ -80,7 +82,7 @@ pub fn export_lines(
             None => Box::new(0..tree.len()),
         }
     };
-    // What the layer says of its features is known before the first is written.
+    // The properties of the layer must be known before the first feature is written.
     let (mut is_multi, mut bounds) = (false, None::<[[i32; 2]; 2]>);
     tree.features(&mut all(), &mut |_, feature| {
         is_multi |= feature.lines.len() > 1;

@@ -1,4 +1,4 @@
-//! Points with the lines nearest to them.
+//! Join of points with their nearest lines.
 
 use std::path::Path;
 
@@ -9,30 +9,33 @@ use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result, SilentProgress};
 use spinney_lines::{LineTree, NearLine, NearestLines};
 
-/// Outcome of joining points with lines.
+/// Result of joining points with lines.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct JoinSummary {
     /// Number of points.
     pub points: u64,
-    /// Number of those that have a line that is near enough.
+    /// Number of points with a line near enough.
     pub joined: u64,
-    /// The sum of their distances.
+    /// Sum of their distances.
     pub sum: f64,
-    /// The greatest of their distances.
+    /// Maximum of their distances.
     pub most: f64,
 }
 
-/// Points that are joined at a time.
+/// Number of points that are joined at a time.
 const TOGETHER: usize = 1 << 16;
-/// Bytes of memory for lines that are kept from points to points.
+/// Memory for lines cached between batches, in bytes.
 const MEMORY: u64 = 256 << 20;
 
-/// Joins each point of a file of features to the line nearest to it, of at most a distance: its attributes get the number of the line's feature (`line`, from 0), the
-/// distance, and the attributes of that feature, or some of them. With an output, the points are written to it. Points in another coordinate system are brought to the tree's, in
-/// which distances are; those that are written stay in their own.
+/// Joins each point of a file with its nearest line within a distance. Its attributes are extended
+/// by the number of the line's feature (`line`, from 0), the distance, and all or some of that
+/// feature's attributes. With an output, the points are written to it. Points are transformed to
+/// the tree's coordinate system, in which distances are; the output keeps their own coordinates.
 ///
 /// # Errors
-/// If a feature is no single point, or has no position in the tree's system, which cannot be computed, there is no attribute of a name, a file cannot be read, or the output cannot be written.
+/// If a feature is not a single point, or has no position in the tree's coordinate system, a
+/// coordinate system is not supported, an attribute name is unknown, a file cannot be read, or the
+/// output cannot be written.
 pub fn join_nearest_lines(
     tree: &LineTree,
     points: &Path,
@@ -44,10 +47,10 @@ pub fn join_nearest_lines(
     let mut reader = open_features(points, &FeatureOptions::default())?;
     let locator = locator_of(tree, points, &*reader, progress)?;
     let own = [("line", AttributeType::Integer), ("distance", AttributeType::Number)];
-    // (Ids of rows must be whole numbers, each once, which only another such table is sure to have.)
+    // Row ids must be unique integers, which only another such table guarantees.
     let is_table = |path: &Path| path.to_string_lossy().to_ascii_lowercase().contains(".gpkg");
     let keeps_ids = !matches!(output, Some((_, VectorFormat::GeoPackage))) || is_table(points);
-    // (The points are written as they are in their file.)
+    // The points are written in the coordinates of their file.
     let crs = reader.schema().crs.clone().or_else(|| tree.metadata().frame.crs.clone());
     let mut joined = Joined::new(
         tree,
@@ -103,7 +106,7 @@ pub fn join_nearest_lines(
     Ok(summary)
 }
 
-/// The place of a feature; none if it has none.
+/// Returns the position of a feature; `None` without a geometry.
 fn place_of(path: &Path, number: u64, feature: &Feature) -> Result<Option<[f64; 2]>> {
     match &feature.geometry {
         None => Ok(None),
@@ -115,14 +118,14 @@ fn place_of(path: &Path, number: u64, feature: &Feature) -> Result<Option<[f64; 
     }
 }
 
-/// The error of a feature that the coordinate system of a tree has no position for.
+/// Error for a feature outside the domain of the tree's coordinate system.
 fn no_position(path: &Path, number: u64, [x, y]: [f64; 2]) -> Error {
     let found =
         format!("feature {number} at {x},{y}, which the coordinate system of the tree has no position for,");
     Error::unsupported(path, found, "leave it out, or correct it")
 }
 
-/// Least and greatest place of all points of a file.
+/// Returns the bounds of all points of a file.
 fn bounds_in(path: &Path, progress: &dyn Progress) -> Result<[[f64; 2]; 2]> {
     let mut reader = open_features(path, &FeatureOptions::default())?;
     let mut bounds: Option<[[f64; 2]; 2]> = None;

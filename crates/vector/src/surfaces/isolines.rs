@@ -10,11 +10,12 @@ use spinney_crs::Crs;
 use spinney_engine::query::{ContourLevels, Levels};
 use spinney_tin::Tin;
 
-/// Writes the isolines of a surface, exact on its triangles, with the attribute value, as contours of rasters are written. Returns the numbers of
-/// lines and of their points.
+/// Writes the isolines of a surface like raster contours, with the attribute value. They are exact
+/// on its triangles. Returns the numbers of lines and points.
 ///
 /// # Errors
-/// If levels are none or far too many, areas are asked for, the output cannot be written, or on interruption.
+/// If levels are invalid or too many, areas are requested, the output cannot be written, or on
+/// cancellation.
 pub fn export_isolines(
     tin: &Tin,
     crs: Option<Crs>,

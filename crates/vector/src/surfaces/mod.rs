@@ -1,4 +1,4 @@
-//! Triangulated surfaces of features: rasters, and layers as exact models.
+//! Triangulated surfaces of features: as rasters, and as layers of exact models.
 
 mod isolines;
 mod raster;

@@ -14,7 +14,8 @@ use spinney_tin::{HeightGrid, Tin};
 /// Reads the first channel of a quadtree's level as heights.
 ///
 /// # Errors
-/// If it is an octree, a tree of classes, or damaged, there is no such level, or there are more cells than fit into memory.
+/// If it is an octree, categorical, or corrupt, the level does not exist, or the cells do not fit
+/// into memory.
 pub fn read_heights(tree: &Dataset, level: u8) -> Result<HeightGrid> {
     if tree.header().form.axes() != 2 {
         let advice =
@@ -32,10 +33,10 @@ pub fn read_heights(tree: &Dataset, level: u8) -> Result<HeightGrid> {
     Ok(grid)
 }
 
-/// Rows that are handed out at once: as many as blocks have.
+/// Number of rows yielded at a time, equal to the side of a block.
 const ROWS: usize = 256;
 
-/// The rows of a grid, many at a time.
+/// Rows of a grid, many at a time.
 struct Rows<'a> {
     grid: &'a HeightGrid,
     next: usize,
@@ -68,10 +69,10 @@ impl Slabs for Rows<'_> {
     }
 }
 
-/// A raster of a surface.
+/// Parameters of a surface raster.
 #[derive(Clone, Debug)]
 pub struct SurfaceRaster {
-    /// Width of the cells.
+    /// Cell width.
     pub cell: f64,
     /// Name of the band.
     pub name: String,
@@ -79,17 +80,19 @@ pub struct SurfaceRaster {
     pub crs: Option<Crs>,
     /// Line for the provenance.
     pub provenance: String,
-    /// Bytes of memory.
+    /// Memory limit in bytes.
     pub memory: u64,
     /// Codec of the file.
     pub packing: Packing,
 }
 
-/// Writes a surface as a quadtree of f32: its heights at the centres of cells of a width, linear in triangles; VOID beside it. North is up, and
-/// borders of cells are at multiples of their width. Returns columns and rows, which are in memory.
+/// Writes a surface as an f32 quadtree. Values are the heights at cell centres, linear within
+/// triangles; VOID outside the surface. North is up, and cell borders are at multiples of the cell
+/// width. The raster is held in memory. Returns columns and rows.
 ///
 /// # Errors
-/// If the width is no number above zero, there would be too many cells, the output cannot be written, or on interruption.
+/// If the width is not a positive number, there are too many cells, the output cannot be written,
+/// or on cancellation.
 pub fn write_surface(
     tin: &Tin,
     raster: SurfaceRaster,
@@ -106,7 +109,7 @@ pub fn write_surface(
     }
     let [[west, south], [east, north]] = ends;
     let (west, north) = ((west / cell).floor() * cell, (north / cell).ceil() * cell);
-    // (What is too large becomes the largest number, and is told.)
+    // The casts saturate, and the grid then reports that it is too large.
     let size =
         [((east - west) / cell).ceil().max(1.0) as usize, ((north - south) / cell).ceil().max(1.0) as usize];
     let transform = [cell, 0.0, west, 0.0, -cell, north];

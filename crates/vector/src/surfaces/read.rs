@@ -1,4 +1,4 @@
-//! Points, lines and polygons of files, as what surfaces are made of.
+//! Reads points, lines and polygons for surfaces.
 
 use std::path::{Path, PathBuf};
 
@@ -6,43 +6,44 @@ use crate::import::feature::{FeatureAttribute, FeatureGeometry, FeatureOptions, 
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, PolygonParts};
 
-/// The name of the attribute of breaklines that is their height, in any case of letters.
+/// Name of the height attribute of breaklines, in any case.
 const HEIGHT: &str = "z";
 
-/// Files that surfaces are made of.
+/// Input files of surfaces.
 #[derive(Clone, Debug, Default)]
 pub struct SurfaceFiles {
-    /// Features that are points.
+    /// Point features.
     pub points: PathBuf,
-    /// Names of the attributes that are heights, one for each surface.
+    /// Names of the height attributes, one per surface.
     pub heights: Vec<String>,
-    /// Choice of the points and their heights.
+    /// Selection of the points.
     pub options: FeatureOptions,
-    /// Lines that become edges, with the attribute `z` as their height if they have one.
+    /// Lines that become edges; their height is the attribute `z`, if they have it.
     pub breaklines: Option<PathBuf>,
-    /// Polygons outside of which there is no surface.
+    /// Polygons that bound the surface.
     pub outline: Option<PathBuf>,
 }
 
-/// Points and lines that surfaces are made of.
+/// Input geometry of surfaces.
 #[derive(Clone, Debug, Default)]
 pub struct SurfacePoints {
-    /// The points of each surface.
+    /// Points of each surface.
     pub points: Vec<Vec<[f64; 3]>>,
-    /// Points that have no height, for each surface.
+    /// Number of points without a height, per surface.
     pub without: Vec<u64>,
-    /// Breaklines; heights that are not known are no numbers.
+    /// Breaklines; unknown heights are NaN.
     pub breaklines: Vec<Vec<[f64; 3]>>,
     /// Polygons.
     pub outlines: PolygonParts,
-    /// The coordinate system, where known.
+    /// Coordinate system, if known.
     pub crs: Option<Crs>,
 }
 
-/// Reads what surfaces are made of. A feature without a number for a height is left out of that surface.
+/// Reads the input of surfaces. A feature without a numeric height is left out of that surface.
 ///
 /// # Errors
-/// Those of [`open_features`]; if the features are of other kinds, heights are no numbers, or files have different coordinate systems.
+/// Those of [`open_features`]; if the features are of other kinds, heights are not numeric, or the
+/// files have different coordinate systems.
 pub fn read_surfaces(files: &SurfaceFiles) -> Result<SurfacePoints> {
     let path = &files.points;
     let options = FeatureOptions { attributes: Some(files.heights.clone()), ..files.options.clone() };
@@ -89,7 +90,7 @@ pub fn read_surfaces(files: &SurfaceFiles) -> Result<SurfacePoints> {
     Ok(found)
 }
 
-/// A value as a number, if it is one.
+/// Converts a value to a number, if it is finite.
 fn number(value: &FeatureAttribute) -> Option<f64> {
     match value {
         FeatureAttribute::Integer(number) => Some(*number as f64),
@@ -98,7 +99,7 @@ fn number(value: &FeatureAttribute) -> Option<f64> {
     }
 }
 
-/// Fails if a file has another coordinate system than those before.
+/// Fails if a file's coordinate system differs from that of the previous files.
 fn agree(path: &Path, crs: &mut Option<Crs>, other: Option<&Crs>) -> Result<()> {
     match (&crs, other) {
         (Some(crs), Some(other)) if crs != other => {
@@ -113,7 +114,7 @@ fn agree(path: &Path, crs: &mut Option<Crs>, other: Option<&Crs>) -> Result<()> 
     }
 }
 
-/// Reads lines; rings of polygons are lines, too.
+/// Reads lines; rings of polygons are also read as lines.
 fn read_lines(path: &Path, crs: &mut Option<Crs>) -> Result<Vec<Vec<[f64; 3]>>> {
     let mut reader = open_features(path, &FeatureOptions::default())?;
     agree(path, crs, reader.schema().crs.as_ref())?;

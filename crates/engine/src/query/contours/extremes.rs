@@ -1,4 +1,4 @@
-//! Extremes of the first channel of the cells of a node.
+//! Extremes of the first channel of a node's cells.
 
 use crate::query::count::counter_of;
 use crate::query::stats::tally_of;
@@ -11,13 +11,13 @@ use spinney_base::value::ZoneStats;
 /// Bounds of the values of some cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extremes {
-    /// The least value.
+    /// Minimum value.
     pub least: f64,
-    /// The greatest value.
+    /// Maximum value.
     pub greatest: f64,
     /// Whether there may be values.
     pub has_values: bool,
-    /// Whether there may be cells without one.
+    /// Whether there may be cells without a value.
     pub has_void: bool,
 }
 
@@ -30,7 +30,7 @@ impl Extremes {
     pub const UNKNOWN: Extremes =
         Extremes { least: f64::NEG_INFINITY, greatest: f64::INFINITY, has_values: true, has_void: true };
 
-    /// Those of a box of which a tally has all values.
+    /// Returns the extremes of `cells` cells from the tally of their values.
     fn of(tally: &ZoneStats, cells: u64) -> Extremes {
         let number = |value| tally.value_type.first_sample(value);
         let count = tally.present[0];
@@ -38,14 +38,15 @@ impl Extremes {
             return Extremes { has_void: true, ..Extremes::NONE };
         }
         let (least, greatest) = (number(tally.min), number(tally.max));
-        // (No line goes through values that are no finite numbers, and only some of them may be.)
+        // (Lines do not pass through values that are not finite, and only some of the values may be
+        // such.)
         if !least.is_finite() || !greatest.is_finite() {
             return Extremes::UNKNOWN;
         }
         Extremes { least, greatest, has_values: true, has_void: count < cells }
     }
 
-    /// Those of both.
+    /// Returns the extremes of both sets of cells.
     pub fn with(self, other: Extremes) -> Extremes {
         Extremes {
             least: self.least.min(other.least),
@@ -55,7 +56,7 @@ impl Extremes {
         }
     }
 
-    /// Those of the same cells where the void ones count as zero.
+    /// Returns the extremes of the same cells if VOID ones count as zero.
     pub fn with_zeros(self) -> Extremes {
         if !self.has_void {
             return self;
@@ -69,14 +70,14 @@ impl Extremes {
     }
 }
 
-/// Extremes of a node of a Goblin file, from the statistics that it stores.
+/// Returns the extremes of a node of a Goblin file from its stored statistics.
 ///
 /// # Errors
-/// If the file is damaged there.
+/// If the file is corrupt there.
 pub(crate) fn file_extremes(file: &Goblin, code: Code) -> Result<Extremes> {
     let bounds = code.bounds(file.header().depth());
     let cells = bounds.intersect(&file.header().picture()).volume();
-    // The directory has those of nodes with segments, which are not opened.
+    // The segment index has those of nodes with segments, without opening the segments.
     if let Some(index) = file.find_segment(code)? {
         let entry = file.entry(index)?;
         if entry.code == code {
@@ -86,7 +87,8 @@ pub(crate) fn file_extremes(file: &Goblin, code: Code) -> Result<Extremes> {
     Ok(Extremes::of(&tally_of(file, &bounds, false)?, cells))
 }
 
-/// Extremes of a node of any source, of which `picture` are the cells that can be other than VOID. Nothing is known of nodes that the source has no tally of.
+/// Returns the extremes of a node of any source. `picture` is the box of the cells that may be
+/// other than VOID. The extremes of nodes without a stored tally are unknown.
 ///
 /// # Errors
 /// If the source fails.

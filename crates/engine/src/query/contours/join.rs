@@ -1,4 +1,4 @@
-//! Pieces of lines of neighbouring tiles, joined to whole lines.
+//! Joins the line fragments of neighbouring tiles to complete lines.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -6,49 +6,50 @@ use super::pieces::{LinePieces, PieceNumber};
 use super::tile::{EdgeKey, LinePiece};
 use spinney_base::Result;
 
-/// A line that has come to its end, or a part of one.
+/// A line, complete or in progress.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ContourLine {
-    /// Number of the level, or of the band.
+    /// Number of the level or the band.
     pub(super) class: i32,
-    /// The first of its pieces, and the last.
+    /// First and last fragment.
     pub(super) first: PieceNumber,
     last: PieceNumber,
-    /// Number of its points, as they are handed out.
+    /// Number of its points when it is returned.
     pub(super) count: u64,
     pub(super) is_ring: bool,
-    /// Where it may go on.
+    /// Points where it may continue.
     ends: [Option<EdgeKey>; 2],
 }
 
 impl ContourLine {
-    /// A ring, by its first piece.
+    /// Creates a ring from its first fragment.
     pub(super) fn ring(class: i32, first: PieceNumber, count: u64) -> ContourLine {
         ContourLine { class, first, last: first, count, is_ring: true, ends: [None; 2] }
     }
 }
 
-/// Lines in the making.
+/// Lines in progress.
 #[derive(Default)]
 pub(super) struct Joiner {
     lines: HashMap<u64, ContourLine>,
-    /// Lines that may go on, by the points where: at their starts, and at their ends.
+    /// Lines that may continue, by their start (0) and end (1) points.
     waiting: [BTreeMap<EdgeKey, u64>; 2],
-    /// Lines so far.
+    /// Number of lines so far.
     number: u64,
 }
 
 impl Joiner {
-    /// Takes a piece, joins it to what it meets, and hands out the line if that is whole.
+    /// Adds a fragment, joins it to the lines that it meets, and returns the line if it is
+    /// complete.
     ///
     /// # Errors
-    /// If the pieces cannot be kept.
+    /// If the fragments cannot be stored.
     pub(super) fn push(&mut self, piece: LinePiece, pieces: &mut LinePieces) -> Result<Option<ContourLine>> {
         let LinePiece { class, points, ends, is_ring } = piece;
         let count = points.len() as u64;
         let number = pieces.add(points)?;
         let mut line = ContourLine { class, first: number, last: number, count, is_ring, ends };
-        // What comes before it ends where it starts.
+        // The line before ends where this fragment starts.
         if let Some(before) = line.ends[0].and_then(|start| self.take(1, start)) {
             line = joined(before, line, pieces);
         }
@@ -77,7 +78,7 @@ impl Joiner {
         Ok(None)
     }
 
-    /// Takes the line out that starts (0) or ends (1) at a point.
+    /// Removes and returns the line that starts (0) or ends (1) at a point.
     fn take(&mut self, side: usize, at: EdgeKey) -> Option<ContourLine> {
         let number = self.waiting[side].get(&at)?;
         let line = self.lines.remove(number)?;
@@ -89,7 +90,8 @@ impl Joiner {
         Some(line)
     }
 
-    /// Lets lines end that could only have gone on above a row, and hands out those that are whole.
+    /// Closes ends that could only have continued above a row, and returns the lines that are
+    /// complete.
     pub(super) fn settle(&mut self, row: i64) -> Vec<ContourLine> {
         let mut whole = Vec::new();
         for side in 0..2 {
@@ -107,7 +109,7 @@ impl Joiner {
     }
 }
 
-/// A line and what comes after it.
+/// Joins a line and its successor.
 fn joined(before: ContourLine, after: ContourLine, pieces: &mut LinePieces) -> ContourLine {
     pieces.link(before.last, after.first);
     let ends = [before.ends[0], after.ends[1]];

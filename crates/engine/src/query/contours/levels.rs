@@ -1,41 +1,42 @@
-//! The values that lines are drawn at.
+//! Values that contour lines are drawn at.
 
 use spinney_base::{DecimalSteps, Error, Result, sort};
 
-/// The values that contour lines are drawn at.
+/// Values that contour lines are drawn at.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ContourLevels {
     /// All multiples of a step, counted from a base: see [`DecimalSteps`].
     Every {
-        /// Distance between neighbours, greater than 0.
+        /// Distance between adjacent levels, greater than 0.
         step: f64,
-        /// One of the values.
+        /// One of the levels.
         base: f64,
     },
-    /// These, in any order.
+    /// These values, in any order.
     At(Vec<f64>),
 }
 
-/// Numbers of levels stay within these, whatever the values are.
+/// Approximate limit of the absolute values of level numbers, whatever the values are.
 const MOST: i32 = 1 << 30;
 
-/// Levels, numbered upwards: a value's *rank* is the number of the first level above it, so that the level of number `n` is at most the value
-/// exactly if the rank is greater than `n`. All decisions about lines are made on ranks, so that none contradicts another.
+/// Levels, numbered upwards. A value's *rank* is the number of the first level above it: the level
+/// of number `n` is at most the value exactly if the rank is greater than `n`. All decisions about
+/// lines are based on ranks, so they cannot contradict each other.
 #[derive(Debug)]
 pub struct Levels(Kind);
 
 #[derive(Debug)]
 enum Kind {
     Every(DecimalSteps),
-    /// In ascending order.
+    /// Ascending.
     At(Vec<f64>),
 }
 
 impl Levels {
-    /// Checks levels and puts them in order.
+    /// Checks and sorts levels.
     ///
     /// # Errors
-    /// If there are none, one is no finite number, or the step is not greater than 0.
+    /// If there are none, a level is not finite, or the step is not greater than 0.
     pub fn new(levels: &ContourLevels) -> Result<Levels> {
         let invalid = |found: String, expected: &str| Err(Error::invalid("contour levels", found, expected));
         match levels {
@@ -64,10 +65,11 @@ impl Levels {
         }
     }
 
-    /// The levels, from the lowest on: all that were given; of multiples of a step those that only some of all values reach.
+    /// Returns levels in ascending order: all levels of a list, or the multiples of a step that lie
+    /// between the values.
     ///
     /// # Errors
-    /// If there are far too many.
+    /// If there are too many.
     pub fn reached(&self, (least, greatest): (f64, f64)) -> Result<Vec<f64>> {
         const MAX_REACHED: i32 = 1 << 16;
         let numbers = match &self.0 {
@@ -81,7 +83,7 @@ impl Levels {
         Ok(numbers.map(|number| self.value(number)).collect())
     }
 
-    /// The level of a number.
+    /// Returns the level of a number.
     pub(super) fn value(&self, number: i32) -> f64 {
         match &self.0 {
             Kind::Every(steps) => steps.value(number.into()),
@@ -92,7 +94,7 @@ impl Levels {
         }
     }
 
-    /// The rank of a value, which is a number.
+    /// Returns the rank of a value, which must not be NaN.
     #[inline]
     pub(super) fn rank(&self, value: f64) -> i32 {
         match &self.0 {
@@ -100,7 +102,7 @@ impl Levels {
                 let guess = ((value - steps.base()) / steps.step())
                     .floor()
                     .clamp(f64::from(-MOST), f64::from(MOST)) as i32;
-                // The levels are as they are rounded: the guess may be off by one.
+                // Levels are rounded, so the guess may be off by one.
                 let is_reached = |number: i32| self.value(number) <= value;
                 if is_reached(guess + 1) {
                     guess + 2
@@ -114,8 +116,8 @@ impl Levels {
         }
     }
 
-    /// Least and greatest value of the band between two neighbouring levels that values of a rank lie in; one without a level at an end
-    /// ends where all values do.
+    /// Returns minimum and maximum value of the band of a rank, between two adjacent levels. A band
+    /// without a level at an end extends to the minimum or maximum of all values.
     pub(super) fn band(&self, rank: i32, (least, greatest): (f64, f64)) -> [f64; 2] {
         match &self.0 {
             Kind::Every(_) => [self.value(rank - 1), self.value(rank)],

@@ -1,10 +1,12 @@
-//! Contour lines, and the areas between them, at any level of detail.
+//! Traces contour lines, and the bands between them, at any level of detail.
 //!
-//! Lines go through the squares between the centres of neighbouring cells (`squares.rs`), in tiles of 256 x 256 of them (`tile.rs`) that are
-//! traced on all threads, row after row. Tiles whose extremes exclude all levels are not looked at (`rows.rs`). Where a line leaves
-//! a tile, the edge and the point's number on it say where it goes on (`nodes.rs`, `join.rs`); a line is handed out as soon as it is whole.
-//! Until then its pieces wait, in a temporary file if there are many (`pieces.rs`). Rings of bands wait for the rings around them
-//! (`polygons.rs`).
+//! Lines run through the squares between the centres of neighbouring cells (`squares.rs`), in tiles
+//! of 256 x 256 squares (`tile.rs`) that are traced on all threads, row by row. Tiles whose
+//! extremes exclude all levels are not read (`rows.rs`). Where a line leaves a tile, the edge and
+//! the point's number on it identify the continuation (`nodes.rs`, `join.rs`). A line is returned
+//! as soon as it is complete. Until then its fragments are held in memory, or in a temporary file
+//! if there are many (`pieces.rs`). Rings of bands are held until the rings around them are
+//! complete (`polygons.rs`).
 
 mod extremes;
 mod grid;
@@ -37,53 +39,55 @@ use spinney_base::space::{Bounds, Code};
 use spinney_base::{Progress, Result};
 use spinney_crs::Frame;
 
-/// Course of contour lines where cells without a value are near.
+/// Course of contour lines near cells without a value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ContourEnds {
-    /// Lines end: no line goes between four cells of which one is VOID.
+    /// Lines end: no line passes between four cells of which one is VOID.
     #[default]
     Open,
-    /// Lines go on to the edge of the last cells, and end there, as GDAL's do.
+    /// Lines continue to the edge of the last cells and end there, as in GDAL.
     Extend,
-    /// Lines go on along the edge of the last cells, also those at the edge of the picture, so that all of them are rings: what is VOID counts as
-    /// lower than everything.
+    /// Lines continue along the edge of the last cells, including the edge of the raster, so that
+    /// all of them are rings. VOID counts as lower than any value.
     Close,
 }
 
-/// Contour lines or bands that are wanted.
+/// Options for contour lines or bands.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct ContourRequest {
-    /// The values.
+    /// Contour levels.
     pub levels: ContourLevels,
-    /// The level of the tree whose cells count; the deepest if it is not given.
+    /// Level of the tree whose cells are used; `None` is the deepest.
     pub level: Option<u8>,
-    /// Course of lines near VOID cells. Bands always go on to the edge of the last cells.
+    /// Course of lines near VOID cells. Bands always extend to the edge of the last cells.
     pub ends: ContourEnds,
-    /// Bytes to hold at a time, approximately.
+    /// Approximate memory limit in bytes.
     pub memory: u64,
-    /// Where a temporary file is made if lines need more memory than that; the system's folder for such files if it is not given.
+    /// Directory of the temporary file that is used if lines exceed the memory limit; `None` is the
+    /// system's temporary directory.
     pub folder: Option<PathBuf>,
 }
 
 impl ContourRequest {
-    /// Contours of the deepest level, which end where VOID cells are near, with 64 MiB of memory.
+    /// Creates a request for contours of the deepest level. Lines end near VOID cells, and the
+    /// memory limit is 64 MiB.
     pub fn new(levels: ContourLevels) -> ContourRequest {
         ContourRequest { levels, level: None, ends: ContourEnds::Open, memory: 64 << 20, folder: None }
     }
 }
 
-/// Counts of contours, and of what was read for them.
+/// Totals of contours, and of the tiles read for them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct ContourSummary {
-    /// Lines, or polygons.
+    /// Number of lines or polygons.
     pub count: u64,
-    /// Their points.
+    /// Number of their points.
     pub points: u64,
-    /// Tiles of 256 x 256 cells that the picture has at the level.
+    /// Number of tiles of 256 x 256 cells in the raster at the level.
     pub tiles: u64,
-    /// Tiles that may have lines, all others being excluded by extremes, and were read.
+    /// Number of tiles that were read. Extremes exclude lines in all others.
     pub tiles_read: u64,
 }
 
@@ -96,32 +100,36 @@ pub struct Contour<'a> {
 }
 
 impl Contour<'_> {
-    /// The line's value; of a band the least value.
+    /// Returns the line's value, or the minimum value of a band.
     pub fn value(&self) -> f64 {
         self.range[0]
     }
 
-    /// The band's least value, and the value that its values are below; of a line twice its value.
+    /// Returns the range of a band: its minimum value, and the value that its values are below.
+    /// Both are the line's value for a line.
     pub fn range(&self) -> [f64; 2] {
         self.range
     }
 
-    /// Whether lines end where they begin. Rings of polygons always do.
+    /// Returns whether all lines end where they begin. Rings of polygons always do.
     pub fn is_closed(&self) -> bool {
         self.lines.iter().all(|line| line.is_ring)
     }
 
-    /// Number of parts: 1 of a line; of a polygon the outer ring, which is the first, and its holes.
+    /// Returns the number of parts: 1 for a line; for a polygon its outer ring, which is the first,
+    /// and its holes.
     pub fn parts(&self) -> usize {
         self.lines.len()
     }
 
-    /// Number of points of a part, the last of a ring, which is its first again, included; 0 if there is no such part.
+    /// Returns the number of points of a part, or 0 if there is no such part. The last point of a
+    /// ring repeats the first.
     pub fn count(&self, part: usize) -> u64 {
         self.lines.get(part).map_or(0, |line| line.count)
     }
 
-    /// Hands out the points of a part in world coordinates, many at a time, with [`Contour::value`] as the third.
+    /// Passes the points of a part to `each` in chunks, in world coordinates, with
+    /// [`Contour::value`] as the third coordinate.
     ///
     /// # Errors
     /// If a temporary file cannot be read, or `each` fails.
@@ -139,41 +147,43 @@ impl Contour<'_> {
     }
 }
 
-/// Takes contours as they come.
+/// Visitor of contours.
 pub type ContourVisitor<'a> = dyn FnMut(&Contour<'_>) -> Result<()> + 'a;
 
 /// Cells that contours and isosurfaces are traced on: those of a level of a tree.
 pub trait Relief: Sync {
-    /// A node's state.
+    /// Returns a node's state.
     fn node(&self, code: Code) -> Result<Child<()>>;
-    /// The extremes of the cells of a node.
+    /// Returns the extremes of a node's cells.
     fn extremes(&self, code: Code) -> Result<Extremes>;
-    /// The numbers of a box of cells, in rows; not a number where there is none.
+    /// Returns the numbers of a box of cells in row order; NaN for cells without a value.
     fn numbers(&self, bounds: &Bounds) -> Result<Vec<f64>>;
 }
 
-/// The cells that contours are traced on.
+/// Raster that contours are traced on.
 pub(crate) struct ContourGround<'a> {
     pub relief: &'a dyn Relief,
-    /// The level, and columns and rows of the picture there.
+    /// Level, and its columns and rows.
     pub level: u8,
     pub size: [u64; 2],
-    /// The frame of the level's cells.
+    /// Frame of the level's cells.
     pub frame: Frame,
     /// Bounds of all values.
     pub values: (f64, f64),
 }
 
-/// Columns and rows of a tile as a power of two.
+/// Base-2 logarithm of a tile's columns and rows.
 const TILE: u8 = 8;
 
-/// Bytes that a tile takes while it is traced, unless it has very many lines.
+/// Memory in bytes for tracing a tile, unless it has very many lines.
 const TILE_BYTES: u64 = 4 << 20;
 
-/// Traces lines, or the polygons of bands, and hands them out in an order that depends on the tree alone.
+/// Traces lines or the polygons of bands, and passes them to `each` in an order that depends only
+/// on the tree.
 ///
 /// # Errors
-/// If the levels are none, or too close, the tree is damaged, a temporary file fails, `each` does, or on interruption.
+/// If the levels are invalid or too close, if the tree is corrupt, if a temporary file or `each`
+/// fails, or on cancellation.
 pub(crate) fn trace_contours(
     ground: &ContourGround<'_>,
     request: &ContourRequest,
@@ -188,8 +198,8 @@ pub(crate) fn trace_contours(
         ContourEnds::Extend => Tracing::Open { to_edges: true },
         ContourEnds::Close => Tracing::Closed { low: levels.rank(ground.values.0) },
     };
-    // Pictures are looked at with rows going down: where the world is not, left and right change places. Outer rings of polygons are
-    // counterclockwise.
+    // Rasters are traced with rows going down. If the world's rows go up, left and right are
+    // swapped. Outer rings of polygons are counterclockwise.
     let [across, down, _] = ground.frame.linear().to_cols_array_2d();
     let is_reversed = (across[0] * down[1] - across[1] * down[0] > 0.0) != is_bands;
     let tile_level = ground.level.saturating_sub(TILE);
@@ -239,7 +249,7 @@ fn read_tile(
 ) -> Result<ValueGrid> {
     let picture = ground.size.map(|cells| cells as i64);
     let first: [i64; 2] = std::array::from_fn(|axis| ((tile[axis] << TILE) as i64) - 1);
-    // The last tile has the squares at the edge of the picture, too.
+    // The last tile also has the squares at the edge of the raster.
     let end: [i64; 2] = std::array::from_fn(|axis| {
         if tile[axis] + 1 == tiles[axis] { picture[axis] + 1 } else { ((tile[axis] + 1) << TILE) as i64 }
     });
@@ -257,7 +267,7 @@ fn read_tile(
     Ok(ValueGrid::new(first, size, picture, numbers, levels))
 }
 
-/// Lines on their way to whoever wants them.
+/// State of the tracing.
 struct Tracer<'a, 'e> {
     ground: &'a ContourGround<'a>,
     levels: &'a Levels,
@@ -270,7 +280,7 @@ struct Tracer<'a, 'e> {
 }
 
 impl Tracer<'_, '_> {
-    /// Takes the pieces of a tile.
+    /// Adds the fragments of a tile.
     fn take(&mut self, pieces: Vec<LinePiece>) -> Result<()> {
         for piece in pieces {
             if let Some(line) = self.joiner.push(piece, &mut self.pieces)? {
@@ -280,7 +290,7 @@ impl Tracer<'_, '_> {
         Ok(())
     }
 
-    /// Ends what cannot go on when all above a row has been seen.
+    /// Ends everything that cannot continue once all rows above `row` were traced.
     fn settle(&mut self, row: i64) -> Result<()> {
         for line in self.joiner.settle(row) {
             self.finish(line)?;
@@ -293,7 +303,7 @@ impl Tracer<'_, '_> {
         })
     }
 
-    /// Hands out a whole line, or keeps a ring for its polygon.
+    /// Passes a complete line to `each`, or stores a ring for its polygon.
     fn finish(&mut self, line: ContourLine) -> Result<()> {
         if self.is_bands {
             return self.polygons.push(line, &self.pieces);
@@ -307,7 +317,7 @@ impl Tracer<'_, '_> {
     }
 }
 
-/// Counts a contour.
+/// Adds a contour to the totals.
 fn count(summary: &mut ContourSummary, lines: &[ContourLine]) {
     summary.count += 1;
     summary.points += lines.iter().map(|line| line.count).sum::<u64>();

@@ -1,33 +1,36 @@
-//! Points of lines on the edges between neighbouring cells, numbered: edge after edge, and those of an edge level after level. Two tiles
-//! that share an edge number its points alike, which is how their lines are joined.
+//! Points of lines on the edges between neighbouring cells. They are numbered edge by edge, and on
+//! an edge level by level. Two tiles that share an edge number its points equally, which is how
+//! their lines are joined.
 
 use super::grid::{VOID, ValueGrid};
 use super::levels::Levels;
 use spinney_base::{Error, Result};
 
-/// Kind of lines that are traced.
+/// Kind of lines to trace.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Tracing {
-    /// Lines that end where there are no values: before them, or at the edges of the last cells.
+    /// Lines that end near missing values: before them, or at the edges of the last cells
+    /// (`to_edges`).
     Open { to_edges: bool },
-    /// Lines that go back along the edges of the last cells; no value is of a lower rank than this.
+    /// Lines that return along the edges of the last cells. `low` is the minimum rank of all
+    /// values.
     Closed { low: i32 },
     /// Borders of bands.
     Bands,
 }
 
 impl Tracing {
-    /// Points of a band's border and a neighbouring band's are two, though they are at one place.
+    /// Returns the number of nodes per point. Adjacent bands have separate nodes at the same point.
     fn sides(self) -> u32 {
         if self == Tracing::Bands { 2 } else { 1 }
     }
 
-    /// Whether there are lines along the edges of the last cells.
+    /// Returns whether there are lines along the edges of the last cells.
     pub(super) fn has_borders(self) -> bool {
         !matches!(self, Tracing::Open { .. })
     }
 
-    /// The first level of those that a point at a border has a node of, or the band of its only node.
+    /// Returns the first level or band of the nodes of a border point, and the node count.
     fn first_at_border(self, rank: i32) -> (i32, u32) {
         match self {
             Tracing::Open { .. } => (rank, 0),
@@ -37,34 +40,36 @@ impl Tracing {
     }
 }
 
-/// Stands for no node.
+/// Null node.
 pub(super) const NONE: u32 = u32::MAX;
 
-/// Points that a tile may have: 64 MiB and more of them.
+/// Maximum number of points in a tile: at least 64 MiB.
 const MOST: usize = 1 << 21;
 
-/// A part of a cell's width that lines stay away from the cell's centre: so lines of a level never touch, and areas have no seams,
-/// where values equal a level.
+/// Minimum distance of lines from cell centres, as a fraction of the distance between two centres.
+/// Lines of a level therefore never touch, and areas have no seams, where values equal a level.
 const AWAY: f64 = 1e-6;
 
-/// The nodes of an edge: that of a level has the number `first` and so many as the level is above `low`.
+/// Nodes of an edge. The node of a level has the number `first + (level - low)`, or twice that
+/// offset for bands.
 #[derive(Clone, Copy, Default)]
 pub(super) struct EdgeNodes {
     pub(super) first: u32,
     pub(super) low: i32,
 }
 
-/// Numbered points, and which comes after which.
+/// Numbered points, linked to their successors.
 pub(super) struct Nodes {
     pub(super) tracing: Tracing,
-    /// Whether successors are predecessors.
+    /// Whether to swap successors and predecessors.
     is_reversed: bool,
-    /// The first node of each edge between cells: along rows, then along columns. One more ends the last.
+    /// First node of each edge between cells: edges along rows, then along columns, then the total
+    /// count.
     edges: Vec<u32>,
     pub(super) points: Vec<[f64; 2]>,
-    /// Number of the level, or of the band.
+    /// Number of the level or the band.
     pub(super) classes: Vec<i32>,
-    /// Whether it lies at the edge of a last cell.
+    /// Whether it is at the edge of a last cell.
     pub(super) is_border: Vec<bool>,
     pub(super) next: Vec<u32>,
     pub(super) has_previous: Vec<bool>,
@@ -74,7 +79,7 @@ impl Nodes {
     /// Numbers the points on all edges between cells of a grid.
     ///
     /// # Errors
-    /// If there are too many.
+    /// If there are too many points.
     pub(super) fn new(
         grid: &ValueGrid,
         levels: &Levels,
@@ -126,7 +131,7 @@ impl Nodes {
         Ok(self.points.len() as u32 - 1)
     }
 
-    /// Adds the nodes on a line between two points; one of them may be void.
+    /// Adds the nodes on a line between two points, one of which may be VOID.
     fn add_edge(
         &mut self,
         levels: &Levels,
@@ -158,7 +163,7 @@ impl Nodes {
         Ok(EdgeNodes { first, low })
     }
 
-    /// Adds the nodes on a line inside of a square.
+    /// Adds the nodes on a line inside a square.
     pub(super) fn add_inner(
         &mut self,
         levels: &Levels,
@@ -171,7 +176,7 @@ impl Nodes {
         Ok(EdgeNodes { first, low: ranks[0].min(ranks[1]) })
     }
 
-    /// The nodes of an edge between two cells with these ranks.
+    /// Returns the nodes of an edge between two cells with these ranks.
     #[inline]
     pub(super) fn of_edge(&self, edge: usize, [a, b]: [i32; 2]) -> EdgeNodes {
         let low = match (a == VOID || b == VOID, self.tracing) {
@@ -181,7 +186,8 @@ impl Nodes {
         EdgeNodes { first: self.edges[edge], low }
     }
 
-    /// The node where an edge crosses a level: its band's below, or with `side` 1 its band's above. Lines have no sides.
+    /// Returns the node where an edge crosses a level. For bands, `side` selects the band below (0)
+    /// or above (1) the level; lines ignore it.
     #[inline]
     pub(super) fn crossing(&self, edge: EdgeNodes, level: i32, side: u32) -> u32 {
         match self.tracing {
@@ -190,7 +196,7 @@ impl Nodes {
         }
     }
 
-    /// Lets a node come after another.
+    /// Makes a node the successor of another one.
     #[inline]
     pub(super) fn link(&mut self, from: u32, to: u32) {
         let (from, to) = if self.is_reversed { (to, from) } else { (from, to) };
@@ -198,23 +204,25 @@ impl Nodes {
         self.has_previous[to as usize] = true;
     }
 
-    /// The edge that a node is on, and its number among the edge's; `None` if it is inside of a square.
+    /// Returns the edge of a node and the node's number on it, or `None` if the node is inside a
+    /// square.
     pub(super) fn edge_of(&self, node: u32) -> Option<(usize, u32)> {
         let edge = self.edges.partition_point(|first| *first <= node).checked_sub(1)?;
         (edge + 1 < self.edges.len()).then(|| (edge, node - self.edges[edge]))
     }
 }
 
-/// The part of the way from one value to another that a level is at, away from both.
+/// Returns the position of a level between two values, as a fraction that keeps a distance from
+/// both.
 #[inline]
 pub fn level_share(level: f64, [a, b]: [f64; 2]) -> f64 {
     // (Halves cannot overflow.)
     let share = (0.5 * level - 0.5 * a) / (0.5 * b - 0.5 * a);
-    // (Halves of the least numbers of all are 0.)
+    // (Halves of the smallest subnormals are 0.)
     if share.is_nan() { 0.5 } else { share.clamp(AWAY, 1.0 - AWAY) }
 }
 
-/// The distance that lines keep from each other, in cells.
+/// Returns the minimum distance of lines from each other, in cells.
 pub(super) const fn away() -> f64 {
     AWAY
 }

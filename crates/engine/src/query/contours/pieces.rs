@@ -1,4 +1,4 @@
-//! Points of pieces of lines, in memory as long as there is room, else in a temporary file.
+//! Points of line fragments, in memory up to a limit and then in a temporary file.
 
 use std::fs::File;
 use std::path::PathBuf;
@@ -8,20 +8,20 @@ use zerocopy::IntoBytes;
 use spinney_base::io::platform::{read_exact_at, write_all_at};
 use spinney_base::{Error, Result};
 
-/// Number of a piece.
+/// Number of a fragment.
 pub(super) type PieceNumber = usize;
 
-/// Pieces of lines, and which comes after which.
+/// Line fragments, linked to their successors.
 pub(super) struct LinePieces {
     slots: Vec<Slot>,
     free: Vec<PieceNumber>,
-    /// Bytes of points in memory, and how many there may be.
+    /// Bytes of points in memory, and their limit.
     held: usize,
     most: usize,
-    /// Pieces in the file.
+    /// Number of fragments in the file.
     spooled: usize,
     file: Option<File>,
-    /// Bytes of the file that are in use.
+    /// End of the used bytes of the file.
     end: u64,
     folder: PathBuf,
 }
@@ -39,7 +39,8 @@ enum PiecePlace {
 }
 
 impl LinePieces {
-    /// No pieces, which may take so many bytes of memory; temporary files are in this folder.
+    /// Creates an empty set of fragments that may use `most` bytes of memory. The temporary file is
+    /// created in `folder`.
     pub(super) fn new(most: usize, folder: PathBuf) -> LinePieces {
         LinePieces {
             slots: Vec::new(),
@@ -53,7 +54,7 @@ impl LinePieces {
         }
     }
 
-    /// Takes a piece.
+    /// Adds a fragment.
     ///
     /// # Errors
     /// If the temporary file cannot be written.
@@ -76,7 +77,7 @@ impl LinePieces {
         Ok(number)
     }
 
-    /// Moves all pieces to the file.
+    /// Moves all fragments to the file.
     fn spool(&mut self) -> Result<()> {
         let failed = || Error::io(&self.folder, "write a temporary file");
         let file = match &mut self.file {
@@ -102,12 +103,13 @@ impl LinePieces {
         Ok(())
     }
 
-    /// Lets a piece come after another.
+    /// Makes a fragment the successor of another one.
     pub(super) fn link(&mut self, from: PieceNumber, to: PieceNumber) {
         self.slots[from].next = Some(to);
     }
 
-    /// Hands out the points of a piece and all after it, a part at a time. A point that ends a piece and begins the next comes once.
+    /// Passes the points of a fragment and all its successors to `each`, in chunks. A point shared
+    /// by two consecutive fragments is passed once.
     ///
     /// # Errors
     /// If the temporary file cannot be read, or `each` fails.
@@ -142,7 +144,7 @@ impl LinePieces {
         Ok(())
     }
 
-    /// Forgets a piece and all after it.
+    /// Removes a fragment and all its successors.
     pub(super) fn remove(&mut self, first: PieceNumber) {
         let mut piece = Some(first);
         while let Some(number) = piece {
@@ -158,7 +160,7 @@ impl LinePieces {
             self.free.push(number);
             piece = slot.next;
         }
-        // The room of the file is used again when nothing is in it.
+        // Reuse the file's space once nothing is in it.
         if self.spooled == 0 {
             self.end = 0;
         }

@@ -1,4 +1,4 @@
-//! Rings of bands, put together to polygons with holes.
+//! Assembles the rings of bands to polygons with holes.
 
 use std::collections::BTreeMap;
 
@@ -9,10 +9,10 @@ use spinney_base::sort;
 
 /// A closed ring.
 struct BandRing {
-    /// Its first piece, and number of its points: there may be very many rings.
+    /// Its first fragment and its point count. No more, since there may be very many rings.
     first: PieceNumber,
     count: u64,
-    /// Twice the area; positive if it is clockwise as pictures are looked at, rows going down.
+    /// Twice the signed area; positive if the ring is clockwise with rows going down.
     area: f64,
     low: [f64; 2],
     high: [f64; 2],
@@ -20,13 +20,14 @@ struct BandRing {
     point: [f64; 2],
 }
 
-/// Rings that are not part of a whole polygon yet. A polygon has all of its holes when no ring is in the making above its lower end.
+/// Rings that do not belong to a complete polygon yet. A polygon has all its holes once no ring
+/// above its lower end is incomplete.
 pub(super) struct Polygons {
     outer: Vec<(i32, BandRing)>,
-    /// By band, and by the row that they begin in, in the order of their coming.
+    /// By band, first row, and order of arrival.
     holes: BTreeMap<(i32, i64, u64), BandRing>,
     number: u64,
-    /// Whether outer rings are counterclockwise as pictures are looked at.
+    /// Whether outer rings are counterclockwise with rows going down.
     is_reversed: bool,
 }
 
@@ -35,10 +36,10 @@ impl Polygons {
         Polygons { outer: Vec::new(), holes: BTreeMap::new(), number: 0, is_reversed }
     }
 
-    /// Takes a ring.
+    /// Adds a ring.
     ///
     /// # Errors
-    /// If its pieces cannot be read.
+    /// If its fragments cannot be read.
     pub(super) fn push(&mut self, line: ContourLine, pieces: &LinePieces) -> Result<()> {
         let (low, high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let (class, first, count) = (line.class, line.first, line.count);
@@ -48,7 +49,7 @@ impl Polygons {
         pieces.each(line.first, &mut |points| {
             for point in points {
                 let origin = *first.get_or_insert(*point);
-                // (Near the first point, areas lose little by rounding.)
+                // (Relative to the first point, areas lose little to rounding.)
                 let here = [point[0] - origin[0], point[1] - origin[1]];
                 ring.area += last[0] * here[1] - here[0] * last[1];
                 last = here;
@@ -68,17 +69,19 @@ impl Polygons {
         Ok(())
     }
 
-    /// Hands out all polygons whose outer rings have come: the rings of each, the outer one first.
+    /// Passes all polygons with complete outer rings to `each`: the rings of each, the outer one
+    /// first.
     ///
     /// # Errors
-    /// If pieces cannot be read, or `each` fails.
+    /// If fragments cannot be read, or `each` fails.
     pub(super) fn settle(
         &mut self,
         pieces: &mut LinePieces,
         each: &mut dyn FnMut(&[ContourLine], &LinePieces) -> Result<()>,
     ) -> Result<()> {
         let mut outer = std::mem::take(&mut self.outer);
-        // Of two around a hole the smaller one is nearer. (Those of one size come as they came.)
+        // Of two rings around a hole, the smaller one is the inner. (The sort is stable for equal
+        // areas.)
         sort::by_key(&mut outer, |(_, ring)| sort::float_key(ring.area.abs()));
         for (class, ring) in outer {
             let mut rings = vec![ContourLine::ring(class, ring.first, ring.count)];
@@ -89,14 +92,14 @@ impl Polygons {
         Ok(())
     }
 
-    /// Takes the holes out that are in a ring.
+    /// Removes and returns the holes inside a ring.
     fn take_holes(&mut self, class: i32, outer: &BandRing, pieces: &LinePieces) -> Result<Vec<ContourLine>> {
         let rows = (class, outer.low[1].floor() as i64, 0)..=(class, outer.high[1].floor() as i64, u64::MAX);
         let is_near = |hole: &BandRing| {
             (0..2).all(|axis| outer.low[axis] <= hole.low[axis] && hole.high[axis] <= outer.high[axis])
         };
         let near = self.holes.range(rows).filter(|(_, hole)| is_near(hole));
-        // How often the ring is crossed on the way left from a point of each.
+        // Parity of the ring's crossings to the left of a point of each hole.
         let mut crossed: Vec<([f64; 2], _, bool)> =
             near.map(|(key, hole)| (hole.point, *key, false)).collect();
         if crossed.is_empty() {

@@ -1,4 +1,4 @@
-//! Which tiles have lines: by the extremes of nodes, without looking at their cells.
+//! Selects the tiles that may have lines by the extremes of nodes, without reading their cells.
 
 use super::levels::Levels;
 use super::nodes::Tracing;
@@ -8,7 +8,7 @@ use spinney_base::Result;
 use spinney_base::io::batch;
 use spinney_base::space::{Code, Dimension};
 
-/// Neighbouring tiles of a row, up to but without `end`, whose cells have the same extremes.
+/// Adjacent tiles of a row with the same extremes, up to `end`, exclusive.
 #[derive(Clone, Copy)]
 struct Run {
     end: u64,
@@ -20,7 +20,7 @@ pub(super) struct TileRows<'a> {
     relief: &'a dyn Relief,
     levels: &'a Levels,
     tracing: Tracing,
-    /// The level whose nodes are tiles.
+    /// Level whose nodes are tiles.
     level: u8,
     /// Columns and rows of tiles.
     tiles: [u64; 2],
@@ -40,10 +40,11 @@ impl<'a> TileRows<'a> {
         TileRows { relief, levels, tracing, level, tiles, above }
     }
 
-    /// The tiles of the next row that may have lines. A tile has the squares to the left of and above its cells, too.
+    /// Returns the tiles of the next row that may have lines. A tile also has the squares to the
+    /// left of and above its cells.
     ///
     /// # Errors
-    /// If the tree is damaged there.
+    /// If the tree is corrupt there.
     pub(super) fn next(&mut self, row: u64) -> Result<Vec<u64>> {
         let runs = self.runs(row)?;
         let is_border_row = row == 0 || row + 1 == self.tiles[1];
@@ -72,7 +73,8 @@ impl<'a> TileRows<'a> {
                 wanted.push(column);
                 column += 1;
             } else {
-                // What follows has no more than that. (The last tile is at the border.)
+                // The following tiles depend on the same extremes. (The last tile is at the
+                // border.)
                 let end = run.end.min(upper.end);
                 column = if column + 1 < end { end.min(self.tiles[0] - 1).max(column + 1) } else { end };
             }
@@ -83,7 +85,7 @@ impl<'a> TileRows<'a> {
         Ok(wanted)
     }
 
-    /// Whether there may be lines where all cells have these extremes.
+    /// Returns whether there may be lines if all cells have these extremes.
     fn has_lines(&self, all: &Extremes, is_border: bool) -> bool {
         let crosses = || {
             let is_known = all.least.is_finite() && all.greatest.is_finite();
@@ -92,7 +94,7 @@ impl<'a> TileRows<'a> {
         all.has_values && (self.tracing.has_borders() && (all.has_void || is_border) || crosses())
     }
 
-    /// The extremes of all tiles of a row.
+    /// Returns the extremes of all tiles of a row.
     fn runs(&self, row: u64) -> Result<Vec<Run>> {
         let mut runs = Vec::new();
         self.visit(Code::root(Dimension::Quad), row, &mut runs)?;
@@ -117,7 +119,8 @@ impl<'a> TileRows<'a> {
         Ok(all)
     }
 
-    /// Adds the tiles of a row below a node: the first column of each run, and extremes where they are known.
+    /// Adds the tiles of a row below a node: the first column of each run, and its extremes if they
+    /// are known.
     fn visit(&self, code: Code, row: u64, runs: &mut Vec<(u64, Option<Extremes>)>) -> Result<()> {
         let below = self.level - code.level();
         let first = u64::from(code.cell()[0]) << below;
@@ -135,7 +138,7 @@ impl<'a> TileRows<'a> {
                 self.visit(code.child(2 * lower + 1), row, runs)
             }
             _ => {
-                // (The node is alike all over, but may stick out of the picture.)
+                // (The node is uniform but may extend beyond the raster.)
                 runs.push((first, Some(self.relief.extremes(code)?)));
                 Ok(())
             }

@@ -1,18 +1,21 @@
-//! Marching squares: how lines go through the squares between the centres of four neighbouring cells.
+//! Marching squares: the course of lines through the squares between the centres of four
+//! neighbouring cells.
 //!
-//! Along an edge values go straight from one to the other. A value equal to a level is above it. A saddle belongs to the side of the level
-//! that the mean of the four values is on. Corners, and the edges between them, count clockwise from the upper left; a line goes in
-//! where corners come to an end that are above the level, and out where they begin, so that these are on its right.
+//! Values are linear along an edge. A value equal to a level is above it. A saddle belongs to the
+//! side of the level that the mean of the four values is on. Corners, and the edges between them,
+//! are numbered clockwise from the upper left. A line enters at the edge where, clockwise, corners
+//! above the level end, and leaves where they begin, so that these corners are on its right.
 //!
-//! A square with a corner that has no value is cut into its quarters, as GDAL does: what is between two corners or four is the mean of
-//! those that have values, so that lines go on to the edge of the last cells.
+//! A square with a VOID corner is divided into quarters, as in GDAL. The value in the middle of two
+//! or four corners is the mean of those that have values, so that lines continue to the edge of the
+//! last cells.
 
 use super::grid::{VOID, ValueGrid};
 use super::levels::Levels;
 use super::nodes::{EdgeNodes, Nodes, Tracing, away};
 use spinney_base::Result;
 
-/// The corners of a square: columns and rows from the upper left.
+/// Corners of a square as column and row, clockwise from the upper left.
 const CORNERS: [[usize; 2]; 4] = [[0, 0], [1, 0], [1, 1], [0, 1]];
 
 /// Links the nodes of all squares of a grid.
@@ -58,7 +61,7 @@ pub(super) fn link_squares(grid: &ValueGrid, levels: &Levels, nodes: &mut Nodes)
     Ok(())
 }
 
-/// Links the lines through a square all of whose corners have values.
+/// Links the lines through a square without VOID corners.
 #[inline]
 fn link_square(nodes: &mut Nodes, levels: &Levels, values: [f64; 4], ranks: [i32; 4], edges: [EdgeNodes; 4]) {
     let (least, most) = (ranks.into_iter().min().unwrap_or(0), ranks.into_iter().max().unwrap_or(0));
@@ -89,18 +92,19 @@ fn link_square(nodes: &mut Nodes, levels: &Levels, values: [f64; 4], ranks: [i32
     }
 }
 
-/// A square some of whose corners are void.
+/// A square with some VOID corners.
 struct Split {
     values: [f64; 4],
     ranks: [i32; 4],
     edges: [EdgeNodes; 4],
     centres: [[f64; 2]; 4],
-    /// Value and rank in the middle of each edge.
+    /// Value and rank at the middle of each edge.
     middles: [(f64, i32); 4],
-    /// Value, rank and place of the square's middle.
+    /// Value and rank at the centre of the square.
     middle: (f64, i32),
+    /// Centre of the square.
     place: [f64; 2],
-    /// The nodes between the middle of an edge and that of the square.
+    /// Nodes between the middle of an edge and the centre of the square.
     inner: [EdgeNodes; 4],
 }
 
@@ -124,7 +128,7 @@ impl Split {
             if share == 0.0 {
                 return (f64::NAN, VOID);
             }
-            // (Rounding must not make a difference where there is none.)
+            // (Rounding must not create a difference between equal values.)
             let mean = (sum / share).clamp(least, most);
             (mean, levels.rank(mean))
         };
@@ -140,7 +144,8 @@ impl Split {
         Ok(Split { values, ranks, edges, centres, middles, middle, place, inner })
     }
 
-    /// Links the lines through the quarters of corners with values, and those along the border between these and the others.
+    /// Links the lines through the quarters of corners with values, and the lines along the border
+    /// between these quarters and the others.
     fn link(&self, nodes: &mut Nodes, levels: &Levels) -> Result<()> {
         for corner in (0..4).filter(|corner| self.ranks[*corner] != VOID) {
             let before = (corner + 3) % 4;
@@ -160,7 +165,7 @@ impl Split {
         let is_diagonal = is_void[0] == is_void[2] && is_void[1] == is_void[3];
         for start in (0..4).filter(|side| !is_void[*side] && is_void[(side + 1) % 4]) {
             let mut place = self.place;
-            // Two cells that touch at a corner alone stay apart.
+            // Keep cells that only touch at a corner separate.
             if is_diagonal {
                 let towards = self.centres[start];
                 place =
@@ -177,13 +182,13 @@ impl Split {
     }
 }
 
-/// The point between two.
+/// Returns the midpoint of two points.
 fn between(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
     [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])]
 }
 
-/// Links what is along a piece of border that has values on its right, from one point with a rank to another, with the nodes between
-/// them.
+/// Links the nodes along a border segment with values on its right, from one point with a rank to
+/// another, including the nodes between them.
 fn link_border(
     nodes: &mut Nodes,
     (from, before): (EdgeNodes, i32),

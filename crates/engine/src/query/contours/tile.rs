@@ -1,4 +1,4 @@
-//! Lines through a tile of squares, in pieces that end at its edges.
+//! Traces the lines through a tile of squares, as fragments that end at its edges.
 
 use super::grid::ValueGrid;
 use super::levels::Levels;
@@ -6,24 +6,25 @@ use super::nodes::{NONE, Nodes, Tracing};
 use super::squares::link_squares;
 use spinney_base::Result;
 
-/// A point on an edge between two cells, where the pieces of two tiles meet: by row first, so that what lies above a row comes before.
+/// A point on an edge between two cells, where the fragments of two tiles meet. Ordered by row
+/// first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct EdgeKey {
     pub(super) row: i64,
     column: i64,
     /// Whether the edge goes down to the next row.
     is_down: bool,
-    /// The point's number on the edge.
+    /// Number of the point on the edge.
     number: u32,
 }
 
-/// A piece of a line. The first and the last point are the same if it is a ring.
+/// A fragment of a line. The first and last points of a ring are equal.
 pub(super) struct LinePiece {
-    /// Number of the level, or of the band.
+    /// Number of the level or the band.
     pub(super) class: i32,
-    /// Places in cells.
+    /// Coordinates in cells.
     pub(super) points: Vec<[f64; 2]>,
-    /// Where it may go on at its start and its end.
+    /// Points where it may continue at its start and its end.
     pub(super) ends: [Option<EdgeKey>; 2],
     pub(super) is_ring: bool,
 }
@@ -31,7 +32,7 @@ pub(super) struct LinePiece {
 /// Traces all lines through the squares of a grid.
 ///
 /// # Errors
-/// If there are too many.
+/// If there are too many points.
 pub(super) fn trace(
     grid: &ValueGrid,
     levels: &Levels,
@@ -42,7 +43,7 @@ pub(super) fn trace(
     link_squares(grid, levels, &mut nodes)?;
     let mut pieces = Vec::new();
     let mut is_done = vec![false; nodes.points.len()];
-    // Pieces with ends, then rings.
+    // First open fragments, then rings.
     for is_ring in [false, true] {
         for first in 0..nodes.points.len() {
             if nodes.next[first] == NONE || is_done[first] || (!is_ring && nodes.has_previous[first]) {
@@ -50,7 +51,7 @@ pub(super) fn trace(
             }
             let mut points = Vec::new();
             let (mut node, mut last) = (first as u32, first as u32);
-            // Whether the last point has to stay, and those around it are not in line.
+            // Whether the last point must be kept even if its neighbours are in line with it.
             let mut stays = true;
             while node != NONE {
                 let at = node as usize;
@@ -70,7 +71,8 @@ pub(super) fn trace(
     Ok(pieces)
 }
 
-/// Adds a point to a line, in the place of the last one if that may go and is on the way to it.
+/// Appends a point to a line. Replaces the last point if that may be dropped and is on the way to
+/// the new one.
 fn push(points: &mut Vec<[f64; 2]>, point: [f64; 2], stays: bool) {
     if let [.., before, last] = &mut points[..]
         && !stays
@@ -82,7 +84,7 @@ fn push(points: &mut Vec<[f64; 2]>, point: [f64; 2], stays: bool) {
     }
 }
 
-/// The key of a node where another tile may go on.
+/// Returns the key of a node where another tile may continue the line.
 fn key(grid: &ValueGrid, nodes: &Nodes, node: u32) -> Option<EdgeKey> {
     let [columns, rows] = grid.size;
     let (edge, number) = nodes.edge_of(node)?;

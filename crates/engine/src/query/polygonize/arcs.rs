@@ -1,19 +1,47 @@
 //! Arcs: borders between two regions, from one junction of borders to the next, or around a region.
 //!
-//! An arc has the lesser class on its left (of somebody who goes along it, where rows go down), which is so all along. It has two *halves*: forwards
-//! (number `2 * arc`), the border of the region on the left, and backwards (`2 * arc + 1`), that of the region on the right.
+//! An arc is a chain of points with two half-edges. It is directed so that the lesser class is on
+//! its left everywhere (with rows going down).
 //!
-//! Invariant: an arc is finished in the line in which the first of its two regions ends, since both lie along all of it. What is finished is in the lists of
-//! both; without that, borders of regions would lack arcs.
+//! ```text
+//!               labels[0]: the lesser class
+//!              ---- half-edge 2a ---->
+//!   ends[0] o========== arc a ==========o ends[1]
+//!              <--- half-edge 2a + 1 ----
+//!               labels[1]: the greater class
+//! ```
+//!
+//! Half-edge `2a` runs forwards, `2a + 1` backwards, and each has its region on its left. An end of
+//! arc `a` has the number `2a + side`. This is also the number of the half-edge that begins there:
+//! `2a` begins at `ends[0]`, `2a + 1` at `ends[1]`.
+//!
+//! At a junction, a half-edge that arrives continues with the next border clockwise. In this
+//! drawing, half-edges are on the side of their regions. `next` of an end leads around one of the
+//! corners:
+//!
+//! ```text
+//!          ^ |
+//!      NW  | v  NE        arriving from the north, leaving to the east:  around NE
+//!   ----->     ----->     arriving from the east, leaving to the south:  around SE
+//!   <-----     <-----     arriving from the south, leaving to the west:  around SW
+//!      SW  ^ |  SE        arriving from the west, leaving to the north:  around NW
+//!          | v
+//! ```
+//!
+//! Following `next` from half-edge to half-edge goes around a region's border once.
+//!
+//! Invariant: an arc is finished in the line in which the first of its two regions ends, since both
+//! regions extend along all of it. It is then added to the lists of both regions. Otherwise their
+//! borders would lack arcs.
 
 use super::labels::Labels;
 use super::points::{Chain, NONE, Point, Points};
 use spinney_base::Result;
 
-/// A step along a row or a column: east, south, west, north.
+/// Direction along a row or a column: 0 east, 1 south, 2 west, 3 north.
 type Direction = u8;
 
-/// The direction from a point to another in the same row or column.
+/// Returns the direction from a point to another in the same row or column.
 fn direction([x, y]: Point, [to_x, to_y]: Point) -> Direction {
     match (to_x.cmp(&x), to_y.cmp(&y)) {
         (std::cmp::Ordering::Greater, _) => 0,
@@ -23,7 +51,7 @@ fn direction([x, y]: Point, [to_x, to_y]: Point) -> Direction {
     }
 }
 
-/// The growth of a ring's area along a step: all steps together make twice the area.
+/// Returns a segment's contribution to twice the signed area of a ring.
 fn swept([x, y]: Point, [to_x, to_y]: Point) -> i128 {
     i128::from(x) * i128::from(to_y) - i128::from(to_x) * i128::from(y)
 }
@@ -33,22 +61,24 @@ pub(super) struct Arc {
     pub(super) chain: Chain,
     pub(super) count: u64,
     pub(super) ends: [Point; 2],
-    /// The first step, and the last.
+    /// Directions of the first and of the last segment.
     directions: [Direction; 2],
     swept: i128,
-    /// Labels of the cells on the left and on the right; [`NONE`] where they are VOID.
+    /// Labels of the cells on the left and on the right; [`NONE`] for VOID cells.
     pub(super) labels: [u32; 2],
-    /// Where it is open: its tips.
+    /// Tip per side while the arc is open there, else [`NONE`].
     tips: [u32; 2],
-    /// The end (`2 * arc + side`) that the border of the region goes on from that one comes to an end along.
+    /// Per side: half-edge after the one that arrives there, around its region; [`NONE`] while
+    /// unknown.
     next: [u32; 2],
-    /// The end that the border has come to that goes on from an end.
+    /// Per side: end where the half-edge arrives that precedes the one beginning there; [`NONE`]
+    /// while unknown.
     previous: [u32; 2],
-    /// The next half in the list of a region.
+    /// Next half-edge in the region's list, per half-edge.
     listed: [u32; 2],
-    /// Whether a region may touch itself in an end.
+    /// Whether a region may touch itself at the end.
     pub(super) is_pinched: [bool; 2],
-    /// Regions that it is needed for.
+    /// Number of regions that still need the arc.
     users: u8,
     pub(super) is_seen: [bool; 2],
 }
@@ -60,14 +90,14 @@ pub(super) struct Tip {
     side: u8,
 }
 
-/// All arcs that are needed.
+/// All arcs that are still needed.
 pub(super) struct Arcs {
     arcs: Vec<Option<Arc>>,
     free: Vec<u32>,
     tips: Vec<Tip>,
     free_tips: Vec<u32>,
     pub(super) points: Points,
-    /// Arcs that were finished, and are to be put into lists.
+    /// Finished arcs that are not in lists yet.
     finished: Vec<u32>,
 }
 
@@ -77,7 +107,7 @@ impl Arcs {
         Arcs { arcs, free, tips, free_tips, points, finished: Vec::new() }
     }
 
-    /// An arc, which there is.
+    /// Returns an arc, which must exist.
     pub(super) fn arc(&self, number: u32) -> &Arc {
         self.arcs[number as usize].as_ref().expect("the arc is needed")
     }
@@ -128,7 +158,8 @@ impl Arcs {
         }
     }
 
-    /// Begins an arc that goes on at both ends from a corner: the tips of its first and its last end.
+    /// Starts an arc at a cell corner, from which it continues at both ends. Returns the tips of
+    /// its first and its last end.
     pub(super) fn begin(&mut self, at: Point, labels: [u32; 2]) -> [u32; 2] {
         let arc = self.add(at, labels);
         let tips = [0, 1].map(|side| self.tip(arc, side));
@@ -136,7 +167,8 @@ impl Arcs {
         tips
     }
 
-    /// Begins an arc at a junction, which its first (0) or last (1) end is in: the end, and the tip of the other one.
+    /// Starts an arc whose first (0) or last (1) end is at a junction. Returns that end, and the
+    /// tip of the other one.
     pub(super) fn begin_at_junction(
         &mut self,
         at: Point,
@@ -152,7 +184,7 @@ impl Arcs {
         (2 * arc + u32::from(side), tip)
     }
 
-    /// Lets a tip go on to a point.
+    /// Extends a tip to a point.
     pub(super) fn push(&mut self, tip: u32, at: Point) {
         let Tip { arc, side } = self.tips[tip as usize];
         let side = usize::from(side);
@@ -170,7 +202,7 @@ impl Arcs {
         arc.count += 1;
     }
 
-    /// Lets two tips meet in a corner.
+    /// Joins two tips at a cell corner.
     pub(super) fn meet(&mut self, tips: [u32; 2], at: Point) {
         let [end, start] = if self.tips[tips[0] as usize].side == 1 { tips } else { [tips[1], tips[0]] };
         self.push(end, at);
@@ -186,7 +218,7 @@ impl Arcs {
             let [own_start, own_end] = [2 * first, 2 * first + 1];
             let arc = self.arc_mut(first);
             arc.tips = [NONE; 2];
-            // Both ways lead back to where they began.
+            // Each half-edge of a closed arc follows itself.
             (arc.next, arc.previous) = ([own_end, own_start], [own_end, own_start]);
             self.finished.push(first);
             return;
@@ -207,7 +239,7 @@ impl Arcs {
         if after.tips[1] != NONE {
             tips[after.tips[1] as usize] = Tip { arc: first, side: 1 };
         } else {
-            // The junction at its end gets to know its new number.
+            // Update the links at the junction to the arc's new number.
             let [old, new] = [2 * second + 1, 2 * first + 1];
             if next == old {
                 next = new;
@@ -227,7 +259,7 @@ impl Arcs {
         }
     }
 
-    /// Lets a tip end in a junction: the end.
+    /// Ends a tip at a junction. Returns the end.
     pub(super) fn end(&mut self, tip: u32, at: Point, is_pinched: bool) -> u32 {
         self.push(tip, at);
         let Tip { arc: number, side } = self.tips[tip as usize];
@@ -241,9 +273,10 @@ impl Arcs {
         2 * number + u32::from(side)
     }
 
-    /// Lets the border that comes to an end go on from another one.
+    /// Links the half-edge that arrives at end `from` to the half-edge `to`.
     ///
-    /// Nothing is kept of borders of VOID: regions there have no end, and what they know of arcs that are forgotten would be wrong.
+    /// Borders of VOID are not linked: VOID regions never end, and links to removed arcs would
+    /// dangle.
     pub(super) fn link(&mut self, from: u32, to: u32) {
         if self.arc(from / 2).labels[(1 - from % 2) as usize] == NONE {
             return;
@@ -252,12 +285,12 @@ impl Arcs {
         self.arc_mut(to / 2).previous[(to % 2) as usize] = from;
     }
 
-    /// Takes the arcs that were finished since.
+    /// Takes the arcs that were finished since the last call.
     pub(super) fn take_finished(&mut self) -> Vec<u32> {
         std::mem::take(&mut self.finished)
     }
 
-    /// Puts an arc that is finished into the lists of its regions.
+    /// Adds a finished arc to the lists of its regions.
     pub(super) fn list(&mut self, number: u32, labels: &mut Labels) {
         for (side, label) in self.arc(number).labels.into_iter().enumerate() {
             if label != NONE {
@@ -267,40 +300,40 @@ impl Arcs {
         }
     }
 
-    /// Lets a half come behind another in a list.
+    /// Appends a half-edge to another one's list.
     pub(super) fn link_halves(&mut self, last: u32, half: u32) {
         self.arc_mut(last / 2).listed[(last % 2) as usize] = half;
     }
 
-    /// The half behind another in a list.
+    /// Returns the half-edge after another one in its list.
     pub(super) fn listed_after(&self, half: u32) -> u32 {
         self.arc(half / 2).listed[(half % 2) as usize]
     }
 
-    /// The half of the same border that follows on one.
+    /// Returns the half-edge that follows another one around its region.
     pub(super) fn half_after(&self, half: u32) -> u32 {
-        // (Forwards ends at the last end, backwards at the first, and so they begin.)
+        // (A half-edge arrives at the end opposite to the one where it begins.)
         self.arc(half / 2).next[(1 - half % 2) as usize]
     }
 
-    /// Marks a half as seen; whether it was not.
+    /// Marks a half-edge as seen. Returns whether it was not.
     pub(super) fn see(&mut self, half: u32) -> bool {
         !std::mem::replace(&mut self.arc_mut(half / 2).is_seen[(half % 2) as usize], true)
     }
 
-    /// Point that a half begins in, and whether a region may touch itself there.
+    /// Returns the point where a half-edge begins, and whether a region may touch itself there.
     pub(super) fn start(&self, half: u32) -> (Point, bool) {
         let (arc, side) = (self.arc(half / 2), (half % 2) as usize);
         (arc.ends[side], arc.is_pinched[side])
     }
 
-    /// Twice the area that a half sweeps, as part of a ring.
+    /// Returns a half-edge's contribution to twice the signed area of a ring.
     pub(super) fn swept(&self, half: u32) -> i128 {
         let swept = self.arc(half / 2).swept;
         if half.is_multiple_of(2) { swept } else { -swept }
     }
 
-    /// Whether a half goes on where another one has ended without a turn.
+    /// Returns whether two consecutive half-edges meet without a turn.
     pub(super) fn is_straight(&self, before: u32, half: u32) -> bool {
         let step = |half: u32, is_last: bool| {
             let directions = self.arc(half / 2).directions;
@@ -312,7 +345,7 @@ impl Arcs {
         step(before, true) == step(half, false)
     }
 
-    /// Gives a finished arc other points between its ends.
+    /// Replaces the points of a finished arc. The ends must stay the same.
     pub(super) fn replace(&mut self, number: u32, points: &[Point]) {
         let Arcs { arcs, points: all, .. } = self;
         let arc = arcs[number as usize].as_mut().expect("the arc is needed");
@@ -324,7 +357,7 @@ impl Arcs {
         arc.count = points.len() as u64;
     }
 
-    /// Lets a region be without an arc, which is forgotten when nobody needs it.
+    /// Drops a region's claim to an arc. The arc is removed when no region needs it.
     pub(super) fn release(&mut self, number: u32) {
         let arc = self.arc_mut(number);
         arc.users -= 1;
@@ -336,7 +369,7 @@ impl Arcs {
         }
     }
 
-    /// Puts points into the temporary file if there are very many.
+    /// Moves points to the temporary file if there are too many.
     ///
     /// # Errors
     /// If it cannot be written.

@@ -1,20 +1,21 @@
-//! Which runs of cells hang together: labels, joined as rows are gone through (Rosenfeld and Pfaltz 1966, with disjoint sets).
+//! Connected components of runs: labels that are merged row by row (Rosenfeld and Pfaltz 1966, with
+//! disjoint sets).
 
 use super::points::NONE;
 
-/// A label: a node of two forests of disjoint sets. Of a root, what is known of its set.
+/// A label: a node of two disjoint-set forests. A root also has the data of its set.
 struct Label {
-    /// Towards the label of all cells that hang together.
+    /// Parent in the forest of connected cells.
     parent: u32,
-    /// Towards the label of all cells that hang together by edges.
+    /// Parent in the forest of cells that are connected by edges.
     part: u32,
-    /// Another one of the same set, so that all of them are a ring.
+    /// Another label of the same set; all labels of a set form a cycle.
     next: u32,
-    /// The cells of the set.
+    /// Number of cells of the set.
     cells: u64,
-    /// First and last half of a border of the set.
+    /// First and last half-edge in the list of the set's borders.
     halves: [u32; 2],
-    /// The line that the set was seen in last.
+    /// Last line in which the set was seen.
     line: u64,
 }
 
@@ -26,7 +27,7 @@ pub(super) struct Labels {
 }
 
 impl Labels {
-    /// A new label.
+    /// Adds a label.
     pub(super) fn add(&mut self) -> u32 {
         let number = self.free.pop().unwrap_or(self.labels.len() as u32);
         let label =
@@ -38,7 +39,7 @@ impl Labels {
         number
     }
 
-    /// The root of a label's set.
+    /// Returns the root of a label's set.
     pub(super) fn find(&mut self, mut label: u32) -> u32 {
         while self.labels[label as usize].parent != label {
             let above = self.labels[label as usize].parent;
@@ -48,7 +49,7 @@ impl Labels {
         label
     }
 
-    /// The root of the cells that hang together by edges.
+    /// Returns the root of the cells that are connected to a label's cells by edges.
     pub(super) fn find_part(&mut self, mut label: u32) -> u32 {
         while self.labels[label as usize].part != label {
             let above = self.labels[label as usize].part;
@@ -58,7 +59,8 @@ impl Labels {
         label
     }
 
-    /// Joins two sets, whose cells touch at an edge or else at a corner; `link` lets the second half of a border come behind the first.
+    /// Merges two sets whose cells touch at an edge (`is_edge`) or at a corner. `link` appends the
+    /// second half-edge to the list of the first.
     pub(super) fn join(&mut self, a: u32, b: u32, is_edge: bool, link: impl FnOnce(u32, u32)) {
         if is_edge {
             let (a, b) = (self.find_part(a), self.find_part(b));
@@ -85,13 +87,13 @@ impl Labels {
         }
     }
 
-    /// Counts cells of a set.
+    /// Adds cells to a set.
     pub(super) fn count(&mut self, label: u32, cells: u64) {
         let root = self.find(label);
         self.labels[root as usize].cells += cells;
     }
 
-    /// Adds half of a border to a set; `link` lets it come behind another.
+    /// Adds a half-edge to a set's list. `link` appends it to another half-edge.
     pub(super) fn push_half(&mut self, label: u32, half: u32, link: impl FnOnce(u32, u32)) {
         let root = self.find(label);
         let set = &mut self.labels[root as usize];
@@ -103,19 +105,19 @@ impl Labels {
         set.halves[1] = half;
     }
 
-    /// Notes that a set is in a line; whether it was not noted before.
+    /// Records that a set occurs in a line. Returns whether that was not recorded before.
     pub(super) fn note(&mut self, label: u32, line: u64) -> bool {
         let root = self.find(label);
         std::mem::replace(&mut self.labels[root as usize].line, line) != line
     }
 
-    /// The cells of a root's set, and the first half of its borders.
+    /// Returns the cell count of a root's set, and the first half-edge of its list.
     pub(super) fn set(&self, root: u32) -> (u64, u32) {
         let set = &self.labels[root as usize];
         (set.cells, set.halves[0])
     }
 
-    /// Forgets all labels of a root's set.
+    /// Removes all labels of a root's set.
     pub(super) fn remove(&mut self, root: u32) {
         let mut label = root;
         loop {

@@ -1,10 +1,12 @@
-//! Regions of equal cells as polygons, at any level of detail.
+//! Extracts regions of equal cells as polygons, at any level of detail.
 //!
-//! Rows of cells come as runs of equal ones (`rows.rs`), of nodes of the tree that are alike without a look at their cells; rows like the one above cost
-//! nothing. A sweep (`sweep.rs`) keeps the borders that cross a row, in arcs between junctions that two regions share (`arcs.rs`), and tells which runs hang
-//! together (`labels.rs`). A region that does not go on below is whole: its arcs are put together to rings (`rings.rs`), handed out, and forgotten when the
-//! other regions along them are whole, too. Points wait in a temporary file if there are many (`points.rs`). Arcs are simplified once, when they are
-//! finished (`simplify.rs`).
+//! Rows of cells are read as runs of equal cells (`rows.rs`). Uniform nodes give runs without
+//! reading their cells, and a row equal to the one above costs nothing. A sweep (`sweep.rs`) tracks
+//! the borders that cross a row, as arcs between junctions that two regions share (`arcs.rs`), and
+//! the connectivity of runs (`labels.rs`). A region that does not continue in the next row is
+//! complete: its arcs are assembled to rings (`rings.rs`), returned, and removed once the
+//! neighbouring regions are complete as well. Points move to a temporary file if there are many
+//! (`points.rs`). Arcs are simplified once, when they are finished (`simplify.rs`).
 
 mod arcs;
 mod labels;
@@ -30,29 +32,32 @@ use spinney_base::value::{Number, Value, ValueType};
 use spinney_base::{Error, Progress, Result};
 use spinney_crs::Frame;
 
-/// Polygons of classes that are wanted.
+/// Options for polygons of classes.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct PolygonRequest {
-    /// Whether cells of a class with no more than a common corner hang together, too.
+    /// Whether cells of a class that only share a corner are connected, too.
     pub across_corners: bool,
-    /// The classes; all if they are not given.
+    /// Classes to extract; `None` is all.
     pub classes: Option<Vec<Number>>,
-    /// Distance that borders may be moved by, in units of the tree's coordinates; none if it is not given.
+    /// Tolerance of the simplification in units of the tree's coordinates; `None` keeps borders
+    /// exact.
     pub simplify: Option<f64>,
-    /// The level of the tree whose cells count; the deepest if it is not given.
+    /// Level of the tree whose cells are used; `None` is the deepest.
     pub level: Option<u8>,
-    /// Whether points are corners of cells of the level, by their column and row, instead of places in the world. Outer rings are then counterclockwise
-    /// where rows go down.
+    /// Whether points are cell corners of the level, as column and row, instead of world
+    /// coordinates. Outer rings are then counterclockwise with rows going down.
     pub in_cells: bool,
-    /// Bytes to hold at a time, approximately.
+    /// Approximate memory limit in bytes.
     pub memory: u64,
-    /// Where a temporary file is made if borders need more memory than that; the system's folder for such files if it is not given.
+    /// Directory of the temporary file that is used if borders exceed the memory limit; `None` is
+    /// the system's temporary directory.
     pub folder: Option<PathBuf>,
 }
 
 impl PolygonRequest {
-    /// Exact polygons of all classes at the deepest level, of cells with a common edge, with 64 MiB of memory.
+    /// Creates a request for exact polygons of all classes at the deepest level. Cells are
+    /// connected by edges only, and the memory limit is 64 MiB.
     pub fn new() -> PolygonRequest {
         PolygonRequest {
             across_corners: false,
@@ -72,23 +77,24 @@ impl Default for PolygonRequest {
     }
 }
 
-/// Counts of regions, and of what their polygons are made of.
+/// Totals of extracted regions and their polygons.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct PolygonSummary {
-    /// Regions.
+    /// Number of regions.
     pub count: u64,
-    /// Their polygons: more than regions only where cells with a common corner hang together.
+    /// Number of polygons. It exceeds the region count only if cells that share a corner are
+    /// connected.
     pub polygons: u64,
-    /// Rings of all polygons.
+    /// Number of rings of all polygons.
     pub rings: u64,
-    /// Points of all rings.
+    /// Number of points of all rings.
     pub points: u64,
-    /// Cells of all regions.
+    /// Number of cells of all regions.
     pub cells: u64,
 }
 
-/// A region of cells of a class: a polygon, or several that touch in points.
+/// A region of cells of a class: one polygon, or several that touch at points.
 pub struct ClassRegion<'a> {
     value: Value,
     value_type: ValueType,
@@ -100,32 +106,34 @@ pub struct ClassRegion<'a> {
 }
 
 impl ClassRegion<'_> {
-    /// The class.
+    /// Returns the class.
     pub fn class(&self) -> Number {
         self.value_type.first_number(self.value)
     }
 
-    /// Number of its cells, of the level that was asked for.
+    /// Returns the number of cells at the requested level.
     pub fn cells(&self) -> u64 {
         self.cells
     }
 
-    /// Number of rings of each of its polygons.
+    /// Returns the number of rings of each polygon.
     pub fn polygons(&self) -> &[usize] {
         &self.rings.polygons
     }
 
-    /// Number of all rings: of each polygon first the outer one, then holes.
+    /// Returns the number of all rings. Each polygon has its outer ring first, then its holes.
     pub fn parts(&self) -> usize {
         self.rings.rings.len()
     }
 
-    /// Number of points of a ring, the last of which is its first again; 0 if there is no such ring.
+    /// Returns the number of points of a ring, or 0 if there is no such ring. The last point
+    /// repeats the first.
     pub fn count(&self, part: usize) -> u64 {
         self.rings.rings.get(part).map_or(0, |ring| ring.count)
     }
 
-    /// Hands out the points of a ring, many at a time, in world coordinates or [in cells](PolygonRequest::in_cells); the third is 0.
+    /// Passes the points of a ring to `each` in chunks, in world coordinates or [in
+    /// cells](PolygonRequest::in_cells). The third coordinate is 0.
     ///
     /// # Errors
     /// If a temporary file cannot be read, or `each` fails.
@@ -143,34 +151,34 @@ impl ClassRegion<'_> {
     }
 }
 
-/// Takes regions as they come.
+/// Visitor of regions.
 pub type RegionVisitor<'a> = dyn FnMut(&ClassRegion<'_>) -> Result<()> + 'a;
 
-/// Cells of a level of a tree.
+/// Cells of a tree's level.
 pub(crate) trait ClassCells: Sync {
-    /// A node's state.
+    /// Returns a node's state.
     fn node(&self, code: Code) -> Result<Child<()>>;
-    /// The values of a box of cells, in rows, and which of them are not VOID.
+    /// Returns the values of a box of cells in row order, and which of them are not VOID.
     fn window(&self, bounds: &Bounds) -> Result<(Vec<u8>, Vec<bool>)>;
 }
 
-/// The cells that polygons are made of.
+/// Cells to extract polygons from.
 pub(crate) struct ClassGround<'a> {
     pub cells: &'a dyn ClassCells,
-    /// The level, and columns and rows of the picture there.
+    /// Level, and its columns and rows.
     pub level: u8,
     pub size: [u64; 2],
-    /// The frame of the level's cells.
+    /// Frame of the level's cells.
     pub frame: Frame,
     pub value: ValueType,
-    /// Bytes of a value: at most 8.
+    /// Size of a value in bytes, at most 8.
     pub width: usize,
-    /// Values of the classes whose cells are looked at, others being VOID, in order; all if they are not given.
+    /// Classes to distinguish, in ascending order; cells of others count as VOID. `None` is all.
     pub classes: Option<Vec<u64>>,
 }
 
 impl ClassGround<'_> {
-    /// A class as it is looked at.
+    /// Maps classes that are not distinguished to VOID.
     fn class(&self, class: Class) -> Class {
         match &self.classes {
             Some(wanted) if wanted.binary_search(&class.bits).is_err() => Class::VOID,
@@ -178,7 +186,7 @@ impl ClassGround<'_> {
         }
     }
 
-    /// The class of a value.
+    /// Returns the bytes of a value as a number.
     fn bits(value: Value) -> u64 {
         let mut bytes = [0; 16];
         value.write(&mut bytes);
@@ -186,10 +194,10 @@ impl ClassGround<'_> {
     }
 }
 
-/// Finds all regions, and hands them out in an order that depends on the tree alone.
+/// Extracts all regions, in an order that depends only on the tree.
 ///
 /// # Errors
-/// If the tree is damaged, a temporary file fails, `each` does, or on interruption.
+/// If the tree is corrupt, if a temporary file or `each` fails, or on cancellation.
 pub(crate) fn find_regions(
     ground: &mut ClassGround<'_>,
     request: &PolygonRequest,
@@ -201,7 +209,7 @@ pub(crate) fn find_regions(
         Some(classes) => {
             let mut bits = Vec::with_capacity(classes.len());
             for class in classes {
-                // (What values cannot be is in no cell.)
+                // (A class that is not a value of the type is in no cell.)
                 let value = ground.value.exact(&[*class]);
                 let value = value.ok_or_else(|| {
                     let found = class.to_string();
@@ -219,12 +227,13 @@ pub(crate) fn find_regions(
         }
         tolerance => tolerance,
     };
-    // Where borders are simplified, all classes have a say in where junctions are.
+    // For simplification, junctions depend on all classes.
     ground.classes = if tolerance.is_some() { None } else { wanted.clone() };
     let rows_go_down = request.in_cells;
     let points_frame = if rows_go_down { Frame::identity() } else { ground.frame.clone() };
     let ground = &*ground;
-    // Pictures are looked at with rows going down: where the world is not, left and right change places.
+    // Rasters are traced with rows going down. If the world's rows go up, left and right are
+    // swapped.
     let [across, down, _] = ground.frame.linear().to_cols_array_2d();
     let is_reversed = !rows_go_down && across[0] * down[1] - across[1] * down[0] > 0.0;
     let rules = RingRules { is_reversed, keeps_junctions: tolerance.is_some() };
@@ -261,19 +270,19 @@ pub(crate) fn find_regions(
         first += height;
         progress.advance(u64::from(height).saturating_mul(ground.size[0]), cells);
     }
-    // Below the last row there is nothing.
+    // Below the last row everything is VOID.
     tracer.next(&[Run::new(Class::VOID, columns)])?;
     Ok(tracer.summary)
 }
 
-/// Regions on their way to whoever wants them.
+/// State of the extraction.
 struct Tracer<'a, 'e> {
     ground: &'a ClassGround<'a>,
-    /// Where points are.
+    /// Frame of the output points.
     frame: Frame,
     sweep: Sweep,
     simplifier: Option<Simplifier<'a>>,
-    /// Classes that are handed out; all if they are not given.
+    /// Classes to return; `None` is all.
     wanted: Option<Vec<u64>>,
     rules: RingRules,
     progress: &'a dyn Progress,
@@ -282,7 +291,7 @@ struct Tracer<'a, 'e> {
 }
 
 impl Tracer<'_, '_> {
-    /// Passes a row, and hands out what ends above it.
+    /// Processes a row, and passes the regions that end above it to `each`.
     fn next(&mut self, runs: &[Run]) -> Result<()> {
         let Tracer { ground, frame, sweep, simplifier, wanted, rules, each, summary, .. } = self;
         for (root, class) in sweep.next(runs, simplifier)? {

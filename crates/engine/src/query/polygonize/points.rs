@@ -1,4 +1,4 @@
-//! Points of borders, as linked lists, in memory as long as there is room, else in a temporary file.
+//! Border points as linked lists, in memory up to a limit and then in a temporary file.
 
 use std::fs::File;
 use std::path::PathBuf;
@@ -8,13 +8,14 @@ use zerocopy::IntoBytes;
 use spinney_base::io::platform::{read_exact_at, write_all_at};
 use spinney_base::{Error, Result};
 
-/// A corner of cells: column and row of the cell to the right of and below it.
+/// A cell corner: column and row of the cell to the right of and below it.
 pub(super) type Point = [u32; 2];
 
-/// No number.
+/// Null index.
 pub(super) const NONE: u32 = u32::MAX;
 
-/// A point, or a run of points in the file, whose column is [`NONE`], and whose row is the run's number.
+/// A point, or a run of points in the file. A run has the column [`NONE`] and its number as the
+/// row.
 #[derive(Clone, Copy)]
 struct Node {
     at: Point,
@@ -25,13 +26,13 @@ struct Node {
 pub(super) struct Points {
     nodes: Vec<Node>,
     free: Vec<u32>,
-    /// Nodes that there may be before points are put into the file.
+    /// Maximum number of nodes before points are moved to the file.
     most: usize,
-    /// Runs of points in the file: offset and number.
+    /// Runs of points in the file: offset and point count.
     runs: Vec<(u64, u32)>,
     free_runs: Vec<u32>,
     file: Option<File>,
-    /// Bytes of the file that are in use.
+    /// End of the used bytes of the file.
     end: u64,
     folder: PathBuf,
 }
@@ -43,14 +44,15 @@ pub(super) struct Chain {
     last: u32,
 }
 
-/// Points that are read from the file at a time.
+/// Points per read from the file.
 const PART: u32 = 1 << 12;
 
-/// Points in memory that are worth a run.
+/// Minimum number of points for a run in the file.
 const RUN: usize = 8;
 
 impl Points {
-    /// No points, which may take so many bytes of memory; the temporary file is in this folder.
+    /// Creates an empty set of points that may use `memory` bytes. The temporary file is created in
+    /// `folder`.
     pub(super) fn new(memory: u64, folder: PathBuf) -> Points {
         let most = usize::try_from(memory / size_of::<Node>() as u64).unwrap_or(usize::MAX).max(64);
         let (nodes, free, runs, free_runs) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
@@ -71,13 +73,13 @@ impl Points {
         }
     }
 
-    /// A chain of one point.
+    /// Creates a chain of one point.
     pub(super) fn begin(&mut self, at: Point) -> Chain {
         let first = self.node(at, NONE);
         Chain { first, last: first }
     }
 
-    /// Adds a point before the first (0) or behind the last (1) of a chain.
+    /// Adds a point before the first (0) or after the last (1) point of a chain.
     pub(super) fn push(&mut self, chain: &mut Chain, side: usize, at: Point) {
         if side == 0 {
             chain.first = self.node(at, chain.first);
@@ -88,13 +90,13 @@ impl Points {
         }
     }
 
-    /// Lets a chain go on with another.
+    /// Concatenates two chains.
     pub(super) fn join(&mut self, before: Chain, after: Chain) -> Chain {
         self.nodes[before.last as usize].next = after.first;
         Chain { first: before.first, last: after.last }
     }
 
-    /// Forgets a chain.
+    /// Removes a chain.
     pub(super) fn remove(&mut self, chain: Chain) {
         let mut number = chain.first;
         while number != NONE {
@@ -105,18 +107,18 @@ impl Points {
             self.free.push(number);
             number = next;
         }
-        // The room of the file is used again when nothing is in it.
+        // Reuse the file's space once nothing is in it.
         if self.free_runs.len() == self.runs.len() {
             self.end = 0;
         }
     }
 
-    /// Whether points should be put into the file.
+    /// Returns whether points should be moved to the file.
     pub(super) fn is_full(&self) -> bool {
         self.nodes.len() - self.free.len() > self.most
     }
 
-    /// Puts the points of chains into the file.
+    /// Moves the points of chains to the file.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -130,7 +132,7 @@ impl Points {
             let mut before = NONE;
             let mut number = chain.first;
             while number != NONE {
-                // Points up to the next run are a run.
+                // Collect the points up to the next run.
                 let (first, start, mut tail) = (number, buffer.len(), before);
                 while number != NONE && self.nodes[number as usize].at[0] != NONE {
                     let node = self.nodes[number as usize];
@@ -176,13 +178,13 @@ impl Points {
         }
         let file = self.file.as_ref().expect("there is one");
         write_all_at(file, buffer.as_bytes(), written).map_err(failed())?;
-        // What is in memory now stays there: it is looked at again when there is much more of it.
+        // The remaining points stay in memory. Try again only when there are twice as many.
         let left = self.nodes.len() - self.free.len();
         self.most = self.most.max(left.saturating_mul(2));
         Ok(())
     }
 
-    /// Hands out the points of a chain, many at a time, forwards or backwards.
+    /// Passes the points of a chain to `each` in chunks, forwards or backwards.
     ///
     /// # Errors
     /// If the temporary file cannot be read, or `each` fails.

@@ -1,4 +1,4 @@
-//! Regions that are whole, as polygons: borders of their parts in rings, the outer one first.
+//! Assembles complete regions into polygons: their borders as rings, the outer ring first.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -8,27 +8,27 @@ use super::points::{NONE, Point};
 use spinney_base::Result;
 use spinney_base::sort;
 
-/// A ring: halves of arcs, one behind the other.
+/// A ring of consecutive half-edges.
 #[derive(Default)]
 pub(super) struct Ring {
     halves: Vec<u32>,
-    /// Number of points, the last of which is the first again.
+    /// Number of points. The last point repeats the first.
     pub(super) count: u64,
 }
 
-/// How rings are made.
+/// Rules for assembling rings.
 #[derive(Clone, Copy)]
 pub(super) struct RingRules {
-    /// Whether rings go around the other way.
+    /// Whether to reverse the orientation of rings.
     pub(super) is_reversed: bool,
-    /// Whether points in line with their neighbours stay where arcs end.
+    /// Whether to keep collinear points where arcs end.
     pub(super) keeps_junctions: bool,
 }
 
 impl Ring {
     fn new(mut halves: Vec<u32>, arcs: &Arcs, rules: RingRules) -> Ring {
         if rules.is_reversed {
-            // (The other half of each.)
+            // (Use the opposite half-edges.)
             halves.reverse();
             halves.iter_mut().for_each(|half| *half ^= 1);
         }
@@ -40,13 +40,13 @@ impl Ring {
         Ring { halves, count }
     }
 
-    /// Whether the point that a half begins in is left out.
+    /// Returns whether to omit the point where a half-edge begins.
     fn is_dropped(halves: &[u32], index: usize, arcs: &Arcs, rules: RingRules) -> bool {
         let before = halves[index.checked_sub(1).unwrap_or(halves.len() - 1)];
         !rules.keeps_junctions && arcs.is_straight(before, halves[index])
     }
 
-    /// Hands out the points, many at a time.
+    /// Passes the points to `each` in chunks.
     pub(super) fn points(
         &self,
         arcs: &Arcs,
@@ -56,7 +56,7 @@ impl Ring {
         let mut first: Option<Point> = None;
         for (index, half) in self.halves.iter().enumerate() {
             let arc = arcs.arc(half / 2);
-            // The last point is the first of the next half.
+            // The last point is the first of the next half-edge.
             let mut left = arc.count - 1;
             let mut skipped = usize::from(Ring::is_dropped(&self.halves, index, arcs, rules));
             arcs.points.each(arc.chain, half % 2 == 1, &mut |points| {
@@ -76,18 +76,18 @@ impl Ring {
     }
 }
 
-/// The polygons of a region.
+/// Polygons of a region.
 pub(super) struct RegionRings {
-    /// Rings of all polygons, one polygon behind the other, the outer ring of each first.
+    /// Rings of all polygons, polygon by polygon, each with its outer ring first.
     pub(super) rings: Vec<Ring>,
     /// Number of rings of each polygon.
     pub(super) polygons: Vec<usize>,
-    /// Arcs, as often as the region has halves of them.
+    /// Arcs of the region, once per half-edge.
     arcs: Vec<u32>,
 }
 
 impl RegionRings {
-    /// Puts the borders of a region together.
+    /// Assembles the borders of a region.
     pub(super) fn new(first: u32, arcs: &mut Arcs, labels: &mut Labels, rules: RingRules) -> RegionRings {
         let mut all = Vec::new();
         let mut parts: BTreeMap<u32, Vec<(i128, Ring)>> = BTreeMap::new();
@@ -100,7 +100,7 @@ impl RegionRings {
             let mut walk = Vec::new();
             while arcs.see(half) {
                 walk.push(half);
-                // (An end is a half that begins there by number, too.)
+                // (The number of an end is also the half-edge that begins there.)
                 half = arcs.half_after(half);
             }
             if walk.is_empty() {
@@ -115,7 +115,8 @@ impl RegionRings {
         }
         let mut made = RegionRings { rings: Vec::new(), polygons: Vec::new(), arcs: all };
         for (_, mut rings) in parts {
-            // The region is on the left, so that the outer ring goes against the clock, where rows go down: its area is negative.
+            // The region is on the left, so its outer ring is counterclockwise with rows going down
+            // and has a negative area.
             sort::by_key(&mut rings, |(area, _)| u64::from(*area >= 0));
             made.polygons.push(rings.len());
             made.rings.extend(rings.into_iter().map(|(_, ring)| ring));
@@ -123,13 +124,14 @@ impl RegionRings {
         made
     }
 
-    /// Lets go of the region's arcs.
+    /// Releases the region's arcs.
     pub(super) fn release(self, arcs: &mut Arcs) {
         self.arcs.into_iter().for_each(|arc| arcs.release(arc));
     }
 }
 
-/// Parts a closed way where it comes through a point twice, so that rings touch there, themselves or each other, instead of crossing.
+/// Splits a closed border where it visits a point twice. Rings then touch there instead of crossing
+/// themselves or each other.
 fn simple_rings(walk: Vec<u32>, arcs: &Arcs) -> Vec<Vec<u32>> {
     let mut rings = Vec::new();
     let mut way: Vec<u32> = Vec::new();

@@ -1,4 +1,5 @@
-//! Rows of cells as runs of one class, from nodes of the tree that are alike all over, and from windows of the others.
+//! Rows of cells as runs of one class, from uniform nodes of the tree and from windows of the
+//! others.
 
 use super::ClassGround;
 use crate::tree::Child;
@@ -6,7 +7,7 @@ use spinney_base::Result;
 use spinney_base::io::batch;
 use spinney_base::space::{Bounds, Code, Dimension};
 
-/// A class, by the bytes of its value as a number. What is VOID comes before all others.
+/// A class: its value's bytes as a number. VOID sorts before all others.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) struct Class {
     pub(super) is_valid: bool,
@@ -17,7 +18,7 @@ impl Class {
     pub(super) const VOID: Class = Class { is_valid: false, bits: 0 };
 }
 
-/// Neighbouring cells of a class, up to but without a column.
+/// Adjacent cells of a class up to the column `end`, exclusive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Run {
     bits: u64,
@@ -35,7 +36,7 @@ impl Run {
     }
 }
 
-/// Adds a run to a row.
+/// Appends a run to a row, and merges it with the last one if the classes are equal.
 fn push(row: &mut Vec<Run>, class: Class, end: u32) {
     match row.last_mut() {
         Some(last) if last.class() == class => last.end = end,
@@ -43,10 +44,10 @@ fn push(row: &mut Vec<Run>, class: Class, end: u32) {
     }
 }
 
-/// Columns of a tile as a power of two, and rows at most.
+/// Base-2 logarithm of a tile's columns and of its maximum rows.
 pub(super) const TILE: u8 = 8;
 
-/// Cells of some rows, and columns up to but without `end`.
+/// Cells of a strip's rows up to the column `end`, exclusive.
 struct Tile {
     end: u32,
     cells: TileCells,
@@ -56,19 +57,19 @@ enum TileCells {
     Same(Class),
     Rows {
         runs: Vec<Run>,
-        /// Where each row begins in `runs`: rows that are like the one above are not there again.
+        /// Range of each row in `runs`. Rows equal to the one above share its range.
         starts: Vec<(u32, u32)>,
     },
 }
 
-/// Some rows of tiles.
+/// Consecutive rows as a sequence of tiles.
 pub(super) struct Strip {
     tiles: Vec<Tile>,
     pub(super) rows: u32,
 }
 
 impl Strip {
-    /// Whether a row is like the one above it in the strip.
+    /// Returns whether a row equals the one above it in the strip.
     pub(super) fn is_repeated(&self, row: u32) -> bool {
         row > 0
             && self.tiles.iter().all(|tile| match &tile.cells {
@@ -77,7 +78,7 @@ impl Strip {
             })
     }
 
-    /// The runs of a row.
+    /// Returns the runs of a row.
     pub(super) fn row(&self, row: u32, runs: &mut Vec<Run>) {
         runs.clear();
         for tile in &self.tiles {
@@ -94,18 +95,18 @@ impl Strip {
     }
 }
 
-/// Bytes of memory that a cell may take in a strip, where no two neighbours are alike.
+/// Maximum memory of a cell in a strip in bytes, if no two neighbours are equal.
 const CELL_BYTES: u64 = size_of::<Run>() as u64 + 8;
 
-/// Rows that are read at a time.
+/// Returns the number of rows to read at a time.
 pub(super) fn strip_rows(columns: u64, memory: u64) -> u32 {
     let rows = memory / columns.saturating_mul(CELL_BYTES).max(1);
     let most = 1u64 << TILE;
-    // (A power of two, so that strips do not cross tiles.)
+    // (A power of two, so that strips do not cross tile borders.)
     1 << rows.clamp(1, most).ilog2()
 }
 
-/// Reads so many rows from one on, which do not cross a border of tiles.
+/// Reads `rows` rows from `first` on, which must not cross a tile border.
 pub(super) fn read_strip(ground: &ClassGround<'_>, first: u32, rows: u32) -> Result<Strip> {
     let level = ground.level.saturating_sub(TILE);
     let mut nodes = Vec::new();
@@ -134,7 +135,7 @@ pub(super) fn read_strip(ground: &ClassGround<'_>, first: u32, rows: u32) -> Res
     Ok(Strip { tiles, rows })
 }
 
-/// Adds the tiles of a row below a node: the first column of each, and the class if all are of one.
+/// Adds the tiles of a row below a node: the first column of each, and its class if it is uniform.
 fn visit(
     ground: &ClassGround<'_>,
     level: u8,
@@ -176,7 +177,7 @@ fn read_tile(ground: &ClassGround<'_>, bounds: &Bounds) -> Result<TileCells> {
     })
 }
 
-/// Makes runs of cells in rows, whose values have so many bytes.
+/// Converts rows of cells with values of `WIDTH` bytes to runs.
 fn scan<const WIDTH: usize>(
     ground: &ClassGround<'_>,
     bytes: &[u8],
@@ -219,7 +220,7 @@ fn scan<const WIDTH: usize>(
             } else {
                 Class::VOID
             };
-            // (Classes that nobody wants are alike.)
+            // (Classes that are not distinguished merge to one run.)
             match runs[start..].last_mut() {
                 Some(last) if last.class() == class => last.end = first + end as u32,
                 _ => runs.push(Run::new(class, first + end as u32)),

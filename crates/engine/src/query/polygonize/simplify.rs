@@ -1,13 +1,17 @@
-//! Arcs with fewer points: by Douglas and Peucker (1973), with the condition of Saalfeld (1999) and de Berg, van Kreveld and Schirra (1998) that no
-//! corner of a border lies between what was and what takes its place.
+//! Simplifies arcs with the algorithm of Douglas and Peucker (1973), under the condition of
+//! Saalfeld (1999) and de Berg, van Kreveld and Schirra (1998) that no border vertex is between the
+//! original line and the simplified one.
 //!
-//! A part of an arc gives way to a segment if none of its points is farther from it than the tolerance, and no other corner of a border lies
-//! between the two, or on the segment; else it is divided at the point that is farthest.
+//! A span of an arc is replaced by a segment if all its points are within the tolerance of the
+//! segment, and no other border vertex is between the two or on the segment. Otherwise the span is
+//! split at its farthest point.
 //!
-//! Invariant: segments meet in their ends alone. If two crossed, one would be crossed by the part of a border that the other one stands for, an
-//! odd number of times, and so have an end of it on its wrong side; two with the same ends would take an arc that lost all points between its ends,
-//! or a ring of two points, of which there is none: an arc keeps one of them, and a ring three. So each arc can be simplified by itself, and all that is
-//! asked of others is where their corners were.
+//! Invariant: simplified segments only meet at their ends. If two segments crossed, the border span
+//! that one of them replaces would cross the other an odd number of times, and so would have an end
+//! on its wrong side. Two segments with the same ends would require an arc that lost all its inner
+//! points, or a ring of two points. Neither exists: a short arc keeps at least one inner point, and
+//! a ring three points. So each arc can be simplified on its own, given only the original vertices
+//! of all borders.
 
 use std::collections::HashMap;
 
@@ -18,21 +22,21 @@ use super::rows::Class;
 use spinney_base::space::Bounds;
 use spinney_base::{Result, sort};
 
-/// Points of an arc that are looked at together: each so many the arc keeps one.
+/// Points of an arc per chunk. Longer arcs keep the points where two chunks meet.
 const PART: usize = 1 << 12;
 
-/// Columns and rows of corners that are read together.
+/// Columns and rows of vertices that are read together.
 const TILE: u32 = 256;
 
-/// Corners of a tile, a bit for each.
+/// Border vertices of a tile, one bit per cell corner.
 type Corners = Box<[u64]>;
 
-/// The state of simplifying arcs.
+/// State of the simplification.
 pub(super) struct Simplifier<'a> {
     ground: &'a ClassGround<'a>,
     tolerance: f64,
     tiles: HashMap<[u32; 2], Corners>,
-    /// Tiles that may be in memory.
+    /// Maximum number of tiles in memory.
     most: usize,
 }
 
@@ -80,7 +84,7 @@ impl<'a> Simplifier<'a> {
         Ok(())
     }
 
-    /// Adds what is kept of points behind the first one, which is there already.
+    /// Simplifies a span of points and appends the result to `kept`, without the first point.
     fn part(&mut self, points: &[Point], fixed: &mut [usize], kept: &mut Vec<Point>) -> Result<()> {
         let [width, height] = self.ground.size.map(|cells| cells as u32);
         let is_corner = |[x, y]: Point| (x == 0 || x == width) && (y == 0 || y == height);
@@ -90,7 +94,7 @@ impl<'a> Simplifier<'a> {
         sort::by(&mut fixed, &mut Ord::cmp);
         let mut start = 0;
         for end in fixed {
-            // What is to be gone through, the next one last.
+            // Stack of spans to process, the next one last.
             let mut spans = if end > start { vec![(start, end)] } else { Vec::new() };
             while let Some((first, last)) = spans.pop() {
                 let span = &points[first..=last];
@@ -109,14 +113,14 @@ impl<'a> Simplifier<'a> {
         Ok(())
     }
 
-    /// The step between two points in the world.
+    /// Returns the vector between two points in world coordinates.
     fn step(&self, from: Point, to: Point) -> [f64; 2] {
         let [across, down, _] = self.ground.frame.linear().to_cols_array_2d();
         let [x, y] = [0, 1].map(|axis| f64::from(to[axis]) - f64::from(from[axis]));
         [x * across[0] + y * down[0], x * across[1] + y * down[1]]
     }
 
-    /// The distance of a point from a segment, in the world.
+    /// Returns the distance of a point from a segment in world coordinates.
     fn distance(&self, at: Point, [start, end]: [Point; 2]) -> f64 {
         let ([x, y], [along_x, along_y]) = (self.step(start, at), self.step(start, end));
         let length = along_x * along_x + along_y * along_y;
@@ -124,20 +128,22 @@ impl<'a> Simplifier<'a> {
         (x - share * along_x).hypot(y - share * along_y)
     }
 
-    /// The distance of a point from the line through two others, times that of these.
+    /// Returns the distance of a point from the line through two others, times the distance of
+    /// these, in cells.
     fn line_distance(&self, at: Point, [start, end]: [Point; 2]) -> f64 {
         let [a, b] = [at, end].map(|to| [0, 1].map(|axis| i64::from(to[axis]) - i64::from(start[axis])));
         (a[0] * b[1] - a[1] * b[0]).unsigned_abs() as f64
     }
 
-    /// Whether there is no other corner of a border between points and the segment from the first to the last of them, or on it.
+    /// Returns whether no other border vertex is between the points and the segment from the first
+    /// to the last of them, or on the segment.
     fn is_free(&mut self, points: &[Point]) -> Result<bool> {
         let [[first_x, first_y], [last_x, last_y]] = [points[0], points[points.len() - 1]];
         let (mut top, mut bottom) = (first_y, first_y);
         for [_, y] in points {
             (top, bottom) = (top.min(*y), bottom.max(*y));
         }
-        // Columns are counted in parts of one, so that the segment is at a whole number of them in each row.
+        // Scale columns so that the segment has an integer column in each row.
         let (upper, lower) = if first_y <= last_y {
             ([first_x, first_y], [last_x, last_y])
         } else {
@@ -148,7 +154,7 @@ impl<'a> Simplifier<'a> {
         let mut own: Vec<u64> = points.iter().map(|[x, y]| sort::pair_key([*y, *x])).collect();
         sort::numbers64(&mut own);
         let is_own = |at: Point| own.binary_search(&sort::pair_key([at[1], at[0]])).is_ok();
-        // Steps along columns, by the row that they begin in.
+        // Segments along columns, by their first row.
         let mut steps: Vec<(u32, u32, u32)> = points
             .windows(2)
             .filter(|pair| pair[0][1] != pair[1][1])
@@ -180,7 +186,7 @@ impl<'a> Simplifier<'a> {
             sort::by(&mut crossed, &mut Ord::cmp);
             for pair in crossed.chunks_exact(2) {
                 let [(from, is_segment), (to, ends_in_segment)] = [pair[0], pair[1]];
-                // (Steps of the arc itself have no corner of another, but at its ends.)
+                // (Vertices of other borders are on the arc's own segments only at their ends.)
                 let low = if is_segment {
                     from.div_euclid(scale) + i64::from(from % scale != 0)
                 } else {
@@ -198,7 +204,7 @@ impl<'a> Simplifier<'a> {
         Ok(true)
     }
 
-    /// Whether a border turns or meets another one in a corner of cells.
+    /// Returns whether a border turns or meets another one at a cell corner.
     fn is_corner(&mut self, [x, y]: Point) -> Result<bool> {
         let tile = [x / TILE, y / TILE];
         if !self.tiles.contains_key(&tile) {
@@ -212,11 +218,11 @@ impl<'a> Simplifier<'a> {
         Ok(self.tiles.get(&tile).is_some_and(|corners| corners[bit / 64] >> (bit % 64) & 1 > 0))
     }
 
-    /// Finds the corners of a tile.
+    /// Finds the border vertices of a tile.
     fn read(&self, tile: [u32; 2]) -> Result<Corners> {
         let ground = self.ground;
         let first = tile.map(|tile| tile * TILE);
-        // With the cells to the left and above.
+        // Includes the cells to the left and above.
         let low = first.map(|at| at.saturating_sub(1));
         let high: [u32; 2] =
             std::array::from_fn(|axis| u64::from(first[axis] + TILE).min(ground.size[axis]) as u32);
@@ -263,7 +269,7 @@ impl<'a> Simplifier<'a> {
     }
 }
 
-/// The first of the points between the ends that is farthest.
+/// Returns the index of the first farthest point between the ends.
 fn farthest(points: &[Point], distance: impl Fn(Point) -> f64) -> usize {
     let mut found = (0, -1.0);
     for (index, point) in points.iter().enumerate().take(points.len() - 1).skip(1) {

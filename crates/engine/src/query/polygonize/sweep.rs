@@ -1,7 +1,9 @@
-//! Borders of regions, line by line between rows of cells.
+//! Traces region borders line by line, between rows of cells.
 //!
-//! Where two borders meet in a corner of cells, one arc goes on; where three or four do, arcs end and begin. The border of a region goes on from the one that it
-//! has come along to the next one clockwise: what lies between the two is the region. So regions are parted where they touch at corners.
+//! Where two borders meet at a cell corner, one arc continues. Where three or four meet, arcs end
+//! and start. A region's border continues from the arriving border with the next one clockwise,
+//! because the region is between the two. Regions are therefore separate polygons where they only
+//! touch at corners.
 
 use super::arcs::Arcs;
 use super::labels::Labels;
@@ -10,52 +12,52 @@ use super::rows::{Class, Run};
 use super::simplify::Simplifier;
 use spinney_base::Result;
 
-/// A run of a row, and the label of its cells; [`NONE`] if they are VOID.
+/// A run of a row and the label of its cells; [`NONE`] if they are VOID.
 #[derive(Clone, Copy)]
 struct LabelledRun {
     run: Run,
     label: u32,
 }
 
-/// The row above, and the borders that go down from it.
+/// The row above the current line, and the borders that continue downwards from it.
 pub(super) struct Sweep {
     pub(super) arcs: Arcs,
     pub(super) labels: Labels,
     columns: u32,
-    /// Whether cells that touch at corners hang together.
+    /// Whether cells that share a corner are connected.
     has_corners: bool,
     row: Vec<LabelledRun>,
-    /// Rows like it that were passed.
+    /// Number of consecutive equal rows.
     height: u64,
-    /// Columns and tips of arcs that go down.
+    /// Columns and tips of the arcs that continue downwards.
     downward: Vec<(u32, u32)>,
     /// Number of the line below the row.
     line: u32,
 }
 
-/// A cell beside a corner: its class and its label.
+/// A cell adjacent to a corner: its class and its label.
 type Cell = (Class, u32);
 
 const OUTSIDE: Cell = (Class::VOID, NONE);
 
 impl Sweep {
-    /// Begins above the first row of a picture with so many columns.
+    /// Starts above the first row of a raster of `columns` columns.
     pub(super) fn new(columns: u32, has_corners: bool, arcs: Arcs) -> Sweep {
         let row = vec![LabelledRun { run: Run::new(Class::VOID, columns), label: NONE }];
         let labels = Labels::default();
         Sweep { arcs, labels, columns, has_corners, row, height: 0, downward: Vec::new(), line: 0 }
     }
 
-    /// Passes a row that is like the one above it.
+    /// Skips a row that equals the one above it.
     pub(super) fn repeat(&mut self) {
         self.line += 1;
         self.height += 1;
     }
 
-    /// Passes a row; hands out roots and classes of regions that have come to their end.
+    /// Processes a row. Returns roots and classes of the regions that have ended.
     ///
     /// # Errors
-    /// If the tree or a temporary file cannot be read where arcs are simplified.
+    /// If arcs are simplified and the tree or a temporary file cannot be read.
     pub(super) fn next(
         &mut self,
         runs: &[Run],
@@ -73,7 +75,7 @@ impl Sweep {
             }
             self.arcs.list(number, &mut self.labels);
         }
-        // What is not below has ended.
+        // Regions without cells in the row below have ended.
         let line = u64::from(self.line) * 2 + 1;
         let above = std::mem::replace(&mut self.row, below);
         for LabelledRun { label, .. } in self.row.iter().filter(|run| run.label != NONE) {
@@ -90,7 +92,8 @@ impl Sweep {
         Ok(ended)
     }
 
-    /// Labels the runs of the next row, by those of the row above, whose cells it counts.
+    /// Labels the runs of the next row from the row above, and adds the cells of the row above to
+    /// its regions.
     fn label(&mut self, runs: &[Run]) -> Vec<LabelledRun> {
         let mut start = 0;
         for LabelledRun { run, label } in &self.row {
@@ -146,7 +149,7 @@ impl Sweep {
         below
     }
 
-    /// Takes borders on from the row above to the one below.
+    /// Continues the borders of the row above to the row below.
     fn borders(&mut self, below: &[LabelledRun]) {
         let y = self.line;
         let mut downward = Vec::with_capacity(below.len() + 1);
@@ -154,11 +157,11 @@ impl Sweep {
         let cell = |row: &[LabelledRun], index: usize| {
             row.get(index).map_or(OUTSIDE, |labelled| (labelled.run.class(), labelled.label))
         };
-        // The cells to the right of the corner, and their runs.
+        // Runs of the cells to the right of the corner.
         let (mut above_run, mut below_run) = (0, 0);
         let (mut north_west, mut south_west) = (OUTSIDE, OUTSIDE);
         let mut x = 0;
-        // The border that comes along the line from the left.
+        // Border that arrives along the line from the left.
         let mut west = NONE;
         loop {
             let (north_east, south_east) = if x == self.columns {
@@ -171,7 +174,7 @@ impl Sweep {
             let has_east = north_east.0 != south_east.0;
             let edges = [north != NONE, has_east, has_south, west != NONE];
             let at = [x, y];
-            // The lesser class is on the left.
+            // Arcs have the lesser class on their left.
             let goes_south = south_east.0 < south_west.0;
             let goes_east = north_east.0 < south_east.0;
             let south_labels =

@@ -3,7 +3,7 @@ use std::collections::{HashMap, HashSet};
 use super::*;
 use spinney_base::value::SampleType;
 
-/// A picture of classes, 0 being VOID.
+/// A raster of classes; 0 is VOID.
 struct Picture {
     size: [u64; 2],
     cells: Vec<u8>,
@@ -31,7 +31,7 @@ impl Picture {
         Picture { size: [rows[0].len() as u64, rows.len() as u64], cells }
     }
 
-    /// Cells of each region: class and cells.
+    /// Number of cells of each region, with its class.
     fn regions(&self, has_corners: bool) -> HashSet<(u8, Vec<usize>)> {
         let [width, height] = self.size.map(|side| side as i64);
         let mut seen = vec![false; self.cells.len()];
@@ -82,7 +82,7 @@ impl ClassCells for Picture {
 
 type Ring = Vec<[f64; 2]>;
 
-/// A region: its class, cells, and polygons.
+/// A region: its class, cell count, and polygons.
 #[derive(Debug, PartialEq)]
 struct Found {
     class: f64,
@@ -137,7 +137,7 @@ fn is_inside(rings: &[Ring], [x, y]: [f64; 2]) -> bool {
     is_inside
 }
 
-/// Holds exact polygons to what a flood of cells finds.
+/// Compares exact polygons with regions found by flood fill.
 fn check(picture: &Picture, across_corners: bool) {
     let mut request = PolygonRequest::new();
     request.across_corners = across_corners;
@@ -195,7 +195,7 @@ fn polygons_are_the_regions_of_pictures_that_are_hard() {
         &["1111"][..],
         &["1212", "2121", "1212", "2121"],
         &["1010", "0101", "1010", "0101"],
-        // Rings in rings.
+        // Nested rings.
         &[
             "111111111",
             "122222221",
@@ -219,7 +219,7 @@ fn polygons_are_the_regions_of_pictures_that_are_hard() {
     }
 }
 
-/// Whether two segments have more in common than an end.
+/// Returns whether two segments share more than an end.
 fn meet([a, b]: [[f64; 2]; 2], [c, d]: [[f64; 2]; 2]) -> bool {
     let side =
         |a: [f64; 2], b: [f64; 2], p: [f64; 2]| (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]);

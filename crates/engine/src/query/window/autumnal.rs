@@ -10,16 +10,16 @@ use spinney_base::space::Bounds;
 use spinney_base::value::Value;
 
 impl Autumnal {
-    /// Writes the values of a box of cells of `level` to `values`, as they stand on disk: x fastest, then y,
-    /// then z. VOID cells, and cells outside the tree's space, become `fill`, and `false` in `valid` if that
-    /// is given.
+    /// Writes the values of a box of cells of `level` to `values` in their stored form: x fastest,
+    /// then y, then z. VOID cells, and cells outside of the tree's space, become `fill`, and
+    /// `false` in `valid` if that is given.
     ///
-    /// Takes time proportional to the cells of the box that differ from their neighbours, whatever lies below
-    /// them.
+    /// The time is proportional to the cells of the box that differ from their neighbours, whatever
+    /// is below them.
     ///
     /// # Errors
-    /// If the file is damaged there, `level` is deeper than the tree, or a buffer has not the bytes of one
-    /// value, or not one flag, per cell.
+    /// If the file is corrupt there, if `level` is deeper than the tree, or if a buffer does not
+    /// have one value, or one flag, per cell.
     pub fn window(
         &self,
         level: u8,
@@ -36,7 +36,7 @@ impl Autumnal {
         })
     }
 
-    /// Paints all of a window, of values whose width is known.
+    /// Draws a whole window, for a record type of known value width.
     fn paint<R: Record>(&self, level: u8, painter: &mut Painter<'_, R>) -> Result<()> {
         painter.clear();
         let bounds = painter.bounds;

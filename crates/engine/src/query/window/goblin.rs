@@ -1,7 +1,7 @@
 //! Windows of Goblin files.
 //!
-//! A window is drawn from the deepest segment that has all of it, and from there down to the segments of
-//! children that reach deeper.
+//! A window is drawn from the deepest segment that contains all of it, and from there down to the
+//! segments of descendants that reach deeper.
 
 use super::check_buffers;
 use super::painter::{AxisSpan, BadRun, Painter, bytes_of};
@@ -16,21 +16,22 @@ use spinney_base::value::Value;
 use spinney_base::{Error, Result};
 use spinney_container::{CUT, INNER, VOID};
 
-/// Nodes along an axis that a part of a window is divided by at most.
+/// Maximum number of nodes along an axis that a part of a window is divided by.
 const MAX_DIVIDED: u64 = 3;
 
 impl Goblin {
-    /// Writes the values of a box of cells of `level` to `values`, as they stand on disk: x fastest, then y,
-    /// then z. VOID cells, and cells outside the tree's space, become `fill`, and `false` in `valid` if that
-    /// is given. Returns how many segments were read: of a box of 2^reach cells along each axis at most `3^axes`, and of an aligned one
-    /// `1 + children^(stride - 1)`.
+    /// Writes the values of a box of cells of `level` to `values` in their stored form: x fastest,
+    /// then y, then z. VOID cells, and cells outside of the tree's space, become `fill`, and
+    /// `false` in `valid` if that is given. Returns how many segments were read. For a box of
+    /// 2^reach cells along each axis these are at most `3^axes`, and for an aligned one `1 +
+    /// children^(stride - 1)`.
     ///
-    /// Takes time proportional to the cells of the box that differ from their neighbours, whatever lies below
-    /// them.
+    /// The time is proportional to the cells of the box that differ from their neighbours, whatever
+    /// is below them.
     ///
     /// # Errors
-    /// If the file is damaged there, `level` is deeper than the tree, or a buffer has not the bytes of one
-    /// value, or not one flag, per cell.
+    /// If the file is corrupt there, if `level` is deeper than the tree, or if a buffer does not
+    /// have one value, or one flag, per cell.
     pub fn window(
         &self,
         level: u8,
@@ -49,7 +50,8 @@ impl Goblin {
     }
 }
 
-/// Paints all of a window, of values whose width is known; returns how many segments were read.
+/// Draws a whole window, for a record type of known value width. Returns how many segments were
+/// read.
 fn paint_window<R: Record>(
     window: Window<'_>,
     fill: Value,
@@ -58,7 +60,7 @@ fn paint_window<R: Record>(
 ) -> Result<usize> {
     let (bounds, space) = (window.bounds, Bounds::space(R::DIMENSION, window.level));
     let mut drawing = Drawing::<R> { window, painter: Painter::new(bounds, fill, values, valid) };
-    // Nothing below is asked about cells outside the space: the tree has no nodes there.
+    // Cells outside of the space are never looked up: the tree has no nodes there.
     if !space.contains(&bounds) {
         drawing.painter.clear();
     }
@@ -69,32 +71,34 @@ fn paint_window<R: Record>(
     Ok(drawing.window.visited.len())
 }
 
-/// A box of cells of a level of a file.
+/// A box of cells of a file's level.
 struct Window<'a> {
     tree: &'a Goblin,
     level: u8,
-    /// All of the box, which may stick out of the tree's space.
+    /// The whole box, which may extend beyond the tree's space.
     bounds: Bounds,
-    /// Indices of the segments read so far, each once.
+    /// Indices of the segments read so far, without repetitions.
     visited: Vec<usize>,
 }
 
 impl<'a> Window<'a> {
-    /// The deepest node that has all of a part of the window.
+    /// Returns the deepest node that contains a part of the window.
     fn node_around(&self, part: &Bounds) -> Code {
         let dimension = self.tree.header().form.dimension;
         let corner = |cell: [u64; 3]| {
             Code::from_cell(dimension, self.level, array::map(cell, |cell| cell as u32))
                 .expect("inside the space")
         };
-        // The codes of all cells of a box lie between those of its two extreme corners in Z order: the
-        // ancestor of these two is that of all.
+        // The codes of all cells of a box are between those of its first and last corner in Z
+        // order, so the ancestor of these two is that of all.
         corner(part.min).common_ancestor(corner(part.max.map(|end| end - 1)))
     }
 
-    /// The level whose nodes a part of the window is divided by, since each of them has all of its part in one segment, and a segment that has
-    /// all of the part does not: where a part lies on borders of large nodes, the segments on the way down from these are not read. `None`
-    /// where one segment has all, or the part has many such nodes, some of which may be settled further up.
+    /// Returns the level whose nodes divide a part of the window. Each of these nodes has its share
+    /// of the part in one segment, while no segment has all of the part. If the part is on borders
+    /// of large nodes, this avoids reading the segments on the path down from these nodes. Returns
+    /// `None` if one segment has all, or if the part has so many such nodes that some may be
+    /// resolved further up.
     fn divided_at(&self, part: &Bounds) -> Result<Option<u8>> {
         let shape = &self.tree.header().shape;
         let Some(least) = self.level.checked_sub(shape.reach).filter(|least| *least > 0) else {
@@ -111,7 +115,7 @@ impl<'a> Window<'a> {
         let index = match self.tree.find_segment(code) {
             Ok(Some(index)) => index,
             Ok(None) => return Ok(None),
-            // (Divided or not, the parts tell what they lack.)
+            // (The division below reports the missing bytes in either case.)
             Err(Error::NotFetched) => return Ok(Some(level)),
             Err(error) => return Err(error),
         };
@@ -120,7 +124,7 @@ impl<'a> Window<'a> {
         Ok((!has_all).then_some(level))
     }
 
-    /// The deepest node that has all of a part of the window, and what is known of it.
+    /// Returns the deepest node that contains a part of the window, and its location.
     fn locate(&mut self, part: &Bounds) -> Result<(Code, Child<Located<'a>>)> {
         let code = self.node_around(part);
         if code.level() == self.level {
@@ -135,24 +139,26 @@ impl<'a> Window<'a> {
         Ok((code, found))
     }
 
-    /// Whether nothing below a node of a level, which has its record in a segment, is in another segment. The
-    /// segment must be the deepest one with that record.
+    /// Returns whether all descendants of a node are in this segment. The segment must be the
+    /// deepest one with the node's record.
     fn is_inline(&self, segment: &Segment<'_>, level: u8) -> bool {
-        // Invariant: a candidate that owns no segment is light, and stands whole in the segment of its
-        // nearest heavy ancestor. This one is the deepest, and the node, or one above it, is a candidate
-        // below it: so all is here, down to the cells. If another segment had more of it, its children would
-        // be missing here, or come out as uniform.
+        // Invariant: a candidate that owns no segment is light, and is stored entirely in the
+        // segment of its nearest heavy ancestor. This segment is the deepest one with the record,
+        // and the node or one of its ancestors is a candidate below the segment's node. So all
+        // descendants are here, down to the cells. Otherwise, if another segment had more of the
+        // node, its children would be missing here, or would appear uniform.
         self.tree.header().shape.segment_level(level) > segment.code().level()
     }
 
-    /// Whether there is a deeper segment than this one for a node that is cut off: drawing must get on.
+    /// Returns whether a CUT node has a deeper segment than this one. Otherwise drawing would not
+    /// terminate.
     fn has_deeper(&self, segment: &Segment<'_>, code: Option<Code>) -> Result<bool> {
         let deeper = code.map_or(Ok(None), |code| self.tree.find_segment(code))?;
         Ok(deeper.is_some_and(|index| index != segment.index()))
     }
 }
 
-/// A window being drawn.
+/// A window in progress.
 struct Drawing<'w, 'a, R: Record> {
     window: Window<'w>,
     painter: Painter<'a, R>,
@@ -168,7 +174,7 @@ impl<R: Record> Drawing<'_, '_, R> {
         for z in nodes(2) {
             for y in nodes(1) {
                 for x in nodes(0) {
-                    // (A quadtree has no nodes along z but one.)
+                    // (A quadtree has a single node along z.)
                     let min = array::map([x, y, z], |node| node * side);
                     let node = Bounds { min, max: array::map(min, |min| min + side) };
                     defer_missing(self.draw_down(&node.intersect(part)), &mut is_unread)?;
@@ -178,7 +184,7 @@ impl<R: Record> Drawing<'_, '_, R> {
         finish_deferred(is_unread)
     }
 
-    /// Draws a part of the window, starting from the deepest segment that has all of it.
+    /// Draws a part of the window, starting from the deepest segment that contains all of it.
     fn draw_down(&mut self, part: &Bounds) -> Result<()> {
         let (code, found) = self.window.locate(part)?;
         match found {
@@ -188,7 +194,7 @@ impl<R: Record> Drawing<'_, '_, R> {
                 let min = code.ancestor(level).bounds(self.window.level).min;
                 let records = R::of(segment.records());
                 let shape = &self.window.tree.header().shape;
-                // Whether all that is drawn is in this segment.
+                // Whether everything to draw is in this segment.
                 let is_complete = self.window.is_inline(&segment, level)
                     || shape.cut_level(segment.code().level()) >= self.window.level;
                 if is_complete {
@@ -204,8 +210,8 @@ impl<R: Record> Drawing<'_, '_, R> {
         Ok(())
     }
 
-    /// Draws the node whose record is `at`, which is at `level` and has its first cell at `min`, from a segment that does not
-    /// reach down to the cells: its descendants may own segments that do.
+    /// Draws a node from a segment that does not reach down to the cells: its descendants may own
+    /// segments that do. `at` is the node's record, `level` its level, and `min` its first cell.
     fn node(
         &mut self,
         segment: &Segment<'_>,
@@ -217,8 +223,9 @@ impl<R: Record> Drawing<'_, '_, R> {
         let record = &records[at];
         let tree = self.window.tree;
         let below = self.window.level - level - 1;
-        // Invariant: what is between a segment's node and the next candidates is never a dense block, since
-        // it is merged of parts. So those of its descendants that own segments are found record by record.
+        // Invariant: nodes between a segment's node and the next candidates are never dense blocks,
+        // since they are merged from blocks. So descendants that own segments are found record by
+        // record.
         if record.is_dense() {
             return Err(tree.bad_skip(segment, at));
         }
@@ -231,7 +238,7 @@ impl<R: Record> Drawing<'_, '_, R> {
             let state = record.state(child);
             let under = next;
             if state == INNER && below > 0 {
-                // Children outside the window are stepped over, and their skips checked like all others.
+                // Children outside of the window are skipped, but their skips are checked as well.
                 let skip = if next < end { records[next].skip() as usize } else { 0 };
                 if skip == 0 || next + skip > end {
                     return Err(tree.bad_skip(segment, at));

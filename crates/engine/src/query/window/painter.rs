@@ -1,7 +1,7 @@
-//! Draws runs of records: what windows of both formats spend their time on.
+//! Draws runs of records. Windows of both formats spend most of their time here.
 //!
-//! Nearly all of it goes into nodes that lie wholly in the window, down at the cells: that part is compiled for each width of
-//! values and fan-out, and has no branches that depend on the picture where those could be avoided.
+//! Nearly all of that goes into nodes near the cells that are entirely in the window. That code is
+//! compiled for each value width and fan-out, and avoids branches that depend on the data.
 
 use zerocopy::FromBytes;
 
@@ -16,43 +16,45 @@ use spinney_container::{CUT, INNER, VOID};
 /// Contradiction in a run.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum BadRun {
-    /// At the record with a number.
+    /// At the record with this number.
     Skip(usize),
-    /// A node is cut off above the cells that are drawn.
+    /// A node is CUT above the cells to draw.
     Cut,
 }
 
-/// End of drawing.
+/// Result of drawing.
 pub(super) type Drawn = Result<(), BadRun>;
 
-/// Cells of a node, or of its lower or upper half, that lie in a window, along one axis.
+/// Cells of a node, or of its lower or upper half, that are in a window, along one axis.
 #[derive(Clone, Copy, Default)]
 pub(super) struct AxisSpan {
-    /// Summand of the first of them in the index of a cell's value; undefined if there are none.
+    /// Contribution of the first of them to the index of a cell's value; undefined if there are
+    /// none.
     pub(super) offset: usize,
     pub(super) cells: usize,
 }
 
-/// A box of cells that is drawn on, of values whose width is known.
+/// A box of cells to draw on, with values of a known width.
 pub(super) struct Painter<'a, R: Record> {
-    /// All of the box, which may stick out of the tree's space.
+    /// The whole box, which may extend beyond the tree's space.
     pub(super) bounds: Bounds,
-    /// Growth of the index of a cell's value from a cell to the next along each axis.
+    /// Increment of a value's index per cell along each axis.
     strides: [usize; 3],
-    /// The value that stands for VOID.
+    /// The value for VOID cells.
     fill: R::Bytes,
     values: &'a mut [R::Bytes],
     valid: Option<&'a mut [bool]>,
 }
 
-/// The bytes of a value.
+/// Returns the bytes of a value.
 #[inline]
 pub(super) fn bytes_of<R: Record>(value: Value) -> R::Bytes {
     R::Bytes::read_from_prefix(&value.to_bytes()).map_or(R::ZERO, |(bytes, _)| bytes)
 }
 
 impl<'a, R: Record> Painter<'a, R> {
-    /// Nothing is drawn yet; `values` has the bytes of a value, and `valid` a flag, for each cell.
+    /// Creates a painter that has drawn nothing yet. `values` has the bytes of a value, and `valid`
+    /// a flag, for each cell.
     pub(super) fn new(
         bounds: Bounds,
         fill: Value,
@@ -73,7 +75,7 @@ impl<'a, R: Record> Painter<'a, R> {
         }
     }
 
-    /// Those of `side` cells from `start` along an axis that lie in the window.
+    /// Clips `side` cells from `start` along an axis to the window.
     #[inline]
     pub(super) fn span(&self, axis: usize, start: u64, side: u64) -> AxisSpan {
         let (min, max) = (self.bounds.min[axis], self.bounds.max[axis]);
@@ -82,8 +84,8 @@ impl<'a, R: Record> Painter<'a, R> {
         AxisSpan { offset, cells: end.saturating_sub(first) as usize }
     }
 
-    /// The cells of both halves of a node along each axis that lie in the window; a half has `2^below`. A node's children are
-    /// one half of it along each axis: all are cut to the window at once.
+    /// Clips both halves of a node along each axis to the window; a half has `2^below` cells. A
+    /// child is one half of the node along each axis, so this clips all children at once.
     #[inline]
     pub(super) fn halves(&self, min: [u64; 3], below: u8) -> [[AxisSpan; 2]; 3] {
         let mut halves = [[AxisSpan { offset: 0, cells: 1 }; 2]; 3];
@@ -94,13 +96,13 @@ impl<'a, R: Record> Painter<'a, R> {
         halves
     }
 
-    /// Draws the node whose record is `at` and which has `2 << below` cells along each axis, the first of
-    /// them at `min`. Nothing below it may be cut off above the cells.
+    /// Draws the node whose record is `at` and which has `2 << below` cells along each axis; the
+    /// first cell is `min`. No node may be CUT above the cells.
     pub(super) fn run(&mut self, records: &[R], at: usize, below: u8, min: [u64; 3]) -> Drawn {
-        // Invariant: the extent of `at` lies within the records, since it was checked when the segment was
-        // loaded or when its parent was drawn; and those of children are checked here, also outside of the
-        // window, to lie in it one behind the other. So no index leads out of the records, and every record
-        // is drawn once.
+        // Invariant: the extent of `at` is within the records: it was checked when the segment was
+        // loaded or when its parent was drawn. Extents of children, including those outside of the
+        // window, are checked here to be contiguous within it. So no index leads out of the
+        // records, and every record is drawn once.
         let record = &records[at];
         let bounds = &self.bounds;
         let inside = (0..R::AXES)
@@ -118,7 +120,7 @@ impl<'a, R: Record> Painter<'a, R> {
             let state = record.state(child);
             let under = next;
             if state == INNER && below > 0 {
-                // Children outside the window are stepped over, and their skips checked like all others.
+                // Children outside of the window are skipped, but their skips are checked as well.
                 let skip = if next < end { records[next].skip() as usize } else { 0 };
                 if skip == 0 || next + skip > end {
                     return Err(BadRun::Skip(at));
@@ -144,8 +146,9 @@ impl<'a, R: Record> Painter<'a, R> {
         Ok(())
     }
 
-    /// Draws a node that lies wholly in the window and needs no other segment: the hot path of tiles. Its
-    /// first cell goes to `start`; its children have `2^below` cells along each axis.
+    /// Draws a node that is entirely in the window and needs no other segment: the hot path of
+    /// tiles. `start` is the index of its first cell. Its children have `2^below` cells along each
+    /// axis.
     fn whole(&mut self, records: &[R], at: usize, below: u8, start: usize) -> Drawn {
         let record = &records[at];
         match below {
@@ -182,14 +185,15 @@ impl<'a, R: Record> Painter<'a, R> {
         Ok(())
     }
 
-    /// The rows of a dense block that are the cells of the window, which are so many levels and one below its root.
+    /// Returns the dense block at a record if it contains the window's cells, which are `below + 1`
+    /// levels below its root.
     fn dense_rows<'s>(records: &'s [R], at: usize, below: u8) -> std::result::Result<DenseBlock<'s>, BadRun> {
         let block = dense_block(records, at);
         block.filter(|block| block.levels > below).ok_or(BadRun::Skip(at))
     }
 
-    /// Draws a dense block that lies wholly in the window, as copies of its rows: what windows of continuous data come down
-    /// to. Its first cell goes to `start`.
+    /// Draws a dense block that is entirely in the window by copying its rows: the common case for
+    /// continuous data. `start` is the index of its first cell.
     fn whole_dense(&mut self, records: &[R], at: usize, below: u8, start: usize) -> Drawn {
         let block = Self::dense_rows(records, at, below)?;
         let strides = self.strides;
@@ -199,7 +203,7 @@ impl<'a, R: Record> Painter<'a, R> {
             self.dense_and_void(&block, below + 1, ([0; 3], size), start);
             return Ok(());
         }
-        // Rows of a known length are copied without a call.
+        // Copying rows of a constant length takes no function call.
         let rows = block.values_of::<R>(below + 1);
         match below {
             1 => copy_rows::<_, 4>(self.values, start, R::AXES, strides, rows),
@@ -218,7 +222,7 @@ impl<'a, R: Record> Painter<'a, R> {
         Ok(())
     }
 
-    /// Draws the part of a dense block that lies in the window; its first cell is `min`.
+    /// Draws the cells of a dense block that are in the window. `min` is the block's first cell.
     fn dense(&mut self, records: &[R], at: usize, below: u8, min: [u64; 3]) -> Drawn {
         let block = Self::dense_rows(records, at, below)?;
         let level = below + 1;
@@ -248,8 +252,8 @@ impl<'a, R: Record> Painter<'a, R> {
         Ok(())
     }
 
-    /// Draws a part of a level of a dense block, its first node and nodes along each axis, where some may be VOID or flags are
-    /// asked for.
+    /// Draws a part of a dense block's level, given by its first node and size along each axis, if
+    /// some nodes may be VOID or flags are requested.
     #[inline(never)]
     fn dense_and_void(
         &mut self,
@@ -272,9 +276,9 @@ impl<'a, R: Record> Painter<'a, R> {
                     continue;
                 }
                 for (x, value) in row.iter().enumerate() {
-                    // Invariant: the values of VOID nodes of a dense block are zeros, as the builder leaves
-                    // them: of any other value nobody need ask whether it is there, which takes longer than
-                    // drawing it.
+                    // Invariant: the builder stores zeros as the values of VOID nodes in a dense
+                    // block. A nonzero value therefore needs no look-up of its state, which takes
+                    // longer than drawing it.
                     let is_there = *value != R::ZERO || !block.is_void(level, from + x);
                     self.values[to + x] = if is_there { *value } else { self.fill };
                     if let Some(valid) = &mut self.valid {
@@ -285,9 +289,9 @@ impl<'a, R: Record> Painter<'a, R> {
         }
     }
 
-    /// A node of four cells along each axis, where nearly all records of a detailed tile are. Which of its
-    /// children are uniform is as good as random, so nothing here branches on it: a wrong guess costs more
-    /// than four cells.
+    /// Draws a node of four cells along each axis, which are nearly all records of a detailed tile.
+    /// Which children are uniform is practically random, so nothing here branches on it: a
+    /// misprediction costs more than four cells.
     fn patch(&mut self, records: &[R], at: usize, start: usize) -> Drawn {
         let record = &records[at];
         let states = record.states();
@@ -295,10 +299,10 @@ impl<'a, R: Record> Painter<'a, R> {
         let mut next = 0;
         for child in 0..R::CHILDREN {
             let state = record.state(child);
-            // Any record will do where there is none: its values are not used then.
+            // If there is none, any record will do: its values are not used.
             let below = under.get(next).unwrap_or(record);
-            // A uniform child is drawn as if it had a record, with four times (or eight times) its value and
-            // state.
+            // A uniform child is drawn as if it had a record with its value and state four (or
+            // eight) times.
             let uniform = R::alike(record.values()[child]);
             let (values, states, skip) = if state == INNER {
                 (below.values(), below.states(), below.skip())
@@ -308,21 +312,21 @@ impl<'a, R: Record> Painter<'a, R> {
             self.cells(values, states, start + self.offset(child, 2));
             next += skip as usize;
         }
-        // Invariant: every read above is checked, whatever the records say, and what was drawn does not count
-        // if this returns an error. So damage is tested for once, at the end, and nothing in the loop
-        // branches on it. (Both bits of a state are set: CUT.)
+        // Invariant: every read above is bounds-checked, whatever the records contain, and an error
+        // discards what was drawn. So corruption is tested once at the end, and the loop does not
+        // branch on it. (CUT has both bits of a state set.)
         if states & states >> 1 & LOW_STATE_BITS != 0 {
             return Err(BadRun::Cut);
         }
         if next == under.len() { Ok(()) } else { Err(BadRun::Skip(at)) }
     }
 
-    /// The children of a node as single cells, in pairs along x.
+    /// Draws the children of a node as single cells, in pairs along x.
     #[inline(always)]
     fn cells(&mut self, values: &[R::Bytes], states: u32, start: usize) {
-        // Either bit of a child's state: it is not VOID.
+        // Either bit of a child's state is set: the child is not VOID.
         let some = (states | states >> 1) & LOW_STATE_BITS;
-        // (Shifted so that a quadtree's four children are all that is compared.)
+        // (Shifted so that only a quadtree's four children are compared.)
         if some << (32 - 2 * R::CHILDREN) != LOW_STATE_BITS << (32 - 2 * R::CHILDREN) || self.valid.is_some()
         {
             return self.cells_and_void(values, some, start);
@@ -333,9 +337,9 @@ impl<'a, R: Record> Painter<'a, R> {
         }
     }
 
-    /// The children of a node as single cells where some may be VOID or flags are asked for; one bit in two
-    /// of `some` is set for a child that is not VOID. Apart from [`Self::cells`] to keep the usual case
-    /// small.
+    /// Draws the children of a node as single cells if some may be VOID or flags are requested. In
+    /// `some`, the low bit of each bit pair is set if the child is not VOID. Separate from
+    /// [`Self::cells`] to keep the common case small.
     #[inline(never)]
     fn cells_and_void(&mut self, values: &[R::Bytes], some: u32, start: usize) {
         for (pair, values) in values[..R::CHILDREN].as_chunks::<2>().0.iter().enumerate() {
@@ -350,38 +354,39 @@ impl<'a, R: Record> Painter<'a, R> {
         }
     }
 
-    /// Index of the first value of a pair of children that are cells.
+    /// Returns the index of the first value of a pair of children that are cells.
     #[inline]
     fn pair_index(&self, pair: usize, start: usize) -> usize {
         start + (pair & 1) * self.strides[1] + (pair >> 1) * self.strides[2]
     }
 
-    /// Distance in `values` from a node's first cell to a child's; children have `side` cells along each
-    /// axis.
+    /// Returns the distance in `values` from a node's first cell to a child's. Children have `side`
+    /// cells along each axis.
     #[inline]
     fn offset(&self, child: usize, side: usize) -> usize {
         (0..R::AXES).map(|axis| (child >> axis & 1) * side * self.strides[axis]).sum()
     }
 
-    /// Index of the value of a cell of the window.
+    /// Returns the index of a window cell's value.
     #[inline]
     fn index_of(&self, cell: [u64; 3]) -> usize {
         let Painter { bounds, strides, .. } = self;
         (0..R::AXES).map(|axis| (cell[axis] - bounds.min[axis]) as usize * strides[axis]).sum()
     }
 
-    /// Gives all cells of a part one value; `None` is VOID.
+    /// Sets all cells of a box to one value; `None` is VOID.
     pub(super) fn paint(&mut self, part: &Bounds, value: Option<R::Bytes>) {
         self.fill(self.index_of(part.min), array::map(part.size(), |size| size as usize), value);
     }
 
-    /// Gives one value to a block of so many cells along each axis, the first of which has an index.
+    /// Sets a block of `size` cells along each axis to one value. `start` is the index of its first
+    /// cell.
     pub(super) fn fill(&mut self, start: usize, size: [usize; 3], value: Option<R::Bytes>) {
         let bytes = value.unwrap_or(self.fill);
         let strides = self.strides;
-        // Small blocks are many: stores of a known length save them a call for each row.
+        // Small blocks are frequent: stores of a constant length save a call per row.
         match size[0] {
-            // One cell or two: both ends of the row.
+            // One or two cells: both ends of the row.
             1 | 2 => {
                 rows(self.values, start, size, strides, |row| (row[0], row[row.len() - 1]) = (bytes, bytes))
             }
@@ -389,7 +394,7 @@ impl<'a, R: Record> Painter<'a, R> {
             8 => rows(self.values, start, size, strides, |row| row.copy_from_slice(&[bytes; 8])),
             16 => rows(self.values, start, size, strides, |row| row.copy_from_slice(&[bytes; 16])),
             width => {
-                // Rows are copied, which is faster than writing values of an odd width one by one.
+                // Copying rows is faster than writing values of an odd width one by one.
                 let first = start..start + width;
                 self.values[first.clone()].fill(bytes);
                 for z in 0..size[2] {
@@ -408,7 +413,7 @@ impl<'a, R: Record> Painter<'a, R> {
     }
 }
 
-/// Copies a block of `SIDE` cells along each axis, which come row by row.
+/// Copies a block of `SIDE` cells along each axis from contiguous rows.
 #[inline(always)]
 fn copy_rows<B: Copy, const SIDE: usize>(
     cells: &mut [B],
@@ -426,7 +431,7 @@ fn copy_rows<B: Copy, const SIDE: usize>(
     });
 }
 
-/// Does something to each row of a block of `size` cells.
+/// Calls `each` for each row of a block.
 #[inline(always)]
 fn rows<T>(
     cells: &mut [T],

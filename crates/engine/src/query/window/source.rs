@@ -12,16 +12,17 @@ use spinney_base::value::Value;
 pub struct Canvas<'a> {
     form: TreeType,
     bounds: Bounds,
-    /// Growth of the index of a cell's value from a cell to the next along each axis.
+    /// Increment of a value's index per cell along each axis.
     strides: [usize; 3],
     values: &'a mut [u8],
     valid: Option<&'a mut [bool]>,
 }
 
-/// Cells of the largest blocks that are drawn at once, as a power of two: 256 x 256, or 32 x 32 x 32.
+/// Base-2 logarithm of the cells of the largest blocks that are drawn at once: 256 x 256, or 32 x
+/// 32 x 32.
 const BLOCK_BITS: u8 = 16;
 
-/// Evaluates an expression with a name bound to the bytes of a value as a constant.
+/// Evaluates an expression with the width of a value in bytes as a constant.
 macro_rules! with_width {
     ($width:expr, $WIDTH:ident => $body:expr) => {{
         macro_rules! with {
@@ -45,10 +46,10 @@ macro_rules! with_width {
 }
 
 impl<'a> Canvas<'a> {
-    /// A box all of whose cells are VOID, which `fill` stands for.
+    /// Creates a canvas whose cells are all VOID, which `fill` represents.
     ///
     /// # Errors
-    /// If there are not the bytes of one value, and one flag, for each of its cells.
+    /// If a buffer does not have one value, or one flag, per cell.
     pub fn new(
         form: TreeType,
         bounds: &Bounds,
@@ -66,8 +67,8 @@ impl<'a> Canvas<'a> {
         Ok(canvas)
     }
 
-    /// Draws what a source has below one of its nodes, which stands for the whole space, at a level below
-    /// that.
+    /// Draws a subtree of a source at a level. The box of `top` is the whole space, and `level`
+    /// counts from `top`.
     ///
     /// # Errors
     /// If the source fails.
@@ -75,7 +76,7 @@ impl<'a> Canvas<'a> {
         self.node(source, &top, Bounds::space(self.form.dimension, level), level)
     }
 
-    /// Draws a node whose cells are `space`, so many levels above them.
+    /// Draws a node that is `levels` levels above the cells; `space` is its box.
     fn node<S: Source>(
         &mut self,
         source: &S,
@@ -89,7 +90,7 @@ impl<'a> Canvas<'a> {
         }
         match node {
             Child::Inner { node, .. } if levels > 0 => {
-                // (A block of which little is asked for is not worth it.)
+                // (If little of a block is requested, reading all of it is not worth it.)
                 let is_most = part.volume() >= space.volume() / 4;
                 if is_most
                     && levels * self.form.axes() as u8 <= BLOCK_BITS
@@ -116,7 +117,7 @@ impl<'a> Canvas<'a> {
         Ok(())
     }
 
-    /// Copies the part of a node's cells that is asked for.
+    /// Copies the requested part of a node's cells.
     fn copy(&mut self, block: &CellBlock, space: &Bounds, part: &Bounds) {
         let width = self.form.width();
         let ([columns, rows, _], size) = (space.size(), part.size());
@@ -143,12 +144,12 @@ impl<'a> Canvas<'a> {
         }
     }
 
-    /// Gives all cells of a block one value.
+    /// Sets all cells of a block to one value.
     fn paint(&mut self, min: [u64; 3], size: [usize; 3], value: Value) {
         with_width!(self.form.width(), WIDTH => self.cells::<WIDTH>().paint(min, size, value));
     }
 
-    /// The canvas for values whose width is known: for loops over very many blocks.
+    /// Returns the canvas for values of a constant width, for loops over very many blocks.
     ///
     /// `WIDTH` must be the width of the tree's values.
     #[inline]
@@ -159,7 +160,7 @@ impl<'a> Canvas<'a> {
     }
 }
 
-/// Cells of a [`Canvas`], of values with so many bytes.
+/// Cells of a [`Canvas`] with values of `WIDTH` bytes.
 struct Cells<'a, const WIDTH: usize> {
     /// The first cell.
     origin: [u64; 3],
@@ -168,7 +169,7 @@ struct Cells<'a, const WIDTH: usize> {
     valid: Option<&'a mut [bool]>,
 }
 
-/// The first bytes of a value.
+/// Returns the first bytes of a value.
 #[inline]
 fn bytes_of<const WIDTH: usize>(value: Value) -> [u8; WIDTH] {
     let mut bytes = [0; WIDTH];
@@ -177,13 +178,13 @@ fn bytes_of<const WIDTH: usize>(value: Value) -> [u8; WIDTH] {
 }
 
 impl<const WIDTH: usize> Cells<'_, WIDTH> {
-    /// Gives all cells of a block, which must lie in the box, one value.
+    /// Sets all cells of a block, which must be in the box, to one value.
     #[inline]
     fn paint(&mut self, min: [u64; 3], size: [usize; 3], value: Value) {
         let bytes = bytes_of(value);
         let strides = self.strides;
         let start: usize = (0..3).map(|axis| (min[axis] - self.origin[axis]) as usize * strides[axis]).sum();
-        // Single cells are most of what there is.
+        // Most blocks are single cells.
         if size == [1; 3] {
             self.values[start] = bytes;
             if let Some(valid) = &mut self.valid {

@@ -1,4 +1,4 @@
-//! Windows without a copy: boxes of cells that a mapped file has in rows, one behind the other.
+//! Zero-copy windows: boxes of cells that a mapped file stores as contiguous rows.
 
 use crate::query::check_level;
 use crate::store::goblin::{Goblin, Located};
@@ -6,24 +6,26 @@ use crate::tree::Child;
 use spinney_base::Result;
 use spinney_base::space::{Bounds, Code};
 
-/// The values of a box of cells where they stand in a file. None of them is VOID.
+/// Values of a box of cells within a file. None of them is VOID.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StoredRows<'a> {
-    /// From the box's first value to its last. Values are little-endian and need not be aligned.
+    /// Bytes from the box's first value to its last. Values are little-endian and need not be
+    /// aligned.
     pub bytes: &'a [u8],
-    /// Bytes from a cell to that below it: in the next row.
+    /// Bytes from a cell to the one in the next row.
     pub row: usize,
-    /// Bytes from a cell to that behind it: in the next layer.
+    /// Bytes from a cell to the one in the next layer.
     pub layer: usize,
 }
 
 impl Goblin {
-    /// The values of a box of cells of `level` as they stand in the file, if that is mapped and the box lies in one dense
-    /// block that has no VOID: where no two cells are alike, most boxes that lie in an aligned one of 256 x 256 cells (16 x 16 x 16
-    /// in octrees) do. Two searches in the directory, and nothing is copied.
+    /// Returns the values of a box of cells of `level` without copying, if the file is mapped and
+    /// the box is in one dense block without VOID. Where no two cells are equal, this holds for
+    /// most boxes within an aligned box of 256 x 256 cells (16 x 16 x 16 in octrees). Takes two
+    /// searches in the segment index.
     ///
     /// # Errors
-    /// If the file is damaged there, or `level` is deeper than the tree.
+    /// If the file is corrupt there, or `level` is deeper than the tree.
     pub fn stored_rows(&self, level: u8, bounds: &Bounds) -> Result<Option<StoredRows<'_>>> {
         let header = self.header();
         check_level(level, header.depth())?;

@@ -1,4 +1,5 @@
-//! Cells in a polygon: how it has those of a node, and their shares, found once for all trees of a grid.
+//! Cells in a polygon: how it covers a node, and the cells' shares, determined once for all trees
+//! of a grid.
 
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -8,52 +9,53 @@ use super::super::walk::Selection;
 use spinney_base::space::{Bounds, Cover, EdgeRule};
 use spinney_overlay::{Crossings, FULL_SHARE, Polygon};
 
-/// The cells of a picture in a polygon.
+/// The cells of a raster in a polygon.
 pub(super) struct ZoneCells<'a> {
     pub(super) polygon: &'a Polygon,
     pub(super) rule: EdgeRule,
     pub(super) picture: Bounds,
-    /// Findings for other trees of the grid, if there are any.
+    /// Cached results for the other trees of the grid, if there are any.
     pub(super) found: Option<RefCell<FoundCells>>,
 }
 
-/// Findings about the cells in a polygon, by first column and row, columns and rows of nodes.
+/// Cached results for the cells in a polygon. Keys are first column and row, columns and rows of
+/// nodes.
 #[derive(Default)]
 pub(super) struct FoundCells {
     covers: HashMap<[u64; 4], Cover>,
     counts: HashMap<[u64; 4], CellCount>,
     spans: HashMap<[u64; 4], Vec<Span>>,
-    /// Spans of all of them.
+    /// Total length of all span lists.
     count: usize,
 }
 
-/// Cells of a row, and the share of each that counts, of [`FULL_SHARE`].
+/// Row, columns, and share of each cell in units of 1/[`FULL_SHARE`].
 type Span = (u64, Range<u64>, u64);
 
-/// Cells that count as a whole, and the sum of the shares of all others.
+/// Number of cells that count fully, and the sum of the shares of all others.
 pub(super) type CellCount = (u64, u128);
 
-/// Whole cells and shares together, in shares.
+/// Returns full cells and shares together, in shares.
 pub(super) fn in_shares((cells, shares): CellCount) -> u128 {
     u128::from(cells) * u128::from(FULL_SHARE) + shares
 }
 
-/// A sum of shares, in cells; rounded once.
+/// Converts a sum of shares to cells, with one rounding.
 pub(super) fn in_cells(shares: u128) -> f64 {
     shares as f64 / FULL_SHARE as f64
 }
 
-/// Entries of each kind that are remembered.
+/// Maximum number of cached entries of each kind.
 const MAX_FOUND: usize = 1 << 16;
 
-/// A node's place among what was found.
+/// Returns the cache key of a node.
 fn area_of(bounds: &Bounds) -> [u64; 4] {
     let ([x, y, _], [columns, rows, _]) = (bounds.min, bounds.size());
     [x, y, columns, rows]
 }
 
 impl ZoneCells<'_> {
-    /// A finding of before; else it is found now.
+    /// Returns the cached result, or computes and caches it.
     fn find<T: Copy>(
         &self,
         bounds: &Bounds,
@@ -74,9 +76,9 @@ impl ZoneCells<'_> {
         found
     }
 
-    /// Cells of a box that count.
+    /// Counts the cells of a box that are in the polygon.
     pub(super) fn count(&self, bounds: &Bounds, crossings: &mut Crossings) -> CellCount {
-        // (A polygon goes through all of an octree along z.)
+        // (In an octree, a polygon extends along all of z.)
         let layers = bounds.max[2] - bounds.min[2];
         let count = || match self.rule {
             EdgeRule::Centre => (self.polygon.count_centres(bounds, crossings), 0),
@@ -87,12 +89,13 @@ impl ZoneCells<'_> {
         (layers * cells, u128::from(layers) * shares)
     }
 
-    /// The area outside of the picture, in cells.
+    /// Returns the area outside of the raster in cells.
     pub(super) fn outside(&self) -> f64 {
         self.polygon.area_outside(&self.picture) * self.picture.max[2] as f64
     }
 
-    /// Hands out the columns, row by row, of a box's cells that count, and the share of each that does.
+    /// Passes the spans of a box's cells in the polygon to `each`, row by row, with the share of
+    /// each cell.
     pub(super) fn spans(
         &self,
         bounds: &Bounds,
@@ -136,7 +139,7 @@ impl ZoneCells<'_> {
 
 impl Selection for ZoneCells<'_> {
     fn cover(&self, space: &Bounds) -> Cover {
-        // What lies outside the picture is VOID, and does not count.
+        // Cells outside of the raster are VOID and do not count.
         if self.picture.intersect(space).is_empty() {
             return Cover::Nothing;
         }

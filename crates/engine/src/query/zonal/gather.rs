@@ -1,4 +1,4 @@
-//! Statistics of a zone in the making.
+//! Accumulates the statistics of a zone.
 
 use super::super::classes::Classes;
 use super::super::count::{Count, counter_of};
@@ -15,27 +15,27 @@ use spinney_base::value::Value;
 use spinney_base::{Progress, Result};
 use spinney_overlay::{Crossings, FULL_SHARE};
 
-/// Statistics of a zone in the making.
+/// Statistics of a zone in progress.
 pub(super) struct Gather<'a> {
     zone: &'a ZoneCells<'a>,
     request: &'a ZonalRequest,
     depth: u8,
-    /// Whole cells.
+    /// Statistics of full cells.
     count: Box<dyn Count>,
-    /// Parts of cells.
+    /// Statistics of partial cells.
     parts: Parts,
-    /// All cells of the zone within the picture, VOID ones too, in shares.
+    /// All cells of the zone within the raster, including VOID ones, in shares.
     all: u128,
-    /// Cells of each sample, if they are asked for and not counted as classes.
+    /// Cell counts per sample, if they are requested and not counted as classes.
     values: Option<Values>,
     counts_classes: bool,
-    /// Room to work in.
+    /// Scratch buffer.
     crossings: Crossings,
     progress: &'a dyn Progress,
 }
 
 impl<'a> Gather<'a> {
-    /// Nothing yet; `memory` is for single values.
+    /// Creates an empty accumulator. `memory` is the limit in bytes for single values.
     pub(super) fn new(
         tree: &ZonalTree<'_>,
         zone: &'a ZoneCells<'a>,
@@ -58,7 +58,7 @@ impl<'a> Gather<'a> {
         }
     }
 
-    /// The statistics.
+    /// Returns the statistics.
     ///
     /// # Errors
     /// If temporary files cannot be used.
@@ -78,7 +78,7 @@ impl<'a> Gather<'a> {
         Ok(told)
     }
 
-    /// Counts all cells of a node, those outside of the picture excepted.
+    /// Counts all cells of a node within the raster.
     fn count_all(&mut self, code: Code) {
         let bounds = code.bounds(self.depth).intersect(&self.zone.picture);
         self.all += in_shares((bounds.volume(), 0));
@@ -133,7 +133,7 @@ impl Visitor for Gather<'_> {
     fn dense(&mut self, code: Code, block: &DenseBlock<'_>, (first, size): ([usize; 3], [usize; 3])) -> bool {
         let (count, parts, values, all) = (&mut self.count, &mut self.parts, &mut self.values, &mut self.all);
         let origin = code.bounds(self.depth).min;
-        // (Cells outside of the picture are VOID.)
+        // (Cells outside of the raster are VOID.)
         let picture = &self.zone.picture;
         let [columns, rows, layers] =
             [0, 1, 2].map(|axis| (size[axis] as u64).min(picture.max[axis].saturating_sub(origin[axis])));

@@ -1,8 +1,11 @@
 //! Zonal statistics: statistics of the cells in polygons.
 //!
-//! The tree is walked from the root down as for a box. What lies in a polygon as a whole is counted by the statistics that
-//! the tree stores; what a border cuts is gone into, down to uniform blocks, whose part in the polygon is counted in rows,
-//! or cell by cell along its border. Cells and shares are counted in integers, so that all numbers are the same however a tree stores its cells. Where single values are asked for (`values.rs`), everything in a polygon is gone into, unless classes are counted.
+//! The tree is traversed from the root as for a box. The statistics of a node that is entirely in a
+//! polygon come from the tree. Nodes that a border crosses are descended into, down to uniform
+//! blocks, whose cells in the polygon are counted in rows, or cell by cell along the border. Cells
+//! and shares are counted in integers, so that the results do not depend on how a tree stores its
+//! cells. If single values are requested (`values.rs`) and the tree does not count classes, all
+//! nodes in a polygon are descended into.
 
 mod cells;
 mod gather;
@@ -27,26 +30,26 @@ use spinney_base::{Progress, Result};
 use spinney_container::Header;
 use spinney_overlay::Polygon;
 
-/// A tree that is asked for the cells in polygons.
+/// A tree to compute zonal statistics of.
 pub(crate) struct ZonalTree<'a> {
     form: TreeType,
     depth: u8,
     counts_classes: bool,
-    /// Cells that can be other than VOID.
+    /// Box of the cells that may be other than VOID.
     picture: Bounds,
     walk: Box<WalkZone<'a>>,
 }
 
-/// A walk over the cells of a zone.
+/// Traversal of the cells of a zone.
 type WalkZone<'a> = dyn Fn(&ZoneCells<'_>, &mut Gather<'_>) -> Walked + Sync + 'a;
 
 impl<'a> ZonalTree<'a> {
-    /// A file in segments.
+    /// Wraps a Goblin file.
     pub(crate) fn of_file(tree: &'a Goblin) -> ZonalTree<'a> {
         ZonalTree::new(tree.header(), Box::new(|zone, gather| walk(tree, zone, gather)))
     }
 
-    /// Any other source, and the header that a file of it has.
+    /// Wraps any other source, with the header of its file.
     pub(crate) fn of_source<S: Source>(source: &'a S, header: &Header) -> ZonalTree<'a> {
         ZonalTree::new(header, Box::new(|zone, gather| walk_source(source, zone, gather)))
     }
@@ -57,27 +60,30 @@ impl<'a> ZonalTree<'a> {
     }
 }
 
-/// A kernel that adds the cells of a dense block in a box to a `T`, each with a share of it.
+/// Kernel that adds the cells of a dense block in a box to a `T`, each with the same share.
 type AddDense<T> = fn(&mut T, &DenseBlock<'_>, ([usize; 3], [usize; 3]), u64);
 
-/// Trees of the same grid, by their numbers among all, with polygons in its cells; of those that lie outside there is none.
+/// Trees of the same grid, with their indices among all trees, and polygons in the grid's cells. A
+/// polygon outside of the grid is `None`.
 pub(crate) struct ZonalGroup<'a> {
     pub(crate) trees: Vec<(usize, ZonalTree<'a>)>,
     pub(crate) polygons: &'a [Option<Polygon>],
 }
 
-/// Statistics of all trees in a polygon, in their order.
+/// Receives the statistics of all trees in a polygon, in their order.
 type ZoneSink<'a> = dyn FnMut(Vec<ZoneStatistics>) -> Result<()> + 'a;
 
-/// Polygons that are worked on before somebody is told of it, and answers that are held at most, unless there are more trees.
+/// Maximum number of polygons per batch.
 const BATCH: usize = 64;
+/// Maximum number of results to hold in memory (at least one per tree).
 const MAX_HELD: usize = 1 << 16;
 
-/// Hands out the statistics of the cells in each of some polygons, of all trees; time goes with the nodes along their borders. Which
-/// cells are in a polygon is found once for all trees of a grid.
+/// Passes the statistics of the cells in each polygon, of all trees, to `take`. The time is
+/// proportional to the nodes along the borders. The cells in a polygon are determined once for all
+/// trees of a grid.
 ///
 /// # Errors
-/// If a file is damaged there, `take` fails, or on interruption.
+/// If a file is corrupt there, `take` fails, or on cancellation.
 pub(crate) fn zonal(
     groups: &[ZonalGroup<'_>],
     request: &ZonalRequest,
@@ -103,7 +109,7 @@ pub(crate) fn zonal(
 }
 
 impl ZonalGroup<'_> {
-    /// Statistics in a polygon, at the places of the group's trees.
+    /// Computes the statistics in a polygon and stores them at the indices of the group's trees.
     fn zone(
         &self,
         number: usize,

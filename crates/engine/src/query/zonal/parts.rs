@@ -1,4 +1,4 @@
-//! Statistics of parts of cells, and of whole ones and parts together.
+//! Statistics of partial cells, and of full and partial cells combined.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -15,40 +15,41 @@ use spinney_base::value::{
 use spinney_base::{TreeType, sort};
 use spinney_overlay::FULL_SHARE;
 
-/// Statistics of parts of cells.
+/// Statistics of partial cells.
 pub(super) struct Parts {
     value_type: ValueType,
     channels: [ChannelParts; 4],
-    /// Shares of all cells.
+    /// Sum of the shares of all cells.
     shares: u128,
     classes: PartsOfClasses,
-    /// A sample to compute with, and exactly.
+    /// Converts a sample to `f64` for computing.
     number: fn(&[u8]) -> f64,
+    /// Converts a sample exactly.
     exact: fn(&[u8]) -> Number,
     dense: AddDense<Parts>,
 }
 
-/// Shares of each class. (All other statistics of one channel follow from them.)
+/// Shares of each class. (For one channel, all other statistics follow from them.)
 enum PartsOfClasses {
-    /// They are not counted.
+    /// Not counted.
     None,
-    /// Of values of one byte.
+    /// Values of one byte.
     Bytes(Box<[u128; 256]>),
     Values(HashMap<Value, u128>),
 }
 
-/// Sums of a channel's samples, each multiplied by its share.
+/// Sums of a channel's samples, weighted by their shares.
 #[derive(Clone, Copy)]
 struct ChannelParts {
     shares: u128,
-    /// The sum of integers of up to 32 bits, exactly.
+    /// Exact sum of integers of up to 32 bits.
     exact: i128,
-    /// The sum of other samples, and of the squares of all.
+    /// Sum of other samples, and sum of squares of all samples.
     sum: TripleDouble,
     squares: TripleDouble,
     min: Number,
     max: Number,
-    /// The extremes to compare with.
+    /// Extremes as `f64`, for a fast comparison.
     least: f64,
     most: f64,
 }
@@ -61,7 +62,7 @@ impl Default for ChannelParts {
     }
 }
 
-/// A number of shares to multiply with.
+/// Converts shares to a factor.
 fn double_of(shares: u128) -> DoubleDouble {
     match u64::try_from(shares) {
         Ok(shares) if shares < 1 << f64::MANTISSA_DIGITS => DoubleDouble::from(shares as f64),
@@ -70,7 +71,8 @@ fn double_of(shares: u128) -> DoubleDouble {
 }
 
 impl ChannelParts {
-    /// Adds a sample to the extremes. They are exact, which few samples need to be compared for.
+    /// Extends the extremes by a sample. The extremes are exact, but most samples do not need an
+    /// exact comparison.
     #[inline]
     fn widen(&mut self, number: f64, exact: impl FnOnce() -> Number) {
         if number <= self.least || number >= self.most {
@@ -82,7 +84,7 @@ impl ChannelParts {
 }
 
 impl Parts {
-    /// Nothing yet, of trees of a form.
+    /// Creates empty statistics for trees of `form`.
     pub(super) fn new(form: TreeType, counts_classes: bool) -> Parts {
         let value_type = form.value;
         let classes = match (counts_classes, value_type.size()) {
@@ -101,13 +103,13 @@ impl Parts {
         }
     }
 
-    /// Adds cells of a value, by the sum of their shares.
+    /// Adds cells of a value with a total of `shares`.
     #[inline]
     pub(super) fn block(&mut self, value: Value, shares: u128) {
         self.add(&value.to_bytes()[..self.value_type.size()], shares);
     }
 
-    /// Adds the cells of a dense block in a box, each with such a share of it.
+    /// Adds the cells of a dense block in a box, each with the same share.
     pub(super) fn dense(&mut self, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3]), share: u64) {
         (self.dense)(self, block, part, share);
     }
@@ -144,7 +146,8 @@ impl Parts {
                 if sample_type.is_wide_integer() {
                     channel.sum = channel.sum + TripleDouble::from(number) * weight;
                 } else {
-                    // Invariant: 32 bits of a sample, 40 of a share and 55 of a number of cells are less than 127.
+                    // Invariant: a sample of 32 bits, a share of 40 bits and a cell count of 55
+                    // bits take at most 127 bits together.
                     channel.exact = channel.exact.wrapping_add(integer * shares as i128);
                 }
                 channel.squares = channel.squares + TripleDouble::from(number) * number * weight;
@@ -153,7 +156,8 @@ impl Parts {
         }
     }
 
-    /// These parts and whole cells together, of a zone that has so many shares of cells within the picture.
+    /// Combines partial and full cells. `all` is the sum of shares of the zone's cells within the
+    /// raster.
     pub(super) fn with(mut self, whole: &ZoneStats, all: u128) -> ZoneStatistics {
         let value_type = self.value_type;
         let mut classes: Vec<(Value, u128)> = match std::mem::replace(&mut self.classes, PartsOfClasses::None)
@@ -165,7 +169,7 @@ impl Parts {
             }
             PartsOfClasses::Values(classes) => classes.into_iter().collect(),
         };
-        // (Sums that are rounded are those of one order.)
+        // (Rounded sums depend on the order, so the order is fixed.)
         sort::by(&mut classes, &mut |(a, _), (b, _)| value_type.order(*a, *b));
         for (value, shares) in &classes {
             self.measure(&value.to_bytes()[..value_type.size()], *shares);
@@ -188,7 +192,7 @@ impl Parts {
         }
     }
 
-    /// A channel's statistics, of parts and whole cells together.
+    /// Returns a channel's statistics, of partial and full cells combined.
     fn channel(&self, whole: &ZoneStats, index: usize) -> ZoneChannel {
         let parts = &self.channels[index];
         let cells = whole.present[index];
@@ -209,13 +213,13 @@ impl Parts {
             (min, max) = (min.min(of(whole.min)), max.max(of(whole.max)));
         }
         let full = DoubleDouble::from(FULL_SHARE as f64);
-        // (Shares are parts of a power of two, so that no digit changes.)
+        // (`FULL_SHARE` is a power of two, so the scaling is exact.)
         let one = 1.0 / FULL_SHARE as f64;
         let sum = whole.sum.triple(index) + (parts.sum + TripleDouble::from(parts.exact)) * one;
         let squares = whole.squares.triple(index) + parts.squares * one;
         let weight = double_of(shares) / full;
         let mean = DoubleDouble { high: sum.high, low: sum.middle } / weight;
-        // (Rounding must not make a deviation of nothing.)
+        // (Rounding must not cause a deviation of equal samples.)
         let variance =
             if min == max && min.is_finite() { 0.0 } else { TripleDouble::variance(sum, squares, weight) };
         ZoneChannel {

@@ -1,4 +1,4 @@
-//! Questions about zones, and their answers.
+//! Requests for zonal statistics, and their results.
 
 use std::fmt;
 use std::str::FromStr;
@@ -7,7 +7,7 @@ use spinney_base::space::EdgeRule;
 use spinney_base::value::Number;
 use spinney_base::{Error, Result};
 
-/// A question about the cells in polygons.
+/// Request for statistics of the cells in polygons.
 ///
 /// ```
 /// use spinney::query::{EdgeRule, Polygon, ZonalRequest};
@@ -28,13 +28,14 @@ use spinney_base::{Error, Result};
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct ZonalRequest {
-    /// Which cells at the edge of a polygon count.
+    /// Rule for which cells at the edge of a polygon count.
     pub edge: EdgeRule,
-    /// Measures that are asked for. All that are not [`ZoneMeasure::needs_values`] come whether they are or not.
+    /// Requested measures. Measures without [`ZoneMeasure::needs_values`] are always computed.
     pub measures: Vec<ZoneMeasure>,
-    /// Quantiles that are asked for, from 0 to 1.
+    /// Requested quantiles, from 0 to 1.
     pub quantiles: Vec<f64>,
-    /// Bytes of memory for the values of zones that are worked on at the same time; what does not fit goes to temporary files.
+    /// Memory limit in bytes for the values of all zones in progress; any excess goes to temporary
+    /// files.
     pub memory: u64,
 }
 
@@ -56,12 +57,12 @@ impl From<EdgeRule> for ZonalRequest {
 }
 
 impl ZonalRequest {
-    /// Whether single values have to be counted.
+    /// Returns whether single values must be counted.
     pub fn needs_values(&self) -> bool {
         !self.quantiles.is_empty() || self.measures.iter().any(|measure| measure.needs_values())
     }
 
-    /// Fails if a quantile is none.
+    /// Fails if a quantile is out of range or there are too many.
     pub(super) fn check(&self) -> Result<()> {
         if self.quantiles.len() > MAX_QUANTILES {
             let found = format!("{} of them", self.quantiles.len());
@@ -74,44 +75,44 @@ impl ZonalRequest {
     }
 }
 
-/// Quantiles that are computed at once, at most.
+/// Maximum number of quantiles per request.
 const MAX_QUANTILES: usize = 1000;
 
-/// A number that is told of a zone.
+/// A measure of a zone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ZoneMeasure {
-    /// Cells that are not VOID.
+    /// Number of cells that are not VOID.
     Count,
-    /// Cells within the picture that are VOID.
+    /// Number of VOID cells within the raster.
     Void,
-    /// The part of the cells within the picture that is VOID.
+    /// Share of VOID cells among the cells within the raster.
     VoidShare,
-    /// The area outside of the picture, in cells.
+    /// Area outside of the raster in cells.
     Outside,
     /// Sum of the samples.
     Sum,
-    /// Least sample.
+    /// Minimum sample.
     Min,
-    /// Greatest sample.
+    /// Maximum sample.
     Max,
     /// Mean of the samples.
     Mean,
-    /// Standard deviation, that of the population.
+    /// Population standard deviation.
     Deviation,
-    /// The sample that most cells have; of several the least.
+    /// The most frequent sample; the smallest one on ties.
     Majority,
-    /// The sample that the fewest cells have; of several the least.
+    /// The least frequent sample; the smallest one on ties.
     Minority,
-    /// Number of different samples.
+    /// Number of distinct samples.
     Variety,
-    /// The quantile 0.5.
+    /// The 0.5 quantile.
     Median,
-    /// Cells of each class, or their areas.
+    /// Number of cells of each class, or their areas.
     Classes,
 }
 
 impl ZoneMeasure {
-    /// All of them.
+    /// All measures.
     pub const ALL: [ZoneMeasure; 14] = [
         ZoneMeasure::Count,
         ZoneMeasure::Void,
@@ -129,7 +130,7 @@ impl ZoneMeasure {
         ZoneMeasure::Classes,
     ];
 
-    /// Its name, as in `std`.
+    /// Returns the measure's name, as in `std`.
     pub fn name(self) -> &'static str {
         match self {
             ZoneMeasure::Count => "count",
@@ -149,7 +150,8 @@ impl ZoneMeasure {
         }
     }
 
-    /// Whether it needs the cells of each sample to be counted, for which all cells of a zone are read unless the file counts classes.
+    /// Returns whether the measure needs the cell count of each sample. All cells of a zone are
+    /// read for this unless the file counts classes.
     pub fn needs_values(self) -> bool {
         matches!(
             self,
@@ -179,59 +181,63 @@ impl FromStr for ZoneMeasure {
 /// Statistics of the cells in a polygon.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ZoneStatistics {
-    /// Cells that are not VOID. (By [`EdgeRule::Area`] these, and all other numbers of cells, need not be whole.)
+    /// Number of cells that are not VOID. (With [`EdgeRule::Area`], this and all other cell counts
+    /// may be fractional.)
     pub cells: f64,
-    /// Cells within the picture that are VOID.
+    /// Number of VOID cells within the raster.
     pub void_cells: f64,
-    /// Area of the polygon outside of the picture, in cells, by whatever rule the others count.
+    /// Area of the polygon outside of the raster in cells, independent of the edge rule.
     pub outside_cells: f64,
-    /// Statistics of each channel; nothing if there are no cells.
+    /// Statistics of each channel; empty if there are no cells.
     pub channels: Vec<ZoneChannel>,
-    /// Cells of each value, by ascending value; only for one-channel files that count classes.
+    /// Number of cells of each value, by ascending value; only for one-channel files that count
+    /// classes.
     pub classes: Vec<(Number, f64)>,
 }
 
-/// Statistics of one channel in a polygon; the standard deviation is that of the population.
+/// Statistics of one channel in a polygon. The standard deviation is that of the population.
 #[derive(Clone, Debug, Default, PartialEq)]
-#[allow(missing_docs)] // the names say it
+#[allow(missing_docs)] // names are self-explanatory
 pub struct ZoneChannel {
-    /// Cells that have a sample. All other numbers are not a number if there are none, and the sum is 0.
+    /// Number of cells that have a sample. If it is 0, all other numbers are NaN and the sum is 0.
     pub cells: f64,
     pub min: Number,
     pub max: Number,
     pub sum: f64,
     pub mean: f64,
     pub standard_deviation: f64,
-    /// Measures by the cells of each sample, if they were asked for and there are samples.
+    /// Measures from the cell count of each sample, if they were requested and there are samples.
     pub values: Option<ZoneValues>,
 }
 
-/// Measures of a channel in a polygon by the cells of each sample.
+/// Measures of a channel in a polygon from the cell count of each sample.
 ///
-/// Quantiles are those that NumPy interpolates linearly, with shares of cells as weights: with all samples in order, each as long as its cells are
-/// many, of `n` cells in all, the quantile `q` is the mean of what lies between `q * (n - 1)` and one cell more; the mean of all if `n` is less
-/// than one. They are exact, of however many values.
+/// Quantiles are linearly interpolated as in NumPy, weighted by the cells' shares: of the sorted
+/// samples with a total weight of `n` cells, the quantile `q` is the mean over the interval of one
+/// cell that starts at `q * (n - 1)`. If `n` is less than one, it is the mean of all. Quantiles are
+/// exact for any number of values.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ZoneValues {
-    /// Number of different samples.
+    /// Number of distinct samples.
     pub variety: u64,
-    /// The sample that most cells have; of several the least.
+    /// The most frequent sample; the smallest one on ties.
     pub majority: Number,
-    /// The sample that the fewest cells have; of several the least.
+    /// The least frequent sample; the smallest one on ties.
     pub minority: Number,
-    /// The quantile 0.5.
+    /// The 0.5 quantile.
     pub median: f64,
-    /// Quantiles, as many as were asked for, in the same order.
+    /// The requested quantiles, in the order of the request.
     pub quantiles: Vec<f64>,
 }
 
 impl ZoneStatistics {
-    /// The part of the cells within the picture that is VOID; not a number if there are none.
+    /// Returns the share of VOID cells among the cells within the raster, or NaN if there are none.
     pub fn void_share(&self) -> f64 {
         self.void_cells / (self.cells + self.void_cells)
     }
 
-    /// The number that a measure is, of a channel where it is one of channels; `None` if there is no such number, or it was not asked for.
+    /// Returns the value of a measure, for a channel if the measure is per channel. Returns `None`
+    /// if it has no value or was not requested.
     pub fn number(&self, measure: ZoneMeasure, channel: usize) -> Option<Number> {
         let channel = self.channels.get(channel);
         let values = channel.and_then(|channel| channel.values.as_ref());
@@ -240,7 +246,7 @@ impl ZoneStatistics {
             ZoneMeasure::Void => self.void_cells.into(),
             ZoneMeasure::VoidShare => self.void_share().into(),
             ZoneMeasure::Outside => self.outside_cells.into(),
-            // (The sum of nothing is known.)
+            // (The sum of no samples is 0.)
             ZoneMeasure::Sum => channel.map_or(0.0, |channel| channel.sum).into(),
             ZoneMeasure::Min => channel?.min,
             ZoneMeasure::Max => channel?.max,

@@ -1,4 +1,5 @@
-//! Cells of each sample in a zone, of any type and in bounded memory, and what they tell.
+//! Cell counts per sample in a zone, for any sample type and in bounded memory, and the measures
+//! derived from them.
 
 use zerocopy::IntoBytes;
 
@@ -14,43 +15,44 @@ use spinney_base::value::{Number, Sample, Value, ValueType, ZoneStats, with_samp
 use spinney_base::{Result, TreeType};
 use spinney_overlay::FULL_SHARE;
 
-/// Cells of each sample of each channel of a zone.
+/// Cell counts per sample for each channel of a zone.
 pub(super) struct Values {
     value_type: ValueType,
     channels: Vec<Channel>,
-    /// A sample's key, and the sample that has one: see [`Sample::order_key`].
+    /// Conversions from a sample to its key and back: see [`Sample::order_key`].
     key: fn(&[u8]) -> u64,
     number: fn(u64) -> Number,
     subtree: fn(&mut Values, &[u8], u8) -> Result<(), BadSkip>,
     dense: AddDense<Values>,
-    /// The first error of a temporary file.
+    /// First error of a temporary file.
     failed: Result<()>,
 }
 
-/// Cells of each sample of a channel.
+/// Cell counts per sample of a channel.
 struct Channel {
-    /// Cells of samples in any order, many times the same; the first of them are in order, and each is there once.
+    /// Counts in any order, with repeated keys. A sorted prefix without repetitions comes from the
+    /// last merge.
     entries: Vec<Entry>,
-    /// Entries at which the same ones are put together.
+    /// Number of entries at which equal keys are merged.
     limit: usize,
-    /// Entries that memory has room for.
+    /// Maximum number of entries in memory.
     most: usize,
-    /// Cells of each key, once there are many samples of at most two bytes: no more keys than that.
+    /// Counts by key, used once there are many samples of at most two bytes.
     table: Vec<u128>,
     /// Bits of a sample.
     bits: usize,
-    /// Values that memory has no room for.
+    /// Entries that exceed the memory limit.
     sorter: Option<Sorter>,
 }
 
-/// A key, and shares of cells.
+/// A key, and its cells in shares.
 type Entry = (u64, u128);
 
-/// Entries that are collected before the same ones are put together.
+/// Minimum number of entries to collect before equal keys are merged.
 const FEW: usize = 1 << 12;
 
 impl Values {
-    /// No cells yet, of trees of a form; for `memory` bytes.
+    /// Creates empty counts for trees of `form` that may use `memory` bytes.
     pub(super) fn new(form: TreeType, memory: u64) -> Values {
         let value_type = form.value;
         let bits = 8 * value_type.sample.size();
@@ -75,12 +77,12 @@ impl Values {
         }
     }
 
-    /// Adds cells of a value, by the sum of their shares.
+    /// Adds cells of a value with a total of `cells` shares.
     pub(super) fn block(&mut self, value: Value, cells: u128) {
         self.add(&value.to_bytes(), cells);
     }
 
-    /// Adds all cells of a zone; `false` if its tally does not tell enough.
+    /// Adds all cells of a zone. Returns `false` if its tally does not determine their samples.
     pub(super) fn zone(&mut self, tally: &ZoneStats) -> bool {
         let is_one = tally.min == tally.max && !self.value_type.is_masked();
         if is_one && tally.cells > 0 {
@@ -89,7 +91,7 @@ impl Values {
         is_one || tally.cells == 0
     }
 
-    /// Adds all cells of a subtree of so many levels, given its records.
+    /// Adds all cells of a subtree of `levels` levels, given its records.
     ///
     /// # Errors
     /// If skips or states contradict each other.
@@ -97,7 +99,7 @@ impl Values {
         (self.subtree)(self, records, levels)
     }
 
-    /// Adds the cells of a dense block in a box, each with such a share of it.
+    /// Adds the cells of a dense block in a box, each with the same share.
     pub(super) fn dense(&mut self, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3]), share: u64) {
         (self.dense)(self, block, part, share);
     }
@@ -119,7 +121,7 @@ impl Values {
         }
     }
 
-    /// Measures of each channel, of which there are so many.
+    /// Returns the measures of each channel. `cells` has the cell count of each channel.
     ///
     /// # Errors
     /// If temporary files cannot be used.
@@ -131,7 +133,7 @@ impl Values {
     }
 }
 
-/// Bytes of an entry, in memory, while entries are sorted and when they move to a larger place.
+/// Bytes per entry in memory, including sorting and reallocation.
 const ENTRY_BYTES: u64 = 128;
 
 fn key_of<S: Sample>(bytes: &[u8]) -> u64 {
@@ -163,7 +165,7 @@ impl Channel {
             return;
         }
         match self.entries.last_mut() {
-            // (Neighbours are alike.)
+            // (Neighbours are often equal.)
             Some(last) if last.0 == key => last.1 += cells,
             _ => self.push(key, cells, failed),
         }
@@ -174,7 +176,7 @@ impl Channel {
         if self.entries.len() >= self.limit
             && let Err(error) = self.make_room()
         {
-            // (Nothing is asked of what is lost.)
+            // (The counts are incomplete from here on; `finish` returns the error.)
             self.entries.clear();
             *failed = Err(error);
         }
@@ -184,8 +186,8 @@ impl Channel {
         }
     }
 
-    /// Puts the same samples together, in a table if there can be few of them. What then is still more than half of what memory has room for
-    /// goes to temporary files.
+    /// Merges equal samples, in a table if the sample type has few values. If more than half of the
+    /// memory limit is still used, the entries move to temporary files.
     fn make_room(&mut self) -> Result<()> {
         if self.bits <= 16 {
             self.table = vec![0; 1 << self.bits];
@@ -203,7 +205,8 @@ impl Channel {
                 sorter.push(key, item_of(key, cells))?;
             }
         }
-        // (Room for as many new ones as there are, so that the time of sorting stays small.)
+        // (Leave space for as many new entries as there are, so that the time for sorting stays
+        // small.)
         self.limit = (2 * self.entries.len()).clamp(FEW, self.most);
         Ok(())
     }
@@ -219,7 +222,7 @@ impl Channel {
         });
     }
 
-    /// Measures of the samples of so many cells.
+    /// Returns the measures of samples with `all` cells in total.
     fn finish(
         mut self,
         number: fn(u64) -> Number,
@@ -249,7 +252,7 @@ impl Channel {
     }
 }
 
-/// Bytes of an entry in a temporary file.
+/// Size of an entry in a temporary file in bytes.
 const ITEM_BYTES: usize = 24;
 
 fn item_of(key: u64, cells: u128) -> Vec<u8> {
@@ -261,7 +264,7 @@ fn entry_of(item: &[u8]) -> Entry {
     (key, u128::from_le_bytes(std::array::from_fn(|byte| item[8 + byte])))
 }
 
-/// Measures by the cells of each class, which come by ascending class.
+/// Returns the measures from the cells of each class, in ascending order of classes.
 pub(super) fn of_classes(classes: &[(Number, f64)], request: &ZonalRequest) -> Option<ZoneValues> {
     let mut told = Told::new(classes.iter().map(|(_, cells)| *cells).sum(), request);
     for (class, cells) in classes {
@@ -270,37 +273,39 @@ pub(super) fn of_classes(classes: &[(Number, f64)], request: &ZonalRequest) -> O
     told.finish()
 }
 
-/// Measures of samples that come in order.
+/// Computes measures from samples in ascending order.
 struct Told {
     values: ZoneValues,
-    /// Shares of cells of the majority and of the minority.
+    /// Shares of the majority and of the minority.
     most: u128,
     fewest: u128,
-    /// The sample that came last, and its cells: the next may be the same (-0.0 and 0, or parts of one in temporary files).
+    /// The last sample and its shares. The next sample may be equal (-0.0 and 0, or entries split
+    /// over temporary files).
     last: Option<(Number, u128)>,
-    /// Shares of cells of all samples before the last.
+    /// Shares of all samples before the last.
     before: u128,
-    /// Quantiles by where they begin, the median among them.
+    /// Windows of all quantiles including the median, by their start.
     windows: Vec<Window>,
-    /// Windows that end before the last sample's cells.
+    /// Number of windows that end before the last sample.
     done: usize,
 }
 
-/// The part of all samples in order that a quantile is the mean of.
+/// Interval of the sorted samples, in cells, whose mean is a quantile.
 struct Window {
-    /// The number of the quantile; `None` for the median.
+    /// Index of the quantile; `None` for the median.
     number: Option<usize>,
-    /// First and last of its cells.
+    /// Start and end of the interval in cells.
     from: f64,
     to: f64,
-    /// The first sample in it, the other ones' differences from that, and cells.
+    /// First sample in it, weighted sum of the others' differences from the first, and total
+    /// weight.
     first: f64,
     more: f64,
     cells: f64,
 }
 
 impl Told {
-    /// Nothing yet, of so many cells.
+    /// Creates an accumulator for `all` cells in total.
     fn new(all: f64, request: &ZonalRequest) -> Told {
         let window = |number: Option<usize>, quantile: f64| {
             let from = (quantile * (all - 1.0)).max(0.0);
@@ -326,7 +331,7 @@ impl Told {
         }
     }
 
-    /// Counts the last sample, of which all cells are there.
+    /// Counts the last sample, whose shares are complete.
     fn end(&mut self) {
         let Some((sample, cells)) = self.last.take() else { return };
         self.values.variety += 1;
@@ -341,7 +346,7 @@ impl Told {
         while self.windows.get(self.done).is_some_and(|window| window.to <= from) {
             self.done += 1;
         }
-        // (All are equally long, so that they end in the order in which they begin.)
+        // (All windows have the same length, so they end in the order in which they start.)
         let windows = self.windows[self.done..].iter_mut().take_while(|window| window.from < to);
         for window in windows {
             let inside = window.to.min(to) - window.from.max(from);
@@ -355,7 +360,7 @@ impl Told {
         self.before = after;
     }
 
-    /// The measures; nothing if there were no samples.
+    /// Returns the measures, or `None` if there were no samples.
     fn finish(mut self) -> Option<ZoneValues> {
         self.end();
         for window in &self.windows {

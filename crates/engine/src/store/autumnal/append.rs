@@ -1,4 +1,4 @@
-//! Appends records to a file, in extents, and makes commits of them.
+//! Appends records to a file in extents and completes commits.
 
 use std::io;
 use std::mem;
@@ -17,51 +17,50 @@ use spinney_base::io::{ReadBackend, WriteBackend, folder};
 use spinney_base::value::Value;
 use spinney_base::{Error, Result};
 
-/// Bytes in the buffer beyond which it is written.
+/// Buffer size in bytes at which the buffer is written.
 const MAX_BUFFERED: usize = 4 << 20;
 
-/// A record that is to be in the file.
+/// Record to be stored in the file.
 #[derive(Clone, Copy)]
 pub(super) struct NewRecord<'a> {
-    /// Levels below its node.
+    /// Height of its node.
     pub(super) height: u8,
     pub(super) representative: Value,
     pub(super) pointers: &'a Pointers,
-    /// The levels below as records.
+    /// The levels below the node, encoded as a run.
     pub(super) run: &'a [u8],
-    /// The zone's bytes, if it has one.
+    /// Encoded zone; empty if the record has none.
     pub(super) zone: &'a [u8],
 }
 
-/// Writes a file behind what it has already.
+/// Writer that appends to a file.
 pub(super) struct Appender {
     pub(super) backend: Box<dyn WriteBackend>,
     path: PathBuf,
     layout: PointeredLayout,
-    /// Offset in the file of the buffer's first byte.
+    /// File offset of the buffer's first byte.
     start: u64,
     /// Bytes that are not written yet.
     buffer: Vec<u8>,
-    /// Start in the buffer, and kind, of the extent that is being made.
+    /// Buffer offset and kind of the open extent.
     extent: Option<(usize, ExtentKind)>,
     pub(super) written: WriteSummary,
     dedup: Option<DedupTable>,
-    /// The bytes that have been written, for comparing with what is to be written; read anew when there are
-    /// more.
+    /// Reader of the written bytes, to compare them with new records. Reopened after each write.
     reader: Option<Box<dyn ReadBackend>>,
-    /// The extents of what has been written, where records are packed.
+    /// Extents of the written bytes, if records are packed.
     extents: Option<Extents>,
-    /// The extent of packed records that is being made, if records are packed.
+    /// Open extent of packed records, if records are packed.
     packed: Option<(PackedWriter, Arc<PackedExtents>)>,
-    /// Room for the content of a record that is looked for.
+    /// Buffer for the content of a record to be deduplicated.
     content: Vec<u8>,
-    /// Whether something failed: what is on the disk is not known then.
+    /// Whether a write or sync failed, after which the state of the disk is unknown.
     is_poisoned: bool,
 }
 
 impl Appender {
-    /// Goes on behind `end`. `share` has the bytes of memory for finding equal subtrees; what needs more
-    /// goes to a temporary file beside this one.
+    /// Creates a writer that appends after `end`. `share` is the memory in bytes for deduplicating
+    /// subtrees; any excess goes to a temporary file in the same directory.
     pub(super) fn new(
         backend: Box<dyn WriteBackend>,
         path: PathBuf,
@@ -87,12 +86,12 @@ impl Appender {
         }
     }
 
-    /// Whether equal subtrees are stored once.
+    /// Returns whether equal subtrees are stored once.
     pub(super) fn shares(&self) -> bool {
         self.dedup.is_some()
     }
 
-    /// Turns to records of another tree.
+    /// Switches to records of another tree.
     pub(super) fn set_tree(&mut self, tree: &Autumnal) {
         self.close_extent();
         self.layout = tree.layout().clone();
@@ -101,43 +100,43 @@ impl Appender {
         }
     }
 
-    /// Packs all records from now on.
+    /// Packs all further records.
     pub(super) fn pack(&mut self, writer: PackedWriter, reader: Arc<PackedExtents>) -> Result<()> {
         self.flush()?;
         self.packed = Some((writer, reader));
         Ok(())
     }
 
-    /// Offset of the next byte.
+    /// Returns the file offset of the next byte.
     pub(super) fn position(&self) -> u64 {
         self.start + self.buffer.len() as u64
     }
 
-    /// Makes sure that an extent of a kind is open that has room.
+    /// Ensures that an extent of `kind` is open and not full.
     fn open_extent(&mut self, kind: ExtentKind) -> Result<()> {
         if let Some((start, open)) = self.extent
             && (open != kind || self.buffer.len() - start > FULL_EXTENT)
         {
             self.close_extent();
         }
-        // (With an extent that is open and not full, the buffer grows beyond the limit by no more than that.)
+        // (An open extent that is not full exceeds this limit by at most its own size.)
         if self.buffer.len() > MAX_BUFFERED {
             self.flush()?;
         }
         if self.extent.is_none() {
             self.extent = Some((self.buffer.len(), kind));
-            // The head is known when the extent is closed.
+            // The head is filled in when the extent is closed.
             self.buffer.resize(self.buffer.len() + HEAD_SIZE, 0);
         }
         Ok(())
     }
 
-    /// Ends the extent that is open, if there is one.
+    /// Closes the open extent, if there is one.
     fn close_extent(&mut self) {
         self.close_packed();
-        // Invariant: an open extent is all in the buffer, since whoever writes the buffer closes it before.
-        // So its head can be filled in here, with the checksum of bytes that nobody has read, and what looks
-        // like a head is found by looking there.
+        // Invariant: an open extent is entirely in the buffer, since it is closed before every
+        // write. So its head can be filled in here, the checksum covers bytes that were never read
+        // back, and a search of the buffer finds all values that look like a head.
         let Some((start, kind)) = self.extent.take() else { return };
         let offset = self.start + start as u64;
         let head = head(kind, offset, &self.buffer[start + HEAD_SIZE..]);
@@ -146,9 +145,9 @@ impl Appender {
         self.buffer.resize((end - self.start) as usize, 0);
     }
 
-    /// Ends the extent of packed records that is being made, if it has any.
+    /// Closes the extent of packed records, if it has any.
     fn close_packed(&mut self) {
-        // (No other extent is open then: records go nowhere else.)
+        // (No other extent is open: with packing all records go to this one.)
         let Some((writer, _)) = self.packed.as_mut().filter(|(writer, _)| !writer.is_empty()) else { return };
         let payload = writer.finish();
         let head = head(ExtentKind::Packed, self.position(), &payload);
@@ -158,28 +157,28 @@ impl Appender {
         self.buffer.resize((end - self.start) as usize, 0);
     }
 
-    /// Adds a record to the extent of packed records; `None` if records are not packed.
+    /// Adds a record to the extent of packed records. Returns `None` if records are not packed.
     fn write_packed(&mut self, record: NewRecord<'_>) -> Result<Option<u64>> {
         let Some((writer, _)) = &self.packed else { return Ok(None) };
-        // (What is written can be compared with.)
+        // (Write it, so that new records can be compared with the extent's.)
         if writer.is_full() {
             self.flush()?;
         }
-        // Invariant: the extent begins where its first record finds the end of what there is, since nothing else is written before it is
-        // closed. So addresses are told before anything is packed.
+        // Invariant: the extent starts at the file position of its first record, since nothing else
+        // is written before it is closed. So addresses are known before anything is packed.
         let start = self.position();
         self.written.records += 1;
         Ok(self.packed.as_mut().map(|(writer, _)| writer.push(start, record)))
     }
 
-    /// Writes the buffer.
+    /// Closes the open extent and writes the buffer.
     pub(super) fn flush(&mut self) -> Result<()> {
         self.close_extent();
         if !self.buffer.is_empty() {
             let buffer = mem::take(&mut self.buffer);
             self.write_at("write", self.start, &buffer)?;
             self.start += buffer.len() as u64;
-            // The allocation is used again.
+            // Reuse the allocation.
             self.buffer = buffer;
             self.buffer.clear();
             self.reader = None;
@@ -200,15 +199,15 @@ impl Appender {
         self.poison_unless("sync", synced)
     }
 
-    /// Makes sure that the file is still where its readers look for it.
+    /// Checks that the file is still at the path where readers open it.
     fn check_path(&mut self) -> Result<()> {
         let checked = self.backend.check_path();
         self.is_poisoned = checked.is_err();
         checked
     }
 
-    /// After a failure nobody knows what is on the disk, and trying again would not tell: nothing more is
-    /// written.
+    /// Fails after an earlier failure. The state of the disk is unknown then and a retry would not
+    /// reveal it, so nothing more is written.
     fn refuse_poisoned(&self) -> Result<()> {
         if self.is_poisoned { Err(Error::Poisoned { path: self.path.clone() }) } else { Ok(()) }
     }
@@ -218,7 +217,7 @@ impl Appender {
         done.map_err(Error::io(&*self.path, doing))
     }
 
-    /// Writes a record and tells where it is; or where an equal one is.
+    /// Writes a record and returns its address, or the address of an equal one.
     pub(super) fn record(&mut self, record: NewRecord<'_>) -> Result<u64> {
         match self.dedup.take() {
             Some(mut dedup) => {
@@ -237,13 +236,13 @@ impl Appender {
         self.open_extent(ExtentKind::Records)?;
         let mut address = self.position();
         let mut size = self.encode_record(address, record);
-        // Invariant: the first bytes of an extent are at no other place at or before a record of that extent
-        // where one could start. Readers go back from a record to the nearest head of an extent, and values
-        // can look like one: then no record of the extent may start there or behind that. They would take
-        // values for a head, and a good record for a damaged one.
+        // Invariant: between an extent's start and the start of its last record, no sector boundary
+        // has the magic number of a head. Readers search backwards from a record to the nearest
+        // head, and values can look like one. Then no record may start there or later in the same
+        // extent: readers would take the values for a head and reject a good record as corrupt.
         if let Some(place) = self.magic_since(address) {
             if place <= address {
-                // It is there with this record's first bytes, or at them.
+                // The false head contains or precedes this record's first byte.
                 self.buffer.truncate((address - self.start) as usize);
                 self.close_extent();
                 self.open_extent(ExtentKind::Records)?;
@@ -259,7 +258,7 @@ impl Appender {
         Ok(address)
     }
 
-    /// Appends a record to the buffer, and tells its size.
+    /// Appends a record to the buffer and returns its size in bytes.
     fn encode_record(&mut self, address: u64, record: NewRecord<'_>) -> usize {
         let NewRecord { height, representative, pointers, run, zone } = record;
         let start = self.buffer.len();
@@ -268,8 +267,8 @@ impl Appender {
         self.buffer.len() - start
     }
 
-    /// The first place where an extent could start and whose first bytes, of which at least one lies behind
-    /// `address`, are those of a head.
+    /// Returns the first sector boundary with a head's magic number that extends beyond `address`
+    /// by at least one byte.
     fn magic_since(&self, address: u64) -> Option<u64> {
         let (length, end) = (EXTENT_MAGIC.len() as u64, self.position());
         let first = (address + 1).saturating_sub(length).next_multiple_of(SECTOR);
@@ -281,7 +280,8 @@ impl Appender {
         })
     }
 
-    /// The content of a record, which is the same wherever it stands: records further down are told by their addresses.
+    /// Encodes a record independently of its own address: pointers are stored as absolute
+    /// addresses.
     fn content_of(content: &mut Vec<u8>, record: NewRecord<'_>, width: usize) {
         let NewRecord { height, representative, pointers, run, zone } = record;
         content.clear();
@@ -293,7 +293,7 @@ impl Appender {
         content.extend_from_slice(zone);
     }
 
-    /// Finds a record with the same content among those that this writer has written, else writes it.
+    /// Returns the address of an equal record of this writer, or writes the record.
     fn share(&mut self, dedup: &mut DedupTable, record: NewRecord<'_>) -> Result<u64> {
         let mut content = mem::take(&mut self.content);
         Self::content_of(&mut content, record, self.layout.width());
@@ -317,7 +317,8 @@ impl Appender {
         Ok(address)
     }
 
-    /// Bytes of the record at an address, if it has this content, which is that of a new record for a node of the same height.
+    /// Returns the size in bytes of the record at `address` if it has this content. `new` is a
+    /// record of the same height with the content.
     fn size_with(&mut self, address: u64, content: &[u8], new: NewRecord<'_>) -> Result<Option<usize>> {
         if self.packed.is_some() {
             return self.packed_size_with(address, content, new);
@@ -325,7 +326,7 @@ impl Appender {
         if address < self.start && self.reader.is_none() {
             self.reader = Some(self.backend.reader()?);
         }
-        // (Height and addresses take no less room in the content than pointers in a record.)
+        // (Height and absolute addresses take at least as many bytes as pointers in a record.)
         let most = content.len();
         let read;
         let bytes = match (&self.reader, address.checked_sub(self.start)) {
@@ -341,7 +342,7 @@ impl Appender {
         Ok(self.size_of(bytes, address, content, new))
     }
 
-    /// Bytes of such a record in a file whose records are packed.
+    /// Does the same as [`Self::size_with`] in a file with packed records.
     fn packed_size_with(
         &mut self,
         address: u64,
@@ -363,14 +364,14 @@ impl Appender {
                 extents.with_packed(Some(reader))
             }
         };
-        // (Height and addresses take no less room in the content than pointers in a record.)
+        // (Height and absolute addresses take at least as many bytes as pointers in a record.)
         let size =
             (&extents).bytes(address, content.len()).map(|bytes| self.size_of(&bytes, address, content, new));
         self.extents = Some(extents);
         size
     }
 
-    /// Bytes of a record, if it has this content.
+    /// Returns the size in bytes of a record if it has this content.
     fn size_of(&self, bytes: &[u8], address: u64, content: &[u8], new: NewRecord<'_>) -> Option<usize> {
         let parts = self.layout.parts(bytes, new.height).ok()?;
         let representative = self.layout.representative(bytes)?;
@@ -388,7 +389,7 @@ impl Appender {
         (found == content).then_some(parts.end + zone.len())
     }
 
-    /// Writes an extent of its own and tells where it starts.
+    /// Writes a separate extent and returns its offset.
     pub(super) fn extent(&mut self, kind: ExtentKind, bytes: &[u8]) -> Result<u64> {
         self.close_extent();
         self.open_extent(kind)?;
@@ -398,24 +399,26 @@ impl Appender {
         Ok(start)
     }
 
-    /// Makes what was written durable, and then the commit the newest. Tells the meta slot.
+    /// Makes everything written so far durable, then makes `commit` the newest. Returns the meta
+    /// slot.
     pub(super) fn commit(&mut self, commit: &Commit) -> Result<Meta> {
         let start = self.extent(ExtentKind::Commit, &commit.to_bytes()?)?;
         self.flush()?;
         let meta = Meta { sequence: commit.sequence, commit: start, end: self.position() };
-        // Invariant: at any instant one slot names a commit all of which is durable: this one is written over
-        // the slot of the commit before the last, after what it names has become durable, and nobody hears of
-        // it before it has itself. Without the first sync a crash could leave a slot that names what is not
-        // there; without the second one, acknowledged edits could be gone.
+        // Invariant: at any time one slot refers to a commit that is entirely durable. This slot
+        // replaces the slot of the commit before the last, after its own commit has become durable,
+        // and it is reported only once the slot is durable as well. Without the first sync, a crash
+        // could leave a slot that refers to missing bytes. Without the second one, acknowledged
+        // edits could be lost.
         self.sync()?;
-        // Nor of one that is in a file that nobody finds: before the slot there is no commit yet, and after it
-        // there is one where the file is now.
+        // A commit to a file that was moved or replaced must not be reported either. Before the
+        // slot is written there is no commit yet; after it, the commit is where the file is now.
         self.check_path()?;
         self.write_at("write the meta slot", meta.offset(), &meta.to_bytes())?;
         self.sync()?;
         self.check_path()?;
-        // Invariant: no page of a commit is written again. A torn write of the next one would damage what is
-        // durable.
+        // Invariant: no page of a commit is written again. A torn write of the next commit would
+        // corrupt durable bytes.
         self.start = self.start.next_multiple_of(PAGE);
         self.written = WriteSummary::default();
         Ok(meta)

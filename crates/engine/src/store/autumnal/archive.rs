@@ -1,4 +1,5 @@
-//! An Autumnal file as a whole, whatever its tree: header, newest commit, and the way to older ones.
+//! An Autumnal file independent of any tree: its header, newest commit, and access to older
+//! commits.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -19,7 +20,8 @@ use spinney_base::io::{FileAccess, FileId, ReadBackend};
 use spinney_base::{Error, Result};
 use spinney_container::{Codec, FileHeader, Header, OpenOptions, TreeFormat};
 
-/// The part of the first page that tells how records are made, behind the header that both formats have.
+/// Fields of the first page that describe the records. They follow the header that both formats
+/// share.
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
 #[repr(C)]
 struct RawRecords {
@@ -31,10 +33,10 @@ struct RawRecords {
     checksum: U32,
 }
 
-/// Offset of that part.
+/// Offset of these fields.
 const RECORDS: u64 = 64;
 
-/// The first page of a file.
+/// Returns the first page of a file.
 pub(super) fn first_page(header: &FileHeader, form: RecordsForm) -> Vec<u8> {
     let mut page = header.to_bytes().to_vec();
     page.resize(RECORDS as usize, 0);
@@ -47,10 +49,10 @@ pub(super) fn first_page(header: &FileHeader, form: RecordsForm) -> Vec<u8> {
     page
 }
 
-/// How the records of a file are made.
+/// Format of a file's records.
 #[derive(Clone, Copy)]
 pub(super) struct RecordsForm {
-    /// Levels of the longest runs.
+    /// Levels of a full run.
     pub(super) run_levels: u8,
     /// Whether equal subtrees are stored once.
     pub(super) share: bool,
@@ -58,7 +60,7 @@ pub(super) struct RecordsForm {
     pub(super) is_packed: bool,
 }
 
-/// The content of the header page.
+/// Content of the header page.
 struct Pages {
     header: FileHeader,
     form: RecordsForm,
@@ -114,40 +116,42 @@ impl Pages {
     }
 }
 
-/// A file as it was when it was opened, with all commits up to the newest.
+/// A file at the time of opening, with all commits up to the newest.
 #[derive(Clone)]
 pub(super) struct Archive {
     pub(super) header: FileHeader,
     pub(super) form: RecordsForm,
     pub(super) extents: Arc<Extents>,
-    /// The slot of the newest commit that can be read.
+    /// Slot of the newest readable commit.
     pub(super) meta: Meta,
-    /// Anything about the newest commit that whoever uses the file should know.
+    /// State of the newest commit, which callers should report.
     pub(super) newest: Newest,
     pub(super) file: FileId,
-    /// How the file was opened.
+    /// Options that the file was opened with.
     pub(super) access: FileAccess,
 }
 
-/// Bytes of a file, and which file it is.
+/// Bytes of a file and its identity.
 pub(crate) type OpenFile = (Box<dyn ReadBackend>, FileId);
 
-/// Times that slots are read when none is whole: a writer may have been at both, one after the other.
+/// Maximum number of times to read the slots while none is valid. A writer may have been writing
+/// both in turn.
 const MAX_ATTEMPTS: u32 = 100;
 
-/// Looks at a slot that is damaged, or leads to what is not there, after which it is believed: what it leads to
-/// is written before it, so that a second look at a file that is being written finds it.
+/// Number of reads after which a corrupt slot, or one that refers to missing bytes, is final. A
+/// slot is written after the bytes that it refers to, so reading again succeeds if a writer was
+/// active.
 const ENOUGH_ATTEMPTS: u32 = 3;
 
 impl Archive {
-    /// Opens a file; `open` is called again if a writer was too fast.
+    /// Opens a file. Calls `open` again if a writer was active.
     pub(super) fn open(
         path: &Path,
         open: &dyn Fn() -> Result<OpenFile>,
         options: &OpenOptions,
     ) -> Result<Archive> {
         for attempt in 0..MAX_ATTEMPTS {
-            // From the header on: by now there may be another file of that name.
+            // Start over with the header: another file may have that name by now.
             if let Some(archive) = Archive::read(path, open()?, options, attempt)? {
                 return Ok(archive);
             }
@@ -156,13 +160,14 @@ impl Archive {
         Err(no_meta(path))
     }
 
-    /// Opens a file that is in memory, where nobody writes.
+    /// Opens a file in memory, which has no concurrent writer.
     pub(super) fn of_bytes(path: &Path, bytes: Vec<u8>) -> Result<Archive> {
         Archive::read(path, (Box::new(bytes), FileId::unique()), &OpenOptions::default(), MAX_ATTEMPTS)?
             .ok_or_else(|| no_meta(path))
     }
 
-    /// Opens what a file holds; `None` if it should be looked at again, since a writer may have been at it.
+    /// Opens the file, or returns `None` if it must be read again because a writer may have been
+    /// active.
     fn read(
         path: &Path,
         (bytes, file): OpenFile,
@@ -170,7 +175,7 @@ impl Archive {
         attempt: u32,
     ) -> Result<Option<Archive>> {
         let pages = Pages::read(path, &*bytes)?;
-        // A slot whose commit ends behind these bytes may have been written after they were opened.
+        // A slot whose commit ends after these bytes may have been written since they were opened.
         let (bytes, meta, newest) = match find_newest(path, bytes)? {
             Look::Nothing(Some(error)) if attempt >= ENOUGH_ATTEMPTS => return Err(error),
             Look::Nothing(_) => return Ok(None),
@@ -183,7 +188,7 @@ impl Archive {
         Ok(Some(pages.archive(extents, (meta, newest), file, &options.access)))
     }
 
-    /// Opens a file up to a commit whose slot is not there.
+    /// Opens a file up to a commit whose slot is missing.
     pub(super) fn at(
         path: &Path,
         (bytes, file): OpenFile,
@@ -195,26 +200,26 @@ impl Archive {
         Ok(pages.archive(extents, (meta, Newest::Good), file, access))
     }
 
-    /// Makes sure that the file still has all that was there when it was opened.
+    /// Checks that the file still has everything that it had when it was opened.
     pub(super) fn check_unchanged(&self) -> Result<()> {
         let changed = |what| Err(Error::Changed { path: self.extents.path.clone(), what });
         if self.extents.stat()?.is_some_and(|now| now.length < self.extents.end) {
             return changed("was cut short");
         }
-        // (A damaged slot is one behind.)
+        // (If the newest commit's slot is corrupt, the valid one is a commit older.)
         let known = self.meta.sequence - u64::from(self.newest == Newest::BehindSlot);
         let now = whole(&self.extents.slots()?).first().map_or(0, |newest| newest.sequence);
         if now < known { changed("was overwritten") } else { Ok(()) }
     }
 
-    /// A remark on the file that whoever reads it should know.
+    /// Returns a remark on the file for its users.
     pub(super) fn remark(&self) -> Option<&'static str> {
         let remark = "the meta slot of its newest commit is damaged; the commit was found behind the one before, and \
                       the next edit mends the slot";
         (self.newest == Newest::BehindSlot).then_some(remark)
     }
 
-    /// The header of a layer.
+    /// Returns the header of a layer.
     pub(super) fn layer_header(&self, layer: &CommitLayer) -> Result<Header> {
         let place = format!("layer `{}`", layer.name);
         let Ok(bytes) = layer.header[..].try_into() else {
@@ -225,26 +230,26 @@ impl Archive {
         let header = Header::from_bytes(&self.extents.path, &place, bytes, shape)?;
         match header.codec {
             Codec::Plain => Ok(header),
-            // (There are no segments that could be.)
+            // (Autumnal files have no segments to pack.)
             Codec::Packed => Err(self.extents.corrupt(place, "packed segments", "codec 0")),
         }
     }
 
-    /// The newest commit.
+    /// Reads the newest commit.
     pub(super) fn newest(&self) -> Result<Commit> {
         self.newest.check(&self.extents)?;
         Commit::read(&self.extents, self.meta.commit)
     }
 
-    /// The commit with a number, which may be older than one that is damaged.
+    /// Reads the commit with a number. It may be older than a corrupt one.
     pub(super) fn commit(&self, number: u64) -> Result<Commit> {
         let mut commit = Commit::read(&self.extents, self.meta.commit)?;
         if commit.number < number {
-            // It may be the one that cannot be read.
+            // It may be the unreadable one.
             self.newest.check(&self.extents)?;
         }
-        // By jumps as long as they do not lead too far, else step by step. (Both lead back in the file, so
-        // that there is an end whatever the commits say.)
+        // Take jumps as long as they do not lead too far, else single steps. (Both lead back in the
+        // file, so the loop ends for any input.)
         while commit.number > number && commit.previous != 0 {
             let jumped = match commit.jump.1 {
                 0 => None,

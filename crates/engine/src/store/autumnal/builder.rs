@@ -1,4 +1,4 @@
-//! Makes records of the parts of a tree, and keeps those that the file has already.
+//! Encodes the nodes of a tree as records, and keeps records that the file already has.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -22,19 +22,19 @@ use spinney_base::space::Code;
 use spinney_base::value::{Rule, Value};
 use spinney_container::{Finding, INNER, LevelCounts};
 
-/// The fate of the records that are made.
+/// What to do with the built records.
 pub(super) enum Mode<'a> {
-    /// They are written, unless the file has them.
+    /// Write them unless the file has them.
     Write(&'a mut Appender),
-    /// All of them should be in the file, and those that are not are findings.
+    /// Report those that the file does not have.
     Check(Check<'a>),
 }
 
-/// A check of the records of a file.
+/// A check of a file's records.
 pub(super) struct Check<'a> {
     pub(super) findings: &'a mut Vec<Finding>,
     pub(super) verified: &'a Verified,
-    /// Bytes of the extent that the record before was in.
+    /// Address range of the previous record's extent.
     extent: Range<u64>,
 }
 
@@ -43,9 +43,9 @@ impl<'a> Check<'a> {
         Check { findings, verified, extent: 0..0 }
     }
 
-    /// Fails if a record with so many bytes of zone is not all in an extent.
+    /// Fails if a record with `zone` bytes of zone exceeds its extent.
     fn check_place(&mut self, tree: &Autumnal, node: AutumnalNode, zone: usize) -> Result<()> {
-        // (Of packed records each is looked up by itself.)
+        // (Each packed record is looked up individually.)
         if !self.extent.contains(&node.address) || tree.extents().packed().is_some() {
             self.extent = tree.extents().records_at(node.address)?;
         }
@@ -59,10 +59,11 @@ impl<'a> Check<'a> {
     }
 }
 
-/// Bytes for nodes of other files that were copied already, where equal subtrees are stored once.
+/// Memory in bytes for nodes of other files that were copied already, if equal subtrees are stored
+/// once.
 const COPIED: u64 = 8 << 20;
 
-/// Merges parts whose siblings are complete, and writes the records that are new.
+/// Merges blocks whose siblings are complete, and writes new records.
 pub(super) struct RecordBuilder<'a> {
     form: TreeType,
     heights: Heights,
@@ -70,22 +71,23 @@ pub(super) struct RecordBuilder<'a> {
     depth: u8,
     with_classes: bool,
     mode: Mode<'a>,
-    /// The tree that the file has.
+    /// The file's current tree.
     base: &'a Autumnal,
-    /// A commit of another file with the same tree as the base: what is known to be in one is in the other,
-    /// too.
+    /// A commit of another file with the same tree as `base`: a node that is known to be in one is
+    /// in both.
     twin: Option<&'a Autumnal>,
     /// Whether equal subtrees are stored once.
     shares: bool,
-    /// Nodes that were made of others already: of those of other files where equal subtrees are stored once, and of the
-    /// file's own that had to be made anew.
+    /// Results for nodes that were built already: nodes of other files if equal subtrees are stored
+    /// once, and the file's own nodes that had to be rebuilt.
     copied: Option<Copied>,
     siblings: Siblings<BuiltNode>,
     root: Option<BuiltNode>,
 }
 
 impl<'a> RecordBuilder<'a> {
-    /// `covered` is the extent of the parts that will come; what is outside is VOID.
+    /// Creates a builder. `covered` is the extent of the blocks to come; everything outside is
+    /// VOID.
     pub(super) fn new(
         base: &'a Autumnal,
         options: &BuildOptions,
@@ -95,10 +97,10 @@ impl<'a> RecordBuilder<'a> {
     ) -> RecordBuilder<'a> {
         let form = base.form();
         let shares = matches!(&mode, Mode::Write(appender) if appender.shares());
-        // Majorities are made of the counts of all classes, which large nodes that are kept may not list.
+        // A majority needs the counts of all classes, which zones of large kept nodes may lack.
         let must_count = options.rule == Rule::Majority;
-        // Where equal subtrees are stored once, the account of a commit counts how often one was found: that must not depend
-        // on the memory.
+        // If equal subtrees are stored once, a commit's summary counts shared records. The count
+        // must not depend on the memory limit.
         let memory = if shares { COPIED } else { options.memory / 8 };
         RecordBuilder {
             form,
@@ -116,7 +118,7 @@ impl<'a> RecordBuilder<'a> {
         }
     }
 
-    /// The root and its zone, once everything has come.
+    /// Returns the root and its zone after all blocks were pushed.
     pub(super) fn finish(self) -> (Root, Zone) {
         let BuiltNode { part, pointers } = self.root.expect("all blocks were pushed");
         let value = part.child.value().map(|value| value.to_bytes()[..self.form.width()].to_vec());
@@ -125,7 +127,7 @@ impl<'a> RecordBuilder<'a> {
         (root, Zone { records: part.total, tally: part.tally })
     }
 
-    /// Takes a node, and as many of its ancestors as are complete with it.
+    /// Adds a node and all ancestors that it completes.
     fn join(&mut self, mut node: BuiltNode) -> Result<()> {
         let (depth, value_type) = (self.depth, self.form.value);
         loop {
@@ -144,18 +146,18 @@ impl<'a> RecordBuilder<'a> {
         }
     }
 
-    /// The parent of these nodes, which are all its children in order.
+    /// Merges all children of a node, in order.
     fn merge(&mut self, code: Code, nodes: Vec<BuiltNode>) -> Result<BuiltNode> {
         let height = self.depth - code.level();
-        // Nodes with records below each child, which may itself be one.
+        // Levels from a child down to the next nodes with records; 0 if the child itself has one.
         let below = self.heights.below(height).map_or(0, |below| height - 1 - below);
         let bits = self.form.dimension.cells(below);
         let mut pointers = Pointers::default();
         let mut parts = Vec::with_capacity(nodes.len());
         for (step, node) in (0..).zip(nodes) {
-            // Invariant: 64 bits are enough, since nodes with records are two levels apart at most: 8 x 8 of
-            // an octree. The children's bits stand one behind the other in child order, as their targets do.
-            // A bit too many would give a node the record of another.
+            // Invariant: 64 bits suffice, since nodes with records are at most two levels apart (8
+            // x 8 nodes in an octree). The children's bits are contiguous in child order, as are
+            // their targets. One extra bit would assign a node the record of another.
             debug_assert!(bits * step < 64);
             pointers.bitmap |= node.pointers.bitmap << (bits * step);
             pointers.targets.extend(node.pointers.targets);
@@ -167,7 +169,8 @@ impl<'a> RecordBuilder<'a> {
         Ok(node)
     }
 
-    /// Writes the record of a node, if it is to have one; what is left is what those above need.
+    /// Writes the record of a node if it should have one, and reduces the node to what its
+    /// ancestors need.
     fn seal(&mut self, node: &mut BuiltNode) -> Result<()> {
         let code = node.part.code;
         let height = self.depth - code.level();
@@ -191,8 +194,8 @@ impl<'a> RecordBuilder<'a> {
         Ok(())
     }
 
-    /// The upper levels of the run of a node with a record that the run of the next one above has; `None` if the run contradicts
-    /// itself.
+    /// Returns the upper levels of a node's run that its ancestor's run contains, or `None` if the
+    /// run contradicts itself.
     fn above_of(&self, code: Code, run: &[u8]) -> Option<Vec<u8>> {
         let height = self.depth - code.level();
         if height == self.depth {
@@ -202,13 +205,13 @@ impl<'a> RecordBuilder<'a> {
         upper_levels(self.form, run, levels).ok()
     }
 
-    /// Writes the record of a node, unless it is the one that was there before.
+    /// Writes the record of a node, unless it equals the one at that node before.
     fn write(&mut self, code: Code, record: NewRecord<'_>) -> Result<u64> {
         let old = self.base.inner_at(code)?;
-        // Invariant: records below are written before those above, and one that is there already is not
-        // written again. So equal addresses mean equal subtrees: a record that points to the same ones as
-        // before is the same tree, and keeps all that is below it without a look. Were a record written
-        // before what it points to, a crash could leave pointers to nothing.
+        // Invariant: records below are written before those above, and existing records are not
+        // written again. So equal addresses mean equal subtrees: a record with the same pointers as
+        // before is the same tree, and keeps its subtree without reading it. If a record were
+        // written before what it points to, a crash could leave dangling pointers.
         if let Some(old) = old
             && is_same(self.base, old, record)?
         {
@@ -226,18 +229,19 @@ impl<'a> RecordBuilder<'a> {
                 let place = format!("node {code}");
                 let problem = "its record, or its zone, is not what the leaves below make it";
                 check.findings.push(Finding { place, problem: problem.into() });
-                // (Once for all nodes that it stands for.)
+                // (Once for all nodes that the record represents.)
                 if let Some(old) = old.filter(|_| !record.zone.is_empty()) {
                     check.verified.insert(old);
                 }
-                // So that the nodes above are not found to be wrong for no other reason than this one.
+                // Return the old address, so that this finding does not make the nodes above fail
+                // as well.
                 Ok(old.map_or(0, |old| old.address))
             }
         }
     }
 
-    /// Writes the records of all nodes of a block that have one and are below a node whose part of the block is given. Tells
-    /// the pointers to those that come next below it.
+    /// Writes the records of all nodes of a block below its node `top`. Returns the pointers of
+    /// `top`.
     fn below(&mut self, top: (Code, &[u8], Value)) -> Result<Pointers> {
         let height = self.depth - top.0.level();
         let mut pointers = Pointers::default();
@@ -247,8 +251,9 @@ impl<'a> RecordBuilder<'a> {
         Ok(pointers)
     }
 
-    /// Writes the records of the nodes that are so many levels below one of a block, and of those below them. Adds pointers to
-    /// the former, which are numbered from that of the one of the block on.
+    /// Writes the records of the nodes `levels` levels below a node of a block, and of their
+    /// descendants. Adds pointers to the former. `number` is the path from the top node to this
+    /// node.
     fn levels_below(
         &mut self,
         (code, records, representative): (Code, &[u8], Value),
@@ -288,7 +293,7 @@ impl<'a> RecordBuilder<'a> {
     }
 }
 
-/// Whether a record of the file is already what it should be.
+/// Returns whether an existing record equals the new one.
 fn is_same(base: &Autumnal, old: AutumnalNode, new: NewRecord<'_>) -> Result<bool> {
     let record = base.record(old)?;
     if record.run() != new.run || base.representative(old)? != new.representative {
@@ -299,15 +304,15 @@ fn is_same(base: &Autumnal, old: AutumnalNode, new: NewRecord<'_>) -> Result<boo
 }
 
 impl TreeSink for RecordBuilder<'_> {
-    /// Those of a run. Invariant: what is one run alone is never inside of a larger dense block, so that its
-    /// bytes are the same wherever it stands, and it is found to be in the file already. Otherwise an edit
-    /// would write anew what it did not touch.
+    /// Returns the levels of a run. Invariant: a record that is one run is never inside a larger
+    /// dense block. Its bytes are therefore the same in every context and match the existing
+    /// record. Otherwise an edit would rewrite records that it did not change.
     fn dense_levels(&self) -> u8 {
         self.heights.run
     }
 
     fn push(&mut self, (mut part, sealed, _): BuiltBlock) -> Result<()> {
-        // A small tree is one block, whose records were taken for the root's segment.
+        // A small tree is a single block, whose records were taken for the root's segment.
         if let Some(sealed) = sealed {
             part.records = sealed.records;
         }
@@ -333,7 +338,7 @@ impl TreeSink for RecordBuilder<'_> {
 }
 
 impl RecordBuilder<'_> {
-    /// Keeps a node of the file itself, or one of which it is known where it is in the file.
+    /// Keeps a node of the file itself, or one whose location in this file is known.
     fn keep_own(&mut self, code: Code, kept: RecordRef) -> Result<bool> {
         let base = self.base;
         let node = AutumnalNode::new(kept.address, kept.height);
@@ -343,15 +348,16 @@ impl RecordBuilder<'_> {
             && twin.archive.file == kept.file
             && twin.inner_at(code)? == Some(node)
         {
-            // The other file has this node at this code; so has this file, somewhere else.
+            // The other file has this node at this code, so this file has it, too, at another
+            // address.
             base.inner_at(code)?
         } else {
             None
         };
-        // Invariant: what is kept tells all that the nodes above are made of: its representative, its zone
-        // with the counts that the rule needs, and its upper levels. What has no zone is smaller than a
-        // block: it is built anew, and found to be there. Otherwise representatives above an edit would be
-        // those of a part of their cells.
+        // Invariant: a kept node provides everything that its ancestors are computed from: its
+        // representative, its zone with the counts that the rule needs, and its upper levels. A
+        // node without a zone is smaller than a block: it is rebuilt, and then matches the existing
+        // record. Otherwise representatives above an edit would cover only some of their cells.
         let Some(node) = node else { return Ok(false) };
         if let Mode::Check(check) = &self.mode
             && !check.verified.contains(node)

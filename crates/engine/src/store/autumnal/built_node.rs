@@ -1,18 +1,19 @@
-//! Nodes of an Autumnal file that is being written.
+//! Nodes of an Autumnal file in progress.
 
 use super::layout::Pointers;
 use crate::store::builder::Part;
 
-/// A node, what records above it need of what is below, and the records in the file that its own, or that above, points to.
+/// A node with the data that records above it need, and pointers for its own or its ancestor's
+/// record.
 #[derive(Clone)]
 pub(super) struct BuiltNode {
     pub(super) part: Part,
-    /// To the nodes with records that come next below, or to the node itself.
+    /// Pointers to the next nodes with records below, or to the node itself.
     pub(super) pointers: Pointers,
 }
 
 impl BuiltNode {
-    /// A node without pointers.
+    /// Creates a node without pointers.
     pub(super) fn new(part: Part) -> BuiltNode {
         BuiltNode { part, pointers: Pointers::default() }
     }

@@ -8,32 +8,32 @@ use super::extents::{ExtentKind, Extents};
 use spinney_base::{Error, Result};
 use spinney_container::MAX_LAYERS;
 
-/// A note on a commit by whoever makes it.
+/// A note on a commit by its author.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Note {
-    /// Seconds since the beginning of 1970, if anybody told.
+    /// Seconds since 1970-01-01 00:00 UTC, if known.
     pub time: Option<i64>,
-    /// Who made it.
+    /// Name of the author.
     pub author: String,
-    /// Tells what was done, and why.
+    /// What was done, and why.
     pub message: String,
 }
 
-/// Numbers of records and bytes that a commit wrote, and that it shares with earlier ones.
+/// Numbers of records and bytes that a commit wrote or shares with earlier ones.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct WriteSummary {
-    /// Records that were written.
+    /// Records written.
     pub records: u64,
-    /// Their bytes, and those of extents' heads, of the metadata, and of alignment.
+    /// Their bytes, and those of extent heads, metadata and alignment.
     pub bytes: u64,
-    /// Records that were not, because the file had the same already.
+    /// Records not written because the file already had them.
     pub shared: u64,
     /// Bytes that these would have taken.
     pub spared: u64,
 }
 
 impl WriteSummary {
-    /// Both together.
+    /// Returns the sum of both.
     pub(super) fn and(self, other: WriteSummary) -> WriteSummary {
         WriteSummary {
             records: self.records + other.records,
@@ -49,22 +49,22 @@ impl WriteSummary {
 pub(super) struct Root {
     /// VOID, LEAF or INNER.
     pub(super) state: u8,
-    /// Value or representative, as on disk.
+    /// Value or representative in its stored form.
     pub(super) value: Vec<u8>,
-    /// Offset of the record, if it is INNER; else 0.
+    /// Offset of the record if the root is INNER, else 0.
     pub(super) address: u64,
 }
 
 /// A tree of a commit: one layer of the file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CommitLayer {
-    /// The layer's name; empty if it is the only one and needs none.
+    /// Name of the layer; empty if it is the only one and needs none.
     pub name: String,
-    /// Cells that are not VOID.
+    /// Number of cells that are not VOID.
     pub cells: u64,
-    /// INNER nodes; those of shared subtrees as often as they occur.
+    /// Number of INNER nodes. Nodes of shared subtrees count once per occurrence.
     pub records: u64,
-    /// The tree's header, as its bytes.
+    /// The tree's header in its stored form.
     pub(super) header: Vec<u8>,
     pub(super) root: Root,
     /// Offset of the metadata's extent.
@@ -74,29 +74,29 @@ pub struct CommitLayer {
 /// A state of a file: of all its layers.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Commit {
-    /// Its number: the first is 1, each has a larger one than the one before.
+    /// Commit number. The first is 1, and each is larger than the one before.
     pub number: u64,
-    /// The note of whoever made it.
+    /// Note by the author.
     pub note: Note,
-    /// Cells of all layers that are not VOID.
+    /// Number of cells of all layers that are not VOID.
     pub cells: u64,
-    /// INNER nodes of all layers; those of shared subtrees as often as they occur.
+    /// Number of INNER nodes of all layers. Nodes of shared subtrees count once per occurrence.
     pub records: u64,
-    /// The account of what it wrote.
+    /// Summary of what the commit wrote.
     pub written: WriteSummary,
     /// Number of commits in the file up to this one.
     pub(super) sequence: u64,
     pub(super) layers: Vec<CommitLayer>,
-    /// Offset of the commit before this one; 0 if it is the first.
+    /// Offset of the commit before this one; 0 for the first.
     pub(super) previous: u64,
-    /// Sequence and offset of an older one, so that any is found by few steps (skew-binary jumps, after
-    /// Myers).
+    /// Sequence and offset of an older commit, for finding any commit in a logarithmic number of
+    /// reads (skew-binary jump pointers, after Myers).
     pub(super) jump: (u64, u64),
 }
 
-/// Bytes of a commit on disk at most.
+/// Maximum size of a commit in bytes.
 const LIMIT: usize = 1 << 24;
-/// First number of the extent: the version of what follows.
+/// Version, the first field of the extent.
 const VERSION: u32 = 1;
 
 fn config() -> impl bincode::config::Config {
@@ -112,7 +112,7 @@ impl Commit {
         })
     }
 
-    /// The commit whose extent starts at an offset of the file.
+    /// Reads the commit whose extent starts at an offset.
     pub(super) fn read(extents: &Extents, start: u64) -> Result<Commit> {
         let bytes = extents.whole(ExtentKind::Commit, start)?;
         let decoded = bincode::serde::decode_from_slice::<(u32, Commit), _>(&bytes, config());
@@ -123,7 +123,7 @@ impl Commit {
             let advice = "read it with a program as new as the file";
             return Err(Error::unsupported(&extents.path, format!("commit version {version}"), advice));
         }
-        // Everything is written before what points to it, so that following pointers comes to an end.
+        // Everything is written before what points to it, so following pointers terminates.
         let of_layers = commit.layers.iter().flat_map(|layer| [layer.metadata, layer.root.address]);
         if of_layers.chain([commit.previous, commit.jump.1]).any(|offset| offset >= start) {
             return Err(corrupt("a pointer that does not lead back".into()));
@@ -132,17 +132,17 @@ impl Commit {
         Ok(commit)
     }
 
-    /// The layers of the file.
+    /// Returns the layers of the file.
     pub fn layers(&self) -> &[CommitLayer] {
         &self.layers
     }
 
-    /// The number of the layer with a name.
+    /// Returns the number of the layer with a name.
     pub fn layer_named(&self, name: &str) -> Option<usize> {
         self.layers.iter().position(|layer| layer.name == name)
     }
 
-    /// Tells what is wrong with the list of layers.
+    /// Returns an error if the list of layers is invalid.
     fn check_layers(&self) -> std::result::Result<(), String> {
         let count = self.layers.len();
         if count == 0 || count > MAX_LAYERS as usize {
@@ -156,7 +156,7 @@ impl Commit {
         bad.map_or(Ok(()), |layer| Err(format!("a layer with the name `{}`", layer.name)))
     }
 
-    /// Takes the state of one layer, and counts anew what all have.
+    /// Replaces or appends one layer, and recomputes the totals.
     pub(super) fn with_layer(&self, number: usize, layer: CommitLayer) -> Commit {
         let mut commit = self.clone();
         match commit.layers.get_mut(number) {
@@ -167,20 +167,20 @@ impl Commit {
         commit
     }
 
-    /// Counts what all layers have.
+    /// Recomputes the totals of all layers.
     pub(super) fn count(&mut self) {
         self.cells = self.layers.iter().fold(0, |sum, layer| sum.saturating_add(layer.cells));
         self.records = self.layers.iter().fold(0, |sum, layer| sum.saturating_add(layer.records));
     }
 
-    /// The jump of the commit that comes after this one, which is at `start`.
+    /// Returns the jump of the commit after this one. This one is at `start`.
     pub(super) fn next_jump(&self, extents: &Extents, start: u64) -> Result<(u64, u64)> {
         if self.jump.1 == 0 {
             return Ok((self.sequence, start));
         }
         let jump = Commit::read(extents, self.jump.1)?;
-        // Two jumps of one length become one of twice that length. (Sequences of a file may lie: they need
-        // not descend.)
+        // Two consecutive jumps of equal length merge into one of twice the length. (Sequences of
+        // an untrusted file need not descend.)
         let length = self.sequence.checked_sub(jump.sequence);
         let equal = length == Some(jump.sequence.saturating_sub(jump.jump.0));
         Ok(if equal && jump.jump.1 != 0 { jump.jump } else { (self.sequence, start) })

@@ -1,4 +1,4 @@
-//! Writes some commits of a file to a new one, without the room that the others took.
+//! Writes some commits of a file to a new file, without the space that the others took.
 
 use std::path::Path;
 
@@ -13,17 +13,17 @@ use spinney_base::io::Output;
 use spinney_base::space::CodeRun;
 use spinney_base::{Error, Progress, Result, sort};
 
-/// Selection of the commits that stay.
+/// Selection of the commits to keep.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Keep {
-    /// The newest ones, so many.
+    /// The newest ones, this many.
     Last(u64),
     /// The commits with these numbers.
     Numbers(Vec<u64>),
 }
 
 impl Keep {
-    /// The commits that stay, the oldest first.
+    /// Returns the commits to keep, the oldest first.
     fn of(&self, history: &History) -> Result<Vec<Commit>> {
         let mut kept = match self {
             Keep::Last(count) => history.commits().take(*count as usize).collect::<Result<Vec<_>>>()?,
@@ -50,27 +50,28 @@ pub struct CompactOptions<'k> {
 }
 
 impl<'k> CompactOptions<'k> {
-    /// The commits that stay, and bytes of memory.
+    /// Creates options for keeping `keep`, with `memory` in bytes.
     pub fn new(keep: &'k Keep, memory: u64) -> CompactOptions<'k> {
         CompactOptions { keep, share: false, pack: false, memory }
     }
 
-    /// Whether equal subtrees anywhere are written once, as they are anyway if the file stores them so.
+    /// Sets whether equal subtrees anywhere are written once. This is always so if the file stores
+    /// them once.
     #[must_use]
     pub fn share(self, share: bool) -> CompactOptions<'k> {
         CompactOptions { share, ..self }
     }
 
-    /// Packing of history: all records are packed but those that the newest commit has.
+    /// Sets whether to pack history: all records except for those of the newest commit.
     #[must_use]
     pub fn pack(self, pack: bool) -> CompactOptions<'k> {
         CompactOptions { pack, ..self }
     }
 }
 
-/// Writes some commits of a file, with their numbers and notes, to a new one. What they have in common at the
-/// same node is written once. Returns the commits as they are in the new file. The old file is read with the [access](Output::access) of the
-/// output.
+/// Writes some commits of a file, with their numbers and notes, to a new file. Subtrees that
+/// commits share at the same node are written once. Returns the commits of the new file. The old
+/// file is read with the output's [access](Output::access).
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -87,7 +88,8 @@ impl<'k> CompactOptions<'k> {
 /// ```
 ///
 /// # Errors
-/// If there are no such commits, the file is damaged, the output cannot be written, or on interruption.
+/// If there are no such commits, the file is corrupt, the output cannot be written, or on
+/// cancellation.
 pub fn compact(
     path: &Path,
     options: &CompactOptions<'_>,
@@ -101,7 +103,7 @@ pub fn compact(
     let commits = options.keep.of(&history)?;
     let share = options.share || history.is_shared();
     let options = CompactOptions { share, ..*options };
-    // (What commits have in common is written once.)
+    // (With sharing, equal subtrees are written once, so the size is unknown.)
     for commit in commits.iter().filter(|_| !share) {
         let mut needed = 0u64;
         for number in 0..commit.layers.len() {
@@ -109,7 +111,7 @@ pub fn compact(
             let least = RecordLayout::new(tree.header().form).least_node();
             needed = needed.saturating_add(tree.claimed_records()?.saturating_mul(least));
         }
-        // (History is written behind the newest commit, in fewer bytes than are known yet.)
+        // (Packed history follows the newest commit; its size is not known yet.)
         if !options.pack || Some(commit) == commits.last() {
             output.check_room(needed)?;
         }
@@ -125,11 +127,11 @@ pub fn compact(
     Ok(made)
 }
 
-/// Commits on the way to another file.
+/// Copy of commits to another file.
 struct Copy<'c> {
     history: &'c History,
     options: CompactOptions<'c>,
-    /// The commit that was written last: what a commit has in common with it is in the new file.
+    /// The commit written last. What a commit shares with it is in the new file.
     before: Option<Commit>,
     editor: Option<Editor>,
     output: &'c mut Output,
@@ -137,7 +139,7 @@ struct Copy<'c> {
 }
 
 impl Copy<'_> {
-    /// Writes each commit as what differs from the one before.
+    /// Writes each commit as its differences from the commit before.
     fn oldest_first(&mut self, commits: Vec<Commit>) -> Result<Vec<Commit>> {
         let mut made = Vec::new();
         for commit in commits {
@@ -147,13 +149,14 @@ impl Copy<'_> {
         Ok(made)
     }
 
-    /// Writes the trees of the newest commit as they are, then those of each older one as what differs from the one after it, packed; and
-    /// then all commits.
+    /// Writes the newest commit's trees as plain records, then each older commit's trees as packed
+    /// differences from the commit after it, and then all commit documents.
     ///
-    /// So that which the newest commit has is where an edit will need it, and all that it does not have is history.
+    /// So the newest commit's records are plain, which edits need, and everything else is history.
     fn newest_first(&mut self, commits: Vec<Commit>) -> Result<Vec<Commit>> {
-        // Invariant: commits stand behind all that they point to, the oldest first, whatever the order of their records: a commit that is
-        // kept leads back to what was written before it, and what it has in common with a newer one was.
+        // Invariant: commit documents follow everything they point to, the oldest first, whatever
+        // the order of their records. A kept commit's pointers lead back to earlier bytes, and
+        // records that it shares with a newer commit were written before.
         let mut states = Vec::new();
         for commit in commits.into_iter().rev() {
             let (number, note) = (commit.number, commit.note.clone());
@@ -185,11 +188,11 @@ impl Copy<'_> {
                     empty.insert(Editor::create(backend(output)?, path, of, &build, options.pack)?)
                 }
             };
-            // (A layer that was alone, without a name, got one when another was added.)
+            // (An only layer without a name was named when another layer was added.)
             let name = &*tree.layer().name;
             editor.follow_name(name)?;
             editor.select_or_add(&header, &build.metadata)?;
-            // The same layer in the commit before, if it was of the same type.
+            // The same layer in the commit before, if it had the same type.
             let twin = before.as_ref().and_then(|before| {
                 let unnamed = |layer: &CommitLayer| layer.name.is_empty() || name.is_empty();
                 let first = (number == 0 && unnamed(&before.layers[0])).then_some(0);

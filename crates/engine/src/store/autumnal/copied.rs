@@ -1,5 +1,5 @@
-//! Nodes of other files that were copied already, so that a file that stores equal subtrees once is copied record by
-//! record and not node by node.
+//! Results for nodes that were built before, so that a file that stores equal subtrees once is
+//! copied record by record and not node by node.
 
 use std::collections::HashMap;
 
@@ -10,20 +10,21 @@ use spinney_base::io::FileId;
 use spinney_base::space::Code;
 use spinney_base::value::Value;
 
-/// Nodes of other files and what they have become.
+/// Source nodes and the nodes that were built from them.
 pub(super) struct Copied {
-    /// Those on the way, by the nodes that are made of them.
+    /// Source nodes in progress, by the codes of the nodes being built from them.
     begun: HashMap<Code, RecordRef>,
     done: Remembered<(FileId, u64), BuiltNode>,
 }
 
 impl Copied {
-    /// None yet, and room for what fits into so many bytes.
+    /// Creates an empty map that may use `memory` bytes.
     pub(super) fn new(memory: u64) -> Copied {
         Copied { begun: HashMap::new(), done: Remembered::new(memory) }
     }
 
-    /// Finds what a node has become, if that is known; else the node that is made of it will tell.
+    /// Returns the result for a source node at `code` if it is known. Otherwise the node is
+    /// recorded as in progress, until [`Self::made`] provides its result.
     pub(super) fn find(&mut self, code: Code, node: RecordRef) -> Option<BuiltNode> {
         let Some(found) = self.done.get(node.height, &(node.file, node.address)) else {
             self.begun.insert(code, node);
@@ -34,7 +35,7 @@ impl Copied {
         Some(found)
     }
 
-    /// A node is made, and in the file.
+    /// Records that the node at `code` was built and written.
     pub(super) fn made(&mut self, code: Code, made: &BuiltNode) {
         if let Some(node) = self.begun.remove(&code) {
             let classes = made.part.tally.classes.len() * size_of::<(Value, u64)>();

@@ -1,10 +1,11 @@
-//! Goes through what is below some nodes, each record once, however often it occurs.
+//! Traverses subtrees so that each record is read once, however often it occurs.
 //!
-//! Equal subtrees that are stored once make a tree a directed graph, which can have any number of nodes for each of its
-//! records. Sums over all nodes need the records alone, and how often each of them occurs. The graph is gone through
-//! level by level from the top, the nodes of a level in the order of their records in the file: then all occurrences
-//! of one come together, and have come before its children are looked at. Where a box cuts nodes, those of one record
-//! that it cuts alike come together: most along each of its sides.
+//! Storing equal subtrees once turns a tree into a directed acyclic graph, which can have any
+//! number of nodes per record. Sums over all nodes need only the records and their multiplicities.
+//! The graph is traversed level by level from the top, and the nodes of a level in the order of
+//! their records in the file. So all occurrences of a record are merged before its children are
+//! read. If a box clips nodes, those with the same record and the same clipping are merged: most of
+//! them, along each side of the box.
 
 use std::env::temp_dir;
 use std::mem;
@@ -18,35 +19,36 @@ use spinney_base::space::Bounds;
 use spinney_base::value::Value;
 use spinney_packing::PLAIN_PER_BYTE;
 
-/// Bytes for the nodes of all levels that wait; what needs more goes to temporary files.
+/// Memory in bytes for the pending nodes of all levels; any excess goes to temporary files.
 const MEMORY: u64 = 64 << 20;
 
-/// Bytes of a node that waits: its record's place, its occurrences, and the cells that count.
+/// Size of a pending node in bytes: address of its record, multiplicity, and box of its cells.
 const ITEM: usize = 8 * 8;
 
-/// Is told of what a tree has in a box.
+/// Visitor of a tree's contents in a box.
 pub(crate) trait Occurring {
-    /// An INNER node all of which is in the box, and which occurs so many times: whether to go on below it.
+    /// Receives an INNER node that is entirely in the box and occurs `times` times. Returns whether
+    /// to visit its descendants.
     fn inner(&mut self, node: AutumnalNode, times: u64) -> Result<bool>;
-    /// A VOID (`None`) or LEAF node with so many levels below it, which occurs so many times; so many cells of all of these
-    /// are in the box.
+    /// Receives a VOID (`None`) or LEAF node with `levels` levels below it that occurs `times`
+    /// times. `cells` is the number of cells in the box over all occurrences.
     fn uniform(&mut self, value: Option<Value>, levels: u8, times: u64, cells: u64) -> Result<()>;
 }
 
-/// Nodes to go through, each with the number of its occurrences.
+/// Nodes to visit, with their multiplicities.
 struct Waiting {
-    /// By the levels below them.
+    /// Nodes by height.
     by_height: Vec<Option<Sorter>>,
 }
 
-/// Nodes that are alike.
+/// Nodes with the same record and the same clipping.
 #[derive(Clone, Copy)]
 struct Alike {
     /// Offset of their record.
     address: u64,
-    /// The cells that count, counted from the node's first; `None` is all of them.
+    /// Cells in the box, relative to the node's first cell; `None` if all are.
     part: Option<Bounds>,
-    /// Their number.
+    /// Number of nodes.
     times: u64,
 }
 
@@ -68,7 +70,7 @@ impl Alike {
     }
 }
 
-/// Adds nodes of a height to those of the same record.
+/// Adds nodes to the entry of the same record and clipping, or adds an entry.
 fn count(found: &mut Vec<(u8, Alike)>, height: u8, more: Alike) {
     match found.iter_mut().find(|(_, alike)| (alike.address, alike.part) == (more.address, more.part)) {
         Some((_, alike)) => alike.times += more.times,
@@ -77,7 +79,7 @@ fn count(found: &mut Vec<(u8, Alike)>, height: u8, more: Alike) {
 }
 
 impl Waiting {
-    /// None yet, of a tree of so many levels.
+    /// Creates an empty queue for a tree of `depth` levels.
     fn new(depth: u8) -> Waiting {
         Waiting { by_height: (0..=depth).map(|_| None).collect() }
     }
@@ -89,10 +91,11 @@ impl Waiting {
         level.push(nodes.address, nodes.to_item())
     }
 
-    /// Hands out all nodes of a height, those that are alike together.
+    /// Visits all nodes of a height, merged by record and clipping.
     fn take(&mut self, height: u8, mut each: impl FnMut(&mut Self, Alike) -> Result<()>) -> Result<()> {
         let Some(sorter) = mem::take(&mut self.by_height[usize::from(height)]) else { return Ok(()) };
-        // Those of one record. (A box cuts the nodes of a level in no more than four ways along each axis.)
+        // Entries of one record. (A box clips the nodes of a level in at most four ways along each
+        // axis.)
         let mut same: Vec<(u8, Alike)> = Vec::new();
         sorter.finish(&mut |item| {
             let alike = Alike::from_item(item);
@@ -107,23 +110,23 @@ impl Waiting {
 }
 
 impl Autumnal {
-    /// Whether the tree has more INNER nodes than the file has room for, so that some records stand for several of them.
-    /// All other trees are walked in a time that the file's bytes bound.
+    /// Returns whether the tree has more INNER nodes than the file has space for, so that some
+    /// records represent several nodes. The file size bounds the time to traverse any other tree.
     ///
     /// # Errors
-    /// If the file is damaged.
+    /// If the file is corrupt.
     pub(crate) fn is_folded(&self) -> Result<bool> {
         let least = self.layout().run.least_node();
-        // (Packed records may be many more than their bytes.)
+        // (Packed records can be far larger than their encoded bytes.)
         let packed = if self.extents().packed().is_some() { PLAIN_PER_BYTE } else { 1 };
         Ok(self.claimed_records()? > self.extents().end.saturating_mul(packed) / least)
     }
 
-    /// Goes through all that the tree has in a box of cells of the deepest level, each record at most once for each level
-    /// that it occurs at and each way in which the box cuts it.
+    /// Visits everything that the tree has in a box of cells of the deepest level. Each record is
+    /// read at most once for each level that it occurs at and each way in which the box clips it.
     ///
     /// # Errors
-    /// If the file is damaged, temporary files cannot be used, or whoever is told fails.
+    /// If the file is corrupt, temporary files cannot be used, or the visitor fails.
     pub(crate) fn each_distinct(&self, bounds: &Bounds, told: &mut dyn Occurring) -> Result<()> {
         let (dimension, depth) = (self.form().dimension, self.depth());
         let space = Bounds::space(dimension, depth);
@@ -146,8 +149,8 @@ impl Autumnal {
         Ok(())
     }
 
-    /// Goes through what a record has of a node and below it. Nodes that have records of their own are added to others, with
-    /// their heights.
+    /// Visits the nodes that a record contains at and below a node. Nodes with records of their own
+    /// are added to `below` with their heights.
     fn below(
         &self,
         node: &AutumnalNode,
@@ -176,7 +179,8 @@ impl Autumnal {
                         self.below(node, (part, times), below, told)?;
                     }
                 }
-                // (All occurrences are in the tree's space: there are no more cells than that has.)
+                // (All occurrences are disjoint in the tree's space, so the product does not exceed
+                // its cell count.)
                 uniform => {
                     told.uniform(uniform.value(), node.height - 1, times, part.volume() * times)?;
                 }

@@ -1,4 +1,4 @@
-//! Edits a file: one writer at a time, any number of edits, then a commit.
+//! Edits a file: a single writer, any number of edits, then a commit.
 
 use std::borrow::Cow;
 use std::fs::File;
@@ -25,32 +25,32 @@ use spinney_base::value::ZoneStats;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Content, FileHeader, FileReference, Header, Metadata, TreeFormat, VOID};
 
-/// A file that is being edited by this process and by nobody else, until this is dropped.
+/// A file that only this process edits until this value is dropped.
 ///
-/// [`Editor::tree`] is the tree with all edits so far; edits are sources made of it (see [`crate::ops`]),
-/// which becomes the tree ([`apply_edits`](crate::ops::apply_edits)). Where a source hands out nodes of the file as they are, these
-/// are kept and not looked into: an edit takes time and room proportional to what changes, plus the tree's
-/// depth. Nothing is seen by readers before [`Editor::commit`]; what is not committed is as if it had never
-/// been.
+/// [`Editor::tree`] is the tree with all edits so far. An edit is a source derived from it (see
+/// [`crate::ops`]), which becomes the new tree ([`apply_edits`](crate::ops::apply_edits)). Nodes
+/// that the source passes through unchanged are kept without reading them. An edit therefore takes
+/// time and space proportional to what changes, plus the tree's depth. Readers see nothing before
+/// [`Editor::commit`], and uncommitted edits leave no trace.
 pub struct Editor {
     appender: Appender,
-    /// The tree with all edits so far.
+    /// Tree with all edits so far.
     draft: Arc<Autumnal>,
     newest: Option<Commit>,
-    /// The state that was written last, if no commit has it yet.
+    /// State that was written last and is not committed yet.
     state: Option<Commit>,
-    /// The meta slot of the newest commit.
+    /// Meta slot of the newest commit.
     meta: Meta,
-    /// Offset at which what is not committed begins.
+    /// File offset where uncommitted bytes begin.
     begin: u64,
-    /// Bytes that edits may use.
+    /// Memory in bytes that edits may use.
     memory: u64,
-    /// Whether a layer was named: then nothing is done to the others.
+    /// Whether a layer was named at opening. Reverting then leaves the other layers alone.
     is_named: bool,
 }
 
 impl Editor {
-    /// Opens a file to edit it. `memory` is what edits may use.
+    /// Opens a file for editing. `memory` is the memory in bytes that edits may use.
     ///
     /// # Errors
     /// If another process edits the file, it cannot be written, or as [`Autumnal::open`].
@@ -58,7 +58,7 @@ impl Editor {
         Editor::open_with(path, memory, &FileAccess::default())
     }
 
-    /// Opens a file to edit it, which is read as `access` says.
+    /// Opens a file for editing and reads it as `access` specifies.
     ///
     /// # Errors
     /// Those of [`Editor::open`].
@@ -67,7 +67,7 @@ impl Editor {
         let path = &*path;
         let file = File::options().read(true).write(true).open(path).map_err(Error::io(path, "open"))?;
         let file = FileBackend::new(file, path, access);
-        // Nothing is written to what is no Autumnal file.
+        // Check first: never write to a file that is not an Autumnal file.
         Archive::open(path, &|| open_file(&file), &access.into())?;
         let mut editor = Editor::on(Box::new(LockedFile::new(file)?), path, memory)?;
         if let Some(name) = layer {
@@ -77,19 +77,20 @@ impl Editor {
         Ok(editor)
     }
 
-    /// Edits what any backend has; `path` is for messages. Whoever calls sees to it that there is one editor.
+    /// Edits the file of any backend. `path` is for messages. The caller ensures that there is only
+    /// one editor.
     ///
     /// # Errors
     /// As [`Editor::open`].
     pub fn on(mut backend: Box<dyn WriteBackend>, path: &Path, memory: u64) -> Result<Editor> {
-        // Between opening the file and locking it another one may have taken its place.
+        // Another file may have replaced this one between opening and locking.
         backend.check_path()?;
         let archive = Archive::open(path, &|| open_file(&*backend), &backend.access().into())?;
-        // Nothing is written to a file whose newest commit is damaged: it would be lost for good.
+        // Never write to a file whose newest commit is corrupt: that commit would be lost for good.
         let newest = archive.newest()?;
-        // Invariant: the newest commit's slot is durable before anything else is written. Perhaps it was
-        // written and never became that: then the next commit, which takes the other slot, would overwrite
-        // the only one that is sure to be on the disk.
+        // Invariant: the newest commit's slot is durable before anything else is written. It may
+        // have been written without becoming durable. Then the next commit, which uses the other
+        // slot, would overwrite the only slot that is certain to be on disk.
         let meta = archive.meta;
         backend.write(meta.offset(), &meta.to_bytes()).map_err(Error::io(path, "write the meta slot"))?;
         backend.sync().map_err(Error::io(path, "sync"))?;
@@ -108,8 +109,8 @@ impl Editor {
         })
     }
 
-    /// Starts a file on an empty backend, with one layer that is VOID, in no commit yet. Layers may have up to so many levels. Records may be
-    /// packed if that is said.
+    /// Starts a file on an empty backend, with one VOID layer that is not committed yet. Layers may
+    /// have up to `depth` levels. `is_packed` permits packed records.
     ///
     /// # Errors
     /// If the backend cannot be written.
@@ -122,7 +123,7 @@ impl Editor {
     ) -> Result<Editor> {
         let dimension = header.form.dimension;
         let levels = run_levels(dimension);
-        // The fewer levels a record has, the more of them are equal.
+        // The fewer levels a record has, the more records are equal.
         let run_levels = if options.share { *levels.start() } else { *levels.end() };
         let (format, content) = (TreeFormat::Autumnal, Content::Cells);
         let file_header = FileHeader { format, content, dimension, depth, layers: 0 };
@@ -170,10 +171,10 @@ impl Editor {
         })
     }
 
-    /// Turns to another layer: what follows is done to that one.
+    /// Selects a layer for the following operations.
     ///
     /// # Errors
-    /// If there is none of that name, or it is damaged.
+    /// If there is no layer of that name, or it is corrupt.
     pub fn select(&mut self, name: &str) -> Result<()> {
         let commit = &self.draft.commit;
         let place = FileReference { file: self.draft.path().into(), commit: None, layer: Some(name.into()) };
@@ -188,7 +189,8 @@ impl Editor {
         Ok(())
     }
 
-    /// Gives the only layer of the file a name, if it has none: whatever has several layers has names for all.
+    /// Names the file's only layer if it has no name. A file with several layers has a name for
+    /// each.
     ///
     /// # Errors
     /// If what was written cannot be read.
@@ -202,7 +204,8 @@ impl Editor {
         self.set_draft(self.draft.commit.with_layer(self.draft.number, layer), metadata)
     }
 
-    /// Gives the first layer a name that no layer has, if either is empty. Where that is the new one, there is no other layer then.
+    /// Renames the first layer to `name`, which no layer has, if either name is empty. An empty
+    /// `name` leaves only that layer.
     ///
     /// # Errors
     /// If what was written cannot be read.
@@ -225,7 +228,7 @@ impl Editor {
         Ok(())
     }
 
-    /// Adds a layer that is VOID, and turns to it.
+    /// Adds a VOID layer and selects it.
     ///
     /// # Errors
     /// If there is a layer of that name, or it does not fit into the file's space.
@@ -251,7 +254,7 @@ impl Editor {
         Ok(())
     }
 
-    /// Turns to the layer with the name and the type of another one, and adds it if there is none.
+    /// Selects the layer with the name and the type of another one, and adds it if there is none.
     ///
     /// # Errors
     /// Those of [`Editor::select`] and [`Editor::add_layer`].
@@ -261,7 +264,7 @@ impl Editor {
             Some(there) if self.draft.commit.layers[there].header[..] == header.to_bytes() => {
                 self.select(&metadata.name)
             }
-            // One of that name has another type.
+            // The layer of that name has another type.
             Some(_) if self.draft.commit.layers.len() == 1 => {
                 let commit = self.draft.commit.with_layer(0, void_layer(header, &metadata.name));
                 let tree = Autumnal::with_metadata(self.draft.archive.clone(), commit, 0, metadata.clone())?;
@@ -277,7 +280,7 @@ impl Editor {
         }
     }
 
-    /// Drops all layers that a commit has not, and puts the others into its order.
+    /// Drops all layers that `commit` does not have, and puts the others into its order.
     pub(super) fn keep_only(&mut self, commit: &Commit) -> Result<()> {
         self.keep_metadata()?;
         let mut draft = self.draft.commit.clone();
@@ -295,10 +298,10 @@ impl Editor {
         Ok(())
     }
 
-    /// Takes a layer out of the file; older commits keep it. Another one is turned to.
+    /// Removes a layer and selects another one. Older commits keep the removed layer.
     ///
     /// # Errors
-    /// If there is none of that name, or no other.
+    /// If there is no layer of that name, or no other layer.
     pub fn drop_layer(&mut self, name: &str) -> Result<()> {
         if self.draft.commit.layer_named(name).is_none() {
             return Err(Error::invalid("layer", format!("`{name}`"), "the name of one"));
@@ -316,16 +319,17 @@ impl Editor {
         Ok(())
     }
 
-    /// The tree with all edits so far.
+    /// Returns the tree with all edits so far.
     pub fn tree(&self) -> Arc<Autumnal> {
         self.draft.clone()
     }
 
-    /// Makes a source the tree, whose cells are rounded if the packing says so. Its form and depth must be the file's.
+    /// Replaces the tree by a source, whose cells are rounded as `packing` specifies. The source
+    /// must have the file's form and depth.
     ///
     /// # Errors
-    /// If they are not, the source or writing fails, or on interruption. After a failed write nothing more
-    /// can be written; the last commit is whole.
+    /// If the form differs, if the source or writing fails, or on cancellation. After a failed
+    /// write nothing more can be written; the last commit is intact.
     pub fn replace<S: ReusableSource>(
         &mut self,
         source: &S,
@@ -343,13 +347,13 @@ impl Editor {
         self.fill([u64::MAX; 3], &options, None, &mut fill).map(|_| ())
     }
 
-    /// Options for building blocks of the file.
+    /// Returns the options for building blocks of the file.
     fn options(&self) -> BuildOptions {
         BuildOptions { share: self.draft.is_shared(), ..BuildOptions::like(self.draft.header(), self.memory) }
     }
 
-    /// Makes the tree of parts, which cover some extent; the rest is VOID. `twin` is a commit of another file
-    /// with the tree that this one has.
+    /// Replaces the tree by blocks that cover an extent; the rest is VOID. `twin` is a commit of
+    /// another file with the same tree as this one.
     pub(super) fn fill(
         &mut self,
         covered: [u64; 3],
@@ -358,9 +362,10 @@ impl Editor {
         fill: &mut Fill<'_>,
     ) -> Result<ZoneStats> {
         let base = self.draft.clone();
-        // Invariant: records are appended, and what a commit has stays as it is: the tree that is edited is
-        // read from the same file while its new records are written behind it. So a source made of this tree
-        // may be gone through meanwhile, readers need no lock, and what is not committed has never been.
+        // Invariant: records are appended, and a commit's records stay unchanged. The edited tree
+        // is read from the same file while its new records are appended. So a source derived from
+        // this tree can be traversed meanwhile, readers need no lock, and uncommitted records are
+        // never visible.
         let mode = Mode::Write(&mut self.appender);
         let mut builder = RecordBuilder::new(&base, options, covered, mode, twin);
         fill(&mut builder, base.heights().shape())?;
@@ -373,12 +378,12 @@ impl Editor {
         Ok(zone.tally)
     }
 
-    /// Makes the draft a tree of what is written so far.
+    /// Reopens the draft on everything written so far.
     fn set_draft(&mut self, commit: Commit, metadata: Metadata) -> Result<()> {
-        // (What was committed meanwhile can be reverted to.)
+        // (Commits made meanwhile can be reverted to.)
         let mut archive = Archive { meta: self.meta, ..self.draft.archive.clone() };
         let bytes = self.appender.backend.reader()?;
-        // (Nothing may be written since the last commit.)
+        // (Nothing may have been written since the last commit.)
         let end = self.appender.position().min(bytes.len());
         let packed = archive.extents.packed().cloned();
         archive.extents = Arc::new(Extents::new(self.draft.path(), bytes, end, true)?.with_packed(packed));
@@ -386,10 +391,12 @@ impl Editor {
         Ok(())
     }
 
-    /// Makes all layers what they were in another commit, or the one that was named alone; their metadata, too.
+    /// Restores all layers and their metadata from another commit, or only the layer that was named
+    /// at opening.
     ///
     /// # Errors
-    /// If there is no such commit, it has no such layer, or one of another type, or it cannot be read.
+    /// If there is no such commit, it has no such layer or one of another type, or it cannot be
+    /// read.
     pub fn revert(&mut self, number: u64) -> Result<()> {
         let old = self.draft.archive.commit(number)?;
         if !self.is_named && (old.layers.len() > 1 || self.draft.commit.layers.len() > 1) {
@@ -421,12 +428,12 @@ impl Editor {
         self.set_draft(self.draft.commit.clone(), metadata)
     }
 
-    /// Makes all edits so far a commit, durable before this returns; `None` if there is nothing that differs
-    /// from the newest commit.
+    /// Commits all edits so far. The commit is durable when this returns. Returns `None` if nothing
+    /// differs from the newest commit.
     ///
     /// # Errors
-    /// If writing fails. Then it is not known whether the commit is durable: the next editor finds out. This
-    /// one writes nothing more.
+    /// If writing fails. Then it is unknown whether the commit is durable: the next editor finds
+    /// out, and this one writes nothing more.
     pub fn commit(&mut self, note: Note) -> Result<Option<Commit>> {
         let number = self.newest.as_ref().map_or(Ok(1), |newest| self.after(newest.number))?;
         self.keep_metadata()?;
@@ -437,8 +444,8 @@ impl Editor {
         self.write_commit(number, note, WriteSummary::default()).map(Some)
     }
 
-    /// Makes all edits so far a commit, whether they differ from the newest one or not, with any number that is larger
-    /// than the newest one's.
+    /// Commits all edits so far, even if nothing differs from the newest commit. `number` must be
+    /// larger than the newest commit's.
     ///
     /// # Errors
     /// Those of [`Editor::commit`].
@@ -447,14 +454,15 @@ impl Editor {
         self.write_commit(number, note, WriteSummary::default())
     }
 
-    /// Packs all records that are written from now on in a file that may have such.
+    /// Packs all further records if the file permits it.
     pub(super) fn pack(&mut self) -> Result<()> {
         let Some(reader) = self.draft.extents().packed().cloned() else { return Ok(()) };
         let run_levels = self.draft.archive.form.run_levels;
         self.appender.pack(PackedWriter::new(self.draft.header(), run_levels), reader)
     }
 
-    /// All edits so far as a state that a commit is to have, with the account of what it took; see [`Editor::commit_state`].
+    /// Writes all edits so far as the state of a future commit, with its write summary; see
+    /// [`Editor::commit_state`].
     ///
     /// # Errors
     /// If writing fails.
@@ -468,7 +476,7 @@ impl Editor {
         Ok(state)
     }
 
-    /// Makes a state a commit with any number that is larger than the newest one's.
+    /// Commits a state. `number` must be larger than the newest commit's.
     ///
     /// # Errors
     /// Those of [`Editor::commit`].
@@ -480,12 +488,12 @@ impl Editor {
         self.write_commit(number, note, written)
     }
 
-    /// The account of what was written for no commit or state yet.
+    /// Returns the summary of what was written and belongs to no commit or state yet.
     fn written(&self) -> WriteSummary {
         WriteSummary { bytes: self.appender.position() - self.begin, ..self.appender.written }
     }
 
-    /// The number after one that the file has.
+    /// Returns `number + 1`, or an error if it overflows.
     fn after(&self, number: u64) -> Result<u64> {
         let next = number.checked_add(1);
         next.ok_or_else(|| {
@@ -493,9 +501,9 @@ impl Editor {
         })
     }
 
-    /// Writes a commit, for which something was written earlier.
+    /// Writes a commit. `earlier` summarizes what was written for it before.
     fn write_commit(&mut self, number: u64, mut note: Note, earlier: WriteSummary) -> Result<Commit> {
-        // (Messages have the names of inputs, which may be URLs.)
+        // (Messages contain the names of inputs, which may be URLs with credentials.)
         if let Cow::Owned(clean) = redacted(&note.message) {
             note.message = clean;
         }
@@ -520,7 +528,7 @@ impl Editor {
         Ok(commit)
     }
 
-    /// Writes the layer's metadata, if they are not those of the newest commit.
+    /// Writes the layer's metadata unless they equal the newest commit's.
     fn keep_metadata(&mut self) -> Result<()> {
         let draft = self.draft.clone();
         let bytes = draft.metadata().to_bytes(draft.path())?;
@@ -536,13 +544,13 @@ impl Editor {
         self.set_draft(draft.commit.with_layer(draft.number, layer), draft.metadata().clone())
     }
 
-    /// The newest commit.
+    /// Returns the newest commit.
     pub fn newest(&self) -> Option<&Commit> {
         self.newest.as_ref()
     }
 }
 
-/// A layer without cells.
+/// Returns a layer without cells.
 fn void_layer(header: &Header, name: &str) -> CommitLayer {
     let root = Root { state: VOID, value: Vec::new(), address: 0 };
     CommitLayer {
@@ -555,7 +563,7 @@ fn void_layer(header: &Header, name: &str) -> CommitLayer {
     }
 }
 
-/// The bytes that a backend has now, and which file it is.
+/// Returns the backend's current bytes and the identity of its file.
 pub(super) fn open_file(backend: &dyn WriteBackend) -> Result<OpenFile> {
     Ok((backend.reader()?, backend.id()))
 }

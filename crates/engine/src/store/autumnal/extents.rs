@@ -1,4 +1,23 @@
-//! Extents: checksummed runs of bytes, from which everything but the first three pages of a file is made.
+//! Extents: checksummed byte ranges that make up a file after its first three pages.
+//!
+//! An extent starts at a multiple of 512, and the first extent of a commit at a multiple of 4096.
+//! The last extent of a commit is the commit document. All integers are little-endian.
+//!
+//! ```text
+//! file                          extent head (32 bytes)
+//! 0: header page                4 bytes: magic "Extt"
+//! 4096: first meta slot         1 byte: kind (0 records, 1 commit, 2 metadata, 3 packed records)
+//! 8192: second meta slot        3 bytes: padding, 0
+//! 12288: extents                8 bytes: offset of this extent in the file
+//!                               8 bytes: payload length
+//!                               4 bytes: CRC-32C of the payload
+//!                               4 bytes: CRC-32C of the 28 bytes before
+//!                               followed by the payload
+//! ```
+//!
+//! No index of extents exists. The extent of a record is found by searching the multiples of 512
+//! backwards from the record's address for the nearest valid head. Writers guarantee that no value
+//! in between looks like a head.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -16,24 +35,25 @@ use super::sectors::{MAX_BYTES, Sectors};
 use spinney_base::io::{FileBytes, FileStat, ReadBackend};
 use spinney_base::{Error, Result};
 
-/// Bytes of an extent's head.
+/// Size of an extent's head in bytes.
 pub(super) const HEAD_SIZE: usize = size_of::<RawHead>();
-/// An extent with more bytes than this is closed; one record can be longer.
+/// Size in bytes after which writers close an extent. A single record can be longer.
 pub(super) const FULL_EXTENT: usize = 1 << 16;
 
-/// Bytes of the longest extent, behind its head. A hostile length must not ask for more.
+/// Maximum payload of an extent in bytes. It bounds the memory that an untrusted length can
+/// request.
 const MAX_WHOLE: u64 = 16 << 20;
-/// Bytes behind the start of an extent that is read as a whole which have most of those.
+/// Bytes to prefetch for an extent that is read as a whole. Most such extents are shorter.
 const WHOLE_READ: u64 = 16 << 10;
-/// Extents of a file that is not mapped whose places are remembered.
+/// Maximum number of extents to remember in a file that is not mapped or has packed records.
 const MAX_READ: usize = 1 << 16;
-/// Bytes that are read at a time where only their checksum is wanted.
+/// Bytes per read when only their checksum is needed.
 const CHECK_BYTES: u64 = 1 << 20;
 
-/// First bytes of an extent.
+/// Magic number of an extent.
 pub(super) const EXTENT_MAGIC: [u8; 4] = *b"Extt";
 
-/// The content of an extent.
+/// Content of an extent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ExtentKind {
     Records,
@@ -48,17 +68,18 @@ struct RawHead {
     magic: [u8; 4],
     kind: u8,
     zero: [u8; 3],
-    /// Offset of the extent in the file, so that bytes that were moved are not taken for one.
+    /// Offset of the extent in the file. It keeps copies of extents at other offsets from being
+    /// accepted.
     start: U64,
-    /// Bytes behind the head.
+    /// Payload length in bytes.
     length: U64,
-    /// Checksum of these.
+    /// Checksum of the payload.
     checksum: U32,
-    /// Checksum of the head before this.
+    /// Checksum of the head's bytes before this field.
     head_checksum: U32,
 }
 
-/// The head of an extent that starts at `start`.
+/// Returns the head of an extent at offset `start`.
 pub(super) fn head(kind: ExtentKind, start: u64, payload: &[u8]) -> [u8; HEAD_SIZE] {
     let mut raw = RawHead {
         magic: EXTENT_MAGIC,
@@ -73,7 +94,7 @@ pub(super) fn head(kind: ExtentKind, start: u64, payload: &[u8]) -> [u8; HEAD_SI
     raw.as_bytes().try_into().expect("as long as it is")
 }
 
-/// An extent as its head tells; it ends within the commit.
+/// Decoded head of an extent that ends within the commit.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Extent {
     pub(super) kind: u8,
@@ -83,7 +104,7 @@ pub(super) struct Extent {
 }
 
 impl Extent {
-    /// Offset of its bytes, behind the head.
+    /// Returns the offset of the payload.
     fn payload_start(&self) -> u64 {
         self.start + HEAD_SIZE as u64
     }
@@ -92,48 +113,51 @@ impl Extent {
         self.payload_start() + self.length
     }
 
-    /// Whether a record may have an address: one of packed records is told by its number, all of which are in the first sector.
+    /// Returns whether `address` can be a record's in this extent. Packed records are addressed by
+    /// number, and all their addresses are in the extent's first sector.
     fn may_have(&self, address: u64) -> bool {
         let end = if self.kind == ExtentKind::Packed as u8 { self.start + SECTOR } else { self.end() };
         (self.payload_start()..end).contains(&address)
     }
 
-    /// Where the extent behind this one starts. A commit's is its last one: before the next page there can only be what an
-    /// edit that was given up has left.
+    /// Returns the offset of the next extent. A commit's extent is its last one; anything up to the
+    /// next page is left over from a cancelled edit.
     pub(super) fn next_start(&self) -> u64 {
         let unit = if self.kind == ExtentKind::Commit as u8 { PAGE } else { SECTOR };
         self.end().next_multiple_of(unit)
     }
 }
 
-/// The extents of a file up to some commit, read as they are asked for, each checked before its first use.
+/// Extents of a file up to some commit. They are read on demand, and each is checked before its
+/// first use.
 pub(super) struct Extents {
     pub(super) path: PathBuf,
     backend: Box<dyn ReadBackend>,
-    /// Version of the file when it was opened.
+    /// File version at the time of opening.
     pub(super) version: Option<FileStat>,
-    /// End of the commit: what is behind does not belong to it.
+    /// End of the commit; later bytes do not belong to it.
     pub(super) end: u64,
-    /// Sectors of extents of records that were found to be good.
+    /// Sectors of record extents that passed their check.
     verified: Sectors,
-    /// Extents among these that were read lately, by their starts, if the file is not mapped.
+    /// Recently read record extents by offset, if the file is not mapped or has packed records.
     read: Mutex<BTreeMap<u64, Extent>>,
     check: bool,
-    /// How packed records are read, if there are any.
+    /// Reader of packed records, if the file may have any.
     packed: Option<Arc<PackedExtents>>,
 }
 
-/// One of the two ways to the bytes of extents of records. What is generic over it exists twice.
+/// Access to the bytes of record extents, either mapped or read. Functions that are generic over it
+/// are compiled twice.
 pub(super) trait ByteAccess<'a>: Copy {
-    /// Some bytes.
+    /// Borrowed or shared bytes.
     type Bytes: Deref<Target = [u8]>;
 
-    /// Bytes of an extent of records from an address on: `most`, or more where that costs nothing, or fewer
-    /// at the commit's end.
+    /// Returns bytes of a record extent from `address` on: `most` bytes, more if they are free, or
+    /// fewer at the end of the commit.
     fn bytes(self, address: u64, most: usize) -> Result<Self::Bytes>;
 }
 
-/// The bytes of a mapped file, or of one in memory: they are used where they stand.
+/// Bytes of a mapped or in-memory file, used without copying.
 #[derive(Clone, Copy)]
 pub(super) struct MappedBytes<'a> {
     extents: &'a Extents,
@@ -146,12 +170,12 @@ impl<'a> ByteAccess<'a> for MappedBytes<'a> {
     #[inline]
     fn bytes(self, address: u64, _: usize) -> Result<&'a [u8]> {
         self.extents.check_at(address)?;
-        // (What is not within the extents was not found to be good.)
+        // (Bytes outside of all extents never passed a check.)
         Ok(self.bytes.get(address as usize..).unwrap_or_default())
     }
 }
 
-/// Bytes that are read, each extent as a whole; no more than were asked for.
+/// Reads each extent as a whole and returns at most `most` bytes.
 impl<'a> ByteAccess<'a> for &'a Extents {
     type Bytes = FileBytes<'a>;
 
@@ -178,10 +202,10 @@ impl<'a> ByteAccess<'a> for &'a Extents {
 }
 
 impl Extents {
-    /// The extents in a backend up to `end`, which must not lie behind the backend's own.
+    /// Creates the extents of `backend` up to `end`, which must not exceed the backend's length.
     ///
     /// # Errors
-    /// If that is further than any file reaches.
+    /// If `end` exceeds the supported file size.
     pub(super) fn new(path: &Path, backend: Box<dyn ReadBackend>, end: u64, check: bool) -> Result<Extents> {
         if end > MAX_BYTES {
             let found = format!("a commit that ends at byte {end}");
@@ -200,32 +224,32 @@ impl Extents {
         })
     }
 
-    /// Extents of which some may be packed.
+    /// Adds the reader of packed records, if the file may have any.
     pub(super) fn with_packed(self, packed: Option<Arc<PackedExtents>>) -> Extents {
         Extents { packed, ..self }
     }
 
-    /// How packed records are read, if there are any.
+    /// Returns the reader of packed records, if the file may have any.
     pub(super) fn packed(&self) -> Option<&Arc<PackedExtents>> {
         self.packed.as_ref()
     }
 
-    /// Both meta slots as they are now.
+    /// Reads both meta slots in their current state.
     pub(super) fn slots(&self) -> Result<[Slot; 2]> {
         slots(&*self.backend)
     }
 
-    /// Version of the file as it is now.
+    /// Returns the current version of the file.
     pub(super) fn stat(&self) -> Result<Option<FileStat>> {
         self.backend.stat()
     }
 
-    /// Queries the host of a remote file whether it still is the version that was opened.
+    /// Queries the host of a remote file whether the file is still the version that was opened.
     pub(super) fn check_remote(&self) -> Result<()> {
         self.backend.check_remote()
     }
 
-    /// Gives the backend back.
+    /// Returns the backend.
     pub(super) fn into_backend(self) -> Box<dyn ReadBackend> {
         self.backend
     }
@@ -243,8 +267,8 @@ impl Extents {
         Error::corrupt(&self.path, place, found, expected)
     }
 
-    /// All bytes up to the commit's end where they are, if they can be seen and no record is packed: many records are then read
-    /// without asking the backend for each.
+    /// Returns all bytes up to the end of the commit if the file is mapped or in memory and has no
+    /// packed records. Reading many records then takes no backend call per record.
     #[inline]
     pub(super) fn mapped(&self) -> Option<MappedBytes<'_>> {
         if self.packed.is_some() {
@@ -254,22 +278,23 @@ impl Extents {
         Some(MappedBytes { extents: self, bytes })
     }
 
-    /// Makes sure that the extent of records that an address is in is good.
+    /// Checks the record extent that contains `address`, unless that has been done.
     #[inline]
     fn check_at(&self, address: u64) -> Result<()> {
         if self.verified.contains(address / SECTOR) { Ok(()) } else { self.verify_extent(address) }
     }
 
-    /// The bytes of an extent behind its head.
+    /// Returns the payload of an extent.
     fn payload(&self, extent: &Extent) -> Result<FileBytes<'_>> {
         let (start, length) = (extent.payload_start(), extent.length as usize);
         let Some(all) = self.backend.bytes() else { return self.backend.share(start, length) };
-        // (A file that was cut short since has fewer.)
+        // (A file that was truncated since has fewer bytes.)
         let bytes = all.get(start as usize..).and_then(|rest| rest.get(..length));
         Ok(FileBytes::Mapped(bytes.unwrap_or_default()))
     }
 
-    /// The extent of records that an address is in, which is good, of a file that is not mapped, or has packed records.
+    /// Returns the checked record extent that contains `address`, for files that are not mapped or
+    /// have packed records.
     fn read_extent(&self, address: u64) -> Result<Extent> {
         let read = || self.read.lock().unwrap_or_else(PoisonError::into_inner);
         let known = read().range(..=address).next_back().map(|(_, extent)| *extent);
@@ -279,7 +304,7 @@ impl Extents {
         self.check_at(address)?;
         let extent = self.extent_of(address)?;
         let mut read = read();
-        // (Which of them are forgotten does not matter: finding one again costs a look.)
+        // (It does not matter which ones are forgotten: finding one again takes one search.)
         if read.len() >= MAX_READ {
             read.clear();
         }
@@ -287,7 +312,8 @@ impl Extents {
         Ok(extent)
     }
 
-    /// Finds the extent of records that an address is in, checks it, and remembers that it is good.
+    /// Finds the record extent that contains `address`, checks it, and marks its sectors as
+    /// verified.
     #[cold]
     fn verify_extent(&self, address: u64) -> Result<()> {
         let extent = self.extent_of(address)?;
@@ -299,9 +325,9 @@ impl Extents {
         Ok(())
     }
 
-    /// The addresses of bytes, behind the head, of the extent of records that an address is in; of one that is packed, of those of that record and what is
-    /// behind it. (To readers any byte is in it that is in
-    /// one of its sectors.)
+    /// Returns the address range of the record extent that contains `address`; in a packed extent,
+    /// the range from that record to the end of the extent. (For readers, an extent contains every
+    /// byte of its sectors.)
     pub(super) fn records_at(&self, address: u64) -> Result<Range<u64>> {
         let extent = self.extent_of(address)?;
         if extent.kind == ExtentKind::Packed as u8 {
@@ -318,13 +344,15 @@ impl Extents {
         if address < FIRST_EXTENT || address >= self.end {
             return Err(outside());
         }
-        // Back to the nearest head, but no further than an extent can be long: a file may be nearly all holes.
+        // Search back to the nearest head, but no further than the longest extent: a file may be
+        // nearly all holes.
         let mut start = address / SECTOR * SECTOR;
         let first = address.saturating_sub(MAX_WHOLE + HEAD_SIZE as u64).max(FIRST_EXTENT);
         let mut fetched = start + 1;
         let extent = loop {
             if start < fetched {
-                // (Nearly all extents are that long: this has the head and all that is behind it.)
+                // (Nearly all extents are at most that long, so this has the head and the rest of
+                // the extent.)
                 let around = start.saturating_sub(FULL_EXTENT as u64).max(FIRST_EXTENT);
                 let end = (address + FULL_EXTENT as u64).min(self.end);
                 self.backend.prefetch(std::slice::from_ref(&(around..end.max(around))))?;
@@ -344,17 +372,17 @@ impl Extents {
         if is_good { Ok(extent) } else { Err(outside()) }
     }
 
-    /// The extent that starts at an offset of the file, if there is one.
+    /// Returns the extent that starts at offset `start`, if there is one.
     pub(super) fn extent_at(&self, start: u64) -> Result<Option<Extent>> {
         Ok(self.head_at(start)?.filter(|extent| extent.length <= self.end - extent.payload_start()))
     }
 
-    /// Whether an extent starts at an offset of the file that is longer than what there is.
+    /// Returns whether an extent starts at `start` whose payload exceeds the end of the commit.
     pub(super) fn reaches_beyond(&self, start: u64) -> Result<bool> {
         Ok(self.head_at(start)?.is_some_and(|extent| extent.length > self.end - extent.payload_start()))
     }
 
-    /// The extent that starts at an offset of the file, if there is one, however long it says that it is.
+    /// Returns the extent that starts at `start`, if there is one, whatever its length.
     fn head_at(&self, start: u64) -> Result<Option<Extent>> {
         if start < FIRST_EXTENT || self.end.saturating_sub(start) < HEAD_SIZE as u64 {
             return Ok(None);
@@ -368,7 +396,7 @@ impl Extents {
         Ok(is_head.then_some(Extent { kind: raw.kind, start, length, checksum }))
     }
 
-    /// Checks the bytes of an extent, piece by piece: extents of records may be as long as the file.
+    /// Checks an extent's checksum in chunks: record extents may be as long as the file.
     pub(super) fn check_payload(&self, extent: &Extent) -> Result<()> {
         let (mut at, mut checksum) = (extent.payload_start(), 0);
         while at < extent.end() {
@@ -387,7 +415,7 @@ impl Extents {
         Err(self.corrupt(place, format!("checksum {checksum:08x}"), &format!("{:08x}", extent.checksum)))
     }
 
-    /// All bytes of the extent of a kind that starts at an offset of the file, checked.
+    /// Returns the checked payload of the extent of `kind` at offset `start`.
     pub(super) fn whole(&self, kind: ExtentKind, start: u64) -> Result<Cow<'_, [u8]>> {
         let near = (start + WHOLE_READ).min(self.end);
         self.backend.prefetch(std::slice::from_ref(&(start.min(near)..near)))?;

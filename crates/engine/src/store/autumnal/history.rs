@@ -1,4 +1,4 @@
-//! The commits of a file.
+//! Commits of a file.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use spinney_base::Result;
 use spinney_base::io::FileAccess;
 use spinney_container::{FileReference, OpenOptions};
 
-/// The commits of a file, up to the one that was the newest when it was opened.
+/// Commits of a file, up to the newest at the time of opening.
 pub struct History {
     pub(super) archive: Archive,
 }
@@ -17,58 +17,60 @@ impl History {
     /// Opens a file.
     ///
     /// # Errors
-    /// If it cannot be read, is no Autumnal file, or is damaged.
+    /// If it cannot be read, is not an Autumnal file, or is corrupt.
     pub fn open(path: &Path, options: &OpenOptions) -> Result<History> {
         let path = &*FileReference::of(path).file;
         Ok(History { archive: Archive::open(path, &|| options.open_with_id(path), options)? })
     }
 
-    /// How the file was opened.
+    /// Returns the options that the file was opened with.
     pub fn access(&self) -> &FileAccess {
         &self.archive.access
     }
 
-    /// Makes sure that the newest commit can be read.
+    /// Checks that the newest commit can be read.
     ///
     /// # Errors
-    /// If it is damaged, and those that can be read are older.
+    /// If it is corrupt and only older commits can be read.
     pub fn check_newest(&self) -> Result<()> {
         self.archive.newest.check(&self.archive.extents)
     }
 
-    /// Makes sure that the file still has the commits: see [`Autumnal::check_unchanged`](super::Autumnal::check_unchanged).
+    /// Checks that the file still has the commits: see
+    /// [`Autumnal::check_unchanged`](super::Autumnal::check_unchanged).
     ///
     /// # Errors
-    /// If it has not.
+    /// If it does not.
     pub fn check_unchanged(&self) -> Result<()> {
         self.archive.check_unchanged()
     }
 
-    /// A remark on the file that whoever reads it should know.
+    /// Returns a remark on the file for its users.
     pub fn remark(&self) -> Option<&'static str> {
         self.archive.remark()
     }
 
-    /// Whether equal subtrees are stored once.
+    /// Returns whether equal subtrees are stored once.
     pub fn is_shared(&self) -> bool {
         self.archive.form.share
     }
 
-    /// The commit with a number, found in a number of steps that grows with the logarithm of the number of
-    /// commits.
+    /// Finds the commit with a number. Reads a number of commits that is logarithmic in the commit
+    /// count.
     ///
     /// # Errors
-    /// If there is none, or the file is damaged.
+    /// If there is no such commit, or the file is corrupt.
     pub fn commit(&self, number: u64) -> Result<Commit> {
         self.archive.commit(number)
     }
 
-    /// All commits, the newest first. Where newer ones are damaged, an error comes last that says so.
+    /// Returns all commits, the newest first. If newer commits are corrupt, the last item is an
+    /// error that says so.
     pub fn commits(&self) -> impl Iterator<Item = Result<Commit>> + '_ {
         let mut next = Some(self.archive.meta.commit);
         let commits = std::iter::from_fn(move || {
             let commit = Commit::read(&self.archive.extents, next.take()?);
-            // After an error there is no next one.
+            // There is no next commit after an error.
             next = commit.as_ref().ok().map(|commit| commit.previous).filter(|previous| *previous != 0);
             Some(commit)
         });

@@ -1,9 +1,30 @@
-//! The Autumnal record: a node, some levels of what is below it, and pointers to the records of nodes further down.
+//! The Autumnal record: an INNER node, the levels below it as a run, and pointers to deeper
+//! records.
 //!
-//! Nodes at certain heights have records ([`Heights`]), at every second level. A record has the node's representative,
-//! pointers to the records of the next nodes below that have one, the levels below as a run, as it would stand in a segment
-//! of a Goblin file, and a zone if it is large. Runs may reach further down than the nodes that pointers lead to, so that any
-//! level can be drawn from records that have much of it. What is small enough is one run alone.
+//! Only nodes at certain heights have records: every second height, and the root ([`Heights`]). The
+//! height of a node is the number of levels below it, so a cell has height 0. A record's height is
+//! known from the pointer that leads to it. The height selects one of two forms (`w` is the size
+//! of a value in bytes):
+//!
+//! ```text
+//! height <= run levels: a run alone     height > run levels: a run with pointers
+//! w bytes: representative               w bytes: representative
+//! n bytes: run, down to the cells       1 byte: pointer size p, 1 to 8
+//!                                       1 to 8 bytes: bitmap of the nodes `t` levels below
+//!                                       p bytes per set bit: distance back to that node's record
+//!                                       n bytes: run
+//!                                       rest: zone, if the node has one
+//! ```
+//!
+//! All integers are little-endian. `t` is 1 or 2, the distance to the next lower height that has
+//! records. Bit `i` of the bitmap belongs to node `i` in Z order. The record of such a node starts
+//! that many bytes before this one. `p` is the smallest size that holds the longest distance.
+//!
+//! A run has the records of a Goblin segment: `skip` of its first record is the record count, so
+//! its size is `skip` times the record size. It may reach more levels down than its pointers do.
+//! Every level can therefore be drawn from records that contribute many of its values.
+//!
+//! `formats.md` (sections 21 and 22) specifies both forms.
 
 use std::ops::RangeInclusive;
 
@@ -13,62 +34,64 @@ use spinney_base::space::Dimension;
 use spinney_base::value::Value;
 use spinney_container::Shape;
 
-/// Levels between nodes with records.
+/// Levels between two consecutive heights that have records.
 const STRIDE: u8 = 2;
 
-/// The heights (levels above the cells) of the nodes that have records of their own.
+/// Heights (levels above the cells) of the nodes that have records of their own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Heights {
-    /// Levels of a run; what is no higher is one run.
+    /// Levels of a full run. A node of at most this height is one run without pointers.
     pub(super) run: u8,
-    /// That of the smallest nodes with zones, but for the root.
+    /// Minimum height of nodes with zones; the root may be lower.
     zone: u8,
-    /// That of the root, which has a record whatever its height.
+    /// Height of the root, which always has a record.
     root: u8,
 }
 
 impl Heights {
-    /// Those of a tree with so many levels below its root, in runs of so many levels.
+    /// Returns the heights for a tree of `depth` levels and for runs of `run` levels.
     pub(super) fn new(dimension: Dimension, run: u8, depth: u8) -> Heights {
         let above = least_zone(dimension).saturating_sub(run).next_multiple_of(STRIDE);
         Heights { run, zone: run + above, root: depth }
     }
 
-    /// The height of the node whose record has a node of some height.
+    /// Returns the height of the node whose record contains the nodes of `height`.
     #[inline]
     pub(super) fn record_of(&self, height: u8) -> u8 {
         let above = height.saturating_sub(self.run).next_multiple_of(STRIDE);
         (self.run + above).min(self.root)
     }
 
-    /// The height of the nodes that pointers of a record lead to, whose own node has a height; `None` if it is one run alone.
+    /// Returns the height of the nodes that a record of `height` points to, or `None` if it is a
+    /// run without pointers.
     #[inline]
     pub(super) fn below(&self, height: u8) -> Option<u8> {
         let above = height.checked_sub(self.run + 1)?;
         Some(self.run + above / STRIDE * STRIDE)
     }
 
-    /// Levels of the run of a node of some height that has a record.
+    /// Returns the number of levels in the run of a record of `height`.
     #[inline]
     pub(super) fn run_of(&self, height: u8) -> u8 {
         self.run.min(height)
     }
 
-    /// Whether a node of some height that has a record has a zone.
+    /// Returns whether a record of `height` has a zone.
     #[inline]
     pub(super) fn has_zone(&self, height: u8) -> bool {
         height > self.run && height >= self.zone.min(self.root)
     }
 
-    /// The shape that makes blocks as large as the smallest nodes with zones, and leaves all their records together.
+    /// Returns a shape whose blocks are as large as the smallest nodes with zones, and which keeps
+    /// all records of a block together.
     pub(super) fn shape(&self) -> Shape {
         Shape { depth: self.root, reach: self.zone, stride: 1, heavy_threshold: u32::MAX }
     }
 }
 
-/// Levels of runs that files may have. Of the most, 32 x 32 values, or 8 x 8 x 8, are written anew where one of them changes,
-/// and any level is drawn from records of which much is needed. Of the fewest, more subtrees are equal: files that
-/// store these once have them.
+/// Run levels that a file may have. The maximum (32 x 32 or 8 x 8 x 8 values) rewrites that many
+/// values if one of them changes, but draws any level from records that contribute many of its
+/// values. The minimum makes more subtrees equal, for files that store equal subtrees once.
 pub(super) const fn run_levels(dimension: Dimension) -> RangeInclusive<u8> {
     match dimension {
         Dimension::Quad => STRIDE..=5,
@@ -76,88 +99,89 @@ pub(super) const fn run_levels(dimension: Dimension) -> RangeInclusive<u8> {
     }
 }
 
-/// The height from which on nodes with records have zones: 128 x 128 cells, or 32 x 32 x 32.
+/// Minimum height of nodes with zones: 128 x 128 or 32 x 32 x 32 cells.
 const fn least_zone(dimension: Dimension) -> u8 {
     *run_levels(dimension).end() + STRIDE
 }
 
-/// Bytes of the longest pointer.
+/// Maximum size of a pointer in bytes.
 const MAX_POINTER: usize = 8;
 
-/// Layout of the records of a file.
+/// Layout of the records of a tree.
 #[derive(Clone)]
 pub(super) struct PointeredLayout {
-    /// Quadtree or octree, and the type of the values.
+    /// Dimension (quadtree or octree) and value type.
     pub(super) form: TreeType,
     pub(super) heights: Heights,
-    /// Layout of the records of runs.
+    /// Layout of the run's records.
     pub(super) run: RecordLayout,
-    /// The way down in a run.
+    /// Descent function for runs of this layout.
     pub(super) descend: Descend,
 }
 
-/// The records that a record leads to.
+/// Pointers of a record to deeper records.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Pointers {
-    /// Bit `i`: whether there is one for node `i`, in Z order, of those that pointers lead to.
+    /// Bit `i`: whether node `i`, in Z order, has a record.
     pub(super) bitmap: u64,
-    /// The addresses of these.
+    /// Record address for each set bit, in ascending bit order.
     pub(super) targets: Vec<u64>,
 }
 
-/// The parts of a record.
+/// Offsets of a record's fields.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct RecordParts {
     /// See [`Pointers`].
     bitmap: u64,
-    /// Bytes of a pointer.
+    /// Size of a pointer in bytes.
     pointer: u8,
-    /// Where pointers and run start, and where the run ends.
+    /// Offsets of the pointers, of the run, and of the end of the run.
     pointers_at: usize,
     run_at: usize,
     pub(super) end: usize,
 }
 
-/// Reason why bytes are no record.
+/// Reason why bytes are not a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum BadRecord {
-    /// There must be so many of them, to begin with.
+    /// Too few bytes: at least this many are needed to continue.
     Short(usize),
-    /// They say something impossible.
+    /// A field has an impossible value.
     Wrong,
 }
 
 impl PointeredLayout {
-    /// The layout for trees of a form and a depth, in runs of so many levels.
+    /// Returns the layout for trees of `form` and `depth` with runs of `run_levels` levels.
     pub(super) fn new(form: TreeType, run_levels: u8, depth: u8) -> PointeredLayout {
         let (heights, run) = (Heights::new(form.dimension, run_levels, depth), RecordLayout::new(form));
         PointeredLayout { form, heights, run, descend: descend_in(run) }
     }
 
-    /// Bytes of a bit for each of the nodes so many levels below one.
+    /// Returns the size in bytes of a bitmap with one bit per node `levels` below a node.
     #[inline]
     fn bitmap_size(&self, levels: u8) -> usize {
         self.form.dimension.cells(levels).div_ceil(8) as usize
     }
 
-    /// Bytes of a bit for each node that a record of some height may have a pointer for; `None` if it has no pointers.
+    /// Returns the size in bytes of the bitmap of a record of `height`, or `None` if it has no
+    /// pointers.
     pub(super) fn bitmap_bytes(&self, height: u8) -> Option<usize> {
         self.heights.below(height).map(|below| self.bitmap_size(height - below))
     }
 
-    /// Bytes of a value.
+    /// Returns the size of a value in bytes.
     #[inline]
     pub(super) fn width(&self) -> usize {
         self.run.width
     }
 
-    /// The representative at a record's start; `None` if it is cut short.
+    /// Returns the representative at the start of a record, or `None` if the record is truncated.
     #[inline]
     pub(super) fn representative(&self, record: &[u8]) -> Option<Value> {
         Value::read(record, self.width())
     }
 
-    /// Finds the parts of the record of a node of some height.
+    /// Locates the fields of a record of `height` and checks their ranges.
     #[inline]
     pub(super) fn parts(&self, record: &[u8], height: u8) -> Result<RecordParts, BadRecord> {
         let width = self.width();
@@ -182,7 +206,7 @@ impl PointeredLayout {
         let first = parts.run_at + self.run.size;
         let head = record.get(parts.run_at..first).ok_or(BadRecord::Short(first))?;
         let skip = self.run.head(head, 0).ok_or(BadRecord::Wrong)?.skip;
-        // A tree without a uniform node has 1 + c + c^2 ... records for c children.
+        // A tree without uniform nodes has 1 + c + c^2 + ... records for c children.
         let levels = self.heights.run_of(height);
         let most = (self.form.dimension.cells(levels) - 1) / (self.form.children() as u64 - 1);
         if !(1..=most).contains(&u64::from(skip)) {
@@ -192,8 +216,8 @@ impl PointeredLayout {
         if parts.end > record.len() { Err(BadRecord::Short(parts.end)) } else { Ok(parts) }
     }
 
-    /// Adds the record of a node of some height that is to stand at `address` to a buffer, without a zone. Pointers lead to what
-    /// is before it; a record that is one run alone has none.
+    /// Appends a record without its zone to `buffer`. The record is to be stored at `address`, and
+    /// all pointers must lead to lower addresses. A record without pointers ignores `pointers`.
     pub(super) fn encode(
         &self,
         (address, height): (u64, u8),
@@ -204,7 +228,7 @@ impl PointeredLayout {
     ) {
         buffer.extend_from_slice(&representative.to_bytes()[..self.width()]);
         if let Some(below) = self.heights.below(height) {
-            // As many bytes as the longest distance back needs.
+            // The smallest size that holds the longest distance.
             let longest = targets.iter().map(|target| address - target).max().unwrap_or(1);
             let bytes = (8 - longest.leading_zeros() as usize / 8).max(1);
             buffer.push(bytes as u8);
@@ -218,19 +242,20 @@ impl PointeredLayout {
 }
 
 impl RecordParts {
-    /// The run among a record's bytes.
+    /// Returns the run of a record.
     #[inline]
     pub(super) fn run<'r>(&self, record: &'r [u8]) -> &'r [u8] {
         &record[self.run_at..self.end]
     }
 
-    /// Where the run starts in the record.
+    /// Returns the offset of the run in the record.
     pub(super) fn run_start(&self) -> usize {
         self.run_at
     }
 
-    /// The address that the pointer of a node leads to, in a record at `address`. The first option is `None` if it does not
-    /// lead back, the second if there is none.
+    /// Returns the address that the pointer for `node` leads to, in a record at `address`. The
+    /// outer option is `None` if the pointer does not lead back, the inner one if `node` has no
+    /// pointer.
     #[inline]
     pub(super) fn pointer(&self, record: &[u8], address: u64, node: usize) -> Option<Option<u64>> {
         if self.bitmap >> node & 1 == 0 {
@@ -240,13 +265,13 @@ impl RecordParts {
         let size = usize::from(self.pointer);
         let mut distance = [0; MAX_POINTER];
         distance[..size].copy_from_slice(&record[self.pointers_at + before * size..][..size]);
-        // Records come after those that they point to: whoever follows pointers gets ever nearer to the file's start.
+        // Records only point back, so following pointers always terminates.
         let distance = u64::from_le_bytes(distance);
         let target = address.checked_sub(distance).filter(|_| distance > 0)?;
         Some(Some(target))
     }
 
-    /// All pointers of a record at `address`; `None` if one does not lead back.
+    /// Returns all pointers of a record at `address`, or `None` if one of them does not lead back.
     pub(super) fn pointers(&self, record: &[u8], address: u64) -> Option<Pointers> {
         let nodes = (0..64).filter(|node| self.bitmap >> node & 1 != 0);
         let targets: Option<Vec<u64>> =

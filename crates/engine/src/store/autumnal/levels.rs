@@ -1,4 +1,4 @@
-//! Nodes per level, which nobody keeps up to date in a file that is edited: they are counted.
+//! Node counts per level. Edits do not maintain them, so they are counted.
 
 use super::distinct::Occurring;
 use super::node::AutumnalNode;
@@ -10,12 +10,13 @@ use spinney_base::{Progress, Result};
 use spinney_container::LevelCounts;
 
 impl Autumnal {
-    /// Nodes of the commit's tree by level and state, those of shared subtrees as often as they occur; `None` if it has
-    /// more than `most` records, each of which is read. (What a record stands for several times is read once if the tree
-    /// has more nodes than the file has room for.)
+    /// Counts the nodes of the commit's tree by level and state. Nodes of shared subtrees count
+    /// once per occurrence. Returns `None` if the tree has more than `most` records, each of which
+    /// is read. (If the tree has more nodes than the file has space for, each shared record is read
+    /// once instead, and `most` does not apply.)
     ///
     /// # Errors
-    /// If the file is damaged, or on interruption.
+    /// If the file is corrupt, or on cancellation.
     pub fn level_counts(&self, most: u64, progress: &dyn Progress) -> Result<Option<LevelCounts>> {
         let root = self.root_child();
         if self.is_folded()? {
@@ -29,7 +30,8 @@ impl Autumnal {
         Ok(is_counted.then_some(counts))
     }
 
-    /// Counts a node and all below it, as long as records are left; tells whether that was enough.
+    /// Counts a node and its descendants while `left` records remain, and returns whether they
+    /// sufficed.
     fn count_levels(
         &self,
         node: Child<AutumnalNode>,
@@ -54,14 +56,14 @@ impl Autumnal {
     }
 }
 
-/// So many nodes of a state.
+/// Returns the counts of `nodes` nodes of one state.
 fn nodes_of(state: NodeState, nodes: u64) -> [u64; 3] {
     let mut of = [0; 3];
     of[state as usize] = nodes;
     of
 }
 
-/// The nodes of a tree each record of which is read once.
+/// Counter of a tree whose records are each read once.
 struct Counted<'p> {
     depth: u8,
     counts: LevelCounts,

@@ -1,4 +1,4 @@
-//! The two meta slots: which commit is the newest.
+//! The two meta slots, which locate the newest commit.
 
 use zerocopy::little_endian::{U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
@@ -7,14 +7,15 @@ use super::pages::{FIRST_EXTENT, PAGE};
 use spinney_base::Result;
 use spinney_base::io::ReadBackend;
 
-/// The content of a slot: where the newest commit was when it was written.
+/// Content of a slot: location of the newest commit at the time of writing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Meta {
-    /// Number of commits up to this one; odd ones stand in the first slot.
+    /// Number of commits up to this one. Odd ones are stored in the first slot, even ones in the
+    /// second.
     pub(super) sequence: u64,
     /// Offset of the commit's extent.
     pub(super) commit: u64,
-    /// End of the commit.
+    /// Offset of the commit's end.
     pub(super) end: u64,
 }
 
@@ -31,16 +32,16 @@ struct RawMeta {
 
 const MAGIC: [u8; 8] = *b"AutuMeta";
 
-/// Bytes of a slot.
+/// Size of a slot in bytes.
 pub(super) const SLOT_SIZE: usize = size_of::<RawMeta>();
 
-/// Offsets of the slots: in pages of their own, so that writing one cannot damage the other.
+/// Offsets of the slots. Each has its own page, so that a write to one cannot corrupt the other.
 pub(super) const SLOT_OFFSETS: [u64; 2] = [PAGE, 2 * PAGE];
 
-/// Both slots, the first one first.
+/// Reads both slots in file order.
 pub(super) fn slots(bytes: &dyn ReadBackend) -> Result<[Slot; 2]> {
     let mut slots = [Slot::Empty; 2];
-    // (A file may have been cut since somebody looked at its length.)
+    // (The file may have been truncated since its length was read.)
     if bytes.len() >= FIRST_EXTENT {
         for (slot, offset) in slots.iter_mut().zip(SLOT_OFFSETS) {
             *slot = Meta::from_bytes(&bytes.read(offset, SLOT_SIZE)?, offset);
@@ -50,7 +51,8 @@ pub(super) fn slots(bytes: &dyn ReadBackend) -> Result<[Slot; 2]> {
 }
 
 impl Meta {
-    /// Offset of this slot: odd sequences and even ones take turns, so that the slot before stays as it is.
+    /// Returns the offset of this slot. Odd and even sequences alternate, so that a commit leaves
+    /// the slot before unchanged.
     pub(super) fn offset(&self) -> u64 {
         SLOT_OFFSETS[usize::from(self.sequence.is_multiple_of(2))]
     }
@@ -68,7 +70,7 @@ impl Meta {
         raw.as_bytes().try_into().expect("as long as it is")
     }
 
-    /// The content of the slot at an offset.
+    /// Decodes and checks the slot at `offset`.
     pub(super) fn from_bytes(bytes: &[u8], offset: u64) -> Slot {
         let Ok(raw) = RawMeta::ref_from_bytes(bytes) else { return Slot::Damaged };
         if bytes.iter().all(|byte| *byte == 0) {
@@ -82,12 +84,12 @@ impl Meta {
     }
 }
 
-/// Content of a slot's page.
+/// State of a slot's page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Slot {
-    /// Nothing was ever written there, or it was lost.
+    /// Never written, or lost.
     Empty,
     Whole(Meta),
-    /// Half a slot, as a crash leaves it, or one that was damaged since.
+    /// Incomplete after a crash, or corrupt.
     Damaged,
 }

@@ -1,9 +1,10 @@
-//! The Autumnal format: trees that are edited, with their history. `formats.md` is its specification.
+//! The Autumnal format: editable trees with history. `formats.md` is the specification.
 //!
-//! A record has a node's representative and some levels of what is below it, and points to the records further down. Files
-//! are append-only and copy-on-write: an edit writes the records that change and the path to a new root, in
-//! checksummed *extents*; a commit makes them durable and then names the new root in one of two *meta slots*.
-//! So a crash at any instant leaves the last commit, readers need no locks, and every commit stays readable.
+//! A record has the representative of a node and some levels below it, and points to deeper
+//! records. Files are append-only and copy-on-write: an edit appends the changed records and the
+//! path to a new root in checksummed *extents*. A commit makes them durable and then stores the new
+//! root in one of two *meta slots*. So a crash at any time preserves the last commit, readers need
+//! no locks, and every commit stays readable.
 
 mod append;
 mod archive;

@@ -1,5 +1,5 @@
-//! Finds the newest commit of a file: by the meta slots, or behind the commit that is left where one of them
-//! is damaged.
+//! Finds the newest commit of a file: by the meta slots, or after the remaining commit if one of
+//! them is corrupt.
 
 use std::path::Path;
 
@@ -13,12 +13,12 @@ use spinney_base::{Error, Result, sort};
 /// State of the newest commit.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Newest {
-    /// It is what the slots say.
+    /// It is the one that the slots refer to.
     Good,
-    /// Its slot is damaged; it was found behind the commit of the other one.
+    /// Its slot is corrupt; it was found after the commit of the other slot.
     BehindSlot,
-    /// It cannot be read, and an older one is in its place. The texts are the part of the file, what was found
-    /// and what was expected.
+    /// It cannot be read, and an older commit is used instead. The strings are the position in the
+    /// file, what was found, and what was expected.
     Damaged([String; 3]),
 }
 
@@ -35,15 +35,15 @@ impl Newest {
     }
 }
 
-/// Result of looking for the newest commit: the bytes that were looked at, the slot of the newest commit that
-/// can be read, and what is to be said about it.
+/// Result of the search for the newest commit: the bytes that were searched, the slot of the newest
+/// readable commit, and the state of the newest commit.
 pub(super) enum Look {
     Found(Box<dyn ReadBackend>, Meta, Newest),
-    /// No slot leads to a commit that can be read; the error says why, if a slot is whole.
+    /// No slot leads to a readable commit. The error gives the reason if a slot is valid.
     Nothing(Option<Error>),
 }
 
-/// The slots that are whole, the newer one first.
+/// Returns the valid slots, the newer one first.
 pub(super) fn whole(slots: &[Slot; 2]) -> Vec<Meta> {
     let metas = slots.iter().filter_map(|slot| if let Slot::Whole(meta) = slot { Some(*meta) } else { None });
     let mut whole: Vec<Meta> = metas.collect();
@@ -53,11 +53,11 @@ pub(super) fn whole(slots: &[Slot; 2]) -> Vec<Meta> {
 
 /// Finds the newest commit.
 ///
-/// Invariant: a crash leaves both slots whole, or the one that was being written in parts: then all that its
-/// commit has written is durable already, since it is synced before, and the commit is found by going on from
-/// the other one's. Nothing else leaves a slot that is not whole, or a whole one whose commit is not there:
-/// that is damage, and is told. With an older commit in its place, edits that were acknowledged would be gone
-/// in silence.
+/// Invariant: a crash leaves both slots valid, or leaves one of them partially written. In that
+/// case everything that its commit wrote is durable, because it was synced before, and the commit
+/// is found by continuing after the other slot's commit. Any other invalid slot, and any valid slot
+/// whose commit is missing, is corruption and is reported. Silently falling back to an older commit
+/// would lose acknowledged edits.
 pub(super) fn find_newest(path: &Path, bytes: Box<dyn ReadBackend>) -> Result<Look> {
     let length = bytes.len();
     let slots = slots(&*bytes)?;
@@ -81,7 +81,7 @@ pub(super) fn find_newest(path: &Path, bytes: Box<dyn ReadBackend>) -> Result<Lo
     if let Some(damage) = damage {
         return Ok(Look::Found(extents.into_backend(), meta, Newest::Damaged(damage)));
     }
-    // The first commit has an empty slot beside its own.
+    // After the first commit, the other slot is empty.
     let other = slots[usize::from(!meta.sequence.is_multiple_of(2))];
     let is_lost = match other {
         Slot::Whole(_) => false,
@@ -96,14 +96,14 @@ pub(super) fn find_newest(path: &Path, bytes: Box<dyn ReadBackend>) -> Result<Lo
     let backend = extents.into_backend();
     Ok(match next {
         Ok(Some(next)) => Look::Found(backend, next, Newest::BehindSlot),
-        // It was the older slot that was lost.
+        // The older slot was lost.
         Ok(None) => Look::Found(backend, meta, Newest::Good),
         Err(error @ (Error::Io { .. } | Error::NotFetched)) => return Err(error),
         Err(error) => Look::Found(backend, meta, Newest::Damaged(texts(error))),
     })
 }
 
-/// Makes sure that the commit of a slot is there.
+/// Checks that the commit of a slot exists.
 fn read(extents: &mut Extents, meta: &Meta, length: u64) -> Result<()> {
     if meta.end > length {
         let found = format!("{length} bytes");
@@ -121,7 +121,7 @@ fn read(extents: &mut Extents, meta: &Meta, length: u64) -> Result<()> {
     Ok(())
 }
 
-/// The commit that was written behind another one: all its extents must be whole.
+/// Finds the commit that was written after another one. All its extents must be intact.
 fn find_next(extents: &Extents, last: &Meta) -> Result<Option<Meta>> {
     let mut start = last.end.next_multiple_of(PAGE);
     let mut damaged = None;
@@ -131,9 +131,9 @@ fn find_next(extents: &Extents, last: &Meta) -> Result<Option<Meta>> {
             damaged = damaged.or(Some(error));
         } else if extent.kind == ExtentKind::Commit as u8 {
             let commit = Commit::read(extents, start)?;
-            // Invariant: a commit names the one before it, and is the next in sequence. What an edit that was
-            // given up has left behind the last commit is not chained like this, however whole it is, and
-            // comes back to nobody.
+            // Invariant: a commit refers to the one before it and is the next in sequence. What a
+            // cancelled edit left after the last commit does not have these links, even if it is
+            // intact, and is never restored.
             let follows =
                 commit.previous == last.commit && commit.sequence == last.sequence.saturating_add(1);
             return match damaged {
@@ -147,7 +147,7 @@ fn find_next(extents: &Extents, last: &Meta) -> Result<Option<Meta>> {
     Ok(None)
 }
 
-/// The texts of an error about damage.
+/// Returns the strings of an error about corruption.
 fn texts(error: Error) -> [String; 3] {
     match error {
         Error::Corrupt { place, found, expected, .. } => [place, found, expected],

@@ -1,7 +1,27 @@
-//! Packed extents: the records of commits that are history, in fewer bytes.
+//! Packed extents: compressed records of the commits that are history.
 //!
-//! The records of such an extent are told by their numbers: the address of the first is that of the extent's first byte behind its head, that of the next
-//! one byte more, and so on. So pointers, and what finds an extent by an address, are those of records that are not packed.
+//! A packed record has no bytes of its own in the file. Its address is the offset of the extent's
+//! payload plus the record's number in the extent. Pointers and the search for an extent by address
+//! therefore work as for plain records. The payload of a packed extent (after the 32-byte head, see
+//! [`extents`](super::extents)), with little-endian integers:
+//!
+//! ```text
+//! 4 bytes: size of all records when decoded, at most 2^20
+//! 2 bytes: record count, 1 to 480
+//! 1 byte: codec, 0 plain or 1 packed
+//! 1 byte: padding, 0
+//! 48 bytes: header of the tree that all records belong to
+//! codec 0:                                   codec 1:
+//!   4 bytes per record: its offset, counted    output of `pack_runs` for the runs, and these
+//!     from byte 56 of the payload              side bytes per record with pointers:
+//!   records, contiguous                          bitmap of the pointers
+//!                                                LEB128 per pointer: distance, zigzag, from the
+//!                                                  expected address
+//!                                                LEB128: zone length, then the zone, if any
+//! ```
+//!
+//! The expected address of the first pointer is the record's own, and of each further pointer the
+//! target of the pointer before plus 1. `formats.md` (section 41) is the specification.
 
 use std::sync::Arc;
 
@@ -15,23 +35,22 @@ use spinney_base::value::Value;
 use spinney_container::{FileHeader, Header};
 use spinney_packing::{Damage, Run, RunForm, UnpackedRuns, may_unpack, pack_runs, unpack_runs};
 
-/// Bits of the bytes of a packed extent's records, when they are unpacked.
+/// Base-2 logarithm of an upper bound of an extent's decoded bytes.
 const PLAIN_BITS: u32 = 21;
-/// Bytes of these at most.
+/// Maximum decoded size of an extent's records in bytes.
 const MAX_PLAIN: usize = 1 << (PLAIN_BITS - 1);
-/// Records of an extent at most. Invariant: all their addresses lie in the sector that the extent's head is in, so that nothing among
-/// packed bytes is ever taken for a head.
+/// Maximum record count of an extent. Invariant: all record addresses are in the same sector as the
+/// extent's head, so a search by address never takes packed bytes for a head.
 const MAX_RECORDS: usize = SECTOR as usize - HEAD_SIZE;
 
-/// Bytes before the records: how many they are when they are unpacked, how many records, whether they are packed, and the header of
-/// their tree.
+/// Bytes before the records: decoded size, record count, codec, and the header of the tree.
 const START: usize = 8 + HEADER;
 const HEADER: usize = 48;
 
-/// Bytes before unpacked records, of each record: where it starts.
+/// Size in bytes of a record's offset in the table before decoded records.
 const PLACE: usize = 4;
 
-/// Anything by which the packed extents of a file are read.
+/// Reader of a file's packed extents.
 pub(super) struct PackedExtents {
     header: FileHeader,
     run_levels: u8,
@@ -43,8 +62,8 @@ impl PackedExtents {
         PackedExtents { header: *header, run_levels, unpacked: Unpacked::new(access, PLAIN_BITS) }
     }
 
-    /// The bytes from a record on, up to the end of its extent, which starts at `start` and has these bytes behind its head. What is wrong is
-    /// told in words.
+    /// Returns the bytes from the record at `address` to the end of its extent, which starts at
+    /// `start` and has this payload. An error is what was found, in words.
     pub(super) fn record(
         &self,
         start: u64,
@@ -65,7 +84,7 @@ impl PackedExtents {
         Ok(held.part(at.min(end)..end))
     }
 
-    /// The records of an extent, behind the places where they start.
+    /// Decodes the records of an extent, preceded by their offset table.
     fn unpack(&self, start: u64, head: PackedHead, payload: &[u8]) -> Result<Vec<u8>, &'static str> {
         let packed = &payload[START..];
         let header: &[u8; HEADER] = payload[8..START].first_chunk().expect("as long as it is");
@@ -81,7 +100,7 @@ impl PackedExtents {
         }
         let layout = PointeredLayout::new(header.form, self.run_levels, header.depth());
         let form = run_form(&header, self.run_levels);
-        // (What is beside runs takes no more than twice what it becomes.)
+        // (The bytes other than runs take at most twice the size of their decoded form.)
         let unpacked = unpack_runs(&form, head.records, 2 * head.plain, packed);
         let UnpackedRuns { runs, beside } = unpacked.map_err(|Damage(what)| what)?;
         let mut records = Records::default();
@@ -104,27 +123,27 @@ impl PackedExtents {
     }
 }
 
-/// The place of a record, which is a number at the beginning of some bytes.
+/// Returns the record offset at the start of `bytes`.
 fn place(bytes: &[u8]) -> usize {
     bytes.first_chunk().map_or(0, |four| u32::from_le_bytes(*four) as usize)
 }
 
-/// The meaning of runs of a tree.
+/// Returns how to interpret the runs of a tree.
 fn run_form(header: &Header, run_levels: u8) -> RunForm {
     RunForm { form: header.form, rule: header.rule, kind: header.kind, reach: run_levels }
 }
 
-/// The start of a packed extent's bytes.
+/// Fields at the start of a packed extent's payload.
 #[derive(Clone, Copy)]
 struct PackedHead {
-    /// Bytes of the records when they are unpacked.
+    /// Decoded size of the records in bytes.
     plain: usize,
     records: usize,
     is_packed: bool,
 }
 
 impl PackedHead {
-    /// `None` if the numbers cannot be.
+    /// Reads the fields, or returns `None` if one is out of range.
     fn read(payload: &[u8]) -> Option<PackedHead> {
         let (start, rest) = payload.split_at_checked(START)?;
         let plain = u32::from_le_bytes(start[..4].try_into().ok()?) as usize;
@@ -139,16 +158,16 @@ impl PackedHead {
         is_good.then_some(head)
     }
 
-    /// Bytes of the records when they are unpacked, and of the places where they start.
+    /// Returns the decoded size of the records and of their offset table in bytes.
     fn all(self) -> usize {
         self.plain + self.records * PLACE
     }
 }
 
-/// Records as they are when they are unpacked.
+/// Decoded records.
 #[derive(Default)]
 struct Records {
-    /// Where each starts.
+    /// Offset of each record in `bytes`.
     starts: Vec<u32>,
     bytes: Vec<u8>,
 }
@@ -173,7 +192,8 @@ impl Records {
         &self.bytes[self.starts[number] as usize..end]
     }
 
-    /// The places where records start, counted from the first of these bytes on, and the records.
+    /// Returns the offset table, whose offsets count from the table's start, followed by the
+    /// records.
     fn to_bytes(&self) -> Vec<u8> {
         let before = self.starts.len() * PLACE;
         let places = self.starts.iter().flat_map(|start| (before as u32 + start).to_le_bytes());
@@ -181,45 +201,45 @@ impl Records {
     }
 }
 
-/// An extent of packed records that is being made.
+/// Packed extent in progress.
 pub(super) struct PackedWriter {
     header: Header,
     run_levels: u8,
     layout: PointeredLayout,
-    /// Where the extent starts in the file.
+    /// Offset of the extent in the file.
     start: u64,
     heights: Vec<u8>,
     records: Records,
-    /// Pointers and zones, as they are packed.
+    /// Encoded pointers and zones: the bytes that are not in runs.
     beside: Vec<u8>,
 }
 
 impl PackedWriter {
-    /// Starts extents of records of a tree.
+    /// Creates a writer for records of a tree.
     pub(super) fn new(header: &Header, run_levels: u8) -> PackedWriter {
         let layout = PointeredLayout::new(header.form, run_levels, header.depth());
         let (heights, records, beside) = (Vec::new(), Records::default(), Vec::new());
         PackedWriter { header: header.clone(), run_levels, layout, start: 0, heights, records, beside }
     }
 
-    /// Turns to records of another tree; there must be none of the one before.
+    /// Switches to records of another tree. No record of the tree before may be pending.
     pub(super) fn set_tree(&mut self, header: &Header) {
         debug_assert!(self.is_empty());
         self.layout = PointeredLayout::new(header.form, self.run_levels, header.depth());
         self.header = header.clone();
     }
 
-    /// Whether there is no record yet.
+    /// Returns whether there is no record yet.
     pub(super) fn is_empty(&self) -> bool {
         self.heights.is_empty()
     }
 
-    /// Whether the next record is to be in another extent.
+    /// Returns whether the next record must go to another extent.
     pub(super) fn is_full(&self) -> bool {
         self.records.bytes.len() > FULL_EXTENT || self.heights.len() == MAX_RECORDS
     }
 
-    /// Adds a record to the extent, which starts at `start`, and tells its address.
+    /// Adds a record to the extent, which starts at `start`, and returns the record's address.
     pub(super) fn push(&mut self, start: u64, record: NewRecord<'_>) -> u64 {
         let NewRecord { height, representative, pointers, run, zone } = record;
         let address = start + (HEAD_SIZE + self.heights.len()) as u64;
@@ -234,13 +254,13 @@ impl PackedWriter {
         address
     }
 
-    /// The bytes from a record on that is in the extent.
+    /// Returns the bytes of the pending record at `address`.
     pub(super) fn record(&self, address: u64) -> Option<&[u8]> {
         let number = address.checked_sub(self.start + HEAD_SIZE as u64)? as usize;
         (number < self.heights.len()).then(|| self.records.of(number))
     }
 
-    /// The bytes behind the head of the extent, which has its records; the next one has none yet.
+    /// Returns the payload of the extent with its records, and resets the writer.
     pub(super) fn finish(&mut self) -> Vec<u8> {
         let records = std::mem::take(&mut self.records);
         let run = |(number, height): (usize, &u8)| {
@@ -262,7 +282,7 @@ impl PackedWriter {
             bytes.extend_from_slice(&self.header.to_bytes());
             bytes
         };
-        // (Nobody has to pack what nobody may unpack.)
+        // (Fall back to codec 0 where a reader would reject the packed form.)
         let packed = packed.map(|packed| [head(true), packed].concat());
         let packed = packed.filter(|packed| PackedHead::read(packed).is_some());
         let bytes = packed.unwrap_or_else(|| [head(false), records.to_bytes()].concat());
@@ -272,7 +292,9 @@ impl PackedWriter {
     }
 }
 
-/// Appends the pointers of a record: which nodes have one, then how far the first target is back, and how far each other one is from behind the one before.
+/// Appends a record's pointers: the bitmap, then for each target its signed distance from the
+/// expected address. That is the record's own for the first target, and else the target before
+/// plus 1.
 fn put_pointers(
     bytes: &mut Vec<u8>,
     layout: &PointeredLayout,
@@ -288,7 +310,7 @@ fn put_pointers(
     }
 }
 
-/// Takes such pointers from the beginning of some bytes. `None` if they do not lead back.
+/// Decodes such pointers and advances `bytes`. Returns `None` if they do not lead back.
 fn take_pointers(
     bytes: &mut &[u8],
     layout: &PointeredLayout,
@@ -310,7 +332,8 @@ fn take_pointers(
     Some(Pointers { bitmap, targets: targets.collect::<Option<_>>()? })
 }
 
-/// Takes the zone of a record of some height, if it has one, from the beginning of some bytes. `None` if it breaks off.
+/// Decodes the zone of a record of `height`, if it has one, and advances `bytes`. Returns `None` if
+/// the bytes end early.
 fn take_zone<'b>(bytes: &mut &'b [u8], layout: &PointeredLayout, height: u8) -> Option<&'b [u8]> {
     if !layout.heights.has_zone(height) {
         return Some(&[]);

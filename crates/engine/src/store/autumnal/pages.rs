@@ -1,10 +1,10 @@
-//! The places at which parts of a file may begin.
+//! Alignment of a file's pages and extents.
 
-/// Extents start at multiples of this: a sector, which disks write whole or not at all.
+/// Alignment of extents in bytes: a sector, which disks write entirely or not at all.
 pub(super) const SECTOR: u64 = 512;
-/// Commits start at multiples of this, so that no page with older bytes is written again.
+/// Alignment of commits in bytes. A page with older bytes is therefore never written again.
 pub(super) const PAGE: u64 = 4096;
-/// Offset of the first extent: behind the header's page and those of the two meta slots.
+/// Offset of the first extent: after the header page and the two meta slots.
 pub(super) const FIRST_EXTENT: u64 = 3 * PAGE;
 
 const _: () = assert!(FIRST_EXTENT.is_multiple_of(PAGE));

@@ -1,4 +1,4 @@
-//! Hands out what is in a box of cells: uniform blocks, and runs of records.
+//! Yields the contents of a box of cells: uniform blocks and runs of records.
 
 use super::extents::ByteAccess;
 use super::node::AutumnalNode;
@@ -11,23 +11,23 @@ use spinney_base::value::Value;
 use spinney_base::{Error, Result};
 use spinney_container::{INNER, LEAF, VOID};
 
-/// A part of a box of cells.
+/// Content of a part of a box.
 pub enum Piece<'r> {
-    /// A uniform block, or a node at the level of the cells.
+    /// Uniform block, or a node at the level of the cells.
     Uniform(Value),
-    /// Records of a node and of all that is below it, and levels from the node down to the cells; and what to say if they
-    /// contradict each other.
+    /// Run of a node, levels from the node down to the cells, and the error to return if the run
+    /// contradicts itself.
     Run(&'r [u8], u8, &'r dyn Fn() -> Error),
 }
 
-/// Takes pieces with the box of their cells, which may stick out of that which was asked for.
+/// Visitor of fragments and their boxes, which may extend beyond the requested box.
 type EachPiece<'a> = dyn FnMut(&Bounds, Piece<'_>) -> Result<()> + 'a;
 
 impl Autumnal {
-    /// Hands out the pieces that a box of cells of a level is made of, but for those that are VOID.
+    /// Passes the fragments of a box of cells at `level` to `each`, except for VOID ones.
     ///
     /// # Errors
-    /// If the file is damaged there, or `each` fails.
+    /// If the file is corrupt there, or `each` fails.
     pub fn pieces(&self, level: u8, bounds: &Bounds, each: &mut EachPiece<'_>) -> Result<()> {
         let space = Bounds::space(self.layout().form.dimension, level);
         match self.root_child() {
@@ -39,7 +39,8 @@ impl Autumnal {
         }
     }
 
-    /// The pieces below a node with a record, so many levels above the cells, whose cells are `space`.
+    /// Visits the fragments below a node with a record. The node is `levels` levels above the
+    /// cells, and `space` is its box.
     fn pieces_below<'a, A: ByteAccess<'a>>(
         &self,
         access: A,
@@ -53,7 +54,7 @@ impl Autumnal {
             let bad_run = || self.bad_run(node.address);
             return each(space, Piece::Run(record.run(), levels, &bad_run));
         };
-        // Levels between nodes with records.
+        // Levels to the next nodes with records.
         let stride = record.height - below;
         let dimension = layout.form.dimension;
         let mut open = vec![(RunNode::default(), 0, *space)];
@@ -72,7 +73,7 @@ impl Autumnal {
                     if child.state == LEAF {
                         each(&space, Piece::Uniform(child.value))?;
                     } else if above > 0 {
-                        // (Nothing is cut off above the run's bottom.)
+                        // (Only the bottom level of a run has CUT children.)
                         if child.state != INNER {
                             return Err(self.bad_run(node.address));
                         }

@@ -1,4 +1,4 @@
-//! Reads one commit of an Autumnal file.
+//! Reads a commit of an Autumnal file.
 
 use std::cell::Cell;
 use std::ops::Deref;
@@ -21,10 +21,11 @@ use spinney_base::value::Value;
 use spinney_base::{Error, Result};
 use spinney_container::{FileReference, Header, INNER, LEAF, Metadata, OpenOptions, VOID};
 
-/// A layer in one commit of an Autumnal file, open for reading; may be shared by any number of threads.
+/// A layer in a commit of an Autumnal file, open for reading. Any number of threads may share it.
 ///
-/// It stays as it is whatever a writer adds to the file; [`Autumnal::refresh`] moves on. Every extent is
-/// checked before something of it is used: a damaged file gives an error, never a crash.
+/// It does not change when a writer appends to the file; [`Autumnal::refresh`] moves to the newest
+/// commit. Every extent is checked before any of its bytes are used, so a corrupt file gives an
+/// error and never a crash.
 pub struct Autumnal {
     pub(super) archive: Archive,
     pub(super) commit: Commit,
@@ -34,51 +35,51 @@ pub struct Autumnal {
     layout: PointeredLayout,
     metadata: Metadata,
     root: Child<AutumnalNode>,
-    /// Path and options it was opened with, to see whether there is something newer; nothing for other than
-    /// files.
+    /// Path and options to check for a newer commit; `None` if the tree stays at its commit or is
+    /// not from a file.
     opened: Option<(PathBuf, OpenOptions)>,
 }
 
-/// Records that a tree may have to be walked as a whole, those of shared subtrees counted as often as they
-/// occur: a small file can say of any number of nodes that they are equal, and take for ever.
+/// Maximum number of records for traversing a whole tree. Records of shared subtrees count once per
+/// occurrence: a small file can declare any number of nodes equal, and a traversal would never end.
 pub(super) const MAX_RECORDS: u64 = 1 << 36;
 
-/// Bytes of the number of records at a zone's start at most (and a few more).
+/// Bytes to read for the record count at a zone's start (its maximum size is a few bytes less).
 const ZONE_RECORDS: usize = 16;
 
-/// Bytes that are read first of a record, whose length is not known.
+/// First read of a record in bytes; its length is unknown.
 const FIRST_RECORD_READ: usize = 1024;
 
-/// Bytes that are read first of a zone, whose length is not known.
+/// First read of a zone in bytes; its length is unknown.
 const FIRST_ZONE_READ: usize = 256;
 
-/// A record as it stands in the file.
+/// A record in its stored form.
 pub(super) struct PointeredRecord<B> {
     pub(super) address: u64,
     /// Height of the record's own node.
     pub(super) height: u8,
-    /// From the record's first byte on, at least all but the zone.
+    /// Bytes from the start of the record, at least up to its zone.
     pub(super) bytes: B,
     pub(super) parts: RecordParts,
 }
 
 impl<B: Deref<Target = [u8]>> PointeredRecord<B> {
-    /// The levels below the record's node.
+    /// Returns the levels below the record's node.
     #[inline]
     pub(super) fn run(&self) -> &[u8] {
         self.parts.run(&self.bytes)
     }
 }
 
-/// One that was asked for by itself.
+/// A record that was read individually.
 type OneRecord<'a> = PointeredRecord<FileBytes<'a>>;
 
 impl Autumnal {
-    /// Opens a commit of a file: `map.autumn@12` is the twelfth, `map.autumn` the newest; and `map.autumn:NAME` a layer, the first if
-    /// none is named.
+    /// Opens a commit of a file. `map.autumn@12` is the commit with number 12, `map.autumn` the
+    /// newest one. `map.autumn:NAME` is a layer; the first layer is the default.
     ///
     /// # Errors
-    /// If it cannot be read, is no Autumnal file, is damaged, or has no such commit.
+    /// If it cannot be read, is not an Autumnal file, is corrupt, or has no such commit.
     pub fn open(path: &Path, options: &OpenOptions) -> Result<Autumnal> {
         let place = FileReference::of(path);
         Autumnal::of_opened(&place, options.open_with_id(&place.file)?, options)
@@ -94,7 +95,7 @@ impl Autumnal {
         options: &OpenOptions,
     ) -> Result<Autumnal> {
         let FileReference { file: path, commit: number, .. } = place;
-        // If a writer was too fast, the file is opened again by its name.
+        // If a writer was active, the file is opened again by its name.
         let first = Cell::new(Some(opened));
         let open = || first.take().map_or_else(|| options.open_with_id(path), Ok);
         let archive = Archive::open(path, &open, options)?;
@@ -106,12 +107,12 @@ impl Autumnal {
         Ok(tree)
     }
 
-    /// How the file was opened.
+    /// Returns the options that the file was opened with.
     pub fn access(&self) -> &FileAccess {
         &self.archive.access
     }
 
-    /// Opens the newest commit of a file that is in memory.
+    /// Opens the newest commit of a file in memory.
     ///
     /// # Errors
     /// As [`Autumnal::open`].
@@ -121,7 +122,7 @@ impl Autumnal {
         Autumnal::new(archive, commit, 0)
     }
 
-    /// A layer in a commit of an open file.
+    /// Opens a layer in a commit of an open file.
     ///
     /// # Panics
     /// If there is no layer of that number.
@@ -133,10 +134,10 @@ impl Autumnal {
         Autumnal::with_metadata(archive, commit, number, metadata)
     }
 
-    /// Another layer of the same commit.
+    /// Opens another layer of the same commit.
     ///
     /// # Errors
-    /// If it is damaged.
+    /// If it is corrupt.
     ///
     /// # Panics
     /// If there is no layer of that number.
@@ -146,25 +147,25 @@ impl Autumnal {
         Ok(tree)
     }
 
-    /// The header of each layer of the commit.
+    /// Returns the header of each layer of the commit.
     ///
     /// # Errors
-    /// If one is damaged.
+    /// If one is corrupt.
     pub(crate) fn layer_headers(&self) -> Result<Vec<Header>> {
         self.commit.layers.iter().map(|layer| self.archive.layer_header(layer)).collect()
     }
 
-    /// The number of this layer in its commit.
+    /// Returns the number of this layer in its commit.
     pub fn layer_number(&self) -> usize {
         self.number
     }
 
-    /// This layer, as the commit has it.
+    /// Returns this layer's entry in the commit.
     pub(super) fn layer(&self) -> &CommitLayer {
         &self.commit.layers[self.number]
     }
 
-    /// A layer in a commit of an open file whose metadata are known.
+    /// Opens a layer in a commit of an open file, with known metadata.
     pub(super) fn with_metadata(
         archive: Archive,
         commit: Commit,
@@ -182,7 +183,7 @@ impl Autumnal {
         let root = match *state {
             VOID => Child::Void,
             LEAF => Child::Leaf(value()?),
-            // (Children of a cell would lie outside of everything.)
+            // (Children of a cell would lie outside of the space.)
             INNER if header.depth() == 0 => {
                 return Err(corrupt("an INNER root of a tree that is one cell".into(), "VOID or LEAF"));
             }
@@ -195,19 +196,19 @@ impl Autumnal {
         Ok(Autumnal { archive, commit, number, header, layout, metadata, root, opened: None })
     }
 
-    /// Moves on to the newest commit, if there is a newer one; tells whether. Trees opened at a certain
-    /// commit stay there.
+    /// Moves to the newest commit if there is a newer one, and returns whether it did. Trees that
+    /// were opened at a certain commit stay there.
     ///
     /// # Errors
-    /// If the file cannot be read; the tree stays as it was then.
+    /// If the file cannot be read. The tree is unchanged then.
     pub fn refresh(&mut self) -> Result<bool> {
         let Some((path, options)) = &self.opened else { return Ok(false) };
-        // (Where the system does not tell files apart, there is only the commit to go by.)
+        // (If the system cannot distinguish files, the slot alone decides.)
         let Archive { meta, file, .. } = self.archive;
         let is_same = |other_meta, other: FileId| other_meta == meta && (other == file || other.is_unique());
         let (bytes, current) = options.open_with_id(path)?;
         let slots = slots(&*bytes)?;
-        // (The newest commit may be behind a slot that is damaged.)
+        // (The newest commit may be one whose slot is corrupt.)
         let is_whole = !slots.contains(&Slot::Damaged);
         if is_whole && whole(&slots).first().is_some_and(|newest| is_same(*newest, current)) {
             return Ok(false);
@@ -230,53 +231,55 @@ impl Autumnal {
         Ok(is_newer)
     }
 
-    /// The file, for messages.
+    /// Returns the file's path, for messages.
     pub fn path(&self) -> &Path {
         &self.archive.extents.path
     }
 
-    /// The file's header; the shape is that of the Goblin file that would be published.
+    /// Returns the layer's header. Its shape is that of the Goblin file that publishing would
+    /// write.
     pub fn header(&self) -> &Header {
         &self.header
     }
 
-    /// Georeference, meaning and provenance of the data.
+    /// Returns georeference, meaning and provenance of the data.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
     }
 
-    /// The commit.
+    /// Returns the commit.
     pub fn commit(&self) -> &Commit {
         &self.commit
     }
 
-    /// INNER nodes of the layer's tree, the shared ones as often as they occur.
+    /// Returns the number of INNER nodes of the layer's tree. Shared nodes count once per
+    /// occurrence.
     pub fn stored_records(&self) -> u64 {
         self.layer().records
     }
 
-    /// A remark on the file that whoever reads it should know: that its newest commit was not found where it
-    /// should be.
+    /// Returns a remark on the file for its users, if its newest commit was not found through its
+    /// own slot.
     pub fn remark(&self) -> Option<&'static str> {
         self.archive.remark()
     }
 
-    /// Whether equal subtrees are stored once.
+    /// Returns whether equal subtrees are stored once.
     pub fn is_shared(&self) -> bool {
         self.archive.form.share
     }
 
-    /// Makes sure that the file still has the commit, and those before it: that it reaches to the commit's end,
-    /// and its newest commit is no older.
+    /// Checks that the file still has the commit and those before it: that it extends to the
+    /// commit's end, and that its newest commit is not older.
     ///
     /// # Errors
-    /// If that is not so: somebody has overwritten the file, or cut it short.
+    /// If the file was overwritten or truncated.
     pub fn check_unchanged(&self) -> Result<()> {
         self.archive.check_unchanged()
     }
 
-    /// Queries the host of a remote file whether it still is the version that was opened: one with more commits is another one, of
-    /// which nothing is read.
+    /// Queries the host of a remote file whether the file is still the version that was opened. A
+    /// file with more commits is another version, of which nothing is read.
     ///
     /// # Errors
     /// If it is not, or the host does not respond.
@@ -284,17 +287,17 @@ impl Autumnal {
         self.archive.extents.check_remote()
     }
 
-    /// Version of the file when it was opened; `None` of one in memory.
+    /// Returns the file version at the time of opening, or `None` for a file in memory.
     pub fn version(&self) -> Option<&FileStat> {
         self.archive.extents.version.as_ref()
     }
 
-    /// Bytes of the whole file.
+    /// Returns the size of the file in bytes.
     pub fn file_size(&self) -> u64 {
         self.archive.extents.file_size()
     }
 
-    /// Name and bytes of each part of the file, in order.
+    /// Returns name and size in bytes of each section of the file, in order.
     pub fn sections(&self) -> Vec<(&'static str, u64)> {
         let end = self.archive.extents.end;
         let commits = if self.archive.form.is_packed { "commits, packed history" } else { "commits" };
@@ -336,7 +339,7 @@ impl Autumnal {
         self.bad_record(address, "a run that contradicts itself", "records that fit together")
     }
 
-    /// The record that has a node.
+    /// Reads the record that contains a node.
     pub(super) fn record(&self, node: AutumnalNode) -> Result<OneRecord<'_>> {
         Ok(match self.extents().mapped() {
             Some(mapped) => {
@@ -347,7 +350,7 @@ impl Autumnal {
         })
     }
 
-    #[inline(always)] // the heart of every descent
+    #[inline(always)] // hot path of every descent
     pub(super) fn record_in<'a, A: ByteAccess<'a>>(
         &self,
         access: A,
@@ -360,7 +363,7 @@ impl Autumnal {
             let bytes = access.bytes(address, most)?;
             match self.layout().parts(&bytes, height) {
                 Ok(parts) => return Ok(PointeredRecord { address, height, bytes, parts }),
-                // (What is read does not get shorter, and no record is longer than its parts say.)
+                // (Repeated reads do not get shorter, and no record is longer than its fields say.)
                 Err(BadRecord::Short(needed)) if needed > most && bytes.len() >= most => most = needed,
                 Err(BadRecord::Short(_)) => return Err(self.cut_short(address)),
                 Err(BadRecord::Wrong) => {
@@ -370,13 +373,13 @@ impl Autumnal {
         }
     }
 
-    /// The representative of a node with a record of its own.
+    /// Returns the representative of a node with a record of its own.
     pub(super) fn representative(&self, node: AutumnalNode) -> Result<Value> {
         let bytes = self.extents().bytes(node.address, self.layout().width())?;
         self.layout().representative(&bytes).ok_or_else(|| self.cut_short(node.address))
     }
 
-    /// The node that the pointer with a number leads to, if there is one.
+    /// Returns the node that pointer `number` leads to, if there is one.
     #[inline]
     pub(super) fn follow<B>(&self, record: &PointeredRecord<B>, number: usize) -> Result<Option<AutumnalNode>>
     where
@@ -398,16 +401,17 @@ impl Autumnal {
         self.bad_record(address, "an INNER node without a pointer", "one to its record")
     }
 
-    /// The root: its state, its value or representative, and its record.
+    /// Returns the root: its state, value or representative, and node.
     pub fn root_child(&self) -> Child<AutumnalNode> {
         self.root
     }
 
-    /// The value of a node (a cell, or a block at coarse detail): its own, or that of the LEAF it lies in;
-    /// `None` is VOID. One record for each level.
+    /// Returns the value of a node (a cell, or a block at coarse detail): its own, or that of the
+    /// LEAF that contains it. `None` is VOID. Reads one record for every two levels on the way to
+    /// it.
     ///
     /// # Errors
-    /// If the file is damaged there.
+    /// If the file is corrupt there.
     pub fn value_at(&self, code: Code) -> Result<Option<Value>> {
         match self.extents().mapped() {
             Some(mapped) => self.value_in_access(mapped, code),
@@ -435,7 +439,7 @@ impl Autumnal {
                     node = next;
                     continue;
                 }
-                // It is uniform, as the run has it.
+                // The node is uniform or within a uniform one, and the run has its value.
                 return match self.descend(&record, code.ancestor(to)) {
                     Descent::Void => Ok(None),
                     Descent::Leaf(value) => Ok(Some(value)),
@@ -459,13 +463,13 @@ impl Autumnal {
         }
     }
 
-    /// Goes down to a node in the run of a record.
+    /// Descends to a node in the run of a record.
     #[inline]
     fn descend<B: Deref<Target = [u8]>>(&self, record: &PointeredRecord<B>, code: Code) -> Descent {
         (self.layout().descend)(record.run(), 0, self.header().depth() - record.height, code)
     }
 
-    /// The INNER node with a code, if it is one with a record of its own.
+    /// Returns the INNER node with a code, if it has a record of its own.
     pub(super) fn inner_at(&self, code: Code) -> Result<Option<AutumnalNode>> {
         let Child::Inner { mut node, .. } = self.root else { return Ok(None) };
         let depth = self.header().depth();
@@ -487,7 +491,7 @@ impl Autumnal {
         Ok(Some(node))
     }
 
-    /// Bytes of a node's zone, and what is behind, up to `most`.
+    /// Returns the bytes after a node's record, at most `most`: its zone, and what follows.
     fn behind(&self, node: AutumnalNode, most: usize) -> Result<FileBytes<'_>> {
         let length = self.record(node)?.parts.end;
         let bytes = self.extents().bytes(node.address, length + most)?;
@@ -495,19 +499,20 @@ impl Autumnal {
         Ok(bytes.part(length.min(end)..end))
     }
 
-    /// Whether a node has a zone.
+    /// Returns whether a node has a zone.
     #[inline]
     pub(super) fn is_zone(&self, node: AutumnalNode) -> bool {
         node.has_record() && self.heights().has_zone(node.height)
     }
 
-    /// The zone of a node, if it has one.
+    /// Reads the zone of a node, if it has one.
     pub(super) fn zone(&self, node: AutumnalNode) -> Result<Option<Zone>> {
         if !self.is_zone(node) {
             return Ok(None);
         }
         let header = self.header();
-        // A zone does not tell its length. Those without classes are short; of the others ever more is read.
+        // A zone does not store its length. Zones without classes are short; for the others, each
+        // read is longer than the last.
         let mut most = FIRST_ZONE_READ;
         loop {
             let bytes = self.behind(node, most)?;
@@ -519,12 +524,13 @@ impl Autumnal {
         }
     }
 
-    /// Whether a node's zone has these bytes.
+    /// Returns whether a node's zone equals these bytes.
     pub(super) fn has_zone(&self, node: AutumnalNode, zone: &[u8]) -> Result<bool> {
         Ok(self.behind(node, zone.len())?[..] == *zone)
     }
 
-    /// INNER nodes of a subtree, as its zone says; one of what has none, which is too small to matter.
+    /// Returns the number of INNER nodes of a subtree according to its zone. A subtree without a
+    /// zone counts as one node: it is too small to matter.
     pub(super) fn records_below<'a, A: ByteAccess<'a>>(&self, access: A, node: AutumnalNode) -> Result<u64> {
         if !self.is_zone(node) {
             return Ok(1);
@@ -535,11 +541,11 @@ impl Autumnal {
         claimed.ok_or_else(|| self.bad_zone(node.address))
     }
 
-    /// INNER nodes of the tree, those of shared subtrees as often as they occur, as its root's zone says. (Whoever walks
-    /// it finds out if that is not true.)
+    /// Returns the number of INNER nodes of the tree according to its root's zone. Nodes of shared
+    /// subtrees count once per occurrence. (A traversal detects a wrong number.)
     ///
     /// # Errors
-    /// If the file is damaged.
+    /// If the file is corrupt.
     pub(crate) fn claimed_records(&self) -> Result<u64> {
         match self.root {
             Child::Inner { node, .. } => self.records_below(self.extents(), node),
@@ -547,8 +553,8 @@ impl Autumnal {
         }
     }
 
-    /// Checks that the zone of a node, which has this record, adds up with those of the nodes that it points to: else a
-    /// small file could claim few records and have any number.
+    /// Checks that the zone of a node, whose record is given, is consistent with the zones of the
+    /// nodes that it points to. Otherwise a small file could claim few records and have any number.
     #[inline(never)]
     pub(super) fn check_zone<'a, A: ByteAccess<'a>>(
         &self,
@@ -565,10 +571,11 @@ impl Autumnal {
         for target in targets.ok_or_else(|| self.bad_pointer(record.address))?.targets {
             sum = sum.saturating_add(self.records_below(access, AutumnalNode::new(target, below))?);
         }
-        // A full tree has 1 + c + c^2 ... nodes for c children.
+        // A full tree has 1 + c + c^2 + ... nodes for c children.
         let full = |levels| (dimension.cells(levels) - 1) / (children - 1);
         let most = if !self.heights().has_zone(below) {
-            // Nothing below has a zone: as many as there can be, down to the level above the cells.
+            // Nodes below have no zones: the maximum is a full tree down to the level above the
+            // cells.
             full(node.height)
         } else {
             sum.saturating_add(full(node.height - below))
@@ -581,10 +588,11 @@ impl Autumnal {
         Err(self.bad_record(node.address, &format!("a zone of {claimed} records"), &expected))
     }
 
-    /// INNER nodes of the tree, those of shared subtrees as often as they occur.
+    /// Returns the number of INNER nodes of the tree. Nodes of shared subtrees count once per
+    /// occurrence.
     ///
     /// # Errors
-    /// If there are so many that the tree cannot be walked as a whole, or the file is damaged.
+    /// If there are too many to traverse the tree as a whole, or the file is corrupt.
     pub(crate) fn walkable_records(&self) -> Result<u64> {
         self.root()?;
         Ok(self.layer().records)

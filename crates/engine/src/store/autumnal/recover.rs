@@ -1,4 +1,4 @@
-//! Makes an older commit the newest one of a file whose newest commit is damaged.
+//! Makes an older commit the newest one if a file's newest commit is corrupt.
 
 use std::fs::File;
 use std::path::Path;
@@ -15,19 +15,19 @@ use spinney_base::io::{FileAccess, FileBackend, LockedFile, WriteBackend};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::FileHeader;
 
-/// Makes the commit with a number the newest one, in a file whose newest commit is damaged. What comes behind
-/// it is given up: the next edit writes over it. Returns the commit.
+/// Makes the commit with a number the newest one, in a file whose newest commit is corrupt.
+/// Everything after it is discarded: the next edit overwrites it. Returns the commit.
 ///
-/// Where neither meta slot is whole, the commit is looked for in all of the file.
+/// If neither meta slot is valid, the whole file is searched for the commit.
 ///
 /// # Errors
-/// If the file's newest commit can be read (then [`Editor::revert`](super::Editor::revert) goes back without
-/// losing anything), there is no such commit, it is damaged itself, or as
+/// If the file's newest commit can be read (then [`Editor::revert`](super::Editor::revert) goes
+/// back without losing anything), there is no such commit, it is corrupt itself, or as
 /// [`Editor::open`](super::Editor::open).
 pub fn recover(path: &Path, number: u64, access: &FileAccess, progress: &dyn Progress) -> Result<Commit> {
     let file = File::options().read(true).write(true).open(path).map_err(Error::io(path, "open"))?;
     let file = FileBackend::new(file, path, access);
-    // Nothing is written to what is no Autumnal file.
+    // Check first: never write to a file that is not an Autumnal file.
     FileHeader::read_cells(path, &*file.reader()?)?;
     let mut file = LockedFile::new(file)?;
     file.check_path()?;
@@ -50,10 +50,10 @@ pub fn recover(path: &Path, number: u64, access: &FileAccess, progress: &dyn Pro
     };
     let commit = archive.commit(number)?;
     let slot = slot_of(&archive, &commit)?;
-    // What is to be the newest must be readable itself.
+    // The new newest commit must be readable.
     read_layers(&archive, &commit)?;
-    // The other slot gets the commit before, as if nothing had ever come behind. If this is not done to its
-    // end, the file is as damaged as before.
+    // The other slot gets the commit before, as if there had been no later one. If this is
+    // interrupted, the file is as corrupt as before.
     let other = match commit.previous {
         0 => [0; SLOT_SIZE],
         previous => Meta { sequence: slot.sequence - 1, commit: previous, end: slot.commit }.to_bytes(),
@@ -73,11 +73,11 @@ fn read_layers(archive: &Archive, commit: &Commit) -> Result<()> {
         .try_for_each(|number| Autumnal::new(archive.clone(), commit.clone(), number).map(|_| ()))
 }
 
-/// The meta slot of a commit.
+/// Returns the meta slot of a commit.
 fn slot_of(archive: &Archive, commit: &Commit) -> Result<Meta> {
     let extents = &archive.extents;
     let mut start = archive.meta.commit;
-    // The commit's own place is known to those that come behind it.
+    // Only later commits store the commit's offset.
     loop {
         let here = Commit::read(extents, start)?;
         if here.number == commit.number || here.previous == 0 {
@@ -88,7 +88,7 @@ fn slot_of(archive: &Archive, commit: &Commit) -> Result<Meta> {
     meta_at(extents, start, commit)
 }
 
-/// The slot of the commit whose extent starts at an offset.
+/// Returns the slot of the commit whose extent starts at `start`.
 fn meta_at(extents: &Extents, start: u64, commit: &Commit) -> Result<Meta> {
     let end = extents.extent_at(start)?.map_or(start + 1, |extent| extent.end().next_multiple_of(SECTOR));
     if commit.sequence == 0 {
@@ -97,8 +97,8 @@ fn meta_at(extents: &Extents, start: u64, commit: &Commit) -> Result<Meta> {
     Ok(Meta { sequence: commit.sequence, commit: start, end })
 }
 
-/// Looks for a commit in all of the file: by the heads of its extents as far as these follow each other, else sector by
-/// sector.
+/// Searches the whole file for a commit: by following extent heads while they are contiguous, else
+/// sector by sector.
 fn scan(path: &Path, file: &dyn WriteBackend, number: u64, progress: &dyn Progress) -> Result<Meta> {
     let bytes = file.reader()?;
     let length = bytes.len();
@@ -117,7 +117,7 @@ fn scan(path: &Path, file: &dyn WriteBackend, number: u64, progress: &dyn Progre
         {
             found = Some(meta_at(&extents, start, &commit)?);
         }
-        // (Also if its bytes are damaged: there may be some among them that imitate a commit.)
+        // (Skip the payload even if it is corrupt: it may contain bytes that imitate a commit.)
         start = extent.next_start();
     }
     let expected = "one that is whole";

@@ -1,4 +1,4 @@
-//! Deduplication: finds records that are in the file already.
+//! Deduplication: finds records that the file already has.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -8,53 +8,54 @@ use spinney_base::io::platform::{read_exact_at, write_all_at};
 use spinney_base::{Error, Result};
 use zerocopy::IntoBytes;
 
-/// All records that were written, by 128-bit hashes: an open hash table, which moves to a temporary file where it outgrows its
-/// memory. What it finds is only likely to be the same: the caller compares.
+/// All written records by 128-bit hash: an open-addressing hash table that moves to a temporary
+/// file when it outgrows its memory. Matches are only likely: the caller compares the records.
 ///
-/// Invariant: nothing is forgotten, so that which records are shared, and with them the file's bytes, do not depend on the
-/// memory.
+/// Invariant: no entry is evicted. The set of shared records, and hence the file's bytes, must not
+/// depend on the memory limit.
 pub(super) struct DedupTable {
     slots: Slots,
-    /// Logarithm of the number of slots.
+    /// Base-2 logarithm of the slot count.
     bits: u32,
     count: u64,
-    /// Bytes that may be held in memory.
+    /// Memory limit in bytes.
     memory: u64,
-    /// Of the temporary file.
+    /// Directory of the temporary file.
     folder: PathBuf,
 }
 
-/// 64 bits of a hash, and what is known by it; 0 is nothing.
+/// 64 bits of a hash and its value; a value of 0 marks a free slot.
 type Slot = [u64; 2];
 
-/// Where the slots are.
+/// Storage of the slots.
 enum Slots {
     Memory(Vec<Slot>),
     Spooled(File),
 }
 
-/// Slots that are looked at together.
+/// Slots per read.
 const TOGETHER: usize = 8;
 
-/// Records of one hash that are known at most: there are no two unless somebody made them so.
+/// Maximum number of records per hash. Only deliberate collisions produce even two.
 const ALIKE: usize = 4;
 
-/// Logarithm of the number of slots at the beginning.
+/// Initial base-2 logarithm of the slot count.
 const FIRST_BITS: u32 = 10;
 
 impl DedupTable {
-    /// A table that holds at most so many bytes in memory; what is more goes to a temporary file in a folder.
+    /// Creates a table that holds at most `memory` bytes; a larger one moves to a temporary file in
+    /// `folder`.
     pub(super) fn new(memory: u64, folder: &Path) -> DedupTable {
         let slots = Slots::Memory(vec![[0; 2]; 1 << FIRST_BITS]);
         DedupTable { slots, bits: FIRST_BITS, count: 0, memory, folder: folder.to_path_buf() }
     }
 
-    /// Finds what may be known by a hash.
+    /// Returns the candidates for a hash.
     pub(super) fn find(&self, hash: u128) -> Result<SmallVec<[u64; 1]>> {
         self.look_up(tag(hash)).map(|(found, _)| found)
     }
 
-    /// Remembers something that is not 0 by a hash.
+    /// Adds a nonzero value for a hash.
     pub(super) fn insert(&mut self, hash: u128, known: u64) -> Result<()> {
         debug_assert!(known != 0);
         if 2 * (self.count + 1) > 1 << self.bits {
@@ -68,12 +69,12 @@ impl DedupTable {
         Ok(())
     }
 
-    /// What is known by a tag, and the first free slot behind it.
+    /// Returns the values of a tag and the first free slot after them.
     fn look_up(&self, tag: u64) -> Result<(SmallVec<[u64; 1]>, u64)> {
         let slots = 1u64 << self.bits;
         let mut found = SmallVec::new();
         let mut at = tag >> (64 - self.bits);
-        // (Half of the slots are free.)
+        // (Half of the slots are free, so the loop ends.)
         loop {
             let mut group = [[0; 2]; TOGETHER];
             let group = &mut group[..(slots - at).min(TOGETHER as u64) as usize];
@@ -109,11 +110,11 @@ impl DedupTable {
         Ok(())
     }
 
-    /// Goes over to twice as many slots.
+    /// Doubles the slot count.
     fn grow(&mut self) -> Result<()> {
         let bits = self.bits + 1;
         let bytes = (size_of::<Slot>() as u64) << bits;
-        // (While it grows there are the old slots, too.)
+        // (The old slots exist until the new table is filled.)
         let slots = if bytes + bytes / 2 <= self.memory {
             Slots::Memory(vec![[0; 2]; 1 << bits])
         } else {
@@ -137,12 +138,12 @@ impl DedupTable {
     }
 }
 
-/// The bits of a hash that are kept; the first of them tell the slot.
+/// Returns the stored bits of a hash. The first of them select the slot.
 fn tag(hash: u128) -> u64 {
     (hash >> 64) as u64
 }
 
-/// The hash of a record's content.
+/// Returns the hash of a record's content.
 pub(super) fn hash(content: &[u8]) -> u128 {
     xxhash_rust::xxh3::xxh3_128(content)
 }
@@ -151,7 +152,7 @@ pub(super) fn hash(content: &[u8]) -> u128 {
 mod tests {
     use super::*;
 
-    /// With little memory as with much, all that was remembered is found, and nothing else.
+    /// All entries are found with little memory and with much, and nothing else is.
     #[test]
     fn nothing_is_forgotten() {
         let folder = tempfile::tempdir().unwrap();
@@ -169,7 +170,7 @@ mod tests {
         }
     }
 
-    /// Hashes that are equal, and slots that begin at the end of the table.
+    /// Equal hashes, and probe sequences that wrap around the end of the table.
     #[test]
     fn equal_hashes_are_kept_beside_each_other() {
         let mut table = DedupTable::new(0, Path::new("."));

@@ -1,4 +1,4 @@
-//! Walking a commit: its nodes as a source, and as what is kept or taken over.
+//! A commit's nodes as a source, and as nodes that a writer can keep or reuse.
 
 use super::extents::ByteAccess;
 use super::node::AutumnalNode;
@@ -13,8 +13,8 @@ use spinney_base::{Error, Result};
 use spinney_container::{Header, INNER, LEAF, VOID};
 
 impl Autumnal {
-    /// Writes the children of an inner node as nodes of something that stands on this file: what
-    /// [`Source::children`] does, without a second array for those who have nodes of their own.
+    /// Writes the children of an INNER node as nodes of a source that wraps this file. Equals
+    /// [`Source::children`], but needs no second array for sources with their own node type.
     pub(crate) fn children_with<N>(
         &self,
         node: &AutumnalNode,
@@ -27,7 +27,8 @@ impl Autumnal {
         }
     }
 
-    /// Writes the children of a node to the room's beginning: what walks spend their time on.
+    /// Writes the children of a node to the start of `children`. Traversals spend most of their
+    /// time here.
     #[inline(never)]
     fn children_in<'a, A: ByteAccess<'a>, N>(
         &self,
@@ -79,7 +80,8 @@ impl Source for Autumnal {
     }
 
     /// # Errors
-    /// If the tree has too many records to be walked as a whole, which can only be when they are shared.
+    /// If the tree has too many records to be traversed as a whole, which is only possible if
+    /// subtrees are shared.
     fn root(&self) -> Result<Child<AutumnalNode>> {
         if let Child::Inner { node, .. } = self.root_child() {
             let records = self.records_below(self.extents(), node)?;
@@ -131,7 +133,7 @@ impl ReusableSource for Autumnal {
     }
 }
 
-/// Only what is one run down to the cells: see [`ReusableSource::stored`].
+/// Serves only records that are one run down to the cells: see [`ReusableSource::stored`].
 impl RecordFile for Autumnal {
     fn file_header(&self) -> &Header {
         self.header()

@@ -1,4 +1,4 @@
-//! Nodes that were looked at, so that what commits, or parts of a tree, have in common is looked at once.
+//! Set of verified nodes, so that shared subtrees are verified once.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -11,11 +11,12 @@ use spinney_base::Result;
 use spinney_base::TreeType;
 use spinney_base::value::ZoneStats;
 
-/// Nodes with zones that were looked at, with all that is below them. Those for which there is no room are looked at again.
+/// Nodes with zones that were verified with all their descendants. Nodes that exceed the memory
+/// limit are verified again.
 pub(super) struct Verified(Mutex<Remembered<u64, ()>>);
 
 impl Verified {
-    /// None yet, and room for as many as fit into so many bytes.
+    /// Creates an empty set that may use `memory` bytes.
     pub(super) fn new(memory: u64) -> Verified {
         Verified(Mutex::new(Remembered::new(memory)))
     }
@@ -33,7 +34,8 @@ impl Verified {
     }
 }
 
-/// A tree as a source each record of which is looked at once, so that it may have any number of nodes.
+/// A tree as a source that reads each record once. The number of its nodes is therefore not
+/// limited.
 pub(super) struct Unverified<'a> {
     pub(super) tree: &'a Autumnal,
 }
@@ -50,7 +52,7 @@ impl Source for Unverified<'_> {
     }
 
     fn root(&self) -> Result<Child<AutumnalNode>> {
-        // (However many nodes there are: each record is looked at once.)
+        // (No limit on the node count: each record is read once.)
         Ok(self.tree.root_child())
     }
 

@@ -1,7 +1,7 @@
 //! Verifies a file: every checksum, and every rule of a commit's tree.
 //!
-//! As for Goblin files the rules need no second statement: the tree is built anew from its leaves, and every
-//! record that this would write must be there.
+//! As for Goblin files, the rules are not implemented twice: the tree is rebuilt from its leaves,
+//! and every record that this would write must be present.
 
 use std::collections::HashMap;
 
@@ -17,19 +17,19 @@ use spinney_base::{Error, Progress, Result};
 use spinney_container::{Finding, MAX_FINDINGS};
 
 impl Autumnal {
-    /// Checks every checksum of the file, all its commits, and every rule of their trees: pointers that lead
-    /// to records, representatives and zones that agree with the leaves, no uniform INNER node. What trees,
-    /// and parts of a tree, have in common is looked at once, as far as `memory` allows. Takes about as long
-    /// as building.
+    /// Checks every checksum of the file, all its commits, and every rule of their trees: pointers
+    /// lead to records, representatives and zones agree with the leaves, no INNER node is uniform.
+    /// Subtrees that occur several times, in one tree or several, are checked once as far as
+    /// `memory` (bytes) permits. Takes about as long as building.
     ///
     /// # Errors
-    /// If the file cannot be read, or on interruption. What is wrong with the file is no error but a finding;
-    /// at most 100 are collected.
+    /// If the file cannot be read, or on cancellation. Defects of the file are findings, not
+    /// errors; at most 100 are collected.
     pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         self.verify_trees(true, memory, progress)
     }
 
-    /// Checks as [`Autumnal::verify`] does, but no trees of other commits than this one.
+    /// Checks as [`Autumnal::verify`] does, but skips the trees of other commits.
     ///
     /// # Errors
     /// Those of [`Autumnal::verify`].
@@ -64,7 +64,7 @@ impl Autumnal {
         Ok(findings)
     }
 
-    /// Checks the trees of a commit, but for what was verified already.
+    /// Checks the trees of a commit, except for subtrees that were verified already.
     fn verify_layers(
         &self,
         commit: &Commit,
@@ -78,7 +78,8 @@ impl Autumnal {
                 break;
             }
             let tree = Autumnal::new(self.archive.clone(), commit.clone(), number)?;
-            // Records mean what their layer's header says: what is right in one layer need not be so in another.
+            // The layer's header gives records their meaning: a record that is valid in one layer
+            // may be invalid in another.
             let share = verified.memory / commit.layers.len() as u64;
             let known = verified.layers.entry(layer.header.clone()).or_insert_with(|| Verified::new(share));
             tree.verify_tree(findings, known, memory, progress)?;
@@ -86,10 +87,10 @@ impl Autumnal {
         Ok(())
     }
 
-    /// A slot that is not whole does no harm, but something has damaged it.
+    /// Reports slots that are not valid. Such a slot is harmless, but something has corrupted it.
     fn verify_slots(&self, findings: &mut Vec<Finding>) -> Result<()> {
         for (slot, name) in self.extents().slots()?.into_iter().zip(["first", "second"]) {
-            // (The first commit of a file has an empty slot beside its own.)
+            // (After the first commit of a file, the other slot is empty.)
             if slot == Slot::Damaged || slot == Slot::Empty && self.archive.meta.sequence > 1 {
                 let problem = "is damaged; the next edit writes it anew".into();
                 findings.push(Finding { place: format!("{name} meta slot"), problem });
@@ -98,7 +99,7 @@ impl Autumnal {
         Ok(())
     }
 
-    /// Extents lie one behind the other, those of each commit from a page's start on.
+    /// Checks that extents are contiguous, and that those of each commit start at a page.
     fn verify_extents(&self, findings: &mut Vec<Finding>, progress: &dyn Progress) -> Result<()> {
         let extents = self.extents();
         let mut next = FIRST_EXTENT;
@@ -109,7 +110,7 @@ impl Autumnal {
                 findings.push(Finding { place: format!("extent at {next}"), problem });
                 return Ok(());
             }
-            // (Behind what an edit wrote that was given up, the next commit starts with a page.)
+            // (After the bytes of a cancelled edit, the next commit starts at a page.)
             let (start, extent) = match extents.extent_at(next)? {
                 Some(extent) => (next, Some(extent)),
                 None => (next.next_multiple_of(PAGE), extents.extent_at(next.next_multiple_of(PAGE))?),
@@ -127,8 +128,8 @@ impl Autumnal {
         Ok(())
     }
 
-    /// All commits, the newest first: numbers and sequences count, each leads to the older ones
-    /// that it should, metadata and roots can be read.
+    /// Checks all commits, the newest first: numbers and sequences descend, each refers to the
+    /// correct older commits, metadata and roots can be read.
     fn verify_commits(&self, findings: &mut Vec<Finding>) -> Result<()> {
         let mut next = self.archive.meta.commit;
         let mut after: Option<Commit> = None;
@@ -157,7 +158,7 @@ impl Autumnal {
         Ok(())
     }
 
-    /// The older commit that a commit leads to is the one that it should.
+    /// Checks that a commit's jump leads to the correct older commit.
     fn verify_jump(&self, commit: &Commit) -> Result<()> {
         let extents = self.extents();
         let should = match commit.previous {
@@ -171,7 +172,7 @@ impl Autumnal {
         Err(extents.corrupt("older commit", show(commit.jump), &show(should)))
     }
 
-    /// Checks the commit's tree, but for what was verified already.
+    /// Checks the commit's tree, except for subtrees that were verified already.
     fn verify_tree(
         &self,
         findings: &mut Vec<Finding>,
@@ -207,14 +208,14 @@ impl Autumnal {
     }
 }
 
-/// Records that were verified, by the headers of their layers.
+/// Verified records, by the headers of their layers.
 struct VerifiedLayers {
-    /// Bytes that may be taken.
+    /// Memory limit in bytes.
     memory: u64,
     layers: HashMap<Vec<u8>, Verified>,
 }
 
-/// Collects what is wrong with the file; other errors are errors.
+/// Turns errors about the file's content into findings, and passes other errors on.
 fn add(findings: &mut Vec<Finding>, place: String, found: Result<()>) -> Result<()> {
     match found {
         Err(error @ (Error::Corrupt { .. } | Error::Invalid { .. } | Error::Unsupported { .. })) => {

@@ -1,4 +1,4 @@
-//! Makes a new file of the parts of trees, layer after layer.
+//! Writes a new file from the blocks of trees, layer by layer.
 
 use std::path::Path;
 
@@ -10,8 +10,8 @@ use spinney_base::value::ZoneStats;
 use spinney_base::{Error, Result};
 use spinney_container::{Codec, Header, LevelCounts, Metadata};
 
-/// A file being made, with one commit. It has no time unless one is given, so that the same input makes the same bytes; its message is
-/// where the data come from.
+/// A file in progress, with one commit. The commit has no time unless one is given, so that equal
+/// inputs give equal bytes. Its message lists the sources of the data.
 pub(in crate::store) struct NewFile {
     output: Output,
     /// Levels of the space that the layers share.
@@ -23,12 +23,12 @@ pub(in crate::store) struct NewFile {
 }
 
 impl NewFile {
-    /// A file of layers that have up to so many levels.
+    /// Starts a file of layers with up to `depth` levels.
     pub(in crate::store) fn new(output: Output, depth: u8) -> NewFile {
         NewFile { output, depth, editor: None, time: None, message: Vec::new() }
     }
 
-    /// Makes the next layer of the parts of a tree, which `fill` hands over.
+    /// Writes the next layer from the blocks of a tree that `fill` pushes.
     pub(in crate::store) fn layer(
         &mut self,
         options: &BuildOptions,
@@ -50,7 +50,7 @@ impl NewFile {
             }
         };
         let tally = editor.fill(covered, options, None, fill)?;
-        // Nobody keeps nodes per level up to date when trees are edited.
+        // Edits do not maintain the node counts per level, so none are stored.
         let mut metadata = Metadata { counts: LevelCounts::default(), ..options.metadata.clone() };
         complete(&mut metadata);
         self.time = self.time.or(options.time);
@@ -63,7 +63,7 @@ impl NewFile {
         Ok(tally)
     }
 
-    /// Commits all layers, and puts the file in its place.
+    /// Commits all layers and moves the file to its path.
     pub(in crate::store) fn finish(mut self) -> Result<()> {
         if let Some(mut editor) = self.editor.take() {
             let message = self.message.join("\n");
@@ -73,7 +73,7 @@ impl NewFile {
     }
 }
 
-/// Makes sure that a tree whose segments are to be packed does not become part of an Autumnal file, which has none.
+/// Rejects trees with packed segments: an Autumnal file has no segments.
 pub(super) fn check_plain(header: &Header, path: &Path) -> Result<()> {
     match header.codec {
         Codec::Plain => Ok(()),
@@ -81,14 +81,14 @@ pub(super) fn check_plain(header: &Header, path: &Path) -> Result<()> {
     }
 }
 
-/// The output as something to be written in any order.
+/// Returns the output as a backend for random-access writes.
 pub(super) fn backend(output: &mut Output) -> Result<Box<FileBackend>> {
     let path = output.path().to_path_buf();
     if path.exists() {
         let advice = "edit it (see `spinney edit --help`), or remove it first: its history would be lost";
         return Err(Error::unsupported(&path, "replacing an Autumnal file that is there", advice));
     }
-    // The same holds at the end: an edit of a file that appears meanwhile must not be lost either.
+    // Check again when the file is moved to its path, so that a file created meanwhile is not lost.
     output.keep_existing();
     match output.backend() {
         Some(file) => file.map(Box::new).map_err(Error::io(&path, "open")),

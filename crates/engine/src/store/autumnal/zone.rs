@@ -1,28 +1,31 @@
-//! Zones: statistics of all the cells below a large node, so that edits and questions need not look at them.
+//! Zones: statistics of all cells below a large node, so that edits and queries need not visit
+//! them.
 //!
-//! A zone stands behind the records of large nodes. Numbers are LEB128: seven bits a byte, the lowest first; sums of 16 bytes are zigzag-coded 128-bit numbers, those of 24
-//! bytes three numbers of 64 bits (those of floating samples are the bits of two or three f64).
+//! A zone follows the record of every large node. Integers are LEB128: seven bits per byte, lowest
+//! first. Sums of 16 bytes are zigzag-coded 128-bit integers. Sums of 24 bytes are three 64-bit
+//! integers. Sums of floating-point samples are the bits of two or three `f64`.
 
 use spinney_base::TreeType;
 use spinney_base::value::{Sums, Value, ZoneStats};
 
-/// Number of classes of a zone that has too many to list them.
+/// Class count of a zone with too many classes to list.
 const NOT_COUNTED: u64 = u32::MAX as u64;
 
-/// A zone.
+/// Statistics of a node's cells and records.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Zone {
-    /// INNER nodes of the subtree, its root included; those of shared subtrees as often as they occur.
+    /// INNER nodes of the subtree, including its root. Nodes of shared subtrees count once per
+    /// occurrence.
     pub(super) records: u64,
     pub(super) tally: ZoneStats,
 }
 
-/// Reason why bytes are no zone.
+/// Reason why bytes are not a zone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum BadZone {
-    /// They end too early.
+    /// The bytes end early.
     Short,
-    /// They say something impossible.
+    /// A field has an impossible value.
     Wrong,
 }
 
@@ -55,7 +58,7 @@ impl Zone {
         bytes
     }
 
-    /// Reads the zone of a node of `height` levels from the start of some bytes.
+    /// Decodes the zone of a node of `height` at the start of `bytes`.
     pub(super) fn from_bytes(
         bytes: &[u8],
         form: TreeType,
@@ -84,7 +87,7 @@ impl Zone {
             for channel in 0..usize::from(form.value.channels) {
                 get_sum(rest, sums, channel)?;
             }
-            // Then sums of any zones, added up, cannot overflow.
+            // Checked here, so that adding up zones cannot overflow.
             if !sums.are_possible(cells) {
                 return Err(BadZone::Wrong);
             }
@@ -97,7 +100,7 @@ impl Zone {
             if count > cells {
                 return Err(BadZone::Wrong);
             }
-            // (No more room than the bytes can need: the number may lie.)
+            // (Reserve no more than the bytes can hold: the count is untrusted.)
             let least = width + 1;
             tally.classes.reserve((count as usize).min(rest.len() / least));
             let mut counted = 0u64;
@@ -114,7 +117,7 @@ impl Zone {
     }
 }
 
-/// The first number of a zone.
+/// Decodes a zone's first field, its record count.
 pub(super) fn records(bytes: &mut &[u8]) -> Result<u64, BadZone> {
     get_u64(bytes)
 }
@@ -133,7 +136,7 @@ pub(super) fn put(bytes: &mut Vec<u8>, mut number: u128) {
     bytes.push(number as u8);
 }
 
-/// Appends a number with a sign. Zigzag: small ones of either sign become small ones without one.
+/// Appends a signed integer. Zigzag coding maps small absolute values to small unsigned integers.
 pub(super) fn put_signed(bytes: &mut Vec<u8>, number: i128) {
     put(bytes, (number << 1 ^ number >> 127) as u128);
 }
@@ -148,7 +151,7 @@ fn get(bytes: &mut &[u8]) -> Result<u128, BadZone> {
     for index in 0..19 {
         let (first, rest) = bytes.split_first().ok_or(BadZone::Short)?;
         *bytes = rest;
-        // The last byte has room for the two bits that are left.
+        // The last byte has the two highest bits of 128.
         if index == 18 && *first > 3 {
             return Err(BadZone::Wrong);
         }
@@ -160,7 +163,7 @@ fn get(bytes: &mut &[u8]) -> Result<u128, BadZone> {
     Err(BadZone::Wrong)
 }
 
-/// Appends a sum.
+/// Appends a channel's sum.
 fn put_sum(bytes: &mut Vec<u8>, sums: &Sums, channel: usize) {
     let mut sum = Vec::with_capacity(24);
     sums.write(channel, &mut sum);
@@ -173,7 +176,7 @@ fn put_sum(bytes: &mut Vec<u8>, sums: &Sums, channel: usize) {
     }
 }
 
-/// Reads what [`put_sum`] has appended.
+/// Decodes the output of [`put_sum`].
 fn get_sum(bytes: &mut &[u8], sums: &mut Sums, channel: usize) -> Result<(), BadZone> {
     let mut sum = Vec::with_capacity(24);
     match sums.size() {
@@ -230,7 +233,7 @@ mod tests {
         let (mut bytes, form) = (zone.to_bytes(false), TreeType::new(Dimension::Quad, rgb));
         let found = Zone::from_bytes(&bytes, form, 6, false).unwrap();
         assert_eq!((found.to_bytes(false), found.tally.present), (bytes.clone(), [16, 16, 0, 32]));
-        // More cells with a sample than there are.
+        // More cells with a sample than the node has.
         bytes[4] = 33;
         assert_eq!(Zone::from_bytes(&bytes, form, 6, false), Err(BadZone::Wrong));
         let form = TreeType::new(Dimension::Quad, float);

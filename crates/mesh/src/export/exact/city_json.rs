@@ -1,4 +1,5 @@
-//! Exact models as CityJSON: an object per part, surfaces with holes and semantics, vertices as whole numbers on the grid.
+//! CityJSON export of exact models: an object per part, surfaces with holes and semantics, vertices
+//! as integers on the grid.
 
 use std::io::Write;
 use std::path::Path;
@@ -60,7 +61,8 @@ pub(super) fn write(job: &Job<'_>, mut output: Output) -> Result<ExactSummary> {
     })?;
     let mut open: Option<(Shell, List)> = None;
     let mut next_part = 0;
-    // Starts the objects up to a part, whose level of detail it returns. (Parts without faces are objects without geometry.)
+    // Writes the objects before part `until` and returns the level of detail of the last one.
+    // (Parts without faces are objects without geometry.)
     let mut objects = |until: u32, text: &mut dyn FnMut(&str) -> Result<()>| -> Result<String> {
         let mut lod = String::new();
         while next_part < until {
@@ -127,7 +129,8 @@ pub(super) fn write(job: &Job<'_>, mut output: Output) -> Result<ExactSummary> {
     })
 }
 
-/// Units of the file in one unit of the model: coordinates of CityJSON are in the unit of the coordinate system, in metres without one.
+/// Units of the file per unit of the model. CityJSON coordinates are in the unit of the coordinate
+/// system, or in metres if there is none.
 fn unit_factor(job: &Job<'_>, path: &Path) -> Result<f64> {
     let (crs, unit) = (job.faces.crs(), job.faces.unit());
     let own = crs.and_then(Crs::unit);
@@ -142,16 +145,17 @@ fn unit_factor(job: &Job<'_>, path: &Path) -> Result<f64> {
     Ok(unit.and_then(metres).zip(to).map_or(1.0, |(from, to)| from / to))
 }
 
-/// Metres of a unit of length.
+/// Length of a unit in metres.
 pub(super) fn metres(unit: &str) -> Option<f64> {
     Unit::parse(unit)?.metres()
 }
 
-/// Lines with the metadata and the extensions, and the number of files of which what they say is left out. The extent is that of the model, in units of the file.
+/// Lines with the metadata and the extensions, and the number of source files whose attributes are
+/// left out. `extent` is the model's extent in units of the file.
 fn about_file(files: &[String], crs: Option<&Crs>, extent: Option<[f64; 6]>) -> (String, u64) {
     let (mut metadata, mut lines) = (Vec::new(), String::new());
     let mut lost = 0;
-    // Of several files, none says what the model is.
+    // With several source files, none describes the whole model.
     if let [about] = files {
         let outcome = each_member(about, |key, value| match key {
             "metadata" => {
@@ -181,13 +185,13 @@ fn about_file(files: &[String], crs: Option<&Crs>, extent: Option<[f64; 6]>) -> 
     (lines, lost)
 }
 
-/// The name of a coordinate system, where it has one number.
+/// URL of a coordinate system that has a single EPSG code.
 pub(super) fn reference_system(crs: &Crs) -> Option<String> {
     let numbers = crs.numbers().filter(|numbers| numbers.vertical.is_none())?;
     Some(format!("https://www.opengis.net/def/crs/EPSG/0/{}", numbers.horizontal))
 }
 
-/// Numbers such that they are read as the same ones.
+/// Numbers as JSON that parses to the same values.
 fn numbers(numbers: [f64; 3]) -> String {
     let [x, y, z] = numbers.map(|number| serde_json::Value::from(number).to_string());
     format!("[{x},{y},{z}]")
@@ -197,7 +201,7 @@ fn numbers(numbers: [f64; 3]) -> String {
 mod tests {
     use super::*;
 
-    /// Metadata that is made up.
+    /// Malformed metadata.
     #[test]
     fn what_is_no_json_is_left_out() {
         let about = |texts: &[&str]| {

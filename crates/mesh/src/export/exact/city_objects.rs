@@ -1,4 +1,5 @@
-//! City objects of a CityJSON file, without their geometry: attributes of parts, with coordinates as they are now.
+//! Objects of a CityJSON file without their geometry: attributes of parts, with coordinates adapted
+//! to the written file.
 
 use std::collections::{HashMap, HashSet};
 
@@ -9,32 +10,32 @@ use spinney_base::Result;
 use spinney_brep::Grid;
 use spinney_brep::attributes::{each_member, map_locations};
 
-/// The type of objects of which nothing else is known, in JSON.
+/// Type of objects without a known type, as JSON.
 const PLAIN: &str = "\"GenericCityObject\"";
 
-/// The level of detail of objects of which none is known.
+/// Level of detail of objects without a known one.
 const PLAIN_LOD: &str = "2";
 
-/// Numbers of vertices beyond which no address is.
+/// Exclusive limit of address coordinates, in grid units.
 const MAX_COORDINATE: f64 = 9e15;
 
-/// Writes the members of objects, in the order of parts.
+/// Writes the members of objects in the order of parts.
 pub(super) struct CityObjects<'a> {
     job: &'a Job<'a>,
     survey: &'a Survey,
-    /// Units of the file in one of the model.
+    /// Units of the file per unit of the model.
     factor: f64,
     names: Names,
-    /// Numbers of parts by their names, where an object has an extent and no faces.
+    /// Part numbers by name. Built when an object with an extent has children.
     numbers: Option<HashMap<&'a str, u32>>,
-    /// The vertex of the next point of an address.
+    /// Vertex number of the next address point.
     next_vertex: u64,
-    /// Parts of which something is not written.
+    /// Number of parts whose attributes are not written completely.
     pub(super) lost: u64,
 }
 
 impl<'a> CityObjects<'a> {
-    /// Objects of a model; points of addresses have vertices from a number on.
+    /// Objects of a model. Address points get vertex numbers from `next_vertex` on.
     pub(super) fn new(
         job: &'a Job<'a>,
         survey: &'a Survey,
@@ -44,7 +45,7 @@ impl<'a> CityObjects<'a> {
         CityObjects { job, survey, factor, names: Names::default(), numbers: None, next_vertex, lost: 0 }
     }
 
-    /// The start of a part's object, as `"name":{"type":...`, and its level of detail.
+    /// Start of a part's object, as `"name":{"type":...`, and its level of detail.
     pub(super) fn start(&mut self, part: u32) -> Result<(String, String)> {
         let name = self.names.key(self.job.faces.parts().get(part as usize).map_or("", String::as_str));
         let about = self.job.faces.part_attributes(part)?;
@@ -56,7 +57,8 @@ impl<'a> CityObjects<'a> {
         Ok((format!("{name}:{{{text}"), lod))
     }
 
-    /// The members of an object from the text about a part, without its geometry; nothing if that is no JSON.
+    /// Members of an object, without its geometry, from the part's attributes `about`. Returns
+    /// `None` if `about` is not valid JSON.
     fn members(&mut self, part: u32, about: &str) -> Option<Members> {
         let (mut kind, mut lod, mut is_whole) = (PLAIN.to_string(), PLAIN_LOD.to_string(), true);
         let mut about = about.to_string();
@@ -108,7 +110,8 @@ impl<'a> CityObjects<'a> {
         Some(Members { text, lod, is_whole })
     }
 
-    /// The extent of an object: of its faces and those of its children. The text that there is if that says the same.
+    /// Extent of an object: the bounds of its faces and of its children's faces. Returns `given`
+    /// unchanged if it is the same within half a grid unit.
     fn extent(&mut self, part: u32, children: &[String], given: &str) -> Option<String> {
         let mut bounds = self.survey.bounds(part);
         if !children.is_empty() {
@@ -127,7 +130,7 @@ impl<'a> CityObjects<'a> {
         Some(if is_same { given.into() } else { extent_text(now) })
     }
 
-    /// Points of the grid for the points of an address, by the text that models have for these.
+    /// Grid points of an address, from the model's JSON text of its points.
     fn grid_points(&self, points: &str) -> Option<Vec<[i64; 3]>> {
         let points: Vec<[f64; 3]> = serde_json::from_str(points).ok()?;
         let grid = self.job.faces.grid();
@@ -137,13 +140,13 @@ impl<'a> CityObjects<'a> {
         are_near.then(|| points.into_iter().map(|point| point.map(|at| at as i64)).collect())
     }
 
-    /// Passes on the points of all addresses, in the order in which they are numbered.
+    /// Visits the points of all addresses in the order of their vertex numbers.
     pub(super) fn each_address_point(&self, each: &mut dyn FnMut([i64; 3]) -> Result<()>) -> Result<()> {
         for part in 0..self.job.faces.parts().len() as u32 {
             let about = self.job.faces.part_attributes(part)?.filter(|about| has_address(about));
             let mut all = Vec::new();
             if let Some(about) = about {
-                // (What is no JSON is left out as a whole.)
+                // (Invalid JSON is left out as a whole.)
                 let _ = map_locations(&about, &mut |points| {
                     all.extend(self.grid_points(points).unwrap_or_default());
                     None
@@ -163,16 +166,16 @@ fn has_address(about: &str) -> bool {
 struct Members {
     text: String,
     lod: String,
-    /// Whether nothing is left out.
+    /// Whether all members could be written.
     is_whole: bool,
 }
 
-/// A member of a JSON object.
+/// Member of a JSON object.
 pub(super) fn member(key: &str, json: &str) -> String {
     format!("{}:{json}", serde_json::Value::from(key))
 }
 
-/// Keys of objects, none of which may come twice.
+/// Object keys made unique.
 #[derive(Default)]
 struct Names {
     taken: HashSet<String>,
@@ -192,13 +195,13 @@ impl Names {
     }
 }
 
-/// A box of the grid in units of the file: the lowest coordinates, then the highest.
+/// Grid box as an extent in units of the file: minimum coordinates, then maximum coordinates.
 pub(super) fn extent_of([low, high]: [[i32; 3]; 2], grid: &Grid, factor: f64) -> [f64; 6] {
     let [low, high] = [low, high].map(|corner| grid.to_world(corner).map(|at| at * factor));
     [low[0], low[1], low[2], high[0], high[1], high[2]]
 }
 
-/// An extent as JSON.
+/// Extent as JSON.
 pub(super) fn extent_text(extent: [f64; 6]) -> String {
     let numbers = extent.map(|number| serde_json::Value::from(number).to_string());
     format!("[{}]", numbers.join(","))
@@ -209,7 +212,7 @@ mod tests {
     use super::*;
     use spinney_brep::{Face, FaceList, Grid};
 
-    /// Attributes that are made up, and extents that are not those of the faces.
+    /// Malformed attributes, and extents that differ from those of the faces.
     #[test]
     fn members_of_objects() {
         let grid = Grid::over([[0.0; 3], [4.0; 3]], Some(0.5)).unwrap();
@@ -231,7 +234,7 @@ mod tests {
         }
         let mut lod = |lod: &str| members(0, &format!("{{\"type\":\"Road\",\"lod\":{lod}}}")).unwrap().1;
         assert_eq!(["\"2.2\"", "\"x\"", "[]"].map(&mut lod), ["2.2", "2", "2"]);
-        // Extents of faces, of those of children, and of none.
+        // Extents of own faces, of children's faces, and without any faces.
         let mut extent = |part: u32, more: &str, extent: &str| {
             let text = format!("{{\"type\":\"Road\"{more},\"geographicalExtent\":{extent},\"z\":1}}");
             members(part, &text).unwrap().0.replace("\"geographicalExtent\":", "")
@@ -241,7 +244,7 @@ mod tests {
         assert_eq!(extent(1, "", "[7,0,0,9,4,1]"), "\"type\":\"Road\",[0.0,0.0,0.0,4.0,4.0,1.0],\"z\":1");
         assert!(extent(0, children, "[]").contains(",[0.0,0.0,0.0,4.0,4.0,1.0],"));
         assert_eq!(extent(0, "", "[0,0,0,4,4,1]"), "\"type\":\"Road\",\"z\":1");
-        // Points of addresses become vertices; numbers of vertices of another file are lost.
+        // Address points become vertices; vertex numbers of another file are lost.
         let address = |points: &str| {
             format!("{{\"type\":\"Road\",\"address\":[{{\"location\":{{\"boundaries\":{points}}}}},{{}}]}}")
         };

@@ -1,8 +1,10 @@
-//! Exact models as meshes: polygons stay polygons, with their colours and parts as far as a format has room for them,
-//! such that the readers of this library understand them again.
+//! Export of exact models as meshes. Polygons stay polygons. Colours and parts are kept as far as
+//! the format can store them, in a form that this library's readers read back.
 //!
-//! Faces are read three times: for a survey, to number the vertices by an external sort, and to be written. For CityJSON they are read
-//! twice more, to find the shells of solids. Memory does not grow with the model, except by four bytes for each face there: there are two sorts at a time, of 64 MiB each.
+//! Faces are read three times: for a survey, to number the vertices with an external sort, and to
+//! write them. CityJSON needs two more passes to find the shells of solids. Memory does not grow
+//! with the model, except for four bytes per face for CityJSON. At most two sorts of 64 MiB each
+//! run at a time.
 
 mod city_json;
 mod city_objects;
@@ -22,59 +24,66 @@ use spinney_base::io::Output;
 use spinney_base::{Progress, Result};
 use spinney_brep::{AttributedFaceVisitor, Face, Faces};
 
-/// Size of a written model, and what its format had no room for.
+/// Size of a written model, and what its format could not store.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct ExactSummary {
-    /// Vertices, each counted once; 0 for STL, whose triangles have corners of their own.
+    /// Vertices, each counted once; 0 for STL, whose triangles do not share vertices.
     pub vertices: u64,
-    /// Faces; for STL, triangles.
+    /// Faces; triangles for STL.
     pub faces: u64,
-    /// Holes that are joined to the ring around them by bridges.
+    /// Holes that bridges join to the ring around them.
     pub bridged_holes: u64,
-    /// Whether there were colours that are not in the file.
+    /// Whether colours were lost.
     pub lost_colours: bool,
-    /// Parts and files whose attributes are not in the file.
+    /// Number of parts and files whose attributes were lost.
     pub lost_attributes: u64,
-    /// Whether there were values of faces that are not in the file.
+    /// Whether values of faces were lost.
     pub lost_values: bool,
-    /// Whether there were parts that the file does not tell apart.
+    /// Whether there were several parts that the file does not distinguish.
     pub lost_parts: bool,
-    /// STL: corners of triangles that single precision has moved.
+    /// STL: triangle vertices that rounding to single precision moved.
     pub moved: u64,
-    /// STL: the farthest that a corner was moved, in units of the world.
+    /// STL: maximum distance that a vertex was moved, in world units.
     pub farthest: f64,
-    /// STL: triangles that are left out since two of their corners are the same in single precision. The others are
-    /// as closed as before.
+    /// STL: triangles left out because two of their vertices are equal in single precision. The
+    /// other triangles are as closed as before.
     pub collapsed: u64,
 }
 
-/// Writes an exact model as a mesh in the coordinates of its world.
+/// Writes an exact model as a mesh in world coordinates.
 ///
 /// | format | polygons | holes | coordinates | colours | parts |
 /// | --- | --- | --- | --- | --- | --- |
-/// | PLY | yes | bridges | double precision | of faces, or of vertices where corners of a face differ | no |
-/// | OBJ | yes | bridges | the shortest decimals that are read as the same number | of vertices | objects |
+/// | PLY | yes | bridges | double precision | of faces; of vertices if a face has several | no |
+/// | OBJ | yes | bridges | shortest round-trip decimals | of vertices | objects |
 /// | OFF | yes | bridges | as OBJ | as PLY | no |
-/// | STL | triangles | | single precision; [`ExactSummary::moved`] tells how many corners that moves | no | no |
-/// | CityJSON | yes | yes | whole numbers with a transform, from which a reader may get the last bit differently | no | objects |
+/// | STL | triangles | | single precision; see [`ExactSummary::moved`] | no | no |
+/// | CityJSON | yes | yes | integers with a transform | no | objects |
 ///
-/// What a format has no room for is told as a [warning](Progress::warn), too, with a name of a single part, the coordinate system and the unit of length.
+/// A reader of CityJSON may compute coordinates that differ in the last bit.
 ///
-/// Where holes are bridges, they and the outer ring are one ring, as
-/// [`join_rings`](spinney_brep::geometry::join_rings) makes it; [`split_bridges`](spinney_brep::geometry::split_bridges) gives the
-/// rings again. Vertices stand in the order of their coordinates, within cells of 32 x 32 x 32 steps of the grid.
+/// Whatever the format cannot store is also reported as a [warning](Progress::warn). The warning
+/// includes the name of a single part, the coordinate system and the unit of length.
 ///
-/// Values of faces in the columns `type`, `surface`, `parent` and `attributes`, of those that have a type, are the semantics of a CityJSON file's
-/// surfaces; other formats have none. Attributes of parts are written to CityJSON files alone. What is said of the file that the model was built from is, too, unless
-/// there were several.
+/// Bridges join holes and their outer ring into one ring, as
+/// [`join_rings`](spinney_brep::geometry::join_rings) does;
+/// [`split_bridges`](spinney_brep::geometry::split_bridges) recovers the rings. Vertices are sorted
+/// by their coordinates within blocks of at most 32 x 32 x 32 grid units.
 ///
-/// A part of a CityJSON file is a `Solid` if its faces are closed (every edge is passed as often in one
-/// direction as in the other, which is determined from a sum of hashes), with a shell for its exterior and one for each cavity; a
-/// `MultiSolid` if these are several bodies; else a `MultiSurface`. Its level of detail is that of the file that the model was built from, or 2.
-/// Points of addresses are vertices, and extents of objects those of their faces. Coordinates are in the unit of the coordinate system, in metres without
-/// one: models in other units of length are converted, those in degrees are refused. Names that come
-/// twice get a number after them. In OBJ names, what would end the line or the name is replaced by `_`.
+/// Face values in the columns `type`, `surface`, `parent` and `attributes` become surface semantics
+/// of CityJSON if the face has a type; other formats cannot store them. Only CityJSON stores
+/// attributes of parts. It also stores the attributes of the source file if the model was built
+/// from a single file.
+///
+/// A part becomes a CityJSON `Solid` if its faces are closed, with one shell for its exterior and
+/// one for each cavity. It becomes a `MultiSolid` if it has several bodies, and a `MultiSurface` if
+/// its faces are not closed. They are closed if every edge occurs equally often in both directions;
+/// a sum of hashes determines this. The level of detail is that of the source file, by default 2.
+/// Address points are vertices. Extents of objects are those of their faces. Coordinates are in the
+/// unit of the coordinate system, or in metres if there is none. Models in other units of length
+/// are converted. Models in degrees are rejected. Repeated names get a number as a suffix. In OBJ
+/// names, `_` replaces characters that would end the line or the name.
 ///
 /// ```
 /// use spinney::brep::{Face, Grid};
@@ -93,8 +102,8 @@ pub struct ExactSummary {
 /// ```
 ///
 /// # Errors
-/// If the format cannot hold so many faces or vertices; if faces cannot be read or the output not be written; or on
-/// interruption.
+/// If the format cannot hold so many faces or vertices; if faces cannot be read; if the output
+/// cannot be written; or on cancellation.
 pub fn export_exact(
     faces: &dyn Faces,
     format: MeshFormat,
@@ -133,7 +142,7 @@ pub fn export_exact(
     Ok(summary)
 }
 
-/// Faces that are gone through several times, with progress.
+/// Faces that are traversed several times, with progress.
 struct Job<'a> {
     faces: &'a dyn Faces,
     progress: &'a dyn Progress,
@@ -148,7 +157,7 @@ impl Job<'_> {
 
     /// Reads all faces once, with their values in some columns.
     fn each_with_values(&self, columns: &[&str], each: &mut AttributedFaceVisitor<'_>) -> Result<()> {
-        /// Faces between two looks at whether to go on.
+        /// Faces between two checks for cancellation.
         const OFTEN: u64 = 1024;
         let total = self.faces.len() * self.passes;
         let mut count = 0u64;
@@ -165,7 +174,7 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// Whether a part has a name that readers do not give by themselves.
+    /// Whether a part has a name other than the readers' default.
     fn names_something(&self) -> bool {
         self.faces.parts().iter().any(|name| name != "mesh")
     }
@@ -176,13 +185,14 @@ impl Job<'_> {
     }
 }
 
-/// Corners of a face as the geometry takes them.
+/// Widens points to the coordinate type of the geometry functions.
 fn wide(points: &[[i32; 3]], out: &mut Vec<[i64; 3]>) {
     out.clear();
     out.extend(points.iter().map(|point| point.map(i64::from)));
 }
 
-/// The folder for temporary files: the output's if it has one, since that is where there must be room.
+/// Directory for temporary files: the output's directory if it has one, since space is needed there
+/// anyway.
 fn temporary_folder(output: &Output) -> PathBuf {
     if output.is_file() {
         spinney_base::io::folder(output.path()).to_path_buf()

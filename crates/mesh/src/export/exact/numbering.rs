@@ -1,7 +1,7 @@
-//! Numbers of vertices: corners with equal coordinates are one, in any number of faces.
+//! Numbering of vertices: corners of faces with equal coordinates share one vertex.
 //!
-//! Corners are sorted by their points, which gives numbers, and then numbers are sorted by the corners' places; both
-//! sorts go to disk where they do not fit into memory.
+//! A first sort orders the corners by their points and assigns the numbers. A second sort orders
+//! the numbers by corner index. Both sorts spill to disk if they exceed memory.
 
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
@@ -14,16 +14,17 @@ use spinney_base::{Error, Result, sort};
 /// Bytes of memory for each of the two sorts.
 const MEMORY: u64 = 64 << 20;
 
-/// Bytes of a corner that is sorted: its point, its colour and its place.
+/// Bytes of a corner in the sort: point, colour and corner index.
 const CORNER: usize = 12 + 3 + 8;
 
-/// Bits of the key by axis. Points with the same key are close together, and are sorted in memory.
+/// Bits of the sort key per axis. Points with equal keys are close together and are sorted in
+/// memory.
 const KEY_BITS: u8 = 21;
 
-/// A vertex: a point of the grid, and the colour there if vertices have one.
+/// Vertex: a grid point, and its colour if vertices have colours.
 pub(super) type Vertex = ([i32; 3], [u8; 3]);
 
-/// The numbers of all corners' vertices, in the order of faces.
+/// Vertex numbers of all corners, in the order of faces.
 pub(super) struct CornerNumbers {
     path: PathBuf,
     file: BufReader<File>,
@@ -32,8 +33,8 @@ pub(super) struct CornerNumbers {
 }
 
 impl CornerNumbers {
-    /// Numbers the vertices, which are handed out in the order of their numbers. With colours, vertices differ where
-    /// colours do.
+    /// Numbers the vertices and passes them to `each` in the order of their numbers. With colours,
+    /// vertices of different colours are distinct.
     pub(super) fn of(
         job: &Job<'_>,
         with_colours: bool,
@@ -85,7 +86,7 @@ impl CornerNumbers {
         Ok(CornerNumbers { path: folder.to_path_buf(), file, vertices })
     }
 
-    /// The numbers of the next so many corners.
+    /// Reads the vertex numbers of the next `count` corners.
     pub(super) fn next(&mut self, count: usize, out: &mut Vec<u64>) -> Result<()> {
         out.clear();
         for _ in 0..count {
@@ -98,7 +99,7 @@ impl CornerNumbers {
     }
 }
 
-/// Numbers in the order of places.
+/// Writes the numbers in the order of corners to a temporary file.
 fn write_numbers(numbers: Sorter, folder: &Path, job: &Job<'_>) -> Result<BufReader<File>> {
     let failed = || Error::io(folder, "use a temporary file");
     let mut out = BufWriter::with_capacity(1 << 16, tempfile::tempfile_in(folder).map_err(failed())?);
@@ -115,10 +116,10 @@ fn write_numbers(numbers: Sorter, folder: &Path, job: &Job<'_>) -> Result<BufRea
     Ok(BufReader::with_capacity(1 << 16, file))
 }
 
-/// A corner that is sorted.
+/// Corner of a face, as a sort item.
 struct Corner {
     vertex: Vertex,
-    /// Its number among the corners of all faces.
+    /// Index of the corner among the corners of all faces.
     place: u64,
 }
 

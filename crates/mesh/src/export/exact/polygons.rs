@@ -1,4 +1,4 @@
-//! Exact models as PLY, OBJ or OFF: polygons of one ring over numbered vertices.
+//! Exact models as PLY, OBJ or OFF: single-ring polygons over numbered vertices.
 
 use super::numbering::CornerNumbers;
 use super::survey::Survey;
@@ -11,7 +11,7 @@ use spinney_brep::geometry::join_rings;
 
 pub(super) fn write(job: &Job<'_>, format: MeshFormat, output: Output) -> Result<ExactSummary> {
     let survey = Survey::of(job)?;
-    // OBJ has no colours of faces but those of materials, which stand in another file.
+    // OBJ has face colours only as materials, which require a second file.
     let with_colours = survey.has_colours && (survey.has_shades || format == MeshFormat::Obj);
     let of_faces = survey.has_colours && !with_colours;
     let attribute = if of_faces { FaceAttribute::Colour } else { FaceAttribute::None };

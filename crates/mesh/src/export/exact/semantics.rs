@@ -1,4 +1,4 @@
-//! Values of faces as semantics of the surfaces of CityJSON objects.
+//! Face values as surface semantics of CityJSON objects.
 
 use std::collections::HashMap;
 
@@ -6,28 +6,31 @@ use super::city_objects::member;
 use crate::import::city_semantics::{ATTRIBUTES, PARENT, SURFACE, TYPE};
 use spinney_brep::attributes::each_member;
 
-/// Columns of values of faces that become semantics.
+/// Columns of face values that become semantics.
 pub(super) const COLUMNS: [&str; 4] = [SURFACE, TYPE, PARENT, ATTRIBUTES];
 
-/// Bytes of what is held of the semantics of a part.
+/// Limit of buffered semantics of a part, in bytes.
 const MAX_BYTES: usize = 8 << 20;
 
-/// Semantics of the part at hand, numbered as they come: faces with the same values have the same. Of a part that has very many, or that comes
-/// again, they may be there twice, and what is a part of what is told only within those that are held together.
+/// Semantics of the current part, numbered in the order of first use. Faces with equal values share
+/// a number. If a part has more semantics than the buffer holds, or occurs more than once in the
+/// sequence of faces, semantics may be duplicated. Parents are then resolved only among semantics
+/// that are buffered together.
 #[derive(Default)]
 pub(super) struct Semantics {
-    /// Those that are held, by their values.
+    /// Numbers of the buffered semantics, by their values.
     numbers: HashMap<Vec<Option<String>>, u32>,
-    /// In the order of their numbers.
+    /// Buffered semantics in the order of their numbers.
     held: Vec<Vec<Option<String>>>,
     bytes: usize,
-    /// How many each part has, of those that have some.
+    /// Number of semantics per part, for parts that have any.
     counts: HashMap<u32, u32>,
     lost: u64,
 }
 
 impl Semantics {
-    /// The number that some values, one for each column, have in a part; `None` if they say nothing, or not what it is.
+    /// Number of a part's semantics with these values, one for each column. Returns `None` if the
+    /// values have no valid type.
     pub(super) fn number(&mut self, part: u32, values: &[Option<String>]) -> Option<u32> {
         if let Some(number) = self.numbers.get(values) {
             return Some(*number);
@@ -40,34 +43,34 @@ impl Semantics {
         let count = self.counts.entry(part).or_default();
         let number = *count;
         *count += 1;
-        // (And what the containers take for it, twice.)
+        // (Doubled, plus the overhead of the containers.)
         self.bytes += 2 * values.iter().flatten().map(|json| json.len() + 48).sum::<usize>();
         self.numbers.insert(values.to_vec(), number);
         self.held.push(values.to_vec());
         Some(number)
     }
 
-    /// Whether a part has any.
+    /// Whether a part has semantics.
     pub(super) fn has_some(&self, part: u32) -> bool {
         self.counts.contains_key(&part)
     }
 
-    /// Whether no more should be held.
+    /// Whether the buffer exceeds its limit.
     pub(super) fn is_full(&self) -> bool {
         self.bytes > MAX_BYTES
     }
 
-    /// Number of faces, and of members of semantics, that are left out.
+    /// Number of faces, and of semantics members, that were left out.
     pub(super) fn lost(&self) -> u64 {
         self.lost
     }
 
-    /// Those that are held, as JSON objects with commas between them; then none are.
+    /// Removes the buffered semantics and returns them as JSON objects, separated by commas.
     pub(super) fn take(&mut self) -> String {
         let held = std::mem::take(&mut self.held);
         let numbers = std::mem::take(&mut self.numbers);
         self.bytes = 0;
-        // By the number of the surface that they had.
+        // Numbers by the surface identifier in the model.
         let of_surface: HashMap<&str, u32> =
             held.iter().filter_map(|values| Some((values[0].as_deref()?, numbers[values]))).collect();
         let mut children: HashMap<u32, Vec<String>> = HashMap::new();

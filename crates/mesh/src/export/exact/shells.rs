@@ -1,7 +1,8 @@
-//! Shells of the parts that are closed: bodies, each with the cavities in it.
+//! Shells of closed parts: bodies, each with its cavities.
 //!
-//! Faces that share an edge with one another alone are of one shell. Where more meet at an edge, bodies touch there, or a body and its cavity:
-//! such an edge joins shells only as far as they are not closed without that, those first between whose faces something solid is.
+//! Two faces that are alone at an edge belong to the same shell. Where more faces meet at an edge,
+//! bodies touch, or a body touches its cavity. Such an edge joins only shells that are not closed
+//! yet, first those whose faces have solid between them.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -13,46 +14,48 @@ use spinney_base::{Result, sort};
 use spinney_brep::Face;
 use spinney_brep::exact::union_find::UnionFind;
 
-/// Bytes of memory in which edges are sorted.
+/// Bytes of memory for sorting edges.
 const MEMORY: u64 = 64 << 20;
 
-/// Bytes of an edge that is sorted: its part, its ends, its face, the normal of that, and whether the face passes it from its second end.
+/// Bytes of an edge in the sort: its key, its face, the face's normal, and whether the face
+/// traverses the edge from its second end.
 const EDGE: usize = KEY + 4 + 24 + 1;
 
-/// Bytes of the part and the ends.
+/// Bytes of the key: the part and the two ends.
 const KEY: usize = 4 + 24;
 
-/// A shell, and its position in the file.
+/// Shell, and its position in the file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Shell {
     pub(super) number: u32,
     pub(super) part: u32,
     /// Number of solids of the part.
     pub(super) solids: u32,
-    /// Number of the solid among those of the part; its outer shell comes before those of its cavities.
+    /// Index of the solid in the part. Its outer shell comes before those of its cavities.
     pub(super) solid: u32,
 }
 
-/// All shells, numbered in the order in which they are written: part by part, and solid by solid. A part that is not closed, or has no faces, counts as one.
+/// All shells, numbered in output order: part by part, then solid by solid. A part that is not
+/// closed, or has no faces, counts as one shell.
 pub(super) struct Shells {
     list: Vec<Shell>,
-    /// The first shell of each part, and the number of all.
+    /// First shell of each part, then the total number of shells.
     first: Vec<u32>,
     sets: UnionFind,
-    /// Shells by the roots of their sets, of parts that have several.
+    /// Shells by set root, for parts that have several shells.
     of_root: HashMap<u32, u32>,
 }
 
-/// Measures of a shell, or of the part of one.
+/// Measures of a shell or of a fragment of one.
 #[derive(Clone, Copy)]
 struct Measures {
     part: u32,
-    /// Six times the volume, in cubes of grid units: negative for cavities.
+    /// Six times the volume, in cubic grid units; negative for cavities.
     volume: i128,
-    /// The sum of its edges, 0 if it is closed.
+    /// Hash sum of the edges; 0 if the shell is closed.
     edges: u128,
     bounds: Option<[[i32; 3]; 2]>,
-    /// A point on one of its faces.
+    /// Point on one of its faces.
     sample: [f64; 3],
 }
 
@@ -73,7 +76,7 @@ impl Measures {
         self.bounds = join_bounds(self.bounds, other.bounds);
     }
 
-    /// Whether another one may be a cavity in this one.
+    /// Whether `cavity` may be a cavity of this body.
     fn may_hold(&self, cavity: &Measures) -> bool {
         let (Some([low, high]), Some([inner_low, inner_high])) = (self.bounds, cavity.bounds) else {
             return false;
@@ -83,7 +86,8 @@ impl Measures {
     }
 }
 
-/// A point of a face that is on none of its edges, unless it has no area: near its first corner in the order of coordinates, which is convex.
+/// Point inside a face, on none of its edges unless the face has no area. It is near the first
+/// vertex in coordinate order, which is convex.
 fn sample(face: &Face<'_>) -> [f64; 3] {
     let ring = face.rings().next().unwrap_or_default();
     let Some(at) = (0..ring.len()).min_by_key(|at| ring[*at]) else { return [0.0; 3] };
@@ -94,9 +98,11 @@ fn sample(face: &Face<'_>) -> [f64; 3] {
     })
 }
 
-/// The solid angle of a face seen from a point, positive if it is inside; 0 if it is in the face's plane.
+/// Solid angle of a face seen from a point, positive from its inner side; 0 if the point is in the
+/// face's plane.
 fn solid_angle(face: &Face<'_>, from: [f64; 3]) -> f64 {
-    /// Distance in grid units below which a point is in the plane: far above rounding errors, which are about 1e-8.
+    /// Distance in grid units below which a point is in the plane: far above rounding errors, which
+    /// are about 1e-8.
     const IN_PLANE: f64 = 1e-6;
     let normal = face.area_vector();
     let length = dot(normal, normal).sqrt();
@@ -152,7 +158,7 @@ impl Shells {
                 shells.list.push(Shell { number, part, solids: 1, solid: 0 });
                 continue;
             }
-            // Cavities after the shells that they are in.
+            // Cavities follow the outer shell that contains them.
             let mut order: Vec<[u32; 2]> =
                 own.iter().map(|(_, root)| [holders.get(root).copied().unwrap_or(*root), *root]).collect();
             sort::by(&mut order, &mut |a, b| (a[0], a[0] != a[1], a[1]).cmp(&(b[0], b[0] != b[1], b[1])));
@@ -169,7 +175,7 @@ impl Shells {
         Ok(shells)
     }
 
-    /// The number of the shell that a face is of, which has this number among the faces.
+    /// Shell of a face, where `number` is the index of the face among all faces.
     pub(super) fn of_face(&mut self, face: &Face<'_>, number: u64) -> u32 {
         let first = self.first.get(face.part as usize).copied().unwrap_or(0);
         if self.of_root.is_empty() || self.count(face.part) < 2 {
@@ -178,12 +184,12 @@ impl Shells {
         self.of_root.get(&self.sets.root(number as u32)).copied().unwrap_or(first)
     }
 
-    /// The position of a shell.
+    /// Position of a shell.
     pub(super) fn get(&self, shell: u32) -> Shell {
         self.list.get(shell as usize).copied().unwrap_or_default()
     }
 
-    /// The number of a part's first shell.
+    /// Number of a part's first shell.
     pub(super) fn first(&self, part: u32) -> u32 {
         self.first.get(part as usize).copied().unwrap_or(0)
     }
@@ -194,19 +200,19 @@ impl Shells {
     }
 }
 
-/// Hash of the part and the ends of an edge.
+/// Hash of an edge's key.
 fn key_of(edge: &[u8]) -> u64 {
     xxhash_rust::xxh3::xxh3_64(&edge[..KEY])
 }
 
-/// The face of an edge.
+/// Face of an edge.
 fn face_of(edge: &[u8]) -> u32 {
     u32::from_le_bytes(edge[KEY..KEY + 4].try_into().unwrap_or_default())
 }
 
-/// Pairs of faces around an edge between which something solid is.
+/// Pairs of faces around an edge that have solid between them.
 fn pairs_around(edges: &[Vec<u8>]) -> Vec<[u32; 2]> {
-    /// Angle below which two faces are in one plane: far above rounding errors.
+    /// Angle in radians below which two faces are coplanar: far above rounding errors.
     const IN_PLANE: f64 = 1e-9;
     let coordinate =
         |at: usize| f64::from(i32::from_le_bytes(edges[0][at..at + 4].try_into().unwrap_or_default()));
@@ -217,7 +223,7 @@ fn pairs_around(edges: &[Vec<u8>]) -> Vec<[u32; 2]> {
     for edge in edges {
         let number = |at: usize| f64::from_le_bytes(edge[at..at + 8].try_into().unwrap_or_default());
         let normal = [0, 1, 2].map(|axis| number(KEY + 4 + 8 * axis));
-        // Going around, a face that passes the edge backwards is where something solid begins.
+        // Going around the edge, solid begins at a face that traverses the edge backwards.
         let begins = edge[EDGE - 1] != 0;
         let into = cross(normal, along).map(|at| if begins { -at } else { at });
         if right == [0.0; 3] {
@@ -228,7 +234,7 @@ fn pairs_around(edges: &[Vec<u8>]) -> Vec<[u32; 2]> {
         faces.push((angle, begins, face_of(edge)));
     }
     sort::by(&mut faces, &mut |a, b| a.0.total_cmp(&b.0));
-    // In one plane, what ends comes before what begins.
+    // Among coplanar faces, ends come before beginnings.
     let mut start = 0;
     for end in 1..=faces.len() {
         if end == faces.len() || faces[end].0 - faces[end - 1].0 > IN_PLANE {
@@ -253,7 +259,7 @@ fn pairs_around(edges: &[Vec<u8>]) -> Vec<[u32; 2]> {
     pairs
 }
 
-/// Sets of faces that are shells of closed parts, and measures by their roots.
+/// Sets of faces that are shells of closed parts, and measures by set root.
 fn find_shells(
     job: &Job<'_>,
     is_solid: &dyn Fn(u32) -> bool,
@@ -323,7 +329,7 @@ fn find_shells(
         number = number.wrapping_add(1);
         Ok(())
     })?;
-    // (The others are for what rounding of angles leaves open.)
+    // (`others` covers pairs that were missed due to rounding of angles.)
     for [a, b] in pairs.into_iter().chain(others) {
         let (a, b) = (sets.root(a), sets.root(b));
         let is_open = |root: u32| roots.get(&root).is_some_and(|own| own.edges != 0);
@@ -338,7 +344,8 @@ fn find_shells(
     Ok((sets, roots))
 }
 
-/// The bodies that cavities are in, of parts of several shells; each by its root.
+/// The body that contains each cavity, in parts with several shells. Maps the cavity's set root to
+/// the body's.
 fn find_holders(
     job: &Job<'_>,
     roots: &HashMap<u32, Measures>,
@@ -346,7 +353,7 @@ fn find_holders(
     sets: &mut UnionFind,
 ) -> Result<HashMap<u32, u32>> {
     let mut holders = HashMap::new();
-    // Cavities that several bodies may hold, by these bodies, each with the solid angle of the body.
+    // Cavities that several bodies may contain, by body, each with the body's solid angle.
     let mut unsure: HashMap<u32, Vec<(u32, f64)>> = HashMap::new();
     for own in by_part.chunk_by(|a, b| a.0 == b.0).filter(|own| own.len() > 1) {
         job.progress.check()?;
@@ -369,7 +376,7 @@ fn find_holders(
         return Ok(holders);
     }
     let mut number = 0u32;
-    // (Few models need this pass, which progress does not count.)
+    // (Few models need this pass, so progress does not count it.)
     job.faces.each(&mut |face| {
         if number.is_multiple_of(1024) {
             job.progress.check()?;
@@ -382,7 +389,7 @@ fn find_holders(
         number = number.wrapping_add(1);
         Ok(())
     })?;
-    // The smallest of those that it is in.
+    // The smallest body that contains the cavity.
     for (body, cavities) in unsure {
         for (cavity, angle) in cavities {
             if angle.abs() < std::f64::consts::TAU {
@@ -408,7 +415,7 @@ mod tests {
         FaceList::new(Grid::over([[0.0; 3], [64.0; 3]], Some(1.0)).unwrap(), names)
     }
 
-    /// Adds the sides of a box, as seen from within if it is a cavity.
+    /// Adds the sides of a box, inverted if it is a cavity.
     fn push_box(faces: &mut FaceList, part: u32, low: [i32; 3], high: [i32; 3], is_cavity: bool) {
         let corner = |number: usize| [0, 1, 2].map(|axis| [low, high][number >> axis & 1][axis]);
         for side in [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]] {
@@ -420,7 +427,7 @@ mod tests {
         }
     }
 
-    /// Solid and rank of the shell of each box of a part.
+    /// Part, solid and number of each box's shell.
     fn shells(faces: &FaceList) -> Vec<(u32, u32, u32)> {
         let job = Job { faces, progress: &(), passes: 5 };
         let survey = Survey::of(&job).unwrap();
@@ -441,7 +448,8 @@ mod tests {
 
     #[test]
     fn cavities_are_in_their_bodies() {
-        // A cavity before its body, a body in the cavity, with a cavity of its own; and a body next to them.
+        // A cavity before its body, a body in the cavity with a cavity of its own, and a body next
+        // to them.
         let mut faces = list(1);
         push_box(&mut faces, 0, [2; 3], [30; 3], true);
         push_box(&mut faces, 0, [0; 3], [40; 3], false);
@@ -453,7 +461,8 @@ mod tests {
 
     #[test]
     fn boxes_around_cavities_do_not_decide() {
-        // An L of two boxes that share a face has the cavity's box in its own, and less room for it than the body that has it.
+        // The bounding box of an L-shaped body contains the cavity's box, but the cavity is in the
+        // other body.
         let mut faces = list(2);
         push_box(&mut faces, 1, [10; 3], [20; 3], false);
         push_box(&mut faces, 1, [12; 3], [14; 3], true);
@@ -490,7 +499,7 @@ mod tests {
 
     #[test]
     fn bodies_that_touch_are_apart_and_what_is_open_is_one() {
-        // Two along an edge, two at a corner.
+        // Two bodies share an edge, two share a vertex.
         let mut faces = list(3);
         push_box(&mut faces, 0, [0; 3], [4; 3], false);
         push_box(&mut faces, 0, [4, 4, 0], [8, 8, 4], false);
@@ -527,7 +536,7 @@ mod tests {
         push_box(&mut faces, 0, [4, 0, 0], [8, 4, 4], false);
         push_box(&mut faces, 0, [4, 0, 4], [8, 4, 8], false);
         assert_eq!(shells(&faces), [(0, 0, 0), (0, 1, 1), (0, 2, 2), (0, 3, 3)]);
-        // A cavity that touches the outer shell along an edge is a shell of its own.
+        // A cavity that touches another one along an edge is a shell of its own.
         let mut faces = list(1);
         push_box(&mut faces, 0, [0; 3], [9; 3], false);
         push_box(&mut faces, 0, [2; 3], [4; 3], true);

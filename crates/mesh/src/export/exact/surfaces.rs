@@ -1,4 +1,4 @@
-//! Texts of the surfaces of CityJSON objects in a temporary file, until all of a part are there.
+//! JSON fragments of CityJSON surfaces, kept in a temporary file until a part is complete.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
@@ -14,17 +14,17 @@ use spinney_brep::Face;
 /// Bytes after which a run ends.
 const MAX_BYTES: u64 = 1 << 20;
 
-/// Bytes of memory in which runs of texts of one list are sorted.
+/// Bytes of memory for sorting the runs.
 const MEMORY: u64 = 64 << 20;
 
-/// The lists of a geometry, in the order in which they are in the file.
+/// Lists of a geometry, in file order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum List {
-    /// Surfaces as rings of numbers of vertices.
+    /// Surfaces as rings of vertex numbers.
     Boundaries,
-    /// Semantics that surfaces have.
+    /// Semantics of surfaces.
     Semantics,
-    /// Of each surface: the number of its semantics.
+    /// Number of each surface's semantics.
     Values,
 }
 
@@ -32,15 +32,16 @@ impl List {
     const ALL: [List; 3] = [List::Boundaries, List::Semantics, List::Values];
 }
 
-/// Lists of all parts. A part whose surfaces have no semantics has boundaries alone.
+/// Lists of all parts. A part whose surfaces have no semantics has only boundaries.
 pub(super) struct Surfaces<'a> {
     shells: &'a mut Shells,
     folder: PathBuf,
     file: BufWriter<File>,
     runs: Sorter,
-    /// Number of runs: of texts of the same list of a shell, and not too many.
+    /// Number of runs. A run is a stretch of the temporary file with fragments of one list of one
+    /// shell.
     count: u64,
-    /// The part and the shell at hand.
+    /// Current part and shell.
     shell: Option<(u32, u32)>,
     /// Number of faces.
     faces: u64,
@@ -70,7 +71,8 @@ impl<'a> Surfaces<'a> {
         })
     }
 
-    /// Adds a surface whose corners have such numbers, with its values in the columns of semantics, if there are any in the model.
+    /// Adds a surface with the vertex numbers of its corners. `values` are its values in the
+    /// columns of semantics; empty if the model has none.
     pub(super) fn push(&mut self, face: &Face<'_>, numbers: &[u64], values: &[Option<String>]) -> Result<()> {
         let shell = Some((face.part, self.shells.of_face(face, self.faces)));
         self.faces += 1;
@@ -103,13 +105,14 @@ impl<'a> Surfaces<'a> {
         self.write()
     }
 
-    /// Appends the text to the file.
+    /// Appends the text to the temporary file.
     fn write(&mut self) -> Result<()> {
         self.at += self.text.len() as u64;
         self.file.write_all(self.text.as_bytes()).map_err(Error::io(&self.folder, "use a temporary file"))
     }
 
-    /// Ends the runs of the part, that of semantics only if there are no more for now, or too many.
+    /// Ends the current runs. The run of semantics ends only at the end of the part, or if the
+    /// buffer is full.
     fn end_run(&mut self, is_last: bool) -> Result<()> {
         let Some((part, shell)) = self.shell.filter(|_| self.at > self.start) else { return Ok(()) };
         self.push_run(part, shell, List::Boundaries)?;
@@ -124,14 +127,15 @@ impl<'a> Surfaces<'a> {
         Ok(())
     }
 
-    /// Adds what was written behind the last run as one, unless it is nothing.
+    /// Adds the bytes written since the last run as a run, unless there are none.
     fn push_run(&mut self, part: u32, shell: u32, list: List) -> Result<()> {
         let len = self.at - self.start;
         if len == 0 {
             return Ok(());
         }
-        // Part by part, each with the boundaries of its shells, its semantics, and the values of its shells: that is less than 2^34 lists, as a model has
-        // at most 2^32 faces. The runs of each are in order; there cannot be 2^30 of them in a model that numbers of this size hold.
+        // Output order is by part: boundaries of its shells, semantics, values of its shells. These
+        // are less than 2^34 lists, as a model has at most 2^32 faces. The run count orders the
+        // runs of a list. It stays below 2^30, since a model of that size exceeds the face limit.
         let (first, shells) = (u64::from(self.shells.first(part)), u64::from(self.shells.count(part)));
         let own = u64::from(shell) - first;
         let place = 2 * first
@@ -152,8 +156,9 @@ impl<'a> Surfaces<'a> {
         self.runs.push(key, item)
     }
 
-    /// Passes on all lists, part by part and shell by shell, in fragments of text; commas between runs are left to the caller. Returns the number of surfaces, or
-    /// members of what is said of them, that have no place among semantics.
+    /// Passes all lists to `each` as text fragments, part by part and shell by shell. The caller
+    /// writes the commas between runs. Returns the number of surfaces and semantics members that
+    /// were left out.
     pub(super) fn finish(
         mut self,
         job: &Job<'_>,

@@ -1,4 +1,4 @@
-//! Properties of a model that have to be known before its first vertex is written.
+//! Properties of a model that are needed before its first vertex is written.
 
 use super::Job;
 use spinney_base::Result;
@@ -7,15 +7,15 @@ use spinney_brep::Face;
 /// Summary of all faces.
 #[derive(Default)]
 pub(super) struct Survey {
-    /// Most corners of a face, with those that bridges add.
+    /// Maximum number of corners of a face, including those that bridges add.
     pub(super) most_corners: usize,
     pub(super) has_colours: bool,
     /// Whether a face has corners of different colours.
     pub(super) has_shades: bool,
-    /// By part: bounds of its faces.
+    /// Bounds of the faces, by part.
     bounds: Vec<Option<[[i32; 3]; 2]>>,
-    /// By part: a sum that is 0 if edges are passed as often in one direction as in the other. That it is 0
-    /// otherwise would be a coincidence of 128 bits.
+    /// Edge sum by part: 0 if every edge occurs equally often in both directions. Any other sum of
+    /// 0 is a collision of a 128-bit hash.
     open: Vec<u128>,
 }
 
@@ -39,7 +39,7 @@ impl Survey {
         Ok(survey)
     }
 
-    /// Bounds of the faces of a part, if it has any.
+    /// Bounds of a part's faces, if it has any.
     pub(super) fn bounds(&self, part: u32) -> Option<[[i32; 3]; 2]> {
         self.bounds.get(part as usize).copied().flatten()
     }
@@ -55,7 +55,7 @@ pub(super) fn bounds_of(points: &[[i32; 3]]) -> Option<[[i32; 3]; 2]> {
     points.iter().fold(None, |bounds, point| join_bounds(bounds, Some([*point; 2])))
 }
 
-/// The box around two boxes.
+/// Union of two boxes.
 pub(super) fn join_bounds(a: Option<[[i32; 3]; 2]>, b: Option<[[i32; 3]; 2]>) -> Option<[[i32; 3]; 2]> {
     let (Some([low, high]), Some([other_low, other_high])) = (a, b) else { return a.or(b) };
     Some([
@@ -64,7 +64,7 @@ pub(super) fn join_bounds(a: Option<[[i32; 3]; 2]>, b: Option<[[i32; 3]; 2]>) ->
     ])
 }
 
-/// The sum over the edges of a face: those of the two directions cancel each other.
+/// Sum of edge hashes of a face. The two directions of an edge cancel.
 pub(super) fn edges(face: &Face<'_>) -> u128 {
     let mut sum = 0u128;
     for ring in face.rings() {

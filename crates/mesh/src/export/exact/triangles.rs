@@ -44,8 +44,8 @@ pub(super) fn write(job: &Job<'_>, output: Output) -> Result<ExactSummary> {
     Ok(summary)
 }
 
-/// Triangles from the first corner of a ring: for faces that nothing covers exactly, as they have no area or cross
-/// themselves, but whose edges others rely on.
+/// Triangles from the first corner of a ring. Used for faces that cannot be triangulated, as they
+/// have no area or intersect themselves, but whose edges adjacent faces need.
 fn fan(ring: &[u32], triangles: &mut Vec<[u32; 3]>) {
     let Some((&first, rest)) = ring.split_first() else { return };
     triangles.extend(rest.windows(2).map(|pair| [first, pair[0], pair[1]]));

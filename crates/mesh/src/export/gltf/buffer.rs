@@ -1,18 +1,19 @@
-//! The binary part of glTF: views of bytes, of which vertices and triangles can be compressed (EXT_meshopt_compression).
+//! Binary buffer of glTF: buffer views, with optional compression of vertices and triangles
+//! (EXT_meshopt_compression).
 
 use serde_json::{Map, Value as Json, json};
 
-/// Purposes of views: attributes of vertices, and their numbers.
+/// Targets of buffer views: vertex attributes and vertex indices.
 const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
-/// The extension, whose buffers and views say how others are compressed.
+/// Name of the compression extension.
 const MESHOPT: &str = "EXT_meshopt_compression";
 
-/// Views that are being made, all of one buffer.
+/// Buffer views under construction, all in one buffer.
 pub(super) struct GlbBuffer {
     meshopt: bool,
     bytes: Vec<u8>,
-    /// Bytes of the buffer that there would be without compression.
+    /// Length in bytes of the uncompressed buffer.
     plain: usize,
     views: Vec<Json>,
 }
@@ -22,12 +23,12 @@ impl GlbBuffer {
         GlbBuffer { meshopt, bytes: Vec::new(), plain: 0, views: Vec::new() }
     }
 
-    /// The extension that readers must know.
+    /// Extension that readers must support.
     pub(super) fn extension(&self) -> Option<&'static str> {
         self.meshopt.then_some(MESHOPT)
     }
 
-    /// The number of a view of an attribute of vertices, with so many bytes each.
+    /// Adds a view of a vertex attribute with `stride` bytes per vertex; returns its index.
     pub(super) fn vertices(&mut self, bytes: &[u8], stride: usize) -> usize {
         let view = json!({ "target": ARRAY_BUFFER, "byteStride": stride });
         match self.meshopt {
@@ -38,7 +39,8 @@ impl GlbBuffer {
         }
     }
 
-    /// The number of a view of triangles, as numbers of 16 bits if vertices are few.
+    /// Adds a view of triangles; returns its index. Vertex indices have 16 bits if `is_small`, else
+    /// 32.
     pub(super) fn triangles(&mut self, triangles: &[[u32; 3]], is_small: bool) -> usize {
         let view = json!({ "target": ELEMENT_ARRAY_BUFFER });
         let numbers = triangles.as_flattened();
@@ -59,16 +61,17 @@ impl GlbBuffer {
         self.plain(&bytes, view)
     }
 
-    /// The number of a view of a column of a table.
+    /// Adds a view of a table column; returns its index.
     pub(super) fn table(&mut self, bytes: &[u8]) -> usize {
         self.plain(bytes, json!({}))
     }
 
-    /// Adds buffers and views to a file's root; returns the bytes of its only buffer that has any.
+    /// Adds buffers and views to the file's root. Returns the bytes of the only buffer that has
+    /// any.
     pub(super) fn finish(self, root: &mut Map<String, Json>) -> Vec<u8> {
         let mut buffers = vec![json!({ "byteLength": self.bytes.len() })];
         if self.meshopt {
-            // It stands for the bytes that readers make of the first one's.
+            // Placeholder for the bytes that readers decompress from the first buffer.
             buffers
                 .push(json!({ "byteLength": self.plain, "extensions": { MESHOPT: { "fallback": true } } }));
         }
@@ -101,7 +104,7 @@ impl GlbBuffer {
     fn append(&mut self, bytes: &[u8]) -> usize {
         let first = self.bytes.len();
         self.bytes.extend_from_slice(bytes);
-        // (Columns of tables begin at multiples of eight.)
+        // (Table columns must be aligned to 8 bytes.)
         self.bytes.resize(self.bytes.len().next_multiple_of(8), 0);
         first
     }
@@ -115,14 +118,14 @@ impl GlbBuffer {
     }
 }
 
-/// The codecs of meshoptimizer.
+/// Codecs of meshoptimizer.
 #[cfg(feature = "meshopt")]
 mod meshopt {
     use meshoptimizer_rs::Workspace;
     use meshoptimizer_rs::codec::{IndexEncoding, VertexEncoding, encode_index_buffer, encode_vertex_buffer};
 
     pub(super) fn vertices(bytes: &[u8], stride: usize) -> Vec<u8> {
-        // The extension has version 0 alone.
+        // The extension only allows version 0.
         let encoding = VertexEncoding::new(0, 0).expect("there is such a version");
         let (count, mut workspace) = (bytes.len() / stride, Workspace::default());
         encode_vertex_buffer(bytes, count, stride, encoding, &mut workspace).expect("strides are 4 and 8")
@@ -135,7 +138,7 @@ mod meshopt {
     }
 }
 
-/// Options are refused before.
+/// Without the feature, `GltfOptions::check` rejects the option.
 #[cfg(not(feature = "meshopt"))]
 mod meshopt {
     pub(super) fn vertices(_: &[u8], _: usize) -> Vec<u8> {

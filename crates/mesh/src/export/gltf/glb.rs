@@ -1,5 +1,5 @@
-//! Triangles as binary glTF 2.0: quantised positions and normals (KHR_mesh_quantization), colours, and classes as features
-//! (EXT_mesh_features, EXT_structural_metadata).
+//! Triangles as binary glTF 2.0: quantized positions and normals (KHR_mesh_quantization), colours,
+//! and classes as features (EXT_mesh_features, EXT_structural_metadata).
 
 use std::collections::BTreeMap;
 
@@ -11,22 +11,22 @@ use super::tile_mesh::{MARGIN, STEPS, TileCorner, TileMesh};
 use spinney_container::Metadata;
 use spinney_crs::Frame;
 
-/// The attribute of a tile's cells.
+/// Attribute of a tile's cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum TileAttribute {
     None,
-    /// A colour, `red << 16 | green << 8 | blue`.
+    /// Colour, `red << 16 | green << 8 | blue`.
     Colour,
-    /// A class.
+    /// Class.
     Class,
 }
 
-/// Types of components.
+/// Component types.
 const BYTE: u32 = 5120;
 const UNSIGNED_SHORT: u32 = 5123;
 const UNSIGNED_INT: u32 = 5125;
 
-/// A file that is being made: the triangles of tiles as nodes below one.
+/// File under construction: the triangles of each tile are a child of the root node.
 pub(super) struct Glb<'a> {
     attribute: TileAttribute,
     metadata: &'a Metadata,
@@ -34,13 +34,13 @@ pub(super) struct Glb<'a> {
     accessors: Vec<Json>,
     meshes: Vec<Json>,
     nodes: Vec<Json>,
-    /// Rows of the table of classes.
+    /// Row in the table of classes, by class.
     classes: BTreeMap<u32, u32>,
 }
 
 impl<'a> Glb<'a> {
-    /// `matrix` is that of the root, by columns; coordinates below it are cells of the finest level. `classes` are all
-    /// that the triangles have.
+    /// `matrix` is the root's matrix by columns; coordinates below it are cells of the finest
+    /// level. `classes` are all attributes that the triangles have.
     pub(super) fn new(
         attribute: TileAttribute,
         options: &GltfOptions,
@@ -62,8 +62,8 @@ impl<'a> Glb<'a> {
         }
     }
 
-    /// Adds the triangles of a tile whose first cell begins at `origin` and whose cells have the side `cell`, in cells of the
-    /// finest level.
+    /// Adds the triangles of a tile. `origin` is its first cell and `cell` the side of its cells,
+    /// both in cells of the finest level.
     pub(super) fn push(&mut self, mesh: &TileMesh, origin: [f64; 3], cell: f64) {
         let corners = &mesh.corners;
         let steps = |range: fn(u16, u16) -> u16, first: u16| -> Vec<u16> {
@@ -91,7 +91,7 @@ impl<'a> Glb<'a> {
             let classes = self.classes.clone();
             let feature = json!({ "componentType": UNSIGNED_SHORT, "type": "SCALAR" });
             let feature = self.vertices(corners, feature, |corner| {
-                // (Classes have 16 bits at most, and so their numbers.)
+                // (Classes have at most 16 bits, and so do their row numbers.)
                 let [low, high] = (classes[&corner.attribute] as u16).to_le_bytes();
                 [low, high, 0, 0]
             });
@@ -117,7 +117,8 @@ impl<'a> Glb<'a> {
         }));
     }
 
-    /// The bytes of the file. One without triangles has a node alone: lists, and extensions that nothing uses, are left out.
+    /// Returns the bytes of the file. A file without triangles has only the root node: empty lists
+    /// and unused extensions are not allowed.
     pub(super) fn finish(mut self) -> Vec<u8> {
         if self.meshes.is_empty() {
             let root = json!({
@@ -156,7 +157,8 @@ impl<'a> Glb<'a> {
         file_of(&root, bin)
     }
 
-    /// The number of an accessor to an attribute of vertices, whose elements have a multiple of four bytes.
+    /// Adds an accessor to a vertex attribute; returns its index. `N` must be a multiple of 4
+    /// bytes.
     fn vertices<const N: usize>(
         &mut self,
         corners: &[TileCorner],
@@ -174,7 +176,7 @@ impl<'a> Glb<'a> {
         self.accessors.len() - 1
     }
 
-    /// The way from attributes to colours, which are linear and opaque.
+    /// Map from attributes to colours, which are linear and opaque.
     fn colours(&self) -> Option<impl Fn(u32) -> [u16; 4] + use<'a>> {
         let palette = self.metadata.palette.as_ref();
         let is_class = match self.attribute {
@@ -185,7 +187,7 @@ impl<'a> Glb<'a> {
                 true
             }
         };
-        // IEC 61966-2-1.
+        // sRGB transfer function, IEC 61966-2-1.
         let linear = |number: u8| {
             let number = f64::from(number) / 255.0;
             let linear =
@@ -206,7 +208,7 @@ impl<'a> Glb<'a> {
         })
     }
 
-    /// The table of classes: number and name of each.
+    /// Table of classes: value and name of each.
     fn class_table(&mut self) -> Json {
         let values: Vec<u8> = self.classes.keys().flat_map(|value| value.to_le_bytes()).collect();
         let (mut texts, mut offsets) = (Vec::new(), vec![0u32]);
@@ -216,7 +218,7 @@ impl<'a> Glb<'a> {
             offsets.push(texts.len() as u32);
         }
         if texts.is_empty() {
-            // (No view is empty.)
+            // (Views must not be empty.)
             texts.push(0);
         }
         let offsets: Vec<u8> = offsets.iter().flat_map(|offset| offset.to_le_bytes()).collect();
@@ -234,7 +236,7 @@ impl<'a> Glb<'a> {
     }
 }
 
-/// A file of a description and the bytes that it speaks of.
+/// GLB file with a JSON chunk and a binary chunk.
 fn file_of(root: &Json, bin: Vec<u8>) -> Vec<u8> {
     let mut text = root.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
@@ -256,13 +258,13 @@ fn shorts(numbers: [u16; 4]) -> [u8; 8] {
     [a[0], a[1], b[0], b[1], c[0], c[1], d[0], d[1]]
 }
 
-/// A frame's matrix by columns, with y upwards, as glTF has it, where trees have z.
+/// Frame matrix by columns, with y up as in glTF; trees have z up.
 pub(super) fn y_up(frame: &Frame) -> [f64; 16] {
     let m = &frame.matrix;
     let mut columns = [0.0; 16];
     for column in 0..4 {
         let [x, y, z] = [m[0][column], m[1][column], m[2][column]];
-        // (Without minus zeros.)
+        // (Subtraction from 0.0 avoids negative zeros.)
         columns[4 * column..4 * column + 3].copy_from_slice(&[x, z, 0.0 - y]);
     }
     columns[15] = 1.0;

@@ -1,27 +1,29 @@
-//! Frames on the globe: coordinates of a tree's world as those of WGS 84 around the centre of the earth (EPSG:4978), in
-//! which viewers of 3D Tiles show them beside other tilesets.
+//! Frames on the globe: maps a tree's world coordinates to geocentric WGS 84 coordinates
+//! (EPSG:4978), in which viewers show 3D Tiles together with other tilesets.
 
 use glam::{DMat4, DVec3};
 
 use spinney_container::Unit;
 use spinney_crs::{Frame, Projection};
 
-/// Semi-major axis in metres, and square of the eccentricity, of the ellipsoid of WGS 84.
+/// Semi-major axis in metres, and squared eccentricity, of the WGS 84 ellipsoid.
 const SEMI_MAJOR: f64 = 6_378_137.0;
 const ECCENTRICITY: f64 = 0.006_694_379_990_141_316;
 
-/// An affine map onto the globe.
+/// Affine map onto the globe.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct OnGlobe {
     /// From cells to metres.
     pub(super) matrix: DMat4,
-    /// Most metres between the map and the curved globe, at corners of the box that it was made for.
+    /// Maximum distance in metres between the map and the curved globe, over the corners of the
+    /// box.
     pub(super) deviation: f64,
 }
 
 impl OnGlobe {
-    /// The map that touches the globe in the middle of a box of cells. Heights are in the unit of the plane, or in metres where
-    /// that is degrees, and are taken for those above the ellipsoid. `None` if the system has no such place.
+    /// Map that touches the globe in the middle of a box of cells. Heights are taken as ellipsoidal
+    /// heights, in the unit of the projection, or in metres if that is degrees. Returns `None` if
+    /// the coordinate system cannot be projected there.
     pub(super) fn touching(frame: &Frame, [least, most]: [[f64; 3]; 2]) -> Option<OnGlobe> {
         let crs = frame.crs.as_ref()?;
         let projection = Projection::new(crs, false).ok()?;
@@ -33,7 +35,8 @@ impl OnGlobe {
         let (least, most) = (DVec3::from(least), DVec3::from(most));
         let middle = least.midpoint(most);
         let centre = place(middle)?;
-        // Steps of a hundredth of the box: far above rounding, and the error of central differences goes with their square.
+        // Stride of a hundredth of the box: far above rounding, and the error of central
+        // differences is quadratic in it.
         let axis = |axis: usize| {
             let step = (most - least)[axis].max(1.0) / 100.0;
             let by = DVec3::AXES[axis] * step;
@@ -52,7 +55,7 @@ impl OnGlobe {
     }
 }
 
-/// The point at a longitude and latitude in degrees and a height in metres.
+/// Point at a longitude and latitude in degrees and a height in metres.
 fn geocentric([longitude, latitude]: [f64; 2], height: f64) -> DVec3 {
     let ((sin_lon, cos_lon), (sin_lat, cos_lat)) =
         (longitude.to_radians().sin_cos(), latitude.to_radians().sin_cos());
@@ -66,7 +69,7 @@ mod tests {
     use super::*;
     use spinney_crs::Crs;
 
-    /// Points of EPSG:4979 in EPSG:4978, by PROJ 9.
+    /// Points of EPSG:4979 in EPSG:4978, from PROJ 9.
     #[test]
     fn places_are_those_of_proj() {
         for (place, height, expected) in [
@@ -85,7 +88,7 @@ mod tests {
         frame.matrix[2][2] = 0.5;
         frame.crs = Some(Crs::epsg(32632));
         let found = OnGlobe::touching(&frame, [[0.0; 3], [2000.0; 3]]).unwrap();
-        // 1 km: the earth curves away by 6 cm at 700 m.
+        // 1 km: the earth's surface drops by 6 cm at 700 m.
         assert!(found.deviation > 0.01 && found.deviation < 0.2, "{}", found.deviation);
         let scale = found.matrix.transform_vector3(DVec3::X).length() / 0.5;
         assert!((scale - 1.0004).abs() < 1e-4, "{scale}: UTM shrinks by 0.9996 at its meridian");

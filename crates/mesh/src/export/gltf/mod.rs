@@ -1,8 +1,9 @@
 //! Octrees for viewers: 3D Tiles 1.1, and single levels as binary glTF.
 //!
-//! A tileset is the octree itself (implicit tiling): a tile is a node, and has the surface of the 64 x 64 x 64 cells that lie
-//! so many levels below it, in place of which viewers load its eight children when they come nearer. Tiles are made each by
-//! itself, on all threads, and meet without cracks: all of a level are on one lattice.
+//! A tileset is the octree itself (implicit tiling). A tile is a node, with the surface of its 64 x
+//! 64 x 64 cells six levels below. Viewers replace it by its eight children when they come closer.
+//! Tiles are generated independently, on all threads. They meet without cracks because all tiles of
+//! a level share one lattice.
 
 mod buffer;
 mod glb;
@@ -27,16 +28,17 @@ use spinney_engine::dataset::Dataset;
 
 pub use tileset::{TilesetSummary, export_tileset};
 
-/// Kind of glTF that is written.
+/// Options of written glTF.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct GltfOptions {
-    /// Vertices and triangles compressed (`EXT_meshopt_compression`), which readers must know.
+    /// Compress vertices and triangles (`EXT_meshopt_compression`); readers must support the
+    /// extension.
     pub meshopt: bool,
 }
 
 impl GltfOptions {
-    /// glTF that most readers know.
+    /// glTF that most readers support.
     pub fn new() -> GltfOptions {
         GltfOptions::default()
     }
@@ -50,14 +52,14 @@ impl GltfOptions {
     }
 }
 
-/// Bytes that a single model may have: it is made in memory.
+/// Maximum size of a single model in bytes: it is built in memory.
 const MAX_GLB: usize = 1 << 30;
-/// Tiles that are made at a time.
+/// Tiles that are generated at a time.
 const BATCH: usize = 256;
 
-/// Writes one level of an octree, or of a view of one, as binary glTF, in the coordinates of its world (with y upwards, as
-/// glTF has it): a node for each part of 64 x 64 x 64 cells, with normals, colours, and classes as features. The model is made in
-/// memory. Returns the number of its triangles.
+/// Writes one level of an octree, or of a view of one, as binary glTF in world coordinates, with y
+/// up as in glTF. The file has a node for each tile of 64 x 64 x 64 cells, with normals, colours,
+/// and classes as features. The model is built in memory. Returns the number of triangles.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -73,8 +75,8 @@ const BATCH: usize = 256;
 /// ```
 ///
 /// # Errors
-/// If the tree is a quadtree, has no such level, or is damaged; if its frame is flat; if the model would have more than 1 GiB,
-/// or cannot be written; or on interruption.
+/// If the tree is a quadtree, has no such level, or is corrupt; if its frame is flat; if the model
+/// would exceed 1 GiB; if the output cannot be written; or on cancellation.
 pub fn export_glb(
     tree: &Dataset,
     request: &MeshRequest,
@@ -98,7 +100,7 @@ pub fn export_glb(
         });
         for made in made.into_iter().collect::<Result<Vec<_>>>()? {
             bytes += made.1.bytes();
-            // (A primitive has triangles, and a node that has a mesh is there for them.)
+            // (glTF primitives must have triangles, so tiles without any get no node.)
             if !made.1.triangles.is_empty() {
                 meshes.push(made);
             }

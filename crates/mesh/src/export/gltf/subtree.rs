@@ -1,25 +1,25 @@
-//! Availability of tiles of an implicit octree, in binary subtree files of 3D Tiles 1.1.
+//! Availability of tiles of an implicit octree, as binary subtree files of 3D Tiles 1.1.
 
 use serde_json::{Value as Json, json};
 
 use super::tiles::Tile;
 
-/// Tiles of a subtree that are there.
+/// Available tiles of a subtree.
 pub(super) struct Subtree {
     root: Tile,
     levels: u8,
-    /// In order of levels, and in Z order within each; with whether it has content.
+    /// Tiles by level, and in Z order within each level; with whether the tile has content.
     tiles: Vec<(Tile, bool)>,
-    /// Roots of the subtrees below.
+    /// Roots of the child subtrees.
     children: Vec<Tile>,
 }
 
 impl Subtree {
-    /// A subtree with room for so many levels of tiles, which come in order of levels and in Z order within each, and with
-    /// subtrees below.
-    /// Tiles without content that lead to none are left out, but for the root of all.
+    /// Subtree with up to `levels` levels of tiles, and its child subtrees. Tiles are given by
+    /// level and in Z order within each level. Tiles without content and without needed descendants
+    /// are left out, except for the root of the tileset.
     pub(super) fn of(root: Tile, levels: u8, mut tiles: Vec<(Tile, bool)>, children: Vec<Tile>) -> Subtree {
-        // From below, since that a tile is needed follows from the next level's.
+        // Bottom-up, since a tile is needed if a tile of the next level is.
         let mut needed: Vec<u64> = children.iter().map(|tile| tile.order >> 3).collect();
         for level in (root.level..root.level + levels).rev() {
             tiles.retain(|(tile, has_content)| {
@@ -29,19 +29,19 @@ impl Subtree {
             needed = here.map(|(tile, _)| tile.order >> 3).collect();
         }
         if tiles.is_empty() && root == Tile::ROOT {
-            // Readers begin with it.
+            // Readers start with the root.
             tiles.push((root, false));
         }
         Subtree { root, levels, tiles, children }
     }
 
-    /// Whether there is no tile in it.
+    /// Whether the subtree has no tiles.
     pub(super) fn is_empty(&self) -> bool {
         self.tiles.is_empty()
     }
 
-    /// The bytes of its file. `bounds` gives the numbers of a tile's own bounding box, as `tileset.json` has it, if
-    /// tiles have such.
+    /// Bytes of the subtree file. `bounds` returns a tile's own bounding box in the format of
+    /// `tileset.json`; `None` if tiles have no own boxes.
     pub(super) fn to_bytes(&self, bounds: Option<&dyn Fn(Tile) -> [f64; 12]>) -> Vec<u8> {
         let count = |below: u8| 1usize << (3 * below);
         let before = |below: u8| (count(below) - 1) / 7;
@@ -87,7 +87,7 @@ impl Subtree {
     }
 }
 
-/// The binary part of a subtree file.
+/// Binary buffer of a subtree file.
 #[derive(Default)]
 struct SubtreeBuffer {
     bytes: Vec<u8>,
@@ -102,7 +102,7 @@ impl SubtreeBuffer {
         json!({ "bitstream": self.append(&bits.bytes), "availableCount": bits.set })
     }
 
-    /// The number of a view of some bytes.
+    /// Appends a view with these bytes; returns its index.
     fn append(&mut self, bytes: &[u8]) -> usize {
         let view = json!({ "buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len() });
         self.views.push(view);
@@ -112,7 +112,7 @@ impl SubtreeBuffer {
     }
 }
 
-/// Bits, the first the lowest of its byte.
+/// Bit array, least significant bit first.
 struct Bits {
     bytes: Vec<u8>,
     count: usize,

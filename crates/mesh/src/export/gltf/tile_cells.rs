@@ -1,20 +1,20 @@
-//! A tile's cells, as a small octree of its own, with the true cells around it.
+//! A tile's cells as a small octree of its own, surrounded by the cells of the tree.
 
 use std::sync::Arc;
 
 use spinney_base::Result;
 use spinney_engine::query::cell_blocks::{Block, BlockAttribute, BlockState, CellBlocks};
 
-/// The cells below one node.
+/// Cells below one node.
 pub(super) struct TileCells<'a> {
     pub(super) blocks: &'a mut dyn CellBlocks,
-    /// Level of the node, and its place there.
+    /// Level of the node, and its position at that level.
     pub(super) level: u8,
     pub(super) node: [u32; 3],
 }
 
 impl TileCells<'_> {
-    /// A node of so many levels below the tile, among those of the whole tree.
+    /// Converts a node `level` levels below the tile to a node of the whole tree.
     fn whole(&self, level: u8, node: [i64; 3]) -> [i64; 3] {
         std::array::from_fn(|axis| (i64::from(self.node[axis]) << level) + node[axis])
     }

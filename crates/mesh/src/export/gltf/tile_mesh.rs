@@ -1,4 +1,4 @@
-//! A tile's triangles in memory, with a normal and the attribute of the cell behind them at each corner.
+//! A tile's triangles in memory, with a normal and the attribute of the cell at each corner.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -11,17 +11,19 @@ use spinney_base::Result;
 use spinney_crs::Frame;
 use spinney_engine::query::cell_blocks::CellBlocks;
 
-/// Steps of quantised coordinates to a cell, and cells from their origin to that of the tile: enough for the smooth surface,
-/// which begins up to two cells before. Tiles side by side have the same lattice, and so meet without cracks.
+/// Quantization units per cell, and cells from the quantization origin to the tile's origin. The
+/// margin suffices for the smooth surface, which starts up to two cells before the tile. Adjacent
+/// tiles share a lattice and so meet without cracks.
 pub(super) const STEPS: f64 = 512.0;
 pub(super) const MARGIN: f64 = 2.0;
 
-/// A corner of triangles.
+/// Corner of triangles.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) struct TileCorner {
-    /// Steps from the tile's origin, less the margin.
+    /// Quantization units from the quantization origin, which is the tile's origin minus the
+    /// margin.
     pub(super) at: [u16; 3],
-    /// In parts of 127.
+    /// In units of 1/127.
     pub(super) normal: [i8; 3],
     pub(super) attribute: u32,
 }
@@ -34,51 +36,51 @@ pub(super) struct TileMesh {
 }
 
 impl TileMesh {
-    /// The surface of a tile's cells.
+    /// Surface of a tile's cells.
     pub(super) fn of(cells: &mut dyn CellBlocks, smooth: bool, with_attribute: bool) -> Result<TileMesh> {
         let made = Rc::new(RefCell::new(Collecting { with_attribute, ..Collecting::default() }));
         let frame = Frame::identity();
         let mesh = Mesh::new(Box::new(Collector(Rc::clone(&made))), &frame, true);
-        // Nobody waits for a single tile.
+        // A single tile needs no progress and no cancellation.
         let surface = if smooth { Surface::Smooth { margin: 1.0 / STEPS } } else { Surface::Faces };
         write_surface(cells, mesh, surface, &())?;
         Ok(std::mem::take(&mut made.borrow_mut().mesh))
     }
 
-    /// The attributes of the corners.
+    /// Attributes of the corners.
     pub(super) fn attributes(&self) -> impl Iterator<Item = u32> {
         self.corners.iter().map(|corner| corner.attribute)
     }
 
-    /// About as many bytes as it has in a file.
+    /// Approximate size in a file, in bytes.
     pub(super) fn bytes(&self) -> usize {
         24 * self.corners.len() + 12 * self.triangles.len()
     }
 }
 
-/// A surface that is being made.
+/// Surface under construction.
 #[derive(Default)]
 struct Collecting {
     with_attribute: bool,
     mesh: TileMesh,
-    /// Vertices of the surface, and the last corner that each has become: a vertex has a corner for each of its normals and
-    /// attributes.
+    /// Vertices of the surface, each with the last of its corners. A vertex has a corner for each
+    /// combination of normal and attribute.
     vertices: Vec<TileVertex>,
-    /// Corners before those of the mesh, of the same vertex each.
+    /// Previous corner of the same vertex, by corner.
     before: Vec<Option<u32>>,
-    /// The normal of the next vertex.
+    /// Normal of the next vertex.
     normal: Option<[i8; 3]>,
 }
 
 struct TileVertex {
     at: [u16; 3],
-    /// If it is not that of its faces.
+    /// Normal of the vertex; `None` if the normals of the faces apply.
     normal: Option<[i8; 3]>,
     last: Option<u32>,
 }
 
 impl Collecting {
-    /// The corner of a vertex in a face, whose normal is asked for if it has none of its own.
+    /// Corner of a vertex in a face. `flat` computes the face normal if the vertex has no normal.
     fn corner(&mut self, vertex: usize, flat: impl FnOnce() -> [i8; 3], attribute: u32) -> u32 {
         let TileVertex { at, normal, last } = &mut self.vertices[vertex];
         let corner = TileCorner { at: *at, normal: normal.unwrap_or_else(flat), attribute };
@@ -101,7 +103,7 @@ struct Collector(Rc<RefCell<Collecting>>);
 impl Sink for Collector {
     fn vertex(&mut self, at: [f64; 3]) -> Result<()> {
         let collecting = &mut *self.0.borrow_mut();
-        // (To the nearest: there are none below zero.)
+        // (Rounds to nearest: values are not negative.)
         let at = at.map(|cells| ((cells + MARGIN) * STEPS + 0.5) as u16);
         let normal = collecting.normal.take();
         collecting.vertices.push(TileVertex { at, normal, last: None });
@@ -120,7 +122,7 @@ impl Sink for Collector {
 
     fn face(&mut self, corners: &[Vertex], attribute: u32) -> Result<()> {
         let collecting = &mut *self.0.borrow_mut();
-        // Corners of a sliver may be rounded to one place.
+        // Corners of slivers may be rounded to the same point.
         let [a, b, c] = [0, 1, 2].map(|corner: usize| collecting.vertices[corners[corner].index as usize].at);
         if a == b || b == c || c == a {
             return Ok(());
@@ -141,8 +143,8 @@ impl Sink for Collector {
     }
 }
 
-/// A normal in parts of 127.
+/// Normal in units of 1/127.
 fn quantised(normal: DVec3) -> [i8; 3] {
-    // (To the nearest, by way of numbers above zero.)
+    // (Rounds to nearest; the offset avoids negative values.)
     normal.to_array().map(|number| ((number * 127.0 + 128.5) as i16 - 128) as i8)
 }

@@ -1,4 +1,4 @@
-//! Tiles of an octree: which of them a surface passes through, and the triangles of each.
+//! Tiles of an octree: which tiles a surface crosses, and the triangles of each.
 
 use super::super::losses::Losses;
 use super::super::visit::Reach;
@@ -18,7 +18,7 @@ use spinney_engine::query::check_level;
 /// Levels between a tile and its cells.
 const TILE_LEVELS: u8 = 6;
 
-/// A node of a level of tiles, by its position in Z order.
+/// Node at a level of tiles, by its index in Z order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Tile {
     pub(super) level: u8,
@@ -28,7 +28,7 @@ pub(super) struct Tile {
 impl Tile {
     pub(super) const ROOT: Tile = Tile { level: 0, order: 0 };
 
-    /// The place in tiles of the level.
+    /// Position at the level, in tiles.
     pub(super) fn place(self) -> [u32; 3] {
         let bit = |axis: usize, level: u8| ((self.order >> (3 * level + axis as u8)) as u32 & 1) << level;
         [0, 1, 2].map(|axis| (0..self.level).map(|level| bit(axis, level)).sum())
@@ -40,13 +40,13 @@ impl Tile {
     }
 }
 
-/// The blocks of cells that a thread makes tiles of.
+/// Blocks of cells from which a thread makes tiles.
 pub(super) type Blocks<'a> = Box<dyn CellBlocks + Send + 'a>;
 
-/// The way from tiles to triangles.
+/// Makes triangles from tiles.
 pub(super) struct TileMaker<'a> {
     tree: &'a Dataset,
-    /// The finest level of cells, and their frame.
+    /// Finest level of cells, and its frame.
     level: u8,
     frame: Frame,
     smooth: bool,
@@ -78,7 +78,8 @@ impl<'a> TileMaker<'a> {
         Ok(TileMaker { tree, level, frame, smooth: request.smooth, attribute, carry })
     }
 
-    /// Adds what glTF has no room for: values that are neither colours nor classes, and units other than metres.
+    /// Adds what glTF cannot store: values that are neither colours nor classes, and units other
+    /// than metres.
     pub(super) fn add_losses(&self, losses: &mut Losses) -> Result<()> {
         let is_lost = self.attribute == TileAttribute::None && self.tree.header().rule != Rule::Occupancy;
         if is_lost {
@@ -88,17 +89,17 @@ impl<'a> TileMaker<'a> {
         Ok(())
     }
 
-    /// The finest level of cells.
+    /// Finest level of cells.
     pub(super) fn level(&self) -> u8 {
         self.level
     }
 
-    /// The frame of the finest cells.
+    /// Frame of the finest cells.
     pub(super) fn frame(&self) -> &Frame {
         &self.frame
     }
 
-    /// Cells of the finest level along the axes of the space that the tree's cells lie in.
+    /// Cells of the finest level along each axis of the tree's extent.
     pub(super) fn extent(&self) -> [f64; 3] {
         let shift = self.tree.depth() - self.level;
         self.tree.header().extent.map(|cells| cells.div_ceil(1 << shift) as f64)
@@ -108,12 +109,12 @@ impl<'a> TileMaker<'a> {
         self.attribute
     }
 
-    /// Whether surfaces reach beyond the cells of their tile: see [`TileMaker::bounds`].
+    /// Whether surfaces extend beyond the cells of their tile: see [`TileMaker::bounds`].
     pub(super) fn is_smooth(&self) -> bool {
         self.smooth
     }
 
-    /// Levels of tiles.
+    /// Number of tile levels.
     pub(super) fn tile_levels(&self) -> u8 {
         self.level.saturating_sub(TILE_LEVELS) + 1
     }
@@ -124,50 +125,50 @@ impl<'a> TileMaker<'a> {
         [tile_level, cells].map(|level| f64::from(1u32 << (self.level - level)))
     }
 
-    /// Side of the cells of tiles of a level, in cells of the finest one.
+    /// Side of the cells of a level's tiles, in cells of the finest level.
     pub(super) fn cell_side(&self, tile_level: u8) -> f64 {
         self.sides(tile_level)[1]
     }
 
-    /// The level of the cells of tiles of a level.
+    /// Level of the cells of a level's tiles.
     fn cells_of(&self, tile_level: u8) -> u8 {
         self.level - (self.tile_levels() - 1 - tile_level)
     }
 
-    /// The box around a tile's surface and those of its descendants, in cells of the finest level.
+    /// Bounding box of the surfaces of a tile and its descendants, in cells of the finest level.
     pub(super) fn bounds(&self, tile: Tile) -> [[f64; 3]; 2] {
         let [side, cell] = self.sides(tile.level);
         let least = tile.place().map(|at| f64::from(at) * side);
         self.with_reach(least, least.map(|at| at + side), cell)
     }
 
-    /// The box around the surfaces of all tiles.
+    /// Bounding box of the surfaces of all tiles.
     pub(super) fn all_bounds(&self) -> [[f64; 3]; 2] {
-        // The coarsest cells reach furthest.
+        // The coarsest cells extend furthest.
         let cell = self.cell_side(0);
         self.with_reach([0.0; 3], self.extent().map(|cells| (cells / cell).ceil() * cell), cell)
     }
 
-    /// A box of cells of the given side, with what surfaces have beyond them.
+    /// Box of cells with side `cell`, extended by the margin of the surfaces.
     fn with_reach(&self, least: [f64; 3], most: [f64; 3], cell: f64) -> [[f64; 3]; 2] {
-        // The quadrangles around a cell's edges have corners in the two cells before it, and, beyond the space, in half a
-        // cell behind.
+        // Quadrangles around a cell's edges have corners in the two cells before it. At the end of
+        // the space they also extend half a cell after it.
         let (before, behind) = if self.smooth { (1.5 * cell, 0.5 * cell) } else { (0.0, 0.0) };
         [least.map(|at| at - before), most.map(|at| at + behind)]
     }
 
-    /// Cells of which only the shape is asked, for [`TileMaker::wants`].
+    /// Cells without attributes, for [`TileMaker::wants`].
     pub(super) fn shape(&self) -> Result<Blocks<'a>> {
         self.tree.cell_blocks(self.level, BlockAttribute::Nothing)
     }
 
-    /// Whether a surface may pass through a tile.
+    /// Whether a surface may cross a tile.
     pub(super) fn wants(&self, shape: &mut Blocks<'a>, tile: Tile) -> Result<bool> {
         let node = tile.place();
         if !self.smooth {
             return Reach::Faces.wants(&mut **shape, tile.level, node);
         }
-        // The last tiles have what lies beyond the space, too.
+        // The last tiles also cover what lies beyond the space.
         let ends = node.map(|cell| cell + 1 == 1 << tile.level);
         for step in (0..8).filter(|step| (0..3).all(|axis| step >> axis & 1 == 0 || ends[axis])) {
             let node = [0, 1, 2].map(|axis| node[axis] + (step >> axis & 1));
@@ -178,10 +179,11 @@ impl<'a> TileMaker<'a> {
         Ok(false)
     }
 
-    /// Hands out the tiles that a surface may pass through, each before its descendants, in Z order.
+    /// Passes the tiles that a surface may cross to `each`, in Z order, each before its
+    /// descendants.
     pub(super) fn visit(&self, progress: &dyn Progress, mut each: impl FnMut(Tile)) -> Result<()> {
         let mut shape = self.shape()?;
-        // The last is on top.
+        // A stack: the last tile is the next one.
         let mut pending = vec![Tile::ROOT];
         while let Some(tile) = pending.pop() {
             progress.check()?;
@@ -198,7 +200,7 @@ impl<'a> TileMaker<'a> {
         Ok(())
     }
 
-    /// The tiles of the finest level, in Z order.
+    /// Tiles of the finest level, in Z order.
     pub(super) fn finest(&self, progress: &dyn Progress) -> Result<Vec<Tile>> {
         let mut finest = Vec::new();
         self.visit(progress, |tile| {
@@ -209,7 +211,7 @@ impl<'a> TileMaker<'a> {
         Ok(finest)
     }
 
-    /// The triangles of a tile; its thread takes blocks of the level from the pool.
+    /// Triangles of a tile. The thread takes the level's blocks from the pool.
     pub(super) fn mesh(&self, pool: &Pool<Blocks<'a>>, tile: Tile) -> Result<TileMesh> {
         let make = || self.tree.cell_blocks(self.cells_of(tile.level), self.carry);
         pool.with(make, |blocks| {

@@ -16,10 +16,10 @@ use spinney_base::{Progress, Result};
 use spinney_crs::Frame;
 use spinney_engine::dataset::Dataset;
 
-/// Levels of tiles in a subtree: 585 tiles at most.
+/// Levels of tiles in a subtree: at most 585 tiles.
 const SUBTREE_LEVELS: u8 = 4;
 
-/// Size and place of a written tileset.
+/// Size of a written tileset, and its deviation from the globe.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TilesetSummary {
     /// Tiles with content.
@@ -28,23 +28,24 @@ pub struct TilesetSummary {
     pub levels: u8,
     /// Triangles of all tiles.
     pub triangles: u64,
-    /// Most metres that places are off the curved globe, if they are on it; `None` if coordinates are those of the tree's
-    /// world.
+    /// Maximum deviation from the curved globe in metres; `None` if the tileset is in the tree's
+    /// world coordinates.
     pub deviation: Option<f64>,
 }
 
-/// Writes an octree, or a view of one, as a tileset of 3D Tiles 1.1: `tileset.json`, subtrees and contents (glTF with
-/// normals, colours, and classes as features) in a new folder, which appears whole or not at all. The request's level is
-/// the finest.
+/// Writes an octree, or a view of one, as a tileset of 3D Tiles 1.1: `tileset.json`, subtrees and
+/// contents. Contents are glTF with normals, colours, and classes as features. The output is a new
+/// directory, which is created atomically. The request's level is the finest level.
 ///
-/// A tree whose coordinate system is known is put onto the globe, by the affine map that touches it in the middle of the tree;
-/// others keep the coordinates of their world, with z upwards.
+/// A tree with a known coordinate system is placed on the globe, by the affine map that touches the
+/// globe in the middle of the tree. Other trees keep their world coordinates, with z up.
 ///
-/// Memory: for each thread blocks around the tiles that it makes (128 MiB at most); nothing grows with the number of tiles.
+/// Each thread holds the blocks around the tiles that it makes, at most 128 MiB. Memory does not
+/// grow with the number of tiles.
 ///
 /// # Errors
-/// If the tree is a quadtree, has no such level, or is damaged; if its frame is flat; if the folder is there already and
-/// is not empty, or cannot be written; or on interruption.
+/// If the tree is a quadtree, has no such level, or is corrupt; if its frame is flat; if the
+/// directory exists and is not empty, or cannot be written; or on cancellation.
 pub fn export_tileset(
     tree: &Dataset,
     request: &MeshRequest,
@@ -63,7 +64,7 @@ pub fn export_tileset(
     let mut shape = maker.shape()?;
     let mut writer = TilesetWriter {
         tree,
-        // In metres on the globe, as geometric errors are.
+        // In metres on the globe, the unit of geometric errors.
         unit: (0..3).map(|axis| matrix.col(axis).truncate().length()).fold(0.0, f64::max),
         matrix,
         subtree_levels: SUBTREE_LEVELS.min(maker.tile_levels()),
@@ -84,7 +85,7 @@ pub fn export_tileset(
     text.push(b'\n');
     let summary = writer.summary;
     let mut losses = Losses::in_file(&output.path().join("tileset.json"));
-    // (What is put onto the globe is in metres, and what is not has its coordinate system in a note.)
+    // (Tilesets on the globe are in metres; others store their coordinate system as a note.)
     if summary.deviation.is_none() {
         writer.maker.add_losses(&mut losses)?;
     }
@@ -95,7 +96,7 @@ pub fn export_tileset(
     Ok(summary)
 }
 
-/// A frame as a matrix.
+/// Frame as a matrix.
 fn matrix(frame: &Frame) -> DMat4 {
     let [x, y, z] = frame.matrix;
     DMat4::from_cols_array_2d(&[x, y, z, [0.0, 0.0, 0.0, 1.0]]).transpose()
@@ -109,18 +110,19 @@ struct TilesetWriter<'a, 'b> {
     progress: &'b dyn Progress,
     /// From cells of the finest level to the coordinates of the tileset.
     matrix: DMat4,
-    /// Side of these cells in the coordinates below the root, of which the root's transform only turns and moves most.
+    /// Side of these cells in the coordinates below the root. The root's transform then mostly
+    /// rotates and translates.
     unit: f64,
     subtree_levels: u8,
     summary: TilesetSummary,
     /// Blocks of the finest cells.
     finest: Pool<Blocks<'a>>,
-    /// Tiles to be made.
+    /// Number of tiles to make.
     total: u64,
 }
 
 impl<'a> TilesetWriter<'a, '_> {
-    /// Writes a subtree and all below it; returns whether there is anything in it.
+    /// Writes a subtree and all subtrees below it. Returns whether it has any tiles.
     fn subtree(&mut self, shape: &mut Blocks<'a>, root: Tile) -> Result<bool> {
         let levels = self.subtree_levels.min(self.maker.tile_levels() - root.level);
         let mut tiles = Vec::new();
@@ -160,9 +162,9 @@ impl<'a> TilesetWriter<'a, '_> {
         Ok(true)
     }
 
-    /// Writes the contents of tiles of a level; returns which have any.
+    /// Writes the contents of tiles of a level; returns which of them have content.
     fn contents(&mut self, tiles: &[Tile]) -> Result<Vec<(Tile, bool)>> {
-        // Neighbours among the finest, which are most, share blocks across subtrees.
+        // Most tiles are of the finest level; neighbours among these share blocks across subtrees.
         let is_finest = tiles.iter().all(|tile| tile.level + 1 == self.maker.tile_levels());
         let (own, this) = (Pool::default(), &*self);
         let pool = if is_finest { &self.finest } else { &own };
@@ -181,7 +183,7 @@ impl<'a> TilesetWriter<'a, '_> {
         Ok(tiles.iter().copied().zip(made.into_iter().map(|count| count > 0)).collect())
     }
 
-    /// Writes a tile, if it has triangles, which are counted.
+    /// Writes a tile if it has triangles; returns their number.
     fn content(&self, pool: &Pool<Blocks<'a>>, tile: Tile) -> Result<u64> {
         let mesh = self.maker.mesh(pool, tile)?;
         if !mesh.triangles.is_empty() {
@@ -203,7 +205,7 @@ impl<'a> TilesetWriter<'a, '_> {
         [centre(0), centre(1), centre(2), half(0), 0.0, 0.0, 0.0, half(1), 0.0, 0.0, 0.0, half(2)]
     }
 
-    /// The content of `tileset.json`.
+    /// Content of `tileset.json`.
     fn tileset(&self) -> Json {
         let mut asset = json!({ "version": "1.1", "generator": "spinney" });
         if let Some(crs) = &self.maker.frame().crs {
@@ -219,7 +221,7 @@ impl<'a> TilesetWriter<'a, '_> {
         let mut tileset = json!({
             "asset": asset,
             "geometricError": side * self.unit,
-            // The box of the tree's cells, since the next one is a cube that they may fill but a little of.
+            // The box of the tree's cells; they may fill only little of the cube below.
             "root": {
                 "transform": transform.to_cols_array(),
                 "boundingVolume": { "box": self.bounding_box(self.maker.all_bounds()) },
@@ -227,7 +229,7 @@ impl<'a> TilesetWriter<'a, '_> {
                 "refine": "REPLACE",
                 "children": [{
                     "boundingVolume": { "box": self.bounding_box([[0.0; 3], [side; 3]]) },
-                    // The side of a cell; that of each level is half of that above.
+                    // Side of a cell. It halves from level to level.
                     "geometricError": self.maker.cell_side(0) * self.unit,
                     "content": { "uri": "content/{level}/{x}/{y}/{z}.glb" },
                     "implicitTiling": {
@@ -240,7 +242,7 @@ impl<'a> TilesetWriter<'a, '_> {
             },
         });
         if self.maker.is_smooth() {
-            // Surfaces reach beyond the cells of their tiles.
+            // Surfaces extend beyond the cells of their tiles.
             tileset["schema"] = json!({ "id": "tiles", "classes": { "tile": { "properties": {
                 "boundingBox": { "type": "SCALAR", "componentType": "FLOAT64", "array": true, "count": 12,
                     "required": true, "semantic": "TILE_BOUNDING_BOX" },

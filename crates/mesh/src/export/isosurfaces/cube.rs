@@ -1,56 +1,62 @@
-//! Marching cubes without a table: how a surface goes through the cube between the centres of eight neighbouring cells.
+//! Marching cubes without a table: how a surface crosses the cube between the centres of eight
+//! neighbouring cells.
 //!
-//! On each face of a cube the surface is a line of marching squares, as in contours: an edge between a value below the level and one that is
-//! not is crossed once, and a saddle belongs to the side of the level that the mean of its four values is on. The two cubes beside a
-//! face so agree on its lines, and those of a cube's six faces close to rings.
+//! On each face of a cube the surface is a line of marching squares, as in contours. An edge is
+//! crossed once if one of its values is below the level and the other is not. A saddle is above or
+//! below the level as the mean of its four values is. The two cubes that share a face therefore
+//! agree on its lines, and the lines of a cube's six faces close to rings.
 
-/// Number of a cube's edges by which they are named: the axis times eight and the first corner. (Half of them are none.)
+/// Size of tables indexed by cube edge: the axis times eight plus the first corner. (Half of the
+/// indices are unused.)
 pub(in crate::export) const EDGES: usize = 24;
 
-/// Stands for no edge.
+/// Marker for no edge.
 const NONE: u8 = u8::MAX;
 
-/// Corners of the faces, counterclockwise seen from outside: of those across the first axis the one before the cube, then the one behind it,
-/// and so on. A corner's bits are the axes along which it is the second.
+/// Corners of the faces, counterclockwise seen from outside. Per axis, first the face on the lower
+/// side, then the face on the upper side. A corner's bits are the axes along which it is the
+/// second.
 pub(in crate::export) const FACES: [[usize; 4]; 6] =
     [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
 
-/// Edges that a piece of surface goes through, one after the other, counterclockwise seen from where values are lower.
+/// Cycle of edges that a connected component of the surface crosses, counterclockwise seen from the
+/// lower values.
 #[derive(Clone, Copy)]
 pub(in crate::export) struct Ring {
     edges: [u8; 12],
     count: usize,
-    /// A face that it passes twice: points of it that are no neighbours lie on that face, where an edge between them could be one of the
-    /// next cube, too.
+    /// Face that the ring crosses twice. Non-adjacent points of the ring lie on that face, and an
+    /// edge between them might also be an edge of the cube on the other side.
     pub(in crate::export) pinched: Option<usize>,
 }
 
 impl Ring {
-    /// The axis and the first corner of each edge.
+    /// Axis and first corner of each edge.
     pub(in crate::export) fn edges(&self) -> impl ExactSizeIterator<Item = (usize, usize)> {
         self.edges[..self.count].iter().map(|edge| (usize::from(edge >> 3), usize::from(edge & 7)))
     }
 }
 
-/// Hands out the rings of a level through a cube with these numbers at its corners.
+/// Passes the rings of a level through a cube with these corner values to `each`.
 pub(super) fn rings(numbers: &[f64; 8], level: f64, each: impl FnMut(Ring)) {
     let is_high_saddle = |face: usize| mean(FACES[face].map(|corner| numbers[corner])) >= level;
     rings_between(numbers.map(|number| number >= level), is_high_saddle, each);
 }
 
-/// Hands out the rings between high corners of a cube and others; of a face with a saddle it is asked whether that is high.
+/// Passes the rings between high and low corners of a cube to `each`. `is_high_saddle` decides
+/// whether a face with a saddle is high.
 pub(in crate::export) fn rings_between(
     is_high: [bool; 8],
     is_high_saddle: impl Fn(usize) -> bool,
     mut each: impl FnMut(Ring),
 ) {
-    // The edge that comes after each, and the face between them.
+    // Next edge of each edge, and the face between them.
     let mut next = [(NONE, 0); EDGES];
     for (face, corners) in FACES.iter().enumerate() {
         let high = |side: usize| is_high[corners[side % 4]];
         for start in (0..4).filter(|side| !high(*side) && high(*side + 1)) {
-            // What is high is on the right of the line, which so goes on where high corners come to an end: the next ones, or in a saddle
-            // that is high itself the last ones.
+            // High values are on the right of the line. It leaves the face where the run of high
+            // corners ends: the adjacent run, or in a high saddle the opposite one.
             let is_saddle = high(start) == high(start + 2) && high(start + 1) == high(start + 3);
             let step = if is_saddle && is_high_saddle(face) { 3 } else { 1 };
             let ends = (1..4).map(|steps| (start + steps * step) % 4);
@@ -82,8 +88,8 @@ fn edge_between(a: usize, b: usize) -> usize {
     (a ^ b).trailing_zeros() as usize * 8 + (a & b)
 }
 
-/// Mean of a face's corners: the same to the last bit whichever way round they are, as long as the first is the same. (Quarters cannot
-/// overflow.)
+/// Mean of a face's corners, bitwise equal for both orientations if the first corner is the same.
+/// (Quarters cannot overflow.)
 fn mean(numbers: [f64; 4]) -> f64 {
     let [a, b, c, d] = numbers.map(|number| 0.25 * number);
     (a + c) + (b + d)

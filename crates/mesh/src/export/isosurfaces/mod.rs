@@ -1,9 +1,11 @@
-//! Isosurfaces: where the values of an octree, which go straight from one cell's centre to the next, are equal to a level.
+//! Isosurfaces: where the values of an octree, interpolated linearly between cell centres, equal a
+//! level.
 //!
-//! They are made in tiles of 64 x 64 x 64 cubes between the centres of eight neighbouring cells (`tile.rs`), by marching cubes (`cube.rs`), on
-//! all threads. Tiles whose extremes exclude the level are not read, or only their first layers of cells (`walk.rs`). Tiles come in Z order, and points on edges that
-//! tiles share are remembered until the last of these is done, as those of other surfaces are: memory goes with the edge of what is
-//! done.
+//! Marching cubes (`cube.rs`) generates them in tiles of 64 x 64 x 64 cubes between the centres of
+//! eight neighbouring cells (`tile.rs`), on all threads. Tiles whose extremes exclude the level are
+//! not read, or only their first layers of cells (`walk.rs`). Tiles are visited in Z order. Points
+//! on edges that several tiles share are kept until the last of these tiles is done, as for other
+//! surfaces. Memory grows with the boundary of the finished region.
 
 pub(super) mod cube;
 mod tile;
@@ -25,35 +27,41 @@ use spinney_engine::query::{ContourEnds, ContourLevels, ContourRequest, Levels};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct IsosurfaceSummary {
-    /// Surfaces: one for each value, which may be empty.
+    /// Surfaces: one per value, which may be empty.
     pub surfaces: u64,
     /// Vertices, each counted once.
     pub vertices: u64,
     /// Triangles.
     pub triangles: u64,
-    /// Tiles of 64 x 64 x 64 cells that there are, once for each surface.
+    /// Tiles of 64 x 64 x 64 cells in total, counted once per surface.
     pub tiles: u64,
-    /// Tiles that were read: those whose extremes do not exclude the surface. Of the ones behind these only the first layers of cells may
-    /// have been read.
+    /// Tiles that were read: their extremes do not exclude the surface. This does not count tiles
+    /// of which only the first layers of cells were read for the preceding tile.
     pub tiles_read: u64,
 }
 
-/// Writes surfaces of equal values of an octree's first channel, at any level of detail, in the coordinates of its world.
+/// Writes isosurfaces of an octree's first channel, at any level of detail, in world coordinates.
 ///
-/// Values go straight from one cell's centre to the next. One that is equal to a level counts as above it; four cells that make a saddle, by
-/// their mean: a surface crosses the plane through the centres of a layer of cells where
-/// [contours](Dataset::contours) of this layer are. Triangles are counterclockwise seen from where values are lower: what is enclosed is higher.
-/// Every vertex but a few in the middle of cubes lies on a line between the centres of neighbouring cells, at least a millionth of a cell
-/// away from these. Every edge has two triangles, which pass it in opposite directions, or one where the surface ends.
+/// Values are interpolated linearly between cell centres. A value equal to the level counts as
+/// above it; a saddle of four cells counts as their mean. A surface therefore crosses the plane
+/// through the centres of a layer of cells at the [contours](Dataset::contours) of this layer.
+/// Triangles are counterclockwise seen from the lower values: higher values are enclosed. Vertices
+/// lie on lines between the centres of neighbouring cells, at least a millionth of a cell from the
+/// centres, except for a few inside of cubes. Every edge has two triangles with opposite
+/// directions, or one at the end of the surface.
 ///
-/// Surfaces end ([`ContourEnds::Open`]) at the centres of the last cells, and where one of eight cells is VOID, or no finite number; or they
-/// are closed there ([`ContourEnds::Close`]), midway between cells that have a value and cells that have none, as if these were lower than
-/// everything. In trees of [`Rule::Occupancy`](spinney_base::value::Rule::Occupancy) VOID, and all outside, is 0, so that surfaces of solids are closed.
+/// With [`ContourEnds::Open`], surfaces end at the centres of the last cells, and where one of
+/// eight cells is VOID or not finite. With [`ContourEnds::Close`], they are closed there, midway
+/// between cells with and without a value, as if the latter were lower than any value. In trees of
+/// [`Rule::Occupancy`](spinney_base::value::Rule::Occupancy), VOID and the exterior are 0, so that
+/// surfaces of solids are closed.
 ///
-/// Several surfaces are written one after the other, from the lowest value on: as objects in OBJ (`o level_0.5`; a surface that is empty is none), as a property `level` of
-/// faces in PLY; other formats hold one. Reads only where the tree's statistics cannot exclude a surface, on all threads of the current pool; the
-/// file's bytes depend on the tree alone. Besides `request.memory`, memory goes with the points where the surface leaves what
-/// is done; [`ContourRequest::folder`] does not matter.
+/// Several surfaces are written in ascending order of value. In OBJ they are objects (`o
+/// level_0.5`; empty surfaces are left out), in PLY a face property `level`; other formats hold one
+/// surface. Only nodes whose statistics do not exclude a surface are read, on all threads of the
+/// current pool. The file's bytes depend only on the tree. In addition to `request.memory`, memory
+/// grows with the points where the surface leaves the finished region. [`ContourRequest::folder`]
+/// is ignored.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -75,9 +83,10 @@ pub struct IsosurfaceSummary {
 /// ```
 ///
 /// # Errors
-/// If the tree is a quadtree, or of classes, has no such level, or is damaged; if its frame is flat; if values are none, no finite numbers, or far too many; if
-/// surfaces are to go on to the edge of cells ([`ContourEnds::Extend`]); if the format cannot hold so many faces, such coordinates or several
-/// surfaces; if the output cannot be written; or on interruption.
+/// If the tree is a quadtree, categorical, has no such level, or is corrupt; if its frame is flat;
+/// if values are missing, not finite, or too many; for [`ContourEnds::Extend`]; if the format
+/// cannot hold so many faces, such coordinates, or several surfaces; if the output cannot be
+/// written; or on cancellation.
 pub fn export_isosurfaces(
     tree: &Dataset,
     request: &ContourRequest,
@@ -111,7 +120,8 @@ pub fn export_isosurfaces(
     Ok(summary)
 }
 
-/// Surfaces of equal values as triangles in memory, otherwise as [`export_isosurfaces`] writes them, all in one.
+/// Returns isosurfaces as triangles in memory, all in one mesh; otherwise as
+/// [`export_isosurfaces`].
 ///
 /// # Errors
 /// Those of [`export_isosurfaces`]; also if there are more than 2^32 vertices.
@@ -129,7 +139,7 @@ pub fn isosurface_mesh(
     Ok(Arrays::take(made))
 }
 
-/// Checks a request, and tells the values of its surfaces, from the lowest on.
+/// Checks a request and returns the values of its surfaces in ascending order.
 fn values(tree: &Dataset, request: &ContourRequest) -> Result<Vec<f64>> {
     let levels = Levels::new(&request.levels)?;
     if tree.header().form.axes() != 3 {
@@ -142,7 +152,7 @@ fn values(tree: &Dataset, request: &ContourRequest) -> Result<Vec<f64>> {
         return Err(Error::invalid("nodata", "extend", expected));
     }
     spinney_engine::query::check_level(request.level.unwrap_or(tree.depth()), tree.depth())?;
-    // (Given levels need none.)
+    // (Explicit levels need no bounds.)
     let bounds = match request.levels {
         ContourLevels::Every { .. } => tree.value_bounds()?.first().copied().unwrap_or((0.0, 0.0)),
         ContourLevels::At(_) => (0.0, 0.0),
@@ -170,7 +180,7 @@ fn write(
     let surfaces = values.len() as u64;
     let tiles = ground.tiles().iter().fold(surfaces, |all, tiles| all.saturating_mul(*tiles));
     let total = ground.cells(0, [0; 3]).saturating_mul(surfaces);
-    // What is known of the first is that it may be anything; then, that neighbours are much alike.
+    // The first batch assumes the maximum. Later batches assume surfaces as large as those before.
     let mut surface_bytes = MAX_SURFACE_BYTES;
     let mut writer = Writer { mesh, name: None, shared: Default::default(), attribute: 0 };
     let mut tiles_read = 0;
@@ -188,7 +198,8 @@ fn write(
             }
             let made = parallel::map(&wanted, |tile| {
                 progress.check()?;
-                // (Points near one cell's centre are on edges across or along each other.)
+                // (Doubled, as points near one cell's centre may be on collinear or on
+                // perpendicular edges.)
                 Ok(TileCells::read(&ground, tile)?.surface(*value, 2.0 * margin))
             });
             surface_bytes = 0;
@@ -210,14 +221,15 @@ fn write(
     Ok(IsosurfaceSummary { surfaces, vertices, triangles, tiles, tiles_read })
 }
 
-/// Surfaces of tiles on their way to a mesh.
+/// Writes the surfaces of tiles to a mesh.
 struct Writer<'a> {
     mesh: Mesh<'a>,
-    /// The name of a surface of several, until it has something: one that is empty is not there.
+    /// Name of one of several surfaces, until its first triangle is written; empty surfaces are
+    /// left out.
     name: Option<String>,
-    /// Points on edges along each axis that other tiles have, too.
+    /// Points on edges that several tiles share, by axis.
     shared: [Shared; 3],
-    /// That of faces.
+    /// Attribute of the faces.
     attribute: u32,
 }
 
@@ -238,7 +250,7 @@ impl Writer<'_> {
                 continue;
             }
             let vertex = self.mesh.vertex(point.at)?;
-            // The last tile that may ask for it is that of the cube which begins there.
+            // The last tile that may request it is that of the cube that starts at this point.
             let last = z_order(cell.map(|cell| cell.wrapping_add(1) >> TILE));
             self.shared[axis].put(cell, vertex, last);
             vertices.push(vertex);

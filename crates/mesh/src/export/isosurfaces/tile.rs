@@ -1,4 +1,5 @@
-//! The surface in a tile: the cubes whose last corners are its cells, with the layer of cells before them.
+//! Surface in a tile: the cubes whose last corners are the tile's cells. They need the layer of
+//! cells before the tile.
 
 use super::cube::{Ring, rings};
 use super::walk::{IsosurfaceGround, TILE, Tile};
@@ -6,30 +7,31 @@ use spinney_base::Result;
 use spinney_base::space::Bounds;
 use spinney_engine::query::level_share;
 
-/// Bytes that a tile takes while it is worked on, besides its surface.
+/// Working memory of a tile in bytes, without its surface.
 pub(super) const TILE_BYTES: u64 = 8 << 20;
 
-/// Bytes of a surface that goes through every cube.
+/// Bytes of a surface that crosses every cube.
 pub(super) const MAX_SURFACE_BYTES: u64 = 64 << 20;
 
-/// The numbers of a tile's cells.
+/// Values of a tile's cells.
 pub(super) struct TileCells {
-    /// The first cell; -1 is before the space.
+    /// First cell; -1 is before the space.
     first: [i64; 3],
     size: [usize; 3],
-    /// x runs fastest, then y, then z; what has no number, or was not read, is not one, or less than all.
+    /// Values; x runs fastest, then y, then z. Cells without a value are `IsosurfaceGround::none`;
+    /// cells that were not read are NaN.
     numbers: Vec<f64>,
 }
 
-/// A point of the surface in a tile.
+/// Point of the surface in a tile.
 pub(super) struct TilePoint {
-    /// Its place, in cells.
+    /// Position in cells.
     pub(super) at: [f64; 3],
-    /// The axis and the first cell of the edge that it lies on, if tiles after or before this one have that, too; -1 is 2^32 - 1.
+    /// Axis and first cell of its edge if other tiles share the edge; -1 is stored as 2^32 - 1.
     pub(super) shared: Option<(usize, [u32; 3])>,
 }
 
-/// Triangles in a tile, counterclockwise seen from where values are lower.
+/// Triangles in a tile, counterclockwise seen from the lower values.
 #[derive(Default)]
 pub(super) struct TileSurface {
     pub(super) points: Vec<TilePoint>,
@@ -37,7 +39,7 @@ pub(super) struct TileSurface {
 }
 
 impl TileSurface {
-    /// Bytes that it takes.
+    /// Size in bytes.
     pub(super) fn bytes(&self) -> u64 {
         (self.points.capacity() * size_of::<TilePoint>() + self.triangles.capacity() * size_of::<[u32; 3]>())
             as u64
@@ -45,13 +47,14 @@ impl TileSurface {
 }
 
 impl TileCells {
-    /// Reads the cells of a tile and those before it, or only what lies along the latter where the surface cannot be anywhere else.
+    /// Reads the cells of a tile and the layer before it. If the surface cannot cross the tile's
+    /// own cells, reads only the first two layers along each axis.
     ///
     /// # Errors
-    /// If the tree is damaged there.
+    /// If the tree is corrupt there.
     pub(super) fn read(ground: &IsosurfaceGround<'_>, tile: &Tile) -> Result<TileCells> {
         let first = tile.at.map(|at| (i64::from(at) << TILE) - 1);
-        // One layer behind the last cells is enough for what closes the surface.
+        // One layer after the last cells suffices for closing the surface.
         let end = |axis: usize| (first[axis] + 1 + (1 << TILE)).min(ground.whole[axis] as i64 + 1);
         let size = std::array::from_fn(|axis| (end(axis) - first[axis]).max(0) as usize);
         let mut cells = TileCells { first, size, numbers: vec![f64::NAN; size.iter().product()] };
@@ -67,7 +70,8 @@ impl TileCells {
         Ok(cells)
     }
 
-    /// Reads so many cells along each axis, from the first on. What is no finite number is what VOID is.
+    /// Reads `size` cells along each axis, from the first cell on. Values that are not finite count
+    /// as VOID.
     fn read_box(&mut self, ground: &IsosurfaceGround<'_>, size: [usize; 3]) -> Result<()> {
         let none = ground.none;
         for z in 0..size[2] {
@@ -99,7 +103,7 @@ impl TileCells {
         (z * self.size[1] + y) * self.size[0] + x
     }
 
-    /// The surface where values pass a level, with points so far from the ends of their edges.
+    /// Surface at a level. Points stay at least `margin` from the ends of their edges.
     pub(super) fn surface(&self, level: f64, margin: f64) -> TileSurface {
         let rows: Vec<Row> = match self.size[0] {
             0 => Vec::new(),
@@ -128,7 +132,7 @@ impl TileCells {
     }
 }
 
-/// A row of cells, a bit for each.
+/// Row of cells, one bit each.
 struct Row {
     high: u128,
     there: u128,
@@ -144,7 +148,8 @@ impl Row {
         row
     }
 
-    /// Cubes between four rows that have high corners and others, and a number at each.
+    /// Bits of the cubes between four rows that have both high and low corners, and a value at each
+    /// corner.
     fn crossed(rows: [&Row; 4]) -> u128 {
         let all = |of: &dyn Fn(&Row) -> u128| rows.iter().fold(u128::MAX, |all, row| all & of(row));
         let any = rows.iter().fold(0, |any, row| any | row.high);
@@ -157,13 +162,13 @@ struct Tracer<'a> {
     cells: &'a TileCells,
     level: f64,
     margin: f64,
-    /// Per axis, the point on the edge that begins at each cell: its number plus 1.
+    /// Point on the edge that starts at each cell, by axis: its index plus 1, or 0.
     known: [Vec<u32>; 3],
     made: TileSurface,
 }
 
 impl Tracer<'_> {
-    /// Adds the pieces of surface in a cube that begins at a cell.
+    /// Adds the components of the surface in a cube that starts at cell `first`.
     fn add_cube(&mut self, first: [usize; 3]) {
         let cell = |corner: usize| std::array::from_fn(|axis| first[axis] + (corner >> axis & 1));
         let numbers = std::array::from_fn(|corner| self.cells.numbers[self.cells.index(cell(corner))]);
@@ -173,7 +178,8 @@ impl Tracer<'_> {
         });
     }
 
-    /// Adds the triangles of a ring, of whose edges `edge` knows the first cell and the numbers at its ends.
+    /// Adds the triangles of a ring. `edge` returns an edge's first cell and the values at its
+    /// ends.
     fn add_ring(&mut self, ring: &Ring, edge: impl Fn(usize, usize) -> ([usize; 3], [f64; 2])) {
         let mut points = [0; 12];
         let count = ring.edges().len();
@@ -188,7 +194,7 @@ impl Tracer<'_> {
             self.made.triangles.extend((0..count).map(|index| [middle, points[index], next(index)]));
             return;
         }
-        // Quadrangles are cut along the shorter diagonal.
+        // Quadrangles are split along the shorter diagonal.
         if let [a, b, c, d] = *points
             && self.distance(b, d) < self.distance(a, c)
         {
@@ -197,18 +203,18 @@ impl Tracer<'_> {
         self.made.triangles.extend((2..count).map(|index| [points[0], points[index - 1], points[index]]));
     }
 
-    /// The point on an edge between two cells, which is made if it is not there yet.
+    /// Returns the point on an edge between two cells; adds it if it does not exist yet.
     fn point(&mut self, axis: usize, cell: [usize; 3], ends: [f64; 2]) -> u32 {
         let index = self.cells.index(cell);
         if let Some(known) = self.known[axis][index].checked_sub(1) {
             return known;
         }
-        // What is closed ends between the cells.
+        // Closed surfaces end midway between the cells.
         let share = if ends.iter().all(|end| end.is_finite()) { level_share(self.level, ends) } else { 0.5 };
         let first: [i64; 3] = std::array::from_fn(|axis| self.cells.first[axis] + cell[axis] as i64);
         let mut at = first.map(|cell| cell as f64 + 0.5);
         at[axis] += share.clamp(self.margin, 1.0 - self.margin);
-        // Edges between the first or last cells are those of other tiles, too.
+        // Edges between the first or last cells are shared with other tiles.
         let last = (1 << TILE) - 1;
         let is_shared = (0..3).any(|other| other != axis && first[other] & last == last);
         let shared = is_shared.then(|| (axis, first.map(|cell| cell as u32)));
@@ -218,7 +224,7 @@ impl Tracer<'_> {
         number - 1
     }
 
-    /// Adds the point in the middle of others.
+    /// Adds the centroid of points.
     fn middle(&mut self, points: &[u32]) -> u32 {
         let share = 1.0 / points.len() as f64;
         let sum =
@@ -228,7 +234,7 @@ impl Tracer<'_> {
         self.made.points.len() as u32 - 1
     }
 
-    /// Square of the distance between two points, in cells.
+    /// Squared distance of two points, in cells.
     fn distance(&self, a: u32, b: u32) -> f64 {
         let [a, b] = [a, b].map(|point| self.made.points[point as usize].at);
         (0..3).map(|axis| (a[axis] - b[axis]).powi(2)).sum()

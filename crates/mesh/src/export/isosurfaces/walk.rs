@@ -1,4 +1,5 @@
-//! The tiles that a surface may pass through, in Z order: those whose extremes, with those of the tiles before them, do not exclude it.
+//! Tiles that a surface may cross, in Z order: their extremes, joined with those of the preceding
+//! tiles, do not exclude the surface.
 
 use std::collections::HashMap;
 
@@ -6,39 +7,43 @@ use spinney_base::space::{Bounds, Code, Dimension};
 use spinney_base::{Progress, Result};
 use spinney_engine::query::{Extremes, Relief};
 
-/// Cells along an edge of a tile as a power of two. (A row of a tile's cells, with the one before it, has a bit each in a u128.)
+/// Base-2 logarithm of a tile's side in cells. (A row of a tile's cells, plus the cell before it,
+/// has one bit each in a u128.)
 pub(super) const TILE: u8 = 6;
 
-/// A tile that a surface may pass through.
+/// Tile that a surface may cross.
 pub(super) struct Tile {
-    /// Its place among the nodes of its level, or beside these.
+    /// Position at its level; may be one past the last node along an axis.
     pub(super) at: [u32; 3],
-    /// Whether the surface may pass between the tile's own cells, or only between these and the ones before them.
+    /// Whether the surface may cross between the tile's own cells, or only between these and the
+    /// preceding ones.
     pub(super) is_crossed: bool,
 }
 
-/// The cells that a surface goes through.
+/// Cells that a surface crosses.
 pub(super) struct IsosurfaceGround<'a> {
     pub(super) relief: &'a dyn Relief,
-    /// The level, and the cells of the whole there.
+    /// Level, and extent of the tree at the level in cells.
     pub(super) level: u8,
     pub(super) whole: [u64; 3],
-    /// The value that VOID and all outside count as: a number, less than everything (so that surfaces are closed), or not a number (so that they end).
+    /// Value of VOID and the exterior: finite; negative infinity, which closes surfaces; or NaN,
+    /// which ends them.
     pub(super) none: f64,
 }
 
 impl IsosurfaceGround<'_> {
-    /// The level whose nodes are tiles.
+    /// Level whose nodes are tiles.
     fn tile_level(&self) -> u8 {
         self.level.saturating_sub(TILE)
     }
 
-    /// Tiles along the axes, with those behind the last cells that close the surface.
+    /// Number of tiles along each axis, including those after the last cells that close the
+    /// surface.
     pub(super) fn tiles(&self) -> [u64; 3] {
         self.whole.map(|cells| (cells + u64::from(!self.none.is_nan())).div_ceil(1 << TILE))
     }
 
-    /// The extremes of what is outside.
+    /// Extremes of the exterior.
     fn outside(&self) -> Extremes {
         match self.none.is_finite() {
             true => Extremes { least: self.none, greatest: self.none, has_values: true, has_void: false },
@@ -46,41 +51,42 @@ impl IsosurfaceGround<'_> {
         }
     }
 
-    /// Cells of the whole in a node of a level.
+    /// Cells of the extent in a node.
     pub(super) fn cells(&self, level: u8, node: [u32; 3]) -> u64 {
         let code = Code::from_cell(Dimension::Oct, level, node);
         code.map_or(0, |code| code.bounds(self.level).intersect(&Bounds::picture(self.whole)).volume())
     }
 
-    /// Cells of the whole in a tile.
+    /// Cells of the extent in a tile.
     pub(super) fn cells_of_tile(&self, tile: [u32; 3]) -> u64 {
         self.cells(self.tile_level(), tile)
     }
 }
 
-/// Most nodes whose extremes are held.
+/// Maximum number of nodes whose extremes are cached.
 const MOST: usize = 1 << 15;
 
-/// The way through the tree for one value.
+/// Traversal of the tree for one value.
 pub(super) struct TileWalk<'a> {
     ground: &'a IsosurfaceGround<'a>,
     value: f64,
-    /// Nodes that are still to be looked at; the next is the last.
+    /// Stack of nodes to visit.
     pending: Vec<(u8, [u32; 3])>,
     known: HashMap<Code, Extremes>,
 }
 
 impl<'a> TileWalk<'a> {
     pub(super) fn new(ground: &'a IsosurfaceGround<'a>, value: f64) -> TileWalk<'a> {
-        // Beside the space there may be tiles that close the surface.
+        // Tiles next to the space may close the surface.
         let pending = (0..8).rev().map(|step| (0, child([0; 3], step))).collect();
         TileWalk { ground, value, pending, known: HashMap::new() }
     }
 
-    /// The next tiles, at most so many; none at the end. Tells of the cells that are left out.
+    /// Returns the next tiles, at most `most`; none at the end. Reports the cells of skipped nodes
+    /// as progress.
     ///
     /// # Errors
-    /// If the tree is damaged, or on interruption.
+    /// If the tree is corrupt, or on cancellation.
     pub(super) fn next(&mut self, most: usize, total: u64, progress: &dyn Progress) -> Result<Vec<Tile>> {
         let (tile_level, tiles) = (self.ground.tile_level(), self.ground.tiles());
         let mut found = Vec::new();
@@ -105,13 +111,14 @@ impl<'a> TileWalk<'a> {
         Ok(found)
     }
 
-    /// Whether the surface may pass between cells with these extremes.
+    /// Whether the surface may cross between cells with these extremes.
     fn may_pass(&self, cells: &Extremes) -> bool {
         let has_low = cells.least < self.value || self.ground.none < self.value && cells.has_void;
         cells.has_values && has_low && cells.greatest >= self.value
     }
 
-    /// The extremes of a node and the nodes before it: of all cubes whose last corners are in it.
+    /// Extremes of a node joined with those of the nodes before it: covers all cubes whose last
+    /// corners are in the node.
     fn with_before(&mut self, level: u8, node: [u32; 3], own: Extremes) -> Result<Extremes> {
         (1..8).try_fold(own, |all, step| {
             let before = std::array::from_fn(|axis| i64::from(node[axis]) - i64::from(step >> axis & 1));
@@ -119,7 +126,7 @@ impl<'a> TileWalk<'a> {
         })
     }
 
-    /// The extremes of a node; all outside is VOID.
+    /// Extremes of a node; nodes outside of the extent are VOID.
     fn extremes(&mut self, level: u8, node: [i64; 3]) -> Result<Extremes> {
         let outside = self.ground.outside();
         let [Ok(x), Ok(y), Ok(z)] = node.map(u32::try_from) else { return Ok(outside) };

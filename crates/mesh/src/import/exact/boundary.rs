@@ -1,4 +1,4 @@
-//! The boundary of an open surface: edges that have a face on one side only, in loops.
+//! Boundary of an open surface: edges that have a face on one side only, joined to loops.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,24 +9,27 @@ use spinney_base::{Error, Progress, Result, sort};
 use spinney_brep::Face;
 use spinney_brep::geometry::Triangulator;
 
-/// Bytes of an edge: its number, its ends from the lesser to the greater, the direction, the part of the face, the object that this is of, and
-/// the face's normal.
+/// Bytes of an edge: its key, its ends in ascending order, the direction, the part of the face, the
+/// part's object, and the face's normal.
 const EDGE: usize = 8 + 24 + 4 + 4 + 4 + 12;
 
-/// An edge as it comes back: its number, the object, the ends, whether it goes to the greater, the part, the bits of the normal.
+/// Edge as the sorter returns it: key, object, ends, whether it runs to the greater end, part, bits
+/// of the normal.
 type SortedEdge = (u64, u32, [[i32; 3]; 2], bool, u32, [u32; 3]);
 
-/// The cosine of the angle between normals of faces that are walls back to back, and no patches of one surface: houses in a row,
-/// each open at its base, have edges in common there.
+/// Cosine of the angle between face normals below which the faces count as walls back to back
+/// rather than as patches of one surface. Terraced houses that are open at their bases share edges
+/// there.
 const BACK_TO_BACK: f32 = -0.98;
 
-/// Whether faces with these normals, of which one has an edge and the other its opposite, may be of one surface.
+/// Whether two faces with these normals, on opposite directions of an edge, may belong to one
+/// surface.
 fn goes_on(one: [u32; 3], other: [u32; 3]) -> bool {
     let products = (0..3).map(|axis| f32::from_bits(one[axis]) * f32::from_bits(other[axis]));
     products.sum::<f32>() > BACK_TO_BACK
 }
 
-/// The bits of a face's normal of length 1; of one without an area, of 0.
+/// Bits of a face's unit normal; zero for a face without area.
 fn normal_bits(face: &Face<'_>) -> [u32; 3] {
     let normal = face.area_vector();
     let length = normal.iter().map(|part| part * part).sum::<f64>().sqrt();
@@ -38,15 +41,17 @@ pub(super) struct Boundary {
     sorter: Sorter,
 }
 
-/// Edges that follow each other around a hole; a face that closes it has them in this order.
+/// Closed loop of open edges around a hole. A face that closes the hole has its edges in this
+/// order.
 pub(super) struct Loop {
     pub(super) points: Vec<[i32; 3]>,
-    /// The part of a face beside it.
+    /// Part of a face next to the hole.
     pub(super) part: u32,
 }
 
 impl Boundary {
-    /// No edges yet; about `memory` bytes are used before they go to a temporary file in a folder.
+    /// Creates an empty collection. About `memory` bytes are used before edges spill to a temporary
+    /// file in `folder`.
     pub(super) fn new(folder: &Path, memory: u64) -> Boundary {
         Boundary { sorter: Sorter::new(folder, EDGE, memory) }
     }
@@ -57,7 +62,7 @@ impl Boundary {
         edges(face).try_for_each(|[from, to]| self.add([from, to], face.part, object, normal))
     }
 
-    /// Adds an edge of a face of a part of an object.
+    /// Adds an edge of a face.
     fn add(&mut self, [from, to]: [[i32; 3]; 2], part: u32, object: u32, normal: [u32; 3]) -> Result<()> {
         let (number, is_forward) = edge_number(from, to);
         let (low, high) = if is_forward { (from, to) } else { (to, from) };
@@ -71,10 +76,12 @@ impl Boundary {
         self.sorter.push(number, item)
     }
 
-    /// The loops of the edges that have no partner in their objects, object by object; they may take so many bytes of memory. Open edges of
-    /// different objects that match join these to one: patches of one surface.
+    /// Returns the loops of the edges without a counterpart in their own object, grouped by object.
+    /// They may use up to `memory` bytes. If open edges of different objects match, these objects
+    /// are patches of one surface and are joined to one group.
     pub(super) fn loops(self, path: &Path, memory: u64, progress: &dyn Progress) -> Result<Open> {
-        // Edges that faces which close the surface would have, with the objects: object, from, to, part.
+        // Edges of the faces that would close the surface, with their objects: object, from, to,
+        // part.
         let mut open: Vec<(u32, OpenEdge)> = Vec::new();
         let most = (memory / 160).max(1 << 12) as usize;
         let too_many = || Error::TooLarge {
@@ -87,8 +94,8 @@ impl Boundary {
         let mut groups = Groups::default();
         let mut same: Vec<SortedEdge> = Vec::new();
         let mut settle = |same: &mut Vec<SortedEdge>| {
-            // (Different edges with one number are next to impossible, and do no harm.)
-            // (By ends first.)
+            // (Hash collisions are next to impossible and harmless: edges are sorted by their ends
+            // first.)
             sort::by(same, &mut |a, b| (a.2, a.1, a.3, a.4, a.5).cmp(&(b.2, b.1, b.3, b.4, b.5)));
             for edges in same.chunk_by(|a, b| a.2 == b.2) {
                 let (mut there, mut back) = (Vec::new(), Vec::new());
@@ -133,7 +140,7 @@ impl Boundary {
         for (object, _) in &mut open {
             *object = groups.group(*object);
         }
-        // (Stable: edges of an object stay in their order.)
+        // (The sort is stable: edges of an object keep their order.)
         sort::by_key(&mut open, |(object, _)| (*object).into());
         let mut loops = Vec::new();
         for edges in open.chunk_by(|a, b| a.0 == b.0) {
@@ -143,21 +150,22 @@ impl Boundary {
     }
 }
 
-/// The boundaries of a surface.
+/// Boundaries of a surface.
 pub(super) struct Open {
     pub(super) loops: Vec<Loop>,
     pub(super) groups: Groups,
 }
 
-/// Objects whose open edges match, as one: each has the number of the least of them.
+/// Groups of objects whose open edges match. A group has the smallest number of its objects.
 #[derive(Default)]
 pub(super) struct Groups {
-    /// Of an object that is not the least: a lesser one.
+    /// Smaller object number of the same group, by object; without the smallest number of each
+    /// group.
     joined: BTreeMap<u32, u32>,
 }
 
 impl Groups {
-    /// The number of an object's group.
+    /// Group number of an object.
     pub(super) fn group(&self, mut object: u32) -> u32 {
         while let Some(lesser) = self.joined.get(&object) {
             object = *lesser;
@@ -173,10 +181,10 @@ impl Groups {
     }
 }
 
-/// An edge that a face which closes the surface would have: from, to, and the part of the face beside it.
+/// Edge of a face that would close the surface: from, to, and the part of the adjacent face.
 type OpenEdge = ([i32; 3], [i32; 3], u32);
 
-/// Joins edges to loops: as many begin as end in each point.
+/// Joins edges to loops. Each point has equally many incoming and outgoing edges.
 fn chain(edges: Vec<OpenEdge>, progress: &dyn Progress) -> Result<Vec<Loop>> {
     let mut from: BTreeMap<[i32; 3], Vec<([i32; 3], u32)>> = BTreeMap::new();
     for (start, end, part) in edges {
@@ -200,7 +208,7 @@ fn chain(edges: Vec<OpenEdge>, progress: &dyn Progress) -> Result<Vec<Loop>> {
         let mut at = start;
         while let Some((next, of)) = from.get_mut(&at).and_then(Vec::pop) {
             part = of;
-            // A point that was passed before ends a loop of its own.
+            // Revisiting a point closes a loop.
             if let Some(&place) = places.get(&next) {
                 let ring: Vec<[i32; 3]> = points.drain(place..).collect();
                 for point in &ring {
@@ -229,7 +237,8 @@ pub(super) fn edges<'a>(face: &Face<'a>) -> impl Iterator<Item = [[i32; 3]; 2]> 
     face.rings().flat_map(|ring| (0..ring.len()).map(|i| [ring[i], ring[(i + 1) % ring.len()]]))
 }
 
-/// Hands out triangles that close boundaries, with numbers from a first one on and this source, white where faces have colours.
+/// Passes triangles that close the boundaries to `each`. Their numbers start at `first`; they are
+/// white if faces have colours.
 pub(super) fn close(
     loops: &[Loop],
     (first, source): (u64, u64),
@@ -250,8 +259,8 @@ pub(super) fn close(
 }
 
 impl Loop {
-    /// Triangles that close the hole: as it is seen along the axis from which it is largest, or a fan where it
-    /// crosses itself there.
+    /// Triangles that close the hole. The hole is triangulated in its largest axis projection, or
+    /// as a fan if it intersects itself there.
     fn triangles(&self) -> Vec<[[i32; 3]; 3]> {
         let wide: Vec<[i64; 3]> = self.points.iter().map(|point| point.map(i64::from)).collect();
         let mut triangles = Vec::new();
@@ -286,7 +295,8 @@ mod tests {
         assert_eq!(loops[0].triangles().len(), 3);
     }
 
-    /// Objects that lack the same edge have loops of their own; those with matching open edges are patches of one surface.
+    /// Objects that lack the same edge have separate loops; objects with matching open edges are
+    /// patches of one surface.
     #[test]
     fn objects_with_matching_open_edges_are_joined() {
         let ring = [[0, 0, 0], [4, 0, 0], [0, 4, 0]];
@@ -308,12 +318,12 @@ mod tests {
         };
         assert_eq!(of(false, false), (vec![(3, 0), (3, 1)], [0, 1, 2]));
         assert_eq!(of(true, false), (vec![], [0, 0, 2]));
-        // (Edges of three: the least two of them that match are a pair.)
+        // (Three edges: the two matching edges with the smallest objects are a pair.)
         let (loops, groups) = of(true, true);
         assert_eq!((loops.len(), groups[..2].to_vec()), (1, vec![0, 0]));
     }
 
-    /// Walls back to back have edges in common, and are no patches of one surface.
+    /// Walls back to back share edges but are not patches of one surface.
     #[test]
     fn walls_of_neighbours_are_not_joined() {
         let mut boundary = Boundary::new(&std::env::temp_dir(), 1 << 20);
@@ -326,7 +336,7 @@ mod tests {
         assert!(goes_on(along_y(1.0), along_y(1.0)) && goes_on([0; 3], along_y(-1.0)));
     }
 
-    /// Two loops that share a corner are two.
+    /// Two loops that share a vertex stay separate.
     #[test]
     fn loops_that_touch_are_taken_apart() {
         let mut boundary = Boundary::new(&std::env::temp_dir(), 1 << 20);

@@ -1,4 +1,4 @@
-//! Objects of mesh files whose bodies overlap or touch, on the grid of an exact model.
+//! Objects of mesh files that overlap or touch, on the grid of an exact model.
 
 use super::super::Model;
 use super::objects::Objects;
@@ -7,22 +7,24 @@ use super::{ExactOptions, check_room, grid_of, read};
 use spinney_base::{Error, Progress, Result, SilentProgress};
 use spinney_brep::{Face, FaceList, ObjectContact, object_contacts};
 
-/// Two objects of mesh files that have places in common.
+/// Two objects of mesh files that overlap or touch.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct ModelContact {
-    /// Their names, in the order of the files.
+    /// Names of the objects, in the order of the files.
     pub names: [String; 2],
-    /// Numbers, and what they have in common.
+    /// Numbers of the objects, and how they overlap or touch.
     pub contact: ObjectContact,
 }
 
-/// Hands out the pairs of objects of models that overlap or touch when their corners are on the grid of an exact model, by their numbers, until
-/// `each` says that there are enough. Objects that are open are left out with a warning. The grid, the parts, the axis that points up, and the
-/// memory are those of the options: faces take up to a half of the memory.
+/// Passes the pairs of objects that overlap or touch, on the grid of an exact model, to `each`, in
+/// the order of their numbers. Stops when `each` returns false. Open objects are left out with a
+/// warning. The options define the grid, the chosen parts, the up axis and the memory. Faces take
+/// up to half of the memory.
 ///
 /// # Errors
-/// If the models cannot be read, if the memory is not enough, on interruption, or what `each` returns.
+/// If the models cannot be read; if the memory is insufficient; on cancellation; or any error that
+/// `each` returns.
 pub fn model_contacts(
     mut models: Vec<Box<dyn Model>>,
     options: &ExactOptions,

@@ -1,4 +1,4 @@
-//! Exact models from meshes: faces are moved to a grid, checked, and handed to the builder of files.
+//! Exact models from meshes. Faces are snapped to a grid, checked, and passed to the file builder.
 
 mod boundary;
 mod contacts;
@@ -33,34 +33,35 @@ pub use self::objects::SkippedObject;
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct ExactOptions {
-    /// Width of the grid's steps, in units of the models; otherwise that of the files' own grid, if they have one
-    /// (CityJSON, exact models) that is not too fine, or the least power of two with which the longest side has at most
-    /// about 2^24 steps.
+    /// Grid unit, in units of the models. By default it is the grid of the files themselves, if
+    /// they have a common one (CityJSON, exact models) that is not too fine. Otherwise it is the
+    /// smallest power of two with which the longest side has at most about 2^24 grid units.
     pub snap: Option<f64>,
     /// Whether open surfaces are closed by triangles over their boundaries.
     pub close: bool,
-    /// Whether a surface that passes through itself, lies on itself, or is inside out in part is resolved: see
-    /// [`repair`]. The faces are then held in memory.
+    /// Whether a surface that intersects itself, overlaps itself, or is partly inside out is
+    /// resolved: see [`repair`]. The faces are then held in memory.
     pub repair: bool,
-    /// The rule by which a repair tells what is inside.
+    /// Rule by which a repair determines the inside.
     pub inside: InsideRule,
-    /// Parts that the model is made of, by their numbers, those of one file behind those of the one before; otherwise all.
+    /// Parts to include, numbered consecutively over all files; by default all.
     pub parts: Option<BTreeSet<u32>>,
-    /// Whether objects that are no bodies by themselves are left out: those that are open, unless they are to be closed, and those that
-    /// pass through themselves or are inside out, unless they are to be repaired. Faces are then held in memory while objects are looked at.
+    /// Whether objects that are not bodies by themselves are left out: open objects unless `close`
+    /// is set, and self-intersecting or inverted objects unless `repair` is set. Faces are then
+    /// held in memory while objects are checked.
     pub skip_bad: bool,
-    /// Faces that a cell may have and end, whatever their planes have in common: see
+    /// Maximum number of faces in a leaf cell, regardless of whether their planes intersect: see
     /// [`ModelBuilder::leaf_size`].
     pub leaf_size: usize,
-    /// Axis of the models that points up; y is turned to z.
+    /// Axis of the models that points up; y is rotated to z.
     pub up: Up,
-    /// Unit of length of the models' coordinates, to be kept in the file.
+    /// Unit of length of the models' coordinates, stored in the file.
     pub unit: Option<String>,
-    /// The coordinate system; otherwise the models'.
+    /// Coordinate system; by default the models' own.
     pub crs: Option<Crs>,
-    /// Packing of the file.
+    /// Compression of the file.
     pub codec: Codec,
-    /// Bytes of memory for everything.
+    /// Total memory in bytes.
     pub memory: u64,
 }
 
@@ -75,7 +76,7 @@ impl Default for ExactOptions {
 }
 
 impl ExactOptions {
-    /// Faces as they are, on the finest grid.
+    /// Unchanged faces on the finest grid.
     pub fn new() -> ExactOptions {
         ExactOptions::default()
     }
@@ -91,39 +92,39 @@ pub struct ExactReport {
     pub faces: u64,
     /// Faces that were left out: on the grid they are points or lines whose edges cancel.
     pub collapsed: u64,
-    /// Faces of the model that have no area on the grid; they keep their neighbours together.
+    /// Faces of the model without area on the grid; they keep adjacent faces connected.
     pub slivers: u64,
-    /// Faces whose corners do not lie in one plane on the grid, which were cut into triangles.
+    /// Faces that are not planar on the grid and were triangulated.
     pub cut: u64,
-    /// Faces whose rings cross, which were cut into fans of triangles.
+    /// Faces whose rings intersect and were cut into triangle fans.
     pub fanned: u64,
     /// Objects of the model.
     pub objects: u64,
-    /// Objects that were left out because they are no bodies.
+    /// Objects that were left out because they are not bodies.
     pub skipped: Vec<SkippedObject>,
     /// Parts with attributes.
     pub attributes: u64,
-    /// Values of faces that are not kept, because they make no sense or are too long.
+    /// Values of faces that were dropped because they are invalid or too long.
     pub lost_values: u64,
     /// Boundaries that were closed, and the triangles that close them.
     pub closed: (u64, u64),
-    /// Counts of the repair, if one was wanted.
+    /// Counts of the repair, if one was requested.
     pub repair: Option<Repair>,
-    /// The volume of the models' cells, by winding numbers with 128 of them along the longest side, where the surface was repaired
-    /// or closed, and how far that may be off.
+    /// If the surface was repaired or closed: the volume of the models' cells, by winding numbers
+    /// with 128 cells along the longest side, and its maximum error.
     pub cells: Option<[f64; 2]>,
-    /// The furthest that a corner was moved to the grid, in the models' unit.
+    /// Maximum distance that a vertex was moved to the grid, in the models' unit.
     pub displacement: f64,
     /// The grid.
     pub grid: Grid,
-    /// The models' unit of length, where it is known: "mm".
+    /// Unit of length of the models, if known: "mm".
     pub unit: Option<String>,
     /// Counts of the octree.
     pub built: BuildReport,
 }
 
-/// Builds a file of an exact model from models, which become one. Progress counts faces, each in several passes; what does not fit into the
-/// memory goes to a temporary file in the output's folder.
+/// Builds an exact model from the given models, which are merged. Progress counts faces, each in
+/// several passes. Data that exceeds the memory goes to a temporary file in the output's directory.
 ///
 /// ```
 /// use spinney::import::mesh::{ExactOptions, import_exact, open_all};
@@ -140,8 +141,9 @@ pub struct ExactReport {
 /// ```
 ///
 /// # Errors
-/// [`Error::NotASolid`] if the surface is open, passes through itself or is inside out; and if the models cannot be
-/// read, the file cannot be written, or on interruption. There is no file then.
+/// [`Error::NotASolid`] if the surface is open, intersects itself or is inside out. Also fails if
+/// the models cannot be read, if the file cannot be written, or on cancellation. No file is created
+/// then.
 pub fn import_exact(
     mut models: Vec<Box<dyn Model>>,
     options: &ExactOptions,
@@ -177,7 +179,8 @@ pub fn import_exact(
     let mut groups = Groups::default();
     // Parts of the triangles that close boundaries.
     let mut closing: Vec<u32> = Vec::new();
-    // (Objects are closed one by one, but for patches of one surface; without --close, several may bound a body together.)
+    // (With --close, objects are closed separately, except for patches of one surface. Without it,
+    // several objects may bound a body together.)
     let object = |face: &Face<'_>| if options.close { objects.object(face.part) } else { 0 };
     if !sums.are_closed(options.close) {
         let mut boundary = Boundary::new(&place, options.memory / 4);
@@ -201,7 +204,8 @@ pub fn import_exact(
         sums.check(&path, &objects)?;
     }
     let (mut builder, repaired) = target.repaired(options.inside, &work.part(REPAIR_PASSES))?;
-    // (By the rule that cells have, whatever --inside is: the repair itself warns of what another rule changes.)
+    // (Always by the winding rule of cells, regardless of --inside: the repair itself warns of
+    // changes by another rule.)
     let volume = repaired.map_or(sums.volume(&grid), |done| done.cells_volume);
     let is_changed = closed.0 > 0 || repaired.is_some_and(|done| !done.is_nothing());
     let cells = match is_changed.then(|| sums.bounds(&grid)).flatten() {
@@ -247,7 +251,7 @@ pub fn import_exact(
             metadata.set_tag(Tag::ModelThinPlaces, built.defect_count.to_string());
         }
     })?;
-    // (What stands for exact faces may pass through itself where these are thinner than a step.)
+    // (Proxy faces may intersect each other where exact faces are thinner than a grid unit.)
     if built.defect_count > 0 && !is_beside_grid {
         let advice = match options.repair {
             true => {
@@ -294,13 +298,13 @@ pub fn import_exact(
     })
 }
 
-/// Passes over all faces that looking at objects one by one counts as, with reading them.
+/// Passes over all faces that checking objects one by one counts for, including reading them.
 const SKIPPING_PASSES: u64 = 2;
 
-/// Passes over all faces that building the octree counts as.
+/// Passes over all faces that building the octree counts for.
 const BUILDING_PASSES: u64 = 2;
 
-/// All of the work, which goes over the faces several times.
+/// Total work, in passes over the faces.
 struct Passes<'a> {
     progress: &'a dyn Progress,
     faces: u64,
@@ -315,22 +319,22 @@ impl<'a> Passes<'a> {
         Passes { progress, faces, total: faces * (1 + skipping + repair + BUILDING_PASSES) }
     }
 
-    /// Work that counts as so many passes.
+    /// Progress of work that counts for `passes` passes.
     fn part(&self, passes: u64) -> SubProgress<'a> {
         SubProgress::new(self.progress, passes * self.faces, self.total)
     }
 }
 
-/// Number of the faces of some models, as near as it is known before they are read.
+/// Number of faces of the models, estimated where it is not known before reading.
 fn faces_of(models: &[Box<dyn Model>]) -> u64 {
-    /// Bytes of a face in files that do not tell.
+    /// Estimated bytes per face in files that do not declare their number of faces.
     const BYTES: u64 = 100;
     models.iter().map(|model| model.info()).map(|info| info.faces.unwrap_or(info.bytes / BYTES)).sum()
 }
 
-/// Lines for the provenance: which objects are not in the model, and what was done to its surface.
+/// Lines for the provenance: objects that were left out, and changes to the surface.
 fn history(options: &ExactOptions, skipped: &[SkippedObject], repaired: Option<&Repair>) -> Vec<String> {
-    /// Names that are told; a city may have any number.
+    /// Maximum number of listed names; a city may have any number of objects.
     const MAX_NAMES: usize = 100;
     let mut lines = Vec::new();
     if let Some(parts) = &options.parts {
@@ -355,21 +359,22 @@ fn history(options: &ExactOptions, skipped: &[SkippedObject], repaired: Option<&
     lines
 }
 
-/// Where faces on the grid go: straight into the file, or into a list if they are to be repaired first.
+/// Receiver of snapped faces: writes them to the file directly, or holds them in a list for repair.
 struct Target {
     builder: ModelBuilder,
     held: Option<FaceList>,
-    /// Values of the faces that are held, by their sources, and bytes of these.
+    /// Values of the held faces by source, and the bytes of these values.
     values: BTreeMap<u64, ColumnValues>,
     value_bytes: u64,
-    /// Of the first model, for errors.
+    /// Path of the first model, for errors.
     path: PathBuf,
     memory: u64,
 }
 
 impl Target {
     fn new(output: Output, path: &Path, grid: &Grid, options: &ExactOptions) -> Result<Target> {
-        // (Of what is held there are two lists at a time, and the builder has its own.)
+        // (During repair, there are two lists of held faces at a time, in addition to the builder's
+        // memory.)
         let memory = if options.repair { options.memory / 2 } else { options.memory };
         let builder = ModelBuilder::new(output, grid.clone(), memory)?
             .codec(options.codec)
@@ -386,18 +391,19 @@ impl Target {
         };
         list.push(face);
         if !values.is_empty() && !self.values.contains_key(&face.source) {
-            // (And what the containers take for it.)
+            // (Includes the overhead of the containers.)
             let bytes = |(column, json): &(&str, &str)| (column.len() + json.len() + 64) as u64;
             self.value_bytes += values.iter().map(bytes).sum::<u64>();
             let own = values.iter().map(|(column, json)| (column.to_string(), json.to_string()));
             self.values.insert(face.source, own.collect());
         }
-        // (Told in terms of all of the memory, of which the builder has the other half.)
+        // (Reported relative to the total memory, half of which is the builder's.)
         let bytes = repair_bytes(list) + self.value_bytes;
         check_room(&self.path, 2 * bytes, 2 * self.memory, "the faces of a surface that is to be repaired")
     }
 
-    /// Adds triangles over boundaries, after the faces that were counted; returns the part of each.
+    /// Adds triangles over boundaries, after the faces that were read. Returns the part of each
+    /// triangle.
     fn close(
         &mut self,
         loops: &[Loop],
@@ -415,7 +421,7 @@ impl Target {
         Ok(parts)
     }
 
-    /// The builder with all faces in it, and what was repaired.
+    /// Returns the builder with all faces in it, and the counts of the repair.
     fn repaired(self, inside: InsideRule, progress: &dyn Progress) -> Result<(ModelBuilder, Option<Repair>)> {
         let Target { builder, held, values, path, memory, .. } = self;
         let Some(held) = held else { return Ok((builder, None)) };
@@ -425,26 +431,26 @@ impl Target {
     }
 }
 
-/// The grid of some models.
+/// Grid of the models.
 fn grid_of(models: &mut [Box<dyn Model>], options: &ExactOptions) -> Result<Grid> {
     let bounds = bounds(models, options.up)?;
     if options.snap.is_some() {
         return Grid::over(bounds, options.snap);
     }
-    // Files with a grid of their own keep it: coordinates then stay as they are.
+    // A grid that the files define is kept, so coordinates do not change.
     match common_step(models).map(|width| Grid::over(bounds, Some(width))) {
         Some(Ok(grid)) => Ok(grid),
         _ => Grid::over(bounds, None),
     }
 }
 
-/// Width of the grid that all models have their coordinates on, where they tell it.
+/// Grid unit of the models' coordinates, if all models declare the same one.
 fn common_step(models: &[Box<dyn Model>]) -> Option<f64> {
     let first = models.first()?.info().step?;
     models.iter().all(|model| model.info().step == Some(first)).then_some(first)
 }
 
-/// Leaves out objects that are no bodies by themselves.
+/// Leaves out objects that are not bodies by themselves.
 fn skip_bad(
     models: &mut [Box<dyn Model>],
     objects: &mut Objects,
@@ -468,7 +474,7 @@ fn skip_bad(
     objects.skip_bad(&faces, options, &path, &part())
 }
 
-/// Fails if some faces take more bytes than a limit; in words what they are.
+/// Fails if `bytes` exceeds the limit. `what` describes the data.
 fn check_room(path: &Path, bytes: u64, limit: u64, what: &str) -> Result<()> {
     if bytes <= limit {
         return Ok(());
@@ -482,7 +488,7 @@ fn check_room(path: &Path, bytes: u64, limit: u64, what: &str) -> Result<()> {
     })
 }
 
-/// A surface with defects, and what it was made of.
+/// Surface with defects, and its sources.
 struct Wrong<'a> {
     built: &'a BuildReport,
     objects: &'a Objects,
@@ -492,8 +498,8 @@ struct Wrong<'a> {
 }
 
 impl Wrong<'_> {
-    /// An error of it, with the names of the objects that the defects are of, where there are several. (Numbers of faces are those of the
-    /// surface before it is repaired only if it is not.)
+    /// Adds the names of the objects with defects to an error if there are several objects. (After
+    /// a repair, face numbers no longer match the faces that were read.)
     fn named(
         &self,
         error: Error,
@@ -534,10 +540,11 @@ impl Wrong<'_> {
     }
 }
 
-/// Takes a face on the grid, with its values.
+/// Visitor of snapped faces and their values.
 type FaceVisitor<'a> = dyn FnMut(&Face<'_>, &[(&str, &str)]) -> Result<()> + 'a;
 
-/// Reads all faces of the objects of all models, and hands them out as they are on the grid, with their values. Progress counts faces.
+/// Reads all faces of the chosen objects of all models and passes them, snapped to the grid, to
+/// `each` with their values. Progress counts faces.
 fn read(
     models: &mut [Box<dyn Model>],
     objects: &Objects,
@@ -545,7 +552,7 @@ fn read(
     progress: &dyn Progress,
     each: &mut FaceVisitor<'_>,
 ) -> Result<()> {
-    /// Faces between two looks at whether to go on.
+    /// Faces between two checks for cancellation.
     const OFTEN: u64 = 1 << 12;
     let (mut first_part, total) = (0, faces_of(models));
     snapper.planar.is_coloured = models.iter().any(|model| model.info().is_coloured);
@@ -574,7 +581,7 @@ fn read(
     Ok(())
 }
 
-/// The error of an open surface.
+/// Error of an open surface.
 fn open_surface(path: &Path, grid: &Grid, objects: &Objects, loops: &[Loop]) -> Error {
     let place = |hole: &Loop| {
         let first = grid.to_world(hole.points[0]);

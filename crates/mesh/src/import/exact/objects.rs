@@ -1,4 +1,4 @@
-//! Objects of models: which of them become part of an exact model, and which are left out and why.
+//! Objects of models: which objects an exact model includes, and which are left out and why.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -9,33 +9,33 @@ use super::boundary::{self, Boundary, Groups};
 use spinney_base::{Error, Progress, Result, parallel};
 use spinney_brep::{Face, FaceList, Faces, body_flaw};
 
-/// An object that was left out.
+/// Object that was left out.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct SkippedObject {
-    /// Its name; that of the file where the file is one object.
+    /// Name of the object, or of the file if it has only one object.
     pub name: String,
-    /// The flaw that keeps it from being a body, in words, with a place.
+    /// Description of the flaw that prevents it from being a body, with a location.
     pub why: String,
 }
 
-/// The parts of all models, those of one behind those of the one before.
+/// Parts of all models, numbered consecutively over the models.
 pub(super) struct Objects {
-    /// Name, and number of the object that each is or belongs to: the number of one of its parts.
+    /// Name and object number of each part. An object's number is the number of one of its parts.
     parts: Vec<(String, u32)>,
-    /// Numbers of those that become part of the exact model, there.
+    /// Number of each part in the exact model; `None` if left out.
     numbers: Vec<Option<u32>>,
-    /// Of each of these: its number here.
+    /// Number in `parts` of each part of the exact model.
     taken: Vec<u32>,
 }
 
 impl Objects {
-    /// Those of models that are chosen, or all.
+    /// Chosen parts of models; all if `chosen` is `None`.
     pub(super) fn of(models: &[Box<dyn Model>], chosen: Option<&BTreeSet<u32>>) -> Result<Objects> {
         let mut parts = Vec::new();
         for info in models.iter().map(|model| model.info()) {
             let first = parts.len() as u32;
-            // (A part that stands for the whole file has no name of its own.)
+            // (If the file is one object, its parts are named after the file.)
             let is_whole = info.is_grouped || info.parts.len() == 1;
             for (part, name) in (first..).zip(&info.parts) {
                 parts.push(match is_whole {
@@ -52,7 +52,7 @@ impl Objects {
         Ok(objects)
     }
 
-    /// Numbers those that are taken.
+    /// Numbers the parts to include.
     fn take(&mut self, is_taken: &dyn Fn(u32) -> bool) {
         self.taken = (0..self.parts.len() as u32).filter(|part| is_taken(*part)).collect();
         self.numbers.fill(None);
@@ -61,39 +61,39 @@ impl Objects {
         }
     }
 
-    /// The number of the object that a part of the exact model is of.
+    /// Object of a part of the exact model.
     pub(super) fn object(&self, number: u32) -> u32 {
         self.parts[self.taken[number as usize] as usize].1
     }
 
-    /// The number that a part has in the exact model, if it is taken.
+    /// Number of a part in the exact model, if it is included.
     pub(super) fn number(&self, part: u32) -> Option<u32> {
         self.numbers.get(part as usize).copied().flatten()
     }
 
-    /// The parts that are taken, if these are not all.
+    /// Parts that are included; `None` if all are.
     pub(super) fn some(&self) -> Option<BTreeSet<u32>> {
         (self.taken.len() < self.parts.len()).then(|| self.taken.iter().copied().collect())
     }
 
-    /// The number of the group of objects that each of all parts belongs to.
+    /// Group of each part's object, for all parts.
     pub(super) fn joined(&self, groups: &Groups) -> Vec<u32> {
         self.parts.iter().map(|(_, object)| groups.group(*object)).collect()
     }
 
-    /// Names of all parts, by the numbers of objects.
+    /// Names of all parts, indexed by object number.
     pub(super) fn names(&self) -> Vec<String> {
         self.parts.iter().map(|(name, _)| name.clone()).collect()
     }
 
-    /// Number of objects that are taken.
-    // (Parts of an object stand together, and objects have the numbers of their first parts.)
+    /// Number of included objects. (Parts of an object are consecutive, and objects have the
+    /// numbers of their first parts.)
     pub(super) fn count(&self) -> u64 {
         let is_first = |number: &u32| *number == 0 || self.object(number - 1) != self.object(*number);
         (0..self.taken.len() as u32).filter(is_first).count() as u64
     }
 
-    /// The name of the object that a part of the exact model is of, where there are several.
+    /// Name of the object of a part of the exact model, if there are several objects.
     pub(super) fn name(&self, number: u32) -> Option<&str> {
         let last = (self.taken.len() as u32).checked_sub(1)?;
         if self.object(0) == self.object(last) {
@@ -102,7 +102,7 @@ impl Objects {
         Some(&self.parts[*self.taken.get(number as usize)? as usize].0)
     }
 
-    /// Leaves out objects that are no bodies; `faces` are those of the parts that are taken.
+    /// Leaves out objects that are not bodies. `faces` are those of the included parts.
     pub(super) fn skip_bad(
         &mut self,
         faces: &FaceList,
@@ -122,7 +122,7 @@ impl Objects {
             .chunk_by(|a, b| object(&faces.get(*a as usize)) == object(&faces.get(*b as usize)))
             .collect();
         let rule = options.repair.then_some(options.inside);
-        // (The faces themselves take up to a half; each thread has an object at a time.)
+        // (The faces take up to half of the memory. Each thread checks one object at a time.)
         let memory = options.memory / 2 / parallel::threads() as u64;
         let flaws = parallel::map(&runs, |run| {
             progress.check()?;
@@ -165,7 +165,7 @@ impl Objects {
 }
 
 impl Objects {
-    /// Which objects close each other.
+    /// Groups of objects that close each other.
     fn groups(&self, faces: &FaceList, path: &Path, memory: u64, progress: &dyn Progress) -> Result<Groups> {
         let mut boundary = Boundary::new(&std::env::temp_dir(), memory);
         (0..faces.len() as usize).try_for_each(|number| {

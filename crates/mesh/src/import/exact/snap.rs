@@ -1,4 +1,4 @@
-//! Faces moved to the grid.
+//! Snapping of faces to the grid.
 
 use std::path::Path;
 
@@ -7,14 +7,14 @@ use spinney_base::{Error, Result};
 use spinney_brep::planar::PlanarFaces;
 use spinney_brep::{Face, Grid};
 
-/// Moves faces to the grid; keeps its buffers from face to face.
+/// Snaps faces to the grid. Buffers are reused from face to face.
 pub(super) struct Snapper {
     pub(super) grid: Grid,
     pub(super) up: Up,
     pub(super) planar: PlanarFaces,
-    /// Faces that were read.
+    /// Number of faces that were read.
     pub(super) read: u64,
-    /// The square of the furthest that a corner was moved.
+    /// Squared maximum distance that a vertex was moved.
     pub(super) squared_displacement: f64,
 }
 
@@ -23,7 +23,7 @@ impl Snapper {
         Snapper { grid, up, planar: PlanarFaces::default(), read: 0, squared_displacement: 0.0 }
     }
 
-    /// Hands out what becomes of a face of a part of the exact model: itself, some triangles, or nothing.
+    /// Passes the snapped face to `each`: one face, several triangles, or nothing.
     pub(super) fn face(
         &mut self,
         path: &Path,
@@ -37,7 +37,7 @@ impl Snapper {
         self.planar.finish(part, source, each)
     }
 
-    /// Moves the corners to the grid.
+    /// Snaps the vertices to the grid.
     fn move_corners(&mut self, path: &Path, face: &super::super::MeshFace<'_>) -> Result<()> {
         let Snapper { grid, up, planar, squared_displacement, .. } = self;
         planar.begin(face.ring_ends, face.colours, &mut |corner| {

@@ -10,14 +10,15 @@ use super::objects::Objects;
 use spinney_base::{Error, Progress, Result};
 use spinney_brep::{Face, Grid};
 
-/// Compares the volume of a surface that was repaired or closed with that of the cells of what was read.
+/// Compares the volume of a repaired or closed surface with the cell volume of the original models.
 pub(super) fn compare(
     volume: f64,
     cells: Option<CellVolume>,
     path: &Path,
     progress: &dyn Progress,
 ) -> Result<()> {
-    /// Shares of the cells' volume beyond which users are warned of a difference, and beyond which it is an error.
+    /// Relative differences of the volumes above which a warning is issued, and above which it is
+    /// an error.
     const MAX_CHANGE: f64 = 0.01;
     const MAX_LOSS: f64 = 0.5;
     let Some(cells) = cells else {
@@ -43,7 +44,7 @@ pub(super) fn compare(
     Ok(())
 }
 
-/// Closedness and volume of the surface of each object, or of several that close each other.
+/// Closedness and volume of each object's surface, or of groups of objects that close each other.
 #[derive(Default)]
 pub(super) struct ObjectSums {
     objects: BTreeMap<u32, ObjectSum>,
@@ -54,7 +55,7 @@ pub(super) struct ObjectSums {
 #[derive(Clone, Copy, Default)]
 struct ObjectSum {
     closure: Closure,
-    /// Six times the volume, in cubes of the grid's unit.
+    /// Six times the volume, in cubic grid units.
     six_volumes: i128,
     has_area: bool,
 }
@@ -74,19 +75,19 @@ impl ObjectSums {
         sum.has_area |= face.has_area();
     }
 
-    /// The volume of all, in the world.
+    /// Total volume, in cubic world units.
     pub(super) fn volume(&self, grid: &Grid) -> f64 {
         let six: i128 = self.objects.values().map(|sum| sum.six_volumes).sum();
         six as f64 / 6.0 * grid.width().powi(3)
     }
 
-    /// The box around all faces in the world, if that has any volume.
+    /// Bounding box of all faces in world coordinates, if it has volume.
     pub(super) fn bounds(&self, grid: &Grid) -> Option<[[f64; 3]; 2]> {
         let bounds = self.bounds.filter(|[low, high]| (0..3).all(|axis| low[axis] < high[axis]))?;
         Some(bounds.map(|corner| grid.to_world(corner)))
     }
 
-    /// Whether each object is closed, or all of them together are.
+    /// Whether each object is closed (`one_by_one`), or all objects together are.
     pub(super) fn are_closed(&self, one_by_one: bool) -> bool {
         if one_by_one {
             return self.objects.values().all(|sum| sum.closure.is_closed());
@@ -96,7 +97,7 @@ impl ObjectSums {
         all.is_closed()
     }
 
-    /// Makes one of objects that close each other.
+    /// Joins objects that close each other.
     pub(super) fn join(&mut self, groups: &Groups) {
         for (object, sum) in std::mem::take(&mut self.objects) {
             let all = self.objects.entry(groups.group(object)).or_default();
@@ -106,7 +107,7 @@ impl ObjectSums {
         }
     }
 
-    /// Fails if an object that is closed has no volume, or if all objects together have none.
+    /// Fails if a closed object has no volume, or if all objects together have none.
     pub(super) fn check(&self, path: &Path, objects: &Objects) -> Result<()> {
         let flat = |sum: &ObjectSum| sum.closure.is_closed() && sum.six_volumes == 0 && sum.has_area;
         let flat: Vec<u32> =

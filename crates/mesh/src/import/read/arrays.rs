@@ -1,4 +1,4 @@
-//! Meshes in memory: arrays of vertices, and of the faces over them.
+//! In-memory meshes: arrays of vertices and faces.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use spinney_base::{Error, Result};
 use spinney_brep::Attributes;
 use spinney_brep::attributes::{ObjectText, each_member};
 
-/// A mesh in memory. What is empty is not there.
+/// Mesh in memory. Empty arrays are absent.
 ///
 /// ```
 /// use spinney::import::mesh::{ExactOptions, import_exact};
@@ -29,24 +29,27 @@ use spinney_brep::attributes::{ObjectText, each_member};
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct MeshArrays {
-    /// Name of the mesh, which errors and the provenance tell; without `parts`, all faces are of a part of this name.
+    /// Name of the mesh, used in errors and in the provenance. Without `parts`, it is also the name
+    /// of the only part.
     pub name: String,
     /// Coordinates of the vertices.
     pub vertices: Vec<[f64; 3]>,
-    /// Numbers of the vertices that are the corners of all rings, one ring behind the other: counterclockwise seen from
-    /// outside, holes the other way round.
+    /// Vertex indices of the corners of all rings, concatenated: counterclockwise seen from
+    /// outside, holes clockwise.
     pub corners: Vec<u32>,
-    /// End of each ring in `corners`; empty where all are triangles.
+    /// End of each ring in `corners`; empty if all are triangles.
     pub ring_ends: Vec<usize>,
-    /// End of each face among the rings, of which its outer one is the first; empty where each ring is a face.
+    /// End of each face in the list of rings. A face's first ring is its outer ring. Empty if each
+    /// ring is a face.
     pub face_ends: Vec<usize>,
     /// Colours.
     pub colours: MeshColours,
-    /// Number of the part of each face; empty where all are of the first.
+    /// Part number of each face; empty if all faces belong to part 0.
     pub face_parts: Vec<u32>,
-    /// Names of the parts, which are groups of the faces of one object; several objects are meshes of their own.
+    /// Names of the parts, which are groups of faces of one object. Use several meshes for several
+    /// objects.
     pub parts: Vec<String>,
-    /// Attributes of the parts, of the first ones at least: JSON objects, as [`Attributes`] has them.
+    /// Attributes of the parts, or of the first parts: JSON objects, as in [`Attributes`].
     pub attributes: Vec<Option<String>>,
 }
 
@@ -56,11 +59,11 @@ pub enum MeshColours {
     /// No colours.
     #[default]
     None,
-    /// One of each vertex.
+    /// One colour per vertex.
     OfVertices(Vec<[u8; 3]>),
-    /// One of each face.
+    /// One colour per face.
     OfFaces(Vec<[u8; 3]>),
-    /// One of each entry of `corners`.
+    /// One colour per entry of `corners`.
     OfCorners(Vec<[u8; 3]>),
 }
 
@@ -76,11 +79,12 @@ impl MeshColours {
 }
 
 impl MeshArrays {
-    /// The mesh as a model to build of.
+    /// Returns the mesh as a model for import.
     ///
     /// # Errors
-    /// If numbers of vertices, parts, or ends are out of range, if coordinates are not finite, if there are other numbers of colours or
-    /// parts than there are vertices or faces, if a face has more than 2^20 corners, or if attributes are no JSON objects.
+    /// If vertex indices, part numbers or ends are out of range; if coordinates are not finite; if
+    /// the number of colours or parts does not match the vertices or faces; if a face has more than
+    /// 2^20 corners; or if attributes are not JSON objects.
     pub fn model(mut self) -> Result<Box<dyn Model>> {
         let bounds = self.check_vertices()?;
         self.check_rings()?;
@@ -122,7 +126,7 @@ impl MeshArrays {
         }
     }
 
-    /// The entries of `corners` from the first of a face's ring on, and behind its last one.
+    /// Start and end of a ring in `corners`.
     fn ring(&self, ring: usize) -> (usize, usize) {
         match ring.checked_sub(1) {
             _ if self.ring_ends.is_empty() => (3 * ring, 3 * ring + 3),
@@ -131,7 +135,7 @@ impl MeshArrays {
         }
     }
 
-    /// The numbers of the first ring of a face, and behind its last one.
+    /// First and end ring of a face.
     fn rings(&self, face: usize) -> (usize, usize) {
         match face.checked_sub(1) {
             _ if self.face_ends.is_empty() => (face, face + 1),
@@ -215,7 +219,7 @@ impl MeshArrays {
     }
 }
 
-/// Fails unless ends ascend up to a number.
+/// Fails unless `ends` ascends strictly up to `total`.
 fn check_ends(name: &str, ends: &[usize], total: usize) -> Result<()> {
     let is_ascending = ends[0] > 0 && ends.windows(2).all(|pair| pair[0] < pair[1]);
     if is_ascending && ends.last() == Some(&total) {
@@ -228,7 +232,7 @@ fn check_ends(name: &str, ends: &[usize], total: usize) -> Result<()> {
     Err(Error::invalid(name, found, format!("ascending ends, the last of them {total}")))
 }
 
-/// Fails if there is another number of entries than of what they are of.
+/// Fails if an array does not have one entry per element.
 fn check_count(name: &str, found: usize, expected: usize, of: &str) -> Result<()> {
     if found == expected {
         return Ok(());
@@ -236,7 +240,7 @@ fn check_count(name: &str, found: usize, expected: usize, of: &str) -> Result<()
     Err(Error::invalid(name, found.to_string(), format!("one for each of {expected} {of}")))
 }
 
-/// The attributes of a part without white space between tokens.
+/// Attributes of a part without whitespace between tokens.
 fn compact(part: u32, json: &str) -> Result<String> {
     let mut text = ObjectText::default();
     each_member(json, |key, value| text.push(key, value)).map_err(|error| {
@@ -290,7 +294,7 @@ impl Model for Arrays {
 mod tests {
     use super::*;
 
-    /// Points on the number line, colours and part of each face that is handed out.
+    /// Points on the number line, ring ends, colours and part of each visited face.
     type Found = Vec<(Vec<f64>, Vec<usize>, Vec<u8>, u32)>;
 
     fn handed_out(mesh: MeshArrays) -> Result<Found> {

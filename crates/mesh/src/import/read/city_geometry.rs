@@ -1,4 +1,4 @@
-//! Geometries of city objects: which of them count.
+//! Selection of city object geometries.
 
 use std::fmt;
 
@@ -17,13 +17,13 @@ pub(super) struct Geometry<'a> {
     pub(super) boundaries: Option<&'a RawValue>,
     #[serde(borrow)]
     pub(super) semantics: Option<&'a RawValue>,
-    /// Of an instance: the number of its template, and the map of its points, row by row.
+    /// Template instances only: the template's index, and the transformation matrix, row by row.
     pub(super) template: Option<usize>,
     #[serde(rename = "transformationMatrix")]
     pub(super) matrix: Option<[f64; 16]>,
 }
 
-/// Level of detail: text since version 1.1, a number before.
+/// Level of detail: a string since version 1.1, a number before.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum Lod {
@@ -36,7 +36,7 @@ enum Lod {
 pub(super) struct SurfaceTexts<'a> {
     /// Nesting depth of the surfaces.
     pub(super) depth: u8,
-    /// The lists.
+    /// Nested lists of vertex indices.
     pub(super) boundaries: &'a RawValue,
     /// Semantics of the surfaces.
     pub(super) semantics: Option<&'a RawValue>,
@@ -47,21 +47,21 @@ pub(super) struct SurfaceTexts<'a> {
 pub(super) struct Geometries<'a> {
     pub(super) lod: Option<f64>,
     pub(super) surfaces: Vec<SurfaceTexts<'a>>,
-    /// Geometries that are made of templates, of any level of detail.
+    /// Instances of templates, of any level of detail.
     pub(super) instances: Vec<Instance<'a>>,
 }
 
-/// Most geometries of an object with the same level of detail.
+/// Maximum number of geometries of an object with the same level of detail.
 const MAX_GEOMETRIES: usize = 1 << 16;
 
 impl<'a> Geometry<'a> {
-    /// The surfaces, if it has any.
+    /// Surfaces, if the geometry has any.
     pub(super) fn surfaces(&self) -> Option<SurfaceTexts<'a>> {
         let (depth, semantics) = (self.depth()?, self.semantics);
         Some(SurfaceTexts { depth, boundaries: self.boundaries?, semantics })
     }
 
-    /// Nesting depth of the surfaces, if it is of a kind that has some.
+    /// Nesting depth of the surfaces, if the geometry is of a type with surfaces.
     fn depth(&self) -> Option<u8> {
         match self.kind.as_str() {
             "MultiSurface" | "CompositeSurface" => Some(3),
@@ -71,7 +71,7 @@ impl<'a> Geometry<'a> {
         }
     }
 
-    /// The level of detail; none is below all.
+    /// Level of detail; negative infinity if there is none.
     pub(super) fn level<E: serde::de::Error>(&self) -> Result<f64, E> {
         match &self.lod {
             Some(Lod::Number(number)) => Ok(*number),
@@ -98,7 +98,8 @@ impl<'a> Geometries<'a> {
             self.lod = Some(lod);
             self.surfaces.clear();
         }
-        // Where an object has both at the same level, its surfaces are the solid's once more.
+        // If an object has both solids and surfaces at the same level, its surfaces duplicate the
+        // solid's.
         let deepest = self.surfaces.first().map_or(0, |surfaces| surfaces.depth);
         if self.lod == Some(lod) && (depth > 3) >= (deepest > 3) {
             if depth > 3 && deepest == 3 {

@@ -1,4 +1,4 @@
-//! Semantics of the surfaces of CityJSON geometries, which become values of faces.
+//! Semantics of the surfaces of CityJSON geometries, which become face values.
 
 use std::fmt;
 
@@ -7,37 +7,38 @@ use serde::{Deserialize, Deserializer};
 use serde_json::value::RawValue;
 use spinney_brep::attributes::{ObjectText, each_member};
 
-/// Column of the number that a face's surface has in its object: several faces may be of one.
+/// Column of the semantic surface's number in its object. Several faces may share a surface.
 pub(crate) const SURFACE: &str = "surface";
-/// Column of the type of a face's surface: "RoofSurface".
+/// Column of the surface type: "RoofSurface".
 pub(crate) const TYPE: &str = "type";
-/// Column of the number of the surface that a face's surface is a part of, such as the wall of a window.
+/// Column of the parent surface's number: a window's wall, for example.
 pub(crate) const PARENT: &str = "parent";
-/// Column of what else is said of a face's surface: a JSON object.
+/// Column of the other attributes of the surface: a JSON object.
 pub(crate) const ATTRIBUTES: &str = "attributes";
 
-/// The member of the text about a part that has the level of detail of its geometry, unless that is 2.
+/// Member of a part's attributes with the level of detail of its geometry, unless that is 2.
 pub(crate) const LOD: &str = "lod";
 
-/// Most bytes of a type, and of attributes of a surface. Each face of a surface has them, so that files grow by as much with each number of two
-/// bytes.
+/// Maximum bytes of a type, and of a surface's attributes. Every face of a surface repeats them, so
+/// a two-byte number in the file can expand to this size.
 const MAX_BYTES: usize = 4096;
 
-/// Most surfaces of a geometry that have semantics: a few bytes of a file make a hundred in memory.
+/// Maximum number of surfaces with semantics in a geometry. A few bytes of a file become a hundred
+/// bytes in memory.
 const MAX_SURFACES: usize = 1 << 20;
 
-/// Semantics of a geometry's surfaces. Their numbers, lists as the boundaries have them, are gone through beside these, without building
-/// anything of them.
+/// Semantics of a geometry's surfaces. The nested lists of semantics numbers are parsed in step
+/// with the lists of boundaries, without building them in memory.
 pub(super) struct Semantics<'a> {
     surfaces: Vec<Surface>,
-    /// The rest of the lists of numbers.
+    /// Unread rest of the nested lists.
     rest: &'a [u8],
-    /// Depth of lists below a place where there are no numbers; 0 where there are some.
+    /// Depth of boundary lists below a list that has no numbers; 0 inside of lists with numbers.
     missing: u32,
     lost: u64,
 }
 
-/// A surface: the values of its faces.
+/// Semantic surface: the values of its faces.
 #[derive(Default)]
 struct Surface {
     number: String,
@@ -55,7 +56,7 @@ struct Document<'a> {
     values: Option<&'a RawValue>,
 }
 
-/// JSON texts of surfaces.
+/// JSON of each surface.
 #[derive(Default)]
 struct SurfaceList<'a>(Vec<&'a RawValue>);
 
@@ -87,7 +88,7 @@ impl<'de: 'a, 'a> Deserialize<'de> for SurfaceList<'a> {
 }
 
 impl<'a> Semantics<'a> {
-    /// Those of a JSON text, if there is one; surfaces are numbered from `first` on.
+    /// Parses semantics from JSON, if any. Surfaces are numbered from `first` on.
     pub(super) fn of(text: Option<&'a RawValue>, first: u64) -> Semantics<'a> {
         let mut semantics = Semantics { surfaces: Vec::new(), rest: &[], missing: 1, lost: 0 };
         let Some(text) = text else { return semantics };
@@ -97,11 +98,11 @@ impl<'a> Semantics<'a> {
             return semantics;
         };
         let count = surfaces.len() as u64;
-        // (Parents and children say the same, and one of them may be missing.)
+        // (Parents and children are redundant, and either may be missing.)
         let mut parents: Vec<Option<u64>> = vec![None; surfaces.len()];
         for (number, text) in (0..).zip(&surfaces) {
             let (surface, mut lost) = Surface::of(text.get(), first + number);
-            // (An error was counted already.)
+            // (`Surface::of` has already counted an error.)
             let _ = each_member(text.get(), |key, value| match key {
                 "parent" => match value.parse().ok().filter(|parent| *parent < count) {
                     Some(parent) => parents[number as usize] = Some(parent),
@@ -141,7 +142,7 @@ impl<'a> Semantics<'a> {
         self.surfaces.len() as u64
     }
 
-    /// Number of values that are not handed out: surfaces without faces, and what makes no sense or is too long.
+    /// Number of dropped values: surfaces without faces, and values that are invalid or too long.
     pub(super) fn lost(&self) -> u64 {
         self.lost + self.surfaces.iter().filter(|surface| !surface.has_faces).count() as u64
     }
@@ -159,11 +160,11 @@ impl<'a> Semantics<'a> {
                 Token::End => self.lost += 1,
             }
         }
-        // (Nothing is said of all that is in it.)
+        // (Nothing in this list has semantics.)
         self.missing += 1;
     }
 
-    /// Leaves a list, which may have more than the boundaries have.
+    /// Leaves a list, which may be longer than the list of boundaries.
     pub(super) fn end_list(&mut self) {
         if self.missing > 0 {
             self.missing -= 1;
@@ -179,7 +180,7 @@ impl<'a> Semantics<'a> {
         self.rest = self.rest.get(1..).unwrap_or_default();
     }
 
-    /// Goes on to the next face of the list; its values.
+    /// Advances to the next face of the list and returns its values.
     pub(super) fn next_face(&mut self) -> Vec<(&str, &str)> {
         if self.missing > 0 {
             return Vec::new();
@@ -205,7 +206,7 @@ impl<'a> Semantics<'a> {
         std::iter::once((SURFACE, number.as_str())).chain(values).collect()
     }
 
-    /// The next part of the text; blanks and commas before it are passed.
+    /// Next token. Skips blanks and commas before it, but does not consume it.
     fn next(&mut self) -> Token {
         let blanks = self.rest.iter().take_while(|byte| b", \t\r\n".contains(byte)).count();
         self.rest = &self.rest[blanks..];
@@ -221,7 +222,7 @@ impl<'a> Semantics<'a> {
         }
     }
 
-    /// Passes over what comes next: a number, null, or a list with all that is in it.
+    /// Skips the next value: a number, null, or a list with its content.
     fn pass_value(&mut self) {
         let mut depth = 0u64;
         let end = self.rest.iter().position(|byte| {
@@ -236,14 +237,14 @@ impl<'a> Semantics<'a> {
         self.rest = &self.rest[end.unwrap_or(self.rest.len())..];
     }
 
-    /// Passes over what comes next and should not be there.
+    /// Skips the next value, which is invalid.
     fn lose_value(&mut self) {
         self.lost += 1;
         self.pass_value();
     }
 }
 
-/// Beginning of what comes next in lists of numbers.
+/// Start of the next value in nested lists of numbers.
 enum Token {
     Begin,
     Null,
@@ -253,7 +254,7 @@ enum Token {
 }
 
 impl Surface {
-    /// A surface of a JSON object, and the number of its members that are too long to be kept.
+    /// Parses a surface from a JSON object. Also returns the number of its dropped members.
     fn of(text: &str, number: u64) -> (Surface, u64) {
         let (mut surface, mut others) =
             (Surface { number: number.to_string(), ..Surface::default() }, ObjectText::default());
@@ -276,7 +277,7 @@ impl Surface {
 mod tests {
     use super::*;
 
-    /// Names of the surfaces of faces in lists of lists, given by their lengths, and how many values are lost.
+    /// Surface names of faces in nested lists of the given lengths, and the number of lost values.
     fn walked(semantics: &str, shells: &[usize]) -> (String, u64) {
         let text: &RawValue = serde_json::from_str(semantics).unwrap();
         let mut semantics = Semantics::of(Some(text), 0);
@@ -334,7 +335,7 @@ mod tests {
         assert_eq!(semantics.next_face(), [(SURFACE, "12"), (PARENT, "11")]);
         assert_eq!(semantics.next_face(), [(SURFACE, "13")]);
         semantics.end_list();
-        // A child that is not there, attributes that are too long, and a surface that is no object.
+        // A missing child, attributes that are too long, and a surface that is not an object.
         assert_eq!(semantics.lost(), 3);
         let surfaces =
             |count: usize| format!("{{\"surfaces\":[{}{{}}],\"values\":[0]}}", "{},".repeat(count - 1));

@@ -1,4 +1,5 @@
-//! Geometry templates of CityJSON: surfaces that stand in many places, each with a map of its own.
+//! Geometry templates of CityJSON: surfaces that are instantiated several times, each with its own
+//! transformation.
 
 use serde::Deserialize;
 use serde_json::value::RawValue;
@@ -10,17 +11,17 @@ use super::vertices::{Coordinates, Table, VertexBounds, VertexLayout, Vertices, 
 use spinney_base::Result;
 use spinney_records::text::shown;
 
-/// Templates at most.
+/// Maximum number of templates.
 const MAX_TEMPLATES: usize = 1 << 20;
 
-/// The templates of a file.
+/// Templates of a file.
 #[derive(Default)]
 pub(super) struct Templates<'a> {
     vertices: Option<Vertices>,
     list: Vec<Template<'a>>,
 }
 
-/// A template: its level of detail, and its surfaces where it has any.
+/// Template: its level of detail, and its surfaces if it has any.
 struct Template<'a> {
     lod: f64,
     surfaces: Option<SurfaceTexts<'a>>,
@@ -34,11 +35,11 @@ struct Document<'a> {
     vertices: Option<&'a RawValue>,
 }
 
-/// A geometry that is made of a template.
+/// Geometry that is an instance of a template.
 pub(super) struct Instance<'a> {
     template: Option<usize>,
     matrix: [f64; 16],
-    /// A list of the number of one vertex: where the template's origin goes.
+    /// JSON list with the index of one vertex: the position of the template's origin.
     anchor: Option<&'a RawValue>,
 }
 
@@ -50,13 +51,13 @@ impl<'a> Instance<'a> {
         Ok(Instance { template: *template, matrix, anchor: *boundaries })
     }
 
-    /// The level of detail of its template, if that has surfaces, given those of all templates.
+    /// Level of detail of its template, if that has surfaces. `levels` are those of all templates.
     pub(super) fn level(&self, levels: &[Option<f64>]) -> Option<f64> {
         levels.get(self.template?).copied().flatten()
     }
 }
 
-/// The map of an instance's points.
+/// Transformation of an instance's points.
 #[derive(Clone, Copy)]
 pub(super) struct Placement {
     matrix: [f64; 16],
@@ -64,7 +65,8 @@ pub(super) struct Placement {
 }
 
 impl Placement {
-    /// Where a point of the template goes. Matrices are of homogeneous coordinates, the last row of which is 0, 0, 0, 1.
+    /// Transforms a point of the template. Matrices are for homogeneous coordinates, so the last
+    /// row is 0, 0, 0, 1.
     pub(super) fn apply(&self, point: [f64; 3]) -> [f64; 3] {
         [0, 1, 2].map(|row| {
             let [a, b, c, d] = [0, 1, 2, 3].map(|column| self.matrix[4 * row + column]);
@@ -73,14 +75,14 @@ impl Placement {
     }
 }
 
-/// A template in its place.
+/// Template with the placement of an instance.
 pub(super) struct PlacedTemplate<'a> {
     pub(super) lod: f64,
     pub(super) surfaces: SurfaceTexts<'a>,
     pub(super) placement: Placement,
 }
 
-/// The levels of detail of a file's templates, of those that have surfaces.
+/// Levels of detail of a file's templates; `None` for templates without surfaces.
 pub(super) fn template_levels(source: &ModelFile, text: &RawValue) -> Result<Vec<Option<f64>>> {
     let found: Document<'_> =
         serde_json::from_str(text.get()).map_err(|error| not_json_there(source, text, &error))?;
@@ -92,7 +94,8 @@ pub(super) fn template_levels(source: &ModelFile, text: &RawValue) -> Result<Vec
 }
 
 impl<'a> Templates<'a> {
-    /// Those of a file, by their JSON; vertices may take so many bytes of memory, and go to disk beyond.
+    /// Parses the templates of a file from JSON. Vertices use up to half of `memory` bytes and
+    /// spill to disk beyond.
     pub(super) fn of(source: &ModelFile, text: &'a RawValue, memory: u64) -> Result<Templates<'a>> {
         let found: Document<'a> =
             serde_json::from_str(text.get()).map_err(|error| not_json_there(source, text, &error))?;
@@ -112,13 +115,14 @@ impl<'a> Templates<'a> {
         Ok(Templates { vertices: Some(vertices.finish()?), list })
     }
 
-    /// The vertices of all templates.
+    /// Vertices of all templates.
     pub(super) fn vertices(&self) -> Table<'_> {
         let none = || Table::new(&[], VertexLayout::packed(Coordinates::F64, false));
         self.vertices.as_ref().map_or_else(none, Vertices::table)
     }
 
-    /// The templates of an object's instances, each in its place, of those that have surfaces; vertices are those of the document.
+    /// Templates of an object's instances with their placements. Templates without surfaces are
+    /// left out. `vertices` are those of the document.
     pub(super) fn placed(
         &self,
         source: &ModelFile,

@@ -1,7 +1,8 @@
 //! CityJSON and CityJSONSeq: city objects whose surfaces are polygons with holes.
 //!
-//! Both are a sequence of JSON values (of one, for CityJSON), each of which is passed over without building
-//! anything of it: vertices go to their store, surfaces are handed out as they come.
+//! A file is a sequence of JSON values (a single one for CityJSON). These are parsed as streams,
+//! without building a document in memory: vertices go to their store, and surfaces are passed on
+//! immediately.
 
 use std::fmt;
 
@@ -32,7 +33,7 @@ struct CityJson {
     lost_values: u64,
 }
 
-/// A CityJSON file, or the first or another line of a CityJSONSeq.
+/// CityJSON file, or a line of a CityJSONSeq.
 #[derive(Deserialize)]
 struct Document<'a> {
     #[serde(rename = "type")]
@@ -57,7 +58,7 @@ pub(super) struct Transform {
     translate: [f64; 3],
 }
 
-/// Goes through all values of a file; each comes with the transform that holds for it.
+/// Visits all JSON values of a file, each with the transform that applies to it.
 fn documents<'a>(
     source: &'a ModelFile,
     mut each: impl FnMut(&Document<'a>, Option<Transform>) -> Result<()>,
@@ -92,7 +93,7 @@ fn documents<'a>(
     Ok(())
 }
 
-/// An error in JSON, found in a text that starts in some line of the file.
+/// JSON error in a text that starts in the given line of the file.
 fn not_json(source: &ModelFile, first_line: u64, error: &serde_json::Error) -> Error {
     let text = error.to_string();
     let what = text.rsplit_once(" at line").map_or(text.as_str(), |(what, _)| what);
@@ -101,13 +102,13 @@ fn not_json(source: &ModelFile, first_line: u64, error: &serde_json::Error) -> E
     source.corrupt(place, &what[..most], "CityJSON")
 }
 
-/// An error in a part of a file.
+/// JSON error in a fragment of a file.
 pub(super) fn not_json_there(source: &ModelFile, text: &RawValue, error: &serde_json::Error) -> Error {
     let offset = text.get().as_ptr() as usize - source.bytes().as_ptr() as usize;
     not_json(source, line_number(source.bytes(), offset), error)
 }
 
-/// Walks through a part of a file, which leaves errors that are not about JSON in `failure`.
+/// Deserializes a fragment of a file. `seed` stores errors that are not JSON errors in `failure`.
 fn walk<'a>(
     source: &ModelFile,
     text: &'a RawValue,
@@ -124,7 +125,7 @@ fn walk<'a>(
 
 type Json<'a> = serde_json::Deserializer<serde_json::de::StrRead<'a>>;
 
-/// Keeps an error of ours while serde passes up one of its own.
+/// Stores an error of this crate in `failure` and returns a placeholder through serde.
 fn keep<T, E: serde::de::Error>(failure: &mut Option<Error>, result: Result<T>) -> Result<T, E> {
     result.map_err(|error| {
         *failure = Some(error);
@@ -132,7 +133,7 @@ fn keep<T, E: serde::de::Error>(failure: &mut Option<Error>, result: Result<T>) 
     })
 }
 
-/// The list of vertices.
+/// Visitor of the list of vertices.
 struct ReadVertices<'a> {
     source: &'a ModelFile,
     transform: Option<Transform>,
@@ -194,7 +195,8 @@ pub(super) fn read_list(
     })
 }
 
-/// Metadata of a file: the reference system, and its other metadata and extensions.
+/// Metadata of a file: the coordinate system is returned, other metadata and extensions become
+/// attributes.
 fn read_metadata(
     source: &ModelFile,
     document: &Document<'_>,
@@ -205,7 +207,7 @@ fn read_metadata(
     if let Some(text) = document.metadata.filter(|text| text.get() != "null") {
         each_member(text.get(), |key, value| match key {
             "referenceSystem" => reference = Some(serde_json::from_str::<Option<String>>(value)),
-            // (That of the model is another one when corners have moved, or files come together.)
+            // (The extent of the model differs if vertices have moved or files are merged.)
             "geographicalExtent" => {}
             _ => metadata.push(key, value),
         })
@@ -224,7 +226,7 @@ fn read_metadata(
     Ok(reference.and_then(|reference| Crs::parse(&reference).ok()))
 }
 
-/// The names and attributes of all city objects.
+/// Visitor of the names and attributes of all city objects.
 struct ReadNames<'a> {
     source: &'a ModelFile,
     vertices: Table<'a>,
@@ -232,7 +234,7 @@ struct ReadNames<'a> {
     levels: &'a [Option<f64>],
     parts: &'a mut Parts,
     attributes: &'a mut Attributes,
-    /// The part that the next object is.
+    /// Part number of the next object.
     part: &'a mut u32,
     failure: &'a mut Option<Error>,
 }
@@ -248,10 +250,10 @@ impl<'de> Visitor<'de> for ReadNames<'_> {
         while let Some((name, object)) = map.next_entry::<String, &'de RawValue>()? {
             keep(self.failure, self.parts.push(self.source, name))?;
             let mut text = ObjectText::default();
-            // The type that objects have whose type is not known says nothing.
+            // The default type of untyped objects carries no information.
             let (mut is_plain, mut has_address, mut lod) = (true, false, None);
             let members = each_member(object.get(), |key, value| match key {
-                // (Errors in geometries are reported where they are read.)
+                // (Errors in geometries are reported when the geometries are read.)
                 "geometry" => {
                     if let Ok(Geometries { lod: own, instances, .. }) = serde_json::from_str(value) {
                         let of_templates =
@@ -286,7 +288,8 @@ impl<'de> Visitor<'de> for ReadNames<'_> {
     }
 }
 
-/// The text about an object, in which the points of addresses have coordinates, and not the numbers of vertices that the object has.
+/// Attributes of an object with coordinates instead of vertex indices as the points of its
+/// addresses.
 fn address_points(source: &ModelFile, vertices: Table<'_>, object: &RawValue, about: &str) -> Result<String> {
     let mut missing = None;
     let mapped = map_locations(about, &mut |numbers| {
@@ -320,15 +323,15 @@ struct CityObject<'a> {
     geometry: Option<Geometries<'a>>,
 }
 
-/// Hands out the surfaces of all city objects.
+/// Visitor of the surfaces of all city objects.
 struct ReadObjects<'a, 'b> {
     source: &'a ModelFile,
     vertices: Table<'a>,
     templates: &'b Templates<'a>,
     corners: &'b mut Corners,
-    /// The part that the next object is.
+    /// Part number of the next object.
     part: &'b mut u32,
-    /// Semantics of surfaces that are not handed out.
+    /// Number of dropped semantics of surfaces.
     lost: &'b mut u64,
     each: &'b mut dyn FnMut(&MeshFace<'_>) -> Result<()>,
     failure: &'b mut Option<Error>,
@@ -346,7 +349,7 @@ impl<'de> Visitor<'de> for ReadObjects<'_, '_> {
             let Geometries { lod, surfaces, instances } = object.geometry.unwrap_or_default();
             let placed = self.templates.placed(self.source, &name, self.vertices, &instances);
             let mut placed = keep(self.failure, placed)?;
-            // (Those of the highest level of detail count, as everywhere.)
+            // (Only the highest level of detail is used, as for other geometries.)
             let best =
                 placed.iter().map(|placed| placed.lod).fold(lod.unwrap_or(f64::NEG_INFINITY), f64::max);
             placed.retain(|placed| placed.lod == best);
@@ -386,13 +389,13 @@ impl<'de> Visitor<'de> for ReadObjects<'_, '_> {
     }
 }
 
-/// Lists of lists down to the numbers of vertices: level 1 is a ring, 2 a surface, beyond that are shells and
-/// solids.
+/// Visitor of nested lists of vertex indices: level 1 is a ring, 2 a surface, higher levels are
+/// shells and solids.
 struct Boundaries<'a, 'b> {
     source: &'a ModelFile,
     name: &'b str,
     vertices: Table<'a>,
-    /// Where the vertices of a template go.
+    /// Transformation of template vertices.
     placement: Option<Placement>,
     semantics: &'b mut Semantics<'a>,
     corners: &'b mut Corners,
@@ -473,7 +476,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
     let mut parts = Parts::new(memory);
     let mut attributes = Attributes::within(memory.max(1 << 20));
     let (mut count, mut part, mut version, mut crs) = (0, 0, None, None);
-    // One grid for all axes and all documents.
+    // Grid unit, if all axes and all documents share one.
     let mut step: Option<Option<f64>> = None;
     let mut has_templates = false;
     let mut levels = Vec::new();
@@ -501,7 +504,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         })
     })?;
     let vertex_bounds = bounds.get().ok_or_else(|| source.no_vertices())?;
-    // Coordinates are in the unit of the system, in metres where none is known.
+    // Coordinates are in the unit of the coordinate system, or in metres if that is unknown.
     let unit = crs.as_ref().and_then(Crs::unit).unwrap_or("m");
     if unit == "degrees" {
         let name = crs.as_ref().map(Crs::to_string).unwrap_or_default();
@@ -526,7 +529,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
     };
     let mut model = CityJson { source, info, memory, degenerate: 0, lost_values: 0 };
     if has_templates {
-        // (Vertices of templates are elsewhere once they are placed.)
+        // (The vertices of templates are placed by their instances, outside of the bounds so far.)
         model.faces(&mut |face| {
             face.points.iter().for_each(|point| bounds.add(*point));
             Ok(())
@@ -544,7 +547,7 @@ impl Model for CityJson {
     fn faces(&mut self, each: &mut dyn FnMut(&MeshFace<'_>) -> Result<()>) -> Result<()> {
         let (source, mut corners, mut part) = (&self.source, Corners::default(), 0);
         let mut lost = 0;
-        // (Those of the first document are for all that have none of their own.)
+        // (Templates of the first document apply to all documents without own templates.)
         let mut templates = Templates::default();
         documents(source, |document, transform| {
             if let Some(text) = document.templates {

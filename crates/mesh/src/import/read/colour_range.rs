@@ -1,24 +1,25 @@
-//! Range of the colours that a text file has: one for the whole file.
+//! Range of colour values in text formats, determined once per file.
 
-/// Numbers of colours are from 0 to 1 in some files and from 0 to 255 in others. Those of a file have one range: 0 to 255 if any number is 2 or more, else 0
-/// to 1. (Numbers slightly above 1 are lights that overshoot.)
+/// Range of a file's colour values. Some files use 0 to 1, others 0 to 255. The range is 0 to 255
+/// if any value of the file is 2 or more, else 0 to 1. (Values slightly above 1 are overshooting
+/// lights.)
 #[derive(Clone, Copy, Default)]
 pub(super) struct ColourRange {
     has_bytes: bool,
 }
 
 impl ColourRange {
-    /// Takes a number of the file into account.
+    /// Takes a value of the file into account.
     pub(super) fn add(&mut self, number: f64) {
         self.has_bytes |= number >= 2.0;
     }
 
-    /// Whether colours are from 0 to 255.
+    /// Whether colours range from 0 to 255.
     pub(super) fn has_bytes(self) -> bool {
         self.has_bytes
     }
 
-    /// A colour from its numbers.
+    /// Converts a colour from its values.
     pub(super) fn colour(self, numbers: [f64; 3]) -> [u8; 3] {
         let factor = if self.has_bytes { 1.0 } else { 255.0 };
         numbers.map(|number| (number * factor).round() as u8)

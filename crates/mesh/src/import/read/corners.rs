@@ -1,21 +1,21 @@
-//! The face that is being read, and what is done with it when it is complete.
+//! Buffer of the face being read, and its completion.
 
 use super::MeshFace;
 use spinney_base::Result;
 
-/// Most corners of a face.
+/// Maximum number of corners of a face.
 pub(super) const MAX_CORNERS: usize = 1 << 20;
 
-/// Colour of faces without one in a file where others have one.
+/// Colour of faces without a colour in a file where other faces have one.
 pub(super) const WHITE: [u8; 3] = [255; 3];
 
-/// Corners of a face in the making. Buffers are used again for the next one.
+/// Corners of a face under construction. Buffers are reused for the next face.
 #[derive(Default)]
 pub(super) struct Corners {
     points: Vec<[f64; 3]>,
     colours: Vec<[u8; 3]>,
     ring_ends: Vec<usize>,
-    /// Faces so far that were left out because they cover nothing.
+    /// Number of degenerate faces that were left out so far.
     pub(super) degenerate: u64,
 }
 
@@ -32,26 +32,26 @@ impl Corners {
         self.points.len()
     }
 
-    /// A corner.
+    /// Adds a corner.
     #[inline]
     pub(super) fn push(&mut self, point: [f64; 3]) {
         self.points.push(point);
     }
 
-    /// A corner's colour: for all corners or none.
+    /// Adds a corner's colour. Either all corners or none must have one.
     #[inline]
     pub(super) fn push_colour(&mut self, colour: [u8; 3]) {
         self.colours.push(colour);
     }
 
-    /// Gives all corners the same colour.
+    /// Sets the same colour for all corners.
     pub(super) fn paint(&mut self, colour: [u8; 3]) {
         self.colours.clear();
         self.colours.resize(self.points.len(), colour);
     }
 
-    /// Ends a ring: corners that repeat the one before are dropped, and a hole with fewer than three
-    /// different corners is, too. Colours must have been pushed by now.
+    /// Ends a ring. Drops corners that repeat the previous one, and holes with fewer than three
+    /// distinct points. Colours must already have been pushed.
     pub(super) fn end_ring(&mut self) {
         let start = self.ring_ends.last().copied().unwrap_or(0);
         let mut end = start;
@@ -79,7 +79,7 @@ impl Corners {
         }
     }
 
-    /// Hands out the face, unless its outer ring has fewer than three different corners.
+    /// Passes the face to `each`, unless its outer ring has fewer than three distinct points.
     #[inline]
     pub(super) fn hand_out(
         &mut self,
@@ -101,7 +101,7 @@ impl Corners {
     }
 }
 
-/// Whether at least three points are different.
+/// Whether at least three points are distinct.
 fn has_three(points: &[[f64; 3]]) -> bool {
     let Some((first, rest)) = points.split_first() else { return false };
     let Some(second) = rest.iter().find(|point| *point != first) else { return false };
@@ -112,7 +112,7 @@ fn has_three(points: &[[f64; 3]]) -> bool {
 mod tests {
     use super::*;
 
-    /// Points and ring ends that are handed out for rings of points on the number line.
+    /// Points and ring ends that are passed on for rings of points on the number line.
     fn handed_out(rings: &[&[u8]]) -> Option<(Vec<u8>, Vec<usize>)> {
         let mut corners = Corners::default();
         for ring in rings {

@@ -1,4 +1,4 @@
-//! Exact models as models to build others of: files of Spinney's own.
+//! Exact models in Spinney files as models for import.
 
 use std::path::Path;
 
@@ -8,7 +8,8 @@ use spinney_base::{Error, Result};
 use spinney_brep::{Attributes, ExactModel, Faces, is_model_file};
 use spinney_container::Tag;
 
-/// Opens the file of an exact model; `None` if it is none. About `memory` bytes hold what is said of parts.
+/// Opens an exact model; returns `None` for other files. About `memory` bytes hold the attributes
+/// of parts.
 pub(super) fn open(path: &Path, memory: u64, access: &FileAccess) -> Result<Option<Box<dyn Model>>> {
     if !is_model_file(path, access)? {
         return Ok(None);
@@ -32,7 +33,7 @@ pub(super) fn open(path: &Path, memory: u64, access: &FileAccess) -> Result<Opti
         path: path.to_path_buf(),
         format: "exact model".into(),
         faces: Some(model.len()),
-        // (Of the grid, whose least coordinates are the model's.)
+        // (Bounds of the grid. Its minimum coordinates are the model's.)
         bounds: [model.grid().to_world([0; 3]), model.grid().to_world(most)],
         crs: frame.crs.clone(),
         unit: model.metadata().tag(Tag::Unit).map(String::from),

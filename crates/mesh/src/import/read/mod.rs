@@ -1,4 +1,4 @@
-//! Readers of meshes, one file or folder for each format and one for arrays in memory, and what they share.
+//! Mesh readers: one file or directory per format, one for in-memory arrays, and shared code.
 
 mod arrays;
 mod city_geometry;
@@ -30,21 +30,22 @@ use spinney_manifest::is_manifest_file;
 
 pub use self::arrays::{MeshArrays, MeshColours};
 
-/// Opens a boundary representation, whose format is recognised by its first bytes, and from its name only
-/// where those leave it open.
+/// Opens a boundary representation. The format is recognized by the file's first bytes. The file
+/// name is used only if those are ambiguous.
 ///
-/// About `memory` bytes are used at most. What does not fit, such as the vertices of a large text file, goes
-/// to an unnamed temporary file in the system's folder for those (`TMPDIR`). The file itself is mapped: it
-/// must not be truncated while the model is in use.
+/// Uses about `memory` bytes at most. Larger data, such as the vertices of a large text file, goes
+/// to an unnamed temporary file in the system's temporary directory (`TMPDIR`). The file itself is
+/// memory-mapped: it must not be truncated while the model is in use.
 ///
 /// # Errors
-/// If the file cannot be read, is of no format that is read here, is damaged, or uses something unsupported.
+/// If the file cannot be read, has an unknown format, is corrupt, or uses unsupported features.
 pub fn open(path: &Path, memory: u64) -> Result<Box<dyn Model>> {
     open_with(path, memory, &FileAccess::default())
 }
 
-/// Opens what [`open`] opens, with `access`: an exact model may be remote, and a mesh that is read at positions is copied to an unnamed
-/// temporary file first.
+/// Opens a boundary representation as [`open`] does, with `access`. Exact models may be remote. If
+/// files are read at positions instead of mapped, a mesh is first copied to an unnamed temporary
+/// file.
 ///
 /// # Errors
 /// Those of [`open`].
@@ -53,7 +54,7 @@ pub fn open_with(path: &Path, memory: u64, access: &FileAccess) -> Result<Box<dy
         return Ok(model);
     }
     let mut source = ModelFile::open(path, access)?;
-    // The first 80 bytes of a binary STL file are free, and may be a text with such a mark.
+    // The first 80 bytes of binary STL are arbitrary and may start with a byte order mark.
     if !stl::is_binary(source.bytes()) {
         source.skip_byte_order_mark();
     }
@@ -67,7 +68,7 @@ pub fn open_with(path: &Path, memory: u64, access: &FileAccess) -> Result<Box<dy
     }
 }
 
-/// The formats that are read.
+/// Supported formats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Format {
     Ply,
@@ -101,10 +102,11 @@ fn format(source: &ModelFile) -> Option<Format> {
     }
 }
 
-/// All files that are looked at when a model is read, whether they are there or not: its own, and those of its materials.
+/// Paths of all files that reading a model accesses, whether they exist or not: the file itself and
+/// its material libraries.
 ///
 /// # Errors
-/// If it cannot be read.
+/// If the file cannot be read.
 pub fn files_of(path: &Path, access: &FileAccess) -> Result<Vec<PathBuf>> {
     let mut files = vec![path.to_path_buf()];
     if !spinney_brep::is_model_file(path, access)? {
@@ -116,15 +118,15 @@ pub fn files_of(path: &Path, access: &FileAccess) -> Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// Opens several, with `memory` bytes for all that building a solid of them will take.
+/// Opens several models. `memory` is the total for building a solid from them, in bytes.
 ///
 /// # Errors
-/// If one of them cannot be read.
+/// If one of the files cannot be read.
 pub fn open_all(paths: &[PathBuf], memory: u64) -> Result<Vec<Box<dyn Model>>> {
     open_all_with(paths, memory, &FileAccess::default())
 }
 
-/// Opens several as [`open_all`] does, each as [`open_with`] does.
+/// Opens several models like [`open_all`], each with `access` like [`open_with`].
 ///
 /// # Errors
 /// Those of [`open_all`].
@@ -133,10 +135,10 @@ pub fn open_all_with(paths: &[PathBuf], memory: u64, access: &FileAccess) -> Res
     paths.iter().map(|path| open_with(path, share, access)).collect()
 }
 
-/// Whether a path looks like a model's, or is that of an exact model.
+/// Whether a path has a model's file extension, or is an exact model.
 ///
 /// # Errors
-/// If the file system or the host of the file fails.
+/// If the file system or the remote host fails.
 pub fn is_model(path: &Path, access: &FileAccess) -> Result<bool> {
     let extension = without_query(path).extension().and_then(|extension| extension.to_str()).unwrap_or("");
     let names = ["ply", "obj", "stl", "off", "json", "jsonl", "cityjson"];

@@ -1,4 +1,4 @@
-//! The file behind a model: its bytes, and errors that name it.
+//! Bytes of a model's file, and errors that name the file.
 
 use std::fs;
 use std::io::{self, Seek as _};
@@ -7,19 +7,20 @@ use std::path::{Path, PathBuf};
 use spinney_base::io::{FileAccess, Mapped, ReadBackend};
 use spinney_base::{Error, Result};
 
-/// Bytes that some programs put before a text in UTF-8; they are no part of it.
+/// Byte order mark that some programs write before UTF-8 text. It is not content.
 pub(super) const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
-/// A mapped file that is not empty.
+/// Mapped file that is not empty.
 pub(super) struct ModelFile {
     path: PathBuf,
     map: Mapped,
-    /// Bytes before the model's first.
+    /// Bytes before the model's first byte.
     skipped: usize,
 }
 
 impl ModelFile {
-    /// Opens a file; where files are read at positions, a copy of it in an unnamed temporary file, which no other process can truncate.
+    /// Opens a file. If files are read at positions instead of mapped, this is a copy in an unnamed
+    /// temporary file, which no other process can truncate.
     pub(super) fn open(path: &Path, access: &FileAccess) -> Result<ModelFile> {
         let about = fs::metadata(path).map_err(Error::io(path, "open"))?;
         if about.is_dir() {
@@ -51,15 +52,15 @@ impl ModelFile {
         self.map.bytes().and_then(|bytes| bytes.get(self.skipped..)).unwrap_or_default()
     }
 
-    /// Makes the bytes begin behind a byte order mark, if there is one.
+    /// Skips a byte order mark, if there is one.
     pub(super) fn skip_byte_order_mark(&mut self) {
         if self.bytes().starts_with(BYTE_ORDER_MARK) {
             self.skipped = BYTE_ORDER_MARK.len();
         }
     }
 
-    /// Reports each line, vertex or face that is read, in order: the mapping releases its pages from time to
-    /// time, so that the file does not fill the memory.
+    /// Reports each line, vertex or face that is read, in order. The mapping releases its pages
+    /// periodically so that the file does not fill the memory.
     #[inline]
     pub(super) fn passed(&self, number: u64) {
         const OFTEN: u64 = 1 << 17;
@@ -68,7 +69,7 @@ impl ModelFile {
         }
     }
 
-    /// An error at a location in the file.
+    /// Error at a location in the file.
     pub(super) fn corrupt(
         &self,
         place: impl Into<String>,
@@ -78,13 +79,13 @@ impl ModelFile {
         Error::corrupt(&self.path, place, found, expected)
     }
 
-    /// The error for a file without a single vertex.
+    /// Error for a file without any vertex.
     pub(super) fn no_vertices(&self) -> Error {
         self.corrupt("the whole file", "no vertices", "a mesh")
     }
 }
 
-/// A copy of a file, mapped.
+/// Mapped copy of a file.
 fn copy(path: &Path, access: &FileAccess) -> Result<Mapped> {
     let failed = || Error::io(path, "copy to a temporary file");
     let mut file = tempfile::tempfile().map_err(failed())?;

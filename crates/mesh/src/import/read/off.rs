@@ -1,4 +1,4 @@
-//! OFF: numbered vertices and polygons over them as text, either of them coloured.
+//! OFF: indexed vertices and polygons as text, either of them coloured.
 
 use super::colour_range::ColourRange;
 use super::corners::{Corners, MAX_CORNERS, WHITE};
@@ -34,26 +34,28 @@ struct OffHeader {
 /// Meaning of line breaks among vertices and faces.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum LineBreaks {
-    /// Each vertex and face is a line, which may have more words than it needs.
+    /// Each vertex and face is a line, which may have extra words.
     EndRecords,
-    /// Each begins with a line, and may go on in the next ones.
+    /// Each starts on a new line and may continue on the following lines.
     BeginRecords,
-    /// None: there is nothing but what vertices, with so many numbers each, and faces need.
+    /// Line breaks have no meaning: the file has only the required words. Holds the count of
+    /// numbers per vertex.
     Blanks(usize),
 }
 
-/// Prefix before `OFF` in the first word of a file, in upper case, and the digits that follow without a blank.
+/// Prefix of `OFF` in the first word of a file, in upper case, and the digits that follow
+/// immediately.
 fn parse_keyword(word: &[u8]) -> Option<(Vec<u8>, &[u8])> {
     let at = word.windows(3).position(|bytes| bytes.eq_ignore_ascii_case(b"OFF"))?;
     let (before, after) = (&word[..at], &word[at + 3..]);
-    // (Next to capital letters, a small n means a number of dimensions.)
+    // (After upper-case `OFF` only, a lower-case n means a number of dimensions.)
     let is_upper = &word[at..at + 3] == b"OFF";
     let before = if is_upper { before.to_vec() } else { before.to_ascii_uppercase() };
     let is_known = before.iter().all(|byte| b"STCN4n".contains(byte)) && after.iter().all(u8::is_ascii_digit);
     is_known.then_some((before, after))
 }
 
-/// Whether a file begins as OFF files do.
+/// Whether a file starts like OFF.
 pub(super) fn has_keyword(bytes: &[u8]) -> bool {
     let mut start = Records::new(&bytes[..bytes.len().min(4096)], 0, LineBreaks::Blanks(0));
     start.word().is_some_and(|word| parse_keyword(word).is_some())
@@ -83,13 +85,13 @@ impl<'a> Records<'a> {
         Records { bytes, at, start: at, breaks }
     }
 
-    /// Goes to the end of the line.
+    /// Advances to the end of the line.
     fn skip_line(&mut self) {
         let rest = &self.bytes[self.at..];
         self.at += rest.iter().position(|byte| is_line_end(*byte)).unwrap_or(rest.len());
     }
 
-    /// Goes to the next word, in the same line or in any.
+    /// Advances to the next word, on the same line or on any line.
     fn skip_blanks(&mut self, crosses_lines: bool) {
         while let Some(byte) = self.bytes.get(self.at) {
             match byte {
@@ -100,7 +102,7 @@ impl<'a> Records<'a> {
         }
     }
 
-    /// Goes to the next record.
+    /// Advances to the next record.
     fn begin(&mut self) {
         if !matches!(self.breaks, LineBreaks::Blanks(_)) {
             self.skip_line();
@@ -109,7 +111,7 @@ impl<'a> Records<'a> {
         self.start = self.at;
     }
 
-    /// The next word of the record.
+    /// Next word of the record.
     fn word(&mut self) -> Option<&'a [u8]> {
         self.skip_blanks(self.breaks != LineBreaks::EndRecords);
         let rest = &self.bytes[self.at..];
@@ -127,7 +129,7 @@ impl<'a> Records<'a> {
         self.word().and_then(whole).and_then(|count| u64::try_from(count).ok())
     }
 
-    /// Up to four words that are left in the line; none where line breaks mean nothing.
+    /// Up to four remaining words of the line; none if line breaks have no meaning.
     fn rest(&self) -> Vec<&'a [u8]> {
         if matches!(self.breaks, LineBreaks::Blanks(_)) {
             return Vec::new();
@@ -136,7 +138,7 @@ impl<'a> Records<'a> {
         std::iter::from_fn(|| line.word()).take(4).collect()
     }
 
-    /// The error for the record.
+    /// Error for the record.
     fn wrong(&self, source: &ModelFile, what: &str, expected: &str) -> Error {
         if self.start >= self.bytes.len() {
             return source.corrupt(what, "the end of the file", "more lines");
@@ -168,7 +170,8 @@ impl OffHeader {
         let (Some(vertices), Some(faces)) = (records.count(), records.count()) else {
             return Err(records.wrong(source, "OFF header", "the numbers of vertices and faces"));
         };
-        // The number of edges, which need not be right, nor be there: it is in the same line, or alone in the next.
+        // Number of edges, which may be wrong or missing. It is on the same line, or alone on the
+        // next one.
         let mut edges = records.clone();
         if edges.count().is_some() && (!records.rest().is_empty() || edges.rest().is_empty()) {
             records = edges;
@@ -181,7 +184,7 @@ impl OffHeader {
             body: records.at,
             breaks: LineBreaks::EndRecords,
         };
-        // "\n0 0 0" for a vertex, "\n0" for a face.
+        // Minimum bytes: "\n0 0 0" per vertex, "\n0" per face.
         let (there, needed) = (bytes.len() - header.body, u128::from(vertices) * 6 + u128::from(faces) * 2);
         if needed > there as u128 {
             let (found, expected) = (format!("{there} bytes"), format!("at least {needed}"));
@@ -191,7 +194,8 @@ impl OffHeader {
         Ok(header)
     }
 
-    /// The meaning of line breaks: that of most programs if there are as many lines as vertices and faces.
+    /// Determines the meaning of line breaks: as most programs write it if there are as many lines
+    /// as vertices and faces.
     fn find_breaks(&self, source: &ModelFile) -> LineBreaks {
         let (records, mut lines) = (self.vertices + self.faces, 0);
         let mut all = Records::new(source.bytes(), self.body, LineBreaks::EndRecords);
@@ -206,7 +210,7 @@ impl OffHeader {
         if lines == records {
             return LineBreaks::EndRecords;
         }
-        // (Colours have four numbers, or three where opacity is left out.)
+        // (Colours have four numbers, or three without opacity.)
         let sizes = if self.has_colours { &[4, 3][..] } else { &[0] };
         let numbers = if self.has_normals { 6 } else { 3 };
         let blanks = sizes.iter().map(|colour| LineBreaks::Blanks(numbers + colour));
@@ -214,7 +218,7 @@ impl OffHeader {
         blanks.into_iter().find(|breaks| self.fits(source, *breaks)).unwrap_or(other)
     }
 
-    /// Whether vertices and faces have all words of the file, wherever lines end.
+    /// Whether vertices and faces take exactly all words of the file, regardless of lines.
     fn fits(&self, source: &ModelFile, breaks: LineBreaks) -> bool {
         let LineBreaks::Blanks(size) = breaks else { return false };
         let mut words = Records::new(source.bytes(), self.body, breaks);
@@ -235,7 +239,8 @@ impl OffHeader {
         words.word().is_none()
     }
 
-    /// Goes to the next vertex: its coordinates, and the words of its colour. An error is what is expected.
+    /// Advances to the next vertex: its coordinates and the words of its colour. The error is a
+    /// description of what is expected.
     fn vertex<'a>(
         &self,
         records: &mut Records<'a>,
@@ -245,7 +250,7 @@ impl OffHeader {
         for coordinate in &mut point {
             *coordinate = records.number().ok_or("three finite numbers")?;
         }
-        // (Of a line without colours, the rest is of no interest.)
+        // (Without colours, the rest of the line is ignored.)
         let more = match (records.breaks, self.has_colours) {
             (LineBreaks::Blanks(size), _) => size - 3,
             (_, true) => 3 + if self.has_normals { 3 } else { 0 },
@@ -264,7 +269,8 @@ impl OffHeader {
     }
 }
 
-/// Goes to the next face: the numbers of its vertices, and the words after them, such as a colour. An error is what is expected.
+/// Advances to the next face: its vertex indices, and the words after them, such as a colour. The
+/// error is a description of what is expected.
 fn face<'a>(
     records: &mut Records<'a>,
     vertices: u64,
@@ -281,13 +287,14 @@ fn face<'a>(
     Ok(records.rest())
 }
 
-/// The numbers of a colour; opacity after them does not count.
+/// Values of a colour, without opacity.
 fn numbers(words: &[&[u8]]) -> Option<[f64; 3]> {
     let [r, g, b] = words.first_chunk::<3>()?;
     Some([real(r)?, real(g)?, real(b)?])
 }
 
-/// Takes a colour into account for the range of the file's. (Opacity has the range of the others: after three integers up to 1, 255 means bytes.)
+/// Takes a colour into account for the file's colour range. (Opacity has the same range: after
+/// three integers up to 1, an opacity of 255 means bytes.)
 fn add_colour(range: &mut ColourRange, words: &[&[u8]]) {
     let Some(channels) = numbers(words) else { return };
     channels.iter().for_each(|number| range.add(*number));
@@ -304,7 +311,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         let mut all = records.clone();
         for number in 0..header.vertices {
             source.passed(number);
-            // (What is wrong with a vertex is reported when it is read.)
+            // (Invalid vertices are reported when they are read.)
             let Ok((_, words)) = header.vertex(&mut all) else { break };
             add_colour(&mut range, &words);
         }

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use super::model_file::ModelFile;
 use spinney_base::{Error, Result};
 
-/// Names, each once, numbered in the order in which they come first.
+/// Distinct names, numbered in the order of first occurrence.
 pub(super) struct Parts {
     names: Vec<String>,
     numbers: HashMap<String, u32>,
@@ -14,13 +14,13 @@ pub(super) struct Parts {
 }
 
 impl Parts {
-    /// An empty list for names that take up to about `memory` bytes, or a megabyte.
+    /// Empty list for names that take up to about `memory` bytes, or one MiB.
     pub(super) fn new(memory: u64) -> Parts {
         Parts { names: Vec::new(), numbers: HashMap::new(), bytes: 0, limit: memory.max(1 << 20) }
     }
 
     fn make_room(&mut self, source: &ModelFile, copies: u64, name: &str) -> Result<()> {
-        // The text and what the containers take for it.
+        // Length of the string, and the overhead of the containers.
         self.bytes += copies * (name.len() as u64 + 48);
         if self.bytes > self.limit || self.names.len() >= u32::MAX as usize {
             return Err(Error::TooLarge {
@@ -34,7 +34,7 @@ impl Parts {
         Ok(())
     }
 
-    /// The number of the part with a name; a new one if there is none.
+    /// Number of the part with this name. Adds a part if there is none.
     pub(super) fn number(&mut self, source: &ModelFile, name: &[u8]) -> Result<u32> {
         let name = String::from_utf8_lossy(name);
         if let Some(number) = self.numbers.get(&*name) {
@@ -47,14 +47,14 @@ impl Parts {
         Ok(number)
     }
 
-    /// A part that is not the same as any other, even if they share the name.
+    /// Adds a part that is distinct from all others, even if they share the name.
     pub(super) fn push(&mut self, source: &ModelFile, name: String) -> Result<()> {
         self.make_room(source, 1, &name)?;
         self.names.push(name);
         Ok(())
     }
 
-    /// All names, or a single one for a model without parts.
+    /// All names, or a default name for a model without parts.
     pub(super) fn names(&self) -> Vec<String> {
         if self.names.is_empty() { vec!["mesh".into()] } else { self.names.clone() }
     }

@@ -1,4 +1,4 @@
-//! PLY: polygons over numbered vertices, as text or binary, with any other properties between.
+//! PLY: polygons over indexed vertices, as text or binary, with arbitrary other properties.
 
 use std::ops::Range;
 
@@ -23,7 +23,7 @@ struct Ply {
     degenerate: u64,
 }
 
-/// Location of the vertices while faces are read.
+/// Storage of the vertices while faces are read.
 enum Lookup {
     /// In the file itself.
     File(Range<usize>, VertexLayout),
@@ -55,7 +55,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
     let faces = header.elements[face].clone();
     Roles::of(&source, &faces)?;
 
-    // Everything up to the later one of the two is passed over once, to know where they are.
+    // Everything up to the later of the two elements is scanned once, to find their offsets.
     let mut at = header.body;
     let mut start = at;
     let mut lookup = None;
@@ -97,12 +97,12 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
     Ok(Box::new(Ply { source, info, encoding: header.encoding, vertices, faces, start, degenerate: 0 }))
 }
 
-/// An error among things of some kind.
+/// Error in an element.
 fn corrupt(source: &ModelFile, what: &str, fault: Fault) -> Error {
     source.corrupt(format!("{what}, {}", fault.place), fault.found, fault.expected)
 }
 
-/// Checks all vertices and makes them ready for being looked up; also gives the offset behind them.
+/// Checks all vertices and prepares random access to them. Also returns the offset after them.
 fn vertices(
     source: &ModelFile,
     encoding: Encoding,
@@ -117,7 +117,7 @@ fn vertices(
     };
     let (position, colour) = ([x, y, z], element.colour());
     if let Some(layout) = layout(encoding, element, position, colour) {
-        // The header's check has seen that the file is long enough, if nothing of variable length comes
+        // The header check has verified the file length only if no element of variable length comes
         // before.
         let length = element.count as usize * layout.stride;
         let bytes = source.bytes();
@@ -145,7 +145,7 @@ fn not_finite(source: &ModelFile, number: u64, point: [f64; 3]) -> Error {
     source.corrupt(format!("vertex {number}"), format!("{point:?}"), "finite coordinates")
 }
 
-/// Layout of the vertices in the file, if they can be looked up there.
+/// Layout of the vertices in the file, if it allows random access.
 fn layout(
     encoding: Encoding,
     element: &Element,
@@ -173,7 +173,7 @@ fn layout(
     })
 }
 
-/// A channel of a colour, from 0 to 255, from what a file has for it.
+/// Converts a colour channel to the range 0 to 255. The scalar type determines the file's range.
 fn channel(number: f64, scalar: Scalar) -> u8 {
     let range = match scalar {
         Scalar::U8 | Scalar::I8 | Scalar::I32 | Scalar::U32 => 255.0,
@@ -183,7 +183,7 @@ fn channel(number: f64, scalar: Scalar) -> u8 {
     (number / range * 255.0).round() as u8
 }
 
-/// Reads vertices into a store; the outcome is that and the offset behind them.
+/// Reads vertices into a store; returns it and the offset after the vertices.
 struct CopyVertices<'a> {
     source: &'a ModelFile,
     element: &'a Element,
@@ -228,16 +228,16 @@ impl Visit for CopyVertices<'_> {
     }
 }
 
-/// Role of a property of faces.
+/// Role of a face property.
 #[derive(Clone, Copy)]
 enum Role {
     Corners,
-    /// Red, green or blue.
+    /// Red, green or blue, by index.
     Colour(usize),
     Other,
 }
 
-/// Roles of the properties of faces, in their order.
+/// Roles of the face properties, in order.
 struct Roles(Vec<Role>);
 
 impl Roles {
@@ -260,7 +260,7 @@ impl Roles {
     }
 }
 
-/// Reads faces and hands them out; the outcome is the number of those that were left out.
+/// Reads faces and passes them on; returns the number of degenerate faces that were left out.
 struct ReadFaces<'a, 'b> {
     source: &'a ModelFile,
     element: &'a Element,

@@ -1,4 +1,4 @@
-//! Bytes that are kept in memory up to a limit, and in an unnamed temporary file beyond it.
+//! Byte buffer that is kept in memory up to a limit, and in an unnamed temporary file beyond.
 
 use std::fs::File;
 use std::io::{self, Write};
@@ -17,12 +17,12 @@ pub(super) struct SpillBuffer {
     /// Maximum number of bytes to keep in memory.
     limit: usize,
     file: Option<File>,
-    /// The model's file, for messages.
+    /// Path of the model's file, for messages.
     path: PathBuf,
 }
 
 impl SpillBuffer {
-    /// An empty buffer that takes about `memory` bytes, or a megabyte.
+    /// Empty buffer that takes about `memory` bytes, or at least one MiB.
     pub(super) fn new(path: &Path, memory: u64) -> SpillBuffer {
         let limit = usize::try_from(memory).unwrap_or(usize::MAX).max(CHUNK);
         SpillBuffer { bytes: Vec::new(), limit, file: None, path: path.to_path_buf() }
@@ -38,7 +38,7 @@ impl SpillBuffer {
         Ok(())
     }
 
-    /// Space grows with the bytes that arrive, twofold until the limit is reached.
+    /// Doubles the capacity until the limit is reached, then spills to the file.
     fn make_space(&mut self, needed: usize) -> io::Result<()> {
         let held = self.bytes.len();
         if self.file.is_none() && held + needed < self.limit {
@@ -60,12 +60,12 @@ impl SpillBuffer {
     pub(super) fn finish(mut self) -> Result<SpilledBytes> {
         let Some(mut file) = self.file.take() else { return Ok(SpilledBytes::Memory(self.bytes)) };
         file.write_all(&self.bytes).map_err(Error::io(&self.path, TEMPORARY))?;
-        // No other process can change the file: it has no name.
+        // The file is unnamed, so no other process can change it.
         Ok(SpilledBytes::Disk(Mapped::of(&file, &self.path)?))
     }
 }
 
-/// The action that errors name.
+/// Action that errors name.
 const TEMPORARY: &str = "use a temporary file for vertices and faces";
 
 /// Bytes in memory, or in a mapped temporary file.

@@ -1,4 +1,4 @@
-//! STL: facets that each stand alone, as text or binary.
+//! STL: independent facets, as text or binary.
 
 use super::corners::Corners;
 use super::model_file::ModelFile;
@@ -9,13 +9,14 @@ use spinney_base::Result;
 use spinney_brep::Attributes;
 use spinney_records::text::{Lines, Words, line_number, real, shown};
 
-/// Bytes before the first facet of a binary file: a free text and the number of facets.
+/// Bytes before the first facet of a binary file: arbitrary text and the number of facets.
 const HEADER: usize = 84;
 
-/// Bytes of a facet: normal, three corners, and two that some programs use for colours of their own.
+/// Bytes of a facet: normal, three vertices, and two attribute bytes that some programs use for
+/// colours.
 const FACET: usize = 50;
 
-/// Callback for each facet: its corners and part.
+/// Callback for each facet: its vertices and part.
 type Each<'a> = &'a mut dyn FnMut([[f64; 3]; 3], u32) -> Result<()>;
 
 struct Stl {
@@ -29,13 +30,15 @@ struct Stl {
 /// Bytes in which the first facet of a text file is searched for: names of solids may be long.
 const SEARCHED: usize = 1 << 20;
 
-/// Whether a file has exactly the length that a binary one with its number of facets has, or several of them joined.
+/// Whether a file has exactly the length of a binary file with its number of facets, or of several
+/// concatenated ones.
 pub(super) fn is_binary(bytes: &[u8]) -> bool {
     let (solids, end) = binary_solids(bytes);
     solids.first().is_some_and(|(_, count)| *count > 0) && end == bytes.len()
 }
 
-/// Whether a file starts like a text one: with `solid`, and a facet or an end before any zero byte.
+/// Whether a file starts like a text file: with `solid`, and a facet or an end before any zero
+/// byte.
 pub(super) fn is_text(bytes: &[u8]) -> bool {
     let start = &bytes[..bytes.len().min(SEARCHED)];
     let mut tokens = Tokens::new(start);
@@ -49,7 +52,7 @@ fn is_any(word: &[u8], keywords: &[&str]) -> bool {
     keywords.iter().any(|keyword| word.eq_ignore_ascii_case(keyword.as_bytes()))
 }
 
-/// Number of facets that a binary file's header tells.
+/// Number of facets that a binary file's header declares.
 fn announced(bytes: &[u8]) -> Option<u32> {
     bytes.get(80..HEADER)?.first_chunk().map(|count| u32::from_le_bytes(*count))
 }
@@ -58,8 +61,9 @@ fn length(facets: u32) -> u64 {
     HEADER as u64 + u64::from(facets) * FACET as u64
 }
 
-/// The solids of a binary file, each by its first byte and number of facets, and the end of the last one: the first, and, if these end with the file, those of
-/// files that were joined to it.
+/// Solids of a binary file, each by its offset and number of facets, and the end of the last one.
+/// Concatenated files are used only if they end exactly with the file; otherwise only the first
+/// solid.
 fn binary_solids(bytes: &[u8]) -> (Vec<(usize, u32)>, usize) {
     let (mut solids, mut at) = (Vec::new(), 0);
     while let Some(count) = announced(&bytes[at..]).filter(|count| *count > 0 || at == 0)
@@ -86,7 +90,7 @@ impl<'a> Tokens<'a> {
         Tokens { bytes, words: Words::new(bytes, 0) }
     }
 
-    /// The rest of the line, which is passed over.
+    /// Consumes and returns the rest of the line.
     fn line_end(&mut self) -> &'a [u8] {
         let rest = &self.bytes[self.words.offset..];
         let length = rest.iter().position(|byte| matches!(byte, b'\n' | b'\r')).unwrap_or(rest.len());
@@ -94,7 +98,7 @@ impl<'a> Tokens<'a> {
         &rest[..length]
     }
 
-    /// Passes over numbers.
+    /// Skips numbers.
     fn skip_numbers(&mut self) {
         let mut ahead = self.words.clone();
         while ahead.next().is_some_and(|word| real(word).is_some()) {
@@ -102,7 +106,7 @@ impl<'a> Tokens<'a> {
         }
     }
 
-    /// The rest of the line after `solid`, or up to what follows in the same line.
+    /// Rest of the line after `solid`, or up to a facet or `endsolid` on the same line.
     fn name(&mut self) -> &'a [u8] {
         let (start, mut ahead) = (self.words.offset, self.words.clone());
         while let Some((at, word)) = self.next_in_line(&mut ahead) {
@@ -116,7 +120,8 @@ impl<'a> Tokens<'a> {
         self.line_end().trim_ascii()
     }
 
-    /// Passes over the name after `endsolid`: the rest of the line, or up to `solid` if facets follow in the same line.
+    /// Skips the name after `endsolid`: the rest of the line, or up to `solid` if facets follow on
+    /// the same line.
     fn end_name(&mut self) {
         let (mut ahead, mut solid) = (self.words.clone(), None);
         while let Some((at, word)) = self.next_in_line(&mut ahead) {
@@ -132,7 +137,7 @@ impl<'a> Tokens<'a> {
         self.line_end();
     }
 
-    /// The next word in the same line, and its offset.
+    /// Next word on the same line, and its offset.
     fn next_in_line(&self, ahead: &mut Words<'a>) -> Option<(usize, &'a [u8])> {
         let before = ahead.offset;
         let word = ahead.next()?;
@@ -265,7 +270,7 @@ fn read_text(source: &ModelFile, parts: &mut Parts, each: Each<'_>) -> Result<()
                 corners.clear();
                 let mut normal = tokens.words.clone();
                 if normal.next().is_some_and(|word| is_any(word, &["normal"])) {
-                    // (Normals are not used, and need not be numbers.)
+                    // (Normals are ignored, and may be invalid.)
                     for _ in 0..3 {
                         let before = normal.offset;
                         if normal.next().is_some_and(|word| is_any(word, &["outer", "vertex"])) {
@@ -302,7 +307,7 @@ fn read_text(source: &ModelFile, parts: &mut Parts, each: Each<'_>) -> Result<()
     Ok(())
 }
 
-/// Offset of the first byte of the line that has the byte at an offset.
+/// Offset of the start of the line that contains `offset`.
 fn line_start(bytes: &[u8], offset: usize) -> usize {
     bytes[..offset].iter().rposition(|byte| matches!(byte, b'\n' | b'\r')).map_or(0, |end| end + 1)
 }

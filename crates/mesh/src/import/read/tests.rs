@@ -2,7 +2,7 @@
 
 use spinney_base::Result;
 
-/// Corners and colours of the faces of a file, the number of its parts, and remarks on it.
+/// Corners and colours of a file's faces, the number of its parts, and remarks.
 type Found = (Vec<Vec<[f64; 3]>>, Vec<Vec<[u8; 3]>>, usize, Vec<String>);
 
 fn read(name: &str, bytes: impl AsRef<[u8]>) -> Result<Found> {
@@ -120,10 +120,10 @@ fn bytes_after_the_facets_of_a_binary_stl() {
     };
     let (faces, _, parts, remarks) = read("a.stl", file(3, 3)).unwrap();
     assert_eq!((faces.len(), parts, remarks.len()), (3, 1, 0));
-    // Files that were joined are solids of their own.
+    // Concatenated files become separate solids.
     let (faces, _, parts, remarks) = read("a.stl", [file(3, 3), file(2, 2)].concat()).unwrap();
     assert_eq!((faces.len(), parts, remarks.len()), (5, 2, 0));
-    // Facets that the header does not count are reported.
+    // Facets beyond the declared number are reported.
     let (faces, _, _, remarks) = read("a.stl", file(5, 3)).unwrap();
     assert_eq!(faces.len(), 3);
     assert!(remarks[0].contains("3 facets") && remarks[0].contains("2 facets"), "{remarks:?}");

@@ -1,5 +1,5 @@
-//! Storage of vertices while faces are read: in memory, in a mapped temporary file, or in the model's own
-//! file.
+//! Storage of vertices while faces are read: in memory, in a mapped temporary file, or in the
+//! model's own file.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ pub(super) enum Coordinates {
     F64Big,
 }
 
-/// Layout of vertices in bytes.
+/// Byte layout of vertices.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct VertexLayout {
     /// Bytes from one vertex to the next.
@@ -23,12 +23,12 @@ pub(super) struct VertexLayout {
     pub(super) coordinates: Coordinates,
     /// Offsets of x, y and z in a vertex.
     pub(super) position: [usize; 3],
-    /// Offsets of red, green and blue in a vertex, a byte each.
+    /// Offsets of red, green and blue in a vertex, one byte each.
     pub(super) colour: Option<[usize; 3]>,
 }
 
 impl VertexLayout {
-    /// Layout without gaps, as [`Vertices`] keeps them.
+    /// Layout without gaps, as in [`Vertices`].
     pub(super) fn packed(coordinates: Coordinates, is_coloured: bool) -> VertexLayout {
         let size = match coordinates {
             Coordinates::F32 | Coordinates::F32Big => 4,
@@ -41,7 +41,7 @@ impl VertexLayout {
     }
 }
 
-/// Vertices that can be looked up by number.
+/// Vertices with random access by index.
 #[derive(Clone, Copy)]
 pub(super) struct Table<'a> {
     bytes: &'a [u8],
@@ -50,7 +50,7 @@ pub(super) struct Table<'a> {
 }
 
 impl<'a> Table<'a> {
-    /// The vertices in some bytes, as many as there are whole ones.
+    /// Complete vertices in a byte slice.
     pub(super) fn new(bytes: &'a [u8], layout: VertexLayout) -> Table<'a> {
         Table { bytes, layout, count: (bytes.len() / layout.stride) as u64 }
     }
@@ -63,7 +63,7 @@ impl<'a> Table<'a> {
         self.layout.colour.is_some()
     }
 
-    /// Coordinates of a vertex; the number must be less than the length.
+    /// Coordinates of a vertex. Panics unless `number` is less than the length.
     #[inline]
     pub(super) fn position(&self, number: u64) -> [f64; 3] {
         let vertex = &self.bytes[number as usize * self.layout.stride..][..self.layout.stride];
@@ -82,7 +82,8 @@ impl<'a> Table<'a> {
         }
     }
 
-    /// A vertex's colour, if vertices have any; the number must be less than the length.
+    /// Colour of a vertex, if vertices have colours. Panics unless `number` is less than the
+    /// length.
     #[inline]
     pub(super) fn colour(&self, number: u64) -> Option<[u8; 3]> {
         let vertex = &self.bytes[number as usize * self.layout.stride..][..self.layout.stride];
@@ -90,7 +91,7 @@ impl<'a> Table<'a> {
     }
 }
 
-/// The box around points.
+/// Bounding box of points.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct VertexBounds([[f64; 3]; 2]);
 
@@ -99,7 +100,7 @@ impl VertexBounds {
         VertexBounds([[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]])
     }
 
-    /// Makes the box hold a point, too.
+    /// Extends the box by a point.
     #[inline]
     pub(super) fn add(&mut self, point: [f64; 3]) {
         let [least, most] = self.0;
@@ -109,13 +110,13 @@ impl VertexBounds {
         ];
     }
 
-    /// Least and greatest coordinates, if there was any point.
+    /// Minimum and maximum coordinates, if there was any point.
     pub(super) fn get(&self) -> Option<[[f64; 3]; 2]> {
         (self.0[0][0] <= self.0[1][0]).then_some(self.0)
     }
 }
 
-/// Vertices in the order in which a file has them.
+/// Vertices in file order.
 pub(super) struct Vertices {
     bytes: SpilledBytes,
     layout: VertexLayout,
@@ -126,7 +127,7 @@ impl Vertices {
         Table::new(self.bytes.bytes(), self.layout)
     }
 
-    /// These vertices without their colours.
+    /// Returns these vertices without their colours.
     pub(super) fn without_colours(mut self) -> Vertices {
         self.layout.colour = None;
         self
@@ -140,15 +141,16 @@ pub(super) struct VerticesBuilder {
 }
 
 impl VerticesBuilder {
-    /// A builder for vertices that are kept in about `memory` bytes, or else on disk.
+    /// Creates a builder for vertices that use about `memory` bytes in memory and spill to disk
+    /// beyond.
     ///
-    /// Coordinates must be one of the little-endian kinds.
+    /// `coordinates` must be little-endian.
     pub(super) fn new(path: &Path, coordinates: Coordinates, is_coloured: bool, memory: u64) -> Self {
         let layout = VertexLayout::packed(coordinates, is_coloured);
         VerticesBuilder { layout, bytes: SpillBuffer::new(path, memory) }
     }
 
-    /// Adds a vertex. The colour counts only if the vertices are coloured.
+    /// Adds a vertex. The colour is ignored unless vertices are coloured.
     #[inline]
     pub(super) fn push(&mut self, point: [f64; 3], colour: [u8; 3]) -> Result<()> {
         let mut vertex = [0; MAX_STRIDE];
@@ -170,5 +172,5 @@ impl VerticesBuilder {
     }
 }
 
-/// Bytes of a packed vertex with wide coordinates and a colour.
+/// Bytes of a packed vertex with double-precision coordinates and a colour.
 const MAX_STRIDE: usize = 27;

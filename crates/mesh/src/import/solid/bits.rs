@@ -1,10 +1,10 @@
-//! Occupied cells of a block, a bit each, and the states of the nodes above them.
+//! Occupied cells of a block as bits, and the states of the nodes above them.
 
-/// A cube of cells, a bit each, at most 64 along each axis.
+/// Cube of cells with at most 64 cells per axis, one bit each.
 ///
 /// A row of cells along x is one word; rows are numbered `z * side + y`.
 pub(super) struct Bits {
-    /// The side is `2^height`.
+    /// Base-2 logarithm of the side.
     pub(super) height: u8,
     pub(super) rows: Vec<u64>,
 }
@@ -14,7 +14,7 @@ impl Bits {
         Bits { height, rows: vec![0; 1 << (2 * height)] }
     }
 
-    /// The bits of the cells from `from` up to, but not including, `to`.
+    /// Mask of the cells from `from` up to, but not including, `to`.
     #[inline]
     pub(super) fn run(from: usize, to: usize) -> u64 {
         let below = |end: usize| if end >= 64 { u64::MAX } else { (1 << end) - 1 };
@@ -31,7 +31,7 @@ impl Bits {
         self.rows[z << self.height | y] |= 1 << x;
     }
 
-    /// The nodes above: there if all, or any, of their eight children are.
+    /// Nodes of the next level up: set if all (`all`), or any, of their eight children are set.
     fn up(&self, all: bool) -> Bits {
         let side = 1usize << self.height;
         let half = side / 2;
@@ -64,14 +64,14 @@ fn even_bits(mut word: u64) -> u64 {
     (word | word >> 16) & 0x0000_0000_ffff_ffff
 }
 
-/// Cells of a block, and their values in the order of the bits where they are not all alike.
+/// Cells of a block, and their values in bit order unless all are equal.
 pub(super) struct Cells {
     pub(super) bits: Bits,
     pub(super) values: Option<Vec<u32>>,
 }
 
 impl Cells {
-    /// Adds cells of the same block. Where both have a cell, the value is what `join` makes of theirs.
+    /// Adds cells of the same block. If both have a cell, `join` merges their values.
     pub(super) fn add(&mut self, other: &Cells, join: impl Fn(u32, u32) -> u32) {
         let side = 1usize << self.bits.height;
         for (row, more) in other.bits.rows.iter().enumerate() {
@@ -89,13 +89,13 @@ impl Cells {
     }
 }
 
-/// Pyramid of the nodes of a block over its cells: which are empty, uniform or mixed.
+/// Pyramid of a block's nodes over its cells: which are empty, uniform or mixed.
 pub(super) struct Pyramid {
     /// Nodes that have something below them, by height above the cells.
     any: Vec<Bits>,
-    /// Nodes that have one value all over.
+    /// Nodes with one value throughout.
     uniform: Vec<Bits>,
-    /// The values of the cells in the order of their bits, where they are not all alike.
+    /// Cell values in bit order, unless all are equal.
     values: Option<Vec<u32>>,
     height: u8,
 }
@@ -103,7 +103,7 @@ pub(super) struct Pyramid {
 /// State of a node of a block.
 pub(super) enum Content {
     Nothing,
-    /// One value throughout; `None` if the block has no values, as all its cells are alike.
+    /// One value throughout; `None` if the block has no values because all its cells are equal.
     Uniform(Option<u32>),
     Mixed,
 }
@@ -125,7 +125,7 @@ impl Pyramid {
         pyramid
     }
 
-    /// Clears the nodes whose eight children, each uniform, have different values.
+    /// Clears the nodes whose eight children are uniform but have different values.
     fn keep_alike(&self, uniform: &mut Bits, above: usize) {
         let Some(values) = &self.values else { return };
         let side = 1usize << uniform.height;
@@ -150,7 +150,7 @@ impl Pyramid {
         (z << self.height | y) << self.height | x
     }
 
-    /// State of the node `above` levels over the cells, at a position among the nodes of its level.
+    /// State of the node `above` levels over the cells, at a position at its level.
     #[inline]
     pub(super) fn node(&self, above: u8, at: [usize; 3]) -> Content {
         if !self.any[above as usize].get(at) {

@@ -1,8 +1,9 @@
-//! The faces in a cell that bound the inside of a solid: those with inside on one side only.
+//! Faces in a cell that bound the inside of a solid: the inside is on one of their sides only.
 //!
-//! Where bodies overlap, parts of their faces lie within other bodies. FaceSums are cut where others meet them, so that
-//! each part has one winding number on either side, and a line through it tells which: lines lead from the cell's
-//! centre, whose winding number is known, and crossings on them are told exactly.
+//! Where bodies overlap, fragments of their faces are inside of other bodies. Faces are split where
+//! others meet them, so that each fragment has a constant winding number on either side. A line
+//! from the cell's centre, whose winding number is known, determines it. Crossings on the line are
+//! ordered and counted exactly.
 
 use super::face_sums::FaceSums;
 use super::grid::Triangle;
@@ -12,38 +13,38 @@ use spinney_brep::exact::lattice::Projected;
 use spinney_brep::exact::vector::{cross, dot, subtract};
 use spinney_brep::geometry::clipped::{ClippedPolygon, Point, clip, range};
 
-/// Triangles that are compared with each other at most.
+/// Maximum number of triangles that are compared with each other.
 const MAX_TRIANGLES: usize = 48;
-/// Parts of a cell's faces at most.
+/// Maximum number of face fragments in a cell.
 const MAX_PARTS: usize = 2048;
-/// Crossings of a line that are nearer to each other than this many grid steps are at one point: faces of bodies that
-/// touch, which were moved to the grid by less than a step each, and not by the same.
+/// Distance in grid units below which two crossings of a line count as one point. Faces of touching
+/// bodies are snapped to the grid by less than a unit each, but not by the same amount.
 const AT_ONE_POINT: f64 = 1e-3;
-/// Distances, in cells, that are as good as none: many times what doubles lose of a cell's coordinates when a part of a
-/// face is cut again and again, and less than a step of any grid that has as many as cells can have.
+/// Distance in cells that counts as zero. It is many times the rounding error of a cell's
+/// coordinates after a fragment is split repeatedly, and less than a grid unit of the finest grid.
 const NEAR: f64 = 1e-9;
 
-/// A cell, and all triangles that reach into it.
+/// Cell, and all triangles that reach into it.
 pub(super) struct Neighbourhood<'a> {
     pub(super) triangles: &'a [Triangle],
-    /// The grid point at which the cell begins.
+    /// Grid point of the cell's minimum corner.
     pub(super) min: [i32; 3],
-    /// Grid steps along the cell.
+    /// Width of the cell in grid units.
     pub(super) cell: i32,
-    /// The winding number at the cell's centre.
+    /// Winding number at the cell's centre.
     pub(super) winding: i32,
 }
 
-/// A part of a triangle in a cell, in cells from its corner.
+/// Fragment of a triangle in a cell; coordinates are in cells from the cell's minimum corner.
 struct Part {
     triangle: usize,
     polygon: ClippedPolygon,
-    /// Least and greatest coordinate along each axis.
+    /// Minimum and maximum coordinate along each axis.
     ranges: [(f64, f64); 3],
     plane: Plane,
 }
 
-/// A plane with a normal of length 1.
+/// Plane with a unit normal.
 struct Plane {
     normal: Point,
     offset: f64,
@@ -61,7 +62,7 @@ impl Plane {
         if distance.abs() < NEAR { 0.0 } else { distance }
     }
 
-    /// Least and greatest distance of a polygon's corners.
+    /// Minimum and maximum distance of a polygon's vertices.
     fn distances(&self, polygon: &ClippedPolygon) -> (f64, f64) {
         range(polygon.points().iter().map(|point| self.distance(point)))
     }
@@ -72,7 +73,7 @@ impl Neighbourhood<'_> {
         self.min.map(|min| min + self.cell / 2)
     }
 
-    /// The winding number at a grid point in the cell.
+    /// Winding number at a grid point in the cell.
     pub(super) fn winding_at(&self, point: [i32; 3]) -> i32 {
         let mut at = self.centre();
         self.winding
@@ -81,12 +82,12 @@ impl Neighbourhood<'_> {
             + change::<0>(self.triangles, &mut at, point)
     }
 
-    /// The change of inside everywhere in the cell where the winding number goes up by one: 1, -1 or 0. `None` if
-    /// that differs, or cannot be told at a glance.
+    /// Change of inside (1, -1 or 0) where the winding number increases by one, if it is the same
+    /// everywhere in the cell. `None` if it differs, or cannot be determined cheaply.
     ///
-    /// Where no two faces are turned against each other along any axis, one may walk along the axes, and up all the
-    /// time, from one corner of the cell by any point of it to the corner opposite: all winding numbers lie between
-    /// those of the two corners.
+    /// If no two faces have opposite normals along any axis, there is a path along the axes,
+    /// monotonic in each of them, from one corner of the cell through any of its points to the
+    /// opposite corner. All winding numbers then lie between those of the two corners.
     pub(super) fn weight(&self, inside: &Inside) -> Option<f64> {
         if matches!(inside, Inside::Parity) {
             return None;
@@ -101,7 +102,7 @@ impl Neighbourhood<'_> {
         if (0..3).any(|axis| up[axis] && down[axis]) {
             return None;
         }
-        // Faces that look up an axis are left on the way up: outside is up.
+        // Going up an axis leaves the solid through faces with a normal up that axis.
         let corner = |outside: bool| {
             let last = self.cell - 1;
             self.winding_at(std::array::from_fn(|axis| {
@@ -116,7 +117,7 @@ impl Neighbourhood<'_> {
         }
     }
 
-    /// Sums over the parts of faces that bound the inside; `None` if there are too many of them.
+    /// Sums over the face fragments that bound the inside; `None` if there are too many.
     pub(super) fn bounding_faces(&self, inside: &Inside) -> Option<FaceSums> {
         if self.triangles.len() > MAX_TRIANGLES {
             return None;
@@ -147,7 +148,7 @@ impl Neighbourhood<'_> {
         Some(faces)
     }
 
-    /// A part of a face, cut wherever another meets it.
+    /// Splits a face fragment wherever another one meets it.
     fn cut(&self, part: &Part, others: &[Part]) -> Option<Vec<ClippedPolygon>> {
         let mut pieces = vec![part.polygon];
         for other in others.iter().filter(|other| other.triangle != part.triangle) {
@@ -161,7 +162,7 @@ impl Neighbourhood<'_> {
                 continue;
             }
             if low == 0.0 && high == 0.0 {
-                // In one plane: cut at the other's edges.
+                // Coplanar: split along the other's edges.
                 let points = other.polygon.points();
                 for (a, b) in points.iter().zip(points.iter().cycle().skip(1)) {
                     let across = cross(subtract(*b, *a), part.plane.normal);
@@ -176,8 +177,8 @@ impl Neighbourhood<'_> {
         Some(pieces)
     }
 
-    /// The change of inside at a point of a triangle where the winding number goes up by one; `None` if the triangle is
-    /// too small there to be met.
+    /// Change of inside at a point of a triangle where the winding number increases by one. `None`
+    /// if the triangle is too small there to be hit by a line.
     fn weight_at(&self, triangle: usize, at: Point, inside: &Inside) -> Option<i32> {
         let normal = self.triangles[triangle].normal().map(i64::unsigned_abs);
         match (0..3).max_by_key(|axis| normal[*axis]) {
@@ -202,8 +203,8 @@ impl Neighbourhood<'_> {
             (projected.height_over(from), projected.change(), *number)
         };
         let this = place(here);
-        // Bodies that touch are left before the next is entered; what is at one point is in the same order on
-        // all lines.
+        // A touching body is left before the next one is entered. Crossings at one point have the
+        // same order on all lines.
         let is_before = |other: (f64, i32, usize)| {
             if (other.0 - this.0).abs() > AT_ONE_POINT {
                 other.0 < this.0
@@ -225,13 +226,13 @@ impl Neighbourhood<'_> {
     }
 }
 
-/// Whether a polygon has corners on both sides of a plane.
+/// Whether a polygon has vertices on both sides of a plane.
 fn is_crossed(polygon: &ClippedPolygon, plane: &Plane) -> bool {
     let (low, high) = plane.distances(polygon);
     low < 0.0 && high > 0.0
 }
 
-/// Cuts polygons by a plane; `None` if there are too many.
+/// Splits polygons by a plane; `None` if there are too many.
 fn split(polygons: Vec<ClippedPolygon>, plane: &Plane) -> Option<Vec<ClippedPolygon>> {
     let mut cut = Vec::with_capacity(polygons.len() + 1);
     for polygon in polygons.iter().flat_map(ClippedPolygon::halves) {

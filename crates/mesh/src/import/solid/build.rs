@@ -1,4 +1,4 @@
-//! Building of a tree from the models of a plan.
+//! Builds the tree from the models of a plan.
 
 use std::path::Path;
 use std::sync::atomic::Ordering;
@@ -27,50 +27,52 @@ use spinney_engine::store::{BuildOptions, TreeWriter};
 pub struct SolidReport {
     /// Faces that were read.
     pub faces: u64,
-    /// Faces besides those that have fewer than three different corners.
+    /// Faces with fewer than three distinct vertices, not counted in `faces`.
     pub degenerate: u64,
-    /// Faces among them that are points or lines on the grid, as all are that are much smaller than a cell.
+    /// Faces that were read and are points or lines on the grid. Faces much smaller than a cell may
+    /// become that.
     pub collapsed: u64,
-    /// Polygons among them that cross themselves, or lost their area on the grid: they count as fans of
-    /// triangles.
+    /// Polygons that were read and intersect themselves, or lost their area on the grid. They count
+    /// as triangle fans.
     pub repaired: u64,
-    /// Triangles that are there more than once, for each time but the first: they count once if the surface
-    /// is not closed with them.
+    /// Repetitions of duplicate triangles. They count once if the surface is not closed with them.
     pub duplicates: u64,
-    /// Triangles they were made of, without those that have no area on the grid.
+    /// Triangles of the faces, without those that have no area on the grid.
     pub triangles: u64,
-    /// Those among them that are of open objects; what is closed beside these is as it would be without them.
+    /// Triangles of open objects, included in `triangles`. Closed objects are built as without
+    /// them.
     pub open_triangles: u64,
-    /// The furthest that a vertex was moved to the grid, in the models' unit.
+    /// Maximum distance that a vertex was moved to the grid, in the models' unit.
     pub displacement: f64,
-    /// The models' unit of length, where it is known: "mm".
+    /// Unit of length of the models, if known: "mm".
     pub unit: Option<String>,
-    /// Test that decided what lies inside.
+    /// Test that decided what is inside.
     pub inside: InsideTest,
-    /// Cells far from the surface that lie in its holes, where the answer is a guess.
+    /// Cells away from the surface that are in its holes, where the result is a guess.
     pub undecided: u64,
-    /// Cells that were built: none where the surface encloses nothing, or nothing as wide as a cell.
+    /// Cells that were built: none if the surface encloses nothing, or nothing as wide as a cell.
     pub cells: u64,
-    /// By which tests triangles were found to cut octants above the blocks of cells, or not.
+    /// Counts of the tests that decided whether triangles cut octants above the blocks of cells.
     pub stages: Stages,
 }
 
-/// Test that decided what lies inside a surface.
+/// Test that decided what is inside a surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InsideTest {
-    /// None: only the surface was wanted.
+    /// None: only the surface was requested.
     Surface,
-    /// The surface is closed: exactly, by winding numbers other than zero.
+    /// The surface is closed: exact, by nonzero winding numbers.
     Closed,
-    /// Every edge has its partners, but not every face is turned the right way: exactly, by even and odd.
+    /// Every edge has a counterpart, but not all faces are consistently oriented: exact, by
+    /// even-odd parity.
     Flipped,
-    /// The surface is open in places: open objects, each by a winding field of its own; the others by the tests
-    /// above.
+    /// The surface is partly open: a winding field for each open object; the tests above for the
+    /// others.
     Open,
 }
 
 impl InsideTest {
-    /// In words.
+    /// Description of the test.
     pub fn text(self) -> &'static str {
         match self {
             InsideTest::Surface => "only its surface",
@@ -85,16 +87,16 @@ impl InsideTest {
     }
 }
 
-/// Bytes of a triangle in memory, with what lists it.
+/// Bytes of a triangle in memory, including its list entries.
 const TRIANGLE: u64 = size_of::<Triangle>() as u64 + 12;
 
-/// The surfaces of a solid, and how it was decided what is inside.
+/// Surfaces of a solid, and the test that decides what is inside.
 pub(super) struct Decided {
     pub(super) surfaces: Vec<Surface>,
     test: InsideTest,
-    /// Whether one was divided into these, which takes all of it in memory.
+    /// Whether one surface was divided into these. This requires all of it in memory.
     pub(super) is_divided: bool,
-    /// Triangles of all, and of open ones.
+    /// Number of all triangles, and of open ones.
     triangles: [u64; 2],
 }
 
@@ -108,14 +110,14 @@ impl Decided {
 }
 
 impl SolidImport {
-    /// Builds the tree, on the threads of the current rayon pool; progress counts cells.
+    /// Builds the tree on the threads of the current rayon pool. Progress counts cells.
     ///
-    /// Faces are read once. Triangles beyond a half of the memory go to a temporary file in the output's
-    /// folder.
+    /// Faces are read once. Triangles that exceed half of the memory go to a temporary file in the
+    /// output's directory.
     ///
     /// # Errors
-    /// If a model cannot be read or the output not be written, or on interruption; nothing is left behind
-    /// then.
+    /// If a model cannot be read, if the output cannot be written, or on cancellation. No file is
+    /// left then.
     pub fn build(self, output: Output, progress: &dyn Progress) -> Result<SolidReport> {
         let beside = folder(output.path()).to_path_buf();
         let mut file = TreeWriter::create(output, (Dimension::Oct, self.grid.depth), 1)?;
@@ -124,8 +126,12 @@ impl SolidImport {
         Ok(report)
     }
 
-    /// Writes the tree as the next layer of a file; temporary files are made in a folder. Of an import that was [planned as a part](super::plan_part), that
-    /// is what the file asks for, and triangles that do not reach into it are left out as they are read, unless the surface has to be divided.
+    /// Writes the tree as the next layer of a file. Temporary files are created in the directory
+    /// `beside`.
+    ///
+    /// An import that was [planned for a shard](super::plan_part) writes the run of nodes that the
+    /// file requests. Triangles that do not reach into the run are discarded as they are read,
+    /// unless the surface has to be divided.
     ///
     /// # Errors
     /// Those of [`SolidImport::build`].
@@ -166,7 +172,7 @@ impl SolidImport {
         Ok(report)
     }
 
-    /// The report on what is known before cells are made.
+    /// Report of what is known before cells are built.
     pub(super) fn report(&self, read: &Read, decided: &Decided) -> SolidReport {
         let [triangles, open_triangles] = decided.triangles;
         SolidReport {
@@ -175,7 +181,7 @@ impl SolidImport {
             collapsed: read.collapsed,
             repaired: read.repaired,
             duplicates: read.duplicates,
-            // (Those of one surface are counted before any is left out.)
+            // (A divided surface is counted before its triangles are discarded.)
             triangles: if decided.is_divided { triangles } else { read.count },
             open_triangles,
             displacement: read.displacement,
@@ -187,7 +193,7 @@ impl SolidImport {
         }
     }
 
-    /// The solid of surfaces, or a part of it.
+    /// The solid of the surfaces, or a shard of it.
     pub(super) fn solid<'a>(
         &self,
         form: TreeType,
@@ -209,7 +215,7 @@ impl SolidImport {
         Solid::new(form, fill, (surfaces, part), held, value_of)
     }
 
-    /// Form of the tree, and options for building it, with what is known before cells are made.
+    /// Type of the tree and its build options, with the metadata known before cells are built.
     pub(super) fn tree(&self, report: &SolidReport) -> (TreeType, BuildOptions) {
         let (kind, rule) = match self.options.attribute {
             Attribute::Occupancy => (DataKind::Continuous, Rule::Occupancy),
@@ -235,12 +241,12 @@ impl SolidImport {
         (TreeType::new(Dimension::Oct, value), options)
     }
 
-    /// Names of the parts of all models; their numbers begin at 1.
+    /// Names of the parts of all models, which are numbered from 1.
     fn parts(&self) -> Vec<String> {
         self.models.iter().flat_map(|model| model.info().parts.iter().cloned()).collect()
     }
 
-    /// The number of all parts, and the way from a part's number to that of the object that it is or belongs to.
+    /// Number of all parts, and a map from part numbers to object numbers.
     fn objects(&self) -> (usize, impl Fn(u32) -> u32 + use<>) {
         let mut objects: Vec<u32> = self.objects.iter().flatten().map(|object| object + 1).collect();
         let models = if objects.is_empty() { &self.models[..] } else { &[] };
@@ -252,12 +258,12 @@ impl SolidImport {
         (objects.len(), move |part: u32| objects[part as usize - 1])
     }
 
-    /// Triangles that are kept in memory.
+    /// Number of triangles that are kept in memory.
     fn held(&self) -> usize {
         (self.options.memory / 2 / TRIANGLE) as usize
     }
 
-    /// Snaps and triangulates all faces, and keeps the triangles that are to be kept.
+    /// Snaps and triangulates all faces, and keeps the triangles that `is_kept` selects.
     pub(super) fn read(
         &mut self,
         is_kept: &dyn Fn(&Triangle) -> bool,
@@ -300,8 +306,8 @@ impl SolidImport {
         })
     }
 
-    /// Chooses the test for what lies inside: one for all if it holds for all, or each for some of the surface. A surface that is open is refused
-    /// where the solid is built in parts.
+    /// Chooses the test for what is inside: one for the whole surface if possible, otherwise one
+    /// for each of its units. Open surfaces are rejected if the solid is built in shards.
     pub(super) fn inside(
         &self,
         read: &mut Read,
@@ -317,7 +323,7 @@ impl SolidImport {
             return whole(Inside::Winding, InsideTest::Closed);
         }
         let (parts, object) = self.objects();
-        // (Of several, those that are in order are not to be counted by even and odd.)
+        // (With several parts, correctly oriented ones must not be decided by parity.)
         if read.closure.is_even() && parts == 1 {
             return whole(Inside::Parity, InsideTest::Flipped);
         }
@@ -364,10 +370,10 @@ impl SolidImport {
 /// Triangles of all models that were kept, and counts of all faces.
 pub(super) struct Read {
     pub(super) triangles: Triangles,
-    /// Those that have no area on the grid, but edges that others end at.
+    /// Triangles without area on the grid whose edges are edges of other triangles.
     slivers: Triangles,
     faces: u64,
-    /// Triangles with an area, whether they were kept or not.
+    /// Triangles with area, kept or not.
     count: u64,
     collapsed: u64,
     repaired: u64,
@@ -376,9 +382,9 @@ pub(super) struct Read {
     pub(super) closure: Closure,
 }
 
-/// State of the reading of faces, with buffers that are used again for each face.
+/// State of reading faces, with buffers that are reused for each face.
 struct Reading<'k> {
-    /// Whether a triangle is to be kept.
+    /// Whether to keep a triangle.
     is_kept: &'k dyn Fn(&Triangle) -> bool,
     faces: u64,
     count: u64,
@@ -430,7 +436,7 @@ impl<'k> Reading<'k> {
             Attribute::Colour => mean_colour(face.colours),
             Attribute::Part => part,
         };
-        // Until it has a triangle.
+        // Decremented at the face's first triangle with area.
         self.collapsed += 1;
         let mut is_collapsed = true;
         let mut push = |corners: [[i32; 3]; 3]| {
@@ -444,7 +450,8 @@ impl<'k> Reading<'k> {
                 self.count += 1;
                 return if (self.is_kept)(&triangle) { triangles.push(triangle) } else { Ok(()) };
             }
-            // Two corners at one point leave an edge and its opposite, which is none.
+            // If two corners coincide, the triangle's edges are one edge and its opposite, which
+            // cancel.
             let [a, b, c] = corners;
             if a == b || b == c || c == a { Ok(()) } else { slivers.push(triangle) }
         };
@@ -454,8 +461,8 @@ impl<'k> Reading<'k> {
         let wide: Vec<[i64; 3]> = self.snapped.iter().map(|point| point.map(i64::from)).collect();
         let mut cut = Vec::new();
         if !self.triangulator.triangulate(&wide, face.ring_ends, &mut cut) {
-            // A face that crosses itself or has no area: fans have its boundary, too, so that what is closed
-            // stays so.
+            // A face that intersects itself or has no area. Fans have its boundary, too, so closed
+            // surfaces stay closed.
             self.repaired += 1;
             let mut first = 0;
             for end in face.ring_ends.iter().map(|end| *end as u32) {
@@ -467,7 +474,7 @@ impl<'k> Reading<'k> {
     }
 }
 
-/// The mean of a face's colours, as 0x00RRGGBB.
+/// Mean of a face's colours, as 0x00RRGGBB.
 fn mean_colour(colours: &[[u8; 3]]) -> u32 {
     let count = colours.len().max(1) as u32;
     let mean = |channel: usize| {
@@ -477,7 +484,7 @@ fn mean_colour(colours: &[[u8; 3]]) -> u32 {
     mean(0) << 16 | mean(1) << 8 | mean(2)
 }
 
-/// Type of the values of a solid with this number of parts, and the function from attributes to values.
+/// Value type of a solid with this number of parts, and the function from attributes to values.
 fn values(attribute: Attribute, parts: usize) -> (ValueType, fn(u32) -> Value) {
     match attribute {
         Attribute::Occupancy => (ValueType::new(SampleType::U8, 1), |value| Value::from([value as u8])),
@@ -497,7 +504,7 @@ pub(in crate::import) fn provenance(info: &ModelInfo) -> String {
     format!("mesh {} ({})", info.path.display(), info.format)
 }
 
-/// Records a report in the tree's file.
+/// Records a report in the tree's metadata.
 fn set_tags(metadata: &mut Metadata, import: &SolidImport, report: &SolidReport) {
     let edge = if import.options.shell { "shell" } else { import.options.edge.name() };
     metadata.set_tag(Tag::SolidBoundary, edge);

@@ -1,12 +1,13 @@
 //! Test whether triangles form a closed surface, in one pass and constant memory.
 //!
-//! The boundary of a surface is the sum of its triangles' directed edges, where opposite edges cancel; a
-//! surface is closed if its boundary is nothing. Instead of keeping the edges, each is turned into a 64-bit
-//! random number that depends on its ends alone, added for one direction and taken off for the other: the sum
-//! is zero if all edges cancel, and is not but by a chance of 2^-64. Without regard to direction, by
-//! exclusive or, it tells whether every edge occurs an even number of times.
+//! The boundary of a surface is the sum of its triangles' directed edges, where opposite edges
+//! cancel. A surface is closed if its boundary is empty. Instead of storing edges, each edge is
+//! hashed to a 64-bit number that depends only on its ends. The number is added for one direction
+//! and subtracted for the other. The sum is zero if all edges cancel; otherwise it is zero only
+//! with probability 2^-64. Similarly, the exclusive or, which ignores direction, shows whether
+//! every edge occurs an even number of times.
 
-/// The boundary of the triangles that were added.
+/// Boundary of the triangles that were added.
 #[derive(Clone, Copy, Debug, Default)]
 pub(in crate::import) struct Closure {
     directed: u64,
@@ -38,19 +39,20 @@ impl Closure {
         self.undirected ^= other.undirected;
     }
 
-    /// Whether every edge has its opposite: winding numbers are then whole and exact.
+    /// Whether every edge has its opposite. Winding numbers are then exact integers.
     pub(in crate::import) fn is_closed(&self) -> bool {
         self.directed == 0
     }
 
-    /// Whether every edge occurs an even number of times, whatever its direction: counting crossings by even
-    /// and odd is then exact.
+    /// Whether every edge occurs an even number of times, in any direction. Counting crossings by
+    /// parity is then exact.
     pub(super) fn is_even(&self) -> bool {
         self.undirected == 0
     }
 }
 
-/// The number of an edge, whatever its direction, and whether it goes from the lesser end to the greater.
+/// Hash of an edge, independent of its direction, and whether the edge runs from the smaller end to
+/// the greater one.
 pub(in crate::import) fn edge_number(from: [i32; 3], to: [i32; 3]) -> (u64, bool) {
     let is_forward = from < to;
     (if is_forward { number(from, to) } else { number(to, from) }, is_forward)
@@ -63,7 +65,7 @@ fn number(from: [i32; 3], to: [i32; 3]) -> u64 {
         .fold(0, |sum, word| mix(sum ^ word))
 }
 
-/// A permutation of 64-bit numbers that looks random (the finaliser of Stafford, "Better bit mixing", variant
+/// Pseudorandom permutation of 64-bit numbers (finalizer of Stafford, "Better bit mixing", variant
 /// 13).
 fn mix(mut x: u64) -> u64 {
     x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);

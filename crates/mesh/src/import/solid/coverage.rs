@@ -1,18 +1,22 @@
 //! Coverage of cells by a closed surface: exact, from its faces clipped to the cells.
 //!
-//! Let `c` be the share of a cell that is inside, `a` the area of the faces in it that bound the inside, seen along an
-//! axis, counted by the change of inside behind them and in areas of a cell's wall, and `b` the same with each bit
-//! of area weighted by the share of the cell behind it. Then `c - b` is the share of the wall where the cell begins
-//! that is inside, and
+//! Let `c` be the fraction of a cell that is inside. Let `a` be the area of the bounding faces in
+//! it, projected along an axis, with the sign of the change of inside along the axis, in units of a
+//! cell wall's area. Let `b` be the same with each area element weighted by its distance to the
+//! cell's end along the axis, in cells. Then `c - b` is the fraction of the cell's first wall that
+//! is inside, and
 //!
 //! ```text
 //! (c - b) + a  =  c' - b'
 //! ```
 //!
-//! holds for the next cell along the axis, since that one begins where this one ends: what font rasterizers
-//! do with the areas under outlines, in space and from any neighbour. Cells without faces are inside or outside as
-//! their centre is, so that cells next to them are known, then cells next to those. Cells for which that does not
-//! tell are divided, and so are those with more faces than can be compared with each other.
+//! holds for the next cell along the axis, since that cell starts where this one ends. Font
+//! rasterizers do the same with areas under outlines; this is the method in 3D and from any
+//! neighbour.
+//!
+//! Cells without faces are inside or outside like their centres. This determines cells next to
+//! them, then the cells next to those. Cells that remain undetermined are subdivided, and so are
+//! cells with too many faces to compare with each other.
 
 use super::boundary::Neighbourhood;
 use super::face_sums::FaceSums;
@@ -23,47 +27,47 @@ use spinney_base::{Progress, Result, sort};
 use spinney_brep::exact::lattice::Lattice;
 use spinney_brep::geometry::clipped::{ClippedPolygon, clip};
 
-/// A cube of cells and the triangles that reach into it.
+/// Cube of cells, and the triangles that reach into it.
 #[derive(Clone, Copy)]
 pub(super) struct Cube<'a> {
     pub(super) triangles: &'a [Triangle],
-    /// The grid point at which it begins.
+    /// Grid point of the cube's minimum corner.
     pub(super) min: [i32; 3],
-    /// Grid steps along a cell.
+    /// Width of a cell in grid units.
     pub(super) cell: i32,
-    /// There are `2^height` cells along each axis.
+    /// Base-2 logarithm of the number of cells along each axis.
     pub(super) height: u8,
 }
 
-/// The way to tell inside from outside.
+/// Rule for what is inside, and progress for cancellation.
 #[derive(Clone, Copy)]
 pub(super) struct Test<'a> {
     pub(super) inside: &'a Inside,
     pub(super) progress: &'a dyn Progress,
 }
 
-/// Parts of triangles that are listed at a time; where there are more the cube is worked on in eight parts, so that
-/// memory does not grow with triangles that reach into very many cells.
+/// Maximum number of face fragments that are listed at a time. A cube with more is processed as
+/// eight octants, so that memory does not grow with triangles that reach into very many cells.
 const MANY: usize = 1 << 21;
 
-/// How often a cell is divided at most, into 4 x 4 x 4 parts each time. What is still not known then, at a sixteenth of
-/// the cell, is as its centre is.
+/// Maximum number of times that a cell is subdivided, into 4 x 4 x 4 subcells each time. A subcell
+/// that is still undetermined, at a sixteenth of the cell's width, counts as its centre does.
 const DIVISIONS: u8 = 2;
 
-/// Shares that are beyond 0 or 1 by this much are wrong, as those of cells are whose winding numbers are other than
-/// their faces tell; by less, they are rounded.
+/// Tolerance of fractions beyond 0 or 1. Larger deviations mean a wrong result, such as for cells
+/// whose winding numbers contradict their faces; smaller ones are rounding errors.
 const TOLERANCE: f64 = 1e-3;
 
 impl Cube<'_> {
-    /// The share of each cell that is inside, x fastest, then y, then z, from the winding numbers at the
-    /// cells' centres.
+    /// Fraction of each cell that is inside, x fastest, then y, then z. `windings` are the winding
+    /// numbers at the cells' centres.
     pub(super) fn shares(&self, windings: &[i32], test: Test<'_>) -> Result<Vec<f64>> {
         let mut shares = vec![0.0; windings.len()];
         self.cover(windings, test, DIVISIONS, &mut |cell, share| shares[cell] = share)?;
         Ok(shares)
     }
 
-    /// Hands out the number of each cell and its share.
+    /// Passes each cell's index and fraction to `each`.
     fn cover(
         &self,
         windings: &[i32],
@@ -94,7 +98,7 @@ impl Cube<'_> {
         Ok(())
     }
 
-    /// Covers the eight parts of the cube, one after the other.
+    /// Covers the eight octants of the cube in turn.
     fn cover_parts(
         &self,
         windings: &[i32],
@@ -125,7 +129,7 @@ impl Cube<'_> {
         Ok(())
     }
 
-    /// The share of a cell, by dividing it.
+    /// Fraction of a cell by subdivision.
     fn divided(
         &self,
         cell: usize,
@@ -134,9 +138,9 @@ impl Cube<'_> {
         test: Test<'_>,
         divisions: u8,
     ) -> Result<f64> {
-        /// 4 x 4 x 4 parts.
+        /// 4 x 4 x 4 subcells.
         const HEIGHT: u8 = 2;
-        // (Parts need a centre on the grid.)
+        // (Subcells need a centre on the grid.)
         if divisions == 0 || self.cell < 2 << HEIGHT {
             return Ok(f64::from(u8::from(test.inside.has(winding))));
         }
@@ -154,7 +158,7 @@ impl Cube<'_> {
         Ok(sum / windings.len() as f64)
     }
 
-    /// A cell, with the triangles that reach into it.
+    /// Cell with the triangles that reach into it.
     fn neighbourhood<'a>(&self, cell: usize, triangles: &'a [Triangle], winding: i32) -> Neighbourhood<'a> {
         let at = cell_of(cell, self.height);
         let min = std::array::from_fn(|axis| self.min[axis] + at[axis] as i32 * self.cell);
@@ -162,31 +166,32 @@ impl Cube<'_> {
     }
 }
 
-/// The number of a cell.
+/// Index of a cell.
 fn number_of([x, y, z]: [usize; 3], height: u8) -> usize {
     (z << height | y) << height | x
 }
 
-/// The cell of a number.
+/// Cell of an index.
 fn cell_of(number: usize, height: u8) -> [usize; 3] {
     let mask = (1usize << height) - 1;
     [number & mask, number >> height & mask, number >> (2 * height)]
 }
 
-/// The faces of a cube of cells.
+/// Faces of a cube of cells.
 struct Coverage {
     height: u8,
-    /// One more than the index of a cell in `faces`, by cell; 0 where a cell has no face.
+    /// Index in `faces` plus one, by cell; 0 if the cell has no faces.
     numbers: Vec<u32>,
     faces: Vec<FaceSums>,
-    /// Index in `faces` and, in the lower half, number of a triangle that reaches into that cell, in that order.
+    /// Fragments as sorted pairs: index in `faces` in the upper half, index of a triangle that
+    /// reaches into that cell in the lower half.
     pieces: Vec<u64>,
-    /// Index of the first piece of each cell with faces; one more than there are cells.
+    /// First fragment of each cell with faces, then the total number of fragments.
     starts: Vec<u32>,
 }
 
 impl Coverage {
-    /// Clips the triangles to the cells; `None` if there are too many parts.
+    /// Clips the triangles to the cells; `None` if there are too many fragments.
     fn new(cube: &Cube<'_>, progress: &dyn Progress) -> Result<Option<Coverage>> {
         let height = cube.height;
         let numbers = vec![0; 1 << (3 * height)];
@@ -211,7 +216,7 @@ impl Coverage {
         Ok(Some(coverage))
     }
 
-    /// Adds what lies in one cell.
+    /// Adds a fragment in one cell.
     fn add(&mut self, polygon: &ClippedPolygon, triangle: u32, cell: [usize; 3], is_cut: bool) {
         let index = number_of(cell, self.height);
         let number = &mut self.numbers[index];
@@ -231,14 +236,14 @@ impl Coverage {
         self.numbers[cell].checked_sub(1).is_some_and(|number| self.faces[number as usize].is_cut)
     }
 
-    /// The triangles that reach into a cell with faces.
+    /// Triangles that reach into a cell with faces.
     fn triangles<'a>(&'a self, cube: &Cube<'a>, number: usize) -> impl Iterator<Item = Triangle> + 'a {
         let range = self.starts[number] as usize..self.starts[number + 1] as usize;
         let triangles = cube.triangles;
         self.pieces[range].iter().map(|piece| triangles[*piece as u32 as usize])
     }
 
-    /// Leaves of each cell's faces those that bound the inside, as far as that can be told.
+    /// Reduces each cell's sums to the faces that bound the inside, where these can be determined.
     fn settle(&mut self, cube: &Cube<'_>, windings: &[i32], test: Test<'_>) -> Result<()> {
         let mut triangles = Vec::new();
         for number in 0..self.faces.len() {
@@ -259,7 +264,7 @@ impl Coverage {
         Ok(())
     }
 
-    /// Finds the shares of cells with faces, as far as they follow from those around them.
+    /// Derives the fractions of cells with faces from their neighbours, as far as possible.
     fn solve(&mut self, windings: &[i32], test: Test<'_>) -> Result<()> {
         let mut open: Vec<u32> = (0..)
             .zip(&self.faces)
@@ -269,8 +274,8 @@ impl Coverage {
         let mut before = usize::MAX;
         while open.len() < before {
             test.progress.check()?;
-            // A wave is worked out as a whole before any of it is kept: the order of the faces has no
-            // influence.
+            // Each wave is computed as a whole before its results are stored, so the order of faces
+            // has no influence.
             let known: Vec<Option<f64>> =
                 open.iter().map(|number| self.next(*number, windings, test)).collect();
             before = open.len();
@@ -285,7 +290,7 @@ impl Coverage {
         Ok(())
     }
 
-    /// The share of a cell with faces, from a neighbour whose own is known.
+    /// Fraction of a cell with faces, from a neighbour with a known fraction.
     fn next(&self, number: u32, windings: &[i32], test: Test<'_>) -> Option<f64> {
         let faces = &self.faces[number as usize];
         let cell = faces.cell as usize;
@@ -303,7 +308,7 @@ impl Coverage {
         })
     }
 
-    /// The share of a cell, if it is known, and its faces.
+    /// Fraction of a cell and its faces, if the fraction is known.
     fn known(&self, cell: usize, windings: &[i32], test: Test<'_>) -> Option<(f64, FaceSums)> {
         let faces = match self.numbers[cell] {
             0 => FaceSums::default(),

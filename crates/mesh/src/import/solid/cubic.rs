@@ -1,16 +1,17 @@
-//! Interpolation in cubes, by polynomials that are cubic along each axis.
+//! Interpolation in cubes by polynomials that are cubic along each axis.
 //!
-//! A cube has its values at 4 x 4 x 4 nodes; positions are in half widths of the cube, from its middle.
+//! A cube has values at 4 x 4 x 4 nodes. Positions are relative to its centre, in half widths of
+//! the cube.
 
 /// Nodes along an axis.
 pub(super) const NODES: usize = 4;
 /// Nodes of a cube, x fastest, then y, then z.
 pub(super) const ALL: usize = NODES * NODES * NODES;
-/// Chebyshev's nodes.
+/// Chebyshev nodes.
 pub(super) const CHEBYSHEV: [f64; NODES] =
     [-0.923_879_532_511_286_7, -0.382_683_432_365_089_8, 0.382_683_432_365_089_8, 0.923_879_532_511_286_7];
 
-/// Weights of the nodes along an axis at a position (Lagrange).
+/// Lagrange weights of the nodes along an axis at a position.
 pub(super) fn weights(nodes: &[f64; NODES], at: f64) -> [f32; NODES] {
     std::array::from_fn(|node| {
         let others = (0..NODES).filter(|other| *other != node);
@@ -18,8 +19,8 @@ pub(super) fn weights(nodes: &[f64; NODES], at: f64) -> [f32; NODES] {
     })
 }
 
-/// Values at a lattice of points from those at a cube's nodes, by the nodes' weights for each of the lattice's points
-/// along each axis; x fastest, then y, then z.
+/// Interpolates values at a lattice of points. `weights` are the nodes' weights for the lattice
+/// points along each axis. The result has x fastest, then y, then z.
 pub(super) fn interpolate(nodes: &[f32; ALL], weights: [&[[f32; NODES]]; 3]) -> Vec<f32> {
     let [along_x, along_y, along_z] = weights;
     let mut values = Vec::with_capacity(along_x.len() * along_y.len() * along_z.len());
@@ -38,19 +39,21 @@ pub(super) fn interpolate(nodes: &[f32; ALL], weights: [&[[f32; NODES]]; 3]) -> 
 /// Interpolation between the centres of a cube's cells.
 #[derive(Debug)]
 pub(super) struct Cubic {
-    /// The cells along an axis that are nodes: as near as cells are to Chebyshev's.
+    /// Cells along an axis that are nodes: the closest ones to the Chebyshev nodes.
     pub(super) cells: [usize; NODES],
-    /// The nodes' weights for each cell along an axis.
+    /// Weights of the nodes for each cell along an axis.
     pub(super) weights: Vec<[f32; NODES]>,
-    /// Bound of the sum of all nodes' weights at a point, without their signs (Lebesgue's constant).
+    /// Bound of the sum of all nodes' absolute weights at a point (Lebesgue constant).
     pub(super) sum: f32,
-    /// Bound of the error for a function whose fourth derivatives along the axes are at most 24, with a half width of 1.
+    /// Error bound for a function whose fourth derivatives along the axes are at most 24, with a
+    /// half width of 1.
     pub(super) spread: f64,
     nodes: [f64; NODES],
 }
 
 impl Cubic {
-    /// The least levels of a cube that can be interpolated: it has twice as many cells along an axis as nodes.
+    /// Minimum height of a cube for interpolation: it then has twice as many cells along an axis as
+    /// nodes.
     pub(super) const LEAST: u8 = 3;
 
     /// Interpolation in a cube of `2^height` cells along each axis.
@@ -68,13 +71,13 @@ impl Cubic {
         Cubic { cells, weights, sum: sum * sum * sum, spread, nodes }
     }
 
-    /// The nodes' weights at the points of a lattice with so many points in each cell along an axis.
+    /// Weights of the nodes at a lattice with `points` points per cell along an axis.
     pub(super) fn finer(&self, points: usize) -> Vec<[f32; NODES]> {
         let count = self.weights.len() * points;
         (0..count).map(|at| weights(&self.nodes, (2 * at + 1) as f64 / count as f64 - 1.0)).collect()
     }
 
-    /// Values of all cells from those at the nodes, x fastest, then y, then z.
+    /// Interpolates the values of all cells from those at the nodes; x fastest, then y, then z.
     pub(super) fn values(&self, nodes: &[f32; ALL]) -> Vec<f32> {
         interpolate(nodes, [&self.weights; 3])
     }

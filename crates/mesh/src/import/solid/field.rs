@@ -1,8 +1,10 @@
-//! The winding field of a surface that need not be closed: how much of the view from a point is covered by
-//! the surface's inner side, 1 inside a closed one and 0 outside it, and something between near holes.
+//! Winding field of a surface that may be open: the fraction of the view from a point that the
+//! surface's inner side covers. It is 1 inside of a closed surface, 0 outside, and in between near
+//! holes.
 //!
-//! Jacobson, Kavan, Sorkine-Hornung, "Robust inside-outside segmentation using generalized winding numbers"
-//! (2013); the far field of a group of triangles is that of a dipole with the moments of its normals: Barill and others,
+//! Jacobson, Kavan, Sorkine-Hornung, "Robust inside-outside segmentation using generalized winding
+//! numbers" (2013). The far field of a group of triangles is that of a dipole with the moments of
+//! its normals: Barill and others, "Fast winding numbers for soups and clouds" (2018).
 //! "Fast winding numbers for soups and clouds" (2018).
 
 use std::f64::consts::PI;
@@ -14,51 +16,53 @@ use super::rim::Rims;
 
 use spinney_base::{Error, Progress, Result, sort};
 
-/// Triangles that are looked at one by one.
+/// Maximum number of triangles in a leaf group; they are evaluated individually.
 pub(super) const LEAF: u32 = 4;
-/// Distance of a group's centre from a point, in radii of the group, from which on its field may be that of a dipole.
+/// Minimum distance of a group's centre from a point, in radii of the group, for the dipole
+/// approximation.
 const FAR_RATIO: f64 = 1.5;
-/// Bound of what a dipole leaves out. There are tens of them, whose errors have nothing to do with each other.
+/// Error bound of a dipole. Tens of dipoles contribute to a value, with independent errors.
 const DIPOLE_ERROR: f64 = 6e-4;
-/// Bound of the error of the interpolation of a group's field: more than ten times what it is.
+/// Error bound of the interpolation of a group's field: more than ten times the actual error.
 const GROUP_ERROR: f64 = 3e-2;
-/// Factor for radii, by which they stay bounds when they become `f32` and the distances in them were rounded before.
+/// Factor that keeps radii upper bounds after rounding to `f32`, including the rounding of the
+/// distances.
 const ROUNDED_UP: f64 = 1.0 + 1e-6;
 const _: () = assert!(ROUNDED_UP > 1.0 + 8.0 * (f32::EPSILON / 2.0) as f64);
-/// Distance of the field from one half up to which it is in doubt whether a point is inside.
+/// Maximum difference of the field from one half at which it is in doubt whether a point is inside.
 pub(super) const DOUBT: f64 = 0.2;
 
-/// A surface's winding field, by a hierarchy of its triangles.
+/// Winding field of a surface, as a hierarchy of its triangles.
 #[derive(Debug)]
 pub(super) struct WindingField {
     pub(super) triangles: Vec<[[i32; 3]; 3]>,
-    /// The triangles' attributes; a single one if all have the same.
+    /// Attributes of the triangles; a single one if all are equal.
     pub(super) attributes: Vec<u32>,
-    /// In preorder; a group's first part follows it.
+    /// Groups in preorder; a group's first child follows it.
     pub(super) groups: Vec<Group>,
     pub(super) rims: Rims,
-    /// Least and greatest coordinates of the triangles.
+    /// Minimum and maximum coordinates of the triangles.
     pub(super) bounds: [[i32; 3]; 2],
 }
 
-/// Some triangles.
+/// Group of triangles.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Group {
-    /// Centre, weighted by area.
+    /// Area-weighted centre.
     pub(super) centre: DVec3,
     pub(super) radius: f32,
-    /// Sum of the normals, as long as the triangles' areas.
+    /// Sum of the normals, whose lengths are the triangles' areas.
     pub(super) normal: [f32; 3],
     /// See [`Far::moments`](super::surroundings::Far::moments).
     pub(super) moments: [f32; 6],
     area: f32,
-    /// Norm of the second moments: sums over the surface of normal times distance times distance, which are the first
-    /// that dipoles leave out.
+    /// Norm of the second moments: surface integrals of normal times distance times distance, the
+    /// first terms that the dipole omits.
     left_out: f32,
-    /// The triangles.
+    /// Range of the triangles.
     pub(super) first: u32,
     pub(super) count: u32,
-    /// Its first part, and the group that follows after all parts of this one.
+    /// Its first child, and the next group after all of its descendants.
     part: u32,
     pub(super) next: u32,
 }
@@ -70,9 +74,9 @@ struct Moments {
     radius: f64,
     area: f64,
     normal: DVec3,
-    /// Sum of normal times distance from the centre; rows by the normal.
+    /// Integral of normal times distance from the centre; rows by the normal's component.
     firsts: DMat3,
-    /// Sums of each part of the normal times distance times distance.
+    /// Integrals of each component of the normal times distance times distance.
     seconds: [DMat3; 3],
 }
 
@@ -82,7 +86,8 @@ impl Moments {
         let centre = (a + b + c) / 3.0;
         let normal = (b - a).cross(c - a) / 2.0;
         let away = corners.map(|corner| corner - centre);
-        // Over a triangle, the mean of the squared distance is a twelfth of the sum of its corners'.
+        // Over a triangle, the mean squared distance is a twelfth of the sum of its vertices'
+        // squares.
         let squares = away.map(|away| outer(away, away)).into_iter().sum::<DMat3>() / 12.0;
         Moments {
             centre,
@@ -136,7 +141,7 @@ impl Moments {
     }
 }
 
-/// The products of two vectors' parts, rows by the first.
+/// Outer product of two vectors, rows by the first one.
 fn outer(a: DVec3, b: DVec3) -> DMat3 {
     DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
@@ -146,7 +151,7 @@ pub(super) fn wide(corner: [i32; 3]) -> DVec3 {
 }
 
 impl Group {
-    /// A triangle alone.
+    /// Group of a single triangle.
     fn of(number: u32, [a, b, c]: [DVec3; 3]) -> Group {
         let centre = (a + b + c) / 3.0;
         let normal = (b - a).cross(c - a) / 2.0;
@@ -158,7 +163,7 @@ impl Group {
             normal: normal.as_vec3().into(),
             moments: [0.0; 6],
             area: area as f32,
-            // (The second moments' trace, which their norm is not greater than.)
+            // (The trace of the second moments, which is an upper bound of their norm.)
             left_out: (area * squares.iter().sum::<f64>() / 12.0) as f32,
             first: number,
             count: 1,
@@ -171,20 +176,22 @@ impl Group {
         self.part == 0
     }
 
-    /// Whether it is a dipole as seen from so far away from its centre.
+    /// Whether the dipole approximation holds at this distance from the centre.
     pub(super) fn is_dipole(&self, distance: f64) -> bool {
         distance >= FAR_RATIO * f64::from(self.radius)
-            // Half the second moments times third derivatives of the inverse distance, of which none is greater than 3!
-            // over its fourth power.
+            // Half of the second moments times third derivatives of the inverse distance, each of
+            // which is at most 3! over the distance's fourth power.
             && 3.0 * f64::from(self.left_out) <= DIPOLE_ERROR * 4.0 * PI * distance.powi(4)
     }
 
-    /// Whether its field is nearly cubic in a cube of this half width that is so far away from all of it.
+    /// Whether its field is nearly cubic in a cube with this half width, at least `gap` away from
+    /// the group.
     pub(super) fn is_cubic(&self, gap: f64, half: f64) -> bool {
         if gap <= 0.0 {
             return false;
         }
-        // Bounds of the fourth derivatives by 24: by the area, by edges' length, and by three edges of any length.
+        // Bounds of the fourth derivatives divided by 24: by area, by edge length, and for three
+        // edges of any length.
         let mut bend = 5.0 * f64::from(self.area) / gap.powi(2);
         if self.count == 1 {
             bend = bend.min(6.0 * f64::from(self.radius) / gap).min(4.0);
@@ -193,22 +200,22 @@ impl Group {
     }
 }
 
-/// Bound of the error of interpolation by Chebyshev's nodes: see [`Cubic::spread`].
+/// Error bound of interpolation at Chebyshev nodes: see [`Cubic::spread`].
 pub(super) const SPREAD: f64 = 0.125 * (1.0 + 1.85 + 1.85 * 1.85);
 
 impl WindingField {
-    /// Bytes of memory that the field of this number of triangles takes.
+    /// Memory in bytes of the field of this number of triangles.
     pub(super) fn memory(triangles: usize) -> u64 {
         let groups = 4 * triangles.div_ceil(LEAF as usize);
-        // While it is made, there is a sorted copy of the triangles, too.
+        // Includes the sorted copy of the triangles during construction.
         let each = size_of::<[[i32; 3]; 3]>() + 4 + size_of::<Triangle>() + 16;
         (triangles * each + groups * size_of::<Group>()) as u64 + Rims::memory(triangles)
     }
 
-    /// The field of these triangles.
+    /// Field of these triangles.
     ///
     /// # Errors
-    /// If there are more than 2^31, or on interruption.
+    /// If there are more than about 700 million triangles (2^31 / 3), or on cancellation.
     pub(super) fn new(triangles: &[Triangle], progress: &dyn Progress) -> Result<WindingField> {
         if triangles.len() > i32::MAX as usize / 3 {
             let found = format!("{} triangles", triangles.len());
@@ -246,7 +253,7 @@ impl WindingField {
         let index = self.groups.len();
         let moments = if end - first > LEAF as usize {
             let middle = first.midpoint(end);
-            // (In its place until it is known.)
+            // (Placeholder until the moments are known.)
             self.groups.push(Moments::of([DVec3::ZERO; 3]).group([first, end], [index, 0]));
             Moments::sum(&[self.group(first, middle, progress)?, self.group(middle, end, progress)?])
         } else {
@@ -259,7 +266,7 @@ impl WindingField {
         Ok(moments)
     }
 
-    /// Adds the parts of a group to a list; there are none of a triangle.
+    /// Appends a group's children to a list; a triangle has none.
     pub(super) fn divide(&self, group: &Group, list: &mut Vec<Group>) {
         if group.count <= LEAF {
             let numbers = group.first..group.first + group.count;
@@ -270,7 +277,7 @@ impl WindingField {
         }
     }
 
-    /// The field at a point, in grid steps.
+    /// Field at a point, in grid units.
     pub(super) fn at(&self, point: DVec3) -> f64 {
         let mut sum = 0.0;
         let mut open = self.all();
@@ -297,8 +304,9 @@ impl WindingField {
         self.groups.first().into_iter().copied().collect()
     }
 
-    /// Whether a cube lies beside the box around the surface. Of a single sheet no more than half of the view is
-    /// covered from there: nothing is inside, and a surface costs where it is.
+    /// Whether a cube is outside of the surface's bounding box. There, a single sheet covers at
+    /// most half of the view, so nothing is inside. This limits the cost to the surface's
+    /// surroundings.
     pub(super) fn is_beside(&self, min: [i32; 3], width: i32) -> bool {
         let [least, most] = self.bounds;
         let is_beside = |axis: usize| {
@@ -309,7 +317,7 @@ impl WindingField {
     }
 }
 
-/// The solid angle under which a triangle is seen from the origin, positive from its inner side (Van Oosterom and
+/// Solid angle of a triangle seen from the origin, positive from its inner side (Van Oosterom and
 /// Strackee, 1983).
 pub(super) fn solid_angle([a, b, c]: [DVec3; 3]) -> f64 {
     let (la, lb, lc) = (a.length(), b.length(), c.length());

@@ -1,4 +1,4 @@
-//! Fills one block: from the triangles that touch it to its cells.
+//! Fills a block of cells from the triangles that touch it.
 
 use super::bits::{Bits, Cells};
 use super::coverage::{Cube, Test};
@@ -9,7 +9,7 @@ use spinney_base::space::EdgeRule;
 use spinney_base::{Progress, Result};
 use spinney_brep::geometry::triangle;
 
-/// The cells of a block with their coverage.
+/// Cells of a block with their coverage.
 fn covered(
     (fill, inside): (&FillOptions<'_>, &Inside),
     triangles: &[Triangle],
@@ -28,13 +28,13 @@ fn covered(
     Ok(Cells { bits, values: Some(values) })
 }
 
-/// The occupancy of a cell of which so much is inside.
+/// Occupancy of a cell, from the fraction that is inside.
 pub(super) fn occupancy(share: f64) -> u32 {
     (share * f64::from(FULL)).round() as u32
 }
 
-/// The cells of a block that begins at the grid point `min` and has `2^height` cells along each axis; `state`
-/// is that of its first lattice point.
+/// Cells of a block whose minimum corner is the grid point `min`, with `2^height` cells along each
+/// axis. `state` is the state at its first lattice point.
 pub(super) fn block(
     (fill, inside): (&FillOptions<'_>, &Inside),
     triangles: &[Triangle],
@@ -64,18 +64,19 @@ pub(super) struct Painter<'a> {
     pub(super) values: Option<Vec<u32>>,
 }
 
-/// A triangle that may cut several cells.
+/// Triangle that may cut several cells.
 struct Cut {
     corners: [[i64; 3]; 3],
-    /// The first cell's corner, and the width of a cell.
+    /// Minimum corner of the first cell, and the width of a cell.
     min: [i32; 3],
     cell: i32,
-    /// The cells that its box reaches: from the first up to, not including, the last.
+    /// Cells that its bounding box reaches: the first, and the end (exclusive).
     from: [usize; 3],
     to: [usize; 3],
 }
 
-/// Hands out the cells that a triangle cuts, of a block that begins at `min` and has `2^height` cells along each axis.
+/// Passes the cells that a triangle cuts to `each`, in a block that starts at `min` and has
+/// `2^height` cells along each axis.
 fn each_cut(triangle: &Triangle, min: [i32; 3], cell: i32, height: u8, each: &mut dyn FnMut([usize; 3])) {
     let side = 1i32 << height;
     let mut from = [0usize; 3];
@@ -84,8 +85,8 @@ fn each_cut(triangle: &Triangle, min: [i32; 3], cell: i32, height: u8, each: &mu
         let (low, high) =
             (triangle.min(axis) as i64 - min[axis] as i64, triangle.max(axis) as i64 - min[axis] as i64);
         let cell = cell as i64;
-        // Open cells: a triangle that ends on a wall does not reach the cell behind it, nor does one that
-        // lies in it.
+        // Cells are open sets: a triangle that ends at a wall, or lies in it, does not reach the
+        // cell beyond.
         let first = low.div_euclid(cell).max(0);
         let end = (high + cell - 1).div_euclid(cell).min(side as i64);
         if first >= end || (low == high && low.rem_euclid(cell) == 0) {
@@ -94,16 +95,16 @@ fn each_cut(triangle: &Triangle, min: [i32; 3], cell: i32, height: u8, each: &mu
         (from[axis], to[axis]) = (first as usize, end as usize);
     }
     if (0..3).all(|axis| to[axis] - from[axis] == 1) {
-        // A triangle in one cell, and not in its walls.
+        // The triangle is in a single cell, and not in its walls.
         return each(from);
     }
-    // (Wide: the cut test multiplies differences.)
+    // (Widened, since the cut test multiplies differences.)
     let corners = triangle.corners.map(|corner| corner.map(i64::from));
     Cut { corners, min, cell, from, to }.descend([0; 3], height, each);
 }
 
 impl Cut {
-    /// Hands out those of a node of cells whose first cell is at `at`.
+    /// Visits the cut cells in the node whose first cell is `at`.
     fn descend(&self, at: [usize; 3], height: u8, each: &mut dyn FnMut([usize; 3])) {
         let side = 1usize << height;
         if (0..3).any(|axis| at[axis] >= self.to[axis] || at[axis] + side <= self.from[axis]) {
@@ -125,7 +126,7 @@ impl Cut {
     }
 }
 
-/// The cells of a block that triangles cut.
+/// Cells of a block that triangles cut.
 pub(super) fn cut_cells(
     triangles: &[Triangle],
     min: [i32; 3],
@@ -147,7 +148,7 @@ impl<'a> Painter<'a> {
         Painter { fill, cells: Bits::new(height), values }
     }
 
-    /// Cells `from .. to` of a row are inside.
+    /// Marks the cells `from .. to` of a row as inside.
     #[inline]
     fn row(&mut self, y: usize, z: usize, from: usize, to: usize, attribute: u32) {
         let height = self.cells.height;
@@ -158,7 +159,8 @@ impl<'a> Painter<'a> {
         }
     }
 
-    /// Rasterises the surface: marks the cells that it cuts, or gives cells of the solid its colour.
+    /// Rasterizes the surface: marks the cells that it cuts, or applies its colour to cells of the
+    /// solid.
     pub(super) fn surface(&mut self, triangles: &[Triangle], min: [i32; 3]) -> Result<()> {
         let fill = self.fill;
         if fill.shell || fill.edge == EdgeRule::Touch || fill.attribute == Attribute::Colour {
@@ -186,7 +188,7 @@ impl<'a> Painter<'a> {
         } else if is_new {
             *value = attribute;
         } else if fill.shell {
-            // The least of several parts, whatever the order of the triangles.
+            // The minimum of several parts, so that the order of triangles does not matter.
             *value = attribute.min(*value);
         }
     }
@@ -199,12 +201,12 @@ impl<'a> Painter<'a> {
     }
 }
 
-/// The bits of a value that are a colour; above them stands how many colours were blended.
+/// Colour bits of a value. The bits above are the number of blended colours.
 const COLOUR: u32 = 0x00ff_ffff;
 
-/// The mean of the colours that were blended already and another one.
+/// Mean of the colours that are already blended and another one.
 fn blend(value: u32, colour: u32) -> u32 {
-    // The count has 8 bits: from 255 colours on, each further one has the weight of a 255th.
+    // The count has 8 bits. From the 255th colour on, each further colour has a weight of 1/255.
     let count = (value >> 24).min(254);
     let channel = |shift: u32| {
         let (old, new) = (value >> shift & 255, colour >> shift & 255);

@@ -1,4 +1,4 @@
-//! The fixed-point grid that vertices are snapped to, so that every decision after that is integer
+//! Fixed-point grid that vertices are snapped to, so that all later decisions use integer
 //! arithmetic.
 
 use std::path::Path;
@@ -11,47 +11,48 @@ use spinney_brep::exact::bounds::SOLID_BITS;
 use spinney_brep::exact::normal::triangle_normal;
 use spinney_crs::Frame;
 
-/// Bits of the fraction at most: finer than a millionth of a cell serves nobody.
+/// Maximum number of fraction bits; precision beyond a millionth of a cell is useless.
 const FRACTION: u8 = 20;
 
-/// A number by which near places are near each other in order.
+/// Sort key under which neighbouring points are close to each other.
 pub(super) fn place_key(at: [i32; 3]) -> u64 {
-    // Coordinates run from minus the space's side to twice that.
+    // Coordinates range from minus the space's side to twice the side.
     let cell = |axis: usize| ((i64::from(at[axis]) + (1 << SOLID_BITS)) >> 10) as u32;
     (0..3).fold(0, |key, axis| key | morton_encode(Dimension::Oct, cell(axis)) << axis)
 }
 
-/// A triangle on the grid.
+/// Triangle on the grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Triangle {
     /// Counterclockwise seen from outside the solid.
     pub(super) corners: [[i32; 3]; 3],
-    /// Value of the cells behind it: a part's number, or a colour as 0x00RRGGBB; 0 for occupancy.
+    /// Value of the cells on its inner side: a part number, or a colour as 0x00RRGGBB; 0 for
+    /// occupancy.
     pub(super) attribute: u32,
-    /// Number of the part that it belongs to, from 1.
+    /// Number of its part, from 1.
     pub(super) part: u32,
 }
 
 impl Triangle {
-    /// The middle of its corners.
+    /// Centroid.
     pub(super) fn middle(&self) -> DVec3 {
         self.corners.iter().map(|corner| DVec3::from_array(corner.map(f64::from))).sum::<DVec3>() / 3.0
     }
 
-    /// The normal, twice as long as the triangle is large.
+    /// Normal vector, whose length is twice the area.
     #[inline]
     pub(super) fn normal(&self) -> [i64; 3] {
         triangle_normal(&self.corners)
     }
 
-    /// Least coordinate along an axis.
+    /// Minimum coordinate along an axis.
     #[inline]
     pub(super) fn min(&self, axis: usize) -> i32 {
         let [a, b, c] = self.corners;
         a[axis].min(b[axis]).min(c[axis])
     }
 
-    /// Greatest coordinate along an axis.
+    /// Maximum coordinate along an axis.
     #[inline]
     pub(super) fn max(&self, axis: usize) -> i32 {
         let [a, b, c] = self.corners;
@@ -60,8 +61,8 @@ impl Triangle {
 }
 
 impl Triangle {
-    /// Moves a triangle that lies exactly in a wall between cells to the middle of those that it is of: the cells on its inner
-    /// side, and where the tree has no cell there those in front of it.
+    /// Moves a triangle that lies exactly in a wall between cells to the middle of the cells on its
+    /// inner side. If these are outside of the tree, moves it to the cells on its outer side.
     pub(super) fn leave_wall(&mut self, grid: &Grid, extent: [u64; 3]) {
         let cell = grid.cell();
         let Some(axis) = (0..3).find(|axis| self.min(*axis) == self.max(*axis)) else { return };
@@ -80,16 +81,17 @@ impl Triangle {
     }
 }
 
-/// The grid over a tree's space: `2^fraction` steps along a cell.
+/// Grid over a tree's space, with `2^fraction` grid units per cell.
 #[derive(Clone, Debug)]
 pub(super) struct Grid {
     pub(super) depth: u8,
     pub(super) fraction: u8,
     pub(super) frame: Frame,
-    /// The world's coordinates of the first cell's first corner: they are subtracted before anything is multiplied, so that
-    /// differences of coordinates far from the world's origin keep all of their bits.
+    /// World coordinates of the first cell's minimum corner. They are subtracted before any
+    /// multiplication, so that differences of coordinates far from the world's origin keep all
+    /// bits.
     origin: [f64; 3],
-    /// Rows of the map from there to grid steps.
+    /// Rows of the linear map from there to grid units.
     matrix: [[f64; 3]; 3],
 }
 
@@ -114,22 +116,22 @@ impl Grid {
         Ok(Grid { depth, fraction, frame, origin, matrix })
     }
 
-    /// Grid steps along a cell.
+    /// Width of a cell in grid units.
     pub(super) fn cell(&self) -> i32 {
         1 << self.fraction
     }
 
-    /// Width of a step in the world, where it is least.
+    /// Minimum width of a grid unit in the world over the axes.
     pub(super) fn step(&self) -> f64 {
         let linear = self.frame.linear();
         let widths = (0..3).map(|axis| linear.col(axis).length());
         widths.fold(f64::INFINITY, f64::min) / f64::from(self.cell())
     }
 
-    /// The grid point nearest to a vertex.
+    /// Nearest grid point of a vertex.
     ///
     /// # Errors
-    /// If it lies outside the space by more than the space is wide.
+    /// If the vertex is outside of the space by more than the space's width.
     #[inline]
     pub(super) fn snap(&self, path: &Path, vertex: [f64; 3]) -> Result<[i32; 3]> {
         let space = (1i64 << (self.depth + self.fraction)) as f64;
@@ -147,7 +149,7 @@ impl Grid {
         ))
     }
 
-    /// How far a vertex was moved, in the models' unit.
+    /// Distance that a vertex was moved, in the models' unit.
     pub(super) fn displacement(&self, vertex: [f64; 3], snapped: [i32; 3]) -> f64 {
         let cell = f64::from(self.cell());
         let at = snapped.map(|at| f64::from(at) / cell);

@@ -10,28 +10,29 @@ use spinney_base::space::EdgeRule;
 use spinney_base::{Error, Progress, Result};
 use spinney_brep::exact::lattice::Lattice;
 
-/// Occupancy of a cell that is full.
+/// Occupancy of a full cell.
 pub(super) const FULL: u32 = 255;
 
 /// Meaning of the values of a solid's cells.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Attribute {
-    /// Share of the cell that is filled, from 0 to 255.
+    /// Filled fraction of the cell, from 0 to 255.
     #[default]
     Occupancy,
-    /// Colour of the surface; inside, that of the face behind which a cell lies: the nearest such face in open
-    /// objects, the last one before it in closed ones.
+    /// Colour of the surface. Interior cells have the colour of a face. In open objects, it is the
+    /// nearest face with the cell on its inner side. In closed objects, it is the face through
+    /// which the scan along z, y and x last entered the solid.
     Colour,
     /// Number of the part of the model, from 1.
     Part,
 }
 
 impl Attribute {
-    /// All of them.
+    /// All attributes.
     pub const ALL: [Attribute; 3] = [Attribute::Occupancy, Attribute::Colour, Attribute::Part];
 
-    /// The name on the command line.
+    /// Name on the command line.
     pub fn name(self) -> &'static str {
         ["occupancy", "colour", "part"][self as usize]
     }
@@ -47,15 +48,15 @@ impl FromStr for Attribute {
     }
 }
 
-/// Rule for what lies inside a surface.
+/// Rule for what is inside a surface.
 #[derive(Clone, Debug)]
 pub(super) enum Inside {
-    /// Winding numbers other than zero.
+    /// Nonzero winding numbers.
     Winding,
-    /// An odd number of crossings.
+    /// Odd number of crossings.
     Parity,
-    /// A winding field of at least one half, or at most minus one half, within the box around the surface: for
-    /// those that are not closed.
+    /// Winding field of at least one half or at most minus one half, within the surface's bounding
+    /// box. For surfaces that are not closed.
     Field(Arc<WindingField>),
 }
 
@@ -66,22 +67,22 @@ pub(super) struct FillOptions<'a> {
     pub(super) lattice: Lattice,
     pub(super) edge: EdgeRule,
     pub(super) attribute: Attribute,
-    /// Only the cells that the surface cuts.
+    /// Whether to fill only the cells that the surface cuts.
     pub(super) shell: bool,
-    /// Asked for each triangle and cube of cells whether to go on: a single block can take a minute where very
-    /// many triangles are.
+    /// Checked for cancellation at each triangle and cube of cells: a single block with very many
+    /// triangles can take a minute.
     pub(super) progress: &'a dyn Progress,
 }
 
 impl FillOptions<'_> {
-    /// Grid steps along a cell.
+    /// Width of a cell in grid units.
     pub(super) fn cell(&self) -> i32 {
         self.grid.cell()
     }
 }
 
 impl Inside {
-    /// Whether a winding number is one of the inside.
+    /// Whether a winding number means inside.
     #[inline]
     pub(super) fn has(&self, winding: i32) -> bool {
         match self {
@@ -95,19 +96,20 @@ impl Inside {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct State {
     pub(super) winding: i32,
-    /// Attribute of the face through which the solid was entered last.
+    /// Attribute of the face through which the solid was last entered.
     pub(super) attribute: u32,
-    /// Whether only even and odd count, of faces that are turned either way: winding numbers are 0 or 1.
+    /// Whether only parity counts, for faces of inconsistent orientation. Winding numbers are then
+    /// 0 or 1.
     pub(super) by_parity: bool,
 }
 
 impl State {
-    /// The state outside.
+    /// State outside of the solid.
     pub(super) fn outside(inside: &Inside) -> State {
         State { by_parity: matches!(inside, Inside::Parity), ..State::default() }
     }
 
-    /// Goes through a face.
+    /// Crosses a face.
     #[inline]
     pub(super) fn pass(&mut self, change: i32, attribute: u32) {
         if self.winding == 0 {

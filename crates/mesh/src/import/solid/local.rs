@@ -1,13 +1,14 @@
-//! The winding field at many points of a cube.
+//! Winding field at many points of a cube.
 //!
-//! The field of what is far from the cube is interpolated in it, and handed down to the cubes in it: Fong and Darve, "The black-box
-//! fast multipole method" (2009). What is near is found for some points together: triangles, and groups as dipoles.
+//! The field of distant groups is interpolated in the cube and passed down to its subcubes: Fong
+//! and Darve, "The black-box fast multipole method" (2009). Near triangles, and near groups as
+//! dipoles, are collected for several points together.
 //!
-//! Fields are in error by less than a hundredth, by what dipoles leave out, by interpolation and by rounding: tests hold
-//! that, and on surfaces and soups of tens of thousands of triangles the most that was measured is 0.008. It is not proven:
-//! the bounds of single errors are, but that they have nothing to do with each other is not. On which side of a triangle
-//! a point lies is exact. Points on a triangle that are nearer to a rim than a thousandth of a cell, where the field takes
-//! all values, have one of these.
+//! Fields have an error below 0.01, from dipoles, interpolation and rounding. Tests check this; the
+//! measured maximum on surfaces and soups of tens of thousands of triangles is 0.008. It is not
+//! proven: the bounds of single errors are, but their independence is not. The side of a triangle
+//! on which a point is located is exact. For points on a triangle within a thousandth of a cell
+//! from a rim, where the field takes all values, the result is one of these values.
 
 use glam::DVec3;
 
@@ -18,18 +19,18 @@ use super::surroundings::{Far, Surroundings};
 use super::windings::change;
 use spinney_base::{Progress, Result};
 
-/// Least distance of a dipole, in cells: nearer ones are triangles that a point may lie on.
+/// Minimum distance of a dipole in cells. Closer groups are triangles that a point may lie on.
 const MIN_DISTANCE: f64 = 0.125;
 
 impl WindingField {
-    /// The field in a cube with this middle and half width, of cells of some width.
+    /// Field in a cube with this centre and half width. `cell` is the width of a cell.
     pub(super) fn local(&self, middle: DVec3, half: f64, cell: i32) -> LocalField<'_> {
         let parent = LocalField { field: self, cell, middle, half, far: None, open: self.all() };
         parent.narrow(middle, half)
     }
 
-    /// The field in a cube that no triangle reaches into, if it is on one side of one half all over; `None` where that is
-    /// in doubt somewhere.
+    /// Value of the field in a cube that no triangle reaches into, if the field is on one side of
+    /// one half throughout; `None` where that is in doubt.
     pub(super) fn uniform(
         &self,
         min: [i32; 3],
@@ -51,7 +52,7 @@ impl WindingField {
     }
 }
 
-/// The sum of nodes' weights, without their signs, in cubic interpolation by Chebyshev's nodes.
+/// Sum of the nodes' absolute weights in cubic interpolation at Chebyshev nodes.
 const LEBESGUE: f32 = 1.85 * 1.85 * 1.85;
 
 /// Bounds of an interpolated field.
@@ -62,34 +63,36 @@ pub(super) struct Range {
 }
 
 impl Range {
-    /// From values at nodes whose weights have this sum, without their signs, with this error.
+    /// Range of a field from its values at nodes. `sum` is the sum of the nodes' absolute weights,
+    /// `error` the error of the interpolation.
     pub(super) fn of(nodes: &[f32], sum: f32, error: f64) -> Range {
         let least = nodes.iter().copied().fold(f32::INFINITY, f32::min);
         let most = nodes.iter().copied().fold(f32::NEG_INFINITY, f32::max);
         Range { middle: f32::midpoint(least, most), reach: (most - least) / 2.0 * sum + error as f32 }
     }
 
-    /// Distance from one half, up to and beyond whole numbers; negative where it may be one half.
+    /// Distance from the nearest half-integer (n + 1/2); negative if the range may contain it.
     pub(super) fn distance_from_half(&self) -> f32 {
         (self.middle - self.middle.floor() - 0.5).abs() - self.reach
     }
 }
 
-/// The field in a cube: what is far is interpolated there, so that only the near field is evaluated for every point.
+/// Field in a cube. The far field is interpolated there, so only the near field is evaluated at
+/// every point.
 pub(super) struct LocalField<'a> {
     field: &'a WindingField,
-    /// Grid steps along a cell.
+    /// Width of a cell in grid units.
     cell: i32,
     middle: DVec3,
     half: f64,
-    /// Far field at Chebyshev's nodes.
+    /// Far field at the Chebyshev nodes.
     far: Option<[f32; ALL]>,
-    /// The near part of the field.
+    /// Groups of the near field.
     open: Vec<Group>,
 }
 
 impl<'a> LocalField<'a> {
-    /// The field in a cube inside this one.
+    /// Field in a cube inside this one.
     pub(super) fn narrow(&self, middle: DVec3, half: f64) -> LocalField<'a> {
         let axes: [[f64; NODES]; 3] =
             std::array::from_fn(|axis| CHEBYSHEV.map(|node| middle[axis] + half * node));
@@ -99,14 +102,15 @@ impl<'a> LocalField<'a> {
         }
         let mut far = Surroundings::new(half * 3f64.sqrt() / f64::from(self.cell));
         let (mut near, mut open) = (Vec::new(), self.open.clone());
-        // In the least cubes, the triangles of groups that are not far are found once for all of them.
+        // In the smallest cubes, groups that are not distant are resolved to triangles once for all
+        // points.
         let is_small = half <= f64::from(4 * self.cell);
         while let Some(group) = open.pop() {
             let distance = ((group.centre - middle).abs() - half).max(DVec3::ZERO).length();
             let radius = f64::from(group.radius);
             let mut gap = distance - radius;
             if group.is_triangle() {
-                // The ball around a large triangle reaches into far more than the triangle does.
+                // The bounding ball of a large triangle extends far beyond the triangle.
                 gap =
                     gap.max(gap_between(self.field.triangles[group.first as usize].map(wide), middle, half));
             }
@@ -134,7 +138,7 @@ impl<'a> LocalField<'a> {
         LocalField { field: self.field, cell: self.cell, middle, half, far: Some(nodes), open: near }
     }
 
-    /// A group as a dipole, from a point.
+    /// Group as a dipole, relative to a point.
     fn far(&self, group: &Group, from: DVec3) -> Far {
         let step = 1.0 / f64::from(self.cell);
         Far {
@@ -144,12 +148,12 @@ impl<'a> LocalField<'a> {
         }
     }
 
-    /// A triangle's corners, from a point.
+    /// Vertices of a triangle, relative to a point.
     fn corners(&self, number: u32, from: DVec3) -> [DVec3; 3] {
         self.field.triangles[number as usize].map(|corner| (wide(corner) - from) / f64::from(self.cell))
     }
 
-    /// The far field at a lattice of points, given by their coordinates along each axis.
+    /// Far field at a lattice of points, given by coordinates along each axis.
     fn far_at(&self, axes: [&[f64]; 3]) -> Vec<f32> {
         let Some(far) = &self.far else { return vec![0.0; axes.map(<[f64]>::len).iter().product()] };
         let [x, y, z]: [Vec<_>; 3] = std::array::from_fn(|axis| {
@@ -159,9 +163,10 @@ impl<'a> LocalField<'a> {
         interpolate(far, [&x, &y, &z])
     }
 
-    /// The field at a lattice of grid points in the cube, given by their coordinates along each axis, x fastest, then y,
-    /// then z; near groups are found for `side` points along each axis at a time. Points on triangles lie beside them, as
-    /// [`Projected`](spinney_brep::exact::lattice::Projected) has it.
+    /// Field at a lattice of grid points in the cube, given by coordinates along each axis; x
+    /// fastest, then y, then z. Near groups are collected for `side` points along each axis at a
+    /// time. Points on triangles are perturbed off them as in
+    /// [`Projected`](spinney_brep::exact::lattice::Projected).
     pub(super) fn at_lattice(
         &self,
         axes: [&[i32]; 3],
@@ -196,7 +201,7 @@ impl<'a> LocalField<'a> {
         Ok(values)
     }
 
-    /// Adds the near field at grid points that are near each other.
+    /// Adds the near field at grid points that are close to each other.
     fn add_near(&self, points: &[[i32; 3]], sums: &mut [f32]) {
         let extreme = |pick: fn(DVec3, DVec3) -> DVec3| points.iter().map(|at| wide(*at)).reduce(pick);
         let (Some(least), Some(most)) = (extreme(DVec3::min), extreme(DVec3::max)) else { return };
@@ -223,7 +228,8 @@ impl<'a> LocalField<'a> {
         if doubtful.is_empty() {
             return;
         }
-        // Beside a triangle's plane there is no doubt, and how many triangles lie between is exact.
+        // Off the triangle's plane there is no doubt, and the number of triangles in between is
+        // exact.
         let near: Vec<Triangle> = near
             .into_iter()
             .map(|number| Triangle { corners: self.field.triangles[number as usize], attribute: 0, part: 0 })
@@ -254,7 +260,7 @@ impl<'a> LocalField<'a> {
     }
 }
 
-/// A bound from below of the distance between a triangle and a cube: that of its box, or of its plane.
+/// Lower bound of the distance between a triangle and a cube: that of its box, or of its plane.
 fn gap_between(corners: [DVec3; 3], middle: DVec3, half: f64) -> f64 {
     let [a, b, c] = corners.map(|corner| corner - middle);
     let (low, high) = (a.min(b).min(c), a.max(b).max(c));
@@ -262,7 +268,7 @@ fn gap_between(corners: [DVec3; 3], middle: DVec3, half: f64) -> f64 {
     let normal = (b - a).cross(c - a);
     let sides = normal.abs();
     let of_plane = (a.dot(normal).abs() - half * (sides.x + sides.y + sides.z)) / normal.length();
-    // (A triangle without an area has no plane.)
+    // (A triangle without area has no plane.)
     of_box.max(of_plane)
 }
 
@@ -271,11 +277,11 @@ mod tests {
     use super::super::field::solid_angle;
     use super::*;
 
-    /// Error of the field, as stated.
+    /// Error of the field, as documented.
     const BOUND: f64 = 0.01;
     const CELL: i32 = 1 << 10;
 
-    /// The field by its definition, of a point moved a little to where it is thought to be.
+    /// Field by its definition, at the point with its symbolic perturbation.
     fn exact(triangles: &[Triangle], at: [i32; 3]) -> f64 {
         let at = wide(at) + DVec3::new(1e-2, 1e-4, 1e-6);
         let angles =
@@ -283,7 +289,8 @@ mod tests {
         angles.sum::<f64>() / (4.0 * std::f64::consts::PI)
     }
 
-    /// The greatest error of the field in a cube of 8 x 8 x 8 cells, found from a cube of 64 x 64 x 64.
+    /// Maximum error of the field in a cube of 8 x 8 x 8 cells, computed from a cube of 64 x 64 x
+    /// 64.
     fn error(field: &WindingField, triangles: &[Triangle], corner: [i32; 3]) -> f64 {
         let place = |corner: [i32; 3], half: i32| wide(corner) + f64::from(half);
         let block = field.local(place([0; 3], 32 * CELL), f64::from(32 * CELL), CELL);

@@ -1,4 +1,5 @@
-//! Solids from models: vertices are snapped to a grid, triangles become a source, the source becomes a tree.
+//! Solids from models: vertices are snapped to a grid, triangles become a source, and the source
+//! becomes a tree.
 
 mod bits;
 mod boundary;

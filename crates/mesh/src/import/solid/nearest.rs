@@ -1,27 +1,29 @@
-//! The nearest face behind which a point of an open surface lies.
+//! Nearest face of an open surface that has a point on its inner side.
 
 use glam::DVec3;
 
 use super::field::{LEAF, WindingField, wide};
 use spinney_brep::exact::bounds::SOLID_BITS;
 
-/// Factor for distances, by which they stay bounds of those of triangles however both are rounded: some ten times each.
+/// Factor that keeps distances lower bounds of triangle distances despite rounding: about ten times
+/// the rounding error of each.
 const ROUNDED_DOWN: f64 = 1.0 - 1e-9;
 const _: () = assert!(1.0 - ROUNDED_DOWN > 40.0 * f64::EPSILON);
-/// Grid steps for the same, where a distance is the little that is left of coordinates on the grid, which may be off by
-/// a few roundings of the largest.
+/// The same as an absolute margin in grid units. It covers cancellation, where a small distance has
+/// a few rounding errors of the largest grid coordinates.
 const STEPS_LESS: f64 = 1e-3;
 const _: () = assert!(STEPS_LESS > 8.0 * f64::EPSILON * (2u64 << SOLID_BITS) as f64);
 
 impl WindingField {
-    /// Attribute at a point inside, in grid steps, of what may be turned inside out: that of the nearest triangle
-    /// behind which it lies, the least of several. (Of two bodies that touch, one is behind the wall and the other
-    /// before it.)
+    /// Attribute at a point inside, in grid units: that of the nearest triangle with the point on
+    /// its inner side, or the minimum if several are equally near. `is_inverted` swaps the sides,
+    /// for inverted surfaces. (Of two touching bodies, one is on the inner side of the common wall
+    /// and the other on its outer side.)
     pub(super) fn attribute(&self, point: DVec3, is_inverted: bool) -> u32 {
         if let [attribute] = self.attributes[..] {
             return attribute;
         }
-        // In what is turned inside out, it lies before them.
+        // In an inverted surface, the point is on the outer side.
         let behind = if is_inverted { -1.0 } else { 1.0 };
         let (mut best, mut any) = ((f64::INFINITY, 0), (f64::INFINITY, 0));
         let mut open = if self.groups.is_empty() { Vec::new() } else { vec![0] };
@@ -42,31 +44,31 @@ impl WindingField {
                 }
                 continue;
             }
-            // The nearer part first, so that it rules out the other.
+            // The nearer child first, so that it rules out the other.
             let (a, b) = (index + 1, self.groups[index as usize + 1].next);
             let is_nearer = self.least_distance(a, point) <= self.least_distance(b, point);
             open.extend(if is_nearer { [b, a] } else { [a, b] });
         }
-        // (None may be there where a surface is loose.)
+        // (A surface of loose faces may have none.)
         if best.0.is_finite() { best.1 } else { any.1 }
     }
 
-    /// Distance from which on a group's triangles lie; a little less, for rounding.
+    /// Lower bound of the distance to a group's triangles, reduced for rounding.
     fn least_distance(&self, index: u32, point: DVec3) -> f64 {
         let group = &self.groups[index as usize];
         ((group.centre.distance(point) - f64::from(group.radius)) * ROUNDED_DOWN - STEPS_LESS).max(0.0)
     }
 }
 
-/// The nearer of two triangles, each with the square of its distance and its attribute; of equally near ones that
-/// with the lesser attribute.
+/// The nearer of two triangles, given as squared distance and attribute. Ties resolve to the
+/// smaller attribute.
 fn nearer(one: (f64, u32), other: (f64, u32)) -> (f64, u32) {
     let is_other = other.0 < one.0 || (other.0 == one.0 && other.1 < one.1);
     if is_other { other } else { one }
 }
 
-/// Square of the distance of a point from a triangle: from its plane if it lies over the triangle, else from the
-/// nearest edge.
+/// Squared distance of a point from a triangle: from its plane if the point projects into the
+/// triangle, otherwise from the nearest edge.
 fn distance_squared([a, b, c]: &[DVec3; 3], point: DVec3) -> f64 {
     let normal = (*b - *a).cross(*c - *a);
     let edges = [(a, b), (b, c), (c, a)];
@@ -88,7 +90,7 @@ mod tests {
 
     #[test]
     fn points_have_the_attribute_of_the_nearest_face_that_they_are_behind() {
-        // Boxes in a row that share walls, each with an attribute of its own.
+        // Boxes in a row that share walls, each with its own attribute.
         let cube = |i: i32| {
             let p = |corner: i32| [100 * (i + (corner & 1)), 100 * (corner >> 1 & 1), 100 * (corner >> 2)];
             let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];

@@ -1,24 +1,25 @@
-//! The octants of a region that a triangle reaches into.
+//! Octants of a region that a triangle reaches into.
 
 use super::grid::{Grid, Triangle};
 use spinney_base::space::{Code, CodeRun, Dimension};
 use spinney_brep::geometry::{Intersection, Stage, triangle};
 
-/// The octants of a region, beside a triangle that reaches into the region.
+/// Octants of a region, for a triangle that reaches into the region.
 pub(super) struct Octants<'t> {
     triangle: &'t Triangle,
-    /// Grid coordinates of the region's first corner.
+    /// Grid coordinates of the region's minimum corner.
     min: [i32; 3],
     /// Width of an octant.
     half: i32,
-    /// The halves that the triangle's box reaches into along each axis: walls belong to neither.
+    /// Halves that the triangle's bounding box reaches into along each axis; walls belong to
+    /// neither.
     halves: [[bool; 2]; 3],
-    /// Whether that is one at most along each.
+    /// Whether that is at most one half along each axis.
     is_in_one: bool,
 }
 
 impl<'t> Octants<'t> {
-    /// The octants of a region that begins at `min` and is so wide.
+    /// Octants of a region with this minimum corner and width.
     pub(super) fn of(triangle: &'t Triangle, min: [i32; 3], width: i32) -> Octants<'t> {
         let half = width / 2;
         let halves: [[bool; 2]; 3] = std::array::from_fn(|axis| {
@@ -35,7 +36,8 @@ impl<'t> Octants<'t> {
         if (0..3).any(|axis| !self.halves[axis][octant >> axis & 1]) {
             return Intersection { cuts: false, stage: Stage::Boxes };
         }
-        // In one half along each axis, its box is within one octant: what cuts the region cuts that one, untested.
+        // The box is in one half along each axis, so in one octant. A triangle that cuts the region
+        // cuts this octant without further tests.
         if self.is_in_one {
             return Intersection { cuts: true, stage: Stage::Boxes };
         }
@@ -47,7 +49,8 @@ impl<'t> Octants<'t> {
     }
 }
 
-/// Whether a triangle reaches into a node of a run, as it is found when regions are divided from the root on.
+/// Whether a triangle reaches into a node of a run, by the same tests as dividing regions from the
+/// root.
 pub(super) fn is_in_run(run: CodeRun, grid: &Grid, triangle: &Triangle) -> bool {
     let width = grid.cell() << grid.depth;
     is_in_node(run, triangle, (Code::root(Dimension::Oct), [0; 3], width))
@@ -57,8 +60,9 @@ fn is_in_node(run: CodeRun, triangle: &Triangle, (code, min, width): (Code, [i32
     if run.contains(code) {
         return true;
     }
-    // Invariant: these are the tests that one build does from the root on, in their order, so that a node has the same triangles however little of the surface
-    // was kept. (Runs are cut at nodes above the cells.)
+    // Invariant: these are the tests of a single-process build from the root, in the same order. A
+    // node therefore has the same triangles, regardless of how little of the surface was kept.
+    // (Runs are cut at nodes above the cells.)
     let octants = Octants::of(triangle, min, width);
     (0..8).filter(|octant| run.touches(code.child(*octant))).any(|octant| {
         let corner = std::array::from_fn(|axis| min[axis] + (octant >> axis & 1) as i32 * octants.half);

@@ -1,11 +1,11 @@
-//! Fills one block of cells inside a surface that is not closed.
+//! Fills a block of cells inside a surface that is not closed.
 //!
-//! A surface without the edges of its holes is closed as far as one can see from within a cube: without the steps that
-//! the surface's crossings tell, its winding field is smooth there. In cubes away from such edges it is found at some
-//! cells, interpolated, and the steps are added again. Other cubes are divided, down to cubes of 8 x 8 x 8 cells in which
-//! it is found at each cell.
+//! Away from the edges of its holes, a surface is locally closed. Without the jumps at the
+//! surface's crossings, the winding field is smooth there. In cubes away from such edges, the field
+//! is evaluated at a few cells and interpolated, and the jumps are added again. Other cubes are
+//! subdivided, down to 8 x 8 x 8 cells, where the field is evaluated at each cell.
 //!
-//! Cells whose winding field differs from one half by less than a hundredth may be inside or outside: see
+//! Cells whose winding field differs from one half by less than 0.01 may be inside or outside: see
 //! [`local`](super::local).
 
 use glam::DVec3;
@@ -25,15 +25,15 @@ use spinney_base::space::EdgeRule;
 use spinney_brep::exact::lattice::Lattice;
 use spinney_brep::geometry::triangle;
 
-/// Bound of the error of interpolation up to which a cube is not divided.
+/// Maximum interpolation error bound at which a cube is not subdivided.
 const TOLERANCE: f64 = 0.01;
-/// Cells along an axis for which near triangles are found together.
+/// Cells along an axis for which near triangles are collected together.
 const TOGETHER: usize = 4;
-/// Points of a cell along an axis by which coverage is told where it cannot be exact.
+/// Sample points per cell and axis, for coverage that cannot be exact.
 const SAMPLES: usize = 4;
 
-/// The cells of a block by a winding field; also how many cells without a face it could not tell apart from
-/// others for sure.
+/// Cells of a block by a winding field. Also returns the number of cells without faces whose state
+/// is in doubt.
 pub(super) fn block(
     fill: &FillOptions<'_>,
     field: &WindingField,
@@ -61,37 +61,37 @@ struct Open<'a> {
     field: &'a WindingField,
     min: [i32; 3],
     painter: Painter<'a>,
-    /// Interpolation in cubes, from the least on.
+    /// Interpolation in cubes, by height, from the smallest on.
     cubics: Vec<Cubic>,
     undecided: u64,
 }
 
-/// A cube of cells of the block.
+/// Cube of cells in the block.
 #[derive(Clone, Copy)]
 struct Place {
-    /// The cell at which it begins.
+    /// First cell of the cube.
     at: [usize; 3],
     height: u8,
-    /// The grid point at which it begins.
+    /// Grid point of the cube's minimum corner.
     corner: [i32; 3],
 }
 
 impl Place {
-    /// The cell with a number in the cube, x fastest, then y, then z.
+    /// Cell with this index in the cube; x fastest, then y, then z.
     fn cell(&self, number: usize) -> [usize; 3] {
         let mask = (1usize << self.height) - 1;
         [number & mask, number >> self.height & mask, number >> (2 * self.height)]
     }
 }
 
-/// The field at the cells of a cube.
+/// Field at the cells of a cube.
 struct Fields {
     values: Vec<f32>,
     place: Place,
 }
 
 impl Fields {
-    /// The values of a part of the cube.
+    /// Values of a subcube.
     fn part(&self, part: Place) -> Vec<f32> {
         let height = self.place.height;
         let first: [usize; 3] = std::array::from_fn(|axis| part.at[axis] - self.place.at[axis]);
@@ -110,13 +110,13 @@ impl Open<'_> {
         Place { at, height, corner }
     }
 
-    /// The cube of one cell of a cube.
+    /// Cube of a single cell.
     fn cell(&self, place: Place, number: usize) -> Place {
         let cell = place.cell(number);
         self.place(std::array::from_fn(|axis| place.at[axis] + cell[axis]), 0)
     }
 
-    /// The middle of a cube, and half of its width.
+    /// Centre of a cube, and half of its width.
     fn middle(&self, place: Place) -> (DVec3, f64) {
         let half = f64::from(self.fill.cell() << place.height) / 2.0;
         (wide(place.corner) + half, half)
@@ -159,8 +159,8 @@ impl Open<'_> {
         &self.cubics[usize::from(height - Cubic::LEAST)]
     }
 
-    /// Fills a cube without rims near it, by interpolation of the field without the surface's steps; `false` if it has to
-    /// be divided.
+    /// Fills a cube without rims near it, by interpolation of the field without its jumps. Returns
+    /// `false` if the cube has to be subdivided.
     fn smooth(
         &mut self,
         local: &LocalField<'_>,
@@ -170,7 +170,7 @@ impl Open<'_> {
     ) -> Result<bool> {
         let Place { height, corner, .. } = place;
         let (lattice, progress) = (&self.fill.lattice, self.fill.progress);
-        // Winding numbers against that of the first cell.
+        // Winding numbers relative to that of the first cell.
         let mut windings =
             windings_at_centres(lattice, triangles, corner, height, State::default(), progress)?;
         let cubic = self.cubic(height);
@@ -215,7 +215,7 @@ impl Open<'_> {
     fn whole(&mut self, windings: &[i32], triangles: &[Triangle], place: Place) {
         let number = windings.iter().position(|winding| *winding != 0);
         let Some(number) = number else { return };
-        // All of a cube without faces is behind the same one, as far as that can be said.
+        // All cells of a cube without faces have the same nearest face, approximately.
         let middle = self.middle(place).0;
         let attribute = triangles.is_empty().then(|| self.attribute(middle, windings[number] < 0));
         for (number, winding) in windings.iter().enumerate().filter(|(_, winding)| **winding != 0) {
@@ -250,8 +250,8 @@ impl Open<'_> {
         self.fields(&values, triangles, &|_, _| Ok(0), place)
     }
 
-    /// Fills a part of a cube with the cells' coverage, from the field at each cell: exactly where no rim is and the field
-    /// is nearly whole, and by points of the field in other cells that are cut.
+    /// Fills a subcube with the cells' coverage, from the field at each cell. Coverage is exact if
+    /// there is no rim and the field is nearly integral; other cut cells are sampled.
     fn covered(
         &mut self,
         local: &LocalField<'_>,
@@ -292,7 +292,7 @@ impl Open<'_> {
         Ok(())
     }
 
-    /// The eight parts of a cube, with the triangles that reach into them.
+    /// Eight octants of a cube, with the triangles that reach into them.
     fn parts(&self, place: Place, triangles: &[Triangle]) -> [(Place, Vec<Triangle>); 8] {
         std::array::from_fn(|child| {
             let height = place.height - 1;
@@ -307,20 +307,20 @@ impl Open<'_> {
         })
     }
 
-    /// Coordinates of the points by which the coverage of some cells in a row is told.
+    /// Coordinates of the sample points of several cells in a row.
     fn samples(&self, corner: i32, cells: usize) -> Vec<i32> {
         let step = self.fill.cell() / SAMPLES as i32;
         (0..cells * SAMPLES).map(|at| corner + at as i32 * step + step / 2).collect()
     }
 
-    /// The winding field without the surface's steps, from its values at nodes, with them again at the points by which
-    /// the coverage of a cube's cells is told: for each cell the number of those that are inside.
+    /// Counts the sample points of each cell of a cube that are inside. The field without its jumps
+    /// is interpolated from the nodes; the jumps are added again at the sample points.
     fn sampled(&self, nodes: &[f32; ALL], triangles: &[Triangle], place: Place) -> Result<Vec<u8>> {
         let Place { height, corner, .. } = place;
         let cell = self.fill.cell();
         let lattice = Lattice { per_cell: [0; 3], step: [cell / SAMPLES as i32; 3] };
         let fine = height + SAMPLES.ilog2() as u8;
-        // Against the same cell as at the nodes.
+        // Relative to the same cell as at the nodes.
         let mut at = corner.map(|corner| corner + cell / 2);
         let first = lattice.first(corner);
         let winding = change::<0>(triangles, &mut at, first)
@@ -338,8 +338,8 @@ impl Open<'_> {
         Ok(counts)
     }
 
-    /// Fills a cube from the field at its cells; of those that are cut, coverage is told by how many of their points are
-    /// inside.
+    /// Fills a cube from the field at its cells. The coverage of cut cells is the number of their
+    /// sample points that are inside.
     fn fields(
         &mut self,
         values: &[f32],
@@ -378,12 +378,13 @@ impl Open<'_> {
         Ok(())
     }
 
-    /// The attribute at a point: that of the nearest face.
+    /// Attribute at a point: that of the nearest face.
     fn attribute(&self, point: DVec3, is_inverted: bool) -> u32 {
         if self.fill.attribute == Attribute::Occupancy { 0 } else { self.field.attribute(point, is_inverted) }
     }
 
-    /// Gives a cell its occupancy, or an attribute: that at its middle if none is known.
+    /// Sets a cell's occupancy or attribute. If `attribute` is `None`, it is that at the cell's
+    /// centre.
     fn set(&mut self, cell: Place, occupancy: u32, attribute: Option<u32>, is_inverted: bool) {
         let (height, [x, y, z]) = (self.painter.cells.height, cell.at);
         self.painter.cells.set(cell.at);

@@ -17,21 +17,21 @@ use spinney_container::{Metadata, Tag};
 use spinney_crs::{Crs, Frame};
 use spinney_engine::store::{BuildOptions, Packing, depth_for};
 
-/// Bytes of memory used if nothing is said.
+/// Default memory in bytes.
 pub const DEFAULT_MEMORY: u64 = 256 << 20;
 
 /// Resolution of the cells.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Resolution {
-    /// Number of cells along the longest side of the models' box.
+    /// Number of cells along the longest side of the models' bounding box.
     Cells(u64),
-    /// Cells of this width, in units of the models; walls between cells lie at its multiples, so that all
-    /// trees of one width fit together.
+    /// Width of the cells, in units of the models. Cell walls are at multiples of it, so that all
+    /// trees with one width align.
     Cell(#[serde(with = "spinney_base::text_fields")] f64),
     /// Depth of the tree, which is as wide as the models.
     Depth(u8),
-    /// The cells of another tree: its frame and depth.
+    /// Cells of another tree: its frame and depth.
     #[serde(skip)]
     Like(Frame, u8),
 }
@@ -43,32 +43,34 @@ pub enum Resolution {
 pub struct SolidOptions {
     /// Resolution of the cells.
     pub resolution: Resolution,
-    /// Rule for the cells that the surface cuts. Of [`EdgeRule::Area`] closed surfaces are clipped to the cells, which is exact,
-    /// also where bodies overlap; cells with more than 48 faces that are turned against each other are divided into 4 x 4 x 4
-    /// parts, and these once more. Of open surfaces, cells at the edges of holes are sampled by 4 x 4 x 4 points of the winding
-    /// field. Of cells that several objects fill a part of, what is inside any counts, exactly away from holes and from faces that
-    /// are turned inside out.
+    /// Rule for the cells that the surface cuts.
+    ///
+    /// With [`EdgeRule::Area`], closed surfaces are clipped to the cells, which is exact, also
+    /// where bodies overlap. Cells with more than 48 faces of opposing orientations are subdivided
+    /// into 4 x 4 x 4 subcells, at most twice. Of open surfaces, cells at the edges of holes are
+    /// sampled by 4 x 4 x 4 points of the winding field. In cells that several objects fill partly,
+    /// the inside of any object counts; this is exact away from holes and inverted faces.
     pub edge: EdgeRule,
     /// Meaning of the cells' values.
     pub attribute: Attribute,
-    /// Only the cells that the surface cuts, instead of the whole solid.
+    /// Whether to fill only the cells that the surface cuts, instead of the whole solid.
     pub shell: bool,
-    /// Axis of the models that points up; y is turned to z.
+    /// Axis of the models that points up; y is rotated to z.
     pub up: Up,
-    /// Unit of length of the models' coordinates, to be kept in the file.
+    /// Unit of length of the models' coordinates, stored in the file.
     pub unit: Option<String>,
-    /// The coordinate system; otherwise the models'.
+    /// Coordinate system; by default the models' own.
     pub crs: Option<Crs>,
-    /// Bytes of memory for everything.
+    /// Total memory in bytes.
     #[serde(skip)]
     pub memory: u64,
     /// Whether equal subtrees are stored once, in Autumnal files.
     #[serde(skip)]
     pub share: bool,
-    /// Time of the commit that an Autumnal file begins with, in seconds since the beginning of 1970.
+    /// Time of the first commit of an Autumnal file, in seconds since 1970-01-01.
     #[serde(skip)]
     pub time: Option<i64>,
-    /// How few bytes the file is to take, and what it may lose for that.
+    /// Compression of the file, and the loss that it allows.
     pub packing: Packing,
 }
 
@@ -102,21 +104,21 @@ impl SolidOptions {
     }
 }
 
-/// Models that are open and understood, ready to be built: see [`SolidImport::build`].
+/// Opened and validated models, ready for building: see [`SolidImport::build`].
 pub struct SolidImport {
     pub(super) models: Vec<Box<dyn Model>>,
     pub(super) options: SolidOptions,
     pub(super) grid: Grid,
     pub(super) lattice: Lattice,
-    /// The box around the faces.
+    /// Bounding box of the faces.
     pub(super) bounds: [[f64; 3]; 2],
     /// Cells along each axis that can be other than VOID.
     pub(super) extent: [u64; 3],
-    /// Numbers of the parts whose faces count, those of one model after those of the one before; otherwise all.
+    /// Parts whose faces count, numbered consecutively over the models; all if `None`.
     pub(super) only: Option<BTreeSet<u32>>,
-    /// The object that each of these parts belongs to, where that is not one part alone or one file.
+    /// Object of each part, if objects are other than single parts or files.
     pub(super) objects: Option<Vec<u32>>,
-    /// Knowledge of the whole surface, where a part of the tree is to be made.
+    /// Survey of the whole surface, if only a shard of the tree is built.
     pub(super) survey: Option<SolidSurvey>,
     description: Vec<(&'static str, String)>,
 }
@@ -127,18 +129,18 @@ impl SolidImport {
         &self.description
     }
 
-    /// Levels of the tree.
+    /// Depth of the tree.
     pub fn depth(&self) -> u8 {
         self.grid.depth
     }
 
-    /// A point of a model, as it lies in the world.
+    /// Rotates a point of a model to world coordinates.
     pub(super) fn turn(&self, point: [f64; 3]) -> [f64; 3] {
         self.options.up.to_z_up(point)
     }
 }
 
-/// Decides how the tree of some models is built. Several models become one solid.
+/// Plans how the tree of the given models is built. Several models become one solid.
 ///
 /// ```
 /// use spinney::import::mesh::{Resolution, SolidOptions, open_all, plan_models};
@@ -156,15 +158,15 @@ impl SolidImport {
 /// ```
 ///
 /// # Errors
-/// If the options do not fit the models, or these cannot be read or have no faces: all are read, for the box
-/// around them.
+/// If the options do not fit the models, or if these cannot be read or have no faces. All models
+/// are read to determine their bounding box.
 pub fn plan_models(mut models: Vec<Box<dyn Model>>, options: &SolidOptions) -> Result<SolidImport> {
     check(&models, options)?;
     let bounds = bounds(&mut models, options.up)?;
     plan_in(models, options, bounds)
 }
 
-/// Plans a tree of models whose faces have this box.
+/// Plans a tree of models whose faces have these bounds.
 pub(super) fn plan_in(
     models: Vec<Box<dyn Model>>,
     options: &SolidOptions,
@@ -209,7 +211,7 @@ fn check(models: &[Box<dyn Model>], options: &SolidOptions) -> Result<()> {
     Ok(())
 }
 
-/// The coordinate system of all models, or that of the tree that they are to be like.
+/// Common coordinate system of all models, and of the tree to align with.
 pub(in crate::import) fn common_crs(models: &[Box<dyn Model>], like: Option<Crs>) -> Result<Option<Crs>> {
     let mut known = like.map(|crs| ("the tree to be like".to_string(), crs));
     for info in models.iter().map(|model| model.info()) {
@@ -217,14 +219,15 @@ pub(in crate::import) fn common_crs(models: &[Box<dyn Model>], like: Option<Crs>
         match (&known, &info.crs) {
             (Some((first, crs)), Some(other)) => Crs::check_same((first, Some(crs)), (&name, Some(other)))?,
             (None, Some(crs)) => known = Some((name, crs.clone())),
-            // Most formats cannot tell one: coordinates are then those of the others.
+            // Most formats cannot store a coordinate system; the others' then applies.
             (_, None) => {}
         }
     }
     Ok(known.map(|(_, crs)| crs))
 }
 
-/// The box around the faces of all models: a vertex far away that no face uses would make all cells large.
+/// Bounding box of the faces of all models. Unused vertices are ignored: a distant one would make
+/// all cells large.
 pub(in crate::import) fn bounds(models: &mut [Box<dyn Model>], up: Up) -> Result<[[f64; 3]; 2]> {
     let mut all = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
     for model in models.iter_mut() {
@@ -249,7 +252,7 @@ pub(in crate::import) fn bounds(models: &mut [Box<dyn Model>], up: Up) -> Result
     Ok(all)
 }
 
-/// The error of a model whose faces are all points or lines on a grid of this step.
+/// Error of a model whose faces are all points or lines on a grid with this unit.
 pub(in crate::import) fn flat_faces(path: &Path, [min, max]: [[f64; 3]; 2], step: f64) -> Error {
     let place = |[x, y, z]: [f64; 3]| format!("{x:e}, {y:e}, {z:e}");
     let found = format!(
@@ -262,16 +265,17 @@ pub(in crate::import) fn flat_faces(path: &Path, [min, max]: [[f64; 3]; 2], step
 
 /// Cells over a model.
 pub struct FittedCells {
-    /// Where they lie.
+    /// Frame of the cells.
     pub frame: Frame,
-    /// Levels of their tree.
+    /// Depth of their tree.
     pub depth: u8,
     /// Cells along each axis that can be other than VOID.
     pub extent: [u64; 3],
 }
 
 impl FittedCells {
-    /// Options of building a tree of these cells of a solid whose coverage is known, with what is told of it: its provenance, and tags beside those that the options say.
+    /// Options for building a tree of these cells from a solid with known coverage. `provenance`
+    /// and `tags` are added to the metadata that the options define.
     pub fn build_options(
         &self,
         options: &SolidOptions,
@@ -299,7 +303,7 @@ impl FittedCells {
 /// Lays cells over a box.
 ///
 /// # Errors
-/// If the options ask for too many cells, or for ones that are too small.
+/// If the options result in too many cells, or in cells that are too small.
 pub fn fit_cells([min, max]: [[f64; 3]; 2], options: &SolidOptions) -> Result<FittedCells> {
     let size: [f64; 3] = std::array::from_fn(|axis| max[axis] - min[axis]);
     let longest = size.into_iter().fold(0.0, f64::max);
@@ -310,13 +314,14 @@ pub fn fit_cells([min, max]: [[f64; 3]; 2], options: &SolidOptions) -> Result<Fi
         }
         Err(Error::invalid("cells along the longest side", cells.to_string(), format!("1 to {most} (2^19)")))
     };
-    // What a model reaches into a cell by less than this part of it is rounding, of decimals in files as in what was
-    // computed from them: about a step of the finest grid.
+    // Protrusions into a cell of less than this fraction of its width count as rounding errors, of
+    // decimals in files or of computed coordinates. It is about a unit of the finest grid.
     const TOUCH: f64 = 1e-6;
-    // Far from the origin, in cells, numbers of cells are rounded by more.
+    // Far from the origin, in cells, the rounding error of cell numbers is larger.
     let touch = |cells: f64| TOUCH.max(cells.abs() * ROUNDINGS * f64::EPSILON);
     const ROUNDINGS: f64 = 4.0;
-    // A flat surface in a wall between cells would cut none: it is laid through the middle of its cells.
+    // A flat surface in a wall between cells would cut none; it is moved to the middle of its
+    // cells.
     let around = |cell: f64| -> [f64; 3] {
         let is_moved = |axis: usize| options.marks_cut_cells() && size[axis] == 0.0;
         std::array::from_fn(|axis| min[axis] - if is_moved(axis) { cell / 2.0 } else { 0.0 })

@@ -1,8 +1,9 @@
-//! The rims of a surface's holes: where its winding field is not smooth.
+//! Rims: edges of a surface's holes, where its winding field is not smooth.
 //!
-//! But for the steps by one at the surface itself, a winding field changes as the magnetic field of a current along the
-//! rims is (Biot and Savart): its gradient at a point is the sum over all pieces of a rim of the piece times the
-//! direction to it over the square of its distance, and each further derivative takes another distance.
+//! Except for the jumps by one at the surface itself, a winding field behaves like the magnetic
+//! field of a current along the rims (Biot and Savart). Its gradient at a point is the integral,
+//! over the rim, of the line element times the direction to it over the squared distance. Each
+//! further derivative is divided by another distance.
 
 use glam::DVec3;
 
@@ -10,25 +11,27 @@ use super::closure::edge_number;
 use super::grid::{Triangle, place_key};
 use spinney_base::sort;
 
-/// Edges that are looked at together.
+/// Edges that are tested together.
 const CHUNK: usize = 64;
-/// Distance of a piece from a cube, in half widths of the cube, from which on it is the same for all of the cube.
+/// Distance of a rim segment from a cube, in half widths of the cube, above which it counts as
+/// equal for the whole cube.
 const FAR: f64 = 3.0;
-/// Greatest length of a piece that is nearer, by its distance and half of the cube's half width.
+/// Maximum length of a closer segment, relative to its distance plus half of the cube's half width.
 const LENGTH: f64 = 0.5;
 
-/// Pieces that are listed for a cube at most; where there are more, the cube is divided without a look at them.
+/// Maximum number of segments that are listed for a cube. A cube with more is subdivided without
+/// inspecting them.
 const MANY: usize = 1 << 15;
 
-/// All edges that are a surface's boundary.
+/// All boundary edges of a surface.
 #[derive(Debug)]
 pub(super) struct Rims {
     edges: Vec<[[i32; 3]; 2]>,
-    /// A ball around each [`CHUNK`] of the edges, and their length.
+    /// Bounding ball of each [`CHUNK`] of edges, and their total length.
     chunks: Vec<(EdgePart, f64)>,
 }
 
-/// A piece of an edge, or what is in a ball: from its middle to one end.
+/// Segment of an edge, or a bounding ball. `half` is the vector from the middle to one end.
 #[derive(Clone, Copy, Debug)]
 struct EdgePart {
     middle: DVec3,
@@ -41,21 +44,21 @@ impl EdgePart {
         EdgePart { middle: from.midpoint(to), half: (to - from) / 2.0 }
     }
 
-    /// Distance from which on it lies from a cube.
+    /// Lower bound of its distance from a cube.
     fn gap(&self, middle: DVec3, half: f64) -> f64 {
         ((self.middle - middle).abs() - half).max(DVec3::ZERO).length() - self.half.length()
     }
 }
 
 impl Rims {
-    /// Bytes of memory that the rims of this number of triangles take at most.
+    /// Maximum memory in bytes of the rims of this number of triangles.
     pub(super) fn memory(triangles: usize) -> u64 {
         (3 * triangles * size_of::<[[i32; 3]; 2]>()) as u64
     }
 
-    /// The edges that triangles have more often in one direction than in the other.
+    /// Edges that the triangles have more often in one direction than in the other.
     pub(super) fn new(triangles: &[Triangle]) -> Rims {
-        // Their numbers, then whether they go forward, then which edge of which triangle they are.
+        // Edge hash, then whether the edge runs forward, then which edge of which triangle it is.
         let mut numbers: Vec<u128> = Vec::with_capacity(3 * triangles.len());
         for (index, triangle) in (0u32..).zip(triangles) {
             for side in 0..3 {
@@ -76,7 +79,7 @@ impl Rims {
             edges.extend((0..forward.abs_diff(same.len() - forward)).map(|_| edge));
         }
         drop(numbers);
-        // (Those in one place are in the order of their ends.)
+        // (Edges with equal keys are in the order of their ends.)
         sort::point_pairs(&mut edges);
         sort::by_key(&mut edges, |[from, to]| {
             place_key(std::array::from_fn(|axis| from[axis].midpoint(to[axis])))
@@ -91,7 +94,7 @@ impl Rims {
         Rims { chunks: edges.chunks(CHUNK).map(ball).collect(), edges }
     }
 
-    /// The rims as seen from a cube with this middle and half width.
+    /// Rims around a cube with this centre and half width.
     pub(super) fn around(&self, middle: DVec3, half: f64) -> Rim {
         let mut rim = Rim::default();
         for (edges, (ball, length)) in self.edges.chunks(CHUNK).zip(&self.chunks) {
@@ -109,26 +112,27 @@ impl Rims {
     }
 }
 
-/// An edge of a triangle.
+/// Edge of a triangle.
 fn edge(triangle: &Triangle, side: u32) -> [[i32; 3]; 2] {
     let side = side as usize;
     [triangle.corners[side], triangle.corners[(side + 1) % 3]]
 }
 
-/// Pieces of rims in a cube and around it.
+/// Rim segments in a cube and around it.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Rim {
-    /// Those that may go through the cube first: they tell that there is no bound.
+    /// Segments that may pass through the cube come first; with any of these there is no bound.
+    /// `within` is their number.
     pieces: Vec<EdgePart>,
     within: usize,
-    /// Sum over the pieces further away of their length by the fifth power of their distance.
+    /// Sum over more distant segments of length divided by the fifth power of distance.
     far: f64,
-    /// There are more than [`MANY`] pieces, and they are not listed.
+    /// Whether there are more than [`MANY`] segments, which are then not listed.
     has_too_many: bool,
 }
 
 impl Rim {
-    /// The rims, which are all of these, as seen from a cube inside this one.
+    /// Rims around a cube inside this one. `all` are all rims of the surface.
     pub(super) fn narrow(&self, all: &Rims, middle: DVec3, half: f64) -> Rim {
         if self.has_too_many {
             return all.around(middle, half);
@@ -138,7 +142,7 @@ impl Rim {
         rim
     }
 
-    /// Whether a rim may go through the cube.
+    /// Whether a rim may pass through the cube.
     pub(super) fn is_within(&self) -> bool {
         self.within > 0 || self.has_too_many
     }
@@ -162,8 +166,9 @@ impl Rim {
         }
     }
 
-    /// Bound in a cube inside this one of the fourth derivatives along the axes, by 24 and with the half width as unit of
-    /// length, of a field that is smooth there; infinite if it is beyond the limit, or a rim may go through the cube.
+    /// Bound of the smooth field's fourth derivatives along the axes, divided by 24, in a cube
+    /// inside this one, with the half width as unit of length. Infinite if it exceeds `limit`, or
+    /// if a rim may pass through the cube.
     pub(super) fn bend(&self, middle: DVec3, half: f64, limit: f64) -> f64 {
         if self.has_too_many {
             return f64::INFINITY;

@@ -1,5 +1,23 @@
-//! A solid bounded by triangles, as a source: space is divided until no triangle is left in a node, or down
-//! to blocks of cells.
+//! Solid bounded by triangles, as a tree source. Space is divided until a node has no triangles, or
+//! down to blocks of cells.
+//!
+//! ```text
+//!     |<--------- block: 64 cells per axis ---------->|
+//! min +-------+-------+-------+---         ---+-------+
+//!     |   o   |   o   |   o   |               |   o   |
+//!     +-------+-------+-------+---         ---+-------+
+//!     |   o   |   o   |   o   |               |   o   |
+//!     +-------+-------+-------+---         ---+-------+
+//!     |<----->| cell: 2^fraction grid units, the fixed-point units of the snapped vertices
+//!     |<->| half a cell, from a node's minimum corner to its first lattice point
+//!
+//! o  lattice point: the centre of a cell, where inside and outside are decided
+//! ```
+//!
+//! The lattice has one point per cell. A region is a node above the blocks, with the winding state
+//! at its first lattice point. Dividing a region follows seven lines from this point to the first
+//! lattice points of its eight children ([`Lines`]). A block's winding numbers spread from its
+//! first lattice point along z, y and x to all lattice points ([`windings`](super::windings)).
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -25,17 +43,17 @@ use spinney_brep::geometry::Stages;
 use spinney_engine::store::builder::ReusableSource;
 use spinney_engine::tree::{Child, Children, Source};
 
-/// Counters of a walk through a solid, shared by all threads.
+/// Counters of a traversal, shared by all threads.
 #[derive(Debug, Default)]
 pub(super) struct Counters {
-    /// Cells inside a surface that is not closed there, by the winding field.
+    /// Cells without faces whose state is in doubt by the winding field of an open surface.
     pub(super) undecided: AtomicU64,
-    /// By which tests triangles were found to cut octants or not.
+    /// Counts of the tests that decided whether triangles cut octants.
     pub(super) stages: Mutex<Stages>,
 }
 
-/// A surface that is inside or outside for itself: the solid is what any of them encloses. Where several do, the
-/// first gives the value.
+/// Surface with its own inside test. The solid is the union of what the surfaces enclose. Where
+/// several enclose a cell, the first one defines its value.
 pub(super) struct Surface {
     pub(super) inside: Inside,
     pub(super) triangles: Triangles,
@@ -47,40 +65,40 @@ impl Surface {
     }
 }
 
-/// The part of a solid whose triangles are there, and what is known of the whole.
+/// Shard of a solid: the run whose triangles are available, and the survey of the whole surface.
 pub(super) struct Part {
     pub(super) run: CodeRun,
     pub(super) survey: SolidSurvey,
 }
 
-/// A solid, or its surface, of values made from attributes.
+/// Solid, or its surface, with values derived from attributes.
 pub(super) struct Solid<'a> {
     form: TreeType,
     pub(super) fill: FillOptions<'a>,
-    /// Tests of the surfaces.
+    /// Inside tests of the surfaces.
     tests: Vec<Inside>,
-    /// The part that is there, if it is not all.
+    /// Shard that is built; `None` for the whole solid.
     part: Option<Part>,
-    /// Triangles that are taken to memory at once.
+    /// Maximum number of triangles that are loaded into memory at once.
     held: usize,
     root: UpperNode,
-    /// The value of an attribute.
+    /// Maps attributes to values.
     value: fn(u32) -> Value,
     pub(super) counters: Counters,
 }
 
-/// A node above the blocks.
+/// Node above the blocks.
 #[derive(Clone, Debug)]
 pub(super) struct UpperNode {
     level: u8,
-    /// Position among the nodes of its level.
+    /// Position at its level.
     position: [u32; 3],
-    /// The part of each surface that has one here, in the order of the surfaces.
+    /// Sheet of each surface that has one here, in the order of the surfaces.
     sheets: Vec<Sheet>,
 }
 
 impl UpperNode {
-    /// Triangles of all surfaces.
+    /// Number of triangles of all surfaces.
     fn triangles(&self) -> usize {
         self.sheets.iter().map(|sheet| sheet.triangles.len()).sum()
     }
@@ -90,21 +108,21 @@ impl UpperNode {
     }
 }
 
-/// A surface in a node.
+/// Fragment of a surface in a node.
 #[derive(Clone, Debug)]
 struct Sheet {
-    /// Number of the surface.
+    /// Index of the surface.
     surface: usize,
     triangles: Triangles,
     /// State at the node's first lattice point.
     state: State,
 }
 
-/// A node of a solid.
+/// Node of a solid.
 #[derive(Clone)]
 pub(super) enum Node {
     Region(Arc<UpperNode>),
-    /// Node of a block of cells: `above` levels over them, and its position among the block's nodes there.
+    /// Node in a block of cells: `above` levels over the cells, at a position at that level.
     Cells {
         block: Arc<Pyramid>,
         above: u8,
@@ -125,7 +143,7 @@ impl std::fmt::Debug for Node {
 const BLOCK: u8 = 6;
 
 impl<'a> Solid<'a> {
-    /// The solid of these surfaces; up to `held` triangles are taken to memory at once.
+    /// Solid of these surfaces. Up to `held` triangles are loaded into memory at once.
     pub(super) fn new(
         form: TreeType,
         fill: FillOptions<'a>,
@@ -152,7 +170,8 @@ impl<'a> Solid<'a> {
         Ok(solid)
     }
 
-    /// Tells a region, in whose parent not all triangles are there, how it is with its first point, if all of its own are.
+    /// Sets the states of a region from the survey if the region's triangles are complete but its
+    /// parent's are not.
     fn tell(&self, region: &mut UpperNode, is_parent_whole: bool) {
         let Some(part) = self.part.as_ref().filter(|_| !is_parent_whole && !self.fill.shell) else { return };
         let code = region.code();
@@ -164,7 +183,8 @@ impl<'a> Solid<'a> {
         }
     }
 
-    /// Nodes at a level, in the order of their codes, with what parts have to know of them; in their place those above that no triangle reaches into.
+    /// Nodes at a level in the order of their codes, with the data that shards need. Nodes above
+    /// the level without triangles replace their descendants.
     pub(super) fn nodes(&self, level: u8) -> Result<Vec<SurveyedNode>> {
         let (mut nodes, mut open) = (Vec::new(), vec![self.root.clone()]);
         while let Some(region) = open.pop() {
@@ -183,7 +203,7 @@ impl<'a> Solid<'a> {
         Ok(nodes)
     }
 
-    /// The state of the root's first lattice point, coming along x from outside.
+    /// State at the root's first lattice point, coming along x from the outside.
     fn outside_in(&self, triangles: &Triangles, outside: State) -> Result<State> {
         let first = self.fill.lattice.first([0; 3]);
         let mut events = Events::default();
@@ -206,20 +226,20 @@ impl<'a> Solid<'a> {
         !self.fill.shell && !matches!(self.tests[sheet.surface], Inside::Field(_))
     }
 
-    /// Grid coordinates of a region's first corner, and its width.
+    /// Grid coordinates of a region's minimum corner, and its width.
     fn bounds(&self, region: &UpperNode) -> ([i32; 3], i32) {
         let width = self.fill.cell() << (self.fill.grid.depth - region.level);
         (region.position.map(|position| (i64::from(position) * i64::from(width)) as i32), width)
     }
 
-    /// Whether a region is divided into regions and not filled as a block: as long as it is too large for
-    /// one, or has more triangles than fit into memory.
+    /// Whether a region is divided into regions, rather than filled as a block: if it is too large
+    /// for a block, or has more triangles than fit into memory.
     fn is_split(&self, region: &UpperNode) -> bool {
         let height = self.fill.grid.depth - region.level;
         height > BLOCK || (height > 1 && region.triangles() > self.held)
     }
 
-    /// The eight regions of a region.
+    /// Eight child regions of a region.
     fn split(&self, region: &UpperNode) -> Result<Vec<UpperNode>> {
         let child = |child: u32| UpperNode {
             level: region.level + 1,
@@ -238,7 +258,8 @@ impl<'a> Solid<'a> {
         Ok(regions)
     }
 
-    /// The parts of a surface in the eight regions of a region; its triangles come to memory if they are to be held.
+    /// Fragments of a surface in the eight children of a region. If `is_held`, the triangles are
+    /// loaded into memory.
     fn split_sheet(&self, region: &UpperNode, sheet: &Sheet, is_held: bool) -> Result<Vec<Sheet>> {
         let triangles = if is_held { sheet.triangles.clone().held()? } else { sheet.triangles.clone() };
         let is_crossed = self.is_crossed(sheet);
@@ -270,12 +291,13 @@ impl<'a> Solid<'a> {
         Ok(sorter.finish()?.into_iter().enumerate().map(of).collect())
     }
 
-    /// Node of a region as its parent has it: void, a leaf, or an inner node.
+    /// Returns a region as a child: void, a leaf, or an inner node.
     fn child(&self, mut region: UpperNode) -> Result<Child<Node>> {
         if let Some(part) = &self.part
             && !part.run.contains(region.code())
         {
-            // Where not all triangles are there nobody knows what it is like, and those who walk go on to where they are.
+            // Incomplete triangles do not determine the state; the traversal continues to the nodes
+            // of the run.
             return Ok(match part.run.touches(region.code()) {
                 true => self.inner(Node::Region(Arc::new(region))),
                 false => Child::Void,
@@ -285,7 +307,7 @@ impl<'a> Solid<'a> {
         for sheet in std::mem::take(&mut region.sheets) {
             match self.uniform(&region, &sheet)? {
                 Some(None) => {}
-                // What comes after it changes nothing.
+                // Later surfaces cannot change it.
                 Some(Some(attribute)) if sheets.is_empty() => return Ok(Child::Leaf(self.full(attribute))),
                 Some(Some(_)) => {
                     sheets.push(sheet);
@@ -300,8 +322,8 @@ impl<'a> Solid<'a> {
         Ok(self.inner(Node::Region(Arc::new(UpperNode { sheets, ..region }))))
     }
 
-    /// Whether all of a region is outside a surface, or all of it inside, with its attribute; `None` if it is
-    /// divided or in doubt.
+    /// State of a region for a surface: `None` if it is mixed or in doubt, `Some(None)` if it is
+    /// entirely outside, and the attribute if it is entirely inside.
     fn uniform(&self, region: &UpperNode, sheet: &Sheet) -> Result<Option<Option<u32>>> {
         let inside = &self.tests[sheet.surface];
         if !sheet.triangles.is_empty() {
@@ -329,13 +351,13 @@ impl<'a> Solid<'a> {
         (self.value)(if self.fill.attribute == Attribute::Occupancy { FULL } else { attribute })
     }
 
-    /// A node that is asked for its children. What stands for it is not known before all of them are, and
-    /// what stores the tree works it out.
+    /// Inner node. Its representative is a placeholder: the tree writer computes it from the
+    /// children.
     fn inner(&self, node: Node) -> Child<Node> {
         Child::Inner { representative: self.full(0), node }
     }
 
-    /// The block of a region.
+    /// Fills the block of a region.
     fn block(&self, region: &UpperNode) -> Result<Pyramid> {
         let (min, _) = self.bounds(region);
         let height = self.fill.grid.depth - region.level;
@@ -426,8 +448,8 @@ impl Source for Solid<'_> {
 
 impl ReusableSource for Solid<'_> {}
 
-/// The lines between the first lattice points of a region's eight children: four along x, two along y, one
-/// along z, from each child to one of those that differ along one axis only.
+/// Lines between the first lattice points of a region's eight children: one along z, two along y,
+/// four along x. Each leads to a child that differs from a known one along one axis only.
 struct Lines {
     first: [i32; 3],
     half: i32,
@@ -438,13 +460,13 @@ impl Lines {
         Lines { first, half }
     }
 
-    /// The children that a line leads from and to. Lines are in such an order that what they lead from is
+    /// Children that a line leads from and to. The order of lines ensures that the start's state is
     /// known.
     fn leads(line: usize) -> (usize, usize) {
         [(0, 4), (0, 2), (4, 6), (0, 1), (2, 3), (4, 5), (6, 7)][line]
     }
 
-    /// The lines that a triangle meets.
+    /// Adds the crossings of a triangle with the lines.
     #[inline]
     fn meet(&self, triangle: &Triangle, events: &mut Events) {
         let near = |axis: usize, up: bool| {
@@ -487,10 +509,10 @@ impl Lines {
     }
 }
 
-/// Crossings of some lines with triangles.
+/// Crossings of lines with triangles.
 #[derive(Default)]
 struct Events {
-    /// Line, height on it, change, attribute.
+    /// Line, height on it, change of the winding number, attribute.
     passed: Vec<(usize, f64, i32, u32)>,
 }
 
@@ -505,11 +527,10 @@ impl Events {
         self.passed.push((line, projected.height_over(from), projected.change(), attribute));
     }
 
-    /// Goes along all lines, in order: of a line that leads from one point to another, the state of the
-    /// second follows from that of the first.
+    /// Follows all lines in order: the state at a line's end follows from the state at its start.
     fn apply(mut self, states: &mut [State; 8], leads: impl Fn(usize) -> (usize, usize)) {
-        // At equal heights changes of -1 come first: touching bodies are left before the next is entered. The
-        // attribute makes the order independent of that of the triangles.
+        // At equal heights, changes of -1 come first: touching bodies are left before the next one
+        // is entered. The attribute makes the order independent of the triangles' order.
         sort::by(&mut self.passed, &mut |a, b| {
             a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)).then(a.3.cmp(&b.3))
         });

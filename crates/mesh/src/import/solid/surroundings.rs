@@ -1,50 +1,51 @@
-//! Solid angles of triangles and of groups of them, at many points of a box at once: coordinates are cells, from the
-//! box's middle.
+//! Solid angles of triangles and groups of triangles, at many points of a box at once. Coordinates
+//! are in cells, relative to the box's centre.
 
 use std::f32::consts::PI;
 
 use glam::DVec3;
 
-/// Points that are evaluated side by side.
+/// Points that are evaluated together.
 const LANES: usize = 8;
 type Lanes = [f32; LANES];
 
-/// A triangle that is near.
+/// Near triangle.
 #[derive(Clone, Copy, Debug)]
 struct Facet {
     corners: [[f32; 3]; 3],
-    /// The normal, twice as long as the triangle is large.
+    /// Normal vector, whose length is twice the area.
     normal: [f32; 3],
-    /// The plane's distance from the middle, by the normal's length.
+    /// Distance of the plane from the centre, times the normal's length.
     offset: f32,
-    /// Bound of the rounding of such a distance of a point of the box.
+    /// Bound of the rounding error of such a distance, for points of the box.
     rounding: f32,
-    /// Squares of the lengths of the edges ab, bc and ca.
+    /// Squared lengths of the edges ab, bc and ca.
     edges: [f32; 3],
     /// See [`ROUNDING`].
     doubt: f32,
 }
 
-/// A group of triangles far away: a dipole, and the moments of its normals.
+/// Group of distant triangles: a dipole, and the moments of its normals.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Far {
     pub(super) centre: [f32; 3],
     pub(super) normal: [f32; 3],
-    /// Sums of normal times distance from the centre: xx, yy, zz, and xy + yx, xz + zx, yz + zy.
+    /// Integrals of normal times distance from the centre: xx, yy, zz, and xy + yx, xz + zx, yz +
+    /// zy.
     pub(super) moments: [f32; 6],
 }
 
-/// The triangles and groups around a box.
+/// Triangles and groups around a box.
 #[derive(Debug)]
 pub(super) struct Surroundings {
     near: Vec<Facet>,
     far: Vec<Far>,
-    /// Distance of the box's corners from its middle.
+    /// Distance of the box's corners from its centre.
     reach: f32,
 }
 
-/// Bound that the parts of a tangent's quotient must be above, by the product of lengths that they are made of: solid
-/// angles are in doubt by less than a hundredth then.
+/// Lower bound of the numerator and denominator of a tangent, relative to the product of lengths
+/// that they consist of. Above it, solid angles have an error below 0.01.
 const ROUNDING: f64 = 1.2e-5;
 
 impl Surroundings {
@@ -79,8 +80,8 @@ impl Surroundings {
         self.near.is_empty() && self.far.is_empty()
     }
 
-    /// Adds the winding field at points of the box, and tells of which points it is in doubt: they lie on a triangle or
-    /// its edge, but for rounding.
+    /// Adds the winding field at points of the box. Sets `in_doubt` for points that are on a
+    /// triangle or on its edge, up to rounding.
     pub(super) fn add(&self, points: &[[f32; 3]], field: &mut [f32], in_doubt: &mut [bool]) {
         let places = points.chunks(LANES).zip(field.chunks_mut(LANES)).zip(in_doubt.chunks_mut(LANES));
         for ((points, field), in_doubt) in places {
@@ -100,12 +101,12 @@ impl Surroundings {
     }
 }
 
-/// The points' coordinates side by side; those that are not there are the first.
+/// Coordinates of the points as lanes; missing points are filled with the first one.
 fn lanes(points: &[[f32; 3]]) -> [Lanes; 3] {
     std::array::from_fn(|axis| std::array::from_fn(|lane| points.get(lane).unwrap_or(&points[0])[axis]))
 }
 
-/// Adds the solid angles of a group far away.
+/// Adds the solid angles of a distant group.
 #[inline]
 fn add_dipole(far: &Far, [x, y, z]: &[Lanes; 3], sum: &mut Lanes) {
     let ([cx, cy, cz], [nx, ny, nz], [mxx, myy, mzz, mxy, mxz, myz]) = (far.centre, far.normal, far.moments);
@@ -121,8 +122,8 @@ fn add_dipole(far: &Far, [x, y, z]: &[Lanes; 3], sum: &mut Lanes) {
     }
 }
 
-/// Adds half the solid angles of a triangle (Van Oosterom and Strackee, 1983), and one to the doubts where rounding tells
-/// neither the side on which a point lies nor the angle.
+/// Adds half of a triangle's solid angles (Van Oosterom and Strackee, 1983). Adds one to the doubts
+/// if, due to rounding, neither the side of a point nor the angle is certain.
 #[inline]
 fn add_angles(facet: &Facet, [x, y, z]: &[Lanes; 3], sum: &mut Lanes, doubts: &mut Lanes) {
     let ([a, b, c], n, edges) = (&facet.corners, &facet.normal, &facet.edges);
@@ -133,14 +134,14 @@ fn add_angles(facet: &Facet, [x, y, z]: &[Lanes; 3], sum: &mut Lanes, doubts: &m
         let (aa, bb, cc) =
             (ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz, cx * cx + cy * cy + cz * cz);
         let (la, lb, lc) = (aa.sqrt(), bb.sqrt(), cc.sqrt());
-        // Scalar products by the law of cosines, twice as large.
+        // Scalar products by the law of cosines, doubled.
         let over = 2.0 * (facet.offset - (n[0] * x[lane] + n[1] * y[lane] + n[2] * z[lane]));
         let under = 2.0 * la * lb * lc
             + (aa + bb - edges[0]) * lc
             + (bb + cc - edges[1]) * la
             + (cc + aa - edges[2]) * lb;
-        // The arc tangent of the lesser over the greater, by a polynomial that is off by less than its 40,000th, and
-        // from it that of the quotient.
+        // The arc tangent of the smaller over the greater, by a polynomial with an error below
+        // 1/40,000; that of the quotient follows from it.
         let (height, width) = (over.abs(), under.abs());
         let is_steep = height > width;
         let (low, high) = if is_steep { (width, height) } else { (height, width) };

@@ -1,4 +1,5 @@
-//! Knowledge of a whole surface, by which parts of its solid are built from the triangles that reach into them alone.
+//! Survey of a whole surface. With it, shards of the solid are built only from the triangles that
+//! reach into them.
 
 use std::path::Path;
 
@@ -11,45 +12,47 @@ use spinney_base::{Progress, Result};
 use spinney_container::Header;
 use spinney_engine::store::TreeWriter;
 
-/// Knowledge of a whole surface.
+/// Survey of a whole surface.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SolidSurvey {
-    /// The box around the faces: the least coordinate along each axis, and the greatest.
+    /// Bounding box of the faces: minimum and maximum coordinates.
     pub bounds: [[f64; 3]; 2],
-    /// Whether the surface is divided into ones that are inside or outside for themselves: all of it has to be in memory for that.
+    /// Whether the surface is divided into surfaces with their own inside tests, which requires all
+    /// of it in memory.
     pub is_divided: bool,
-    /// Nodes of the tree, which have all of its space, in the order of their codes. Those that no triangle reaches into, and whose first point is
-    /// outside, may be left out.
+    /// Nodes of the tree in the order of their codes, covering its whole space. Nodes without
+    /// triangles whose first point is outside may be left out.
     pub nodes: Vec<SurveyedNode>,
 }
 
-/// A node of the tree: one at the level that was asked for, or one above that which no triangle reaches into.
+/// Node of the tree at the surveyed level, or above it if no triangle reaches into the node.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SurveyedNode {
-    /// The node.
+    /// Code of the node.
     pub code: Code,
-    /// Triangles that reach into it.
+    /// Number of triangles that reach into the node.
     pub triangles: u64,
-    /// Surfaces that its first point is inside of.
+    /// Surfaces that enclose its first point.
     pub inside: Vec<SurfaceAtPoint>,
 }
 
-/// A surface at a point inside of it.
+/// Surface at a point that it encloses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SurfaceAtPoint {
-    /// Number of the surface.
+    /// Index of the surface.
     pub surface: u32,
-    /// How often it goes around the point; of faces that are turned either way, 1.
+    /// Winding number at the point; 1 for surfaces of inconsistent orientation.
     pub winding: i32,
-    /// Attribute of the face through which the solid was entered last.
+    /// Attribute of the face through which the solid was last entered.
     pub attribute: u32,
 }
 
-/// Plans how a part of the tree of some models is built, where [`SolidImport::survey`] has found out what there is to know of the whole; the part
-/// is the one that a file asks for when it is [written](SolidImport::write).
+/// Plans the build of a shard of the models' tree, based on the survey of the whole tree by
+/// [`SolidImport::survey`]. The shard's run is the one that a file requests when it is
+/// [written](SolidImport::write).
 ///
 /// # Errors
-/// Those of [`plan_models`](super::plan_models), but that faces are not read.
+/// Those of [`plan_models`](super::plan_models), except that faces are not read.
 pub fn plan_part(
     models: Vec<Box<dyn Model>>,
     options: &SolidOptions,
@@ -61,11 +64,14 @@ pub fn plan_part(
 }
 
 impl SolidImport {
-    /// Tells a file that has no cells, but for those of its layers, of the tree, and finds out what parts of it have to know of the whole surface, in nodes of a level that is chosen by the
-    /// tree's header. Faces are read once, as for building; of the report that comes, too, cells are not known.
+    /// Declares the tree as the next layer of a head file, which stores no cells of it, and surveys
+    /// the whole surface for its shards. `level` chooses the level of the surveyed nodes from the
+    /// tree's header. Faces are read once, as in a build. The returned report has no number of
+    /// cells.
     ///
     /// # Errors
-    /// Those of [`SolidImport::build`]; also if the surface is open: then all of it decides what is inside everywhere.
+    /// Those of [`SolidImport::build`]; also if the surface is open, since all of it then decides
+    /// what is inside anywhere.
     pub fn survey(
         mut self,
         file: &mut TreeWriter,
@@ -86,7 +92,7 @@ impl SolidImport {
 }
 
 impl SolidSurvey {
-    /// The state of a surface at the first point of a node, which is at a level that was surveyed or above it.
+    /// State of a surface at the first point of a node at or above the surveyed level.
     pub(super) fn state(&self, node: Code, surface: usize, outside: State) -> State {
         let ends = |node: Code| CodeRun::of(node, node).map_or([u64::MAX, 0], CodeRun::ends);
         let [first, _] = ends(node);

@@ -1,4 +1,4 @@
-//! Solids in shards: the bytes of one build.
+//! Solids built in shards are byte-identical to a single-process build.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use spinney_base::space::{Code, CodeRun, Dimension, EdgeRule};
 use spinney_engine::store::goblin::{Shard, ShardPiece, merge_shards};
 use spinney_engine::store::{Packing, TreeWriter};
 
-/// Corners, and faces of their numbers.
+/// Vertices, and faces of vertex indices.
 #[derive(Default)]
 struct Mesh {
     points: Vec<[f64; 3]>,
@@ -18,7 +18,7 @@ struct Mesh {
 }
 
 impl Mesh {
-    /// A surface around which one goes in both directions.
+    /// Surface that is periodic in both directions.
     fn round(counts: [usize; 2], point: impl Fn(f64, f64) -> [f64; 3]) -> Mesh {
         let mut mesh = Mesh::default();
         let turn = |at: usize, of: usize| at as f64 / of as f64 * std::f64::consts::TAU;
@@ -38,7 +38,7 @@ impl Mesh {
         })
     }
 
-    /// A ball, or an octahedron with rounded faces, around a point.
+    /// Ball around a point.
     fn ball(middle: [f64; 3], radius: f64) -> Mesh {
         let (rings, sides) = (14, 28);
         let mut mesh = Mesh::default();
@@ -110,7 +110,7 @@ impl Place {
             .collect()
     }
 
-    /// Compares the bytes of shards with those of one build.
+    /// Compares the bytes of merged shards with those of a single-process build.
     fn compare(&self, meshes: &[Mesh], options: &SolidOptions, is_divided: bool) {
         let (folder, paths) = (self.0.path(), self.models(meshes));
         let open = || -> Vec<Box<dyn Model>> { open_all(&paths, 1 << 20).unwrap() };
@@ -150,7 +150,7 @@ impl Place {
                 let shard =
                     Shard { folder: folder.into(), job: 1, number, pieces, access: Default::default() };
                 let mut file = TreeWriter::shard(&head, shard.clone()).unwrap();
-                // (What a plan tells of, without the others.)
+                // (A plan stores only these nodes.)
                 let mut told = survey.clone();
                 told.nodes.retain(|node| !node.inside.is_empty());
                 let import = plan_part(open(), options, told).unwrap();
@@ -165,7 +165,7 @@ impl Place {
     }
 }
 
-/// So many cells along the longest side, little memory, and a rule for cells that the surface cuts.
+/// Number of cells along the longest side, little memory, and a rule for cut cells.
 fn options(cells: u64, edge: EdgeRule) -> SolidOptions {
     let mut options = SolidOptions::new();
     (options.resolution, options.edge, options.memory) = (Resolution::Cells(cells), edge, 1 << 16);
@@ -175,7 +175,7 @@ fn options(cells: u64, edge: EdgeRule) -> SolidOptions {
 #[test]
 fn shards_of_closed_surfaces_make_the_bytes_of_a_build() {
     let place = Place(tempfile::tempdir().unwrap());
-    // One in the other, which goes around some places twice, and a cavity.
+    // Nested balls, with winding number 2 inside, and a cavity.
     let nested = Mesh::ball([0.0; 3], 40.0).with(Mesh::ball([3.0, 1.0, 0.5], 22.0));
     place.compare(&[nested], &options(70, EdgeRule::Area), false);
     let hollow = Mesh::ball([0.0; 3], 40.0).with(Mesh::ball([3.0, 1.0, 0.5], 22.0).turned());
@@ -196,7 +196,7 @@ fn shards_of_cubes_along_cells_make_the_bytes_of_a_build() {
     for edge in [EdgeRule::Centre, EdgeRule::Area, EdgeRule::Touch] {
         let mut options = options(1, edge);
         options.resolution = Resolution::Cell(1.0);
-        // From wall to wall of units, and with two cubes that share a wall.
+        // Cubes along walls of units; two of them share a wall.
         let cubes = Mesh::cube([[0.0; 3], [64.0, 128.0, 100.0]])
             .with(Mesh::cube([[64.0, 0.0, 0.0], [128.0, 64.0, 64.0]]));
         place.compare(&[cubes], &options, false);
@@ -221,7 +221,7 @@ fn shards_of_several_objects_make_the_bytes_of_a_build() {
     place.compare(&balls(), &parts, false);
     parts.edge = EdgeRule::Touch;
     place.compare(&balls(), &parts, false);
-    // One that is turned inside out in places is told apart from the others.
+    // A partly inverted object is distinguished from the others.
     let mut turned = balls();
     turned[1].faces.iter_mut().step_by(7).for_each(|face| face.reverse());
     parts.memory = 1 << 24;

@@ -1,4 +1,4 @@
-//! Lists of triangles: in memory, or in a temporary file where there are too many.
+//! Lists of triangles: in memory, or in a temporary file if there are too many.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -7,14 +7,14 @@ use super::grid::Triangle;
 use spinney_base::Result;
 use spinney_base::io::{Spool, SpooledWords, WordSpooler};
 
-/// Numbers of a triangle: three corners, the attribute and the part.
+/// Words of a triangle: three vertices, the attribute and the part.
 const WORDS: usize = 11;
-/// Triangles of a part of space.
+/// Triangles of a region.
 #[derive(Clone, Debug)]
 pub(super) enum Triangles {
-    /// Some of those that lie in memory.
+    /// Indices into a shared list in memory.
     Held(Arc<Vec<Triangle>>, Vec<u32>),
-    /// In the temporary file.
+    /// Triangles in the temporary file.
     Spilled(Arc<Spilled>),
 }
 
@@ -30,7 +30,7 @@ impl Triangles {
         }
     }
 
-    /// Hands out all of them, in order, with their numbers in memory where they have any.
+    /// Visits all triangles in order, with their indices in memory, or 0 if they are spilled.
     pub(super) fn each(&self, mut each: impl FnMut(u32, &Triangle) -> Result<()>) -> Result<()> {
         match self {
             Triangles::Held(all, picked) => {
@@ -40,13 +40,13 @@ impl Triangles {
         }
     }
 
-    /// A list in memory.
+    /// List in memory.
     pub(super) fn of(all: Vec<Triangle>) -> Triangles {
         let picked = (0..all.len() as u32).collect();
         Triangles::Held(Arc::new(all), picked)
     }
 
-    /// All of them in memory, in order, as long as nothing was sorted yet.
+    /// Loads all triangles into memory, in order. The list must not have been sorted into octants.
     pub(super) fn all(&self) -> Result<Arc<Vec<Triangle>>> {
         match self.clone().held()? {
             Triangles::Held(all, _) => Ok(all),
@@ -54,7 +54,7 @@ impl Triangles {
         }
     }
 
-    /// Leaves those that are to be kept.
+    /// Keeps only the triangles that `is_kept` selects.
     pub(super) fn retain(&mut self, is_kept: &dyn Fn(&Triangle) -> bool) -> Result<()> {
         let mut kept = Vec::new();
         self.each(|_, triangle| {
@@ -65,7 +65,7 @@ impl Triangles {
         Ok(())
     }
 
-    /// Loads the triangles into memory, in their order.
+    /// Loads the triangles into memory, in order.
     pub(super) fn held(self) -> Result<Triangles> {
         let Triangles::Spilled(spilled) = self else { return Ok(self) };
         let mut all = Vec::with_capacity(spilled.len());
@@ -77,7 +77,7 @@ impl Triangles {
     }
 }
 
-/// A list in a spool, and the spool, which takes what it is divided into.
+/// List in a spool. Lists that it is divided into go to the same spool.
 #[derive(Debug)]
 pub(super) struct Spilled {
     spool: Arc<Spool>,
@@ -124,7 +124,7 @@ impl TriangleSpill {
     }
 }
 
-/// Collects triangles, in memory up to a limit and in a spool beyond it.
+/// Collects triangles in memory up to a limit, and in a spool beyond it.
 pub(super) struct Collector {
     limit: usize,
     folder: PathBuf,
@@ -158,7 +158,7 @@ impl Collector {
     }
 }
 
-/// Sorts triangles into eight lists that lie where the list they come from lies.
+/// Sorts triangles into eight lists that are stored like the source list.
 pub(super) enum OctantSorter {
     Held(Arc<Vec<Triangle>>, [Vec<u32>; 8]),
     Spilled(Vec<TriangleSpill>),

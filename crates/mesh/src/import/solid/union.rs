@@ -1,9 +1,11 @@
-//! Coverage of cells of which several surfaces fill a part: what is inside any of them.
+//! Coverage of cells that several surfaces fill partly: the union of their insides.
 //!
-//! Such a cell is looked at again, in 4 x 4 x 4 parts. Where each surface has whole winding numbers, of one sign, their sum is
-//! other than zero where any of them is, and the faces of all are clipped to the parts as those of one: that is exact, as
-//! [`coverage`](super::coverage) is. Elsewhere, next to holes and where faces are turned inside out, each part of the cell is as full as
-//! if its surfaces had nothing to do with each other, which is in doubt only in those few parts that several of them cut.
+//! Such a cell is evaluated again in 4 x 4 x 4 subcells. If each surface has integral winding
+//! numbers of one sign, the sum of these is nonzero wherever any of them is. The faces of all
+//! surfaces are then clipped to the subcells as if they were one surface, which is exact, as
+//! [`coverage`](super::coverage) is. Otherwise, next to holes and inverted faces, the surfaces are
+//! assumed to be independent within each subcell. This is inexact only in the few subcells that
+//! several of them cut.
 
 use std::collections::BTreeMap;
 
@@ -17,11 +19,11 @@ use super::windings::{change, windings_at_centres};
 use spinney_base::Result;
 use spinney_brep::exact::lattice::Lattice;
 
-/// Parts of a cell along an axis, as a power of two, and all of them.
+/// Base-2 logarithm of the subcells along an axis, and the number of all subcells.
 const HEIGHT: u8 = 2;
 const PARTS: usize = 1 << (3 * HEIGHT);
 
-/// A surface in a block.
+/// Surface in a block.
 pub(super) struct Piece<'a> {
     pub(super) inside: &'a Inside,
     pub(super) triangles: Vec<Triangle>,
@@ -29,17 +31,18 @@ pub(super) struct Piece<'a> {
     pub(super) state: State,
 }
 
-/// The cells of a block that are filled in part by several surfaces.
+/// Cells of a block that several surfaces fill partly.
 #[derive(Default)]
 pub(super) struct Overlaps {
-    /// The first surface that fills a part of each cell; not there as long as it is the first of all.
+    /// First surface that fills each cell partly; empty while that is surface 0 everywhere.
     firsts: Vec<u32>,
-    /// Surfaces, by their number in the block, and their occupancies.
+    /// Surfaces by their index in the block, with their occupancies, by cell.
     cells: BTreeMap<usize, Vec<(u32, u32)>>,
 }
 
 impl Overlaps {
-    /// Notes where a surface fills a part of cells that others, to which it is to be added, fill a part of.
+    /// Records the cells that this surface and earlier ones fill partly. `others` are the cells of
+    /// the earlier surfaces, before this one is added.
     pub(super) fn note(&mut self, others: &Cells, number: u32, cells: &Cells) {
         let (Some(known), Some(values)) = (&others.values, &cells.values) else { return };
         let is_part = |value: u32| (1..FULL).contains(&value);
@@ -54,7 +57,8 @@ impl Overlaps {
         }
     }
 
-    /// Gives these cells the share that is inside any of the block's surfaces, unless one fills all of them.
+    /// Sets these cells to the fraction that is inside of any surface, unless one surface fills the
+    /// cell.
     pub(super) fn settle(
         self,
         fill: &FillOptions<'_>,
@@ -88,23 +92,23 @@ impl Overlaps {
     }
 }
 
-/// A surface in a cell.
+/// Surface in a cell.
 struct InCell<'a> {
-    /// The triangles that reach into it.
+    /// Triangles that reach into the cell.
     triangles: Vec<Triangle>,
     at_parts: AtParts<'a>,
 }
 
-/// What is known in the middle of each part of a cell.
+/// State at the centre of each subcell.
 enum AtParts<'a> {
-    /// The winding number, and the rule for it.
+    /// Winding numbers, and the rule for them.
     Windings(Vec<i32>, &'a Inside),
-    /// The winding field, which is not whole.
+    /// Winding field, if it is not integral.
     Fields(Vec<f32>),
 }
 
 impl<'a> InCell<'a> {
-    /// A surface of a block that begins at `min`, in the cell that begins at `corner`.
+    /// Surface of a block that starts at `min`, in the cell that starts at `corner`.
     fn of(fill: &FillOptions<'_>, piece: &Piece<'a>, min: [i32; 3], corner: [i32; 3]) -> Result<InCell<'a>> {
         let (cell, progress) = (fill.cell(), fill.progress);
         let part = cell >> HEIGHT;
@@ -129,7 +133,7 @@ impl<'a> InCell<'a> {
         let axes = corner.map(|corner| [0, 1, 2, 3].map(|at| corner + at * part + part / 2));
         let fields =
             field.local(middle, half, cell).at_lattice([&axes[0], &axes[1], &axes[2]], 4, progress)?;
-        // Against that of the first part.
+        // Relative to the winding number of the first subcell.
         let state = State::default();
         let mut windings = windings_at_centres(&lattice, &triangles, corner, HEIGHT, state, progress)?;
         let off = (fields[0] - windings[0] as f32).round();
@@ -145,8 +149,8 @@ impl<'a> InCell<'a> {
         Ok(InCell { triangles, at_parts })
     }
 
-    /// The triangles, and the winding numbers, with these above zero; `None` if they are not whole, of both signs, or of faces turned
-    /// either way.
+    /// Triangles and winding numbers, oriented such that these are not negative. `None` if winding
+    /// numbers are not integral, have both signs, or are parities.
     fn upward(&self) -> Option<(Vec<Triangle>, Vec<i32>)> {
         let AtParts::Windings(windings, Inside::Winding) = &self.at_parts else { return None };
         if windings.iter().all(|winding| *winding >= 0) {
@@ -160,7 +164,7 @@ impl<'a> InCell<'a> {
         is_below.then(|| (turned.collect(), windings.iter().map(|winding| -winding).collect()))
     }
 
-    /// The share of each part that is inside.
+    /// Fraction of each subcell that is inside.
     fn shares(&self, fill: &FillOptions<'_>, corner: [i32; 3]) -> Result<Vec<f64>> {
         match &self.at_parts {
             AtParts::Windings(windings, inside) => shares(fill, &self.triangles, corner, windings, inside),
@@ -171,7 +175,8 @@ impl<'a> InCell<'a> {
     }
 }
 
-/// The share of each part of a cell that is inside triangles, by the winding numbers in their middles.
+/// Fraction of each subcell that is inside the triangles. `windings` are the winding numbers at the
+/// subcells' centres.
 fn shares(
     fill: &FillOptions<'_>,
     triangles: &[Triangle],
@@ -183,7 +188,7 @@ fn shares(
     cube.shares(windings, Test { inside, progress: fill.progress })
 }
 
-/// The share of a cell that is inside any surface, if all have whole winding numbers of one sign.
+/// Fraction of a cell that is inside any surface, if all have integral winding numbers of one sign.
 fn exact(fill: &FillOptions<'_>, found: &[InCell<'_>], corner: [i32; 3]) -> Result<Option<f64>> {
     let (mut triangles, mut windings) = (Vec::new(), vec![0; PARTS]);
     for surface in found {
@@ -195,7 +200,7 @@ fn exact(fill: &FillOptions<'_>, found: &[InCell<'_>], corner: [i32; 3]) -> Resu
     Ok(Some(shares.iter().sum::<f64>() / PARTS as f64))
 }
 
-/// The share of a cell that is inside any surface, from those of its parts.
+/// Fraction of a cell that is inside any surface, from the fractions of its subcells.
 fn by_parts(fill: &FillOptions<'_>, found: &[InCell<'_>], corner: [i32; 3]) -> Result<f64> {
     let mut outside = vec![1.0; PARTS];
     for surface in found {

@@ -1,9 +1,10 @@
-//! Division of a surface that is not closed into what each is inside or outside for itself: what is closed, what
-//! is closed but for the way in which faces are turned, and the objects that are open.
+//! Division of a surface that is not closed into units with their own inside tests: closed ones,
+//! ones that are closed except for inconsistent orientation, and open objects.
 //!
-//! Parts that are closed by themselves are taken as they are, whatever they touch. What is left falls apart
-//! into components, whose triangles share edges. Components that are not closed belong together if they are
-//! of one part, or of one object and share edges: what is inside one object, no other decides.
+//! Parts that are closed by themselves are kept unchanged, even if they touch others. The rest is
+//! split into components, whose triangles share edges. Components that are not closed form one unit
+//! if they belong to one part, or to one object and share edges. The inside of an object does not
+//! depend on other objects.
 
 use std::collections::{HashMap, HashSet};
 
@@ -14,28 +15,29 @@ use spinney_base::{Progress, Result, sort};
 use spinney_brep::exact::union_find::UnionFind;
 use spinney_brep::exact::vector::{dot, subtract};
 
-/// A surface, divided. Triangles have the order in which they came.
+/// Divided surface. Triangles keep their order.
 #[derive(Debug, Default)]
 pub(super) struct Units {
-    /// All that is closed.
+    /// All closed units.
     pub(super) closed: Vec<Triangle>,
-    /// Of each object, or several that close each other, all whose edges have their partners, but not in the opposite direction.
+    /// Units of objects, or of objects that close each other, in which every edge occurs an even
+    /// number of times but not in opposite directions.
     pub(super) even: Vec<Vec<Triangle>>,
-    /// What is open of each object.
+    /// Open units of each object.
     pub(super) open: Vec<Vec<Triangle>>,
-    /// Triangles that were there more than once in what was not closed.
+    /// Number of duplicate triangles in what was not closed.
     pub(super) duplicates: u64,
 }
 
 impl Units {
-    /// Bytes of memory that dividing this number of triangles takes: they and what they become, their edges and
-    /// the sets they are in.
+    /// Memory in bytes for dividing this number of triangles: the triangles and their copies, their
+    /// edges and the sets.
     pub(super) fn memory(triangles: usize) -> u64 {
         (triangles * (3 * size_of::<Triangle>() + size_of::<Component>() + 48)) as u64
     }
 
-    /// Divides triangles, of which those without an area count for what is closed, and are left out then; `object` tells the object
-    /// that a part is, or belongs to.
+    /// Divides triangles. Triangles without area count for closedness and are then left out.
+    /// `object` maps a part to its object.
     pub(super) fn of(
         triangles: Vec<Triangle>,
         object: &dyn Fn(u32) -> u32,
@@ -58,7 +60,7 @@ impl Units {
         Ok(units)
     }
 
-    /// Divides triangles of parts that are not closed.
+    /// Divides the triangles of parts that are not closed.
     fn add_components(
         &mut self,
         triangles: &[Triangle],
@@ -80,7 +82,7 @@ impl Units {
             _ => Kind::Even,
         };
         let kinds: Vec<Kind> = (0..triangles.len() as u32).map(|number| kind(sets.root(number))).collect();
-        // Which of them make a unit.
+        // Sets of triangles that form a unit.
         let mut units = UnionFind::new(triangles.len());
         let mut firsts: HashMap<(Kind, u32), u32> = HashMap::new();
         let mut join = |key: (Kind, u32), number: u32, units: &mut UnionFind| {
@@ -89,7 +91,8 @@ impl Units {
         for ((number, triangle), kind) in (0..).zip(triangles).zip(&kinds) {
             match kind {
                 Kind::Open => join((*kind, triangle.part), number, &mut units),
-                // (Closed are those that are as good as that together.)
+                // (The key with `Kind::Closed` joins each component, also across objects. Closed
+                // triangles need no units.)
                 Kind::Even => {
                     join((*kind, object(triangle.part)), number, &mut units);
                     join((Kind::Closed, sets.root(number)), number, &mut units);
@@ -100,7 +103,7 @@ impl Units {
         let open = (0..).zip(triangles).filter(|(number, _)| kinds[*number as usize] == Kind::Open);
         join_by_edges(open.map(|(number, triangle)| (object(triangle.part), number, triangle)), &mut units);
         progress.check()?;
-        // In order, so that units come in that of their first triangles.
+        // In order of triangles, so that units are ordered by their first triangles.
         let mut places: HashMap<u32, usize> = HashMap::new();
         for ((number, triangle), kind) in
             (0..).zip(triangles).zip(kinds).filter(|((_, triangle), _)| has_area(triangle))
@@ -122,8 +125,9 @@ impl Units {
         Ok(())
     }
 
-    /// Closed components that a cavity binds to an open one, by their roots: cavities of what is open, and what has
-    /// an open cavity. A cavity is a component turned inside out; it takes away from bodies of its object only.
+    /// Roots of closed components that a cavity binds to an open one: cavities of open components,
+    /// and components with an open cavity. A cavity is an inverted component; it subtracts only
+    /// from bodies of its own object.
     fn hollow(
         &self,
         triangles: &[Triangle],
@@ -133,7 +137,7 @@ impl Units {
     ) -> Result<HashSet<u32>> {
         let mut outward = self.closed.clone();
         let mut open_parts = HashSet::new();
-        // One triangle of each component that is turned inside out.
+        // One triangle of each inverted component.
         let (mut closed, mut open) = (HashMap::new(), HashMap::new());
         for (number, triangle) in (0..).zip(triangles).filter(|(_, triangle)| has_area(triangle)) {
             let root = sets.root(number);
@@ -183,14 +187,14 @@ fn has_area(triangle: &Triangle) -> bool {
     triangle.normal() != [0; 3]
 }
 
-/// Knowledge of a component.
+/// Properties of a component.
 #[derive(Clone, Copy, Default)]
 struct Component {
     closure: Closure,
-    /// A corner of it.
+    /// One of its vertices.
     from: Option<[i32; 3]>,
-    /// Six times the volume of the cone from that corner to it: of what it encloses, nearly so where it is open.
-    /// Negative if it is turned inside out.
+    /// Six times the volume of the cone from that vertex over the component: the enclosed volume,
+    /// approximate if the component is open. Negative if the component is inverted.
     volume: i128,
 }
 
@@ -204,9 +208,10 @@ impl Component {
     }
 }
 
-/// Joins triangles, given with an object and their numbers, that are of the same object and have an edge in common, in either direction.
+/// Joins triangles of the same object that share an edge, in either direction. Triangles are given
+/// as object, index and triangle.
 fn join_by_edges<'a>(triangles: impl Iterator<Item = (u32, u32, &'a Triangle)>, sets: &mut UnionFind) {
-    // Objects, numbers of edges, and those of triangles below.
+    // Object, edge hash, and triangle index in the low bits.
     let mut edges: Vec<u128> = Vec::with_capacity(3 * triangles.size_hint().0);
     for (object, number, triangle) in triangles {
         let [a, b, c] = triangle.corners;
@@ -221,7 +226,7 @@ fn join_by_edges<'a>(triangles: impl Iterator<Item = (u32, u32, &'a Triangle)>, 
     }
 }
 
-/// The triangles without those that an object has a second time.
+/// Removes triangles that occur more than once in an object.
 fn without_duplicates(
     triangles: &[Triangle],
     object: &dyn Fn(u32) -> u32,
@@ -233,7 +238,7 @@ fn without_duplicates(
         progress.check()?;
         let mut corners = triangle.corners;
         let least = (0..3).min_by_key(|corner| corners[*corner]).unwrap_or(0);
-        // Rotated, not sorted: triangles that turn the other way are no duplicates.
+        // Rotated, not sorted: triangles of opposite orientation are not duplicates.
         corners.rotate_left(least);
         if seen.insert((object(triangle.part), corners)) {
             single.push(*triangle);
@@ -246,7 +251,7 @@ fn without_duplicates(
 mod tests {
     use super::*;
 
-    /// A tetrahedron of a part.
+    /// Tetrahedron of a part.
     fn tetrahedron([x, y, z]: [i32; 3], size: i32, part: u32) -> Vec<Triangle> {
         let [a, b, c, d] = [[x, y, z], [x + size, y, z], [x, y + size, z], [x, y, z + size]];
         let of = |corners| Triangle { corners, attribute: 0, part };
@@ -265,18 +270,19 @@ mod tests {
 
     #[test]
     fn open_objects_are_apart_where_they_touch() {
-        // Two tetrahedra with a face in common, which neither has.
+        // Two tetrahedra that share a face, which neither of them has.
         let [a, b, c, d, e] = [[0, 0, 0], [90, 0, 0], [0, 90, 0], [0, 0, 90], [90, 90, 90]];
         let of = |part: u32, corners| Triangle { corners, attribute: 0, part };
         let one = [[a, c, b], [a, b, d], [c, a, d]].map(|corners| of(0, corners));
         let other = [[e, b, c], [e, d, b], [e, c, d]].map(|corners| of(1, corners));
-        // They close each other, and one surface is closed whatever its parts are called.
+        // They close each other. One surface is closed regardless of its parts.
         assert_eq!(counts(&[&one[..], &other].concat()), (6, 0, vec![], 0));
-        // Each has a hole: what lies between them is neither's, unless they are groups of one object.
+        // Each has a hole: the region between them belongs to neither, unless they are groups of
+        // one object.
         let both = [&one[1..], &other[1..]].concat();
         assert_eq!(counts(&both), (0, 0, vec![2, 2], 0));
         assert_eq!(counts_of(&both, &|_| 0), (0, 0, vec![4], 0));
-        // A face that both have is there for either.
+        // A face that both have counts for either.
         let both = [&one[1..], &[of(0, [b, c, d])], &other[1..], &[of(1, [b, c, d])]].concat();
         assert_eq!(counts(&both), (0, 0, vec![3, 3], 0));
         assert_eq!(counts_of(&both, &|_| 0), (0, 0, vec![5], 1));
@@ -302,11 +308,11 @@ mod tests {
         let (a, b) = (tetrahedron([0; 3], 90, 0), tetrahedron([200, 0, 0], 90, 1));
         assert_eq!(counts(&[&a[..], &b].concat()), (8, 0, vec![], 0));
         assert_eq!(counts(&[&a[1..], &b].concat()), (4, 0, vec![3], 0));
-        // Two components of one object, one of them open; both open, and another object beside them.
+        // Two components of one object, one of them open; then both open, with another object.
         let c = tetrahedron([0, 200, 0], 90, 0);
         assert_eq!(counts(&[&a[..], &c[1..]].concat()), (4, 0, vec![3], 0));
         assert_eq!(counts(&[&a[1..], &b[1..], &c[1..]].concat()), (0, 0, vec![6, 3], 0));
-        // Objects that share an edge; triangles that are there twice; faces turned round.
+        // Objects that share an edge; duplicate triangles; inverted faces.
         let touching = Triangle { part: 2, ..a[0] };
         assert_eq!(counts(&[&a[..], &[touching]].concat()), (4, 0, vec![1], 0));
         assert_eq!(counts(&[&a[..], &a[..2]].concat()), (4, 0, vec![], 2));
@@ -317,7 +323,7 @@ mod tests {
 
     #[test]
     fn triangles_without_area_close_what_they_join() {
-        // An edge of the tetrahedron whose middle is a corner of one of its two faces.
+        // An edge of the tetrahedron has its midpoint as a vertex of only one of its two faces.
         let mut joined = tetrahedron([0; 3], 90, 0);
         let [a, b, c, middle] = [[0, 0, 0], [90, 0, 0], [0, 90, 0], [45, 0, 0]];
         let of = |corners| Triangle { corners, attribute: 0, part: 0 };
@@ -335,7 +341,7 @@ mod tests {
         let mut cavity = tetrahedron([50; 3], 90, 0);
         cavity.iter_mut().for_each(|triangle| triangle.corners.swap(0, 1));
         assert_eq!(counts(&[&outer[1..], &cavity].concat()), (0, 0, vec![7], 0));
-        // A cavity that is open binds the body to it.
+        // An open cavity binds the body to it.
         assert_eq!(counts(&[&outer[..], &cavity[1..]].concat()), (0, 0, vec![7], 0));
         let object = |part: u32, it: &[Triangle]| -> Vec<Triangle> {
             it.iter().map(|triangle| Triangle { part, ..*triangle }).collect()

@@ -1,4 +1,5 @@
-//! The volume that cells of models have inside: what exact models are compared with after their surface was repaired or closed.
+//! Volume of the models' cells: the reference for exact models after their surface was repaired or
+//! closed.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -14,20 +15,21 @@ use spinney_engine::tree::{Child, Source, no_children};
 /// Volume of the cells of models, by winding numbers.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::import) struct CellVolume {
-    /// In cubes of the models' unit.
+    /// Volume in cubes of the models' unit.
     pub(in crate::import) volume: f64,
-    /// How far that may be off.
+    /// Maximum error of the volume.
     pub(in crate::import) error: f64,
 }
 
 /// Cells along the longest side.
 const CELLS: u64 = 128;
-/// How far the coverage of cells may be off, for each cell's side that the surface covers: of a closed surface it is rounded to bytes, and
-/// may become 0; of an open one it is sampled, and depends on how holes are closed.
+/// Maximum error of coverage, per cell wall area of the surface. Coverage of closed surfaces is
+/// rounded to bytes and may become 0; that of open surfaces is sampled and depends on how holes are
+/// closed.
 const CLOSED_ERROR: f64 = 1.0 / 128.0;
 const OPEN_ERROR: f64 = 0.25;
 
-/// Work that can be cancelled, and reports nothing.
+/// Progress that passes cancellation on, and reports nothing.
 struct Quiet<'a>(&'a dyn Progress);
 
 impl Progress for Quiet<'_> {
@@ -36,17 +38,18 @@ impl Progress for Quiet<'_> {
     }
 }
 
-/// Parts of models: those that count, if these are not all, the object that each of all belongs to, and the box around their faces.
+/// Chosen parts of models: the parts that count (`None` for all), the object of each part, and the
+/// bounding box of the faces.
 pub(in crate::import) struct ChosenParts {
     pub(in crate::import) some: Option<BTreeSet<u32>>,
     pub(in crate::import) objects: Vec<u32>,
     pub(in crate::import) bounds: [[f64; 3]; 2],
 }
 
-/// The volume of the cells of some models, or of some of their parts; `None` if the memory is not enough.
+/// Volume of the cells of models, or of the chosen parts; `None` if the memory is insufficient.
 ///
 /// # Errors
-/// If the models cannot be read, or on cancellation. (They are lost then.)
+/// If the models cannot be read, or on cancellation. (The models may be lost then.)
 pub(in crate::import) fn cell_volume(
     models: &mut Vec<Box<dyn Model>>,
     ChosenParts { some, objects, bounds }: ChosenParts,
@@ -93,7 +96,7 @@ impl SolidImport {
 
 struct CellSum {
     depth: u8,
-    /// Cells, by how far they are inside.
+    /// Sum of cells, weighted by the fraction that is inside.
     share: f64,
 }
 

@@ -1,8 +1,8 @@
 //! Winding numbers at the lattice points of a block, and along lines.
 //!
-//! The winding number at the block's first lattice point is known. Crossings along z lead to the first point
-//! of every slice, from there crossings along y to the first point of every row, and crossings along x
-//! through the rows.
+//! The winding number at the block's first lattice point is known. Crossings along z lead to the
+//! first point of every slice, from there crossings along y to the first point of every row, and
+//! crossings along x through the rows.
 
 use super::grid::Triangle;
 use super::inside::State;
@@ -13,19 +13,19 @@ use spinney_brep::exact::vector::ascending_others;
 /// Crossing of a line with a triangle.
 #[derive(Clone, Copy)]
 struct Crossing {
-    /// Number of the line.
+    /// Index of the line.
     line: u32,
-    /// Lattice points before it.
+    /// Number of lattice points before it.
     before: u16,
     change: i32,
     attribute: u32,
 }
 
-/// Crossings that are kept before those at one point are added up: many triangles that all cover the
-/// block must not take more memory than its lattice.
+/// Number of crossings that are buffered before those at one point are summed. Many triangles that
+/// all cover the block must not take more memory than its lattice.
 const MANY: usize = 1 << 20;
 
-/// Adds up the changes at one point and of one attribute.
+/// Sums the changes at one point with the same attribute.
 fn add_up(crossings: &mut Vec<Crossing>) {
     let key = |crossing: &Crossing| (crossing.line, crossing.before, crossing.attribute);
     crossings.sort_unstable_by_key(key);
@@ -39,16 +39,16 @@ fn add_up(crossings: &mut Vec<Crossing>) {
     crossings.retain(|crossing| crossing.change != 0);
 }
 
-/// Crossings of many lines, in the order in which one meets them.
+/// Crossings of many lines, in order along each line.
 struct Crossings {
     sorted: Vec<Crossing>,
-    /// Index of each line's first crossing; one more than there are lines.
+    /// First crossing of each line, then the total number of crossings.
     starts: Vec<u32>,
 }
 
 impl Crossings {
-    /// Sorts by line, along the line, and where several triangles meet it at one point, those that are left
-    /// first: touching bodies are left before the next is entered.
+    /// Sorts by line, then along the line. Where several triangles are met at one point, exits come
+    /// first: touching bodies are left before the next one is entered.
     fn new(crossings: &[Crossing], lines: usize) -> Crossings {
         let mut starts = vec![0u32; lines + 1];
         for crossing in crossings {
@@ -83,8 +83,8 @@ impl Crossings {
     }
 }
 
-/// The crossings of a lattice's lines along `D`, `count` of them along the other two axes, with all
-/// triangles.
+/// Crossings of a lattice's lines along `D` with all triangles. `count` is the number of lines
+/// along the other two axes.
 fn cross<const D: usize>(
     triangles: &[Triangle],
     lattice: &Lattice,
@@ -109,7 +109,7 @@ fn cross<const D: usize>(
         progress.check()?;
         let change = projected.change();
         projected.rows(lattice, first, count, points, |u, v, before| {
-            // Those before the first point or behind the last change nothing here.
+            // Crossings before the first point or after the last one do not matter here.
             if before > 0 && before < points {
                 let line = (v * count[0] + u) as u32;
                 let attribute = triangle.attribute;
@@ -120,8 +120,8 @@ fn cross<const D: usize>(
     Ok(Crossings::new(&crossings, count[0] * count[1]))
 }
 
-/// Goes along a line from a state: hands out the state and where it ends, for each run, and returns the
-/// last.
+/// Follows a line from a state. Passes each run of points and its state to `each`, and returns the
+/// last state.
 fn walk(
     mut state: State,
     line: &[Crossing],
@@ -141,9 +141,9 @@ fn walk(
     state
 }
 
-/// Hands out the runs of all rows of a block's lattice along which the state is the same: the row along
-/// y and z, where it begins and ends along x, and the state. Rows without a crossing and with no winding are
-/// left out.
+/// Passes the runs of constant state in all rows of a block's lattice to `each`: the row's position
+/// along y and z, the run's start and end along x, and the state. Rows without crossings and with
+/// winding number 0 are left out.
 pub(super) fn each_run(
     lattice: &Lattice,
     triangles: &[Triangle],
@@ -174,7 +174,8 @@ pub(super) fn each_run(
     Ok(())
 }
 
-/// The winding numbers at a block's lattice points, x fastest, then y, then z; the lattice has one in each cell.
+/// Winding numbers at a block's lattice points, x fastest, then y, then z. The lattice must have
+/// one point per cell.
 pub(super) fn windings_at_centres(
     lattice: &Lattice,
     triangles: &[Triangle],
@@ -190,13 +191,13 @@ pub(super) fn windings_at_centres(
     Ok(windings)
 }
 
-/// Change of the winding number from one point to the coordinate of another along the axis `D`; moves the
-/// first point there.
+/// Change of the winding number from one point to the coordinate of another along the axis `D`.
+/// Moves the first point there.
 pub(super) fn change<const D: usize>(triangles: &[Triangle], from: &mut [i32; 3], to: [i32; 3]) -> i32 {
     let mut end = *from;
     end[D] = to[D];
     let [u, v] = ascending_others(D);
-    // Most are somewhere else.
+    // Most triangles are not near the line.
     let is_near = |triangle: &&Triangle| {
         [u, v].iter().all(|axis| triangle.min(*axis) <= end[*axis] && end[*axis] <= triangle.max(*axis))
     };

@@ -1,12 +1,13 @@
-//! Colours of the classes that texts become: told apart by everybody.
+//! Distinguishable colours for the classes of string attributes, also for colour-blind readers.
 
 use std::collections::BTreeSet;
 
 use spinney_base::value::Palette;
 
-/// Colours in the order in which classes get them: first those of Okabe and Ito but black, then, one by one, the colour that is
-/// farthest from all before it, and from black and white, to whoever sees all colours and to whoever sees no red or no green: distances are those
-/// of Oklab, the simulations those of Machado, Oliveira and Fernandes (2009).
+/// Colours in class order. The first are those of Okabe and Ito without black. Each of the others
+/// maximizes the distance to all before it, and to black and white, in normal vision and in
+/// simulated red and green blindness. Distances are in Oklab; the simulations are those of Machado,
+/// Oliveira and Fernandes (2009).
 #[rustfmt::skip]
 const COLOURS: [[u8; 3]; 32] = [
     [0, 114, 178], [230, 159, 0], [0, 158, 115], [204, 121, 167], [86, 180, 233], [213, 94, 0], [240, 228, 66], [105, 45, 45],
@@ -15,20 +16,22 @@ const COLOURS: [[u8; 3]; 32] = [
     [255, 45, 105], [180, 180, 195], [210, 30, 75], [0, 165, 195], [225, 195, 0], [210, 135, 45], [135, 45, 0], [120, 150, 255],
 ];
 
-/// Colours that a palette has at most, with that of 0.
+/// Maximum number of colours in a palette, including that of 0.
 const MOST: usize = 1 << 16;
 
-/// Channels of colours beyond those of the table: neither near black nor near white, and so many that their number is a prime.
+/// Channel range of colours after the table, which excludes near-black and near-white. The number
+/// of levels is a prime.
 const LEAST: u64 = 40;
 const LEVELS: u64 = 191;
 
-/// Colours of the classes from 1 to so many, each another one; `None` if there are none, or too many for a palette.
+/// Returns distinct colours for the classes 1 to `classes`; `None` if there are none, or too many
+/// for a palette.
 pub(super) fn palette(classes: usize) -> Option<Palette> {
     if classes == 0 || classes >= MOST {
         return None;
     }
     let table = COLOURS.iter().copied().collect::<BTreeSet<[u8; 3]>>();
-    // (A step that has no factor in common with the number of colours comes to each of them once.)
+    // The stride is coprime to the number of colours, so it visits each of them once.
     let step = |number: u64| number.wrapping_mul(2_654_435_761) % LEVELS.pow(3);
     let channel = |code: u64, place: u32| (LEAST + code / LEVELS.pow(place) % LEVELS) as u8;
     let others = (1..).map(step).map(|code| [0, 1, 2].map(|place| channel(code, place)));
@@ -63,7 +66,7 @@ mod tests {
         matrix.map(|row| (0..3).map(|axis| row[axis] * of[axis]).sum())
     }
 
-    /// A colour as it is seen, in Oklab.
+    /// Converts a colour to Oklab, as perceived with a type of vision.
     fn seen(by: &Matrix, colour: [u8; 3]) -> [f64; 3] {
         let linear = colour.map(|sample| match f64::from(sample) / 255.0 {
             sample if sample <= 0.04045 => sample / 12.92,
@@ -94,7 +97,7 @@ mod tests {
         let most = palette(MOST - 1).unwrap().colours;
         assert_eq!((most.len(), most[0]), (MOST, [0; 4]));
         assert_eq!(most.iter().collect::<BTreeSet<_>>().len(), MOST);
-        // Few have the first of many.
+        // A small palette is a prefix of a large one.
         assert_eq!(palette(40).unwrap().colours[..], most[..41]);
     }
 }

@@ -1,14 +1,15 @@
-//! How much of each cell of a block a polygon has.
+//! Shares of a block's cells that a polygon covers.
 
 use std::ops::Range;
 
 use super::edge::{Edge, PARTS, Point, centre};
 
-/// Share of a cell that rounding alone may leave, or take away: a share is a sum of differences of coordinates in cells of the block, each off by 2^-52 of
-/// how far the edge's ends are away; ends a million cells away are off by 2^-32.
+/// Rounding error of a share. A share is a sum of differences of coordinates, in cells of the
+/// block. Each is off by 2^-52 of the distance of the edge's ends; at a distance of a million
+/// cells, by 2^-32.
 const ROUNDING: f64 = 1e-9;
 
-/// A share without what rounding alone may have left, or taken away.
+/// Snaps a share to 0 or 1 within the rounding error.
 pub(super) fn settled(share: f64) -> f64 {
     match share {
         share if share < ROUNDING => 0.0,
@@ -17,14 +18,15 @@ pub(super) fn settled(share: f64) -> f64 {
     }
 }
 
-/// Shares that polygons cover of the cells of a block.
+/// Shares of a block's cells that polygons cover.
 pub(super) struct Shares {
     sums: Vec<f64>,
-    /// Number of polygons that cover a part of each cell, up to 2; [`FULL`] if one covers all of it.
+    /// Number of polygons that partially cover each cell, at most 2; [`FULL`] if one covers all of
+    /// it.
     polygons: Vec<u8>,
 }
 
-/// A cell that one polygon covers.
+/// Marks a cell that is fully covered by one polygon.
 const FULL: u8 = u8::MAX;
 
 impl Shares {
@@ -32,7 +34,7 @@ impl Shares {
         Shares { sums: vec![0.0; cells], polygons: vec![0; cells] }
     }
 
-    /// Adds a share to those of some cells; returns whether it is one.
+    /// Adds a share to each of some cells; returns whether it exceeds the rounding error.
     #[inline]
     pub(super) fn add(&mut self, share: f64, cells: Range<usize>) -> bool {
         let share = settled(share.abs());
@@ -50,8 +52,9 @@ impl Shares {
         true
     }
 
-    /// The sum of what was added to a cell since the last call, and how many polygons it is of: 1 for one that covers all of it. The sum of
-    /// several is that of their union if they do not overlap.
+    /// Returns and resets the sum of shares of a cell, and the number of polygons in it, at most 2.
+    /// The number is 1 if one polygon covers the cell fully. The sum of several polygons is the
+    /// share of their union only if they do not overlap.
     pub(super) fn take(&mut self, cell: usize) -> (f64, u8) {
         let sum = std::mem::take(&mut self.sums[cell]);
         match std::mem::take(&mut self.polygons[cell]) {
@@ -61,16 +64,17 @@ impl Shares {
     }
 }
 
-/// Room to measure polygons in a square of cells.
+/// Workspace for measuring polygons in a square block of cells.
 pub(super) struct Coverage {
     side: usize,
-    /// Differences of each cell's share from that of the cell before it, in rows of one more; nothing but zeros between measurements.
+    /// Difference of each cell's share from that of the previous cell, in rows of `side + 1`. All
+    /// are zero between measurements.
     changes: Vec<f64>,
-    /// Parts of each row that are inside along the block's left side.
+    /// Inside length of the block's left side, per row.
     left: Vec<f64>,
-    /// The change, from a row on, of what is inside along the left side.
+    /// Change of the winding number along the left side, from each row on.
     steps: Vec<f64>,
-    /// Columns of each row in which something was added since somebody asked.
+    /// Columns of each row to which something was added since the last `take_touched`.
     touched: Vec<Range<usize>>,
 }
 
@@ -81,26 +85,28 @@ impl Coverage {
         Coverage { side, changes: vec![0.0; (side + 1) * side], left: row(), steps: row(), touched }
     }
 
-    /// Cells along a side of the block.
+    /// Returns the number of cells along a side of the block.
     pub(super) fn side(&self) -> usize {
         self.side
     }
 
-    /// Notes that something is added to some columns of a row.
+    /// Marks some columns of a row as changed.
     pub(super) fn touch(&mut self, row: usize, columns: Range<usize>) {
         let touched = &mut self.touched[row];
         *touched = touched.start.min(columns.start)..touched.end.max(columns.end);
     }
 
-    /// The columns of a row in which something was added since this was asked; outside of them nothing was.
+    /// Returns and resets the changed columns of a row.
     pub(super) fn take_touched(&mut self, row: usize) -> Range<usize> {
         std::mem::replace(&mut self.touched[row], self.side..0)
     }
 
-    /// Adds the shares that a polygon has of the cells of a block, row after row, by the edges that it has there, the block's first cell, and how
-    /// many times the polygon winds round the centre of that. Exact but for rounding, if rings do not cross each other.
+    /// Adds the shares of a block's cells that a polygon covers, given its edges in the block, the
+    /// block's first cell, and the winding number of that cell's centre. The result is exact up to
+    /// rounding if rings do not intersect.
     ///
-    /// The left side is gone up first, on which each edge that is met changes what is inside; then each edge changes what is on its right.
+    /// First, edges that cross the left side change the inside lengths along it. Then each edge
+    /// changes the shares to its right.
     pub(super) fn measure<'a>(
         &mut self,
         edges: impl Iterator<Item = &'a Edge> + Clone,
@@ -113,10 +119,11 @@ impl Coverage {
         self.steps.fill(0.0);
         // From the first centre to the left side.
         let on_side = [origin[0], centre(cell[1])];
-        // (Exactly: a wrong number here would be wrong for whole rows, where rounding below moves a share by no more than that.)
+        // This must be exact: an error here affects entire rows, while rounding errors below stay
+        // that small.
         let way: i32 = edges.clone().map(|edge| edge.on_the_way_right(on_side, centre(cell[0]))).sum();
         self.steps[0] = f64::from(winding - way);
-        // Columns and rows that edges reach, from and to.
+        // Range of columns and rows that edges reach.
         let mut reached = [[side as f64, 0.0]; 2];
         for edge in edges {
             let local =
@@ -139,7 +146,7 @@ impl Coverage {
             let [from, to] = at.map(|at| at.clamp(0.0, side as f64));
             from as usize..(to.ceil() as usize).max(from as usize)
         };
-        // (An edge changes the cell behind those that it passes through, too.)
+        // An edge also changes the cell after those that it crosses.
         let (columns, rows) = (cells(reached[0]), cells(reached[1]));
         let columns = columns.start..(columns.end + 1).min(side);
         let mut sum = 0.0;
@@ -171,7 +178,7 @@ impl Coverage {
         }
     }
 
-    /// Takes an edge into account that crosses the left side at some height, above the first row's centre or below it.
+    /// Adds an edge that crosses the left side at `y`, above or below the centre of the first row.
     fn cross_left_side(&mut self, y: f64, direction: f64, is_above: bool) {
         let side = self.side as f64;
         let y = if is_above { y.clamp(0.5, side) } else { y.clamp(0.0, 0.5) };
@@ -181,22 +188,22 @@ impl Coverage {
             self.left[row] += direction * above;
             self.steps[row + 1] += direction;
         } else {
-            // (What is below it is the first row's.)
+            // Below the centre, only the first row changes.
             self.left[row] -= direction * (1.0 - above);
         }
     }
 
-    /// Adds what an edge changes on its right, within the block.
+    /// Adds the change that an edge causes to its right, within the block.
     fn add_edge(&mut self, [[ax, ay], [bx, by]]: [[f64; 2]; 2], crossing: Option<f64>) {
         let side = self.side as f64;
-        // (Down it is the other way round.)
+        // A downward edge has the opposite sign.
         let (sign, [ax, ay], [bx, by]) =
             if ay <= by { (-1.0, [ax, ay], [bx, by]) } else { (1.0, [bx, by], [ax, ay]) };
         let (mut low, mut high) = (ay.max(0.0), by.min(side));
         if low >= high || (ax <= 0.0 && bx <= 0.0) {
             return;
         }
-        // What lies left of the block is no more than its crossing of the side.
+        // An edge's segment left of the block matters only through its crossing of the left side.
         if let Some(y) = crossing {
             if ax <= 0.0 { low = low.max(y) } else { high = high.min(y) }
         }
@@ -211,7 +218,7 @@ impl Coverage {
         }
     }
 
-    /// Adds a piece of an edge within a row: its ends, and how much of the row it passes, with a sign.
+    /// Adds the segment of an edge within a row: its ends, and its signed height.
     fn add_in_row(&mut self, row: usize, [start, end]: [f64; 2], height: f64) {
         let changes = &mut self.changes[row * (self.side + 1)..(row + 1) * (self.side + 1)];
         let (least, most) = (start.min(end), start.max(end));

@@ -1,4 +1,5 @@
-//! Parts of nodes that were used last, so that those of nodes below are made of these.
+//! Cache of the parts of nodes that were used last, from which the parts of their descendants are
+//! computed.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -7,7 +8,7 @@ use spinney_base::space::Code;
 
 use super::shapes::Parts;
 
-/// Parts of nodes, of some bytes together.
+/// Cache of parts, with a memory limit in bytes.
 pub(super) struct Ladder {
     most: usize,
     kept: Mutex<Kept>,
@@ -17,17 +18,17 @@ pub(super) struct Ladder {
 struct Kept {
     nodes: HashMap<Code, (Arc<Parts>, u64)>,
     bytes: usize,
-    /// Number of the last question.
+    /// Number of the last query.
     now: u64,
 }
 
 impl Ladder {
-    /// No parts yet, of so many bytes at most.
+    /// Creates an empty cache of at most `most` bytes.
     pub(super) fn new(most: usize) -> Ladder {
         Ladder { most, kept: Mutex::default() }
     }
 
-    /// The nearest node at or above one whose parts are known.
+    /// Returns the nearest cached node at or above `code`.
     pub(super) fn nearest(&self, code: Code) -> Option<(Code, Arc<Parts>)> {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         kept.now += 1;
@@ -43,7 +44,8 @@ impl Ladder {
         None
     }
 
-    /// Keeps the parts of a node; if there are too many, the half that was not asked for the longest time is forgotten.
+    /// Inserts the parts of a node. If the limit is exceeded, the least recently used half is
+    /// evicted.
     pub(super) fn keep(&self, code: Code, parts: &Arc<Parts>) {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         let now = kept.now;

@@ -1,4 +1,4 @@
-//! The second pass over features: shapes, in parts of cells of a tree.
+//! Second pass over features: converts them to shapes in grid units of the tree's cells.
 
 use spinney_base::value::Number;
 use spinney_crs::CellLocator;
@@ -8,33 +8,34 @@ use super::edge::{Edge, MAX_CELLS, PARTS, Point};
 use super::shapes::{ShapeKind, Shapes};
 use crate::import::feature::FeatureGeometry;
 
-/// Shapes as they are read.
+/// Shapes under construction.
 pub(super) struct Loader {
     places: CellLocator,
     pub(super) shapes: Shapes,
-    /// The value of each number that shapes have.
+    /// Values of the shapes, by value number.
     pub(super) values: Vec<Number>,
-    /// Points that the tree's system does not have.
+    /// Number of points outside the domain of the tree's coordinate system.
     pub(super) lost: u64,
-    /// Cells along each axis of the tree.
+    /// Extent of the tree in cells.
     extent: [u64; 3],
-    /// Geometries that reach beyond the tree's picture, and those that have nothing in it.
+    /// Number of geometries that extend beyond the tree's raster, and of those entirely outside.
     pub(super) beyond: u64,
     pub(super) outside: u64,
-    /// Polygons whose rings cross or touch each other, or whose parts overlap.
+    /// Number of polygons whose rings cross or touch each other, or whose parts overlap.
     pub(super) invalid: u64,
 }
 
 impl Loader {
-    /// No shapes yet, of features whose places are in the tree's cells by some way.
+    /// Creates a loader without shapes; `places` converts coordinates to the tree's cells.
     pub(super) fn new(places: CellLocator, extent: [u64; 3]) -> Loader {
         let (shapes, values) = (Shapes::default(), Vec::new());
         Loader { places, shapes, values, lost: 0, extent, beyond: 0, outside: 0, invalid: 0 }
     }
 
-    /// Adds the shapes of a geometry, which have the last value; or tells what is wrong with it.
+    /// Adds the shape of a geometry with the last value, or returns an error message.
     ///
-    /// Lines have what is within `radius` of them, in parts of cells; with `None` the cells that their points are in.
+    /// A line covers the cells within `radius` grid units, or, with `None`, those that contain its
+    /// points.
     pub(super) fn add(&mut self, geometry: &FeatureGeometry, radius: Option<i64>) -> Result<(), String> {
         let value = self.values.len() as u32 - 1;
         let mut edges = Vec::new();
@@ -51,7 +52,8 @@ impl Loader {
                 for line in lines {
                     let points =
                         line.iter().map(|point| self.point(*point)).collect::<Result<Vec<_>, _>>()?;
-                    // (A line is not drawn through what the tree's system does not have.)
+                    // A line is interrupted at points outside the domain of the tree's coordinate
+                    // system.
                     edges
                         .extend(points.windows(2).filter_map(|ends| Some(Edge { a: ends[0]?, b: ends[1]? })));
                 }
@@ -80,7 +82,7 @@ impl Loader {
         Ok(())
     }
 
-    /// Compares the box around edges with the picture.
+    /// Compares the bounding box of edges with the raster.
     fn compare(&mut self, edges: &[Edge]) {
         let range = |axis: usize| {
             let ranges = edges.iter().map(|edge| edge.range(axis));
@@ -96,7 +98,7 @@ impl Loader {
         self.outside += u64::from(is_outside);
     }
 
-    /// A point in parts of cells; `None` if the tree's system does not have it.
+    /// Converts a point to grid units; `None` outside the domain of the tree's coordinate system.
     fn point(&mut self, [x, y]: [f64; 2]) -> Result<Option<Point>, String> {
         let Some([x, y, _]) = self.places.cell([x, y, 0.0]) else {
             self.lost += 1;
@@ -106,7 +108,7 @@ impl Loader {
     }
 }
 
-/// A point on the grid of parts of cells.
+/// Rounds a point to grid units.
 fn rounded(cell: [f64; 2]) -> Result<Point, String> {
     match cell.iter().find(|at| at.abs() > MAX_CELLS) {
         Some(at) => Err(format!("a corner {at:e} cells from the tree's")),

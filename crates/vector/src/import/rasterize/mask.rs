@@ -1,29 +1,29 @@
-//! Which cells of a block a shape has: by their centres, or all that it touches, as bits in rows.
+//! Cells of a block that a shape covers, by their centres or by contact, as bits in rows.
 
 use super::edge::{Edge, PARTS, Point, centre};
 
-/// Bits of a square of cells, row after row.
+/// Bits of a square block of cells, row by row.
 pub(super) struct Mask {
-    /// Cells along a side.
+    /// Number of cells along a side.
     side: usize,
-    /// Words of a row.
+    /// Words per row.
     words: usize,
     bits: Vec<u64>,
 }
 
 impl Mask {
-    /// No cells of a square.
+    /// Creates an empty mask.
     pub(super) fn new(side: usize) -> Mask {
         let words = side.div_ceil(64);
         Mask { side, words, bits: vec![0; words * side] }
     }
 
-    /// Takes all cells out, or in.
+    /// Sets or clears all cells.
     pub(super) fn fill(&mut self, is_in: bool) {
         self.bits.fill(if is_in { !0 } else { 0 });
     }
 
-    /// Takes some cells of a row in.
+    /// Sets some cells of a row.
     fn insert(&mut self, row: usize, columns: std::ops::Range<usize>) {
         let row = &mut self.bits[row * self.words..(row + 1) * self.words];
         for column in columns {
@@ -31,7 +31,7 @@ impl Mask {
         }
     }
 
-    /// Shows the numbers of the cells that are in, row after row.
+    /// Calls `show` with the index of each set cell, row by row.
     pub(super) fn each(&self, mut show: impl FnMut(usize)) {
         for (row, words) in self.bits.chunks_exact(self.words).enumerate() {
             for (word, bits) in words.iter().enumerate() {
@@ -47,8 +47,8 @@ impl Mask {
         }
     }
 
-    /// The cells of a block whose centres a polygon has inside, by the edges that it has there, the block's first cell, and whether the
-    /// centre of that is inside.
+    /// Sets the cells whose centres are inside a polygon, given its edges in the block, the block's
+    /// first cell, and whether that cell's centre is inside.
     pub(super) fn centres<'a>(
         &mut self,
         edges: impl Iterator<Item = &'a Edge>,
@@ -58,8 +58,8 @@ impl Mask {
         self.fill(false);
         let side = self.side as i64;
         let first = cell.map(centre);
-        // Bits of the first column tell whether a row begins inside unless the row before did, those of others whether it is another way than the
-        // column before.
+        // A bit of the first column is the difference of a row's first cell from the row before.
+        // Bits of other columns are differences from the column before.
         if is_inside {
             self.flip(0, 0);
         }
@@ -86,7 +86,7 @@ impl Mask {
             row[0] = row[0] & !1 | u64::from(is_inside);
             let mut before = 0;
             for word in row {
-                // Each bit becomes the parity of all up to it.
+                // Prefix parity: each bit becomes the parity of all bits up to it.
                 for shift in [1, 2, 4, 8, 16, 32] {
                     *word ^= *word << shift;
                 }
@@ -100,19 +100,21 @@ impl Mask {
         self.bits[row as usize * self.words + column as usize / 64] ^= 1 << (column % 64);
     }
 
-    /// Adds the cells of a block of which edges have something inside: of lines the cells that their points are in.
+    /// Sets the cells whose interior edges meet; for lines, the cells that contain any of their
+    /// points.
     pub(super) fn touch<'a>(&mut self, edges: impl Iterator<Item = &'a Edge>, cell: Point, is_line: bool) {
         let side = self.side as i64;
         let origin = cell.map(|cell| cell * PARTS);
         let clamp = |cell: i64| cell.clamp(0, side);
-        // (What ends on the side of a cell has nothing of it, unless it is a point.)
+        // An edge that ends on the side of a cell does not enter it, unless it is a point.
         let end =
             |at: i64, is_in: bool| if is_in { at.div_euclid(PARTS) + 1 } else { -(-at).div_euclid(PARTS) };
         for edge in edges {
             let [low, high] = edge.range(1).map(|y| y - origin[1]);
             for row in clamp(low.div_euclid(PARTS))..clamp(end(high, is_line)) {
                 let [least, most] = within_row(edge, origin[1] + row * PARTS).map(|x| x - origin[0]);
-                // A cell has the points on its left and upper sides. What goes on in the next row, or ends there, has its last point there.
+                // A cell contains its left and upper sides. An edge that continues or ends in the
+                // next row has its last point there.
                 let goes_on = high >= (row + 1) * PARTS && edge.leads_right_and_up() && least < most;
                 let columns = clamp(least.div_euclid(PARTS))..clamp(end(most, is_line && !goes_on));
                 self.insert(row as usize, columns.start as usize..columns.end as usize);
@@ -120,10 +122,10 @@ impl Mask {
         }
     }
 
-    /// Takes in the cells of a block whose centres are no farther from edges than a radius.
+    /// Sets the cells whose centres are at most `radius` from an edge.
     pub(super) fn near<'a>(&mut self, edges: impl Iterator<Item = &'a Edge>, cell: Point, radius: i64) {
         let (side, first) = (self.side as i64, cell.map(centre));
-        // (Numbers of cells, those before the block and behind it included.)
+        // Cell numbers, including those before and after the block.
         let clamp = |cells: i64| cells.clamp(0, side);
         for edge in edges {
             let [low, high] = edge.range(1).map(|y| y - first[1]);
@@ -132,7 +134,8 @@ impl Mask {
             let rows = clamp((low - radius).div_euclid(PARTS))..clamp((high + radius).div_euclid(PARTS) + 1);
             for row in rows {
                 let y = first[1] + row * PARTS;
-                // What of the edge is near the row tells which columns are asked; one more on each side, for rounding.
+                // The segment of the edge near the row bounds the columns to check; one more on
+                // each side allows for rounding.
                 let at = |y: i64| {
                     let part = if rise > 0.0 { ((y - a[1]) as f64 / rise).clamp(0.0, 1.0) } else { 0.0 };
                     (a[0] - first[0]) as f64 + run * part
@@ -154,7 +157,7 @@ impl Mask {
         }
     }
 
-    /// Takes in the cell of each point that lies in the block.
+    /// Sets the cell of each point in the block.
     pub(super) fn points<'a>(&mut self, points: impl Iterator<Item = &'a Edge>, cell: Point) {
         let side = self.side;
         for at in points.filter_map(|point| index_of(point.a, cell, side)) {
@@ -163,17 +166,18 @@ impl Mask {
     }
 }
 
-/// The number of the cell of a block that a point lies in.
+/// Returns the index of the block's cell that contains a point.
 pub(super) fn index_of(point: Point, cell: Point, side: usize) -> Option<usize> {
     let [x, y] = [0, 1].map(|axis| point[axis].div_euclid(PARTS) - cell[axis]);
     let is_inside = |at: i64| (0..side as i64).contains(&at);
     (is_inside(x) && is_inside(y)).then(|| y as usize * side + x as usize)
 }
 
-/// The first of some rows whose centre, in the column of a point, an edge that is above the point is not above.
+/// Returns the first row whose centre, in the column of a point, is not below an edge that is above
+/// the point.
 pub(super) fn first_row_above(edge: &Edge, first: Point, rows: i64) -> i64 {
     let is_above = |row: i64| edge.is_above([first[0], first[1] + row * PARTS]);
-    // (Rows are few: halves are found fast, without rounding.)
+    // There are few rows: bisection is fast, and has no rounding.
     let (mut low, mut high) = (0, rows);
     while low + 1 < high {
         let middle = (low + high) / 2;
@@ -182,7 +186,8 @@ pub(super) fn first_row_above(edge: &Edge, first: Point, rows: i64) -> i64 {
     high
 }
 
-/// Least and greatest x of an edge in the row of cells that begins at some height, rounded outwards.
+/// Returns the minimum and maximum x of an edge within a row of cells that starts at `low`, rounded
+/// outwards.
 fn within_row(edge: &Edge, low: i64) -> [i64; 2] {
     let (high, Edge { a, b }) = (low + PARTS, edge.rising(1));
     let (dx, dy) = (i128::from(b[0] - a[0]), i128::from(b[1] - a[1]));

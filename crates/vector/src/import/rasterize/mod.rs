@@ -1,4 +1,5 @@
-//! Rasterization: features become quadtrees, without a raster between. Shapes are clipped to nodes from the root down, by their edges.
+//! Rasterization of features directly into quadtrees, without an intermediate raster. The edges of
+//! shapes are clipped to nodes from the root down.
 
 mod colours;
 mod coverage;

@@ -1,4 +1,4 @@
-//! Options of trees of features.
+//! Options of trees built from features.
 
 use std::fmt;
 use std::str::FromStr;
@@ -13,18 +13,18 @@ use spinney_engine::store::Packing;
 
 use crate::import::feature::{Feature, FeatureAttribute, FeatureOptions};
 
-/// Bytes of memory used if nothing is said.
+/// Default memory limit in bytes.
 const DEFAULT_MEMORY: u64 = 256 << 20;
 
-/// The value that a feature gives its cells.
+/// Cell value of a feature.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FeatureValue {
-    /// A number, of all features.
+    /// One number for all features.
     Number(Number),
-    /// The value of an attribute. Texts become classes, numbered from 1 in the order of the alphabet, with names; over a tree they are names of
-    /// its classes.
+    /// Value of an attribute. Strings become named classes, numbered from 1 in alphabetical order;
+    /// over a tree, they are names of its classes.
     Attribute(String),
-    /// A number for each channel of the tree that features are laid over.
+    /// One number per channel of the tree that features are laid over.
     Samples(Vec<Number>),
 }
 
@@ -37,7 +37,7 @@ impl Default for FeatureValue {
 impl FromStr for FeatureValue {
     type Err = Error;
 
-    /// Reads a number, or the name of an attribute.
+    /// Parses a number or an attribute name.
     fn from_str(text: &str) -> Result<FeatureValue> {
         if text.is_empty() {
             return Err(Error::invalid("value", "nothing", "a number, or the name of an attribute"));
@@ -46,19 +46,20 @@ impl FromStr for FeatureValue {
     }
 }
 
-/// The width of lines, in units of the tree's coordinates.
+/// Width of lines, in units of the tree's coordinates.
 #[derive(Clone, Debug, PartialEq)]
 pub enum LineWidth {
-    /// A number, of all lines.
+    /// One number for all lines.
     Number(f64),
-    /// The value of an attribute. Lines without one, or of 0, have the cells that their points are in.
+    /// Value of an attribute. Lines without one, or with 0, cover the cells that contain their
+    /// points.
     Attribute(String),
 }
 
 impl FromStr for LineWidth {
     type Err = Error;
 
-    /// Reads a number, or the name of an attribute.
+    /// Parses a number or an attribute name.
     fn from_str(text: &str) -> Result<LineWidth> {
         match text.parse::<f64>() {
             Ok(width) if width.is_finite() && width > 0.0 => Ok(LineWidth::Number(width)),
@@ -68,23 +69,23 @@ impl FromStr for LineWidth {
     }
 }
 
-/// The value of cells where features lie on top of each other.
+/// Value of cells where features overlap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Overlaps {
-    /// The value of the last one in the file.
+    /// Value of the last feature in the file.
     #[default]
     Last,
-    /// That of the first one.
+    /// Value of the first feature in the file.
     First,
-    /// The least.
+    /// Minimum.
     Min,
-    /// The greatest.
+    /// Maximum.
     Max,
-    /// The sum of all.
+    /// Sum.
     Sum,
-    /// The number of features; of points each counts.
+    /// Number of features; each point of a multipoint counts.
     Count,
-    /// The mean of all.
+    /// Mean.
     Mean,
 }
 
@@ -99,7 +100,7 @@ impl Overlaps {
         ("mean", Overlaps::Mean),
     ];
 
-    /// Whether numbers are computed of all features over a cell.
+    /// Returns whether the value is computed from all features in a cell.
     pub(super) fn is_computed(self) -> bool {
         matches!(self, Overlaps::Sum | Overlaps::Count | Overlaps::Mean)
     }
@@ -121,25 +122,25 @@ impl FromStr for Overlaps {
     }
 }
 
-/// The cells of a tree of features.
+/// Cell grid of a tree built from features.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FeatureGrid {
-    /// So many cells along the longer side of the box around all features.
+    /// Number of cells along the longer side of the features' bounding box.
     Cells(u64),
-    /// Cells of this width, in units of the features' system; sides of cells lie at its multiples, so that all trees of one width fit
-    /// together.
+    /// Cell width, in units of the features' coordinate system. Cell borders are at its multiples,
+    /// so that all trees of one width align.
     Cell(f64),
-    /// The cells of another tree, wherever the features lie.
+    /// Cells and extent of another tree, regardless of the features' extent.
     Like(WarpGrid),
-    /// The cells of another tree, over its extent and that of the features.
+    /// Cells of another tree; its extent is extended by that of the features.
     Extended(WarpGrid),
 }
 
 impl FeatureGrid {
-    /// The cells of web maps to a zoom, whose tiles of 256 x 256 cells are the deepest.
+    /// Returns the cells of web map tiles of 256 x 256 cells, with `zoom` as the deepest.
     ///
     /// # Errors
-    /// If a quadtree has no room for them: the deepest zoom is 21.
+    /// If a quadtree cannot hold them: the maximum zoom is 21.
     pub fn web_mercator(zoom: u8) -> Result<FeatureGrid> {
         const TILE_LEVELS: u8 = 8;
         let most = Dimension::Quad.max_depth() - TILE_LEVELS;
@@ -152,58 +153,62 @@ impl FeatureGrid {
     }
 }
 
-/// The tree that features are laid over.
+/// Tree that features are laid over.
 #[derive(Clone, Debug)]
 pub(super) struct Ground {
     pub(super) header: Header,
     pub(super) metadata: Metadata,
-    /// The features' coordinates; those of their file if nothing is said.
+    /// Coordinates of the features; `None` for those of their file.
     pub(super) coordinates: Option<Coordinates>,
 }
 
-/// Options for a tree of features.
+/// Options of a tree built from features.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct RasterizeOptions {
-    /// The value that features give their cells.
+    /// Cell value of features.
     pub value: FeatureValue,
-    /// The value of cells where features lie on top of each other.
+    /// Value of cells where features overlap.
     pub overlaps: Overlaps,
-    /// Rule for cells at the edges of polygons. [`EdgeRule::Area`] gives each cell the value that has the largest share of it, nothing being one of
-    /// them; polygons of one value that overlap are united. (Lines are in all cells that their points are in.)
+    /// Rule for cells at the edges of polygons. [`EdgeRule::Area`] gives each cell the value with
+    /// the largest share of it, where nodata counts as a value; overlapping polygons of one value
+    /// are united. Lines are in all cells that contain their points.
     pub edge: EdgeRule,
-    /// The width of lines: they have the cells whose centres are no farther from them than half of it. Without one they have all cells that
-    /// their points are in.
+    /// Width of lines: a line covers the cells whose centres are within half of it. `None` for
+    /// lines that cover all cells that contain their points.
     pub width: Option<LineWidth>,
-    /// Cells get the share of them that features have, from 0 to 1, instead of a value. Polygons that overlap are united.
+    /// Writes the covered share of each cell, from 0 to 1, instead of a value. Overlapping polygons
+    /// are united.
     pub fractions: bool,
-    /// The cells.
+    /// Cell grid.
     pub grid: FeatureGrid,
-    /// Type of the values; that of the attribute if not given: i32 or i64 of integers, f64 of real numbers.
+    /// Sample type. By default that of the attribute: i32 or i64 for integers, f64 for
+    /// floating-point numbers.
     pub sample: Option<SampleType>,
-    /// Kind of the values; texts and a number for all are classes if not given, numbers of an attribute continuous values.
+    /// Data kind. By default, strings and a number for all features are categorical; numeric
+    /// attributes are continuous.
     pub kind: Option<DataKind>,
-    /// Rule for coarser cells; the kind's if nothing is said.
+    /// Rule for coarser cells; by default that of the kind.
     pub rule: Option<Rule>,
-    /// Levels of the tree; as few as hold the cells if nothing is said.
+    /// Depth of the tree; by default the minimum that holds the cells.
     pub depth: Option<u8>,
-    /// The system of the features' coordinates; otherwise the files'.
+    /// Coordinate system of the features; by default that of the files.
     pub crs: Option<Crs>,
-    /// Which features of the files count.
+    /// Selection of features.
     pub features: FeatureOptions,
-    /// Bytes of memory for everything.
+    /// Memory limit in bytes.
     pub memory: u64,
     /// Whether equal subtrees are stored once, in Autumnal files.
     pub share: bool,
-    /// Time of the commit that an Autumnal file begins with, in seconds since the beginning of 1970.
+    /// Time of an Autumnal file's first commit, in seconds since 1970.
     pub time: Option<i64>,
-    /// How few bytes the file is to take, and what it may lose for that.
+    /// Compression level, and permitted loss.
     pub packing: Packing,
     pub(super) ground: Option<Box<Ground>>,
 }
 
 impl RasterizeOptions {
-    /// Ones where features are, of cells by their centres.
+    /// Creates options that set cells to 1 whose centres are in a feature.
     pub fn new(grid: FeatureGrid) -> RasterizeOptions {
         RasterizeOptions {
             value: FeatureValue::default(),
@@ -226,8 +231,10 @@ impl RasterizeOptions {
         }
     }
 
-    /// Ones where features are, on the cells of a tree with such a header and metadata, and in its form: for
-    /// [`FeatureImport::tree`](super::FeatureImport::tree). Features are in some coordinates; in their file's if nothing is said.
+    /// Creates options that set cells to 1 where features are, on the cells of a tree with this
+    /// header and metadata, and with its type: for
+    /// [`FeatureImport::tree`](super::FeatureImport::tree). `coordinates` are those of the
+    /// features; `None` for those of their file.
     ///
     /// # Errors
     /// If it is an octree.
@@ -250,8 +257,8 @@ impl RasterizeOptions {
         })
     }
 
-    /// Half of the width of a feature's lines; `None` if they have none, or what is wrong with it. (Its attribute is the last of those that are
-    /// read.)
+    /// Returns half of the width of a feature's lines, `None` if they have no width, or an error
+    /// message. The width attribute is the last one read.
     pub(super) fn half_width(&self, feature: &Feature) -> Result<Option<f64>, String> {
         match &self.width {
             None => Ok(None),

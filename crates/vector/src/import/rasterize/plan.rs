@@ -1,4 +1,5 @@
-//! Plans of trees of features: a first pass finds the box around them and their values, a second one reads their shapes.
+//! Plans of trees built from features: a first pass finds their bounding box and values, a second
+//! pass reads their shapes.
 
 use std::path::{Path, PathBuf};
 
@@ -24,14 +25,14 @@ use super::values::Values;
 use crate::import::feature::{FeatureAttribute, FeatureOptions, FeatureReader, open_features};
 use crate::import::zones::invalid_polygons;
 
-/// Features that were looked at once, ready to become a tree: see [`FeatureImport::build`].
+/// Features after the first pass, ready to be built into a tree: see [`FeatureImport::build`].
 pub struct FeatureImport {
     inputs: Vec<PathBuf>,
     options: RasterizeOptions,
     frame: Frame,
     extent: [u64; 3],
     depth: u8,
-    /// The system of the features' coordinates.
+    /// Coordinate system of the features.
     crs: Option<Crs>,
     values: Values,
     value_type: ValueType,
@@ -46,13 +47,14 @@ pub struct FeatureImport {
 pub struct FeatureTree {
     /// The tree.
     pub tree: ViewSource,
-    /// Features with a geometry and a value.
+    /// Number of features with a geometry and a value.
     pub features: u64,
-    /// Geometries that reach beyond the picture, where nothing of them is in the tree.
+    /// Number of geometries that extend beyond the raster, where they are clipped.
     pub beyond: u64,
 }
 
-/// Shapes in a tree, with counts of geometries: all, those that reach beyond its picture, and those outside of it.
+/// Shapes as a tree, with the numbers of all geometries, of those that extend beyond its raster,
+/// and of those outside of it.
 struct Loaded {
     tree: ShapeTree,
     geometries: u64,
@@ -60,17 +62,18 @@ struct Loaded {
     outside: u64,
 }
 
-/// Features that are read before somebody is asked whether to go on.
+/// Number of features read between checks for cancellation.
 const CHECKED: u64 = 256;
 
-/// Bytes for a corner: an edge of 32, a number of it in the lists of a node at each level on the way to a block, and the vectors' room to grow.
+/// Memory per vertex in bytes: an edge of 32 bytes, its number in the lists of one node per level
+/// down to a block, and spare vector capacity.
 const BYTES_EACH: u64 = 96;
 
-/// Looks at files of features, of which those of the last lie on top.
+/// Runs the first pass over feature files; features of later files are on top.
 ///
 /// # Errors
-/// If the options contradict each other, a file cannot be read, has no feature with a geometry and a value, or they do not fit the cells or the
-/// memory; on interruption.
+/// If the options contradict each other, a file cannot be read, has no feature with a geometry and
+/// a value, or the features do not fit the cells or the memory; on cancellation.
 pub fn plan_features(
     inputs: &[PathBuf],
     options: &RasterizeOptions,
@@ -141,7 +144,7 @@ pub fn plan_features(
     Ok(import)
 }
 
-/// Options for reading each file: no attribute but the one that cells get.
+/// Returns the options for reading each file: only the attributes for value and width are read.
 fn feature_options(options: &RasterizeOptions) -> FeatureOptions {
     let mut attributes = match &options.value {
         FeatureValue::Number(_) | FeatureValue::Samples(_) => Vec::new(),
@@ -153,14 +156,15 @@ fn feature_options(options: &RasterizeOptions) -> FeatureOptions {
     FeatureOptions { attributes: Some(attributes), memory: options.memory / 2, ..options.features.clone() }
 }
 
-/// Refuses a cell that is larger than features whose coordinates are degrees: it is meant to be in metres.
+/// Rejects a cell that is larger than all features if coordinates are in degrees: it was probably
+/// meant in metres.
 fn check_degrees(cell: f64, [min, max]: [[f64; 2]; 2], (name, crs): (&Path, Option<&Crs>)) -> Result<()> {
     let size = [max[0] - min[0], max[1] - min[1]];
     let longest = size[0].max(size[1]);
     if crs.and_then(Crs::unit) != Some("degrees") || cell <= longest || longest == 0.0 {
         return Ok(());
     }
-    /// Cells along the longer side that are proposed.
+    /// Number of cells along the longer side in the suggestion.
     const PROPOSED: f64 = 256.0;
     let found = format!("{cell} degrees, of features that are {:.6} x {:.6} degrees", size[0], size[1]);
     let stem = name.file_stem().unwrap_or_default().to_string_lossy();
@@ -176,13 +180,13 @@ fn check_degrees(cell: f64, [min, max]: [[f64; 2]; 2], (name, crs): (&Path, Opti
     Err(Error::invalid("width of a cell", found, expected))
 }
 
-/// The number of the zone of UTM (WGS 84) that a longitude and latitude lie in.
+/// Returns the EPSG code of the UTM zone (WGS 84) for a longitude and latitude.
 fn utm_zone([longitude, latitude]: [f64; 2]) -> u32 {
     let zone = ((longitude + 180.0).rem_euclid(360.0) / 6.0).floor() as u32 + 1;
     zone + if latitude < 0.0 { 32700 } else { 32600 }
 }
 
-/// Lays cells over the box around features.
+/// Lays cells over the bounding box of features.
 fn fit(
     survey: &Survey,
     options: &RasterizeOptions,
@@ -191,7 +195,8 @@ fn fit(
     let [min, max] = survey.bounds;
     let size = [max[0] - min[0], max[1] - min[1]];
     let most = 1u64 << Dimension::Quad.max_depth();
-    /// Part of a cell that a box may reach into it by rounding of decimals, as in 0.1 * 3: as for solids.
+    /// Fraction of a cell by which a box may exceed it due to rounding of decimals, as in 0.1 * 3;
+    /// the same as for solids.
     const TOUCH: f64 = 1e-6;
     let (cell, origin) = match &options.grid {
         FeatureGrid::Like(grid) => {
@@ -199,14 +204,15 @@ fn fit(
             return Ok((grid.frame.clone(), grid.extent, depth));
         }
         FeatureGrid::Extended(grid) => {
-            /// Parts along each side of the box in which its place in another coordinate system is found.
+            /// Subdivisions of each side of the box, for transforming it to another coordinate
+            /// system.
             const PARTS: u64 = 256;
             let side = |axis: usize| {
                 let least = f64::EPSILON * min[axis].abs().max(max[axis].abs()).max(1.0);
                 size[axis].max(least) / PARTS as f64
             };
             let frame = Frame::planar([side(0), 0.0, min[0], 0.0, -side(1), max[1]]);
-            // (Of a grid whose system is unknown, features are in its coordinates.)
+            // If the grid's coordinate system is unknown, features are in its coordinates.
             let crs = grid.frame.crs.as_ref().map(|own| crs.unwrap_or(own).clone());
             let frame = Frame { crs, ..frame };
             let own = WarpGrid { frame, extent: [PARTS, PARTS, 1] };
@@ -219,7 +225,7 @@ fn fit(
                 let expected = format!("1 to {most} (2^29)");
                 return Err(Error::invalid("cells along the longer side", cells.to_string(), expected));
             }
-            // (One point has no size: it gets a cell of size 1.)
+            // A single point has no extent, and gets a cell of size 1.
             let longest = size[0].max(size[1]);
             let cell = if longest > 0.0 { longest / *cells as f64 } else { 1.0 };
             (cell, [min[0], max[1]])
@@ -242,14 +248,14 @@ fn fit(
             format!("one that makes at most {most} (2^29)"),
         ));
     }
-    // (A point on the right or lower side lies in a cell of its own.)
+    // A point on the right or lower side is in an additional cell.
     let frame = Frame::planar([cell, 0.0, origin[0], 0.0, -cell, origin[1]]);
     let extent = [extent[0], extent[1], 1];
     Ok((frame, extent, options.depth.unwrap_or(depth_for(extent).max(1))))
 }
 
 impl FeatureImport {
-    /// Description of the plan: pairs of a heading and its text.
+    /// Returns the description of the plan: pairs of heading and text.
     pub fn description(&self) -> &[(&'static str, String)] {
         &self.description
     }
@@ -281,7 +287,8 @@ impl FeatureImport {
     /// Builds the tree.
     ///
     /// # Errors
-    /// If a file cannot be read or has changed, the output not be written, or on interruption; nothing is left behind then.
+    /// If a file cannot be read or has changed, the output cannot be written, or on cancellation.
+    /// In these cases there is no output.
     pub fn build(self, output: Output, progress: &dyn Progress) -> Result<()> {
         let depth = self.depth;
         if self.extent.iter().any(|cells| *cells > 1 << depth) {
@@ -310,7 +317,7 @@ impl FeatureImport {
         build(&tree, self.extent, &options, output, progress).map(|_| ())
     }
 
-    /// Colours of the classes that texts become, where cells have these.
+    /// Returns the colours of the classes from string attributes, if cells contain classes.
     fn palette(&self) -> Option<Palette> {
         let has_classes = self.kind == DataKind::Categorical
             && !self.options.fractions
@@ -318,11 +325,11 @@ impl FeatureImport {
         colours::palette(if has_classes { self.values.class_names().count() } else { 0 })
     }
 
-    /// Makes a tree of the features on the cells of the one that they are laid over: see [`RasterizeOptions::over`]. Nothing is painted before
-    /// somebody asks for it.
+    /// Creates a lazily painted tree of the features, on the cells of the one that they are laid
+    /// over: see [`RasterizeOptions::over`].
     ///
     /// # Errors
-    /// If a file cannot be read or has changed, or on interruption.
+    /// If a file cannot be read or has changed, or on cancellation.
     ///
     /// # Panics
     /// If the options are not those of [`RasterizeOptions::over`].
@@ -443,7 +450,7 @@ impl FeatureImport {
         Ok(())
     }
 
-    /// Half of a width, in parts of cells.
+    /// Converts half a width to grid units.
     fn radius(&self, half: f64) -> Result<i64> {
         let [[a, b, ..], [c, d, ..], _] = self.frame.matrix;
         let (side, other) = (a.hypot(c), b.hypot(d));
@@ -459,7 +466,7 @@ impl FeatureImport {
         Ok((cells * PARTS as f64).round() as i64)
     }
 
-    /// Puts shapes in order: the last one is on top.
+    /// Sorts shapes; the last one is on top.
     fn sort(&self, shapes: &mut Shapes, values: &[Number]) {
         let by_value = |shapes: &mut Shapes, is_rising: bool| {
             shapes.shapes.sort_by(|a, b| {

@@ -1,8 +1,10 @@
-//! Shapes in cells of a tree, and the parts of them that nodes have.
+//! Shapes in a tree's cells, and their parts in nodes.
 //!
-//! Invariant: a node's part tells all that its cells need: the winding number at one point of the node, and every edge that may pass between that and any
-//! other point of the node. A way from one point to another stays in the node, which is convex, so that the edges on it are among the part's. So children are made of their
-//! parent's parts alone, and each edge is tested once a level.
+//! Invariant: a node's part determines the shape in all of its cells. It has the winding number at
+//! one point of the node, and every edge that may pass between that point and any other point of
+//! the node. A node is convex, so a path between two of its points stays inside, and meets only
+//! edges of the part. Children thus depend only on their parent's parts, and each edge is tested
+//! once per level.
 
 use std::ops::Range;
 
@@ -15,66 +17,66 @@ use super::slivers::have_no_centre_between;
 /// Kind of a shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ShapeKind {
-    /// Rings: a point that an odd number of them goes around is inside.
+    /// Rings: a point with an odd winding number is inside.
     Polygon,
-    /// Edges alone.
+    /// Edges only.
     Line,
-    /// Edges, and what is no farther from them than so many parts of cells.
+    /// Edges with a radius in grid units.
     Wide(i64),
-    /// Points, each an edge without a length.
+    /// Points, each an edge of length zero.
     Points,
 }
 
-/// A shape with a value.
+/// Shape with a value.
 #[derive(Clone, Debug)]
 pub(super) struct Shape {
     pub(super) kind: ShapeKind,
     /// Number of its value.
     pub(super) value: u32,
-    /// Its edges among all.
+    /// Range of its edges.
     pub(super) edges: Range<usize>,
 }
 
-/// Shapes, those behind others on top of them.
+/// Shapes; later ones are on top.
 #[derive(Debug, Default)]
 pub(super) struct Shapes {
     pub(super) edges: Vec<Edge>,
     pub(super) shapes: Vec<Shape>,
-    /// Whether only the centres of cells decide which cells polygons have.
+    /// Whether only cell centres decide which cells a polygon covers.
     pub(super) centres_alone: bool,
 }
 
-/// The part of a shape that a node has.
+/// Part of a shape in a node.
 #[derive(Clone, Debug)]
 pub(super) struct Part {
-    /// Number of the shape.
+    /// Index of the shape.
     pub(super) shape: u32,
-    /// How many times a polygon winds round the centre of the node's first cell.
+    /// Winding number of a polygon at the centre of the node's first cell.
     pub(super) winding: i32,
-    /// The edges that may meet the node, among those of all parts; nothing if the shape has all of it.
+    /// Range of the edges that may meet the node; empty if the shape covers all of it.
     pub(super) edges: Range<usize>,
 }
 
 impl Part {
-    /// Whether the shape has all of the node.
+    /// Returns whether the shape covers the entire node.
     pub(super) fn is_whole(&self) -> bool {
         self.edges.is_empty()
     }
 
-    /// Whether the node's first centre is inside.
+    /// Returns whether the node's first centre is inside.
     pub(super) fn is_inside(&self) -> bool {
         self.winding % 2 != 0
     }
 }
 
-/// The parts of all shapes that a node has, in the shapes' order.
+/// Parts of all shapes in a node, in the order of the shapes.
 #[derive(Debug, Default)]
 pub(super) struct Parts {
     pub(super) parts: Vec<Part>,
     edges: Vec<u32>,
 }
 
-/// The centre of a node's first cell.
+/// Returns the centre of a node's first cell.
 pub(super) fn first_centre(bounds: &Bounds) -> Point {
     [centre(bounds.min[0] as i64), centre(bounds.min[1] as i64)]
 }
@@ -87,7 +89,7 @@ impl Shapes {
         self.shapes.push(Shape { kind, value, edges: start..self.edges.len() });
     }
 
-    /// The parts of a root with such a space.
+    /// Returns the parts of a root with these bounds.
     pub(super) fn root(&self, space: &Bounds) -> Parts {
         let (first, mut root) = (first_centre(space), Parts::default());
         for (number, shape) in self.shapes.iter().enumerate() {
@@ -101,12 +103,14 @@ impl Shapes {
         root
     }
 
-    /// The parts of the four children of a node, given the node's space. Time goes with the edges that the node has, four times.
+    /// Returns the parts of a node's four children; `space` is the node's box. Cost: four tests per
+    /// edge of the node.
     pub(super) fn children(&self, parts: &Parts, space: &Bounds, children: &[Bounds; 4]) -> [Parts; 4] {
         let mut found: [Parts; 4] = Default::default();
         let [first, last] = [first_centre(space), first_centre(&children[3])];
         for part in &parts.parts {
-            // The way leads right, or up, or up and then right, from the node's first centre to those of its children.
+            // The paths from the node's first centre to those of its children lead right, up, or up
+            // and then right.
             let mut windings = [part.winding; 4];
             if self.shapes[part.shape as usize].kind == ShapeKind::Polygon {
                 for edge in self.edges_of(parts, part) {
@@ -124,7 +128,7 @@ impl Shapes {
         found
     }
 
-    /// Adds the part of a shape that a node has, by the edges that it may have there.
+    /// Adds the part of a shape in a node, given candidate edges.
     fn add_part(
         &self,
         parts: &mut Parts,
@@ -138,7 +142,8 @@ impl Shapes {
         let start = parts.edges.len();
         parts.edges.extend(edges.filter(|edge| self.edges[*edge as usize].may_meet(low, high)));
         let is_polygon = self.shapes[shape as usize].kind == ShapeKind::Polygon;
-        // (What is between two edges and has no centre is not gone into: a node that is divided has cells of the polygon, and others.)
+        // Edges without a cell centre between them are dropped. Only nodes that have both cells
+        // inside the polygon and others are thus divided.
         if is_polygon && self.centres_alone {
             let edge = |number: &u32| &self.edges[*number as usize];
             let (first, side) = (first_centre(space), (space.max[0] - space.min[0]) as i64);
@@ -157,7 +162,8 @@ impl Shapes {
         }
     }
 
-    /// Yields those cells of a block that are wanted, with their parts, given the block's parts and its first cell.
+    /// Yields the wanted cells of a block with their parts, given the block's parts and its first
+    /// cell.
     pub(super) fn each_cell(
         &self,
         parts: &Parts,
@@ -195,7 +201,7 @@ impl Shapes {
         }
     }
 
-    /// The cells that a shape has by the rule for edges.
+    /// Sets the cells that a shape covers by the edge rule.
     pub(super) fn mask(&self, mask: &mut Mask, (parts, part): (&Parts, &Part), cell: Point, edge: EdgeRule) {
         let edges = || self.edges_of(parts, part);
         match self.shapes[part.shape as usize].kind {
@@ -221,7 +227,7 @@ impl Shapes {
         }
     }
 
-    /// The edges of a part.
+    /// Returns the edges of a part.
     pub(super) fn edges_of<'a>(
         &'a self,
         parts: &'a Parts,
@@ -231,7 +237,7 @@ impl Shapes {
     }
 }
 
-/// A block of cells, some of which are wanted.
+/// Block of cells, some of which are wanted.
 struct Block<'a> {
     cell: Point,
     side: usize,
@@ -239,7 +245,7 @@ struct Block<'a> {
 }
 
 impl Block<'_> {
-    /// A square of its cells in the tree.
+    /// Returns the bounds of a square of its cells in the tree.
     fn bounds(&self, at: [usize; 2], side: usize) -> Bounds {
         let [x, y] = [0, 1].map(|axis| (self.cell[axis] + at[axis] as i64) as u64);
         Bounds { min: [x, y, 0], max: [x + side as u64, y + side as u64, 1] }
@@ -247,14 +253,14 @@ impl Block<'_> {
 }
 
 impl Parts {
-    /// Bytes of memory.
+    /// Returns the memory size in bytes.
     pub(super) fn bytes(&self) -> usize {
         size_of::<Parts>()
             + self.parts.capacity() * size_of::<Part>()
             + self.edges.capacity() * size_of::<u32>()
     }
 
-    /// Leaves out what lies below the last shape that has all of the node, which hides it.
+    /// Drops the parts below the last shape that covers the entire node.
     pub(super) fn uncovered(mut self) -> Parts {
         if let Some(top) = self.parts.iter().rposition(Part::is_whole) {
             self.parts.drain(..top);

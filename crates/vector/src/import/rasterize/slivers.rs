@@ -1,11 +1,12 @@
-//! Pairs of edges that have no centre of a cell between them, counted without visiting rows: so nodes of long thin polygons are visited as far as these
-//! have cells.
+//! Detects edges without a cell centre between them, by counting instead of visiting rows. Nodes
+//! along long thin polygons are thus visited only where these cover cells.
 
 use super::edge::{Edge, PARTS, Point};
 use super::mask::first_row_above;
 
-/// Whether no two centres of a square of cells are on different sides of an edge, or of two, which are all that a polygon has there; `first` is the centre
-/// of the first cell. (Of edges that intersect, or of more, it is not known: then no.)
+/// Returns whether all centres of a square of cells are on the same side of one edge, or of two,
+/// which are all edges of a polygon there. `first` is the centre of the first cell. Returns false
+/// if undecided: for intersecting edges, or more than two.
 pub(super) fn have_no_centre_between(edges: &[&Edge], first: Point, side: i64) -> bool {
     match *edges {
         [one] => changes(one, first, side) == 0,
@@ -16,9 +17,10 @@ pub(super) fn have_no_centre_between(edges: &[&Edge], first: Point, side: i64) -
     }
 }
 
-/// Whether each of two edges lies on one side of the other, and what is between them is left of both, or right of both.
-// Invariant: winding numbers are the same on both other sides then, and differ from that of any point in one direction alone: if the
-// sum of all differences is 0, each is.
+/// Returns whether each of two edges is on one side of the other, and the area between them is
+/// either left of both or right of both.
+// Invariant: the winding numbers on both outer sides are then equal, and all others differ from
+// them in the same direction. If the sum of all differences is 0, each is 0.
 fn are_ordered(one: &Edge, other: &Edge) -> bool {
     let (of_other, of_one) =
         ([other.a, other.b].map(|at| side_of(one, at)), [one.a, one.b].map(|at| side_of(other, at)));
@@ -26,7 +28,7 @@ fn are_ordered(one: &Edge, other: &Edge) -> bool {
     sides.clone().all(|side| side >= 0) || sides.all(|side| side <= 0)
 }
 
-/// The side of an edge's line that a point lies on: 1 is left of it where y leads up.
+/// Returns the side of an edge's line on which a point is: 1 is left if y points up.
 fn side_of(edge: &Edge, [x, y]: Point) -> i32 {
     let Edge { a, b } = edge;
     let product = |one: i64, other: i64| i128::from(one) * i128::from(other);
@@ -34,7 +36,8 @@ fn side_of(edge: &Edge, [x, y]: Point) -> i32 {
     one.cmp(&product(b[1] - a[1], x - a[0])) as i32
 }
 
-/// The sum, over the centres of a square of cells, of what an edge adds to their winding numbers on the way from the first one: up, and then right.
+/// Sums, over the centres of a square of cells, the change of the winding number that an edge
+/// causes on the path from the first centre: up, then right.
 fn changes(edge: &Edge, first: Point, side: i64) -> i128 {
     let mut sum = 0;
     let [left, right] = edge.range(0);
@@ -45,7 +48,8 @@ fn changes(edge: &Edge, first: Point, side: i64) -> i128 {
     let [low, high] = edge.range(1);
     let row_at = |y: i64| (y - first[1] + PARTS - 1).div_euclid(PARTS).clamp(0, side);
     let (low, high) = (row_at(low), row_at(high));
-    // Rows in which the edge has some of the columns on its left, and not all: x grows or shrinks with the rows.
+    // Rows in which some columns, but not all, are left of the edge; x increases or decreases with
+    // the rows.
     let has_left =
         |row: i64, column: i64| edge.is_right_of([first[0] + column * PARTS, first[1] + row * PARTS]);
     let is_growing = edge.rising(1).b[0] >= edge.rising(1).a[0];
@@ -60,7 +64,7 @@ fn changes(edge: &Edge, first: Point, side: i64) -> i128 {
     sum - i128::from(edge.direction(1)) * on_the_right
 }
 
-/// The first of some rows from which on something is so; the last one's successor if it never is.
+/// Returns the first row from which on the predicate holds; `high` if it never does.
 fn first_of(mut low: i64, mut high: i64, is_so: impl Fn(i64) -> bool) -> i64 {
     while low < high {
         let middle = low.midpoint(high);
@@ -69,19 +73,21 @@ fn first_of(mut low: i64, mut high: i64, is_so: impl Fn(i64) -> bool) -> i64 {
     low
 }
 
-/// How many columns, from the first on, have their centre on the left of an edge: the sum over some rows, which it passes.
+/// Counts the columns with their centre left of an edge, summed over rows that the edge crosses.
 fn columns(edge: &Edge, first: Point, row: i64, rows: i64) -> i128 {
     let Edge { a, b } = edge.rising(1);
     let [run, rise] = [0, 1].map(|axis| i128::from(b[axis] - a[axis]));
     let parts = i128::from(PARTS);
-    // In row j the edge is at (start + j * run * PARTS) / (rise * PARTS) columns: what is before that is on its left.
+    // In row j the edge is at column (start + j * run * PARTS) / (rise * PARTS); columns before
+    // that are on its left.
     let start = i128::from(a[0] - first[0]) * rise + i128::from(first[1] + row * PARTS - a[1]) * run;
     -floor_sum(rows.into(), rise * parts, -run * parts, -start)
 }
 
-/// The sum of floor((a * i + b) / m) for i from 0 to n - 1, in as many steps as Euclid's algorithm takes.
-// Invariant: rows and columns are at most 2^29 and coordinates 2^46 parts of cells, so that a, b and m are below 2^93 and no product with a row
-// leaves the i128.
+/// Returns the sum of floor((a * i + b) / m) for i from 0 to n - 1, in as many iterations as
+/// Euclid's algorithm.
+// Invariant: rows and columns are at most 2^29 and coordinates 2^46 grid units, so a, b and m are
+// below 2^93, and no product with a row overflows an i128.
 fn floor_sum(mut n: i128, mut m: i128, mut a: i128, mut b: i128) -> i128 {
     let mut sum = 0;
     loop {
@@ -121,7 +127,8 @@ mod tests {
         }
     }
 
-    /// Against every centre: edges on a coarse grid often pass through centres, and along one another.
+    /// Compares with a test of every centre. Edges on a coarse grid often pass through centres, and
+    /// along each other.
     #[test]
     fn edges_have_no_centre_between_where_all_have_one_parity() {
         let mut random = Random(9);
@@ -132,7 +139,7 @@ mod tests {
                 [0, 1].map(|_| (random.below(spread * PARTS) - spread * PARTS / 3) / grid * grid)
             };
             let (a, b, near) = (point(30), point(30), point(2).map(|at| at / 3));
-            // Wedges with their tip anywhere, long thin ones, and strips.
+            // Wedges with arbitrary tips, long thin ones, and strips.
             let (c, d) = match round % 3 {
                 0 => (b, point(30)),
                 1 => (b, [a[0] + near[0], a[1] + near[1]]),
@@ -140,7 +147,7 @@ mod tests {
             };
             let pair = [Edge { a, b }, Edge { a: c, b: d }];
             let cell = [random.below(5), random.below(5)];
-            // (What ends in the square goes on there.)
+            // Skip edges that end in the square without continuing there.
             let is_in = |at: Point| {
                 (0..2).all(|axis| (cell[axis] * PARTS..=(cell[axis] + side) * PARTS).contains(&at[axis]))
             };
@@ -148,7 +155,7 @@ mod tests {
                 continue;
             }
             let first = cell.map(centre);
-            // (Parity on the way up and then right.)
+            // Parity along the path up and then right.
             let are_alike = |edges: &[&Edge]| {
                 let is_changed = |x: i64, y: i64| {
                     let at = [first[0], first[1] + y * PARTS];

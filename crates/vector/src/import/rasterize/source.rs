@@ -1,4 +1,5 @@
-//! The tree of shapes: nodes that shapes have all of are uniform, what edges pass through is gone into, and cells are painted in blocks.
+//! The tree of shapes. Nodes that shapes cover entirely are uniform, nodes with edges are divided,
+//! and cells are painted in blocks.
 
 use std::sync::Arc;
 
@@ -14,53 +15,54 @@ use super::ladder::Ladder;
 use super::mask::{Mask, index_of};
 use super::shapes::{Part, Parts, ShapeKind, Shapes};
 
-/// The way from the shapes over a cell to its value.
+/// Rule for a cell's value from its shapes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Paint {
-    /// The value of the last one.
+    /// Value of the last shape.
     Top,
-    /// The value that has the largest share of the cell, VOID being one of them; shapes of a value stand together.
+    /// Value with the largest share of the cell, where VOID counts as a value. Shapes of one value
+    /// are consecutive.
     LargestShare,
-    /// The share of the cell that shapes have.
+    /// Share of the cell that shapes cover.
     Share,
-    /// The sum of all values.
+    /// Sum of all values.
     Sum,
-    /// The number of shapes, and of points.
+    /// Number of shapes; each point counts.
     Count,
-    /// The mean of all values.
+    /// Mean of all values.
     Mean,
 }
 
 impl Paint {
-    /// Whether only the centres of cells decide which cells polygons have.
+    /// Returns whether only cell centres decide which cells a polygon covers.
     pub(super) fn needs_centres_alone(self, edge: EdgeRule) -> bool {
         edge == EdgeRule::Centre && !matches!(self, Paint::Share | Paint::LargestShare)
     }
 }
 
-/// A tree of shapes, of which no cell is before somebody asks for it.
+/// Tree of shapes, whose cells are computed on request.
 pub(super) struct ShapeTree {
     pub(super) shapes: Shapes,
-    /// The value of each number.
+    /// Values by value number.
     pub(super) values: Vec<Number>,
     pub(super) value_type: ValueType,
-    /// The value of all cells that shapes have, if it has several numbers.
+    /// Value of all covered cells, if it has several numbers.
     pub(super) fixed: Option<Value>,
     pub(super) paint: Paint,
     pub(super) edge: EdgeRule,
     pub(super) extent: [u64; 3],
     pub(super) depth: u8,
-    /// Parts of nodes that were used last.
+    /// Cache of the parts of nodes.
     pub(super) ladder: Ladder,
 }
 
-/// Numbers of the cells of a block in the making.
+/// Numbers of a block's cells during painting.
 enum Painted {
-    /// Numbers of values, from 1; 0 is VOID.
+    /// Value numbers, from 1; 0 is VOID.
     Tops(Vec<u32>),
     /// Sums and counts.
     Sums(Vec<f64>, Vec<u32>),
-    /// Shares, of which values of 4 bytes are made.
+    /// Shares, which become 4-byte values.
     Shares(Vec<f64>),
 }
 
@@ -73,7 +75,7 @@ impl ShapeTree {
         self.fixed.unwrap_or_else(|| self.value_type.nearest_numbers(|_| number))
     }
 
-    /// The value of the cells that all of some shapes have wholly; `None` is VOID.
+    /// Returns the value of cells that all of these shapes cover entirely; `None` is VOID.
     fn uniform(&self, parts: &[Part]) -> Option<Value> {
         let numbers = || parts.iter().map(|part| self.number(part));
         let sum = || numbers().map(Number::to_f64).sum::<f64>();
@@ -100,7 +102,7 @@ impl ShapeTree {
         self.shapes.shapes[part.shape as usize].kind
     }
 
-    /// The parts of the shapes that a node has, made of those of the nearest node above it that are known.
+    /// Returns the parts of a node, computed from those of its nearest cached ancestor.
     fn parts(&self, code: Code) -> Arc<Parts> {
         let (mut at, mut parts) = self.ladder.nearest(code).unwrap_or_else(|| {
             let root = Code::root(Dimension::Quad);
@@ -120,12 +122,12 @@ impl ShapeTree {
         parts
     }
 
-    /// The parts of a node that its cells can show something of.
+    /// Drops hidden parts.
     fn seen(&self, parts: Parts) -> Parts {
         if self.paint == Paint::Top { parts.uncovered() } else { parts }
     }
 
-    /// The cells of a node with so many levels below it.
+    /// Paints the cells of a node with this number of levels below it.
     fn paint(&self, code: Code, parts: &Parts, levels: u8) -> CellBlock {
         let side = 1usize << levels;
         let bounds = code.bounds(self.depth);
@@ -163,7 +165,7 @@ impl ShapeTree {
                 counts[at] += 1;
             };
             if self.kind(part) == ShapeKind::Points {
-                // (Each of them counts.)
+                // Each point counts.
                 let edges = self.shapes.edges_of(parts, part);
                 edges.filter_map(|point| index_of(point.a, cell, side)).for_each(add);
                 continue;
@@ -174,7 +176,8 @@ impl ShapeTree {
         Painted::Sums(sums, counts)
     }
 
-    /// Adds a shape's shares of cells: of what has no area the cells that it touches.
+    /// Adds the shares of cells that a shape covers. Shapes without an area cover the cells that
+    /// they touch entirely.
     fn add_shares(
         &self,
         (parts, part): (&Parts, &Part),
@@ -219,7 +222,8 @@ impl ShapeTree {
 
     fn largest_shares(&self, parts: &Parts, cell: Point, side: usize) -> Painted {
         let (mut tops, mut best) = (vec![0; side * side], vec![0.0; side * side]);
-        // The sum of the shares of all values; cells of which a value has several polygons.
+        // The sum of the shares of all values, and whether any value has several polygons in a
+        // cell.
         let mut all = vec![0.0; side * side];
         let mut several = vec![false; side * side];
         let mut shares = Shares::new(side * side);
@@ -230,7 +234,7 @@ impl ShapeTree {
                 self.add_shares((parts, part), cell, (&mut coverage, &mut mask), &mut shares);
             }
             let number = self.value_number(&alike[0]) as u32 + 1;
-            // (Of thousands of values each has few of the cells: no others are gone through for it.)
+            // With thousands of values, each covers few cells, so only changed cells are visited.
             for row in 0..side {
                 for at in coverage.take_touched(row).map(|column| row * side + column) {
                     let (share, count) = shares.take(at);
@@ -242,12 +246,13 @@ impl ShapeTree {
                 }
             }
         }
-        // (Of two that are as large the one with the lesser value stays, and both before nothing.)
+        // Of two equal shares the lower value wins, and any value wins over VOID.
         for (((top, best), all), several) in tops.iter_mut().zip(best).zip(all).zip(&mut several) {
             if 1.0 - all > best {
                 *top = 0;
             } else {
-                // Values that overlap leave more VOID than the sum says, which matters where none has half of the cell.
+                // If values overlap, VOID is larger than the sum implies. This matters only if no
+                // value covers half of the cell.
                 *several |= best < 0.5 && all > best;
             }
         }
@@ -259,14 +264,14 @@ impl ShapeTree {
                     (top, best) = (self.value_number(&alike[0]) as u32 + 1, share);
                 }
             }
-            // (What is VOID is at least half of the cell then.)
+            // If the best share is at least half of the cell, VOID cannot be larger.
             let is_void = || 1.0 - self.shapes.union_share(parts, cell, parts.parts.iter()) > best;
             tops[at] = if best < 0.5 && is_void() { 0 } else { top };
         });
         Painted::Tops(tops)
     }
 
-    /// The values of cells, which are VOID outside the picture.
+    /// Returns the values of cells; they are VOID outside the raster.
     fn cells(&self, painted: &Painted, bounds: &Bounds, side: usize) -> CellBlock {
         let width = self.value_type.size();
         let mut block = CellBlock::void(side * side, width);
@@ -274,7 +279,7 @@ impl ShapeTree {
         let mut last = (0, [0; 16]);
         for row in 0..inside(1) {
             let columns = row * side..row * side + inside(0);
-            // (Of long thin shapes most rows of a block have few cells.)
+            // For long thin shapes, most rows of a block are empty.
             let is_empty = match painted {
                 Painted::Tops(tops) => tops[columns.clone()].iter().all(|top| *top == 0),
                 Painted::Sums(_, counts) => counts[columns.clone()].iter().all(|count| *count == 0),
@@ -328,7 +333,8 @@ impl BlockSource for ShapeTree {
             let block = self.paint(code, &parts, 0);
             return Ok(Child::uniform(block.present[0].then(|| Value::from_bytes(&block.values))));
         }
-        // (What stands for a node before its cells are known is looked at by nobody: whoever stores a tree averages anew.)
+        // The representative is never read: storing a tree recomputes representatives from the
+        // cells.
         Ok(Child::Inner { representative: self.uniform(&parts.parts).unwrap_or_default(), node: code })
     }
 

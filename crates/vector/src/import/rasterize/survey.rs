@@ -1,4 +1,4 @@
-//! The first pass over features: how many there are, where, and with which values.
+//! First pass over features: their number, extent and values.
 
 use spinney_base::Result;
 
@@ -6,29 +6,29 @@ use super::options::{FeatureValue, RasterizeOptions};
 use super::values::Values;
 use crate::import::feature::{Feature, FeatureAttribute, FeatureGeometry};
 
-/// Counts of features and of their corners, and the box around them.
+/// Counts of features and vertices, and their bounding box.
 #[derive(Debug)]
 pub(super) struct Survey {
-    /// Least and greatest coordinates.
+    /// Minimum and maximum coordinates.
     pub(super) bounds: [[f64; 2]; 2],
-    /// Features with a geometry and a value.
+    /// Number of features with a geometry and a value.
     pub(super) features: u64,
-    /// Features without a geometry.
+    /// Number of features without a geometry.
     pub(super) empty: u64,
-    /// Features with a geometry and without a value.
+    /// Number of features with a geometry and without a value.
     pub(super) valueless: u64,
-    /// Corners of all features with both.
+    /// Number of vertices of all features with both.
     pub(super) corners: u64,
 }
 
 impl Survey {
-    /// Nothing.
+    /// Creates an empty survey.
     pub(super) fn new() -> Survey {
         let bounds = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
         Survey { bounds, features: 0, empty: 0, valueless: 0, corners: 0 }
     }
 
-    /// Takes a feature into account, and its value.
+    /// Adds a feature and its value.
     ///
     /// # Errors
     /// Those of [`Values::add`].
@@ -56,7 +56,8 @@ impl Survey {
         Ok(())
     }
 
-    /// Takes in the corners of a geometry, and what is so far from lines, and counts the corners.
+    /// Extends the bounds by a geometry, and, for lines, by half of their width; returns the number
+    /// of vertices.
     fn widen(&mut self, geometry: &FeatureGeometry, half: f64) -> u64 {
         let mut count = 0;
         let around = if let FeatureGeometry::Lines(_) = geometry { half } else { 0.0 };

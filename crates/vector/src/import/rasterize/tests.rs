@@ -1,4 +1,4 @@
-//! Trees of random shapes against every cell, one by one.
+//! Compares trees of random shapes with direct tests of every cell.
 
 use spinney_base::space::{Bounds, Code, Dimension, EdgeRule};
 use spinney_base::value::{Number, SampleType, Value, ValueType};
@@ -11,7 +11,7 @@ use super::ladder::Ladder;
 use super::shapes::{ShapeKind, Shapes};
 use super::source::{Paint, ShapeTree};
 
-/// Numbers that look random, the same ones every time.
+/// Reproducible pseudo-random numbers.
 struct Random(u64);
 
 impl Random {
@@ -21,7 +21,7 @@ impl Random {
     }
 }
 
-/// A ring of corners in parts of cells.
+/// Ring of vertices in grid units.
 type Ring = Vec<[i64; 2]>;
 
 fn edges(rings: &[Ring]) -> Vec<Edge> {
@@ -32,7 +32,8 @@ fn edges(rings: &[Ring]) -> Vec<Edge> {
     rings.iter().flat_map(of_ring).collect()
 }
 
-/// A star round a point, which goes round it once against the clock: corners on a grid of so many parts.
+/// Returns a star-shaped, counterclockwise ring around a point, with vertices on a grid of `grid`
+/// units.
 fn star(random: &mut Random, middle: [f64; 2], radius: f64, grid: i64) -> Ring {
     let count = 3 + random.below(20);
     let corner = |number: u64| {
@@ -44,14 +45,15 @@ fn star(random: &mut Random, middle: [f64; 2], radius: f64, grid: i64) -> Ring {
     (0..count).map(corner).collect()
 }
 
-/// The area of a cell in a polygon.
+/// Returns the area of a cell inside a polygon.
 fn area_of_cell(polygon: &Polygon, [x, y]: [u64; 2]) -> f64 {
     let cell = Bounds { min: [x, y, 0], max: [x + 1, y + 1, 1] };
     let (whole, shares) = polygon.sum_shares(&cell, &mut Crossings::default());
     whole as f64 + shares as f64 / FULL_SHARE as f64
 }
 
-/// A tree of one star, and the star as a polygon of floating corners: its areas are those of cells.
+/// Returns a tree of one star, and the star as a floating-point polygon, from which the areas of
+/// cells are computed.
 fn star_tree(random: &mut Random, grid: i64, how: (Paint, EdgeRule)) -> (ShapeTree, Polygon) {
     let middle = [random.below(40) as f64 - 4.0, random.below(40) as f64 - 4.0];
     let radius = 2.0 + random.below(30) as f64;
@@ -85,7 +87,7 @@ fn tree(
     }
 }
 
-/// All cells of a tree, walked down to a level below which blocks are asked for.
+/// Returns all cells of a tree, which is traversed down to a level and read in blocks below.
 fn cells(tree: &ShapeTree, block_levels: u8) -> Vec<Option<Value>> {
     let side = 1usize << tree.depth;
     let mut cells = vec![None; side * side];
@@ -115,7 +117,7 @@ fn cells(tree: &ShapeTree, block_levels: u8) -> Vec<Option<Value>> {
     cells
 }
 
-/// Whether a cell's centre is inside of rings; `None` if that is close.
+/// Returns whether a cell's centre is inside rings; `None` if it is too close to an edge.
 fn has_centre(rings: &[Ring], [x, y]: [usize; 2]) -> Option<bool> {
     let [x, y] = [x, y].map(|at| at as f64 + 0.5);
     let mut is_inside = false;
@@ -164,14 +166,14 @@ fn the_last_shape_has_the_cells_whose_centres_are_inside() {
     }
 }
 
-/// Triangles that divide a square: every point on a border is on that of two.
+/// Returns triangles that divide a square, so that every border point belongs to two of them.
 fn triangles(random: &mut Random, side: i64, count: usize, grid: i64) -> Vec<[[i64; 2]; 3]> {
     let end = side * PARTS;
     let mut triangles = vec![[[0, 0], [end, 0], [end, end]], [[0, 0], [end, end], [0, end]]];
     for _ in 0..count {
         let number = random.below(triangles.len() as u64) as usize;
         let [a, b, c] = triangles[number];
-        // A corner of the grid in the middle of a triangle, if there is one strictly inside.
+        // Insert a grid vertex in the middle of a triangle, if one is strictly inside.
         let mean = |axis: usize| ((a[axis] + b[axis] + c[axis]) / 3 + grid / 2).div_euclid(grid) * grid;
         let middle = [mean(0), mean(1)];
         let turn = |a: [i64; 2], b: [i64; 2]| {
@@ -190,7 +192,7 @@ fn triangles(random: &mut Random, side: i64, count: usize, grid: i64) -> Vec<[[i
 #[test]
 fn shared_borders_have_no_gap_and_nothing_twice() {
     let mut random = Random(2);
-    // (Corners anywhere, on centres and corners of cells, and on corners of cells alone.)
+    // Vertices anywhere, on centres and corners of cells, and on corners of cells only.
     for (round, grid) in [1, PARTS / 2, PARTS, 3 * PARTS / 2].into_iter().cycle().take(24).enumerate() {
         let triangles = triangles(&mut random, 64, 80, grid);
         let mut shapes = Shapes::default();
@@ -223,7 +225,7 @@ fn shares_are_areas() {
     }
 }
 
-/// Stars that overlap, each with the number of its value, in the order of these.
+/// Returns overlapping stars with their value numbers, sorted by these.
 fn heap(random: &mut Random, count: u64, values: u64, radius: u64, grid: i64) -> Vec<(u32, Ring)> {
     let mut stars: Vec<(u32, Ring)> = (0..count)
         .map(|_| {
@@ -236,7 +238,7 @@ fn heap(random: &mut Random, count: u64, values: u64, radius: u64, grid: i64) ->
     stars
 }
 
-/// The union of those stars that are wanted.
+/// Returns the union of the selected stars.
 fn union_of(stars: &[(u32, Ring)], is_wanted: impl Fn(u32) -> bool) -> Option<Polygon> {
     let floats =
         |ring: &Ring| ring.iter().map(|at| at.map(|at| at as f64 / PARTS as f64)).collect::<Vec<_>>();
@@ -256,7 +258,7 @@ fn heap_tree(stars: &[(u32, Ring)], values: &[u64], paint: Paint) -> ShapeTree {
 #[test]
 fn shares_of_polygons_that_overlap_are_areas_of_their_union() {
     let mut random = Random(6);
-    // (The last ones are so many small ones that cells are divided, once and as often as they may be.)
+    // The last heaps have so many small stars that cells are divided, once and up to the limit.
     let heaps = [(2, 16), (3, 8), (5, 12), (12, 16), (300, 3), (1500, 1)];
     for (round, (count, radius)) in heaps.into_iter().cycle().take(42).enumerate() {
         if count > 1000 && round > 6 {
@@ -270,7 +272,8 @@ fn shares_of_polygons_that_overlap_are_areas_of_their_union() {
             let (x, y) = (at as u64 % 16, at as u64 / 16);
             let area = area_of_cell(&union, [x, y]);
             let share = f64::from(f32::from_le_bytes(value.unwrap().to_bytes()[..4].try_into().unwrap()));
-            // (Shares are f32, rounded by 2^-25 at most. Of very many edges they are those in the middle of slabs.)
+            // Shares are f32, with a rounding error of at most 2^-25. Shares of very many edges are
+            // approximated by the middle of slabs.
             let slack = if count > 1000 { 1e-4 } else { 1e-6 };
             assert!((area - share).abs() < slack, "{share}, not {area}, at {x}, {y} of round {round}");
         }
@@ -293,7 +296,7 @@ fn the_largest_share_is_that_of_unions() {
                 each.iter().map(|union| union.as_ref().map_or(0.0, |union| area_of_cell(union, cell)));
             let shares: Vec<f64> = std::iter::once(1.0 - area_of_cell(&all, cell)).chain(shares).collect();
             let best = (0..4).max_by(|a, b| shares[*a].total_cmp(&shares[*b])).unwrap();
-            // (Which of two is larger may be decided by the rounding of either.)
+            // Rounding may decide which of two shares is larger.
             if shares.iter().filter(|share| **share > shares[best] - 1e-6).count() > 1 {
                 ties += 1;
                 continue;
@@ -314,7 +317,7 @@ fn what_is_touched_has_some_of_the_shape() {
         for (at, value) in found.iter().enumerate() {
             let (x, y) = (at as u64 % 32, at as u64 / 32);
             let area = area_of_cell(&polygon, [x, y]);
-            // (Of what is less than parts of cells can tell either may be.)
+            // Below the resolution of grid units, both results are correct.
             if !(1e-15..1e-7).contains(&area) {
                 assert_eq!(value.is_some(), area > 0.0, "{area} at {x}, {y} of round {round}");
             }
@@ -322,7 +325,8 @@ fn what_is_touched_has_some_of_the_shape() {
     }
 }
 
-/// Nodes of a tree that are divided, down to blocks of so many levels, and those of blocks.
+/// Counts the nodes of a tree that are divided, down to blocks of `levels` levels, including those
+/// of the blocks.
 fn divided(tree: &ShapeTree, code: Code, levels: u8) -> u64 {
     let Child::Inner { node, .. } = tree.node(code).unwrap() else { return 0 };
     if node.level() + levels == tree.depth {
@@ -331,7 +335,8 @@ fn divided(tree: &ShapeTree, code: Code, levels: u8) -> u64 {
     1 + (0..4).map(|step| divided(tree, node.child(step), levels)).sum::<u64>()
 }
 
-/// Of polygons thinner than a cell, along 2^29 of them: as many nodes are divided as have cells of these and others, not as they pass.
+/// For polygons thinner than a cell that are 2^29 cells long, only nodes with both covered and
+/// other cells are divided, not all nodes that edges cross.
 #[test]
 fn slivers_are_visited_as_far_as_they_have_cells() {
     let side = (1i64 << 29) * PARTS;
@@ -341,7 +346,8 @@ fn slivers_are_visited_as_far_as_they_have_cells() {
         tree(shapes, &[7], (Paint::Top, EdgeRule::Centre), [1 << 29; 2], 29)
     };
     let root = Code::root(Dimension::Quad);
-    // A part of 2^-16 of a cell wide: flat, steep, along the diagonal and others, between centres.
+    // 2^-16 of a cell wide: flat, steep, along the diagonal and in other directions, between
+    // centres.
     let slivers = [
         vec![[0, 3], [side, 4], [side, 5]],
         vec![[3, 0], [5, side], [4, side]],
@@ -353,11 +359,12 @@ fn slivers_are_visited_as_far_as_they_have_cells() {
         let count = divided(&of(std::slice::from_ref(sliver)), root, 8);
         assert!(count < 500, "{count} nodes of {sliver:?}");
     }
-    // One over 2^20 rows that has the centres of about 8 cells.
+    // One across 2^20 rows that contains the centres of about 8 cells.
     let (top, right) = (side >> 9, (side >> 9) / 1000 * 618);
     let count = divided(&of(&[vec![[7, 11], [right, top], [right - 1, top]]]), root, 8);
     assert!(count < 1000, "{count} nodes");
-    // A gap between two halves of the space, as thin, and sides that lie on those of the space.
+    // A gap of the same width between two halves of the space, whose sides coincide with those of
+    // the space.
     let halves = [
         vec![[0, 0], [side, 0], [side, side / 2 + 1], [0, 1]],
         vec![[0, 1], [side, side / 2 + 2], [side, side], [0, side]],

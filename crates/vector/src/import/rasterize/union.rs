@@ -1,7 +1,8 @@
-//! The share of a cell that several polygons cover together, each point once.
+//! Share of a cell in the union of several polygons.
 //!
-//! A cell with few edges is divided into slabs between consecutive rows in which an edge begins, ends, or crosses another: within a slab the covered
-//! length is linear. One with many edges is divided into four first, so that few pairs of edges are compared.
+//! A cell with few edges is divided into slabs between consecutive rows in which an edge starts,
+//! ends, or crosses another. Within a slab, the covered length is linear. A cell with many edges is
+//! first divided into four, so that few pairs of edges are compared.
 
 use spinney_base::sort;
 use spinney_base::space::EdgeRule;
@@ -13,42 +14,45 @@ use super::shapes::{Part, Parts, ShapeKind, Shapes};
 
 /// Maximum number of edges whose pairs are compared.
 const MAX_EDGES: usize = 64;
-/// Maximum number of times that a cell is divided, so that no edge is checked in more than some dozens of squares.
+/// Maximum number of divisions of a cell, so that an edge is tested in at most a few dozen squares.
 const MAX_DIVISIONS: u32 = 4;
-/// Slabs of a square that has more edges after all divisions, in addition to those between ends, instead of those between crossings: lengths are
-/// then those in the middle of a slab, a 1024th of a cell high at most. (Of 1,500 triangles in a few cells, shares are off by less than 1e-4.)
+/// Number of additional slabs of a square that has more edges after all divisions. They replace the
+/// slabs between crossings; lengths are then those in the middle of slabs, at most 1/1024 of a cell
+/// high. For 1,500 triangles in a few cells, shares are off by less than 1e-4.
 const MANY_SLABS: u32 = 64;
 
-/// A square, in parts of cells.
+/// Square, in grid units.
 #[derive(Clone, Copy)]
 struct Square {
     low: Point,
     side: i64,
 }
 
-/// An edge of one of the polygons.
+/// Edge of one of the polygons.
 type Of = (usize, Edge);
 
-/// The segment of an edge right of a square's left side, in sides of the square.
+/// Segment of an edge right of a square's left side, in units of the square's side.
 struct Segment {
     polygon: usize,
-    /// Its ends; the first row is the lower one.
+    /// Its ends; the first one has the smaller y.
     from: [f64; 2],
     to: [f64; 2],
 }
 
-/// Where an edge crosses the left side of a square.
+/// Crossing of an edge with the left side of a square.
 struct Crossing {
     polygon: usize,
     y: f64,
-    /// Whether this is above the middle of the side: decided exactly.
+    /// Whether it is above the middle of the side, decided exactly.
     is_above: bool,
 }
 
 impl Shapes {
-    /// The share of a cell that some of its parts cover together; lines and points cover cells that they meet.
+    /// Returns the share of a cell that some of its parts cover together; lines and points cover
+    /// the cells that they meet.
     ///
-    /// Cost: O(n log n) for n edges in the cell that are much shorter than it, and O(n^2) for those that pass through all of it.
+    /// Cost: O(n log n) for n edges in the cell that are much shorter than it, and O(n^2) for edges
+    /// that cross all of it.
     pub(super) fn union_share<'a>(
         &self,
         parts: &Parts,
@@ -89,11 +93,12 @@ impl Square {
         [[x, y], [x + side, y], [x, y + side], [x + side, y + side]].map(|low| Square { low, side })
     }
 
-    /// The part of an edge on the right of the left side, and where it crosses that.
+    /// Returns the segment of an edge right of the left side, and its crossing of that side.
     ///
-    /// Invariant: rounding moves a crossing along the side, but the segment ends in the same place as the crossing, and whether that is above the
-    /// middle is decided exactly. So a row has each polygon inside as often as it has on the left, changed by all segments that it crosses: no wrong
-    /// place costs more than the slab between this and the right one.
+    /// Invariant: rounding may move a crossing along the side, but the segment ends exactly at the
+    /// crossing, and its side of the middle is decided exactly. The inside state along a row thus
+    /// stays consistent: it starts with the state on the left and changes at every segment that the
+    /// row crosses. An inexact crossing only affects the slab between it and the exact one.
     fn segment(self, (polygon, edge): Of) -> (Option<Segment>, Option<Crossing>) {
         let local = |at: Point| [0, 1].map(|axis| (at[axis] - self.low[axis]) as f64 / self.side as f64);
         let is_right = |at: Point| at[0] > self.low[0];
@@ -102,7 +107,7 @@ impl Square {
         let mut crossing = None;
         if is_right(rising.a) != is_right(rising.b) {
             let is_above = edge.is_above(self.middle_left());
-            // (Rounding moves it along the side, but not past the middle.)
+            // Rounding must not move the crossing past the middle.
             let y = from[1] + (to[1] - from[1]) * (-from[0] / (to[0] - from[0]));
             let y = if is_above { y.max(0.5) } else { y.min(0.5) };
             crossing = Some(Crossing { polygon, y, is_above });
@@ -111,28 +116,29 @@ impl Square {
         } else if !is_right(rising.a) {
             return (None, None);
         }
-        // (One along a row is not crossed on the way along another.)
+        // A horizontal segment does not cross any row.
         let is_there = from[1] < to[1] && to[1] > 0.0 && from[1] < 1.0;
         (is_there.then_some(Segment { polygon, from, to }), crossing)
     }
 }
 
 impl Segment {
-    /// Its column at a row that it crosses.
+    /// Returns the column at which it crosses a row.
     fn column(&self, y: f64) -> f64 {
         self.from[0] + (self.to[0] - self.from[0]) * ((y - self.from[1]) / (self.to[1] - self.from[1]))
     }
 }
 
-/// The share of a square that polygons cover, given their edges in it, and which of them have the middle of its left side inside.
+/// Returns the share of a square that polygons cover, given their edges in it, and which of them
+/// contain the middle of its left side.
 fn covered(square: Square, mut edges: Vec<Of>, mut inside: Vec<bool>, divisions: u32) -> f64 {
     let mut has_edges = vec![false; inside.len()];
     edges.iter().for_each(|(polygon, _)| has_edges[*polygon] = true);
-    // (Polygons that cover all of it.)
+    // Polygons that cover the entire square.
     if inside.iter().zip(&has_edges).any(|(is_inside, has_edges)| *is_inside && !has_edges) {
         return 1.0;
     }
-    // Others without edges cover nothing: the rest gets consecutive numbers.
+    // Others without edges cover nothing. The remaining ones are renumbered.
     let mut next = 0;
     let mut numbers = Vec::with_capacity(inside.len());
     for has_edges in &has_edges {
@@ -174,7 +180,7 @@ fn covered_in_slabs(square: Square, edges: &[Of], inside: &[bool]) -> f64 {
     let rows = rows_between(&segments, &crossings);
     sort::by(&mut segments, &mut |a, b| a.from[1].total_cmp(&b.from[1]));
     let mut next = segments.iter().peekable();
-    // Segments that pass through the slab.
+    // Segments that cross the slab.
     let mut crossed: Vec<&Segment> = Vec::new();
     let mut sum = 0.0;
     let mut at: Vec<(f64, usize)> = Vec::new();
@@ -199,7 +205,8 @@ fn covered_in_slabs(square: Square, edges: &[Of], inside: &[bool]) -> f64 {
     sum
 }
 
-/// The length from 0 to 1 that polygons cover, given the columns at which their edges are crossed, and which have the left end inside.
+/// Returns the length between 0 and 1 that polygons cover, given the crossings of their edges, and
+/// which of them contain the left end.
 fn covered_length(at: &[(f64, usize)], inside: &mut [bool]) -> f64 {
     let mut count = inside.iter().filter(|is_inside| **is_inside).count();
     let (mut length, mut last) = (0.0, 0.0);
@@ -216,7 +223,8 @@ fn covered_length(at: &[(f64, usize)], inside: &mut [bool]) -> f64 {
     length
 }
 
-/// Rows from 0 to 1 between which segments neither begin nor end nor cross each other or a side, in order.
+/// Returns sorted rows from 0 to 1, between which segments neither start nor end nor cross each
+/// other or a side.
 fn rows_between(segments: &[Segment], crossings: &[Crossing]) -> Vec<f64> {
     let mut rows = vec![0.0, 0.5, 1.0];
     rows.extend(crossings.iter().map(|crossing| crossing.y));
@@ -241,7 +249,7 @@ fn rows_between(segments: &[Segment], crossings: &[Crossing]) -> Vec<f64> {
     rows
 }
 
-/// The row in which two segments cross each other.
+/// Returns the row in which two segments cross.
 fn crossing_row(one: &Segment, other: &Segment) -> Option<f64> {
     let (low, high) = (one.from[1].max(other.from[1]), one.to[1].min(other.to[1]));
     if low >= high {

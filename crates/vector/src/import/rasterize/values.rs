@@ -1,4 +1,4 @@
-//! The values that features give their cells: found in a first pass, numbered in a second.
+//! Cell values of features: collected in the first pass, numbered in the second.
 
 use std::collections::BTreeMap;
 
@@ -8,29 +8,29 @@ use spinney_base::{Error, Result};
 use super::options::{FeatureValue, Overlaps, RasterizeOptions};
 use crate::import::feature::FeatureAttribute;
 
-/// The values of all features, as far as they are known.
+/// Values of all features seen so far.
 #[derive(Debug, Default)]
 pub(super) struct Values {
-    /// Whether there are real numbers, integers and truth values.
+    /// Whether there are floating-point numbers, integers and Booleans.
     has_reals: bool,
     has_integers: bool,
     has_booleans: bool,
-    /// Minimum and maximum of all integers, those among real numbers, too.
+    /// Minimum and maximum of all integers, including integral floating-point numbers.
     range: Option<[i128; 2]>,
-    /// Texts, and their classes once all are known.
+    /// Strings, with their classes once all are known.
     texts: BTreeMap<String, Number>,
-    /// A number that is not whole, if there is one.
+    /// A number that is not an integer, if there is one.
     fraction: Option<f64>,
 }
 
-/// Classes with names, at most: as many as metadata have room for.
+/// Maximum number of named classes that metadata can hold.
 const MAX_CLASSES: usize = 1 << 18;
 
 impl Values {
-    /// Takes the value of an attribute into account. Texts beside numbers are classes, numbers too.
+    /// Adds an attribute value. [`Values::finish`] rejects mixed strings and numbers.
     ///
     /// # Errors
-    /// If there are too many different texts.
+    /// If there are too many different strings.
     pub(super) fn add(&mut self, attribute: &FeatureAttribute) -> Result<()> {
         match attribute {
             FeatureAttribute::None => {}
@@ -68,10 +68,12 @@ impl Values {
         self.range = Some([low.min(number), high.max(number)]);
     }
 
-    /// Numbers the texts, in the order of the alphabet, or as the classes of a tree that features are laid over.
+    /// Numbers the strings in alphabetical order, or by the classes of the tree that features are
+    /// laid over.
     ///
     /// # Errors
-    /// If there are numbers beside them; if the tree has no such class, or cannot hold some number.
+    /// If there are both strings and numbers; if the tree has no class of that name, or cannot hold
+    /// a number.
     pub(super) fn finish(&mut self, name: &str, options: &RasterizeOptions) -> Result<()> {
         let has_numbers = self.has_reals || self.has_integers || self.has_booleans;
         if has_numbers && !self.texts.is_empty() {
@@ -111,13 +113,13 @@ impl Values {
         }
     }
 
-    /// A number that a type of integers cannot hold, among those that there are and another one.
+    /// Returns a number that an integer type cannot hold, among the collected ones and `other`.
     fn unfit(&self, sample: SampleType, other: Option<Number>) -> Option<Number> {
         let numbers = self.range.into_iter().flatten().map(number_of).chain(self.fraction.map(Number::from));
         numbers.chain(other).find(|number| !sample.is_float() && !sample.can_hold(*number))
     }
 
-    /// The number that cells of an attribute have; `None` if it has no value.
+    /// Returns the cell number of an attribute value; `None` if it has no value.
     pub(super) fn number(&self, attribute: &FeatureAttribute) -> Option<Number> {
         Some(match attribute {
             FeatureAttribute::None => return None,
@@ -132,13 +134,14 @@ impl Values {
         })
     }
 
-    /// Names of the classes that texts have become.
+    /// Returns the names of the classes made from strings.
     pub(super) fn class_names(&self) -> impl Iterator<Item = (Number, String)> {
         self.texts.iter().map(|(text, class)| (*class, text.clone()))
     }
 
-    /// Type and kind of the cells. The type of an attribute does not depend on its values, so that trees of several files of one kind are alike:
-    /// integers are i32, or i64 where one needs it, real numbers f64.
+    /// Returns type and kind of the cells. The type for an attribute depends as little as possible
+    /// on its values, so that trees of similar files match: integers are i32, or i64 where needed,
+    /// floating-point numbers f64.
     pub(super) fn form(&self, options: &RasterizeOptions) -> (ValueType, DataKind) {
         if let Some(ground) = &options.ground {
             return (ground.header.form.value, ground.header.kind);
@@ -167,7 +170,7 @@ impl Values {
     }
 }
 
-/// A whole number as one of a sample.
+/// Converts an integer to a number.
 fn number_of(whole: i128) -> Number {
     u64::try_from(whole)
         .map(Number::from)
@@ -175,7 +178,7 @@ fn number_of(whole: i128) -> Number {
         .unwrap_or_else(|_| (whole as f64).into())
 }
 
-/// Names of classes that are told to somebody who asked for another one.
+/// Maximum number of class names in an error message.
 const MAX_REMEMBERED: usize = 20;
 
 fn unknown_class(text: &str, classes: &BTreeMap<Number, String>) -> Error {
@@ -190,7 +193,7 @@ fn unknown_class(text: &str, classes: &BTreeMap<Number, String>) -> Error {
     Error::invalid("value", format!("`{text}`"), expected)
 }
 
-/// The smallest type that has all whole numbers of a range.
+/// Returns the smallest integer type for a range.
 fn of_range([low, high]: [i128; 2]) -> SampleType {
     use SampleType::{I8, I16, I32, I64, U8, U16, U32, U64};
     let types = if low < 0 { [I8, I16, I32, I64] } else { [U8, U16, U32, U64] };

@@ -1,19 +1,19 @@
-//! Faces of an OBJ file as a compact list of numbers.
+//! Faces of an OBJ file as a compact list of integers.
 
 use std::path::Path;
 
 use super::super::spill::{SpillBuffer, SpilledBytes};
 use spinney_base::Result;
 
-/// A face's numbers of its part and its material; its vertices follow.
+/// Part and material of a face; its vertices follow.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct FaceHead {
     pub(super) part: u32,
     pub(super) material: u32,
 }
 
-/// Collects a [`FaceList`]. Numbers are LEB128; vertices are differences to the vertex before, zigzag-coded:
-/// most take one or two bytes, and there is no limit to their number.
+/// Collects a [`FaceList`]. Integers are LEB128. Vertices are zigzag-coded differences to the
+/// previous vertex: most take one or two bytes, and their number is unlimited.
 pub(super) struct FaceListBuilder {
     bytes: SpillBuffer,
     count: u64,
@@ -51,7 +51,7 @@ impl FaceListBuilder {
         self.count
     }
 
-    /// Moves all faces so far to the part 0.
+    /// Moves all faces so far to part 0.
     pub(super) fn drop_parts(&mut self) {
         self.without_parts = self.count;
     }
@@ -61,7 +61,7 @@ impl FaceListBuilder {
     }
 }
 
-/// Faces in the order of their file.
+/// Faces in file order.
 pub(super) struct FaceList {
     bytes: SpilledBytes,
     without_parts: u64,
@@ -93,7 +93,7 @@ impl FaceReader<'_> {
         number
     }
 
-    /// The next face, whose vertices replace those in a buffer; `None` at the end.
+    /// Reads the next face and replaces the content of `vertices`; returns `None` at the end.
     pub(super) fn next(&mut self, vertices: &mut Vec<u64>) -> Option<FaceHead> {
         if self.bytes.is_empty() {
             return None;

@@ -1,4 +1,4 @@
-//! Colours of the materials of an OBJ file.
+//! Material colours of an OBJ file.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -11,11 +11,12 @@ use super::super::model_file::{BYTE_ORDER_MARK, ModelFile};
 use spinney_base::Error;
 use spinney_base::guard::guard;
 
-/// Diffuse colours by the materials' names.
+/// Diffuse colours by material name.
 #[derive(Default)]
 pub(super) struct Materials(HashMap<String, [u8; 3]>);
 
-/// The file of a library by its name; `None` if that is not beside the model or below: a model must not make us open files anywhere else.
+/// Path of a material library. Returns `None` if it is not in the model's directory or below: an
+/// untrusted model must not cause other files to be opened.
 fn library_path(source: &ModelFile, name: &[u8]) -> Option<PathBuf> {
     let name = String::from_utf8_lossy(name);
     let name = Path::new(&*name);
@@ -23,19 +24,19 @@ fn library_path(source: &ModelFile, name: &[u8]) -> Option<PathBuf> {
     is_below.then(|| source.path().parent().unwrap_or(Path::new("")).join(name))
 }
 
-/// All libraries that a file names, whether they are there or not.
+/// Paths of all libraries that a file names, whether they exist or not.
 pub(in super::super) fn libraries(source: &ModelFile) -> Vec<PathBuf> {
     let lines = source.bytes().split(|byte| matches!(byte, b'\n' | b'\r')).map(<[u8]>::trim_ascii);
     let names = lines.filter_map(|line| line.strip_prefix(b"mtllib"));
     names.filter_map(|name| library_path(source, name.trim_ascii())).collect()
 }
 
-/// Longest file of materials that is read.
+/// Maximum bytes that are read of a material library.
 const MAX_BYTES: u64 = 4 << 20;
 
 impl Materials {
-    /// Reads the libraries that a file names. They are in the model's directory or below it. A missing or
-    /// broken library gives no colours, since the shape is the same without them.
+    /// Reads the libraries that a file names. They must be in the model's directory or below it. A
+    /// missing or corrupt library results in no colours, since the geometry does not depend on it.
     pub(super) fn read(source: &ModelFile, libraries: &[Vec<u8>]) -> Materials {
         let mut materials = Materials::default();
         for library in libraries {

@@ -1,9 +1,9 @@
-//! OBJ: numbered vertices and polygons over them as text, with objects, groups and materials.
+//! OBJ: indexed vertices and polygons as text, with objects, groups and materials.
 //!
-//! A single pass over the text makes tables of vertices and faces, which go to temporary files where they
-//! exceed the memory. The `tobj` crate reads the materials, and is the tests' referee for the rest: it has no
-//! line numbers in its errors, takes groups for objects and lines for faces, and needs colours at all
-//! vertices or none.
+//! A single pass over the text builds tables of vertices and faces, which spill to temporary files.
+//! The `tobj` crate reads the materials and is the reference in tests. It is not used for geometry,
+//! because its errors have no line numbers, it treats groups as objects and lines as faces, and it
+//! requires colours at all vertices or none.
 
 mod faces;
 mod materials;
@@ -31,12 +31,12 @@ struct Obj {
     info: ModelInfo,
     vertices: Vertices,
     faces: FaceList,
-    /// Colours of faces by the numbers of their materials; none if vertices have colours, or nothing has.
+    /// Face colours by material number; empty if vertices have colours, or if there are none.
     colours: Vec<[u8; 3]>,
     degenerate: u64,
 }
 
-/// Whether a file that has no name of a known kind looks like one of these.
+/// Whether a file with an unknown extension looks like OBJ.
 pub(super) fn is_likely(bytes: &[u8]) -> bool {
     let start = &bytes[..bytes.len().min(4096)];
     let first = Lines::new(start, 0).filter_map(|line| text::words(line).next()).find(|word| word[0] != b'#');
@@ -45,10 +45,10 @@ pub(super) fn is_likely(bytes: &[u8]) -> bool {
     })
 }
 
-/// Maximum number of files with materials that are read.
+/// Maximum number of material libraries that are read.
 const MAX_LIBRARIES: usize = 64;
 
-/// Name of the part of faces before all objects or groups.
+/// Name of the part with the faces before all objects or groups.
 const NO_PART: &[u8] = b"mesh";
 
 pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
@@ -60,7 +60,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
     let (mut is_coloured, mut has_materials, mut has_objects) = (false, false, false);
     let mut range = ColourRange::default();
     let (mut part, mut material) = (NO_PART, &b""[..]);
-    // Numbers of these names, which get them with the first face.
+    // Part and material numbers of the current names; assigned when the first face uses them.
     let mut head = None;
     let mut corners = Vec::new();
     let mut statements = Statements::new(&source);
@@ -76,7 +76,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
                 vertex_count += 1;
                 is_coloured |= colour.is_some();
                 bounds.add(point);
-                // (Until a number says otherwise, the range is from 0 to 1.)
+                // (The range is assumed to be 0 to 1 until a larger value occurs.)
                 colour.iter().flatten().for_each(|number| range.add(*number));
                 vertices.push(point, colour.map_or(WHITE, |colour| range.colour(colour)))?;
             }
@@ -98,7 +98,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
             }
             Statement::Object(name) => {
                 if !has_objects {
-                    // Groups are no parts where there are objects.
+                    // If there are objects, groups are not parts.
                     (has_objects, parts) = (true, Parts::new(memory));
                     faces.drop_parts();
                     if faces.count() > 0 {
@@ -153,8 +153,8 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
     Ok(Box::new(Obj { info, vertices, faces: faces.finish()?, colours, degenerate: 0 }))
 }
 
-/// Reads the vertices of a face's corners, of which `known` come before the face, and `count` there are. An
-/// error is the word that is not one of these.
+/// Reads the vertices of a face's corners. `known` vertices precede the face, and the file has
+/// `count`. Returns an invalid word as the error.
 fn read_corners<'w>(
     words: Words<'w>,
     known: u64,
@@ -169,7 +169,7 @@ fn read_corners<'w>(
     Ok(())
 }
 
-/// Index of the vertex of a corner such as `7`, `7/1`, `7//3` or `-1/-1`; `known` vertices come before it.
+/// Vertex index of a corner such as `7`, `7/1`, `7//3` or `-1/-1`; `known` vertices precede it.
 fn index(word: &[u8], known: u64) -> Option<u64> {
     let word = word.split(|byte| *byte == b'/').next()?;
     match text::whole(word)? {
@@ -179,8 +179,8 @@ fn index(word: &[u8], known: u64) -> Option<u64> {
     }
 }
 
-/// The error for a file with a face that has a vertex beyond the last one. Vertices may come after faces: so
-/// the face is searched for from the start when their number is known.
+/// Error for a face that uses a missing vertex. Vertices may come after faces, so the file is
+/// searched again from its start once their number is known.
 fn missing_vertex(source: &ModelFile, count: u64) -> Error {
     let expected = format!("at most 2^20 corners that are one of {count} vertices");
     let (mut known, mut number, mut corners) = (0, 0u64, Vec::new());

@@ -4,17 +4,17 @@ use super::super::model_file::ModelFile;
 use spinney_base::Result;
 use spinney_records::text::{Lines, Words, real, words};
 
-/// Maximum length of a statement over several lines.
+/// Maximum length in bytes of a statement over several lines.
 const MAX_BYTES: usize = 64 << 20;
 
-/// A statement that is read: its words, which may be those of several lines, or a name in the file.
+/// Statement that is used: its words, possibly from several lines, or a name in the file.
 pub(super) enum Statement<'s, 'a> {
     Vertex(Words<'s>),
     Face(Words<'s>),
     Object(&'a [u8]),
     Group(&'a [u8]),
     Material(&'a [u8]),
-    /// Name of a file with materials.
+    /// Name of a material library.
     Library(&'a [u8]),
 }
 
@@ -22,9 +22,9 @@ pub(super) enum Statement<'s, 'a> {
 pub(super) struct Statements<'a> {
     source: &'a ModelFile,
     lines: Lines<'a>,
-    /// Lines so far.
+    /// Number of lines so far.
     count: u64,
-    /// The statement, if it is joined of several lines.
+    /// Current statement if it is joined from several lines.
     joined: Vec<u8>,
 }
 
@@ -33,7 +33,7 @@ impl<'a> Statements<'a> {
         Statements { source, lines: Lines::new(source.bytes(), 0), count: 0, joined: Vec::new() }
     }
 
-    /// The next statement, and the number of the line that it ends in.
+    /// Next statement, and the number of its last line.
     pub(super) fn next(&mut self) -> Result<Option<(u64, Statement<'_, 'a>)>> {
         loop {
             let Some(mut line) = self.lines.next() else { return Ok(None) };
@@ -56,7 +56,8 @@ impl<'a> Statements<'a> {
             let mut keyword = rest.next().unwrap_or_default();
             if is_joined {
                 self.joined.extend_from_slice(line);
-                // Names are not continued on other lines; only what has many numbers is.
+                // Only vertices and faces may continue on other lines, since they may have many
+                // numbers. Names may not.
                 keyword = words(&self.joined).next().map_or(b"", |word| match word {
                     b"v" => b"v",
                     b"f" => b"f",
@@ -87,7 +88,7 @@ impl<'a> Statements<'a> {
     }
 }
 
-/// Coordinates of a vertex, which a fourth number divides, and the numbers of its colour.
+/// Vertex coordinates, divided by the weight if there are four numbers, and the colour values.
 pub(super) fn vertex(mut words: Words<'_>) -> Option<([f64; 3], Option<[f64; 3]>)> {
     let mut numbers = [0.0; 7];
     let mut count = 0;

@@ -1,11 +1,11 @@
-//! Random files, as the `tobj` crate reads them.
+//! Random files, compared with the `tobj` crate.
 
 use std::fmt::Write;
 
 use super::super::model_file::ModelFile;
 use super::open;
 
-/// A small generator of numbers (xorshift), so that tests are the same every time.
+/// Small deterministic random number generator (xorshift).
 struct Random(u64);
 
 impl Random {
@@ -17,16 +17,16 @@ impl Random {
     }
 }
 
-/// A face: its part's name, and the points and colours of its corners.
+/// Face: the name of its part, and the points and colours of its corners.
 type Face = (String, Vec<[f64; 3]>, Vec<[u8; 3]>);
 
-/// A file of what both readers take: colours at all vertices or none, objects without groups.
+/// File that both readers support: colours at all vertices or none, objects without groups.
 fn random_text(random: &mut Random) -> String {
     let (is_coloured, has_objects) = (random.below(2) == 0, random.below(2) == 0);
     let (mut text, mut vertices) = (String::from("vt 0 0\nvn 0 0 1\n"), 0u64);
     for _ in 0..1 + random.below(30) {
         if vertices < 4 || random.below(3) == 0 {
-            // (No two points are the same: faces keep all their corners.)
+            // (Points are distinct, so that faces keep all corners.)
             for _ in 0..3 {
                 vertices += 1;
                 write!(text, "v {vertices} {}e-3 -.{}", random.below(1 << 40), random.below(1000)).unwrap();
@@ -68,7 +68,7 @@ fn by_tobj(text: &str) -> Vec<Face> {
         let (points, _) = mesh.positions.as_chunks::<3>();
         let (colours, _) = mesh.vertex_color.as_chunks::<3>();
         let mut indices = mesh.indices.as_slice();
-        // Without arities, all are triangles.
+        // Without arities, all faces are triangles.
         let arities = match mesh.face_arities.is_empty() {
             true => vec![3; indices.len() / 3],
             false => mesh.face_arities,
